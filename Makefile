@@ -13,13 +13,14 @@ gpu = $(if $(wildcard /proc/driver/nvidia/version),gpu)
 comma = ,
 installed_from = setup.py pyproject.toml package.xml constraints.txt $(wildcard scripts/nodes/* msg_schemas/* launch/* config/*)
 
-.PHONY: help demo test test-newest lint clean
+.PHONY: help demo test test-newest docs lint clean
 
 help:
 	@echo 'make demo [PHOTONS=file] [OUT=demo-out]  photons to point clouds over ROS 2: a recording, a picture, a table'
 	@echo '          MOTION=walk|drone|spin           the same, of a sensor that moves, deskewed by its odometry'
 	@echo 'make test [ARGS=...]                     the tests; ARGS goes to pytest'
 	@echo 'make test-newest                         the tests with the newest releases that setup.py allows'
+	@echo 'make docs                                the documentation as a web site, build/docs/index.html'
 	@echo 'make lint                                ruff'
 	@echo 'make clean                               remove $(VENV) and everything that was built'
 	@echo 'Variables: PYTHON=$(PYTHON) (3.11 or newer), VENV=$(VENV)'
@@ -32,6 +33,10 @@ test: $(VENV)/test-ready
 
 test-newest:
 	@$(MAKE) --no-print-directory test VENV=.venv-newest CONSTRAINTS=
+
+docs: $(VENV)/demo-ready
+	@$(pip) --no-build-isolation --editable '.[docs]'
+	@$(VENV)/bin/python -m sphinx -W --quiet docs build/docs && echo build/docs/index.html
 
 lint: $(VENV)/test-ready
 	@$(VENV)/bin/ruff check .

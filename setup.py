@@ -26,6 +26,9 @@ DASK = "distributed>=2025.1,<2028"      # with dask and what both need: 38 MB
 ZSTD = "backports.zstd>=1,<2; python_version < '3.14'"      # which has it as compression.zstd; 2 MB
 # Readers of laboratories' files. ptufile and sdtfile change their interfaces from year to year.
 LAB = ["ptufile>=2026.2,<2027", "sdtfile>=2026.2,<2027", "h5py>=3.10,<4"]
+# The site, as ROS 2 packages make theirs; sphinx-mathjax-offline brings MathJax, so that it reads without a network.
+DOCS = ["sphinx>=7.2,<10", "myst-nb>=1.1,<2", "furo>=2024.5,<2027", "sphinx-copybutton>=0.5,<1",
+        "sphinx-mathjax-offline>=0.0.2,<0.1"]
 EXTRAS = {
     "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1,<8", "ros-jazzy-common-interfaces>=5.3,<6",
             "ros-jazzy-rmw-fastrtps-cpp>=8.4,<9"],
@@ -34,8 +37,9 @@ EXTRAS = {
     "bags": [ROSBAGS],
     "dask": [DASK],
     "gpu": [TORCH],
+    "docs": [*DOCS],
     "lab": [*LAB],
-    "test": [ROSBAGS, PYZMQ, DASK, *LAB, "pytest>=8,<10", "pytest-xdist>=3.6,<4",
+    "test": [ROSBAGS, PYZMQ, DASK, *LAB, *DOCS, "pytest>=8,<10", "pytest-xdist>=3.6,<4",
              "hypothesis>=6.100,<7", "psutil>=5.9,<8",
              "colcon-common-extensions>=0.3,<0.4", "ruff>=0.6,<0.18", TORCH],
 }

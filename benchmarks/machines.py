@@ -12,11 +12,11 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from srt3d_ros.cli.node import node_command
-from srt3d_ros.nodes.pipeline_probe import Arrival
 from srt3d_ros.transport import PROFILE_VARIABLE
 from tests.processes import Process, wait
 
@@ -120,6 +120,11 @@ class Link:
             _run(*self.command(machine, ["true"]))
 
 
+def watch_command(topic: str) -> list[str]:
+    """What runs benchmarks/watch.py."""
+    return [sys.executable, str(Path(__file__).with_name("watch.py")), topic]
+
+
 def why_not() -> str:
     """Why no link can be made here, in a line; empty if one can."""
     try:
@@ -175,8 +180,8 @@ class Machines(dict[str, Process]):
 
     def watch(self, topic: str, profile: str | None = None) -> "Watch":
         """See at the robot what arrives on a topic, and all diagnostics."""
-        seen, script = Watch(), str(Path(__file__).with_name("watch.py"))
-        self["watch"] = Process(self._command(ROBOT, profile, [sys.executable, script, topic]), seen.on_line)
+        seen = Watch()
+        self["watch"] = Process(self._command(ROBOT, profile, watch_command(topic)), seen.on_line)
         return seen
 
     def wait(self, condition: Callable[[], object], what: str, timeout_s: float = WAIT_S):
@@ -189,6 +194,20 @@ class Machines(dict[str, Process]):
     def _command(self, machine: str, profile: str | None, command: list[str]) -> list[str]:
         chosen = [f"{PROFILE_VARIABLE}={profile}"] if profile else ["-u", PROFILE_VARIABLE]
         return self.link.command(machine, ["env", *chosen, "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET", *command])
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """When a message arrived, and how many points it has."""
+
+    stamp_ns: int
+    received_ns: int
+    points: int
+
+    @property
+    def latency_ms(self) -> float:
+        """From the photons' stamp to the arrival."""
+        return (self.received_ns - self.stamp_ns) * 1e-6
 
 
 class Watch:

@@ -1,23 +1,24 @@
 """Frames through ROS 2, player, sketcher and reconstructor in processes of their own: from the stamp to the cloud.
 
 Each rate is played for some seconds; the nodes take the newest frame and drop what they cannot keep up with, as they do
-for a sensor. A subscriber in this process, which shares the cores with them, notes when each cloud comes.
+for a sensor. A subscriber (watch.py), which shares the cores with them, notes when each cloud comes.
 """
 
 import argparse
-import subprocess
 import tempfile
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros import processes
+from benchmarks.machines import WAIT_S, Watch, watch_command
 from srt3d_ros.benchmark import PPP, photons_of, sensor_of
 from srt3d_ros.cli.node import node_command
 from srt3d_ros.datasets import photon_file
 from srt3d_ros.private_network import join_private_network
+from tests.processes import Process, wait
 
 LAST_CLOUD_S = 2.0      # after the player's end: no more will come
 
@@ -31,25 +32,24 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> Iterator[dict]:
     """A line for each rate."""
     join_private_network()
-    from srt3d_ros.nodes.pipeline_probe import PipelineProbe  # after the network's variables are set: it imports rclpy
+    watch = Watch()
+    with tempfile.TemporaryDirectory(prefix="srt3d-ros-") as folder, ExitStack() as started:
+        def start(command: list[str], say: Callable[[str], None] = lambda line: None) -> Process:
+            process = Process(command, say)
+            started.callback(process.stop)
+            return process
 
-    def start(name: str, **parameters) -> subprocess.Popen:
-        return processes.start(node_command(name, **parameters), stderr=subprocess.DEVNULL)
-
-    with tempfile.TemporaryDirectory(prefix="srt3d-ros-") as folder, PipelineProbe(keep_every=10**9) as probe, \
-            ExitStack() as nodes:
         sensor, photons = sensor_of(args.side), Path(folder) / "frame.npz"
         photon_file.save(photons, sensor, photons_of(sensor, PPP))
+        start(watch_command("points"), watch.on_line)
         for name in ("reconstructor", "sketcher"):
-            nodes.callback(processes.stop, start(name))
-            probe.spin_until(lambda: name in probe.statuses, args.seconds + 60)
+            start(node_command(name))
+            wait(lambda: name in watch.reports, name, deadline_s=WAIT_S)
         for rate_hz in (args.rates[0], *args.rates):        # the first time the nodes learn of the sensor, and compile
-            first, sent = len(probe.arrivals), round(rate_hz * args.seconds)
-            player = start("player", input=str(photons), rate_hz=float(rate_hz), frames=sent)
-            probe.spin_until(lambda: player.poll() is not None, 2 * args.seconds + 60)
-            processes.stop(player)
-            probe.spin_until(lambda: False, LAST_CLOUD_S)
-            latencies = [arrival.latency_ms for arrival in probe.arrivals[first:]]
+            first, sent = len(watch.arrivals), round(rate_hz * args.seconds)
+            start(node_command("player", input=str(photons), rate_hz=float(rate_hz), frames=sent)).code()
+            time.sleep(LAST_CLOUD_S)
+            latencies = [arrival.latency_ms for arrival in watch.arrivals[first:]]
             if first and latencies:
                 yield {"side": args.side, "ppp": PPP, "rate_hz": rate_hz, "frames": sent, "clouds": len(latencies),
                        "latency_ms": np.round(np.percentile(latencies, [50, 95, 100]), 1).tolist()}

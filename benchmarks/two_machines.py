@@ -14,10 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.machines import NETWORK_PROFILE, ROBOT, SENSOR, Link, Machines, why_not
+from benchmarks.machines import NETWORK_PROFILE, ROBOT, SENSOR, Arrival, Link, Machines, why_not
 from srt3d_ros.benchmark import photons_of, sensor_of
 from srt3d_ros.datasets.photon_file import save
-from srt3d_ros.nodes.pipeline_probe import Arrival
 
 OWN, PROFILES = "Fast DDS's own", ("Fast DDS's own", "default", "network")      # of the sketcher; docs/deployment.md
 OWN_PROFILE = """<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"><profiles>
@@ -79,7 +78,7 @@ def sketches(folder: Path, seconds: float, mbit: float, case: tuple, loss: float
             machines.wait(lambda: name in watch.reports, name)
         before = link.wire_bytes()
         machines.start_on(SENSOR, "player", input=photon_file(folder, side), rate_hz=rate_hz, frames=sent)
-        machines.wait(lambda: watch.total("player", "frames_sent") >= sent, "the player", 10 * seconds + SILENCE_S)
+        machines.wait(lambda: watch.total("player", "frames_out") >= sent, "the player", 10 * seconds + SILENCE_S)
         arrived = -1
         while arrived < len(watch.arrivals):
             arrived = len(watch.arrivals)

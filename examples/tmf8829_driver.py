@@ -10,8 +10,8 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
+from tmf8829_messages import decode
 
-from srt3d_ros.datasets.readers import tmf8829
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import histograms as histograms_message
 from srt3d_ros.messages import sensor as sensor_message
@@ -29,7 +29,7 @@ def publish() -> None:
         return
     stamp_ns = node.get_clock().now().nanoseconds
     try:
-        photons = tmf8829.decode(b"".join(socket.recv_multipart()), stamp_ns)
+        photons = decode(b"".join(socket.recv_multipart()), stamp_ns)
     except InvalidInput as error:
         node.get_logger().warning(str(error), throttle_duration_sec=5.0)
         return

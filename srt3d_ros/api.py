@@ -10,6 +10,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching import sketch as core_sketch
 from srt3d_ros.core.sketching.gate import OFF
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates, PhotonHistograms
+from srt3d_ros.datasets import sketch_file
 from srt3d_ros.datasets.options import SensorOptions, gathered
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import InvalidInput, require
@@ -20,7 +21,6 @@ __all__ = ["Cloud", "InvalidInput", "Photons", "Reconstructor", "Sensor", "Sketc
 
 Sensor = SensorModel
 from_events, from_counts = Photons.from_events, Photons.from_counts
-BESIDE_SKETCH = "nothing beside a sketch, which has its own (or sensor)"
 
 
 def read(source: Any, frame: int = 0, *, photons_topic: str = "", sensor: SensorModel | None = None,
@@ -48,7 +48,8 @@ def read(source: Any, frame: int = 0, *, photons_topic: str = "", sensor: Sensor
     for name, value in (("frame", frame), ("photons_topic", photons_topic)):
         require(not value, name, value, "nothing, unless a file is read")
     if isinstance(source, core_sketch.Sketch):
-        return _of_sketch(source, sensor, options)
+        known = source if isinstance(source, Sketch) else Sketch(**vars(source) | {"sensor": source.sensor or sensor})
+        return sketch_file.with_options(known, gathered(options, sensor))
     if isinstance(source, Photons):
         return source.with_options(gathered(options, sensor))
     if isinstance(source, PhotonEvents | PhotonGates | PhotonHistograms):
@@ -79,16 +80,5 @@ def reconstruct(source: Any, *, sensor: SensorModel | None = None, method: str =
         return seen.reconstruct(sketch_size=sketch_size, frequencies=frequencies, gate=gate, **own)
     made_with = {"sketch_size": sketch_size, "frequencies": frequencies, "gate": None if gate == OFF else gate}
     for name, value in made_with.items():
-        require(value is None, name, value, BESIDE_SKETCH)
+        require(value is None, name, value, "nothing: the sketch has been made without it")
     return seen.reconstruct(**own)
-
-
-def _of_sketch(given: core_sketch.Sketch, sensor: SensorModel | None, options: dict[str, Any]) -> Sketch:
-    for name, value in options.items():
-        require(value is None, name, value, BESIDE_SKETCH)
-    sensor, own = sensor or given.sensor, given.sensor
-    require(sensor is not None, "sensor", "missing", "that of the sketch")
-    for name in ("rows", "cols", "num_bins"):
-        found = getattr(sensor, name)
-        require(own is None or found == getattr(own, name), name, found, f"{getattr(own, name, '')}, as of the sketch")
-    return given if sensor is own and isinstance(given, Sketch) else Sketch(**vars(given) | {"sensor": sensor})

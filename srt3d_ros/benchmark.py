@@ -14,9 +14,10 @@ from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sketching.sketcher import Sketcher, sketch_photons
-from srt3d_ros.datasets.simulation.scene import default_sensor, net_sensor
+from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.evaluation.results import aligned
+from srt3d_ros.evaluation.scenes import net_sensor
 from srt3d_ros.versions import machine
 
 SIDES, SKETCH_SIZES = (141, 282, 705), (5, 10)

@@ -31,17 +31,12 @@ def colour_table(name: str) -> np.ndarray:
 
 
 @cache
-def visible_table(name: str) -> np.ndarray:
-    """A map's colours that are visible on a dark background, uint8 [256, 3]."""
-    table = colour_table(name)
-    first = int(np.argmax(table.max(axis=1) >= _LEAST_BRIGHT))
-    return table[np.rint(np.linspace(first, 255, 256)).astype(int)]
-
-
-@cache
 def range_table() -> np.ndarray:
-    """The colours of ranges, the same wherever a cloud or its depth map is shown: near is bright. uint8 [256, 3]."""
-    return visible_table(RANGE_MAP)[::-1]
+    """The colours of ranges, the same wherever a cloud or its depth map is shown: near is bright, and the darkest is
+    visible on a dark background. uint8 [256, 3]."""
+    table = colour_table(RANGE_MAP)
+    first = int(np.argmax(table.max(axis=1) >= _LEAST_BRIGHT))
+    return table[np.rint(np.linspace(255, first, 256)).astype(int)]
 
 
 def packed(colours: np.ndarray) -> np.ndarray:

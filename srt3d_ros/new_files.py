@@ -2,6 +2,7 @@
 
 import os
 import secrets
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import count
@@ -47,6 +48,14 @@ def check_not_input(output: str | Path, *inputs: str | Path | None) -> None:
     for path in inputs:
         same = path is not None and os.path.exists(output) and os.path.exists(path) and os.path.samefile(output, path)
         require(not same, "output", str(output), "another file than the input")
+
+
+def check_replaceable(path: Path, array: str) -> None:
+    """Raise InvalidInput if `path` is an .npz file without this array: photons, say, where a cloud shall be written."""
+    if path.suffix.lower() == ".npz" and zipfile.is_zipfile(path):
+        with zipfile.ZipFile(path) as archive:
+            names = archive.namelist()
+        require(f"{array}.npy" in names, "output", str(path), "another name: that file holds something else")
 
 
 def free(path: Path) -> Path:

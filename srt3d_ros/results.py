@@ -3,6 +3,7 @@
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -10,10 +11,11 @@ import numpy as np
 
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.methods import DEFAULT_METHOD, SKETCH_METHODS, find
+from srt3d_ros.core.progress import compiling
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching import sketch as core_sketch
 from srt3d_ros.core.sketching.photons import PhotonFrame
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import InvalidInput, quoted, require
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,21 +51,34 @@ class Cloud(PointCloud):
     def image(self, field: str, surface: int = 0) -> np.ndarray:
         """`depth_bins`, `intensity` or `depth_std_bins` of each pixel; float32 [rows, cols], NaN = no point."""
         require(field in IMAGES, "field", field, " or ".join(IMAGES))
+        require(isinstance(surface, int), "surface", quoted(surface), "an integer, 0 for the strongest")
         return super().image(field, surface)
 
     def cropped(self, rows: slice, cols: slice) -> Self:
         """The cloud of a window of pixels, counted from its first one, with the sensor of these pixels."""
-        return replace(super().cropped(rows, cols), sensor=self.sensor.cropped(rows, cols))
+        sensor = self.sensor.cropped(rows, cols)        # first: it checks them
+        return replace(super().cropped(rows, cols), sensor=sensor)
 
     def save(self, path: str | Path) -> None:
-        """Write the cloud by the suffix: .npz (everything), .ply, .pcd, .rrd (opens in rerun); or draw it: .png, .jpg.
+        """Write the cloud by the suffix: .npz (everything), .ply, .pcd; or draw it: .png, .jpg.
 
         Raises:
-            InvalidInput: another suffix, or a path that cannot be written.
+            InvalidInput: another suffix, a path that cannot be written, or an .npz file there that is no cloud.
         """
         from srt3d_ros.recording import cloud_files
 
         cloud_files.save(self, path, frequencies=tuple(self.facts.get("frequencies", ())), sensor=self.sensor)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read the .npz of a cloud that `save` has written.
+
+        Raises:
+            InvalidInput: another file.
+        """
+        from srt3d_ros.recording import cloud_files
+
+        return cls(**cloud_files.load(path))
 
     def plot(self, ax: "Axes | None" = None, *, yaw_deg: float = -20, pitch_deg: float = 10) -> "Axes":
         """Draw the cloud into axes of matplotlib: coloured by range, shaded by intensity, with a scale bar.
@@ -100,7 +115,10 @@ class Cloud(PointCloud):
         except ImportError as error:
             raise InvalidInput("picture", f"{error}", "pip install 'srt3d_ros[review]' to have been run") from None
 
-        require(min(size_px) > 0, "size_px", size_px, "width and height, above 0")
+        for name, angle in (("yaw_deg", yaw_deg), ("pitch_deg", pitch_deg)):
+            require(isinstance(angle, Real), name, quoted(angle), "degrees")
+        fits = isinstance(size_px, tuple) and all(isinstance(side, int) and side > 0 for side in size_px)
+        require(fits and len(size_px) == 2, "size_px", quoted(size_px), "(width, height), above 0")
         return np.array(annotations.draw_cloud(self, self.sensor, yaw_deg, pitch_deg, size_px).convert("RGB"))
 
 
@@ -123,9 +141,17 @@ class Sketch(core_sketch.Sketch):
     notes: tuple[str, ...] = field(kw_only=True, default=())
 
     def __post_init__(self) -> None:
-        frequencies = core_sketch.check_frequencies(np.asarray(self.frequencies), self.sensor.num_bins)
-        for name, value in (("frequencies", frequencies), ("sums", np.asarray(self.sums, np.complex64)),
-                            ("photons", np.asarray(self.photons, np.uint32))):
+        _check_sensor(self.sensor)
+        frequencies, sums = _array("frequencies", self.frequencies, 1, "iuf"), _array("sums", self.sums, 3, "c")
+        photons = _array("photons", self.photons, 2, "iuf")
+        if photons.dtype != np.uint32:
+            whole = ((photons >= 0) & (photons < 2**32) & (photons == np.floor(photons))).all()
+            require(bool(whole), "photons", "negative or fractional in places", "whole numbers")
+        pixels = self.sensor.rows, self.sensor.cols
+        require(photons.shape == pixels, "photons shape", photons.shape, f"{pixels}, the sensor's pixels")
+        for name, value in (("frequencies", core_sketch.check_frequencies(frequencies, self.sensor.num_bins)),
+                            ("sums", sums.astype(np.complex64, copy=False)),
+                            ("photons", photons.astype(np.uint32, copy=False))):
             object.__setattr__(self, name, value)
         super().__post_init__()
 
@@ -192,9 +218,13 @@ class Reconstructor:
     def __init__(self, sensor: SensorModel, frequencies: Sequence[int] = (), *, method: str = DEFAULT_METHOD,
                  surfaces: int = 1, device: str = "auto", false_alarm_rate: float | None = None,
                  background: str | None = None, warm_start: bool = False):
+        _check_sensor(sensor)
+        frequencies = tuple(_array("frequencies", frequencies, 1, "iuf").tolist())
+        require(false_alarm_rate is None or isinstance(false_alarm_rate, Real), "false_alarm_rate",
+                quoted(false_alarm_rate), "a probability")
         own = {"surfaces": surfaces, "device": device, "false_alarm_rate": false_alarm_rate, "background": background,
                "warm_start": warm_start or None}
-        self._own, self._frequencies = {"method": method, "surfaces": surfaces}, tuple(frequencies)
+        self._own, self._frequencies = {"method": method, "surfaces": surfaces}, frequencies
         self._method = find(method).build(sensor, self._frequencies,
                                           **{name: value for name, value in own.items() if value is not None})
         self.device, self._is_warm = self._method.device, False
@@ -207,11 +237,15 @@ class Reconstructor:
     def warm_up(self) -> None:
         """Compile what is not compiled yet, so that it does not count as time of a frame."""
         if not self._is_warm:
-            self._method.warm_up()
+            with compiling():
+                self._method.warm_up()
             self._is_warm = True
 
     def __call__(self, seen: core_sketch.Sketch | PhotonFrame) -> Cloud:
         """The cloud of a frame: of its sketch, or of the photons for a method on photons."""
+        wanted = core_sketch.Sketch if self._frequencies else PhotonFrame
+        require(isinstance(seen, wanted), "seen", type(seen).__name__,
+                "a Sketch" if self._frequencies else "a frame of photons (Photons.frame)")
         self.warm_up()
         started = time.perf_counter()
         cloud = self._method(seen)
@@ -227,6 +261,21 @@ class Reconstructor:
         """Begin the next frame as if it were the first."""
         if hasattr(self._method, "forget"):
             self._method.forget()
+
+
+def _array(name: str, values: Any, sides: int, kinds: str) -> np.ndarray:
+    """Values as an array of so many dimensions, its dtype of one of these kinds; InvalidInput for others."""
+    expected = f"an array of {sides} dimensions of {'complex ' if kinds == 'c' else ''}numbers"
+    try:
+        found = np.asarray(values)
+    except ValueError:          # lists of different lengths
+        raise InvalidInput(name, type(values).__name__, expected) from None
+    require(found.ndim == sides and found.dtype.kind in kinds, name, f"{found.dtype} {found.shape}", expected)
+    return found
+
+
+def _check_sensor(sensor: Any) -> None:
+    require(isinstance(sensor, SensorModel), "sensor", type(sensor).__name__, "a Sensor")
 
 
 def _noted(notes: tuple[str, ...]) -> str:

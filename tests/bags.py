@@ -2,10 +2,9 @@
 
 from pathlib import Path
 
-from srt3d_ros.datasets.bags.writer import BagWriter, Offer
+from srt3d_ros.datasets.bags.writer import BagWriter
 
 CLOUD, IMAGE, TEXT = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Image", "std_msgs/msg/String"
-LATCHED = Offer(durability="transient_local", depth=1)
 START_NS, MS = 1_600_000_000_000_000_000, 1_000_000
 
 
@@ -14,7 +13,7 @@ def write_bag(path: Path, messages: list[tuple], storage: str = "mcap", first: i
     writer = BagWriter(path, storage)
     for k, (topic, message_type, raw, *at_ms) in enumerate(messages, first):
         if topic not in writer:
-            writer.add_topic(topic, message_type, [LATCHED if message_type == TEXT else Offer()])
+            writer.add_topic(topic, message_type, latched=message_type == TEXT)
         writer.write(topic, START_NS + (at_ms or [k])[0] * MS, raw)
     writer.close()
     return path

@@ -24,7 +24,8 @@ MAX_WORKERS = 4
 # that compute.
 LONG = ("tests/robustness/test_pipeline.py", "tests/test_demo.py",
         "tests/kernels/test_reconstruction.py", "tests/robustness/test_files.py", "tests/cli/test_compile.py",
-        "tests/docs/test_quickstart.py", "tests/nodes/test_reconstructor.py", "tests/cli/test_supervisor.py")
+        "tests/docs/test_quickstart.py", "tests/docs/test_snippets.py", "tests/nodes/test_reconstructor.py",
+        "tests/cli/test_supervisor.py")
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 

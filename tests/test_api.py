@@ -18,7 +18,7 @@ from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.design import design_for
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sketching.sketcher import sketch_photons
-from srt3d_ros.datasets import photon_file, survey
+from srt3d_ros.datasets import photon_file, recording
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 
@@ -96,15 +96,24 @@ def test_the_callers_sensor_wins_over_every_file_and_a_note_says_so(tmp_path, su
 
 def test_what_a_photon_file_lacks_can_be_given(tmp_path):
     np.savez(tmp_path / "a.npz", rows=12, cols=20, num_bins=300, pixel=FRAME.pixel, toa=FRAME.toa)
-    with pytest.raises(srt3d_ros.InvalidInput, match="^a.npz bin_width_s is missing: .*, or options"):
-        srt3d_ros.read(tmp_path / "a.npz")
+    with pytest.raises(srt3d_ros.InvalidInput, match=r"^a.npz irf_ref is 3: expected irf beside it"):
+        srt3d_ros.read(tmp_path / "a.npz", irf_ref=3)
+    assert [note[:9] for note in srt3d_ros.read(tmp_path / "a.npz").notes] == ["IRF estim", "bin width", "geometry "]
     assert srt3d_ros.read(tmp_path / "a.npz", bin_width_s=5e-11, irf=SENSOR.irf, fov_deg=20).notes == ()
     estimated = srt3d_ros.read(tmp_path / "a.npz", bin_width_s=5e-11)
     assert [note.split()[0] for note in estimated.notes] == ["IRF", "geometry"]
+    for given in ({"irf": SENSOR.irf, "fov_deg": 30}, {"sensor": SENSOR}):      # what is known is assumed no longer
+        assert srt3d_ros.read(estimated, **given).notes == ()
+    np.save(tmp_path / "cube.npy", COUNTS)
+    plain = srt3d_ros.reconstruct(tmp_path / "cube.npy", irf_sigma_bins=2)
+    assert [note.split()[0] for note in plain.notes] == ["bin", "geometry"] and len(plain) == 240
+    np.savez(tmp_path / "a.npz", rows=12, cols=20, num_bins=300, pixel=FRAME.pixel, toa=FRAME.toa * 5e-11, stamp_ns=7)
+    with pytest.raises(srt3d_ros.InvalidInput, match="^a.npz toa is below 1 everywhere: .*divide seconds"):
+        srt3d_ros.read(tmp_path / "a.npz", bin_width_s=5e-11)
 
 
 def test_a_file_of_too_many_photons_to_keep_is_sketched_as_a_stream(cloud, tmp_path, monkeypatch):
-    monkeypatch.setattr(survey, "MAX_KEPT", 3_000)
+    monkeypatch.setattr(recording, "MAX_KEPT", 3_000)
     np.save(tmp_path / "counts.npy", COUNTS.astype(np.uint16))
     opened = srt3d_ros.read(tmp_path / "counts.npy", bin_width_s=5e-11, irf=SENSOR.irf, fov_deg=30)
     assert isinstance(opened, srt3d_ros.Photons) and not opened.is_loaded
@@ -151,6 +160,7 @@ def test_what_is_assumed_is_noted_and_shown():
     cloud = photons.reconstruct()
     assert [note.split()[0] for note in cloud.notes] == ["IRF", "geometry"]
     number = f"{FRAME.photons:,}"
+    assert repr(SENSOR) == "Sensor of 12 × 20 pixels, 300 bins of 50 ps from 7.495 m on, IRF of 21 bins, pinhole"
     assert repr(photons) == f"Photons of arrays: {number} in 12 × 20 pixels and 300 bins; 2 notes"
     assert repr(photons.sketch(4)) == f"Sketch of {number} photons, 4 numbers in each of 12 × 20 pixels; 2 notes"
     assert repr(cloud).startswith("Cloud of 240 points at 0.")
@@ -165,15 +175,27 @@ def test_a_sketch_is_saved_and_read_whole(tmp_path):
     read = srt3d_ros.Sketch.load(tmp_path / "sketch.npz")
     assert read.sensor.same_as(sketch.sensor) and read.sensor.num_bins == 71
     same(read.reconstruct(), sketch.reconstruct())
-    with pytest.raises(srt3d_ros.InvalidInput, match="^fov_deg is 5: expected nothing: a sketch has been made"):
-        srt3d_ros.read(tmp_path / "sketch.npz", fov_deg=5)
+    other = SENSOR.replace(num_bins=71, projection=Pinhole(50, 50, 9, 9), irf=[1, 2, 1],
+                           irf_ref=None)
+    seen = srt3d_ros.read(tmp_path / "sketch.npz", sensor=other)
+    assert seen.sensor.same_as(other) and seen.notes == (*sketch.notes, "as given, not as in the file: irf, "
+                                                         "toa_offset_bins, projection")
+    with pytest.raises(srt3d_ros.InvalidInput, match="^num_bins is 300: expected 71, as in the file"):
+        srt3d_ros.reconstruct(tmp_path / "sketch.npz", sensor=SENSOR)
 
 
-def test_sums_of_any_type_give_the_same_cloud():
+def test_sums_of_any_type_give_the_same_cloud_and_what_is_no_sketch_is_refused():
     sketch = PHOTONS.sketch()
-    other = srt3d_ros.Sketch(list(sketch.frequencies), sketch.sums.astype(complex), sketch.photons.astype(float),
-                             sensor=SENSOR)
-    same(other.reconstruct(), sketch.reconstruct())
+    for sums in (sketch.sums.astype(complex), sketch.sums.tolist()):
+        other = srt3d_ros.Sketch(list(sketch.frequencies), sums, sketch.photons.astype(float), sensor=SENSOR)
+        same(other.reconstruct(), sketch.reconstruct())
+    fields = vars(sketch) | {"notes": ()}
+    for changes, said in (({"sums": sketch.sums.real}, "sums is float32 .*complex"), ({"sensor": None}, "sensor is "),
+                          ({"sums": [[1j], [1j, 2j]]}, "sums is list"), ({"frequencies": 3}, "frequencies is int64"),
+                          ({"photons": sketch.photons - 0.5}, "photons is negative or fractional"),
+                          ({"photons": sketch.photons[:3], "sums": sketch.sums[:3]}, "photons shape is .*sensor's")):
+        with pytest.raises(srt3d_ros.InvalidInput, match=f"^{said}"):
+            srt3d_ros.Sketch(**fields | changes)
 
 
 def test_a_reconstructor_follows_a_stream_of_sketches_until_it_forgets():
@@ -214,14 +236,39 @@ def test_a_window_of_a_sketch_sees_its_part_of_the_scene(cloud):
 # ---- What a cloud can do
 
 def test_a_cloud_is_saved_in_every_format(cloud, tmp_path):
-    for suffix in ("npz", "ply", "pcd", "rrd"):
+    for suffix in ("npz", "ply", "pcd"):
         cloud.save(tmp_path / f"cloud.{suffix}")
         assert (tmp_path / f"cloud.{suffix}").stat().st_size > 2000
+    noted = replace(cloud, notes=("one: ½",))
+    noted.save(tmp_path / "cloud.npz")          # over the one before
     with np.load(tmp_path / "cloud.npz") as file:
         assert np.array_equal(file["xyz"], cloud.xyz) and file["frequencies"].tolist() == list(FREQUENCIES)
-        assert not {"facts", "notes", "sensor"} & set(file)
+    loaded = srt3d_ros.Cloud.load(tmp_path / "cloud.npz")
+    same(loaded, cloud, PointCloud.__dataclass_fields__)
+    assert loaded.sensor.same_as(SENSOR) and loaded.notes == noted.notes and repr(loaded) == repr(noted)
     with pytest.raises(srt3d_ros.InvalidInput, match="^output is .*cloud.las: expected a file name that ends in"):
         cloud.save(tmp_path / "cloud.las")
+
+
+def test_no_result_is_written_over_photons_or_another_kind_of_file(cloud, tmp_path):
+    photon_file.save(tmp_path / "photons.npz", SENSOR, FRAME)
+    seen, content = srt3d_ros.read(tmp_path / "photons.npz"), (tmp_path / "photons.npz").read_bytes()
+    cloud.save(tmp_path / "cloud.npz")
+    for result, name in ((seen.reconstruct(), "photons"), (seen.sketch(), "photons"), (PHOTONS.sketch(), "cloud")):
+        with pytest.raises(srt3d_ros.InvalidInput, match=f"^output is .*{name}.npz: expected another name"):
+            result.save(tmp_path / f"{name}.npz")
+    with pytest.raises(srt3d_ros.InvalidInput, match="^output is .*cloud.npz: expected another name"):
+        photon_file.save(tmp_path / "cloud.npz", SENSOR, FRAME)
+    assert (tmp_path / "photons.npz").read_bytes() == content
+    (tmp_path / "damaged.npz").write_bytes((tmp_path / "cloud.npz").read_bytes()[:-9])
+    for name in ("photons", "damaged", "absent"):
+        with pytest.raises(srt3d_ros.InvalidInput, match=f"{name}.npz"):
+            srt3d_ros.Cloud.load(tmp_path / f"{name}.npz")
+
+
+def test_ranges_before_the_sensor_are_negative_and_a_window_keeps_its_sensor():
+    behind = srt3d_ros.from_events(ROW, COL, FRAME.toa, sensor=SENSOR.replace(toa_offset_bins=-400)).reconstruct()
+    assert np.nanmax(behind.range_image()) < -2 and behind.cropped(slice(2, 5), slice(0, 20)).sensor.rows == 3
 
 
 def test_a_cloud_is_drawn(cloud, tmp_path):
@@ -241,6 +288,15 @@ def test_a_cloud_is_drawn(cloud, tmp_path):
         cloud.render(size_px=(0, 9))
 
 
+def test_the_first_call_shows_that_it_compiles(repository):
+    """One small kernel, never on the disk, stands for all."""
+    code = ("from srt3d_ros.core.progress import compiling\n"
+            "def kernel(x): return x + 1\nkernel.__module__ = 'srt3d_ros.kernels.cpu.made_up'\n"
+            "kernel = __import__('numba').njit(kernel)\nwith compiling(): kernel(1)\n")
+    done = subprocess.run([sys.executable, "-c", code], cwd=repository, capture_output=True, text=True)
+    assert done.stderr.count("compiling kernels (`srt3d compile`") == 2 and "1/18" in done.stderr, done.stderr
+
+
 # ---- What is refused
 
 @pytest.mark.parametrize(("source", "options", "said"), [
@@ -253,10 +309,13 @@ def test_a_cloud_is_drawn(cloud, tmp_path):
     (FRAME, {"frequencies": []}, "frequencies is empty"), (FRAME, {"shape": 12}, "shape is 12"),
     (FRAME, {"sensor": 5}, "sensor is int: expected a Sensor"),
     (FRAME, {"method": "smle", "background": "flat"}, "background is flat: expected nothing: smle takes"),
+    (FRAME, {"sketch_size": "ten"}, 'sketch_size is "ten"'), (FRAME, {"false_alarm_rate": "x"}, "false_alarm_rate is "),
+    (FRAME, {"projection": "pinhole"}, 'projection is "pinhole"'), (FRAME, {"stamp_ns": 1}, "option name is "),
+    (FRAME, {"irf": 2}, "irf shape is .*irf_sigma_bins makes a Gaussian"),
+    ("absent.npz", {"photons_topic": "/photons"}, "photons_topic is "),
     (FRAME, {"method": "rt3d", "sketch_size": 5}, "sketch_size is 5: expected nothing: rt3d makes no sketch"),
-    ("SKETCH", {"gate": "auto"}, "gate is auto: expected nothing beside a sketch"),
-    ("SKETCH", {"fov_deg": 20}, "fov_deg is 20: expected nothing beside a sketch"),
-    ("SKETCH", {"sensor": SENSOR.replace(num_bins=200)}, "num_bins is 200: expected 300, as of the sketch"),
+    ("SKETCH", {"gate": "auto"}, "gate is auto: expected nothing: the sketch"),
+    ("SKETCH", {"sketch_size": 3}, "sketch_size is 3: expected nothing: the sketch"),
     ("SKETCH", {"method": "rt3d"}, "method is rt3d: expected one that takes sketches: pooled, srt3d, smle"),
 ])
 def test_a_mistake_is_one_line(source, options, said):
@@ -267,10 +326,22 @@ def test_a_mistake_is_one_line(source, options, said):
 
 def test_what_has_no_sensor_asks_for_one():
     sketch = replace(sketch_photons(FRAME, SENSOR, FREQUENCIES), sensor=None)
-    for given, said in ((sketch, "sensor is missing: expected that of the sketch"),
+    for given, said in ((sketch, "sensor is NoneType: expected a Sensor"),
                         (FRAME, r"shape is missing: expected \(rows, cols\), or sensor")):
         with pytest.raises(srt3d_ros.InvalidInput, match=f"^{said}"):
             srt3d_ros.reconstruct(given)
+
+
+@pytest.mark.parametrize(("call", "said"), [
+    (lambda cloud: cloud.image("foo"), "field is foo: expected depth_bins or "),
+    (lambda cloud: cloud.image("intensity", "a"), 'surface is "a"'), (lambda cloud: cloud.save(3), "output is int"),
+    (lambda cloud: cloud.render(yaw_deg="a"), 'yaw_deg is "a"'), (lambda cloud: cloud.cropped(3, 4), "rows is 3"),
+    (lambda cloud: srt3d_ros.Reconstructor("a", (1, 2)), "sensor is str"),
+    (lambda cloud: srt3d_ros.Reconstructor(SENSOR, 3), "frequencies is "),
+    (lambda cloud: srt3d_ros.Reconstructor(SENSOR, (1, 2))(PHOTONS), "seen is Photons: expected a Sketch")])
+def test_a_wrong_type_is_one_line(cloud, call, said):
+    with pytest.raises(srt3d_ros.InvalidInput, match=f"^{said}"):
+        call(cloud)
 
 
 # ---- The package
@@ -288,7 +359,7 @@ def test_the_package_shows_its_names_and_imports_what_they_need_only(repository)
 
 
 DOCUMENTED = {
-    "Cloud": ("plot", "render", "save", "range_image", "depth_image", "image", "within", "ordered", "cropped"),
+    "Cloud": ("plot", "render", "save", "load", "range_image", "depth_image", "image", "within", "ordered", "cropped"),
     "Sketch": ("reconstruct", "save", "load"), "Reconstructor": ("forget",),
     "Sensor": ("replace", "cropped", "range_m", "xyz"),
     "Photons": ("sketch", "reconstruct", "from_events", "from_counts", "packets", "gated")}

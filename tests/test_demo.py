@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import signal
 import sys
 from pathlib import Path
@@ -17,7 +16,6 @@ from srt3d_ros.datasets.simulation.simulator import Simulator
 from tests.processes import nodes_of, wait
 
 NODES = {"player", "sketcher", "reconstructor", "recorder"}
-LOGS = {"nodes", "player"}
 
 
 @pytest.fixture(scope="module")
@@ -51,8 +49,8 @@ def start(tmp_path, repository):
 
 def assert_accounted(summary: dict, sent: int) -> None:
     """Every cloud that came was judged, and every other frame counts as lost: a busy machine loses some."""
-    assert summary["frames_sent"] == sent == summary["frames_reconstructed"] + summary["frames_lost"]
-    assert summary["frames_judged"] == summary["frames_reconstructed"] > 0
+    assert summary["frames_sent"] == sent == summary["frames"] + summary["frames_lost"]
+    assert summary["frames_judged"] == summary["frames"] > 0
 
 
 def test_a_moving_sensor_is_deskewed(start, tmp_path):
@@ -69,13 +67,10 @@ def test_a_photon_file_goes_through_all_nodes(start, tmp_path, photon_file):
     out = tmp_path / "out"
     summary = json.loads((out / "summary.json").read_text())
     assert_accounted(summary, 4)
-    assert 0 < summary["latency_median_ms"] <= summary["latency_p95_ms"]
-    assert 0 < summary["clouds_per_second"]
     assert summary["true_detections_percent"] > 90 and summary["dae_bins"] < 2
-    assert {path.name for path in out.iterdir()} == {"recording.rrd", "cloud.png", "summary.json", "logs"}
-    assert {path.stem for path in (out / "logs").iterdir()} == LOGS
+    assert {path.name for path in out.iterdir()} == {"recording.rrd", "cloud.png", "summary.json", "nodes.log"}
     assert (out / "cloud.png").read_bytes()[1:4] == b"PNG" and (out / "recording.rrd").read_bytes()[:3] == b"RRF"
-    assert f"  frames reconstructed      {summary['frames_reconstructed']}\n" in (tmp_path / "out.txt").read_text()
+    assert f"  frames sent               {summary['frames_sent']}\n" in (tmp_path / "out.txt").read_text()
 
 
 def test_the_moving_scene_is_compared_with_the_truth_of_the_same_moment(start, tmp_path):
@@ -100,7 +95,7 @@ def test_a_node_that_dies_is_named_and_fails_the_demo(start, tmp_path, photon_fi
 def test_ctrl_c_ends_the_demo_and_its_nodes_quietly(start, tmp_path, photon_file):
     demo = start("--photons", str(photon_file), "--duration-s", "60")
     said = tmp_path / "out.txt"
-    wait(lambda: re.search(r" [1-9]\d*/", said.read_text()) or demo.poll() is not None, "a cloud", said.read_text)
+    wait(lambda: len(nodes_of(demo.pid)) == len(NODES), "the nodes", said.read_text)
     nodes = nodes_of(demo.pid)
     assert set(nodes) == NODES
     demo.send_signal(signal.SIGINT)

@@ -6,8 +6,9 @@
 from pathlib import Path
 
 from srt3d_ros.nodes import all_specs
-from tools.node_reference import as_yaml, topics_table
-from tools.schema_tables import filled, readme
+from tools.node_reference import as_yaml, nodes_tables
+from tools.rooms import drawing
+from tools.schema_tables import filled, tables
 
 ROOT = Path(__file__).resolve().parents[1]
 HEADING = """\
@@ -22,8 +23,9 @@ def generated() -> dict[str, str]:
     """The text of every generated file, by its path in the source tree."""
     specs = all_specs().values()
     return {"config/srt3d.yaml": HEADING + as_yaml({spec.name: spec.table for spec in specs}),
-            "docs/nodes.md": filled(ROOT / "docs/nodes.md", lambda _: topics_table(specs)),
-            "msg_schemas/README.md": readme()}
+            "docs/images/rooms.svg": drawing(),
+            "docs/nodes.md": filled(ROOT / "docs/nodes.md", lambda name: nodes_tables(specs)[name]),
+            "docs/messages.md": filled(ROOT / "docs/messages.md", tables)}
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What is made from the specs of the nodes: the table of topics in docs/nodes.md, and config/srt3d.yaml."""
+"""What is made from the specs of the nodes: the tables of docs/nodes.md, and config/srt3d.yaml."""
 
 import textwrap
 from collections.abc import Iterable
@@ -12,12 +12,24 @@ OUTSIDE = dict.fromkeys(("sensor", *(topic.name for topic in FRAMES)), "your dri
 EVERY_NODE = "every node"
 
 
+def nodes_tables(specs: Iterable[NodeSpec]) -> dict[str, str]:
+    """The tables of docs/nodes.md by name: the topics of all nodes, and the parameters of each."""
+    return {"topics": topics_table(specs)} | {spec.name: parameters_table(spec) for spec in specs}
+
+
+def parameters_table(spec: NodeSpec) -> str:
+    """The parameters of a node; `autostart`, which all have, is told once."""
+    return table(("parameter", "default", "may be", "live", "meaning"),
+                 [(f"`{one.name}`", f"`{_yaml_value(one.default)}`", one.expected, "yes" if one.live else "",
+                   one.description) for one in spec.parameters])
+
+
 def topics_table(specs: Iterable[NodeSpec]) -> str:
     """Each topic once, with the nodes that publish it and those that subscribe to it."""
     specs = list(specs)
     topics = {topic.name: topic for spec in specs for topic in (*spec.inputs, *spec.outputs)} | {
         DIAGNOSTICS.name: DIAGNOSTICS}
-    rows = [(f"`{topic.name}`", f"`{topic.type}`", topic.about + ", latched" * topic.latched,
+    rows = [(f"`{topic.name}`", f"`{topic.type.replace('/msg/', '/')}`", topic.about + ", latched" * topic.latched,
              ", ".join(_publishers(topic, specs)),
              ", ".join(spec.name for spec in specs if topic.name in {one.name for one in spec.inputs}))
             for topic in topics.values()]

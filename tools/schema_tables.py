@@ -1,4 +1,4 @@
-"""The tables of msg_schemas/README.md, from the schemas; tools/generate_docs.py writes them."""
+"""The tables of docs/messages.md, from the schemas; tools/generate_docs.py writes them."""
 
 import json
 import re
@@ -8,11 +8,6 @@ from pathlib import Path
 SCHEMAS = Path(__file__).resolve().parents[1] / "msg_schemas"
 MARKED = re.compile(r"(<!-- tables of (\w+)(?:\.json)? -->\n).*?(<!-- end -->)", re.DOTALL)
 PIPE = "\\|"              # in a cell
-
-
-def readme() -> str:
-    """msg_schemas/README.md with its tables as the schemas say."""
-    return filled(SCHEMAS / "README.md", tables)
 
 
 def filled(page: Path, make: Callable[[str], str]) -> str:

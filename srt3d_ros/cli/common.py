@@ -25,7 +25,7 @@ def add_photon_file(parser: argparse.ArgumentParser) -> None:
     """INPUT, which frame of it, and options for what it does not say."""
     parser.add_argument("input", metavar="INPUT",
                         help="photon file: .npz, .mat as published, a laboratory's (.ptu, .sdt, .h5, .npy; "
-                             "docs/photon-file.md), a log of histograms, or a bag (docs/bags.md)")
+                             "docs/photon-file.md), a log of histograms, a bag (docs/bags.md), or: simulator")
     parser.add_argument("--frame", type=int, default=0, metavar="N", help="message of a bag's photons, from 0 (0)")
     parser.add_argument("--photons-topic", default="", metavar="TOPIC",
                         help="where a bag's photons are, if it has several topics of them")

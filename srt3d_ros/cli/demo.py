@@ -1,23 +1,22 @@
 """`srt3d demo`, which `make demo` runs: photons to clouds to a recording, by ROS 2 nodes in processes of their own."""
 
 import argparse
+import importlib
 import json
-import os
-import platform
+import re
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
-from srt3d_ros import __version__, processes
+from srt3d_ros import processes
 from srt3d_ros.cli.node import node_command
-from srt3d_ros.core.method.cloud import PointCloud
-from srt3d_ros.core.metrics import evaluate
+from srt3d_ros.core.metrics import Metrics, evaluate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets import read
@@ -26,7 +25,6 @@ from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.simulation.room import Room
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import require
-from srt3d_ros.messages import points
 from srt3d_ros.private_network import join_private_network
 
 RATE_HZ = 5.0                           # half of what simulator, nodes and recorder do on two idle cores
@@ -35,33 +33,22 @@ SIMULATED_TOLERANCE_M = 0.04            # within which a point is a true detecti
 MOVING_TOLERANCE_M = 0.1
 FILE_TOLERANCE_BINS = 10.0
 JUDGED_FRAMES = 40                      # compared with the truth, evenly spaced: all would outlast the streaming
-PIPELINE = {"recorder", "reconstructor", "sketcher"}
-RESULTS = RECORDING, PICTURE, SUMMARY = "recording.rrd", "cloud.png", "summary.json"
-START_TIMEOUT_S = 900.0                 # the reconstructor compiles: on a slow machine with other work, minutes
-CLOUD_TIMEOUT_S = 60.0                  # between two clouds
-LAST_CLOUD_TIMEOUT_S = 5.0              # after the player is done
+PIPELINE = ("recorder", "reconstructor", "sketcher")
+RESULTS = RECORDING, PICTURE, SUMMARY, LOG = "recording.rrd", "cloud.png", "summary.json", "nodes.log"
+LAST_CLOUD_S = 2.0                      # after the player's end: no more will come
+POLL_S = 0.1
 
 
 @dataclass(frozen=True)
 class Source:
-    """What is played.
-
-    Args:
-        truth: the true depths at a time since the first frame, s: bins [S, rows, cols], or None.
-        tolerance_bins: a point so near to the truth is a true detection.
-        player, sketcher: their parameters for it.
-        photons: at such a time, for the picture; None: it shows none.
-        notes: for the user.
-    """
+    """What is played; `at` gives the photons, for the picture, and the truth at a time since the first frame."""
 
     title: str
     sensor: SensorModel
-    truth: Callable[[float], np.ndarray | None]
-    tolerance_bins: float
-    player: dict[str, object]
-    photons: Callable[[float], PhotonEvents | None] = lambda time_s: None
+    at: Callable[[float], tuple[PhotonEvents | None, np.ndarray | None]]    # truth: depths in bins, [S, rows, cols]
+    tolerance_bins: float               # a point so near to the truth is a true detection
+    player: dict[str, object]           # its parameters
     sketcher: dict[str, object] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
 
 
 def add_parser(subparsers) -> None:
@@ -69,44 +56,38 @@ def add_parser(subparsers) -> None:
         "demo", help="the whole pipeline over ROS 2 on this machine: a recording, a picture and a table",
         description="Start player, sketcher, reconstructor and recorder as processes of their own, stream a simulated "
                     "moving scene or a photon file through them, and report what came out.")
-    parser.add_argument("--photons", metavar="FILE", help="photon file to stream instead of the simulated scene")
-    parser.add_argument("--motion", choices=tuple(MOTIONS), help="stream what a sensor sees that moves through a room, "
+    add, source = parser.add_argument, parser.add_mutually_exclusive_group()
+    source.add_argument("--photons", metavar="FILE", help="photon file to stream instead of the simulated scene")
+    source.add_argument("--motion", choices=tuple(MOTIONS), help="stream what a sensor sees that moves through a room, "
                         "and deskew it by its odometry")
-    parser.add_argument("--out", metavar="DIR", type=Path, default=Path("demo-out"), help="default: %(default)s")
-    parser.add_argument("--rate-hz", metavar="HZ", type=float, default=RATE_HZ, help="default: %(default)g")
-    parser.add_argument("--duration-s", metavar="S", type=float, default=20.0, help="default: %(default)g")
+    add("--out", metavar="DIR", type=Path, default=Path("demo-out"), help="default: %(default)s")
+    add("--rate-hz", metavar="HZ", type=float, default=RATE_HZ, help="default: %(default)g, less if frames are lost")
+    add("--duration-s", metavar="S", type=float, default=20.0, help="default: %(default)g")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     require(0 < args.rate_hz <= 1000, "--rate-hz", args.rate_hz, "a rate above 0, at most 1000 Hz")
-    frames = args.duration_s * args.rate_hz
+    frames = round(min(args.duration_s * args.rate_hz, 1e6))
     require(1 <= frames < 1e6, "--duration-s", args.duration_s, "time for 1 to 1e6 frames")
-    require(not (args.photons and args.motion), "--motion", args.motion, "nothing beside --photons: files do not move")
+    importlib.import_module("rclpy")        # it may not be installed: before anything is written
     source = (_from_file(args.photons) if args.photons else _moving(args.motion) if args.motion
               else _simulated(args.rate_hz))
-    for note in source.notes:
-        _say(f"note: {note}")
     args.out.mkdir(parents=True, exist_ok=True)
     for name in RESULTS:        # of an earlier run: they must not pass for this one's
         (args.out / name).unlink(missing_ok=True)
     join_private_network()
-    summary, problems = _stream(source, round(frames), args.rate_hz, args.out)
-    if summary:
-        (args.out / SUMMARY).write_text(json.dumps(summary, indent=2) + "\n")
-        _say("\n" + "\n".join(f"  {name.replace('_', ' '):<26}{value}" for name, value in summary.items()))
-        _say(f"\n{args.out}/  {PICTURE}  {RECORDING} (to open with `srt3d view`)  {SUMMARY}  logs/")
-    for problem in problems:
-        _say(f"srt3d demo: {problem}")
-    return 1 if problems else 0
+    if problem := _play(source, frames, args.rate_hz, args.out):
+        _say(f"srt3d demo: {problem} ({args.out / LOG})")
+        return 1
+    _report(source, frames, args.out)
+    return 0
 
 
 def _simulated(rate_hz: float) -> Source:
     simulator = Simulator(**SCENE)
-    return Source("simulated moving scene", simulator.sensor,
-                  lambda time_s: simulator.expected(round(time_s * rate_hz))[0],
-                  SIMULATED_TOLERANCE_M / simulator.sensor.bin_width_m, {"input": "simulator", **SCENE},
-                  lambda time_s: simulator.frame(round(time_s * rate_hz))[0])
+    return Source("simulated moving scene", simulator.sensor, lambda time_s: simulator.frame(round(time_s * rate_hz)),
+                  SIMULATED_TOLERANCE_M / simulator.sensor.bin_width_m, {"input": "simulator", **SCENE})
 
 
 def _moving(motion: str) -> Source:
@@ -115,132 +96,80 @@ def _moving(motion: str) -> Source:
     sensor = moving_sensor()
     view = MovingView(Room(), MOTIONS[motion], sensor)
     return Source(f"simulated room, seen by a sensor that moves ({motion})", sensor,
-                  lambda time_s: sensor.depth_bins(view.at(time_s)[0][None]),
+                  lambda time_s: (None, sensor.depth_bins(view.at(time_s)[0][None])),
                   MOVING_TOLERANCE_M / sensor.bin_width_m, {"input": "simulator", "motion": motion, **SCENE},
-                  sketcher={"motion": "odom", "packets_per_frame": PACKETS, "extrinsics": extrinsics()})
+                  {"motion": "odom", "packets_per_frame": PACKETS, "extrinsics": extrinsics()})
 
 
 def _from_file(path: str) -> Source:
     photons = read(path)
+    for note in photons.notes:
+        _say(f"note: {note}")
     shown = photons.frame if isinstance(photons.frame, PhotonEvents) else None
-    return Source(photons.name, photons.sensor, lambda time_s: photons.reference_depth_bins, FILE_TOLERANCE_BINS,
-                  {"input": os.path.abspath(path)}, lambda time_s: shown, notes=photons.notes)
+    return Source(photons.name, photons.sensor, lambda time_s: (shown, photons.reference_depth_bins),
+                  FILE_TOLERANCE_BINS, {"input": Path(path).absolute()})
 
 
-def _stream(source: Source, frames: int, rate_hz: float, out: Path) -> tuple[dict, list[str]]:
-    """Play all frames through the nodes; returns the summary and what went wrong, in words."""
-    from srt3d_ros.nodes.pipeline_probe import PipelineProbe
+def _play(source: Source, frames: int, rate_hz: float, out: Path) -> str:
+    """Play all frames through the nodes, which record the clouds; returns what went wrong, in words."""
+    programs: list[subprocess.Popen] = []
+    settings = {"reconstructor.fields": "full"} | {f"sketcher.{key}": value for key, value in source.sketcher.items()}
 
-    programs: dict[Path, subprocess.Popen] = {}         # by their logs
-    with PipelineProbe(-(-frames // JUDGED_FRAMES)) as probe:
+    def failed() -> list[subprocess.Popen]:     # SIGTERM may end an exiting Python
+        return [program for program in programs if program.poll() not in (None, 0, -signal.SIGTERM)]
+
+    with (out / LOG).open("w") as log:
         try:
-            _start(programs, out / "logs" / "nodes.log", _pipeline(source, out / RECORDING))
             _say("starting the nodes; the first time they compile their kernels, for about a minute")
-            ready = probe.spin_until(lambda: PIPELINE <= probe.statuses.keys() or _problems(programs), START_TIMEOUT_S)
-            if ready and not _problems(programs):
-                _say(f"streaming the {source.title} at {rate_hz:g} Hz")
-                _start(programs, out / "logs" / "player.log",
-                       node_command("player", rate_hz=rate_hz, frames=frames, **source.player))
-                _watch(probe, programs, frames)
+            programs.append(processes.start(
+                [sys.executable, "-m", "srt3d_ros.cli.main", "up", "--record", str(out / RECORDING),
+                 *(f"-p{name}:={json.dumps(value)}" for name, value in settings.items())], stdout=log, stderr=log))
+            while not all(f"[{name}]: ready" in (out / LOG).read_text() for name in PIPELINE) and not failed():
+                time.sleep(POLL_S)
+            if not failed():
+                _say(f"streaming the {source.title} at {rate_hz:g} Hz for {frames / rate_hz:.3g} s")
+                player = node_command("player", rate_hz=rate_hz, frames=frames, **source.player)
+                programs.append(processes.start(player, stdout=log, stderr=log))
+            while all(program.poll() is None for program in programs):
+                time.sleep(POLL_S)
+            time.sleep(LAST_CLOUD_S)
         finally:
-            problems = _problems(programs)
-            processes.stop_in_order(reversed(programs.values()))
-        probe.spin_until(lambda: all(values["state"] == "finalized" for values in probe.statuses.values()),
-                         LAST_CLOUD_TIMEOUT_S)      # for their last reports
-        problems = problems or _problems(programs)
-    if not probe.arrivals:
-        return {}, problems or [f"no cloud came, see {out / 'logs'}"]
-    _say("comparing with the truth and drawing")
-    clouds = [points.decode_cloud(raw, source.sensor) for raw in probe.kept]
-    summary = _summarise(source, probe, clouds, rate_hz)
-    if summary["frames_lost"]:
-        _say(f"{summary['frames_lost']} of {summary['frames_sent']} frames were dropped: this machine is too slow or "
-             f"too busy for {rate_hz:g} Hz; --rate-hz plays more slowly")
-    shown = clouds[3 * len(clouds) // 4]
-    _draw(out / PICTURE, source, shown, source.photons(_time_s(shown, probe)), summary)
-    return summary, problems
+            processes.stop_in_order(reversed(programs))
+    said = re.findall("^srt3d.*", (out / LOG).read_text(), re.MULTILINE)
+    return "".join(said[-1:] or map(processes.ending, failed())) if failed() else ""
 
 
-def _pipeline(source: Source, recording: Path) -> list[str]:
-    """The command of all nodes but the player."""
-    parameters = {"reconstructor.fields": "full"} | {f"sketcher.{name}": value for name, value in
-                                                     source.sketcher.items()}
-    return [sys.executable, "-m", "srt3d_ros.cli.main", "up", "--record", str(recording),
-            *(f"-p{name}:={json.dumps(value)}" for name, value in parameters.items())]
-
-
-def _start(programs: dict[Path, subprocess.Popen], log: Path, command: list[str]) -> None:
-    log.parent.mkdir(exist_ok=True)
-    with log.open("w") as output:
-        programs[log] = processes.start(command, stdout=output, stderr=output)
-
-
-def _problems(programs: dict[Path, subprocess.Popen]) -> list[str]:
-    """Why each program that has failed did, in its words; SIGTERM may end an exiting Python."""
-    found = []
-    for log in [log for log, program in programs.items() if program.poll() not in (None, 0, -signal.SIGTERM)]:
-        lines = log.read_text().splitlines() or [processes.ending(programs[log])]
-        said = [line for line in lines if line.startswith("srt3d")] or lines
-        found.append(f"{said[-1]} ({log})")
-    return found
-
-
-def _watch(probe, programs: dict[Path, subprocess.Popen], frames: int) -> None:
-    """Show the clouds as they come, until all are here or no more will come."""
-    def moved() -> bool:
-        return len(probe.arrivals) > bar.n or bool(_problems(programs))
-
-    with tqdm(total=frames, unit="cloud", mininterval=0.1 if sys.stderr.isatty() else 2.0) as bar:
-        while bar.n < frames and not _problems(programs):
-            probe.spin_until(lambda: moved() or any(program.poll() == 0 for program in programs.values()),
-                             CLOUD_TIMEOUT_S)
-            if not probe.spin_until(moved, LAST_CLOUD_TIMEOUT_S):
-                return
-            bar.update(len(probe.arrivals) - bar.n)
-
-
-def _time_s(cloud: PointCloud, probe) -> float:
-    """When the sensor saw a cloud, since the first frame."""
-    return (cloud.stamp_ns - probe.total("player", "first_stamp_ns")) * 1e-9
-
-
-def _summarise(source: Source, probe, clouds: list[PointCloud], rate_hz: float) -> dict:
-    """What is printed and written of a run; these clouds are compared with the truth where there is one."""
-    sensor, arrivals = source.sensor, probe.arrivals
-    latencies_ms = [arrival.latency_ms for arrival in arrivals]
-    streamed_s = (arrivals[-1].received_ns - arrivals[0].received_ns) * 1e-9
-    sent = probe.total("player", "frames_sent") // source.sketcher.get("packets_per_frame", 1)
-    summary = {
-        "source": source.title, "rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins,
-        "rate_hz": rate_hz, "frames_sent": sent, "frames_reconstructed": len(arrivals),
-        "frames_lost": sent - len(arrivals),
-        "clouds_per_second": round((len(arrivals) - 1) / streamed_s, 2) if streamed_s else 0.0,
-        "latency_median_ms": round(float(np.median(latencies_ms)), 1),
-        "latency_p95_ms": round(float(np.percentile(latencies_ms, 95)), 1),
-        "photons_per_frame": probe.total("player", "photons_sent") // max(sent, 1),
-        "points_per_frame": int(np.median([arrival.points for arrival in arrivals])),
-        "version": __version__, "machine": f"{platform.machine()}, {os.cpu_count()} CPUs"}
-    truths = [source.truth(_time_s(cloud, probe)) for cloud in clouds]
-    found = [evaluate(cloud, truth, source.tolerance_bins, sensor.num_bins) for cloud, truth in zip(clouds, truths)
-             if truth is not None]
-    if found:
-        dae_bins = float(np.nanmean([metrics.dae_bins for metrics in found]))
-        summary |= {
-            "frames_judged": len(found), "tolerance_mm": round(source.tolerance_bins * sensor.bin_width_m * 1e3, 2),
-            "true_detections_percent": round(100 * float(np.mean([metrics.true_detections for metrics in found])), 2),
-            "false_detections_percent": round(100 * float(np.mean([metrics.false_detections for metrics in found])), 2),
-            "dae_bins": round(dae_bins, 3), "dae_mm": round(dae_bins * sensor.bin_width_m * 1e3, 3)}
-    return summary
-
-
-def _draw(path: Path, source: Source, cloud: PointCloud, photons: PhotonEvents | None, summary: dict) -> None:
+def _report(source: Source, frames: int, out: Path) -> None:
+    """Compare recorded clouds with the truth; write the picture and the summary, and print the summary."""
     from srt3d_ros.pictures.overview import draw_overview
+    from srt3d_ros.review.recorded import Recorded
+    from srt3d_ros.review.summary import align, rows, summarise
 
-    figures = {"photons per pixel": summary["photons_per_frame"] / source.sensor.pixels, "points": len(cloud),
-               "latency": f"{summary['latency_median_ms']:.0f} ms"}
-    if "dae_mm" in summary:
-        figures["mean depth error"] = f"{summary['dae_mm']:.3g} mm"
-    draw_overview(path, cloud, source.sensor, photons, source.title, figures)
+    recorded, sensor = Recorded.read(out / RECORDING), source.sensor
+    first_ns = int(re.search(r"first frame's stamp is (\d+)", (out / LOG).read_text())[1])
+    judged = set(recorded.index.frame_index[::-(-frames // JUDGED_FRAMES)].tolist())
+    clouds = [cloud.placed(sensor) for cloud in recorded.reader.clouds(judged)]
+    seen = [source.at((cloud.stamp_ns - first_ns) * 1e-9) for cloud in clouds]
+    found = [evaluate(cloud, truth, source.tolerance_bins, sensor.num_bins) for cloud, (_, truth) in zip(clouds, seen)
+             if truth is not None]
+    summary, k = summarise(recorded), 3 * len(clouds) // 4
+    own = {"source": source.title, "frames_sent": frames, "frames_lost": frames - summary["frames"]}
+    figures = {"photons per pixel": summary["ppp"]["median"], "points": len(clouds[k]),
+               "latency": f"{summary['latency_ms']['total']['p50']:.0f} ms"}
+    if found:
+        own |= _accuracy(found, source.tolerance_bins, sensor.bin_width_m * 1e3)
+        figures["mean depth error"] = f"{own['dae_mm']:.3g} mm"
+    draw_overview(out / PICTURE, clouds[k], sensor, seen[k][0], source.title, figures)
+    (out / SUMMARY).write_text(json.dumps(summary | own, indent=2) + "\n")
+    _say("\n" + align([*rows(summary), *((name.replace("_", " "), str(value)) for name, value in own.items())]))
+    _say(f"\n{out}/  {PICTURE}  {RECORDING} (to open with `srt3d view`)  {SUMMARY}  {LOG}")
+
+
+def _accuracy(found: list[Metrics], tolerance_bins: float, bin_mm: float) -> dict[str, float]:
+    true, false, dae_bins = np.nanmean([(one.true_detections, one.false_detections, one.dae_bins) for one in found], 0)
+    return {"frames_judged": len(found), "tolerance_mm": round(tolerance_bins * bin_mm, 2),
+            "true_detections_percent": round(100 * true, 2), "false_detections_percent": round(100 * false, 2),
+            "dae_bins": round(dae_bins, 3), "dae_mm": round(dae_bins * bin_mm, 3)}
 
 
 def _say(text: str) -> None:

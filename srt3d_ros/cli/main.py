@@ -18,9 +18,10 @@ COMMANDS = ("reconstruct", "info", "convert", "evaluate", "benchmark", "up", "pl
 MODULES = {"play": "node", "bag-record": "node"}      # those that are not called as their command
 
 # Optional packages: how to get what a command turns out to need.
-EXTRAS = {"rclpy": "ros", "rerun": "record", "matplotlib": "review", "PIL": "review", "jinja2": "review",
-          "rosbags": "bags", "torch": "gpu", "ptufile": "lab", "sdtfile": "lab",
-          "h5py": "lab", "distributed": "dask"}
+EXTRAS = {"rclpy": "ros", "std_msgs": "ros", "sensor_msgs": "ros", "nav_msgs": "ros",
+          "rerun": "record", "rerun_cli": "record", "matplotlib": "review", "PIL": "review",
+          "jinja2": "review", "rosbags": "bags", "torch": "gpu", "ptufile": "lab", "sdtfile": "lab", "h5py": "lab",
+          "distributed": "dask"}
 DRAWING = ("demo", "review")        # commands that need all of `review`, which includes `record`
 
 COMPUTING = ("reconstruct", "evaluate", "benchmark")    # commands that run kernels in this process
@@ -94,7 +95,7 @@ def main(argv: list[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         if error.name not in EXTRAS:
             raise
-        ros = "source a ROS 2 installation, or " if error.name == "rclpy" else ""
+        ros = "source a ROS 2 installation, or " if EXTRAS[error.name] == "ros" else ""
         extra = "review" if error.name == "rerun" and named in DRAWING else EXTRAS[error.name]
         return _say(f"{error.name} is not installed: {ros}pip install 'srt3d_ros[{extra}]'", FAILED)
 

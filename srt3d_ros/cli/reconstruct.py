@@ -27,7 +27,7 @@ def add_parser(subparsers) -> None:
         epilog="Methods. " + " ".join(f"{method.name}: {method.about}." for method in METHODS.values())
                + " docs/algorithm.md says more.")
     parser.add_argument("-o", "--output", "--out", metavar="OUT", required=True,
-                        help="cloud file: .npz (everything), .ply, .pcd, .rrd (opens in rerun); or a picture of it: "
+                        help="cloud file: .npz (everything), .ply, .pcd; or a picture of it: "
                              ".png, .jpg; with --frames a folder")
     parser.add_argument("--sketch-size", type=int, metavar="M",
                         help=f"complex numbers kept of a pixel ({DEFAULT_SKETCH_SIZE})")

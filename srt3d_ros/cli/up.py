@@ -144,6 +144,6 @@ def overview(args: argparse.Namespace, specs: list) -> str:
     lines = [f"srt3d {__version__}: starts {nodes}; Ctrl-C ends them",
              "  topics    ros2 topic list -t", "  health    ros2 topic echo /diagnostics"]
     if not args.input:
-        lines.append("  waiting   for a driver: sensor, then photons, gates or histograms; docs/quickstart-driver.md "
+        lines.append("  waiting   for a driver: sensor, then photons, gates or histograms; docs/quickstart.md "
                      "writes one")
     return "\n".join(lines)

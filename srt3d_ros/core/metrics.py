@@ -30,7 +30,7 @@ class Metrics:
         dae_bins: mean absolute depth error over the matched reference surfaces, bins (DAE).
         points: points in the cloud.
         by_surface: true_detections of each reference surface alone.
-        iae: normalised intensity absolute error (IAE): over all references, |r − r̂| of those that are matched, r of
+        iae: normalised intensity absolute error (IAE): over all references, abs(r − r̂) of those that are matched, r of
             those that are missed, and r̂ of the points that match none, summed and divided by Σ r.
         background_nmse: Σ (b − b̂)² / Σ b² over the pixels.
         within_1_std, within_2_std: share of the judged points whose error from the nearest reference of their pixel is

@@ -10,11 +10,14 @@ from srt3d_ros.datasets.bags.frames import BagFrames
 from srt3d_ros.datasets.files import naming_file, read_text, readable, require_file
 from srt3d_ros.datasets.options import SensorOptions, gathered
 from srt3d_ros.datasets.photons import Photons
-from srt3d_ros.errors import InvalidInput, quoted, require
+from srt3d_ros.datasets.simulation.simulator import Simulator
+from srt3d_ros.errors import quoted, require
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.results import Sketch
 
-__all__ = ["Photons", "open_sensor", "read"]
+__all__ = ["SIMULATOR", "Photons", "open_sensor", "read"]
+
+SIMULATOR = "simulator"     # in place of a path
 
 
 def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: SensorModel | None = None,
@@ -23,8 +26,9 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
 
     Args:
         path: .npz, .mat as its authors published it, a laboratory's file (.ptu, .sdt, …), an array of counts, a log of
-            histograms (.json, .gz), or a bag: its folder, .mcap or .db3 file.
-        frame: which message of a bag's photons or sketches, or frame of a log, from 0; other files have one frame.
+            histograms (.json, .gz), or a bag: its folder, .mcap or .db3 file; or "simulator", for its moving head.
+        frame: which message of a bag's photons or sketches, or frame of a log or of the simulator, from 0; other files
+            have one frame.
         photons_topic: where a bag's photons or sketches are, if it has several topics of them.
         sensor: replaces all that the file says of its sensor.
         guess_irf: take an IRF of one bin where the file has none and none can be estimated, instead of refusing.
@@ -39,6 +43,8 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
         InvalidInput: one line that names the file and field that cannot be used.
     """
     require(isinstance(frame, int), "frame", quoted(frame), "an integer")
+    if str(path) == SIMULATOR:
+        return _simulated(frame, gathered(options, sensor))
     path = Path(path)
     with readable(path):
         options = gathered(options, sensor, path.absolute())        # a bag may be the folder "."
@@ -47,12 +53,19 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
             require(is_bag(path), "photon file", str(path), f"a file that ends in {suffixes}, or a bag")
             with BagFrames(path, photons_topic) as frames:
                 return frames.read(frames.place(frame), options)
+        require(not photons_topic, "photons_topic", quoted(photons_topic), "nothing: only bags have topics")
         require_file(path, "photon file")
         if path.suffix.lower() == ".npz" and sketch_file.is_sketch(path):
-            for name, value in options.items():
-                raise InvalidInput(name, value, "nothing: a sketch has been made without it")
-            return Sketch.load(path)
+            return sketch_file.with_options(Sketch.load(path), options)
         return readers.read(path, frame, options, guess_irf)
+
+
+def _simulated(frame: int, options: dict) -> Photons:
+    """A frame of the simulator's head, 10 photons a pixel, half of them background, with its true depths."""
+    require(frame >= 0, "frame", frame, "0 or more")
+    simulator = Simulator()
+    events, depth_bins = simulator.frame(frame)
+    return Photons(simulator.sensor, events, depth_bins, SIMULATOR).with_options(options)
 
 
 def open_sensor(path: str | Path) -> SensorModel:

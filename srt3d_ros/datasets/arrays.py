@@ -5,18 +5,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from srt3d_ros.core.sensor.model import SPEED_OF_LIGHT, SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
 from srt3d_ros.datasets import irf as irfs
-from srt3d_ros.datasets.options import ASSUMED_FOV, described, says_geometry
-from srt3d_ros.datasets.survey import Survey
+from srt3d_ros.datasets.options import (
+    ASSUMED_FOV,
+    ASSUMED_WIDTH,
+    BIN_OF_ONE_METRE_S,
+    described,
+    few_bins_note,
+    says_geometry,
+)
+from srt3d_ros.datasets.recording import Survey
 from srt3d_ros.datasets.values import array, check_within, sendable
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import InvalidInput, quoted, require
 
 AXES = "rows cols bins"
-ESTIMATED_IRF = "IRF estimated from the photons, which makes it slightly broad: give irf"
-COUNTS_BINS = "bin_width_s taken to be 2 / 299792458: x, y and z count bins, not metres"
-FEW_BINS = "the last axis is the shortest, and taken for the bins: axes='bins rows cols' if the first one has them"
 
 
 class Described(NamedTuple):
@@ -32,9 +36,17 @@ def from_events(row: Any, col: Any, toa: Any, stamp_ns: int, options: dict) -> D
     row, col, toa = (array(name, values) for name, values in (("row", row), ("col", col), ("toa", toa)))
     fits = row.ndim == 1 and row.shape == col.shape == toa.shape
     require(fits, "row, col and toa shapes", f"{row.shape}, {col.shape}, {toa.shape}", "the same [N], one a photon")
+    require(isinstance(stamp_ns, int | np.integer), "stamp_ns", quoted(stamp_ns), "nanoseconds, an integer")
     sensor, notes = _sensor(options)
     pixel = _indices("row", row, sensor.rows) * np.uint32(sensor.cols) + _indices("col", col, sensor.cols)
     return _complete(PhotonEvents(pixel, _times(toa, sensor), stamp_ns), sensor, options, notes)
+
+
+def from_pixels(pixel: np.ndarray, toa: np.ndarray, stamp_ns: int, options: dict) -> Described:
+    """The photons of one entry each, by the index of their pixel."""
+    sensor, notes = _sensor(options)
+    events = PhotonEvents(_indices("pixel", pixel, sensor.pixels), _times(toa, sensor), stamp_ns)
+    return _complete(events, sensor, options, notes)
 
 
 def from_counts(counts: Any, stamp_ns: int, axes: str, options: dict) -> Described:
@@ -55,8 +67,7 @@ def from_counts(counts: Any, stamp_ns: int, axes: str, options: dict) -> Describ
     except InvalidInput as error:
         field = error.field.removesuffix(" count").replace("histograms", "counts")      # as the argument is called
         raise InvalidInput(field, error.value, error.expected) from None
-    shortest = axes == AXES and 1 < counts.shape[2] < min(counts.shape[:2])
-    return _complete(histograms, sensor, options, notes + ((FEW_BINS,) if shortest else ()))
+    return _complete(histograms, sensor, options, notes + (few_bins_note(counts.shape) if axes == AXES else ()))
 
 
 def from_frame(frame: PhotonFrame, options: dict) -> Described:
@@ -73,35 +84,36 @@ def _sensor(options: Mapping[str, Any]) -> tuple[SensorModel, tuple[str, ...]]:
         require(name in options, "shape" if name != "num_bins" else name, "missing", expected)
     require("channel" not in options, "channel", options.get("channel"), "nothing: arrays have no channels")
     require("irf" in options or "irf_ref" not in options, "irf_ref", options.get("irf_ref"), "irf beside it")
-    width_s = options.get("bin_width_s", 2 / SPEED_OF_LIGHT)
+    width_s = options.get("bin_width_s", BIN_OF_ONE_METRE_S)
     plain = SensorModel(options["rows"], options["cols"], options["num_bins"], width_s, np.ones(1))
-    return described(plain, options), () if "bin_width_s" in options else (COUNTS_BINS,)
+    return described(plain, options), () if "bin_width_s" in options else (ASSUMED_WIDTH,)
 
 
 def _complete(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, options: Mapping[str, Any],
               notes: tuple[str, ...]) -> Described:
     notes += () if says_geometry(options) else (ASSUMED_FOV,)
     if "irf" not in options:
-        sensor, notes = sensor.replace(irf=_estimated_irf(frame, sensor), irf_ref=None), (ESTIMATED_IRF, *notes)
+        irf, note = _estimated_irf(frame, sensor)
+        sensor, notes = sensor.replace(irf=irf, irf_ref=None), (note, *notes)
     return Described(sensor, frame, notes)
 
 
-def _estimated_irf(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel) -> np.ndarray:
-    """The IRF that the photons show, see `irf.estimate`."""
+def _estimated_irf(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel) -> tuple[np.ndarray, str]:
+    """The IRF that the photons show, see `irf.estimate`, and a note."""
     if isinstance(frame, PhotonHistograms):
         require(sensor.histograms is None, "irf", "missing", "the impulse response, as wide as these bins make it")
         survey = Survey(sensor.pixels, sensor.num_bins)
         survey.add_histograms(frame.counts.reshape(sensor.pixels, -1), 0)
         require(survey.countable, "irf", "missing", "the impulse response: it can be estimated from whole photons only")
         frame = survey.sample
-    return irfs.estimate(frame if sensor.mask is None else frame.part(sensor.mask.reshape(-1)[frame.pixel]),
-                         sensor.num_bins)
+    seen = frame if sensor.mask is None else frame.part(sensor.mask.reshape(-1)[frame.pixel])
+    return irfs.estimated(seen, sensor.num_bins)
 
 
 def _indices(name: str, values: np.ndarray, end: int) -> np.ndarray:
     """Whole numbers from 0 to below `end`, as uint32."""
     check_within(name, values, end)
-    whole = values.astype(np.uint32)
+    whole = values.astype(np.uint32, copy=False)
     odd = np.flatnonzero(whole != values)
     require(len(odd) == 0, name, values[odd[:1]].tolist(), "whole numbers")
     return whole
@@ -111,7 +123,7 @@ def _times(toa: np.ndarray, sensor: SensorModel) -> np.ndarray:
     """ToA in bins, uint16 or float32."""
     check_within("toa", toa, sensor.num_bins)
     if toa.dtype.kind != "f":
-        return toa.astype(np.uint16)
+        return toa.astype(np.uint16, copy=False)
     in_seconds = toa.size > 1 and toa.max() < 1 and toa.any()
     require(not in_seconds, "toa", "below 1 everywhere", "times in bins: divide seconds by bin_width_s")
     if sensor.first_bin_center == 0 and (toa == np.floor(toa)).all():       # means the same, and is faster to sketch

@@ -15,7 +15,6 @@ from srt3d_ros.messages import json_text
 
 MAX_BYTES = 3 * 2**30       # of all arrays that are read from a file: 12 bytes for each of the most photons
 MAX_MEMBERS = 1000
-COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)     # what NumPy writes; others unpack without bounds
 MAX_SIDES = 8
 # What a reader raises where it trusts a damaged file: their texts speak of its code, not of the file.
 OF_THE_READER = (NameError, TypeError, AttributeError, LookupError, AssertionError, ArithmeticError)
@@ -117,8 +116,7 @@ def open_npz(path: Path) -> Iterator[zipfile.ZipFile]:
             raise InvalidInput("", why, "a complete .npz file (a zip of arrays)") from None
 
 
-def npz_headers(archive: zipfile.ZipFile, names: tuple[str, ...] | None = None, most: int = MAX_BYTES
-                ) -> dict[str, tuple]:
+def npz_headers(archive: zipfile.ZipFile, names: tuple[str, ...] | None = None) -> dict[str, tuple]:
     """`npy_header` of the arrays of an .npz file, of those of `names` that it has, or of all."""
     members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
     require(len(members) <= MAX_MEMBERS, "members", len(members), f"at most {MAX_MEMBERS}")
@@ -126,10 +124,8 @@ def npz_headers(archive: zipfile.ZipFile, names: tuple[str, ...] | None = None, 
     for info in members:
         name = info.filename[:-4]
         if names is None or name in names:
-            require(info.compress_type in COMPRESSIONS, name, f"packed by method {info.compress_type}",
-                    "an array stored or deflated, as NumPy writes it")
             with archive.open(info) as stream:
-                headers[name] = npy_header(stream, info.file_size, name, most)
+                headers[name] = npy_header(stream, info.file_size, name)
     return headers
 
 

@@ -14,6 +14,7 @@ MAX_TEXT_BYTES = 4 * 2**20      # 64 for each number of the longest response
 TEXT_SUFFIXES = (".csv", ".txt")
 SUFFIXES = (".npy", ".npz", *TEXT_SUFFIXES)
 
+ESTIMATED = "IRF estimated from the photons, which makes it slightly broad: give irf (--irf)"
 # Of `estimate`.
 PHOTONS_USED = 100_000      # to estimate an IRF from
 FEWEST_PHOTONS = 3          # in a pixel, for it to tell anything about the IRF
@@ -80,7 +81,7 @@ def read(source: str | Path | np.ndarray | list, folder: Path | None = None) -> 
         raise InvalidInput("irf", source, "numbers") from None
     irf = irf.squeeze() if irf.ndim == 2 and 1 in irf.shape else irf
     require(irf.ndim in (1, 2) and 0 < irf.shape[-1] <= MAX_LENGTH, "irf shape", irf.shape,
-            f"[L] or [pixels, L], L from 1 to {MAX_LENGTH}")
+            f"[L] or [pixels, L], L from 1 to {MAX_LENGTH}; irf_sigma_bins makes a Gaussian")
     return irf
 
 
@@ -125,15 +126,14 @@ def estimate(events: PhotonEvents, num_bins: int) -> np.ndarray:
     return _cut_out(irf[middle - reach: middle + reach + 1])
 
 
-def estimated(events: PhotonEvents, num_bins: int, guess: bool) -> tuple[np.ndarray, str]:
-    """An IRF for a file without one, and a note; InvalidInput if none can be seen, unless `guess` allows one bin."""
+def estimated(events: PhotonEvents, num_bins: int, guess: bool = False) -> tuple[np.ndarray, str]:
+    """An IRF for photons without one, and a note; InvalidInput if none can be seen, unless `guess` allows one bin."""
     try:
-        return estimate(events, num_bins), \
-            "IRF estimated from the photons, which makes it slightly broad: the file has none (--irf)"
+        return estimate(events, num_bins), ESTIMATED
     except InvalidInput:
         if not guess:
             raise
-        return np.ones(1), "IRF taken to be one bin: the file has none, and none can be seen in its photons (--irf)"
+        return np.ones(1), "IRF taken to be one bin: none can be seen in the photons, give irf (--irf)"
 
 
 def _read_file(path: Path, key: str | None) -> np.ndarray:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from srt3d_ros.core.sensor.bins import HistogramBins
-from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
+from srt3d_ros.core.sensor.model import MAX_BINS, SPEED_OF_LIGHT, SensorModel
 from srt3d_ros.core.sensor.projection import DEFAULT_FOV_DEG, Pinhole, Projection
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.files import read_text
@@ -21,8 +21,11 @@ from srt3d_ros.errors import quoted, require
 from srt3d_ros.messages import json_text
 
 MAX_GATE_BIN = 2**31
+BIN_OF_ONE_METRE_S = 2 / SPEED_OF_LIGHT      # the width of bins of which nothing is known
+ASSUMED_WIDTH = "bin width taken to be 2 / 299792458 s: x, y and z count bins, not metres (give bin_width_s)"
 ASSUMED_FOV = (f"geometry taken to be a pinhole of {DEFAULT_FOV_DEG:g}° across the larger side: give fov_deg "
                "(--fov-deg), or the projection")
+ASSUMPTIONS = {"projection": "geometry ", "irf": "IRF ", "bin_width_s": "bin width "}     # how notes on them begin
 GATE = f"first and last bin, both kept, 2 to {MAX_BINS} bins"
 OF_SENSOR = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols"))
 DEFAULTS = {field.name: field.default for field in fields(SensorModel)}
@@ -105,6 +108,26 @@ def described(sensor: SensorModel, options: Mapping[str, Any]) -> SensorModel:
     return sensor.replace(**changes) if changes else sensor
 
 
+def redescribed(sensor: SensorModel, notes: tuple[str, ...], options: Mapping[str, Any],
+                fixed: tuple[str, ...] = ("rows", "cols")) -> tuple[SensorModel, tuple[str, ...]]:
+    """The sensor of photons that are there with options in place of its own values, and the notes that then hold.
+
+    Raises:
+        InvalidInput: an option would change a field that is `fixed`.
+    """
+    refuse_channel(options)
+    check_same({name: getattr(sensor, name) for name in fixed}, options)
+    changed = described(sensor, options)
+    own, now = ({name: getattr(one, name) for name in OF_SENSOR} for one in (sensor, changed))
+    for name, begin in ASSUMPTIONS.items():
+        left = tuple(note for note in notes if not note.startswith(begin))
+        given = says_geometry(options) if name == "projection" else name in options
+        if given and left != notes:         # what was assumed is now known
+            notes = left
+            own = {key: value for key, value in own.items() if key not in (name, f"{name}_ref")}
+    return changed, notes + replaced_note(own, now)
+
+
 def says_geometry(options: Mapping[str, Any]) -> bool:
     """Whether the options have the angles of the pixels."""
     return "fov_deg" in options or options.get("projection") is not None
@@ -123,9 +146,24 @@ def pinhole(rows: int, cols: int, fov_deg: object) -> Pinhole:
     return Pinhole.from_fov(rows, cols, number("fov_deg", fov_deg, "an angle between 0 and 180 degrees"))
 
 
+def check_same(own: Mapping[str, Any], options: Mapping[str, Any]) -> None:
+    """Raise InvalidInput if an option is not what the file has."""
+    for name, value in own.items():
+        require(options.get(name, value) == value, name, quoted(options.get(name)), f"{value}, as in the file")
+
+
 def refuse_channel(options: Mapping[str, Any]) -> None:
     """Raise InvalidInput if the options choose a channel, for a file without."""
     require("channel" not in options, "channel", options.get("channel"), "nothing: the file tells no channels apart")
+
+
+def few_bins_note(shape: tuple[int, ...]) -> tuple[str, ...]:
+    """The note on counts whose first axis looks like that of the bins, [T, rows, cols]."""
+    first, *others = shape
+    suspicious = len(shape) == 3 and (first > max(others) or 1 < shape[2] < min(shape[:2]))
+    note = (f"{' × '.join(map(str, shape))} taken for rows × cols × bins: if the first axis has the bins, load the "
+            "array and read it with axes='bins rows cols'")
+    return (note,) if suspicious else ()
 
 
 def outside_note(dropped: int, photons: int, first: int, last: int) -> tuple[str, ...]:

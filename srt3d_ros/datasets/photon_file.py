@@ -9,6 +9,7 @@ import numpy as np
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.new_files import check_replaceable
 
 NUMBERS = ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m")
 MAPS = ("gain", "delay_bins", "mask", "background_shape")
@@ -37,6 +38,7 @@ def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame,
     """
     path = Path(path)
     require(path.suffix.lower() == ".npz", "photon file", path.name, "a name that ends in .npz")
+    check_replaceable(path, "toa")
     events = frame if isinstance(frame, PhotonEvents) else frame.to_events(sensor)
     events.check(sensor)
     projection = sensor.projection

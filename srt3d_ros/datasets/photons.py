@@ -8,24 +8,16 @@ from typing import Any, Self, Unpack
 import numpy as np
 
 from srt3d_ros.core.methods import DEFAULT_METHOD, find
+from srt3d_ros.core.progress import compiling
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import design_for
 from srt3d_ros.core.sketching.gate import OFF, Gate
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame, PhotonHistograms
 from srt3d_ros.core.sketching.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets import arrays
-from srt3d_ros.datasets.options import (
-    ASSUMED_FOV,
-    OF_SENSOR,
-    SensorOptions,
-    described,
-    gathered,
-    outside_note,
-    refuse_channel,
-    replaced_note,
-)
+from srt3d_ros.datasets.options import SensorOptions, gathered, outside_note, redescribed
 from srt3d_ros.datasets.recording import StoredPhotons
-from srt3d_ros.errors import require
+from srt3d_ros.errors import quoted, require
 from srt3d_ros.results import Cloud, Reconstructor, Sketch
 
 NAME = "arrays"
@@ -156,11 +148,14 @@ class Photons:
         Raises:
             InvalidInput: naming the argument that cannot be used.
         """
-        found, used, _ = design_for(*self.sample, gate, _written(frequencies), sketch_size)
-        stream = SketchStream(self.sensor, StreamOptions(str(found or OFF), _written(used), packets_per_frame=0))
-        for packet in self.packets():
-            stream.push(packet)
-        made, = stream.flush()
+        require(sketch_size is None or isinstance(sketch_size, int | np.integer), "sketch_size", quoted(sketch_size),
+                "an integer")
+        with compiling():
+            found, used, _ = design_for(*self.sample, gate, _written(frequencies), sketch_size)
+            stream = SketchStream(self.sensor, StreamOptions(str(found or OFF), _written(used), packets_per_frame=0))
+            for packet in self.packets():
+                stream.push(packet)
+            made, = stream.flush()
         outside = stream.counts.photons_dropped["gate"]
         notes = outside_note(outside, round(self.photons), found.first, found.last) if found else ()
         return Sketch(**vars(made), notes=self.notes + notes)
@@ -214,17 +209,9 @@ class Photons:
 
     def with_options(self, options: dict[str, Any]) -> Self:
         """The same photons, with options (options.gathered) in place of what their sensor says; a note says which."""
-        refuse_channel(options)
-        for name in ("rows", "cols"):
-            own = getattr(self.sensor, name)
-            require(options.get(name, own) == own, name, options.get(name), f"{own}, as in the file")
-        sensor = described(self.sensor, options)
+        sensor, notes = redescribed(self.sensor, self.notes, options)
         self.source.check(sensor)
-        own, now = ({name: getattr(one, name) for name in OF_SENSOR} for one in (self.sensor, sensor))
-        notes = self.notes
-        if sensor.projection is not self.sensor.projection and ASSUMED_FOV in notes:
-            notes, own = tuple(note for note in notes if note != ASSUMED_FOV), own | {"projection": sensor.projection}
-        photons = replace(self, sensor=sensor, notes=notes + replaced_note(own, now))
+        photons = replace(self, sensor=sensor, notes=notes)
         return photons.gated(*options["gate"]) if "gate" in options else photons
 
 

@@ -1,21 +1,24 @@
 """The sketch file: a Sketch and its sensor in one .npz (docs/photon-file.md)."""
 
 import sys
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch, check_frequencies
 from srt3d_ros.datasets.files import naming_file, open_npz, read_npz_arrays
+from srt3d_ros.datasets.options import redescribed
 from srt3d_ros.errors import InvalidInput, printable, require
 from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.new_files import atomic_write
+from srt3d_ros.new_files import atomic_write, check_replaceable
 
 # Each array, its kind of dtype and its number of dimensions. `sensor` is the JSON of the sensor message, in UTF-8.
 FORM = {"frequencies": ("iu", 1), "sums": ("c", 3), "photons": ("iu", 2), "stamp_ns": ("iu", 0),
         "added_variance": ("f", 0), "sensor": ("u", 1), "notes": ("U", 1)}
-SINCE = {"added_variance": np.float64(0), "notes": np.array([], str)}       # what files of the version before lack
 
 
 def is_sketch(path: Path) -> bool:
@@ -32,6 +35,7 @@ def save(path: str | Path, sketch: Sketch, sensor: SensorModel, notes: tuple[str
     """
     path = Path(path)
     require(path.suffix.lower() == ".npz", "sketch file", path.name, "a name that ends in .npz")
+    check_replaceable(path, "sums")
     _check(sketch, sensor)
     text = np.frombuffer(sensor_message.to_json(sensor).encode(), np.uint8)
     try:
@@ -50,7 +54,7 @@ def read(path: str | Path) -> tuple[Sketch, SensorModel, tuple[str, ...]]:
         InvalidInput: naming the file and the array that cannot be used.
     """
     path = Path(path)
-    arrays = SINCE | read_npz_arrays(path, tuple(FORM), "sketch file")
+    arrays = read_npz_arrays(path, tuple(FORM), "sketch file")
     with naming_file(path):
         for name, (kinds, sides) in FORM.items():
             require(name in arrays, name, "missing", f"the arrays {', '.join(FORM)} of a sketch file")
@@ -73,6 +77,17 @@ def read(path: str | Path) -> tuple[Sketch, SensorModel, tuple[str, ...]]:
                         added_variance)
         _check(sketch, sensor)
     return sketch, sensor, tuple(map(printable, notes.tolist()))
+
+
+def with_options(sketch: Sketch, options: Mapping[str, Any]) -> Sketch:
+    """A sketch with notes, with options (options.gathered) in place of what its sensor says; another note says which.
+
+    Raises:
+        InvalidInput: an option that would have made another sketch.
+    """
+    require("gate" not in options, "gate", options.get("gate"), "nothing: the sketch has been made without it")
+    sensor, notes = redescribed(sketch.sensor, sketch.notes, options, ("rows", "cols", "num_bins", "toa_reference"))
+    return replace(sketch, sensor=sensor, notes=notes)
 
 
 def _check(sketch: Sketch, sensor: SensorModel) -> None:

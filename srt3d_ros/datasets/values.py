@@ -49,13 +49,6 @@ def number(field: str, value: object, expected: str) -> float:
     return result
 
 
-def positive_integer(field: str, value: object) -> int:
-    """`value` as an integer of 1 or more, or InvalidInput."""
-    result = number(field, value, "an integer, 1 or more")
-    require(result == int(result) >= 1, field, value, "an integer, 1 or more")
-    return int(result)
-
-
 def pair(field: str, value: Any, expected: str) -> tuple[int, int]:
     """Two integers of 0 or more, or InvalidInput."""
     try:

@@ -13,15 +13,14 @@ from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets import Photons
-from srt3d_ros.datasets.simulation.scene import NetScene, default_sensor, net_sensor, read_scene
-from srt3d_ros.datasets.simulation.silhouettes import house, lattice, silhouette_sensor
+from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.evaluation import held_out
+from srt3d_ros.evaluation.scenes import Lattice, NetScene, lattice_sensor, net_sensor, read_scene
 
 PAPER_SCENES = ("bust", "net")               # evaluated unless others are asked for
-SILHOUETTES = {"lattice": lattice, "house": house}
-SCENES = (*PAPER_SCENES, *SILHOUETTES)
+SCENES = (*PAPER_SCENES, "lattice")
 HEAD_TOLERANCE, NET_TOLERANCE, FILE_TOLERANCE = "40mm", "3", "10"
 SEEN_PHOTONS, SEEN_BINS = 8, 60.0       # an aligned reference counts in pixels with so many photons so near
 
@@ -98,7 +97,7 @@ def simulated(scene: str, sbrs: Sequence[float], ppps: Sequence[float], repeats:
     """A scene at every signal-to-background ratio and number of photons per pixel.
 
     Args:
-        scene: "bust", "net", "lattice", "house", or a scene file (datasets.scene).
+        scene: "bust", "net", "lattice", or a scene file (scenes.read_scene).
         tolerance: as for `tolerance_bins`.
     """
     for sbr in sbrs:
@@ -190,8 +189,8 @@ def _open_scene(scene: str):
     if scene == "net":
         sensor = net_sensor()
         return NetScene(sensor), sensor, NET_TOLERANCE
-    if scene in SILHOUETTES:
-        sensor = silhouette_sensor()
-        return SILHOUETTES[scene](sensor), sensor, FILE_TOLERANCE
+    if scene == "lattice":
+        sensor = lattice_sensor()
+        return Lattice(sensor), sensor, FILE_TOLERANCE
     require(scene.lower().endswith(".npz"), "scene", scene, f"{', '.join(SCENES)}, or a scene file .npz")
     return *read_scene(scene), HEAD_TOLERANCE

@@ -1,35 +1,32 @@
-"""The README.md and the figures of an evaluation."""
+"""The README.md of an evaluation, with its figures."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from srt3d_ros import __version__
-from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS
-from srt3d_ros.core.metrics import depth_errors
-from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
-from srt3d_ros.evaluation.cases import Case
 from srt3d_ros.evaluation.results import markdown
-from srt3d_ros.evaluation.run import NOMINAL, Outcome, aligned_reference
-from srt3d_ros.pictures.curves import draw_calibration, draw_metrics
-from srt3d_ros.pictures.panels import Panel, Strip, draw_clouds, draw_errors
+from srt3d_ros.evaluation.run import Outcome
 from srt3d_ros.versions import MEASURED_WITH, machine
 
-STRIPS = 10         # most rows of a picture that is still readable
-GOALS = {0.6827: (0.60, 0.76), 0.9545: (0.90, 0.98)}        # observed shares within 1 and 2 standard deviations
+NO_FIGURES = "no figures without matplotlib: pip install 'srt3d_ros[review]'"
 
 
-def write(folder: Path, rows: Sequence[dict], shown: Sequence[Outcome], notes: Sequence[str], command: str) -> None:
+def write(folder: Path, rows: Sequence[dict], shown: Sequence[Outcome], notes: list[str], command: str) -> None:
     """Draw the figures and write README.md.
 
     Args:
         rows: averaged.
         shown: whose clouds are drawn.
-        notes: lines for the user.
+        notes: lines for the user; gets one if nothing can be drawn.
         command: the command line of this evaluation.
     """
-    figures = [*_curves(folder, rows), *_calibration(folder, rows), *_pictures(folder, shown)]
+    try:
+        from srt3d_ros.evaluation.figures import draw
+    except ModuleNotFoundError:
+        drawn = []
+        notes.append(NO_FIGURES)
+    else:
+        drawn = draw(folder, rows, shown)
     facts = machine()
     lines = ["# Evaluation", "", f"    {command}", "",
              f"srt3d_ros {__version__}, {facts['date']}, {facts['cpus']} CPUs of {facts['machine']}; Python "
@@ -37,87 +34,5 @@ def write(folder: Path, rows: Sequence[dict], shown: Sequence[Outcome], notes: S
     lines += [f"- {note}" for note in notes] + [""] * bool(notes)
     lines += [markdown(rows), "", "True detections of several surfaces: of each, a + between. `results.csv` has "
               "more columns.", ""]
-    lines += [f"![{path.stem}]({path.name})\n" for path in figures]
+    lines += [f"![{path.stem}]({path.name})\n" for path in drawn]
     (folder / "README.md").write_text("\n".join(lines), encoding="utf-8")
-
-
-def _curves(folder: Path, rows: Sequence[dict]) -> list[Path]:
-    """Draw the metrics of each scene against photons per pixel; returns the files."""
-    drawn = []
-    for source in dict.fromkeys(row["source"] for row in rows if row["sbr"]):
-        chosen = [row for row in rows if row["source"] == source]
-        first = chosen[0]
-        drawn.append(folder / f"metrics_{source}.png")
-        draw_metrics(drawn[-1], chosen, f"{source}: {first['rows']} × {first['cols']} pixels, {first['num_bins']} bins "
-                     f"of {first['bin_width_mm']:.3g} mm, tolerance "
-                     f"{first['tolerance_bins'] * first['bin_width_mm']:.3g} mm", list(METHODS))
-    return drawn
-
-
-def _calibration(folder: Path, rows: Sequence[dict]) -> list[Path]:
-    """Draw observed against nominal shares of the default method, of each scene and of all files together."""
-    chosen = [row for row in rows if row["method"] == DEFAULT_METHOD and row["within_nominal_percent"]]
-    size = min((row["sketch_size"] for row in chosen), key=lambda m: abs(m - DEFAULT_SKETCH_SIZE), default=None)
-    pictures: dict[str, dict[str, dict]] = {}
-    for row in chosen:
-        if row["sketch_size"] == size:
-            source, heading, label = "files", "photon files", row["source"]
-            if row["sbr"]:
-                source, heading, label = row["source"], f"SBR {row['sbr']:g}", f"{row['ppp']:g} ppp"
-            pictures.setdefault(source, {}).setdefault(heading, {})[label] = row["within_nominal_percent"]
-    for source, lines in pictures.items():
-        draw_calibration(folder / f"calibration_{source}.png", lines, NOMINAL, GOALS,
-                         f"{source}: calibration ({DEFAULT_METHOD}, m = {size})")
-    return [folder / f"calibration_{source}.png" for source in pictures]
-
-
-def _pictures(folder: Path, shown: Sequence[Outcome]) -> list[Path]:
-    """Draw clouds side by side, and their errors, of each scene and of all files together."""
-    of_picture: dict[str, dict[Case, list[Outcome]]] = {}
-    for outcome in sorted(shown, key=lambda outcome: -(outcome.job.case.sbr or 0)):
-        case = outcome.job.case
-        of_picture.setdefault("files" if case.sbr is None else case.source, {}).setdefault(case, []).append(outcome)
-    drawn = []
-    for source, of_case in of_picture.items():
-        strips = [_strip(case, outcomes) for case, outcomes in list(of_case.items())[:STRIPS]]
-        drawn.append(folder / f"reconstructions_{source}.png")
-        draw_clouds(drawn[-1], strips, f"{source}: reconstructions, coloured by range")
-        if any(strip.known is not None for strip in strips):
-            drawn.append(folder / f"errors_{source}.png")
-            draw_errors(drawn[-1], strips, f"{source}: depth errors (black: no point, grey: no reference)")
-    return drawn
-
-
-def _strip(case: Case, outcomes: Sequence[Outcome]) -> Strip:
-    """The truth and the clouds of one case."""
-    observation = case.observe()
-    truth = observation.true_cloud(case.sensor)
-    panels = [] if truth is None else [Panel("truth" if case.sbr else "reference", truth, f"{len(truth):,} points")]
-    for job, cloud, row in outcomes:
-        error_mm = None
-        if truth is not None:
-            reference, _, _ = aligned_reference(cloud, case, observation)
-            error_mm = _error_map(cloud, reference, case.sensor)
-        panels.append(Panel(job.label, cloud, _caption(row), error_mm))
-    ppp = f"{case.ppp or observation.frame.photons / case.sensor.pixels:.3g}"
-    what = case.source if case.sbr is None else f"SBR {case.sbr:g}"
-    label = f"{what}, {ppp} {'photon' if ppp == '1' else 'photons'} per pixel"
-    known = None if truth is None else np.isfinite(observation.depth_bins).any(axis=0)
-    return Strip(label, case.sensor, panels, known)
-
-
-def _error_map(cloud, reference: np.ndarray, sensor) -> np.ndarray:
-    """Depth error of the strongest point of each pixel, mm, NaN = no point; float [rows, cols]."""
-    error_mm = np.full(cloud.background.shape, np.nan)
-    strongest = cloud.surface == 0
-    errors = depth_errors(cloud, reference, sensor.num_bins)[strongest] * sensor.bin_width_m * 1e3
-    error_mm[cloud.row[strongest], cloud.col[strongest]] = errors
-    return error_mm
-
-
-def _caption(row: dict) -> str:
-    if "true_detections_percent" in row:
-        return (f"TD {row['true_detections_percent']:.1f} %  FD {row['false_detections_percent']:.1f} %  "
-                f"DAE {row['dae_mm']:.3g} mm")
-    nats = f"  {row['held_out_nats']:.1f} nats / 100 pixels" if row["held_out"] else ""
-    return f"{row['points']:,} points{nats}"

@@ -15,7 +15,7 @@ from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.methods import Method
 from srt3d_ros.core.metrics import evaluate, median_offset, shares_within
 from srt3d_ros.core.sketching.design import design_for
-from srt3d_ros.core.sketching.sketcher import sketch_photons
+from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation import held_out
 from srt3d_ros.evaluation.cases import SEEN_BINS, SEEN_PHOTONS, Case, Observation, photons_near
@@ -113,7 +113,8 @@ def reconstruct(job: Job, observation: Observation) -> tuple[PointCloud, dict]:
     if job.method.needs == "sketch":
         frequencies = design_for(seen, sensor, frequencies=job.method.frequencies,
                                  sketch_size=job.sketch_size).frequencies
-        seen, sketch_ms = _timed(lambda: sketch_photons(observation.frame, sensor, frequencies))
+        photons = Photons(sensor, seen)
+        seen, sketch_ms = _timed(lambda: photons.sketch(frequencies=frequencies))
     method = job.method.build(sensor, frequencies, **options)
     method.warm_up()
     cloud, elapsed_ms = _timed(lambda: method(seen))

@@ -1,5 +1,7 @@
 """PointCloud2, Image and String as bytes: the CDR that DDS carries and bags keep (OMG DDS-XTypes 1.3, 7.4: plain CDR).
 
+Little-endian, as all machines are that ROS 2 supports.
+
 Reading copies nothing: `data` stays a view of the message. Every length is compared with the bytes that are there
 before it is used. Numbers are aligned to their size, counted from the end of the 4-byte CDR header.
 """
@@ -9,8 +11,7 @@ from dataclasses import dataclass
 
 from srt3d_ros.errors import InvalidInput, require
 
-CDR_HEADER_BYTES = 4
-ORDERS = {b"\x00\x00": ">", b"\x00\x01": "<"}
+CDR_HEADER, CDR_HEADER_BYTES = b"\x00\x01", 4        # of plain CDR, little-endian; then 2 bytes of options
 MAX_FIELDS = 256                # of a point: far above any real cloud, far below what takes time to read
 MAX_TRAILING_BYTES = 3          # some middleware fills messages up to a multiple of 4
 NS_PER_S = 1_000_000_000
@@ -153,7 +154,7 @@ def restamp(raw: bytes, stamp_ns: int) -> bytes:
     """A serialised message with another stamp: many times cheaper than to write its data again."""
     header = Header(stamp_ns, "")
     # The stamp comes first in every message with a header.
-    stamp = struct.pack(Reader(raw).order + "iI", header.sec, header.nanosec)
+    stamp = struct.pack("<iI", header.sec, header.nanosec)
     return b"".join((raw[:CDR_HEADER_BYTES], stamp, memoryview(raw)[CDR_HEADER_BYTES + len(stamp):]))
 
 
@@ -183,10 +184,8 @@ class Reader:
 
     def __init__(self, raw: bytes):
         self.raw = memoryview(raw)
-        order = ORDERS.get(bytes(self.raw[:2]))
-        require(order is not None and len(self.raw) >= CDR_HEADER_BYTES, "CDR header",
-                bytes(self.raw[:4]).hex(" "), "00 00 (big-endian) or 00 01 (little-endian), then 2 bytes")
-        self.order = order
+        require(self.raw[:2] == CDR_HEADER and len(self.raw) >= CDR_HEADER_BYTES, "CDR header",
+                bytes(self.raw[:4]).hex(" "), "00 01 (little-endian), then 2 bytes")
         self.at = CDR_HEADER_BYTES
 
     def take(self, field: str, count: int) -> memoryview:
@@ -200,12 +199,12 @@ class Reader:
         """An integer of struct's type `code`."""
         count = struct.calcsize(code)
         self.at += -(self.at - CDR_HEADER_BYTES) % count
-        return struct.unpack(self.order + code, self.take(field, count))[0]
+        return struct.unpack("<" + code, self.take(field, count))[0]
 
     def doubles(self, field: str, count: int) -> tuple[float, ...]:
         """So many float64."""
         self.at += -(self.at - CDR_HEADER_BYTES) % 8
-        return struct.unpack(f"{self.order}{count}d", self.take(field, 8 * count))
+        return struct.unpack(f"<{count}d", self.take(field, 8 * count))
 
     def flag(self, field: str) -> bool:
         value = self.number(field, "B")

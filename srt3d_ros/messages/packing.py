@@ -70,6 +70,9 @@ def unpack_image(image: Image, name: str, channels: int = 1) -> np.ndarray:
     require(image.encoding in kinds, "encoding", image.encoding, " or ".join(kinds))
     kind = kinds[image.encoding].newbyteorder(">" if image.is_bigendian else "<")
     pixel_bytes = channels * kind.itemsize
+    for other, wider in kinds.items():      # else every second byte would pass for a padded row
+        require(wider.itemsize == kind.itemsize or image.step != image.width * channels * wider.itemsize, "encoding",
+                image.encoding, f"{other}, as a row has {image.step} bytes")
     _check_sizes(image.height, image.width * pixel_bytes, "step", image.step, len(image.data))
     return np.ndarray((image.height, image.width, channels), kind, image.data,
                       strides=(image.step, pixel_bytes, kind.itemsize))

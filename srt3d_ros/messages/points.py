@@ -69,18 +69,3 @@ def decode_cdr(raw: bytes) -> tuple[cdr.Header, dict[str, np.ndarray]]:
         columns[name] = points[name].astype(layout[name])
     placed = np.isfinite(columns["xyz"]).all(axis=1)
     return cloud.header, columns if placed.all() else {name: values[placed] for name, values in columns.items()}
-
-
-def decode_cloud(raw: bytes, sensor: SensorModel) -> PointCloud:
-    """The PointCloud in a serialised message of the full layout, of a cloud of this sensor that is not organised.
-
-    The background of pixels without a point is not in the message: NaN.
-    """
-    header, columns = decode_cdr(raw)
-    row, col = columns["row"], columns["col"]
-    range_m = np.linalg.norm(columns["xyz"].astype(np.float64), axis=1)
-    background = np.full((sensor.rows, sensor.cols), np.nan, np.float32)
-    background[row, col] = columns["background"]
-    return PointCloud(row, col, sensor.depth_bins(range_m).astype(np.float32), columns["intensity"],
-                      columns["depth_std"] / np.float32(sensor.bin_width_m), columns["xyz"], columns["surface"],
-                      background, header.stamp_ns)

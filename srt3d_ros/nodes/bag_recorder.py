@@ -6,13 +6,12 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from srt3d_ros.datasets.bags.writer import BagWriter, Offer
+from srt3d_ros.datasets.bags.writer import BagWriter
 from srt3d_ros.errors import require
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
-from srt3d_ros.nodes.lifecycle import PUBLISH_DEPTH
+from srt3d_ros.nodes.lifecycle import run
 from srt3d_ros.nodes.parameters import Parameter
-from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.topics import NodeSpec
 
 MB = 10**6
@@ -97,8 +96,7 @@ class BagRecorderNode(PipelineNode):
             return
         try:
             if name not in writer:
-                offer = Offer(durability="transient_local", depth=1) if latched else Offer(depth=PUBLISH_DEPTH)
-                writer.add_topic(name, self._topics[name].type, [offer])
+                writer.add_topic(name, self._topics[name].type, latched)
                 if latched:         # it describes the frames that overtook it
                     time_ns = min(time_ns, writer.first_ns or time_ns)
             writer.write(name, time_ns, raw)

@@ -5,12 +5,11 @@ import time
 from collections.abc import Callable
 
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.publisher import Publisher
-from rclpy.subscription import Subscription
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.nodes.diagnostics import Diagnostics
 from srt3d_ros.nodes.lifecycle import PUBLISH_DEPTH, ManagedNode
@@ -24,8 +23,6 @@ FOLLOW_DEPTH = 1000     # of reports and log lines, which come from many nodes a
 OUTDATED_NS = 10 * 10**9    # a larger difference is one of clocks, not of the age of frames
 LOG_EVERY_S = 2.0       # the same complaint again
 POLL_S = 0.005
-LOG_WAIT_S = 0.5        # a longer wait is logged
-ONE_ACTIVE = 32         # numbers that rise in a row: of several publishers one sends, as after a driver's crash
 
 
 class PipelineNode(ManagedNode):
@@ -59,8 +56,7 @@ class PipelineNode(ManagedNode):
         self.finished = threading.Event()       # set by a node that is done: its process may end
         self.halted = threading.Event()         # set while the node stops: the worker waits for nothing
         self.exit_code = 0
-        self.worker = Worker(queue_limit, self.failed, self._dropped, CATCH_UP_S)
-        self._held_for = ""
+        self.worker = Worker(queue_limit, self.failed, self.diagnostics.drop, CATCH_UP_S)
         self._followed_ns = self._valid_from_ns = 0          # when descriptions were sent, by their sender's clock
         self._services_group = ReentrantCallbackGroup()     # a service that waits blocks no other callback
 
@@ -88,17 +84,17 @@ class PipelineNode(ManagedNode):
 
         newest_only = self.worker.limit == NEWEST_ONLY
         depth = SUBSCRIBE_DEPTH * self.worker.messages_per_frame if newest_only else self.queue_depth
-        subscription = self.listen(topic, received, min(depth, QUEUE_DEPTH), self._count_lost)
-        self.diagnostics.expect(subscription.topic_name)
+        self.listen(topic, received, min(depth, QUEUE_DEPTH), self._count_lost)
+        self.diagnostics.expect(self.resolve_topic_name(topic))
 
     def listen(self, topic: str, handle: Callable[[bytes, dict], None], depth: int = QUEUE_DEPTH,
-               lost: Callable[[int], None] = lambda messages: None) -> Subscription:
+               lost: Callable[[int], None] = lambda messages: None) -> None:
         """Have the executor call `handle` with the CDR bytes on an input and the middleware's facts about the message.
 
         Args:
             lost: called with the number of messages that never arrived.
         """
-        sequence = SequenceLoss(lambda: subscription.get_publisher_count())
+        sequence = SequenceLoss(lambda: self.count_publishers(self.resolve_topic_name(topic)))
 
         def received(raw: bytes, info: dict) -> None:
             lost(sequence.after(info["publication_sequence_number"]))
@@ -108,22 +104,22 @@ class PipelineNode(ManagedNode):
             if not sequence.numbered:       # else they are counted there
                 lost(event.total_count_change)
 
-        subscription = self.make_subscription(topic, received, depth, raw=True,
-                                    event_callbacks=SubscriptionEventCallbacks(message_lost=on_message_lost))
-        return subscription
+        self.make_subscription(topic, received, depth, on_message_lost, raw=True)
 
     def _count_lost(self, messages: int) -> None:
         self.diagnostics.count(message_lost=messages)
 
     def follow(self, topic: str, handle: Callable[[object], None]) -> None:
-        """Have the worker call `handle` with every message on an input that describes or reports."""
+        """Have the worker call `handle` with every message on an input that describes or reports.
+
+        A description that cannot be used is an error in /diagnostics until `handle` ends it with `unusable("")`.
+        """
         def work(message, sent_ns: int) -> None:
             self._followed_ns = sent_ns
             try:
                 handle(message)
             except InvalidInput as problem:
-                if self._held_for:
-                    self.diagnostics.wait_for(f"{self._held_for} that can be used: {problem}")
+                self.diagnostics.unusable(str(problem))
                 raise
 
         self.make_subscription(topic, lambda message, info: self.worker.call(work, message, info["source_timestamp"]),
@@ -144,7 +140,7 @@ class PipelineNode(ManagedNode):
             except Exception as error:
                 if not isinstance(error, (InvalidInput, Refused)):
                     self.failed(error)
-                answer.set_result((False, _in_words(error)))
+                answer.set_result((False, _error_in_words(error)))
 
         async def serve(_, response: Trigger.Response) -> Trigger.Response:
             answer = Future()
@@ -161,52 +157,39 @@ class PipelineNode(ManagedNode):
 
         A latched description and the first frame it describes may arrive in either order.
         """
-        self._held_for = what
         self.diagnostics.wait_for(what)
         self.worker.hold_frames("no_sensor")
 
     def release_frames(self) -> None:
         """Process frames again after `hold_frames_for`."""
-        self._held_for = ""
         self.diagnostics.wait_for("")
         self.worker.release_frames()
 
-    def _dropped(self, cause: str, frames: int, photons: int) -> None:
-        """Count frames that were dropped from the queue."""
-        self.diagnostics.drop(cause, frames, photons)
-        if self._held_for:
-            self.get_logger().warning(f"frame dropped: waiting for {self._held_for}", throttle_duration_sec=LOG_EVERY_S)
-
-    def publish_frame(self, publisher: Publisher, data: bytes, stamp_ns: int, **amounts: int) -> None:
-        """Publish the CDR bytes of the frame acquired at `stamp_ns`; `amounts` are totals to which it adds."""
+    def publish_frame(self, publisher: Publisher, data: bytes, stamp_ns: int) -> None:
+        """Publish the CDR bytes of the frame acquired at `stamp_ns`."""
         publisher.publish(data)
-        self.sent(stamp_ns, **amounts)
+        self.sent(stamp_ns)
 
-    def sent(self, stamp_ns: int, **amounts: int) -> None:
-        """Count a frame acquired at `stamp_ns` as sent now; `amounts` are totals to which it adds."""
-        self.diagnostics.sent((self.now_ns() - stamp_ns) * 1e-9, **amounts)
+    def sent(self, stamp_ns: int) -> None:
+        """Count a frame acquired at `stamp_ns` as sent now."""
+        self.diagnostics.sent((self.now_ns() - stamp_ns) * 1e-9)
 
     def now_ns(self) -> int:
         """Nanoseconds of the node's clock, which may be a simulated one."""
         return self.get_clock().now().nanoseconds
 
     def wait_until(self, condition: Callable[[], bool], what: str, timeout_s: float = float("inf")) -> bool:
-        """Wait for a condition in the worker thread and log a long wait; the condition's last value."""
-        started, logged = time.monotonic(), False
-        while not (met := condition()) and not self.halted.wait(POLL_S):
-            waited_s = time.monotonic() - started
-            if waited_s >= timeout_s:
-                break
-            if waited_s >= LOG_WAIT_S and not logged:
-                logged = True
-                self.diagnostics.wait_for(what)
-                self.get_logger().info(f"waiting for {what}")
-        if logged:
-            self.diagnostics.wait_for("")
+        """Wait for a condition in the worker thread, report what for, and return the condition's last value."""
+        end_s = time.monotonic() + timeout_s
+        self.diagnostics.wait_for(what)
+        while not (met := condition()) and time.monotonic() < end_s and not self.halted.wait(POLL_S):
+            pass
+        self.diagnostics.wait_for("")
         return met
 
     def on_activate(self, state):
         self.halted.clear()
+        self.diagnostics.unusable("")
         return super().on_activate(state)
 
     def deactivate(self) -> None:
@@ -248,7 +231,7 @@ class PipelineNode(ManagedNode):
             self.diagnostics.drop(error.cause, frames, photons)
             log.warning(f"frame dropped: {error}", throttle_duration_sec=LOG_EVERY_S)
             return
-        bad_input, text = isinstance(error, InvalidInput), _in_words(error)
+        bad_input, text = isinstance(error, InvalidInput), _error_in_words(error)
         if frames:
             self.diagnostics.drop("malformed" if bad_input else "error", frames, photons)
         if frames and bad_input:
@@ -263,13 +246,12 @@ class SequenceLoss:
     """Counts missed messages of one topic, whether the network lost them or newer ones pushed them out of the queue.
 
     The middleware's own event reports the first kind only. While a topic has several publishers, whose numbers look
-    alike, nothing is counted unless only one of them sends: a killed process stays a publisher for its lease, 20 s.
+    alike, nothing is counted.
     """
 
     def __init__(self, publishers: Callable[[], int]):
         self._publishers = publishers
         self._last: int | None = None
-        self._risen = 0
         self.numbered = False       # whether this middleware numbers its messages at all
 
     def after(self, number: int | None) -> int:
@@ -278,16 +260,16 @@ class SequenceLoss:
             return 0
         self.numbered = True
         last, self._last = self._last, number
-        if last is None or number <= last:          # lower: another publisher, or one that started again
-            self._risen = 0
-            return 0
-        self._risen += 1
-        missed = number - last - 1
-        one_active = self._risen > ONE_ACTIVE >= missed
-        return missed if missed and (one_active or self._publishers() == 1) else 0
+        missed = number - last - 1 if last is not None else 0
+        return missed if missed > 0 and self._publishers() == 1 else 0      # below 0: a publisher that started again
 
 
-def _in_words(error: Exception) -> str:
+def in_words(sensor: SensorModel) -> str:
+    """A sensor's pixels and bins."""
+    return f"{sensor.rows} × {sensor.cols} pixels, {sensor.num_bins} bins of {sensor.bin_width_s * 1e12:g} ps"
+
+
+def _error_in_words(error: Exception) -> str:
     """An exception in one line."""
     known = isinstance(error, (InvalidInput, Refused))
     return str(error) if known else f"{type(error).__name__}: {' '.join(str(error).split())}"

@@ -1,8 +1,8 @@
 """/diagnostics of a node, once a second with or without subscribers: counters, rates, latency, last error.
 
 Level, from what happened since the last report:
-    ERROR   something failed that should not have, inputs contradict each other, or more than half of the frames that
-            came in were dropped or lost
+    ERROR   something failed that should not have, the sensor's description cannot be used, or more than half of the
+            frames that came in were dropped or lost
     WARN    a frame was dropped or lost, the node waits for something, or has waited 2 s for a frame, or frames are more
             than 2 s old when they leave, or stamped ahead of the node's clock
     OK      otherwise
@@ -11,7 +11,6 @@ Level, from what happened since the last report:
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -29,6 +28,7 @@ LAST_REPORT_S = 2.0     # timeout for the last report to reach the subscribers
 POLL_S = 0.01
 MOST_DROPPED = 0.5      # of the frames since the last report: more is an error
 PATIENCE_S = 2.0        # without a frame: a warning
+LOG_EVERY_S = 10.0      # what the node waits for
 OLD_S = 2.0             # median latency: a warning
 # Stamps so far ahead of the clock are a warning. Clocks that NTP keeps differ by milliseconds, but a simulated one may
 # tick at only 10 Hz, and be late on a busy machine.
@@ -40,11 +40,6 @@ class Diagnostics:
     """Counts what a node does and reports it. Every method may be called from any thread.
 
     Totals count from the start and never fall. What came in was published or dropped for a cause once a node has ended.
-
-    Attributes:
-        find_contradiction: called at each report; the text that it returns, unless empty, is an error. It must not call
-            these diagnostics.
-        find_warning: likewise for a warning.
     """
 
     def __init__(self, node: ManagedNode):
@@ -52,8 +47,7 @@ class Diagnostics:
         self._totals: Counter[str] = Counter()
         self._dropped: Counter[str] = Counter()             # frames by cause
         self._photons_dropped: Counter[str] = Counter()
-        self.find_contradiction: Callable[[], str] = str
-        self.find_warning: Callable[[], str] = str
+        self._unusable = self._warning = ""
         self._node = node
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
@@ -98,10 +92,18 @@ class Diagnostics:
         if what != self._waiting_for:
             self._waiting_for, self._waiting_since = what, time.monotonic()
 
-    def sent(self, latency_s: float, **amounts: int) -> None:
-        """Count a frame that went out `latency_s` after its stamp, and add to totals of these names."""
+    def unusable(self, why: str) -> None:
+        """Report as an error why no frame can be used, until this is called with an empty text."""
+        self._unusable = why
+
+    def warn(self, text: str) -> None:
+        """Report this warning once."""
+        self._warning = text
+
+    def sent(self, latency_s: float) -> None:
+        """Count a frame that went out `latency_s` after its stamp."""
         with self._lock:
-            self._totals.update(amounts, frames_out=1)
+            self._totals["frames_out"] += 1
             self._latencies_s.append(latency_s)
 
     def error(self, text: str, counted: bool = True) -> None:
@@ -149,7 +151,10 @@ class Diagnostics:
             if waiting_for:
                 values |= {"waiting_for": waiting_for, "waiting_s": f"{now - since:.1f}"}
                 waiting_for = f"waiting for {waiting_for} for {now - since:.0f} s"
+                if self._node.state == "active" and now - since >= PATIENCE_S:
+                    self._node.get_logger().info(waiting_for, throttle_duration_sec=LOG_EVERY_S)
             level, message = self._judge(new, new_drops, waiting_for)
+            self._warning = ""
             if not message:
                 message = f"{rate_in_hz:.1f} frames/s in, {rate_out_hz:.1f} out"
         pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
@@ -192,8 +197,8 @@ class Diagnostics:
             return DiagnosticStatus.ERROR, self._last_error
         if self._node.state != "active":
             return DiagnosticStatus.OK, self._node.state
-        if contradiction := self.find_contradiction():
-            return DiagnosticStatus.ERROR, contradiction
+        if self._unusable:
+            return DiagnosticStatus.ERROR, self._unusable
         if new_drops or new["message_lost"]:
             sent, gone = new["frames_in"] + new["message_lost"], new_drops.total() + new["message_lost"]
             causes = [f"{n} {cause}" for cause, n in new_drops.items()]
@@ -201,8 +206,8 @@ class Diagnostics:
                 causes.append(f"{new['message_lost']} lost on the way here")
             level = DiagnosticStatus.ERROR if gone > MOST_DROPPED * sent else DiagnosticStatus.WARN
             return level, f"dropped: {', '.join(causes)}, of {sent}"
-        if warning := self.find_warning():
-            return DiagnosticStatus.WARN, warning
+        if self._warning:
+            return DiagnosticStatus.WARN, self._warning
         if waiting:
             return DiagnosticStatus.WARN, waiting
         untimely = self._untimely(new["frames_out"])

@@ -1,18 +1,33 @@
-"""ManagedNode: the transitions of a ROS 2 managed node as plain methods that may raise, and its topics."""
+"""A node from its start to its end: the transitions of a ROS 2 managed node, and the process that runs it."""
 
+import logging
+import os
+import signal
+import sys
+import threading
 from collections.abc import Callable
 
+import rclpy
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.service import Service
+from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
+from rclpy.utilities import remove_ros_args
 
-from srt3d_ros.errors import InvalidInput
+from srt3d_ros import transport
+from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.nodes.parameters import file_warnings
 from srt3d_ros.nodes.topics import OVERRIDABLE, NodeSpec, Topic
 
 PUBLISH_DEPTH = 8       # messages of 10 ms for as long as a thread may wait for the processor
+WAKE_S = 0.1            # longest time until a signal is seen
+BAD_INPUT = 2
+LIBRARY = logging.getLogger("srt3d_ros")
 
 
 class ManagedNode(LifecycleNode):
@@ -65,14 +80,35 @@ class ManagedNode(LifecycleNode):
         self.publishers_made.append(self._make(self.create_publisher, declared, qos))
         return self.publishers_made[-1]
 
-    def make_subscription(self, topic: str, callback: Callable, depth: int, qos: QoSProfile | None = None,
-                          **options) -> Subscription:
-        """A subscription to one of the spec's inputs, until `unsubscribe`."""
-        declared = self.spec.topic(topic)
+    def make_subscription(self, topic: str, callback: Callable, depth: int, lost: Callable | None = None,
+                          raw: bool = False) -> None:
+        """Subscribe to one of the spec's inputs, until `unsubscribe`, as reliably as all its publishers send.
+
+        BEST_AVAILABLE takes the reliability of the publishers that are there. For one of best effort that comes later,
+        the subscription is made anew, unless the user's `qos_overrides` say otherwise.
+
+        Args:
+            lost: called with the middleware's event when messages were lost.
+        """
+        declared, name = self.spec.topic(topic), self.resolve_topic_name(topic)
+
+        def on_incompatible(event) -> None:
+            policy = QoSPolicyKind(event.last_policy_kind)
+            reliability = self.get_parameter(f"qos_overrides.{name}.subscription.reliability").value
+            if policy == QoSPolicyKind.RELIABILITY and reliability == "best_available":
+                if made in self.subscriptions_made:
+                    self.subscriptions_made.remove(made)
+                    self.destroy_subscription(made)
+                    self.make_subscription(topic, callback, depth, lost, raw)
+                return
+            self.get_logger().warning(f"New publisher discovered on topic '{name}', offering incompatible QoS. No "
+                                      f"messages will be received from it. Last incompatible policy: {policy.name}")
+
         # Not LATCHED: a queue of one would lose all but one of what several publishers keep for a late subscriber.
-        qos = qos or QoSProfile(depth=depth, durability=declared.durability)
-        self.subscriptions_made.append(self._make(self.create_subscription, declared, callback, qos, **options))
-        return self.subscriptions_made[-1]
+        qos = QoSProfile(depth=depth, durability=declared.durability, reliability=ReliabilityPolicy.BEST_AVAILABLE)
+        events = SubscriptionEventCallbacks(incompatible_qos=on_incompatible, message_lost=lost)
+        made = self._make(self.create_subscription, declared, callback, qos, raw=raw, event_callbacks=events)
+        self.subscriptions_made.append(made)
 
     def unsubscribe(self) -> None:
         """Destroy the subscriptions."""
@@ -144,3 +180,89 @@ class ManagedNode(LifecycleNode):
         if not self._starting:
             self.get_logger().info(done)
         return TransitionCallbackReturn.SUCCESS
+
+
+# ---- The process
+
+
+class LogForwarding(logging.Handler):
+    """Forwards what the library logs to a node's logger, and so to /rosout."""
+
+    def __init__(self, logger):
+        super().__init__(logging.INFO)
+        self._logger = logger
+        LIBRARY.setLevel(logging.INFO)
+        LIBRARY.addHandler(self)        # for good: the process is the node's
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Log it; rclpy wants each severity to come from a source line of its own."""
+        if record.levelno >= logging.WARNING:
+            self._logger.warning(record.getMessage())
+        else:
+            self._logger.info(record.getMessage())
+
+
+def run(node_class: type[ManagedNode]) -> int:
+    """Make the node, start it unless `autostart` is false, spin it until it is done or a signal comes, close it.
+
+    A signal ends the process at once while the node starts, as the caller has it, and in order from then on: rclpy's
+    own handlers would invalidate the context while the node finishes its frames and its recording.
+
+    Returns:
+        The node's exit code, 0 unless it failed, also after SIGINT and SIGTERM; 2 with one line on stderr if a
+        parameter, an argument or an input file cannot be used.
+    """
+    if sys.argv[1:] in (["-h"], ["--help"]):
+        print(node_class.spec.help)
+        return 0
+    os.nice(node_class.niceness)        # before there are other threads, which inherit it
+    transport.prepare_process()
+    node, stop = None, threading.Event()
+    try:
+        node = _make(node_class)
+        LogForwarding(node.get_logger())
+        for line in file_warnings(sys.argv, node.get_fully_qualified_name()):
+            node.get_logger().warning(line)
+        _start(node, stop.set)
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        while not (stop.is_set() or node.finished.is_set()):
+            try:
+                executor.spin_once(timeout_sec=WAKE_S)
+            except rclpy_implementation.InvalidHandle:
+                continue    # the worker destroyed a subscription whose events rclpy was about to wait for
+    except InvalidInput as error:
+        print(f"srt3d: error: {error}", file=sys.stderr)
+        return BAD_INPUT
+    finally:
+        if node is not None:
+            node.close()
+        rclpy.try_shutdown()
+    return node.exit_code
+
+
+def _make(node_class: type[ManagedNode]) -> ManagedNode:
+    """The node, or InvalidInput with what ROS 2 says of the command line and of its surroundings."""
+    given = " ".join(sys.argv[1:])
+    try:
+        unused = remove_ros_args(sys.argv)[1:]      # -p, say, without --ros-args before it
+        require(not unused, "command line", given, "nothing but --ros-args and what follows it, such as --ros-args "
+                f"-p name:=value; not {' '.join(unused)}")
+        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+        return node_class()
+    except RuntimeError as error:       # of rcl
+        raise InvalidInput("command line", given, "arguments and surroundings with which ROS 2 starts a node "
+                           f"({' '.join(str(error).split())})") from None
+
+
+def _start(node: ManagedNode, on_signal: Callable[[], None]) -> None:
+    """Configure and activate the node if `autostart` is true; from then on a signal calls `on_signal`."""
+    said = "ready"
+    if node.parameters["autostart"]:
+        node.start()
+    else:
+        said = f"unconfigured, as autostart is false: ros2 lifecycle set {node.get_fully_qualified_name()} configure"
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: on_signal())
+    node.get_logger().info(said)
+    node.diagnostics.report()

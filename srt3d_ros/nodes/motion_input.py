@@ -3,8 +3,6 @@
 from collections import deque
 from collections.abc import Callable
 
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sketching.stream import SketchStream
 from srt3d_ros.errors import InvalidInput, require
@@ -14,7 +12,6 @@ from srt3d_ros.nodes.base import LOG_EVERY_S, PipelineNode
 READERS = {"odom": odometry.decode_odometry, "imu": odometry.decode_imu}
 MOTIONS = ("off", *READERS)
 INBOX = 10_000              # reports that may wait for a worker that waits itself: 10 s of a fast IMU
-ARRIVING = 256              # reports that may wait in the middleware for the executor
 
 
 def parse_extrinsics(text: str) -> Pose:
@@ -33,19 +30,17 @@ def parse_extrinsics(text: str) -> Pose:
 class MotionInput:
     """Keeps what comes in the executor's thread until the worker reads it. Reading each by itself costs more.
 
-    Best effort, as many publishers of reports are: a report that is lost is missed less than one that waits.
-
     Args:
-        node: with the parameters `motion` and `extrinsics`.
+        node: with the parameters `motion`, not off, and `extrinsics`.
         came: called in the executor's thread when something has come.
     """
 
     def __init__(self, node: PipelineNode, came: Callable[[], None]):
         self._node, self._came = node, came
         kind = node.parameters["motion"]
-        self._read_report, self._reports = READERS[kind], deque[tuple[bytes, int]](maxlen=INBOX)
-        qos = QoSProfile(depth=ARRIVING, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._topic = node.make_subscription(kind, self._received, ARRIVING, qos, raw=True).topic_name
+        self._topic, self._read_report = node.resolve_topic_name(kind), READERS[kind]
+        self._reports = deque[tuple[bytes, int]](maxlen=INBOX)
+        node.listen(kind, self._received)
         if not node.parameters["extrinsics"].strip():
             node.get_logger().warning(f"extrinsics is empty: the sensor is assumed to coincide with the frame that "
                                       f"{self._topic} reports on")
@@ -58,16 +53,17 @@ class MotionInput:
             try:
                 report = self._read_report(raw)
                 if why := stream.add_motion(report):
-                    self._tell("motion_restarts", f"{self._topic}: {why}; the trajectory begins again")
+                    self._tell("motion_restarts", f"{why}; the trajectory begins again")
                 self._node.diagnostics.show(motion_latency_ms=f"{(came_ns - report.stamp_ns) / 1e6:.0f}")
             except InvalidInput as problem:
-                self._tell("motion_refused", f"{self._topic}: {problem}")
+                self._tell("motion_refused", str(problem))
 
-    def _received(self, raw: bytes) -> None:
+    def _received(self, raw: bytes, _) -> None:
         self._reports.append((raw, self._node.now_ns()))
         self._came()
 
     def _tell(self, counted: str, problem: str) -> None:
+        problem = f"{self._topic}: {problem}"
         self._node.diagnostics.count(**{counted: 1})
         self._node.diagnostics.error(problem, counted=False)
         self._node.get_logger().warning(problem, throttle_duration_sec=LOG_EVERY_S)

@@ -12,12 +12,10 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 
 from srt3d_ros.errors import InvalidInput, quoted, require
-from srt3d_ros.node_names import NODES
 
 Value = bool | int | float | str
 OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides./clock.",
           "qos_overrides./parameter_events.", "qos_overrides./rosout.")
-SECTIONS_SHOWN = 5      # of a parameter file that has none for the node
 ALIKE = 0.75            # similarity of names from which one may be the other, mistyped
 KINDS = {bool: "true or false", int: "an integer", float: "a number", str: "text"}
 
@@ -33,7 +31,6 @@ class Parameter:
         form: what a text may be, in words.
         live: may be changed while the node runs.
         loose: a text that YAML and users may write otherwise: false for off, a list for numbers with commas.
-        refuse: raises InvalidInput for values that need an error text of their own.
     """
 
     name: str
@@ -46,7 +43,6 @@ class Parameter:
     form: str = ""
     live: bool = False
     loose: bool = False
-    refuse: Callable[[Value], None] | None = None
 
     @property
     def expected(self) -> str:
@@ -73,8 +69,6 @@ class Parameter:
         if kind in (int, float):
             inside = (self.low is None or value >= self.low) and (self.high is None or value <= self.high)
             require(inside, self.name, value, self.expected)
-        if self.refuse is not None:
-            self.refuse(value)
         require(not self.choices or value in self.choices, self.name, value, self.expected)
         return value
 
@@ -166,28 +160,22 @@ def file_warnings(arguments: Sequence[str], node: str) -> list[str]:
     rcl ignores sections for other nodes silently, since one file may serve many. A mistake is a section that nearly has
     the node's name, where none has it.
     """
-    paths = [Path(value) for flag, value in zip(arguments, arguments[1:]) if flag == "--params-file"]
-    return [f"{path}: {problem}" for path in paths if (problem := _section_problem(path, node))]
+    warnings = []
+    for flag, path in zip(arguments, arguments[1:]):
+        sections = _sections_of(Path(path)) if flag == "--params-file" else []
+        names = {section.rpartition("/")[2]: section for section in sections}
+        meant = difflib.get_close_matches(node.rpartition("/")[2], names, n=1, cutoff=ALIKE)
+        if meant and not any(_pattern(section).fullmatch(node) for section in sections):
+            warnings.append(f"{path}: parameters of {names[meant[0]]} are for no node here: did you mean {node}?")
+    return warnings
 
 
-def _section_problem(path: Path, node: str) -> str:
-    """What is wrong with the sections of a file that rcl could read; mostly nothing."""
-    if not path.is_file():      # a pipe, say, can be read only once, and rcl has
-        return ""
+def _sections_of(path: Path) -> list[str]:
+    """The sections of a file that rcl could read, unless it is a pipe, say, which can be read only once."""
     try:
-        sections = list(_sections(yaml.safe_load(path.read_text())))
+        return list(_sections(yaml.safe_load(path.read_text()))) if path.is_file() else []
     except (OSError, ValueError, RecursionError, yaml.YAMLError):       # rcl's parser takes a little more than this one
-        return ""
-    if any(_pattern(section).fullmatch(node) for section in sections):
-        return ""
-    meant = difflib.get_close_matches(_last(node), map(_last, sections), n=1, cutoff=ALIKE)
-    for section in sections:
-        if _last(section) in meant:
-            return f"parameters of {section} are for no node here: did you mean {node}?"
-    if any(_last(section) in NODES for section in sections):
-        return ""
-    found = ", ".join(sections[:SECTIONS_SHOWN]) + ", …" * (len(sections) > SECTIONS_SHOWN)
-    return f"no parameters for {node}: expected a section of this name, found {found or 'none'}"
+        return []
 
 
 def _sections(tree, above: str = "") -> Iterator[str]:
@@ -204,10 +192,6 @@ def _pattern(section: str) -> re.Pattern:
     """As rclpy matches names: * is one part of a name, ** any number of them."""
     forms = {"**": r"(/\w+)*", "*": r"/\w+"}
     return re.compile("".join(forms.get(part, f"/{re.escape(part)}") for part in section.strip("/").split("/")))
-
-
-def _last(name: str) -> str:
-    return name.rpartition("/")[2]
 
 
 def _plain(number: float) -> str:

@@ -12,9 +12,9 @@ from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.diagnostics import all_acknowledged
+from srt3d_ros.nodes.lifecycle import run
 from srt3d_ros.nodes.parameters import Parameter
-from srt3d_ros.nodes.runtime import run
-from srt3d_ros.nodes.sources import PACKETS, SIMULATOR, MovingSource, open_source
+from srt3d_ros.nodes.sources import PACKETS, RATE_HZ, SIMULATOR, MovingSource, open_source
 from srt3d_ros.nodes.topics import NodeSpec
 
 ACKNOWLEDGE_S = 5.0
@@ -27,7 +27,7 @@ PARAMETERS = (
               form="a path"),
     Parameter("output", "photons", "File and simulator: topic to publish. gates suit small arrays with few photons "
               "per pixel, histograms few bins with many photons.", choices=tuple(CODECS)),
-    Parameter("rate_hz", 10.0, "File and simulator: frames per second.", "Hz", 1e-3, 10_000),
+    Parameter("rate_hz", RATE_HZ, "File and simulator: frames per second.", "Hz", 1e-3, 10_000),
     Parameter("loop", True, "File: repeat its frame. The simulator never ends; a bag is played once."),
     Parameter("frames", 0, "Exit after this number of frames; 0: no limit.", low=0, high=10**9),
     Parameter("ppp", 15.0, "Simulator: mean photons per pixel and frame.", low=0, high=10**6),
@@ -56,8 +56,7 @@ class PlayerNode(PipelineNode):
     spec = SPEC
 
     def configure(self) -> None:
-        moves = self.parameters["motion"] != "off"
-        self._source = (MovingSource if moves else open_source)(self.parameters.as_dict())
+        self._source = open_source(self.parameters.as_dict())
         for note in self._source.notes:
             self.get_logger().info(f"{self.parameters['input']}: {note}")
         # Before the others, for best effort: whoever has the description has found what was advertised before it.
@@ -83,7 +82,9 @@ class PlayerNode(PipelineNode):
 
     def _play(self) -> None:
         try:
-            self._wait_for_a_subscriber()
+            self.wait_until(self._publisher.get_subscription_count, f"a subscriber on {self._publisher.topic_name}")
+            if self._sensors is not None:
+                self._wait_until_acknowledged(self._sensors)
             self._send_all()
             self._wait_until_acknowledged(self._publisher)
         except Exception:
@@ -92,11 +93,6 @@ class PlayerNode(PipelineNode):
         finally:
             if not self.halted.is_set():        # else the node was only deactivated
                 self.finished.set()
-
-    def _wait_for_a_subscriber(self) -> None:
-        self.wait_until(self._publisher.get_subscription_count, f"a subscriber on {self._publisher.topic_name}")
-        if self._sensors is not None:
-            self._wait_until_acknowledged(self._sensors)
 
     def _wait_until_acknowledged(self, publisher: Publisher) -> None:
         self.wait_until(lambda: all_acknowledged(publisher), f"those who read {publisher.topic_name}", ACKNOWLEDGE_S)
@@ -123,10 +119,9 @@ class PlayerNode(PipelineNode):
                 self._others[item.topic].publish(data)
                 continue
             if not sent:
-                self.diagnostics.show(first_stamp_ns=stamp_ns)
+                self.get_logger().info(f"the first frame's stamp is {stamp_ns}")
             self.diagnostics.count(frames_in=1)
-            self.publish_frame(self._publisher, data, stamp_ns, frames_sent=1,
-                               **({} if item.photons is None else {"photons_sent": item.photons}))
+            self.publish_frame(self._publisher, data, stamp_ns)
             sent += 1
             if sent == total:
                 return

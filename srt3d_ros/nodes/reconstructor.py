@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from std_msgs.msg import String
 
+from srt3d_ros.core import precompile
 from srt3d_ros.core.device import DEVICES
 from srt3d_ros.core.method.background import BACKGROUNDS
 from srt3d_ros.core.method.cloud import SURFACE_ORDERS
@@ -22,16 +23,14 @@ from srt3d_ros.messages.camera import camera_info
 from srt3d_ros.messages.described_sketches import DescribedSketches
 from srt3d_ros.new_files import free
 from srt3d_ros.nodes import topics
-from srt3d_ros.nodes.base import PipelineNode
+from srt3d_ros.nodes.base import PipelineNode, in_words
+from srt3d_ros.nodes.lifecycle import run
 from srt3d_ros.nodes.parameters import Parameter, Value
-from srt3d_ros.nodes.runtime import run
-from srt3d_ros.nodes.sensor_choice import in_words
 from srt3d_ros.nodes.topics import NodeSpec
 from srt3d_ros.nodes.worker import Dropped, Refused
 from srt3d_ros.recording import cloud_files
 from srt3d_ros.results import Cloud, Reconstructor
 
-ANY_SENSOR = SensorModel(rows=8, cols=8, num_bins=64, bin_width_s=1e-9, irf=np.ones(3))
 PARAMETERS = (
     Parameter("method", DEFAULT_METHOD, "How to reconstruct. " + "; ".join(
         f"{name}: {METHODS[name].about}" for name in SKETCH_METHODS) + ". All but pooled are published with the "
@@ -71,11 +70,6 @@ def check_together(values: dict[str, Value]) -> None:
     require(farthest == 0 or nearest < farthest, "min_range_m", nearest, f"less than max_range_m, {farthest:g} m")
 
 
-def limits_m(values: dict[str, Value]) -> tuple[float, float]:
-    """The least and the greatest range of a point, metres."""
-    return values["min_range_m"], values["max_range_m"] or np.inf
-
-
 def options(values: dict[str, Value]) -> dict[str, Value]:
     """The values on which the reconstruction itself depends."""
     names = ("method", "surfaces", "device", *METHODS[values["method"]].options)
@@ -88,7 +82,7 @@ def build(described: tuple[SensorModel, tuple[int, ...]] | None, values: dict[st
     Args:
         described: sensor and frequencies of the sketches; None while they are not known: of any.
     """
-    return Reconstructor(*(described or (ANY_SENSOR, (1, 2, 3))), **options(values))
+    return Reconstructor(*(described or (precompile.ANY_SENSOR, (1, 2, 3))), **options(values))
 
 
 SPEC = NodeSpec(
@@ -172,6 +166,7 @@ class ReconstructorNode(PipelineNode):
 
     def _on_sensor(self, message: String) -> None:
         sensor = self._sketches.describe(message.data)
+        self.diagnostics.unusable("")
         self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins)
         self._reconstruct_all()
 
@@ -198,7 +193,7 @@ class ReconstructorNode(PipelineNode):
         share = float(seen.background.sum()) / max(seen.facts["photons"], 1)
         self.diagnostics.show(reconstruct_ms=f"{seen.facts['reconstruct_ms']:.2f}", background_share=f"{share:.3f}",
                               background_unevenness=f"{reconstructor.uneven_background:.4f}")
-        self._publish(seen, sketch, header.frame_id)
+        self._publish(seen, sketch, header.frame_id or sensor.frame_id)
 
     def _reconstructor(self, digest: str, sketch: Sketch) -> Reconstructor:
         """That of sketches with this description and these frequencies, with its memory of the last ones."""
@@ -216,7 +211,8 @@ class ReconstructorNode(PipelineNode):
 
     def _publish(self, seen: Cloud, sketch: Sketch, frame_id: str) -> None:
         settings = self._settings
-        cloud = seen.within(*limits_m(settings)).ordered(settings["surface_order"])
+        near = seen.within(settings["min_range_m"], settings["max_range_m"] or np.inf)
+        cloud = near.ordered(settings["surface_order"])
         data = points_message.encode_cdr(cloud, frame_id, settings["fields"], sketch.sensor, settings["organised"])
         self.publish_frame(self._points, data, cloud.stamp_ns)
         self.diagnostics.count(points=len(cloud), points_out_of_range=len(seen) - len(cloud),

@@ -21,13 +21,12 @@ from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.new_files import free
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
-from srt3d_ros.nodes.parameters import Parameter, Parameters
-from srt3d_ros.nodes.runtime import run
+from srt3d_ros.nodes.lifecycle import run
+from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.topics import NodeSpec
 from srt3d_ros.nodes.worker import Dropped, Refused
-from srt3d_ros.recording import live, schema
+from srt3d_ros.recording import schema
 from srt3d_ros.recording.frame_index import FrameIndex, RecordedFrame
-from srt3d_ros.recording.frame_log import COLOUR_BY
 from srt3d_ros.recording.writer import RecordingWriter
 from srt3d_ros.versions import versions
 
@@ -39,27 +38,13 @@ PARAMETERS = (
               "is replaced: where there is one, and for further recordings and parts, NAME_2.rrd, NAME_3.rrd, ….",
               form="a path that ends with .rrd"),
     Parameter("record", True, "true: record as soon as the node is active. false: from `~/start_recording` on."),
-    Parameter("colour_by", COLOUR_BY[0], "What the colours of the points show. depth_std needs the reconstructor's "
-              "`fields:=full`; without it, intensity is used. Height is along the sensor's up direction.",
-              choices=COLOUR_BY),
     Parameter("images", ALL_IMAGES, "Images to record.", form=WHICH_IMAGES),
     Parameter("split_size_mb", 0.0, "Start a new file at this size; 0 = one file.", "MB", low=0.0),
-    Parameter("live_port", 0, "Port on the loopback interface for viewers (`srt3d view --connect`); 0 = none.", low=0,
-              high=65535),
 )
 
 
-class Settings:
-    """The parameters of a recorder, parsed; raises InvalidInput if one cannot be used."""
-
-    def __init__(self, values: Parameters):
-        self.path = _checked_path(values["path"])
-        self.colour_by = values["colour_by"]
-        self.images = _checked_images(values["images"])
-        self.split_size_mb, self.live_port = values["split_size_mb"], values["live_port"]
-
-
-def _checked_path(text: str) -> Path:
+def checked_path(text: str) -> Path:
+    """The path that a parameter says, that of now if it says none; InvalidInput if no file can be written there."""
     path = Path(text or time.strftime("recording_%Y%m%dT%H%M%SZ.rrd", time.gmtime())).absolute()
     require(path.suffix == ".rrd", "path", text, "a path that ends with .rrd")
     folder = path.parent
@@ -67,7 +52,8 @@ def _checked_path(text: str) -> Path:
     return path
 
 
-def _checked_images(text: str) -> tuple[str, ...]:
+def checked_images(text: str) -> tuple[str, ...]:
+    """The entities of the images that a parameter lists; InvalidInput if one is none."""
     names = [] if text == NO_IMAGES else [name.strip() for name in text.split(",")]
     for name in names:
         require(name in IMAGES, "images", text, WHICH_IMAGES)
@@ -76,7 +62,6 @@ def _checked_images(text: str) -> tuple[str, ...]:
 
 QUEUE = 64              # messages that may wait; the writer has its own queue of clouds and images
 QUEUE_DEPTH = 32        # messages of each topic in the middleware: sketches of 2 MB, half a dozen topics
-COUNTS_KEPT = 16        # frames whose clouds may still come
 QUEUE_MB = 32.0
 LINES_KEPT = 1000       # log lines from before the first frame
 NEAR_NS = 60 * 10**9    # log lines farther from the frames, as in a replay, get the stamp of the newest frame
@@ -105,9 +90,7 @@ class RecorderNode(PipelineNode):
 
     def configure(self) -> None:
         """Check the parameters and collect the facts that every recording has."""
-        self._settings = Settings(self.parameters)
-        if self._settings.live_port:
-            live.check_free(self._settings.live_port)
+        self._asked, self._images = checked_path(self.parameters["path"]), checked_images(self.parameters["images"])
         self._versions = versions() | {"rmw": rclpy.get_rmw_implementation_identifier()}
         self.serve("start_recording", self._start)
         self.serve("stop_recording", self._stop)
@@ -121,18 +104,16 @@ class RecorderNode(PipelineNode):
     def _start(self) -> str:
         if self._path is not None:
             raise Refused(f"already recording to {self._path}: call ~/stop_recording first")
-        self._path = free(self._settings.path)
+        self._path = free(self._asked)
         self._sensor: SensorModel | None = None
         self._frames = FrameIndex()
-        self._counted: deque[RecordedFrame] = deque()       # frames whose photon counts wait for their cloud
         self._lines = deque(maxlen=LINES_KEPT)
         self.hold_frames_for("the sketch's description on sketch/sensor")
         self.follow("sketch/sensor", self._on_sensor)
         self.subscribe("sketch", self._on_sketch)       # before points: of what has come meanwhile it is taken first
         self.subscribe("points", self._on_points)
-        self._points_topic = self.resolve_topic_name("points")
         for topic in topics.IMAGES:
-            if f"/{topic.name}" in self._settings.images:
+            if f"/{topic.name}" in self._images:
                 self.subscribe(topic.name, lambda raw, path=f"/{topic.name}": self._on_image(path, raw))
         self.follow("/rosout", self._on_line)
         self.diagnostics.show(path=self._path)
@@ -156,11 +137,12 @@ class RecorderNode(PipelineNode):
 
     def _on_sensor(self, message: String) -> None:
         sensor = sensor_message.decode(message)
+        self.diagnostics.unusable("")
         if self._path is None or self._writer is not None and sensor.same_as(self._sensor):
             return
         if self._writer is not None:        # another sensor: the recording's facts are no longer true
             self._writer.close()
-            self._path = free(self._settings.path)
+            self._path = free(self._asked)
         self._sensor, self._frequencies = sensor, ()
         self._writer = self._new_writer()
         self.release_frames()
@@ -172,9 +154,8 @@ class RecorderNode(PipelineNode):
                      "cpus": os.cpu_count()}
         properties = {schema.RUN: run_facts, schema.VERSIONS: self._versions}
         return RecordingWriter(
-            self._path, self._sensor, properties, images=self._settings.images, colour_by=self._settings.colour_by,
-            split_size_mb=self._settings.split_size_mb, live_port=self._settings.live_port,
-            queue_mb=QUEUE_MB, on_error=self._on_writer_error)
+            self._path, self._sensor, properties, images=self._images, queue_mb=QUEUE_MB,
+            on_error=self._on_writer_error, split_size_mb=self.parameters["split_size_mb"])
 
     def _on_writer_error(self, text: str) -> None:
         self.get_logger().error(text)
@@ -194,15 +175,13 @@ class RecorderNode(PipelineNode):
         self._writer.log_scalars(frame.stamp_ns, series, frame.number)
         recorded = {name: columns[name] for name in ("xyz", "intensity", *schema.OF_FULL_CLOUDS) if name in columns}
         self._writer.log_cloud(frame.stamp_ns, frame.number, **recorded)
-        frame.has_cloud = True
-        self._log_counts(frame)
         self.diagnostics.count(clouds=1, points=number_of_points)
         self._logged(frame)
 
     def _on_image(self, path: str, raw: bytes) -> None:
         header, image = image_message.decode_cdr(raw)
         frame = self._frame(header.stamp_ns)
-        self._log_image(path, frame, image)
+        self._writer.log_image(path, frame.stamp_ns, frame.number, image)
         self._logged(frame)
 
     def _on_sketch(self, raw: bytes) -> None:
@@ -216,30 +195,10 @@ class RecorderNode(PipelineNode):
         series = {"latency_sketch_ms": (received_ns - frame.stamp_ns) * 1e-6, "photons": photons,
                   "ppp": photons / max(counts.size, 1)}
         self._writer.log_scalars(frame.stamp_ns, series, frame.number)
-        if schema.PHOTONS in self._settings.images:
-            self._keep_counts(frame, counts)
+        if schema.PHOTONS in self._images:
+            self._writer.log_image(schema.PHOTONS, frame.stamp_ns, frame.number, counts)
         self.diagnostics.count(photons=photons)
         self._logged(frame)
-
-    def _keep_counts(self, frame: RecordedFrame, counts: np.ndarray) -> None:
-        """Log a frame's photon counts with its cloud, or now if there will be none."""
-        frame.counts = np.array(counts)
-        self._counted.append(frame)
-        if len(self._counted) > COUNTS_KEPT:
-            self._counted.popleft().counts = None
-        if frame.has_cloud or not self.count_publishers(self._points_topic):
-            self._log_counts(frame)
-
-    def _log_counts(self, frame: RecordedFrame) -> None:
-        if frame.counts is not None:
-            self._log_image(schema.PHOTONS, frame, frame.counts)
-            frame.counts = None
-
-    def _log_image(self, path: str, frame: RecordedFrame, image: np.ndarray) -> None:
-        if path == schema.DEPTH:
-            self._writer.log_depth(frame.stamp_ns, frame.number, image)
-        else:
-            self._writer.log_image(path, frame.stamp_ns, frame.number, image)
 
     def _frame(self, stamp_ns: int) -> RecordedFrame:
         """The frame with this stamp."""

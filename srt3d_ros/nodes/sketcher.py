@@ -2,38 +2,41 @@
 
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 from std_msgs.msg import String
 
 from srt3d_ros.core import precompile
+from srt3d_ros.core.sensor.difference import first_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE, RULES
 from srt3d_ros.core.sketching.gate import OFF
 from srt3d_ros.core.sketching.sketch import MAX_SKETCH_SIZE, Sketch
 from srt3d_ros.core.sketching.stream import SketchStream, StreamOptions
+from srt3d_ros.datasets import open_sensor
+from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import topics
-from srt3d_ros.nodes.base import PipelineNode
+from srt3d_ros.nodes.base import PipelineNode, in_words
 from srt3d_ros.nodes.diagnostics import all_acknowledged
+from srt3d_ros.nodes.lifecycle import run
 from srt3d_ros.nodes.motion_input import MOTIONS, MotionInput, parse_extrinsics
 from srt3d_ros.nodes.parameters import Parameter, Value
-from srt3d_ros.nodes.runtime import run
-from srt3d_ros.nodes.sensor_choice import SensorChoice, in_words
 from srt3d_ros.nodes.topics import NodeSpec
 from srt3d_ros.nodes.worker import Dropped
 
 PARAMETERS = (
     Parameter("sensor_file", "", "Description of the sensor, for a driver that publishes none: JSON as on `sensor`, "
-              "or a photon file. If a driver publishes a different description on `sensor`, its photons are dropped "
-              "(`contradiction`), and an error in the log and in /diagnostics names the first key that differs.",
+              "or a photon file. If a driver publishes a different description on `sensor`, its photons are dropped, "
+              "and an error in the log and in /diagnostics names the first key that differs.",
               form="a path"),
     Parameter("sketch_size", DEFAULT_SKETCH_SIZE, "Complex numbers per pixel, unless `frequencies` lists them.",
               low=1, high=MAX_SKETCH_SIZE, live=True),
     Parameter("frequencies", "auto", "Frequencies to keep. auto: those with the least expected depth error for "
               "the IRF. spread: geometric, up to where the IRF passes 0.35. consecutive: 1 to sketch_size, as in the "
-              "paper. Or a list.", form="auto, spread, consecutive or integers such as 1,2,5", live=True),
+              "paper. Or a list.", form="auto, spread, consecutive or integers such as 1,2,5", live=True, loose=True),
     Parameter("gate", OFF, "First and last depth bin to keep. Photons in other bins are dropped "
               "(`photons_dropped.gate`), and T becomes the gate's length: less background and finer depths at a low "
               "SBR. `srt3d info FILE` proposes one. The spread of the pixels' delays widens it.",
@@ -51,7 +54,7 @@ PARAMETERS = (
               "nav_msgs/Odometry. imu: rotation only.", choices=MOTIONS, loose=True),
     Parameter("extrinsics", "", "With motion: pose of the sensor in an Odometry's child_frame_id or an Imu's frame. "
               "If empty, the sensor is assumed to coincide with that frame.",
-              form="x y z qx qy qz qw in metres, or nothing", loose=True, refuse=parse_extrinsics),
+              form="x y z qx qy qz qw in metres, or nothing", loose=True),
     Parameter("layout", "float32", "Layout of `sketch`. int16 halves the bandwidth. coded needs about a tenth: it "
               "rounds to a fraction of the photon noise and compresses.",
               choices=("float32", "int16", "coded"), live=True),
@@ -83,21 +86,27 @@ BUSY = 2                    # sketches that readers have yet to acknowledge: one
 
 
 class SketcherNode(PipelineNode):
-    """Follows `sensor`, pushes packets into a SketchStream, and publishes the sketches that come out."""
+    """Follows `sensor`, pushes packets into a SketchStream, and publishes the sketches that come out.
+
+    With a `sensor_file`, its sensor is in force, and what comes on `sensor` must say the same; else the last
+    description on `sensor` is. While that cannot be used, photons are dropped.
+    """
 
     spec = SPEC
+    _file: SensorModel | None = None            # the sensor of `sensor_file`
+    _sensor: SensorModel | None = None          # that in force
     _stream: SketchStream | None = None         # None while photons cannot be used
     _motion: MotionInput | None = None
 
     def configure(self) -> None:
-        self._choice = SensorChoice(self)
+        path = self.parameters["sensor_file"]
+        self._file = self._sensor = open_sensor(path) if path else None
         self._check(self.parameters.as_dict())
         precompile.sketching()
         if self.parameters["motion"] != OFF:
             precompile.deskewing()
-        if self._choice.file is not None:
+        if self._file is not None:
             self._file_publisher = self.advertise("sensor")
-            self.diagnostics.find_contradiction = self._contradiction
         self._sketches, self._descriptions = self.advertise("sketch"), self.advertise("sketch/sensor")
         self.serve("reset", self._reset)
         self.parameters.on_check = self._check
@@ -108,27 +117,28 @@ class SketcherNode(PipelineNode):
                                              LIKELY_PACKETS if self.parameters["frame_period_s"] else 1)
         self._frame_id, self._described, self._unacknowledged = "", None, 0
         self._wake_s = float("inf")             # when `_wake` is called, of the node's clock
+        self._sensor, self._problem = self._file, ""        # why `sensor` cannot be used
         self._own_description = ""              # as published on `sensor`, from where it comes back
-        self._choice.begin()
-        if self._choice.file is None:
+        self._topic, self._file_name = self.resolve_topic_name("sensor"), Path(self.parameters["sensor_file"]).name
+        if self._file is None:
             self.hold_frames_for("a sensor description on sensor")
         else:
+            self.get_logger().info(f"sensor_file {self._file_name}: {in_words(self._file)}; a description on "
+                                   f"{self._topic} must say the same")
             writer = f"{self.get_fully_qualified_name()} {self.now_ns()}"   # a driver's may say the same
-            message = sensor_message.encode(self._choice.file, x_writer=writer)
+            message = sensor_message.encode(self._file, x_writer=writer)
             self._file_publisher.publish(message)
             self._own_description = message.data
             self.worker.call(self._apply)
         if self.parameters["motion"] != OFF:
             self._motion = MotionInput(self, self._on_motion)
-            self.diagnostics.find_warning = self._undeskewed
         self.follow("sensor", self._on_sensor)
         for topic, codec in CODECS.items():
             self.subscribe(topic, partial(self._on_packet, codec), getattr(codec, "announced", lambda raw: 0))
 
     def deactivate(self) -> None:
         super().deactivate()
-        self._choice.forget()
-        self._stream = self._motion = None
+        self._sensor, self._stream, self._motion = self._file, None, None
 
     def forget(self) -> None:
         """Publish the frames that have ended, and begin a new frame and a new window."""
@@ -145,25 +155,46 @@ class SketcherNode(PipelineNode):
     def _on_sensor(self, message: String) -> None:
         if message.data == self._own_description:
             return
-        described = sensor_message.decode(message)
-        if self._choice.file is None:
-            if self._choice.replace(described):
-                self.drop_older()
-            self._apply()
-        elif problem := self._choice.compare(described):
+        try:
+            self._use(sensor_message.decode(message))
+        except InvalidInput as problem:
             self._reset()       # photons of the other sensor may be among those of the open frame
-            raise problem
+            self._stream, self._problem = None, str(problem)
+            raise
 
-    def _contradiction(self) -> str:
-        """How `sensor` contradicts sensor_file, while another node publishes `sensor`."""
-        topic = self._file_publisher.topic_name
-        if self._choice.contradiction and self.count_publishers(topic) <= 1:
-            self._choice.agree(f"nobody else publishes {topic} any more")
-        return self._choice.contradiction
+    def _use(self, described: SensorModel) -> None:
+        """Sketch photons of the sensor that `sensor` describes; InvalidInput if that is not possible."""
+        before, topic = self._sensor, self._topic
+        difference = first_difference(before, described) if before is not None else None
+        if self._file is not None:
+            if difference is not None:
+                key, ours, theirs = difference
+                raise InvalidInput(f"{key} on {topic}", theirs, f"{ours} as in sensor_file {self._file_name}; photons "
+                                   "are dropped until both say the same")
+            self._use_file(f"{topic} says the same again")
+            return
+        if before is None:
+            self.get_logger().info(f"sensor on {topic}: {in_words(described)}")
+        elif not described.same_as(before):
+            changed = "{} was {}, is {}".format(*difference) if difference else "numbers differ in their last digits"
+            self.get_logger().info(f"another sensor on {topic}: {in_words(described)}; {changed}")
+            self.drop_older()
+        self._sensor = described
+        self._apply()
+        self._problem = ""
+        self.diagnostics.unusable("")
+
+    def _use_file(self, why: str) -> None:
+        """Use the sensor of the file again, if a description contradicted it."""
+        if self._problem:
+            self._problem = ""
+            self.diagnostics.unusable("")
+            self.get_logger().info(f"sensor_file {self._file_name} is used again: {why}")
+            self._apply()
 
     def _apply(self) -> None:
         """Apply sensor and parameters from now on; the frame goes on if nothing but the window's length changes."""
-        sensor, stream = self._choice.sensor, self._stream
+        sensor, stream = self._sensor, self._stream
         if sensor is None or self.state not in ("inactive", "active"):
             return
         options = stream_options(self.parameters.as_dict())
@@ -183,20 +214,20 @@ class SketcherNode(PipelineNode):
 
     def _check(self, values: dict[str, Value]) -> None:
         """Refuse parameters with which the present sensor, or any, cannot be sketched."""
-        SketchStream(self._choice.sensor or precompile.ANY_SENSOR, stream_options(values))
+        SketchStream(self._sensor or precompile.ANY_SENSOR, stream_options(values))
 
     # ---- Packets in, sketches out
 
     def _on_packet(self, codec, raw: bytes) -> None:
-        if self._choice.contradiction:
-            raise Dropped("contradiction", self._choice.contradiction)
+        if self._problem and self._file is not None and self.count_publishers(self._topic) <= 1:
+            self._use_file(f"nobody else publishes {self._topic} any more")
         stream = self._stream
         if stream is None:
-            raise Dropped("no_sensor", "there is no description of the sensor that can be used")
+            raise Dropped("no_sensor", self._problem or "there is no description of the sensor that can be used")
         header, photons = codec.decode_cdr(raw, stream.sensor)
         if not hasattr(codec, "announced"):     # the message's header does not say how many
             self.diagnostics.count(photons_in=photons.photons)
-        self._frame_id = header.frame_id
+        self._frame_id = header.frame_id or stream.sensor.frame_id
         if self._motion is not None:
             self._motion.read_into(stream)
         try:
@@ -249,6 +280,9 @@ class SketcherNode(PipelineNode):
             self.worker.messages_per_frame = stream.packets_per_frame
             self.diagnostics.show(**stream.facts)
         self.diagnostics.show(packets_open=stream.frame.packets)
+        if stream.warning:
+            self.diagnostics.warn(f"frames go on undeskewed: {stream.warning}")
+            stream.warning = ""
 
     def _describe(self, sensor: SensorModel) -> None:
         """Publish `sketch/sensor`, unless it says this already."""
@@ -258,14 +292,6 @@ class SketcherNode(PipelineNode):
             facts = self._stream.facts
             self.get_logger().info(f"sketches of {in_words(sensor)}: gate {facts['gate']}, frequencies "
                                    f"{facts['frequencies']}")
-
-    def _undeskewed(self) -> str:
-        """A warning if frames went on undeskewed since the last report."""
-        stream = self._stream
-        if stream is None or not stream.warning:
-            return ""
-        warning, stream.warning = f"frames go on undeskewed: {stream.warning}", ""
-        return warning
 
 
 main = partial(run, SketcherNode)

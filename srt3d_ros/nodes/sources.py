@@ -4,7 +4,6 @@ Both sources have `items()`, the messages from the beginning, with a sensor only
     output      the topic of the frames: "photons", "gates", "histograms" or "sketch"
     describes   "sensor", or of sketches "sketch/sensor"
     others      topics of other messages, which report how the sensor moves
-    packets     messages of a frame; 1 if that is not known
     sensor      the serialised description to begin with, or None
     recorded_ns when the recording began; 0 if nothing was recorded
     notes       a line for each assumption
@@ -14,14 +13,13 @@ from collections.abc import Callable, Iterator, Mapping
 from itertools import count
 from typing import NamedTuple
 
-import numpy as np
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 
 from srt3d_ros import datasets
-from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.photons import PhotonFrame
+from srt3d_ros.datasets import SIMULATOR
 from srt3d_ros.datasets.bags.bag import Bag, is_bag
 from srt3d_ros.datasets.bags.frames import find_photons
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS, OPTICAL, Measured, measured
@@ -33,7 +31,8 @@ from srt3d_ros.messages import cdr, photon_frames
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.nodes import topics
 
-SIMULATOR = "simulator"
+RATE_HZ = 10.0
+NOT_OF_BAGS = {"rate_hz": RATE_HZ, "output": "photons", "loop": True}       # and their defaults
 NS_PER_S = 1_000_000_000
 
 
@@ -45,14 +44,12 @@ class Item(NamedTuple):
         raw: serialised.
         due_ns: when, from the beginning.
         stamp_ns: as recorded; of what was not recorded, from the beginning.
-        photons: in it; None if not counted.
     """
 
     topic: str
     raw: bytes
     due_ns: int
     stamp_ns: int = 0
-    photons: int | None = None
 
 
 def open_source(parameters: Mapping) -> "FrameSource | BagSource":
@@ -60,10 +57,15 @@ def open_source(parameters: Mapping) -> "FrameSource | BagSource":
     path, sensor_file = parameters["input"], parameters["sensor_file"]
     is_file = path != SIMULATOR and not is_bag(path)
     require(is_file or not sensor_file, "sensor_file", sensor_file, "nothing, unless a photon file is played")
+    if parameters["motion"] != "off":
+        return MovingSource(parameters)
     if path == SIMULATOR:
         simulator = Simulator(ppp=parameters["ppp"], sbr=parameters["sbr"], seed=parameters["seed"])
         return FrameSource(simulator.sensor, lambda k: simulator.frame(k)[0], None, parameters)
     if not is_file:
+        for name, default in NOT_OF_BAGS.items():
+            require(parameters[name] == default, name, parameters[name],
+                    f"{default}, as a bag is played as it was recorded")
         return BagSource(path)
     photons = datasets.read(path, sensor=datasets.open_sensor(sensor_file) if sensor_file else None)
     return FrameSource(photons.sensor, lambda k: photons.frame, None if parameters["loop"] else 1, parameters,
@@ -84,7 +86,6 @@ class FrameSource:
     recorded_ns = 0
     describes = "sensor"
     others: tuple[str, ...] = ()
-    packets = 1
 
     def __init__(self, sensor: SensorModel, frame: Callable[[int], PhotonFrame], frames: int | None,
                  parameters: Mapping, notes: tuple[str, ...] = ()):
@@ -104,7 +105,7 @@ class FrameSource:
                 return
             frame = self._frame(k)
             due_ns = round(k * NS_PER_S / self._rate_hz)
-            yield Item(self.output, self._encode(frame), due_ns, due_ns, photons=frame.photons)
+            yield Item(self.output, self._encode(frame), due_ns, due_ns)
 
     def close(self) -> None:
         """Nothing is open."""
@@ -125,7 +126,6 @@ class BagSource:
         InvalidInput: the bag cannot be read, or has no photons, or several topics of them.
     """
 
-    packets = 1
 
     def __init__(self, path: str):
         self._bag = Bag(path)
@@ -193,7 +193,6 @@ class MovingSource(FrameSource):
     """
 
     others = ("odom",)
-    packets = PACKETS
 
     def __init__(self, parameters: Mapping):
         rate_hz = PACKETS * parameters["rate_hz"]
@@ -230,7 +229,7 @@ class MovingSource(FrameSource):
 
 def extrinsics() -> str:
     """Where the sensor is on the body, as the sketcher's parameter says it."""
-    return "0 0 0 " + " ".join(f"{number:g}" for number in quaternion(OPTICAL))
+    return "0 0 0 " + " ".join(f"{number:g}" for number in OPTICAL.quaternion)
 
 
 def odometry(report: Measured) -> Odometry:
@@ -240,15 +239,7 @@ def odometry(report: Measured) -> Odometry:
     at, turn = message.pose.pose.position, message.pose.pose.orientation
     speed, rate = message.twist.twist.linear, message.twist.twist.angular
     at.x, at.y, at.z = report.pose.translation.tolist()
-    turn.x, turn.y, turn.z, turn.w = quaternion(report.pose)
+    turn.x, turn.y, turn.z, turn.w = report.pose.quaternion
     speed.x, speed.y, speed.z = report.velocity_m_s.tolist()
     rate.x, rate.y, rate.z = report.rate_rad_s.tolist()
     return message
-
-
-def quaternion(pose: Pose) -> tuple[float, float, float, float]:
-    """The rotation of a pose as x, y, z, w."""
-    vector = pose.rotation_vector
-    angle = float(np.linalg.norm(vector))
-    half = vector * (np.sin(angle / 2) / max(angle, 1e-12))
-    return (*half.tolist(), float(np.cos(angle / 2)))

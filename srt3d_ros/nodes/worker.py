@@ -66,12 +66,11 @@ class Worker:
         """Run function(*args) after the jobs that wait."""
         self._put(_Job(function, args, frames=0))
 
-    def call_after(self, delay_s: float, function: Callable) -> threading.Timer:
-        """Run function() so much later, unless the timer returned is cancelled."""
+    def call_after(self, delay_s: float, function: Callable) -> None:
+        """Run function() so much later."""
         timer = threading.Timer(delay_s, self.call, (function,))
         timer.daemon = True
         timer.start()
-        return timer
 
     def offer(self, function: Callable, *args, size: int = 0) -> None:
         """Run function(*args) for a frame of a size, unless newer frames push it out first."""

@@ -17,7 +17,6 @@ BEHIND = tuple(np.divide(BACKGROUND, 255))      # the background of clouds, as m
 _BAR_SHARE = 0.2                        # longest scale bar, of the picture's width
 _RANGE_BAR = 0.16, 0.012                # width and height, of the picture's
 _RANGE_BAR_PX = 120                     # least width, for the numbers at its ends
-_TITLE_PX, _FIGURES_PX = 84, 56         # heights of the bands above and below the cloud
 
 
 def dark_figure(width_px: int, height_px: int) -> Figure:
@@ -61,25 +60,13 @@ def range_bar(axes: Axes, style: CloudStyle, size: float = 13) -> None:
         bar.text(x, 2, f"{metres:.3g} m", transform=bar.transAxes, color=DIM, size=size, ha=side, va="bottom")
 
 
-def annotated(image: np.ndarray, style: CloudStyle, eye: Viewpoint, title: str = "", figures: dict | None = None
-              ) -> Image.Image:
-    """A drawn cloud with scale bar and range colours; title and figures make the picture taller.
-
-    Args:
-        image: uint8 [height, width, 3], the cloud seen from `eye`.
-        title: above the cloud.
-        figures: below the cloud, in order: {"points": 19_871, "latency": "35 ms"}.
-    """
+def annotated(image: np.ndarray, style: CloudStyle, eye: Viewpoint) -> Image.Image:
+    """A drawn cloud, uint8 [height, width, 3] as seen from `eye`, with scale bar and range colours."""
     height, width = image.shape[:2]
-    above, below = _TITLE_PX * bool(title), _FIGURES_PX * bool(figures)
-    total = height + above + below
-    figure = dark_figure(width, total)
-    axes = image_axes(figure, (0, below / total, 1, height / total), image)
-    size = max(width / 100, 9)
+    figure = dark_figure(width, height)
+    axes, size = image_axes(figure, (0, 0, 1, 1), image), max(width / 100, 9)
     scale_bar(axes, eye, size)
     range_bar(axes, style, size)
-    write_line(figure, 1 - above / 2 / total, title, 1.9 * size, TEXT, weight="bold")
-    write_line(figure, below / 2 / total, caption(figures or {}), 1.15 * size, DIM)
     return as_image(figure)
 
 

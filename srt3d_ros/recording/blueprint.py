@@ -69,14 +69,6 @@ def film_blueprint(eye: Viewpoint, sensor: SensorModel | None, images: tuple[str
         auto_views=False, auto_layout=False)
 
 
-def still_blueprint(eye: Viewpoint, *_) -> rrb.Blueprint:
-    """Blueprint of a single cloud: the cloud, and its depth image beside it."""
-    return rrb.Blueprint(
-        rrb.Horizontal(cloud_view(eye), _image_view(schema.DEPTH), column_shares=[2, 1]), collapse_panels=True,
-        auto_views=False, auto_layout=False,
-    )
-
-
 def plot_styles() -> dict[str, rr.SeriesLines]:
     """The static style of each plotted metric, by entity path."""
     return {metric_path(name): rr.SeriesLines(colors=colour, names=title, widths=1.5)

@@ -3,8 +3,6 @@
 from collections import deque
 from dataclasses import dataclass
 
-import numpy as np
-
 STAMPS_KEPT = 256
 RATE_FRAMES = 10        # over which the rate is taken
 
@@ -16,15 +14,11 @@ class RecordedFrame:
     Args:
         number: in the order in which stamps were first seen.
         sketch_ns: when its sketch came.
-        has_cloud: whether its cloud came.
-        counts: its photons while they wait for the cloud; uint32 [rows, cols].
     """
 
     stamp_ns: int
     number: int
     sketch_ns: int | None = None
-    has_cloud: bool = False
-    counts: np.ndarray | None = None
 
 
 class FrameIndex:

@@ -1,7 +1,6 @@
 """What a recording holds: names of entities and components, and how values become rerun archetypes and back."""
 
 from collections.abc import Mapping
-from dataclasses import astuple, is_dataclass
 
 import numpy as np
 import pyarrow as pa
@@ -9,9 +8,8 @@ import rerun as rr
 
 from srt3d_ros.colours import BACKGROUND as BLACK
 from srt3d_ros.colours import PHOTON_MAP, RANGE_MAP
-from srt3d_ros.core.sensor.distortion import PlumbBob
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
+from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.viewpoint import sensor_axes
 
 APPLICATION_ID = "srt3d_ros"
@@ -27,9 +25,6 @@ PROPERTIES = "/__properties"                        # rerun's entity path of pro
 _DARK = 45 / 210        # dark colours that colours.range_table leaves out, over those that it has
 _LEAST_SPAN = 1e-6
 _FRUSTUM = (110, 120, 140)
-_SENSOR_FACTS = {"rows": int, "cols": int, "num_bins": int, "bin_width_s": float, "irf_ref": int,
-                 "toa_offset_bins": float, "range_offset_m": float, "frame_id": str, "toa_reference": str}
-_PROJECTIONS = {kind.kind: kind for kind in (Pinhole, AngularScan)}
 
 
 def points(columns: Mapping[str, np.ndarray], colour: np.ndarray, radius_m: float) -> list:
@@ -46,29 +41,24 @@ def points(columns: Mapping[str, np.ndarray], colour: np.ndarray, radius_m: floa
     return [rr.Points3D(columns["xyz"], colors=colour, radii=radius), rr.AnyValues(**values)]
 
 
-def photon_image(photons: np.ndarray, low: float, high: float) -> rr.DepthImage:
-    """An image [rows, cols] in photons, NaN = none, coloured from `low` to `high`; integers in the fewest bytes.
+def image(path: str, values: np.ndarray, low: float, high: float) -> dict[str, list]:
+    """The archetypes, by entity path, of an image [rows, cols], NaN = none, coloured from `low` to `high`.
 
-    A DepthImage, because rerun colours only these by a map and shows their values.
+    DEPTH in metres, in the colours of ranges, with a mask over it that makes pixels without depth black: its map has a
+    colour for any value. Others in photons, integers in the fewest bytes; as DepthImage, too, because rerun colours
+    only these by a map and shows their values.
     """
-    if photons.dtype.kind == "u":
-        photons = photons.astype(np.min_scalar_type(photons.max(initial=0)))
-    return rr.DepthImage(photons, colormap=PHOTON_MAP, depth_range=(low, max(high, low + _LEAST_SPAN)))
-
-
-def depth_image(depth_m: np.ndarray, low: float, high: float) -> rr.DepthImage:
-    """A depth image [rows, cols] in metres, NaN = none, in the colours of ranges from `low` to `high` metres."""
-    ends = high + _DARK * (high - low), low     # the far end first: rerun then turns the map round
-    return rr.DepthImage(depth_m, meter=1, colormap=RANGE_MAP, depth_range=ends)
-
-
-def no_depth(depth_m: np.ndarray) -> rr.SegmentationImage:
-    """What makes pixels without depth black, drawn over the depth image, whose map has a colour for any value."""
-    return rr.SegmentationImage((~np.isfinite(depth_m)).astype(np.uint8), opacity=1, draw_order=1)
+    if path == DEPTH:
+        ends = high + _DARK * (high - low), low     # the far end first: rerun then turns the map round
+        mask = rr.SegmentationImage((~np.isfinite(values)).astype(np.uint8), opacity=1, draw_order=1)
+        return {DEPTH: [rr.DepthImage(values, meter=1, colormap=RANGE_MAP, depth_range=ends)], NO_DEPTH: [mask]}
+    if values.dtype.kind == "u":
+        values = values.astype(np.min_scalar_type(values.max(initial=0)))
+    return {path: [rr.DepthImage(values, colormap=PHOTON_MAP, depth_range=(low, max(high, low + _LEAST_SPAN)))]}
 
 
 def no_depth_colour() -> rr.AnnotationContext:
-    """The static colours of `no_depth`."""
+    """The static colours of the mask NO_DEPTH."""
     return rr.AnnotationContext([(0, None, (0, 0, 0, 0)), (1, "no point", (*BLACK, 255))])
 
 
@@ -108,25 +98,3 @@ def log_properties(stream: rr.RecordingStream, name: str, facts: Mapping) -> Non
               if value is not None and np.size(value)}
     if values:
         stream.send_property(name, rr.AnyValues(**values))
-
-
-def sensor_properties(sensor: SensorModel) -> dict:
-    """The facts of the property `sensor`; an IRF per pixel is left out."""
-    facts = {name: getattr(sensor, name) for name in _SENSOR_FACTS} | {"projection": sensor.projection.kind}
-    facts |= {name: list(astuple(value)) if is_dataclass(value) else float(value)
-              for name, value in vars(sensor.projection).items()}
-    return facts | ({"irf": sensor.irf} if sensor.irf.ndim == 1 else {})
-
-
-def sensor_of(facts: Mapping) -> SensorModel | None:
-    """The sensor of the property `sensor`, all pixels alike; None if its facts do not suffice."""
-    try:
-        kind = _PROJECTIONS[facts["projection"]]
-        values = {name: facts[name] for name in kind.__dataclass_fields__ if name in facts}
-        if "distortion" in values:
-            values["distortion"] = PlumbBob(*np.atleast_1d(values["distortion"]).tolist())
-        irf = np.atleast_1d(facts["irf"]) if "irf" in facts else np.ones(int(facts["irf_ref"]) + 1)
-        known = {name: of_type(facts[name]) for name, of_type in _SENSOR_FACTS.items() if name in facts}
-        return SensorModel(irf=irf, projection=kind(**values), **known)
-    except (KeyError, TypeError, ValueError):
-        return None

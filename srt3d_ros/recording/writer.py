@@ -15,8 +15,8 @@ import rerun as rr
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.new_files import free
-from srt3d_ros.recording import live, rerun_streams, schema
-from srt3d_ros.recording.frame_log import COLOUR_BY, FrameLog
+from srt3d_ros.recording import rerun_streams, schema
+from srt3d_ros.recording.frame_log import FrameLog
 from srt3d_ros.recording.write_queue import Write, WriteQueue
 
 FLUSH_PERIOD_S = 0.4        # without a flush, large clouds keep small scalars from being written at all
@@ -42,25 +42,20 @@ class RecordingWriter:
         sensor: sets the axes and the size of the points.
         properties: of the recording, {"run": {…}, …}: numbers, strings, lists of them.
         images: entity paths of the images that will be logged, for the blueprint.
-        colour_by: what the colours of the points show, one of frame_log.COLOUR_BY.
         split_size_mb: size of a file (10⁶ bytes) after which the next begins; 0 = never.
-        live_port: for viewers, 0 = none; InvalidInput if it is taken.
         queue_mb: of clouds and images that may wait.
         on_error: called with the line in `error`, from the writing thread, or from here if the file does not open.
     """
 
     def __init__(self, path, sensor: SensorModel | None, properties: Mapping[str, Mapping] | None = None, *,
-                 images: tuple[str, ...] = (schema.DEPTH,), colour_by: str = COLOUR_BY[0], split_size_mb: float = 0.0,
-                 live_port: int = 0, queue_mb: float = 32.0, on_error: Callable[[str], None] = lambda line: None):
+                 images: tuple[str, ...] = (schema.DEPTH,), split_size_mb: float = 0.0, queue_mb: float = 32.0,
+                 on_error: Callable[[str], None] = lambda line: None):
         self.error: str | None = None
         self.parts = 0                      # files begun
         self.path = self._first_path = Path(path)       # `path` is that of the newest file
         self._on_error, self._split_bytes = on_error, split_size_mb * 1e6
-        ids = schema.APPLICATION_ID, str(uuid.uuid4())
-        self._streams = [live.serve(live_port, *ids)] if live_port else []
-        self._file = rr.RecordingStream(ids[0], recording_id=ids[1])
-        self._streams.append(self._file)
-        self._log = FrameLog(self._streams, sensor, properties or {}, images, colour_by)
+        self._stream = rr.RecordingStream(schema.APPLICATION_ID, recording_id=str(uuid.uuid4()))
+        self._log = FrameLog(self._stream, sensor, properties or {}, images)
         self._queue = WriteQueue(round(queue_mb * 1e6))
         try:
             self._create_file()
@@ -83,16 +78,11 @@ class RecordingWriter:
                    for name, values in {"xyz": xyz, "intensity": intensity, **more}.items()}
         self._put(lambda: self._log.cloud(stamp_ns, frame_index, columns), *columns.values())
 
-    def log_depth(self, stamp_ns: int, frame_index: int, depth_m: np.ndarray) -> None:
-        """Log a depth image [rows, cols] in metres, NaN = none."""
-        depth_m = np.array(depth_m, np.float32, order="C")
-        self._put(lambda: self._log.depth(stamp_ns, frame_index, depth_m), depth_m)
-
-    def log_image(self, path: str, stamp_ns: int, frame_index: int, photons: np.ndarray) -> None:
-        """Log an image [rows, cols] in photons, integers, or NaN = none; `path` is one of schema.IMAGES."""
-        whole = np.asarray(photons).dtype.kind in "iu"
-        photons = np.array(photons, np.uint32 if whole else np.float32, order="C")
-        self._put(lambda: self._log.image(path, stamp_ns, frame_index, photons), photons)
+    def log_image(self, path: str, stamp_ns: int, frame_index: int, image: np.ndarray) -> None:
+        """Log an image [rows, cols], NaN = none: schema.DEPTH in metres, or one of schema.IMAGES in photons."""
+        whole = np.asarray(image).dtype.kind in "iu"
+        image = np.array(image, np.uint32 if whole else np.float32, order="C")
+        self._put(lambda: self._log.image(path, stamp_ns, frame_index, image), image)
 
     def log_scalars(self, stamp_ns: int, values: Mapping[str, float], frame_index: int | None = None) -> None:
         """Log one value for each of several time series: {"latency_ms": 35.1, "points": 19_871}."""
@@ -145,7 +135,7 @@ class RecordingWriter:
     def _run(self) -> None:
         try:
             if self.error is None:
-                self._begin_logs()
+                self._direct_to_file()
             flushed_s = time.monotonic()
             while not self._queue.at_end:
                 write = self._queue.take(FLUSH_PERIOD_S) or _NO_WRITE
@@ -158,13 +148,11 @@ class RecordingWriter:
                         self._direct_to_file()
             if self.error is None:
                 self._log.end()
-                self._file.flush(timeout_sec=FLUSH_TIMEOUT_S)
+                self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
         except Exception as error:      # the caller must go on without a recording, whatever failed
             self._fail(error)
-        for stream in self._streams:
-            stream.disconnect()         # the file gets its footer
-        self._streams.clear()
-        self._file = None
+        self._stream.disconnect()       # the file gets its footer
+        self._stream = self._log = None
         rerun_streams.free_ended()
 
     def _create_file(self) -> None:
@@ -174,21 +162,16 @@ class RecordingWriter:
         with self.path.open("xb") as file:
             file.write(b"R")
 
-    def _begin_logs(self) -> None:
-        for stream in self._streams[:-1]:       # live
-            self._log.begin(stream)
-        self._direct_to_file()
-
     def _direct_to_file(self) -> None:
         """Direct the stream to the file that was created; rerun finishes the one before."""
-        self._file.save(self.path)
+        self._stream.save(self.path)
         self.parts += 1
         self._log.set_properties(schema.RUN, {"part": self.parts})
-        self._log.begin(self._file)
+        self._log.begin()
 
     def _flush(self) -> None:
         """Put everything logged so far into the file, and see whether the disk has room for more."""
-        self._file.flush(timeout_sec=FLUSH_TIMEOUT_S)
+        self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
         self._check_disk()
 
     def _check_disk(self) -> None:

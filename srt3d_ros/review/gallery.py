@@ -59,31 +59,18 @@ def make_gallery(recorded: Recorded) -> dict:
     }
 
 
-def _figures(recorded: Recorded, position: int) -> dict:
-    """The figures in the caption of a cloud."""
-    figures = {"points": int(recorded.points[position])}
-    photons, latency_ms = (recorded.at_clouds(name)[position] for name in ("photons", "latency_ms"))
-    if np.isfinite(photons):
-        figures["photons"] = int(photons)
-    if np.isfinite(latency_ms):
-        figures["latency"] = f"{latency_ms:.0f} ms"
-    return figures
-
-
-def _title(recorded: Recorded, position: int) -> str:
-    """Frame index and stamp of a cloud."""
-    stamp = iso_time(recorded.index.stamp_ns[position]).replace("T", " ").replace("Z", " UTC")
-    return f"Frame {recorded.index.frame_index[position]}, {stamp}"
-
-
 def _cloud_picture(recorded: Recorded, position: int, title: str, image: Image.Image) -> Picture:
-    figures = ", ".join(f"{value:,} {name}" if isinstance(value, int) else f"{name} {value}"
-                        for name, value in _figures(recorded, position).items())
-    return Picture(title, f"{_title(recorded, position)}: {figures}", _uri(image, "jpeg", **_JPEG))
+    index, found = recorded.index, [f"{recorded.index.points[position]:,} points"]
+    photons, latency_ms = (recorded.at_clouds(name)[position] for name in ("photons", "latency_ms"))
+    found += [f"{photons:,.0f} photons"] * bool(np.isfinite(photons))
+    found += [f"latency {latency_ms:.0f} ms"] * bool(np.isfinite(latency_ms))
+    stamp = iso_time(index.stamp_ns[position]).replace("T", " ").replace("Z", " UTC")
+    return Picture(title, f"Frame {index.frame_index[position]}, {stamp}: {', '.join(found)}",
+                   _uri(image, "jpeg", **_JPEG))
 
 
 def _thumbnail(recorded: Recorded, position: int, image: np.ndarray) -> Picture:
-    caption = f"frame {recorded.index.frame_index[position]}, {recorded.points[position]:,} points"
+    caption = f"frame {recorded.index.frame_index[position]}, {recorded.index.points[position]:,} points"
     return Picture(f"{recorded.seconds[position]:.1f} s", caption, _uri(Image.fromarray(image), "jpeg", **_JPEG))
 
 

@@ -15,7 +15,6 @@ from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.summary import find_gaps
 
 TIME = "seconds since the first cloud"
-TOTAL = "end to end"
 # Of Okabe and Ito (2008), distinct for any colour vision, visible on white and on black.
 COLOURS = ("#e69f00", "#0072b2", "#009e73", "#cc79a7", "#56b4e9")
 _GAP_COLOUR = "#d55e00"
@@ -23,38 +22,22 @@ _PAGE_COLOUR = "#010203"            # stands for the page's text colour
 _SIZE_IN, _DPI = (5.2, 2.35), 100
 _MOST_PARTS = 600                   # of a line: of more values, the median and range of each part are drawn
 _MOST_GAPS = 200
-_HISTOGRAM_BINS = 60
-_PERCENTILES = {50: "median", 95: "95 %"}
 
 
 def draw_plots(recorded: Recorded) -> list[tuple[str, str]]:
     """(title, <svg> element) of the plots for which the recording has values; gaps are shaded."""
-    latencies = {TOTAL if stage == "total" else stage: series for stage, series in recorded.latencies().items()}
+    latencies = {stage.replace("total", "end to end"): series for stage, series in recorded.latencies().items()}
     plots = [("Latency", "latency, ms", latencies),
-             ("Points a frame", "points", {"points": Series(recorded.index.stamp_ns, recorded.at_clouds("points"))}),
+             ("Points a frame", "points", {"points": Series(recorded.index.stamp_ns, recorded.index.points)}),
              ("Photons a frame", "photons", _chosen(recorded, "photons")),
-             ("Frame rate", "frames a second", {"rate": _rate(recorded)})]
+             ("Frame rate", "frames a second", _chosen(recorded, "frame_rate_hz"))]
     gaps = [(gap["at_s"], gap["at_s"] + gap["seconds"]) for gap in find_gaps(recorded)[0]]
-    drawn = [(title, _draw_lines({name: (recorded.since_first(s.stamp_ns), s.values) for name, s in lines.items()},
-                                 label, gaps)) for title, label, lines in plots if lines]
-    if latencies:
-        name = TOTAL if TOTAL in latencies else next(iter(latencies))
-        drawn.insert(1, ("How often each latency", _draw_histogram(latencies[name].values, f"latency {name}, ms",
-                                                                   "frames")))
-    return drawn
+    return [(title, _draw_lines({name: (recorded.since_first(s.stamp_ns), s.values) for name, s in lines.items()},
+                                label, gaps)) for title, label, lines in plots if lines]
 
 
 def _chosen(recorded: Recorded, name: str) -> dict[str, Series]:
     return {name: recorded.series[name]} if name in recorded.series else {}
-
-
-def _rate(recorded: Recorded) -> Series:
-    """Clouds per second, as recorded or else from their stamps."""
-    if "frame_rate_hz" in recorded.series:
-        return recorded.series["frame_rate_hz"]
-    stamps = recorded.index.stamp_ns
-    with np.errstate(divide="ignore"):
-        return Series(stamps[1:], 1e9 / np.diff(stamps))
 
 
 def _draw_lines(lines: dict[str, tuple[np.ndarray, np.ndarray]], label: str, gaps: Sequence[tuple[float, float]]
@@ -86,18 +69,6 @@ def _draw_line(axes: Axes, x: np.ndarray, y: np.ndarray, **style) -> None:
     low, median, high = np.array([np.percentile(y[part], (0, 50, 100)) for part in parts]).T
     axes.fill_between(middle, low, high, color=style["color"], alpha=0.35, linewidth=0)
     axes.plot(middle, median, **style)
-
-
-def _draw_histogram(values: np.ndarray, x_label: str, y_label: str) -> str:
-    def draw(axes: Axes) -> None:
-        axes.hist(values, _HISTOGRAM_BINS, color=COLOURS[0])
-        for percent, name in _PERCENTILES.items():
-            at = float(np.percentile(values, percent))
-            axes.axvline(at, color=_PAGE_COLOUR, linewidth=1, linestyle=":")
-            axes.annotate(f"{name} {_tick(at)}", (at, 1), (0, 3), ("data", "axes fraction"), "offset points", size=9,
-                          ha="right" if percent == 50 else "left")
-        axes.set(xlabel=x_label, ylabel=y_label)
-    return _svg(draw)
 
 
 def _svg(draw: Callable[[Axes], None]) -> str:

@@ -1,6 +1,5 @@
 """A recording without its clouds and images, in memory: the index of clouds, time series, log, properties."""
 
-import re
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -10,10 +9,11 @@ import numpy as np
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Projection
 from srt3d_ros.errors import require
+from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.recording import schema
 from srt3d_ros.recording.reader import CloudIndex, LogLine, RecordingReader, Series
 
-_STAGE = re.compile(r"latency_(?:(?P<stage>\w+)_)?ms")
+_LATENCIES = {"total": "latency_ms", "reconstruct": "latency_reconstruct_ms", "sketch": "latency_sketch_ms"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,16 +44,9 @@ class Recorded:
         """Seconds since the first cloud."""
         return (np.asarray(stamp_ns) - self.index.stamp_ns[0]) * 1e-9
 
-    @cached_property
-    def points(self) -> np.ndarray:
-        """Points of each reconstructed cloud, int64 [N]."""
-        return np.nan_to_num(self.at_clouds("points"), nan=-1).astype(np.int64)
-
     def at_clouds(self, name: str) -> np.ndarray:
-        """A series' value at each cloud's stamp, float64 [N]. Missing: NaN; for points, the number recorded."""
+        """A series' value at each cloud's stamp, float64 [N], NaN = missing."""
         stamps, values = self.index.stamp_ns, np.full(len(self.index), np.nan)
-        if name == "points":
-            values[:] = self.index.points
         series = self.series.get(name)
         if series is not None and len(series.stamp_ns):
             at = np.minimum(np.searchsorted(series.stamp_ns, stamps), len(series.stamp_ns) - 1)
@@ -63,14 +56,13 @@ class Recorded:
 
     def latencies(self) -> dict[str, Series]:
         """The series of latencies in milliseconds: `total`, and each stage's by its name."""
-        found = {name: match for name in self.series if (match := _STAGE.fullmatch(name))}
-        return {match["stage"] or "total": self.series[name]
-                for name, match in sorted(found.items(), key=lambda item: item[1]["stage"] or "")}
+        return {stage: self.series[name] for stage, name in _LATENCIES.items() if name in self.series}
 
     @cached_property
     def sensor(self) -> SensorModel | None:
-        """The sensor from the recording's properties, all pixels alike; None if they do not suffice."""
-        return schema.sensor_of(self.properties.get(schema.SENSOR, {}))
+        """The sensor from the recording's properties, all pixels with the same IRF; None if it was recorded without."""
+        text = self.properties.get(schema.SENSOR, {}).get("description")
+        return None if text is None else sensor_message.from_json(text)
 
     @property
     def projection(self) -> Projection | None:

@@ -11,7 +11,7 @@ from srt3d_ros.new_files import atomic_write, file_errors
 from srt3d_ros.review.gallery import make_gallery
 from srt3d_ros.review.plots import draw_plots
 from srt3d_ros.review.recorded import Recorded
-from srt3d_ros.review.summary import headlines, log_counts, rows, subtitle
+from srt3d_ros.review.summary import log_counts, rows
 
 _MOST_LOG_LINES = 500
 _LONGEST_LIST = 24          # values; of a longer list (an IRF), only the length is shown
@@ -38,8 +38,7 @@ def _page(recorded: Recorded, summary: dict, note: str) -> str:
     environment = Environment(loader=templates, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     return environment.get_template("report.html").render(
         version=__version__, title=f"{recorded.path.name}: recording", name=recorded.path.name,
-        subtitle=subtitle(summary), note=note, headlines=headlines(summary),
-        gallery=make_gallery(recorded),
+        note=note, gallery=make_gallery(recorded),
         plots=[(title, Markup(svg)) for title, svg in draw_plots(recorded)],
         gaps=summary["gaps"], gap_count=summary["gap_count"], log=_log(recorded),
         log_summary=log_counts(summary), rows=rows(summary), tables=_tables(summary))

@@ -5,6 +5,9 @@ from datetime import UTC, datetime
 
 import numpy as np
 
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.recording import schema
 from srt3d_ros.review.recorded import Recorded
 
 GAP_PERIODS = 1.5               # frames farther apart than this many median periods have a gap between them
@@ -17,9 +20,9 @@ def summarise(recorded: Recorded) -> dict:
     """All figures of a recording; None for those without data.
 
     frames, duration_s, frame_rate_hz (mean), period_ms (median), gaps (after_frame, at_s, seconds, missing frames),
-    missing_frames, clouds_not_recorded, latency_ms (p50, p95, max for each stage), points, photons, ppp and
-    depth_std_mm where recorded (median, min, max), bytes and bytes_per_point, incomplete_series, log (lines of each
-    level), typical_frame, fewest_points_frame, most_points_frame, and the properties.
+    missing_frames, clouds_not_recorded, latency_ms (p50, p95, max for each stage), points, photons and ppp
+    where recorded (median, min, max), bytes and bytes_per_point, log (lines of each level), typical_frame,
+    fewest_points_frame, most_points_frame, and the properties; the sensor without its arrays.
     """
     index, seconds = recorded.index, recorded.seconds
     frames, duration = len(index), float(seconds[-1])
@@ -34,15 +37,15 @@ def summarise(recorded: Recorded) -> dict:
         "gaps": gaps[:_MOST_GAPS], "gap_count": len(gaps), "missing_frames": sum(gap["missing"] for gap in gaps),
         "clouds_not_recorded": _clouds_not_recorded(recorded),
         "latency_ms": {stage: latency(series.values) for stage, series in recorded.latencies().items()},
-        "points": spread(recorded.points), "photons": _spread(recorded, "photons"), "ppp": _spread(recorded, "ppp"),
+        "points": spread(index.points), "photons": _spread(recorded, "photons"), "ppp": _spread(recorded, "ppp"),
         "bytes": size, "bytes_per_point": _rounded(size / max(int(index.points.sum()), 1)),
-        "incomplete_series": incomplete_series(recorded),
         "log": dict(Counter(line.level or "?" for line in recorded.log)),
         "typical_frame": int(index.frame_index[typical]), "fewest_points_frame": int(index.frame_index[fewest]),
         "most_points_frame": int(index.frame_index[most]),
     }
+    properties = recorded.properties | {schema.SENSOR: _facts(recorded.sensor)}
     return summary | {name: {key: _plain(value) for key, value in facts.items()}
-                      for name, facts in recorded.properties.items() if name not in summary}
+                      for name, facts in properties.items() if name not in summary}
 
 
 def find_gaps(recorded: Recorded) -> tuple[list[dict], float]:
@@ -61,23 +64,11 @@ def notable_frames(recorded: Recorded) -> tuple[int, int, int]:
 
     The typical cloud has the number of points nearest to the median; of several, it is nearest to the middle.
     """
-    points = recorded.points
+    points = recorded.index.points
     off_middle = np.abs(np.arange(len(points)) - (len(points) - 1) / 2) / len(points)
     off_median = np.abs(points - np.median(points)) / max(np.median(points), 1)
     return (int(np.argmin(np.round(off_median, 3) + 1e-3 * off_middle)), int(np.argmin(points)),
             int(np.argmax(points)))
-
-
-def incomplete_series(recorded: Recorded) -> dict[str, int]:
-    """Number of clouds without a value, for each series that has one value for each frame."""
-    def missing(name: str) -> int:
-        return int(np.isnan(recorded.at_clouds(name)).sum())
-
-    expected = {"frame_rate_hz": 1}     # the first cloud has none
-    per_frame = [name for name in recorded.series if name != "points" and missing(name) < len(
-        recorded.index)]
-    found = {name: missing(name) - expected.get(name, 0) for name in per_frame}
-    return {name: count for name, count in found.items() if count > 0}
 
 
 def latency(values: np.ndarray) -> dict[str, float]:
@@ -109,7 +100,7 @@ def format_summary(summary: dict) -> str:
 
 def align(lines: list[tuple[str, str]]) -> str:
     """(name, text) in two columns."""
-    return "\n".join(f"  {name:<24}{text}" for name, text in lines)
+    return "\n".join(f"  {name:<26}{text}" for name, text in lines)
 
 
 def rows(summary: dict) -> list[tuple[str, str]]:
@@ -126,36 +117,11 @@ def rows(summary: dict) -> list[tuple[str, str]]:
     found += [(title, f"median {_number(s[name]['median'])}, {_number(s[name]['min'])} … {_number(s[name]['max'])}")
               for name, title in _SPREADS.items() if s[name]]
     found.append(("size", f"{s['bytes_per_point']:.3g} bytes a point, all included"))
-    if s["incomplete_series"]:
-        lacks = ", ".join(f"{name} lacks {count}" for name, count in s["incomplete_series"].items())
-        found.append(("incomplete series", lacks))
     if s["log"]:
         found.append(("log", log_counts(s)))
     return [*found, *_origin(s), (
         "frames to look at", f"typical {s['typical_frame']}, fewest points {s['fewest_points_frame']}, "
         f"most points {s['most_points_frame']}")]
-
-
-def subtitle(summary: dict) -> str:
-    """Date, duration, sensor and size, in a line."""
-    sensor = summary.get("sensor", {})
-    pixels = f", {sensor['rows']} × {sensor['cols']} pixels" if "rows" in sensor else ""
-    started = summary["started"][:19].replace("T", " ")
-    return f"Recorded {started} UTC, {_duration(summary['duration_s'])}{pixels}, {_size(summary['bytes'])}"
-
-
-def headlines(summary: dict) -> list[dict]:
-    """The most important figures: what, figure, and whether it is bad."""
-    s, latency = summary, summary["latency_ms"].get("total")
-    found = [("frames", f"{s['frames']:,}", False)]
-    if s["frame_rate_hz"]:
-        found.append(("frames a second", f"{s['frame_rate_hz']:.3g}", False))
-    if latency:
-        found += [("median latency", _milliseconds(latency["p50"]), False),
-                  ("95 % are faster than", _milliseconds(latency["p95"]), False)]
-    found += [(_SPREADS[name], _number(s[name]["median"]), False) for name in ("points", "photons") if s[name]]
-    found.append(("gaps", f"{s['gap_count']:,}", s["gap_count"] > 0))
-    return [{"what": what, "figure": figure, "bad": bad} for what, figure, bad in found]
 
 
 def log_counts(summary: dict) -> str:
@@ -177,6 +143,13 @@ def _rounded(value: float) -> float:
     return round(float(value), _DECIMALS)
 
 
+def _facts(sensor: SensorModel | None) -> dict:
+    """What a description says, but for its arrays; the lens as its own facts."""
+    content = sensor_message.to_object(sensor) if sensor else {}
+    content |= content.get("projection", {})
+    return {name: value for name, value in content.items() if not isinstance(value, dict)}
+
+
 def _plain(value):
     """A property for JSON; numbers that are not finite as strings."""
     value = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
@@ -190,9 +163,9 @@ def _origin(summary: dict) -> list[tuple[str, str]]:
     """Sensor, frequencies and version, as far as they are recorded."""
     found = []
     sensor, run, versions = (summary.get(name, {}) for name in ("sensor", "run", "versions"))
-    if sensor.keys() >= {"rows", "cols", "num_bins", "bin_width_s"}:
+    if sensor:
         found.append(("sensor", f"{sensor['rows']} × {sensor['cols']} pixels, {sensor['num_bins']:,} bins of "
-                                f"{sensor['bin_width_s'] * 1e12:.4g} ps, {sensor.get('projection', 'pinhole')}"))
+                                f"{sensor['bin_width_s'] * 1e12:.4g} ps, {sensor['kind']}"))
     if "frequencies" in run:
         frequencies = np.atleast_1d(run["frequencies"]).tolist()
         found.append(("frequencies", f"{len(frequencies)}: {' '.join(str(k) for k in frequencies)}"))
@@ -222,7 +195,3 @@ def _duration(seconds: float) -> str:
 
 def _size(number: int) -> str:
     return f"{number / 1e6:,.1f} MB" if number < 1e9 else f"{number / 1e9:,.2f} GB"
-
-
-def _milliseconds(value: float) -> str:
-    return f"{value:.3g} ms" if value < 1000 else f"{value / 1e3:.3g} s"

@@ -27,7 +27,7 @@ def installed(tmp_path) -> Path:
     source = Path(srt3d_ros.__file__).parent
     for place in (tmp_path / "site", tmp_path / "checkout"):
         shutil.copytree(source, place / "srt3d_ros", ignore=shutil.ignore_patterns("__pycache__"))
-        (place / "srt3d_ros" / "core" / "precompile.py").write_text(SMALLER)
+    (tmp_path / "site" / "srt3d_ros" / "core" / "precompile.py").write_text(SMALLER)
     return tmp_path / "site"
 
 

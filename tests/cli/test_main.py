@@ -63,6 +63,23 @@ def python(repository, script: str, **options) -> subprocess.CompletedProcess:
                           **options)
 
 
+@pytest.mark.parametrize("command", ["up", "demo", "demo --motion walk", "node sketcher"])
+def test_without_ros_its_extra_is_named_and_nothing_is_left_behind(repository, tmp_path, command):
+    done = python(repository, f"""
+class Absent:
+    def find_spec(self, name, *_):
+        if name in ("rclpy", "std_msgs", "sensor_msgs", "nav_msgs"):
+            raise ModuleNotFoundError(name=name)
+
+sys.meta_path.insert(0, Absent())
+sys.path.insert(0, {str(repository)!r})
+import os; os.chdir({str(tmp_path)!r})
+sys.exit(main.main({command.split()}))""")
+    assert done.returncode == 1 and list(tmp_path.iterdir()) == []
+    assert done.stderr.endswith("is not installed: source a ROS 2 installation, or pip install 'srt3d_ros[ros]'\n")
+    assert len(done.stderr.splitlines()) == 1
+
+
 def test_help_names_every_command_and_loads_nothing_heavy(repository):
     done = python(repository, "try: main.main(['--help'])\n"
                   "except SystemExit: pass\n"

@@ -47,13 +47,6 @@ def test_a_recording_that_was_cut_off_is_read_as_far_as_it_goes_and_said_so(srt3
     assert 2 <= facts["frames"] < 6 and facts["note"] == err.strip().removeprefix("srt3d: ")
 
 
-@pytest.mark.parametrize("content, expected", [
-    (b"", "not empty"), (b"# not a recording\n" * 9, "as the recorder writes it")])
-def test_empty_and_foreign_files_are_one_line_each(refusal, tmp_path, content, expected):
-    (tmp_path / "a.rrd").write_bytes(content)
-    assert expected in refusal("review", tmp_path / "a.rrd")
-
-
 @pytest.mark.parametrize("arguments, expected", [
     (["-o", "a.pdf"], "ends in .html"), (["--no-report", "-o", "a.html"], "a report, without --no-report")])
 def test_mistakes_are_one_line(refusal, recording, tmp_path, monkeypatch, arguments, expected):

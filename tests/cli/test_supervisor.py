@@ -62,14 +62,6 @@ def test_a_sketcher_that_dies_is_started_again_until_it_dies_too_often(start):
     assert "srt3d up: sketcher was killed by SIGKILL: ending all nodes" in up.lines
 
 
-def test_a_recorder_that_dies_ends_all(start, tmp_path):
-    up = start(UP, "--record", tmp_path / "run.rrd")
-    wait(lambda: "recorder" in nodes_of(up.pid), "the recorder")
-    nodes_of(up.pid)["recorder"].kill()
-    assert up.code() == 128 + signal.SIGKILL
-    assert "srt3d up: recorder was killed by SIGKILL: ending all nodes" in up.lines
-
-
 def test_no_node_outlives_a_killed_parent(start):
     up = start(UP, "--input", "simulator").says("[player]: ready")
     nodes = nodes_of(up.pid)

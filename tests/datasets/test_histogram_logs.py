@@ -11,6 +11,7 @@ from srt3d_ros.datasets.readers import histogram_logs
 from srt3d_ros.errors import InvalidInput
 from tests.datasets import made_logs
 
+CUT_OFF = gzip.compress(b"[" * 1000, mtime=0)[:30]
 SLANTED = np.linspace(1.0, 2.0, 16)
 
 
@@ -38,17 +39,16 @@ def test_a_log_opens_as_a_photon_file_does(tmp_path, log):
             datasets.read(log, frame=frame)
 
 
-CUT_OFF = gzip.compress(b"[" * 1000, mtime=0)[:30]
-
-
-@pytest.mark.parametrize("content", [b"\xff\xfe\0\0", CUT_OFF, b"\x1f\x8b\x08nonsense", gzip.compress(b"[" * 10**5),
-                                     gzip.compress(b'{"rows": 3}')],
-                         ids=["binary", "cut off", "no gzip", "deep", "another file"])
-def test_damaged_logs_are_refused(tmp_path, content):
-    path = tmp_path / "log.json.gz"
-    path.write_bytes(content)
-    with pytest.raises(InvalidInput, match="log.json.gz"):
-        datasets.read(path)
+@pytest.mark.parametrize("content", [
+    b"\xff\xfe\0\0", b"[", b"{}", b"[]", b"[3]", b"[" * 10**5, b'{"rows": 3}', b'{"Result_Set": [{}]}',
+    b'{"Result_Set": []}', b'{"Result_Set": [{"mp_histo": [[{"bin": [1]}]], "ref_histo": [{"bin": [1]}]}]}',
+    b'[{"hists": [[1]], "reference_hist": [1]}]',
+    json.dumps([{"hists": [[0] * 128] * 9, "reference_hist": ["x"] * 128}]).encode()], ids=range(12))
+def test_broken_logs_are_refused(tmp_path, content):
+    for name, raw in (("log.json", content), ("log.json.gz", gzip.compress(content)), ("cut.gz", CUT_OFF)):
+        (tmp_path / name).write_bytes(raw)
+        with pytest.raises(InvalidInput, match=f"^{name}"):
+            datasets.read(tmp_path / name)
 
 
 def test_logs_are_bounded(tmp_path, monkeypatch):

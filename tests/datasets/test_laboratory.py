@@ -87,20 +87,6 @@ def test_sdt_images(tmp_path):
         read(path, irf=IRF, channel=2)
 
 
-def test_photon_hdf5_detectors_are_pixels(tmp_path):
-    h5py = pytest.importorskip("h5py")
-    pixel, toa = np.nonzero(CUBE.reshape(48, 120))
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        for spot in range(2):
-            here = pixel // 24 == spot
-            group = file.create_group(f"photon_data{spot}")
-            group["nanotimes"], group["detectors"] = toa[here].astype(np.uint16), pixel[here].astype(np.uint8) % 24 + 5
-            group["nanotimes_specs/tcspc_num_bins"], group["nanotimes_specs/tcspc_unit"] = 120, 1e-10
-    photons = read(tmp_path / "a.h5", irf=IRF, rows=6, cols=8)
-    assert np.array_equal(counts_of(photons), CUBE > 0) and photons.sensor.bin_width_s == 1e-10
-    assert "48 detectors" in photons.notes[0]
-
-
 def test_hdf5_and_matlab_cubes(tmp_path):
     h5py = pytest.importorskip("h5py")
     with h5py.File(tmp_path / "a.h5", "w") as file:
@@ -133,7 +119,7 @@ def test_npy_cubes_of_any_type_and_order(tmp_path, array):
 
 
 @pytest.mark.parametrize(("array", "options", "said"), [
-    (CUBE, {}, "a.npy bin_width_s is missing"), (CUBE[0, 0], {"bin_width_s": 1e-10}, "a.npy counts is uint16"),
+    (CUBE[0, 0], {"bin_width_s": 1e-10}, "a.npy counts is uint16"),
     (CUBE, {"bin_width_s": 1e-10, "rows": 5}, "rows, cols is 5, 8"),
     (np.full((2, 2, 9), np.nan), {"bin_width_s": 1e-10}, "a.npy counts is beyond")])
 def test_what_cannot_be_used_is_said_in_one_line(tmp_path, array, options, said):

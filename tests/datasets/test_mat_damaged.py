@@ -19,14 +19,6 @@ def test_a_file_that_is_cut_off_is_refused(tmp_path):
         read(path, irf=IRF)
 
 
-def test_a_damaged_matlab_7_3_file_is_refused_by_its_reader(tmp_path):
-    pytest.importorskip("h5py")
-    path = tmp_path / "a.mat"
-    path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + bytes(384) + b"\x89HDF")
-    with pytest.raises(InvalidInput, match=r"^a\.mat is unreadable .*: expected a whole HDF5 file"):
-        read(path)
-
-
 def test_a_file_that_unpacks_to_more_than_its_reader_may_take_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("srt3d_ros.datasets.readers.mat_child.MAX_MEMORY_BYTES", 2**25)
     path = write(tmp_path, Y=np.zeros((2**12, 2**14), np.uint8))

@@ -30,16 +30,6 @@ def test_walls_are_where_geometry_has_them():
     assert (reflectivity > 0.05).all()
 
 
-def test_a_turned_box_is_where_geometry_has_it():
-    box, = (box for box in FURNITURE if box.yaw_deg == 30)
-    turn = Pose(Pose.turned([0, 0, np.radians(30)]).rotation, np.array(box.middle))
-    side, width = box.size[0] / 2, box.size[1] / 2 - 0.01
-    on_the_face = turn(np.array([[-side, y, z] for y in (-width, 0, width) for z in (-0.5, 0.3, 1.2)]))
-    origin = np.array([0, 0, 1.5])
-    rays, distance = rays_to(on_the_face, origin)
-    np.testing.assert_allclose(Room().cast(origin, rays)[0], distance, rtol=3e-6)
-
-
 def test_a_static_world_stays_where_it_is_while_the_sensor_moves():
     view = MovingView(Room(), walk, SENSOR)
     for t_s in (0.0, 0.7, 5.3):
@@ -80,10 +70,8 @@ def test_odometry_is_exact_and_its_velocity_holds_until_the_next_report():
         np.testing.assert_allclose((report.pose @ step).rotation, after.pose.rotation, atol=1e-12)
 
 
-def test_the_same_seed_gives_the_same_photons_and_their_truth_is_of_the_middle():
+def test_the_truth_of_a_frame_is_that_of_its_middle():
     view = MovingView(Room(), walk, SENSOR, exposure_s=0.01)
-    frames = [Simulator(view, SENSOR, ppp=3, seed=5, frame_rate_hz=100.0).frame(7) for _ in range(2)]
-    np.testing.assert_array_equal(frames[0][0].toa, frames[1][0].toa)
-    np.testing.assert_array_equal(frames[0][0].pixel, frames[1][0].pixel)
-    np.testing.assert_allclose(SENSOR.range_m(frames[0][1][0]), view.at(0.075)[0], rtol=1e-5)
+    _, truth = Simulator(view, SENSOR, ppp=3, seed=5, frame_rate_hz=100.0).frame(7)
+    np.testing.assert_allclose(SENSOR.range_m(truth[0]), view.at(0.075)[0], rtol=1e-5)
     assert np.array_equal(view.sensor_pose(1.0).rotation, (walk(1.0) @ OPTICAL).rotation)

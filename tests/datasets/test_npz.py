@@ -1,7 +1,6 @@
 """The npz photon file: what is written comes back, and what cannot be used is named in one line."""
 
 import struct
-import tracemalloc
 import zipfile
 
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 from srt3d_ros.core.sensor.distortion import PlumbBob
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets import files, photon_file, read
 from srt3d_ros.datasets.options import ASSUMED_FOV
 from srt3d_ros.errors import InvalidInput
@@ -49,19 +48,11 @@ def test_everything_comes_back(tmp_path, sensor):
 
 
 @pytest.mark.parametrize(("dtype", "read_as"), [
-    (np.uint16, np.uint16), (np.uint32, np.uint16), (np.int64, np.uint16), (np.float32, np.float32)])
+    (np.uint16, np.uint16), (np.uint32, np.uint16), (np.int64, np.uint16), (np.float32, np.uint16)])
 def test_every_type_of_toa_is_read(tmp_path, dtype, read_as):
     back = read(write(tmp_path, toa=EVENTS.toa.astype(dtype), pixel=EVENTS.pixel.astype(np.int64))).frame
     np.testing.assert_array_equal(back.toa, EVENTS.toa)
     assert (back.toa.dtype, back.pixel.dtype) == (read_as, np.uint32)
-
-
-def test_gates_are_saved_as_events(tmp_path):
-    sensor = SENSOR.replace(gates=GateWords(0, 65_535))
-    gates = PhotonGates.from_events(EVENTS, sensor)
-    photon_file.save(tmp_path / "a.npz", sensor, gates)
-    back = read(tmp_path / "a.npz").frame
-    assert sorted(zip(back.pixel, back.toa)) == sorted(zip(EVENTS.pixel, EVENTS.toa))
 
 
 def test_the_better_reference_is_preferred(tmp_path):
@@ -86,10 +77,10 @@ DEPTH = np.full((2, 3), 20.0)
     ("rows", {"rows": None}), ("toa", {"toa": None}), ("rows", {"rows": 0}), ("rows dtype", {"rows": "two"}),
     ("rows shape", {"rows": [2, 2]}), ("toa_reference dtype", {"toa_reference": 0.5}), ("irf dtype", {"irf": IRF + 0j}),
     ("irf", {"irf": -IRF}), ("pixel dtype", {"pixel": np.array([{}, 1, 2, 3], dtype=object)}),
-    ("pixel dtype", {"pixel": np.ones(4)}), ("pixel", {"pixel": np.array([-1, 0, 0, 0])}),
+    ("pixel", {"pixel": np.full(4, 0.5)}), ("pixel", {"pixel": np.array([-1, 0, 0, 0])}),
     ("pixel", {"pixel": np.array([2**32, 0, 0, 0])}), ("toa", {"toa": np.array([65_536, 0, 0, 0])}),
-    ("toa", {"toa": np.array([np.nextafter(50, 0), 0, 0, 0])}), ("toa", {"toa": np.array([np.nan, 0, 0, 0])}),
-    ("toa shape", {"toa": EVENTS.toa.reshape(2, 2)}), ("pixel and toa shapes", {"toa": EVENTS.toa[:3]}),
+    ("toa", {"toa": np.full(4, 0.5)}), ("toa", {"toa": np.array([np.nan, 0, 0, 0])}),
+    ("toa shape", {"toa": EVENTS.toa.reshape(2, 2)}), ("toa shape", {"toa": EVENTS.toa[:3]}),
     ("ref_depth_bins shape", {"ref_depth_bins": DEPTH.T}), ("projection", {"projection": "fisheye"}),
     ("projection_values", {"projection": "pinhole"}), ("fov_deg", {"fov_deg": 200.0}),
     ("projection_values shape", {"projection": "pinhole", "projection_values": np.ones(3)}),
@@ -124,54 +115,31 @@ def test_damaged_files_are_refused(tmp_path, damage, said):
         read(path)
 
 
-def write_with_member(tmp_path, content: bytes, method: int = zipfile.ZIP_STORED):
-    """A photon file with this toa.npy."""
-    path = write(tmp_path, toa=None)
-    with zipfile.ZipFile(path, "a", method) as archive:
-        archive.writestr("toa.npy", content)
-    return path
-
-
 def header(shape: object, dtype: object = "<u2", body: bytes = b"") -> bytes:
     """An .npy file of this header, and some data."""
     text = repr({"descr": dtype, "fortran_order": False, "shape": shape})
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text.encode("latin-1") + body
 
 
-MEMBERS = {
-    "a zip bomb": (header((2**40,), body=bytes(2**20)), "size is 2199023255552 bytes: expected at most"),
-    "less than the header says": (header((4,), body=b"12"), "size is 2 bytes: expected 8 bytes"),
-    "brackets alone": (b"\x93NUMPY\x01\x00" + struct.pack("<H", 9000) + b"[" * 9000, "is unreadable"),
-    "negative": (header((-2, -2)), "shape is"), "not a number": (header(("a",)), "is unreadable"),
-    "a product of 20000 digits": (header((10**18,) * 400), "shape is"),
-    "records": (header((1,), [("a", "<u2")]), "dtype is"), "version 9": (b"\x93NUMPY\x09\x00", "is unreadable"),
-}
-
-
-@pytest.mark.parametrize(("content", "expected"), MEMBERS.values(), ids=MEMBERS)
+@pytest.mark.parametrize(("content", "expected"), [
+    (header((2**40,), body=bytes(2**20)), "size is 2199023255552 bytes: expected at most"),
+    (header((1,), [("a", "<u2")]), "dtype is"),
+    (header((4,), body=b"12"), "size is 2 bytes: expected 8 bytes"), (header((-2, -2)), "shape is"),
+    (header(("a",)), "is unreadable"), (header((10**18,) * 400), "shape is")])
 def test_members_that_are_no_array_are_one_line(tmp_path, content, expected):
+    path = write(tmp_path, toa=None)
+    with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("toa.npy", content)
     with pytest.raises(InvalidInput, match=f"^photons.npz toa {expected}") as caught:
-        read(write_with_member(tmp_path, content, zipfile.ZIP_DEFLATED))
+        read(path)
     assert len(str(caught.value).splitlines()) == 1
 
 
-def test_packing_without_bounds_is_refused(tmp_path):
-    with pytest.raises(InvalidInput, match="toa is packed by method 14: expected an array stored or deflated"):
-        read(write_with_member(tmp_path, header((4,), body=bytes(8)), zipfile.ZIP_LZMA))
-
-
-def test_arrays_that_are_too_much_together_are_refused_before_any_is_read(tmp_path, monkeypatch):
-    path = write(tmp_path)
-    with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
-        for name in ("gain", "mask", "delay_bins"):
-            archive.writestr(f"{name}.npy", header((4, 2**20), "|u1", bytes(4 * 2**20)))
-    monkeypatch.setattr(files, "MAX_BYTES", 10**7)
-    tracemalloc.start()
-    with pytest.raises(InvalidInput, match="^photons.npz size is .* bytes: expected at most 10000000 bytes of arrays"):
+def test_arrays_that_are_too_much_together_are_refused(tmp_path, monkeypatch):
+    path = write(tmp_path, gain=np.ones((2, 3)), mask=np.ones((2, 3)))
+    monkeypatch.setattr(files, "MAX_BYTES", 120)
+    with pytest.raises(InvalidInput, match="^photons.npz size is .* bytes: expected at most 120 bytes of arrays"):
         read(path)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 1_000_000
 
 
 @pytest.mark.parametrize(("name", "expected"), [

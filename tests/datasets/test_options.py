@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets import photon_file, read
 from srt3d_ros.errors import InvalidInput
@@ -26,15 +25,6 @@ def path(tmp_path):
 def sidecar(path, text) -> None:
     raw = text if isinstance(text, bytes) else (text if isinstance(text, str) else json.dumps(text)).encode()
     path.with_name("a.npz.json").write_bytes(raw)
-
-
-def test_options_replace_what_the_file_says(path):
-    given = {"num_bins": 60, "bin_width_s": 2e-10, "toa_offset_bins": 1.5, "range_offset_m": 3,
-             "toa_reference": "bin_edge"}
-    sensor = read(path, fov_deg=20, **given).sensor
-    assert {name: getattr(sensor, name) for name in given} == given
-    assert sensor.projection == Pinhole.from_fov(2, 3, 20) and sensor.irf_ref == 0
-    assert read(path, num_bins=None).sensor.num_bins == 50
 
 
 def test_options_win_over_the_sidecar_which_wins_over_the_file(path):

@@ -7,7 +7,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import design_for
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.sketcher import sketch_photons
-from srt3d_ros.datasets import read, readers, recording, survey
+from srt3d_ros.datasets import read, recording
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
@@ -32,7 +32,7 @@ def cube(events):
 @pytest.fixture
 def few_kept(monkeypatch):
     """Files of more than 2000 photons stay files, read in several chunks."""
-    monkeypatch.setattr(survey, "MAX_KEPT", 2000)
+    monkeypatch.setattr(recording, "MAX_KEPT", 2000)
     monkeypatch.setattr("srt3d_ros.datasets.readers.cubes.CHUNK_BYTES", 5 * 24 * 200 * 2)
 
 
@@ -40,11 +40,6 @@ def few_kept(monkeypatch):
 def npy(cube, tmp_path):
     np.save(tmp_path / "cube.npy", cube)
     return tmp_path / "cube.npy"
-
-
-def completed(rows, cols, num_bins, chunks, irf):
-    found = recording.Recording(rows, cols, num_bins, 1e-10, lambda: iter(chunks), "a")
-    return readers.completed(found, {"irf": irf}, False)
 
 
 def same(sketch, expected) -> None:
@@ -101,21 +96,10 @@ def test_negative_and_fractional_counts_are_sketched(cube, tmp_path):
 
 
 def test_a_single_pixel_of_too_many_photons_is_sampled_too(tmp_path, monkeypatch):
-    monkeypatch.setattr(survey, "MAX_KEPT", 2000)
+    monkeypatch.setattr(recording, "MAX_KEPT", 2000)
     counts = np.zeros((1, 2, 50), np.uint32)
     counts[0, 0, 20:23] = 1_000_000
     np.save(tmp_path / "bright.npy", counts)
     found = read(tmp_path / "bright.npy", bin_width_s=1e-10, irf=np.ones(3))
     assert not found.is_loaded and found.photons == 3_000_000 and 1900 < found.sample[0].photons <= 2000
     assert found.sketch(1).photons.tolist() == [[3_000_000, 0]]
-    one = recording.Events(np.zeros(1500, int), np.full(1500, 20), 0.5)
-    point = completed(1, 1, 50, [one] * 3, np.ones(3))
-    assert not point.is_loaded and point.photons == 4500 and point.sample[0].photons == 1500
-    assert point.sketch(1).photons.tolist() == [[4500]]
-
-
-def test_events_outside_are_left_out():
-    chunk = recording.Events(np.array([0, -1, 3, 2]), np.array([0, 1, 10, 9]), 1.0)
-    found = completed(2, 2, 10, [chunk], np.ones(1))
-    assert found.frame.pixel.tolist() == [0, 2] and found.frame.toa.tolist() == [0, 9]
-    assert "1 of 3 photons" in found.notes[-1]

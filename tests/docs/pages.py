@@ -5,22 +5,15 @@ import shlex
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PATHS = [ROOT / "README.md", *ROOT.glob("docs/*.md"), *ROOT.glob("msg_schemas/*.md")]
+PATHS = {ROOT / "README.md", *ROOT.glob("docs/*.md")} - {ROOT / "docs/RESULTS.md"}      # whose revisions are older
 PAGES = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in sorted(PATHS)}
-FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+FENCE = re.compile(r"^```([\w{}-]*)[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 INDENTED = re.compile(r"(?<=\n\n)(?: {4}.*\n)+")
 
 
-def headings(text: str) -> list[re.Match]:
-    """The headings; comments in code are none."""
-    return list(re.finditer("(?m)^#+ (.*)$", FENCE.sub(lambda fence: re.sub("(?m)^#", " ", fence[0]), text)))
-
-
 def section(text: str, heading: str) -> str:
-    """The text under the first heading that begins so, until the next heading."""
-    found = headings(text)
-    at = next(k for k, one in enumerate(found) if one[1].startswith(heading))
-    return text[found[at].end():found[at + 1].start() if at + 1 < len(found) else None]
+    """The text under the heading that begins so, until the next heading."""
+    return re.search(rf"(?ms)^#+ {re.escape(heading)}.*?$(.*?)(?=^#+ |\Z)", text)[1]
 
 
 def fenced(text: str, language: str) -> list[str]:

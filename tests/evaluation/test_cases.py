@@ -8,9 +8,10 @@ import pytest
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets import read
-from srt3d_ros.datasets.simulation.scene import default_sensor, net_sensor
+from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation.cases import of_files, photons_near, simulated, tolerance_bins
+from srt3d_ros.evaluation.scenes import net_sensor
 
 
 def test_every_setting_is_a_case_of_the_photons_it_says(scene_file):

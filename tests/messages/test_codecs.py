@@ -1,4 +1,4 @@
-"""What holds for every binary layout: the bytes, others' CDR, broken messages; then images, texts and stamps."""
+"""What holds for every binary layout: the bytes, padded rows, broken messages; then images, texts and stamps."""
 
 from pathlib import Path
 
@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from rclpy.serialization import deserialize_message, serialize_message
-from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
@@ -18,11 +17,6 @@ from srt3d_ros.messages.cdr import Header
 from tests.messages.conftest import same
 
 GOLDEN = Path(__file__).parent / "golden"
-ROSBAGS = get_typestore(Stores.ROS2_JAZZY)
-
-
-def ros_name(codec) -> str:
-    return f"sensor_msgs/msg/{codec.message_class.__name__}"
 
 
 def test_bytes_are_the_golden_ones(codec_name, codec):
@@ -42,30 +36,6 @@ def test_rclpy_reads_and_writes_the_same_bytes(codec):
                    (cdr.read_image, cdr.write_image))
     assert write(read(serialised)) == raw
     assert same(codec.decode_cdr(serialised), codec.decode_cdr(raw))
-
-
-def test_big_endian_cdr_is_read(codec):
-    message = ROSBAGS.deserialize_cdr(codec.encode_cdr(), ros_name(codec))
-    raw = bytes(ROSBAGS.serialize_cdr(message, ros_name(codec), little_endian=False))
-    assert raw[:2] == b"\x00\x00" and same(codec.decode_cdr(raw), codec.decode_cdr(codec.encode_cdr()))
-
-
-def test_big_endian_data_is_read(codec):
-    message = codec.message()
-    if hasattr(message, "fields"):
-        widths = (0, 1, 1, 2, 2, 4, 4, 4, 8)        # of PointField's datatypes
-        step = message.point_step
-        places = [(at, widths[field.datatype]) for field in message.fields for at in
-                  range(field.offset, field.offset + widths[field.datatype] * field.count, widths[field.datatype])]
-    else:
-        step = int(message.encoding.split("C")[0][:-1]) // 8
-        places = [(0, step)]
-    data = np.frombuffer(message.data, np.uint8).reshape(-1, step).copy()
-    for at, width in places:
-        data[:, at:at + width] = data[:, at:at + width][:, ::-1]
-    message.data = data.tobytes()
-    message.is_bigendian = type(message.is_bigendian)(1)
-    assert same(codec.decode(message), codec.decode_cdr(codec.encode_cdr()))
 
 
 def test_padded_rows_are_read(codec):
@@ -116,22 +86,12 @@ def test_header_that_ros_cannot_carry_is_refused(stamp_ns, frame_id, field):
         Header(stamp_ns, frame_id)
 
 
-@pytest.mark.parametrize("text", ["", "a", "{\"irf\": [1, 2]}", "ωₗ"])
-def test_texts_are_written_and_read_as_rclpy_does(text):
-    assert deserialize_message(cdr.write_text(text), String).data == text
-    assert cdr.read_text(serialize_message(String(data=text))) == text
+def test_texts_are_written_and_read_as_rclpy_does():
+    for text in ("", "a", "{\"irf\": [1, 2]}", "ωₗ"):
+        assert deserialize_message(cdr.write_text(text), String).data == text
+        assert cdr.read_text(serialize_message(String(data=text))) == text
 
 
-@pytest.mark.parametrize("raw", [b"", b"\0\1\0\0\x08\0\0\0abc\0", b"\0\1\0\0\2\0\0\0\xff\0", b"\0\1\0\0\2\0\0\0ab"])
-def test_what_is_no_text_is_refused(raw):
-    with pytest.raises(InvalidInput):
-        cdr.read_text(raw)
-
-
-def test_stamps_are_in_the_byte_order_of_their_message():
-    raw = b"\0\0\0\0" + (5).to_bytes(4, "big") + (6).to_bytes(4, "big") + b"the rest"
-    assert cdr.stamp_ns(raw) == 5_000_000_006
-    stamped = cdr.restamp(raw, 1_700_000_000_250_000_001)
-    assert cdr.stamp_ns(stamped) == 1_700_000_000_250_000_001 and stamped.endswith(b"the rest")
+def test_a_stamp_that_is_cut_off_is_refused():
     with pytest.raises(InvalidInput, match="header.stamp"):
-        cdr.stamp_ns(raw[:9])
+        cdr.stamp_ns(images.encode_cdr(np.zeros((1, 1), np.float32), 5, "")[:9])

@@ -9,7 +9,7 @@ import pytest
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import gates, histograms, photons, sketch
 
-INT16, UINT16, UINT32, FLOAT32, FLOAT64 = 3, 4, 6, 7, 8         # of PointField's datatypes
+INT16, FLOAT64 = 3, 8         # of PointField's datatypes
 
 
 def change(message, what: str, value) -> None:
@@ -32,51 +32,39 @@ def change(message, what: str, value) -> None:
 
 @pytest.mark.parametrize(("codec_name", "what", "value", "named"), [
     ("photons_uint16", "row.times", 0, "row"),
-    ("photons_uint16", "toa.times", 0, "toa"),
     ("photons_uint16", "toa.times", 2, "toa"),
     ("photons_uint16", "col.datatype", INT16, "col datatype"),
-    ("photons_uint16", "row.datatype", 99, "row datatype"),
-    ("photons_float32", "toa.datatype", FLOAT64, "toa datatype"),
     ("photons_uint16", "toa.count", 2, "toa count"),
-    ("photons_uint16", "toa.offset", 3, "toa offset"),
     ("photons_uint16", "toa.offset", 5, "toa offset"),
     ("photons_uint16", "toa.offset", 2**32 - 2, "toa offset"),
-    ("photons_uint16", "point_step", 7, "row_step"),
     ("photons_uint16", "point_step", 2**32 - 1, "point_step"),
     ("photons_uint16", "row_step", 17, "row_step"),
-    ("photons_uint16", "row_step", 19, "data"),
     ("photons_uint16", "height", 2, "height"),
-    ("photons_uint16", "width", 4, "row_step"),
     ("photons_uint16", "data.end", 1, "data"),
     ("photons_uint16", "row.number", np.uint16(3), "row"),
     ("photons_uint16", "col.number", np.uint16(4), "col"),
     ("photons_uint16", "toa.number", np.uint16(100), "toa"),
     ("photons_float32", "toa.number", np.float32(np.nan), "toa"),
-    ("photons_float32", "toa.number", np.float32(-0.5), "toa"),
     ("photons_float32", "toa.number", np.float32(100), "toa"),
     ("gates", "encoding", "mono8", "encoding"),
     ("gates", "is_bigendian", 2, "is_bigendian"),
     ("gates", "width", 3, "width"),
     ("gates", "height", 5, "height"),
-    ("gates", "step", 7, "step"),
     ("gates", "data.begin", b"\x09\x00", "gates word"),
     ("gates", "data.begin", b"\x6e\x00", "gates word"),
-    ("histograms_16UC5", "encoding", "rgb8", "encoding"),
     ("histograms_16UC5", "encoding", "16UC6", "encoding"),
+    ("histograms_16UC5", "encoding", "8UC5", "encoding"),
     ("histograms_16UC5", "width", 5, "width"),
     ("histograms_16UC5", "step", 2**32 - 1, "data"),
     ("histograms_16UC5", "data.end", 1, "data"),
     ("histograms_32FC5", "data.begin", np.float32(np.nan).tobytes(), "histograms count"),
-    ("histograms_32FC5", "data.begin", np.float32(1e12).tobytes(), "histograms count"),
     ("histograms_32SC5", "data.begin", np.int32(-2**30).tobytes(), "histograms count"),
-    ("sketch_float32", "photons.datatype", FLOAT32, "photons datatype"),
     ("sketch_float32", "k3.datatype", FLOAT64, "k3 datatype"),
     ("sketch_float32", "k3.count", 1, "k3 count"),
     ("sketch_float32", "height", 4, "height"),
     ("sketch_float32", "k1.number", np.float32(np.nan), "sketch"),
     ("sketch_float32", "k1.number", np.float32(1.01), "sketch"),
     ("points_xyzi", "intensity.times", 0, "intensity"),
-    ("points_full", "row.datatype", UINT32, "row datatype"),
     ("image_32FC1", "encoding", "64FC1", "encoding"),
 ], indirect=["codec_name"])
 def test_malformed_message_gives_one_error_that_names_the_field(codec, what, value, named):
@@ -91,6 +79,7 @@ def test_malformed_message_gives_one_error_that_names_the_field(codec, what, val
 @pytest.mark.parametrize(("change", "named"), [
     (lambda raw: b"", "CDR header"),
     (lambda raw: b"\x00\x03" + raw[2:], "CDR header"),         # of mutable types
+    (lambda raw: b"\x00\x00" + raw[2:], "CDR header"),         # big-endian
     (lambda raw: raw[:4], "header.stamp.sec"),
     (lambda raw: raw[:8] + (10**9).to_bytes(4, "little") + raw[12:], "header.stamp.nanosec"),
     (lambda raw: raw[:12] + b"\xff\xff\xff\xff" + raw[16:], "header.frame_id"),

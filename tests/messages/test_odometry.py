@@ -54,7 +54,6 @@ def test_a_twist_of_nan_is_none_and_the_pose_is_used():
 
 @pytest.mark.parametrize("decode, message, field, value, said", [
     (decode_odometry, odometry, "pose.pose.position.y", math.nan, "position is"),
-    (decode_odometry, odometry, "pose.pose.position.x", 1e300, "position is"),
     (decode_odometry, odometry, "pose.pose.orientation.w", math.nan, "orientation is"),
     (decode_odometry, odometry, "pose.pose.orientation.w", 0.0, "expected a quaternion of length 1"),
     (decode_imu, imu, "angular_velocity.z", math.nan, "angular_velocity is"),

@@ -10,10 +10,8 @@ from hypothesis.extra import numpy as arrays
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 
-from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sketching import photons as core_photons
-from srt3d_ros.core.sketching.photons import CHUNK, PhotonEvents, PhotonGates, PhotonHistograms
+from srt3d_ros.core.sketching.photons import CHUNK, PhotonEvents, PhotonGates
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr, gates, histograms, photons
 from srt3d_ros.messages.cdr import Header
@@ -22,7 +20,7 @@ from tests.messages.conftest import same
 
 @st.composite
 def events(draw):
-    sensor = SensorModel(rows=draw(st.integers(1, 300)), cols=draw(st.integers(1, 300)),
+    sensor = SensorModel(rows=draw(st.integers(1, 65_536)), cols=draw(st.integers(1, 64)),
                          num_bins=draw(st.integers(2, 65_535)), bin_width_s=1e-10, irf=np.ones(1))
     count = draw(st.integers(0, 50))
     pixel = draw(arrays.arrays(np.uint32, count, elements=st.integers(0, sensor.pixels - 1)))
@@ -30,42 +28,15 @@ def events(draw):
     bins = st.floats(0, sensor.num_bins, width=32, exclude_max=True) if dtype is np.float32 else \
         st.integers(0, sensor.num_bins - 1)
     toa = draw(arrays.arrays(dtype, count, elements=bins))
-    return photons, sensor, PhotonEvents(pixel, toa, draw(st.integers(0, 2**60)))
+    return sensor, PhotonEvents(pixel, toa, draw(st.integers(0, 2**60)))
 
 
-@st.composite
-def words(draw):
-    first, bins, none = draw(st.integers(0, 1000)), draw(st.integers(2, 1000)), draw(st.integers(0, 65_535))
-    sensor = SensorModel(rows=draw(st.integers(1, 9)), cols=draw(st.integers(1, 9)), num_bins=bins, bin_width_s=1e-10,
-                         irf=np.ones(1), gates=GateWords(first, none))
-    shape = (draw(st.integers(0, 6)), sensor.rows, sensor.cols)
-    found = draw(arrays.arrays(np.uint16, shape, elements=st.integers(first, first + bins - 1) | st.just(none)))
-    return gates, sensor, PhotonGates(found, draw(st.integers(0, 2**60)), photons=np.count_nonzero(found != none))
-
-
-@st.composite
-def counts(draw):
-    sensor = SensorModel(rows=draw(st.integers(1, 5)), cols=draw(st.integers(1, 5)), num_bins=draw(st.integers(2, 40)),
-                         bin_width_s=1e-10, irf=np.ones(1))
-    if draw(st.booleans()):
-        sensor = sensor.replace(histograms=HistogramBins(draw(st.integers(1, sensor.num_bins))))
-    bins = sensor.num_bins if sensor.histograms is None else sensor.histograms.num_bins
-    dtype = draw(st.sampled_from(core_photons.COUNT_DTYPES))
-    most = core_photons.MAX_OF_PIXEL // 64
-    within = {} if np.dtype(dtype).kind == "u" else {"min_value": -most, "max_value": most}
-    found = draw(arrays.arrays(dtype, (sensor.rows, sensor.cols, bins),
-                               elements=arrays.from_dtype(np.dtype(dtype), **within)))
-    return histograms, sensor, PhotonHistograms(found, draw(st.integers(0, 2**60)))
-
-
-@settings(max_examples=150, deadline=None)
-@given(events() | words() | counts())
-def test_any_frame_makes_the_trip(case):
-    module, sensor, content = case
-    header, back = module.decode_cdr(module.encode_cdr(content, sensor, "spad"), sensor)
+@settings(max_examples=100, deadline=None)
+@given(events())
+def test_any_photons_make_the_trip(case):
+    sensor, content = case
+    header, back = photons.decode_cdr(photons.encode_cdr(content, sensor, "spad"), sensor)
     assert header == Header(content.stamp_ns, "spad") and same(back, content)
-    for array in vars(back).values():
-        assert not isinstance(array, np.ndarray) or (array.flags.aligned and array.flags.c_contiguous)
 
 
 @pytest.mark.parametrize("name, order", [("gates", ">"), ("histograms_8UC5", "|"), ("histograms_16UC5", ">"),
@@ -101,12 +72,6 @@ def test_other_order_padding_and_further_fields_are_read(small_sensor, order, co
     _, found = photons.decode_cdr(serialize_message(message), small_sensor)
     assert found.pixel.tolist() == [11, 0, 6][:count] and found.toa.tolist() == [99.5, 0, 7.25][:count]
     assert found.toa.dtype == np.float32
-
-
-def test_last_row_and_column_of_the_largest_side_fit():
-    sensor = SensorModel(rows=65_536, cols=1, num_bins=65_535, bin_width_s=1e-10, irf=np.ones(1))
-    last = PhotonEvents(np.array([65_535], np.uint32), np.array([65_534], np.uint16))
-    assert photons.decode_cdr(photons.encode_cdr(last, sensor, ""), sensor)[1].pixel.tolist() == [65_535]
 
 
 def test_a_message_announces_its_photons_unless_its_bytes_cannot_hold_them(codecs):

@@ -24,30 +24,11 @@ def two_in_one_pixel() -> PointCloud:
                       surface=np.array([0, 1, 0], np.uint8), background=np.arange(12, dtype=np.float32).reshape(3, 4))
 
 
-def test_columns_hold_the_cloud_in_metres(codecs, small_sensor):
-    cloud = codecs["points_full"].content
-    _, columns = codecs["points_full"].decode_cdr(codecs["points_full"].encode_cdr())
-    assert (columns["xyz"] == cloud.xyz).all() and (columns["intensity"] == cloud.intensity).all()
-    assert columns["row"].tolist() == [0, 2] and columns["col"].tolist() == [1, 3]
-    assert columns["surface"].tolist() == [0, 1]
-    assert columns["background"].tolist() == [1, 11]
-    metres = small_sensor.range_m(11) - small_sensor.range_m(10)
-    np.testing.assert_allclose(columns["depth_std"], np.array([1, 2]) * metres, rtol=1e-6)
-    for column in columns.values():
-        assert column.flags.c_contiguous and column.flags.writeable and column.flags.aligned
-
-
-def test_is_dense_says_whether_every_point_is_finite(codecs, small_sensor):
+def test_is_dense_says_whether_every_point_is_finite(codecs):
     cloud = codecs["points_xyzi"].content
     for x, dense in ((1.0, True), (np.nan, False), (np.inf, False)):
         moved = replace(cloud, xyz=np.array([[1, 2, 3], [x, 5, 6]], np.float32))
         assert read_cloud(points.encode_cdr(moved, "lidar")).is_dense is dense
-    row, col = (index.ravel().astype(np.uint16) for index in np.indices((3, 4)))
-    bins = np.arange(1, 13, dtype=np.float32)
-    full = PointCloud(row, col, bins, bins, bins, small_sensor.xyz(row, col, bins), np.zeros(12, np.uint8),
-                      np.zeros((3, 4), np.float32))
-    for seen, dense in ((full, True), (full.within(max_m=small_sensor.range_m(11.5)), False)):
-        assert read_cloud(points.encode_cdr(seen, "lidar", organised=True)).is_dense is dense
 
 
 @pytest.mark.parametrize("layout", ["xyzi", "full"])

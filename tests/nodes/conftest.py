@@ -22,13 +22,14 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from srt3d_ros.cli.node import node_command, parameter_arguments
+from srt3d_ros.cli.node import parameter_arguments
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.nodes.topics import LATCHED
 from tests.processes import Process, wait
 
+EAGER = Path(__file__).with_name("eager_node.py")
 ASK_AGAIN_S = 1.0       # a question whose answer may have been lost
 namespaces = itertools.count()
 
@@ -63,11 +64,9 @@ class Graph:
 
     def start(self, name: str, *ros_args: str, **parameters) -> Process:
         """Start a node, or a script if `name` is the path of one; parameters as in `-p name:=value`."""
-        is_node = not name.endswith(".py")
-        arguments = ["-r", f"__ns:={self.namespace}", *ros_args]
-        command = (node_command(name, *arguments, **parameters) if is_node else
-                   [sys.executable, name, *parameter_arguments(parameters), *arguments])
-        self.processes.append(Process(command))
+        program = [name] if name.endswith(".py") else [str(EAGER), name]
+        self.processes.append(Process([sys.executable, *program, *parameter_arguments(parameters),
+                                       "-r", f"__ns:={self.namespace}", *ros_args]))
         renamed = [arg.removeprefix("__node:=") for arg in ros_args if arg.startswith("__node:=")]
         self._nodes[renamed[0] if renamed else Path(name).stem] = self.processes[-1]
         return self.processes[-1]

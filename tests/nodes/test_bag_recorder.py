@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rclpy.duration import Duration
-from ruamel.yaml import YAML
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
@@ -39,15 +38,6 @@ def read(path: Path) -> list[Message]:
         return list(bag.messages(bag.topics))
 
 
-def offers(path: Path) -> dict[str, tuple]:
-    """What the metadata says that the publishers of each topic offered."""
-    information = YAML(typ="safe").load((path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    topics = [topic["topic_metadata"] for topic in information["topics_with_message_count"]]
-    return {topic["name"].rsplit("/", 1)[1]: tuple(
-        (offer["reliability"], offer["durability"], offer["depth"]) for offer in topic["offered_qos_profiles"])
-        for topic in topics}
-
-
 def on_the_wire(raw: bytes) -> bytes:
     """A serialised message as subscribers get it: the middleware fills it up to a multiple of 4 bytes."""
     return raw + bytes(-len(raw) % 4)
@@ -74,8 +64,6 @@ def test_what_is_recorded_gives_the_same_clouds_again(graph, sensor, frames, tmp
     assert recorder.end(signal.SIGINT) == 0 and recorder.lines[-1].endswith("MB, nothing lost")
     assert f"{graph.namespace}/photons 6, {graph.namespace}/sensor 2, " in recorder.lines[-1], recorder.text
     assert [message.raw for message in read(bag)] == [on_the_wire(raw) for raw in sent]
-    assert offers(bag)["sensor"] == (("reliable", "transient_local", 1),)
-    assert offers(bag)["photons"][0][:2] == ("reliable", "volatile")
     for publisher in (sensors, driver):
         graph.node.destroy_publisher(publisher)
     clouds.clear()
@@ -83,21 +71,6 @@ def test_what_is_recorded_gives_the_same_clouds_again(graph, sensor, frames, tmp
     graph.wait(lambda: len(clouds) == len(live), "the clouds of the bag")
     assert list(clouds) == live
     assert {graph.report(name)["dropped"] for name in ("sketcher", "reconstructor")} == {"0"}
-
-
-@pytest.mark.parametrize("comes_late", [False, True])
-def test_frames_that_nobody_describes_are_recorded_behind_a_late_sensor(graph, sensor, frames, tmp_path, comes_late):
-    recorder = graph.start("bag_recorder", path=tmp_path / "bag").ready()
-    graph.matched(graph.publisher(PointCloud2, "photons")).publish(frames[0])
-    graph.reports("bag_recorder", "frames_out", 1)
-    if comes_late:
-        graph.latched("sensor").publish(sensor_message.encode_cdr(sensor))
-        graph.reports("bag_recorder", "frames_out", 2)
-    assert recorder.end(signal.SIGTERM) == 0
-    recorded = read(tmp_path / "bag")
-    assert len({message.time_ns for message in recorded}) == 1 and len(recorded) == 1 + comes_late
-    assert on_the_wire(frames[0]) in [message.raw for message in recorded]
-    assert recorder.lines[-1].endswith("nothing lost" if comes_late else f"nothing came on {graph.namespace}/sensor")
 
 
 # The node after a line of Python, as a program of its own.
@@ -146,25 +119,3 @@ def test_what_the_disk_is_too_slow_for_is_dropped_and_what_waits_is_written_at_t
     assert recorder.end(signal.SIGINT) == 0
     written = len(read(tmp_path / "bag"))
     assert 2 <= written < 4 and recorder.lines[-1].endswith(f"{4 - written} lost"), recorder.text
-
-
-@pytest.mark.parametrize("parameters, line", [
-    ({"topics": "photons, gps"}, "topics is gps: expected some of sensor, sketch/sensor, photons, gates, "),
-    ({"path": "/proc/bag"}, "bag is /proc/bag: expected a folder that can be made"),
-])
-def test_what_cannot_be_recorded_is_one_line_and_exit_code_2(graph, tmp_path, parameters, line):
-    recorder = graph.start("bag_recorder", **{"path": tmp_path / "bag"} | parameters)
-    assert recorder.code() == 2
-    assert len(recorder.lines) == 1 and line in recorder.text
-    assert not (tmp_path / "bag").exists()
-
-
-def test_deactivated_it_completes_the_bag_and_overwrites_none(graph, frames, tmp_path):
-    recorder = graph.start("bag_recorder", path=tmp_path / "bag", topics="photons").ready()
-    graph.matched(graph.publisher(PointCloud2, "photons")).publish(frames[0])
-    graph.reports("bag_recorder", "frames_out", 1)
-    assert graph.change("bag_recorder", "deactivate")
-    assert len(read(tmp_path / "bag")) == 1
-    assert not graph.change("bag_recorder", "activate")
-    recorder.says("expected a folder that is not there")
-    assert recorder.end(signal.SIGINT) == 0

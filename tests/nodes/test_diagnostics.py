@@ -82,12 +82,14 @@ def test_levels_follow_what_happened_since_the_last_report(counted, monkeypatch)
     says(ERROR, "dropped: 3 lost on the way here, of 3")
     diagnostics.error("ZeroDivisionError: division by zero")
     says(ERROR, "ZeroDivisionError: division by zero")
-    for how in ("find_warning", "find_contradiction"):
-        setattr(diagnostics, how, lambda: "rows is 3: expected 4")
-        for _ in range(2):          # as long as it lasts
-            says(WARN if how == "find_warning" else ERROR, "rows is 3: expected 4")
-    diagnostics.find_warning = diagnostics.find_contradiction = str
-    assert latest()["last_error"] == "ZeroDivisionError: division by zero"
+    diagnostics.warn("frames go on undeskewed")
+    says(WARN, "frames go on undeskewed")       # once
+    diagnostics.unusable("rows is 3: expected 4")
+    for _ in range(2):                          # as long as it lasts
+        says(ERROR, "rows is 3: expected 4")
+    diagnostics.unusable("")
+    report = latest()
+    assert (report["level"], report["last_error"]) == (OK, "ZeroDivisionError: division by zero")
     assert "waiting_for" not in latest()
     monkeypatch.setattr(module, "PATIENCE_S", -1.0)
     for topic in ("/photons", "/gates", "/histograms"):
@@ -96,27 +98,16 @@ def test_levels_follow_what_happened_since_the_last_report(counted, monkeypatch)
     monkeypatch.setattr(module, "PATIENCE_S", 60.0)
     receive(1)
     says(OK, "frames/s in")
+    for latency_s, words in ((66.4, "frames are 66.4 s old: behind, or stamped by another clock"),
+                             (-3600, "frames are stamped 3600.0 s ahead of this node's clock: by another clock")):
+        receive(1)
+        diagnostics.sent(latency_s)
+        says(WARN, words)
+    receive(1)
+    diagnostics.sent(-0.1)          # as far as clocks may be apart
+    says(OK, "frames/s in")
     node.state = "inactive"
     says(OK, "inactive")
-
-
-def test_the_warning_of_untimely_frames_ends_with_its_cause(counted):
-    diagnostics, latest, _ = counted
-    for latency_s, message in ((66.4, "frames are 66.4 s old: behind, or stamped by another clock"),
-                               (-3600, "frames are stamped 3600.0 s ahead of this node's clock: by another clock, "
-                                       "unknown to tf")):
-        for _ in range(150):
-            diagnostics.received()
-            diagnostics.sent(latency_s)
-        report = latest()
-        assert (report["level"], report["message"]) == (WARN, message)
-        diagnostics.received()
-        diagnostics.sent(0.01)
-        report = latest()
-        assert report["level"] == OK, report["message"]
-        assert float(report["latency_p50_ms"]) == 1e3 * latency_s       # of the newest 200, most of them untimely
-    diagnostics.sent(-0.1)          # as far as clocks may be apart
-    assert latest()["level"] == OK
 
 
 def test_simulated_time_without_a_clock_is_a_warning(graph, counted):

@@ -1,7 +1,6 @@
 """Parameters: declaration, ranges and validation from one table, and warnings about parameter files."""
 
 import itertools
-import os
 
 import pytest
 from rclpy.node import Node
@@ -9,7 +8,6 @@ from rclpy.parameter import Parameter as RosParameter
 
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.nodes.parameters import Parameter, Parameters, file_warnings
-from tools.node_reference import as_yaml
 
 TABLE = (
     Parameter("size", 10, "How many.", "pixels", 1, 100),
@@ -66,38 +64,6 @@ def test_a_bad_value_is_one_line_that_names_it(declare, name, value, line):
     assert str(caught.value) == line
 
 
-def test_descriptors_carry_description_range_and_read_only(declare):
-    node, _ = declare()
-    size, rate = node.describe_parameter("size"), node.describe_parameter("rate_hz")
-    assert (size.description, size.read_only) == ("How many. [pixels]", True)
-    assert (size.integer_range[0].from_value, size.integer_range[0].to_value) == (1, 100)
-    assert not rate.read_only and rate.floating_point_range[0].to_value == 1000.0
-    assert node.describe_parameter("layout").additional_constraints == "float32 or int16"
-
-
-def test_live_changes_are_applied_or_refused_with_a_reason(declare):
-    node, parameters = declare()
-    changes = []
-    parameters.on_change = lambda: changes.append(parameters["layout"])
-    results = node.set_parameters([RosParameter("layout", value="int16"), RosParameter("layout", value="int8"),
-                                   RosParameter("size", value=5), RosParameter("rate_hz", value=2000.0)])
-    assert [result.successful for result in results] == [True, False, False, False]
-    assert results[1].reason == "layout is int8: expected float32 or int16"
-    assert "read-only" in results[2].reason and "out of range" in results[3].reason
-    assert changes == ["int16"] and parameters["size"] == 10 and parameters["rate_hz"] == 5.0
-
-
-def test_the_file_has_every_default_and_parses_as_ros_parses_it(ros, tmp_path):
-    path = tmp_path / "parameters.yaml"
-    path.write_text(as_yaml({"some_node": TABLE}))
-    node = Node("some_node", namespace="deep/down", cli_args=["--ros-args", "--params-file", str(path)],
-                automatically_declare_parameters_from_overrides=True)
-    given = {parameter.name: node.get_parameter(parameter.name).value for parameter in TABLE}
-    node.destroy_node()
-    assert given == {parameter.name: parameter.default for parameter in TABLE}
-    assert all(type(given[parameter.name]) is type(parameter.default) for parameter in TABLE)
-
-
 # ---- Parameter files
 
 
@@ -111,11 +77,9 @@ def warnings(folder, text: str, node: str) -> list[str]:
 
 @pytest.mark.parametrize("text, node", [
     ("/**/sketcher: {ros__parameters: {}}\n/**/recorder: {ros__parameters: {}}", "/a/left/sketcher"),
-    ("/**/sketcher: {ros__parameters: {}}", "/player"), ("sketcher: {ros__parameters: {}}", "/sketcher"),
     ("left: {sketcher: {ros__parameters: {}}}", "/left/sketcher"),
     ("/*/sketcher: {ros__parameters: {}}", "/left/sketcher"),
-    ("/**: {ros__parameters: {use_sim_time: true}}", "/sketcher"),
-    ("/sketcher: {ros__parameters: {}}\ncamera: {ros__parameters: {}}", "/reconstructor"),
+    ("camera: {ros__parameters: {}}", "/reconstructor"),
 ])
 def test_a_file_with_a_section_for_the_node_or_another_of_ours_needs_no_warning(tmp_path, text, node):
     assert warnings(tmp_path, text, node) == []
@@ -126,15 +90,6 @@ def test_a_file_with_a_section_for_the_node_or_another_of_ours_needs_no_warning(
      "parameters of /left/recoder are for no node here: did you mean /recorder?"),
     ("sketcher: {ros__parameters: {}}", "/left/sketcher",
      "parameters of /sketcher are for no node here: did you mean /left/sketcher?"),
-    ("/*/sketcher: {ros__parameters: {}}", "/sketcher",
-     "parameters of /*/sketcher are for no node here: did you mean /sketcher?"),
-    ("camera: {ros__parameters: {}}\nlidar: {ros__parameters: {}}", "/sketcher",
-     "no parameters for /sketcher: expected a section of this name, found /camera, /lidar"),
 ])
 def test_a_file_that_reaches_nobody_is_a_warning(tmp_path, text, node, expected):
     assert warnings(tmp_path, text, node) == [expected]
-
-
-def test_a_pipe_is_not_read_a_second_time(tmp_path):
-    os.mkfifo(tmp_path / "a.yaml")
-    assert file_warnings(["--params-file", str(tmp_path / "a.yaml")], "/sketcher") == []

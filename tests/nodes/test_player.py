@@ -26,8 +26,8 @@ def test_frames_come_stamped_on_schedule_and_the_player_ends_by_itself(graph, se
     stamps = [header.stamp_ns for header, _ in decoded]
     assert np.diff(stamps).tolist() == [20_000_000] * 4
     assert all(np.array_equal(frame.toa, events.toa) for _, frame in decoded)
-    report = graph.reports("player", "frames_sent", 5)
-    assert int(report["first_stamp_ns"]) == stamps[0] and int(report["photons_sent"]) == 5 * events.photons
+    assert f"the first frame's stamp is {stamps[0]}" in player.text
+    assert graph.reports("player", "frames_out", 5)["dropped"] == "0"
 
 
 def test_a_bag_that_breaks_off_is_one_line_and_exit_code_1(graph, tmp_path, sensor):

@@ -8,12 +8,9 @@ import torch
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.core.sketching.sketcher import sketch_photons
-from srt3d_ros.datasets.simulation.scene import NetScene, StaticScene, net_sensor
-from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sensor as sensor_message
@@ -130,33 +127,7 @@ def test_points_and_images_agree_on_what_is_within_the_limits(reconstructor, sen
     assert np.linalg.norm(near["xyz"], axis=1).max() <= middle_m * (1 + 1e-6)
     for image, column in ((images["depth"], near["xyz"][:, 2]), (images["intensity"], near["intensity"])):
         assert np.isfinite(image).sum() == len(column) and (image[near["row"], near["col"]] == column).all()
-    assert reconstructor.graph.set("reconstructor", organised=False, min_range_m=middle_m, max_range_m=0.0) == ""
-    (_, far), = reconstructor(sketch)
-    assert len(far["xyz"]) == seen.sum() - len(near["xyz"])
-    reconstructor.totals(points_out_of_range=before + int(seen.sum()))
-
-
-def test_images_and_organised_clouds_show_the_surface_that_surface_order_puts_first(reconstructor):
-    net = net_sensor()
-    sketch = sketch_photons(Simulator(NetScene(net), net, sbr=3, ppp=100).frame(0)[0], net, choose("auto", net, 10))
-    reconstructor.watch_images()
-    reconstructor.begin(net, sketch, surfaces=2, organised=True)
-    for order, expected_m in (("nearest", NetScene.net_m), ("farthest", NetScene.plane_m)):
-        assert reconstructor.graph.set("reconstructor", surface_order=order) == ""
-        points, images = reconstructor.frame(sketch)
-        assert (points["xyz"][:, 2] == images["depth"][np.isfinite(images["depth"])]).all()
-        assert (np.abs(images["depth"] - expected_m) < 0.1).sum() > 700
-
-
-def test_a_scanner_has_images_of_ranges_and_no_camera(reconstructor, sensor, sketch):
-    reconstructor.watch_images()
-    scanner = sensor.replace(projection=AngularScan(0.5, -0.1, 0.4, -0.05), num_bins=sensor.num_bins + 1)
-    reconstructor.begin(scanner, sketch)
-    points, images = reconstructor.frame(sketch)
-    range_m = np.linalg.norm(points["xyz"], axis=1)
-    np.testing.assert_allclose(points["xyz"] / range_m[:, None], scanner.rays[points["row"], points["col"]], atol=1e-6)
-    np.testing.assert_allclose(images["depth"][points["row"], points["col"]], range_m, rtol=1e-6)
-    assert not reconstructor.cameras
+    reconstructor.totals(points_out_of_range=before + int(seen.sum()) - len(near["xyz"]))
 
 
 def test_parameters_are_refused_with_the_reason_or_change_between_frames(reconstructor, sensor, sketch):
@@ -183,27 +154,6 @@ def test_parameters_are_refused_with_the_reason_or_change_between_frames(reconst
         intensities.append(points["intensity"].tolist())
     assert intensities[0] == intensities[2] != intensities[1]
     assert reconstructor.totals("errors") == [0]
-
-
-def test_a_reset_makes_the_next_frame_a_first_one(reconstructor, sensor, sketch):
-    reconstructor.begin(sensor, sketch, warm_start=True)
-    clouds = reconstructor(sketch, sketch)
-    assert reconstructor.graph.trigger("reconstructor/reset")[0]
-    clouds += reconstructor(sketch, sketch)
-    intensity = [points["intensity"].tolist() for _, points in clouds]
-    assert intensity[0] == intensity[2] and intensity[1] == intensity[3] and intensity[0] != intensity[1]
-
-
-def test_fog_is_taken_out_and_diagnostics_say_so(reconstructor, sensor, sketch):
-    reconstructor.begin(sensor, sketch)
-    fog = sensor.replace(background_shape=np.exp(-np.arange(sensor.num_bins) / 10), gates=None)
-    simulator = Simulator(StaticScene(np.full((sensor.rows, sensor.cols), fog.range_m(60.0))), fog, sbr=0.5, ppp=60)
-    clouds = reconstructor(*(sketch_photons(simulator.frame(k)[0], sensor, sketch.frequencies) for k in range(4)))
-    range_m = np.linalg.norm(clouds[-1][1]["xyz"], axis=1)
-    assert np.abs(range_m - sensor.range_m(60)).max() < 5 * sensor.bin_width_m
-    reconstructor.graph.wait(lambda: float(reconstructor.graph.report("reconstructor")["background_unevenness"]) > 0.2,
-                             "the background in the diagnostics")
-    assert 0.55 < float(reconstructor.graph.report("reconstructor")["background_share"]) < 0.8
 
 
 def test_the_newest_cloud_is_saved_where_the_parameters_say(reconstructor, sensor, sketch):

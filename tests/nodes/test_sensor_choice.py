@@ -27,7 +27,7 @@ def test_a_driver_that_contradicts_the_file_is_an_error_as_long_as_it_does(graph
     pixels = dataclasses.replace(events, pixel=events.pixel % other.pixels)
     photons.publish(photons_message.encode_cdr(pixels, other, "spad"))
     reported = len(graph.all_reports("sketcher"))
-    report = graph.reports("sketcher", "dropped.contradiction", 1)
+    report = graph.reports("sketcher", "dropped.no_sensor", 1)
     graph.wait(lambda: len(graph.all_reports("sketcher")) > reported + 2, "two more reports")
     assert all((report["level"], report["message"]) == (DiagnosticStatus.ERROR, problem)
                for report in graph.all_reports("sketcher")[-2:])        # as long as it lasts
@@ -40,7 +40,11 @@ def test_a_driver_that_contradicts_the_file_is_an_error_as_long_as_it_does(graph
     assert (sketches[0].height, sketches[0].width) == (16, 12) and process.text.count("[ERROR]") == 1
 
     described.publish(sensor_message.encode(sensor.replace(toa_offset_bins=3.5)))
-    process.says("is 3.5: expected 0.0 as in sensor_file spad.json")
+    graph.wait(lambda: "is 3.5: expected 0.0 as in sensor_file spad.json" in graph.report("sketcher")["message"],
+               "another contradiction")
     graph.node.destroy_publisher(described)
+    graph.wait(lambda: graph.node.count_publishers("sensor") == 1, "the driver to be gone")
+    graph.known_to("sketcher")
+    photons.publish(photons_message.encode_cdr(events, sensor, "spad"))
     process.says(f"is used again: nobody else publishes {topic} any more")
     graph.wait(lambda: graph.report("sketcher")["level"] != DiagnosticStatus.ERROR, "the end of the error")

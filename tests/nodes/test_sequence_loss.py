@@ -2,7 +2,7 @@
 
 import pytest
 
-from srt3d_ros.nodes.base import ONE_ACTIVE, SequenceLoss
+from srt3d_ros.nodes.base import SequenceLoss
 
 
 @pytest.mark.parametrize("numbers, missed", [
@@ -18,17 +18,6 @@ def test_gaps_between_numbers_are_misses(numbers, missed):
     assert gaps.numbered == (numbers[0] is not None)
 
 
-def test_misses_are_counted_again_once_only_the_successor_of_a_killed_publisher_speaks():
-    gaps = SequenceLoss(lambda: 2)                  # the killed one stays in the graph for its lease
-    numbers = [500, 501, 1, 3, *range(4, ONE_ACTIVE + 4), 40, 43, 44, 900]
-    missed = [gaps.after(number) for number in numbers]
-    assert missed[:-4] == [0] * (len(numbers) - 4)
-    assert missed[-4:] == [4, 2, 0, 0]      # so many at once are not the same publisher's
-
-
-def test_two_that_speak_at_rates_of_their_own_are_not_mistaken_either():
+def test_of_two_publishers_whose_numbers_look_alike_nothing_is_counted():
     gaps = SequenceLoss(lambda: 2)
-    numbers = []
-    for k in range(1, 300):                 # the second speaks once for ten messages of the first, from afar
-        numbers += [k] if k % 10 else [k, 5_000 + k // 10]
-    assert sum(map(gaps.after, numbers)) == 0
+    assert [gaps.after(number) for number in (1, 5, 2, 9)] == [0, 0, 0, 0]

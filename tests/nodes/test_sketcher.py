@@ -1,4 +1,4 @@
-"""The sketcher alone: what it publishes, what it survives, what it follows, what it refuses."""
+"""The sketcher alone: what it publishes, what it follows, what it refuses."""
 
 import dataclasses
 
@@ -9,94 +9,16 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
-from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.core.sketching.photons import PhotonHistograms
 from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.messages import photon_frames
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
-from srt3d_ros.nodes.sketcher import PARAMETERS
-from tests.nodes.conftest import Graph
 
 STAMP_NS = 1_700_000_000_123_456_789
 ATTEMPTS = 5            # to have a description overtake frames
-LIVE = {parameter.name: parameter.default for parameter in PARAMETERS if parameter.live}
-
-
-class Sketcher:
-    """A sketcher with its publishers, which the tests of this file share."""
-
-    def __init__(self, graph: Graph):
-        self.graph, self.sketches, self._sent = graph, graph.collect(PointCloud2, "sketch"), 0
-        self.descriptions = graph.collect_latched(String, "sketch/sensor")
-        self._sensor = graph.latched("sensor")
-        self._frames = {topic: graph.publisher(PointCloud2 if topic == "photons" else Image, topic)
-                        for topic in photon_frames.CODECS}
-
-    def begin(self, sensor: SensorModel) -> None:
-        """Describe a sensor to a node whose live parameters are as at its start, and forget what was before."""
-        assert self.graph.set("sketcher", **LIVE | {"frequencies": "1,3"}) == ""
-        self._sensor.publish(sensor_message.encode(sensor))
-        self.graph.reports("sketcher", "num_bins", sensor.num_bins)
-        for publisher in self._frames.values():
-            self.graph.matched(publisher)
-        assert self.graph.trigger("sketcher/reset") == (True, "a new frame begins")
-        self._before = self.report()
-        self.sketches.clear()
-
-    def described(self, digest: str) -> SensorModel:
-        """The description of this name, once it has come."""
-        def find():
-            sensors = map(sensor_message.decode, self.descriptions)
-            return next((sensor for sensor in sensors if sensor_message.digest(sensor) == digest), None)
-
-        return self.graph.wait(find, f"sketch/sensor of {digest}")
-
-    def send(self, message: bytes, topic: str = "photons") -> None:
-        self._frames[topic].publish(message)
-        self._sent += 1
-
-    def wait_for(self, sketches: int) -> None:
-        self.graph.wait(lambda: len(self.sketches) == sketches, f"{sketches} sketches")
-
-    def report(self) -> dict[str, str]:
-        """The diagnostics once all that was sent is published, dropped, or in the open frame."""
-        def is_settled():
-            report = self.graph.report("sketcher")
-            total = {key: int(report.get(key, 0)) for key in ("frames_in", "packets", "packets_open", "dropped")}
-            return total.pop("frames_in") == self._sent == sum(total.values())
-
-        self.graph.wait(is_settled, f"{self._sent} packets to be published or dropped")
-        return self.graph.report("sketcher")
-
-    def counted(self, *names: str) -> list[int]:
-        """By how much these totals have risen since `begin`."""
-        after = self.report()
-        return [int(after.get(name, 0)) - int(self._before.get(name, 0)) for name in names]
-
-    def decoded(self) -> list:
-        """Headers and sketches, each by the description that it names."""
-        messages = map(serialize_message, self.sketches)
-        return [sketch_message.decode_cdr(raw, self.described(sketch_message.description_cdr(raw))) for raw in messages]
-
-
-@pytest.fixture(scope="module")
-def sketcher(shared_graph, tmp_path_factory):
-    graph, file = shared_graph, tmp_path_factory.mktemp("parameters") / "a.yaml"
-    file.write_text("sketchr: {ros__parameters: {sketch_size: 7}}")
-    sketcher = Sketcher(graph)
-    sketcher.process = graph.start(
-        "sketcher", "-p", f"qos_overrides.{graph.namespace}/sketch.publisher.durability:=transient_local",
-        "--params-file", str(file), sketch_sise=3).ready()
-    writer, = graph.node.get_publishers_info_by_topic("sketch")
-    assert writer.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    said = sketcher.process.text
-    assert "sketcher has no such parameter, did you mean sketch_size?" in said
-    assert f"{file}: parameters of /sketchr are for no node here: did you mean {graph.namespace}/sketcher?" in said
-    return sketcher
 
 
 @pytest.fixture
@@ -105,84 +27,62 @@ def photons_at(events, sensor):
     return lambda stamp_ns: photons_message.encode_cdr(dataclasses.replace(events, stamp_ns=stamp_ns), sensor, "spad")
 
 
-@pytest.fixture(scope="module")
-def coarse(sensor) -> SensorModel:
-    """The sensor, whose histograms have 20 bins of 4 from bin 10.5 on, with crosstalk in the first two."""
-    return sensor.replace(histograms=HistogramBins(20, 10.5, 4.0, np.array([5, 2] + [0] * 18, np.float32)))
+def test_sketches_are_the_cores_in_all_forms_and_follow_the_parameters(graph, sensor, events, photons_at, tmp_path):
+    parameters = tmp_path / "a.yaml"
+    parameters.write_text("sketchr: {ros__parameters: {sketch_size: 7}}")
+    sketches, described = graph.collect(PointCloud2, "sketch"), graph.collect_latched(String, "sketch/sensor")
+    durability = f"qos_overrides.{graph.namespace}/sketch.publisher.durability:=TRANSIENT_LOCAL"
+    node = graph.start("sketcher", "-p", durability, "--params-file", str(parameters), sketch_sise=3,
+                       frequencies="1,3").ready()
+    writer, = graph.node.get_publishers_info_by_topic("sketch")
+    assert writer.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    assert "sketcher has no such parameter, did you mean sketch_size?" in node.text
+    assert f"{parameters}: parameters of /sketchr are for no node here: did you mean {graph.namespace}/sketcher?" in (
+        node.text)
+    graph.introduce(sensor)
+    publishers = {topic: graph.matched(graph.publisher(PointCloud2 if topic == "photons" else Image, topic))
+                  for topic in photon_frames.CODECS}
 
+    def sketch_of(raw: bytes, topic: str = "photons"):
+        """Header and sketch of a message."""
+        sketches.clear()
+        publishers[topic].publish(raw)
+        graph.wait(lambda: sketches, "a sketch")
+        raw = serialize_message(sketches[0])
+        sensors = {sensor_message.digest(one.data): sensor_message.decode(one) for one in described}
+        return sketch_message.decode_cdr(raw, sensors[sketch_message.description_cdr(raw)])
 
-def test_a_sketch_is_the_cores_and_keeps_stamp_and_frame_for_all_forms(sketcher, sensor, coarse, events):
-    """Photons with whole and with fractional bins, gates, histograms, and coarse ones with negative counts."""
-    of_float = dataclasses.replace(events, toa=events.toa.astype(np.float32))
-    counts = np.random.default_rng(0).poisson(3, (coarse.rows, coarse.cols, 20)).astype(np.int32) - 2
-    for described, frames in ((sensor, (("photons", events), ("photons", of_float), ("gates", events),
-                                        ("histograms", events))),
-                              (coarse, [("histograms", PhotonHistograms(counts, 0))])):
-        gate = Gate(described, 30, 69)
-        sketcher.begin(described)
-        assert sketcher.graph.set("sketcher", gate="30-69") == ""
-        sent = kept = 0
-        for k, (topic, frame) in enumerate(frames):
-            frame = dataclasses.replace(frame, stamp_ns=STAMP_NS + k)
-            sketcher.send(photon_frames.encode_cdr(frame, topic, described), topic=topic)
-            sketcher.wait_for(k + 1)
-            header, sketch = sketcher.decoded()[-1]
-            expected = sketch_photons(frame, described, (1, 3), gate)
-            assert (header.stamp_ns, header.frame_id) == (STAMP_NS + k, "spad")
-            np.testing.assert_array_equal(sketch.photons, expected.photons)
-            np.testing.assert_allclose(sketch.sums, expected.sums, atol=1e-2)
-            sent, kept = sent + frame.photons, kept + int(expected.photons.sum())
-        photons_in, photons, outside, dropped = sketcher.counted(
-            "photons_in", "photons", "photons_dropped.gate", "dropped")
-        assert (photons_in, photons + outside, dropped) == (sent, sent, 0) and outside > 0
-        assert photons == kept or described is coarse       # whose pixels have no less than 0 photons
-    assert sketcher.report()["gate"].startswith("30-69, 0.4497 to 1.034 m")
+    assert graph.set("sketcher", gate="30-69") == ""
+    graph.reports("sketcher", "gate", "30-69, 0.4497 to 1.034 m")
+    expected = sketch_photons(events, sensor, (1, 3), Gate(sensor, 30, 69))
+    for k, (topic, codec) in enumerate(photon_frames.CODECS.items()):
+        frame = dataclasses.replace(events, stamp_ns=STAMP_NS + k)
+        header, sketch = sketch_of(photon_frames.encode_cdr(frame, topic, sensor), topic)
+        assert (header.stamp_ns, header.frame_id) == (STAMP_NS + k, sensor.frame_id)
+        np.testing.assert_array_equal(sketch.photons, expected.photons)
+        np.testing.assert_allclose(sketch.sums, expected.sums, atol=1e-2)
+    report = graph.reports("sketcher", "frames_out", 3)
+    outside = int(report["photons_dropped.gate"])
+    assert [int(report[key]) for key in ("photons_in", "photons")] == [3 * events.photons, 3 * events.photons - outside]
 
-
-def test_live_changes_which_the_sensor_may_refuse(sketcher, sensor, photons_at):
-    sketcher.begin(sensor)
-    assert sketcher.graph.set("sketcher", frequencies="1,4,9", window_frames=5, layout="int16", frame_id="mast") == ""
-    sketcher.graph.reports("sketcher", "window_frames", 5)
-    sketcher.send(photons_at(STAMP_NS))
-    sketcher.wait_for(1)
-    assert sketcher.decoded()[0][1].frequencies == (1, 4, 9)
-    assert sketcher.sketches[0].header.frame_id == "mast" and sketcher.sketches[0].point_step == 4 + 4 * 3
-    for k, (value, bins, first) in enumerate((("20:79", 60, 20), ([40, 89], 50, 40), (False, 100, 0)), 2):
-        assert sketcher.graph.set("sketcher", gate=value) == ""             # as YAML reads off, too
-        sketcher.graph.reports("sketcher", "num_bins", bins)
-        sketcher.send(photons_at(STAMP_NS + k))
-        sketcher.wait_for(k)
-        described = sketcher.decoded()[-1][1].sensor
-        assert (described.num_bins, described.toa_offset_bins) == (bins, first)
-
+    live = {"frequencies": "1,4,9", "window_frames": 5, "layout": "int16", "frame_id": "mast", "gate": False}
+    assert graph.set("sketcher", **live) == ""
+    graph.reports("sketcher", "window_frames", 5)
+    header, sketch = sketch_of(photons_at(STAMP_NS + 3))
+    assert (header.frame_id, sketch.frequencies, sketches[0].point_step) == ("mast", (1, 4, 9), 4 + 4 * 3)
+    for name, value, shown in (("gate", [40, 89], "40-89, 0.5996 to 1.334 m"), ("gate", False, "off"),      # YAML's off
+                               ("frequencies", [1, 2, 5], "1 2 5"), ("frequencies", 3, "3")):
+        assert graph.set("sketcher", **{name: value}) == ""
+        graph.reports("sketcher", name, shown)
     for values, reason in (({"frequencies": "auto", "sketch_size": 60}, "sketch_size is 60: expected 1 to 49 for T"),
                            ({"frequencies": "1,50"}, "frequencies is 50: expected integers from 1 to 49"),
                            ({"frequencies": "banana"}, "frequencies is banana: expected auto"),
                            ({"gate": "50:60"}, "gate is 50-60: expected 15 bins or more, as many as the IRF has"),
-                           ({"gate": "auto"}, "gate is auto: expected off, first and last bin such as 100-400"),
                            ({"gate": True}, "gate is True: expected off, or first and last bin such as 100-400"),
                            ({"packets_per_frame": 0}, "packets_per_frame out of range"),
                            ({"sensor_file": "a.json"}, "read-only")):
-        assert reason in sketcher.graph.set("sketcher", **values)
-    assert sketcher.counted("errors") == [0]
-
-
-def test_another_sensor_and_messages_that_it_does_not_explain_are_logged(sketcher, sensor, coarse, photons_at):
-    sketcher.begin(sensor)
-    other = coarse.replace(num_bins=120)
-    sketcher.begin(other)
-    topic, said = f"{sketcher.graph.namespace}/sensor", sketcher.process.text
-    assert said.count(f"]: sensor on {topic}: 16 × 12 pixels, 100 bins of 100 ps") == 1
-    assert said.count(f"another sensor on {topic}: 16 × 12 pixels, 120 bins of 100 ps; ") == 1
-    frame = PhotonHistograms(np.ones((sensor.rows, sensor.cols, sensor.num_bins), np.uint8), STAMP_NS)
-    sketcher.send(photon_frames.encode_cdr(frame, "histograms", sensor), topic="histograms")
-    assert sketcher.counted("dropped.malformed") == [1]
-    assert "frame dropped: encoding is 8UC100: expected 8UC20 or 16UC20 or 32SC20 or 32FC20" in sketcher.process.text
-    sketcher.send(photons_at(STAMP_NS)[:-1000])
-    assert sketcher.counted("dropped.malformed") == [2]
-    assert "Traceback" not in sketcher.process.text
-    sketcher.send(photons_at(STAMP_NS))
-    sketcher.wait_for(1)
+        assert reason in graph.set("sketcher", **values)
+    assert graph.report("sketcher")["errors"] == "0"
 
 
 def test_photons_sent_before_the_description_in_force_are_dropped_and_counted(graph, sensor, photons_at):

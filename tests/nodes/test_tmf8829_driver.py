@@ -8,7 +8,7 @@ import pytest
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
-from srt3d_ros.datasets.readers import tmf8829
+from examples.tmf8829_messages import decode
 from srt3d_ros.messages import histograms as histograms_message
 from srt3d_ros.messages import sensor as sensor_message
 from tests.datasets import made_logs as made
@@ -30,7 +30,7 @@ def test_measurements_are_published_and_bad_messages_are_a_line_each(graph, repo
             # Again and again: a subscription takes a moment to reach its publisher.
             graph.wait(lambda message=message, condition=condition: publisher.send(message) or condition(), "it")
     assert driver.end(signal.SIGINT) == 0 and "Traceback" not in driver.text
-    expected = tmf8829.decode(made.message(zones), 0)
+    expected = decode(made.message(zones), 0)
     sensor = sensor_message.decode(sensors[0])
     assert len(sensors) == 1 and sensor.same_as(expected.sensor)        # the pulse has not moved
     header, received = histograms_message.decode_cdr(frames[0], sensor)

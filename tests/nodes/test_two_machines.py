@@ -1,6 +1,5 @@
 """Sketcher and reconstructor on two machines with 100 Mbit/s between them: real nodes in network namespaces."""
 
-import re
 
 import pytest
 
@@ -56,13 +55,3 @@ def test_every_sketch_passes_over_a_bad_link_once_and_to_a_robot_that_comes_back
     machines.wait(lambda: watch.total("reconstructor", "cols") == SIDE, "sketch/sensor")
     play(machines, watch, FRAMES)
     assert watch.total("reconstructor", "frames_in") == FRAMES and sketcher.running
-
-
-def test_the_profile_for_networks_is_another_one_with_small_messages(repository):
-    def profile(name: str) -> str:
-        return re.sub(r"<!--.*?-->|\s+", "", (repository / "config" / name).read_text(), flags=re.DOTALL)
-
-    small = re.search("<propertiesPolicy>.*</propertiesPolicy>", profile("fastdds_network.xml"))[0]
-    assert "<name>fastdds.max_message_size</name><value>1400</value>" in small
-    assert profile("fastdds_network.xml").replace(small, "") == profile("fastdds_shm.xml").replace(
-        "67108864", "16777216")       # bytes of shared memory

@@ -5,7 +5,7 @@ import threading
 import pytest
 
 from srt3d_ros.nodes import worker as module
-from srt3d_ros.nodes.worker import MAX_WAITING, RECOVERY_S, Worker
+from srt3d_ros.nodes.worker import RECOVERY_S, Worker
 
 
 class Probe:
@@ -103,18 +103,6 @@ def test_waiting_and_dropped_frames_are_counted_with_their_sizes_and_other_jobs_
     assert queue.done == ["sensor"]
 
 
-def test_the_current_frame_of_a_worker_that_does_not_end_is_dropped_with_those_that_wait(probe):
-    stuck = probe(limit=8)
-    begun, end = threading.Event(), threading.Event()
-    stuck.worker.offer(lambda: (begun.set(), end.wait()), size=5)
-    stuck.worker.offer(stuck.done.append, "waits", size=6)
-    stuck.go.set()
-    assert begun.wait(60)
-    stuck.worker.close(0.0)
-    assert (stuck.dropped, stuck.size_dropped, stuck.done) == (["shutdown"] * 2, 11, [])
-    end.set()
-
-
 class Clock:
     now_s = 1000.0
 
@@ -148,9 +136,3 @@ def test_frames_wait_while_a_busy_machine_catches_up_and_only_the_newest_if_it_d
     clock.now_s += 1.01 * RECOVERY_S
     behind.offer(*range(15, 18))
     assert behind.finish() == [14, 15, 16, 17] and len(behind.dropped) == 14
-
-
-def test_a_queue_that_catches_up_stays_bounded(probe, clock):
-    behind = probe(limit=2, catch_up_s=1e9)
-    behind.offer(*range(MAX_WAITING + 1))
-    assert behind.finish() == [MAX_WAITING - 1, MAX_WAITING] and len(behind.dropped) == MAX_WAITING - 1

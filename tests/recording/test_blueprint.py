@@ -6,7 +6,7 @@ from rerun.chunk import RrdReader
 
 from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.core.viewpoint import look_at
-from srt3d_ros.recording import cloud_files, schema
+from srt3d_ros.recording import schema
 from srt3d_ros.recording.blueprint import history_frames
 from srt3d_ros.recording.writer import RecordingWriter
 
@@ -28,7 +28,7 @@ def record(path, cloud, sensor, images=(schema.DEPTH, *schema.IMAGES)):
     with RecordingWriter(path, sensor, images=images) as writer:
         for k in range(3):
             writer.log_cloud(k * 10**8, k, cloud.xyz, cloud.intensity)
-            writer.log_depth(k * 10**8, k, cloud.range_image())
+            writer.log_image(schema.DEPTH, k * 10**8, k, cloud.range_image())
             for path in schema.IMAGES:
                 writer.log_image(path, k * 10**8, k, cloud.image("intensity"))
             writer.log_line(k * 10**8, "sketcher: ready", 20, k)
@@ -44,14 +44,6 @@ def test_film_opens_on_cloud_images_plots_and_log_with_the_eye_on_the_cloud(tmp_
     (position,), (target,) = columns["EyeControls3D:position"][-1], columns["EyeControls3D:look_target"][-1]
     assert np.allclose(position, eye.position) and np.allclose(target, eye.target)
     assert ["stamp"] in columns["TimePanelBlueprint:timeline"]
-
-
-def test_a_single_cloud_opens_without_plots_even_if_it_has_no_point(tmp_path, ball):
-    cloud, sensor = ball
-    cloud_files.save(cloud.within(max_m=0), tmp_path / "a.rrd", frequencies=(1, 2), sensor=sensor)
-    columns = blueprint_columns(tmp_path / "a.rrd")
-    assert {origin for (origin,) in columns["ViewBlueprint:space_origin"]} == {"/", "/depth"}
-    assert len(columns["EyeControls3D:position"]) == 1
 
 
 def test_small_sensors_show_more_frames_at_once(ball):

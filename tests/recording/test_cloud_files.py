@@ -10,7 +10,6 @@ from PIL import Image
 
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.recording import cloud_files
-from srt3d_ros.recording.reader import RecordingReader
 
 FREQUENCIES = (1, 2, 5)
 PLY_TYPES = {"float": "<f4", "uchar": "u1"}
@@ -78,18 +77,6 @@ def test_pcd_holds_the_points(saved, ball):
     assert np.array_equal(points["intensity"], ball[0].intensity)
 
 
-def test_rrd_holds_the_cloud_the_depth_image_and_the_frequencies(saved, ball):
-    cloud = ball[0]
-    reader = RecordingReader(saved("cloud.rrd"))
-    (read,) = reader.clouds()
-    assert np.array_equal(read.xyz, cloud.xyz) and np.array_equal(read.intensity, cloud.intensity)
-    assert read.stamp_ns == cloud.stamp_ns
-    ((_, _, depth_m),) = reader.images("/depth")
-    assert np.allclose(depth_m, cloud.depth_image(ball[1].projection), atol=0.0006, equal_nan=True)
-    assert reader.properties()["run"]["frequencies"].tolist() == [1, 2, 5]
-    assert reader.is_finished
-
-
 def test_a_picture_shows_the_cloud(saved, ball):
     with Image.open(saved("a.JPEG", ball[0])) as image:
         assert (image.format, image.size) == ("JPEG", (1200, 900))
@@ -97,10 +84,9 @@ def test_a_picture_shows_the_cloud(saved, ball):
 
 
 def test_a_missing_package_is_named_before_anything_is_computed(monkeypatch, tmp_path):
-    monkeypatch.setattr(cloud_files, "find_spec", lambda name: None if name in ("rerun", "matplotlib") else name)
-    for suffix, extra in ((".rrd", "record"), (".png", "review")):
-        with pytest.raises(InvalidInput, match=rf"pip install 'srt3d_ros\[{extra}\]' to have been run"):
-            cloud_files.check(tmp_path / f"a{suffix}")
+    monkeypatch.setattr(cloud_files, "find_spec", lambda name: None)
+    with pytest.raises(InvalidInput, match=r"pip install 'srt3d_ros\[review\]' to have been run"):
+        cloud_files.check(tmp_path / "a.png")
     cloud_files.check(tmp_path / "a.npz")
 
 
@@ -108,11 +94,10 @@ def test_an_empty_cloud_is_a_valid_file(saved, ball):
     nothing = ball[0].within(max_m=0)
     assert len(np.load(saved("a.npz", nothing))["row"]) == len(read_ply(saved("a.ply", nothing))) == 0
     assert len(read_pcd(saved("a.pcd", nothing))) == 0
-    assert len(next(RecordingReader(saved("a.rrd", nothing)).clouds()).xyz) == 0
 
 
 @pytest.mark.parametrize("name, expected", [
-    ("cloud.las", "a file name that ends in .npz, .ply, .pcd, .rrd"),
+    ("cloud.las", "a file name that ends in .npz, .ply, .pcd, .png"),
     ("cloud", "a file name that ends in"),
     ("absent/cloud.ply", "a directory .*absent that exists"),
     ("folder.pcd", "a file, not a directory"),
@@ -125,7 +110,7 @@ def test_a_path_that_cannot_be_used_is_refused_in_one_line(saved, tmp_path, name
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".ply", ".rrd"])
+@pytest.mark.parametrize("suffix", [".npz", ".ply"])
 def test_a_failed_save_leaves_the_old_file_and_nothing_else(saved, tmp_path, full_disk, suffix):
     path = tmp_path / ("cloud" + suffix)
     path.write_text("old")

@@ -7,6 +7,7 @@ import pyarrow as pa
 import pytest
 import rerun as rr
 
+from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.recording import schema
 from srt3d_ros.review.recorded import Recorded
 
@@ -55,10 +56,10 @@ def write_recording():
 
 def _write(path, cloud, sensor, frames=FRAMES, shift_m=0.0, first_ns=FIRST_NS, missing=MISSING, frame_offset=0,
            more=lambda stream: None):
-    """Write with rerun alone what docs/recording.md describes; `more` adds to it."""
+    """Write with rerun alone what docs/bags.md describes; `more` adds to it."""
     stream = rr.RecordingStream("srt3d_ros")
     stream.save(path)
-    schema.log_properties(stream, "sensor", schema.sensor_properties(sensor))
+    schema.log_properties(stream, "sensor", {"description": sensor_message.to_json(sensor)})
     stream.send_property("run", rr.AnyValues(frequencies=[1, 2, 5], machine="x86_64 <&>"))
     stream.send_property("versions", rr.AnyValues(srt3d_ros="0.1.0", git_revision="0123456789abcdef"))
     frame = 0
@@ -73,7 +74,7 @@ def _write(path, cloud, sensor, frames=FRAMES, shift_m=0.0, first_ns=FIRST_NS, m
         stream.log("/points", rr.Points3D(xyz, colors=np.full(n, 0xFF8000FF, np.uint32), radii=0.01),
                    rr.AnyValues(intensity=pa.array(cloud.intensity[:n]),
                                 depth_std=pa.array(cloud.depth_std_bins[:n] * np.float32(sensor.bin_width_m))))
-        stream.log("/depth", schema.depth_image(cloud.depth_image(sensor.projection), 0, 1))
+        stream.log("/depth", *schema.image("/depth", cloud.depth_image(sensor.projection), 0, 1)["/depth"])
         stream.log("/background", rr.DepthImage(cloud.background.astype(np.float16)))
         series = {"latency_ms": 30 + frame, "latency_sketch_ms": 5, "points": n, "photons": 9000 + k, "ppp": 4.5}
         for name, value in series.items():

@@ -1,13 +1,9 @@
-"""Damaged messages and parameter files: read, or refused in one line."""
+"""Damaged messages: read, or refused in one line."""
 
-import contextlib
-import tempfile
 from pathlib import Path
 
 import pytest
 from nav_msgs.msg import Odometry
-from rclpy.context import Context
-from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu
 
@@ -16,10 +12,7 @@ from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.sketcher import Sketcher
 from srt3d_ros.messages import coded_sketch, gates, histograms, images, odometry, photons, points, sensor, sketch
-from srt3d_ros.nodes import all_specs
-from srt3d_ros.nodes.parameters import Parameters
 from tests.robustness.conftest import read_or_refused
-from tools.generate_docs import generated
 
 GOLDEN = Path(__file__).resolve().parents[1] / "messages" / "golden"
 SENSOR = SensorModel(rows=3, cols=4, num_bins=100, bin_width_s=1e-10, irf=[1, 2, 1], gates=GateWords(10, 65_535),
@@ -78,25 +71,3 @@ CODECS = {
 @pytest.mark.parametrize("topic", CODECS)
 def test_a_damaged_message_is_read_or_refused_in_one_line(topic, rounds):
     read_or_refused(*CODECS[topic], rounds)
-
-
-@pytest.mark.parametrize("name", all_specs())
-def test_a_damaged_parameter_file_starts_a_node_or_is_refused_in_one_line(name, rounds):
-    """Broken YAML is a RuntimeError of rcl's own parser."""
-    context = Context()
-    context.init(args=[])
-
-    def read(raw: bytes) -> None:
-        with tempfile.NamedTemporaryFile(suffix=".yaml") as file:
-            Path(file.name).write_bytes(raw)
-            with contextlib.suppress(RuntimeError):
-                node = Node(name, context=context, start_parameter_services=False, enable_rosout=False,
-                            automatically_declare_parameters_from_overrides=True,
-                            cli_args=["--ros-args", "--params-file", file.name, "--log-level", "fatal"])
-                try:
-                    Parameters(node, all_specs()[name].table)
-                finally:
-                    node.destroy_node()
-
-    read_or_refused(read, [generated()["config/srt3d.yaml"].encode()], rounds // 10)
-    context.shutdown()

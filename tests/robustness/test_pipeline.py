@@ -83,13 +83,6 @@ def test_malformed_messages_stamps_that_leap_and_a_reader_that_stops_cost_no_lat
     pipeline.processes["recorder"].go_on()
 
 
-def test_a_description_that_is_refused_or_replaced_costs_no_later_frame(pipeline):
-    wider = pipeline.sensor.replace(num_bins=2 * pipeline.sensor.num_bins)
-    pipeline.describe(wider)
-    pipeline.graph.reports("sketcher", "num_bins", wider.num_bins)
-    pipeline.recovers()
-
-
 def test_nothing_that_the_nodes_hold_grows(pipeline, rounds):
     """For as many frames as there are rounds, after twice as many to warm up.
 

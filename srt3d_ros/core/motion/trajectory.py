@@ -50,6 +50,11 @@ class Pose:
         """Axis times angle in radians, 0 to π; float64 [3]: the inverse of `turned`."""
         return _rotations().from_matrix(self.rotation).as_rotvec()
 
+    @property
+    def quaternion(self) -> tuple[float, ...]:
+        """The rotation as (x, y, z, w), as ROS writes it, w ≥ 0: the inverse of `from_quaternion`."""
+        return tuple(_rotations().from_matrix(self.rotation).as_quat(canonical=True).tolist())
+
     def inverse(self) -> Self:
         """The motion back."""
         return type(self)(self.rotation.T, -self.rotation.T @ self.translation)

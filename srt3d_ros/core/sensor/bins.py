@@ -23,7 +23,8 @@ class HistogramBins:
             bin 0; 0 or more.
         bin_width: float, or float32 [rows, cols]: bins of the axis in one bin of the histogram.
         template: float32 [n], or [rows · cols, n]: photons in each bin of every message that do not come from the scene
-            (crosstalk, the pulse of a cover glass), which are subtracted; 0 or more. None for none.
+            (crosstalk, the pulse of a cover glass), which are subtracted; 0 or more. Bins far above its mean are left
+            out of a sketch, as their noise stays. None for none.
     """
 
     num_bins: int

@@ -36,7 +36,7 @@ class GateWords:
             require(0 <= value <= 65_535, f"gates.{name}", value, "a 16-bit word, 0 … 65535")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SensorModel:
     """Geometry, timing and calibration of a sensor.
 
@@ -106,12 +106,20 @@ class SensorModel:
                 "bin_width_s and range_offset_m")
         self._check_irf()
         self._check_maps()
+        for name, kind in (("histograms", HistogramBins), ("gates", GateWords), ("projection", Projection)):
+            value = getattr(self, name)
+            require(value is None or isinstance(value, kind), name, quoted(value), f"a {name} object, or None")
+        require(isinstance(self.frame_id, str), "frame_id", self.frame_id, "text")
         if self.histograms is not None:
             self.histograms.check(self.rows, self.cols, self.num_bins)
         if self.projection is None:
             self._set("projection", Pinhole.from_fov(self.rows, self.cols))
         if isinstance(self.projection, Pinhole):
             self.projection.check(self.rows, self.cols)
+
+    def __repr__(self) -> str:
+        return (f"Sensor of {self.rows} × {self.cols} pixels, {self.num_bins} bins of {self.bin_width_s * 1e12:.4g} ps "
+                f"from {self.range_m(0):.4g} m on, IRF of {self.irf.shape[-1]} bins, {self.projection.kind}")
 
     def _set(self, name: str, value) -> None:
         object.__setattr__(self, name, value)

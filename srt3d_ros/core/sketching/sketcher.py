@@ -17,6 +17,7 @@ from srt3d_ros.core.sketching.sketch import Sketch, check_frequencies
 from srt3d_ros.errors import require
 
 ROUNDING = 1e-5         # relative, of float32 sums
+FAR = 4.0               # times its mean: where a template is higher, its noise would be taken for a surface
 
 
 class Sketcher:
@@ -128,6 +129,8 @@ class Sketcher:
         table, bins = histogram_table(self.sensor, self.frequencies, self.gate), self.sensor.histograms
         of_template = None
         if bins is not None and bins.template is not None:
+            of_pixel = bins.template.reshape(-1, bins.num_bins).mean(axis=0)
+            table = without(table, of_pixel > max(FAR * of_pixel.mean(), 1))
             of_template = np.matmul(bins.template[..., None, :], table)[..., 0, :]
         return table, of_template
 
@@ -172,6 +175,16 @@ def histogram_table(sensor: SensorModel, frequencies, gate: Gate | None = None) 
     turns = (from_start + sensor.first_bin_center - 0.5)[..., None] * np.asarray((*frequencies, 0)) / num_bins
     phases = np.exp(2j * np.pi * turns) * (from_start < num_bins)[..., None]
     return phases.astype(np.complex64).view(np.float32)
+
+
+def without(table: np.ndarray, left_out: np.ndarray) -> np.ndarray:
+    """A table that takes bins of histograms to hold the mean of the others inside the gate, whatever they count.
+
+    So a uniform background still adds nothing.
+    """
+    others = (table[..., -2:-1] > 0) & ~left_out[:, None]
+    mean = (table * left_out[:, None]).sum(axis=-2, keepdims=True) / others.sum(axis=-2, keepdims=True).clip(1)
+    return ((table + mean) * others).astype(np.float32)
 
 
 def sketch_photons(frame: PhotonFrame, sensor: SensorModel, frequencies, gate: Gate | None = None) -> Sketch:

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonGates
+from srt3d_ros.datasets import sketch_file
 from srt3d_ros.datasets.bags.bag import Bag, BagTopic, Message
-from srt3d_ros.datasets.bags.in_order import InOrder
 from srt3d_ros.datasets.options import ASSUMED_FOV
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import InvalidInput, require
@@ -104,7 +104,6 @@ class BagFrames:
             self.close()
             raise
         self._sensor: tuple[Place, tuple[SensorModel, tuple[str, ...]]] | None = None
-        self._messages = InOrder(self._from_start)
 
     def __enter__(self) -> "BagFrames":
         return self
@@ -156,23 +155,22 @@ class BagFrames:
         return self.topics.output == "sketch"
 
     def read(self, place: FramePlace, options: dict) -> Photons | Sketch:
-        """A frame: its sketch, or its photons with options (options.gathered) in place of what the bag says.
+        """A frame, its sketch or its photons, with options (options.gathered) in place of what the bag says.
 
         Raises:
             InvalidInput: it cannot be read; an option that cannot be used.
         """
         if self.are_sketches:
-            for name, value in options.items():
-                raise InvalidInput(name, value, "nothing: the bag has sketches, made without it")
-            return self._sketch(place)
+            return sketch_file.with_options(self._sketch(place), options)
         sensor, notes = self._sensor_at(place.sensor)
-        frame = CODECS[self.topics.output].decode_cdr(self._frame(place), sensor)[1]
+        raw = self._raw(self.topics.frames, place.frame)
+        frame = CODECS[self.topics.output].decode_cdr(raw, sensor)[1]
         photons = Photons(sensor, frame.to_events(sensor) if isinstance(frame, PhotonGates) else frame, None,
                           f"{self.path.stem}_{place.number}", notes)
         return photons.with_options(options)
 
     def _sketch(self, place: FramePlace) -> Sketch:
-        raw = self._frame(place)
+        raw = self._raw(self.topics.frames, place.frame)
         if place.sensor is None:
             digest = sketch_message.description_cdr(raw)
             raise InvalidInput(f"sketch/sensor of frame {place.number}", "missing", f"the description sensor_{digest}")
@@ -197,16 +195,8 @@ class BagFrames:
             self._sensor = place, (sensor_message.decode_cdr(raw), () if "projection" in own else (ASSUMED_FOV,))
         return self._sensor[1]
 
-    def _frame(self, place: FramePlace) -> bytes:
-        """A serialised frame."""
-        return (self._raw(self.topics.frames, place.frame) if self._bag.has_index else self._messages[place.number].raw)
-
-    def _from_start(self) -> Iterator[Message]:
-        with Bag(self.path) as bag:         # one of its own: without an index, a bag is read at one place at a time
-            yield from bag.messages((self.topics.frames,))
-
     def _raw(self, topic: BagTopic, place: Place) -> bytes:
-        """A serialised message: only what was recorded at its time is read, where the bag has an index."""
+        """A serialised message; only what was recorded at its time is read, if the bag has an index (rosbag2's do)."""
         there = self._bag.messages((topic,), place.time_ns, place.time_ns + 1)
         message = next(islice(there, place.skip, None), None)
         require(message is not None, f"bag {self.path.name}", "another than it was", "one that stays as it is")

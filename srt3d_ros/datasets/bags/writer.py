@@ -1,33 +1,17 @@
-"""Writing rosbag2 bags with rosbags: serialised messages as they came, with the QoS that their publishers offered."""
+"""Writing rosbag2 bags with rosbags: serialised messages as they came."""
 
 import contextlib
 import errno
 import sqlite3
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from srt3d_ros.errors import InvalidInput, require
 
 STORAGES = ("mcap", "sqlite3")
 VERSION = 9                             # of metadata.yaml: what rosbag2 of Jazzy writes
-FOREVER_NS = 2**63 - 1
-NS_PER_S = 1_000_000_000
-
-
-@dataclass(frozen=True)
-class Offer:
-    """The QoS that a publisher offers, the policies by their names in lower case, as in `ros2 topic info -v`."""
-
-    reliability: str = "reliable"
-    durability: str = "volatile"
-    history: str = "keep_last"
-    depth: int = 10
-    liveliness: str = "automatic"
-    deadline_ns: int = FOREVER_NS
-    lifespan_ns: int = FOREVER_NS
-    liveliness_lease_ns: int = FOREVER_NS
+DEPTH = 10                              # of what the publishers offered, as rosbag2 writes it
 
 
 class BagWriter:
@@ -62,13 +46,10 @@ class BagWriter:
         """From the first message to the last."""
         return (self.last_ns - self.first_ns) * 1e-9
 
-    def add_topic(self, name: str, message_type: str, offers: list[Offer]) -> None:
-        """Describe a topic, such as "/photons" of "sensor_msgs/msg/PointCloud2", before its first message.
-
-        A player offers again the QoS that the publishers offered.
-        """
+    def add_topic(self, name: str, message_type: str, latched: bool = False) -> None:
+        """Describe a topic, such as "/photons" of "sensor_msgs/msg/PointCloud2", before its first message."""
         self._connections[name] = self._writer.add_connection(
-            name, message_type, typestore=self._types, offered_qos_profiles=[_qos(offer) for offer in offers])
+            name, message_type, typestore=self._types, offered_qos_profiles=[_qos(latched)])
 
     def __contains__(self, name: str) -> bool:
         return name in self._connections
@@ -106,11 +87,11 @@ def _os_errors() -> Iterator[None]:
         raise OSError(errno.EIO, str(error)) from None
 
 
-def _qos(offer: Offer):
+def _qos(latched: bool):
+    """What a publisher offered: reliable, and transient local if `latched`."""
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
-    deadline, lifespan, lease = (QosTime(*divmod(ns, NS_PER_S)) for ns in (
-        offer.deadline_ns, offer.lifespan_ns, offer.liveliness_lease_ns))
-    return Qos(QosHistory[offer.history.upper()], offer.depth, QosReliability[offer.reliability.upper()],
-               QosDurability[offer.durability.upper()], deadline, lifespan, QosLiveliness[offer.liveliness.upper()],
-               lease, avoid_ros_namespace_conventions=False)
+    forever = QosTime(*divmod(2**63 - 1, 1_000_000_000))
+    durability = QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE
+    return Qos(QosHistory.KEEP_LAST, 1 if latched else DEPTH, QosReliability.RELIABLE, durability, forever, forever,
+               QosLiveliness.AUTOMATIC, forever, avoid_ros_namespace_conventions=False)

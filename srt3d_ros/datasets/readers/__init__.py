@@ -13,7 +13,7 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
 from srt3d_ros.datasets import irf as irfs
-from srt3d_ros.datasets.options import ASSUMED_FOV, described, outside_note, replaced_note, says_geometry
+from srt3d_ros.datasets.options import ASSUMED_FOV, check_same, described, outside_note, replaced_note, says_geometry
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.recording import Recording, StoredPhotons
 from srt3d_ros.datasets.values import number
@@ -49,8 +49,9 @@ def read(path: Path, frame: int, options: dict, guess_irf: bool = False) -> Phot
 
 def completed(recording: Recording, options: dict, guess_irf: bool) -> Photons:
     """The photons of a recording, in memory if they are few enough, and their sensor."""
-    notes = recording.notes + replaced_note(recording.given, {**options, "gate": recording.given.get("gate")})
+    notes = recording.notes + replaced_note(recording.given, options)
     options = recording.given | options
+    check_same({"rows": recording.rows, "cols": recording.cols}, options)
     bins = int(number("num_bins", options.get("num_bins", recording.num_bins), "a number of bins"))
     first, last = options.get("gate", (0, bins - 1))
     require(1 <= last - first < MAX_BINS, "num_bins", last - first + 1,

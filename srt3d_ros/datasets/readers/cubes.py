@@ -1,6 +1,5 @@
 """Arrays of counts [rows, cols, bins] in .npy and .npz files, streamed by rows."""
 
-import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -8,9 +7,10 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS
 from srt3d_ros.datasets import irf as irfs
-from srt3d_ros.datasets.files import map_npy, naming_file, npy_header, npz_headers, open_npz, read_npz_arrays
+from srt3d_ros.datasets.files import map_npy, naming_file, npz_headers, open_npz, read_npz_arrays
+from srt3d_ros.datasets.options import ASSUMED_WIDTH, BIN_OF_ONE_METRE_S, few_bins_note
 from srt3d_ros.datasets.recording import Counts, Recording
-from srt3d_ros.datasets.values import number, positive_integer
+from srt3d_ros.datasets.values import number
 from srt3d_ros.errors import require
 
 CHUNK_BYTES = 2**25         # of counts that are read at once, or one row if that is more
@@ -35,13 +35,14 @@ def cube(path: Path, shape: tuple[int, ...], dtype: np.dtype, read: Callable[[in
     require(dtype.kind in "iufb" and len(shape) in (2, 3) and min(shape) > 0, field, f"{dtype} {shape}",
             "numbers [rows, cols, bins] or [pixels, bins]")
     own = shape[:2] if len(shape) == 3 else (1, shape[0])
-    rows, cols = (positive_integer(name, options.get(name, size)) for name, size in zip(("rows", "cols"), own))
+    rows, cols = (int(number(name, options.get(name, size), "an integer")) for name, size in zip(("rows", "cols"), own))
     require(rows * cols == own[0] * own[1] and (len(shape) == 2 or rows == own[0]), "rows, cols", f"{rows}, {cols}",
             f"those of the file's array, {' × '.join(map(str, shape[:-1]))}")
     bins = shape[-1]
     require(bins <= MAX_BINS or "gate" in options, f"{field} bins", bins, f"at most {MAX_BINS}; or give a gate")
     width = (given | options).get("bin_width_s")
-    require(width is not None, f"{path.name} bin_width_s", "missing", "seconds, by the option or in a sidecar")
+    notes += (ASSUMED_WIDTH,) * (width is None)
+    width_s = BIN_OF_ONE_METRE_S if width is None else number("bin_width_s", width, "seconds")
     row_bytes = cols * bins * dtype.itemsize
     require(row_bytes <= MAX_ROW_BYTES, f"{field} row", f"{row_bytes} bytes", f"at most {MAX_ROW_BYTES}")
     at_once = max(CHUNK_BYTES // row_bytes, 1)
@@ -55,8 +56,7 @@ def cube(path: Path, shape: tuple[int, ...], dtype: np.dtype, read: Callable[[in
                 require(possible, "counts", f"beyond {MAX_COUNT} or not finite in places", "photons in a bin")
                 yield Counts(first, counts, (first + len(counts)) / (rows * cols))
                 first += len(counts)
-    return Recording(rows, cols, bins, number("bin_width_s", width, "seconds"), chunks, path.stem, notes, given,
-                     reference)
+    return Recording(rows, cols, bins, width_s, chunks, path.stem, notes, given, reference)
 
 
 def parts_of(counts: np.ndarray) -> Callable[[int], Iterator[np.ndarray]]:
@@ -67,26 +67,16 @@ def parts_of(counts: np.ndarray) -> Callable[[int], Iterator[np.ndarray]]:
 def read(path: Path, options: dict) -> Recording:
     """An .npy file of counts."""
     counts = map_npy(path, f"{path.name} counts", MAX_CUBE_BYTES)
-    return cube(path, counts.shape, counts.dtype, parts_of(counts), options)
+    return cube(path, counts.shape, counts.dtype, parts_of(counts), options, notes=few_bins_note(counts.shape))
 
 
 def read_npz(path: Path, options: dict) -> Recording:
     """An array of counts in an .npz file; arrays named as in a photon file (irf, bin_width_s, …) are its sensor's."""
     with open_npz(path) as archive:
-        headers = npz_headers(archive, most=MAX_CUBE_BYTES)
-    name = the_cube(path, {name: shape for name, (shape, _, _) in headers.items()})
-    shape, fortran, dtype = headers[name]
-
-    def read_rows(rows: int) -> Iterator[np.ndarray]:
-        with open_npz(path) as archive, archive.open(f"{name}.npy") as stream:
-            npy_header(stream, archive.getinfo(f"{name}.npy").file_size, name, MAX_CUBE_BYTES)
-            if fortran:     # all rows lie in all parts of the file
-                yield from parts_of(np.frombuffer(stream.read(), dtype).reshape(shape, order="F"))(rows)
-            for first in range(0, 0 if fortran else shape[0], rows):
-                part = min(rows, shape[0] - first), *shape[1:]
-                raw = stream.read(math.prod(part) * dtype.itemsize)
-                yield np.frombuffer(raw, dtype).reshape(part)
-    return cube(path, shape, dtype, read_rows, options, given_by(read_npz_arrays(path, GIVEN)))
+        name = the_cube(path, {name: shape for name, (shape, _, _) in npz_headers(archive).items()})
+    arrays = read_npz_arrays(path, (name, *GIVEN))
+    counts, given = arrays.pop(name), given_by(arrays)
+    return cube(path, counts.shape, counts.dtype, parts_of(counts), options, given, few_bins_note(counts.shape))
 
 
 def the_cube(path: Path, shapes: dict[str, tuple[int, ...]]) -> str:

@@ -48,8 +48,8 @@ def main(memory_bytes: str, path: str) -> None:
 def variables(path: str | Path) -> dict[str, np.ndarray]:
     """The arrays that LAYOUTS names; of a file without photons, those of three dimensions and of a sensor.
 
-    Of cells what is in them, one after the other, and NAME.lengths [rows, cols]; of sparse arrays what is not 0, and
-    NAME.row, NAME.col, NAME.shape. `listed` says in words what else there is.
+    Of cells what is in them, one after the other, and NAME.lengths [rows, cols]; sparse arrays in full, transposed.
+    `listed` says in words what else there is.
     """
     from scipy.io import loadmat, whosmat
 
@@ -65,10 +65,8 @@ def variables(path: str | Path) -> dict[str, np.ndarray]:
         cubes = [name for name, shape, kind in listed if len(shape) == 3 and kind not in ("cell", "struct")]
         content = loadmat(path, variable_names=[*cubes, *GIVEN])
     for name, value in content.items():
-        if hasattr(value, "tocoo"):
-            entries = value.tocoo()
-            found |= {name: entries.data, f"{name}.row": entries.row, f"{name}.col": entries.col,
-                      f"{name}.shape": np.array(entries.shape)}
+        if hasattr(value, "toarray"):
+            found[name] = value.T.toarray()
         elif isinstance(value, np.ndarray) and value.dtype.kind == "O":
             lengths = np.fromiter((cell.size for cell in value.flat), np.int64, value.size)
             filled = [cell.ravel() for cell in value.flat if cell.size]

@@ -15,8 +15,8 @@ class Layout(NamedTuple):
     Args:
         variable: name of the array of photons.
         bin_width_s: where the file does not say; what the authors say, or inferred from their description.
-        form: CELLS of ToA lists, COUNTS of photons per bin or SPARSE ones; pixels of counts in MATLAB's column-major
-            order.
+        form: CELLS of ToA lists, COUNTS of photons per bin or SPARSE ones, which mat_child turns into COUNTS; pixels of
+            counts in MATLAB's column-major order.
         picoseconds: ToA are times in picoseconds, not bins.
         window: scalars that hold the first and last ToA of the measured window.
         reference: array [rows, cols] of reference depths, numbered from 1 as MATLAB does.
@@ -36,10 +36,10 @@ class Layout(NamedTuple):
 
     def fits(self, found: dict[str, np.ndarray]) -> bool:
         """Whether the variables of a file (mat_child.variables) are in this form."""
-        if self.form == COUNTS:
-            counts = found.get(self.variable, np.zeros(0))
-            return counts.ndim == 2 and counts.dtype.kind in "iuf"
-        return f"{self.variable}.{'lengths' if self.form == CELLS else 'row'}" in found
+        if self.form == CELLS:
+            return f"{self.variable}.lengths" in found
+        counts = found.get(self.variable, np.zeros(0))
+        return counts.ndim == 2 and counts.dtype.kind in "iuf" and f"{self.variable}.lengths" not in found
 
 
 LAYOUTS = (

@@ -5,8 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from srt3d_ros.core.method.pooled import Pooled
+from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.sketching.frequencies import consecutive
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sketching.sketcher import Sketcher, phase_table, sketch_photons
 from srt3d_ros.errors import InvalidInput
 
@@ -138,3 +141,20 @@ def test_a_sensor_or_frequency_that_cannot_be_used_is_named():
         Sketcher(SENSOR, (1, 50))
     with pytest.raises(InvalidInput, match="^sensor.gates is missing"):
         sketch_photons(PhotonGates(np.full((1, 4, 6), 3, np.uint16)), SENSOR.replace(gates=None), FREQUENCIES)
+
+
+def test_bins_of_crosstalk_are_left_out_as_its_noise_would_be_a_surface():
+    """400 photons of it a pixel beside 20 of a plane and as many of background; a uniform background adds nothing."""
+    irf, num_bins = np.exp(-0.5 * ((np.arange(9) - 4) / 1.5) ** 2), 128
+    crosstalk = np.zeros(num_bins, np.float32)
+    crosstalk[4:13] = 400 * irf / irf.sum()
+    sensor = SensorModel(16, 16, num_bins, 1e-10, irf, histograms=HistogramBins(num_bins, template=crosstalk))
+    expected = crosstalk + np.float32(20 / num_bins)
+    seen = sketch_photons(PhotonHistograms(np.broadcast_to(expected, (16, 16, num_bins)).copy(), 0), sensor, (1, 5, 20))
+    np.testing.assert_allclose(seen.sums, 0, atol=1e-3)
+    np.testing.assert_allclose(seen.photons, 20)
+    expected[66:75] += 20 * irf / irf.sum()
+    counts = np.random.default_rng(3).poisson(expected, (16, 16, num_bins)).astype(np.uint16)
+    seen = sketch_photons(PhotonHistograms(counts, 0), sensor, consecutive(10))
+    cloud = Pooled(sensor, seen.frequencies, device="cpu")(seen)
+    assert len(cloud) > 0.98 * sensor.pixels and np.abs(cloud.depth_bins - 70).max() < 3

@@ -1,0 +1,66 @@
+"""The files that the pages take as given."""
+
+import os
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import ptufile
+import pytest
+
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.datasets import photon_file
+from srt3d_ros.datasets.simulation.scene import StaticScene
+from srt3d_ros.datasets.simulation.simulator import Simulator
+from srt3d_ros.messages import photons
+from srt3d_ros.messages import sensor as sensor_message
+from tests.bags import CLOUD, TEXT, write_bag
+from tests.datasets.laboratory_files import pulse_cube
+from tests.review.conftest import _write as write_recording
+
+from .pages import ROOT
+
+RNG = np.random.default_rng(0)
+PLAIN = SensorModel(24, 32, 600, 50e-12, np.exp(-0.5 * (np.arange(-9, 10) / 2.5)**2))
+TRUE = PLAIN.replace(gain=RNG.uniform(0.6, 1.4, (24, 32)), delay_bins=RNG.uniform(-8, 8, (24, 32)),
+                     background_shape=np.exp(-np.arange(600) / 100) + 0.1)
+HOT = RNG.choice(PLAIN.pixels, 7, replace=False)
+HEAD, SMALL = Simulator(ppp=5), np.s_[30:60, 40:70]
+
+
+@pytest.fixture(scope="session")
+def given(tmp_path_factory, ball) -> Path:
+    """The files that the pages take as given: head, art, dark, fog, lit, wall.npz; scan.ptu; a bag, rec; run.rrd."""
+    folder = tmp_path_factory.mktemp("given")
+    events, depth = HEAD.frame(0)
+    inside = np.isin(events.pixel, np.arange(141 * 141).reshape(141, 141)[SMALL])
+    row, col = np.divmod(events.pixel[inside], 141)
+    small, sensor = PhotonEvents((row - 30) * 30 + col - 40, events.toa[inside]), HEAD.sensor.cropped(*SMALL)
+    for name in ("head", "art"):
+        photon_file.save(folder / f"{name}.npz", sensor, small, depth[:, *SMALL])
+    wall = StaticScene(PLAIN.range_m((2.25 / PLAIN.rays[..., 2]) / PLAIN.bin_width_m))
+    for name, sbr, ppp in (("dark", 1e-9, 20), ("lit", 1e-9, 2000), ("wall", 5, 400), ("fog", 1, 20)):
+        seen = Simulator(wall, TRUE, sbr=sbr, ppp=ppp).frame(0)[0]
+        if name == "dark":
+            hot = np.repeat(HOT, 4000).astype(np.uint32)
+            seen = PhotonEvents(np.append(seen.pixel, hot), np.append(seen.toa, hot % 600).astype(np.uint16))
+        photon_file.save(folder / f"{name}.npz", PLAIN, seen)
+    ptufile.imwrite(folder / "scan.ptu", pulse_cube(24, 24)[None, :, :, None], 120 * 1e-10, 1e-10)
+    described = ("/sensor", TEXT, sensor_message.encode_cdr(sensor))
+    write_bag(folder / "rec", [described, *[("/photons", CLOUD, photons.encode_cdr(small, sensor, "lidar"))] * 8])
+    write_recording(folder / "run.rrd", *ball)
+    return folder
+
+
+@pytest.fixture
+def here(given, tmp_path, monkeypatch) -> Path:
+    """A folder with the files, config/ and examples/, in which `python` and `srt3d` are those of the tests."""
+    shutil.copytree(given, tmp_path, dirs_exist_ok=True)
+    for name in ("config", "examples"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+    return tmp_path
