@@ -158,7 +158,8 @@ def moving(number: int) -> Iterator[Draw]:
     from benchmarks import motion
 
     drive, sensor = motion.drives(None)[0], motion.moving_sensor()
-    view, first_s, last_s = motion.MovingView(drive.world, drive.path, sensor), drive.first_s, drive.first_s + motion.FRAME_S
+    view, first_s = motion.MovingView(drive.world, drive.path, sensor), drive.first_s
+    last_s = first_s + motion.FRAME_S
     views, frequencies = motion.Views(view, first_s), choose("auto", sensor, SKETCH_SIZE)
     sketcher, known = MovingSketcher(sensor, frequencies), motion.trajectory(drive.path, first_s, last_s)
     middle_s = (first_s + last_s) / 2
