@@ -32,8 +32,9 @@ from srt3d_ros.core.motion.moving_sketcher import MovingSketcher
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.core.sketching.sketcher import sketch_photons
-from srt3d_ros.datasets.simulation.scene import NetScene, default_sensor, net_sensor
+from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
+from srt3d_ros.evaluation.scenes import NetScene, net_sensor
 from srt3d_ros.kernels import constants
 
 REPOSITORY = Path(__file__).resolve().parents[1]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from srt3d_ros.benchmark import photons_of, sensor_of, timed
+from benchmarks.frames import photons_of, sensor_of, timed
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.sketcher import Sketcher

@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Iterator
 
-from srt3d_ros.benchmark import PPP, photons_of, sensor_of, timed
+from benchmarks.frames import PPP, photons_of, sensor_of, timed
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.sketcher import sketch_photons

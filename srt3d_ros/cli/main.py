@@ -13,7 +13,7 @@ from srt3d_ros.errors import InvalidInput, printable
 
 # Modules here with add_parser(subparsers), which sets run(args) -> int. Only the one asked for is imported, all for
 # `srt3d --help`: they import what is slow (torch, ROS) in run().
-COMMANDS = ("reconstruct", "info", "convert", "evaluate", "benchmark", "up", "play", "bag-record", "node",
+COMMANDS = ("reconstruct", "info", "convert", "evaluate", "up", "play", "bag-record", "node",
             "view", "review", "demo", "compile")
 MODULES = {"play": "node", "bag-record": "node"}      # those that are not called as their command
 
@@ -24,7 +24,7 @@ EXTRAS = {"rclpy": "ros", "std_msgs": "ros", "sensor_msgs": "ros", "nav_msgs": "
           "distributed": "dask"}
 DRAWING = ("demo", "review")        # commands that need all of `review`, which includes `record`
 
-COMPUTING = ("reconstruct", "evaluate", "benchmark")    # commands that run kernels in this process
+COMPUTING = ("reconstruct", "evaluate")     # commands that run kernels in this process
 
 FAILED = 1
 BAD_INPUT = 2
