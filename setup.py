@@ -22,7 +22,6 @@ PICTURES = ["matplotlib>=3.8,<4", "Pillow>=10.2,<14"]
 TORCH = "torch>=2.4,<3"
 PYZMQ = "pyzmq>=25,<28"
 ROSBAGS = "rosbags>=0.11.9,<0.12"
-DASK = "distributed>=2025.1,<2028"      # with dask and what both need: 38 MB
 ZSTD = "backports.zstd>=1,<2; python_version < '3.14'"      # which has it as compression.zstd; 2 MB
 # Readers of laboratories' files. ptufile and sdtfile change their interfaces from year to year.
 LAB = ["ptufile>=2026.2,<2027", "sdtfile>=2026.2,<2027", "h5py>=3.10,<4"]
@@ -35,11 +34,10 @@ EXTRAS = {
     "record": [RERUN],
     "review": [RERUN, *PICTURES, "Jinja2>=3.1,<4"],
     "bags": [ROSBAGS],
-    "dask": [DASK],
     "gpu": [TORCH],
     "docs": [*DOCS],
     "lab": [*LAB],
-    "test": [ROSBAGS, PYZMQ, DASK, *LAB, *DOCS, "pytest>=8,<10", "pytest-xdist>=3.6,<4",
+    "test": [ROSBAGS, PYZMQ, *LAB, *DOCS, "pytest>=8,<10", "pytest-xdist>=3.6,<4",
              "hypothesis>=6.100,<7", "psutil>=5.9,<8",
              "colcon-common-extensions>=0.3,<0.4", "ruff>=0.6,<0.18", TORCH],
 }

@@ -1,4 +1,4 @@
-"""`srt3d reconstruct --frames`: each frame of a bag or log to a file, by processes or a Dask cluster."""
+"""`srt3d reconstruct --frames`: each frame of a bag or log to a file, by several processes."""
 
 import multiprocessing
 import os
@@ -25,13 +25,10 @@ from srt3d_ros.request import Request
 from srt3d_ros.results import Sketch
 
 PROGRESS_S = 0.1 if sys.stderr.isatty() else 10.0       # between two lines of progress in a log
-CONNECT_S = 10.0
-WAITING = 200               # frames sent to a cluster at once: more than most have workers
-DIED = "memory enough (fewer --jobs take less), a cluster that stays; the same command goes on"
-_one_at_a_time = threading.Lock()       # a frame is computed by several threads: those of a Dask worker take turns
+DIED = "memory enough (fewer --jobs take less); the same command goes on"
 
 
-def reconstruct_frames(request: Request, folder: Path, suffix: str, jobs: int, dask: str | None) -> dict:
+def reconstruct_frames(request: Request, folder: Path, suffix: str, jobs: int) -> dict:
     """Reconstruct all frames into a folder, but those whose file is there.
 
     Returns:
@@ -50,7 +47,10 @@ def reconstruct_frames(request: Request, folder: Path, suffix: str, jobs: int, d
                  "notes": ()}
         waiting: deque[tuple[int, futures.Future]] = deque()
         bar = tqdm(total=len(files), initial=found["earlier"], unit="frame", mininterval=PROGRESS_S)
-        with bar, _executor(jobs, dask) as executor:
+        cores = max(1, len(os.sched_getaffinity(0)) // jobs)
+        # Spawned: a fork would inherit the threads' locks, not the threads.
+        spawned = multiprocessing.get_context("spawn")
+        with bar, futures.ProcessPoolExecutor(jobs, spawned, _begin, (cores,)) as executor:
             for number, read in readers:
                 if number not in missing:
                     continue
@@ -59,7 +59,7 @@ def reconstruct_frames(request: Request, folder: Path, suffix: str, jobs: int, d
                     submit = partial(_submit, executor) if found["done"] else _here      # the first here: it compiles
                     future = submit(save, request, future.result(), files[number])
                 waiting.append((number, future))
-                if not found["done"] or len(waiting) == (WAITING if dask else 2 * jobs):
+                if not found["done"] or len(waiting) == 2 * jobs:
                     _count(found, *waiting.popleft(), bar)
             for number, future in waiting:
                 _count(found, number, future, bar)
@@ -102,28 +102,9 @@ def _count(found: dict, number: int, future: futures.Future, bar: tqdm) -> None:
 
 def save(request: Request, seen: Photons | Sketch, file: Path) -> tuple[int, tuple[str, ...]]:
     """Write the cloud of a frame; returns its points, and notes."""
-    with _one_at_a_time:
-        cloud = request.cloud(seen)
-        cloud.save(file)
+    cloud = request.cloud(seen)
+    cloud.save(file)
     return len(cloud), cloud.notes
-
-
-@contextmanager
-def _executor(jobs: int, dask: str | None) -> Iterator[futures.Executor]:
-    if dask is None:
-        cores = max(1, len(os.sched_getaffinity(0)) // jobs)
-        # Spawned: a fork would inherit the threads' locks, not the threads.
-        with futures.ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _begin, (cores,)) as executor:
-            yield executor
-        return
-    from distributed import Client  # here: it takes a second
-
-    try:
-        client = Client(dask, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise InvalidInput("dask", dask, f"the address of a scheduler, such as tcp://host:8786 ({error})") from None
-    with client:
-        yield client.get_executor(pure=False)
 
 
 def _begin(cores: int) -> None:

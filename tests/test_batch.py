@@ -14,7 +14,6 @@ import numpy as np
 import psutil
 import pytest
 
-from srt3d_ros import batch
 from srt3d_ros.cli import main
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents
@@ -122,7 +121,6 @@ def test_a_mistake_in_the_options_ends_the_command_in_one_line(tmp_path, at_once
 @pytest.mark.parametrize(("arguments", "line"), [
     (("--frames", "all", "--frame", "1"), "frame is 1: expected nothing beside --frames"),
     (("--frames", "all", "--jobs", "0"), "jobs is 0: expected 1 or more"),
-    (("--frames", "all", "--jobs", "2", "--dask", "tcp://a:1"), "jobs is 2: expected nothing beside --dask"),
     (("--jobs", "2"), "jobs is 2: expected nothing without --frames"),
     (("--frames", "all", "--format", "las"), "frame.las: expected a file name that ends in .npz, ")])
 def test_mistakes_are_one_line(tmp_path, at_once, reconstruct, arguments, line):
@@ -170,24 +168,3 @@ def test_nothing_is_lost_however_it_ends(tmp_path, reconstruct, at_once, how):
     assert reconstruct(bag, "--frames", "all", "--out", folder)[0] == 0
     assert reconstruct(bag, "--frames", "all", "--out", tmp_path / "here")[0] == 0
     assert {name: raw for name, raw in files(folder).items() if name[0] != "."} == files(tmp_path / "here")
-
-
-def test_a_dask_cluster_makes_the_same_files(tmp_path, reconstruct, at_once):
-    distributed = pytest.importorskip("distributed")
-    bag = frames_bag(tmp_path / "bag")
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None,
-                                  protocol="tcp") as cluster:
-        code, out, _ = reconstruct(bag, "--frames", "all", "--out", tmp_path / "dask", "--dask",
-                                   cluster.scheduler_address)
-    assert code == 0 and out.startswith(f"{FRAMES} of {FRAMES} frames reconstructed")
-    assert reconstruct(bag, "--frames", "all", "--out", tmp_path / "here")[0] == 0
-    assert files(tmp_path / "dask") == files(tmp_path / "here")
-
-
-def test_a_scheduler_that_is_not_there_is_one_line(tmp_path, reconstruct, monkeypatch):
-    pytest.importorskip("distributed")
-    monkeypatch.setattr(batch, "CONNECT_S", 0.2)
-    bag = frames_bag(tmp_path / "bag")
-    for address in ("tcp://127.0.0.1:1", "tcp://127.0.0.1:x"):
-        code, _, err = reconstruct(bag, "--frames", "all", "--out", tmp_path / "all", "--dask", address)
-        assert code == 2 and f"dask is {address}: expected the address of a scheduler, such as tcp://" in err

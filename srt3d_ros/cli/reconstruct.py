@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from srt3d_ros.request import Request
 
 METHOD_OPTIONS = ("method", "sketch_size", "frequencies", "surfaces", "device", "false_alarm_rate", "background")
-MANY_OPTIONS = ("format", "jobs", "dask")
+MANY_OPTIONS = ("format", "jobs")
 
 
 def add_parser(subparsers) -> None:
@@ -56,8 +56,6 @@ def add_parser(subparsers) -> None:
     many.add_argument("--frames", choices=("all",), help="every frame by itself")
     many.add_argument("--format", metavar="SUFFIX", help="of the files: npz, ply, pcd, … as for OUT (npz)")
     many.add_argument("--jobs", type=int, metavar="N", help="processes, among which the cores are divided (1)")
-    many.add_argument("--dask", metavar="ADDRESS",
-                      help="scheduler of a Dask cluster, such as tcp://host:8786, whose workers do it instead")
     parser.add_argument("--dark", metavar="FILE",
                         help="photon file recorded without the laser's echo: how the background spreads over the bins")
     parser.set_defaults(run=run)
@@ -76,7 +74,6 @@ def run(args: argparse.Namespace) -> int:
             require(getattr(args, name) is None, name, getattr(args, name), "nothing without --frames")
         return _one(request, args)
     require(args.frame == 0, "frame", args.frame, "nothing beside --frames")
-    require(args.dask is None or args.jobs is None, "jobs", args.jobs, "nothing beside --dask: workers are jobs")
     require(args.jobs is None or args.jobs >= 1, "jobs", args.jobs, "1 or more")
     return _many(request, args)
 
@@ -100,7 +97,7 @@ def _one(request: "Request", args: argparse.Namespace) -> int:
 def _many(request: "Request", args: argparse.Namespace) -> int:
     from srt3d_ros.batch import reconstruct_frames
 
-    found = reconstruct_frames(request, Path(args.output).absolute(), args.format or "npz", args.jobs or 1, args.dask)
+    found = reconstruct_frames(request, Path(args.output).absolute(), args.format or "npz", args.jobs or 1)
     common.print_notes(found["notes"])
     if found["failed"]:
         common.print_notes([f"{found['failed']} of {found['frames']} frames failed; the same command tries them again"])
