@@ -162,7 +162,7 @@ def _report(source: Source, frames: int, out: Path) -> None:
     draw_overview(out / PICTURE, clouds[k], sensor, seen[k][0], source.title, figures)
     (out / SUMMARY).write_text(json.dumps(summary | own, indent=2) + "\n")
     _say("\n" + align([*rows(summary), *((name.replace("_", " "), str(value)) for name, value in own.items())]))
-    _say(f"\n{out}/  {PICTURE}  {RECORDING} (to open with `srt3d view`)  {SUMMARY}  {LOG}")
+    _say(f"\n{out}/  {PICTURE}  {RECORDING} (to open with `rerun`)  {SUMMARY}  {LOG}")
 
 
 def _accuracy(found: list[Metrics], tolerance_bins: float, bin_mm: float) -> dict[str, float]:
