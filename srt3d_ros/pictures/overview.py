@@ -16,9 +16,10 @@ from srt3d_ros.new_files import file_errors
 from srt3d_ros.pictures import annotations
 from srt3d_ros.pictures.annotations import DIM, TEXT
 from srt3d_ros.pictures.cloud_renderer import CloudStyle, draw_fog
-from srt3d_ros.pictures.figures import as_image
+from srt3d_ros.pictures.figures import DPI, as_image
 
-_WIDTH_PX, _HEIGHT_PX = 2000, 900
+_WIDTH_PX, _HEIGHT_PX = 2000, 900              # as texts and lines are sized
+_FINER = 2                                      # picture elements for each of these
 _BOTTOM, _TOP = 0.09, 0.80                      # of the panels, shares of the height
 _PHOTON_OPACITY, _FADE = 0.6, 0.08              # of a photon; width of the faded border, of the panel
 _SPARSE = 0.4                                   # photons per picture element below which they are drawn larger
@@ -41,6 +42,7 @@ def draw_overview(path, cloud: PointCloud, sensor: SensorModel, photons: PhotonE
     """
     style = CloudStyle.of(cloud, sensor)
     figure = annotations.dark_figure(_WIDTH_PX, _HEIGHT_PX)
+    figure.set_dpi(_FINER * DPI)
     annotations.write_line(figure, 0.94, title, 25, TEXT, weight="bold")
     annotations.write_line(figure, 0.045, annotations.caption(figures), 15, DIM)
     left, framed = 0.02, cloud.xyz
@@ -76,7 +78,7 @@ def _positions(photons: PhotonEvents, sensor: SensorModel) -> np.ndarray:
 
 def _draw_photons(xyz: np.ndarray, style: CloudStyle, eye: Viewpoint, width: int, height: int) -> np.ndarray:
     """The photons as a fog that fades at the borders, so that no edge is visible where the panel ends."""
-    size_px = 1 if len(xyz) > _SPARSE * width * height else 2
+    size_px = _FINER if len(xyz) > _SPARSE * width * height / _FINER**2 else 2 * _FINER
     fog = draw_fog(xyz, style.colour(xyz), eye, width, height, _PHOTON_OPACITY, size_px, BACKGROUND)
     inside = [np.clip(np.minimum(np.arange(n), n - 1 - np.arange(n)) / (_FADE * n), 0, 1) for n in (height, width)]
     weight = np.outer(*inside)[..., None]
@@ -85,7 +87,7 @@ def _draw_photons(xyz: np.ndarray, style: CloudStyle, eye: Viewpoint, width: int
 
 def _view(xyz: np.ndarray, sensor: SensorModel, width: float) -> tuple[Viewpoint, tuple[int, int]]:
     """The eye, and the picture elements across and down, of a panel that takes `width` of the figure's."""
-    across, down = width * _WIDTH_PX, (_TOP - _BOTTOM) * _HEIGHT_PX
+    across, down = _FINER * width * _WIDTH_PX, _FINER * (_TOP - _BOTTOM) * _HEIGHT_PX
     return look_at(xyz, sensor.projection, aspect=across / down), (round(across), round(down))
 
 

@@ -14,10 +14,10 @@ FIGURES = {"photons per pixel": 10.04, "points": 19_871, "reconstruction": "35 m
 
 @pytest.fixture
 def drawn(tmp_path, ball):
-    """Draw, and give the picture as an array int [rows, cols, 3]."""
+    """Draw, and give the picture at half its size as an array int [rows, cols, 3]."""
     def draw(cloud=ball[0], sensor=ball[1], photons=None, title="A ball", figures=FIGURES):
         draw_overview(tmp_path / "a.png", cloud, sensor, photons, title, figures)
-        return np.asarray(Image.open(tmp_path / "a.png").convert("RGB")).astype(int)
+        return np.asarray(Image.open(tmp_path / "a.png").convert("RGB").reduce(2)).astype(int)
     return draw
 
 
