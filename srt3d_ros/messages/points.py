@@ -9,8 +9,8 @@ from srt3d_ros.messages.packing import pack_cloud, unpack_cloud
 from srt3d_ros.messages.schema import cloud_layouts
 
 
-def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: SensorModel | None = None,
-               organised: bool = False) -> bytes:
+def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: SensorModel | None = None
+               ) -> bytes:
     """The serialised message of a cloud.
 
     Args:
@@ -18,8 +18,6 @@ def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: S
         frame_id: the tf frame of cloud.xyz.
         layout: "xyzi", or "full" for depth_std, background, row, col and surface as well.
         sensor: needed by "full" alone, which gives depth_std in metres.
-        organised: one point a pixel, rows × cols, its first; where a pixel has none x, y, z and depth_std are NaN
-            and intensity is 0, which is how many signal photons are expected there: it spoils no mean and no scale.
     """
     points = np.zeros(len(cloud), cloud_layouts("points")[layout])
     points["x"], points["y"], points["z"] = cloud.xyz.T
@@ -29,29 +27,14 @@ def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: S
         points["background"] = cloud.background[cloud.row, cloud.col]
         for name in ("row", "col", "surface"):
             points[name] = getattr(cloud, name)
-    if organised:
-        points = _in_their_pixels(points, cloud)
     dense = all(bool(np.isfinite(points[axis]).all()) for axis in "xyz")
     return cdr.write_cloud(pack_cloud(cdr.Header(cloud.stamp_ns, frame_id), points, dense))
-
-
-def _in_their_pixels(points: np.ndarray, cloud: PointCloud) -> np.ndarray:
-    """The first points [rows, cols], and what stands for none."""
-    grid = np.zeros(cloud.background.shape, points.dtype)
-    for name in {"x", "y", "z", "depth_std"}.intersection(points.dtype.names):
-        grid[name] = np.nan
-    if "background" in points.dtype.names:
-        grid["background"] = cloud.background
-        grid["row"], grid["col"] = np.indices(grid.shape, sparse=True)
-    first, as_bytes = cloud.surface == 0, f"V{points.dtype.itemsize}"      # NumPy copies field by field otherwise
-    grid.view(as_bytes)[cloud.row[first], cloud.col[first]] = points.view(as_bytes)[first]
-    return grid
 
 
 def decode_cdr(raw: bytes) -> tuple[cdr.Header, dict[str, np.ndarray]]:
     """The points of a serialised message in either layout, or of any cloud with x, y, z and intensity in float32.
 
-    Points whose x, y or z is not finite are left out: in organised clouds they stand for pixels without a point.
+    Points whose x, y or z is not finite are left out: in organised clouds of others they stand for no point.
 
     Returns:
         The header and the columns: xyz float32 [N, 3] in metres, intensity float32 [N], and where the message has

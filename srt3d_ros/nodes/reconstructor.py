@@ -36,9 +36,9 @@ PARAMETERS = (
         f"{name}: {METHODS[name].about}" for name in SKETCH_METHODS) + ". All but pooled are published with the "
         "sketcher's `frequencies` consecutive.", choices=SKETCH_METHODS, live=True),
     Parameter("surfaces", 1, "Most surfaces per pixel.", low=1, high=MAX_SURFACES, live=True),
-    Parameter("surface_order", "strongest", "Which surface of a pixel comes first in `points`. Images and organised "
-              "clouds show only that one. With `surfaces` of 2 or more, nearest shows a net or fog, and farthest what "
-              "is behind it.", choices=tuple(SURFACE_ORDERS), live=True),
+    Parameter("surface_order", "strongest", "Which surface of a pixel comes first in `points`. Images show only "
+              "that one. With `surfaces` of 2 or more, nearest shows a net or fog, and farthest what is behind it.",
+              choices=tuple(SURFACE_ORDERS), live=True),
     Parameter("false_alarm_rate", DEFAULT_FALSE_ALARM_RATE, "pooled, smle: fraction of the pixels without a surface "
               "that may show a false point.", low=1e-12, high=0.5, live=True),
     Parameter("background", BACKGROUNDS[0], "pooled: distribution of the background over the bins. auto: what the "
@@ -49,8 +49,6 @@ PARAMETERS = (
     Parameter("device", "auto", "Where to compute. auto: on a GPU if it passes a check.", choices=DEVICES, live=True),
     Parameter("fields", "xyzi", "Fields of `points`. xyzi: x, y, z, intensity. full: also depth_std, background, row, "
               "col and surface.", choices=("xyzi", "full"), live=True),
-    Parameter("organised", False, "true: `points` as rows × cols with the first point of each pixel, NaN where there "
-              "is none. false: a list of all points.", live=True),
     Parameter("min_range_m", 0.0, "Omit points nearer than this along their pixel's ray, from `points` and images; 0 "
               "= no limit.", "m", low=0.0, live=True),
     Parameter("max_range_m", 0.0, "Omit points farther than this; 0 = no limit.", "m", low=0.0, live=True),
@@ -213,7 +211,7 @@ class ReconstructorNode(PipelineNode):
         settings = self._settings
         near = seen.within(settings["min_range_m"], settings["max_range_m"] or np.inf)
         cloud = near.ordered(settings["surface_order"])
-        data = points_message.encode_cdr(cloud, frame_id, settings["fields"], sketch.sensor, settings["organised"])
+        data = points_message.encode_cdr(cloud, frame_id, settings["fields"], sketch.sensor)
         self.publish_frame(self._points, data, cloud.stamp_ns)
         self.diagnostics.count(points=len(cloud), points_out_of_range=len(seen) - len(cloud),
                                photons=seen.facts["photons"])

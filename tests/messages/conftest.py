@@ -95,8 +95,6 @@ CODECS = {
     "sketch_coded": _codec(sketch, PointCloud2, SKETCH, (SENSOR, "lidar", "coded"), (SENSOR,)),
     "points_xyzi": _codec(points, PointCloud2, CLOUD, ("lidar",), ()),
     "points_full": _codec(points, PointCloud2, CLOUD, ("lidar", "full", SENSOR), ()),
-    "points_xyzi_organised": _codec(points, PointCloud2, CLOUD, ("lidar", "xyzi", None, True), ()),
-    "points_full_organised": _codec(points, PointCloud2, CLOUD, ("lidar", "full", SENSOR, True), ()),
     "image_32FC1": _codec(images, Image, IMAGE, (STAMP_NS, "lidar"), ()),
 }
 

@@ -112,7 +112,7 @@ def test_a_cloud_keeps_stamp_and_frame_and_bad_sketches_are_survived(reconstruct
 
 def test_points_and_images_agree_on_what_is_within_the_limits(reconstructor, sensor, sketch):
     reconstructor.watch_images()
-    reconstructor.begin(sensor, sketch, organised=True, fields="xyzi")
+    reconstructor.begin(sensor, sketch, fields="xyzi")
     before, = reconstructor.totals("points_out_of_range")
     _, images = reconstructor.frame(sketch)
     seen, depth_m = np.isfinite(images["depth"]), images["depth"]

@@ -59,7 +59,7 @@ CODECS = {
     "sketch": (lambda raw: sketch.decode_cdr(raw, SENSOR),
                golden("sketch_float32", "sketch_int16", "sketch_coded")),
     "coded_sketch": (unpacked, [coded_example()]),
-    "points": (points.decode_cdr, golden("points_xyzi", "points_full", "points_xyzi_organised")),
+    "points": (points.decode_cdr, golden("points_xyzi", "points_full")),
     "images": (images.decode_cdr, golden("image_32FC1")),
     "sensor": (lambda raw: sensor.from_json(raw.decode(errors="replace")),
                [(GOLDEN / f"{name}.json").read_bytes() for name in ("sensor", "sensor_lens", "sensor_histograms")]),
