@@ -1,11 +1,11 @@
-"""What is in a photon file, in figures: its size, light, IRF, and what it would be sketched with."""
+"""What is in a photon file, in figures: its size, SBR, IRF, and what it would be sketched with."""
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from srt3d_ros.core.sketching.design import SketchDesign, design_for
+from srt3d_ros.core.sketching.design import SketchDesign, design_for, histogram, signal_to_background
 from srt3d_ros.core.sketching.gate import AUTO
 from srt3d_ros.core.sketching.photons import PhotonHistograms
 from srt3d_ros.datasets.photons import Photons
@@ -19,13 +19,15 @@ class Description:
     """Figures of a photon file.
 
     Args:
-        photons: of which light and gate are those of the sample.
-        design: gate and frequencies for their light.
+        photons: of which SBR and gate are those of the sample.
+        design: the suggested gate, and frequencies.
+        sbr: as of `signal_to_background`.
         histogram, counts: float64 [T] and [rows, cols], photons in each bin and in each pixel.
     """
 
     photons: Photons
     design: SketchDesign
+    sbr: float
     histogram: np.ndarray
     counts: np.ndarray
 
@@ -42,16 +44,14 @@ class Description:
     @property
     def facts(self) -> dict:
         """All figures by name; None where a value is unknown or infinite."""
-        sensor, gate, light, used = self.photons.sensor, self.design.gate, self.design.light, self.counts
-        used = used if sensor.mask is None else used[sensor.mask]
-        sbr = light.sbr if light is not None and light.signal_share > 0 else 0.0
-        frequencies = self.design.frequencies
+        sensor, (gate, frequencies) = self.photons.sensor, self.design
+        used = self.counts if sensor.mask is None else self.counts[sensor.mask]
         return {"rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins,
                 "bin_width_s": sensor.bin_width_s,
                 "range_m": sensor.range_m([0, sensor.num_bins]).tolist(), "photons": round(self.counts.sum()),
                 "photons_per_pixel": float(used.mean()) if used.size else 0.0,
                 "most_photons_in_a_pixel": round(used.max(initial=0)),
-                "empty_pixels": int(np.count_nonzero(used <= 0)), "sbr": sbr if np.isfinite(sbr) else None,
+                "empty_pixels": int(np.count_nonzero(used <= 0)), "sbr": self.sbr if np.isfinite(self.sbr) else None,
                 "irf_width_bins": self.irf_width_bins, "irf_width_s": self.irf_width_bins * sensor.bin_width_s,
                 "gate": None if gate is None else [gate.first, gate.last], "frequencies": list(frequencies),
                 "sketch_bytes": sensor.pixels * WORD_BYTES * (2 * len(frequencies) + 1),
@@ -60,12 +60,13 @@ class Description:
 
 def describe(photons: Photons) -> Description:
     """Figures of photons."""
-    design, sensor, frame = design_for(*photons.sample, AUTO), photons.sensor, photons.source
+    sample, sensor, frame = *photons.sample, photons.source
+    suggested = design_for(sensor, AUTO, frame=sample), signal_to_background(histogram(sample, sensor), sensor)
     if not photons.is_loaded:
-        return Description(photons, design, frame.histogram, frame.counts)
+        return Description(photons, *suggested, frame.histogram, frame.counts)
     if isinstance(frame, PhotonHistograms):
         counts = frame.on_axis(sensor).astype(np.float64)
-        return Description(photons, design, counts.sum(axis=(0, 1)), counts.sum(axis=2))
+        return Description(photons, *suggested, counts.sum(axis=(0, 1)), counts.sum(axis=2))
     counts = np.bincount(frame.pixel, minlength=sensor.pixels).reshape(sensor.rows, sensor.cols)
-    histogram = np.bincount(sensor.toa_bins(frame.toa), minlength=sensor.num_bins)
-    return Description(photons, design, histogram.astype(np.float64), counts.astype(np.float64))
+    toa = np.bincount(sensor.toa_bins(frame.toa), minlength=sensor.num_bins)
+    return Description(photons, *suggested, toa.astype(np.float64), counts.astype(np.float64))

@@ -15,9 +15,9 @@ suggested: gate {gate_words}, frequencies {frequency_words}: a sketch of {sketch
 
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
-        "info", help="print what is in a photon file: size, light, IRF, suggested gate and frequencies",
+        "info", help="print what is in a photon file: size, SBR, IRF, suggested gate and frequencies",
         description="Print size, photons per pixel, SBR, T, range, IRF width and notes of a file, and the gate and "
-                    "frequencies that suit its photons.")
+                    "frequencies that suit it.")
     common.add_photon_file(parser)
     common.add_gate(parser)
     parser.add_argument("-o", "--output", metavar="INFO.png", type=Path,

@@ -32,7 +32,7 @@ def add_parser(subparsers) -> None:
     parser.add_argument("--sketch-size", type=int, metavar="M",
                         help=f"complex numbers kept of a pixel ({DEFAULT_SKETCH_SIZE})")
     parser.add_argument("--frequencies", metavar="auto|spread|consecutive|k1,k2,…",
-                        help="which they are: least expected error for these photons (auto), spread over what the IRF "
+                        help="which they are: least expected error for the IRF (auto), spread over what it "
                              "passes, 1 … M, or a list; unless given what the method is published with, else auto")
     parser.add_argument("--surfaces", type=int, default=1, metavar="K", help="most surfaces in a pixel (1)")
     parser.add_argument("--surface-order", choices=SURFACE_ORDERS, default="strongest",

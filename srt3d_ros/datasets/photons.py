@@ -11,7 +11,7 @@ from srt3d_ros.core.methods import DEFAULT_METHOD, find
 from srt3d_ros.core.progress import compiling
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import design_for
-from srt3d_ros.core.sketching.gate import OFF, Gate
+from srt3d_ros.core.sketching.gate import AUTO, OFF, Gate
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame, PhotonHistograms
 from srt3d_ros.core.sketching.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets import arrays
@@ -126,13 +126,19 @@ class Photons:
 
     @property
     def sample(self) -> tuple[PhotonEvents | PhotonHistograms, SensorModel]:
-        """What gate and frequencies are chosen by: all photons, or those of the pixels in the sensor's mask."""
+        """What a gate is chosen by: all photons, or those of the pixels in the sensor's mask."""
         if self.is_loaded:
             return self.source, self.sensor
         sampled, mask = self.source.sampled, self.sensor.mask
         if sampled.all():
             return self.source.sample, self.sensor
         return self.source.sample, self.sensor.replace(mask=sampled if mask is None else sampled & mask)
+
+    def _gate(self, gate: str | tuple[int, int], frequencies: str = "auto", sketch_size: int | None = None
+              ) -> Gate | None:
+        """What is written as a gate, with room for the frequencies."""
+        frame, sensor = self.sample if gate == AUTO else (None, self.sensor)
+        return design_for(sensor, gate, frequencies, sketch_size, frame).gate
 
     def sketch(self, sketch_size: int | None = None, *, frequencies: str | Sequence[int] = "auto",
                gate: str | tuple[int, int] = OFF) -> Sketch:
@@ -151,8 +157,9 @@ class Photons:
         require(sketch_size is None or isinstance(sketch_size, int | np.integer), "sketch_size", quoted(sketch_size),
                 "an integer")
         with compiling():
-            found, used, _ = design_for(*self.sample, gate, _written(frequencies), sketch_size)
-            stream = SketchStream(self.sensor, StreamOptions(str(found or OFF), _written(used), packets_per_frame=0))
+            used = _written(frequencies), sketch_size
+            found = self._gate(gate, *used)
+            stream = SketchStream(self.sensor, StreamOptions(str(found or OFF), *used, packets_per_frame=0))
             for packet in self.packets():
                 stream.push(packet)
             made, = stream.flush()
@@ -190,7 +197,7 @@ class Photons:
             return replace(cloud, facts=cloud.facts | {"sketch_ms": sketch_ms})
         for name, value in (("sketch_size", sketch_size), ("frequencies", frequencies)):
             require(value is None, name, value, f"nothing: {method} makes no sketch")
-        found = None if gate == OFF else design_for(*self.sample, gate).gate
+        found = self._gate(gate)
         seen = self if found is None else self.gated(found.first, found.last)
         cloud = Reconstructor(seen.sensor, **own)(seen.frame)
         return replace(cloud, notes=seen.notes)

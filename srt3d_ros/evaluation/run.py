@@ -4,7 +4,6 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
-from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -13,18 +12,14 @@ from tqdm import tqdm
 from srt3d_ros import __version__
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.methods import Method
-from srt3d_ros.core.metrics import evaluate, median_offset, shares_within
-from srt3d_ros.core.sketching.design import design_for
+from srt3d_ros.core.metrics import evaluate, median_offset
+from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation import held_out
 from srt3d_ros.evaluation.cases import SEEN_BINS, SEEN_PHOTONS, Case, Observation, photons_near
 
 METHOD_OPTIONS = ("false_alarm_rate", "background")      # that may be set for an evaluation
-# Shares of a normal distribution at which the reported standard deviations of depth are checked.
-NOMINAL = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.6827, 0.8, 0.9, 0.9545, 0.99)
-# How many standard deviations hold them: 0.6827 → 1, 0.9545 → 2.
-DEVIATIONS = tuple(NormalDist().inv_cdf((1 + share) / 2) for share in NOMINAL)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,8 +106,7 @@ def reconstruct(job: Job, observation: Observation) -> tuple[PointCloud, dict]:
     sensor, options = job.case.sensor, {"surfaces": job.case.surfaces, **job.options}
     seen, frequencies, sketch_ms = observation.frame, None, None
     if job.method.needs == "sketch":
-        frequencies = design_for(seen, sensor, frequencies=job.method.frequencies,
-                                 sketch_size=job.sketch_size).frequencies
+        frequencies = choose(job.method.frequencies, sensor, job.sketch_size)
         photons = Photons(sensor, seen)
         seen, sketch_ms = _timed(lambda: photons.sketch(frequencies=frequencies))
     method = job.method.build(sensor, frequencies, **options)
@@ -125,17 +119,14 @@ def judge(cloud: PointCloud, case: Case, observation: Observation) -> dict:
     """The columns of the results that compare a cloud with the truth."""
     num_bins = case.sensor.num_bins
     reference, counted, offsets = aligned_reference(cloud, case, observation)
-    found = evaluate(cloud, reference, case.tolerance_bins, num_bins, observation.intensity, observation.background,
-                     counted, observation.complete)
-    shares = shares_within(cloud, reference, num_bins, DEVIATIONS, counted)
+    found = evaluate(cloud, reference, case.tolerance_bins, num_bins, observation.intensity, counted,
+                     observation.complete)
     return {"true_detections_percent": 100 * found.true_detections,
             "true_detections_by_surface_percent": tuple(100 * share for share in found.by_surface),
             "false_detections_percent": 100 * found.false_detections, "dae_bins": found.dae_bins,
             "dae_mm": found.dae_bins * case.sensor.bin_width_m * 1e3, "iae": found.iae,
-            "background_nmse": found.background_nmse, "within_1_std_percent": 100 * found.within_1_std,
-            "within_2_std_percent": 100 * found.within_2_std, "swelling_px": found.swelling_px,
-            "offset_bins": offsets or None,
-            "within_nominal_percent": tuple(100 * share for share in shares)}
+            "within_1_std_percent": 100 * found.within_1_std, "within_2_std_percent": 100 * found.within_2_std,
+            "offset_bins": offsets or None}
 
 
 def aligned_reference(cloud: PointCloud, case: Case, observation: Observation):

@@ -4,21 +4,21 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.method.cloud import PointCloud
-from srt3d_ros.core.metrics import circular_difference, depth_errors, evaluate, median_offset, shares_within
+from srt3d_ros.core.metrics import circular_difference, depth_errors, evaluate, median_offset
 from srt3d_ros.errors import InvalidInput
 
 T = 100
 NAN = np.nan
 
 
-def cloud(*points: tuple, shape=(2, 3), background=0.0) -> PointCloud:
+def cloud(*points: tuple, shape=(2, 3)) -> PointCloud:
     """Points (row, col, depth[, intensity[, standard deviation]]) of an image."""
     full = np.array([(*point, *(1.0, 1.0)[len(point) - 3:]) for point in points]).reshape(-1, 5)
     row, col, depth, intensity, std = full.T
     n = len(points)
     return PointCloud(row.astype(np.uint16), col.astype(np.uint16), depth.astype(np.float32),
                       intensity.astype(np.float32), std.astype(np.float32), np.zeros((n, 3), np.float32),
-                      np.zeros(n, np.uint8), np.full(shape, background, np.float32))
+                      np.zeros(n, np.uint8), np.zeros(shape, np.float32))
 
 
 def test_points_within_the_tolerance_are_true_and_the_others_false():
@@ -57,7 +57,7 @@ def test_several_surfaces_are_each_counted():
 def test_without_points_or_references_nothing_is_found(points, reference):
     found = evaluate(cloud(*points), reference, 3, T)
     assert (found.true_detections, found.false_detections, found.points) == (0, 0, len(points))
-    assert np.isnan(found.dae_bins) and np.isnan(found.iae) and np.isnan(found.background_nmse)
+    assert np.isnan(found.dae_bins) and np.isnan(found.iae)
 
 
 @pytest.mark.parametrize(("a", "b", "difference"), [(2, 1, 1), (99, 1, -2), (1, 99, 2), (0, 50, -50),
@@ -93,7 +93,7 @@ def test_the_median_offset_of_a_reference_is_found(offset=-7.5):
     assert median_offset(cloud(), reference, 20, T) == 0
 
 
-# ---- Intensity and background
+# ---- Intensity
 
 def test_intensities_that_match_nothing_count_in_full():
     depth, photons = [[10, 20, NAN], [NAN] * 3], [[8.0, 4, NAN], [NAN] * 3]
@@ -105,18 +105,9 @@ def test_intensities_that_match_nothing_count_in_full():
     assert evaluate(cloud(right, (1, 1, 70, 9.0)), depth, 3, T, photons).iae == pytest.approx((2 + 4) / 12)
 
 
-def test_the_background_error_is_relative_to_its_energy():
-    expected = np.full((2, 3), 2.0)
-    reference = np.full((2, 3), 10.0)
-    assert evaluate(cloud(background=2.0), reference, 3, T, None, expected).background_nmse == 0
-    assert evaluate(cloud(background=3.0), reference, 3, T, None, expected).background_nmse == 1 / 4
-    assert np.isnan(evaluate(cloud(), reference, 3, T).background_nmse)
-
-
 @pytest.mark.parametrize(("changes", "named"), [
     *(({"reference_depth_bins": np.ones(shape)}, "reference shape") for shape in ((3, 2), (6,), (1, 1, 2, 3))),
     ({"reference_intensity": np.ones((2, 2, 3))}, "intensity shape"),
-    ({"reference_background": np.ones((2, 2, 3))}, "background shape"),
     ({"counted": np.ones((3, 2))}, "counted shape")])
 def test_maps_of_another_shape_are_refused(changes, named):
     with pytest.raises(InvalidInput, match=f"^{named} is .*: expected "):
@@ -140,17 +131,6 @@ def test_shares_of_errors_within_their_standard_deviations():
     points = (0, 0, 12, 1, 2.0), (0, 1, 7, 1, 2.0), (0, 2, 10, 1, 0.5), (1, 0, 90, 1, 3.0), (1, 1, 10, 1, 1.0)
     found = evaluate(cloud(*points), reference, 3, T)
     assert (found.within_1_std, found.within_2_std) == (2 / 4, 3 / 4)           # far ones count as well
-    assert shares_within(cloud(*points), reference, T, (0.1, 1.6, 7)) == (1 / 4, 3 / 4, 1)
-    assert shares_within(cloud((0, 0, 10, 1, 0.0), (0, 1, 11, 1, 2.0)), np.full((2, 3), 10.0), T, (1,)) == (1,)
-    assert np.isnan(shares_within(cloud((0, 0, 10, 1, NAN)), np.full((2, 3), 10.0), T, (1,))).all()
-
-
-@pytest.mark.parametrize("grown", [-2, 3])
-def test_swelling_is_how_far_the_outline_lies_outside(grown):
-    """Of a square of 40 pixels that is shown too large by so many on every side."""
-    reference, size = np.full((60, 60), NAN), 40 + 2 * grown
-    reference[10:50, 10:50] = 20
-    points = [(10 - grown + i, 10 - grown + j, 20) for i, j in np.ndindex(size, size)]
-    found = evaluate(cloud(*points, shape=(60, 60)), reference, 3, T, complete=True)
-    assert found.swelling_px == pytest.approx(grown, abs=0.1 + 0.15 * abs(grown))
-    assert np.isnan(evaluate(cloud(*points, shape=(60, 60)), reference, 3, T).swelling_px)      # sky, or unknown?
+    reference = np.full((2, 3), 10.0)
+    assert evaluate(cloud((0, 0, 10, 1, 0.0), (0, 1, 11, 1, 2.0)), reference, 3, T).within_1_std == 1
+    assert np.isnan(evaluate(cloud((0, 0, 10, 1, NAN)), reference, 3, T).within_1_std)

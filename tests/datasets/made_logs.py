@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.core.method.memory import PooledStream
-from srt3d_ros.core.sketching.design import design_for
+from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.datasets import Photons
 
 BIN_M = 299_792_458.0 / 2 * 0.8e-9      # of a TMF8829
@@ -98,5 +98,5 @@ def zones_mm(photons: Photons, frequencies: tuple[int, ...]) -> np.ndarray:
 
 
 def zones_by_design_mm(photons: Photons) -> np.ndarray:
-    """The same with the frequencies that are designed for these photons."""
-    return zones_mm(photons, design_for(photons.frame, photons.sensor).frequencies)
+    """The same with the frequencies that are designed for the IRF."""
+    return zones_mm(photons, choose("auto", photons.sensor))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frequency_design import Light, design, increasing
+from srt3d_ros.core.sketching.frequency_design import design, increasing
 from srt3d_ros.core.sketching.sketch import MAX_SKETCH_SIZE, check_frequencies
 from srt3d_ros.errors import InvalidInput, require
 
@@ -53,27 +53,17 @@ def _passed(sensor: SensorModel) -> np.ndarray:
     return total / len(irfs)
 
 
-def _designed(sensor: SensorModel, sketch_size: int, light: Light | None) -> tuple[int, ...]:
-    if light is None:
-        return design(sensor, sketch_size)
-    return design(sensor, sketch_size, round(light.octaves(sketch_size)), light.confirmed)
-
-
-AUTO = "auto"
-RULES = {AUTO: _designed, "spread": lambda sensor, sketch_size, _: spread(sensor, sketch_size),
-         "consecutive": lambda _, sketch_size, __: consecutive(sketch_size)}
+RULES = {"auto": design, "spread": spread, "consecutive": lambda _, sketch_size: consecutive(sketch_size)}
 CHOICES = ", ".join(RULES)
 
 
-def choose(spec: str, sensor: SensorModel, sketch_size: int | None = None, light: Light | None = None
-           ) -> tuple[int, ...]:
+def choose(spec: str, sensor: SensorModel, sketch_size: int | None = None) -> tuple[int, ...]:
     """Frequencies from what a user writes.
 
     Args:
         spec: "auto" (the least expected error, see `design`), "spread", "consecutive", or a list such as "1,2,5".
         sensor: gives T and the IRF.
         sketch_size: m; DEFAULT_SKETCH_SIZE unless given. With a list it must be the list's length, or None.
-        light: of a frame, for "auto"; unless given the frequencies are for few photons.
 
     Raises:
         InvalidInput: if m is too large for T, or the list has a frequency that means nothing.
@@ -82,7 +72,7 @@ def choose(spec: str, sensor: SensorModel, sketch_size: int | None = None, light
         most = max(min((sensor.num_bins - 1) // 2, MAX_SKETCH_SIZE), 1)
         m = min(DEFAULT_SKETCH_SIZE, most) if sketch_size is None else sketch_size
         require(1 <= m <= most, "sketch_size", m, f"1 to {most} for T = {sensor.num_bins} bins")
-        return check_frequencies(RULES[spec](sensor, m, light), sensor.num_bins)
+        return check_frequencies(RULES[spec](sensor, m), sensor.num_bins)
     try:
         listed = [int(part) for part in spec.split(",")]
     except ValueError:

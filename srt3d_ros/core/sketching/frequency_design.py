@@ -13,7 +13,6 @@ V(d) = Σ_x h(x) (q(x) − q(x − d))² what a signal photon adds. For small d 
 that we use (`MatchedFrame`), not that of an ideal one.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -22,82 +21,34 @@ from srt3d_ros.core.sensor.model import SensorModel
 
 SBRS = (0.1, 1.0, 10.0)     # ratios of signal to background that are designed for
 SCORES = (7.0, 10.0)        # σ at which the photons stand out of the background: the start is sure at 7
-MOST_OCTAVES = 8            # of photons beyond SCORES; by then the design hardly changes
-ROOM = 2**0.5               # by which a design for many photons must be free to exceed that for few, to be worth it
 BEND = 0.75                 # of the progression; hardly matters, see docs/algorithm.md
-BEND_OF_MANY = 0.5          # from PLENTY octaves on: 1 to 5 % less depth error; with fewer, detections are lost
-PLENTY = 3
 LEAST_PASSED = 0.1          # |ĥ| of the highest frequency that may be taken
 LADDER = 1.05               # ratio of one highest frequency that is tried to the next
 ENOUGH = 3.0                # the search ends when the highest frequency is this much above the best so far
 ALIKE = 0.02                # differences of log error that hardly matter
 OVERSAMPLING = 4            # cells of the depth grid for each period of the highest frequency
 IRFS_COMPARED = 64
-# Pixels whose photons a design counts together, as a reconstruction pools those around each point. Mean DAE of 36
-# frames: −7.4 % with 1, −8.5 with 2, −8.9 with 4, −9.4 with 16, which is up to 1 % worse in places.
-POOLED = 4
 # log of erfc(x)·exp(x²)/t as a polynomial in t = 1 / (1 + x/2), relative error 1.2e-7 for x ≥ 0 (W. H. Press et al.,
 # Numerical Recipes, 2nd ed., 6.2). math.erfc, number by number, takes 20 times as long; torch a second to import.
 ERFC = (-1.26551223, 1.00002368, 0.37409196, 0.09678418, -0.18628806, 0.27886807, -1.13520398, 1.48851587, -0.82215223,
         0.17087277)
 
 
-@dataclass(frozen=True)
-class Light:
-    """The light of a frame.
-
-    Args:
-        photons_per_pixel: mean over the pixels in use.
-        signal_share: expected signal photons over all photons of a pixel, 0 … 1; 0 if none can be seen.
-        confirmed: the highest frequency k up to which the photons are as the IRF says; 0 if they are not, or too few.
-    """
-
-    photons_per_pixel: float
-    signal_share: float
-    confirmed: int
-
-    @property
-    def sbr(self) -> float:
-        """Signal over background photons, 0 … infinite."""
-        return self.signal_share / (1 - self.signal_share) if self.signal_share < 1 else np.inf
-
-    def octaves(self, sketch_size: int) -> float:
-        """How often the photons have doubled over those that are just enough for SCORES; below 0 if they are fewer.
-
-        The score of s signal and b background photons is s √(2m / (s + b)): the square root of photons.
-        """
-        score = self.signal_share * np.sqrt(2 * sketch_size * POOLED * self.photons_per_pixel)
-        return float(2 * np.log2(max(score, 1e-3) / SCORES[-1]))
-
-    def gated(self, bins: float) -> "Light":
-        """The light if all signal but only this part of the bins is kept."""
-        kept = self.signal_share + (1 - self.signal_share) * bins
-        return Light(self.photons_per_pixel * kept, self.signal_share / kept, int(self.confirmed * bins))
-
-
-def design(sensor: SensorModel, sketch_size: int, octaves: int = 0, confirmed: int = 0) -> tuple[int, ...]:
+def design(sensor: SensorModel, sketch_size: int) -> tuple[int, ...]:
     """The m frequencies, 1 … (T − 1) / 2, of a smooth progression from 1 with the least expected depth error.
 
     Of an IRF per pixel, the most typical one counts.
-
-    Args:
-        octaves: how often photons have doubled over those that are just enough for SCORES, see `Light.octaves`.
-        confirmed: the frequency up to which the photons are known to be as the IRF says; the design goes no higher.
     """
-    irf = _typical_irf(sensor).tobytes()
-    few = _design(irf, sensor.num_bins, sketch_size)
-    if octaves < 1 or confirmed < ROOM * few[-1]:
-        return few
-    return _design(irf, sensor.num_bins, sketch_size, min(octaves, MOST_OCTAVES), confirmed)
+    return _design(_typical_irf(sensor).tobytes(), sensor.num_bins, sketch_size)
 
 
-def progression(top: int, sketch_size: int, bend: float = BEND) -> tuple[int, ...]:
+def progression(top: int, sketch_size: int) -> tuple[int, ...]:
     """m increasing integers from 1 to `top` ≥ m, between evenly spaced and geometric.
 
-    k(u) = 1 + (top − 1) · (aᵘ − 1) / (a − 1), a = top^bend, u = 0 … 1.
+    k(u) = 1 + (top − 1) · (aᵘ − 1) / (a − 1), a = top^BEND, u = 0 … 1.
     """
     u = np.linspace(0, 1, sketch_size)
-    a = float(top)**bend
+    a = float(top)**BEND
     return increasing(1 + (top - 1) * ((a**u - 1) / (a - 1) if top > 1 else u))
 
 
@@ -153,24 +104,22 @@ def expected_error_bins(spectrum: np.ndarray, num_bins: int, frequencies, signal
     return np.maximum(np.sqrt(2 / np.pi) * sigma[:, 0] + rest.sum(axis=1) * step, 0.1 * sigma[:, 0])
 
 
-def nominal_photons(sketch_size: int, octaves: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def nominal_photons(sketch_size: int) -> tuple[np.ndarray, np.ndarray]:
     """Signal and background photons that a design is for, float [N] each.
 
     If the IRF passed all m frequencies, they would stand out of the background with the score s √(2m / (s + b)): each
-    of SCORES and, with the photons of the last doubled up to `octaves` times, those of more; at each of SBRS.
+    of SCORES at each of SBRS.
     """
-    scores = [*SCORES, *(SCORES[-1] * 2**(0.5 * doubled) for doubled in range(1, octaves + 1))]
-    sbr, score = np.repeat(SBRS, len(scores)), np.tile(scores, len(SBRS))
+    sbr, score = np.repeat(SBRS, len(SCORES)), np.tile(SCORES, len(SBRS))
     signal = score**2 * (1 + 1 / sbr) / (2 * sketch_size)
     return signal, signal / sbr
 
 
 @lru_cache(maxsize=64)
-def _design(irf: bytes, num_bins: int, sketch_size: int, octaves: int = 0, confirmed: int | None = None
-            ) -> tuple[int, ...]:
+def _design(irf: bytes, num_bins: int, sketch_size: int) -> tuple[int, ...]:
     spectrum = np.conj(np.fft.rfft(np.frombuffer(irf, np.float32), num_bins))
-    highest = max(min(_highest(spectrum, num_bins), confirmed or num_bins), sketch_size)
-    photons = nominal_photons(sketch_size, octaves)
+    passed = np.flatnonzero(np.abs(spectrum[:max((num_bins - 1) // 2, 1) + 1]) >= LEAST_PASSED)
+    highest, photons = max(int(passed[-1]), sketch_size), nominal_photons(sketch_size)
     tops, errors, top = [], [], sketch_size
     while top <= highest and (not errors or top <= ENOUGH * tops[int(np.argmin(errors))]):
         tops.append(top)
@@ -181,23 +130,7 @@ def _design(irf: bytes, num_bins: int, sketch_size: int, octaves: int = 0, confi
     # Side peaks that fall low by rounding, for one K and not the next, are luck that tilted surfaces and two depths do
     # not share: so not the best K, but the mean of the good ones.
     weights = np.exp((np.min(errors) - np.array(errors)) / ALIKE)
-    best = round(np.exp(np.average(np.log(tops), weights=weights)))
-    return progression(best, sketch_size, BEND_OF_MANY if octaves >= PLENTY else BEND)
-
-
-def typical_spectrum(sensor: SensorModel) -> np.ndarray:
-    """Σ_x h(x) exp(i ω_k x) of the typical IRF for k = 0, 1, … T / 2, complex [T // 2 + 1]; its phase is of no use."""
-    return np.conj(np.fft.rfft(_typical_irf(sensor), sensor.num_bins))
-
-
-def highest_passed(sensor: SensorModel) -> int:
-    """The highest frequency k, of 1 … (T − 1) / 2, that the IRF passes with LEAST_PASSED or more; 1 at least."""
-    return _highest(typical_spectrum(sensor), sensor.num_bins)
-
-
-def _highest(spectrum: np.ndarray, num_bins: int) -> int:
-    passed = np.flatnonzero(np.abs(spectrum[:max((num_bins - 1) // 2, 1) + 1]) >= LEAST_PASSED)
-    return max(int(passed[-1]), 1)
+    return progression(round(np.exp(np.average(np.log(tops), weights=weights))), sketch_size)
 
 
 def _typical_irf(sensor: SensorModel) -> np.ndarray:

@@ -12,7 +12,6 @@ CHUNK = 2**16           # photons compared together, so that they stay in the ca
 TOA_DTYPES = (np.uint16, np.float32)
 MAX_WORDS = 2**27       # in gates or histograms made from events: 256 MB
 MAX_OF_PIXEL = 2**32    # photons in a histogram: sums of phases and counts stay within their integers
-COUNTS_A_PHOTON = 8     # of a histogram that are added up in the time of a photon
 COUNT_DTYPES = (np.uint8, np.uint16, np.int32, np.float32)
 
 
@@ -240,13 +239,3 @@ def word_wanted(sensor: SensorModel) -> str:
 
 
 PhotonFrame = PhotonEvents | PhotonGates | PhotonHistograms
-
-
-def most_photons(frame: PhotonFrame) -> int:
-    """How many photons it costs to look at a frame.
-
-    Gates that have not been counted may have one in every word; histograms cost what their bins do, photons or not.
-    """
-    if isinstance(frame, PhotonHistograms):
-        return frame.counts.size // COUNTS_A_PHOTON
-    return frame.words.size if frame.photons is None else frame.photons

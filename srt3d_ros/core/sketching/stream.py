@@ -9,7 +9,7 @@ from srt3d_ros.core.motion.track import MotionReport, SensorMotion
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.counts import Counts
-from srt3d_ros.core.sketching.design import fixed_design
+from srt3d_ros.core.sketching.design import design_for
 from srt3d_ros.core.sketching.framing import Framing, OpenFrame
 from srt3d_ros.core.sketching.gate import OFF, in_ranges
 from srt3d_ros.core.sketching.photons import PhotonFrame
@@ -36,7 +36,7 @@ class StreamOptions:
     """How packets become frames, and frames sketches.
 
     Args:
-        gate, frequencies, sketch_size: as of `fixed_design`.
+        gate, frequencies, sketch_size: as of `design_for`.
         packets_per_frame, frame_period_ns: as of Framing.
         window_frames: frames in the sliding window of a sketch.
         moving: move the packets of a frame to the sensor's pose in its middle, by the motion that `add_motion` reports.
@@ -97,7 +97,7 @@ class SketchStream:
         self.sensor, self.options, self.counts = sensor, options, Counts() if counts is None else counts
         self.warning = ""
         self._framing = Framing(options.packets_per_frame, options.frame_period_ns)
-        gate, frequencies, _ = fixed_design(sensor, options.gate, options.frequencies, options.sketch_size)
+        gate, frequencies = design_for(sensor, options.gate, options.frequencies, options.sketch_size)
         self._sketcher = MovingSketcher(sensor, frequencies, gate) if options.moving else \
             WindowSketcher(sensor, frequencies, options.window_frames, gate)
         self._motion = SensorMotion(options.extrinsics) if options.moving else None

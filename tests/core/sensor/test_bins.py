@@ -5,10 +5,9 @@ import pytest
 
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.design import histogram
 from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.core.sketching.light import light_of
 from srt3d_ros.core.sketching.photons import PhotonHistograms
-from srt3d_ros.core.sketching.scene_histogram import histogram
 from srt3d_ros.core.sketching.window import WindowSketcher
 from srt3d_ros.errors import InvalidInput
 
@@ -52,16 +51,6 @@ def test_the_histogram_of_a_scene_is_on_the_axis(first_bin):
     frame = PhotonHistograms(np.where(np.abs(middles - 60) < 1.1, 200, 10).astype(np.int32).reshape(*SHAPE, -1))
     found = histogram(frame, sensor(bins))
     assert found.sum() == frame.photons and abs(int(found.argmax()) - 60) <= 1
-
-
-def test_the_light_of_histograms_is_that_of_their_photons():
-    own = SensorModel(20, 30, 100, 1e-10, [1.0, 2, 1])
-    rng = np.random.default_rng(1)
-    signal = rng.multinomial(20, np.roll(np.r_[own.irf, np.zeros(97)], 60), (20, 30))
-    frame = PhotonHistograms((signal + rng.poisson(0.1, (20, 30, 100))).astype(np.uint16))
-    of_counts, of_events = light_of(frame, own), light_of(frame.to_events(own), own)
-    assert of_counts.photons_per_pixel == of_events.photons_per_pixel
-    assert of_counts.signal_share == pytest.approx(of_events.signal_share, rel=1e-5)
 
 
 @pytest.mark.parametrize("dtype, gate, window_frames", [(np.int32, None, 1), (np.float32, (30, 69), 1),

@@ -1,63 +1,70 @@
-"""The gate and the frequencies for a sensor, or for the photons of a frame."""
+"""Gate and frequencies for a sensor; the gate "auto" by the depths that a scene occupies in a frame's histogram."""
 
 import numpy as np
 import pytest
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.design import design_for, fixed_design
+from srt3d_ros.core.sketching.design import design_for, histogram, occupied, signal_to_background
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.core.sketching.light import light_of
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonHistograms
 from srt3d_ros.errors import InvalidInput
-from tests.core.scenes import simulate
 
-T = 500
-SENSOR = SensorModel(8, 10, T, 1e-10, [1, 2, 4, 2, 1])
+ROWS, COLS, T = 8, 10, 500
+SENSOR = SensorModel(ROWS, COLS, T, 1e-10, [1, 2, 4, 2, 1])
+SHARP = SensorModel(ROWS, COLS, 200, 1e-10, [1, 2, 1])
 
 
-def frame(*depths, stamp_ns=0, seed=0, background=20_000, sensor=SENSOR) -> PhotonEvents:
-    """An even background, and 600 photons at each depth."""
-    rng = np.random.default_rng(seed)
-    pulses = [d + rng.choice(5, 600, p=sensor.irf) - sensor.irf_ref for d in depths]
+def frame(*depths, background=20_000) -> PhotonEvents:
+    """An even background, and 600 photons at each depth of SENSOR."""
+    rng = np.random.default_rng(0)
+    pulses = [d + rng.choice(5, 600, p=SENSOR.irf) - SENSOR.irf_ref for d in depths]
     toa = np.concatenate([rng.integers(0, T, background), *pulses])
-    return PhotonEvents(rng.integers(0, sensor.pixels, len(toa), dtype=np.uint32), toa.astype(np.uint16), stamp_ns)
+    return PhotonEvents(rng.integers(0, SENSOR.pixels, len(toa), dtype=np.uint32), toa.astype(np.uint16))
 
 
-def test_a_fixed_design_is_of_the_sensor_alone():
-    gate, frequencies, light = fixed_design(SENSOR)
-    assert gate is None and light is None and frequencies == choose("auto", SENSOR)
-    gate, frequencies, _ = fixed_design(SENSOR, "100:299", "auto", 5)
+def seen(seed=0, background=20_000, scene=()) -> np.ndarray:
+    """The histogram of an even background and (photons, bin) of each part of a scene."""
+    counts = np.bincount(np.random.default_rng(seed).integers(0, 200, background), minlength=200)
+    for photons, bin in scene:
+        counts[bin] += photons
+    return counts
+
+
+def gate_of(events, sensor=SENSOR, **options):
+    return design_for(sensor, "auto", frame=events, **options).gate
+
+
+def test_without_auto_the_sensor_alone_counts():
+    assert design_for(SENSOR) == (None, choose("auto", SENSOR))
+    gate, frequencies = design_for(SENSOR, "100:299", "auto", 5)
     assert gate.sensor.num_bins == 200 and frequencies == choose("auto", gate.sensor, 5)
-    assert design_for(frame(400), SENSOR, "100:299", "spread", 5).frequencies == choose("spread", gate.sensor, 5)
+    assert design_for(SENSOR, (100, 299), "spread", 5).frequencies == choose("spread", gate.sensor, 5)
 
 
-def test_auto_finds_the_scene_in_the_first_frame_and_designs_frequencies_for_it():
-    design = design_for(frame(200, 240), SENSOR, "auto")
-    assert 170 < design.gate.first <= 196 and 244 <= design.gate.last < 270
-    assert design.gate.sensor.range_m(0) == pytest.approx(SENSOR.range_m(design.gate.first))
-    assert design.frequencies == choose("auto", design.gate.sensor) != choose("auto", SENSOR)
+def test_auto_finds_the_scene_and_designs_frequencies_for_its_gate():
+    gate, frequencies = design_for(SENSOR, "auto", frame=frame(200, 240))
+    assert 170 < gate.first <= 196 and 244 <= gate.last < 270
+    assert frequencies == choose("auto", gate.sensor) != choose("auto", SENSOR)
 
 
-@pytest.mark.parametrize("depths", [(), (20, 120, 220, 320, 420, 480)], ids=["nothing", "all depths"])
-def test_auto_is_no_gate_where_nothing_can_be_gained(depths):
-    assert design_for(frame(*depths), SENSOR, "auto").gate is None
-    assert design_for(frame(200, background=50), SENSOR, "auto").gate is None      # no background to drop
+def test_auto_is_no_gate_where_nothing_can_be_gained():
+    for events in (frame(), frame(20, 120, 220, 320, 420, 480), frame(200, background=50)):
+        assert design_for(SENSOR, "auto", frame=events) == (None, choose("auto", SENSOR))
 
 
 def test_auto_ends_within_the_sensors_bins():
-    assert design_for(frame(3, 9), SENSOR, "auto").gate.first == 0
-    assert design_for(frame(496, 480), SENSOR, "auto").gate.last == T - 1
+    assert gate_of(frame(3, 9)).first == 0 and gate_of(frame(496, 480)).last == T - 1
 
 
-def test_a_gate_has_room_for_the_irf_and_for_the_frequencies():
-    wide = SENSOR.replace(irf=np.concatenate([SENSOR.irf, np.zeros(150)]))
-    assert design_for(frame(200), wide, "auto").gate.num_bins >= 155
-    assert design_for(frame(200), SENSOR, "auto", "1,2,80").gate.num_bins >= 161
-    assert design_for(frame(200), SENSOR, "auto", "auto", 30).gate.num_bins >= 61
+def test_auto_has_room_for_the_irf_and_for_the_frequencies():
+    assert gate_of(frame(200), SENSOR.replace(irf=np.concatenate([SENSOR.irf, np.zeros(150)]))).num_bins >= 155
+    assert gate_of(frame(200), frequencies="1,2,80").num_bins >= 161
+    assert gate_of(frame(200), sketch_size=30).num_bins >= 61
 
 
 @pytest.mark.parametrize(("settings", "line"), [
     (("open",), "gate is open: expected off, first and last bin such as 100-400, or for a file auto"),
+    (("auto",), "gate is auto: expected off, first and last bin such as 100-400, or for a file auto"),
     (("-3:50",), "gate is -3-50: expected first and last within the sensor's bins, 0 to 499"),
     (("300:300",), "gate is 300-300: expected a first bin below the last"),
     (("300:302",), "gate is 300-302: expected 5 bins or more, as many as the IRF has"),
@@ -66,38 +73,50 @@ def test_a_gate_has_room_for_the_irf_and_for_the_frequencies():
 ])
 def test_a_gate_that_cannot_be_used_is_one_line(settings, line):
     with pytest.raises(InvalidInput) as error:
-        fixed_design(SENSOR, *settings)
+        design_for(SENSOR, *settings)
     assert str(error.value) == line
 
 
-# ---- Frequencies for the light
+# ---- The histogram of a frame
 
-BINS = np.arange(160)
-EDGE = SensorModel(40, 40, T, 1e-10, np.exp(-BINS / 40) + 4 * np.exp(-0.5 * ((BINS - 5) / 2)**2))
-
-
-def lit(ppp: float, sbr: float = 2.0) -> PhotonEvents:
-    """Photons of a scene 100 bins deep."""
-    return simulate(np.linspace(150, 250, EDGE.pixels).reshape(EDGE.rows, EDGE.cols), sbr, ppp, EDGE)
-
-
-def test_many_photons_take_frequencies_up():
-    few = fixed_design(EDGE).frequencies
-    assert design_for(lit(1), EDGE).frequencies == few
-    design = design_for(lit(100), EDGE)
-    assert design.light.photons_per_pixel == pytest.approx(100, rel=0.05)
-    assert design.frequencies[-1] > 1.3 * few[-1]
-    assert design.frequencies == choose("auto", EDGE, None, light_of(lit(100), EDGE))
+def test_masked_pixels_are_left_out_and_delays_taken_off():
+    events = frame(60, background=0)
+    row, col = np.divmod(events.pixel, COLS)
+    late, mask = np.zeros((ROWS, COLS), np.float32), np.ones((ROWS, COLS), bool)
+    late[3], mask[:, 4] = 470, False
+    sensor = SENSOR.replace(delay_bins=late, mask=mask)
+    toa = np.where(row == 3, (events.toa + 30) % T, events.toa)[col != 4]
+    expected = np.bincount(toa, minlength=T)
+    for form in (events, PhotonEvents(events.pixel, events.toa.astype(np.float32)),
+                 PhotonHistograms.from_events(events, sensor)):
+        assert np.array_equal(histogram(form, sensor), expected)
 
 
-@pytest.mark.parametrize(("frequencies", "size"), [("spread", 6), ("1,2,5", None)])
-def test_frequencies_that_are_not_auto_need_no_light(frequencies, size):
-    design = design_for(lit(100), EDGE, "off", frequencies, size)
-    assert design.light is None and design.frequencies == choose(frequencies, EDGE, size)
+def test_even_background_alone_occupies_nothing():
+    assert [occupied(seen(seed, 4000), 2) for seed in range(100)].count(None) >= 99
 
 
-def test_a_gate_and_frequencies_for_the_light_in_it():
-    design = design_for(lit(400, sbr=1), EDGE, "auto")
-    light = light_of(lit(400, sbr=1), EDGE).gated(design.gate.num_bins / T)
-    assert 100 < design.gate.num_bins < 400
-    assert design.frequencies == choose("auto", design.gate.sensor, None, light) != choose("auto", design.gate.sensor)
+@pytest.mark.parametrize(("background", "photons"), [(40_000, 120), (4000, 45), (400, 20), (20, 8), (0, 5)])
+def test_few_photons_at_one_depth_are_seen_at_any_background(background, photons):
+    for seed in range(10):
+        first, last = occupied(seen(seed, background, [(photons, 70), (3 * photons, 90)]), 2)
+        assert 68 <= first <= 70 and 90 <= last <= 92, seed
+
+
+def test_a_faint_part_that_spreads_is_seen_by_wider_windows_and_does_not_widen_a_sharp_one():
+    first, last = occupied(seen(scene=[(2000, 70)]), 2)
+    assert 68 <= first and last <= 72
+    first, last = occupied(seen(scene=[(2000, 70), *((20, b) for b in range(110, 140))]), 2)
+    assert 68 <= first and 125 <= last <= 155
+
+
+def test_fog_counts_as_scene_and_hides_none():
+    fog = np.round(1200 * np.exp(-np.arange(150) / 25)).astype(int)
+    first, last = occupied(seen(scene=[(1500, 100), *((n, 20 + b) for b, n in enumerate(fog))]), 2)
+    assert first <= 21 and last >= 100
+
+
+def test_the_sbr_is_what_stands_out_of_the_emptiest_quarter():
+    assert signal_to_background(seen(scene=[(10_000, 70)]), SHARP) == pytest.approx(0.5, rel=0.1)
+    assert signal_to_background(seen(), SHARP) == 0
+    assert signal_to_background(seen(background=0, scene=[(9, 70)]), SHARP) == np.inf

@@ -5,7 +5,7 @@ import pytest
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE, PASSBAND, choose, irf_spectrum, spread
-from srt3d_ros.core.sketching.frequency_design import Light, design
+from srt3d_ros.core.sketching.frequency_design import design
 from srt3d_ros.errors import InvalidInput
 
 
@@ -49,14 +49,6 @@ def test_choices():
     assert choose("auto", make(), 6) == design(make(), 6)
     assert choose("1, 2,5", make()) == (1, 2, 5)
     assert choose("5,1", make(), 2) == (5, 1) and len(choose("auto", make(), 64)) == 64
-
-
-def test_auto_follows_the_light():
-    sensor = make()
-    light = Light(photons_per_pixel=100, signal_share=0.5, confirmed=300)
-    designed = choose("auto", sensor, 10, light)
-    assert designed == design(sensor, 10, round(light.octaves(10)), 300) != choose("auto", sensor, 10)
-    assert choose("spread", sensor, 10, light) == spread(sensor, 10)
 
 
 @pytest.mark.parametrize(("num_bins", "m"), [(2, 1), (3, 1), (8, 3), (21, 10), (22, 10)])
