@@ -30,7 +30,7 @@ def add_parser(subparsers) -> None:
                         help="how it spreads over the bins, as for `srt3d reconstruct`: pooled")
     simulated = parser.add_argument_group("simulated scenes")
     simulated.add_argument("--scene", nargs="+", metavar="SCENE",
-                           help="some of bust, net, lattice, and .npz files of depth_m, reflectivity and valid "
+                           help="some of bust, net, and .npz files of depth_m, reflectivity and valid "
                                 "(bust net)")
     simulated.add_argument("--sbr", nargs="+", type=float, default=[10.0, 1.0, 0.1], metavar="R",
                            help="signal-to-background ratios (10 1 0.1)")

@@ -32,11 +32,8 @@ class Metrics:
         by_surface: true_detections of each reference surface alone.
         iae: normalised intensity absolute error (IAE): over all references, abs(r − r̂) of those that are matched, r of
             those that are missed, and r̂ of the points that match none, summed and divided by Σ r.
-        background_nmse: Σ (b − b̂)² / Σ b² over the pixels.
         within_1_std, within_2_std: share of the judged points whose error from the nearest reference of their pixel is
             at most 1 or 2 times their own `depth_std_bins`.
-        swelling_px: by how many pixels the outline of the points lies outside of the true one on average; NaN unless
-            the reference is complete and some pixels see no surface.
     """
 
     true_detections: float
@@ -45,10 +42,8 @@ class Metrics:
     points: int
     by_surface: tuple[float, ...] = ()
     iae: float = NAN
-    background_nmse: float = NAN
     within_1_std: float = NAN
     within_2_std: float = NAN
-    swelling_px: float = NAN
 
 
 def circular_difference(a: np.ndarray, b: np.ndarray, period: float) -> np.ndarray:
@@ -57,8 +52,8 @@ def circular_difference(a: np.ndarray, b: np.ndarray, period: float) -> np.ndarr
 
 
 def evaluate(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins: float, num_bins: int,
-             reference_intensity: np.ndarray | None = None, reference_background: np.ndarray | None = None,
-             counted: np.ndarray | None = None, complete: bool = False) -> Metrics:
+             reference_intensity: np.ndarray | None = None, counted: np.ndarray | None = None,
+             complete: bool = False) -> Metrics:
     """Compare a cloud with the truth.
 
     Args:
@@ -67,7 +62,6 @@ def evaluate(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins
         tolerance_bins: τ; a point within it of a surface of its pixel is a true detection.
         num_bins: T, the period of the depths.
         reference_intensity: the same shape, expected signal photons; gives `iae`.
-        reference_background: float [rows, cols], expected background photons; gives `background_nmse`.
         counted: bool, the same shape as the depths: references that count. The others are neither missed nor found,
             and points of their pixels are not false. All unless given.
         complete: pixels without a reference are known to see no surface, as in a simulation: points there are false.
@@ -80,26 +74,11 @@ def evaluate(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins
                    _judged(counts, reference, cloud, complete))
     total = max(int(counts.sum()), 1)
     false = match.judged & ~match.near.any(axis=0)
-    within_1, within_2 = shares_within(cloud, reference, num_bins, (1, 2), counted)
     return Metrics(
         float(match.matched.sum() / total), float(false.sum() / total), _mean(nearest[match.matched]), len(cloud),
         tuple(float(found.sum() / max(int(every.sum()), 1)) for found, every in zip(match.matched, counts)),
         NAN if reference_intensity is None else _intensity_error(cloud, match, reference_intensity),
-        NAN if reference_background is None else _background_error(cloud, reference_background), within_1, within_2,
-        _swelling(cloud, reference) if complete else NAN)
-
-
-def shares_within(cloud: PointCloud, reference_depth_bins: np.ndarray, num_bins: int, deviations,
-                  counted: np.ndarray | None = None) -> tuple[float, ...]:
-    """Share of the points whose depth error is at most `deviations` (a sequence of numbers) times their own std.
-
-    The error is that from the nearest reference of the pixel, however far; points in pixels without a reference, or
-    with one that does not count, and points without a standard deviation are left out. NaN if none is left.
-    """
-    reference = _as_surfaces("reference shape", reference_depth_bins, cloud)
-    judged = _judged(_counted(counted, reference, cloud), reference, cloud) & (cloud.depth_std_bins > 0)
-    error = np.abs(depth_errors(cloud, reference, num_bins)[judged]) / cloud.depth_std_bins[judged]
-    return tuple(_mean(error <= limit) for limit in deviations)
+        *_within(cloud, reference, num_bins, counted))
 
 
 def depth_errors(cloud: PointCloud, reference_depth_bins: np.ndarray, num_bins: int) -> np.ndarray:
@@ -174,30 +153,12 @@ def _intensity_error(cloud: PointCloud, match: _Match, reference_intensity: np.n
     return float((apart + intensity[missed].sum() + cloud.intensity[surplus].sum()) / total)
 
 
-def _background_error(cloud: PointCloud, reference_background: np.ndarray) -> float:
-    reference = np.asarray(reference_background, np.float64)
-    require(reference.shape == cloud.background.shape, "background shape", reference.shape,
-            f"[rows, cols] = {cloud.background.shape}")
-    total = (reference**2).sum()
-    return float(((cloud.background - reference)**2).sum() / total) if total > 0 else NAN
-
-
-def _swelling(cloud: PointCloud, reference: np.ndarray) -> float:
-    """(Pixels with points where no surface is − pixels without where one is) / length of the true outline."""
-    true, shown = np.isfinite(reference).any(axis=0), np.zeros(reference.shape[1:], bool)
-    shown[cloud.row, cloud.col] = True
-    length = _outline_length(true)
-    return float((int(shown.sum()) - int(true.sum())) / length) if length > 0 else NAN
-
-
-def _outline_length(shape: np.ndarray) -> float:
-    """Length of the outline of a shape [rows, cols] inside the image, pixels, from how often lines cross it.
-
-    Cauchy and Crofton's formula for rows, columns, and both diagonals, whose lines lie √½ of a pixel apart.
-    """
-    straight = (shape[1:] != shape[:-1]).sum() + (shape[:, 1:] != shape[:, :-1]).sum()
-    diagonal = (shape[1:, 1:] != shape[:-1, :-1]).sum() + (shape[1:, :-1] != shape[:-1, 1:]).sum()
-    return float(np.pi / 8 * (straight + diagonal / np.sqrt(2)))
+def _within(cloud: PointCloud, reference: np.ndarray, num_bins: int, counted: np.ndarray | None
+            ) -> tuple[float, float]:
+    """Metrics.within_1_std and within_2_std; points in pixels with a reference that does not count are left out."""
+    judged = _judged(_counted(counted, reference, cloud), reference, cloud) & (cloud.depth_std_bins > 0)
+    error = np.abs(depth_errors(cloud, reference, num_bins)[judged]) / cloud.depth_std_bins[judged]
+    return _mean(error <= 1), _mean(error <= 2)
 
 
 def _counted(counted: np.ndarray | None, reference: np.ndarray, cloud: PointCloud) -> np.ndarray:

@@ -17,10 +17,9 @@ from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.evaluation import held_out
-from srt3d_ros.evaluation.scenes import Lattice, NetScene, lattice_sensor, net_sensor, read_scene
+from srt3d_ros.evaluation.scenes import NetScene, net_sensor, read_scene
 
-PAPER_SCENES = ("bust", "net")               # evaluated unless others are asked for
-SCENES = (*PAPER_SCENES, "lattice")
+SCENES = ("bust", "net")               # evaluated unless others are asked for
 HEAD_TOLERANCE, NET_TOLERANCE, FILE_TOLERANCE = "40mm", "3", "10"
 SEEN_PHOTONS, SEEN_BINS = 8, 60.0       # an aligned reference counts in pixels with so many photons so near
 
@@ -33,7 +32,6 @@ class Observation:
         frame: the photons.
         depth_bins: float [S, rows, cols], NaN = unknown or no surface; None without any reference.
         intensity: float [S, rows, cols], expected signal photons, or None.
-        background: float [rows, cols], expected background photons, or None.
         complete: pixels without a depth have no surface; otherwise, their truth is unknown.
         held_out: photons kept from `frame`, which judge the clouds, or None.
     """
@@ -41,7 +39,6 @@ class Observation:
     frame: PhotonEvents
     depth_bins: np.ndarray | None
     intensity: np.ndarray | None = None
-    background: np.ndarray | None = None
     complete: bool = False
     held_out: PhotonEvents | None = None
 
@@ -52,10 +49,9 @@ class Observation:
         row, col, surface = np.nonzero(np.moveaxis(np.isfinite(self.depth_bins), 0, -1))
         depth = self.depth_bins[surface, row, col].astype(np.float32)
         intensity = np.ones(len(row)) if self.intensity is None else np.nan_to_num(self.intensity)[surface, row, col]
-        background = np.zeros((sensor.rows, sensor.cols)) if self.background is None else self.background
         return PointCloud(row.astype(np.uint16), col.astype(np.uint16), depth, intensity.astype(np.float32),
                           np.zeros(len(row), np.float32), sensor.xyz(row, col, depth), surface.astype(np.uint8),
-                          background.astype(np.float32))
+                          np.zeros((sensor.rows, sensor.cols), np.float32))
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +93,7 @@ def simulated(scene: str, sbrs: Sequence[float], ppps: Sequence[float], repeats:
     """A scene at every signal-to-background ratio and number of photons per pixel.
 
     Args:
-        scene: "bust", "net", "lattice", or a scene file (scenes.read_scene).
+        scene: "bust", "net", or a scene file (scenes.read_scene).
         tolerance: as for `tolerance_bins`.
     """
     for sbr in sbrs:
@@ -111,9 +107,8 @@ def simulated(scene: str, sbrs: Sequence[float], ppps: Sequence[float], repeats:
 
     def observe(sbr: float, ppp: float, seed: int) -> Observation:
         simulator = Simulator(seen, sensor, sbr=sbr, ppp=ppp, seed=seed)
-        _, intensity, background = simulator.expected(0)
         frame, depth = simulator.frame(0)
-        return Observation(frame, depth, intensity, background, complete=True)
+        return Observation(frame, depth, simulator.expected(0)[1], complete=True)
 
     return [Case(name, sensor, partial(observe, sbr, ppp, repeat), count, within, sbr, ppp, repeat)
             for sbr in sbrs for ppp in ppps for repeat in range(1, repeats + 1)]
@@ -189,8 +184,5 @@ def _open_scene(scene: str):
     if scene == "net":
         sensor = net_sensor()
         return NetScene(sensor), sensor, NET_TOLERANCE
-    if scene == "lattice":
-        sensor = lattice_sensor()
-        return Lattice(sensor), sensor, FILE_TOLERANCE
     require(scene.lower().endswith(".npz"), "scene", scene, f"{', '.join(SCENES)}, or a scene file .npz")
     return *read_scene(scene), HEAD_TOLERANCE

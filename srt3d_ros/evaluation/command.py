@@ -13,7 +13,7 @@ from srt3d_ros.core.methods import METHODS, Method, find
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.errors import require
 from srt3d_ros.evaluation import report, results
-from srt3d_ros.evaluation.cases import PAPER_SCENES, Case, of_files, simulated
+from srt3d_ros.evaluation.cases import SCENES, Case, of_files, simulated
 from srt3d_ros.evaluation.run import METHOD_OPTIONS, jobs_for, run
 
 
@@ -65,7 +65,7 @@ def _cases(args: argparse.Namespace) -> list[Case]:
     require(share is None or args.files and not args.scene, "--held-out-photons", share,
             "photon files only: the truth judges simulated scenes")
     found = of_files(args.files, args.tolerance, args.surfaces, [k - 1 for k in args.align], share)
-    for scene in dict.fromkeys(args.scene or (() if args.files else PAPER_SCENES)):
+    for scene in dict.fromkeys(args.scene or (() if args.files else SCENES)):
         found += simulated(scene, args.sbr, args.ppp, args.repeats, args.tolerance, args.surfaces)
     return found
 

@@ -1,25 +1,23 @@
-"""The figures of an evaluation: metrics, calibration, clouds and their errors. Needs matplotlib."""
+"""The figures of an evaluation: metrics, clouds and their errors. Needs matplotlib."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS
+from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import depth_errors
-from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.evaluation.cases import Case
-from srt3d_ros.evaluation.run import NOMINAL, Outcome, aligned_reference
-from srt3d_ros.pictures.curves import draw_calibration, draw_metrics
+from srt3d_ros.evaluation.run import Outcome, aligned_reference
+from srt3d_ros.pictures.curves import draw_metrics
 from srt3d_ros.pictures.panels import Panel, Strip, draw_clouds, draw_errors
 
 STRIPS = 10         # most rows of a picture that is still readable
-GOALS = {0.6827: (0.60, 0.76), 0.9545: (0.90, 0.98)}        # observed shares within 1 and 2 standard deviations
 
 
 def draw(folder: Path, rows: Sequence[dict], shown: Sequence[Outcome]) -> list[Path]:
     """Draw all figures; returns the files. Arguments as of `report.write`."""
-    return [*_curves(folder, rows), *_calibration(folder, rows), *_pictures(folder, shown)]
+    return [*_curves(folder, rows), *_pictures(folder, shown)]
 
 
 def _curves(folder: Path, rows: Sequence[dict]) -> list[Path]:
@@ -33,23 +31,6 @@ def _curves(folder: Path, rows: Sequence[dict]) -> list[Path]:
                      f"of {first['bin_width_mm']:.3g} mm, tolerance "
                      f"{first['tolerance_bins'] * first['bin_width_mm']:.3g} mm", list(METHODS))
     return drawn
-
-
-def _calibration(folder: Path, rows: Sequence[dict]) -> list[Path]:
-    """Draw observed against nominal shares of the default method, of each scene and of all files together."""
-    chosen = [row for row in rows if row["method"] == DEFAULT_METHOD and row["within_nominal_percent"]]
-    size = min((row["sketch_size"] for row in chosen), key=lambda m: abs(m - DEFAULT_SKETCH_SIZE), default=None)
-    pictures: dict[str, dict[str, dict]] = {}
-    for row in chosen:
-        if row["sketch_size"] == size:
-            source, heading, label = "files", "photon files", row["source"]
-            if row["sbr"]:
-                source, heading, label = row["source"], f"SBR {row['sbr']:g}", f"{row['ppp']:g} ppp"
-            pictures.setdefault(source, {}).setdefault(heading, {})[label] = row["within_nominal_percent"]
-    for source, lines in pictures.items():
-        draw_calibration(folder / f"calibration_{source}.png", lines, NOMINAL, GOALS,
-                         f"{source}: calibration ({DEFAULT_METHOD}, m = {size})")
-    return [folder / f"calibration_{source}.png" for source in pictures]
 
 
 def _pictures(folder: Path, shown: Sequence[Outcome]) -> list[Path]:

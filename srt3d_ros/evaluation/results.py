@@ -11,18 +11,18 @@ SETTINGS = ("source", "sbr", "ppp", "repeat", "method", "sketch_size", "surfaces
             "aligned", "held_out", "false_alarm_rate", "background")
 FIGURES = ("frequencies", "num_bins", "bin_width_mm", "photons_per_pixel", "points", "true_detections_percent",
            "true_detections_by_surface_percent", "false_detections_percent", "dae_bins", "dae_mm", "iae",
-           "background_nmse", "within_1_std_percent", "within_2_std_percent", "within_nominal_percent", "swelling_px",
-           "offset_bins", "held_out_nats", "held_out_std", "sketch_ms", "reconstruct_ms", "version")
+           "within_1_std_percent", "within_2_std_percent", "offset_bins", "held_out_nats",
+           "held_out_std", "sketch_ms", "reconstruct_ms", "version")
 COLUMNS = SETTINGS + FIGURES
 _MEANS = ("photons_per_pixel", "points", "true_detections_percent", "false_detections_percent", "dae_bins", "dae_mm",
-          "iae", "background_nmse", "within_1_std_percent", "within_2_std_percent", "swelling_px",
-          "held_out_nats", "held_out_std", "sketch_ms", "reconstruct_ms")
-_LISTS = ("true_detections_by_surface_percent", "within_nominal_percent")
+          "iae", "within_1_std_percent", "within_2_std_percent", "held_out_nats", "held_out_std", "sketch_ms",
+          "reconstruct_ms")
+_BY_SURFACE = "true_detections_by_surface_percent"
 HEADINGS = ("source", "SBR", "photons / pixel", "method", "m", "TD %", "FD %", "DAE bins", "DAE mm", "IAE",
-            "≤ 1 σ %", "≤ 2 σ %", "swelling px", "points", "held-out nats / 100 pixels")
+            "≤ 1 σ %", "≤ 2 σ %", "points", "held-out nats / 100 pixels")
 NOTHING = "–"
 _DECIMALS = {"false_detections_percent": 1, "dae_bins": 2, "dae_mm": 2, "iae": 3, "within_1_std_percent": 0,
-             "within_2_std_percent": 0, "swelling_px": 2}
+             "within_2_std_percent": 0}
 
 
 @contextmanager
@@ -60,7 +60,7 @@ def averaged(rows: Iterable[dict]) -> list[dict]:
     for row in rows:
         groups.setdefault(tuple(row.get(name) for name in SETTINGS if name != "repeat"), []).append(row)
     return [dict.fromkeys(COLUMNS) | group[0] | {name: _mean([row.get(name) for row in group]) for name in _MEANS}
-            | {name: tuple(map(_mean, zip(*(row.get(name) or () for row in group)))) for name in _LISTS}
+            | {_BY_SURFACE: tuple(map(_mean, zip(*(row.get(_BY_SURFACE) or () for row in group))))}
             for group in groups.values()]
 
 
@@ -76,7 +76,7 @@ def markdown(rows: list[dict]) -> str:
 
 
 def _cells(row: dict) -> list[str]:
-    surfaces = row["true_detections_by_surface_percent"]
+    surfaces = row[_BY_SURFACE]
     detected = " + ".join(f"{share:.1f}" for share in surfaces) or _shown(row["true_detections_percent"], 1)
     ppp = row["photons_per_pixel"]
     held_out = f"{row['held_out_nats']:.1f} ± {row['held_out_std']:.1f}" if row["held_out"] else NOTHING

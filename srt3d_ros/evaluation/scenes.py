@@ -1,10 +1,10 @@
-"""The scenes that are simulated beside the bust: a net, a lattice, and those of files."""
+"""The scenes that are simulated beside the bust: a net, and those of files."""
 
 from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.core.sensor.model import SPEED_OF_LIGHT, SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.datasets import irf
 from srt3d_ros.datasets.files import naming_file, read_npz_arrays
@@ -34,41 +34,12 @@ class NetScene:
         return range_m.astype(np.float32), reflectivity.astype(np.float32)
 
 
-class Lattice(StaticScene):
-    """Girders of 3 to 8 pixels before the sky, on a plane aslant: how far do outlines swell?"""
-
-    field_m, range_m, slope = 10.0, 400.0, 0.3      # across the image; to its middle; metres of range per metre
-    # x and y of both ends, width; metres. The middle of the image is at 0, y points down.
-    girders = (*((x, -4.2, x, 4.2, 0.31) for x in (-4, 0, 4)),
-               *((-4, y, 4, y, 0.23) for y in (-4, -1.3, 1.4, 4)),
-               *((side * 4, y, 0, y + 2.7, 0.2) for side in (-1, 1) for y in (-4, 1.3)),
-               *((0, -1.3, side * 4, 1.4, 0.16) for side in (-1, 1)),
-               (0, -4.8, 0, -4, 0.12))
-
-    def __init__(self, sensor: SensorModel):
-        rays = sensor.rays.astype(np.float64)
-        x, y = rays[..., 0] / rays[..., 2] * self.range_m, rays[..., 1] / rays[..., 2] * self.range_m
-        solid = np.any([_on_girder(x, y, *girder) for girder in self.girders], axis=0)
-        super().__init__(np.where(solid, self.range_m + self.slope * (x - y / 3), np.nan), np.where(solid, 1.0, 0.0))
-
-
 def net_sensor() -> SensorModel:
     """A sensor for NetScene: 32×32 pixels, 10°, T = 153 bins of 37.5 mm, as the paper's camouflage data."""
     bin_width_s = 250e-12
     response = irf.spad(bin_width_s, fwhm_s=500e-12, tail_s=300e-12, tail_share=0.2)
     return SensorModel(rows=32, cols=32, num_bins=153, bin_width_s=bin_width_s, irf=response,
                        projection=Pinhole.from_fov(32, 32, fov_deg=10.0))
-
-
-def lattice_sensor() -> SensorModel:
-    """A sensor for Lattice: 256 × 256 pixels, 10 m across at 400 m, T = 1024 bins of 15 mm, an IRF 8 bins wide."""
-    bin_width_s = 100e-12
-    metres = SPEED_OF_LIGHT / 2 * bin_width_s
-    fov_deg = float(np.degrees(2 * np.arctan(Lattice.field_m / 2 / Lattice.range_m)))
-    return SensorModel(rows=256, cols=256, num_bins=1024, bin_width_s=bin_width_s,
-                       irf=irf.spad(bin_width_s, fwhm_s=750e-12),
-                       toa_offset_bins=round(Lattice.range_m / metres) - 512,
-                       projection=Pinhole.from_fov(256, 256, fov_deg=fov_deg))
 
 
 def read_scene(path: str | Path) -> tuple[StaticScene, SensorModel]:

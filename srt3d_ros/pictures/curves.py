@@ -1,4 +1,4 @@
-"""Curves: metrics against photons per pixel, and observed against nominal shares of errors."""
+"""Curves: metrics against photons per pixel."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, Locator, LogLocator, NullFormatter, NullLocator
 
@@ -16,10 +15,7 @@ from srt3d_ros.pictures.figures import save_png, titled_figure
 # Okabe and Ito's colours (2008), distinct for any colour vision. Markers and dashes differ as well.
 METHOD_COLOURS = ("#d55e00", "#0072b2", "#009e73", "#000000", "#cc79a7", "#56b4e9", "#e69f00")
 _STYLES = (("o", "-"), ("v", ":"), ("^", "--"), ("D", (0, (5, 1, 1, 1))), ("P", (0, (1, 1))))
-_GRID, _GOAL = "#d9dce0", "#b8bec6"
-# Lighter and warmer along a series.
-_SERIES_MAP = LinearSegmentedColormap.from_list(
-    "series", [(0, 0.2, 0.45), (0, 0.5, 0.6), (0.55, 0.6, 0.3), (0.9, 0.5, 0.0)])
+_GRID = "#d9dce0"
 
 
 @dataclass(frozen=True)
@@ -64,31 +60,6 @@ def draw_metrics(path: Path, rows: Sequence[dict], title: str, methods: Sequence
         ax.set_ylabel(metric.label)
     handles = [axes[0, 0].plot([], [], label=label, **style)[0] for label, style, _ in lines]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 5), frameon=False)
-    save_png(figure, path)
-
-
-def draw_calibration(path: Path, curves: dict[str, dict[str, Sequence[float]]], nominal: Sequence[float],
-                     goals: dict[float, tuple[float, float]], title: str) -> None:
-    """Draw the observed share of errors within k standard deviations against the share of a normal distribution.
-
-    Args:
-        curves: for each panel (its heading), for each line (its label), the observed shares in percent.
-        nominal: the shares of the normal distribution, 0 … 1.
-        goals: for some nominal shares, the range aimed at.
-    """
-    figure, axes = _figure(1, len(curves), 4.2, 4.4, title)
-    nominal_percent = 100 * np.array(nominal)
-    for ax, (heading, lines) in zip(axes[0], curves.items()):
-        ax.plot([0, 100], [0, 100], color=_GOAL, linewidth=1.5, label="as it should be")
-        for share, (low, high) in goals.items():
-            ax.plot([100 * share] * 2, [100 * low, 100 * high], color=_GOAL, linewidth=7, solid_capstyle="butt")
-        shades = np.linspace(0.0, 1.0, max(len(lines), 2))
-        for (label, observed), shade, (marker, _) in zip(lines.items(), shades, _STYLES * 9):
-            ax.plot(nominal_percent, observed, marker=marker, markersize=5, color=_SERIES_MAP(shade), label=label)
-        ax.set(title=heading, xlim=(0, 101), ylim=(0, 101), xlabel="nominal share, %")
-        _grid(ax)
-        ax.legend(loc="upper left", fontsize=8.5, framealpha=0.85)
-    axes[0, 0].set_ylabel("observed share of depth errors, %")
     save_png(figure, path)
 
 

@@ -57,7 +57,7 @@ def test_every_method_is_held_against_a_file(run):
     ours = rows["pooled"]
     assert float(ours["true_detections_percent"]) > 99 and ours["surfaces"] == "2" and ours["sketch_size"] == "10"
     assert sum(line.startswith("| ") for line in printed.out.splitlines()) == 1 + len(METHODS)
-    figures = {"reconstructions_files.png", "errors_files.png", "calibration_files.png"}
+    figures = {"reconstructions_files.png", "errors_files.png"}
     assert figures <= {path.name for path in out.iterdir()}
 
 
@@ -101,7 +101,7 @@ def test_a_scene_is_simulated_at_every_setting(run):
     assert {row["tolerance_bins"] for row in rows} == {"10"}
     assert sum(line.startswith("| step") for line in printed.out.splitlines()) == 8         # repeats averaged
     names = {path.name for path in out.glob("*.png")}
-    assert names == {f"{name}_step.png" for name in ("metrics", "reconstructions", "errors", "calibration")}
+    assert names == {f"{name}_step.png" for name in ("metrics", "reconstructions", "errors")}
     readme = (out / "README.md").read_text(encoding="utf-8")
     assert all(f"]({name})" in readme for name in names) and "numba" in readme and "| step " in readme
 

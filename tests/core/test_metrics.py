@@ -11,14 +11,14 @@ T = 100
 NAN = np.nan
 
 
-def cloud(*points: tuple, shape=(2, 3)) -> PointCloud:
+def cloud(*points: tuple) -> PointCloud:
     """Points (row, col, depth[, intensity[, standard deviation]]) of an image."""
     full = np.array([(*point, *(1.0, 1.0)[len(point) - 3:]) for point in points]).reshape(-1, 5)
     row, col, depth, intensity, std = full.T
     n = len(points)
     return PointCloud(row.astype(np.uint16), col.astype(np.uint16), depth.astype(np.float32),
                       intensity.astype(np.float32), std.astype(np.float32), np.zeros((n, 3), np.float32),
-                      np.zeros(n, np.uint8), np.zeros(shape, np.float32))
+                      np.zeros(n, np.uint8), np.zeros((2, 3), np.float32))
 
 
 def test_points_within_the_tolerance_are_true_and_the_others_false():

@@ -8,7 +8,7 @@ from srt3d_ros.core.methods import METHODS, Method
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.evaluation.cases import of_files, simulated
 from srt3d_ros.evaluation.results import COLUMNS
-from srt3d_ros.evaluation.run import NOMINAL, aligned_reference, jobs_for, judge, run
+from srt3d_ros.evaluation.run import aligned_reference, jobs_for, judge, run
 
 POOLED = METHODS["pooled"]
 
@@ -34,10 +34,8 @@ def test_a_simulated_scene_is_judged_in_every_respect(scene_file):
     assert 0 < row["dae_mm"] < 1
     assert row["dae_mm"] == pytest.approx(row["dae_bins"] * 0.3, rel=1e-3)
     assert 0 < row["iae"] < 0.2 and row["points"] == pytest.approx(16 * 24, rel=0.02)
-    assert row["photons_per_pixel"] == pytest.approx(100, rel=0.02) and row["background_nmse"] > 0
-    shares = row["within_nominal_percent"]
-    assert list(shares) == sorted(shares) and len(shares) == len(NOMINAL)
-    assert dict(zip(NOMINAL, shares))[0.6827] == pytest.approx(row["within_1_std_percent"], abs=0.5)
+    assert row["photons_per_pixel"] == pytest.approx(100, rel=0.02)
+    assert 40 < row["within_1_std_percent"] < row["within_2_std_percent"] <= 100
     assert len(row["frequencies"]) == 10 and row["reconstruct_ms"] > 0
 
 

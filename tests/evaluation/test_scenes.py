@@ -2,13 +2,9 @@
 
 import numpy as np
 import pytest
-from tqdm import tqdm
 
-from srt3d_ros.core.methods import METHODS
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.evaluation.cases import simulated
-from srt3d_ros.evaluation.run import jobs_for, run
 from srt3d_ros.evaluation.scenes import NetScene, net_sensor, read_scene
 
 DEPTH_M = 4 + 0.3 * np.arange(48).reshape(6, 8) / 48
@@ -30,16 +26,6 @@ def test_the_net_hangs_before_the_plane_and_waves():
     assert 0.5 < both.mean() < 1 and (plane[both] - net[both]).min() > 0.8
     later = scene.frame(1.0)[0]
     assert np.nanmax(np.abs(later[0] - net)) > 0.05 and np.array_equal(later[1], plane, equal_nan=True)
-
-
-def test_outlines_of_the_lattice_swell_by_less_than_a_pixel_and_the_sky_stays_empty():
-    cases = simulated("lattice", [0.15], [10])
-    with tqdm(disable=True) as bar:
-        (_, cloud, row), = run(jobs_for(cases, [METHODS["pooled"]], [10]), [], bar)
-    assert 0 < row["swelling_px"] < 0.7 and row["true_detections_percent"] > 98
-    sky = np.isnan(cases[0].observe().depth_bins[0])
-    inner = sky & np.roll(sky, 4, 0) & np.roll(sky, -4, 0) & np.roll(sky, 4, 1) & np.roll(sky, -4, 1)
-    assert 0.6 < sky.mean() < 0.9 and np.isfinite(cloud.image("depth_bins"))[inner].mean() < 0.01
 
 
 def test_the_sensor_sees_the_depths_of_the_file_in_the_middle_of_its_bins(write):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from srt3d_ros.pictures.curves import METHOD_COLOURS, draw_calibration, draw_metrics
+from srt3d_ros.pictures.curves import METHOD_COLOURS, draw_metrics
 
 
 def coloured(path, colour: str) -> np.ndarray:
@@ -28,11 +28,3 @@ def test_each_method_has_a_line_in_each_column(path):
     for colour in METHOD_COLOURS[:2]:
         assert (coloured(path, colour) > 300).all()
     assert not coloured(path, METHOD_COLOURS[2]).any()
-
-
-def test_calibration_shows_a_line_for_each_setting_in_its_panel(path):
-    draw_calibration(path, {"SBR 1": {"1 ppp": (10, 50, 90), "10 ppp": (5, 30, 70)}, "SBR 10": {"1 ppp": (1, 2, 3)}},
-                     (0.1, 0.5, 0.9), {0.5: (0.4, 0.6)}, "calibration")
-    width, height = Image.open(path).size
-    assert width > 1.5 * height
-    assert coloured(path, "#003373").sum() > 200 and coloured(path, "#b8bec6").sum() > 200
