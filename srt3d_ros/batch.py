@@ -122,7 +122,7 @@ def _frames(request: Request) -> Iterator[tuple]:
     options = gathered(request.overrides, path=path.absolute())     # a bag may be the folder "."
     if is_bag(path):
         with BagFrames(path, request.photons_topic) as bag:
-            yield len(bag), ((place.number, partial(bag.read, place, options)) for place in bag.places())
+            yield len(bag), ((frame.number, partial(bag.read, frame, options)) for frame in bag)
         return
     module = readers.module_of(path)
     require(hasattr(module, "frames"), "frames", path.name, "a bag or log of histograms: other files have one frame")

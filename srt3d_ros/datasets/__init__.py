@@ -52,7 +52,7 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
             suffixes = ", ".join(readers.READERS)
             require(is_bag(path), "photon file", str(path), f"a file that ends in {suffixes}, or a bag")
             with BagFrames(path, photons_topic) as frames:
-                return frames.read(frames.place(frame), options)
+                return frames.read(frames.frame(frame), options)
         require(not photons_topic, "photons_topic", quoted(photons_topic), "nothing: only bags have topics")
         require_file(path, "photon file")
         if path.suffix.lower() == ".npz" and sketch_file.is_sketch(path):

@@ -77,9 +77,8 @@ class Bag:
     def __exit__(self, *exc) -> None:
         self.close()
 
-    def messages(self, topics: Collection[BagTopic], start_ns: int | None = None, stop_ns: int | None = None
-                 ) -> Iterator[Message]:
-        """The messages of these topics in the order of their recording, those from `start_ns` to before `stop_ns`.
+    def messages(self, topics: Collection[BagTopic]) -> Iterator[Message]:
+        """The messages of these topics in the order of their recording.
 
         Raises:
             InvalidInput: at the message at which the bag breaks off.
@@ -90,7 +89,7 @@ class Bag:
                 connections = [c for c in reader.connections if (c.topic, c.msgtype) in wanted]
                 if not connections:         # none would mean all
                     continue
-                for connection, time_ns, raw in reader.messages(connections, start_ns, stop_ns):
+                for connection, time_ns, raw in reader.messages(connections):
                     if type(time_ns) is not int or type(raw) is not bytes:      # SQLite keeps anything anywhere
                         raise TypeError(f"a message on {connection.topic} is not bytes with a time")
                     yield Message(connection.topic, time_ns, zstd.decompress(raw) if self._messages_are_packed else raw)

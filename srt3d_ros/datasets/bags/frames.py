@@ -1,7 +1,6 @@
 """The photons or sketches in a bag: which of its topics they are on, and single frames of them."""
 
 import re
-from collections import Counter, deque
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from typing import NamedTuple
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonGates
 from srt3d_ros.datasets import sketch_file
-from srt3d_ros.datasets.bags.bag import Bag, BagTopic, Message
+from srt3d_ros.datasets.bags.bag import Bag, BagTopic
 from srt3d_ros.datasets.options import ASSUMED_FOV
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import InvalidInput, require
@@ -26,7 +25,6 @@ CLOUD, IMAGE, TEXT = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Image", "st
 PHOTON_FIELDS = {"row", "col", "toa"}
 GATES_ENCODING = "16UC1"
 HISTOGRAMS_ENCODING = re.compile(r"(?:8U|16U|32S|32F)C(\d{1,5})")
-NAMELESS = "broken"             # in place of a digest, of sketches that say none: an error when they are read
 MOST_CAMERA_CHANNELS = 4        # of the images of cameras, whose encodings look alike
 
 
@@ -70,20 +68,13 @@ def find_photons(bag: Bag, photons_topic: str = "") -> PhotonTopics:
     return PhotonTopics(contents[photons], photons, sensor)
 
 
-class Place(NamedTuple):
-    """Where a message is in a bag: the one after `skip` others that were recorded on its topic at `time_ns`."""
-
-    time_ns: int
-    skip: int
-
-
-class FramePlace(NamedTuple):
-    """Where frame `number` of a bag is, and its sensor's description: of photons the last that came before, of sketches
-    the one that they name; None if it is not in the bag."""
+class BagFrame(NamedTuple):
+    """Frame `number` of a bag, and the description of its sensor: of photons the last that came before, of sketches
+    the one that they name; None if it is not in the bag. Serialised messages."""
 
     number: int
-    frame: Place
-    sensor: Place | None
+    raw: bytes
+    description: bytes | None
 
 
 class BagFrames:
@@ -103,7 +94,7 @@ class BagFrames:
         except InvalidInput:
             self.close()
             raise
-        self._sensor: tuple[Place, tuple[SensorModel, tuple[str, ...]]] | None = None
+        self._sensor: tuple[bytes, tuple[SensorModel, tuple[str, ...]]] | None = None
 
     def __enter__(self) -> "BagFrames":
         return self
@@ -118,89 +109,63 @@ class BagFrames:
         """Give back the files."""
         self._bag.close()
 
-    def places(self, first: int = 0) -> Iterator[FramePlace]:
-        """Where the frames are, from `first` on, found by one pass through the bag, which goes on as they are taken.
-
-        Raises:
-            InvalidInput: the bag breaks off.
-        """
-        at_time: Counter[tuple[str, int]] = Counter()
-        sensors: dict[str, Place] = {}
-        waiting, number = deque(), 0        # a sensor that came late still describes the first frames
+    def __iter__(self) -> Iterator[BagFrame]:
+        """The frames in the order of their recording; raises InvalidInput where the bag breaks off."""
+        described = [message.raw for message in self._bag.messages((self.topics.sensor,))]
+        named = {sensor_message.digest(cdr.read_text(raw)): raw for raw in described} if self.are_sketches else {}
+        newest, number = next(iter(described), None), 0     # one that came late still describes the first frames
         for message in self._bag.messages((self.topics.frames, self.topics.sensor)):
-            key = message.topic, message.time_ns
-            place = Place(message.time_ns, at_time[key])
-            at_time[key] += 1
             if message.topic == self.topics.sensor.name:
-                sensors[self._digest(message)] = place
+                newest = message.raw
             else:
-                if number >= first:
-                    waiting.append((number, place, self._digest(message)))
+                yield BagFrame(number, message.raw, named.get(_digest(message.raw)) if self.are_sketches else newest)
                 number += 1
-            while waiting and waiting[0][2] in (NAMELESS, *sensors):
-                *frame, named = waiting.popleft()
-                yield FramePlace(*frame, sensors.get(named))
-        require(number == len(self) and sensors, f"bag {self.path.name}", "shorter than it says", "a complete bag")
-        yield from (FramePlace(*frame, sensors.get(named)) for *frame, named in waiting)
+        require(number == len(self) and described, f"bag {self.path.name}", "shorter than it says", "a complete bag")
 
-    def place(self, number: int) -> FramePlace:
-        """Where a frame is; InvalidInput if there is none of that number."""
+    def frame(self, number: int) -> BagFrame:
+        """A frame; InvalidInput if there is none of that number."""
         require(0 <= number < len(self), "frame", number,
                 f"0 to {len(self) - 1}, the messages on {self.topics.frames.name}")
-        return next(self.places(number))
+        return next(islice(self, number, None))
 
     @property
     def are_sketches(self) -> bool:
         """Whether the frames are sketches."""
         return self.topics.output == "sketch"
 
-    def read(self, place: FramePlace, options: dict) -> Photons | Sketch:
-        """A frame, its sketch or its photons, with options (options.gathered) in place of what the bag says.
+    def read(self, frame: BagFrame, options: dict) -> Photons | Sketch:
+        """Photons or sketch of a frame, with options (options.gathered) in place of what the bag says.
 
         Raises:
             InvalidInput: it cannot be read; an option that cannot be used.
         """
         if self.are_sketches:
-            return sketch_file.with_options(self._sketch(place), options)
-        sensor, notes = self._sensor_at(place.sensor)
-        raw = self._raw(self.topics.frames, place.frame)
-        frame = CODECS[self.topics.output].decode_cdr(raw, sensor)[1]
-        photons = Photons(sensor, frame.to_events(sensor) if isinstance(frame, PhotonGates) else frame, None,
-                          f"{self.path.stem}_{place.number}", notes)
-        return photons.with_options(options)
+            return sketch_file.with_options(self._sketch(frame), options)
+        sensor, notes = self._described(frame.description)
+        photons = CODECS[self.topics.output].decode_cdr(frame.raw, sensor)[1]
+        events = photons.to_events(sensor) if isinstance(photons, PhotonGates) else photons
+        return Photons(sensor, events, None, f"{self.path.stem}_{frame.number}", notes).with_options(options)
 
-    def _sketch(self, place: FramePlace) -> Sketch:
-        raw = self._raw(self.topics.frames, place.frame)
-        if place.sensor is None:
-            digest = sketch_message.description_cdr(raw)
-            raise InvalidInput(f"sketch/sensor of frame {place.number}", "missing", f"the description sensor_{digest}")
-        sensor, _ = self._sensor_at(place.sensor)
-        return Sketch(**vars(sketch_message.decode_cdr(raw, sensor)[1]) | {"sensor": sensor})
+    def _sketch(self, frame: BagFrame) -> Sketch:
+        if frame.description is None:
+            digest = sketch_message.description_cdr(frame.raw)
+            raise InvalidInput(f"sketch/sensor of frame {frame.number}", "missing", f"the description sensor_{digest}")
+        sensor, _ = self._described(frame.description)
+        return Sketch(**vars(sketch_message.decode_cdr(frame.raw, sensor)[1]) | {"sensor": sensor})
 
-    def _digest(self, message: Message) -> str:
-        """By what a sketch and its description are paired; the same for all photons and their descriptions."""
-        if not self.are_sketches:
-            return ""
-        if message.topic == self.topics.sensor.name:
-            return sensor_message.digest(cdr.read_text(message.raw))
-        with suppress(InvalidInput):
-            return sketch_message.description_cdr(message.raw)
-        return NAMELESS
-
-    def _sensor_at(self, place: Place) -> tuple[SensorModel, tuple[str, ...]]:
+    def _described(self, raw: bytes) -> tuple[SensorModel, tuple[str, ...]]:
         """The sensor, and notes on it; decoded once for all frames that it describes."""
-        if self._sensor is None or self._sensor[0] != place:
-            raw = self._raw(self.topics.sensor, place)
+        if self._sensor is None or self._sensor[0] != raw:
             own = json_text.parse(cdr.read_text(raw), "sensor")
-            self._sensor = place, (sensor_message.decode_cdr(raw), () if "projection" in own else (ASSUMED_FOV,))
+            self._sensor = raw, (sensor_message.decode_cdr(raw), () if "projection" in own else (ASSUMED_FOV,))
         return self._sensor[1]
 
-    def _raw(self, topic: BagTopic, place: Place) -> bytes:
-        """A serialised message; only what was recorded at its time is read, if the bag has an index (rosbag2's do)."""
-        there = self._bag.messages((topic,), place.time_ns, place.time_ns + 1)
-        message = next(islice(there, place.skip, None), None)
-        require(message is not None, f"bag {self.path.name}", "another than it was", "one that stays as it is")
-        return message.raw
+
+def _digest(raw: bytes) -> str:
+    """Of the description that a sketch names; empty if it names none, which is an error when it is read."""
+    with suppress(InvalidInput):
+        return sketch_message.description_cdr(raw)
+    return ""
 
 
 def _content(bag: Bag, topic: BagTopic) -> str:
