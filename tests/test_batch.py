@@ -24,7 +24,7 @@ from srt3d_ros.messages import photon_frames
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketches
 from tests.bags import CLOUD, IMAGE, TEXT, write_bag
-from tests.datasets.made_logs import tmf882x_log
+from tests.datasets.made_logs import tmf8829_log, zones_16
 from tests.processes import wait
 
 SENSOR = SensorModel(12, 20, 300, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2), gates=GateWords())
@@ -89,7 +89,7 @@ def test_the_files_are_those_of_each_frame_by_itself(tmp_path, at_once, reconstr
 
 
 def test_the_frames_of_a_log(tmp_path, at_once, reconstruct):
-    log = tmf882x_log(tmp_path / "log.json", [20, 30, 40])
+    log = tmf8829_log(tmp_path / "log.json", [zones_16(range_m) for range_m in (2.0, 3.0, 4.0)])
     code, out, _ = reconstruct(log, "--frames", "all", "--out", tmp_path / "all", "--format", "ply")
     assert code == 0 and out.startswith("3 of 3 frames reconstructed")
     made = files(tmp_path / "all")

@@ -70,24 +70,6 @@ def tmf8829_log(path: Path, frames: list[np.ndarray]) -> Path:
     return path
 
 
-def first_photons(rate: np.ndarray, shots: float) -> np.ndarray:
-    """What a converter counts that keeps the first photon of each shot, of so many photons a bin [..., bins]."""
-    reached = np.exp(-(np.cumsum(rate, axis=-1) - rate) / shots)
-    return shots * reached * (1 - np.exp(-rate / shots))
-
-
-def tmf882x_log(path: Path, depths_bins: list[float], shots: float = 4e6) -> Path:
-    """Captures of a plane this far behind the reference pulse, piled up."""
-    captures = []
-    for k, depth in enumerate(depths_bins):
-        rate = 150 + 2e6 * pulse(128, np.full(9, 14.2 + depth))
-        captures.append({"hists": np.round(first_photons(rate, shots)).astype(int).tolist(),
-                         "reference_hist": np.round(2e5 * pulse(128, 14.2)).astype(int).tolist(),
-                         "distances": [{"tick": 5_000_000 * k}]})
-    path.write_text(json.dumps(captures))
-    return path
-
-
 def zones_mm(photons: Photons, frequencies: tuple[int, ...]) -> np.ndarray:
     """Reconstructed ranges of the zones, float [rows, cols], NaN without a surface."""
     sensor = photons.sensor

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from examples.tmf8829_messages import decode
-from srt3d_ros.datasets.readers import histogram_logs
+from srt3d_ros.datasets.readers import tmf8829
 from srt3d_ros.errors import InvalidInput
 from tests.datasets import made_logs as made
 from tests.datasets.made_logs import zones_by_design_mm
@@ -53,7 +53,7 @@ def test_broken_messages_are_refused(broken):
 
 def test_a_log(tmp_path):
     path = made.tmf8829_log(tmp_path / "log.json", [made.zones_16(SLANTED), made.zones_16(SLANTED + 1)])
-    readings = list(histogram_logs.frames(path, {}))
+    readings = list(tmf8829.frames(path, {}))
     assert [np.nanmedian(zones_by_design_mm(one)) for one in readings] == pytest.approx([1500, 2500], abs=5)
     assert [one.frame.stamp_ns for one in readings] == [53_283_768_000, 53_316_768_000]
 
@@ -62,7 +62,7 @@ def test_a_log_with_the_loggers_fault_is_read_as_row_0(tmp_path):
     """Histogram [y][…] is that of zone y of row 0: seen in the vendor's log, whose results say so."""
     truth = np.linspace(1.0, 3.0, 16)
     faulty = made.zones_16(truth[:, None])
-    photons = next(histogram_logs.frames(made.tmf8829_log(tmp_path / "log.json", [faulty]), {}))
+    photons = next(tmf8829.frames(made.tmf8829_log(tmp_path / "log.json", [faulty]), {}))
     sensor, notes = photons.sensor, photons.notes
     assert (sensor.rows, sensor.cols) == (1, 16) and any("row 0" in note for note in notes)
     assert zones_by_design_mm(photons)[0] == pytest.approx(truth * 1e3, abs=15)
@@ -77,6 +77,6 @@ def test_the_vendors_log_agrees_with_its_own_results(shared_data):
         results = [frame["results"][0] for frame in json.load(stream)["Result_Set"]]      # of row 0, all that it has
     own, snr = (np.array([[zone["peaks"][0][key] for zone in row] for row in results], float)
                 for key in ("distance", "snr"))
-    found = np.concatenate([zones_by_design_mm(photons) for photons in histogram_logs.frames(path, {})])
+    found = np.concatenate([zones_by_design_mm(photons) for photons in tmf8829.frames(path, {})])
     off = (found - own)[snr >= 20]
     assert (off.size, np.isnan(off).sum()) == (375, 0) and np.median(np.abs(off)) <= 20

@@ -20,7 +20,7 @@ from srt3d_ros.datasets.values import number
 from srt3d_ros.errors import require
 
 READERS = {".npz": "npz", ".mat": "mat", ".ptu": "ptu", ".sdt": "sdt", ".h5": "hdf5", ".hdf5": "hdf5", ".npy": "cubes",
-           ".json": "histogram_logs", ".gz": "histogram_logs"}
+           ".json": "tmf8829", ".gz": "tmf8829"}
 
 
 def module_of(path: Path) -> ModuleType | None:

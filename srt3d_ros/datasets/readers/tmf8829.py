@@ -1,4 +1,4 @@
-"""ams TMF8829: JSON logs of ams' Python driver (https://github.com/ams-OSRAM/tmf8829_driver_python).
+"""ams TMF8829: JSON logs of ams' Python driver (https://github.com/ams-OSRAM/tmf8829_driver_python), maybe in gzip.
 
 A measurement comes in parts: four reference histograms each, and those of half the zones (16 × 16), or of an eighth or
 a twelfth. The device's T bins end in one that is measured in part, which is left out.
@@ -8,13 +8,18 @@ source only, for want of a device: 8 × 8, 32 × 32 and 48 × 32 zones, the refe
 its own (8 × 8).
 """
 
+import gzip
+import json
 from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.photons import PhotonHistograms
+from srt3d_ros.datasets.files import naming_file, require_file
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.values import whole_counts
 from srt3d_ros.errors import InvalidInput, require
@@ -26,20 +31,37 @@ MEASURED = 218              # of these, unless the configuration says otherwise;
 REFERENCE_BINS = 64
 SIZES = {0: (8, 8), 1: (8, 8), 2: (16, 16), 3: (32, 32), 4: (32, 32), 5: (32, 48)}      # rows, columns by mode
 TICK_NS = 1000              # 26 frames of 33 ms are so far apart
+MAX_LOG_BYTES = 2**28       # of text, unpacked: a parsed log takes some five times as much
 
 
-def frames(log: dict, name: str) -> Iterator[Photons]:
-    """The frames of a log, stamped by the device's clock; InvalidInput where one is broken."""
-    require(isinstance(log["Result_Set"], list) and log["Result_Set"], f"{name} Result_Set", "no list or empty",
-            "a list of frames: log with combined_results and histograms")
-    configuration = log.get("configuration")
-    for k, frame in enumerate(log["Result_Set"]):
+def frames(path: Path, options: dict) -> Iterator[Photons]:
+    """The frames of a log, stamped by the device's clock, with options (options.gathered) in place of what it says.
+
+    Raises:
+        InvalidInput: no whole log, or at the frame that is broken.
+    """
+    name, (sets, configuration) = path.name, _read(path)
+    for k, frame in enumerate(sets):
         try:
-            yield _of_log(frame, configuration if isinstance(configuration, dict) else {}, f"{name} frame {k}")
+            photons = _of_log(frame, configuration, f"{name} frame {k}")
         except InvalidInput:
             raise
         except (LookupError, TypeError, AttributeError, ArithmeticError, ValueError) as error:
             raise InvalidInput(f"{name} frame {k}", f"without {error}", "mp_histo and ref_histo") from None
+        yield replace(photons, name=path.stem).with_options(options)
+
+
+def _read(path: Path) -> tuple[list, dict]:
+    """The frames and the configuration that a log has."""
+    require_file(path, "log")
+    with naming_file(path, "a whole log in JSON"), (gzip.open if path.suffix == ".gz" else open)(path, "rb") as stream:
+        text = stream.read(MAX_LOG_BYTES + 1)
+        require(len(text) <= MAX_LOG_BYTES, "size", f"more than {MAX_LOG_BYTES} bytes", "a shorter log: split it")
+        log = json.loads(text.decode("utf-8-sig"))
+    sets, configuration = (log.get(key) if isinstance(log, dict) else None for key in ("Result_Set", "configuration"))
+    require(isinstance(sets, list) and sets, f"{path.name} Result_Set", "absent or empty",
+            "a list of frames: log with combined_results and histograms")
+    return sets, configuration if isinstance(configuration, dict) else {}
 
 
 def _of_log(frame: dict, configuration: dict, name: str) -> Photons:
