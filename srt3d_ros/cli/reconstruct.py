@@ -31,9 +31,9 @@ def add_parser(subparsers) -> None:
                              ".png, .jpg; with --frames a folder")
     parser.add_argument("--sketch-size", type=int, metavar="M",
                         help=f"complex numbers kept of a pixel ({DEFAULT_SKETCH_SIZE})")
-    parser.add_argument("--frequencies", metavar="auto|spread|consecutive|k1,k2,…",
-                        help="which they are: least expected error for the IRF (auto), spread over what it "
-                             "passes, 1 … M, or a list; unless given what the method is published with, else auto")
+    parser.add_argument("--frequencies", metavar="auto|consecutive|k1,k2,…",
+                        help="which they are: least expected error for the IRF (auto), 1 … M (consecutive), "
+                             "or a list; unless given what the method is published with, else auto")
     parser.add_argument("--surfaces", type=int, default=1, metavar="K", help="most surfaces in a pixel (1)")
     parser.add_argument("--surface-order", choices=SURFACE_ORDERS, default="strongest",
                         help="which of a pixel's surfaces comes first in the file (strongest)")

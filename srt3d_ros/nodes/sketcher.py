@@ -35,8 +35,8 @@ PARAMETERS = (
     Parameter("sketch_size", DEFAULT_SKETCH_SIZE, "Complex numbers per pixel, unless `frequencies` lists them.",
               low=1, high=MAX_SKETCH_SIZE, live=True),
     Parameter("frequencies", "auto", "Frequencies to keep. auto: those with the least expected depth error for "
-              "the IRF. spread: geometric, up to where the IRF passes 0.35. consecutive: 1 to sketch_size, as in the "
-              "paper. Or a list.", form="auto, spread, consecutive or integers such as 1,2,5", live=True, loose=True),
+              "the IRF. consecutive: 1 to sketch_size, as in the paper. Or a list.",
+              form="auto, consecutive or integers such as 1,2,5", live=True, loose=True),
     Parameter("gate", OFF, "First and last depth bin to keep. Photons in other bins are dropped "
               "(`photons_dropped.gate`), and T becomes the gate's length: less background and finer depths at a low "
               "SBR. `srt3d info FILE` proposes one. The spread of the pixels' delays widens it.",

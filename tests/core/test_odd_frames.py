@@ -85,7 +85,6 @@ def test_a_surface_at_the_ends_of_the_period_is_found_there_whatever_the_delay(d
 def test_the_longest_period_takes_little_memory():
     long = SensorModel(1, 2, 65_535, 1e-11, np.ones(65_535))
     tracemalloc.start()
-    choose("spread", long)
     PooledStream(long.replace(irf=[1.0], irf_ref=0), (1, 2, 32_767))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()

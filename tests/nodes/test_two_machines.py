@@ -37,7 +37,7 @@ def test_every_sketch_passes_over_a_bad_link_once_and_to_a_robot_that_comes_back
     (tmp_path / "sensor.json").write_text(sensor_message.encode(Simulator().sensor).data)
     watch = machines.watch("points")
     sketcher = machines.start_on(SENSOR, "sketcher", NETWORK_PROFILE, layout="int16", sketch_size=5,
-                                 frequencies="spread", sensor_file=str(tmp_path / "sensor.json"))
+                                 frequencies="consecutive", sensor_file=str(tmp_path / "sensor.json"))
     reconstructor = machines.start_on(ROBOT, "reconstructor")
     machines.wait(lambda: "sketcher" in watch.reports and watch.total("reconstructor", "cols") == SIDE, "the nodes")
 

@@ -3,13 +3,11 @@
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frequency_design import design, increasing
+from srt3d_ros.core.sketching.frequency_design import design
 from srt3d_ros.core.sketching.sketch import MAX_SKETCH_SIZE, check_frequencies
 from srt3d_ros.errors import InvalidInput, require
 
 DEFAULT_SKETCH_SIZE = 10
-PASSBAND = 0.35
-TOGETHER = 2**22        # numbers of IRFs whose spectra are computed at once
 
 
 def angular_frequencies(frequencies, num_bins: int) -> np.ndarray:
@@ -32,36 +30,14 @@ def consecutive(sketch_size: int) -> tuple[int, ...]:
     return tuple(range(1, sketch_size + 1))
 
 
-def spread(sensor: SensorModel, sketch_size: int) -> tuple[int, ...]:
-    """m frequencies in geometric progression from 1 to where the IRF's spectrum |ĥ| falls to 0.35.
-
-    High frequencies measure depth finely, as long as the IRF passes them; low ones tell which period of the high ones
-    is meant. Where the spectrum leaves fewer than m frequencies this is `consecutive`.
-    """
-    most = max((sensor.num_bins - 1) // 2, 1)
-    below = np.flatnonzero(_passed(sensor)[1:most + 1] < PASSBAND)
-    top = int(below[0]) if len(below) else most
-    return increasing(np.geomspace(1, max(top, 1), sketch_size))
-
-
-def _passed(sensor: SensorModel) -> np.ndarray:
-    """Mean over the pixels of |ĥ(ω_k)| for k = 0 … T / 2; the memory is that of TOGETHER numbers."""
-    irfs, total = np.atleast_2d(sensor.irf), np.zeros(sensor.num_bins // 2 + 1)
-    several = max(TOGETHER // sensor.num_bins, 1)
-    for first in range(0, len(irfs), several):
-        total += np.abs(np.fft.rfft(irfs[first:first + several], sensor.num_bins)).sum(axis=0)
-    return total / len(irfs)
-
-
-RULES = {"auto": design, "spread": spread, "consecutive": lambda _, sketch_size: consecutive(sketch_size)}
-CHOICES = ", ".join(RULES)
+RULES = {"auto": design, "consecutive": lambda _, sketch_size: consecutive(sketch_size)}
 
 
 def choose(spec: str, sensor: SensorModel, sketch_size: int | None = None) -> tuple[int, ...]:
     """Frequencies from what a user writes.
 
     Args:
-        spec: "auto" (the least expected error, see `design`), "spread", "consecutive", or a list such as "1,2,5".
+        spec: "auto" (the least expected error, see `design`), "consecutive", or a list such as "1,2,5".
         sensor: gives T and the IRF.
         sketch_size: m; DEFAULT_SKETCH_SIZE unless given. With a list it must be the list's length, or None.
 
@@ -76,7 +52,7 @@ def choose(spec: str, sensor: SensorModel, sketch_size: int | None = None) -> tu
     try:
         listed = [int(part) for part in spec.split(",")]
     except ValueError:
-        raise InvalidInput("frequencies", spec, f"{CHOICES}, or a list of integers such as 1,2,5") from None
+        raise InvalidInput("frequencies", spec, "auto, consecutive, or a list of integers such as 1,2,5") from None
     require(sketch_size in (None, len(listed)), "sketch_size", sketch_size,
             f"{len(listed)}, the number of frequencies listed (or leave it out)")
     return check_frequencies(listed, sensor.num_bins)

@@ -45,17 +45,12 @@ def design(sensor: SensorModel, sketch_size: int) -> tuple[int, ...]:
 def progression(top: int, sketch_size: int) -> tuple[int, ...]:
     """m increasing integers from 1 to `top` ≥ m, between evenly spaced and geometric.
 
-    k(u) = 1 + (top − 1) · (aᵘ − 1) / (a − 1), a = top^BEND, u = 0 … 1.
+    k(u) = 1 + (top − 1) · (aᵘ − 1) / (a − 1), a = top^BEND, u = 0 … 1; rounded, and moved up where two would coincide.
     """
     u = np.linspace(0, 1, sketch_size)
     a = float(top)**BEND
-    return increasing(1 + (top - 1) * ((a**u - 1) / (a - 1) if top > 1 else u))
-
-
-def increasing(wanted: np.ndarray) -> tuple[int, ...]:
-    """Increasing integers from 1: the wanted numbers rounded, and moved up where two would coincide."""
     chosen: list[int] = []
-    for value in wanted:
+    for value in 1 + (top - 1) * ((a**u - 1) / (a - 1) if top > 1 else u):
         chosen.append(max(round(value), chosen[-1] + 1 if chosen else 1))
     return tuple(chosen)
 

@@ -38,7 +38,7 @@ def test_without_auto_the_sensor_alone_counts():
     assert design_for(SENSOR) == (None, choose("auto", SENSOR))
     gate, frequencies = design_for(SENSOR, "100:299", "auto", 5)
     assert gate.sensor.num_bins == 200 and frequencies == choose("auto", gate.sensor, 5)
-    assert design_for(SENSOR, (100, 299), "spread", 5).frequencies == choose("spread", gate.sensor, 5)
+    assert design_for(SENSOR, (100, 299), "consecutive", 5).frequencies == (1, 2, 3, 4, 5)
 
 
 def test_auto_finds_the_scene_and_designs_frequencies_for_its_gate():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE, PASSBAND, choose, irf_spectrum, spread
+from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE, choose, irf_spectrum
 from srt3d_ros.core.sketching.frequency_design import design
 from srt3d_ros.errors import InvalidInput
 
@@ -25,34 +25,16 @@ def test_spectrum_of_a_delta_is_the_phase_of_its_distance_from_the_reference():
     np.testing.assert_allclose(irf_spectrum(sensor.replace(irf=irf[2]), (1, 3)), expected[2], atol=1e-7)
 
 
-@pytest.mark.parametrize(("width", "num_bins", "m"), [(0.01, 61, 30), (1.0, 100, 10), (4.0, 153, 5), (30.0, 4613, 10),
-                                                      (4.0, 4613, 1), (1e6, 100, 5)])
-def test_spread_strictly_increases_and_stays_in_the_band(width, num_bins, m):
-    sensor = make(num_bins, bell(width))
-    chosen = spread(sensor, m)
-    assert len(chosen) == m and all(b > a for a, b in zip(chosen, chosen[1:])) and chosen[0] == 1
-    magnitude = np.abs(irf_spectrum(sensor, np.arange(1, (num_bins - 1) // 2 + 1)))
-    passed = np.flatnonzero(np.append(magnitude, 0) < PASSBAND)[0]
-    assert chosen[-1] == passed if passed >= m > 1 else chosen[-1] <= m
-
-
-def test_spread_takes_the_mean_of_the_pixels_spectra():
-    one = spread(make(irf=bell(4)), 10)
-    assert spread(make(irf=np.stack([bell(4), bell(4)])), 10) == one
-    assert spread(make(irf=np.stack([bell(4), bell(2)])), 10)[-1] > one[-1]
-
-
 def test_choices():
     assert choose("consecutive", make()) == tuple(range(1, DEFAULT_SKETCH_SIZE + 1)) == tuple(range(1, 11))
     assert choose("consecutive", make(), 4) == (1, 2, 3, 4)
-    assert choose("spread", make(), 6) == spread(make(), 6)
     assert choose("auto", make(), 6) == design(make(), 6)
     assert choose("1, 2,5", make()) == (1, 2, 5)
     assert choose("5,1", make(), 2) == (5, 1) and len(choose("auto", make(), 64)) == 64
 
 
 @pytest.mark.parametrize(("num_bins", "m"), [(2, 1), (3, 1), (8, 3), (21, 10), (22, 10)])
-@pytest.mark.parametrize("spec", ["auto", "spread", "consecutive"])
+@pytest.mark.parametrize("spec", ["auto", "consecutive"])
 def test_without_a_size_a_short_period_gets_as_many_as_it_has(spec, num_bins, m):
     assert choose(spec, make(num_bins, [1.0])) == tuple(range(1, m + 1))
 
