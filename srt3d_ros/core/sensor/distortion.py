@@ -10,7 +10,6 @@ from srt3d_ros.kernels.lens import distorted
 STEPS = 4                   # from the middle of the image to the pixel, so that Newton's method keeps to one solution
 ITERATIONS = 30             # in each; Newton's method needs 3 to 6 where there is a solution
 PRECISION = 1e-12           # of the solution, relative to the focal length
-BLOCK = 2**16               # places computed together, whose numbers stay in the cache
 SAMPLES = 64                # from the middle to a pixel, where the model must not fold
 
 
@@ -44,10 +43,6 @@ class PlumbBob:
         """True if it bends anything."""
         return any(astuple(self))
 
-    def distorted(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(x', y') of rays (x, y, 1)."""
-        return distorted(x, y, *astuple(self))
-
     @property
     def reach(self) -> float:
         """x² + y² of the rays at which the model turns back: what it says of wider ones is no place in an image."""
@@ -60,40 +55,29 @@ class PlumbBob:
         Raises:
             InvalidInput: for a place that no ray is seen at.
         """
-        places = np.stack([x, y]).astype(np.float64).reshape(2, -1)
-        for begin in range(0, places.shape[1], BLOCK):
-            part = slice(begin, begin + BLOCK)
-            places[:, part] = self._undistorted(*places[:, part])
-        return tuple(places.reshape(2, *np.shape(x)))
+        at_x, at_y = np.zeros(np.shape(x)), np.zeros(np.shape(y))
+        with np.errstate(all="ignore"):         # what diverges is refused below
+            for share in np.arange(1, STEPS + 1) / STEPS:
+                at_x, at_y, left = self._newton(at_x, at_y, x * share, y * share)
+        self._refuse(left, x, y)
+        return at_x, at_y
 
     def check(self, x: np.ndarray, y: np.ndarray) -> None:
-        """Raise InvalidInput unless each (x', y'), and all between it and (0, 0), is where one ray is seen.
+        """Raise InvalidInput unless each (x', y') [N], and all between it and (0, 0), is where one ray is seen.
 
         Past the radius at which the model turns back, as polynomials do outside the image they were fitted to, two
         rays are seen at the same place and Newton's method may find either.
         """
-        share, step = np.linspace(0, 1, SAMPLES)[:, None], BLOCK // SAMPLES
-        for part in (slice(begin, begin + step) for begin in range(0, len(x), step)):
-            at_x, at_y = self.undistorted(x[part], y[part])
-            with np.errstate(all="ignore"):
-                xx, xy, yy = self._slopes(at_x * share, at_y * share)
-                folded = ~((xx * yy > xy * xy) & (xx + yy > 0)).all(axis=0)
-            if folded.any():
-                self._refuse(x[part][folded][0], y[part][folded][0])
-
-    def _undistorted(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        at_x, at_y = np.zeros_like(x), np.zeros_like(y)
-        with np.errstate(all="ignore"):         # what diverges is refused below
-            for share in np.arange(1, STEPS + 1) / STEPS:
-                at_x, at_y, left = self._newton(at_x, at_y, x * share, y * share)
-        if left.any():
-            self._refuse(x[left][0], y[left][0])
-        return at_x, at_y
+        at_x, at_y = self.undistorted(x, y)
+        share = np.linspace(0, 1, SAMPLES)[:, None]
+        with np.errstate(all="ignore"):
+            xx, xy, yy = self._slopes(at_x * share, at_y * share)
+            self._refuse(~((xx * yy > xy * xy) & (xx + yy > 0)).all(axis=0), x, y)
 
     def _newton(self, x: np.ndarray, y: np.ndarray, wanted_x: np.ndarray, wanted_y: np.ndarray):
         """From (x, y) to the solution; and where there is none yet."""
         for _ in range(ITERATIONS):
-            seen_x, seen_y = self.distorted(x, y)
+            seen_x, seen_y = distorted(x, y, *astuple(self))
             off_x, off_y = wanted_x - seen_x, wanted_y - seen_y
             xx, xy, yy = self._slopes(x, y)
             scale = 1 / (xx * yy - xy * xy)
@@ -113,7 +97,9 @@ class PlumbBob:
                 growth * x * y + 2 * self.p1 * x + 2 * self.p2 * y,
                 radial + growth * y * y + 6 * self.p1 * y + 2 * self.p2 * x)
 
-    def _refuse(self, x: float, y: float) -> None:
-        coefficients = ", ".join(f"{name} {value:g}" for name, value in vars(self).items())
-        raise InvalidInput("projection.distortion", coefficients, "a model that shows one ray at each pixel; this one "
-                           f"does not at x' = {x:.3g}, y' = {y:.3g} (in focal lengths from the principal point)")
+    def _refuse(self, wrong: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
+        if wrong.any():
+            coefficients = ", ".join(f"{name} {value:g}" for name, value in vars(self).items())
+            raise InvalidInput("projection.distortion", coefficients, "a model that shows one ray at each pixel; this "
+                               f"one does not at x' = {x[wrong][0]:.3g}, y' = {y[wrong][0]:.3g} (in focal lengths from "
+                               "the principal point)")

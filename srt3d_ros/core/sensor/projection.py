@@ -64,16 +64,6 @@ class Pinhole:
         return np.array([self.fx, self.fy, self.cx, self.cy, bend.k1, bend.k2, bend.p1, bend.p2, bend.k3, bend.reach],
                         np.float32)
 
-    def places(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Row and column at which points [..., 3] are seen, float32 [...]; NaN behind the camera or past its reach."""
-        x, y, z = np.moveaxis(np.asarray(xyz, np.float64), -1, 0)
-        with np.errstate(all="ignore"):
-            x, y = x / z, y / z
-            seen = (z > 0) & (x * x + y * y < self.distortion.reach)
-            x, y = self.distortion.distorted(x, y)
-            return tuple(np.where(seen, at, np.nan).astype(np.float32)
-                         for at in (self.fy * y + self.cy, self.fx * x + self.cx))
-
     def cropped(self, first_row: int, first_col: int) -> "Pinhole":
         """The same camera whose pixel (0, 0) is (first_row, first_col) of this one."""
         return replace(self, cx=self.cx - first_col, cy=self.cy - first_row)
@@ -114,24 +104,10 @@ class AngularScan:
     @property
     def lens(self) -> np.ndarray:
         """As kernels read it (`kernels.lens`), float32 [4]."""
-        azimuth_step, elevation_step = self._steps
+        # A line has no step across, and sees as far to both sides as along; a beam, 1 rad.
+        azimuth_step = self.azimuth_step_rad or abs(self.elevation_step_rad) or 1.0
+        elevation_step = self.elevation_step_rad or abs(self.azimuth_step_rad) or 1.0
         return np.array([self.azimuth_start_rad, azimuth_step, self.elevation_start_rad, elevation_step], np.float32)
-
-    def places(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Row and column at which points [..., 3] are seen, float32 [...]; columns from −½ to a turn later."""
-        x, y, z = np.moveaxis(np.asarray(xyz, np.float64), -1, 0)
-        azimuth_step, elevation_step = self._steps
-        with np.errstate(all="ignore"):
-            row = (np.arctan2(z, np.hypot(x, y)) - self.elevation_start_rad) / elevation_step
-            col = (np.arctan2(y, x) - self.azimuth_start_rad) / azimuth_step
-            col = (col + 0.5) % (2 * np.pi / abs(azimuth_step)) - 0.5
-        return row.astype(np.float32), col.astype(np.float32)
-
-    @property
-    def _steps(self) -> tuple[float, float]:
-        """In azimuth and elevation. A line has none across, and sees as far to both sides as along; a beam, 1 rad."""
-        azimuth, elevation = self.azimuth_step_rad, self.elevation_step_rad
-        return azimuth or abs(elevation) or 1.0, elevation or abs(azimuth) or 1.0
 
     def cropped(self, first_row: int, first_col: int) -> "AngularScan":
         """The same scan whose pixel (0, 0) is (first_row, first_col) of this one."""
