@@ -5,7 +5,7 @@ cloud in memory. Sketching, which goes on while the photons come, is timed besid
 """
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -14,18 +14,24 @@ from benchmarks.frames import photons_of, sensor_of, timed
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.sketcher import Sketcher
+from srt3d_ros.evaluation.results import aligned
+from srt3d_ros.pictures.curves import METHOD_COLOURS, Metric, format_axes
+from srt3d_ros.pictures.figures import save_png
 
 SIDE, SKETCH_SIZE = 141, 10
-PPPS = (1, 3.16, 10, 31.6, 100, 316, 1000)
-STYLES = {"pooled": ("#d55e00", "o"), "srt3d": ("#0072b2", "s"), "smle": ("#009e73", "^"),
-          "xcorr": ("#000000", "D"), "rt3d": ("#a0527f", "v"), "sketching": ("#8a8f98", ".")}
+PPPS = (1, 3, 10, 30, 100, 300, 1000)
+PHOTONS = "photons per pixel (mean, with background)"
+IN_TABLE = (1, 10, 100, 1000)       # photons a pixel
+STYLES = {name: {"color": colour, "marker": marker, "markersize": 4.5, "linewidth": 3 if name == "pooled" else 1.6}
+          for name, colour, marker in zip(METHODS, METHOD_COLOURS, "os^Dv")}
+STYLES["sketching"] = {"color": "#8a8f98", "marker": ".", "linestyle": "--"}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ppp", type=float, nargs="+", default=PPPS, help="photons a pixel")
     parser.add_argument("--side", type=int, default=SIDE, help="rows and columns (%(default)d)")
     parser.add_argument("--repeats", type=int, default=5, help="timed runs of each (%(default)d)")
-    parser.add_argument("--picture", type=Path, metavar="FILE", help="draw the lines")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="draw the lines; beside it the table, .md")
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
@@ -47,21 +53,32 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
             yield lines[-1]
     if args.picture:
         draw(args.picture, lines)
+        write_table(args.picture, lines, IN_TABLE, "ms at", "{median_ms:.3g}")
 
 
-def draw(path: Path, lines: list[dict]) -> None:
+def draw(path: Path, lines: Sequence[dict]) -> None:
     """Median times against photons per pixel, with the range of all runs shaded."""
-    figure = Figure(figsize=(8, 5), dpi=100, layout="constrained")
+    figure = Figure(figsize=(8, 5), dpi=200, layout="constrained")
     ax = figure.subplots()
-    for name, (colour, marker) in STYLES.items():
+    for name, style in STYLES.items():
         of_method = [line for line in lines if line["method"] == name]
         ppp, low, median, high = ([line[key] for line in of_method] for key in ("ppp", "min_ms", "median_ms", "max_ms"))
-        ax.fill_between(ppp, low, high, color=colour, alpha=0.18, linewidth=0)
-        ax.plot(ppp, median, color=colour, marker=marker, markersize=4.5, linewidth=3 if name == "pooled" else 1.6,
-                linestyle="--" if name == "sketching" else "-", label=name)
-    ax.set(xscale="log", yscale="log", xlabel="photons per pixel (mean, with background)", ylabel="time of a frame, ms")
-    ax.xaxis.set_major_formatter("{x:g}")
-    ax.yaxis.set_major_formatter("{x:g}")
-    ax.grid(color="#d9dce0")
-    ax.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
-    figure.savefig(path)
+        ax.fill_between(ppp, low, high, color=style["color"], alpha=0.18, linewidth=0)
+        ax.plot(ppp, median, label=name, **style)
+    format_axes(ax, Metric("median_ms", "time of a frame, ms", "log"))
+    ax.set(xlabel=PHOTONS, ylabel="time of a frame, ms")
+    figure.legend(loc="outside right center", frameon=False)
+    save_png(figure, path)
+
+
+def write_table(picture: Path, lines: Sequence[dict], ppps: Sequence[float], what: str, cell: str) -> None:
+    """A Markdown table beside the picture: a row for each method, a column for each number of photons.
+
+    Args:
+        cell: what stands in it, as a format of a line.
+    """
+    cells = {(line["method"], line["ppp"]): cell.format(**line) for line in lines}
+    columns = [ppp for ppp in ppps if any(ppp == of for _, of in cells)]
+    heading = ["method", *(f"{what} {ppp:,g} ppp" if k == 0 else f"{ppp:,g} ppp" for k, ppp in enumerate(columns))]
+    rows = [[name, *(cells[name, ppp] for ppp in columns)] for name in STYLES if (name, columns[0]) in cells]
+    picture.with_suffix(".md").write_text(aligned([heading, *rows]) + "\n", encoding="utf-8")

@@ -16,14 +16,12 @@ from dataclasses import dataclass
 from pathlib import Path as FilePath
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from benchmarks.relief import hand, read_relief, trajectory
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.method.memory import PooledStream
-from srt3d_ros.core.metrics import Metrics, evaluate
+from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.motion.moving_sketcher import MovingFrame, MovingSketcher
 from srt3d_ros.core.motion.trajectory import Trajectory
 from srt3d_ros.core.sensor.model import SensorModel
@@ -31,19 +29,15 @@ from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.core.sketching.sketcher import Sketcher, sketch_photons
-from srt3d_ros.core.viewpoint import look_at
 from srt3d_ros.datasets.simulation.motion_profiles import Path, walk
 from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.simulation.room import Room, World
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
-from srt3d_ros.pictures.cloud_renderer import CloudStyle, draw_surface
 
 FRAME_S, PARTS, VIEWS = 0.1, 10, 3          # of a frame; views of a part
 SBR, TOLERANCE_BINS = 1.0, 10.0
 WARM_UP = 9             # frames before those that are judged
-HEADINGS = {"at_rest": "at rest", "not_moved": "moving, photons added", "moved": "moving, parts moved first"}
-NEAR_M, ERROR_CM = 2.3, 10          # of the picture
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +93,13 @@ def part_sketches(views: Views, sensor: SensorModel, frequencies, first_s: float
     return parts
 
 
+def moving_frame(views: Views, sensor: SensorModel, frequencies, first_s: float, ppp: float, seed: int) -> MovingFrame:
+    """A frame in parts, to be moved to its middle."""
+    parts = part_sketches(views, sensor, frequencies, first_s, ppp, seed)
+    first, middle, last = (round((first_s + share * FRAME_S) * 1e9) for share in (0, 0.5, 1))
+    return MovingFrame(parts, first, last, middle)
+
+
 def at_rest(range_m: np.ndarray, reflectivity: np.ndarray, sensor: SensorModel, frequencies, ppp: float, seed: int
             ) -> Sketch:
     """The sketch of a sensor that stands still."""
@@ -119,27 +120,14 @@ class Method:
         return self.pooled(self.sketcher.finish(frame, self.known))
 
 
-@dataclass(frozen=True, eq=False)
-class Shot:
-    """The clouds of one frame and what they are worth, by method, and the exact ranges."""
-
-    sensor: SensorModel
-    range_m: np.ndarray
-    clouds: dict[str, PointCloud]
-    metrics: dict[str, Metrics]
-
-
 def methods(sensor: SensorModel, frequencies, exact: Trajectory) -> dict[str, Method]:
     """The methods by the names of their lines."""
     return {name: Method(MovingSketcher(sensor, frequencies), PooledStream(sensor, frequencies), known)
             for name, known in (("not_moved", None), ("moved", exact))}
 
 
-def judge(drive: Drive, ppps: list[float], frames: int, shots: list[Shot]) -> Iterator[dict]:
-    """A line for each number of photons and each method: means over the last frames.
-
-    Adds to `shots` the last clouds of the last number of photons.
-    """
+def judge(drive: Drive, ppps: list[float], frames: int) -> Iterator[dict]:
+    """A line for each number of photons and each method: means over the last frames."""
     sensor = moving_sensor()
     view, frequencies = MovingView(drive.world, drive.path, sensor), choose("auto", sensor)
     last_s = drive.first_s + (WARM_UP + 1 + frames) * FRAME_S
@@ -155,13 +143,11 @@ def judge(drive: Drive, ppps: list[float], frames: int, shots: list[Shot]) -> It
         truth = sensor.depth_bins(range_m)
         for ppp in ppps:
             clouds = {"at_rest": still[ppp](at_rest(range_m, reflectivity, sensor, frequencies, ppp, k))}
-            parts = part_sketches(views, sensor, frequencies, first_s, ppp, k)
-            frame = MovingFrame(parts, round(first_s * 1e9), round((first_s + FRAME_S) * 1e9), round(to_s * 1e9))
+            frame = moving_frame(views, sensor, frequencies, first_s, ppp, k)
             clouds |= {name: way.cloud(frame) for name, way in ways[ppp].items()}
             if k >= WARM_UP:
                 for name, cloud in clouds.items():
                     found[ppp, name].append(evaluate(cloud, truth, TOLERANCE_BINS, sensor.num_bins))
-    shots.append(Shot(sensor, range_m, clouds, {name: last for (of, name), (*_, last) in found.items() if of == ppp}))
     for (ppp, name), metrics in found.items():
         means = {key: float(np.mean([getattr(one, key) for one in metrics]))
                  for key in ("true_detections", "false_detections", "dae_bins")}
@@ -171,37 +157,13 @@ def judge(drive: Drive, ppps: list[float], frames: int, shots: list[Shot]) -> It
                "frames": len(metrics)}
 
 
-def draw(path: FilePath, shot: Shot) -> None:
-    """Clouds above, maps of their errors below."""
-    clouds = {name: shot.clouds[name].within(max_m=NEAR_M) for name in HEADINGS}
-    first = clouds["at_rest"]
-    style, eye = CloudStyle.of(first, shot.sensor), look_at(first.xyz, shot.sensor.projection, yaw_deg=-25)
-    figure = Figure(figsize=(12, 7.6), dpi=80, layout="constrained")
-    FigureCanvasAgg(figure)
-    for (above, below), (name, heading) in zip(figure.subplots(2, len(HEADINGS)).T, HEADINGS.items()):
-        above.imshow(draw_surface(clouds[name].xyz, style.shaded(clouds[name]), eye, 480, 480, style.radius_m, finer=2))
-        above.set_title(heading, fontsize=15)
-        error_cm = 100 * (shot.clouds[name].range_image() - shot.range_m)
-        map_ = below.imshow(error_cm, cmap="RdBu_r", vmin=-ERROR_CM, vmax=ERROR_CM)
-        below.set_title(f"{100 * shot.metrics[name].true_detections:.1f} % within 10 cm, "
-                        f"mean error {shot.metrics[name].dae_bins:.2f} cm", fontsize=11)
-        for panel in (above, below):
-            panel.set_axis_off()
-    figure.colorbar(map_, ax=figure.axes[1::2], shrink=0.8).set_label("error of the range, cm")
-    figure.savefig(path)
-
-
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenes", type=FilePath, metavar="DIR", help="depth maps (docs/evaluation.md), .npz")
     parser.add_argument("--ppp", type=float, nargs="+", default=[3.0, 10.0], help="photons a pixel and frame")
     parser.add_argument("--frames", type=int, default=10, help="that are judged (%(default)s)")
-    parser.add_argument("--picture", type=FilePath, metavar="FILE", help="draw the last clouds of the room")
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
     """A line for each scene, number of photons and method."""
-    shots: list[Shot] = []
     for drive in drives(args.scenes):
-        yield from judge(drive, args.ppp, args.frames, shots)
-    if args.picture:
-        draw(args.picture, shots[0])
+        yield from judge(drive, args.ppp, args.frames)

@@ -55,7 +55,7 @@ def draw_metrics(path: Path, rows: Sequence[dict], title: str, methods: Sequence
                                 if row["sbr"] == sbr)
                 if points:
                     ax.plot(*zip(*points), **style)
-            _format_axes(ax, metric)
+            format_axes(ax, metric)
     for ax, metric in zip(axes[:, 0], METRICS):
         ax.set_ylabel(metric.label)
     handles = [axes[0, 0].plot([], [], label=label, **style)[0] for label, style, _ in lines]
@@ -83,7 +83,8 @@ def _figure(rows: int, cols: int, width_in: float, height_in: float, title: str)
     return figure, figure.subplots(rows, cols, squeeze=False, sharex="all", sharey="row")
 
 
-def _format_axes(ax: Axes, metric: Metric) -> None:
+def format_axes(ax: Axes, metric: Metric) -> None:
+    """Scales, ticks, limits and a grid; photons per pixel across, logarithmic."""
     ax.set_xscale("log")
     ax.xaxis.set_major_formatter("{x:g}")
     ax.yaxis.set_major_formatter("{x:g}")

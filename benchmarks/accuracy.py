@@ -1,0 +1,62 @@
+"""Accuracy against photons, by method: the simulated head, 141 × 141 pixels, m = 10, all methods on the same photons.
+
+Lines: true detections (TD) and false detections (FD) within 40 mm, %, and depth error (DAE), mm: docs/evaluation.md.
+"""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from benchmarks.figure1 import PHOTONS, PPPS, SKETCH_SIZE, STYLES, write_table
+from srt3d_ros.core.methods import METHODS
+from srt3d_ros.evaluation.cases import simulated
+from srt3d_ros.evaluation.results import averaged
+from srt3d_ros.evaluation.run import jobs_for
+from srt3d_ros.evaluation.run import run as run_jobs
+from srt3d_ros.pictures.curves import Metric, format_axes
+from srt3d_ros.pictures.figures import save_png
+
+METRICS = (Metric("td_percent", "true detections, %"),
+           Metric("fd_percent", "false detections, %", "symlog", (-0.1, 110)),
+           Metric("dae_mm", "depth error, mm", "log"))
+IN_TABLE = (1, 10, 100, 1000)       # photons a pixel
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--ppp", type=float, nargs="+", default=PPPS, help="photons a pixel")
+    parser.add_argument("--sbr", type=float, default=1.0, help="signal over background (%(default)g)")
+    parser.add_argument("--repeats", type=int, default=1, help="draws of the photons (%(default)d)")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="draw the lines; beside it the table, .md")
+
+
+def run(args: argparse.Namespace) -> Iterator[dict]:
+    """A line for each number of photons and method."""
+    jobs = jobs_for(simulated("bust", [args.sbr], args.ppp, args.repeats), METHODS.values(), [SKETCH_SIZE])
+    with tqdm(total=len(jobs), unit="cloud") as bar:
+        rows = averaged([outcome.row for outcome in run_jobs(jobs, [], bar)])
+    lines = [{"method": row["method"], "sbr": row["sbr"], "ppp": row["ppp"],
+              "td_percent": round(row["true_detections_percent"], 2),
+              "fd_percent": round(row["false_detections_percent"], 2), "dae_mm": round(row["dae_mm"], 3)}
+             for row in rows]
+    if args.picture:
+        draw(args.picture, lines)
+        write_table(args.picture, lines, IN_TABLE, "TD % / FD % / DAE mm at",
+                    "{td_percent:.1f} / {fd_percent:.1f} / {dae_mm:.2f}")
+    yield from lines
+
+
+def draw(path: Path, lines: Sequence[dict]) -> None:
+    """A panel for each figure of merit, a line for each method."""
+    figure = Figure(figsize=(12, 3.8), dpi=150, layout="constrained")
+    panels = figure.subplots(1, len(METRICS))
+    for ax, metric in zip(panels, METRICS):
+        for name in METHODS:
+            ppp, values = zip(*[(line["ppp"], line[metric.column]) for line in lines if line["method"] == name])
+            ax.plot(ppp, values, label=name, **STYLES[name])
+        format_axes(ax, metric)
+        ax.set(xlabel=PHOTONS, ylabel=metric.label)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center", frameon=False)
+    save_png(figure, path)
