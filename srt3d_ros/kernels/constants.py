@@ -15,10 +15,8 @@ MAX_PHOTONS = 2**32 - 1     # of a pixel; one that saw more counts as so many wi
 SURE_SCALES = ((0.0, 1), (1.0, 1), (2.0, 2))    # σ and size of the cells, pixels: a pixel takes the first that is sure
 WIDE = (6.0, 3)         # and that for what is still open after the first iteration
 SURE = 7.0              # score that leaves no doubt: a wrong start beside a right one survives the iterations
-DOUBTFUL = 8.0          # score of a flat window below which slanted ones are tried: a smeared slope may pass SURE
-SURE_SLANTED = 7.5      # score of a slanted window that is enough: it has more ways to fit noise
+DOUBTFUL = 8.0          # score of a flat window below which slanted ones are tried: a smeared slope may be sure
 SLANTED = SURE_SCALES[-1]       # the scale that tries them: narrower ones find slopes in noise, wider ones bridge edges
-WEAK = 5.0              # score after the first iteration under which a point is searched for anew, in wider windows
 APART = 4.0             # widths of the matched filter's peak beyond which a pixel's surfaces are two
 
 # ---- Iterations: the pool (`pooled_step`)

@@ -1,4 +1,4 @@
-"""The start's kernels against the oracle: `prepare`, `blur`, `match`, `search`, `residual` and `drop_weak`."""
+"""The start's kernels against the oracle: `prepare`, `blur`, `match`, `search` and `residual`."""
 
 import numpy as np
 import pytest
@@ -74,15 +74,6 @@ def test_residual(backend, shape, surfaces, layer):
     found, expected = (maps.crop(kernels.residual(*arguments), *shape) for kernels in (backend, ORACLE))
     np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
     assert np.abs(expected - maps.crop(frame.padded.matched, *shape)).max() > 0.1
-
-
-def test_weak_surfaces_are_dropped(backend):
-    state = make_state(make_frame((6, 40), 4), 2, 4)
-    found, = backend.changed("drop_weak", state, 9.0)[:1]
-    kept = np.where(state[:, :, maps.SCORE] < 9, 0, state[:, :, maps.INTENSITY])
-    np.testing.assert_array_equal(found[:, :, maps.INTENSITY], kept)
-    np.testing.assert_array_equal(np.delete(found, maps.INTENSITY, 2), np.delete(state, maps.INTENSITY, 2))
-    assert 0 < (kept > 0).sum() < (state[:, :, maps.INTENSITY] > 0).sum()
 
 
 def check_search(backend, frame, state, layer, scale, enough, carried=None):

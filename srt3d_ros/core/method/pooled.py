@@ -26,7 +26,6 @@ from srt3d_ros.kernels.constants import (
     SLANTED,
     SURE,
     SURE_SCALES,
-    WEAK,
     WIDE,
     WINDOWS,
 )
@@ -105,7 +104,6 @@ class Pooled:
         state = kernels.no_surfaces(frame, self._surfaces)
         self._search(frame, state, SURE_SCALES, SURE, start, continued)
         state = self._iterate(frame, state, WINDOWS[0], FIRST_STEPS)
-        kernels.drop_weak(state, WEAK)
         self._search(frame, state, (WIDE,), found)
 
         # Iterate over wider windows.

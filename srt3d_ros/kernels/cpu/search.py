@@ -4,7 +4,7 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import APART, DOUBTFUL, STAY, SURE_SLANTED
+from srt3d_ros.kernels.constants import APART, DOUBTFUL, STAY, SURE
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, aligned, total_of, wrap
 from srt3d_ros.kernels.cpu.blur import pool, pool_slanted
 from srt3d_ros.kernels.cpu.compiling import line, parallel
@@ -150,10 +150,6 @@ def _search(matched, counts, exposure, counts_at, exposure_at, top, step, share,
                                 state[a, layer, SCORE, b] = score
 
 
-def drop_weak(state, weak):
-    state[:, :, INTENSITY] *= state[:, :, SCORE] >= F32(weak)
-
-
 def no_surfaces(frame, surfaces):
     return borrow("state", maps.state_shape(*frame.shape, surfaces), True)
 
@@ -186,4 +182,4 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
         _doubt(state, layer, wanted)
         slopes = np.array([(rise, 0), (-rise, 0), (0, rise), (0, -rise)], np.float32)
         along(slopes, pool_slanted(cells, weights, frame.bin_frequencies * (step * rise), step, wanted), *of_pools,
-              SURE_SLANTED)
+              SURE)

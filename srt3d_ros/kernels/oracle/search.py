@@ -1,4 +1,4 @@
-"""The start: `prepare`, `match`, `search`, `drop_weak` and `residual`."""
+"""The start: `prepare`, `match`, `search` and `residual`."""
 
 import math
 from functools import partial
@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import torch
 
-from srt3d_ros.kernels.constants import APART, DOUBTFUL, STAY, SURE_SLANTED
+from srt3d_ros.kernels.constants import APART, DOUBTFUL, STAY, SURE
 from srt3d_ros.kernels.maps import (
     DEPTH,
     INTENSITY,
@@ -117,7 +117,7 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
 
     If `slanted`, windows along planes follow that rise by δ / σ to the right, to the left, down and up: the sums of
     cells times exp(−i ω_l slope · position) are pooled, which adds up such a plane as a flat window adds up one of
-    slope 0, and slope · position is added to t. `enough` is SURE_SLANTED then. The same pixels are pooled; one that
+    slope 0, and slope · position is added to t. `enough` is SURE then. The same pixels are pooled; one that
     has found a surface below DOUBTFUL takes another with a higher score.
 
     The cell's open pixels get depth t, the slopes, intensity S / G and standard deviation
@@ -143,7 +143,7 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
     point = crop(state, *frame.shape)[:, layer]
     doubtful = is_open & ((point[:, INTENSITY] == 0) | (point[:, SCORE] < DOUBTFUL))
     for slope in ((rise, 0.0), (-rise, 0.0), (0.0, rise), (0.0, -rise)) if slanted else ():
-        _take(frame, state, layer, step, doubtful, _pooled(matched, slope, *pools), SURE_SLANTED)
+        _take(frame, state, layer, step, doubtful, _pooled(matched, slope, *pools), SURE)
 
 
 def _open(frame, state, layer):
@@ -212,8 +212,3 @@ def _std(frame, signal, counts, share):
     background = (counts / share - signal).clamp(min=0)
     spread = share * (signal * frame.moments[0] + background * frame.moments[1])
     return (torch.sqrt(spread) / (signal * frame.curvature)).clamp(max=frame.num_bins)
-
-
-def drop_weak(state, weak):
-    """r = 0 where the score is below `weak` standard deviations; in place."""
-    state[:, :, INTENSITY].masked_fill_(state[:, :, SCORE] < weak, 0.0)
