@@ -36,7 +36,6 @@ from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.evaluation.scenes import NetScene, net_sensor
-from srt3d_ros.evaluation.scenes import NetScene, net_sensor
 from srt3d_ros.kernels import constants
 
 REPOSITORY = Path(__file__).resolve().parents[1]
