@@ -40,20 +40,20 @@ TINY = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Belief:
-    """What is taken for background.
+class BackgroundEstimate:
+    """The background of the next frame.
 
     Args:
         mean: complex [m], β̂; None: it is even.
         photons: float32 [rows, cols], background photons of a cloud; None: all photons of the frame.
-        settled: the next pass over the same frame would take the same, but for its noise.
-        doubt: complex [m], β̂ of an even background's frame that is significantly uneven; else None.
+        converged: the next pass over the same frame would estimate the same, but for its noise.
+        candidate: complex [m], β̂ of an even background's frame that is significantly uneven; else None.
     """
 
     mean: np.ndarray | None = None
     photons: np.ndarray | None = None
-    settled: bool = True
-    doubt: np.ndarray | None = None
+    converged: bool = True
+    candidate: np.ndarray | None = None
 
 
 class Background:
@@ -70,13 +70,13 @@ class Background:
         sensor = self._sensor = matcher.sensor
         self._matcher, self._omega = matcher, angular_frequencies(matcher.frequencies, sensor.num_bins)
         self._learns = kind == "auto"
-        self._first = Belief()
+        self._first = BackgroundEstimate()
         if kind != "flat" and sensor.background_shape is not None:
             k = np.arange(sensor.num_bins // 2 + 1)
             self._known = np.conj(np.fft.rfft(sensor.background_shape)) * np.exp(
                 2j * np.pi * k * sensor.first_bin_center / sensor.num_bins)
-            self._first = Belief(self._known[list(matcher.frequencies)], settled=False)
-        self.belief = self._first
+            self._first = BackgroundEstimate(self._known[list(matcher.frequencies)], converged=False)
+        self.current = self._first
 
     @property
     def is_even(self) -> bool:
@@ -85,51 +85,54 @@ class Background:
 
     def forget(self) -> None:
         """Begin anew."""
-        self.belief = self._first
+        self.current = self._first
 
-    def taken(self, belief: Belief, sketch: Sketch) -> tuple:
+    def taken(self, current: BackgroundEstimate, sketch: Sketch) -> tuple:
         """What a frame needs to take it out: photons [rows, cols], β̂ complex64 [m], clutter float32 [T]; or ()."""
-        if belief.mean is None:
+        if current.mean is None:
             return ()
-        photons = sketch.photons if belief.photons is None else belief.photons
-        return photons.astype(np.float32), belief.mean.astype(np.complex64), self._clutter(belief.mean)
+        photons = sketch.photons if current.photons is None else current.photons
+        return photons.astype(np.float32), current.mean.astype(np.complex64), self._clutter(current.mean)
 
-    def starts(self, sketch: Sketch) -> tuple[Belief, ...]:
-        """To begin with, if there is a doubt: what the last cloud left, and that all photons are background.
+    def starts(self, sketch: Sketch) -> tuple[BackgroundEstimate, ...]:
+        """Two starts for a candidate, because each fails once: what the last cloud left, and all photons.
 
-        From the first, fog that was taken for surfaces is never found; from the second, a wall that fills the view.
-        None if no doubt is left: what is too sharp is no background.
+        The first misses fog that was fitted as a surface; the second misses a wall that fills the view. None without a
+        candidate, or if both are as sharp as a surface.
         """
-        if self.belief.doubt is None:
+        candidate = self.current.candidate
+        if candidate is None:
             return ()
         passed, used = self._matcher.passed, sketch.photons * self._matcher.used
         adds = (np.conj(passed) * self._matcher.equaliser * sketch.sums).sum(axis=(0, 1))
         weights = (np.abs(passed)**2 * used[..., None]).sum(axis=(0, 1))
         everything = adds / np.maximum(weights, TINY)
-        starts = Belief(self.belief.doubt, self.belief.photons), Belief(EVERYTHING * everything)
-        return tuple(start for start, mean in zip(starts, (self.belief.doubt, everything)) if not self._is_sharp(mean))
+        tried = ((candidate, BackgroundEstimate(candidate, self.current.photons)),
+                 (everything, BackgroundEstimate(EVERYTHING * everything)))
+        return tuple(start for mean, start in tried if not self._is_sharp(mean))
 
     def _is_sharp(self, mean: np.ndarray) -> bool:
+        """Whether it has as much in the upper half of the frequencies as surfaces have."""
         upper = np.argsort(self._matcher.frequencies)[len(mean) // 2:]
         return bool((np.abs(mean[upper])**2).sum() > SHARP**2 * self._matcher.energy[upper].sum())
 
-    def learn(self, belief: Belief, estimate: Estimate) -> Belief:
-        """The belief after a frame: from the one before, and what the estimate leaves."""
-        m, found, photons = len(self._omega), estimate.left, estimate.background
-        left, seen = (found[2 * m * k:][:m] + 1j * found[2 * m * k + m:][:m] for k in (0, 1))
-        own, taken, noise = np.maximum(found[4 * m:4 * m + 3].astype(np.float64), TINY)
-        mean = np.zeros(m) if belief.mean is None else belief.mean
+    def learn(self, before: BackgroundEstimate, frame: Estimate) -> BackgroundEstimate:
+        """The background after a frame: that before, corrected by what the frame's points leave."""
+        m, sums, photons = len(self._omega), frame.left, frame.background
+        left, seen = (sums[2 * m * k:][:m] + 1j * sums[2 * m * k + m:][:m] for k in (0, 1))
+        own, taken, noise = np.maximum(sums[4 * m:4 * m + 3].astype(np.float64), TINY)
+        mean = np.zeros(m) if before.mean is None else before.mean
         uneven = left / np.maximum(self._matcher.energy, TINY) + taken * mean
         chi2 = (np.abs(uneven)**2 / (noise + np.abs(WRONG_IRF * seen)**2)).mean()
         shown = _possible(uneven / own)
-        if belief.mean is None:
-            doubtful = bool(chi2 > SIGNIFICANT)
-            return Belief(None, photons, not doubtful, shown if doubtful else None)
+        if before.mean is None:
+            found = bool(chi2 > SIGNIFICANT)
+            return BackgroundEstimate(None, photons, converged=not found, candidate=shown if found else None)
         if self._learns and chi2 < SIGNIFICANT / 2:
-            return Belief()
+            return BackgroundEstimate()
         after = _possible(mean + STEP * (shown - mean)) if self._learns else mean
         change = own * after - taken * mean
-        return Belief(after, photons, settled=bool((np.abs(change)**2).mean() < noise))
+        return BackgroundEstimate(after, photons, converged=bool((np.abs(change)**2).mean() < noise))
 
     def _clutter(self, mean: np.ndarray) -> np.ndarray:
         """`MatchedFrame.clutter`: √(variance of a background photon's response at each bin / its variance if even)."""

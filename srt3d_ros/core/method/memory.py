@@ -5,7 +5,7 @@ from copy import deepcopy
 import numpy as np
 
 from srt3d_ros.core.device import kernels_for
-from srt3d_ros.core.method.background import PASSES, Background, Belief
+from srt3d_ros.core.method.background import PASSES, Background, BackgroundEstimate
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.method.gpu_check import device_for
 from srt3d_ros.core.method.matched_frame import Matcher
@@ -58,10 +58,10 @@ class PooledStream:
         passes, start = PASSES if self._is_first else 1, self._surfaces
         self._is_first = False
         found = self._pass(sketch, start)
-        while passes > 1 and not self._background.belief.settled:
+        while passes > 1 and not self._background.current.converged:
             passes -= 1
             found = self._pass(sketch)
-            if self._background.belief.mean is None:        # no start is a background
+            if self._background.current.mean is None:        # no start is a background
                 break
         return PointCloud.of(found, sketch, self._matcher.moments)
 
@@ -69,29 +69,29 @@ class PooledStream:
         """An estimate with the background in force, which learns from it."""
         starts = self._background.starts(sketch)
         if not starts:
-            return self._estimate(sketch, self._background.belief, start)
+            return self._estimate(sketch, self._background.current, start)
         if self.surfaces > 1:           # further surfaces would take the background for themselves
             single = PooledStream(self.sensor, self._matcher.frequencies, 1, self.false_alarm_rate, self.device)
             single(sketch)
-            starts = starts[:1] if single.uneven_background == 0 else (single._background.belief,)
+            starts = starts[:1] if single.uneven_background == 0 else (single._background.current,)
         tried = []
-        for belief in starts:
-            found = self._estimate(sketch, belief)
-            tried.append((found, self._background.belief, self._surfaces))
-        found, self._background.belief, self._surfaces = min(tried, key=lambda one: one[0].misfit)
+        for background in starts:
+            found = self._estimate(sketch, background)
+            tried.append((found, self._background.current, self._surfaces))
+        found, self._background.current, self._surfaces = min(tried, key=lambda one: one[0].misfit)
         return found
 
-    def _estimate(self, sketch: Sketch, belief: Belief, start: np.ndarray | None = None) -> Estimate:
+    def _estimate(self, sketch: Sketch, background: BackgroundEstimate, start: np.ndarray | None = None) -> Estimate:
         """The estimate with a background, which becomes the one in force after it has learned."""
-        found = self._pooled(sketch, start, self._background.taken(belief, sketch))
+        found = self._pooled(sketch, start, self._background.taken(background, sketch))
         self._surfaces = deepcopy(found.state) if self._warm_start else None
-        self._background.belief = belief if self._background.is_even else self._background.learn(belief, found)
+        self._background.current = background if self._background.is_even else self._background.learn(background, found)
         return found
 
     @property
     def uneven_background(self) -> float:
         """Mean |β̂_l| of the background that is taken out of the next frame; 0 while it is even."""
-        mean = self._background.belief.mean
+        mean = self._background.current.mean
         return 0.0 if mean is None else float(np.abs(mean).mean())
 
     def forget(self) -> None:

@@ -60,7 +60,7 @@ def test_nothing_is_left_of_the_expected_background(shape, changes):
     sketch = Sketch(frequencies, sums, np.full((8, 12), 50, np.uint32))
     matcher = Matcher(sensor, frequencies)
     background = Background(matcher, "sensor")
-    photons, mean, clutter = background.taken(background.belief, sketch)
+    photons, mean, clutter = background.taken(background.current, sketch)
     before = matcher.equaliser * sums
     left = before - photons[..., None] * matcher.passed * mean
     assert np.abs(before).max() > 5 and np.abs(left).max() < 1e-3 and clutter.min() == 1 < clutter.max()
