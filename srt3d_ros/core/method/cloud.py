@@ -1,7 +1,7 @@
 """PointCloud: what a reconstruction returns."""
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -10,13 +10,38 @@ from srt3d_ros.core.sensor.projection import Pinhole, Projection
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.errors import require
 
-if TYPE_CHECKING:
-    from srt3d_ros.core.method.pooled import Estimate
-
 TINY = 1e-9
 
 # Which point of a pixel comes first: the field that a pixel's points are sorted by, and its sign.
 SURFACE_ORDERS = {"strongest": ("intensity", -1), "nearest": ("depth_bins", 1), "farthest": ("depth_bins", -1)}
+
+
+class Estimate(NamedTuple):
+    """What `pooled.Pooled` makes of a frame; N points, sorted by pixel, the strongest of a pixel first.
+
+    Args:
+        state: float32 [rows', K, FIELDS, cols'] (`kernels.maps`) on the device, a start for the next frame; valid until
+            that begins.
+        left: what the points leave unexplained (`unexplained` of the kernels); empty unless asked for.
+        background: float32 [rows, cols], background photons.
+        row, col, rank: uint16, uint16, uint8 [N], the points' pixels, and their order within these.
+        values: float32 [5, N]: depth (bins), intensity (photons), standard deviation (bins), slopes down and right.
+        xyz: float32 [N, 3], metres.
+    """
+
+    state: np.ndarray
+    left: np.ndarray
+    background: np.ndarray
+    row: np.ndarray
+    col: np.ndarray
+    rank: np.ndarray
+    values: np.ndarray
+    xyz: np.ndarray
+
+    @property
+    def misfit(self) -> float:
+        """Σ |z_l − what the points explain|², in units of the photons' noise."""
+        return float(self.left[-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +85,7 @@ class PointCloud:
                    sensor.xyz(row, col, depth), rank.astype(np.uint8), background.astype(np.float32), stamp_ns)
 
     @classmethod
-    def of(cls, found: "Estimate", sketch: Sketch, moments: np.ndarray) -> "PointCloud":
+    def of(cls, found: Estimate, sketch: Sketch, moments: np.ndarray) -> "PointCloud":
         """The cloud of an estimate of a sketch.
 
         A sketch that was moved has more variance than its photons have, by `added_variance`; that of the photons is

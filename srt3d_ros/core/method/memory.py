@@ -6,10 +6,10 @@ import numpy as np
 
 from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.method.background import PASSES, Background, BackgroundEstimate
-from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.method.cloud import Estimate, PointCloud
 from srt3d_ros.core.method.gpu_check import device_for
 from srt3d_ros.core.method.matched_frame import Matcher
-from srt3d_ros.core.method.pooled import Estimate, Pooled
+from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, check_options
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch

@@ -11,10 +11,10 @@ depths. `core.baselines.sketched.SRT3D` is the paper's own, step by step.
 
 from functools import partial
 from math import ceil
-from typing import NamedTuple
 
 import numpy as np
 
+from srt3d_ros.core.method.cloud import Estimate
 from srt3d_ros.core.method.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.method.thresholds import continuation_threshold, score_threshold
 from srt3d_ros.core.sketching.sketch import Sketch
@@ -31,34 +31,6 @@ from srt3d_ros.kernels.constants import (
 )
 
 WINDOW = 7              # pixels along the side of the square over which background photons are averaged
-
-
-class Estimate(NamedTuple):
-    """What `Pooled` makes of a frame; N points, sorted by pixel, the strongest of a pixel first.
-
-    Args:
-        state: float32 [rows', K, FIELDS, cols'] (`kernels.maps`) on the device, a start for the next frame; valid until
-            that begins.
-        left: what the points leave unexplained (`unexplained` of the kernels); empty unless asked for.
-        background: float32 [rows, cols], background photons.
-        row, col, rank: uint16, uint16, uint8 [N], the points' pixels, and their order within these.
-        values: float32 [5, N]: depth (bins), intensity (photons), standard deviation (bins), slopes down and right.
-        xyz: float32 [N, 3], metres.
-    """
-
-    state: np.ndarray
-    left: np.ndarray
-    background: np.ndarray
-    row: np.ndarray
-    col: np.ndarray
-    rank: np.ndarray
-    values: np.ndarray
-    xyz: np.ndarray
-
-    @property
-    def misfit(self) -> float:
-        """Σ |z_l − what the points explain|², in units of the photons' noise."""
-        return float(self.left[-1])
 
 
 class Pooled:
