@@ -210,6 +210,7 @@ class Reconstructor:
 
     Attributes:
         device: "cpu" or "cuda", where it computes.
+        why: the reason, for people to read.
 
     Raises:
         InvalidInput: naming the argument that cannot be used.
@@ -228,6 +229,7 @@ class Reconstructor:
         self._method = find(method).build(sensor, self._frequencies,
                                           **{name: value for name, value in own.items() if value is not None})
         self.device, self._is_warm = self._method.device, False
+        self.why = getattr(self._method, "why", "the only one of this method" if device == "auto" else "asked for")
 
     @property
     def uneven_background(self) -> float:

@@ -204,7 +204,8 @@ class ReconstructorNode(PipelineNode):
         self._built[kind] = reconstructor
         if len(self._built) > BUILT_KEPT:
             del self._built[next(iter(self._built))]
-        self.diagnostics.show(device=reconstructor.device, frequencies=" ".join(map(str, sketch.frequencies)))
+        self.diagnostics.show(device=f"{reconstructor.device}: {reconstructor.why}",
+                              frequencies=" ".join(map(str, sketch.frequencies)))
         return reconstructor
 
     def _publish(self, seen: Cloud, sketch: Sketch, frame_id: str) -> None:

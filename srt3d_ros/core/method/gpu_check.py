@@ -18,14 +18,14 @@ SIGMAS = 0.1            # within so many standard deviations
 PHOTONS = 40            # of a pixel of the frame that is tried; half of them signal
 
 
-def device_for(sensor: SensorModel, frequencies: tuple[int, ...], build: Callable) -> str:
-    """"cuda" if a frame of this sensor comes out as on the CPU and faster; else "cpu", and Python's log says why.
+def device_for(sensor: SensorModel, frequencies: tuple[int, ...], build: Callable) -> tuple[str, str]:
+    """"cuda" if a frame of this sensor comes out as on the CPU and faster; else "cpu"; and why, as the log says, too.
 
     `build` makes the reconstructor that will take the frames, of a device's name.
     """
     if missing := missing_for_cuda():
         say_once(missing)
-        return "cpu"
+        return "cpu", missing
     frame = _frame(sensor, frequencies)
     try:
         (wanted, cpu_s), (found, gpu_s) = (_timed(build(device), frame) for device in ("cpu", "cuda"))
@@ -37,7 +37,7 @@ def device_for(sensor: SensorModel, frequencies: tuple[int, ...], build: Callabl
             f"{1e3 * gpu_s:.0f} ms a frame instead of {1e3 * cpu_s:.0f}" if gpu_s >= cpu_s else ""
     if refused:
         logging.getLogger(__name__).warning(f"the GPU is not used ({refused}): computing on the CPU")
-    return "cpu" if refused else "cuda"
+    return ("cpu", refused) if refused else ("cuda", f"{1e3 * gpu_s:.0f} ms a frame, on the CPU {1e3 * cpu_s:.0f}")
 
 
 def _frame(sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:

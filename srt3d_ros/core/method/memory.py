@@ -29,6 +29,9 @@ class PooledStream:
         warm_start: begin with the last frame's surfaces where this one's photons still support them, and search for
             the others: less depth error while the scene goes on. For frames that follow each other.
 
+    Attributes:
+        device, why: where it computes, and the reason, for people to read.
+
     Raises:
         InvalidInput: for a parameter that cannot be used.
     """
@@ -38,8 +41,9 @@ class PooledStream:
                  background: str = "auto", warm_start: bool = False):
         check_options(surfaces, false_alarm_rate)
         self._matcher = Matcher(sensor, frequencies)
+        self.why = "asked for"
         if device == "auto":
-            device = device_for(sensor, self._matcher.frequencies, lambda name: PooledStream(
+            device, self.why = device_for(sensor, self._matcher.frequencies, lambda name: PooledStream(
                 sensor, frequencies, surfaces, false_alarm_rate, name, background, warm_start))
         self.device, self._kernels = kernels_for(device)
         self.sensor, self.surfaces, self.false_alarm_rate = sensor, surfaces, false_alarm_rate

@@ -27,18 +27,18 @@ def auto(monkeypatch, caplog):
         monkeypatch.setattr(memory, "kernels_for", lambda name: (name, {"cpu": cpu, "cuda": kernels}[name]))
         with caplog.at_level(logging.INFO):
             chosen = PooledStream(sensor, choose("auto", sensor, 7), surfaces, device="auto")
-        return chosen.device, chosen._kernels is kernels, caplog.messages
+        return chosen.device, chosen._kernels is kernels, chosen.why, caplog.messages
     return take
 
 
 @pytest.mark.parametrize(("surfaces", "changes"), [(1, {}), (2, {}), (1, {"delay": True})])
 def test_a_gpu_that_does_the_same_and_sooner_is_taken(auto, surfaces, changes):
     sensor = make_sensor(12, 17, delay_bins=90 * (SENSOR.rays[..., 0] > 0)) if changes else SENSOR
-    assert auto(sensor, surfaces=surfaces) == ("cuda", True, [])
+    assert auto(sensor, surfaces=surfaces) == ("cuda", True, "5 ms a frame, on the CPU 20", [])
 
 
 def test_one_that_is_slower_is_not(auto):
-    assert auto(gpu_ms=21) == ("cpu", False, [
+    assert auto(gpu_ms=21) == ("cpu", False, "21 ms a frame instead of 20", [
         "the GPU is not used (21 ms a frame instead of 20): computing on the CPU"])
 
 
@@ -48,7 +48,7 @@ def test_one_that_computes_otherwise_is_not(auto):
         after[20, :, 0] += 3
         return after
 
-    *taken, said = auto(pooled_step=wrong)
+    *taken, _, said = auto(pooled_step=wrong)
     assert taken == ["cpu", False] and len(said) == 1
     expected = r"the GPU is not used \(\d\d\.\d % of its pixels are as on the CPU\): computing on the CPU"
     assert re.fullmatch(expected, said[0])
@@ -58,7 +58,7 @@ def test_one_that_fails_is_not(auto):
     def fail(*arguments, **more):
         raise RuntimeError("CUDA out of memory.\nTried to allocate")
 
-    assert auto(match=fail, search=fail) == ("cpu", False, [
+    assert auto(match=fail, search=fail) == ("cpu", False, "CUDA out of memory.", [
         "the GPU is not used (CUDA out of memory.): computing on the CPU"])
 
 
