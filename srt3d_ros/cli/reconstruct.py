@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from srt3d_ros.cli import common
 from srt3d_ros.core.method.background import BACKGROUNDS
 from srt3d_ros.core.method.cloud import SURFACE_ORDERS
+from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.core.sketching.gate import AUTO, OFF
@@ -41,8 +42,8 @@ def add_parser(subparsers) -> None:
                         help=f"how to reconstruct: {', '.join(METHODS)} ({DEFAULT_METHOD})")
     common.add_device(parser)
     parser.add_argument("--false-alarm-rate", type=float, metavar="P",
-                        help="probability that a pixel with background alone shows a point (pooled: 1e-4; smle and "
-                             "xcorr: show a point wherever there are photons)")
+                        help=f"probability that a pixel with background alone shows a point (pooled: "
+                             f"{DEFAULT_FALSE_ALARM_RATE:g})")
     parser.add_argument("--background", choices=BACKGROUNDS,
                         help="how it spreads over the bins (pooled): as the frame itself shows, if that is "
                              "significantly uneven (auto, the default); as the file says (sensor); evenly (flat)")
