@@ -83,14 +83,12 @@ def test_pixelwise_methods_show_a_point_wherever_there_are_photons(name):
 
 # On planes those of pooled are up to 1.75 times the errors: what noise moves depths off the plane is not told from
 # relief, of which scenes have some, as the tests of coverage say.
-@pytest.mark.parametrize(("name", "per_col", "sbr", "ppp", "gain", "least", "most"), [
-    *(("pooled", *light, 1 / 1.8, 1.3) for light in (
-        (0, 10, 100, 1), (0.3, 1, 100, 0.25), (0.5, 10, 1000, 1), (0.5, 10, 10, 1), (2, 1, 30, 1))),
-    ("smle", 0.3, 10, 300, 1, 0.85, 1.15), ("smle", 0.3, 1, 300, 1, 0.85, 1.15), ("xcorr", 0.3, 10, 200, 1, 0.9, 1.5)])
-def test_errors_are_as_large_as_their_standard_deviations_say(name, per_col, sbr, ppp, gain, least, most):
+@pytest.mark.parametrize(("per_col", "sbr", "ppp", "gain"), [
+    (0, 10, 100, 1), (0.3, 1, 100, 0.25), (0.5, 10, 1000, 1), (0.5, 10, 10, 1), (2, 1, 30, 1)])
+def test_errors_are_as_large_as_their_standard_deviations_say(per_col, sbr, ppp, gain):
     depth, sensor = ramp(40, 40, 200.3, per_col, 0.2), make_sensor(40, 40, gain=np.full((40, 40), gain))
-    cloud = run(name, simulate(depth, sbr, ppp, sensor), sensor)
-    assert least < np.sqrt(((errors(cloud, depth) / cloud.depth_std_bins)**2).mean()) < most
+    cloud = run("pooled", simulate(depth, sbr, ppp, sensor), sensor)
+    assert 1 / 1.8 < np.sqrt(((errors(cloud, depth) / cloud.depth_std_bins)**2).mean()) < 1.3
 
 
 @every_method

@@ -41,17 +41,14 @@ class SketchedBaseline:
         self.device, self.kernels = kernels_for(device)
         self.sensor, self.surfaces = sensor, surfaces
         self._matcher = Matcher(sensor, frequencies)
-        self.steps = weighted_steps(sensor, self._matcher.frequencies, self.precise)
-        self._table = self.kernels.array(self.steps.table)
+        self._table = self.kernels.array(weighted_steps(sensor, self._matcher.frequencies, self.precise))
 
     def __call__(self, sketch: Sketch) -> PointCloud:
         """The point cloud of one frame's sketch."""
         frame = self._matcher(sketch)
         depth, intensity = map(self.kernels.numpy, self._points(frame, frame.on(self.kernels)))
-        signal = intensity * frame.exposure[:, None]
-        std = self.steps.depth_std(signal, frame.counts[:, None])
-        background = np.maximum(sketch.photons - signal.sum(axis=1), 0)
-        return PointCloud.from_layers(self.sensor, depth, intensity, std, background, sketch.stamp_ns)
+        background = np.maximum(sketch.photons - (intensity * frame.exposure[:, None]).sum(axis=1), 0)
+        return PointCloud.from_layers(self.sensor, depth, intensity, background, sketch.stamp_ns)
 
     def _points(self, frame: MatchedFrame, there: MatchedFrame) -> tuple:
         """Depth (bins) and intensity of the surfaces, float32 [rows, K, cols] on the device; intensity 0 = no point.

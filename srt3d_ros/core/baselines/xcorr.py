@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.baselines.toa import DepthInformation, PixelToa, by_pixel
+from srt3d_ros.core.baselines.toa import PixelToa, by_pixel
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.method.thresholds import check_options
 from srt3d_ros.core.progress import progress
@@ -38,16 +38,13 @@ class XCORR:
         check_options(surfaces, None)
         self.device = "cpu"
         self.sensor, self.surfaces = sensor, surfaces
-        self._information = DepthInformation(sensor)
 
     def __call__(self, frame: PhotonFrame) -> PointCloud:
         """The point cloud of one frame."""
         photons = by_pixel(frame, self.sensor)
         peaks = correlate(photons, self.sensor, self.surfaces)
-        seen = self.sensor.exposure
-        std = self._information.std(peaks.intensity * seen[:, None], (peaks.background * seen)[:, None])
-        background = peaks.background * seen * self.sensor.num_bins
-        return PointCloud.from_layers(self.sensor, peaks.depth, peaks.intensity, std, background, photons.stamp_ns)
+        background = peaks.background * self.sensor.exposure * self.sensor.num_bins
+        return PointCloud.from_layers(self.sensor, peaks.depth, peaks.intensity, background, photons.stamp_ns)
 
     def warm_up(self) -> None:
         """Do nothing: there is nothing to compile."""
