@@ -16,12 +16,12 @@ from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.metrics import Metrics, evaluate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.core.viewpoint import Viewpoint, point_radius_m
 from srt3d_ros.datasets.simulation.motion_profiles import walk
 from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.simulation.room import Room
 from srt3d_ros.pictures import annotations
 from srt3d_ros.pictures.cloud_renderer import CloudStyle
+from srt3d_ros.pictures.viewpoint import Viewpoint, point_radius_m
 
 HEADINGS = {"not_moved": "photons added", "moved": "parts of the frame moved first (deskewed)"}
 EYE = Viewpoint(np.array([1.1, -0.5, -0.3]), np.array([0.05, 0.1, 2.6]), np.array([0.0, -1, 0]), fov_deg=46)

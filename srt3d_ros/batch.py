@@ -14,6 +14,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from srt3d_ros import api
 from srt3d_ros.datasets import Photons, readers
 from srt3d_ros.datasets.bags.bag import is_bag
 from srt3d_ros.datasets.bags.frames import BagFrames
@@ -21,15 +22,21 @@ from srt3d_ros.datasets.options import gathered
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.new_files import file_errors
 from srt3d_ros.recording import cloud_files
-from srt3d_ros.request import Request
 from srt3d_ros.results import Sketch
 
 PROGRESS_S = 0.1 if sys.stderr.isatty() else 10.0       # between two lines of progress in a log
 DIED = "memory enough (fewer --jobs take less); the same command goes on"
 
 
-def reconstruct_frames(request: Request, folder: Path, suffix: str, jobs: int) -> dict:
-    """Reconstruct all frames into a folder, but those whose file is there.
+def reconstruct_frames(path: Path, photons_topic: str, overrides: dict, options: dict, folder: Path, suffix: str,
+                       jobs: int) -> dict:
+    """Reconstruct all frames into a folder, but those whose file is there; each by itself, whatever was done before.
+
+    Args:
+        path, photons_topic, overrides: of a bag or log, as of `srt3d_ros.read`.
+        options: of `srt3d_ros.reconstruct`.
+        folder, suffix: of the files.
+        jobs: processes.
 
     Returns:
         What became of them: how many frames, of which earlier, done and failed; points; notes.
@@ -37,7 +44,7 @@ def reconstruct_frames(request: Request, folder: Path, suffix: str, jobs: int) -
     Raises:
         InvalidInput: an option, the input or the folder cannot be used, a process died, or the first frame fails.
     """
-    with _frames(request) as (length, readers):
+    with _frames(path, photons_topic, gathered(overrides, path=path.absolute())) as (length, readers):
         files = [folder / f"frame_{number:06d}.{suffix}" for number in range(length)]
         with file_errors("output", folder):
             folder.mkdir(parents=True, exist_ok=True)
@@ -57,7 +64,7 @@ def reconstruct_frames(request: Request, folder: Path, suffix: str, jobs: int) -
                 future = _here(read)
                 if future.exception() is None:
                     submit = partial(_submit, executor) if found["done"] else _here      # the first here: it compiles
-                    future = submit(save, request, future.result(), files[number])
+                    future = submit(save, future.result(), options, files[number])
                 waiting.append((number, future))
                 if not found["done"] or len(waiting) == 2 * jobs:
                     _count(found, *waiting.popleft(), bar)
@@ -100,9 +107,9 @@ def _count(found: dict, number: int, future: futures.Future, bar: tqdm) -> None:
     bar.update()
 
 
-def save(request: Request, seen: Photons | Sketch, file: Path) -> tuple[int, tuple[str, ...]]:
+def save(seen: Photons | Sketch, options: dict, file: Path) -> tuple[int, tuple[str, ...]]:
     """Write the cloud of a frame; returns its points, and notes."""
-    cloud = request.cloud(seen)
+    cloud = api.reconstruct(seen, **options)
     cloud.save(file)
     return len(cloud), cloud.notes
 
@@ -116,12 +123,10 @@ def _begin(cores: int) -> None:
 
 
 @contextmanager
-def _frames(request: Request) -> Iterator[tuple]:
+def _frames(path: Path, photons_topic: str, options: dict) -> Iterator[tuple]:
     """How many frames the input has, and in their order the number of each with a function that reads it."""
-    path = request.input
-    options = gathered(request.overrides, path=path.absolute())     # a bag may be the folder "."
     if is_bag(path):
-        with BagFrames(path, request.photons_topic) as bag:
+        with BagFrames(path, photons_topic) as bag:
             yield len(bag), ((frame.number, partial(bag.read, frame, options)) for frame in bag)
         return
     module = readers.module_of(path)

@@ -25,7 +25,7 @@ def add_parser(subparsers) -> None:
     parser.add_argument("--surfaces", type=int, metavar="K",
                         help="most surfaces in a pixel (the net: 2; a file: as many as it has references)")
     parser.add_argument("--false-alarm-rate", type=float, metavar="P",
-                        help="of the methods that have one, as for `srt3d reconstruct`: pooled, smle, xcorr")
+                        help="as for `srt3d reconstruct`: pooled")
     parser.add_argument("--background", choices=BACKGROUNDS,
                         help="how it spreads over the bins, as for `srt3d reconstruct`: pooled")
     simulated = parser.add_argument_group("simulated scenes")

@@ -2,11 +2,8 @@
 
 import argparse
 import importlib
-import logging
 import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
 
 from srt3d_ros import __version__
 from srt3d_ros.errors import InvalidInput, printable
@@ -23,8 +20,6 @@ EXTRAS = {"rclpy": "ros", "std_msgs": "ros", "sensor_msgs": "ros", "nav_msgs": "
           "jinja2": "review", "rosbags": "bags", "torch": "gpu", "ptufile": "lab", "sdtfile": "lab", "h5py": "lab"}
 DRAWING = ("demo", "review")        # commands that need all of `review`, which includes `record`
 
-COMPUTING = ("reconstruct", "evaluate")     # commands that run kernels in this process
-
 FAILED = 1
 BAD_INPUT = 2
 INTERRUPTED = 130
@@ -36,19 +31,6 @@ class OneLineParser(argparse.ArgumentParser):
 
     def error(self, message: str):
         self.exit(BAD_INPUT, f"srt3d: error: {printable(message)} (see {self.prog} --help)\n")
-
-
-@contextmanager
-def kernel_log() -> Iterator[None]:
-    """Show on stderr what the kernels log: that they are being compiled, and for how long. Nodes log it themselves."""
-    kernels, handler = logging.getLogger("srt3d_ros.kernels"), logging.StreamHandler()
-    handler.setFormatter(logging.Formatter("srt3d: %(message)s"))
-    kernels.setLevel(logging.INFO)
-    kernels.addHandler(handler)
-    try:
-        yield
-    finally:
-        kernels.removeHandler(handler)
 
 
 def parser(commands: tuple[str, ...]) -> argparse.ArgumentParser:
@@ -75,8 +57,7 @@ def main(argv: list[str] | None = None) -> int:
             top.prog = f"{top.prog} {named}"        # whose help is the one to see
             top.error(f"unrecognized arguments: {' '.join(unknown)}")
         args.typed = argv if typed else None
-        with kernel_log() if named in COMPUTING else nullcontext():
-            code = args.run(args)
+        code = args.run(args)
         sys.stdout.flush()
         return code
     except BrokenPipeError:

@@ -2,18 +2,14 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from srt3d_ros.cli import common
 from srt3d_ros.core.method.background import BACKGROUNDS
-from srt3d_ros.core.method.cloud import SURFACE_ORDERS
+from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.core.sketching.gate import AUTO, OFF
 from srt3d_ros.errors import require
-
-if TYPE_CHECKING:
-    from srt3d_ros.request import Request
 
 METHOD_OPTIONS = ("method", "sketch_size", "frequencies", "surfaces", "device", "false_alarm_rate", "background")
 MANY_OPTIONS = ("format", "jobs")
@@ -35,14 +31,12 @@ def add_parser(subparsers) -> None:
                         help="which they are: least expected error for the IRF (auto), 1 … M (consecutive), "
                              "or a list; unless given what the method is published with, else auto")
     parser.add_argument("--surfaces", type=int, default=1, metavar="K", help="most surfaces in a pixel (1)")
-    parser.add_argument("--surface-order", choices=SURFACE_ORDERS, default="strongest",
-                        help="which of a pixel's surfaces comes first in the file (strongest)")
     parser.add_argument("--method", default=DEFAULT_METHOD, metavar="NAME",
                         help=f"how to reconstruct: {', '.join(METHODS)} ({DEFAULT_METHOD})")
     common.add_device(parser)
     parser.add_argument("--false-alarm-rate", type=float, metavar="P",
-                        help="probability that a pixel with background alone shows a point (pooled: 1e-4; smle and "
-                             "xcorr: show a point wherever there are photons)")
+                        help=f"probability that a pixel with background alone shows a point (pooled: "
+                             f"{DEFAULT_FALSE_ALARM_RATE:g})")
     parser.add_argument("--background", choices=BACKGROUNDS,
                         help="how it spreads over the bins (pooled): as the frame itself shows, if that is "
                              "significantly uneven (auto, the default); as the file says (sensor); evenly (flat)")
@@ -56,34 +50,30 @@ def add_parser(subparsers) -> None:
     many.add_argument("--frames", choices=("all",), help="every frame by itself")
     many.add_argument("--format", metavar="SUFFIX", help="of the files: npz, ply, pcd, … as for OUT (npz)")
     many.add_argument("--jobs", type=int, metavar="N", help="processes, among which the cores are divided (1)")
-    parser.add_argument("--dark", metavar="FILE",
-                        help="photon file recorded without the laser's echo: how the background spreads over the bins")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     from srt3d_ros.new_files import check_not_input
-    from srt3d_ros.request import Request
 
-    check_not_input(args.output, args.input, args.dark, args.irf)
+    check_not_input(args.output, args.input, args.irf)
     options = common.given(args, METHOD_OPTIONS) | {"gate": args.gate if args.gate == AUTO else OFF}
-    dark = args.dark and str(Path(args.dark).absolute())       # workers may have another working directory
-    request = Request(Path(args.input), args.photons_topic, common.overrides(args), options, dark, args.surface_order)
     if args.frames is None:
         for name in MANY_OPTIONS:
             require(getattr(args, name) is None, name, getattr(args, name), "nothing without --frames")
-        return _one(request, args)
+        return _one(args, options)
     require(args.frame == 0, "frame", args.frame, "nothing beside --frames")
     require(args.jobs is None or args.jobs >= 1, "jobs", args.jobs, "1 or more")
-    return _many(request, args)
+    return _many(args, options)
 
 
-def _one(request: "Request", args: argparse.Namespace) -> int:
+def _one(args: argparse.Namespace, options: dict) -> int:
     from srt3d_ros import api
     from srt3d_ros.recording import cloud_files
 
     cloud_files.check(args.output)
-    cloud = request.cloud(api.read(request.input, args.frame, photons_topic=request.photons_topic, **request.overrides))
+    seen = api.read(args.input, args.frame, photons_topic=args.photons_topic, **common.overrides(args))
+    cloud = api.reconstruct(seen, **options)
     cloud.save(args.output)
     facts = cloud.facts | {"output": str(args.output)}
     common.print_notes(cloud.notes)     # only now: a mistake is one line
@@ -94,10 +84,11 @@ def _one(request: "Request", args: argparse.Namespace) -> int:
     return 0
 
 
-def _many(request: "Request", args: argparse.Namespace) -> int:
+def _many(args: argparse.Namespace, options: dict) -> int:
     from srt3d_ros.batch import reconstruct_frames
 
-    found = reconstruct_frames(request, Path(args.output).absolute(), args.format or "npz", args.jobs or 1)
+    found = reconstruct_frames(Path(args.input), args.photons_topic, common.overrides(args), options,
+                               Path(args.output).absolute(), args.format or "npz", args.jobs or 1)
     common.print_notes(found["notes"])
     if found["failed"]:
         common.print_notes([f"{found['failed']} of {found['frames']} frames failed; the same command tries them again"])

@@ -4,7 +4,6 @@ import argparse
 import json
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 from srt3d_ros.cli import common
@@ -24,7 +23,7 @@ def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
         "review", help="what a recording holds: figures, and a report with pictures and plots",
         description="Print the figures of a recording (.rrd) and write a report with pictures and plots that opens in "
-                    "any browser. Of a recording that was cut off, it shows what can be read.")
+                    "any browser.")
     parser.add_argument("recording", metavar="RECORDING", type=Path, help="the .rrd file")
     parser.add_argument("-o", "--output", metavar="OUT", type=Path, help="the report (RECORDING.html)")
     parser.add_argument("--no-report", action="store_true", help="print the figures only")
@@ -50,26 +49,19 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _review(path: Path, report: Path | None, as_json: bool) -> int:
-    from srt3d_ros.recording.rrd_file import copy_readable, is_finished
     from srt3d_ros.review.recorded import Recorded
     from srt3d_ros.review.summary import format_summary, summarise
 
-    with tempfile.TemporaryDirectory() as folder:
-        source, note = path, ""
-        if not is_finished(path):
-            source, note = Path(folder) / path.name, f"{path} was cut off: this is what can be read"
-            copy_readable(path, source)
-            common.print_notes((note,))
-        recorded = Recorded.read(source)
-        summary = summarise(recorded) | {"recording": str(path)}
-        if not as_json:
-            print(format_summary(summary), flush=True)
-        if report is not None:
-            from srt3d_ros.review.report import write_report
+    recorded = Recorded.read(path)
+    summary = summarise(recorded)
+    if not as_json:
+        print(format_summary(summary), flush=True)
+    if report is not None:
+        from srt3d_ros.review.report import write_report
 
-            write_report(recorded, summary, report, note)
+        write_report(recorded, summary, report)
     if as_json:
-        print(json.dumps(summary | {"note": note, "report": report and str(report)}, allow_nan=False))
+        print(json.dumps(summary | {"report": report and str(report)}, allow_nan=False))
     elif report:
         print(f"\n{report}")
     return 0

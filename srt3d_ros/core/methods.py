@@ -56,9 +56,8 @@ METHODS = {method.name: method for method in (
     Method("srt3d", "SRT3D as published, gradient steps on pixels' sketches and an APSS denoiser", "sketch",
            "srt3d_ros.core.baselines.sketched:SRT3D", "consecutive"),
     Method("smle", "maximum likelihood on each pixel's sketch", "sketch", "srt3d_ros.core.baselines.sketched:SMLE",
-           "consecutive", ("false_alarm_rate",)),
-    Method("xcorr", "matched filter on each pixel's histogram", "photons", "srt3d_ros.core.baselines.xcorr:XCORR",
-           options=("false_alarm_rate",)),
+           "consecutive"),
+    Method("xcorr", "matched filter on each pixel's histogram", "photons", "srt3d_ros.core.baselines.xcorr:XCORR"),
     Method("rt3d", "RT3D as published, gradient steps on every time of arrival and an APSS denoiser", "photons",
            "srt3d_ros.core.baselines.rt3d:RT3D"),
 )}

@@ -77,9 +77,8 @@ def read_text(path: Path) -> str:
         return path.read_text(encoding="utf-8-sig")
 
 
-def read_npz_arrays(path: Path, names: tuple[str, ...] | None = None, field: str = "photon file"
-                    ) -> dict[str, np.ndarray]:
-    """Arrays of an .npz file, those of `names` that it has, or all; no pickles, sizes checked against the headers.
+def read_npz_arrays(path: Path, names: tuple[str, ...], field: str = "photon file") -> dict[str, np.ndarray]:
+    """Those of the arrays `names` that an .npz file has; no pickles, sizes checked against the headers.
 
     Args:
         field: what the file is, to say that it is absent.

@@ -59,20 +59,16 @@ def gaussian(sigma_bins: float) -> np.ndarray:
 def read(source: str | Path | np.ndarray | list, folder: Path | None = None) -> np.ndarray:
     """An IRF given as an array or list, or as the path of a file; float64 [L] or [pixels, L], not yet normalised.
 
-    A file is .npy, .npz (its array `irf`, its only array, or the one named in "FILE.npz:NAME"), or .csv or .txt with
-    one number to a line. Paths are relative to `folder`.
+    A file is .npy, .npz (its array `irf`), or .csv or .txt with one number to a line. Paths are relative to `folder`.
 
     Raises:
         InvalidInput: the file or its content cannot be used.
     """
     if isinstance(source, (str, Path)):
-        text, key = str(source), None
-        if ".npz:" in text:
-            text, key = text.rsplit(":", 1)
-        path = (folder or Path()) / text
-        require(path.suffix.lower() in SUFFIXES, "irf", text, f"a file {', '.join(SUFFIXES)}")
+        path = (folder or Path()) / source
+        require(path.suffix.lower() in SUFFIXES, "irf", str(source), f"a file {', '.join(SUFFIXES)}")
         require_file(path, "irf")
-        values = _read_file(path, key)
+        values = _read_file(path)
     else:
         values = source
     try:
@@ -136,15 +132,11 @@ def estimated(events: PhotonEvents, num_bins: int, guess: bool = False) -> tuple
         return np.ones(1), "IRF taken to be one bin: none can be seen in the photons, give irf (--irf)"
 
 
-def _read_file(path: Path, key: str | None) -> np.ndarray:
+def _read_file(path: Path) -> np.ndarray:
     if path.suffix.lower() == ".npz":
-        arrays = read_npz_arrays(path, None if key is None else (key,), "irf")
-        if key is None and "irf" not in arrays:
-            numeric = [name for name, array in arrays.items() if array.dtype.kind in "iuf" and array.ndim]
-            require(len(numeric) == 1, f"{path.name} arrays", ", ".join(arrays), "one named irf, or FILE.npz:NAME")
-            key = numeric[0]
-        require((key or "irf") in arrays, f"{path.name} array", key, f"one of {', '.join(arrays)}")
-        return arrays[key or "irf"]
+        arrays = read_npz_arrays(path, ("irf",), "irf")
+        require("irf" in arrays, f"{path.name} array irf", "missing", "the impulse response")
+        return arrays["irf"]
     if path.suffix.lower() == ".npy":
         return map_npy(path, f"irf file {path.name}")
     require(path.stat().st_size <= MAX_TEXT_BYTES, f"irf file {path.name}", f"{path.stat().st_size} bytes",

@@ -18,9 +18,8 @@ OWN = (*NUMBERS, "irf", *MAPS, *TEXTS)                          # arguments of S
 FIRST_REFERENCES = ("ref_depth_ml_bins", "ref_depth_bins")      # the better one first
 MAX_SURFACES = 8
 OTHER_REFERENCES = tuple(f"ref_depth_bins_{k}" for k in range(2, MAX_SURFACES + 1))
-INTENSITY = "ref_refl_photons"
-KNOWN = (*OWN, "pixel", "toa", "stamp_ns", *FIRST_REFERENCES, *OTHER_REFERENCES, INTENSITY, "fov_deg",
-         "projection", "projection_values", "distortion", "gate_words")
+KNOWN = (*OWN, "pixel", "toa", "stamp_ns", *FIRST_REFERENCES, *OTHER_REFERENCES, "fov_deg", "projection",
+         "projection_values", "distortion", "gate_words")
 
 
 def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame,

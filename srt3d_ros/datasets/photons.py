@@ -35,8 +35,6 @@ class Photons:
             SensorModel), NaN = unknown or no surface; None if the file has none.
         name: the file's name without its suffix.
         notes: one line each for what was assumed, estimated or left out on the way. Show them to the user.
-        reference_intensity: float32, shape of the reference depths, expected signal photons of the surfaces in the
-            frame, NaN = unknown; None if the file has none.
     """
 
     sensor: SensorModel
@@ -44,7 +42,6 @@ class Photons:
     reference_depth_bins: np.ndarray | None = None
     name: str = NAME
     notes: tuple[str, ...] = ()
-    reference_intensity: np.ndarray | None = None
 
     @classmethod
     def from_events(cls, row: Any, col: Any, toa: Any, *, sensor: SensorModel | None = None, stamp_ns: int = 0,

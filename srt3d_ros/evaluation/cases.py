@@ -1,7 +1,7 @@
 """Cases: photons with a known truth, from the simulator or from files, made when they are needed."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -168,13 +168,8 @@ def photons_near(frame: PhotonEvents, depth_bins: np.ndarray, bins: float, senso
 
 
 def _observed(photons: Photons, held_out_share: float | None) -> Observation:
-    observation = Observation(photons.events, photons.reference_depth_bins, photons.reference_intensity)
-    if held_out_share is None:
-        return observation
-    frame, kept = held_out.split(observation.frame, held_out_share)
-    intensity = observation.intensity
-    return replace(observation, frame=frame, held_out=kept,
-                   intensity=None if intensity is None else (1 - held_out_share) * intensity)
+    frame, kept = (photons.events, None) if held_out_share is None else held_out.split(photons.events, held_out_share)
+    return Observation(frame, photons.reference_depth_bins, held_out=kept)
 
 
 def _open_scene(scene: str):

@@ -13,6 +13,7 @@ from srt3d_ros import __version__
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.methods import Method
 from srt3d_ros.core.metrics import evaluate, median_offset
+from srt3d_ros.core.progress import compiling
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import InvalidInput
@@ -110,7 +111,8 @@ def reconstruct(job: Job, observation: Observation) -> tuple[PointCloud, dict]:
         photons = Photons(sensor, seen)
         seen, sketch_ms = _timed(lambda: photons.sketch(frequencies=frequencies))
     method = job.method.build(sensor, frequencies, **options)
-    method.warm_up()
+    with compiling():
+        method.warm_up()
     cloud, elapsed_ms = _timed(lambda: method(seen))
     return cloud, {"frequencies": frequencies, "sketch_ms": sketch_ms, "reconstruct_ms": elapsed_ms}
 

@@ -39,7 +39,7 @@ PARAMETERS = (
     Parameter("surface_order", "strongest", "Which surface of a pixel comes first in `points`. Images show only "
               "that one. With `surfaces` of 2 or more, nearest shows a net or fog, and farthest what is behind it.",
               choices=tuple(SURFACE_ORDERS), live=True),
-    Parameter("false_alarm_rate", DEFAULT_FALSE_ALARM_RATE, "pooled, smle: fraction of the pixels without a surface "
+    Parameter("false_alarm_rate", DEFAULT_FALSE_ALARM_RATE, "pooled: fraction of the pixels without a surface "
               "that may show a false point.", low=1e-12, high=0.5, live=True),
     Parameter("background", BACKGROUNDS[0], "pooled: distribution of the background over the bins. auto: what the "
               "last clouds left unexplained, or even while that is not significant. sensor: the sensor's "

@@ -8,9 +8,9 @@ from PIL import Image
 from srt3d_ros.colours import BACKGROUND, range_table
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.viewpoint import Viewpoint, look_at
 from srt3d_ros.pictures.cloud_renderer import CloudStyle, focal_px
 from srt3d_ros.pictures.figures import DPI, as_image
+from srt3d_ros.pictures.viewpoint import Viewpoint, look_at
 
 TEXT, DIM = "#e8eaed", "#8b939e"
 BEHIND = tuple(np.divide(BACKGROUND, 255))      # the background of clouds, as matplotlib takes colours

@@ -12,7 +12,7 @@ import numpy as np
 from srt3d_ros.colours import BACKGROUND, levels, percentile_range, range_table
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.viewpoint import Viewpoint, point_radius_m
+from srt3d_ros.pictures.viewpoint import Viewpoint, point_radius_m
 
 _OUTSIDE = (96, 104, 116)
 _RADIUS_PER_DISTANCE = 0.6      # neighbours then just overlap

@@ -11,12 +11,12 @@ from srt3d_ros.colours import BACKGROUND, range_table
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents
-from srt3d_ros.core.viewpoint import Viewpoint, look_at, pixel_pitch_rad, sensor_axes
 from srt3d_ros.new_files import file_errors
 from srt3d_ros.pictures import annotations
 from srt3d_ros.pictures.annotations import DIM, TEXT
 from srt3d_ros.pictures.cloud_renderer import CloudStyle, draw_fog
 from srt3d_ros.pictures.figures import DPI, as_image
+from srt3d_ros.pictures.viewpoint import Viewpoint, look_at, pixel_pitch_rad, sensor_axes
 
 _WIDTH_PX, _HEIGHT_PX = 2000, 900              # as texts and lines are sized
 _FINER = 2                                      # picture elements for each of these

@@ -12,9 +12,9 @@ from matplotlib.colors import Normalize
 from srt3d_ros.colours import BACKGROUND
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.viewpoint import look_at
 from srt3d_ros.pictures.cloud_renderer import CloudStyle, draw_surface
 from srt3d_ros.pictures.figures import save_png, titled_figure
+from srt3d_ros.pictures.viewpoint import look_at
 
 _PANEL_IN, _ROW_IN, _TITLE_IN, _SCALE_IN = 2.5, 3.2, 0.4, 0.9
 _CLOUD_PX = 480                 # side of a drawn cloud, which matplotlib makes smaller: smooth edges

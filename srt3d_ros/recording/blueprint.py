@@ -5,7 +5,7 @@ import rerun.blueprint as rrb
 
 from srt3d_ros.colours import BACKGROUND
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.viewpoint import Viewpoint
+from srt3d_ros.pictures.viewpoint import Viewpoint
 from srt3d_ros.recording import schema
 from srt3d_ros.recording.schema import STAMP, metric_path
 

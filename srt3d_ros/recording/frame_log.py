@@ -7,8 +7,8 @@ import rerun as rr
 
 from srt3d_ros.colours import AdaptiveRange, levels, packed, range_table
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.viewpoint import Viewpoint, look_at, point_radius_m
 from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.pictures.viewpoint import Viewpoint, look_at, point_radius_m
 from srt3d_ros.recording import rerun_streams, schema
 from srt3d_ros.recording.blueprint import film_blueprint, plot_styles
 

@@ -1,8 +1,9 @@
 """Read a recording without a viewer: clouds, images, time series, log lines, properties."""
 
-import warnings
+import os
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,13 @@ from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.recording import schema
-from srt3d_ros.recording.rrd_file import is_finished
 
 _ROW_ID = "rerun.controls.RowId"
+# An .rrd file is a header of 12 bytes (RRF2, version of rerun, compression and encoding), messages, and a footer, an
+# index of the messages, which is written when the file is closed.
+_HEADER_BYTES = 12
+_MARK, _ANY_MARK = b"RRF2", b"RRF"
+_FOOTER_BYTES, _FOOTER_MARK = 12, b"RRF2FOOT"   # of the footer's end: the mark, and the number of indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +80,7 @@ class LogLine:
 
 
 class RecordingReader:
-    """An .rrd file written by RecordingWriter. It need not be finished, but must end with a whole chunk.
+    """An .rrd file written by RecordingWriter.
 
     Raises:
         InvalidInput: if there is no such file, it is no recording, a newer rerun wrote it, or it is cut off.
@@ -83,11 +88,9 @@ class RecordingReader:
 
     def __init__(self, path):
         self.path = Path(path)
-        self.is_finished = is_finished(path)
+        _check_ends(self.path)
         try:
-            with warnings.catch_warnings():     # rerun warns of a missing footer
-                warnings.simplefilter("ignore")
-                self._reader = RrdReader(self.path)
+            self._reader = RrdReader(self.path)
             entries = self._reader.recordings()
         except (RuntimeError, ValueError) as e:
             raise self._unreadable(e) from None
@@ -181,9 +184,7 @@ class RecordingReader:
 
     def _chunks(self, content: str, static: bool = False) -> Iterator[Chunk]:
         try:        # with the footer's index, rerun reads only the chunks asked for
-            reader, chosen = self._reader, self._store
-            stream = reader.store(store=chosen).stream() if self.is_finished else reader.stream(store=chosen)
-            yield from stream.filter(content=content, is_static=static)
+            yield from self._reader.store(store=self._store).stream().filter(content=content, is_static=static)
         except (RuntimeError, ValueError) as e:
             raise self._unreadable(e) from None
 
@@ -200,8 +201,23 @@ class RecordingReader:
         if isinstance(error, InvalidInput):
             return error
         why = " ".join(str(error).removeprefix(f"Failed to read RRD file at {self.path}: ").split())
-        cut_off = "" if self.is_finished else "; it is cut off, and `srt3d review` shows what can be read"
-        return InvalidInput("recording", str(self.path), f"an .rrd file that can be read ({why}){cut_off}")
+        return InvalidInput("recording", str(self.path), f"an .rrd file that can be read ({why})")
+
+
+def _check_ends(path: Path) -> None:
+    """Raise InvalidInput unless a file has the header and the footer of a recording."""
+    require(path.is_file(), "recording", str(path), "an .rrd file that exists")
+    with open(path, "rb") as file:
+        header, size = file.read(_HEADER_BYTES), file.seek(0, os.SEEK_END)
+        require(size > 0, "recording", str(path), "an .rrd file that is not empty")
+        require(header.startswith(_ANY_MARK), "recording", str(path), "an .rrd file, as the recorder writes it")
+        installed, of = version("rerun-sdk"), list(header[4:7])
+        readable = header.startswith(_MARK) and of[:2] <= [int(part) for part in installed.split(".")[:2]]
+        require(readable, "recording", str(path), f"a file of rerun 0.23 to {installed}; it is of "
+                f"{'.'.join(map(str, of))}: pip install -U rerun-sdk, or `rerun rrd migrate`")
+        file.seek(max(size - _FOOTER_BYTES, 0))
+        require(file.read().startswith(_FOOTER_MARK), "recording", str(path), "an .rrd file that was not cut off; "
+                f"`rerun rrd filter --continue-on-error -o saved.rrd {path.name}` saves what can be read")
 
 
 def _array(item: pa.Scalar) -> np.ndarray:

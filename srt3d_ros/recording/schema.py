@@ -10,7 +10,7 @@ from srt3d_ros.colours import BACKGROUND as BLACK
 from srt3d_ros.colours import PHOTON_MAP, RANGE_MAP
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
-from srt3d_ros.core.viewpoint import sensor_axes
+from srt3d_ros.pictures.viewpoint import sensor_axes
 
 APPLICATION_ID = "srt3d_ros"
 STAMP, FRAME = "stamp", "frame"                     # timelines

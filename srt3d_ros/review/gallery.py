@@ -8,9 +8,9 @@ import numpy as np
 from PIL import Image
 
 from srt3d_ros.colours import BACKGROUND, PHOTON_MAP, colour_table, levels, percentile_range, range_table
-from srt3d_ros.core.viewpoint import look_at
 from srt3d_ros.pictures.annotations import annotated, length_text
 from srt3d_ros.pictures.cloud_renderer import CloudStyle
+from srt3d_ros.pictures.viewpoint import look_at
 from srt3d_ros.recording import schema
 from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.summary import iso_time, notable_frames

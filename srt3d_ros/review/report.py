@@ -17,28 +17,27 @@ _MOST_LOG_LINES = 500
 _LONGEST_LIST = 24          # values; of a longer list (an IRF), only the length is shown
 
 
-def write_report(recorded: Recorded, summary: dict, path: Path, note: str = "") -> None:
+def write_report(recorded: Recorded, summary: dict, path: Path) -> None:
     """Write the report as an .html file, whole or not at all.
 
     Args:
         summary: from `summarise`.
-        note: for the top of the page, such as that the recording was cut off.
 
     Raises:
         InvalidInput: if the file cannot be written there.
     """
     require(not path.is_dir(), "report", str(path), "a file, not a directory")     # before the pictures are drawn
-    html = _page(recorded, summary, note)
+    html = _page(recorded, summary)
     with file_errors("report", path), atomic_write(path) as part:
         part.write_text(html, encoding="utf-8")
 
 
-def _page(recorded: Recorded, summary: dict, note: str) -> str:
+def _page(recorded: Recorded, summary: dict) -> str:
     templates = FileSystemLoader(Path(__file__).parent)
     environment = Environment(loader=templates, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     return environment.get_template("report.html").render(
         version=__version__, title=f"{recorded.path.name}: recording", name=recorded.path.name,
-        note=note, gallery=make_gallery(recorded),
+        gallery=make_gallery(recorded),
         plots=[(title, Markup(svg)) for title, svg in draw_plots(recorded)],
         gaps=summary["gaps"], gap_count=summary["gap_count"], log=_log(recorded),
         log_summary=log_counts(summary), rows=rows(summary), tables=_tables(summary))

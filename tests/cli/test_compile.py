@@ -63,18 +63,3 @@ def test_where_nothing_can_be_written_it_says_what_to_set(installed, tmp_path):
     assert (done.returncode, done.stdout) == (2, "")
     said = "~/.cache is not writable: expected a folder for kernels; NUMBA_CACHE_DIR names another"
     assert done.stderr == f"srt3d: error: {said}\n"
-
-
-def test_what_has_to_be_compiled_for_a_command_is_said_in_one_line(tmp_path):
-    program = """
-import numpy as np
-from srt3d_ros.cli.main import kernel_log
-from srt3d_ros.kernels.cpu import phase_sums
-with kernel_log():
-    for dtype in (np.uint16, np.uint32):
-        phase_sums._border(np.arange(3, dtype=dtype), 1)
-"""
-    first, second = (subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True,
-                                    env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}).stderr for _ in range(2))
-    assert first.startswith("srt3d: compiling kernels, ") and first.count("\n") == 1
-    assert "once; `srt3d compile` does it beforehand" in first and second == ""

@@ -75,27 +75,6 @@ def test_words_say_how_and_notes_what_was_dropped_but_not_beside_a_mistake(srt3d
     assert "surfaces is 9" in refusal(*command, "--surfaces", "9")
 
 
-@pytest.mark.parametrize(("order", "first"), [("nearest", 80), ("farthest", 200)])
-def test_surface_order_chooses_the_first_surface_of_each_pixel(reconstruct, order, first):
-    _, out = reconstruct("--surfaces", "2", "--surface-order", order)
-    with np.load(out) as file:
-        several = file["surface"][1:] == 1
-        assert several.sum() > 200
-        np.testing.assert_allclose(file["depth_bins"][:-1][several], first, atol=3)
-
-
-def test_a_dark_frame_gives_the_background(reconstruct, refusal, photons, tmp_path):
-    dark, toa = tmp_path / "dark.npz", np.repeat(np.arange(300), np.arange(300)).astype(np.uint16)      # a ramp
-    photon_file.save(dark, SENSOR, PhotonEvents(np.arange(len(toa), dtype=np.uint32) % 240, toa))
-    _, flat = reconstruct(out="flat.npz")
-    _, ramp = reconstruct("--dark", dark)
-    assert len(np.load(ramp)["row"]) == 240 and not np.array_equal(np.load(flat)["xyz"], np.load(ramp)["xyz"])
-    one = PhotonEvents(np.zeros(1, np.uint32), np.zeros(1, np.uint16))
-    photon_file.save(dark, SENSOR.replace(rows=20, cols=12), one)
-    said = refusal("reconstruct", photons[0], "-o", tmp_path / "a.npz", "--dark", dark)
-    assert said == "dark frame rows is 20: expected 12, as in the input\n"
-
-
 def test_a_frame_of_a_bag_is_reconstructed_as_from_a_file(photons, reconstruct, tmp_path):
     few = PhotonEvents(np.zeros(5, np.uint32), np.arange(5, dtype=np.uint16))
     described = ("/sensor", TEXT, sensor_message.encode_cdr(SENSOR))
@@ -126,7 +105,6 @@ OUT = ("-o", "a.npz")
     (("FILE", *OUT, "--method", "magic"), "method is magic"),
     (("FILE", *OUT, "--gate", "5"), "gate is 5: expected off, first and last bin such as 100-400"),
     (("FILE", *OUT, "--irf", "absent.npy"), "irf is absent.npy"), (("FILE", *OUT, "--num-bins", "100"), "toa is"),
-    (("FILE", *OUT, "--dark", "FILE", "--method", "xcorr"), "dark is"),
     (("FILE", *OUT, "--method", "xcorr", "--sketch-size", "5"),
      "sketch_size is 5: expected nothing: xcorr makes no sketch"),
 ], ids=lambda value: None)
@@ -139,7 +117,7 @@ def test_a_mistake_is_one_line_and_exit_code_2(photons, tmp_path, monkeypatch, r
     assert sorted(tmp_path.iterdir()) == before
 
 
-@pytest.mark.parametrize("option", ["INPUT", "--dark", "--irf"])
+@pytest.mark.parametrize("option", ["INPUT", "--irf"])
 def test_no_file_that_is_read_is_replaced(photons, tmp_path, monkeypatch, refusal, option):
     monkeypatch.chdir(tmp_path)
     file, read = tmp_path / "a.npz", photons[0].read_bytes()

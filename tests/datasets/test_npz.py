@@ -57,13 +57,9 @@ def test_every_type_of_toa_is_read(tmp_path, dtype, read_as):
 
 def test_the_better_reference_is_preferred(tmp_path):
     one, two, three = (np.full((2, 3), value, np.float32) for value in (1, 2, 3))
-    photons = read(write(tmp_path, ref_depth_bins=one, ref_depth_ml_bins=two, ref_depth_bins_2=three,
-                                 ref_refl_photons=three))
+    photons = read(write(tmp_path, ref_depth_bins=one, ref_depth_ml_bins=two, ref_depth_bins_2=three))
     assert photons.reference_depth_bins[:, 0, 0].tolist() == [2, 3]
-    np.testing.assert_array_equal(photons.reference_intensity, [three, np.full((2, 3), np.nan)])    # of the first alone
-    assert read(write(tmp_path, ref_depth_bins=one)).reference_intensity is None
-    without = read(write(tmp_path, ref_refl_photons=one))
-    assert without.reference_depth_bins is None and without.reference_intensity is None
+    assert read(write(tmp_path)).reference_depth_bins is None
 
 
 def test_arrays_of_other_names_are_left_alone(tmp_path):
@@ -86,9 +82,7 @@ DEPTH = np.full((2, 3), 20.0)
     ("projection_values shape", {"projection": "pinhole", "projection_values": np.ones(3)}),
     ("distortion", {"projection": "angular_scan", "projection_values": np.ones(4), "distortion": np.ones(5)}),
     ("gate_words shape", {"gate_words": np.array([1])}),
-    ("frame_id", {"frame_id": np.array([0x7FFFFFFF, 65], np.uint32).view("<U2")}),      # no character
-    ("ref_refl_photons shape", {"ref_depth_bins": DEPTH, "ref_refl_photons": DEPTH.T}),
-    ("ref_refl_photons", {"ref_depth_bins": DEPTH, "ref_refl_photons": -DEPTH})])
+    ("frame_id", {"frame_id": np.array([0x7FFFFFFF, 65], np.uint32).view("<U2")})])     # no character
 def test_malformed_files_are_named_in_one_line(tmp_path, field, changes):
     with pytest.raises(InvalidInput) as caught:
         read(write(tmp_path, **changes))

@@ -23,7 +23,7 @@ def cloud_of(sensor, *layers):
                         for k in (0, 1))
     nothing = np.zeros((sensor.rows, sensor.cols), np.float32)
     return PointCloud.from_layers(sensor, depth.astype(np.float32), np.nan_to_num(intensity * np.isfinite(depth)),
-                                  np.ones_like(depth), nothing, 0)
+                                  nothing, 0)
 
 
 def events(*photons):

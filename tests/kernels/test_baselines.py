@@ -60,7 +60,7 @@ def assert_agree(fast, slow, exact_bins=3e-4, relative=3e-4):
 def test_pixelwise(backend, shape, surfaces, precise, usual):
     sensor, frequencies = make_sensor(*shape), consecutive(7)
     frame = Matcher(sensor, frequencies)(sketch_photons(make_photons(sensor), sensor, frequencies))
-    table = weighted_steps(sensor, frequencies, precise).table
+    table = weighted_steps(sensor, frequencies, precise)
     depth, intensity = make_points(*shape, surfaces)
     intensity *= (frame.exposure > 0)[:, None]
     found, expected = (kernels.changed("pixelwise", frame, table, 0.3, usual, depth, intensity)[-2:]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.viewpoint import Viewpoint
 from srt3d_ros.pictures.cloud_renderer import draw_fog, draw_surface, project
+from srt3d_ros.pictures.viewpoint import Viewpoint
 
 EYE = Viewpoint(np.zeros(3), np.array([0.0, 0, 2]), np.array([0.0, -1, 0]), 53.13)      # 2 m wide at 2 m
 RED, BLUE = (200, 0, 0), (0, 0, 200)

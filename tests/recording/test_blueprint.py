@@ -5,7 +5,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from srt3d_ros.core.sensor.projection import AngularScan
-from srt3d_ros.core.viewpoint import look_at
+from srt3d_ros.pictures.viewpoint import look_at
 from srt3d_ros.recording import schema
 from srt3d_ros.recording.blueprint import history_frames
 from srt3d_ros.recording.writer import RecordingWriter

@@ -21,7 +21,7 @@ def report(ball, write_recording, tmp_path, monkeypatch):
     path, out = tmp_path / f"{EVIL.replace('/', '∕')}.rrd", tmp_path / "report.html"
     write_recording(path, *ball, frames=6, more=log_hostile_texts)
     recorded = Recorded.read(path)
-    write_report(recorded, summarise(recorded), out, EVIL)
+    write_report(recorded, summarise(recorded), out)
     return out.read_text()
 
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from srt3d_ros.core.baselines.plug_and_play import FAINTEST, RATE, depth_scale_bins, plug_and_play, usual_intensity
-from srt3d_ros.core.baselines.toa import DepthInformation, PixelToa, by_pixel, irf_slope
+from srt3d_ros.core.baselines.toa import PixelToa, by_pixel
 from srt3d_ros.core.baselines.xcorr import correlate
 from srt3d_ros.core.device import kernels_for, on_device
 from srt3d_ros.core.method.cloud import PointCloud
@@ -27,6 +27,7 @@ from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.kernels.maps import window_weights
 
 BACKGROUND_WINDOW = 1.5         # σ of the moving average, pixels
+LEAST_INFORMATION = 1e-12       # of an IRF without slopes
 LEAST_BACKGROUND = 0.01         # photons in a pixel: a photon off every surface must have come from somewhere
 
 
@@ -38,7 +39,7 @@ class Likelihood:
         starts: int64 [rows · cols + 1], toa: float32 [N]: the photons by pixel, delays taken out.
         irf, slope: float32 [1 or rows · cols, L], h and h′.
         ref: index into them that marks the depth.
-        information: of a signal photon on the depth, bins⁻².
+        information: Σ h′² / (h + b / r), Fisher's, of a signal photon on the depth, bins⁻².
         num_bins: T.
         exposure: float32 [rows, cols], g; 0 where masked.
     """
@@ -64,9 +65,8 @@ class RT3D:
         check_options(surfaces, None)
         self.device, self.kernels = kernels_for(device)
         self.sensor, self.surfaces = sensor, surfaces
-        self._information = DepthInformation(sensor)
         self._irf = np.atleast_2d(sensor.irf)
-        self._slope = irf_slope(self._irf).astype(np.float32)
+        self._slope = _slope(self._irf)
         self._width_bins = _rms_width(self._irf.mean(axis=0))
 
     def __call__(self, frame: PhotonFrame) -> PointCloud:
@@ -85,17 +85,17 @@ class RT3D:
         points = plug_and_play(step, kernels.array(start.depth), kernels.array(start.intensity), data.exposure,
                                FAINTEST * usual, scale, sensor.num_bins, kernels)
         depth, intensity, background = (kernels.numpy(values) for values in (*points, background))
-        std = self._information.std(intensity * seen[:, None], (background * seen)[:, None])
-        return PointCloud.from_layers(sensor, depth, intensity, std, background * seen * sensor.num_bins,
-                                      photons.stamp_ns)
+        return PointCloud.from_layers(sensor, depth, intensity, background * seen * sensor.num_bins, photons.stamp_ns)
 
     def _likelihood(self, photons: PixelToa, ratio: float) -> Likelihood:
         """The likelihood of some photons amid a background per bin of `ratio` times the signal."""
         toa, delay = photons.toa, self.sensor.delay_bins
         if delay is not None:
             toa = toa - np.repeat(delay.ravel(), photons.counts)
-        return Likelihood(photons.starts, toa, self._irf, self._slope, self.sensor.irf_ref,
-                          float(self._information.per_photon(ratio)), self.sensor.num_bins, self.sensor.exposure)
+        mean = self._irf.mean(axis=0)
+        information = max(float((_slope(mean)**2 / (mean + ratio)).sum()), LEAST_INFORMATION)
+        return Likelihood(photons.starts, toa, self._irf, self._slope, self.sensor.irf_ref, information,
+                          self.sensor.num_bins, self.sensor.exposure)
 
     def _smoother(self, seen: np.ndarray) -> Callable:
         """Function from background photons to background per bin at a gain of 1, averaged over a window.
@@ -111,6 +111,12 @@ class RT3D:
     def warm_up(self) -> None:
         """Compile the kernels, or load them from the disk."""
         self(PhotonEvents(np.zeros(1, np.uint32), np.zeros(1, np.uint16)))
+
+
+def _slope(irf: np.ndarray) -> np.ndarray:
+    """h′ between neighbouring bins' means, per bin; as long as the IRF, float32 [..., L]."""
+    padded = np.pad(irf, [(0, 0)] * (irf.ndim - 1) + [(1, 1)])
+    return (padded[..., 2:] - padded[..., :-2]) / 2
 
 
 def _rms_width(irf: np.ndarray) -> float:

@@ -18,7 +18,7 @@ from srt3d_ros.core.baselines.weighting import weighted_steps
 from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.method.matched_frame import MatchedFrame, Matcher
-from srt3d_ros.core.method.thresholds import check_options, score_threshold
+from srt3d_ros.core.method.thresholds import check_options
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch
 
@@ -32,27 +32,23 @@ class SketchedBaseline:
 
     Args:
         sensor, frequencies, surfaces, device: as of `PooledStream`, but "auto" is the CPU.
-        precise: whether W of the data term is the inverse covariance of the sketch, else the identity.
-        false_alarm_rate: probability that a pixel that sees only background shows a point; None: no such test.
     """
 
-    def __init__(self, sensor: SensorModel, frequencies, surfaces: int, precise: bool,
-                 false_alarm_rate: float | None, device: str):
-        check_options(surfaces, false_alarm_rate)
+    precise: bool           # whether W of the data term is the inverse covariance of the sketch, else the identity
+
+    def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, device: str = "auto"):
+        check_options(surfaces, None)
         self.device, self.kernels = kernels_for(device)
-        self.sensor, self.surfaces, self.false_alarm_rate = sensor, surfaces, false_alarm_rate
+        self.sensor, self.surfaces = sensor, surfaces
         self._matcher = Matcher(sensor, frequencies)
-        self.steps = weighted_steps(sensor, self._matcher.frequencies, precise)
-        self._table = self.kernels.array(self.steps.table)
+        self._table = self.kernels.array(weighted_steps(sensor, self._matcher.frequencies, self.precise))
 
     def __call__(self, sketch: Sketch) -> PointCloud:
         """The point cloud of one frame's sketch."""
         frame = self._matcher(sketch)
         depth, intensity = map(self.kernels.numpy, self._points(frame, frame.on(self.kernels)))
-        signal = intensity * frame.exposure[:, None]
-        std = self.steps.depth_std(signal, frame.counts[:, None])
-        background = np.maximum(sketch.photons - signal.sum(axis=1), 0)
-        return PointCloud.from_layers(self.sensor, depth, intensity, std, background, sketch.stamp_ns)
+        background = np.maximum(sketch.photons - (intensity * frame.exposure[:, None]).sum(axis=1), 0)
+        return PointCloud.from_layers(self.sensor, depth, intensity, background, sketch.stamp_ns)
 
     def _points(self, frame: MatchedFrame, there: MatchedFrame) -> tuple:
         """Depth (bins) and intensity of the surfaces, float32 [rows, K, cols] on the device; intensity 0 = no point.
@@ -78,33 +74,16 @@ class SMLE(SketchedBaseline):
     """As in the paper: every pixel that saw photons shows a point.
 
     The sketch of n photons is normally distributed around Ψ_θ with covariance Σ_θ / n, so W = Σ_θ⁻¹ is maximum
-    likelihood but for the determinant, which n outweighs. With a false_alarm_rate, points of less evidence in the
-    matched filter are left out.
+    likelihood but for the determinant, which n outweighs.
     """
 
-    def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, false_alarm_rate: float | None = None,
-                 device: str = "auto"):
-        super().__init__(sensor, frequencies, surfaces, True, false_alarm_rate, device)
+    precise = True
 
     def _points(self, frame: MatchedFrame, there: MatchedFrame) -> tuple:
-        depth, intensity = self._matched_filter(frame, there)
-        if self.false_alarm_rate is not None:
-            shown = _score(frame, intensity * frame.exposure[:, None], frame.counts[:, None])
-            intensity[shown <= score_threshold(self.false_alarm_rate, max(self._matcher.frequencies))] = 0
-        depth, intensity = self.kernels.array(depth), self.kernels.array(intensity)
+        depth, intensity = map(self.kernels.array, self._matched_filter(frame, there))
         for _ in range(SMLE_STEPS):
             self.kernels.pixelwise(there, self._table, SMLE_RATE, 0.0, depth, intensity)
         return depth, intensity
-
-
-def _score(frame: MatchedFrame, signal: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Score of single pixels' matched filters against "background alone", standard deviations; right for few photons.
-
-    `signal` is the filter's response over Σ|ĥ_l|², photons, float [rows, K, cols], `counts` are all photons.
-    """
-    photons = np.maximum(counts, 1e-6)
-    responses = np.linspace(0, frame.max_response, len(frame.background_table))
-    return np.sqrt(photons) * np.interp(signal / photons * frame.total_energy, responses, frame.background_table)
 
 
 class SRT3D(SketchedBaseline):
@@ -115,8 +94,7 @@ class SRT3D(SketchedBaseline):
     for weaker points, as if one step size held for all pixels.
     """
 
-    def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, device: str = "auto"):
-        super().__init__(sensor, frequencies, surfaces, False, None, device)
+    precise = False
 
     def _points(self, frame: MatchedFrame, there: MatchedFrame) -> tuple:
         kernels = self.kernels

@@ -6,8 +6,6 @@ but on the share α of signal among the photons alone. So W is tabulated over α
 unweighted one does.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
@@ -17,42 +15,28 @@ LEVELS = 65             # shares α from 0 to 1
 RIDGE = 1e-3            # of the mean variance: for IRFs so short that all photons of a surface have one sketch
 
 
-@dataclass(frozen=True, eq=False)
-class WeightedSteps:
+def weighted_steps(sensor: SensorModel, frequencies, precise: bool) -> np.ndarray:
     """A = (Uᵀ W U)⁻¹ Uᵀ W for every share α: turns a residual into the errors of r · t and r.
 
     U are the derivatives of the expected sketch: i ω_l ĥ_l for a shift, ĥ_l for a change of intensity. A is the
     Gauss-Newton step on the data term: its gradient, divided by its curvature.
 
     Args:
-        table: float32 [LEVELS or 1, 4, m], for r · t, then for r, the weights of real and of imaginary parts of the
-            residual of `MatchedFrame.matched`, conj(ĥ_l) · sums_l.
-        variance: float32 [LEVELS], bins²: what each photon adds to the variance of r · t, (A Σ_θ Aᵀ)_tt.
+        precise: whether W is the inverse covariance, else the identity.
+
+    Returns:
+        float32 [LEVELS, or 1 for the identity, 4, m], for r · t, then for r, the weights of real and of imaginary parts
+        of the residual of `MatchedFrame.matched`, conj(ĥ_l) · sums_l.
     """
-
-    table: np.ndarray
-    variance: np.ndarray
-
-    def depth_std(self, signal: np.ndarray, photons: np.ndarray) -> np.ndarray:
-        """Standard deviation of depths found in single pixels, bins, from their signal and all their photons."""
-        signal, photons = np.maximum(signal, 1e-6), np.maximum(photons, 1)
-        level = np.minimum(signal / photons, 1) * (LEVELS - 1)
-        return np.sqrt(photons * self.variance[np.rint(level).astype(np.int32)]) / signal
-
-
-def weighted_steps(sensor: SensorModel, frequencies, precise: bool) -> WeightedSteps:
-    """The steps for one sensor, with W the inverse covariance if `precise`, else the identity."""
     energy = (np.abs(np.atleast_2d(irf_spectrum(sensor, frequencies)))**2).mean(axis=0)
     zero = np.zeros_like(energy)
     derivatives = np.stack([np.concatenate([zero, angular_frequencies(frequencies, sensor.num_bins) * energy]),
                             np.concatenate([energy, zero])], axis=1)                             # U, [2m, 2]
-    covariance = _covariances(sensor, frequencies)
-    weights = np.linalg.inv(covariance) if precise else np.diag(1 / np.tile(np.maximum(energy, 1e-12), 2))[None]
+    weights = np.linalg.inv(_covariances(sensor, frequencies)) if precise else \
+        np.diag(1 / np.tile(np.maximum(energy, 1e-12), 2))[None]
     scores = derivatives.T @ weights                                                             # Uᵀ W
     steps = np.linalg.solve(scores @ derivatives, scores)                                        # A, [levels, 2, 2m]
-    variance = (steps @ covariance @ steps.swapaxes(1, 2))[:, 0, 0]
-    return WeightedSteps(np.ascontiguousarray(steps.reshape(len(steps), 4, len(energy)), dtype=np.float32),
-                         variance.astype(np.float32))
+    return np.ascontiguousarray(steps.reshape(len(steps), 4, len(energy)), dtype=np.float32)
 
 
 def _covariances(sensor: SensorModel, frequencies) -> np.ndarray:

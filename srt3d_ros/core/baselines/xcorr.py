@@ -3,14 +3,14 @@
 t̂ = arg max_t Σ_b y_b log(h(b − t) + ε): maximum likelihood for one surface over a faint background, by FFT over the T
 bins, with a parabola through the peak; further surfaces one by one, after the photons under the IRF of those before are
 taken out. Signal is what a window around the peak holds above the background outside. As in the papers every pixel that
-saw photons shows a point, unless a false-alarm rate is given.
+saw photons shows a point.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.baselines.toa import DepthInformation, PixelToa, by_pixel
+from srt3d_ros.core.baselines.toa import PixelToa, by_pixel
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.method.thresholds import check_options
 from srt3d_ros.core.progress import progress
@@ -30,29 +30,21 @@ class XCORR:
 
     Args:
         sensor, surfaces: as of `PooledStream`.
-        false_alarm_rate: probability that a pixel that sees only background shows a point; None: all points are shown.
         device: "cpu" or "auto".
     """
 
-    def __init__(self, sensor: SensorModel, surfaces: int = 1, false_alarm_rate: float | None = None,
-                 device: str = "auto"):
+    def __init__(self, sensor: SensorModel, surfaces: int = 1, device: str = "auto"):
         require(device in ("auto", "cpu"), "device", device, "cpu or auto: xcorr has no CUDA kernels")
-        check_options(surfaces, false_alarm_rate)
+        check_options(surfaces, None)
         self.device = "cpu"
-        self.sensor, self.surfaces, self.false_alarm_rate = sensor, surfaces, false_alarm_rate
-        self._information = DepthInformation(sensor)
+        self.sensor, self.surfaces = sensor, surfaces
 
     def __call__(self, frame: PhotonFrame) -> PointCloud:
         """The point cloud of one frame."""
         photons = by_pixel(frame, self.sensor)
         peaks = correlate(photons, self.sensor, self.surfaces)
-        intensity = peaks.intensity
-        if self.false_alarm_rate is not None:
-            intensity = np.where(peaks.false_alarm <= self.false_alarm_rate, intensity, 0)
-        seen = self.sensor.exposure
-        std = self._information.std(intensity * seen[:, None], (peaks.background * seen)[:, None])
-        background = peaks.background * seen * self.sensor.num_bins
-        return PointCloud.from_layers(self.sensor, peaks.depth, intensity, std, background, photons.stamp_ns)
+        background = peaks.background * self.sensor.exposure * self.sensor.num_bins
+        return PointCloud.from_layers(self.sensor, peaks.depth, peaks.intensity, background, photons.stamp_ns)
 
     def warm_up(self) -> None:
         """Do nothing: there is nothing to compile."""
@@ -66,13 +58,11 @@ class Peaks:
         depth: float32 [rows, K, cols], bins, in [0, T); the pixels' delays are taken out.
         intensity: float32 [rows, K, cols], expected signal photons; 0 = none.
         background: float32 [rows, cols], expected background photons per bin; both at a gain of 1.
-        false_alarm: float32 [rows, K, cols], probability that background alone gathers as many photons.
     """
 
     depth: np.ndarray
     intensity: np.ndarray
     background: np.ndarray
-    false_alarm: np.ndarray
 
 
 def correlate(photons: PixelToa, sensor: SensorModel, surfaces: int) -> Peaks:
@@ -82,16 +72,14 @@ def correlate(photons: PixelToa, sensor: SensorModel, surfaces: int) -> Peaks:
     several = max(CELLS // sensor.num_bins, 1)
     parts = [filters.peaks(photons, first, min(first + several, sensor.pixels), surfaces)
              for first in progress(range(0, sensor.pixels, several), "correlating")]
-    depth, signal, chance = (np.concatenate([part[n] for part in parts], axis=1) for n in range(3))     # [K, pixels]
-    background = np.concatenate([part[3] for part in parts])
+    depth, signal = (np.concatenate([part[n] for part in parts], axis=1) for n in range(2))         # [K, pixels]
+    background = np.concatenate([part[2] for part in parts])
     if sensor.delay_bins is not None:
         depth = depth - sensor.delay_bins.ravel()
     seen = np.maximum(sensor.exposure.ravel(), 1e-6)
-    depth, signal, chance = (values.reshape(surfaces, rows, cols).swapaxes(0, 1)
-                             for values in (depth % sensor.num_bins, signal / seen, chance))
-    return Peaks(np.ascontiguousarray(depth, np.float32), np.ascontiguousarray(signal, np.float32),
-                 (background / seen).reshape(rows, cols).astype(np.float32),
-                 np.ascontiguousarray(chance, np.float32))
+    depth, signal = (np.ascontiguousarray(values.reshape(surfaces, rows, cols).swapaxes(0, 1), np.float32)
+                     for values in (depth % sensor.num_bins, signal / seen))
+    return Peaks(depth, signal, (background / seen).reshape(rows, cols).astype(np.float32))
 
 
 class _Filters:
@@ -108,7 +96,7 @@ class _Filters:
         self.body, self.whole = (_window(irf.mean(axis=0), share) for share in (BODY, WHOLE))
 
     def peaks(self, photons: PixelToa, first: int, last: int, surfaces: int):
-        """Depth, signal photons and probability of a false alarm, [K, pixels], and background per bin [pixels]."""
+        """Depth and signal photons, [K, pixels], and background per bin [pixels]."""
         toa = photons.toa[photons.starts[first]:photons.starts[last]]
         bins = np.rint(toa - np.float32(self.center)).astype(np.int64) % self.num_bins
         pixel = np.repeat(np.arange(last - first), photons.counts[first:last])
@@ -117,14 +105,13 @@ class _Filters:
             begin, shift = self._highest(pixel, bins, slice(first, last))
             place = (bins - begin[pixel]) % self.num_bins                           # of each photon in the IRF
             body, whole = ((place >= low) & (place < high) for low, high in (self.body, self.whole))
-            near, left = (np.bincount(which, minlength=last - first) for which in (pixel[body], pixel))
-            found.append((begin + self.ref + self.center + shift, near, _chance(near, left, self.body, self.num_bins)))
+            found.append((begin + self.ref + self.center + shift, np.bincount(pixel[body], minlength=last - first)))
             pixel, bins = pixel[~whole], bins[~whole]
         outside = max(self.num_bins - surfaces * (self.whole[1] - self.whole[0]), 1)
         background = np.bincount(pixel, minlength=last - first) / outside
-        depth, near, chance = map(np.stack, zip(*found))
+        depth, near = map(np.stack, zip(*found))
         width = self.body[1] - self.body[0]
-        return depth, np.maximum(near - background * width, 0) / BODY, chance, background
+        return depth, np.maximum(near - background * width, 0) / BODY, background
 
     def _highest(self, pixel: np.ndarray, bins: np.ndarray, pixels: slice):
         """The bin where the IRF begins at the highest peak of each pixel, and the peak's distance from a whole bin."""
@@ -147,19 +134,6 @@ class _Filters:
         bend = before - 2 * peak + after
         shift = np.divide(before - after, 2 * bend, out=np.zeros_like(bend), where=bend < 0)
         return begin, shift.clip(-0.5, 0.5)
-
-
-def _chance(near: np.ndarray, counts: np.ndarray, window: tuple[int, int], num_bins: int) -> np.ndarray:
-    """Bound on the probability that some window holds as many of the photons, if they fall anywhere.
-
-    Each of the n photons may be the first of the window; then N − 1 others must fall in, of n − 1 that do so with
-    probability |window| / T. The Poisson distribution bounds that tail of the binomial one.
-    """
-    from scipy.special import gammainc
-
-    expected = np.maximum(counts - 1, 0) * ((window[1] - window[0]) / num_bins)
-    others = gammainc(np.maximum(near - 1, 1), expected)            # P(Poisson ≥ N − 1)
-    return np.where(near > 1, counts * others, 1.0).clip(max=1)
 
 
 def _window(irf: np.ndarray, share: float) -> tuple[int, int]:

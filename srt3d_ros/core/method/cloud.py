@@ -54,8 +54,8 @@ class PointCloud:
         row, col: uint16 [N].
         depth_bins: float32 [N], depth (see SensorModel), in [0, T).
         intensity: float32 [N], expected signal photons of that return in the frame.
-        depth_std_bins: float32 [N], standard deviation of `depth_bins`: photon noise, and where photons are pooled also
-            what the surface does within the pool.
+        depth_std_bins: float32 [N], standard deviation of `depth_bins`: photon noise, and what the surface does within
+            the pool; NaN of the baselines.
         xyz: float32 [N, 3], metres, sensor's frame.
         surface: uint8 [N], 0 for the first point of its pixel, 1 for the next, …
         background: float32 [rows, cols], expected background photons in the frame, over all T bins.
@@ -73,15 +73,15 @@ class PointCloud:
     stamp_ns: int = 0
 
     @classmethod
-    def from_layers(cls, sensor: SensorModel, depth: np.ndarray, intensity: np.ndarray, std: np.ndarray,
-                    background: np.ndarray, stamp_ns: int) -> "PointCloud":
-        """The cloud of K layers of surfaces, float32 [rows, K, cols]: depth and std in bins, intensity 0 = no point."""
+    def from_layers(cls, sensor: SensorModel, depth: np.ndarray, intensity: np.ndarray, background: np.ndarray,
+                    stamp_ns: int) -> "PointCloud":
+        """The cloud of K layers of surfaces, float32 [rows, K, cols]: depth in bins, intensity 0 = no point."""
         order = np.argsort(-intensity, axis=1, kind="stable")
         row, col, rank = np.nonzero(np.take_along_axis(intensity, order, axis=1).swapaxes(1, 2) > 0)
         layer = order[row, rank, col]
-        depth, intensity, std = (values[row, layer, col].astype(np.float32) for values in (depth, intensity, std))
+        depth, intensity = (values[row, layer, col].astype(np.float32) for values in (depth, intensity))
         depth = _wrapped(depth, sensor.num_bins)
-        return cls(row.astype(np.uint16), col.astype(np.uint16), depth, intensity, np.clip(std, 1e-6, sensor.num_bins),
+        return cls(row.astype(np.uint16), col.astype(np.uint16), depth, intensity, np.full_like(depth, np.nan),
                    sensor.xyz(row, col, depth), rank.astype(np.uint8), background.astype(np.float32), stamp_ns)
 
     @classmethod

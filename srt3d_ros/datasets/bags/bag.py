@@ -1,20 +1,16 @@
 """rosbag2 bags (mcap or sqlite3), read with rosbags: the topics they hold, and the messages as they were recorded."""
 
-import shutil
 from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from pathlib import Path, PurePath
-from tempfile import TemporaryDirectory
+from pathlib import Path
 from typing import NamedTuple
 
-from srt3d_ros import zstd
 from srt3d_ros.errors import InvalidInput, require
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
 EXPECTED = "a complete rosbag2 bag (docs/bags.md tells what to do about one that was cut off)"
-MAX_METADATA_BYTES = 2**19          # of a thousand files; its parser takes a second for 150 kB
 
 
 @dataclass(frozen=True)
@@ -60,10 +56,8 @@ class Bag:
         from rosbags.rosbag2 import Reader  # here: only bags need rosbags
 
         self.path = Path(path)
-        self._check_path()
         with self._one_error(), ExitStack() as stack:
-            files, self._messages_are_packed = self._storage_files(stack)
-            readers = [stack.enter_context(Reader(file)) for file in files]
+            readers = [stack.enter_context(Reader(file)) for file in self._storage_files()]
             self._readers = sorted(readers, key=lambda reader: reader.start_time)
             counts = Counter()
             for connection in (connection for reader in self._readers for connection in reader.connections):
@@ -92,7 +86,7 @@ class Bag:
                 for connection, time_ns, raw in reader.messages(connections):
                     if type(time_ns) is not int or type(raw) is not bytes:      # SQLite keeps anything anywhere
                         raise TypeError(f"a message on {connection.topic} is not bytes with a time")
-                    yield Message(connection.topic, time_ns, zstd.decompress(raw) if self._messages_are_packed else raw)
+                    yield Message(connection.topic, time_ns, raw)
 
     def content(self) -> str:
         """The bag's topics in words, for messages."""
@@ -103,34 +97,19 @@ class Bag:
         """Give back the files."""
         self._files.close()
 
-    def _check_path(self) -> None:
+    def _storage_files(self) -> list[Path]:
+        """The bag's files. rosbags' own reader of folders loses messages on topics whose QoS differs between files."""
         require(self.path.exists(), "bag", str(self.path), "a folder or file that exists")
-        if self.path.is_dir():
-            metadata = self.path / "metadata.yaml"
-            require(metadata.is_file(), "bag", f"{self.path}, without metadata.yaml", EXPECTED)
-            size = metadata.stat().st_size
-            require(size <= MAX_METADATA_BYTES, f"{metadata} size", size, f"at most {MAX_METADATA_BYTES} bytes")
-        else:
+        if not self.path.is_dir():
             require(self.path.suffix.lower() in STORAGE_SUFFIXES, "bag", str(self.path),
                     f"a bag's folder, or a file that ends in {' or '.join(STORAGE_SUFFIXES)}")
-
-    def _storage_files(self, stack: ExitStack) -> tuple[list[Path], bool]:
-        """The bag's files, unpacked if they are compressed as a whole, and whether each message is compressed.
-
-        rosbags' own reader of folders loses messages on topics whose QoS is written differently in metadata.yaml and in
-        the files.
-        """
-        if not self.path.is_dir():
-            return [self.path], False
-        from ruamel.yaml import YAML  # comes with rosbags
-
-        content = YAML(typ="safe").load((self.path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-        files = [self.path / PurePath(name).name for name in content["relative_file_paths"]]
-        mode = (content.get("compression_mode") or "").lower()
-        if mode == "file":
-            folder = Path(stack.enter_context(TemporaryDirectory()))
-            files = [_unpacked_file(file, folder) for file in files]
-        return files, mode == "message"
+            return [self.path]
+        require((self.path / "metadata.yaml").is_file(), "bag", f"{self.path}, without metadata.yaml", EXPECTED)
+        files = [path for path in self.path.iterdir() if path.suffix.lower() in STORAGE_SUFFIXES]
+        packed = "compression_mode: message" in (self.path / "metadata.yaml").read_text(errors="replace").lower()
+        require(files and not packed, f"bag {self.path.name}", "compressed or without .mcap and .db3 files",
+                "messages as they are: `ros2 bag convert` unpacks them; .mcap files may compress their chunks")
+        return files
 
     @contextmanager
     def _one_error(self):
@@ -138,13 +117,6 @@ class Bag:
             yield
         except (InvalidInput, ModuleNotFoundError):
             raise
-        except Exception as error:      # rosbags, its YAML parser, its decompressors and SQLite have one each, at least
+        except Exception as error:      # rosbags, its decompressors and SQLite have one each, at least
             why = f"{error}" or type(error).__name__
             raise InvalidInput(f"bag {self.path.name}", f"unreadable ({why})", EXPECTED) from None
-
-
-def _unpacked_file(path: Path, folder: Path) -> Path:
-    """Unpack a storage file into the folder."""
-    with zstd.open(path, "rb") as packed, (folder / path.stem).open("wb") as file:
-        shutil.copyfileobj(packed, file)
-    return folder / path.stem

@@ -11,7 +11,7 @@ from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.datasets.arrays import from_pixels
 from srt3d_ros.datasets.files import naming_file, read_npz_arrays
-from srt3d_ros.datasets.photon_file import FIRST_REFERENCES, INTENSITY, KNOWN, OTHER_REFERENCES, OWN, value_of
+from srt3d_ros.datasets.photon_file import FIRST_REFERENCES, KNOWN, OTHER_REFERENCES, OWN, value_of
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers import cubes
 from srt3d_ros.datasets.recording import Recording
@@ -43,8 +43,7 @@ def read(path: Path, options: dict) -> Photons | Recording:
         require(len(pixel) <= MAX_PHOTONS, "photons", len(pixel), f"at most {MAX_PHOTONS}")
         sensor, events, notes = from_pixels(pixel, toa, int(values.get("stamp_ns", 0)), _of_sensor(values))
         reference = _reference(values, sensor)
-        intensity = _reference_intensity(values, reference)
-    return Photons(sensor, events, reference, path.stem, notes, intensity).with_options(options)
+    return Photons(sensor, events, reference, path.stem, notes).with_options(options)
 
 
 def _of_sensor(values: dict) -> dict:
@@ -81,14 +80,3 @@ def _reference(values: dict, sensor: SensorModel) -> np.ndarray | None:
     for name in names:
         require(values[name].shape == shape, f"{name} shape", values[name].shape, f"{shape}")
     return np.stack([values[name] for name in names]).astype(np.float32)
-
-
-def _reference_intensity(values: dict, reference: np.ndarray | None) -> np.ndarray | None:
-    """Of the first surface; those of further ones are unknown."""
-    if INTENSITY not in values or reference is None:
-        return None
-    intensity, first = np.full_like(reference, np.nan), values[INTENSITY]
-    require(first.shape == reference.shape[1:], f"{INTENSITY} shape", first.shape, f"{reference.shape[1:]}")
-    require(not (first < 0).any(), INTENSITY, "negative in places", "0 or more, NaN = unknown")
-    intensity[0] = first
-    return intensity

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
-from srt3d_ros.core.viewpoint import look_at, point_radius_m, sensor_axes
+from srt3d_ros.pictures.viewpoint import look_at, point_radius_m, sensor_axes
 
 PROJECTIONS = [None, Pinhole(50, 50, 20, 20), AngularScan(0.4, -0.02, 0.4, -0.02)]
 
