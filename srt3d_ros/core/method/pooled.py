@@ -30,6 +30,7 @@ from srt3d_ros.kernels.constants import (
     WINDOWS,
 )
 
+STAYING = 0.5           # share of false points that the iterations leave (`python -m benchmarks false_alarms`)
 WINDOW = 7              # pixels along the side of the square over which background photons are averaged
 
 
@@ -48,8 +49,9 @@ class Pooled:
         sensor, array = matcher.sensor, kernels.array
         self._sensor, self._surfaces, self._kernels = sensor, surfaces, kernels
         self._matched = matcher.padded_on(kernels)
-        self._found = score_threshold(false_alarm_rate, max(matcher.frequencies), WIDE)
-        self._continued, self._explains = continuation_threshold(false_alarm_rate), explains
+        started = false_alarm_rate / STAYING
+        self._found = score_threshold(started, max(matcher.frequencies), WIDE)
+        self._continued, self._explains = continuation_threshold(started), explains
         self._equaliser, self._passed, self._used, self._rays = map(array, (
             matcher.equaliser, matcher.passed, matcher.used, sensor.rays))
         self._near = self._used / self._sums_near(self._used + 1e-6)

@@ -19,11 +19,10 @@ def check_options(surfaces: int, false_alarm_rate: float | None) -> None:
 
 
 def score_threshold(false_alarm_rate: float, highest: int, scale: tuple[float, int] = (0.0, 1)) -> float:
-    """Q(z) = P / (2 k_max) · s² / 2πσ²: the score with which background alone shows a point in a share P of the pixels.
+    """Q(z) = P / (2 k_max) · s² / 4πσ²: the score with which background alone shows a point in a share P of the pixels.
 
     A matched filter over frequencies up to k_max has about 2 k_max independent depths; each exceeds z with probability
-    Q(z). One that does fills its cell, and from there spreads over the 4πσ² pixels of its window, of which half stay
-    (`python -m benchmarks false_alarms`).
+    Q(z). One that does fills its cell, and from there spreads over the 4πσ² pixels of its window.
 
     Args:
         false_alarm_rate: P.
@@ -31,7 +30,7 @@ def score_threshold(false_alarm_rate: float, highest: int, scale: tuple[float, i
         scale: σ of the window and size s of its cells, pixels.
     """
     sigma, step = scale
-    share = step**2 / max(2 * math.pi * sigma**2, step**2)
+    share = step**2 / max(4 * math.pi * sigma**2, step**2)
     return -NormalDist().inv_cdf(max(false_alarm_rate / (2 * highest) * share, SMALLEST))
 
 
