@@ -14,7 +14,7 @@ from srt3d_ros.core.sketching.framing import Framing, OpenFrame
 from srt3d_ros.core.sketching.gate import OFF, in_ranges
 from srt3d_ros.core.sketching.photons import PhotonFrame
 from srt3d_ros.core.sketching.sketch import Sketch
-from srt3d_ros.core.sketching.window import WindowSketcher
+from srt3d_ros.core.sketching.sketcher import Sketcher
 from srt3d_ros.errors import require
 
 MERGE_S = 0.4           # longest wait for an acknowledgement: a reader that was killed gives none for 20 s
@@ -99,7 +99,7 @@ class SketchStream:
         self._framing = Framing(options.packets_per_frame, options.frame_period_ns)
         gate, frequencies = design_for(sensor, options.gate, options.frequencies, options.sketch_size)
         self._sketcher = MovingSketcher(sensor, frequencies, gate) if options.moving else \
-            WindowSketcher(sensor, frequencies, options.window_frames, gate)
+            Sketcher(sensor, frequencies, options.window_frames, gate)
         self._motion = SensorMotion(options.extrinsics) if options.moving else None
         self._ended: deque[_Ended] = deque()
         self._merged: _Ended | None = None          # frames that wait for readers, as one
