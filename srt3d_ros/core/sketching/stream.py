@@ -2,7 +2,6 @@
 
 from collections import deque
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 from srt3d_ros.core.motion.moving_sketcher import MovingFrame, MovingSketcher
 from srt3d_ros.core.motion.track import MotionReport, SensorMotion
@@ -22,13 +21,6 @@ MERGE_POLL_S = 0.01     # until a frame that waits for an acknowledgement is tri
 MOTION_S = 1.0          # longest wait for the motion: odometry comes 10 to 100 ms late; after a second it has stopped
 # Frames that wait for the motion whatever memory they take, and the memory that more of them may take.
 MOST_FRAMES, MOST_BYTES = 4, 2**28
-
-
-class Counting(Protocol):
-    """What counts, such as Counts."""
-
-    def count(self, **amounts: int) -> None: ...
-    def drop(self, cause: str, frames: int = 1, photons: int = 0) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -93,7 +85,7 @@ class SketchStream:
         InvalidInput: options that contradict each other or do not suit the sensor.
     """
 
-    def __init__(self, sensor: SensorModel, options: StreamOptions = StreamOptions(), counts: Counting | None = None):
+    def __init__(self, sensor: SensorModel, options: StreamOptions = StreamOptions(), counts: Counts | None = None):
         self.sensor, self.options, self.counts = sensor, options, Counts() if counts is None else counts
         self.warning = ""
         self._framing = Framing(options.packets_per_frame, options.frame_period_ns)
