@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
              for row in rows]
     if args.picture:
         draw(args.picture, lines)
-        write_table(args.picture, lines, IN_TABLE, "TD % / FD % / DAE mm at",
+        write_table(args.picture, lines, IN_TABLE, "TD % / FD % / DAE mm",
                     "{td_percent:.1f} / {fd_percent:.1f} / {dae_mm:.2f}")
     yield from lines
 

@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
             yield lines[-1]
     if args.picture:
         draw(args.picture, lines)
-        write_table(args.picture, lines, IN_TABLE, "ms at", "{median_ms:.3g}")
+        write_table(args.picture, lines, IN_TABLE, "ms", "{median_ms:.3g}")
 
 
 def draw(path: Path, lines: Sequence[dict]) -> None:
@@ -75,10 +75,11 @@ def write_table(picture: Path, lines: Sequence[dict], ppps: Sequence[float], wha
     """A Markdown table beside the picture: a row for each method, a column for each number of photons.
 
     Args:
-        cell: what stands in it, as a format of a line.
+        what: its cells hold.
+        cell: the format of a line in it.
     """
     cells = {(line["method"], line["ppp"]): cell.format(**line) for line in lines}
     columns = [ppp for ppp in ppps if any(ppp == of for _, of in cells)]
-    heading = ["method", *(f"{what} {ppp:,g} ppp" if k == 0 else f"{ppp:,g} ppp" for k, ppp in enumerate(columns))]
+    heading = [what, *(f"{ppp:,g} ppp" for ppp in columns)]
     rows = [[name, *(cells[name, ppp] for ppp in columns)] for name in STYLES if (name, columns[0]) in cells]
     picture.with_suffix(".md").write_text(aligned([heading, *rows]) + "\n", encoding="utf-8")

@@ -8,14 +8,14 @@ from srt3d_ros.core.motion.trajectory import Pose, Trajectory
 from srt3d_ros.core.sensor.model import MAX_BINS, GateWords, SensorModel
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates
-from srt3d_ros.core.sketching.window import WindowSketcher
+from srt3d_ros.core.sketching.sketcher import Sketcher
 
 ANY_SENSOR = SensorModel(rows=1, cols=2, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0], gates=GateWords())
 
 
 def sketching() -> None:
     """Sketch photons in whole bins, in order and not, and gates."""
-    sketcher = WindowSketcher(ANY_SENSOR, (1,))
+    sketcher = Sketcher(ANY_SENSOR, (1,))
     sketcher.add(PhotonGates(np.zeros((1, 1, 2), np.uint16)))
     for pixels in ([0, 1], [1, 0]):
         sketcher.add(PhotonEvents(np.array(pixels, np.uint32), np.zeros(2, np.uint16)))

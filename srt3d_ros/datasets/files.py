@@ -10,8 +10,8 @@ from typing import BinaryIO
 
 import numpy as np
 
+from srt3d_ros import json_text
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.messages import json_text
 
 MAX_BYTES = 3 * 2**30       # of all arrays that are read from a file: 12 bytes for each of the most photons
 MAX_MEMBERS = 1000

@@ -11,6 +11,7 @@ from typing import Any, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
+from srt3d_ros import json_text
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import MAX_BINS, SPEED_OF_LIGHT, SensorModel
 from srt3d_ros.core.sensor.projection import DEFAULT_FOV_DEG, Pinhole, Projection
@@ -18,7 +19,6 @@ from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.files import read_text
 from srt3d_ros.datasets.values import array, number, pair
 from srt3d_ros.errors import quoted, require
-from srt3d_ros.messages import json_text
 
 MAX_GATE_BIN = 2**31
 BIN_OF_ONE_METRE_S = 2 / SPEED_OF_LIGHT      # the width of bins of which nothing is known

@@ -143,8 +143,8 @@ class Photons:
 
         Args:
             sketch_size: m, 10 unless given.
-            frequencies: which numbers are kept: of least expected error for the IRF ("auto"), "consecutive" from 1 to m, or
-                the integers.
+            frequencies: which numbers are kept: of least expected error for the IRF ("auto"), "consecutive" from 1 to
+                m, or the integers.
             gate: keep the photons of the bins (first, last) only; or "auto": of those in which the histogram of all
                 photons shows a scene; or "off".
 

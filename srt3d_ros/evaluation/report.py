@@ -6,7 +6,7 @@ from pathlib import Path
 from srt3d_ros import __version__
 from srt3d_ros.evaluation.results import markdown
 from srt3d_ros.evaluation.run import Outcome
-from srt3d_ros.versions import MEASURED_WITH, machine
+from srt3d_ros.versions import PACKAGES, machine
 
 NO_FIGURES = "no figures without matplotlib: pip install 'srt3d_ros[review]'"
 
@@ -30,7 +30,7 @@ def write(folder: Path, rows: Sequence[dict], shown: Sequence[Outcome], notes: l
     facts = machine()
     lines = ["# Evaluation", "", f"    {command}", "",
              f"srt3d_ros {__version__}, {facts['date']}, {facts['cpus']} CPUs of {facts['machine']}; Python "
-             f"{facts['python']}, {', '.join(f'{name} {facts[name]}' for name in MEASURED_WITH if facts[name])}.", ""]
+             f"{facts['python']}, {', '.join(f'{name} {facts[name]}' for name in PACKAGES if name in facts)}.", ""]
     lines += [f"- {note}" for note in notes] + [""] * bool(notes)
     lines += [markdown(rows), "", "True detections of several surfaces: of each, a + between. `results.csv` has "
               "more columns.", ""]

@@ -4,11 +4,12 @@ import hashlib
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+from srt3d_ros import json_text
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.distortion import PlumbBob
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan, Pinhole, Projection
-from srt3d_ros.messages import cdr, json_text
+from srt3d_ros.messages import cdr
 from srt3d_ros.messages.cdr import check_frame_id
 from srt3d_ros.messages.schema import load
 
@@ -77,7 +78,7 @@ def to_object(sensor: SensorModel) -> dict:
 
 def from_object(content: dict) -> SensorModel:
     """The sensor of a parsed JSON object; InvalidInput names the field that cannot be used."""
-    json_text.check(content, "sensor")
+    json_text.check(content, load("sensor"))
     values = json_text.read_object(content, load("sensor")["properties"])
     del values["schema_version"]
     for name in OBJECTS.keys() & values.keys():

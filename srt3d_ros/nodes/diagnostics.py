@@ -8,7 +8,6 @@ Level, from what happened since the last report:
     OK      otherwise
 """
 
-import threading
 import time
 from collections import Counter, deque
 
@@ -20,6 +19,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
+from srt3d_ros.core.sketching.counts import Counts
 from srt3d_ros.nodes.lifecycle import ManagedNode
 
 PERIOD_S = 1.0
@@ -36,17 +36,14 @@ AHEAD_S = 0.5
 TOTALS, RATED = ("frames_in", "frames_out", "message_lost", "errors"), ("photons", "points")
 
 
-class Diagnostics:
+class Diagnostics(Counts):
     """Counts what a node does and reports it. Every method may be called from any thread.
 
-    Totals count from the start and never fall. What came in was published or dropped for a cause once a node has ended.
+    What came in was published or dropped for a cause once a node has ended.
     """
 
     def __init__(self, node: ManagedNode):
-        self._lock = threading.RLock()
-        self._totals: Counter[str] = Counter()
-        self._dropped: Counter[str] = Counter()             # frames by cause
-        self._photons_dropped: Counter[str] = Counter()
+        super().__init__()
         self._unusable = self._warning = ""
         self._node = node
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
@@ -61,17 +58,6 @@ class Diagnostics:
                                                 qos_overriding_options=QoSOverridingOptions.with_default_policies())
         # a steady clock: reports go on while simulated time stands still
         self._timer = node.create_timer(PERIOD_S, self.report, clock=Clock(clock_type=ClockType.STEADY_TIME))
-
-    def count(self, **amounts: int) -> None:
-        """Add to totals of these names."""
-        with self._lock:
-            self._totals.update(amounts)
-
-    def drop(self, cause: str, frames: int = 1, photons: int = 0) -> None:
-        """Count frames that were dropped for `cause`, and their photons."""
-        with self._lock:
-            self._dropped[cause] += frames
-            self._photons_dropped[cause] += photons
 
     def received(self, photons: int = 0) -> None:
         """Count a frame that came in and announces so many photons."""
@@ -103,13 +89,13 @@ class Diagnostics:
     def sent(self, latency_s: float) -> None:
         """Count a frame that went out `latency_s` after its stamp."""
         with self._lock:
-            self._totals["frames_out"] += 1
+            self.totals["frames_out"] += 1
             self._latencies_s.append(latency_s)
 
     def error(self, text: str, counted: bool = True) -> None:
         """Keep the last error, and count it unless it is counted elsewhere, such as a malformed message."""
         with self._lock:
-            self._totals["errors"] += counted
+            self.totals["errors"] += counted
             self._last_error = text
 
     def show(self, **values: object) -> None:
@@ -135,7 +121,7 @@ class Diagnostics:
     def _status(self) -> DiagnosticStatus:
         with self._lock:
             now = time.monotonic()
-            totals, drops = self._totals.copy(), self._dropped.copy()
+            totals, drops = self.totals.copy(), self.dropped.copy()
             since, totals_before, drops_before = self._reported
             new, new_drops = totals - totals_before, drops - drops_before
             self._reported = (now, totals, drops)
@@ -146,7 +132,7 @@ class Diagnostics:
                       "rate_in_hz": f"{rate_in_hz:.2f}", "rate_out_hz": f"{rate_out_hz:.2f}", **per_s,
                       **self._latency(), **self._values, "last_error": self._last_error}
             if "photons_in" in totals:
-                values |= _by_cause("photons_dropped", self._photons_dropped)
+                values |= _by_cause("photons_dropped", self.photons_dropped)
             waiting_for, since = self._waiting(now)
             if waiting_for:
                 values |= {"waiting_for": waiting_for, "waiting_s": f"{now - since:.1f}"}

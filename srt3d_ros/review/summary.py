@@ -170,9 +170,7 @@ def _origin(summary: dict) -> list[tuple[str, str]]:
         frequencies = np.atleast_1d(run["frequencies"]).tolist()
         found.append(("frequencies", f"{len(frequencies)}: {' '.join(str(k) for k in frequencies)}"))
     if "srt3d_ros" in versions:
-        revision, changed, _ = versions.get("git_revision", "").partition("+")
-        revision = f", revision {revision[:12]}{' and changes' * bool(changed)}" if revision else ""
-        found.append(("srt3d_ros", f"{versions['srt3d_ros']}{revision}"))
+        found.append(("srt3d_ros", versions["srt3d_ros"]))
     return found
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
+from srt3d_ros import json_text
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sketching.sketcher import sketch_photons
@@ -18,7 +19,7 @@ from srt3d_ros.datasets.bags.frames import BagFrames, find_photons
 from srt3d_ros.datasets.bags.writer import STORAGES, BagWriter
 from srt3d_ros.datasets.options import ASSUMED_FOV
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import cdr, gates, histograms, json_text, photons
+from srt3d_ros.messages import cdr, gates, histograms, photons
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketches
 from srt3d_ros.messages.sensor import digest

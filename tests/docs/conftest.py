@@ -1,7 +1,6 @@
 """The files that the pages take as given."""
 
 import os
-import shutil
 import sys
 from pathlib import Path
 
@@ -30,9 +29,9 @@ HOT = RNG.choice(PLAIN.pixels, 7, replace=False)
 HEAD, SMALL = Simulator(ppp=5), np.s_[30:60, 40:70]
 
 
-@pytest.fixture(scope="session")
-def given(tmp_path_factory, ball) -> Path:
-    """The files that the pages take as given: head, art, dark, fog, lit, wall.npz; scan.ptu; a bag, rec; run.rrd."""
+@pytest.fixture(scope="module")
+def here(tmp_path_factory, ball) -> Path:
+    """A folder with config/, examples/ and files that pages take as given; `python` and `srt3d` are the tests' own."""
     folder = tmp_path_factory.mktemp("given")
     events, depth = HEAD.frame(0)
     inside = np.isin(events.pixel, np.arange(141 * 141).reshape(141, 141)[SMALL])
@@ -51,16 +50,10 @@ def given(tmp_path_factory, ball) -> Path:
     described = ("/sensor", TEXT, sensor_message.encode_cdr(sensor))
     write_bag(folder / "rec", [described, *[("/photons", CLOUD, photons.encode_cdr(small, sensor, "lidar"))] * 8])
     write_recording(folder / "run.rrd", *ball)
-    return folder
-
-
-@pytest.fixture
-def here(given, tmp_path, monkeypatch) -> Path:
-    """A folder with the files, config/ and examples/, in which `python` and `srt3d` are those of the tests."""
-    shutil.copytree(given, tmp_path, dirs_exist_ok=True)
     for name in ("config", "examples"):
-        (tmp_path / name).symlink_to(ROOT / name)
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("MPLBACKEND", "Agg")
-    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
-    return tmp_path
+        (folder / name).symlink_to(ROOT / name)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.setenv("MPLBACKEND", "Agg")
+        patch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+        yield folder

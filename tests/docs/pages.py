@@ -2,13 +2,17 @@
 
 import re
 import shlex
+from contextlib import suppress
 from pathlib import Path
+
+from markdown_it import MarkdownIt
 
 ROOT = Path(__file__).resolve().parents[2]
 PATHS = {ROOT / "README.md", *ROOT.glob("docs/*.md")} - {ROOT / "docs/RESULTS.md"}      # whose revisions are older
 PAGES = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in sorted(PATHS)}
-FENCE = re.compile(r"^```([\w{}-]*)[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)
-INDENTED = re.compile(r"(?<=\n\n)(?: {4}.*\n)+")
+SOURCES = ("srt3d_ros/**/*.py", "benchmarks/*.py", "examples/*", "msg_schemas/*.json", "launch/*", "config/*.*")
+SOURCE = "\n".join(path.read_text(encoding="utf-8") for pattern in SOURCES for path in ROOT.glob(pattern))
+MARKDOWN = MarkdownIt().enable("table")
 
 
 def section(text: str, heading: str) -> str:
@@ -18,32 +22,26 @@ def section(text: str, heading: str) -> str:
 
 def fenced(text: str, language: str) -> list[str]:
     """The fenced blocks in this language."""
-    return [block[2] for block in FENCE.finditer(text) if block[1] == language]
+    return [token.content for token in MARKDOWN.parse(text) if token.type == "fence" and token.info == language]
 
 
 def indented(text: str) -> list[str]:
     """The blocks that are indented by four spaces, without the indent; a blank line ends one."""
-    return [re.sub("(?m)^ {4}", "", block).strip("\n") for block in INDENTED.findall(FENCE.sub("", text))]
+    blocks = [token.content for token in MARKDOWN.parse(text) if token.type == "code_block"]
+    return [part.strip("\n") for block in blocks for part in block.split("\n\n")]
 
 
 def command_lines(text: str) -> list[list[str]]:
-    """The words of each shell command in the page's blocks, without comments."""
+    """The words of each shell command in the page's blocks, without comments; not of lines that no shell can read."""
     commands: list[list[str]] = []
     for line in "\n".join(indented(text)).replace("\\\n", " ").splitlines():
-        lexer = shlex.shlex(line, posix=True, punctuation_chars=";&|")
-        lexer.whitespace_split = True
-        commands.append([])
-        try:
-            for word in lexer:
-                if set(word) <= set(";&|"):
-                    commands.append([])
-                else:
-                    commands[-1].append(word)
-        except ValueError:          # no shell could read this line: output, or a table
-            commands.pop()
+        for command in re.split(r"&&|;|\|", re.sub(r"(^|\s)#.*", "", line)):
+            with suppress(ValueError):
+                commands.append(shlex.split(command))
     return [command for command in commands if command]
 
 
 def inline(text: str) -> list[str]:
     """What stands in single backticks, also across a line's end."""
-    return [re.sub(r"\s+", " ", code).strip() for code in re.findall(r"(?<!`)`([^`]+)`(?!`)", FENCE.sub("", text))]
+    parts = [part for token in MARKDOWN.parse(text) for part in token.children or ()]
+    return [part.content for part in parts if part.type == "code_inline"]

@@ -16,12 +16,11 @@ from srt3d_ros.recording.reader import RecordingReader
 from tests.nodes.conftest import Graph
 from tests.processes import Process
 
-from .pages import PAGES, ROOT, fenced, indented, inline, section
+from .pages import PAGES, ROOT, SOURCE, fenced, indented, inline, section
 
 PAGE, TROUBLES = PAGES["docs/quickstart.md"], PAGES["docs/troubleshooting.md"]
 DRIVER, OF_HISTOGRAMS = "examples/spad_driver.py", "examples/histogram_driver.py"
-WORDS = "is|are|of|on|expected|no_sensor|malformed|queue|my_sensor|json"
-VARIABLE = re.compile(rf'…|[\d.]+|/\w+|"\w+"|[:,;()]|\b(?:{WORDS})\b')
+VARIABLE = (r'…|[\d.]+|/\w+|"\w+"|[:,;()]|\b(is|are|of|on|expected|no_sensor|malformed|queue|my_sensor.json)\b')
 PUT_TOGETHER = {"waiting for a sensor description", "waiting for a frame"}      # of words
 
 
@@ -94,9 +93,7 @@ def test_the_drivers_are_forty_lines_without_this_package(driver):
 
 def test_the_tables_of_troubles_quote_the_source():
     """tests/nodes has the causes: silence, clocks, contradictions, bad messages, losses, overload."""
-    source = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "srt3d_ros").rglob("*.py"))
-    source = re.sub(r'"\s*\n\s*f?"', "", source)        # literals of several lines
-    messages = [code for code in inline(TROUBLES) if len(code.split()) > 2]
-    sentences = [message for message in messages if not message.startswith(("ros2", "srt3d"))]
-    parts = {part.strip() for message in sentences for part in VARIABLE.split(message)}
-    assert len(sentences) > 15 and {part for part in parts if part not in source} == PUT_TOGETHER
+    source = re.sub(r'"\s*\n\s*f?"', "", SOURCE)          # literals of several lines
+    quoted = [code for code in inline(TROUBLES) if len(code.split()) > 2 and not code.startswith(("ros2", "srt3d"))]
+    parts = {part.strip() for message in quoted for part in re.sub(VARIABLE, "\n", message).splitlines()}
+    assert len(quoted) > 15 and {part for part in parts if part not in source} == PUT_TOGETHER

@@ -6,8 +6,9 @@ import pytest
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.gate import Gate
+from srt3d_ros.core.sketching.phases import histogram_tables, phase_table
 from srt3d_ros.core.sketching.photons import PhotonHistograms
-from srt3d_ros.core.sketching.sketcher import Sketcher, histogram_table, phase_table
+from srt3d_ros.core.sketching.sketcher import Sketcher
 from srt3d_ros.kernels import cpu
 from srt3d_ros.kernels.cpu import phase_sums, rows
 
@@ -126,12 +127,10 @@ def test_histograms(dtype, bins):
     rng = np.random.default_rng(2)
     counts = rng.integers(0, 200, (40, n)) - (30 if np.dtype(dtype).kind != "u" else 0)
     counts[7] = 0 if np.dtype(dtype).kind == "u" else -1        # below 0 there are no photons
-    table = histogram_table(sensor, frequencies)
-    of_template = None if bins is None or bins.template is None else np.matmul(bins.template[..., None, :], table)
+    table, of_template = histogram_tables(sensor, frequencies, None)
     sums, photons = cpu.new_sums(40, 6)
     for _ in range(2):
-        cpu.sketch_histograms(counts.astype(dtype), table, None if of_template is None else of_template[..., 0, :],
-                              sums, photons)
+        cpu.sketch_histograms(counts.astype(dtype), table, of_template, sums, photons)
     z, numbers = cpu.read_sums(sums, photons, 6)
     scene = counts - (0 if bins is None or bins.template is None else bins.template)
     middle = np.arange(T) if bins is None else bins.centers() - 0.5
@@ -150,7 +149,7 @@ def test_a_histogram_has_the_sketch_of_its_photons(bins, gate, toa_reference):
     n = T if bins is None else bins.num_bins
     histograms = PhotonHistograms(np.random.default_rng(1).poisson(0.4, (5, 8, n)).astype(np.uint16), stamp_ns=7)
     gate = gate and Gate(sensor, *gate)
-    of_counts, of_events = (Sketcher(sensor, (1, 2, 7), gate) for _ in range(2))
+    of_counts, of_events = (Sketcher(sensor, (1, 2, 7), gate=gate) for _ in range(2))
     of_counts.add(histograms)
     of_events.add(histograms.to_events(sensor))
     found, wanted = of_counts.sketch(), of_events.sketch()

@@ -11,12 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from std_msgs.msg import String
 
+from srt3d_ros import json_text
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.distortion import PlumbBob
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import json_text, sensor
+from srt3d_ros.messages import sensor
 
 GOLDEN = Path(__file__).parent / "golden"
 FULL = SensorModel(

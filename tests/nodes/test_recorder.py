@@ -159,7 +159,7 @@ def test_a_recording_has_all_that_the_nodes_published_and_said(graph, photon_fil
     assert np.allclose(series["latency_ms"].values, sketch + rest) and (rest > 0).all()
     properties = reader.properties()
     assert properties["run"]["namespace"] == graph.namespace
-    assert properties["versions"]["rerun"] == "0.41.0" and properties["versions"]["ros_distro"] != "unknown"
+    assert properties["versions"]["rerun"] == "0.41.0"
     texts = [line.text for line in reader.log_lines()]
     assert {"sketcher: ready", "reconstructor: ready", "player: ready"} <= set(texts)
     assert not any("ready too" in text for text in texts)       # of another namespace

@@ -61,7 +61,7 @@ def _write(path, cloud, sensor, frames=FRAMES, shift_m=0.0, first_ns=FIRST_NS, m
     stream.save(path)
     schema.log_properties(stream, "sensor", {"description": sensor_message.to_json(sensor)})
     stream.send_property("run", rr.AnyValues(frequencies=[1, 2, 5], machine="x86_64 <&>"))
-    stream.send_property("versions", rr.AnyValues(srt3d_ros="0.1.0", git_revision="0123456789abcdef"))
+    stream.send_property("versions", rr.AnyValues(srt3d_ros="0.1.0", numpy="0123456789abcdef"))
     frame = 0
     for k in range(frames):
         if k in missing:

@@ -27,7 +27,7 @@ def report(ball, write_recording, tmp_path, monkeypatch):
 
 def log_hostile_texts(stream):
     stream.send_property("run", rr.AnyValues(machine=EVIL, **{EVIL: EVIL}))
-    stream.send_property("versions", rr.AnyValues(git_revision=EVIL, rmw=EVIL))
+    stream.send_property("versions", rr.AnyValues(srt3d_ros=EVIL, rmw=EVIL))
     for name in (f"latency_{EVIL}_ms", EVIL):
         stream.log(["metrics", name], rr.Scalars(4.0))
     stream.log("/log", rr.TextLog(EVIL, level=EVIL))

@@ -50,30 +50,25 @@ class MovingSketcher(Sketcher):
 
     Attributes:
         lost: photons of the last frame finished that no pixel sees at its instant.
-        window_frames: 1; frames of a moving sensor are seen from different places, and do not add up.
     """
-
-    window_frames = 1
 
     def __init__(self, sensor: SensorModel, frequencies, gate: Gate | None = None):
         super().__init__(sensor, frequencies, gate=gate)
         self.lost = 0
         self._deskewer = Deskewer(self.sketch_sensor, self.frequencies)
         self._part_ns = 0                           # the length of a part; 0: each stamp has its own
-        self._previous_ns: int | None = None        # the last stamp of the frame before
-        self._parts: list[tuple[list[int], Sketch]] = []        # of the open frame, with the stamps of their packets
-        self._stamps: list[int] = []                # of the packets of the open part
 
     def reset(self) -> None:
         """Forget all photons, and when they came."""
         super().reset()
-        self._parts, self._stamps, self._previous_ns = [], [], None
+        self._parts: list[tuple[list[int], Sketch]] = []        # of the open frame, with the stamps of their packets
+        self._stamps: list[int] = []                # of the packets of the open part
+        self._previous_ns: int | None = None        # the last stamp of the frame before
 
     @property
     def kept(self) -> int:
         """Photons of the open frame that are inside the gate, which there has to be."""
-        ended = sum(int(sketch.photons.sum()) for _, sketch in self._parts)
-        return ended + int(self._kernels.counted(self._sums, 2 * len(self.frequencies)).sum())
+        return super().kept + sum(int(sketch.photons.sum()) for _, sketch in self._parts)
 
     def add(self, frame: PhotonFrame) -> None:
         """Add the photons of a packet; InvalidInput, and none is added, if one is outside the sensor."""

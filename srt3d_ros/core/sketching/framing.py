@@ -11,13 +11,13 @@ newest steps, of about two frames: a sensor may send the packets of a frame at o
 is not usual.
 """
 
-from collections import deque
+from collections import OrderedDict, deque
 from dataclasses import dataclass
 from heapq import nlargest
 from typing import NamedTuple
 
 HELD_BYTES = 2**25      # newest packets that are kept to be compared with: more than a network delays a packet's double
-SAMPLE_BYTES = 32       # of a packet, to look it up by
+SAMPLE_BYTES = 64       # of a packet, of its middle and from all over it, to look it up by
 AS_MANY_AS_COME = 1     # with a period, a number of packets that says nothing
 STEPS_KEPT = 1000       # bounds the cost where frames have very many packets
 USUAL_STEPS = 10        # that may be missing at a stretch, before more is taken for an end or a new beginning
@@ -164,26 +164,20 @@ class Framing:
 
 
 class _Recent:
-    """The newest packets, to know one that comes again. Different packets differ early: a comparison costs nothing."""
+    """The newest packets, to know one that comes again: by stamp, length and a few bytes, then by all."""
 
     def __init__(self):
-        self._order: deque[tuple[tuple, bytes]] = deque()
-        self._alike: dict[tuple, list[bytes]] = {}
+        self._packets: OrderedDict[tuple, bytes] = OrderedDict()
         self._bytes = 0
 
     def has_or_keeps(self, stamp_ns: int, content: bytes) -> bool:
         """Whether the packet is there; if not, it is from now on."""
-        middle = len(content) // 2
-        key = stamp_ns, len(content), content[middle:middle + SAMPLE_BYTES]
-        if content in self._alike.get(key, ()):
+        middle, step = len(content) // 2, len(content) // SAMPLE_BYTES | 1      # odd: words are of even length
+        key = stamp_ns, content[::step], content[middle:middle + SAMPLE_BYTES], len(content)
+        if self._packets.get(key) == content:
             return True
-        self._order.append((key, content))
-        self._alike.setdefault(key, []).append(content)
-        self._bytes += len(content)
-        while self._bytes > HELD_BYTES and len(self._order) > 1:
-            key, oldest = self._order.popleft()
-            self._bytes -= len(oldest)
-            self._alike[key].pop(0)
-            if not self._alike[key]:
-                del self._alike[key]
+        self._bytes += len(content) - len(self._packets.pop(key, b""))
+        self._packets[key] = content
+        while self._bytes > HELD_BYTES and len(self._packets) > 1:
+            self._bytes -= len(self._packets.popitem(last=False)[1])
         return False

@@ -37,7 +37,7 @@ class Sketch:
         frequencies: the integers k_l.
         sums: complex64 [rows, cols, m].
         photons: uint32 [rows, cols], n; MAX_PHOTONS and the mean where there were more.
-        stamp_ns: start of acquisition of the earliest photons; of a window, see WindowSketcher.
+        stamp_ns: start of acquisition of the earliest photons; of a window, of its newest frame.
         added_variance: of each part of the sums, by rounding on the way, over the n/2 that photon noise gives it.
         sensor: of the photons, behind the gate if there is one; None where it is not known.
     """

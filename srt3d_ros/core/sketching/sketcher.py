@@ -1,10 +1,11 @@
-"""Photons → sketch: the sums Σ_p exp(i ω_l x_p) of every pixel (SRT3D, ICASSP 2022, eq. 3).
+"""Photons → sketch: the sums Σ_p exp(i ω_l x_p) of every pixel (SRT3D, ICASSP 2022, eq. 3), also of a sliding window.
 
 exp(i ω_l x) takes only T values for integer ToA, so a T × 2m table replaces every sine and cosine, and sketching is
 one table row added per photon. The sums are integers (kernels/cpu/rows.py): what a sketch is depends on its photons
 only, bit for bit, not on their order, their packets or the number of threads.
 """
 
+from collections import deque
 from functools import cached_property
 
 import numpy as np
@@ -12,44 +13,67 @@ import numpy as np
 from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.gate import Gate
+from srt3d_ros.core.sketching.phases import histogram_tables, toa_table
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms, word_wanted
 from srt3d_ros.core.sketching.sketch import Sketch, check_frequencies
 from srt3d_ros.errors import require
 
+MAX_WINDOW_BYTES = 2**31
 ROUNDING = 1e-5         # relative, of float32 sums
-FAR = 4.0               # times its mean: where a template is higher, its noise would be taken for a surface
+Sums = tuple[np.ndarray, np.ndarray]
 
 
 class Sketcher:
-    """Adds photons to the sketch of a frame, in any split and any order; its memory is that of sketch and table.
+    """Adds the photons of frames, in any split and any order, and gives the sketch of the newest W frames.
+
+    Photons add up without end; a window is what has been added since its first frame began. The sums are integers that
+    wrap around, so the difference is exact, however long this runs, and costs what one frame does, whatever W. Memory:
+    a table, and one set of sums a frame of the window.
 
     Args:
         sensor: pixels, T and gate words.
         frequencies: the integers k_l.
+        window_frames: W, 1 or more.
         gate: of this sensor. Photons outside are dropped: the sketch is one of `gate.sensor`.
+
+    Raises:
+        InvalidInput: also if the window would take more than MAX_WINDOW_BYTES.
     """
 
-    def __init__(self, sensor: SensorModel, frequencies, gate: Gate | None = None):
+    def __init__(self, sensor: SensorModel, frequencies, window_frames: int = 1, gate: Gate | None = None):
         self.sensor, self.gate = sensor, gate
         self.frequencies = check_frequencies(frequencies, sensor.num_bins if gate is None else gate.num_bins)
         _, self._kernels = kernels_for("cpu")
-        table = phase_table(self.frequencies, sensor.num_bins, sensor.first_bin_center) if gate is None else \
-            gated_table(self.frequencies, gate)
+        table = toa_table(sensor, self.frequencies, gate)
         self._rows = self._kernels.fixed_rows(table)
         self._sums, self._photons = self._kernels.new_sums(sensor.pixels, table.shape[1])
-        self._stamp_ns: int | None = None
+        self._difference: Sums | None = None
         self._subtracted = False            # whether counts may have been negative
+        self.reset()
+        self.resize(window_frames)
 
     @property
     def sketch_sensor(self) -> SensorModel:
         """What the sketches are of: the sensor, or its gate."""
         return self.sensor if self.gate is None else self.gate.sensor
 
+    def resize(self, window_frames: int) -> None:
+        """Change W; a longer window grows frame by frame. Raises InvalidInput as above."""
+        bytes_each = self._sums.nbytes + self._photons.nbytes
+        most = max(MAX_WINDOW_BYTES // bytes_each, 1)
+        require(1 <= window_frames <= most, "window_frames", window_frames, f"1 to {most} for {self.sensor.rows} × "
+                f"{self.sensor.cols} pixels, which take {bytes_each / 1e6:.3g} MB a frame")
+        self.window_frames = window_frames
+        self._trim()
+
     def reset(self) -> None:
-        """Forget all photons."""
+        """Forget all photons, of the open frame and of all before."""
         self._sums[:] = 0
         self._photons[:] = 0
-        self._stamp_ns = None
+        self._stamp_ns: int | None = None       # of the open frame
+        # Of the window's frames, the open one last: what had been added before each (None: nothing), its first stamp.
+        self._before: deque[Sums | None] = deque([None])
+        self._stamps_ns: deque[int] = deque()
 
     def add(self, frame: PhotonFrame) -> None:
         """Add the photons of a frame or packet; InvalidInput, and none is added, if one is outside the sensor."""
@@ -61,18 +85,67 @@ class Sketcher:
             self._add_events(frame)
         self._stamp_ns = frame.stamp_ns if self._stamp_ns is None else min(self._stamp_ns, frame.stamp_ns)
 
+    @property
+    def kept(self) -> int:
+        """Photons of the open frame that are inside the gate, which there has to be: more than all of them if there are
+        negative counts outside."""
+        column = slice(2 * len(self.frequencies), 2 * len(self.frequencies) + 1)
+        here, before = self._sums[:, column], self._before[-1]
+        if before is not None:
+            here = here - before[0][:, column]
+        return int(self._kernels.counted(here, 0).sum())
+
+    def end_frame(self) -> Sketch:
+        """End the open frame; the sketch of the window of which it is the last, and its stamp."""
+        self._stamps_ns.append(self._stamp_ns or 0)
+        sketch = self._sketch_of(*self._since(self._before[0]), max(self._stamps_ns))
+        if self.window_frames == 1:             # cheaper than keeping what was added before
+            self.reset()
+        else:
+            self._stamp_ns = None
+            self._before.append(self._copy(self._before.popleft() if len(self._before) == self.window_frames else None))
+            self._trim()
+        return sketch
+
     def sketch(self) -> Sketch:
         """The sketch of all photons added since the last reset."""
-        return self._sketch_of(self._sums, self._photons)
+        return self._sketch_of(self._sums, self._photons, self._stamp_ns or 0)
 
-    def _sketch_of(self, sums: np.ndarray, photons: np.ndarray) -> Sketch:
+    # ---- Windows
+
+    def _trim(self) -> None:
+        """Forget the frames that the next window will not cover."""
+        while len(self._before) > self.window_frames:
+            self._before.popleft()
+        while len(self._stamps_ns) >= len(self._before):
+            self._stamps_ns.popleft()
+
+    def _since(self, before: Sums | None) -> Sums:
+        """What has been added since."""
+        if before is None:
+            return self._sums, self._photons
+        if self._difference is None:
+            self._difference = self._copy(None)
+        for whole, part, out in zip((self._sums, self._photons), before, self._difference, strict=True):
+            np.subtract(whole, part, out=out)
+        return self._difference
+
+    def _copy(self, into: Sums | None) -> Sums:
+        """A copy of the sums up to now, in `into` if there is one."""
+        if into is None:
+            return self._sums.copy(), self._photons.copy()
+        for out, values in zip(into, (self._sums, self._photons), strict=True):
+            out[:] = values
+        return into
+
+    def _sketch_of(self, sums: np.ndarray, photons: np.ndarray, stamp_ns: int) -> Sketch:
         rows, cols, m = self.sensor.rows, self.sensor.cols, len(self.frequencies)
         if self.gate is not None:
             photons = self._kernels.counted(sums, 2 * m)
         if self._subtracted:
             photons = self._at_least_as_seen(sums, photons)
         sums, photons = self._kernels.read_sums(sums, photons, 2 * m)
-        return Sketch(self.frequencies, sums.reshape(rows, cols, m), photons.reshape(rows, cols), self._stamp_ns or 0,
+        return Sketch(self.frequencies, sums.reshape(rows, cols, m), photons.reshape(rows, cols), stamp_ns,
                       sensor=self.sketch_sensor)
 
     def _at_least_as_seen(self, sums: np.ndarray, photons: np.ndarray) -> np.ndarray:
@@ -83,6 +156,8 @@ class Sketcher:
         read, _ = self._kernels.read_sums(sums, photons.clip(1), 2 * len(self.frequencies))
         longest = np.abs(read).max(axis=1) * (1 - ROUNDING)
         return np.maximum(photons, np.ceil(longest).astype(np.int64))
+
+    # ---- Forms of photons
 
     def _add_events(self, events: PhotonEvents) -> None:
         kernels, pixel, toa = self._kernels, _read_only(events.pixel), _read_only(events.toa)
@@ -125,14 +200,7 @@ class Sketcher:
 
     @cached_property
     def _histogram_tables(self) -> tuple[np.ndarray, np.ndarray | None]:
-        """The phases of the bins of histograms, and the phase sums of the template, or None."""
-        table, bins = histogram_table(self.sensor, self.frequencies, self.gate), self.sensor.histograms
-        of_template = None
-        if bins is not None and bins.template is not None:
-            of_pixel = bins.template.reshape(-1, bins.num_bins).mean(axis=0)
-            table = without(table, of_pixel > max(FAR * of_pixel.mean(), 1))
-            of_template = np.matmul(bins.template[..., None, :], table)[..., 0, :]
-        return table, of_template
+        return histogram_tables(self.sensor, self.frequencies, self.gate)
 
 
 def _read_only(values: np.ndarray) -> np.ndarray:
@@ -140,51 +208,6 @@ def _read_only(values: np.ndarray) -> np.ndarray:
     view = np.ascontiguousarray(values).view()
     view.flags.writeable = False
     return view
-
-
-def phase_table(frequencies, num_bins: int, first_bin_center: float = 0.0) -> np.ndarray:
-    """exp(i ω_l x) for the centre x of every bin, re and im interleaved; float32 [T, 2m]."""
-    # In half bins, so that k·x is reduced modulo T in integers and the phase is exact for large k·x.
-    period = 2 * num_bins
-    centers = 2 * np.arange(num_bins) + round(2 * first_bin_center)
-    turns = np.outer(centers, np.asarray(frequencies)) % period / period
-    return np.exp(2j * np.pi * turns).astype(np.complex64).view(np.float32)
-
-
-def gated_table(frequencies, gate: Gate) -> np.ndarray:
-    """The same for the bins of a gate's source: rows of zeros outside the gate, and inside 1 + 0i behind the others.
-
-    That column counts the photons inside, and outside ones cost what the others do, without a branch. float32
-    [T, 2m + 2].
-    """
-    table = np.zeros((gate.source.num_bins, 2 * len(frequencies) + 2), np.float32)
-    inside = (gate.start + np.arange(gate.num_bins)) % gate.source.num_bins
-    table[inside] = phase_table((*frequencies, 0), gate.num_bins, gate.sensor.first_bin_center)
-    return table
-
-
-def histogram_table(sensor: SensorModel, frequencies, gate: Gate | None = None) -> np.ndarray:
-    """Phases of the bins of a sensor's histograms; float32 [n, 2m + 2], or [rows · cols, n, 2m + 2] if pixels differ.
-
-    As `gated_table`: zeros outside the gate, and inside 1 + 0i behind the others.
-    """
-    bins = sensor.histograms
-    edges = np.arange(sensor.num_bins) + 0.5 if bins is None else bins.centers()
-    start, num_bins = (0, sensor.num_bins) if gate is None else (gate.start, gate.num_bins)
-    from_start = (edges - start) % sensor.num_bins
-    turns = (from_start + sensor.first_bin_center - 0.5)[..., None] * np.asarray((*frequencies, 0)) / num_bins
-    phases = np.exp(2j * np.pi * turns) * (from_start < num_bins)[..., None]
-    return phases.astype(np.complex64).view(np.float32)
-
-
-def without(table: np.ndarray, left_out: np.ndarray) -> np.ndarray:
-    """A table that takes bins of histograms to hold the mean of the others inside the gate, whatever they count.
-
-    So a uniform background still adds nothing.
-    """
-    others = (table[..., -2:-1] > 0) & ~left_out[:, None]
-    mean = (table * left_out[:, None]).sum(axis=-2, keepdims=True) / others.sum(axis=-2, keepdims=True).clip(1)
-    return ((table + mean) * others).astype(np.float32)
 
 
 def sketch_photons(frame: PhotonFrame, sensor: SensorModel, frequencies, gate: Gate | None = None) -> Sketch:

@@ -2,7 +2,6 @@
 
 from collections import deque
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 from srt3d_ros.core.motion.moving_sketcher import MovingFrame, MovingSketcher
 from srt3d_ros.core.motion.track import MotionReport, SensorMotion
@@ -14,7 +13,7 @@ from srt3d_ros.core.sketching.framing import Framing, OpenFrame
 from srt3d_ros.core.sketching.gate import OFF, in_ranges
 from srt3d_ros.core.sketching.photons import PhotonFrame
 from srt3d_ros.core.sketching.sketch import Sketch
-from srt3d_ros.core.sketching.window import WindowSketcher
+from srt3d_ros.core.sketching.sketcher import Sketcher
 from srt3d_ros.errors import require
 
 MERGE_S = 0.4           # longest wait for an acknowledgement: a reader that was killed gives none for 20 s
@@ -22,13 +21,6 @@ MERGE_POLL_S = 0.01     # until a frame that waits for an acknowledgement is tri
 MOTION_S = 1.0          # longest wait for the motion: odometry comes 10 to 100 ms late; after a second it has stopped
 # Frames that wait for the motion whatever memory they take, and the memory that more of them may take.
 MOST_FRAMES, MOST_BYTES = 4, 2**28
-
-
-class Counting(Protocol):
-    """What counts, such as Counts."""
-
-    def count(self, **amounts: int) -> None: ...
-    def drop(self, cause: str, frames: int = 1, photons: int = 0) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -93,13 +85,13 @@ class SketchStream:
         InvalidInput: options that contradict each other or do not suit the sensor.
     """
 
-    def __init__(self, sensor: SensorModel, options: StreamOptions = StreamOptions(), counts: Counting | None = None):
+    def __init__(self, sensor: SensorModel, options: StreamOptions = StreamOptions(), counts: Counts | None = None):
         self.sensor, self.options, self.counts = sensor, options, Counts() if counts is None else counts
         self.warning = ""
         self._framing = Framing(options.packets_per_frame, options.frame_period_ns)
         gate, frequencies = design_for(sensor, options.gate, options.frequencies, options.sketch_size)
         self._sketcher = MovingSketcher(sensor, frequencies, gate) if options.moving else \
-            WindowSketcher(sensor, frequencies, options.window_frames, gate)
+            Sketcher(sensor, frequencies, options.window_frames, gate)
         self._motion = SensorMotion(options.extrinsics) if options.moving else None
         self._ended: deque[_Ended] = deque()
         self._merged: _Ended | None = None          # frames that wait for readers, as one

@@ -8,6 +8,7 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
+from srt3d_ros import json_text
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonGates
 from srt3d_ros.datasets import sketch_file
@@ -15,7 +16,7 @@ from srt3d_ros.datasets.bags.bag import Bag, BagTopic
 from srt3d_ros.datasets.options import ASSUMED_FOV
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.messages import cdr, json_text
+from srt3d_ros.messages import cdr
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.messages.photon_frames import CODECS

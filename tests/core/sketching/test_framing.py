@@ -51,7 +51,7 @@ def test_packets_to_compare_with_are_kept_up_to_a_size(monkeypatch):
     forgetful = Framing(packets=10**6)
     for k in range(1000):
         forgetful.place(0, bytes([k % 200]) * 30)
-    assert len(forgetful._recent._order) == 3 and [*map(len, forgetful._recent._alike.values())] == [1, 1, 1]
+    assert [*map(len, forgetful._recent._packets.values())] == [30, 30, 30]
 
 
 @pytest.mark.parametrize(("packets", "period_ns", "stamps", "frames", "late"), [

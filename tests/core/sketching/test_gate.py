@@ -8,7 +8,6 @@ from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.gate import Gate, parse
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sketching.sketcher import Sketcher, sketch_photons
-from srt3d_ros.core.sketching.window import WindowSketcher
 from srt3d_ros.errors import InvalidInput
 
 ROWS, COLS, T = 6, 7, 160
@@ -101,7 +100,7 @@ def test_the_background_is_cut_and_one_without_photons_inside_is_even():
 
 def test_a_window_has_the_photons_inside_of_its_frames():
     gate = Gate(SENSOR, *GATE)
-    window, plain = WindowSketcher(SENSOR, FREQUENCIES, 3, gate), Sketcher(SENSOR, FREQUENCIES, gate=gate)
+    window, plain = Sketcher(SENSOR, FREQUENCIES, 3, gate), Sketcher(SENSOR, FREQUENCIES, gate=gate)
     for k in range(5):
         window.add(observe(depth=70 + k, stamp_ns=k))
         assert window.kept == gate.photons(observe(depth=70 + k)).photons

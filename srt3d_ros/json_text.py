@@ -1,16 +1,14 @@
-"""Untrusted JSON: bounded and strict, checked by a JSON Schema of msg_schemas/, its arrays as lists or in base64."""
+"""Untrusted JSON: bounded and strict, checked by a JSON Schema, its arrays as lists or in base64."""
 
 import base64
 import binascii
 import json
 import math
 from collections import Counter
-from functools import cache
 
 import numpy as np
 
 from srt3d_ros.errors import InvalidInput, quoted, require
-from srt3d_ros.messages.schema import load
 
 MAX_BYTES = 64 * 2**20
 MAX_VALUES = 2**20              # outside base64: a parsed number takes 32 bytes, a key with its value 150
@@ -42,12 +40,14 @@ def parse(text: str, what: str) -> dict:
     return content
 
 
-def check(content: dict, name: str) -> None:
-    """Raise InvalidInput for the first thing in a parsed object that the JSON Schema `name` forbids."""
+def check(content: dict, schema: dict) -> None:
+    """Raise InvalidInput for the first thing in a parsed object that a JSON Schema forbids."""
+    from jsonschema import Draft202012Validator  # here, as it takes 50 ms
+
     try:
-        error = next(_validator(name).iter_errors(content), None)
+        error = next(Draft202012Validator(schema).iter_errors(content), None)
     except RecursionError:
-        raise InvalidInput(name, "an object nested too deeply", "what its schema describes") from None
+        raise InvalidInput(schema["title"], "an object nested too deeply", "what its schema describes") from None
     if error is not None:
         raise _in_one_line(error)
 
@@ -68,13 +68,6 @@ def write_object(value, properties: dict[str, dict]) -> dict:
         if part is not None:
             content[name] = _to_base64(np.asarray(part), schema["x-dtype"]) if np.ndim(part) > 0 else part
     return content
-
-
-@cache
-def _validator(name: str):
-    from jsonschema import Draft202012Validator  # here, as it takes 50 ms
-
-    return Draft202012Validator(load(name))
 
 
 def _in_one_line(error) -> InvalidInput:

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching import window
+from srt3d_ros.core.sketching import sketcher as sketcher_module
 from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.core.sketching.sketch import MAX_PHOTONS
 from srt3d_ros.core.sketching.sketcher import Sketcher
-from srt3d_ros.core.sketching.window import WindowSketcher
 from srt3d_ros.errors import InvalidInput
 
 SENSOR = SensorModel(3, 5, 100, 1e-10, [1, 2, 1])
@@ -38,11 +37,11 @@ def assert_same(sketch, expected):
     assert sketch.stamp_ns == expected.stamp_ns
 
 
-def windows(width: int) -> WindowSketcher:
-    return WindowSketcher(SENSOR, FREQUENCIES, width)
+def windows(width: int) -> Sketcher:
+    return Sketcher(SENSOR, FREQUENCIES, width)
 
 
-def slide(sketcher: WindowSketcher, of: list[PhotonEvents]) -> list:
+def slide(sketcher: Sketcher, of: list[PhotonEvents]) -> list:
     sketches = []
     for frame in of:
         half = frame.photons // 2       # a frame may come in packets
@@ -99,9 +98,9 @@ def test_the_width_may_change_while_it_runs():
 
 
 def test_a_window_that_would_not_fit_into_memory_is_refused(monkeypatch):
-    monkeypatch.setattr(window, "MAX_WINDOW_BYTES", 20_000)
-    WindowSketcher(SENSOR, FREQUENCIES, 9)
+    monkeypatch.setattr(sketcher_module, "MAX_WINDOW_BYTES", 20_000)
+    Sketcher(SENSOR, FREQUENCIES, 9)
     with pytest.raises(InvalidInput, match="window_frames is 500: expected 1 to 9 for 3 × 5 pixels"):
-        WindowSketcher(SENSOR, FREQUENCIES, 500)
+        Sketcher(SENSOR, FREQUENCIES, 500)
     one = dataclasses.replace(SENSOR, rows=300, cols=500)
-    assert WindowSketcher(one, FREQUENCIES).window_frames == 1      # that one must always do
+    assert Sketcher(one, FREQUENCIES).window_frames == 1      # that one must always do
