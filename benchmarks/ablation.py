@@ -48,7 +48,8 @@ FILES = {"art_real_unif_ppp5_sbr0.1": (0.8, 10), "art_real_unif_ppp5_sbr1": (0.8
 SCENES = {"bust, SBR 1, 1 ppp": (1, 1, False), "bust, SBR 0.1, 10 ppp": (0.1, 10, False),
           "bust in fog, SBR 1, 10 ppp": (1, 10, True)}
 NET, MOTION = "net, SBR 1, 10 ppp", "room from a moving sensor, 3 ppp"
-FIXED = ("MAX_SKETCH_SIZE", "MAX_PHOTONS", "REACH", "FINE", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "STAY")     # limits, rounding, other methods
+# Limits, what has to fit a margin, rounding, other methods, warm starts.
+FIXED = "MAX_SKETCH_SIZE", "MAX_PHOTONS", "REACH", "FINE", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "STAY"
 OFF = {"APART": -1, "LEAST_SHARE": 0, "DEAD_PIXEL": -1e6, "LIKENESS": 1e6, "PRIOR_VOTE": 0, "MAX_VOTE": 1e6,
        "EMPTY_PENALTY": 0, "FEWER_PENALTY": 0, "BIRTH": 0, "JUDGED": 1, "RESOLVED": 0, "SPREAD": 0}
 
