@@ -88,6 +88,8 @@ def _find_undecided(s, state, here, surfaces, padded_cols, max_chi2, blur2, peri
             s[OWN + x] += ONE if there else ZERO
     for dy in range(-1, 2):
         for dx in range(-1, 2):
+            if dx == 0 and dy == 0:             # the pixel's own
+                continue
             for x in range(B):
                 s[NUMBER + x] = ZERO
             for q in range(surfaces):
