@@ -24,13 +24,6 @@ def test_a_quarter_to_the_left_turns_forward_into_left():
     np.testing.assert_array_equal(of_quaternion.translation, 0)
 
 
-def test_a_motion_and_its_inverse_cancel():
-    pose = Pose(Pose.turned([0.1, 0.2, -0.4]).rotation, np.array([1.0, -2, 3]))
-    x = np.array([[0.5, 0.25, -1]])
-    np.testing.assert_allclose((pose @ pose.inverse())(x), x, atol=1e-12)
-    np.testing.assert_allclose(pose.inverse()(pose(x)), x, atol=1e-12)
-
-
 @pytest.mark.parametrize(("quaternion", "position", "named"), [
     ([0, 0, 0, 0], [0, 0, 0], "orientation"), ([0, 0, 0, np.nan], [0, 0, 0], "orientation"),
     ([0, 0, 0, 1], [0, np.inf, 0], "position")])

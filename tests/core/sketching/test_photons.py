@@ -52,21 +52,6 @@ def test_a_toa_outside_the_laser_period_is_named(toa, dtype, shown):
     events([11], [99.99 if dtype == np.float32 else 99], dtype).check(SENSOR)        # the last ones are inside
 
 
-@pytest.mark.parametrize("which", [[2, 0], np.zeros(3, bool)])
-def test_a_part_of_the_photons_keeps_stamp_and_type(which):
-    frame = PhotonEvents(np.array([1, 2, 3], np.uint32), np.array([7.5, 8, 9], np.float32), 11)
-    part = frame.part(which)
-    assert part.stamp_ns == 11 and part.toa.dtype == np.float32
-    assert np.array_equal(part.pixel, frame.pixel[which]) and np.array_equal(part.toa, frame.toa[which])
-
-
-def test_gates_list_the_photons_of_a_pixel_cycle_by_cycle():
-    gates = PhotonGates.from_events(events([0, 0, 11, 0], [7, 3, 99, 1], stamp_ns=5), SENSOR)
-    assert gates.words.shape == (3, 3, 4) and gates.words.dtype == np.uint16 and gates.stamp_ns == 5
-    assert gates.words[:, 0, 0].tolist() == [17, 13, 11] and gates.words[:, 2, 3].tolist() == [109, 5, 5]
-    assert (gates.words == 5).sum() == 36 - 4
-
-
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
 def test_events_become_gates_and_events_again(dtype):
     rng = np.random.default_rng(1)
