@@ -26,9 +26,9 @@ def _curves(folder: Path, rows: Sequence[dict]) -> None:
     for source in dict.fromkeys(row["source"] for row in rows if row["sbr"]):
         chosen = [row for row in rows if row["source"] == source]
         first = chosen[0]
-        draw_metrics(folder / f"metrics_{source}.png", chosen, f"{source}: {first['rows']} × {first['cols']} pixels, {first['num_bins']} bins "
-                     f"of {first['bin_width_mm']:.3g} mm, tolerance "
-                     f"{first['tolerance_bins'] * first['bin_width_mm']:.3g} mm", list(METHODS))
+        title = (f"{source}: {first['rows']} × {first['cols']} pixels, {first['num_bins']} bins of "
+                 f"{first['bin_width_mm']:.3g} mm, tolerance {first['tolerance_bins'] * first['bin_width_mm']:.3g} mm")
+        draw_metrics(folder / f"metrics_{source}.png", chosen, title, list(METHODS))
 
 
 def _pictures(folder: Path, shown: Sequence[Outcome]) -> None:
@@ -41,7 +41,8 @@ def _pictures(folder: Path, shown: Sequence[Outcome]) -> None:
         strips = [_strip(case, outcomes) for case, outcomes in list(of_case.items())[:STRIPS]]
         draw_clouds(folder / f"reconstructions_{source}.png", strips, f"{source}: reconstructions, coloured by range")
         if any(strip.known is not None for strip in strips):
-            draw_errors(folder / f"errors_{source}.png", strips, f"{source}: depth errors (black: no point, grey: no reference)")
+            draw_errors(folder / f"errors_{source}.png", strips,
+                        f"{source}: depth errors (black: no point, grey: no reference)")
 
 
 def _strip(case: Case, outcomes: Sequence[Outcome]) -> Strip:
