@@ -5,11 +5,15 @@ Each measurement is a line of JSON with the machine that it was made on, printed
 
 import argparse
 import json
+import os
+import platform
+import re
 import sys
+from datetime import date
 from importlib import import_module
 from pathlib import Path
 
-from srt3d_ros.versions import machine
+from srt3d_ros.versions import versions
 
 PURPOSES = {
     "ablation": "quality and time with each constant of the method halved, doubled and off",
@@ -24,6 +28,13 @@ PURPOSES = {
     "table1": "time and memory of a frame by size: Table 1 of the paper",
     "two_machines": "sketches over links that are slow, lose packets or change: what passes, how late (root)",
 }
+
+
+def machine() -> dict:
+    """Date, processor, number of its cores, load, and versions."""
+    model = re.search(r"^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
+    return {"date": date.today().isoformat(), "machine": model[1].strip() if model else platform.machine(),
+            "cpus": len(os.sched_getaffinity(0)), "load_1min": round(os.getloadavg()[0], 2)} | versions()
 
 
 def main() -> None:

@@ -31,7 +31,7 @@ from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.core.sketching.sketcher import Sketcher, sketch_photons
 from srt3d_ros.datasets.simulation.motion_profiles import Path, walk
 from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
-from srt3d_ros.datasets.simulation.room import Room, World
+from srt3d_ros.datasets.simulation.room import Room
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 
@@ -49,7 +49,7 @@ class Drive:
     """
 
     name: str
-    world: World
+    world: object       # with cast, as Room
     path: Path
     first_s: float = 0.0
 

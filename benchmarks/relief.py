@@ -4,7 +4,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
-from srt3d_ros.core.motion.trajectory import SMOOTH_NS, Pose, Trajectory
+from srt3d_ros.core.motion.trajectory import Pose, Trajectory
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.datasets.files import read_npz_arrays
 from srt3d_ros.datasets.simulation.motion_profiles import OPTICAL, SPEED_M_S, TURN_RAD_S, Path, measured
@@ -25,7 +25,7 @@ def hand(t_s: float) -> Pose:
 
 def trajectory(path: Path, first_s: float, last_s: float) -> Trajectory:
     """What `measured` gives from before first_s to after last_s, as the sketcher follows it; stamps are ns from 0 s."""
-    known, margin_s = Trajectory(SMOOTH_NS), 0.1        # longer than a period
+    known, margin_s = Trajectory(), 0.1        # longer than a period
     for report in measured(path, start_s=first_s - margin_s):
         known.add(round(report.at_s * 1e9), report.pose)
         if report.at_s > last_s + margin_s:
@@ -49,7 +49,7 @@ class Relief:
         self._camera = Pinhole.from_fov(*self._range_m.shape, fov_deg=fov_deg)
 
     def cast(self, origin: np.ndarray, rays: np.ndarray) -> Hits:
-        """See World: march in even steps to the first crossing, then halve the interval. NaN outside of the map."""
+        """See Room: march in even steps to the first crossing, then halve the interval. NaN outside of the map."""
         start = (origin @ OPTICAL.rotation).astype(np.float32)[:, None]
         rays = np.einsum("ji,jn->in", OPTICAL.rotation.astype(np.float32), rays)
         moved = float(np.linalg.norm(start))

@@ -1,17 +1,12 @@
-"""`srt3d reconstruct --frames`: the files of --frame N, byte for byte, whoever makes them, stopped or not."""
+"""`srt3d reconstruct --frames`: the files of --frame N, byte for byte, stopped or not."""
 
-import contextlib
 import json
-import os
 import signal
 import subprocess
 import sys
-from concurrent import futures
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
-import psutil
 import pytest
 
 from srt3d_ros.cli import main
@@ -31,12 +26,6 @@ SENSOR = SensorModel(12, 20, 300, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2), gat
 FREQUENCIES = (1, 2, 5, 9)
 TYPES = {"photons": CLOUD, "sketch": CLOUD, "gates": IMAGE, "histograms": IMAGE}
 FRAMES = 6
-
-
-@pytest.fixture
-def at_once(monkeypatch):
-    """Threads in place of processes, which take seconds to start."""
-    monkeypatch.setattr(futures, "ProcessPoolExecutor", lambda *_: ThreadPoolExecutor(1))
 
 
 @pytest.fixture
@@ -74,7 +63,7 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("kind", TYPES)
-def test_the_files_are_those_of_each_frame_by_itself(tmp_path, at_once, reconstruct, kind):
+def test_the_files_are_those_of_each_frame_by_itself(tmp_path, reconstruct, kind):
     bag = frames_bag(tmp_path / "bag", kind)
     code, out, _ = reconstruct(bag, "--frames", "all", "--out", tmp_path / "all", "--surfaces", 2, "--json")
     assert code == 0
@@ -88,7 +77,7 @@ def test_the_files_are_those_of_each_frame_by_itself(tmp_path, at_once, reconstr
     assert depths == pytest.approx([80 + 10 * k for k in range(FRAMES)], abs=2)
 
 
-def test_the_frames_of_a_log(tmp_path, at_once, reconstruct):
+def test_the_frames_of_a_log(tmp_path, reconstruct):
     log = tmf8829_log(tmp_path / "log.json", [zones_16(range_m) for range_m in (2.0, 3.0, 4.0)])
     code, out, _ = reconstruct(log, "--frames", "all", "--out", tmp_path / "all", "--format", "ply")
     assert code == 0 and out.startswith("3 of 3 frames reconstructed")
@@ -98,7 +87,7 @@ def test_the_frames_of_a_log(tmp_path, at_once, reconstruct):
     assert made["frame_000002.ply"] == (tmp_path / "one.ply").read_bytes()
 
 
-def test_frames_that_fail_are_a_line_each_and_the_same_command_tries_only_them_again(tmp_path, at_once, reconstruct):
+def test_frames_that_fail_are_a_line_each_and_the_same_command_tries_only_them_again(tmp_path, reconstruct):
     bag = frames_bag(tmp_path / "bag", broken=(2, 4))
     for earlier in (0, FRAMES - 2):
         code, out, err = reconstruct(bag, "--frames", "all", "--out", tmp_path / "all")
@@ -109,7 +98,7 @@ def test_frames_that_fail_are_a_line_each_and_the_same_command_tries_only_them_a
         assert len(files(tmp_path / "all")) == FRAMES - 2
 
 
-def test_a_mistake_in_the_options_ends_the_command_in_one_line(tmp_path, at_once, reconstruct):
+def test_a_mistake_in_the_options_ends_the_command_in_one_line(tmp_path, reconstruct):
     bag, folder = frames_bag(tmp_path / "bag"), tmp_path / "all"
     code, out, err = reconstruct(bag, "--frames", "all", "--out", folder, "--method", "magic")
     lines = [line for line in err.splitlines() if line.startswith("srt3d: ")]       # beside the progress bar's
@@ -120,10 +109,9 @@ def test_a_mistake_in_the_options_ends_the_command_in_one_line(tmp_path, at_once
 
 @pytest.mark.parametrize(("arguments", "line"), [
     (("--frames", "all", "--frame", "1"), "frame is 1: expected nothing beside --frames"),
-    (("--frames", "all", "--jobs", "0"), "jobs is 0: expected 1 or more"),
-    (("--jobs", "2"), "jobs is 2: expected nothing without --frames"),
+    (("--format", "ply"), "format is ply: expected nothing without --frames"),
     (("--frames", "all", "--format", "las"), "frame.las: expected a file name that ends in .npz, ")])
-def test_mistakes_are_one_line(tmp_path, at_once, reconstruct, arguments, line):
+def test_mistakes_are_one_line(tmp_path, reconstruct, arguments, line):
     bag = frames_bag(tmp_path / "bag")
     code, _, err = reconstruct(bag, "--out", tmp_path / "all", *arguments)
     assert code == 2 and line in err and len(err.splitlines()) == 1
@@ -135,35 +123,15 @@ def test_a_file_of_one_frame_is_refused(tmp_path, reconstruct):
     assert code == 2 and "frames is one.npz: expected a bag or log of histograms" in err
 
 
-def workers(process: subprocess.Popen) -> list[psutil.Process]:
-    """The processes that reconstruct, not the one that watches over semaphores."""
-    found = []
-    for child in psutil.Process(process.pid).children():
-        with contextlib.suppress(psutil.Error):     # it has just ended
-            if "spawn_main" in " ".join(child.cmdline()):
-                found.append(child)
-    return found
-
-
-@pytest.mark.parametrize("how", ["a worker is killed", "Ctrl-C", "the command is killed"])
-def test_nothing_is_lost_however_it_ends(tmp_path, reconstruct, at_once, how):
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_nothing_is_lost_however_it_ends(tmp_path, reconstruct, how):
     bag, folder = frames_bag(tmp_path / "bag", frames=60), tmp_path / "all"
-    command_line = [sys.executable, "-m", "srt3d_ros.cli.main", "reconstruct", bag, "--frames", "all", "--jobs", "2"]
-    with subprocess.Popen([*command_line, "--out", folder], stderr=subprocess.PIPE, text=True,
-                          start_new_session=True) as running:
+    command_line = [sys.executable, "-m", "srt3d_ros.cli.main", "reconstruct", bag, "--frames", "all"]
+    with subprocess.Popen([*command_line, "--out", folder], stderr=subprocess.PIPE, text=True) as running:
         wait(lambda: len(list(folder.glob("frame*"))) >= 5 or running.poll() is not None, "5 frames")
-        begun = workers(running)
-        if how == "Ctrl-C":
-            os.killpg(running.pid, signal.SIGINT)
-        else:
-            (begun[0] if how == "a worker is killed" else running).kill()
+        running.send_signal(how)
         said = running.stderr.read()
-    assert len(begun) == 2 and "Traceback" not in said
-    wait(lambda: not any(process.is_running() for process in begun), "the end of the workers")
-    if how == "a worker is killed":
-        assert running.returncode == 2 and "reconstruction is ended with one of its processes: expected memory" in said
-    if how == "Ctrl-C":
-        assert running.returncode == 130
+    assert running.returncode == (130 if how == signal.SIGINT else -how) and "Traceback" not in said
     assert 5 <= len(list(folder.glob("frame*"))) < 60
     assert reconstruct(bag, "--frames", "all", "--out", folder)[0] == 0
     assert reconstruct(bag, "--frames", "all", "--out", tmp_path / "here")[0] == 0

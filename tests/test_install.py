@@ -166,12 +166,12 @@ import numpy as np, srt3d_ros
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.versions import machine
+from srt3d_ros.versions import versions
 sensor = SensorModel(2, 3, 100, 1e-10, [1, 2, 1])
 frame = PhotonEvents(np.repeat(np.arange(6, dtype=np.uint32), 40), np.full(240, 50, np.uint16))
 for name in METHODS:
     print(len(srt3d_ros.reconstruct(frame, sensor=sensor, method=name, device="cpu")))
-machine()
+versions()
 """
     assert run([sys.executable, "-c", photons_to_clouds], repository).split() == ["6"] * 5
 

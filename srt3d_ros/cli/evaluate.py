@@ -12,7 +12,7 @@ def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
         "evaluate", help="compare the methods on simulated scenes or on photon files",
         description="Reconstruct simulated scenes (or the photon files given) with every method and compare the "
-                    "clouds with the truth: a table, DIR/results.csv, figures and a README.md in DIR. "
+                    "clouds with the truth: a table, DIR/results.csv, and pictures in DIR. "
                     "docs/evaluation.md explains the figures.")
     parser.add_argument("files", nargs="*", metavar="FILE", help="photon files; none: the simulated scenes")
     parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder of the results")

@@ -17,7 +17,7 @@ MODULES = {"play": "node", "bag-record": "node"}      # those that are not calle
 # Optional packages: how to get what a command turns out to need.
 EXTRAS = {"rclpy": "ros", "std_msgs": "ros", "sensor_msgs": "ros", "nav_msgs": "ros",
           "rerun": "record", "matplotlib": "review", "PIL": "review",
-          "jinja2": "review", "rosbags": "bags", "torch": "gpu", "ptufile": "lab", "sdtfile": "lab", "h5py": "lab"}
+          "jinja2": "review", "rosbags": "bags", "torch": "gpu", "ptufile": "lab", "h5py": "lab"}
 DRAWING = ("demo", "review")        # commands that need all of `review`, which includes `record`
 
 FAILED = 1

@@ -12,7 +12,6 @@ from srt3d_ros.core.sketching.gate import AUTO, OFF
 from srt3d_ros.errors import require
 
 METHOD_OPTIONS = ("method", "sketch_size", "frequencies", "surfaces", "device", "false_alarm_rate", "background")
-MANY_OPTIONS = ("format", "jobs")
 
 
 def add_parser(subparsers) -> None:
@@ -49,7 +48,6 @@ def add_parser(subparsers) -> None:
                                      "same command goes on where an interrupted one stopped.")
     many.add_argument("--frames", choices=("all",), help="every frame by itself")
     many.add_argument("--format", metavar="SUFFIX", help="of the files: npz, ply, pcd, … as for OUT (npz)")
-    many.add_argument("--jobs", type=int, metavar="N", help="processes, among which the cores are divided (1)")
     parser.set_defaults(run=run)
 
 
@@ -59,11 +57,9 @@ def run(args: argparse.Namespace) -> int:
     check_not_input(args.output, args.input, args.irf)
     options = common.given(args, METHOD_OPTIONS) | {"gate": args.gate if args.gate == AUTO else OFF}
     if args.frames is None:
-        for name in MANY_OPTIONS:
-            require(getattr(args, name) is None, name, getattr(args, name), "nothing without --frames")
+        require(args.format is None, "format", args.format, "nothing without --frames")
         return _one(args, options)
     require(args.frame == 0, "frame", args.frame, "nothing beside --frames")
-    require(args.jobs is None or args.jobs >= 1, "jobs", args.jobs, "1 or more")
     return _many(args, options)
 
 
@@ -88,7 +84,7 @@ def _many(args: argparse.Namespace, options: dict) -> int:
     from srt3d_ros.batch import reconstruct_frames
 
     found = reconstruct_frames(Path(args.input), args.photons_topic, common.overrides(args), options,
-                               Path(args.output).absolute(), args.format or "npz", args.jobs or 1)
+                               Path(args.output), args.format or "npz")
     common.print_notes(found["notes"])
     if found["failed"]:
         common.print_notes([f"{found['failed']} of {found['frames']} frames failed; the same command tries them again"])

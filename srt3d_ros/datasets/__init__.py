@@ -25,7 +25,7 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
     """The photons of a file (docs/photon-file.md) or of a frame of a bag (docs/bags.md), with their sensor.
 
     Args:
-        path: .npz, .mat as its authors published it, a laboratory's file (.ptu, .sdt, …), an array of counts, a log of
+        path: .npz, .mat as its authors published it, a laboratory's file (.ptu, .h5, …), an array of counts, a log of
             histograms (.json, .gz), or a bag: its folder, .mcap or .db3 file; or "simulator", for its moving head.
         frame: which message of a bag's photons or sketches, or frame of a log or of the simulator, from 0; other files
             have one frame.

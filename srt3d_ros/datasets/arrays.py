@@ -1,7 +1,7 @@
 """Arrays in memory → a frame of photons and its sensor: row, col and ToA of each photon, or counts."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,14 +21,7 @@ from srt3d_ros.datasets.values import array, check_within, sendable
 from srt3d_ros.errors import InvalidInput, quoted, require
 
 AXES = "rows cols bins"
-
-
-class Described(NamedTuple):
-    """A frame, its sensor, and one line each for what was assumed or estimated."""
-
-    sensor: SensorModel
-    frame: PhotonEvents | PhotonHistograms
-    notes: tuple[str, ...]
+Described = tuple[SensorModel, PhotonEvents | PhotonHistograms, tuple[str, ...]]     # and notes
 
 
 def from_events(row: Any, col: Any, toa: Any, stamp_ns: int, options: dict) -> Described:
@@ -95,7 +88,7 @@ def _complete(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, optio
     if "irf" not in options:
         irf, note = _estimated_irf(frame, sensor)
         sensor, notes = sensor.replace(irf=irf, irf_ref=None), (note, *notes)
-    return Described(sensor, frame, notes)
+    return sensor, frame, notes
 
 
 def _estimated_irf(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel) -> tuple[np.ndarray, str]:

@@ -8,8 +8,8 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
-from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.new_files import check_replaceable
+from srt3d_ros.errors import require
+from srt3d_ros.new_files import check_replaceable, file_errors
 
 NUMBERS = ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m")
 MAPS = ("gain", "delay_bins", "mask", "background_shape")
@@ -54,10 +54,8 @@ def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame,
         require(fits, "reference_depth_bins shape", np.shape(reference_depth_bins),
                 f"[S, {sensor.rows}, {sensor.cols}], S from 1 to {MAX_SURFACES}")
         arrays |= dict(zip((FIRST_REFERENCES[-1], *OTHER_REFERENCES), surfaces))
-    try:
+    with file_errors("photon file", path):
         np.savez_compressed(path, **{name: values for name, values in arrays.items() if values is not None})
-    except OSError as error:
-        raise InvalidInput("photon file", str(path), f"a path that can be written ({error.strerror})") from None
 
 
 def value_of(name: str, array: np.ndarray) -> np.ndarray | float | str:

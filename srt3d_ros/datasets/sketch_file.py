@@ -14,7 +14,7 @@ from srt3d_ros.datasets.files import naming_file, open_npz, read_npz_arrays
 from srt3d_ros.datasets.options import redescribed
 from srt3d_ros.errors import InvalidInput, printable, require
 from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.new_files import atomic_write, check_replaceable
+from srt3d_ros.new_files import atomic_write, check_replaceable, file_errors
 
 # Each array, its kind of dtype and its number of dimensions. `sensor` is the JSON of the sensor message, in UTF-8.
 FORM = {"frequencies": ("iu", 1), "sums": ("c", 3), "photons": ("iu", 2), "stamp_ns": ("iu", 0),
@@ -38,13 +38,10 @@ def save(path: str | Path, sketch: Sketch, sensor: SensorModel, notes: tuple[str
     check_replaceable(path, "sums")
     _check(sketch, sensor)
     text = np.frombuffer(sensor_message.to_json(sensor).encode(), np.uint8)
-    try:
-        with atomic_write(path) as part:
-            np.savez(part, frequencies=np.array(sketch.frequencies), sums=sketch.sums, photons=sketch.photons,
-                     stamp_ns=np.int64(sketch.stamp_ns), added_variance=np.float64(sketch.added_variance), sensor=text,
-                     notes=np.array(notes, str))
-    except OSError as error:
-        raise InvalidInput("sketch file", str(path), f"a file that can be written ({error.strerror})") from None
+    with file_errors("sketch file", path), atomic_write(path) as part:
+        np.savez(part, frequencies=np.array(sketch.frequencies), sums=sketch.sums, photons=sketch.photons,
+                 stamp_ns=np.int64(sketch.stamp_ns), added_variance=np.float64(sketch.added_variance), sensor=text,
+                 notes=np.array(notes, str))
 
 
 def read(path: str | Path) -> tuple[Sketch, SensorModel, tuple[str, ...]]:

@@ -1,7 +1,6 @@
 """`srt3d evaluate`: from options to results, table and figures."""
 
 import argparse
-import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,9 +11,11 @@ from srt3d_ros.core.method.thresholds import MAX_SURFACES, check_options
 from srt3d_ros.core.methods import METHODS, Method, find
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.errors import require
-from srt3d_ros.evaluation import report, results
+from srt3d_ros.evaluation import results
 from srt3d_ros.evaluation.cases import SCENES, Case, of_files, simulated
 from srt3d_ros.evaluation.run import METHOD_OPTIONS, jobs_for, run
+
+NO_FIGURES = "no figures without matplotlib: pip install 'srt3d_ros[review]'"
 
 
 def evaluate(args: argparse.Namespace) -> int:
@@ -36,11 +37,16 @@ def evaluate(args: argparse.Namespace) -> int:
                 shown.append(outcome)
         bar.set_description("drawing")
         means = results.averaged(rows)
-        report.write(folder, means, shown, notes, shlex.join(["srt3d", *sys.argv[1:]]))
+        try:
+            from srt3d_ros.evaluation.figures import draw
+        except ModuleNotFoundError:
+            notes.append(NO_FIGURES)
+        else:
+            draw(folder, means, shown)
         bar.set_description("done")
     for note in notes:
         print(f"srt3d: {note}", file=sys.stderr)
-    print(f"{results.markdown(means)}\n\n{folder}/  results.csv  README.md  *.png")
+    print(f"{results.markdown(means)}\n\n{folder}/  results.csv  *.png")
     return 0
 
 
@@ -91,8 +97,8 @@ def _signal(case: Case) -> float:
 def _folder(path: Path) -> Path:
     """The folder of the results, whose results of an earlier evaluation are replaced."""
     require(not path.exists() or path.is_dir(), "--out", str(path), "a folder")
-    table, page = path / "results.csv", path / "README.md"
-    ours = results.is_table(table) if table.exists() else not page.exists()
-    require(ours, "--out", str(path), "a folder without README.md and results.csv of something else")
+    table = path / "results.csv"
+    require(not table.exists() or results.is_table(table), "--out", str(path),
+            "a folder without results.csv of something else")
     path.mkdir(parents=True, exist_ok=True)
     return path

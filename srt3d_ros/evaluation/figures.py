@@ -15,39 +15,34 @@ from srt3d_ros.pictures.panels import Panel, Strip, draw_clouds, draw_errors
 STRIPS = 10         # most rows of a picture that is still readable
 
 
-def draw(folder: Path, rows: Sequence[dict], shown: Sequence[Outcome]) -> list[Path]:
-    """Draw all figures; returns the files. Arguments as of `report.write`."""
-    return [*_curves(folder, rows), *_pictures(folder, shown)]
+def draw(folder: Path, rows: Sequence[dict], shown: Sequence[Outcome]) -> None:
+    """Draw the metrics of averaged rows, and the clouds of the outcomes that are shown."""
+    _curves(folder, rows)
+    _pictures(folder, shown)
 
 
-def _curves(folder: Path, rows: Sequence[dict]) -> list[Path]:
-    """Draw the metrics of each scene against photons per pixel; returns the files."""
-    drawn = []
+def _curves(folder: Path, rows: Sequence[dict]) -> None:
+    """Draw the metrics of each scene against photons per pixel."""
     for source in dict.fromkeys(row["source"] for row in rows if row["sbr"]):
         chosen = [row for row in rows if row["source"] == source]
         first = chosen[0]
-        drawn.append(folder / f"metrics_{source}.png")
-        draw_metrics(drawn[-1], chosen, f"{source}: {first['rows']} × {first['cols']} pixels, {first['num_bins']} bins "
-                     f"of {first['bin_width_mm']:.3g} mm, tolerance "
-                     f"{first['tolerance_bins'] * first['bin_width_mm']:.3g} mm", list(METHODS))
-    return drawn
+        title = (f"{source}: {first['rows']} × {first['cols']} pixels, {first['num_bins']} bins of "
+                 f"{first['bin_width_mm']:.3g} mm, tolerance {first['tolerance_bins'] * first['bin_width_mm']:.3g} mm")
+        draw_metrics(folder / f"metrics_{source}.png", chosen, title, list(METHODS))
 
 
-def _pictures(folder: Path, shown: Sequence[Outcome]) -> list[Path]:
+def _pictures(folder: Path, shown: Sequence[Outcome]) -> None:
     """Draw clouds side by side, and their errors, of each scene and of all files together."""
     of_picture: dict[str, dict[Case, list[Outcome]]] = {}
     for outcome in sorted(shown, key=lambda outcome: -(outcome.job.case.sbr or 0)):
         case = outcome.job.case
         of_picture.setdefault("files" if case.sbr is None else case.source, {}).setdefault(case, []).append(outcome)
-    drawn = []
     for source, of_case in of_picture.items():
         strips = [_strip(case, outcomes) for case, outcomes in list(of_case.items())[:STRIPS]]
-        drawn.append(folder / f"reconstructions_{source}.png")
-        draw_clouds(drawn[-1], strips, f"{source}: reconstructions, coloured by range")
+        draw_clouds(folder / f"reconstructions_{source}.png", strips, f"{source}: reconstructions, coloured by range")
         if any(strip.known is not None for strip in strips):
-            drawn.append(folder / f"errors_{source}.png")
-            draw_errors(drawn[-1], strips, f"{source}: depth errors (black: no point, grey: no reference)")
-    return drawn
+            draw_errors(folder / f"errors_{source}.png", strips,
+                        f"{source}: depth errors (black: no point, grey: no reference)")
 
 
 def _strip(case: Case, outcomes: Sequence[Outcome]) -> Strip:
@@ -79,7 +74,7 @@ def _error_map(cloud, reference: np.ndarray, sensor) -> np.ndarray:
 
 def _caption(row: dict) -> str:
     if "true_detections_percent" in row:
-        return (f"TD {row['true_detections_percent']:.1f} %  FD {row['false_detections_percent']:.1f} %  "
+        return (f"TD {row['true_detections_percent']:.1f} %  FD {row['false_detections_percent']:.1f} %\n"
                 f"DAE {row['dae_mm']:.3g} mm")
     nats = f"  {row['held_out_nats']:.1f} nats / 100 pixels" if row["held_out"] else ""
     return f"{row['points']:,} points{nats}"

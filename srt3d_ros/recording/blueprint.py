@@ -29,25 +29,14 @@ PLOTS = {
 IMAGE_TITLES = {schema.DEPTH: "Depth", schema.INTENSITY_IMAGE: "Intensity", schema.BACKGROUND: "Background",
                 schema.PHOTONS: "Photons"}
 _WIDE = 2.0                         # columns over rows from which images are stacked rather than set side by side
-_HISTORY = ((64**2, 5), (256**2, 3))        # (pixels, frames): sensors up to this size show this many frames at once
-_HISTORY_S = 0.25                   # on the timeline `stamp`, which does not count frames
 
 
-def cloud_view(eye: Viewpoint, sensor: SensorModel | None = None) -> rrb.Spatial3DView:
+def cloud_view(eye: Viewpoint) -> rrb.Spatial3DView:
     """The 3D view of the cloud and the sensor from `eye`, which orbits about its target."""
     controls = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=eye.position, look_target=eye.target,
                                  eye_up=eye.up)
-    frames, back = history_frames(sensor), rrb.TimeRangeBoundary.cursor_relative
-    ranges = [rrb.VisibleTimeRange(schema.FRAME, start=back(seq=1 - frames), end=back(seq=0)),
-              rrb.VisibleTimeRange(STAMP, start=back(seconds=-_HISTORY_S), end=back(seconds=0))]
     return rrb.Spatial3DView(origin="/", name="Point cloud", contents=[schema.POINTS, schema.SENSOR_PATH],
-                             background=BACKGROUND, line_grid=False, eye_controls=controls,
-                             time_ranges=ranges if frames > 1 else None)
-
-
-def history_frames(sensor: SensorModel | None) -> int:
-    """How many frames the 3D view shows at once: several of a small sensor, whose single frame is sparse."""
-    return next((frames for pixels, frames in _HISTORY if sensor and sensor.pixels <= pixels), 1)
+                             background=BACKGROUND, line_grid=False, eye_controls=controls)
 
 
 def film_blueprint(eye: Viewpoint, sensor: SensorModel | None, images: tuple[str, ...]) -> rrb.Blueprint:
@@ -61,7 +50,7 @@ def film_blueprint(eye: Viewpoint, sensor: SensorModel | None, images: tuple[str
     if pictures:
         right = rrb.Vertical(rrb.Grid(*pictures, grid_columns=1 if wide else min(len(pictures), 2)), plots,
                              row_shares=[1, 1])
-    left = rrb.Vertical(cloud_view(eye, sensor), log, row_shares=[5, 1])
+    left = rrb.Vertical(cloud_view(eye), log, row_shares=[5, 1])
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[3, 2]), rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),

@@ -1,6 +1,7 @@
 """`srt3d evaluate`: from files or scenes to a table, a CSV and figures; a mistake is one line."""
 
 import csv
+import sys
 from itertools import product
 
 import numpy as np
@@ -29,7 +30,7 @@ def folder(tmp_path_factory):
     photon_file.save(path / "layers.npz", SENSOR, events, truth)
     photon_file.save(path / "bare.npz", SENSOR, events)
     photon_file.save(path / "few.npz", SENSOR, PhotonEvents(events.pixel[:240], events.toa[:240]))
-    (path / "README.md").write_text("of something else")
+    (path / "results.csv").write_text("of something else")
     np.savez(path / "step.npz", depth_m=np.where(np.arange(24) < 12, 3.0, 3.1) + np.zeros((16, 1)))
     return path
 
@@ -69,7 +70,7 @@ def test_held_out_photons_judge_files_and_do_so_by_themselves_where_there_is_no_
     assert float(bare["held_out_nats"]) > 10 * float(bare["held_out_std"]) > 0
     assert float(bare["photons_per_pixel"]) == pytest.approx(36, rel=0.05) and not bare["true_detections_percent"]
     shown = f"| {float(bare['held_out_nats']):.1f} ± {float(bare['held_out_std']):.1f}"
-    assert shown in printed.out and shown in (out / "README.md").read_text(encoding="utf-8")
+    assert shown in printed.out
     assert "bare: no reference: clouds of 60% of the photons are judged by how well" in printed.err
     assert "| – ± –" not in printed.out and "nan" not in printed.out
     assert "few: no reference, and too few photons" in printed.err and "layers: no" not in printed.err
@@ -101,8 +102,15 @@ def test_a_scene_is_simulated_at_every_setting(run):
     assert sum(line.startswith("| step") for line in printed.out.splitlines()) == 8         # repeats averaged
     names = {path.name for path in out.glob("*.png")}
     assert names == {f"{name}_step.png" for name in ("metrics", "reconstructions", "errors")}
-    readme = (out / "README.md").read_text(encoding="utf-8")
-    assert all(f"]({name})" in readme for name in names) and "numba" in readme and "| step " in readme
+
+
+def test_without_matplotlib_there_are_the_table_and_a_note(run, monkeypatch):
+    for name in [name for name in sys.modules if name.startswith(("srt3d_ros.pictures", "srt3d_ros.evaluation.fig"))]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    code, printed, out = run("layers.npz", "--methods", "pooled")
+    assert code == 0 and "| layers " in printed.out and "no figures without matplotlib" in printed.err
+    assert [path.name for path in out.iterdir()] == ["results.csv"]
 
 
 def test_an_interrupted_evaluation_leaves_its_rows_and_the_next_one_starts_anew(run, monkeypatch):
@@ -145,7 +153,7 @@ def test_scenes_of_the_paper_are_the_default(monkeypatch, tmp_path, capsys):
      "few is 240 photons: expected 250 or more for --held-out-photons 0.4"),
     (["bare.npz", "--methods", "rt3d", "--background", "flat"],
      "--background is flat: expected one of the methods that take it: pooled"),
-    (["bare.npz", "--out", "."], "--out is .: expected a folder without README.md and"),
+    (["bare.npz", "--out", "."], "--out is .: expected a folder without results.csv of"),
 ])
 def test_a_mistake_is_one_line_and_exit_code_2(folder, tmp_path, monkeypatch, capsys, arguments, named):
     monkeypatch.chdir(folder)

@@ -16,9 +16,6 @@ from srt3d_ros.datasets.simulation.simulator import Simulator
 T = 586
 IRF = np.exp(-0.5 * ((np.arange(40) - 15) / np.where(np.arange(40) < 15, 3, 5))**2)     # steep rise, slow decay
 
-# A peak with a long tail, as measured ones have: only there it matters how the parts of a sketch are weighted.
-TAILED = np.exp(-0.5 * ((np.arange(120) - 12) / 3)**2) + 0.12 * np.exp(-np.maximum(np.arange(120) - 12, 0) / 25)
-
 
 def make_sensor(rows: int, cols: int, **changes) -> SensorModel:
     return SensorModel(rows, cols, **({"num_bins": T, "bin_width_s": 16e-12, "irf": IRF} | changes))

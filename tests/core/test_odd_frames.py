@@ -1,6 +1,5 @@
 """Sensors and frames that nobody should have: numbers come out, or one line says what cannot be used."""
 
-import tracemalloc
 
 import numpy as np
 import pytest
@@ -80,12 +79,3 @@ def test_a_surface_at_the_ends_of_the_period_is_found_there_whatever_the_delay(d
     cloud = PooledStream(sensor, frequencies)(plane(sensor, depth))
     assert len(cloud) == sensor.pixels and (cloud.depth_bins >= 0).all() and (cloud.depth_bins < T).all()
     assert np.abs(circular_difference(cloud.depth_bins.astype(float), depth, T)).max() < 1.5
-
-
-def test_the_longest_period_takes_little_memory():
-    long = SensorModel(1, 2, 65_535, 1e-11, np.ones(65_535))
-    tracemalloc.start()
-    PooledStream(long.replace(irf=[1.0], irf_ref=0), (1, 2, 32_767))
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 300e6

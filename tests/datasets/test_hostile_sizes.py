@@ -30,7 +30,6 @@ GIGABYTES = {
     "f.npz": (b"", "f.npz.json is 1073741824 bytes: expected at most", ""), "f.npz.json": (b"{", "", ""),
     "g.npy": (b"", "g.npy counts is unreadable", ""),
     "i.ptu": (b"PQTTTR\0\0001.0.00\0\0", "i.ptu is unreadable", "ptufile"),
-    "k.sdt": (b"\x8f\x02", "k.sdt is unreadable", "sdtfile"),
     "l.h5": (b"\x89HDF\r\n\x1a\n", "l.h5 is unreadable", "h5py"),
     "m.mat": (b"MATLAB 7.3 MAT-file", "m.mat is unreadable", "h5py")}
 SENSORS = {

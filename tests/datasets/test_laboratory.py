@@ -76,17 +76,6 @@ def test_a_file_without_a_scan_is_one_pixel_and_a_cut_one_is_said_to_be(tmp_path
     assert "one pixel" in photons.notes[0] and photons.notes[1] == "cut off: 2 of 5 records are there"
 
 
-def test_sdt_images(tmp_path):
-    pytest.importorskip("sdtfile")
-    path = files.sdt(tmp_path / "a.sdt", [CUBE, CUBE * 2], 120e-10)
-    photons = read(path, irf=IRF)
-    assert np.array_equal(counts_of(photons), CUBE * 2) and "data set 1" in photons.notes[0]
-    assert photons.sensor.bin_width_s == pytest.approx(1e-10)
-    assert np.array_equal(counts_of(read(path, irf=IRF, channel=0)), CUBE)
-    with pytest.raises(InvalidInput, match="channel is 2: expected 0 to 1"):
-        read(path, irf=IRF, channel=2)
-
-
 def test_hdf5_and_matlab_cubes(tmp_path):
     h5py = pytest.importorskip("h5py")
     with h5py.File(tmp_path / "a.h5", "w") as file:

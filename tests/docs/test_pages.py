@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
+from pathlib import Path
 
 import pytest
 
@@ -16,8 +17,8 @@ from .pages import PAGES, ROOT, SOURCE, command_lines, inline
 FOLDERS = ("benchmarks", "config", "docs", "examples", "launch", "msg_schemas", "scripts", "tests", "tools",
            *(folder.name for folder in (ROOT / "srt3d_ros").iterdir() if folder.is_dir()))
 OF_OTHERS = {"octomap_server", "sensor_frame", "bond_timeout", "ROS_STATIC_PEERS", "IMAGE", "sensor_model",
-             "wait_for_all_acked", "ROS_SECURITY_STRATEGY", "--ipc", "--network", "--shm-size", "--show-args",
-             "--ros-args", "use_sim_time", "__ns", "cloud_in", "max_range", "--system-site-packages"}
+             "wait_for_all_acked", "--show-args", "--ros-args", "use_sim_time", "__ns", "cloud_in", "max_range",
+             "--system-site-packages"}
 LIKE_CODE = re.compile(r"[a-z]_[a-z]|[A-Z]_[A-Z]|^[A-Z]\w+\.")
 
 # Figures of a page that are in docs/RESULTS.md, too: the page, what stands around them there, and in the results.
@@ -32,6 +33,8 @@ REPEATED = (
     ("docs/evaluation.md", r"take (\d+) ms \(median; 95 %: (\d+)\)", r"30 Hz \| (\d+) / (\d+) ms"),
     ("docs/motion.md", said := r"have ([\d.]+) to ([\d.]+) times the depth", said),
 )
+VARIABLE = (r'…|[\d.]+|/\w+|"\w+"|[:,;()]|\b(is|are|of|on|expected|no_sensor|malformed|queue|my_sensor.json)\b')
+PUT_TOGETHER = {"waiting for a sensor description", "waiting for a frame"}      # of words
 
 
 def names(code: str) -> Iterator[str]:
@@ -46,9 +49,10 @@ def names(code: str) -> Iterator[str]:
 def wrong_commands(text: str) -> Iterator[str]:
     """Command lines that `srt3d` does not take; also after ExecStart=, or in a container."""
     for line in command_lines(text):
-        for k in [k for k, word in enumerate(line) if re.search(r"(^|/bin/)srt3d$", word)]:
+        if srt3d := [k for k, word in enumerate(line) if Path(word).name == "srt3d"]:
+            words = line[srt3d[0] + 1:]
             try:
-                config = getattr(main.parser((line[k + 1],)).parse_args(line[k + 1:]), "config", None)
+                config = getattr(main.parser(words[:1]).parse_args(words), "config", None)
             except SystemExit:
                 yield " ".join(line)
             else:
@@ -82,6 +86,15 @@ def test_a_page_repeats_the_results(page, there, here):
     results = (ROOT / "docs/RESULTS.md").read_text(encoding="utf-8")
     said, measured = (re.findall(text, found, re.MULTILINE) for text, found in ((there, PAGES[page]), (here, results)))
     assert said and set(said) <= set(measured)
+
+
+def test_the_tables_of_troubles_quote_the_source():
+    """tests/nodes has the causes: silence, clocks, contradictions, bad messages, losses, overload."""
+    source = re.sub(r'"\s*\n\s*f?"', "", SOURCE)          # literals of several lines
+    quoted = [code for code in inline(PAGES["docs/troubleshooting.md"])
+              if len(code.split()) > 2 and not code.startswith(("ros2", "srt3d"))]
+    parts = {part.strip() for message in quoted for part in re.sub(VARIABLE, "\n", message).splitlines()}
+    assert len(quoted) > 15 and {part for part in parts if part not in source} == PUT_TOGETHER
 
 
 def test_the_site_builds_without_a_warning_and_reads_offline(tmp_path):

@@ -7,7 +7,6 @@ from rerun.chunk import RrdReader
 from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.pictures.viewpoint import look_at
 from srt3d_ros.recording import schema
-from srt3d_ros.recording.blueprint import history_frames
 from srt3d_ros.recording.writer import RecordingWriter
 
 
@@ -44,12 +43,6 @@ def test_film_opens_on_cloud_images_plots_and_log_with_the_eye_on_the_cloud(tmp_
     (position,), (target,) = columns["EyeControls3D:position"][-1], columns["EyeControls3D:look_target"][-1]
     assert np.allclose(position, eye.position) and np.allclose(target, eye.target)
     assert ["stamp"] in columns["TimePanelBlueprint:timeline"]
-
-
-def test_small_sensors_show_more_frames_at_once(ball):
-    sensor = ball[1]
-    large = sensor.replace(rows=300, cols=300, projection=sensor.projection)
-    assert history_frames(sensor) == 5 and history_frames(large) == history_frames(None) == 1
 
 
 @pytest.mark.parametrize("scanner", [False, True])

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from srt3d_ros.core.motion.trajectory import SMOOTH_NS, Pose, Trajectory
+from srt3d_ros.core.motion.trajectory import Pose, Trajectory
 from srt3d_ros.errors import require
 
 GAP_NS = 500_000_000        # between reports: over it, an even motion is off by 3 cm at 1 m/s² (a t² / 8)
@@ -48,7 +48,7 @@ class SensorMotion:
 
     def __init__(self, extrinsics: Pose | None = None):
         self._extrinsics = extrinsics or Pose()
-        self.trajectory, self._former = Trajectory(SMOOTH_NS), Trajectory(SMOOTH_NS)
+        self.trajectory, self._former = Trajectory(), Trajectory()
         self._last: MotionReport | None = None
         self._has_speed = self._has_rate = False        # a robot at rest reports 0, as do those that never fill it in
 
@@ -67,7 +67,7 @@ class SensorMotion:
                     f"later than the last, {last.stamp_ns} ns")
             why = self._break(last, report, elapsed_ns / 1e9)
         if why:
-            self._former, self.trajectory = self.trajectory, Trajectory(SMOOTH_NS)
+            self._former, self.trajectory = self.trajectory, Trajectory()
         self._last = report
         if report.pose is None:
             rate_rad_s = report.rate_rad_s if last is None else (last.rate_rad_s + report.rate_rad_s) / 2

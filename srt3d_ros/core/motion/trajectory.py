@@ -10,7 +10,7 @@ import numpy as np
 from srt3d_ros.errors import require
 
 KEPT_NS = 10 * 10**9        # of a trajectory: longer than any frame waits for it, or any window is likely to be
-SMOOTH_NS = 150_000_000     # of odometry. Stamps off by up to 20 ms: 4 mm at 1 m/s; a hand's shaking: 1 mm lost
+SMOOTH_NS = 150_000_000     # before and after. Stamps off by up to 20 ms: 4 mm at 1 m/s; a hand's shaking: 1 mm lost
 FEWEST = 6                  # poses that a parabola is drawn through
 
 
@@ -71,13 +71,11 @@ class Pose:
 class Trajectory:
     """Poses of a sensor in one fixed frame, in order of time; between them it moves evenly. Keeps the last seconds.
 
-    Args:
-        smooth_ns: poses and stamps are noisy: where FEWEST poses are so near, that of an instant lies on a parabola
-            through them (local quadratic regression: Cleveland, JASA 74, 1979, with weights 1 − u²).
+    Poses and stamps are noisy: where FEWEST poses are within SMOOTH_NS, that of an instant lies on a parabola through
+    them (local quadratic regression: Cleveland, JASA 74, 1979, with weights 1 − u²).
     """
 
-    def __init__(self, smooth_ns: int = 0) -> None:
-        self._smooth_ns = smooth_ns
+    def __init__(self) -> None:
         self._stamps_ns: list[int] = []
         self._poses: list[Pose] = []
 
@@ -112,7 +110,7 @@ class Trajectory:
         stamps = self._stamps_ns
         require(self.covers(stamp_ns, stamp_ns), "stamp", stamp_ns,
                 f"within the trajectory, {stamps[0]} to {stamps[-1]} ns" if stamps else "none: no pose has come yet")
-        if self._smooth_ns and (fitted := self._fitted(stamp_ns)):
+        if fitted := self._fitted(stamp_ns):
             return fitted
         after = bisect_left(stamps, stamp_ns)
         if stamps[after] == stamp_ns:
@@ -127,11 +125,11 @@ class Trajectory:
         """The pose on a parabola through those around; None if they are too few, or the instant is in a gap."""
         after = bisect_left(self._stamps_ns, stamp_ns)
         gap_ns = self._stamps_ns[after] - self._stamps_ns[max(after - 1, 0)]
-        first = bisect_left(self._stamps_ns, stamp_ns - self._smooth_ns)
-        end = bisect_right(self._stamps_ns, stamp_ns + self._smooth_ns)
-        if end - first < FEWEST or 3 * gap_ns > self._smooth_ns:
+        first = bisect_left(self._stamps_ns, stamp_ns - SMOOTH_NS)
+        end = bisect_right(self._stamps_ns, stamp_ns + SMOOTH_NS)
+        if end - first < FEWEST or 3 * gap_ns > SMOOTH_NS:
             return None
-        away = (np.array(self._stamps_ns[first:end]) - stamp_ns) / self._smooth_ns
+        away = (np.array(self._stamps_ns[first:end]) - stamp_ns) / SMOOTH_NS
         near = self._poses[first:end]
         powers = away ** np.arange(3)[:, None]
         weighted = powers * (1 - away**2 + 1e-9)

@@ -1,6 +1,5 @@
 """SensorModel: everything about a single-photon lidar that its photons do not say."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -212,17 +211,13 @@ class SensorModel:
         """
         shape = self.rows, self.cols
         (first_row, row_count), (first_col, col_count) = _span("rows", rows, self.rows), _span("cols", cols, self.cols)
-        return self.replace(rows=row_count, cols=col_count, **self._of_pixels(lambda values: values[rows, cols]),
+        maps = {name: getattr(self, name) for name in ("gain", "delay_bins", "mask")}
+        of_pixels = {name: values[rows, cols] for name, values in maps.items() if values is not None}
+        if self.irf.ndim == 2:
+            of_pixels["irf"] = self.irf.reshape(*shape, -1)[rows, cols].reshape(-1, self.irf.shape[1])
+        return self.replace(rows=row_count, cols=col_count, **of_pixels,
                             histograms=self.histograms and self.histograms.cropped(rows, cols, shape),
                             projection=self.projection.cropped(first_row, first_col))
-
-    def _of_pixels(self, taken: Callable[[np.ndarray], np.ndarray]) -> dict[str, np.ndarray]:
-        """The calibration of each pixel, through a function of maps [rows, cols, …]."""
-        maps = {name: getattr(self, name) for name in ("gain", "delay_bins", "mask")}
-        of_pixels = {name: taken(values) for name, values in maps.items() if values is not None}
-        if self.irf.ndim == 2:
-            of_pixels["irf"] = taken(self.irf.reshape(self.rows, self.cols, -1)).reshape(-1, self.irf.shape[1])
-        return of_pixels
 
     def same_as(self, other: "SensorModel | None") -> bool:
         """True if both describe the same sensor."""

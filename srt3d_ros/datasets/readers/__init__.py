@@ -19,7 +19,7 @@ from srt3d_ros.datasets.recording import Recording, StoredPhotons
 from srt3d_ros.datasets.values import number
 from srt3d_ros.errors import require
 
-READERS = {".npz": "npz", ".mat": "mat", ".ptu": "ptu", ".sdt": "sdt", ".h5": "hdf5", ".hdf5": "hdf5", ".npy": "cubes",
+READERS = {".npz": "npz", ".mat": "mat", ".ptu": "ptu", ".h5": "hdf5", ".hdf5": "hdf5", ".npy": "cubes",
            ".json": "tmf8829", ".gz": "tmf8829"}
 
 

@@ -16,17 +16,14 @@ from srt3d_ros.datasets.readers.mat_layouts import EXPECTED, LAYOUTS
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.processes import ending
 
-MAX_MEMORY_BYTES = 5 * 2**30    # the most photons in 8 bytes each, in their cells and joined; the rest for SciPy
-MAX_SECONDS = 600               # fifteen times what files that fill this memory take
-
 
 def load(path: Path) -> dict[str, np.ndarray]:
     """`variables` of a file, from a child process with the same modules as this one; InvalidInput if it fails."""
-    command = [sys.executable, "-P", "-m", __name__, str(MAX_MEMORY_BYTES), str(path)]
+    command = [sys.executable, "-P", "-m", __name__, str(path)]
     modules = {"PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
     with tempfile.TemporaryFile() as file, naming_file(path, EXPECTED):
         done = subprocess.run(command, env=os.environ | modules, stdin=subprocess.DEVNULL, stdout=file,
-                              stderr=subprocess.PIPE, text=True, timeout=MAX_SECONDS)
+                              stderr=subprocess.PIPE, text=True)
         if done.returncode != 0:
             why = f"its reader {ending(done)}" if done.returncode < 0 else done.stderr.strip().rpartition("\n")[2]
             raise InvalidInput("", f"unreadable ({why})", EXPECTED)
@@ -35,12 +32,9 @@ def load(path: Path) -> dict[str, np.ndarray]:
             return dict(arrays)
 
 
-def main(memory_bytes: str, path: str) -> None:
-    """In the child: write the variables to stdout, as an .npz, in so much memory, without a core file."""
-    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+def main(path: str) -> None:
+    """In the child: write the variables to stdout, as an .npz, without a core file."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    if resource.getrlimit(resource.RLIMIT_AS)[1] == resource.RLIM_INFINITY:
-        resource.setrlimit(resource.RLIMIT_AS, (used + int(memory_bytes),) * 2)
     warnings.simplefilter("ignore")
     np.savez(sys.stdout.buffer, **variables(path))
 

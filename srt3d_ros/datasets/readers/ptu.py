@@ -1,6 +1,5 @@
 """PicoQuant time-tagged photons (.ptu, T3), read with ptufile."""
 
-import inspect
 import shutil
 import tempfile
 from pathlib import Path
@@ -16,7 +15,6 @@ from srt3d_ros.errors import require
 EXPECTED = "a PicoQuant .ptu file, whole"
 COUNT = np.dtype(np.uint32)
 IN_MEMORY_BYTES, MAX_BYTES = 2**28, 2**34       # of counts; those between lie in a temporary file
-MAX_LINE_TICKS = 2**24              # of a line of uneven speed, for which there is a table
 MARKS = ("ImgHdr_LineStart", "ImgHdr_LineStop", "ImgHdr_Frame")
 ALL = slice(None, None, -1)         # ptufile adds up what is along this axis
 
@@ -28,14 +26,14 @@ def read(path: Path, options: dict) -> Recording:
         InvalidInput: naming the file and what of it cannot be used.
         ModuleNotFoundError: ptufile is not installed.
     """
-    with naming_file(path, EXPECTED, "ptufile"), _opened(path) as ptu:
+    import ptufile
+
+    with naming_file(path, EXPECTED, "ptufile"), ptufile.PtuFile(path) as ptu:
         require(ptu.is_t3, "measurement mode", "T2", "T3: record with the laser's pulses on the sync input, in T3 mode")
         for mark in filter(ptu.tags.__contains__, MARKS):
             require(1 <= ptu.tags[mark] <= 8, mark, ptu.tags[mark], "a bit of markers, 1 to 8")
-        stated, found = ptu.number_records, _records(path, ptu)
+        stated, found = ptu.number_records, (path.stat().st_size - ptu.record_offset) // 4
         num_bins, bin_width_s = _bins(ptu)
-        require(not ptu.is_sinusoidal or ptu.global_line_time <= MAX_LINE_TICKS, "line", f"{ptu.line_time:g} s",
-                f"at most {MAX_LINE_TICKS} laser periods, where its speed is uneven")
         channel, others = _channel(ptu, options)
         rows, cols = (1, 1, *ptu.shape[1:-2])[-2:]          # of an image, a line or a point
         notes = others + ("all photons are in one pixel: the file has no scan",) * (rows * cols == 1)
@@ -48,23 +46,6 @@ def read(path: Path, options: dict) -> Recording:
                                   keepdims=False, out=None if size <= IN_MEMORY_BYTES else "memmap")
         counts = counts.reshape(rows, cols, num_bins)
     return cube(path, counts.shape, counts.dtype, parts_of(counts), options, {"bin_width_s": bin_width_s}, notes)
-
-
-def _opened(path: Path):
-    """The file, its records mapped into memory; those of a file that is cut off are read."""
-    import ptufile
-
-    if "memmap" in inspect.signature(ptufile.PtuFile).parameters:
-        return ptufile.PtuFile(path, memmap=True)
-    ptu = ptufile.PtuFile(path)             # of before June 2026
-    ptu.cache_records = True
-    if ptu.number_records <= _records(path, ptu):
-        ptu.read_records(memmap=True)
-    return ptu
-
-
-def _records(path: Path, ptu) -> int:
-    return (path.stat().st_size - ptu.record_offset) // 4
 
 
 def _bins(ptu) -> tuple[int, float]:

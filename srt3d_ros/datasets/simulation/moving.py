@@ -7,7 +7,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.datasets import irf
 from srt3d_ros.datasets.simulation.motion_profiles import OPTICAL, Path
-from srt3d_ros.datasets.simulation.room import World
+from srt3d_ros.datasets.simulation.room import Room
 
 
 def moving_sensor(side: int = 141, fov_deg: float = 55.0) -> SensorModel:
@@ -29,7 +29,7 @@ class MovingView:
             little, several for each packet.
     """
 
-    def __init__(self, world: World, path: Path, sensor: SensorModel, exposure_s: float = 0.0):
+    def __init__(self, world: Room, path: Path, sensor: SensorModel, exposure_s: float = 0.0):
         self.sensor, self._world, self._path, self._exposure_s = sensor, world, path, exposure_s
         self._shape = sensor.rows, sensor.cols
         self._mount = OPTICAL if isinstance(sensor.projection, Pinhole) else Pose()

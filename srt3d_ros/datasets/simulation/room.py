@@ -1,8 +1,7 @@
-"""Worlds to move through: a furnished room with a bust. Rays are cast from any pose."""
+"""What a moving sensor sees: a furnished room with two busts. Rays are cast from any pose."""
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 
@@ -12,21 +11,6 @@ from srt3d_ros.datasets.simulation.bust import HEAD, TORSO, Figure
 TINY = np.float32(1e-9)
 SLOPE_M = 1e-3                  # over which the normal of a figure is measured
 Hits = tuple[np.ndarray, np.ndarray]
-
-
-class World(Protocol):
-    """What a moving sensor sees."""
-
-    def cast(self, origin: np.ndarray, rays: np.ndarray) -> Hits:
-        """What rays from a point meet first.
-
-        Args:
-            origin: float [3], metres.
-            rays: float32 [3, N], unit vectors.
-
-        Returns:
-            Metres along the rays, NaN where they meet nothing, and reflectivity; float32 [N] each.
-        """
 
 
 @dataclass(frozen=True)
@@ -66,7 +50,15 @@ class Room:
         self._head, self._torso = Figure(HEAD), Figure(TORSO)
 
     def cast(self, origin: np.ndarray, rays: np.ndarray) -> Hits:
-        """See World; the origin is inside the room and outside of what is in it."""
+        """What rays from a point meet first.
+
+        Args:
+            origin: float [3], metres, inside the room and outside of what is in it.
+            rays: float32 [3, N], unit vectors.
+
+        Returns:
+            Metres along the rays and reflectivity; float32 [N] each.
+        """
         origin = np.asarray(origin, np.float64)
         range_m, reflectivity = _cast_box(WALLS, origin, rays, within=True)
         bodies = [(box.middle, np.linalg.norm(box.size) / 2, partial(_cast_box, box)) for box in FURNITURE]

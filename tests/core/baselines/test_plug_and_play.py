@@ -17,23 +17,6 @@ from srt3d_ros.kernels import cpu
 from tests.core.scenes import T, make_sensor, run, simulate
 
 
-def blob(rows=48, cols=48) -> np.ndarray:
-    """A round thing before a tilted wall."""
-    y, x = np.mgrid[-1:1:rows * 1j, -1:1:cols * 1j]
-    ball = 200 - 60 * np.sqrt(np.maximum(0.5 - x**2 - y**2, 0))
-    return np.where(x**2 + y**2 < 0.5, ball, 330 + 10 * x)
-
-
-@pytest.mark.parametrize(("name", "pixelwise", "ppp", "sbr", "least", "most", "error"), [
-    ("srt3d", "smle", 4, 5, 0.97, 0.02, 1.1), ("rt3d", "xcorr", 4, 5, 0.97, 0.02, 0.75)])
-def test_it_detects_more_with_less_error_than_pixels_alone(name, pixelwise, ppp, sbr, least, most, error):
-    depth = blob()
-    frame, sensor = simulate(depth, sbr, ppp), make_sensor(*depth.shape)
-    found, alone = (evaluate(run(method, frame, sensor), depth, 10, T) for method in (name, pixelwise))
-    assert found.true_detections >= least and found.false_detections <= most and found.dae_bins <= error, found
-    assert found.dae_bins < alone.dae_bins and found.true_detections > alone.true_detections - 0.015
-
-
 def test_the_papers_numbers_of_steps_and_denoisings_are_run():
     sensor, calls = make_sensor(8, 8), []
     method = METHODS["srt3d"].build(sensor, (1, 2, 3))

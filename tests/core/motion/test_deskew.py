@@ -12,7 +12,6 @@ from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.core.sketching.sketcher import sketch_photons
-from srt3d_ros.errors import InvalidInput
 
 ROWS, COLS, T = 9, 12, 200
 STEP = 0.02             # rad from pixel to pixel
@@ -90,14 +89,6 @@ def test_a_line_without_a_step_across_sees_what_is_on_it():
     sketch, lost = moved(photons(sensor=sensor), Pose(), None, sensor)
     assert_same(sketch, sketch_photons(photons(sensor=sensor), sensor, FREQUENCIES))
     assert lost == 0
-
-
-def test_means_are_never_longer_than_one():
-    turn = Pose.turned([0.01, -0.003, 0.027])
-    sketch, _ = moved(PhotonEvents(np.arange(SENSOR.pixels, dtype=np.uint32), np.full(SENSOR.pixels, 9, np.uint16)),
-                      turn, constant(3))
-    assert np.abs(sketch.z).max() <= 1.0001
-    assert np.abs(sketch.sums[sketch.photons == 0]).max(initial=0) == 0
 
 
 def test_parallax_needs_the_range_and_is_that_of_the_point():
@@ -184,9 +175,3 @@ def test_parts_add_up_and_their_rounding_is_kept():
     sketch = deskewer(parts, after(Pose()), LATER, constant(FAR_M))
     assert sketch.added_variance == 0.2
     assert_same(sketch, parts[0][1] + parts[1][1] + parts[2][1])
-
-
-def test_an_instant_without_a_pose_is_refused():
-    deskewer, sketch = Deskewer(SENSOR, FREQUENCIES), sketch_photons(photons(), SENSOR, FREQUENCIES)
-    with pytest.raises(InvalidInput, match="^stamp is -1: expected within the trajectory"):
-        deskewer([(-1, sketch)], after(Pose()), LATER)

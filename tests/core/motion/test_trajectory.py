@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.motion.trajectory import KEPT_NS, SMOOTH_NS, Pose, Trajectory
+from srt3d_ros.core.motion.trajectory import KEPT_NS, Pose, Trajectory
 from srt3d_ros.errors import InvalidInput
 
 QUARTER_LEFT = Pose.turned([0, 0, np.pi / 2])
@@ -22,13 +22,6 @@ def test_a_quarter_to_the_left_turns_forward_into_left():
     of_quaternion = Pose.from_quaternion([0, 0, half, half])
     np.testing.assert_allclose(of_quaternion.rotation, QUARTER_LEFT.rotation, atol=1e-12)
     np.testing.assert_array_equal(of_quaternion.translation, 0)
-
-
-def test_a_motion_and_its_inverse_cancel():
-    pose = Pose(Pose.turned([0.1, 0.2, -0.4]).rotation, np.array([1.0, -2, 3]))
-    x = np.array([[0.5, 0.25, -1]])
-    np.testing.assert_allclose((pose @ pose.inverse())(x), x, atol=1e-12)
-    np.testing.assert_allclose(pose.inverse()(pose(x)), x, atol=1e-12)
 
 
 @pytest.mark.parametrize(("quaternion", "position", "named"), [
@@ -85,7 +78,7 @@ def _turning(t_s: float) -> Pose:
 
 
 def test_smoothing_leaves_an_even_motion_as_it_is():
-    exact = Trajectory(SMOOTH_NS)
+    exact = Trajectory()
     for k in range(60):
         exact.add(k * 10_000_000, _turning(k * 0.01))
     for stamp_ns in (0, 3_000_000, 255_000_000, 590_000_000):       # also at the ends
@@ -95,24 +88,23 @@ def test_smoothing_leaves_an_even_motion_as_it_is():
 
 
 def test_smoothing_averages_noise_of_stamps():
-    rng, rough, smooth = np.random.default_rng(0), Trajectory(), Trajectory(SMOOTH_NS)
-    for k in range(300):
-        for one in (rough, smooth):
-            one.add(k * 10_000_000, _turning(k * 0.01 + rng.uniform(-0.02, 0.02)))
-    errors = {one: np.std([np.linalg.norm(one.at(t).translation - _turning(t / 1e9).translation)
-                           for t in range(500_000_000, 2_500_000_000, 7_000_000)]) for one in (rough, smooth)}
-    assert errors[smooth] < 0.4 * errors[rough]
+    noise_s, trajectory = np.random.default_rng(0).uniform(-0.02, 0.02, 300), Trajectory()
+    for k, late_s in enumerate(noise_s):
+        trajectory.add(k * 10_000_000, _turning(k * 0.01 + late_s))
+    errors = [np.linalg.norm(trajectory.at(t).translation - _turning(t / 1e9).translation)
+              for t in range(500_000_000, 2_500_000_000, 7_000_000)]
+    assert np.sqrt(np.mean(np.square(errors))) < 0.4 * noise_s.std()                # at 1 m/s
 
 
 def test_few_poses_are_not_smoothed():
-    sparse = Trajectory(SMOOTH_NS)
+    sparse = Trajectory()
     for k in range(5):
         sparse.add(k * 100_000_000, Pose(np.eye(3), np.array([float(k**2), 0, 0])))
     assert sparse.at(250_000_000).translation[0] == pytest.approx(6.5)
 
 
 def test_in_a_gap_the_motion_is_even():
-    broken = Trajectory(SMOOTH_NS)
+    broken = Trajectory()
     for k in [*range(30), *range(60, 90)]:
         broken.add(k * 10_000_000, Pose(np.eye(3), np.array([(k / 100) ** 2, 0, 0])))
     assert broken.at(430_000_000).translation[0] == pytest.approx(0.29**2 + 14 / 31 * (0.6**2 - 0.29**2))

@@ -110,14 +110,6 @@ def test_a_window_has_the_photons_inside_of_its_frames():
     assert np.array_equal(sketch.sums, plain.sketch().sums) and np.array_equal(sketch.photons, plain.sketch().photons)
 
 
-@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
-def test_photons_outside_the_sensor_are_refused_as_without_a_gate(dtype):
-    sketcher = Sketcher(SENSOR, FREQUENCIES, gate=Gate(SENSOR, *GATE))
-    with pytest.raises(InvalidInput, match="toa is 160"):
-        sketcher.add(PhotonEvents(np.zeros(2, np.uint32), np.array([60, 160], dtype)))
-    assert sketcher.sketch().photons.sum() == 0
-
-
 def test_a_gate_may_be_written_as_a_list():
     for spec in ("100-400", "100:400", "100, 400", " [100,400] ", (100, 400), [100, 400], np.array([100, 400])):
         assert parse(spec) == (100, 400) and str(Gate(SENSOR, 50, 119)) == "50-119"

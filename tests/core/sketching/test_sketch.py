@@ -14,12 +14,6 @@ def make(rows=2, cols=3, frequencies=(1, 4), seed=0, stamp_ns=0) -> Sketch:
     return Sketch(frequencies, (photons[..., None] * phases).astype(np.complex64), photons, stamp_ns)
 
 
-def test_frequencies_become_a_tuple_of_integers():
-    checked = check_frequencies(np.array([1, 7, 3]), 100)
-    assert checked == (1, 7, 3) and all(type(k) is int for k in checked)
-    assert check_frequencies([2.0], 100) == (2,) and len(check_frequencies(range(1, MAX_SKETCH_SIZE + 1), 1000)) == 64
-
-
 @pytest.mark.parametrize(("frequencies", "named"), [
     ([], "sketch size is 0"), (range(1, MAX_SKETCH_SIZE + 2), f"sketch size is {MAX_SKETCH_SIZE + 1}"),
     ([0], "frequencies is 0"), ([1.5], "frequencies is 1.5"), ([float("nan")], "frequencies is nan"),
@@ -64,13 +58,6 @@ def test_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean():
     total = sketch + sketch
     assert (total.photons == MAX_PHOTONS).all() and total.photons.dtype == np.uint32
     np.testing.assert_allclose(total.z, 0.6 + 0.8j, rtol=1e-6)
-
-
-def test_a_window_of_a_sketch():
-    sketch = make(rows=4, cols=5, stamp_ns=7)
-    part = sketch[1:3, 2:]
-    assert np.array_equal(part.sums, sketch.sums[1:3, 2:]) and np.array_equal(part.photons, sketch.photons[1:3, 2:])
-    assert (part.frequencies, part.stamp_ns) == (sketch.frequencies, 7)
 
 
 @pytest.mark.parametrize(("sums", "photons", "named"), [

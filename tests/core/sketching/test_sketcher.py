@@ -58,17 +58,6 @@ def test_sketch_is_the_mean_of_the_photons_phases(dtype, ordered):
     assert sketch.frequencies == FREQUENCIES and sketch.stamp_ns == 1_000
 
 
-@pytest.mark.parametrize("num_bins", [2, 32_769, 65_535])
-@pytest.mark.parametrize("ordered", [True, False], ids=["sorted", "unsorted"])
-def test_first_and_last_bin_of_every_length_of_period(num_bins, ordered):
-    sensor = SENSOR.replace(num_bins=num_bins, irf=[1.0, 1.0], gates=None)
-    toa = np.array([0, num_bins - 1, num_bins - 1, num_bins // 2], np.uint16)
-    events = PhotonEvents(np.array([0, 0, 5, 5] if ordered else [0, 5, 0, 5], np.uint32), toa)
-    k = max((num_bins - 1) // 2, 1)
-    z, _ = definition(events, sensor, (k,))
-    np.testing.assert_allclose(sketch_photons(events, sensor, (k,)).z, z, atol=EACH)
-
-
 def test_phases_are_exact_for_high_frequencies_in_late_bins():
     table = phase_table((32_767,), 65_535).view(np.complex64)[:, 0]
     b = np.arange(65_535, dtype=object)                   # Python's integers: no rounding
@@ -90,29 +79,6 @@ def test_packets_in_any_split_order_and_form_give_the_same_sketch_to_the_bit(see
         sketcher.add(PhotonGates.from_events(parts[k], SENSOR) if k in as_gates else parts[k])
     assert_sketches_are_equal(sketcher.sketch(), sketch_photons(events, SENSOR, FREQUENCIES), each=0)
     assert sketcher.sketch().stamp_ns == 100
-
-
-def test_reset_forgets_photons_and_stamp_and_leaves_earlier_sketches_as_they_are():
-    sketcher = Sketcher(SENSOR, FREQUENCIES)
-    sketcher.add(photons(seed=1))
-    early, before = sketcher.sketch(), sketch_photons(photons(seed=1), SENSOR, FREQUENCIES)
-    sketcher.reset()
-    late = PhotonEvents(photons(seed=2).pixel, photons(seed=2).toa, stamp_ns=9_000)
-    sketcher.add(late)
-    assert_sketches_are_equal(sketcher.sketch(), sketch_photons(late, SENSOR, FREQUENCIES), each=0)
-    assert sketcher.sketch().stamp_ns == 9_000
-    assert_sketches_are_equal(early, before, each=0)
-
-
-def test_millions_of_photons_in_one_pixel_lose_no_precision():
-    toa = np.random.default_rng(0).integers(0, 100, 50_000).astype(np.uint16)
-    packet = PhotonEvents(np.zeros(len(toa), np.uint32), toa)
-    sketcher = Sketcher(SENSOR, FREQUENCIES)
-    for _ in range(200):
-        sketcher.add(packet)
-    z, _ = definition(packet)
-    assert sketcher.sketch().photons[0, 0] == 10_000_000
-    np.testing.assert_allclose(sketcher.sketch().z[0, 0], z[0, 0], atol=EACH)
 
 
 BAD = {

@@ -136,11 +136,6 @@ def test_a_reset_drops_the_open_frame_and_begins_a_new_window():
     assert_same(push(stream, 30, 40)[0], directly(30, 40))
 
 
-def test_a_gate_from_the_photons_is_for_files():
-    with pytest.raises(InvalidInput, match="^gate is auto: expected off, first and last bin"):
-        SketchStream(SENSOR, replace(BY_NUMBER, gate="auto"))
-
-
 def test_photons_outside_the_gate_are_dropped_and_counted():
     stream = SketchStream(SENSOR, replace(BY_NUMBER, frequencies="1,4,20", gate="20:79"))
     sketch, = push(stream, 0)
