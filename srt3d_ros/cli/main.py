@@ -10,7 +10,7 @@ from srt3d_ros.errors import InvalidInput, printable
 
 # Modules here with add_parser(subparsers), which sets run(args) -> int. Only the one asked for is imported, all for
 # `srt3d --help`: they import what is slow (torch, ROS) in run().
-COMMANDS = ("reconstruct", "info", "convert", "evaluate", "up", "play", "bag-record", "node",
+COMMANDS = ("reconstruct", "info", "evaluate", "up", "play", "bag-record", "node",
             "review", "demo", "compile")
 MODULES = {"play": "node", "bag-record": "node"}      # those that are not called as their command
 

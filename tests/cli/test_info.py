@@ -1,4 +1,4 @@
-"""`srt3d info` and `srt3d convert`: any photon file in figures, and as an npz photon file."""
+"""`srt3d info`: any photon file in figures."""
 
 import json
 
@@ -65,23 +65,6 @@ def test_an_empty_file_has_figures_too(srt3d, tmp_path):
     assert (tmp_path / "dark.png").exists()
 
 
-def test_convert_keeps_photons_and_options(srt3d, wall, cube, tmp_path):
-    out = tmp_path / "out.npz"
-    code, printed, _ = srt3d("convert", cube, out, "--bin-width-s", "5e-11", "--fov-deg", "20", "--json")
-    assert code == 0 and json.loads(printed)["output"] == str(out)
-    before, after = read(wall), read(out)
-    assert np.array_equal(before.frame.pixel, after.frame.pixel)
-    assert after.sensor.bin_width_s == 5e-11 and after.notes == ()
-    assert after.sensor.projection.fx == pytest.approx(before.sensor.replace(
-        projection=type(before.sensor.projection).from_fov(12, 20, 20)).projection.fx)
-
-
-def test_convert_never_destroys_its_input(refusal, wall, tmp_path):
-    before = wall.read_bytes()
-    assert refusal("convert", wall, wall).startswith("output is ")
-    assert refusal("convert", tmp_path / "none.npz", tmp_path / "b.npz").startswith("photon file is ")
-    assert refusal("convert", wall, tmp_path / "b.ply").startswith("output is b.ply: expected a name that ends in .npz")
-    assert wall.read_bytes() == before and not (tmp_path / "b.npz").exists()
+def test_mistakes_are_one_line(refusal, wall):
     assert refusal("info", wall, "-o", "a.jpg").startswith("output is a.jpg")
-    for command in (("convert", wall, "absent/a.npz"), ("info", wall, "-o", "absent/a.png")):
-        assert refusal(*command).endswith(": expected a directory absent that exists\n")
+    assert refusal("info", wall, "-o", "absent/a.png").endswith(": expected a directory absent that exists\n")

@@ -19,7 +19,7 @@ import numpy as np
 from srt3d_ros.core.baselines.plug_and_play import FAINTEST, RATE, depth_scale_bins, plug_and_play, usual_intensity
 from srt3d_ros.core.baselines.toa import PixelToa, by_pixel
 from srt3d_ros.core.baselines.xcorr import correlate
-from srt3d_ros.core.device import kernels_for, on_device
+from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.method.thresholds import check_options
 from srt3d_ros.core.sensor.model import SensorModel
@@ -33,7 +33,7 @@ LEAST_BACKGROUND = 0.01         # photons in a pixel: a photon off every surface
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """Everything in the likelihood but the unknowns.
+    """Everything in the likelihood but the unknowns, on the kernels' device.
 
     Args:
         starts: int64 [rows · cols + 1], toa: float32 [N]: the photons by pixel, delays taken out.
@@ -53,10 +53,6 @@ class Likelihood:
     num_bins: int
     exposure: np.ndarray
 
-    def on(self, kernels) -> "Likelihood":
-        """The same with its arrays on the kernels' device."""
-        return Likelihood(**on_device(vars(self), kernels))
-
 
 class RT3D:
     """Reconstructs frames of one sensor from their photons; arguments as of `PooledStream`, but "auto" is the CPU."""
@@ -66,7 +62,7 @@ class RT3D:
         self.device, self.kernels = kernels_for(device)
         self.sensor, self.surfaces = sensor, surfaces
         self._irf = np.atleast_2d(sensor.irf)
-        self._slope = _slope(self._irf)
+        self._slope = _slope(self._irf).astype(np.float32)
         self._width_bins = _rms_width(self._irf.mean(axis=0))
 
     def __call__(self, frame: PhotonFrame) -> PointCloud:
@@ -74,7 +70,7 @@ class RT3D:
         sensor, kernels, photons = self.sensor, self.kernels, by_pixel(frame, self.sensor)
         start, seen = correlate(photons, sensor, self.surfaces), sensor.exposure
         usual = usual_intensity(start.intensity, seen)
-        data = self._likelihood(photons, float(start.background.mean()) / max(usual, 1e-6)).on(kernels)
+        data = self._likelihood(photons, float(start.background.mean()) / max(usual, 1e-6))
         smooth = self._smoother(seen)
         background = smooth(kernels.array(np.float32(start.background * seen * sensor.num_bins)))
 
@@ -92,10 +88,11 @@ class RT3D:
         toa, delay = photons.toa, self.sensor.delay_bins
         if delay is not None:
             toa = toa - np.repeat(delay.ravel(), photons.counts)
-        mean = self._irf.mean(axis=0)
+        mean = self._irf.mean(axis=0).astype(np.float64)
         information = max(float((_slope(mean)**2 / (mean + ratio)).sum()), LEAST_INFORMATION)
-        return Likelihood(photons.starts, toa, self._irf, self._slope, self.sensor.irf_ref, information,
-                          self.sensor.num_bins, self.sensor.exposure)
+        *photons_and_irf, exposure = map(self.kernels.array, (photons.starts, toa, self._irf, self._slope,
+                                                              self.sensor.exposure))
+        return Likelihood(*photons_and_irf, self.sensor.irf_ref, information, self.sensor.num_bins, exposure)
 
     def _smoother(self, seen: np.ndarray) -> Callable:
         """Function from background photons to background per bin at a gain of 1, averaged over a window.
@@ -114,8 +111,8 @@ class RT3D:
 
 
 def _slope(irf: np.ndarray) -> np.ndarray:
-    """h′ between neighbouring bins' means, per bin; as long as the IRF, float32 [..., L]."""
-    padded = np.pad(irf, [(0, 0)] * (irf.ndim - 1) + [(1, 1)])
+    """h′ between neighbouring bins' means, per bin; as long as the IRF, float64 [..., L]."""
+    padded = np.pad(irf.astype(np.float64), [(0, 0)] * (irf.ndim - 1) + [(1, 1)])
     return (padded[..., 2:] - padded[..., :-2]) / 2
 
 

@@ -62,10 +62,6 @@ class Sketch:
         # as real numbers: complex ones take four times as long to divide
         return (np.ascontiguousarray(self.sums).view(np.float32) * each).view(np.complex64)
 
-    def __getitem__(self, pixels: slice | tuple[slice, slice]) -> Self:
-        """The sketch of a window of pixels, such as sketch[10:40, 20:50]; their sensor: `SensorModel.cropped`."""
-        return replace(self, sums=self.sums[pixels], photons=self.photons[pixels])
-
     def __add__(self, other: "Sketch") -> Self:
         """The sketch of both sets of photons; InvalidInput unless frequencies and size agree."""
         require(self.frequencies == other.frequencies, "frequencies", other.frequencies,
