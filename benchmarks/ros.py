@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.machines import WAIT_S, Watch, watch_command
 from benchmarks.frames import PPP, photons_of, sensor_of
+from benchmarks.machines import WAIT_S, Watch, watch_command
 from srt3d_ros.cli.node import node_command
 from srt3d_ros.datasets import photon_file
 from srt3d_ros.private_network import join_private_network

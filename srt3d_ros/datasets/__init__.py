@@ -7,7 +7,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.datasets import readers, sketch_file
 from srt3d_ros.datasets.bags.bag import is_bag
 from srt3d_ros.datasets.bags.frames import BagFrames
-from srt3d_ros.datasets.files import naming_file, read_text, readable, require_file
+from srt3d_ros.datasets.files import read_errors, read_text, readable, require_file
 from srt3d_ros.datasets.options import SensorOptions, gathered
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.simulation.simulator import Simulator
@@ -82,5 +82,5 @@ def open_sensor(path: str | Path) -> SensorModel:
         return read(path).sensor
     require_file(path, "sensor file")
     text = read_text(path)
-    with naming_file(path):
+    with read_errors(path):
         return sensor_message.from_json(text)

@@ -39,7 +39,7 @@ def require_file(path: Path, field: str) -> None:
 
 
 @contextmanager
-def naming_file(path: Path, expected: str = "", library: str = "") -> Iterator[None]:
+def read_errors(path: Path, expected: str = "", library: str = "") -> Iterator[None]:
     """Put the name of the file before the field of any InvalidInput.
 
     Args:
@@ -71,7 +71,7 @@ def naming_file(path: Path, expected: str = "", library: str = "") -> Iterator[N
 
 def read_text(path: Path) -> str:
     """The text of a JSON file, with or without a byte order mark; InvalidInput if it is too long or not UTF-8."""
-    with naming_file(path, "JSON in UTF-8"):
+    with read_errors(path, "JSON in UTF-8"):
         size = path.stat().st_size
         require(size <= json_text.MAX_BYTES, "", f"{size} bytes", f"at most {json_text.MAX_BYTES} bytes")
         return path.read_text(encoding="utf-8-sig")
@@ -101,7 +101,7 @@ def read_npz_arrays(path: Path, names: tuple[str, ...], field: str = "photon fil
 @contextmanager
 def open_npz(path: Path) -> Iterator[zipfile.ZipFile]:
     """The archive that an .npz file is; what goes wrong as long as it is open becomes InvalidInput."""
-    with path.open("rb") as file, naming_file(path):
+    with path.open("rb") as file, read_errors(path):
         begins_as_zip = file.read(len(ZIP_MARK)) == ZIP_MARK
         try:
             with zipfile.ZipFile(file) as archive:

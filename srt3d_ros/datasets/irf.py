@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.core.sketching.photons import PhotonEvents
-from srt3d_ros.datasets.files import map_npy, naming_file, read_npz_arrays, require_file
+from srt3d_ros.datasets.files import map_npy, read_errors, read_npz_arrays, require_file
 from srt3d_ros.errors import InvalidInput, require
 
 MAX_LENGTH = 65_535
@@ -141,7 +141,7 @@ def _read_file(path: Path) -> np.ndarray:
         return map_npy(path, f"irf file {path.name}")
     require(path.stat().st_size <= MAX_TEXT_BYTES, f"irf file {path.name}", f"{path.stat().st_size} bytes",
             f"at most {MAX_TEXT_BYTES} bytes of text")
-    with naming_file(path, "numbers"), warnings.catch_warnings():
+    with read_errors(path, "numbers"), warnings.catch_warnings():
         warnings.simplefilter("ignore")         # of a file without numbers, which the caller refuses
         return np.loadtxt(path, delimiter="," if path.suffix.lower() == ".csv" else None, ndmin=1)
 

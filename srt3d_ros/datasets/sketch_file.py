@@ -10,7 +10,7 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch, check_frequencies
-from srt3d_ros.datasets.files import naming_file, open_npz, read_npz_arrays
+from srt3d_ros.datasets.files import open_npz, read_errors, read_npz_arrays
 from srt3d_ros.datasets.options import redescribed
 from srt3d_ros.errors import InvalidInput, printable, require
 from srt3d_ros.messages import sensor as sensor_message
@@ -52,7 +52,7 @@ def read(path: str | Path) -> tuple[Sketch, SensorModel, tuple[str, ...]]:
     """
     path = Path(path)
     arrays = read_npz_arrays(path, tuple(FORM), "sketch file")
-    with naming_file(path):
+    with read_errors(path):
         for name, (kinds, sides) in FORM.items():
             require(name in arrays, name, "missing", f"the arrays {', '.join(FORM)} of a sketch file")
             found = arrays[name]

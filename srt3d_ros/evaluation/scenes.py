@@ -7,7 +7,7 @@ import numpy as np
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.datasets import irf
-from srt3d_ros.datasets.files import naming_file, read_npz_arrays
+from srt3d_ros.datasets.files import read_errors, read_npz_arrays
 from srt3d_ros.datasets.simulation.scene import StaticScene, default_sensor
 from srt3d_ros.errors import require
 
@@ -54,7 +54,7 @@ def read_scene(path: str | Path) -> tuple[StaticScene, SensorModel]:
     """
     path = Path(path)
     arrays = read_npz_arrays(path, ("depth_m", "reflectivity", "valid"), "scene")
-    with naming_file(path):
+    with read_errors(path):
         require("depth_m" in arrays, "depth_m", "missing", "the array depth_m [rows, cols], metres")
         shape = arrays["depth_m"].shape
         for name, image in arrays.items():

@@ -12,11 +12,11 @@ MAX_PHOTONS = 2**32 - 1     # of a pixel; one that saw more counts as so many wi
 
 # ---- Start: windows of the matched filter (`search`)
 
-SURE_SCALES = ((0.0, 1), (1.0, 1), (2.0, 2))    # σ and size of the cells, pixels: a pixel takes the first that is sure
-WIDE = (6.0, 3)         # and that for what is still open after the first iteration
-SURE = 7.0              # score that leaves no doubt: a wrong start beside a right one survives the iterations
-DOUBTFUL = 8.0          # score of a flat window below which slanted ones are tried: a smeared slope may be sure
-SLANTED = SURE_SCALES[-1]       # the scale that tries them: narrower ones find slopes in noise, wider ones bridge edges
+START_SCALES = ((0.0, 1), (1.0, 1), (2.0, 2))   # σ and size of the cells, pixels: a pixel takes the first that is sure
+WIDE_SCALE = (6.0, 3)   # and that for what is still open after the first iteration
+START_SCORE = 7.0       # a lower one starts more wrong surfaces, which survive beside right ones
+SURE_SCORE = 8.0        # of a flat window, below which slanted ones are tried: a smeared slope may exceed START_SCORE
+SLANTED_SCALE = START_SCALES[-1]        # tries them: finer scales find slopes in noise, wider ones bridge edges
 APART = 4.0             # widths of the matched filter's peak beyond which a pixel's surfaces are two
 
 # ---- Iterations: the pool (`pooled_step`)
@@ -38,7 +38,7 @@ EMPTY_PENALTY = 0.2     # log-likelihood ratio by which a neighbour without a su
 FEWER_PENALTY = 0.5     # and one with fewer surfaces against a further one
 BIRTH = 0.6             # log-likelihood ratio that a new surface needs
 RESOLVED = 0.7          # widths of the matched filter's peak within which depths are one surface, for sure
-JUDGED = 0.7            # agreement from which on two candidates are judged as one
+SAME_CANDIDATE = 0.7    # agreement from which on two candidates are judged as one: saves a fifth of a frame's time
 SPREAD = 4              # pixels by which surfaces may grow into empty ones in each iteration
 
 # ---- End (`trim`, `finalise`)

@@ -33,7 +33,7 @@ OLD_S = 2.0             # median latency: a warning
 # Stamps so far ahead of the clock are a warning. Clocks that NTP keeps differ by milliseconds, but a simulated one may
 # tick at only 10 Hz, and be late on a busy machine.
 AHEAD_S = 0.5
-TOTALS, RATED = ("frames_in", "frames_out", "message_lost", "errors"), ("photons", "points")
+TOTALS, RATED = ("messages_in", "frames_out", "message_lost", "errors"), ("photons", "points")
 
 
 class Diagnostics(Counts):
@@ -61,7 +61,7 @@ class Diagnostics(Counts):
 
     def received(self, photons: int = 0) -> None:
         """Count a frame that came in and announces so many photons."""
-        self.count(frames_in=1, **({"photons_in": photons} if photons else {}))
+        self.count(messages_in=1, **({"photons_in": photons} if photons else {}))
         self._frame_since = time.monotonic()
 
     def expect(self, topic: str) -> None:
@@ -126,7 +126,7 @@ class Diagnostics(Counts):
             new, new_drops = totals - totals_before, drops - drops_before
             self._reported = (now, totals, drops)
             seconds = max(now - since, 1e-3)
-            rate_in_hz, rate_out_hz = new["frames_in"] / seconds, new["frames_out"] / seconds
+            rate_in_hz, rate_out_hz = new["messages_in"] / seconds, new["frames_out"] / seconds
             per_s = {f"{name}_per_s": f"{new[name] / seconds:.1f}" for name in RATED if name in totals}
             values = {"state": self._node.state, **dict.fromkeys(TOTALS, 0), **totals, **_by_cause("dropped", drops),
                       "rate_in_hz": f"{rate_in_hz:.2f}", "rate_out_hz": f"{rate_out_hz:.2f}", **per_s,
@@ -186,7 +186,7 @@ class Diagnostics(Counts):
         if self._unusable:
             return DiagnosticStatus.ERROR, self._unusable
         if new_drops or new["message_lost"]:
-            sent, gone = new["frames_in"] + new["message_lost"], new_drops.total() + new["message_lost"]
+            sent, gone = new["messages_in"] + new["message_lost"], new_drops.total() + new["message_lost"]
             causes = [f"{n} {cause}" for cause, n in new_drops.items()]
             if new["message_lost"]:
                 causes.append(f"{new['message_lost']} lost on the way here")

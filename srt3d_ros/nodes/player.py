@@ -120,7 +120,7 @@ class PlayerNode(PipelineNode):
                 continue
             if not sent:
                 self.get_logger().info(f"the first frame's stamp is {stamp_ns}")
-            self.diagnostics.count(frames_in=1)
+            self.diagnostics.count(messages_in=1)
             self.publish_frame(self._publisher, data, stamp_ns)
             sent += 1
             if sent == total:

@@ -11,7 +11,7 @@ import numpy as np
 from srt3d_ros.colours import levels, percentile_range, range_table
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.datasets.files import naming_file, read_npz_arrays
+from srt3d_ros.datasets.files import read_errors, read_npz_arrays
 from srt3d_ros.errors import printable, require
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.new_files import atomic_write, check_place, check_replaceable, file_errors
@@ -46,7 +46,7 @@ def save(cloud: PointCloud, path: str | Path, *, frequencies: tuple[int, ...], s
 def load(path: str | Path) -> dict[str, Any]:
     """The fields of a library's cloud (results.Cloud) in an .npz that `save` has written; InvalidInput for another."""
     arrays = read_npz_arrays(Path(path), (*PointCloud.__dataclass_fields__, "sensor", *_JSON), "cloud")
-    with naming_file(Path(path), "a cloud, as Cloud.save writes it"):
+    with read_errors(Path(path), "a cloud, as Cloud.save writes it"):
         texts = {name: arrays.pop(name).tobytes().decode() for name in ("sensor", *_JSON)}
         found = PointCloud(**arrays | {"stamp_ns": int(arrays["stamp_ns"])})
         require(all(len(getattr(found, name)) == len(found) for name in _OF_POINTS), "points", "of several numbers",

@@ -9,7 +9,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, choose, irf_spectrum
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import DOUBTFUL, SURE_SCALES, WIDE
+from srt3d_ros.kernels.constants import START_SCALES, SURE_SCORE, WIDE_SCALE
 
 from .frames import (
     DEPTH_TOLERANCE,
@@ -26,7 +26,7 @@ from .frames import (
     with_clutter,
 )
 
-SCALES = [*SURE_SCALES, (3.0, 2), WIDE]
+SCALES = [*START_SCALES, (3.0, 2), WIDE_SCALE]
 
 
 @pytest.mark.parametrize("shape", [SHAPES[1], (1, 1), (1, 9), (9, 1), (5, 7)])
@@ -125,4 +125,4 @@ def test_slanted_windows_fill_and_replace_what_flat_ones_leave_or_doubt(backend,
     changed = (found != flat).any(axis=2)[:, 0]
     assert changed.any() and not changed[before[:, 0, maps.INTENSITY] > 0].any()
     had = changed & (flat[:, 0, maps.INTENSITY] > 0)
-    assert (flat[:, 0, maps.SCORE][had] < DOUBTFUL).all()
+    assert (flat[:, 0, maps.SCORE][had] < SURE_SCORE).all()

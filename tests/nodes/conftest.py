@@ -199,7 +199,7 @@ class Graph:
 def under_way(report: dict[str, str]) -> dict[str, str]:
     """Frames (in a sketcher, packets) and photons that came into a node and were neither published nor dropped yet."""
     out = "packets" if "packets" in report else "frames_out"
-    counters = {"under_way": ("frames_in", out, "dropped"),
+    counters = {"under_way": ("messages_in", out, "dropped"),
                 "photons_under_way": ("photons_in", "photons", "photons_dropped")}
     return {key: str(int(report[came]) - int(report.get(went, 0)) - int(report[dropped]))
             for key, (came, went, dropped) in counters.items() if came in report}

@@ -115,7 +115,7 @@ def test_a_full_disk_is_one_line_and_exit_code_1_and_the_bag_is_complete_if_it_w
 
 def test_what_the_disk_is_too_slow_for_is_dropped_and_what_waits_is_written_at_the_end(graph, record_gates, tmp_path):
     recorder = record_gates(SLOW_DISK)
-    graph.reports("bag_recorder", "frames_in", 4)
+    graph.reports("bag_recorder", "messages_in", 4)
     assert recorder.end(signal.SIGINT) == 0
     written = len(read(tmp_path / "bag"))
     assert 2 <= written < 4 and recorder.lines[-1].endswith(f"{4 - written} lost"), recorder.text

@@ -45,7 +45,7 @@ def test_totals_and_drops_by_cause_go_on_and_rates_start_again(counted):
     diagnostics.show(device="cpu")
     first, second = latest(), latest()
     for report in (first, second):
-        assert (report["frames_in"], report["frames_out"], report["photons"]) == ("5", "3", "1000")
+        assert (report["messages_in"], report["frames_out"], report["photons"]) == ("5", "3", "1000")
         assert (report["dropped"], report["dropped.queue"], report["dropped.malformed"]) == ("2", "1", "1")
         assert "photons_dropped" not in report
         assert (report["latency_p50_ms"], report["latency_p95_ms"], report["device"]) == ("20.00", "29.00", "cpu")

@@ -40,7 +40,7 @@ def test_without_autostart_a_node_waits_for_its_manager_and_works_while_it_is_ac
             assert graph.change("reconstructor", "configure")
     assert bytes(clouds[0].data) == bytes(clouds[1].data)
     report = graph.reports("reconstructor", "frames_out", 2)
-    assert report["frames_in"] == "2" and report["dropped"] == "0"
+    assert report["messages_in"] == "2" and report["dropped"] == "0"
     assert node.end(signal.SIGINT) == 0 and "Traceback" not in node.text
     said = [line.split("]: ")[1] for line in node.lines if "]: sketches: " not in line and "computing" not in line]
     work = ["configured", "ready", "deactivated"]

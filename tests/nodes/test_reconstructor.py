@@ -102,7 +102,7 @@ def test_a_cloud_keeps_stamp_and_frame_and_bad_sketches_are_survived(reconstruct
     (header, points), = reconstructor(sketch)
     assert (header.stamp_ns, header.frame_id) == (STAMP_NS, "spad")
     assert len(points["xyz"]) > 0.9 * sensor.pixels and lies_at(points, sensor, 50)
-    assert reconstructor.totals("frames_in", "dropped.malformed", "photons", "points", frames_out=1) == [
+    assert reconstructor.totals("messages_in", "dropped.malformed", "photons", "points", frames_out=1) == [
         3, 2, sketch.photons.sum(), len(points["xyz"])]
     device = reconstructor.graph.report("reconstructor")["device"]
     assert device.startswith("cuda: " if torch.cuda.is_available() else "cpu: ") and len(device) > 8       # and why

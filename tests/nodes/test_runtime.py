@@ -83,7 +83,7 @@ def test_an_unexpected_failure_is_counted_and_logged_and_the_node_goes_on(graph,
     for width in (0, 0, 1):
         publisher.publish(message(width))
     report = graph.reports("probe", "frames_out", 1)
-    assert (report["frames_in"], report["dropped"], report["dropped.error"], report["errors"]) == ("3", "2", "2", "2")
+    assert (report["messages_in"], report["dropped"], report["dropped.error"], report["errors"]) == ("3", "2", "2", "2")
     assert report["last_error"] == "ZeroDivisionError: division by zero"
     assert "[ERROR]" in probe.text and "ZeroDivisionError: division by zero" in probe.text
     assert "Traceback" not in probe.text
@@ -95,7 +95,7 @@ def test_a_signal_lets_the_current_frame_finish_and_the_accounting_adds_up(graph
     publisher = graph.matched(graph.publisher(PointCloud2, "in"))
     for _ in range(8):
         publisher.publish(message(10))
-    graph.reports("probe", "frames_in", 8)
+    graph.reports("probe", "messages_in", 8)
     probe.says("working")
     assert probe.end(signal.SIGTERM) == 0
     report = graph.reports("probe", "state", "finalized")

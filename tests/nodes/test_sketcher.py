@@ -105,7 +105,7 @@ def test_photons_sent_before_the_description_in_force_are_dropped_and_counted(gr
         describe(new, wait=False)
         node.go_on()
         graph.reports("sketcher", "num_bins", new.num_bins)
-        graph.reports("sketcher", "frames_in", 3 * attempt)
+        graph.reports("sketcher", "messages_in", 3 * attempt)
         report = graph.reports("sketcher", "under_way", 0)
         if "dropped.outdated" in report:
             break

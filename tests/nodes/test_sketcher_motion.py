@@ -71,7 +71,7 @@ def test_frames_wait_for_the_odometry_that_covers_them_and_bad_reports_cost_none
     reports.publish(bad)
     reports.publish(odom(10))                           # comes too late
     assert send(0) == []
-    graph.reports("sketcher", "frames_in", PACKETS)
+    graph.reports("sketcher", "messages_in", PACKETS)
     assert not sketches
     report(*range(40, 141, 20))
     deskewed = stream.poll()
@@ -82,7 +82,7 @@ def test_frames_wait_for_the_odometry_that_covers_them_and_bad_reports_cost_none
     assert lost > 0 and int(totals["photons"]) == events.photons - lost
     assert "/odom: stamp is " in totals["last_error"] and "odom: position is " in node.text
     send(1)                                             # waits for odometry that does not come
-    graph.reports("sketcher", "frames_in", 2 * PACKETS)
+    graph.reports("sketcher", "messages_in", 2 * PACKETS)
     assert graph.trigger("sketcher/reset")[0]
     check(stream.reset())
     assert graph.reports("sketcher", "frames_undeskewed", 1)["motion_refused"] == "2"

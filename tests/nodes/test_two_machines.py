@@ -43,7 +43,7 @@ def test_every_sketch_passes_over_a_bad_link_once_and_to_a_robot_that_comes_back
 
     machines.link.lose(0.01)
     assert FRAMES * SKETCH_BYTES < play(machines, watch, FRAMES) < OVERHEAD * FRAMES * SKETCH_BYTES
-    assert watch.total("reconstructor", "frames_in") == len(watch.arrivals) == FRAMES
+    assert watch.total("reconstructor", "messages_in") == len(watch.arrivals) == FRAMES
     assert watch.total("reconstructor", "message_lost") == watch.total("sketcher", "dropped") == 0
 
     reconstructor.kill()
@@ -54,4 +54,4 @@ def test_every_sketch_passes_over_a_bad_link_once_and_to_a_robot_that_comes_back
     machines.start_on(ROBOT, "reconstructor")
     machines.wait(lambda: watch.total("reconstructor", "cols") == SIDE, "sketch/sensor")
     play(machines, watch, FRAMES)
-    assert watch.total("reconstructor", "frames_in") == FRAMES and sketcher.running
+    assert watch.total("reconstructor", "messages_in") == FRAMES and sketcher.running

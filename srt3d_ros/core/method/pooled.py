@@ -23,10 +23,10 @@ from srt3d_ros.kernels.constants import (
     FIRST_STEPS,
     REACH,
     SAME_SURFACE,
-    SLANTED,
-    SURE,
-    SURE_SCALES,
-    WIDE,
+    SLANTED_SCALE,
+    START_SCALES,
+    START_SCORE,
+    WIDE_SCALE,
     WINDOWS,
 )
 
@@ -50,7 +50,7 @@ class Pooled:
         self._sensor, self._surfaces, self._kernels = sensor, surfaces, kernels
         self._matched = matcher.padded_on(kernels)
         started = false_alarm_rate / STAYING
-        self._found = score_threshold(started, max(matcher.frequencies), WIDE)
+        self._found = score_threshold(started, max(matcher.frequencies), WIDE_SCALE)
         self._continued, self._explains = continuation_threshold(started), explains
         self._equaliser, self._passed, self._used, self._rays = map(array, (
             matcher.equaliser, matcher.passed, matcher.used, sensor.rays))
@@ -76,9 +76,9 @@ class Pooled:
 
         # Start with surfaces that are sure, let them spread, and search the pixels that are still open more widely.
         state = kernels.no_surfaces(frame, self._surfaces)
-        self._search(frame, state, SURE_SCALES, SURE, start, continued)
+        self._search(frame, state, START_SCALES, START_SCORE, start, continued)
         state = self._iterate(frame, state, WINDOWS[0], FIRST_STEPS)
-        self._search(frame, state, (WIDE,), found)
+        self._search(frame, state, (WIDE_SCALE,), found)
 
         # Iterate over wider windows.
         for sigma in WINDOWS[1:]:
@@ -105,8 +105,8 @@ class Pooled:
             terms = kernels.expand(frame, state) if layer > 0 else None
             matched = kernels.residual(frame, state, terms, layer) if layer > 0 else frame.matched
             for scale in scales:
-                least = enough if scale == scales[-1] and layer == 0 else max(SURE, enough)
-                slanted = scale == SLANTED and layer == 0 and start is None
+                least = enough if scale == scales[-1] and layer == 0 else max(START_SCORE, enough)
+                slanted = scale == SLANTED_SCALE and layer == 0 and start is None
                 kernels.search(frame, matched, state, layer, *scale, least, start, confirmed, slanted)
 
     def _iterate(self, frame: MatchedFrame, state, sigma: float, steps: int = 1):

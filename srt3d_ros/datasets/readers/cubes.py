@@ -7,7 +7,7 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS
 from srt3d_ros.datasets import irf as irfs
-from srt3d_ros.datasets.files import map_npy, naming_file, npz_headers, open_npz, read_npz_arrays
+from srt3d_ros.datasets.files import map_npy, npz_headers, open_npz, read_errors, read_npz_arrays
 from srt3d_ros.datasets.options import ASSUMED_WIDTH, BIN_OF_ONE_METRE_S, few_bins_note
 from srt3d_ros.datasets.recording import Counts, Recording
 from srt3d_ros.datasets.values import number
@@ -49,7 +49,7 @@ def cube(path: Path, shape: tuple[int, ...], dtype: np.dtype, read: Callable[[in
 
     def chunks() -> Iterator[Counts]:
         first = 0
-        with naming_file(path, "a whole file of counts"):
+        with read_errors(path, "a whole file of counts"):
             for part in read(at_once * (1 if len(shape) == 3 else cols)):
                 counts = np.ascontiguousarray(part).reshape(-1, bins)
                 possible = dtype.itemsize < 4 or bool((np.abs(counts) <= MAX_COUNT).all())      # NaN is not

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.datasets.files import naming_file
+from srt3d_ros.datasets.files import read_errors
 from srt3d_ros.datasets.options import few_bins_note
 from srt3d_ros.datasets.readers.cubes import GIVEN, cube, given_by, the_cube
 from srt3d_ros.datasets.recording import Recording
@@ -32,7 +32,7 @@ def read(path: Path, options: dict) -> Recording:
     """
     import h5py
 
-    with naming_file(path, EXPECTED), h5py.File(path, "r") as file:
+    with read_errors(path, EXPECTED), h5py.File(path, "r") as file:
         datasets = _datasets(file)
         name = the_cube(path, {name: one.shape for name, one in datasets.items()})
         turned = is_matlab(path)            # MATLAB writes the last index first

@@ -6,7 +6,7 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS, MAX_PIXELS
 from srt3d_ros.datasets.arrays import from_pixels
-from srt3d_ros.datasets.files import naming_file
+from srt3d_ros.datasets.files import read_errors
 from srt3d_ros.datasets.options import check_same, few_bins_note, outside_note, refuse_channel
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers import hdf5, mat_child
@@ -28,7 +28,7 @@ def read(path: Path, options: dict) -> Photons | Recording:
     if hdf5.is_matlab(path):
         return hdf5.read(path, options)
     refuse_channel(options)
-    with naming_file(path):
+    with read_errors(path):
         found = mat_child.load(path)
         layout = next((one for one in LAYOUTS if one.fits(found)), None)
         if layout is None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.datasets.files import naming_file
+from srt3d_ros.datasets.files import read_errors
 from srt3d_ros.datasets.readers.cubes import GIVEN
 from srt3d_ros.datasets.readers.mat_layouts import EXPECTED, LAYOUTS
 from srt3d_ros.errors import InvalidInput
@@ -21,7 +21,7 @@ def load(path: Path) -> dict[str, np.ndarray]:
     """`variables` of a file, from a child process with the same modules as this one; InvalidInput if it fails."""
     command = [sys.executable, "-P", "-m", __name__, str(path)]
     modules = {"PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
-    with tempfile.TemporaryFile() as file, naming_file(path, EXPECTED):
+    with tempfile.TemporaryFile() as file, read_errors(path, EXPECTED):
         done = subprocess.run(command, env=os.environ | modules, stdin=subprocess.DEVNULL, stdout=file,
                               stderr=subprocess.PIPE, text=True)
         if done.returncode != 0:

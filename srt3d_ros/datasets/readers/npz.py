@@ -10,7 +10,7 @@ from srt3d_ros.core.sensor.distortion import PlumbBob
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.datasets.arrays import from_pixels
-from srt3d_ros.datasets.files import naming_file, read_npz_arrays
+from srt3d_ros.datasets.files import read_errors, read_npz_arrays
 from srt3d_ros.datasets.photon_file import FIRST_REFERENCES, KNOWN, OTHER_REFERENCES, OWN, value_of
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers import cubes
@@ -31,7 +31,7 @@ def read(path: Path, options: dict) -> Photons | Recording:
     arrays = read_npz_arrays(path, KNOWN)
     if not {"pixel", "toa"} & arrays.keys():
         return cubes.read_npz(path, options)
-    with naming_file(path):
+    with read_errors(path):
         values = {name: options[name] for name in OWN if name in options}
         values |= {name: value_of(name, array) for name, array in arrays.items()}
         for name in REQUIRED:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.datasets.files import naming_file
+from srt3d_ros.datasets.files import read_errors
 from srt3d_ros.datasets.readers.cubes import cube, parts_of
 from srt3d_ros.datasets.recording import Recording
 from srt3d_ros.datasets.values import number
@@ -28,7 +28,7 @@ def read(path: Path, options: dict) -> Recording:
     """
     import ptufile
 
-    with naming_file(path, EXPECTED, "ptufile"), ptufile.PtuFile(path) as ptu:
+    with read_errors(path, EXPECTED, "ptufile"), ptufile.PtuFile(path) as ptu:
         require(ptu.is_t3, "measurement mode", "T2", "T3: record with the laser's pulses on the sync input, in T3 mode")
         for mark in filter(ptu.tags.__contains__, MARKS):
             require(1 <= ptu.tags[mark] <= 8, mark, ptu.tags[mark], "a bit of markers, 1 to 8")

@@ -33,8 +33,8 @@ from srt3d_ros.kernels.cpu.likelihood import LIKENESS, SHARED_LIKENESS, left, ll
 from srt3d_ros.kernels.cpu.match import response_at, subtract
 from srt3d_ros.kernels.maps import BLOCK, FIELDS, MARGIN, MAX_STD
 
-BIRTH, EMPTY_PENALTY, FEWER_PENALTY, JUDGED, MAX_VOTE, PRIOR_VOTE = (F32(getattr(constants, name)) for name in (
-    "BIRTH", "EMPTY_PENALTY", "FEWER_PENALTY", "JUDGED", "MAX_VOTE", "PRIOR_VOTE"))
+BIRTH, EMPTY_PENALTY, FEWER_PENALTY, SAME_CANDIDATE, MAX_VOTE, PRIOR_VOTE = (F32(getattr(constants, name)) for name in (
+    "BIRTH", "EMPTY_PENALTY", "FEWER_PENALTY", "SAME_CANDIDATE", "MAX_VOTE", "PRIOR_VOTE"))
 NEVER = F32(-1e30)
 # A vote's weight by distance².
 BY_DISTANCE = tuple(F32(np.exp(-d / (2 * NEAR_SIGMA**2))) for d in range(2 * VOTE_RADIUS**2 + 1))
@@ -181,7 +181,7 @@ def _best(k, least, unseen, i, j, found, values, info, state, rest, photons, exp
         judged = False                              # as one with a candidate before
         for q in range(close_by):
             same, _ = _agree(info[q, NEAR], c, values, period)
-            if same > JUDGED:
+            if same > SAME_CANDIDATE:
                 judged = True
                 break
         info[close_by, NEAR] = c

@@ -4,7 +4,7 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import APART, DOUBTFUL, STAY, SURE
+from srt3d_ros.kernels.constants import APART, START_SCORE, STAY, SURE_SCORE
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, aligned, total_of, wrap
 from srt3d_ros.kernels.cpu.blur import pool, pool_slanted
 from srt3d_ros.kernels.cpu.compiling import line, parallel
@@ -36,7 +36,7 @@ def _doubt(state, layer, wanted):
         a = i + MARGIN
         for j in range(cols):
             b = j + MARGIN
-            if state[a, layer, INTENSITY, b] > ZERO and state[a, layer, SCORE, b] >= F32(DOUBTFUL):
+            if state[a, layer, INTENSITY, b] > ZERO and state[a, layer, SCORE, b] >= F32(SURE_SCORE):
                 wanted[i, j] = ZERO
 
 
@@ -182,4 +182,4 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
         _doubt(state, layer, wanted)
         slopes = np.array([(rise, 0), (-rise, 0), (0, rise), (0, -rise)], np.float32)
         along(slopes, pool_slanted(cells, weights, frame.bin_frequencies * (step * rise), step, wanted), *of_pools,
-              SURE)
+              START_SCORE)

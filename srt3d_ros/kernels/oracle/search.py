@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import torch
 
-from srt3d_ros.kernels.constants import APART, DOUBTFUL, STAY, SURE
+from srt3d_ros.kernels.constants import APART, START_SCORE, STAY, SURE_SCORE
 from srt3d_ros.kernels.maps import (
     DEPTH,
     INTENSITY,
@@ -117,8 +117,8 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
 
     If `slanted`, windows along planes follow that rise by δ / σ to the right, to the left, down and up: the sums of
     cells times exp(−i ω_l slope · position) are pooled, which adds up such a plane as a flat window adds up one of
-    slope 0, and slope · position is added to t. `enough` is SURE then. The same pixels are pooled; one that
-    has found a surface below DOUBTFUL takes another with a higher score.
+    slope 0, and slope · position is added to t. `enough` is START_SCORE then. The same pixels are pooled; one that
+    has found a surface below SURE_SCORE takes another with a higher score.
 
     The cell's open pixels get depth t, the slopes, intensity S / G and standard deviation
     √(q (S M₁ + (p − S)₊ M₀)) / (S C), at most T. A further surface must be farther than APART · δ from the
@@ -141,9 +141,9 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
     _take(frame, state, layer, step, is_open, _pooled(matched, (0.0, 0.0), *pools), enough, carried, confirmed)
     rise = frame.resolution_bins / sigma if slanted else 0.0
     point = crop(state, *frame.shape)[:, layer]
-    doubtful = is_open & ((point[:, INTENSITY] == 0) | (point[:, SCORE] < DOUBTFUL))
+    doubtful = is_open & ((point[:, INTENSITY] == 0) | (point[:, SCORE] < SURE_SCORE))
     for slope in ((rise, 0.0), (-rise, 0.0), (0.0, rise), (0.0, -rise)) if slanted else ():
-        _take(frame, state, layer, step, doubtful, _pooled(matched, slope, *pools), SURE)
+        _take(frame, state, layer, step, doubtful, _pooled(matched, slope, *pools), START_SCORE)
 
 
 def _open(frame, state, layer):
