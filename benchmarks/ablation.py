@@ -47,11 +47,13 @@ FILES = {"art_real_unif_ppp5_sbr0.1": (0.8, 10), "art_real_unif_ppp5_sbr1": (0.8
          "bowling_72x88_2_100": (0.8, 3), "reindeer_72x88_2_100": (0.8, 3), "two_layer_100": (0.8, 40)}
 SCENES = {"bust, SBR 1, 1 ppp": (1, 1, False), "bust, SBR 0.1, 10 ppp": (0.1, 10, False),
           "bust in fog, SBR 1, 10 ppp": (1, 10, True)}
+HEAD_TOLERANCE_M = 40e-3
 NET, MOTION = "net, SBR 1, 10 ppp", "room from a moving sensor, 3 ppp"
 # Limits, what has to fit a margin, rounding, other methods, warm starts.
 FIXED = "MAX_SKETCH_SIZE", "MAX_PHOTONS", "REACH", "FINE", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "STAY"
-OFF = {"APART": -1, "LEAST_SHARE": 0, "DEAD_PIXEL": -1e6, "LIKENESS": 1e6, "PRIOR_VOTE": 0, "MAX_VOTE": 1e6,
-       "EMPTY_PENALTY": 0, "FEWER_PENALTY": 0, "BIRTH": 0, "SAME_CANDIDATE": 1, "RESOLVED": 0, "SPREAD": 0}
+OFF = {"WEAK_SCORE": 0, "LEAST_SHARE": 0, "DEAD_PIXEL": -1e6, "LIKENESS": 1e6, "PRIOR_VOTE": 0,
+       "MAX_VOTE": 1e6, "EMPTY_PENALTY": 0, "FEWER_PENALTY": 0, "BIRTH": 0, "SAME_CANDIDATE": 1, "RESOLVED": 0,
+       "SPREAD": 0}
 
 
 class Draw(NamedTuple):
@@ -135,8 +137,8 @@ def draws(name: str, number: int, data: Path) -> Iterator[Draw]:
         frequencies = choose("auto", sensor, SKETCH_SIZE)
         for seed in range(number):
             frame, depth = Simulator(NetScene(sensor) if name == NET else None, seen, sbr, ppp, seed).frame(0)
-            yield Draw(sketch_photons(frame, sensor, frequencies), sensor, len(depth), depth, 3 if name == NET else 10,
-                       None, True)
+            tolerance = 3 if name == NET else HEAD_TOLERANCE_M / sensor.bin_width_m
+            yield Draw(sketch_photons(frame, sensor, frequencies), sensor, len(depth), depth, tolerance, None, True)
 
 
 def of_file(path: Path, share: float, tolerance: float, number: int) -> Iterator[Draw]:

@@ -17,7 +17,7 @@ WIDE_SCALE = (6.0, 3)   # and that for what is still open after the first iterat
 START_SCORE = 7.0       # a lower one starts more wrong surfaces, which survive beside right ones
 SURE_SCORE = 8.0        # of a flat window, below which slanted ones are tried: a smeared slope may exceed START_SCORE
 SLANTED_SCALE = START_SCALES[-1]        # tries them: finer scales find slopes in noise, wider ones bridge edges
-APART = 4.0             # widths of the matched filter's peak beyond which a pixel's surfaces are two
+WEAK_SCORE = 5.0        # of a pool after the first iteration, below which its pixel is open again
 
 # ---- Iterations: the pool (`pooled_step`)
 

@@ -76,6 +76,15 @@ def test_residual(backend, shape, surfaces, layer):
     assert np.abs(expected - maps.crop(frame.padded.matched, *shape)).max() > 0.1
 
 
+def test_weak_surfaces_are_dropped(backend):
+    state = make_state(make_frame((6, 40), 4), 2, 4)
+    found, = backend.changed("drop_weak", state, 9.0)[:1]
+    kept = np.where(state[:, :, maps.SCORE] < 9, 0, state[:, :, maps.INTENSITY])
+    np.testing.assert_array_equal(found[:, :, maps.INTENSITY], kept)
+    np.testing.assert_array_equal(np.delete(found, maps.INTENSITY, 2), np.delete(state, maps.INTENSITY, 2))
+    assert 0 < (kept > 0).sum() < (state[:, :, maps.INTENSITY] > 0).sum()
+
+
 def check_search(backend, frame, state, layer, scale, enough, carried=None):
     """The state after a search, which agrees with the oracle's and leaves other points as they were."""
     arguments = frame.padded, frame.padded.matched, state, layer, *scale, enough, carried, 2.0

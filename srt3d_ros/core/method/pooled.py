@@ -26,6 +26,7 @@ from srt3d_ros.kernels.constants import (
     SLANTED_SCALE,
     START_SCALES,
     START_SCORE,
+    WEAK_SCORE,
     WIDE_SCALE,
     WINDOWS,
 )
@@ -78,6 +79,7 @@ class Pooled:
         state = kernels.no_surfaces(frame, self._surfaces)
         self._search(frame, state, START_SCALES, START_SCORE, start, continued)
         state = self._iterate(frame, state, WINDOWS[0], FIRST_STEPS)
+        kernels.drop_weak(state, WEAK_SCORE)
         self._search(frame, state, (WIDE_SCALE,), found)
 
         # Iterate over wider windows.

@@ -4,8 +4,8 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import APART, START_SCORE, STAY, SURE_SCORE
-from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, aligned, total_of, wrap
+from srt3d_ros.kernels.constants import START_SCORE, STAY, SURE_SCORE
+from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, aligned, total_of
 from srt3d_ros.kernels.cpu.blur import pool, pool_slanted
 from srt3d_ros.kernels.cpu.compiling import line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
@@ -47,16 +47,6 @@ def _std(signal, counts, share, moments, curvature, period):
     background = max(counts / share - signal, ZERO)
     spread = share * (signal * moments[0] + background * moments[1])
     return min(np.sqrt(spread) / (signal * curvature), period)
-
-
-@line
-def _is_new(state, a, layer, b, depth, apart, period):
-    """Whether a surface is resolved from those that pixel (a, b) already has."""
-    new = True
-    for k in range(layer):
-        near = abs(wrap(state[a, k, DEPTH, b] - depth, period)) <= apart
-        new = new and not (near and state[a, k, INTENSITY, b] > ZERO)
-    return new
 
 
 @line
@@ -106,7 +96,7 @@ def _search(matched, counts, exposure, counts_at, exposure_at, top, step, share,
             layer, carried, confirmed, slopes, state):
     rows, cols = wanted.shape
     m, total, period = len(energy), total_of(energy), F32(num_bins)
-    apart, warm = APART * np.sqrt(total / curvature), carried.shape[0] > 0
+    warm = carried.shape[0] > 0
     least = min(enough, confirmed) if warm else enough
     for i in prange(-(-rows // step)):
         scratch, z = peaks_scratch(cells), aligned(2 * m * BLOCK)
@@ -138,7 +128,7 @@ def _search(matched, counts, exposure, counts_at, exposure_at, top, step, share,
                                                bin_frequencies, period, state):
                                 continue
                             rival = state[a, layer, SCORE, b] if state[a, layer, INTENSITY, b] > ZERO else enough
-                            if score > max(enough, rival) and _is_new(state, a, layer, b, depth, apart, period):
+                            if score > max(enough, rival):
                                 right = F32(b - MARGIN - j * step) - HALF * F32(step - 1)
                                 down = F32(a - MARGIN - i * step) - HALF * F32(step - 1)
                                 t = depth + slopes[k, 0] * right + slopes[k, 1] * down
@@ -183,3 +173,7 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
         slopes = np.array([(rise, 0), (-rise, 0), (0, rise), (0, -rise)], np.float32)
         along(slopes, pool_slanted(cells, weights, frame.bin_frequencies * (step * rise), step, wanted), *of_pools,
               START_SCORE)
+
+
+def drop_weak(state, weak):
+    state[:, :, INTENSITY] *= state[:, :, SCORE] >= F32(weak)

@@ -1,4 +1,4 @@
-"""The start: `prepare`, `match`, `search` and `residual`."""
+"""The start: `prepare`, `match`, `search`, `drop_weak` and `residual`."""
 
 import math
 from functools import partial
@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import torch
 
-from srt3d_ros.kernels.constants import APART, START_SCORE, STAY, SURE_SCORE
+from srt3d_ros.kernels.constants import START_SCORE, STAY, SURE_SCORE
 from srt3d_ros.kernels.maps import (
     DEPTH,
     INTENSITY,
@@ -20,7 +20,7 @@ from srt3d_ros.kernels.maps import (
     state_shape,
     window_weights,
 )
-from srt3d_ros.kernels.oracle.arithmetic import EPSILON, as_complex, as_map, noise_ratio, pad, waves, wrap
+from srt3d_ros.kernels.oracle.arithmetic import EPSILON, as_complex, as_map, noise_ratio, pad, waves
 from srt3d_ros.kernels.oracle.blur import blur, blur_cells
 from srt3d_ros.kernels.oracle.likelihood import evidence
 from srt3d_ros.kernels.oracle.windows import by_rows
@@ -121,8 +121,7 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
     has found a surface below SURE_SCORE takes another with a higher score.
 
     The cell's open pixels get depth t, the slopes, intensity S / G and standard deviation
-    √(q (S M₁ + (p − S)₊ M₀)) / (S C), at most T. A further surface must be farther than APART · δ from the
-    others.
+    √(q (S M₁ + (p − S)₊ M₀)) / (S C), at most T.
 
     Args:
         matched: float32 [rows', 2m, cols'], z: of the frame, or of `residual`.
@@ -191,10 +190,6 @@ def _take(frame, state, layer, step, wanted, pools, enough, carried=None, confir
     new = measured(there, middle, [torch.full_like(middle, part) for part in pools.slope], signal)
     least = torch.where(point[:, INTENSITY] > 0, point[:, SCORE], -math.inf).clamp(min=enough)
     better = wanted & (new[:, SCORE] > least)
-    if layer > 0:
-        known = view[:, :layer]
-        apart = wrap(known[:, :, DEPTH] - middle[:, None], frame.num_bins).abs() > APART * frame.resolution_bins
-        better &= (apart | (known[:, :, INTENSITY] == 0)).all(dim=1)
     if carried is not None:
         old = crop(carried, rows, cols)[:, layer]
         along = pools.z[cell[0][:, 0]][:, :, cell[1]] * waves(frame, old[:, DEPTH]).conj()
@@ -212,3 +207,8 @@ def _std(frame, signal, counts, share):
     background = (counts / share - signal).clamp(min=0)
     spread = share * (signal * frame.moments[0] + background * frame.moments[1])
     return (torch.sqrt(spread) / (signal * frame.curvature)).clamp(max=frame.num_bins)
+
+
+def drop_weak(state, weak):
+    """r = 0 where the score is below `weak` standard deviations; in place."""
+    state[:, :, INTENSITY].masked_fill_(state[:, :, SCORE] < weak, 0.0)
