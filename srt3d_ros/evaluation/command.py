@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from srt3d_ros.core.method.thresholds import MAX_SURFACES, check_options
+from srt3d_ros.core.method.thresholds import MAX_SURFACES, check_false_alarm_rate
 from srt3d_ros.core.methods import METHODS, Method, find
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.errors import require
@@ -57,7 +57,8 @@ def _options(args: argparse.Namespace, methods: list[Method]) -> dict[str, objec
         taking = [method.name for method in METHODS.values() if name in method.options]
         require(any(method.name in taking for method in methods), f"--{name.replace('_', '-')}", value,
                 f"one of the methods that take it: {', '.join(taking)}")
-    check_options(1, args.false_alarm_rate)
+    if args.false_alarm_rate is not None:
+        check_false_alarm_rate(args.false_alarm_rate)
     return found
 
 

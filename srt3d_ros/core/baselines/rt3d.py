@@ -21,7 +21,7 @@ from srt3d_ros.core.baselines.toa import PixelToa, by_pixel
 from srt3d_ros.core.baselines.xcorr import correlate
 from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.method.cloud import PointCloud
-from srt3d_ros.core.method.thresholds import check_options
+from srt3d_ros.core.method.thresholds import check_surfaces
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.kernels.maps import window_weights
@@ -58,7 +58,7 @@ class RT3D:
     """Reconstructs frames of one sensor from their photons; arguments as of `PooledStream`, but "auto" is the CPU."""
 
     def __init__(self, sensor: SensorModel, surfaces: int = 1, device: str = "auto"):
-        check_options(surfaces, None)
+        check_surfaces(surfaces)
         self.device, self.kernels = kernels_for(device)
         self.sensor, self.surfaces = sensor, surfaces
         self._irf = np.atleast_2d(sensor.irf)

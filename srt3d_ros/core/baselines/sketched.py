@@ -18,7 +18,7 @@ from srt3d_ros.core.baselines.weighting import weighted_steps
 from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.method.matched_frame import MatchedFrame, Matcher
-from srt3d_ros.core.method.thresholds import check_options
+from srt3d_ros.core.method.thresholds import check_surfaces
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch
 
@@ -37,7 +37,7 @@ class SketchedBaseline:
     precise: bool           # whether W of the data term is the inverse covariance of the sketch, else the identity
 
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, device: str = "auto"):
-        check_options(surfaces, None)
+        check_surfaces(surfaces)
         self.device, self.kernels = kernels_for(device)
         self.sensor, self.surfaces = sensor, surfaces
         self._matcher = Matcher(sensor, frequencies)

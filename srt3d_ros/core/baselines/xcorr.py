@@ -12,7 +12,7 @@ import numpy as np
 
 from srt3d_ros.core.baselines.toa import PixelToa, by_pixel
 from srt3d_ros.core.method.cloud import PointCloud
-from srt3d_ros.core.method.thresholds import check_options
+from srt3d_ros.core.method.thresholds import check_surfaces
 from srt3d_ros.core.progress import progress
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonFrame
@@ -35,7 +35,7 @@ class XCORR:
 
     def __init__(self, sensor: SensorModel, surfaces: int = 1, device: str = "auto"):
         require(device in ("auto", "cpu"), "device", device, "cpu or auto: xcorr has no CUDA kernels")
-        check_options(surfaces, None)
+        check_surfaces(surfaces)
         self.device = "cpu"
         self.sensor, self.surfaces = sensor, surfaces
 

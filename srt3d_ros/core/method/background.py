@@ -116,8 +116,12 @@ class Background:
         upper = np.argsort(self._matcher.frequencies)[len(mean) // 2:]
         return bool((np.abs(mean[upper])**2).sum() > SHARP**2 * self._matcher.energy[upper].sum())
 
-    def learn(self, before: BackgroundEstimate, frame: Estimate) -> BackgroundEstimate:
-        """The background after a frame: that before, corrected by what the frame's points leave."""
+    def learn(self, before: BackgroundEstimate, frame: Estimate) -> None:
+        """Make the next frame's background that of this frame, corrected by what its points leave."""
+        if not self.is_even:
+            self.current = self._corrected(before, frame)
+
+    def _corrected(self, before: BackgroundEstimate, frame: Estimate) -> BackgroundEstimate:
         m, sums, photons = len(self._omega), frame.left, frame.background
         left, seen = (sums[2 * m * k:][:m] + 1j * sums[2 * m * k + m:][:m] for k in (0, 1))
         own, taken, noise = np.maximum(sums[4 * m:4 * m + 3].astype(np.float64), TINY)

@@ -10,7 +10,7 @@ from srt3d_ros.core.method.cloud import Estimate, PointCloud
 from srt3d_ros.core.method.gpu_check import device_for
 from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.method.pooled import Pooled
-from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, check_options
+from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, check_false_alarm_rate, check_surfaces
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch
 
@@ -22,7 +22,7 @@ class PooledStream:
         sensor: geometry, IRF and calibration.
         frequencies: the integers k_l of the sketches.
         surfaces: K, the most surfaces in a pixel, 1 … 4.
-        false_alarm_rate: probability that a pixel that sees only background shows a point, before its neighbours vote.
+        false_alarm_rate: share of the pixels that show a point where there is only background.
         device: "cpu", "cuda", or "auto": a GPU that has passed `gpu_check`, else the CPU.
         background: how it spreads over the bins: as the "sensor" says, "flat", or "auto": what the last cloud leaves
             unexplained, if that is significant.
@@ -39,7 +39,8 @@ class PooledStream:
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1,
                  false_alarm_rate: float = DEFAULT_FALSE_ALARM_RATE, device: str = "auto",
                  background: str = "auto", warm_start: bool = False):
-        check_options(surfaces, false_alarm_rate)
+        check_surfaces(surfaces)
+        check_false_alarm_rate(false_alarm_rate)
         self._matcher = Matcher(sensor, frequencies)
         self.why = "asked for"
         if device == "auto":
@@ -70,27 +71,26 @@ class PooledStream:
         return PointCloud.of(found, sketch, self._matcher.moments)
 
     def _pass(self, sketch: Sketch, start: np.ndarray | None = None) -> Estimate:
-        """An estimate with the background in force, which learns from it."""
+        """The estimate of least misfit; the surfaces and the background of the next frame become what it shows."""
         starts = self._background.starts(sketch)
-        if not starts:
-            return self._estimate(sketch, self._background.current, start)
-        if self.surfaces > 1:           # further surfaces would take the background for themselves
+        if starts and self.surfaces > 1:        # further surfaces would take the background for themselves
             single = PooledStream(self.sensor, self._matcher.frequencies, 1, self.false_alarm_rate, self.device)
             single(sketch)
             starts = starts[:1] if single.uneven_background == 0 else (single._background.current,)
-        tried = []
-        for background in starts:
-            found = self._estimate(sketch, background)
-            tried.append((found, self._background.current, self._surfaces))
-        found, self._background.current, self._surfaces = min(tried, key=lambda one: one[0].misfit)
+        if starts:
+            tried = [(self._estimate(sketch, None, background), background) for background in starts]
+            found, background = min(tried, key=lambda one: one[0].misfit)
+        else:
+            background = self._background.current
+            found = self._estimate(sketch, start, background)
+        self._surfaces = found.state
+        self._background.learn(background, found)
         return found
 
-    def _estimate(self, sketch: Sketch, background: BackgroundEstimate, start: np.ndarray | None = None) -> Estimate:
-        """The estimate with a background, which becomes the one in force after it has learned."""
+    def _estimate(self, sketch: Sketch, start: np.ndarray | None, background: BackgroundEstimate) -> Estimate:
+        """The estimate with a background; its state is kept for a warm start alone."""
         found = self._pooled(sketch, start, self._background.taken(background, sketch))
-        self._surfaces = deepcopy(found.state) if self._warm_start else None
-        self._background.current = background if self._background.is_even else self._background.learn(background, found)
-        return found
+        return found._replace(state=deepcopy(found.state) if self._warm_start else None)
 
     @property
     def uneven_background(self) -> float:

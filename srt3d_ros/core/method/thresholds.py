@@ -10,11 +10,15 @@ MAX_SURFACES = 4
 SMALLEST = 1e-300               # probability that floats still tell from 0
 
 
-def check_options(surfaces: int, false_alarm_rate: float | None) -> None:
-    """Raise InvalidInput unless both can be used; a rate of None stands for no test."""
+def check_surfaces(surfaces: int) -> None:
+    """Raise InvalidInput unless a method can look for so many surfaces in a pixel."""
     require(isinstance(surfaces, int) and 1 <= surfaces <= MAX_SURFACES, "surfaces", surfaces,
             f"an integer from 1 to {MAX_SURFACES}")
-    require(false_alarm_rate is None or 0 < false_alarm_rate < 1, "false_alarm_rate", false_alarm_rate,
+
+
+def check_false_alarm_rate(false_alarm_rate: float) -> None:
+    """Raise InvalidInput unless it is a probability between 0 and 1."""
+    require(0 < false_alarm_rate < 1, "false_alarm_rate", false_alarm_rate,
             "a probability between 0 and 1")
 
 
