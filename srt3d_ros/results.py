@@ -229,7 +229,7 @@ class Reconstructor:
         self._method = find(method).build(sensor, self._frequencies,
                                           **{name: value for name, value in own.items() if value is not None})
         self.device, self._is_warm = self._method.device, False
-        self.why = getattr(self._method, "why", "the only one of this method" if device == "auto" else "asked for")
+        self.why = getattr(self._method, "why", "auto is the CPU for this method" if device == "auto" else "asked for")
 
     @property
     def uneven_background(self) -> float:
