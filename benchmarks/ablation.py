@@ -163,14 +163,12 @@ def moving(number: int) -> Iterator[Draw]:
 
     drive, sensor = motion.drives(None)[0], motion.moving_sensor()
     view, first_s = motion.MovingView(drive.world, drive.path, sensor), drive.first_s
-    last_s = first_s + motion.FRAME_S
     views, frequencies = motion.Views(view, first_s), choose("auto", sensor, SKETCH_SIZE)
-    sketcher, known = MovingSketcher(sensor, frequencies), motion.trajectory(drive.path, first_s, last_s)
-    middle_s = (first_s + last_s) / 2
-    depth = sensor.depth_bins(view.at(middle_s)[0])[None]
+    sketcher = MovingSketcher(sensor, frequencies)
+    known = motion.trajectory(drive.path, first_s, first_s + motion.FRAME_S)
+    depth = sensor.depth_bins(view.at(first_s + motion.FRAME_S / 2)[0])[None]
     for seed in range(number):
-        parts = motion.part_sketches(views, sensor, frequencies, first_s, 3, seed)
-        frame = motion.MovingFrame(parts, *(round(when_s * 1e9) for when_s in (first_s, last_s, middle_s)))
+        frame = motion.moving_frame(views, sensor, frequencies, first_s, 3, seed)
         yield Draw(sketcher.finish(frame, known), sensor, 1, depth, 10, None, True)
 
 
@@ -184,7 +182,10 @@ def measure_apart(variant: dict, folder: str) -> dict[str, np.ndarray]:
 
 
 def measure(variant: dict, folder: str) -> dict[str, list]:
-    """What the process of a variant does: set the constants before any module reads them, then judge each draw."""
+    """What the process of a variant does: set the constants before any module reads them, then judge each draw.
+
+    So nothing that this file imports at its top may import `core.method.pooled` or the kernels.
+    """
     vars(constants).update(variant)
     rows = {}
     for path in sorted(Path(folder).glob("*.pickle")):
