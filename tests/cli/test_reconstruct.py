@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import srt3d_ros
+from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets import photon_file
@@ -26,6 +27,13 @@ def photons(tmp_path_factory):
     events, truth = Simulator(StaticScene(SENSOR.range_m(DEPTH)), SENSOR, sbr=10, ppp=60).frame(0)
     photon_file.save(path, SENSOR, events, truth)
     return path, events
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled(photons):
+    """Compile the kernels of every method beforehand: in a fresh clone a bar on stderr says that it is done."""
+    for method in METHODS:
+        srt3d_ros.reconstruct(photons[0], method=method, surfaces=2)
 
 
 @pytest.fixture
