@@ -10,8 +10,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching import sketch as core_sketch
 from srt3d_ros.core.sketching.gate import OFF
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates, PhotonHistograms
-from srt3d_ros.datasets import sketch_file
-from srt3d_ros.datasets.options import SensorOptions, gathered
+from srt3d_ros.datasets.options import SensorOptions, gathered, sketch_with_options
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.results import Cloud, Reconstructor, Sketch
@@ -38,7 +37,7 @@ def read(source: Any, frame: int = 0, *, photons_topic: str = "", sensor: Sensor
             note says so.
 
     Returns:
-        Photons, which stay in the file if they are too many to keep; the Sketch of a bag of sketches or sketch file.
+        Photons, which stay in the file if they are too many to keep; the Sketch of a bag of sketches.
 
     Raises:
         InvalidInput: naming the file and what cannot be used.
@@ -49,7 +48,7 @@ def read(source: Any, frame: int = 0, *, photons_topic: str = "", sensor: Sensor
         require(not value, name, value, "nothing, unless a file is read")
     if isinstance(source, core_sketch.Sketch):
         known = source if isinstance(source, Sketch) else Sketch(**vars(source) | {"sensor": source.sensor or sensor})
-        return sketch_file.with_options(known, gathered(options, sensor))
+        return sketch_with_options(known, gathered(options, sensor))
     if isinstance(source, Photons):
         return source.with_options(gathered(options, sensor))
     if isinstance(source, PhotonEvents | PhotonGates | PhotonHistograms):

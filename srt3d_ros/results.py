@@ -60,7 +60,7 @@ class Cloud(PointCloud):
         return replace(super().cropped(rows, cols), sensor=sensor)
 
     def save(self, path: str | Path) -> None:
-        """Write the cloud by the suffix: .npz (everything), .ply, .pcd; or draw it: .png, .jpg.
+        """Write the cloud by the suffix: .npz (everything), .ply; or draw it: .png, .jpg.
 
         Raises:
             InvalidInput: another suffix, a path that cannot be written, or an .npz file there that is no cloud.
@@ -68,17 +68,6 @@ class Cloud(PointCloud):
         from srt3d_ros.recording import cloud_files
 
         cloud_files.save(self, path, frequencies=tuple(self.facts.get("frequencies", ())), sensor=self.sensor)
-
-    @classmethod
-    def load(cls, path: str | Path) -> Self:
-        """Read the .npz of a cloud that `save` has written.
-
-        Raises:
-            InvalidInput: another file.
-        """
-        from srt3d_ros.recording import cloud_files
-
-        return cls(**cloud_files.load(path))
 
     def plot(self, ax: "Axes | None" = None, *, yaw_deg: float = -20, pitch_deg: float = 10) -> "Axes":
         """Draw the cloud into axes of matplotlib: coloured by range, shaded by intensity, with a scale bar.
@@ -183,20 +172,6 @@ class Sketch(core_sketch.Sketch):
         reconstructor = Reconstructor(self.sensor, self.frequencies, method=method, surfaces=surfaces, device=device,
                                       false_alarm_rate=false_alarm_rate, background=background)
         return reconstructor(self)
-
-    def save(self, path: str | Path) -> None:
-        """Write an .npz sketch file (docs/photon-file.md)."""
-        from srt3d_ros.datasets import sketch_file
-
-        sketch_file.save(path, self, self.sensor, self.notes)
-
-    @classmethod
-    def load(cls, path: str | Path) -> Self:
-        """Read an .npz sketch file."""
-        from srt3d_ros.datasets import sketch_file
-
-        found, sensor, notes = sketch_file.read(path)
-        return cls(**vars(found) | {"sensor": sensor}, notes=notes)
 
 
 class Reconstructor:

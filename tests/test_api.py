@@ -55,9 +55,7 @@ def test_it_is_the_reconstruction_of_the_library(cloud):
 
 def test_every_form_of_the_same_photons_gives_the_same_cloud(cloud, tmp_path):
     photon_file.save(tmp_path / "photons.npz", SENSOR, FRAME)
-    PHOTONS.sketch().save(tmp_path / "sketch.npz")
-    for source in (srt3d_ros.read(tmp_path / "photons.npz"), str(tmp_path / "photons.npz"), PHOTONS, PHOTONS.sketch(),
-                   tmp_path / "sketch.npz"):
+    for source in (srt3d_ros.read(tmp_path / "photons.npz"), str(tmp_path / "photons.npz"), PHOTONS, PHOTONS.sketch()):
         same(srt3d_ros.reconstruct(source), cloud)
     for source in (FRAME, sketch_photons(FRAME, SENSOR, FREQUENCIES), COUNTS):
         same(srt3d_ros.reconstruct(source, sensor=SENSOR), cloud)
@@ -169,19 +167,14 @@ def test_what_is_assumed_is_noted_and_shown():
 
 # ---- Sketches
 
-def test_a_sketch_is_saved_and_read_whole(tmp_path):
+def test_what_is_said_wins_over_the_sensor_of_a_sketch():
     sketch = PHOTONS.sketch(gate=(60, 130))
-    sketch.save(tmp_path / "sketch.npz")
-    read = srt3d_ros.Sketch.load(tmp_path / "sketch.npz")
-    assert read.sensor.same_as(sketch.sensor) and read.sensor.num_bins == 71
-    same(read.reconstruct(), sketch.reconstruct())
-    other = SENSOR.replace(num_bins=71, projection=Pinhole(50, 50, 9, 9), irf=[1, 2, 1],
-                           irf_ref=None)
-    seen = srt3d_ros.read(tmp_path / "sketch.npz", sensor=other)
+    other = SENSOR.replace(num_bins=71, projection=Pinhole(50, 50, 9, 9), irf=[1, 2, 1], irf_ref=None)
+    seen = srt3d_ros.read(sketch, sensor=other)
     assert seen.sensor.same_as(other) and seen.notes == (*sketch.notes, "as given, not as in the file: irf, "
                                                          "toa_offset_bins, projection")
     with pytest.raises(srt3d_ros.InvalidInput, match="^num_bins is 300: expected 71, as in the file"):
-        srt3d_ros.reconstruct(tmp_path / "sketch.npz", sensor=SENSOR)
+        srt3d_ros.reconstruct(sketch, sensor=SENSOR)
 
 
 def test_sums_of_any_type_give_the_same_cloud_and_what_is_no_sketch_is_refused():
@@ -236,16 +229,12 @@ def test_a_window_of_a_sketch_sees_its_part_of_the_scene(cloud):
 # ---- What a cloud can do
 
 def test_a_cloud_is_saved_in_every_format(cloud, tmp_path):
-    for suffix in ("npz", "ply", "pcd"):
+    for suffix in ("npz", "ply"):
         cloud.save(tmp_path / f"cloud.{suffix}")
         assert (tmp_path / f"cloud.{suffix}").stat().st_size > 2000
-    noted = replace(cloud, notes=("one: ½",))
-    noted.save(tmp_path / "cloud.npz")          # over the one before
+    cloud.save(tmp_path / "cloud.npz")          # over the one before
     with np.load(tmp_path / "cloud.npz") as file:
         assert np.array_equal(file["xyz"], cloud.xyz) and file["frequencies"].tolist() == list(FREQUENCIES)
-    loaded = srt3d_ros.Cloud.load(tmp_path / "cloud.npz")
-    same(loaded, cloud, PointCloud.__dataclass_fields__)
-    assert loaded.sensor.same_as(SENSOR) and loaded.notes == noted.notes and repr(loaded) == repr(noted)
     with pytest.raises(srt3d_ros.InvalidInput, match="^output is .*cloud.las: expected a file name that ends in"):
         cloud.save(tmp_path / "cloud.las")
 
@@ -254,16 +243,11 @@ def test_no_result_is_written_over_photons_or_another_kind_of_file(cloud, tmp_pa
     photon_file.save(tmp_path / "photons.npz", SENSOR, FRAME)
     seen, content = srt3d_ros.read(tmp_path / "photons.npz"), (tmp_path / "photons.npz").read_bytes()
     cloud.save(tmp_path / "cloud.npz")
-    for result, name in ((seen.reconstruct(), "photons"), (seen.sketch(), "photons"), (PHOTONS.sketch(), "cloud")):
-        with pytest.raises(srt3d_ros.InvalidInput, match=f"^output is .*{name}.npz: expected another name"):
-            result.save(tmp_path / f"{name}.npz")
+    with pytest.raises(srt3d_ros.InvalidInput, match="^output is .*photons.npz: expected another name"):
+        seen.reconstruct().save(tmp_path / "photons.npz")
     with pytest.raises(srt3d_ros.InvalidInput, match="^output is .*cloud.npz: expected another name"):
         photon_file.save(tmp_path / "cloud.npz", SENSOR, FRAME)
     assert (tmp_path / "photons.npz").read_bytes() == content
-    (tmp_path / "damaged.npz").write_bytes((tmp_path / "cloud.npz").read_bytes()[:-9])
-    for name in ("photons", "damaged", "absent"):
-        with pytest.raises(srt3d_ros.InvalidInput, match=f"{name}.npz"):
-            srt3d_ros.Cloud.load(tmp_path / f"{name}.npz")
 
 
 def test_ranges_before_the_sensor_are_negative_and_a_window_keeps_its_sensor():
@@ -359,8 +343,8 @@ def test_the_package_shows_its_names_and_imports_what_they_need_only(repository)
 
 
 DOCUMENTED = {
-    "Cloud": ("plot", "render", "save", "load", "range_image", "depth_image", "image", "within", "ordered", "cropped"),
-    "Sketch": ("reconstruct", "save", "load"), "Reconstructor": ("forget",),
+    "Cloud": ("plot", "render", "save", "range_image", "depth_image", "image", "within", "ordered", "cropped"),
+    "Sketch": ("reconstruct",), "Reconstructor": ("forget",),
     "Sensor": ("replace", "cropped", "range_m", "xyz"),
     "Photons": ("sketch", "reconstruct", "from_events", "from_counts", "packets", "gated")}
 

@@ -12,7 +12,7 @@ ROOMS = {
     "api.py": (1, 1, 1, "read, reconstruct"),
     "evaluation": (2, 1, 1, "methods against truth"),
     "review": (3, 1, 1, "report of a recording"),
-    "recording": (0, 2, 1, ".rrd, .ply, .pcd files"),
+    "recording": (0, 2, 1, ".rrd, .ply files"),
     "pictures": (3, 2, 1, "drawn clouds, curves"),
     "datasets": (1, 3, 1, "files, bags, simulator"),
     "messages": (0, 4, 1, "ROS messages ⇄ NumPy"),

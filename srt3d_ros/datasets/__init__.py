@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Unpack
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.datasets import readers, sketch_file
+from srt3d_ros.datasets import readers
 from srt3d_ros.datasets.bags.bag import is_bag
 from srt3d_ros.datasets.bags.frames import BagFrames
 from srt3d_ros.datasets.files import read_errors, read_text, readable, require_file
@@ -37,7 +37,7 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
             sidecar FILE.json ("head.mat.json" for head.mat) and over the file; a note says so.
 
     Returns:
-        Photons, which stay in the file if they are too many to keep; the Sketch of a bag of sketches or sketch file.
+        Photons, which stay in the file if they are too many to keep; the Sketch of a bag of sketches.
 
     Raises:
         InvalidInput: one line that names the file and field that cannot be used.
@@ -55,8 +55,6 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
                 return frames.read(frames.frame(frame), options)
         require(not photons_topic, "photons_topic", quoted(photons_topic), "nothing: only bags have topics")
         require_file(path, "photon file")
-        if path.suffix.lower() == ".npz" and sketch_file.is_sketch(path):
-            return sketch_file.with_options(Sketch.load(path), options)
         return readers.read(path, frame, options, guess_irf)
 
 

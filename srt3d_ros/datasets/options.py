@@ -4,7 +4,7 @@ One rule: the caller wins over the sidecar, which wins over the file; a note say
 """
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, TypedDict
 
@@ -19,6 +19,7 @@ from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.files import read_text
 from srt3d_ros.datasets.values import array, number, pair
 from srt3d_ros.errors import quoted, require
+from srt3d_ros.results import Sketch
 
 MAX_GATE_BIN = 2**31
 BIN_OF_ONE_METRE_S = 2 / SPEED_OF_LIGHT      # the width of bins of which nothing is known
@@ -126,6 +127,17 @@ def redescribed(sensor: SensorModel, notes: tuple[str, ...], options: Mapping[st
             notes = left
             own = {key: value for key, value in own.items() if key not in (name, f"{name}_ref")}
     return changed, notes + replaced_note(own, now)
+
+
+def sketch_with_options(sketch: Sketch, options: Mapping[str, Any]) -> Sketch:
+    """A sketch with options (`gathered`) in place of what its sensor says; a note says which.
+
+    Raises:
+        InvalidInput: an option that would have made another sketch.
+    """
+    require("gate" not in options, "gate", options.get("gate"), "nothing: the sketch has been made without it")
+    sensor, notes = redescribed(sketch.sensor, sketch.notes, options, ("rows", "cols", "num_bins", "toa_reference"))
+    return replace(sketch, sensor=sensor, notes=notes)
 
 
 def says_geometry(options: Mapping[str, Any]) -> bool:

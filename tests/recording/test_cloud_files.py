@@ -35,16 +35,6 @@ def read_ply(path):
     return points
 
 
-def read_pcd(path):
-    head, _, body = path.read_bytes().partition(b"DATA binary\n")
-    header = dict(line.split(maxsplit=1) for line in head.decode("ascii").splitlines() if not line.startswith("#"))
-    assert header["VERSION"] == "0.7" and set(header["TYPE"].split()) == {"F"} and set(header["SIZE"].split()) == {"4"}
-    assert header["WIDTH"] == header["POINTS"] and header["HEIGHT"] == "1" and set(header["COUNT"].split()) == {"1"}
-    points = np.frombuffer(body, [(name, "<f4") for name in header["FIELDS"].split()])
-    assert len(points) == int(header["POINTS"])
-    return points
-
-
 def test_npz_holds_every_field_with_its_type(saved, ball):
     cloud, sensor = ball
     with np.load(saved("cloud.npz"), allow_pickle=False) as file:
@@ -70,13 +60,6 @@ def test_ply_holds_the_points_and_their_colours(saved, ball):
     assert near["red"] > 200 and near["green"] > 200 and far["blue"] > max(far["red"], far["green"])
 
 
-def test_pcd_holds_the_points(saved, ball):
-    points = read_pcd(saved("cloud.pcd"))
-    assert points.dtype.names == ("x", "y", "z", "intensity")
-    assert np.array_equal(np.stack([points[axis] for axis in "xyz"], axis=1), ball[0].xyz)
-    assert np.array_equal(points["intensity"], ball[0].intensity)
-
-
 def test_a_picture_shows_the_cloud(saved, ball):
     with Image.open(saved("a.JPEG", ball[0])) as image:
         assert (image.format, image.size) == ("JPEG", (1200, 900))
@@ -93,18 +76,17 @@ def test_a_missing_package_is_named_before_anything_is_computed(monkeypatch, tmp
 def test_an_empty_cloud_is_a_valid_file(saved, ball):
     nothing = ball[0].within(max_m=0)
     assert len(np.load(saved("a.npz", nothing))["row"]) == len(read_ply(saved("a.ply", nothing))) == 0
-    assert len(read_pcd(saved("a.pcd", nothing))) == 0
 
 
 @pytest.mark.parametrize("name, expected", [
-    ("cloud.las", "a file name that ends in .npz, .ply, .pcd, .png"),
+    ("cloud.las", "a file name that ends in .npz, .ply, .png"),
     ("cloud", "a file name that ends in"),
     ("absent/cloud.ply", "a directory .*absent that exists"),
-    ("folder.pcd", "a file, not a directory"),
+    ("folder.ply", "a file, not a directory"),
     (f"{300 * 'a'}.ply", "a file that can be written .File name too long"),
 ])
 def test_a_path_that_cannot_be_used_is_refused_in_one_line(saved, tmp_path, name, expected):
-    (tmp_path / "folder.pcd").mkdir()
+    (tmp_path / "folder.ply").mkdir()
     with pytest.raises(InvalidInput, match=f"output is .*{name[-20:]}: expected {expected}") as caught:
         saved(name)
     assert "\n" not in str(caught.value)

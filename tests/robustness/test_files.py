@@ -10,8 +10,7 @@ import pytest
 
 from srt3d_ros import datasets
 from srt3d_ros.core.sketching.photons import PhotonEvents
-from srt3d_ros.core.sketching.sketch import Sketch
-from srt3d_ros.datasets import open_sensor, photon_file, sketch_file
+from srt3d_ros.datasets import open_sensor, photon_file
 from srt3d_ros.datasets.bags.bag import Bag
 from srt3d_ros.datasets.bags.writer import BagWriter
 from srt3d_ros.messages import cdr, photons, sensor
@@ -43,13 +42,6 @@ def photon_bytes(folder: Path) -> bytes:
     return (folder / "made.npz").read_bytes()
 
 
-def sketch_bytes(folder: Path) -> bytes:
-    seen = np.arange(12, dtype=np.uint32).reshape(3, 4)
-    sums = (seen[..., None] * [1j, 0.5]).astype(np.complex64)
-    sketch_file.save(folder / "made.npz", Sketch((1, 5), sums, seen, STAMP_NS), SENSOR)
-    return (folder / "made.npz").read_bytes()
-
-
 def mat_bytes(folder: Path) -> bytes:
     from scipy.io import savemat
 
@@ -77,7 +69,6 @@ FILES = {
                 lambda folder: photon_bytes(folder) and SIDECAR, 1),
     "irf": ("irf.npy", lambda path: datasets.read(path.with_name("made.npz"), irf=path),
             lambda folder: photon_bytes(folder) and saved(np.save, np.array([1, 3, 1.5])), 1),
-    "sketch": ("s.npz", sketch_file.read, sketch_bytes, 1),
     "sensor_file": ("s.json", open_sensor, lambda folder: CODECS["sensor"][1][0], 1),
     "npy_counts": ("c.npy", partial(datasets.read, irf=IRF, bin_width_s=1e-10),
                    lambda folder: saved(np.save, counts()), 1),

@@ -11,9 +11,8 @@ from typing import NamedTuple
 from srt3d_ros import json_text
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonGates
-from srt3d_ros.datasets import sketch_file
 from srt3d_ros.datasets.bags.bag import Bag, BagTopic
-from srt3d_ros.datasets.options import ASSUMED_FOV
+from srt3d_ros.datasets.options import ASSUMED_FOV, sketch_with_options
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import cdr
@@ -141,7 +140,7 @@ class BagFrames:
             InvalidInput: it cannot be read; an option that cannot be used.
         """
         if self.are_sketches:
-            return sketch_file.with_options(self._sketch(frame), options)
+            return sketch_with_options(self._sketch(frame), options)
         sensor, notes = self._described(frame.description)
         photons = CODECS[self.topics.output].decode_cdr(frame.raw, sensor)[1]
         events = photons.to_events(sensor) if isinstance(photons, PhotonGates) else photons
