@@ -22,7 +22,6 @@ PICTURES = ["matplotlib>=3.8,<4", "Pillow>=10.2,<14"]
 TORCH = "torch>=2.4,<3"
 PYZMQ = "pyzmq>=25,<28"
 ROSBAGS = "rosbags>=0.11.9,<0.12"
-ZSTD = "backports.zstd>=1,<2; python_version < '3.14'"      # which has it as compression.zstd; 2 MB
 # Readers of laboratories' files. ptufile changes its interface from year to year.
 LAB = ["ptufile>=2026.2,<2027", "h5py>=3.10,<4"]
 # The site, as ROS 2 packages make theirs; sphinx-mathjax-offline brings MathJax, so that it reads without a network.
@@ -58,8 +57,7 @@ setup(
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={NAME: ["py.typed"], f"{NAME}.review": ["report.html"]},
     python_requires=">=3.11",
-    install_requires=["numpy>=1.26,<3", "scipy>=1.11,<2", "numba>=0.60,<1", "tqdm>=4.66,<5", "jsonschema>=4.10,<5",
-                      ZSTD],
+    install_requires=["numpy>=1.26,<3", "scipy>=1.11,<2", "numba>=0.60,<1", "tqdm>=4.66,<5", "jsonschema>=4.10,<5"],
     extras_require=EXTRAS,
     entry_points={"console_scripts": ["srt3d = srt3d_ros.cli.main:main"]},
     data_files=[

@@ -1,4 +1,4 @@
-"""What three choices change: a gate around the scene, the background that is assumed, and rounded (coded) sketches.
+"""What two choices change: a gate around the scene, and the background that is assumed.
 
 --photons names a folder of photon files with references (docs/photon-file.md); without it, only simulated scenes are
 judged. Lines: true detections (TD), false detections (FD), %, and depth error (DAE), bins, means over the draws.
@@ -12,18 +12,14 @@ import numpy as np
 
 from srt3d_ros.core import metrics
 from srt3d_ros.core.method.cloud import PointCloud
-from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.datasets import Photons, read
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.evaluation.cases import simulated
-from srt3d_ros.messages import sketch as message
 
-# Of the gate and of coded sketches: file, τ in bins, surfaces; and scene, SBR, photons a pixel, draws, surfaces.
+# Of the gate: file, τ in bins, surfaces; and scene, SBR, photons a pixel, draws, surfaces.
 GATE_FILES = (("art_real_unif_ppp5_sbr0.1", 10, 1), ("bowling_72x88_2_100", 3, 1), ("room_64_10_50", 3, 1))
 GATE_SCENES = (("bust", 0.1, 10, 1, 1), ("net", 1.0, 10, 12, 2))
-CODED_FILES = (("polystyrene_head_142_1ppp", 10, 1), ("two_layer_100", 10, 2), ("art_real_unif_ppp5_sbr0.1", 10, 1))
-CODED_SCENES = (("bust", 1.0, 1, 6, 1), ("bust", 1.0, 10, 6, 1), ("bust", 1.0, 100, 3, 1))
 TIME = np.arange(4613) / 4613
 SHAPES = {"flat": np.ones(4613), "ramp": 1 + 19 * TIME, "exp": np.exp(-20 * TIME) + 0.02,
           "fog": 30 * TIME * np.exp(-10 * TIME) + 0.1}
@@ -38,7 +34,6 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
     """A line for each data, choice and way."""
     yield from gates(args.photons)
     yield from backgrounds()
-    yield from layouts(args.photons)
 
 
 def gates(folder: Path | None) -> Iterator[dict]:
@@ -62,20 +57,6 @@ def backgrounds() -> Iterator[dict]:
         for way, sensor in (("flat", plain), ("sensor", known), ("auto", plain)):
             cloud = Photons(sensor, events).reconstruct(background=way)
             yield line(f"bust, {shape}, SBR {sbr:g}", "background", way, [judge(cloud, 0)])
-
-
-def layouts(folder: Path | None) -> Iterator[dict]:
-    """Sketches as they are sent: exact and coded."""
-    for data, draws in observed(folder, CODED_FILES, CODED_SCENES):
-        for layout in ("float32", "coded"):
-            found, sizes = [], []
-            for photons, surfaces, judge in draws:
-                sketch = photons.sketch()
-                raw = message.encode_cdr(sketch, photons.sensor, "", layout)
-                method = METHODS["pooled"].build(photons.sensor, sketch.frequencies, surfaces=surfaces)
-                found.append(judge(method(message.decode_cdr(raw, photons.sensor)[1]), 0))
-                sizes.append(len(raw) / photons.sensor.pixels)
-            yield line(data, "layout", layout, found) | {"bytes_per_pixel": round(float(np.mean(sizes)), 1)}
 
 
 def observed(folder: Path | None, files, scenes) -> Iterator[tuple[str, list[tuple[Photons, int, Judge]]]]:

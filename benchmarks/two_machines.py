@@ -1,8 +1,8 @@
 """Sketches between two machines joined by 100 Mbit/s or 1 Gbit/s: what passes, how late, at what loss.
 
 The machines are network namespaces (machines.py): needs root and iproute2. `limits` sends sketches of all sizes over
-both links, `loss` over one that loses packets, with each Fast DDS profile of the sketcher; `coded` sends coded ones,
-`degrade` over a link whose rate falls to a tenth and rises again, with and without merge_when_busy: a line a rate.
+both links, `loss` over one that loses packets, with each Fast DDS profile of the sketcher; `degrade` over a link whose
+rate falls to a tenth and rises again, with and without merge_when_busy: a line a rate.
 """
 
 import argparse
@@ -22,7 +22,7 @@ OWN, PROFILES = "Fast DDS's own", ("Fast DDS's own", "default", "network")      
 OWN_PROFILE = """<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"><profiles>
 <participant profile_name="own"/></profiles></dds>"""
 SMALL, LARGE = 141, 512
-PHASES = ((8.0, 100.0), (15.0, 10.0), (17.0, 100.0))    # s, Mbit/s: of `degrade`, at 30 Hz
+PHASES = ((8.0, 100.0), (15.0, 10.0), (17.0, 100.0))    # s, Mbit/s: of `degrade`, at 10 Hz
 SILENCE_S = 2.0         # after the last frame: no more will come
 SIZES = (               # pixels of a side, layout, m, frames a second
     (SMALL, "int16", 5, 10.0), (SMALL, "int16", 10, 10.0), (SMALL, "int16", 5, 30.0), (SMALL, "float32", 10, 10.0),
@@ -33,13 +33,7 @@ PARTS = {               # the options of `sketches` for each line
                    (100, "default"), (1000, "default"), (1000, "network")) for case in SIZES)],
     "loss": [{"mbit": 100, "case": SIZES[0], "loss": loss, "profile": profile}
              for loss in (0, 0.001, 0.01) for profile in PROFILES],
-    "coded": [*({"mbit": 100, "case": case, "profile": profile}
-                for case in ((SMALL, "coded", 10, 30.0), (LARGE, "coded", 5, 10.0))
-                for profile in ("default", "network")),
-              {"mbit": 100, "case": (SMALL, "coded", 5, 10.0), "loss": 0.01, "profile": "network"}],
 }
-
-
 DEGRADE = "degrade"
 
 
@@ -90,7 +84,7 @@ def sketches(folder: Path, seconds: float, mbit: float, case: tuple, loss: float
                 "latency_ms": percentiles(watch.arrivals),
                 "dropped_by_sketcher": watch.total("sketcher", "dropped"),
                 "lost_before_sketcher": watch.total("sketcher", "message_lost"),
-                "predicted_mbit": None if layout == "coded" else round(
+                "predicted_mbit": round(
                     side**2 * (4 + size * {"int16": 4, "float32": 8}[layout]) * 8e-6 * rate_hz, 1),
                 "wire_mbit": round(wire * 8e-6 / ((last_ns - first_ns) * 1e-9 + 1 / rate_hz), 1),
                 "wire_bytes_per_frame": round(wire / max(arrived, 1))}
@@ -100,9 +94,10 @@ def degrade(folder: Path, merge: bool) -> Iterator[dict]:
     """What arrives while the rate of the link falls and rises; in each phase."""
     with Link(PHASES[0][1]) as link, Machines(link, folder) as machines:
         watch = machines.watch("sketch")
-        machines.start_on(SENSOR, "sketcher", NETWORK_PROFILE, layout="coded", merge_when_busy=merge)
+        machines.start_on(SENSOR, "sketcher", NETWORK_PROFILE, layout="int16", sketch_size=5,
+                          merge_when_busy=merge)
         machines.wait(lambda: "sketcher" in watch.reports, "the sketcher")
-        machines.start_on(SENSOR, "player", input=photon_file(folder, SMALL), rate_hz=30.0)
+        machines.start_on(SENSOR, "player", input=photon_file(folder, SMALL), rate_hz=10.0)
         machines.wait(lambda: watch.arrivals, "the first sketch")
         for seconds, mbit in PHASES:
             link.carry(mbit)

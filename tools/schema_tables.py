@@ -39,12 +39,8 @@ def cloud_tables(topic: dict) -> str:
                    field["meaning"])
             shared.setdefault(row, []).append(name)
     rows = [[", ".join(names), *row] for row, names in shared.items()]
-    inside = "".join(f"The bytes of {name}, little-endian:\n\n" + table(
-        ["byte", "datatype", "count", "name", "unit", "meaning"],
-        [[part[key] for key in ("offset", "datatype", "count", "name", "unit", "meaning")] for part in layout["bytes"]])
-        for name, layout in layouts.items() if "bytes" in layout)
     return f"`height` {topic['height']}; `width` {topic['width']}.\n\n{purposes}\n" + table(
-        ["layout", "byte", "field", "datatype", "count", "unit", "meaning"], rows) + inside
+        ["layout", "byte", "field", "datatype", "count", "unit", "meaning"], rows)
 
 
 def image_tables(name: str, topic: dict) -> str:

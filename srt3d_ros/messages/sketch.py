@@ -8,14 +8,13 @@ import numpy as np
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch, check_frequencies
 from srt3d_ros.errors import require
-from srt3d_ros.messages import cdr, coded_sketch
+from srt3d_ros.messages import cdr
 from srt3d_ros.messages.packing import CODES, pack_cloud, unpack_cloud
 from srt3d_ros.messages.sensor import digest
 
 INT16_SCALE = 32_767
-NUMBERS = {"float32": np.dtype("<f4"), "int16": np.dtype("<i2")}      # of the layouts that are not coded
+NUMBERS = {"float32": np.dtype("<f4"), "int16": np.dtype("<i2")}
 COUNTS = np.dtype([("photons", "<u4")])
-CODED = np.dtype([("coded", "u1")])
 FREQUENCY, PERIOD, DESCRIPTION = map(re.compile, (r"k([1-9]\d{0,4})", r"T([1-9]\d{0,4})", r"sensor_([0-9a-f]{8})"))
 MAX_MODULUS = 1.001     # a mean of unit vectors is at most 1 long; the rest is for rounding
 
@@ -27,29 +26,24 @@ def encode_cdr(sketch: Sketch, sensor: SensorModel, frame_id: str, layout: str =
         sketch: of one frame or window.
         sensor: of its photons, as described on `sketch/sensor`.
         frame_id: the sensor's tf frame.
-        layout: "float32"; "int16" for half the bytes, or "coded" for a tenth.
+        layout: "float32", or "int16" for half the bytes.
 
     Raises:
         InvalidInput: the sketch is not one of photons: a mean longer than 1, or not a number.
     """
-    header, names = cdr.Header(sketch.stamp_ns, frame_id), [f"k{k}" for k in sketch.frequencies]
-    markers = [f"T{sensor.num_bins}", f"sensor_{digest(sensor)}"]
-    if layout == "coded":
-        cloud = pack_cloud(header, np.frombuffer(coded_sketch.encode(sketch), CODED))
-        fields, markers = cloud.fields, names + markers
-    else:
-        number = NUMBERS[layout]
-        points = np.zeros(sketch.photons.shape, [*COUNTS.descr, ("z", number, 2 * len(names))])
-        points["photons"] = sketch.photons
-        means = np.ascontiguousarray(sketch.z, np.complex64)
-        _check_means(means)
-        parts = means.view(np.float32)
-        points["z"] = np.rint(parts * INT16_SCALE) if layout == "int16" else parts
-        cloud = pack_cloud(header, points)
-        fields = (cloud.fields[0], *(cdr.Field(name, COUNTS.itemsize + 2 * l * number.itemsize, CODES[number], 2)
-                                     for l, name in enumerate(names)))
-    markers = tuple(cdr.Field(name, 0, CODES[np.dtype("u1")], 1) for name in markers)
-    return cdr.write_cloud(replace(cloud, fields=fields + markers))
+    number, m = NUMBERS[layout], len(sketch.frequencies)
+    points = np.zeros(sketch.photons.shape, [*COUNTS.descr, ("z", number, 2 * m)])
+    points["photons"] = sketch.photons
+    means = np.ascontiguousarray(sketch.z, np.complex64)
+    _check_means(means)
+    parts = means.view(np.float32)
+    points["z"] = np.rint(parts * INT16_SCALE) if layout == "int16" else parts
+    cloud = pack_cloud(cdr.Header(sketch.stamp_ns, frame_id), points)
+    numbers = (cdr.Field(f"k{k}", COUNTS.itemsize + 2 * l * number.itemsize, CODES[number], 2)
+               for l, k in enumerate(sketch.frequencies))
+    markers = (cdr.Field(name, 0, CODES[np.dtype("u1")], 1)
+               for name in (f"T{sensor.num_bins}", f"sensor_{digest(sensor)}"))
+    return cdr.write_cloud(replace(cloud, fields=(cloud.fields[0], *numbers, *markers)))
 
 
 def description_cdr(raw: bytes) -> str:
@@ -75,23 +69,18 @@ def decode_cdr(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, Sketch]:
     num_bins = int(_named(cloud, PERIOD, "T"))
     require(num_bins == sensor.num_bins, "T", num_bins, f"the sensor's {sensor.num_bins} bins")
     frequencies = check_frequencies(_frequencies(cloud), num_bins)
-    added_variance = 0.0
-    if (coded := _coded(cloud)) is not None:
-        photons, sums, added_variance = coded_sketch.decode(coded, frequencies, (sensor.rows, sensor.cols))
-    else:
-        for name, count, wanted in (("height", cloud.height, sensor.rows), ("width", cloud.width, sensor.cols)):
-            require(count == wanted, name, count, f"the sensor's {wanted}")
-        names = [f"k{k}" for k in frequencies]
-        is_int16 = any(field.name == names[0] and field.datatype == CODES[NUMBERS["int16"]] for field in cloud.fields)
-        number = NUMBERS["int16" if is_int16 else "float32"]
-        points = unpack_cloud(cloud, [np.dtype([*COUNTS.descr, *((name, number, 2) for name in names)])])
-        photons, parts = points["photons"].astype(np.uint32), np.array(_parts(points, names), np.float32, order="C")
-        if is_int16:
-            parts /= INT16_SCALE
-        _check_means(parts.view(np.complex64))
-        parts *= photons[..., None].astype(np.float32)
-        sums = parts.view(np.complex64)
-    return cloud.header, Sketch(frequencies, sums, photons, cloud.header.stamp_ns, added_variance, sensor)
+    for name, count, wanted in (("height", cloud.height, sensor.rows), ("width", cloud.width, sensor.cols)):
+        require(count == wanted, name, count, f"the sensor's {wanted}")
+    names = [f"k{k}" for k in frequencies]
+    is_int16 = any(field.name == names[0] and field.datatype == CODES[NUMBERS["int16"]] for field in cloud.fields)
+    number = NUMBERS["int16" if is_int16 else "float32"]
+    points = unpack_cloud(cloud, [np.dtype([*COUNTS.descr, *((name, number, 2) for name in names)])])
+    photons, parts = points["photons"].astype(np.uint32), np.array(_parts(points, names), np.float32, order="C")
+    if is_int16:
+        parts /= INT16_SCALE
+    _check_means(parts.view(np.complex64))
+    parts *= photons[..., None].astype(np.float32)
+    return cloud.header, Sketch(frequencies, parts.view(np.complex64), photons, cloud.header.stamp_ns, sensor)
 
 
 def decode_counts_cdr(raw: bytes) -> tuple[cdr.Header, tuple[int, ...], np.ndarray]:
@@ -101,9 +90,7 @@ def decode_counts_cdr(raw: bytes) -> tuple[cdr.Header, tuple[int, ...], np.ndarr
         InvalidInput: the message is no cloud with photon counts.
     """
     cloud = cdr.read_cloud(raw)
-    coded = _coded(cloud)
-    counts = unpack_cloud(cloud, [COUNTS])["photons"] if coded is None else coded_sketch.decode_counts(coded)
-    return cloud.header, _frequencies(cloud), counts
+    return cloud.header, _frequencies(cloud), unpack_cloud(cloud, [COUNTS])["photons"]
 
 
 def is_sketch(cloud: cdr.Cloud) -> bool:
@@ -121,14 +108,6 @@ def _named(cloud: cdr.Cloud, pattern: re.Pattern, field: str) -> str:
 def _frequencies(cloud: cdr.Cloud) -> tuple[int, ...]:
     """The frequencies that the fields name, unchecked."""
     return tuple(int(match[1]) for field in cloud.fields if (match := FREQUENCY.fullmatch(field.name)))
-
-
-def _coded(cloud: cdr.Cloud) -> bytes | None:
-    """The bytes of a sketch in the layout coded; None if it is another."""
-    if all(field.name != "coded" for field in cloud.fields):
-        return None
-    require(cloud.height == 1, "height", cloud.height, "1 with the field coded")
-    return unpack_cloud(cloud, [CODED]).tobytes()
 
 
 def _parts(points: np.ndarray, names: list[str]) -> np.ndarray:

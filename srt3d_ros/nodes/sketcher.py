@@ -55,9 +55,8 @@ PARAMETERS = (
     Parameter("extrinsics", "", "With motion: pose of the sensor in an Odometry's child_frame_id or an Imu's frame. "
               "If empty, the sensor is assumed to coincide with that frame.",
               form="x y z qx qy qz qw in metres, or nothing", loose=True),
-    Parameter("layout", "float32", "Layout of `sketch`. int16 halves the bandwidth. coded needs about a tenth: it "
-              "rounds to a fraction of the photon noise and compresses.",
-              choices=("float32", "int16", "coded"), live=True),
+    Parameter("layout", "float32", "Numbers in `sketch`; int16 halves the bandwidth.",
+              choices=("float32", "int16"), live=True),
     Parameter("merge_when_busy", False, "While readers have not acknowledged two sketches, for at most 0.4 s, add the "
               "next frame to the one that waits: a slow link then gets fewer sketches, with all photons. Not with "
               "motion or windows of several frames.", live=True),

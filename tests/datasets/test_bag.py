@@ -157,7 +157,7 @@ def test_histograms_are_read_as_they_are(tmp_path):
 
 
 def test_a_bag_of_sketches_gives_sketches_seen_by_another_sensor_if_it_is_given(tmp_path):
-    bag = write_bag(tmp_path / "bag", [("/sketch", CLOUD, CODED), ("/sketch/sensor", TEXT, described(SENSOR))])
+    bag = write_bag(tmp_path / "bag", [("/sketch", CLOUD, SKETCH), ("/sketch/sensor", TEXT, described(SENSOR))])
     sketch = read(bag)
     assert sketch.sensor.same_as(SENSOR) and sketch.frequencies == (1,) and sketch.photons[0, 0] == 3
     assert read(bag, fov_deg=20).notes == ("as given, not as in the file: projection",)
@@ -172,8 +172,8 @@ def test_sketches_are_read_with_the_descriptions_that_they_name(tmp_path):
     sensors = [SENSOR, OTHER, SENSOR.replace(range_offset_m=1.0)]
     steps = [(1, OTHER), SENSOR, (0, SENSOR), OTHER, (2, SENSOR), (3, OTHER), (4, sensors[2]), (5, SENSOR)]
     bag = write_bag(tmp_path / "bag", [
-        ("/sketch", CLOUD, coded(step[1], (1, 2 + step[0]), step[0])) if isinstance(step, tuple) else
-        ("/sketch/sensor", TEXT, described(step)) for step in steps] + [("/sketch", CLOUD, CODED[:90])])
+        ("/sketch", CLOUD, sketch_of(step[1], (1, 2 + step[0]), step[0])) if isinstance(step, tuple) else
+        ("/sketch/sensor", TEXT, described(step)) for step in steps] + [("/sketch", CLOUD, SKETCH[:90])])
     wanted = [step for step in steps if isinstance(step, tuple)]
     with BagFrames(bag) as frames:
         found = list(frames)
@@ -209,16 +209,16 @@ def test_photons_are_read_with_the_last_description_before_them(tmp_path, kind):
         assert [one.sensor.num_bins for one in found] == [50, 50, 50, 40, 40]
 
 
-def coded(sensor, frequencies: tuple[int, ...] = (1,), stamp_ns: int = 0) -> bytes:
+def sketch_of(sensor, frequencies: tuple[int, ...] = (1,), stamp_ns: int = 0) -> bytes:
     seen = PhotonEvents(np.zeros(3, np.uint32), np.zeros(3, np.uint16), stamp_ns)
-    return sketches.encode_cdr(sketch_photons(seen, sensor, frequencies), sensor, "lidar", "coded")
+    return sketches.encode_cdr(sketch_photons(seen, sensor, frequencies), sensor, "lidar")
 
 
-CODED = coded(SENSOR)
+SKETCH = sketch_of(SENSOR)
 MESSAGES = {
     "photons": (CLOUD, photons_of(0)), "gates": (IMAGE, gates_of(0)), "sensor": (TEXT, described(SENSOR)),
     "histograms": (IMAGE, histograms.encode_cdr(PhotonHistograms.from_events(frame(0), SENSOR), SENSOR, "spad")),
-    "sketch": (CLOUD, CODED), "map": (TEXT, cdr.write_text('{"name": "map"}')),
+    "sketch": (CLOUD, SKETCH), "map": (TEXT, cdr.write_text('{"name": "map"}')),
     "picture": (IMAGE, cdr.write_image(cdr.Image(cdr.Header(0, "eye"), 2, 3, "8UC3", False, 9, memoryview(bytes(18))))),
     "points": (CLOUD, b"\0\1\0\0")}
 

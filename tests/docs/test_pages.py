@@ -26,7 +26,7 @@ REPEATED = (
     ("README.md", said := r"^\| \S+, (?:this|the|its|a) .*$", said),
     ("README.md", said := r"xcorr takes (\d+) times and rt3d (\d+) times", said),
     ("docs/calibration.md", said := r"`flat` finds ([\d.]+) %.*?`auto` ([\d.]+) %.*?frame\s+([\d.]+) %", said),
-    ("docs/deployment.md", said := r"(\d+) ms with int16.*?(\d+) ms coded", said),
+    ("docs/deployment.md", said := r"(\d+) ms with int16", said),
     ("docs/evaluation.md", said := r"^\| (?:pooled|srt3d|smle|xcorr|rt3d|sketching) .*$", said),
     ("docs/evaluation.md", r"141² pixels takes (\d+) ms", r"^\| 141² (?:\|[^|]+){3}\| \*\*(\d+) ms"),
     ("docs/evaluation.md", r"705² pixels (\d+) ms and (\d+) MB", r"^\| 705² .*?\*\*.*?\*\*(\d+) ms.*?(\d+) MB"),

@@ -92,7 +92,6 @@ CODECS = {
     "histograms_32FC5": _histograms(np.float32, -10),
     "sketch_float32": _codec(sketch, PointCloud2, SKETCH, (SENSOR, "lidar"), (SENSOR,)),
     "sketch_int16": _codec(sketch, PointCloud2, SKETCH, (SENSOR, "lidar", "int16"), (SENSOR,)),
-    "sketch_coded": _codec(sketch, PointCloud2, SKETCH, (SENSOR, "lidar", "coded"), (SENSOR,)),
     "points_xyzi": _codec(points, PointCloud2, CLOUD, ("lidar",), ()),
     "points_full": _codec(points, PointCloud2, CLOUD, ("lidar", "full", SENSOR), ()),
     "image_32FC1": _codec(images, Image, IMAGE, (STAMP_NS, "lidar"), ()),

@@ -21,9 +21,6 @@ GOLDEN = Path(__file__).parent / "golden"
 
 def test_bytes_are_the_golden_ones(codec_name, codec):
     golden = bytes.fromhex((GOLDEN / f"{codec_name}.hex").read_text())
-    if codec_name == "sketch_coded":        # each version of zstd may pack, and each processor round gains, in its way
-        assert codec.decode_cdr(golden)[0] == codec.decode_cdr(codec.encode_cdr())[0]
-        return
     assert codec.encode_cdr().hex() == golden.hex()
     assert same(codec.decode_cdr(golden), codec.decode_cdr(codec.encode_cdr()))
 

@@ -15,9 +15,8 @@ from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch
-from srt3d_ros.messages.coded_sketch import STEP
 
-LAYOUTS = ["float32", "int16", "coded"]
+LAYOUTS = ["float32", "int16"]
 
 
 def random_sketch(seed: int, rows: int, cols: int, m: int) -> tuple[Sketch, SensorModel]:
@@ -36,8 +35,7 @@ def random_sketch(seed: int, rows: int, cols: int, m: int) -> tuple[Sketch, Sens
        layout=st.sampled_from(LAYOUTS))
 def test_any_sketch_makes_the_trip(seed, rows, cols, m, layout):
     content, sensor = random_sketch(seed, rows, cols, m)
-    of_a_mean = {"float32": 1e-6, "int16": 0.5 / 32_767 + 1e-6, "coded": 1e-6}[layout]
-    rounding = of_a_mean * content.photons + (layout == "coded") * STEP / 2**0.5 * np.sqrt(content.photons / 2)
+    rounding = {"float32": 1e-6, "int16": 0.5 / 32_767 + 1e-6}[layout] * content.photons
     raw = sketch.encode_cdr(content, sensor, "spad", layout)
     header, back = sketch.decode_cdr(raw, sensor)
     assert (header.stamp_ns, header.frame_id, back.stamp_ns) == (seed, "spad", seed)
@@ -56,15 +54,14 @@ def test_a_description_is_named_by_the_digest_of_its_text(small_sensor, codecs):
     assert sensor_message.digest(text) == sensor_message.digest(small_sensor) == named
     assert sensor_message.digest(sensor_message.from_json(text)) == named
     assert sensor_message.digest(small_sensor.replace(range_offset_m=0.1)) != named
-    assert sketch.description_cdr(codecs["sketch_coded"].encode_cdr()) == named
+    assert sketch.description_cdr(codecs["sketch_int16"].encode_cdr()) == named
 
 
 def test_fields_name_frequencies_period_and_description(codecs, small_sensor):
     for layout in LAYOUTS:
         fields = deserialize_message(codecs[f"sketch_{layout}"].encode_cdr(), PointCloud2).fields
         assert [field.name for field in fields] == [
-            {"coded": "coded"}.get(layout, "photons"), "k1", "k3", "T100",
-            f"sensor_{sensor_message.digest(small_sensor)}"]
+            "photons", "k1", "k3", "T100", f"sensor_{sensor_message.digest(small_sensor)}"]
         assert all(field.count > 0 for field in fields)         # sensor_msgs_py reads no others
 
 

@@ -112,7 +112,7 @@ def test_of_several_topics_of_motion_none_is_played_and_a_line_names_them(source
 
 
 def test_a_bag_of_sketches_is_played_with_their_descriptions(source, sensor, described, tmp_path):
-    raw = sketch_message.encode_cdr(noise_sketch(sensor, (1, 2)), sensor, "spad", "coded")
+    raw = sketch_message.encode_cdr(noise_sketch(sensor, (1, 2)), sensor, "spad")
     played = source(input=write_bag(tmp_path / "bag", [
         ("/sketch/sensor", TEXT, described[0]), ("/sketch", CLOUD, raw), ("/sketch/sensor", TEXT, described[1])]))
     assert (played.output, played.describes, played.sensor) == ("sketch", "sketch/sensor", described[0])

@@ -7,18 +7,16 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu
 
-from srt3d_ros import zstd
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.sketcher import Sketcher
-from srt3d_ros.messages import coded_sketch, gates, histograms, images, odometry, photons, points, sensor, sketch
+from srt3d_ros.messages import gates, histograms, images, odometry, photons, points, sensor, sketch
 from tests.robustness.conftest import read_or_refused
 
 GOLDEN = Path(__file__).resolve().parents[1] / "messages" / "golden"
 SENSOR = SensorModel(rows=3, cols=4, num_bins=100, bin_width_s=1e-10, irf=[1, 2, 1], gates=GateWords(10, 65_535),
                      histograms=HistogramBins(5))
 FREQUENCIES = (1, 3)        # of the golden sketches
-
 
 
 def golden(*names: str) -> list[bytes]:
@@ -40,25 +38,11 @@ def frame(codec):
     return read
 
 
-def unpacked(raw: bytes) -> None:
-    """Reads a coded sketch before zstd packs it, whose checksum would find every damage."""
-    at = coded_sketch.HEADER.size + 8 * len(FREQUENCIES)
-    coded_sketch.decode(raw[:at] + zstd.compress(raw[at:], options=coded_sketch.PACKING), FREQUENCIES, (3, 4))
-
-
-def coded_example() -> bytes:
-    packed = coded_sketch.encode(sketch.decode_cdr(*golden("sketch_float32"), SENSOR)[1])
-    at = coded_sketch.HEADER.size + 8 * len(FREQUENCIES)
-    return packed[:at] + zstd.decompress(packed[at:])
-
-
 CODECS = {
     "photons": (frame(photons), golden("photons_uint16", "photons_float32")),
     "gates": (frame(gates), golden("gates")),
     "histograms": (frame(histograms), golden(*(f"histograms_{kind}5" for kind in ("8UC", "16UC", "32SC", "32FC")))),
-    "sketch": (lambda raw: sketch.decode_cdr(raw, SENSOR),
-               golden("sketch_float32", "sketch_int16", "sketch_coded")),
-    "coded_sketch": (unpacked, [coded_example()]),
+    "sketch": (lambda raw: sketch.decode_cdr(raw, SENSOR), golden("sketch_float32", "sketch_int16")),
     "points": (points.decode_cdr, golden("points_xyzi", "points_full")),
     "images": (images.decode_cdr, golden("image_32FC1")),
     "sensor": (lambda raw: sensor.from_json(raw.decode(errors="replace")),

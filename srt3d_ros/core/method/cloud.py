@@ -10,8 +10,6 @@ from srt3d_ros.core.sensor.projection import Pinhole, Projection
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.errors import require
 
-TINY = 1e-9
-
 # Which point of a pixel comes first: the field that a pixel's points are sorted by, and its sign.
 SURFACE_ORDERS = {"strongest": ("intensity", -1), "nearest": ("depth_bins", 1), "farthest": ("depth_bins", -1)}
 
@@ -85,23 +83,9 @@ class PointCloud:
                    sensor.xyz(row, col, depth), rank.astype(np.uint8), background.astype(np.float32), stamp_ns)
 
     @classmethod
-    def of(cls, found: Estimate, sketch: Sketch, moments: np.ndarray) -> "PointCloud":
-        """The cloud of an estimate of a sketch.
-
-        A sketch that was moved has more variance than its photons have, by `added_variance`; that of the photons is
-        in the estimate's standard deviations.
-
-        Args:
-            moments: of the `MatchedFrame`.
-        """
-        depth, intensity, std = found.values[:3]
-        if sketch.added_variance:
-            share = intensity / np.maximum(intensity + found.background[found.row, found.col], TINY)
-            signal, even = moments
-            widening = np.sqrt(1 + sketch.added_variance * even / (share * signal + (1 - share) * even))
-            std = std * widening.astype(np.float32)
-        return cls(found.row, found.col, depth, intensity, std, found.xyz, found.rank, found.background,
-                   sketch.stamp_ns)
+    def of(cls, found: Estimate, sketch: Sketch) -> "PointCloud":
+        """The cloud of an estimate of a sketch."""
+        return cls(found.row, found.col, *found.values[:3], found.xyz, found.rank, found.background, sketch.stamp_ns)
 
     def __len__(self) -> int:
         return len(self.row)

@@ -68,7 +68,7 @@ class PooledStream:
             found = self._pass(sketch)
             if self._background.current.mean is None:        # no start is a background
                 break
-        return PointCloud.of(found, sketch, self._matcher.moments)
+        return PointCloud.of(found, sketch)
 
     def _pass(self, sketch: Sketch, start: np.ndarray | None = None) -> Estimate:
         """The estimate of least misfit; the surfaces and the background of the next frame become what it shows."""

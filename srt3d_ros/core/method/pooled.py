@@ -64,11 +64,11 @@ class Pooled:
             start: `Estimate.state` of the frame before; None to begin with no surface.
             background: of `background.Background.taken`.
         """
-        step = partial(self._estimate, start, (1 + sketch.added_variance)**0.5)     # scores spread by as much
+        step = partial(self._estimate, start)
         return Estimate(*self._kernels.run_frame(step, sketch.photons, sketch.sums, *background))
 
-    def _estimate(self, start, wider: float, photons, sums, background=None, mean=None, clutter=None) -> tuple:
-        kernels, found, continued = self._kernels, wider * self._found, wider * self._continued
+    def _estimate(self, start, photons, sums, background=None, mean=None, clutter=None) -> tuple:
+        kernels, found, continued = self._kernels, self._found, self._continued
 
         # Match: take delay, gain, IRF and known background out of each pixel's sketch.
         taken = None if background is None else self._averaged(background * self._used)

@@ -38,7 +38,6 @@ class Sketch:
         sums: complex64 [rows, cols, m].
         photons: uint32 [rows, cols], n; MAX_PHOTONS and the mean where there were more.
         stamp_ns: start of acquisition of the earliest photons; of a window, of its newest frame.
-        added_variance: of each part of the sums, by rounding on the way, over the n/2 that photon noise gives it.
         sensor: of the photons, behind the gate if there is one; None where it is not known.
     """
 
@@ -46,7 +45,6 @@ class Sketch:
     sums: np.ndarray
     photons: np.ndarray
     stamp_ns: int = 0
-    added_variance: float = 0.0
     sensor: SensorModel | None = None
 
     def __post_init__(self) -> None:
@@ -72,8 +70,7 @@ class Sketch:
         if photons.max(initial=0) > MAX_PHOTONS:
             sums = sums * (MAX_PHOTONS / np.maximum(photons, MAX_PHOTONS))[..., None].astype(np.float32)
         return replace(self, sums=sums, photons=np.minimum(photons, MAX_PHOTONS).astype(np.uint32),
-                       stamp_ns=min(self.stamp_ns, other.stamp_ns),
-                       added_variance=max(self.added_variance, other.added_variance))
+                       stamp_ns=min(self.stamp_ns, other.stamp_ns))
 
 
 def noise_sketch(sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:

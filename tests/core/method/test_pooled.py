@@ -1,7 +1,5 @@
 """What pooled does beyond what every method must do (test_methods.py)."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.stats import exponnorm, norm
@@ -47,27 +45,6 @@ def test_background_alone_shows_few_points(m, rate, ppp):
     # Where few photons meet narrow pulses, chance meetings pass for surfaces more often.
     times = 16 if ppp < 0.1 and m == 40 else 4
     assert sum(points) <= max(times * rate * frames * sensor.pixels, 4 * 120)
-
-
-def test_noise_that_rounding_adds_raises_the_threshold_and_the_standard_deviations():
-    """Rounded to 2 σ a third of the variance is added: unknown, more than twice as many points as allowed appear."""
-    sensor, rate, frequencies = make_sensor(64, 64), 1e-2, choose("auto", make_sensor(64, 64), 10)
-    told, untold = (PooledStream(sensor, frequencies, false_alarm_rate=rate) for _ in range(2))
-    points = np.zeros(2)
-    for seed in range(10):
-        sketch = sketch_photons(background_alone(sensor, 100, seed), sensor, frequencies)
-        unit = 2 * np.sqrt(np.maximum(sketch.photons, 1) / 2)[..., None].astype(np.float32)
-        rounded = np.rint(sketch.sums.view(np.float32) / unit) * unit
-        sketch = replace(sketch, sums=rounded.view(np.complex64))
-        points += len(told(replace(sketch, added_variance=2**2 / 12))), len(untold(sketch))
-    shares = points / (10 * sensor.pixels * rate)
-    assert shares[0] < 1.5 and shares[1] > 2
-
-    plane = simulate(np.full((64, 64), 50.0), 1e6, 20, sensor)
-    sketch = sketch_photons(plane, sensor, frequencies)
-    widths = [told(replace(sketch, added_variance=added)).depth_std_bins.mean() for added in (0.0, 0.5)]
-    signal, even = told._matcher.moments
-    assert widths[1] / widths[0] == pytest.approx(np.sqrt(1 + 0.5 * even / signal), rel=0.05)
 
 
 def test_fewer_false_alarms_are_allowed_fewer_points_appear():
