@@ -19,7 +19,7 @@ from launch import Action, LaunchDescription
 PACKAGE = "srt3d_ros"
 TOPICS = ("photons", "gates", "histograms", "sensor", "points")
 BAD_INPUT = 2       # a node's exit code for what will not become right by another try
-END_S = "60"        # after Ctrl-C, for a recording and a bag to be written; launch would end the nodes after 5 s
+END_S = "60"        # after Ctrl-C, for a recording to be written; launch would end the nodes after 5 s
 
 ARGUMENTS = {
     "config": "Parameter file: a path, or the name of one that comes with the package, such as scanner_141x141.",
@@ -33,7 +33,6 @@ ARGUMENTS = {
     "device": "Where to reconstruct.",
     "input": "Photon file or bag to play, or: simulator. Without, a driver publishes the photons.",
     "record": "Recording (.rrd) to write.",
-    "bag": "Bag (a folder) to record the photons in.",
     "autostart": "Whether the nodes configure and activate themselves; false: a lifecycle manager does.",
     "use_sim_time": "Whether the clock is the topic /clock.",
     "log_level": "What the nodes log.",
@@ -45,14 +44,13 @@ CHOICES = {"device": ("", "auto", "cpu", "cuda"), "autostart": ("", "true", "fal
 # Of each node: which parameter an argument sets. The player comes last, so that all listen when it starts.
 NODES = {
     "recorder": {"path": "record"},
-    "bag_recorder": {"path": "bag"},
     "reconstructor": {"device": "device"},
     "sketcher": {"sensor_file": "sensor_file"},
     "player": {"input": "input"},
 }
 RESTARTED = ("sketcher", "reconstructor")       # they keep nothing that a new process would lack
 MOST_RESTARTS = 5
-ONLY_WITH = {"recorder": "record", "bag_recorder": "bag", "player": "input"}
+ONLY_WITH = {"recorder": "record", "player": "input"}
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -1,4 +1,4 @@
 """The nodes of this package by name, for who must know them without importing ROS 2."""
 
 PLAYER = "player"
-NODES = ("sketcher", "reconstructor", "recorder", "bag_recorder", PLAYER)
+NODES = ("sketcher", "reconstructor", "recorder", PLAYER)

@@ -12,7 +12,7 @@ from pathlib import Path
 import psutil
 
 DEADLINE_S = 60.0                       # generous: the machine may be busy; nothing waits longer than it has to
-STOP_TIMEOUT_S = 60.0                   # for a recording and a bag to be written
+STOP_TIMEOUT_S = 60.0                   # for a recording to be written
 LAST_LINES_S = 5.0                      # for the last lines of a process that has ended
 POLL_S = 0.01
 SOURCE_TREE = Path(__file__).resolve().parents[1]

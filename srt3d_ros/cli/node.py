@@ -1,4 +1,4 @@
-"""`srt3d node NAME`, and `play` and `bag-record`: a node in this process, with ordinary options.
+"""`srt3d node NAME`, and `srt3d play`: a node in this process, `play` with ordinary options.
 
 The executables in lib/srt3d_ros, which `ros2 run` starts, call `srt3d node`.
 """
@@ -24,7 +24,6 @@ def add_parser(subparsers) -> None:
     parser.add_argument("ros_args", nargs=argparse.REMAINDER, metavar="--ros-args …", help="arguments for ROS 2")
     parser.set_defaults(run=lambda args: start(args.name, args.ros_args))
     _add_play(subparsers)
-    _add_bag_record(subparsers)
 
 
 def _add_play(subparsers) -> None:
@@ -50,18 +49,6 @@ def _add_play(subparsers) -> None:
     _finish(parser, "player")
 
 
-def _add_bag_record(subparsers) -> None:
-    parser = subparsers.add_parser(
-        "bag-record", help="record photons and their sensor, or other topics, in a ROS 2 bag",
-        description="Record the photons and the description of their sensor, or other topics of the pipeline, in a bag "
-                    "that `srt3d play`, `srt3d reconstruct` and `ros2 bag play` read (docs/bags.md). Ends with Ctrl-C. "
-                    "What is left out keeps the default of the bag_recorder node.")
-    parser.add_argument("path", metavar="OUT", help="the bag, a folder that is not there yet")
-    parser.add_argument("--topics", nargs="+", metavar="TOPIC",
-                        help="what to record (photons gates histograms sensor); also sketch, sketch/sensor, points, …")
-    _finish(parser, "bag_recorder")
-
-
 def _finish(parser: argparse.ArgumentParser, name: str) -> None:
     """--namespace, and --ros-args, which takes the rest of the line; what was given starts the node."""
     parser.add_argument("--namespace", metavar="NS", help="of the node and its topics")
@@ -72,8 +59,6 @@ def _finish(parser: argparse.ArgumentParser, name: str) -> None:
 
 def _start_with_options(name: str, args: argparse.Namespace) -> int:
     given = {key: value for key, value in vars(args).items() if value is not None and key not in NO_PARAMETERS}
-    if "topics" in given:
-        given["topics"] = ",".join(given["topics"])
     namespace = namespace_arguments(args.namespace) if args.namespace else []
     return start(name, [*parameter_arguments(given), *namespace, *args.ros_args])
 

@@ -17,7 +17,7 @@ from srt3d_ros.node_names import PLAYER
 
 # Which parameter of which node an option sets.
 OPTIONS = {"sensor_file": ("sketcher", "sensor_file"), "device": ("reconstructor", "device"),
-           "input": ("player", "input"), "record": ("recorder", "path"), "bag": ("bag_recorder", "path")}
+           "input": ("player", "input"), "record": ("recorder", "path")}
 OF_EVERY_NODE = ("use_sim_time", "qos_overrides.")
 LEVELS = ("debug", "info", "warn", "error", "fatal")
 ABOUT = """\
@@ -53,7 +53,6 @@ def add_parser(subparsers) -> None:
         help="parameter file, or the name of one that comes with the package; may be repeated")
     add("--device", metavar="DEVICE", help="where to reconstruct: auto, cpu or cuda")
     add("--record", metavar="FILE", help="recording to write (.rrd)")
-    add("--bag", metavar="DIR", help="bag to record the photons in")
     add("--namespace", metavar="NS", help="of all nodes and topics")
     add("-r", dest="remap", metavar="TOPIC:=NAME", action="append", default=[],
         help="another name for a topic; may be repeated")
@@ -76,8 +75,7 @@ def run(args: argparse.Namespace) -> int:
 
 def node_specs(args: argparse.Namespace) -> list:
     """The specs of the nodes asked for, subscribers first; ModuleNotFoundError for what one of them lacks."""
-    asked = {"recorder": args.record, "bag_recorder": args.bag, "reconstructor": True, "sketcher": True,
-             PLAYER: args.input}
+    asked = {"recorder": args.record, "reconstructor": True, "sketcher": True, PLAYER: args.input}
     return [importlib.import_module(f"srt3d_ros.nodes.{name}").SPEC for name, wanted in asked.items() if wanted]
 
 

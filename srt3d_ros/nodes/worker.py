@@ -44,15 +44,13 @@ class Worker:
             frame to all else here.
         failed: called with (exception, frames, size) when a job raises, frames 1 or 0; the worker goes on.
         dropped: called with (cause, frames, size) for dropped frames; the cause is "queue" if newer ones push them
-            out, or that of `hold_frames`. A frame's size is what its node counts beside frames, such as photons or
-            bytes.
+            out, or that of `hold_frames`. A frame's size is what its node counts beside frames, such as photons.
     """
 
     def __init__(self, limit: int, failed: Callable[[Exception, int, int], None],
                  dropped: Callable[[str, int, int], None], catch_up_s: float = 0.0):
         self.limit, self._failed, self._dropped, self._catch_up_s = limit, failed, dropped, catch_up_s
         self.messages_per_frame = 1
-        self.waiting = 0, 0         # frames in the queue, and their sizes' sum
         self._recovered_from_s = 0.0
         self._jobs: deque[_Job] = deque()
         self._current: _Job | None = None
@@ -116,16 +114,16 @@ class Worker:
                 if job.frames:
                     self._dropped("shutdown", 1, job.size)
                 return
-            most = self.limit * self.messages_per_frame
-            if job.frames and self.waiting[0] >= most:
-                self._push_out(most, job.since_s)
+            if job.frames:
+                self._make_room(job.since_s)
             self._jobs.append(job)
-            self._count_waiting(job, 1)
             self._changed.notify_all()
 
-    def _push_out(self, most: int, now_s: float) -> None:
-        """Make room for one frame among `most`, unless the worker may still catch up."""
-        frames = [job for job in self._jobs if job.frames]
+    def _make_room(self, now_s: float) -> None:
+        """Push out frames so that one more may wait, unless the worker may still catch up."""
+        frames, most = [job for job in self._jobs if job.frames], self.limit * self.messages_per_frame
+        if len(frames) < most:
+            return
         may_catch_up = now_s >= self._recovered_from_s and now_s - frames[0].since_s < self._catch_up_s
         if may_catch_up and len(frames) < MAX_WAITING:
             return
@@ -134,17 +132,9 @@ class Worker:
 
     def _drop(self, cause: str, frames: list[_Job]) -> None:
         for job in frames:
-            self._remove(job)
+            self._jobs.remove(job)
         if frames:
             self._dropped(cause, len(frames), sum(job.size for job in frames))
-
-    def _remove(self, job: _Job) -> None:
-        self._jobs.remove(job)
-        self._count_waiting(job, -1)
-
-    def _count_waiting(self, job: _Job, sign: int) -> None:
-        frames, size = self.waiting
-        self.waiting = frames + sign * job.frames, size + sign * job.size
 
     def _take(self) -> _Job | None:
         """The next job that may run, or None when closed and nothing is left."""
@@ -152,7 +142,7 @@ class Worker:
             while True:
                 job = next((job for job in self._jobs if not (job.frames and self._held_for)), None)
                 if job is not None:
-                    self._remove(job)
+                    self._jobs.remove(job)
                     self._current = job
                 if job is not None or self._closing:
                     return job

@@ -1,4 +1,4 @@
-"""Bags as they are written and read: what is in them, what the stock tools find in them, and bags that are broken."""
+"""Bags as they are read: what is in them, and bags that are broken."""
 
 import subprocess
 import sys
@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ruamel.yaml import YAML
 
 from srt3d_ros import json_text
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
@@ -16,14 +15,13 @@ from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.datasets import read
 from srt3d_ros.datasets.bags.bag import Bag
 from srt3d_ros.datasets.bags.frames import BagFrames, find_photons
-from srt3d_ros.datasets.bags.writer import STORAGES, BagWriter
 from srt3d_ros.datasets.options import ASSUMED_FOV
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr, gates, histograms, photons
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketches
 from srt3d_ros.messages.sensor import digest
-from tests.bags import CLOUD, IMAGE, START_NS, TEXT, write_bag
+from tests.bags import CLOUD, IMAGE, START_NS, STORAGES, TEXT, write_bag
 
 SENSOR = SensorModel(rows=2, cols=3, num_bins=50, bin_width_s=1e-10, irf=[1, 2, 1], gates=GateWords(), frame_id="spad")
 OTHER = SENSOR.replace(num_bins=40)
@@ -74,29 +72,11 @@ def test_a_bag_gives_back_the_bytes_and_the_times_that_it_was_given(bag):
     assert alone == read
 
 
-def test_metadata_and_definitions_say_what_rosbag2_needs(bag, storage):
-    """The keys that rosbag2 of Jazzy reads (rosbag2_storage/yaml.hpp)."""
-    info = YAML(typ="safe").load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    assert (info["version"], info["storage_identifier"], info["message_count"]) == (9, storage, 4)
-    forever = {"sec": 9_223_372_036, "nsec": 854_775_807}
-    for entry in info["topics_with_message_count"]:
-        topic = entry["topic_metadata"]
-        latched = topic["name"] == "/sensor"
-        assert (topic["type"], entry["message_count"]) == ((TEXT, 1) if latched else (CLOUD, 3))
-        assert topic["type_description_hash"].startswith("RIHS01_") and topic["serialization_format"] == "cdr"
-        assert topic["offered_qos_profiles"] == [{
-            "history": "keep_last", "depth": 1 if latched else 10, "reliability": "reliable",
-            "durability": "transient_local" if latched else "volatile", "deadline": forever, "lifespan": forever,
-            "liveliness": "automatic", "liveliness_lease_duration": forever, "avoid_ros_namespace_conventions": False}]
-
-
-def test_several_files_are_read_in_the_order_of_their_times_whatever_qos_the_metadata_give(tmp_path):
+def test_several_files_are_read_in_the_order_of_their_times(tmp_path):
     bag = write_bag(tmp_path / "bag", RECORDED)
     write_bag(tmp_path / "later", [("/photons", CLOUD, photons_of(7))], first=10)
     name = storage_file(tmp_path / "later").name
     storage_file(tmp_path / "later").rename(bag / name)
-    metadata = bag / "metadata.yaml"
-    metadata.write_text(metadata.read_text().replace("transient_local", "volatile"))
     assert [read(bag, number).frame.toa[0] for number in range(4)] == [0, 1, 2, 7]
 
 
@@ -192,14 +172,10 @@ def test_sketches_are_read_with_the_descriptions_that_they_name(tmp_path):
 @pytest.mark.parametrize("kind", [*STORAGES, "without index"])
 def test_photons_are_read_with_the_last_description_before_them(tmp_path, kind):
     """Two descriptions, the first of which comes late, and messages that were recorded at the same time."""
-    writer = BagWriter(tmp_path / "bag", kind if kind in STORAGES else "mcap")
-    writer.add_topic("/sensor", TEXT, latched=True)
-    writer.add_topic("/photons", CLOUD)
     steps = [(1, 0), (1, 1), (1, SENSOR), (2, 2), (2, OTHER), (2, 3), (3, 4)]
-    for time, what in steps:
-        is_frame = isinstance(what, int)
-        writer.write(*("/photons", time, photons_of(what)) if is_frame else ("/sensor", time, described(what)))
-    writer.close()
+    write_bag(tmp_path / "bag", [
+        ("/photons", CLOUD, photons_of(what), time) if isinstance(what, int) else
+        ("/sensor", TEXT, described(what), time) for time, what in steps], kind if kind in STORAGES else "mcap")
     if kind == "without index":
         whole = (file := storage_file(tmp_path / "bag")).read_bytes()
         file.write_bytes(whole[:-28] + bytes(16) + whole[-12:])        # where the summary begins
@@ -288,10 +264,3 @@ def test_a_broken_bag_is_one_line(bag, name):
     with pytest.raises(InvalidInput) as error:
         read(path, 2)
     assert path.name[-15:] in str(error.value) and "\n" not in str(error.value)
-
-
-def test_a_place_where_no_bag_can_be_made_is_one_line(tmp_path):
-    (tmp_path / "file").touch()
-    for place, words in ((tmp_path, "folder that is not there"), (tmp_path / "file/bag", "made .Not a directory")):
-        with pytest.raises(InvalidInput, match=words):
-            BagWriter(place)

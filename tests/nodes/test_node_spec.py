@@ -12,8 +12,7 @@ OF_MANAGED_NODES = ("change_state", "get_state", "get_available_states", "get_av
                     "get_parameters", "list_parameters", "set_parameters", "set_parameters_atomically",
                     "get_type_description")
 # Parameters with which a node has all its topics.
-EVERYTHING = {"sketcher": {"sensor_file": "config/sensors/spad_32x32_gates.json", "motion": "odom"},
-              "bag_recorder": {"topics": ",".join(topic.name for topic in all_specs()["bag_recorder"].inputs)}}
+EVERYTHING = {"sketcher": {"sensor_file": "config/sensors/spad_32x32_gates.json", "motion": "odom"}}
 NEVER_TOGETHER = {"player": {"gates", "histograms", "sketch", "sketch/sensor", "odom", "imu"},
                   "sketcher": {"imu"}}
 
@@ -22,8 +21,7 @@ NEVER_TOGETHER = {"player": {"gates", "histograms", "sketch", "sketch/sensor", "
 def running(request, graph, photon_file, tmp_path):
     """A node that is ready, and its table."""
     name = request.param
-    extra = {"player": {"input": photon_file}, "recorder": {"path": tmp_path / "out.rrd"},
-             "bag_recorder": {"path": tmp_path / "bag"}}.get(name, {})
+    extra = {"player": {"input": photon_file}, "recorder": {"path": tmp_path / "out.rrd"}}.get(name, {})
     graph.start(name, **extra, **EVERYTHING.get(name, {})).ready()
     return name, all_specs()[name]
 

@@ -12,8 +12,8 @@ from srt3d_ros import datasets
 from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets import open_sensor, photon_file
 from srt3d_ros.datasets.bags.bag import Bag
-from srt3d_ros.datasets.bags.writer import BagWriter
 from srt3d_ros.messages import cdr, photons, sensor
+from tests.bags import CLOUD, TEXT, write_bag
 from tests.robustness.conftest import read_or_refused
 from tests.robustness.test_messages import CODECS, SENSOR
 
@@ -42,21 +42,6 @@ def photon_bytes(folder: Path) -> bytes:
     return (folder / "made.npz").read_bytes()
 
 
-def mat_bytes(folder: Path) -> bytes:
-    from scipy.io import savemat
-
-    cells = np.empty((1, 2), object)
-    cells[0, 0], cells[0, 1] = np.array([[12], [15]], np.uint16), np.zeros((0, 0), np.uint16)
-    return saved(savemat, {"Ts": cells})
-
-
-def hdf5_bytes(folder: Path) -> bytes:
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(folder / "made.h5", "w") as file:
-        file["counts"] = counts()
-    return (folder / "made.h5").read_bytes()
-
-
 def ptu_bytes(folder: Path) -> bytes:
     ptufile = pytest.importorskip("ptufile")
     return saved(ptufile.imwrite, counts()[None, :, :, None], 2e-9, 1e-10)
@@ -73,8 +58,6 @@ FILES = {
     "npy_counts": ("c.npy", partial(datasets.read, irf=IRF, bin_width_s=1e-10),
                    lambda folder: saved(np.save, counts()), 1),
     "ptu": ("b.ptu", partial(datasets.read, irf=IRF), ptu_bytes, 1),
-    "mat": ("b.mat", partial(datasets.read, irf=IRF), mat_bytes, 10),
-    "hdf5": ("b.h5", partial(datasets.read, irf=IRF, bin_width_s=1e-10), hdf5_bytes, 1),
 }
 
 
@@ -108,12 +91,8 @@ def test_a_damaged_array_in_a_photon_file_is_read_or_refused_in_one_line(rounds,
 
 @pytest.mark.parametrize(("storage", "pattern"), [("mcap", "*.mcap"), ("sqlite3", "*.db3"), ("mcap", "metadata.yaml")])
 def test_a_damaged_bag_is_read_or_refused_in_one_line(storage, pattern, rounds, tmp_path):
-    writer = BagWriter(tmp_path / "bag", storage)
-    writer.add_topic("/sensor", "std_msgs/msg/String", latched=True)
-    writer.add_topic("/photons", "sensor_msgs/msg/PointCloud2")
-    writer.write("/sensor", STAMP_NS, cdr.write_text(sensor.to_json(SENSOR)))
-    writer.write("/photons", STAMP_NS + 1, photons.encode_cdr(EVENTS, SENSOR, "spad"))
-    writer.close()
+    write_bag(tmp_path / "bag", [("/sensor", TEXT, cdr.write_text(sensor.to_json(SENSOR))),
+                                 ("/photons", CLOUD, photons.encode_cdr(EVENTS, SENSOR, "spad"))], storage)
     (path,) = (tmp_path / "bag").glob(pattern)
 
     def read(raw: bytes) -> None:
