@@ -31,7 +31,7 @@ ARGUMENTS = {
     "sensor": "Topic of the sensor's description.",
     "points": "Topic of the clouds.",
     "device": "Where to reconstruct.",
-    "input": "Photon file or bag to play, or: simulator. Without, a driver publishes the photons.",
+    "input": "Photon file to play, or: simulator. Without, a driver publishes the photons.",
     "record": "Recording (.rrd) to write.",
     "autostart": "Whether the nodes configure and activate themselves; false: a lifecycle manager does.",
     "use_sim_time": "Whether the clock is the topic /clock.",

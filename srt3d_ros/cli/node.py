@@ -28,22 +28,19 @@ def add_parser(subparsers) -> None:
 
 def _add_play(subparsers) -> None:
     parser = subparsers.add_parser(
-        "play", help="publish photons over ROS 2, from a photon file, a bag or the simulator",
-        description="Publish the photons of a file, of a bag, or of the simulator's moving scene, as a sensor's driver "
-                    "would. What is left out keeps the default of the player node.")
-    parser.add_argument("input", metavar="INPUT", help="photon file (docs/photon-file.md), a bag (its folder, "
-                                                       ".mcap or .db3 file), or: simulator")
+        "play", help="publish photons over ROS 2, from a photon file or the simulator",
+        description="Publish the photons of a file, again and again, or of the simulator's moving scene, as a sensor's "
+                    "driver would. What is left out keeps the default of the player node.")
+    parser.add_argument("input", metavar="INPUT", help="photon file (docs/photon-file.md), or: simulator")
     parser.add_argument("--frames", type=int, metavar="N", help="stop after this many frames")
     parser.add_argument("--sensor-file", metavar="FILE",
                         help="what a photon file lacks of its sensor: JSON as on `sensor`, or another photon file")
-    parser.add_argument("--loop", action=argparse.BooleanOptionalAction, help="repeat the frame of a file (yes)")
-    frames = parser.add_argument_group("files and the simulator")
-    frames.add_argument("--rate-hz", type=float, metavar="HZ", help="frames a second")
-    form = frames.add_mutually_exclusive_group()
+    parser.add_argument("--rate-hz", type=float, metavar="HZ", help="frames a second")
+    form = parser.add_mutually_exclusive_group()
     for topic, source in (("gates", "a SPAD array reads out"), ("histograms", "sensors send that count on the chip")):
         form.add_argument(f"--{topic}", dest="output", action="store_const", const=topic,
                           help=f"publish `{topic}`, as {source}, instead of `photons`")
-    frames.add_argument("--motion", metavar="HOW",
+    parser.add_argument("--motion", metavar="HOW",
                         help="walk, drone or spin: the simulator's sensor moves, and odom says where it is "
                              "(docs/motion.md)")
     _finish(parser, "player")

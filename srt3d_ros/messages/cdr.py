@@ -145,11 +145,6 @@ def write_text(text: str) -> bytes:
     return bytes(writer.raw)
 
 
-def stamp_ns(raw: bytes) -> int:
-    """The stamp of a serialised message that begins with a std_msgs/Header; InvalidInput if it breaks off there."""
-    return Reader(raw).stamp_ns()
-
-
 def restamp(raw: bytes, stamp_ns: int) -> bytes:
     """A serialised message with another stamp: many times cheaper than to write its data again."""
     header = Header(stamp_ns, "")
@@ -223,13 +218,10 @@ class Reader:
         except UnicodeDecodeError:
             raise InvalidInput(field, raw, "a string in UTF-8") from None
 
-    def stamp_ns(self) -> int:
+    def header(self) -> Header:
         sec, nanosec = self.number("header.stamp.sec", "i"), self.number("header.stamp.nanosec")
         require(nanosec < NS_PER_S, "header.stamp.nanosec", nanosec, f"0 to {NS_PER_S - 1}")
-        return sec * NS_PER_S + nanosec
-
-    def header(self) -> Header:
-        return Header(self.stamp_ns(), self.text("header.frame_id"))
+        return Header(sec * NS_PER_S + nanosec, self.text("header.frame_id"))
 
     def end(self) -> None:
         left = len(self.raw) - self.at

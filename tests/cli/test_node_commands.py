@@ -12,10 +12,10 @@ import pytest
     (["play", "a file: 1.npz", "--rate-hz", "5", "--gates", "--motion", "drone"],
      ["player", "--ros-args", "-p", 'input:="a file: 1.npz"', "-p", "rate_hz:=5.0", "-p", 'output:="gates"', "-p",
       'motion:="drone"']),
-    (["play", "a.npz", "--no-loop", "--sensor-file", "spad.json"],
-     ["player", "--ros-args", "-p", 'input:="a.npz"', "-p", 'sensor_file:="spad.json"', "-p", "loop:=false"]),
-    (["play", "bag.mcap", "--frames", "3", "--namespace", "/front/", "--ros-args", "-r", "photons:=/spad/raw"],
-     ["player", "--ros-args", "-p", 'input:="bag.mcap"', "-p", "frames:=3", "-r", "__ns:=/front", "-r",
+    (["play", "a.npz", "--sensor-file", "spad.json"],
+     ["player", "--ros-args", "-p", 'input:="a.npz"', "-p", 'sensor_file:="spad.json"']),
+    (["play", "b.npz", "--frames", "3", "--namespace", "/front/", "--ros-args", "-r", "photons:=/spad/raw"],
+     ["player", "--ros-args", "-p", 'input:="b.npz"', "-p", "frames:=3", "-r", "__ns:=/front", "-r",
       "photons:=/spad/raw"]),
 ])
 def test_options_become_parameters(monkeypatch, srt3d, command, expected):

@@ -72,8 +72,7 @@ def test_any_image_stamp_and_frame_make_the_trip(image, stamp_ns, frame_id):
     header = deserialize_message(raw, Image).header
     assert header.stamp.sec * 10**9 + header.stamp.nanosec == stamp_ns and header.frame_id == frame_id
     stamped = cdr.restamp(raw, 7)
-    assert cdr.stamp_ns(stamped) == 7 and cdr.restamp(stamped, stamp_ns) == raw == images.encode_cdr(
-        image[:, ::2], cdr.stamp_ns(raw), frame_id)
+    assert images.decode_cdr(stamped)[0].stamp_ns == 7 and cdr.restamp(stamped, stamp_ns) == raw
 
 
 @pytest.mark.parametrize(("stamp_ns", "frame_id", "field"), [
@@ -91,4 +90,4 @@ def test_texts_are_written_and_read_as_rclpy_does():
 
 def test_a_stamp_that_is_cut_off_is_refused():
     with pytest.raises(InvalidInput, match="header.stamp"):
-        cdr.stamp_ns(images.encode_cdr(np.zeros((1, 1), np.float32), 5, "")[:9])
+        images.decode_cdr(images.encode_cdr(np.zeros((1, 1), np.float32), 5, "")[:9])

@@ -13,7 +13,7 @@ OF_MANAGED_NODES = ("change_state", "get_state", "get_available_states", "get_av
                     "get_type_description")
 # Parameters with which a node has all its topics.
 EVERYTHING = {"sketcher": {"sensor_file": "config/sensors/spad_32x32_gates.json", "motion": "odom"}}
-NEVER_TOGETHER = {"player": {"gates", "histograms", "sketch", "sketch/sensor", "odom", "imu"},
+NEVER_TOGETHER = {"player": {"gates", "histograms", "odom"},
                   "sketcher": {"imu"}}
 
 
