@@ -22,8 +22,8 @@ PICTURES = ["matplotlib>=3.8,<4", "Pillow>=10.2,<14"]
 TORCH = "torch>=2.4,<3"
 PYZMQ = "pyzmq>=25,<28"
 ROSBAGS = "rosbags>=0.11.9,<0.12"
-# Readers of laboratories' files. ptufile changes its interface from year to year.
-LAB = ["ptufile>=2026.2,<2027", "h5py>=3.10,<4"]
+# It changes its interface from year to year.
+LAB = ["ptufile>=2026.2,<2027"]
 # The site, as ROS 2 packages make theirs; sphinx-mathjax-offline brings MathJax, so that it reads without a network.
 DOCS = ["sphinx>=7.2,<10", "myst-nb>=1.1,<2", "furo>=2024.5,<2027", "sphinx-copybutton>=0.5,<1",
         "sphinx-mathjax-offline>=0.0.2,<0.1"]

@@ -27,7 +27,7 @@ def read(source: Any, frame: int = 0, *, photons_topic: str = "", sensor: Sensor
     """The photons of a file, bag, log or array, with their sensor and what is known of the truth.
 
     Args:
-        source: the path of a file (.npz, .mat, a laboratory's .ptu, .h5, …: docs/photon-file.md), of a log of
+        source: the path of a file (.npz, .mat, a laboratory's .ptu, …: docs/photon-file.md), of a log of
             histograms or of a bag (docs/bags.md); counts [rows, cols, bins]; or photons that are there already.
         frame: which message of a bag's photons or sketches, or frame of a log, from 0.
         photons_topic: where a bag's photons or sketches are, if it has several topics of them.

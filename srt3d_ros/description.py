@@ -19,7 +19,7 @@ class Description:
     """Figures of a photon file.
 
     Args:
-        photons: of which SBR and gate are those of the sample.
+        photons: those that are described.
         design: the suggested gate, and frequencies.
         sbr: as of `signal_to_background`.
         histogram, counts: float64 [T] and [rows, cols], photons in each bin and in each pixel.
@@ -60,13 +60,11 @@ class Description:
 
 def describe(photons: Photons) -> Description:
     """Figures of photons."""
-    sample, sensor, frame = *photons.sample, photons.source
-    suggested = design_for(sensor, AUTO, frame=sample), signal_to_background(histogram(sample, sensor), sensor)
-    if not photons.is_loaded:
-        return Description(photons, *suggested, frame.histogram, frame.counts)
+    frame, sensor = photons.frame, photons.sensor
+    suggested = design_for(sensor, AUTO, frame=frame), signal_to_background(histogram(frame, sensor), sensor)
     if isinstance(frame, PhotonHistograms):
-        counts = frame.on_axis(sensor).astype(np.float64)
-        return Description(photons, *suggested, counts.sum(axis=(0, 1)), counts.sum(axis=2))
+        counts = frame.on_axis(sensor)
+        return Description(photons, *suggested, *(counts.sum(axis=axis, dtype=np.float64) for axis in ((0, 1), 2)))
     counts = np.bincount(frame.pixel, minlength=sensor.pixels).reshape(sensor.rows, sensor.cols)
     toa = np.bincount(sensor.toa_bins(frame.toa), minlength=sensor.num_bins)
     return Description(photons, *suggested, toa.astype(np.float64), counts.astype(np.float64))

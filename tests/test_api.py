@@ -16,9 +16,10 @@ from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sensor.model import GateWords
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sketching.sketcher import sketch_photons
-from srt3d_ros.datasets import photon_file, recording
+from srt3d_ros.datasets import photon_file
+from srt3d_ros.datasets.readers import cubes
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 
@@ -110,16 +111,16 @@ def test_what_a_photon_file_lacks_can_be_given(tmp_path):
         srt3d_ros.read(tmp_path / "a.npz", bin_width_s=5e-11)
 
 
-def test_a_file_of_too_many_photons_to_keep_is_sketched_as_a_stream(cloud, tmp_path, monkeypatch):
-    monkeypatch.setattr(recording, "MAX_KEPT", 3_000)
+def test_counts_of_many_photons_stay_histograms(cloud, tmp_path, monkeypatch):
+    monkeypatch.setattr(cubes, "MAX_KEPT", 3_000)
     np.save(tmp_path / "counts.npy", COUNTS.astype(np.uint16))
     opened = srt3d_ros.read(tmp_path / "counts.npy", bin_width_s=5e-11, irf=SENSOR.irf, fov_deg=30)
-    assert isinstance(opened, srt3d_ros.Photons) and not opened.is_loaded
+    assert isinstance(opened.frame, PhotonHistograms)
     same(srt3d_ros.reconstruct(opened, toa_offset_bins=1000, frequencies=FREQUENCIES), cloud)
     gated = srt3d_ros.read(opened, mask=np.eye(12, 20) == 0).sketch(gate=(60, 130))
     assert gated.photons.sum() == np.count_nonzero((FRAME.toa >= 60) & (FRAME.toa <= 130)) and len(gated.notes) == 1
-    assert np.array_equal(gated.sensor.mask, np.eye(12, 20) == 0)       # not that of the sample
-    with pytest.raises(srt3d_ros.InvalidInput, match="^num_bins is 50: expected "):
+    assert np.array_equal(gated.sensor.mask, np.eye(12, 20) == 0)
+    with pytest.raises(srt3d_ros.InvalidInput, match="^histograms shape is "):
         srt3d_ros.reconstruct(opened, num_bins=50)
 
 
@@ -346,7 +347,7 @@ DOCUMENTED = {
     "Cloud": ("plot", "render", "save", "range_image", "depth_image", "image", "within", "ordered", "cropped"),
     "Sketch": ("reconstruct",), "Reconstructor": ("forget",),
     "Sensor": ("replace", "cropped", "range_m", "xyz"),
-    "Photons": ("sketch", "reconstruct", "from_events", "from_counts", "packets", "gated")}
+    "Photons": ("sketch", "reconstruct", "from_events", "from_counts", "gated")}
 
 
 def test_every_argument_of_the_library_has_a_type(repository):

@@ -24,7 +24,7 @@ SENSOR_OVERRIDES = ("num_bins", "bin_width_s", "irf", "irf_ref", "fov_deg", "row
 def add_photon_file(parser: argparse.ArgumentParser) -> None:
     """INPUT, which frame of it, and options for what it does not say."""
     parser.add_argument("input", metavar="INPUT",
-                        help="photon file: .npz, .mat as published, a laboratory's (.ptu, .h5, .npy; "
+                        help="photon file: .npz, .mat as published, a laboratory's (.ptu, .npy; "
                              "docs/photon-file.md), a log of histograms, a bag (docs/bags.md), or: simulator")
     parser.add_argument("--frame", type=int, default=0, metavar="N", help="message of a bag's photons, from 0 (0)")
     parser.add_argument("--photons-topic", default="", metavar="TOPIC",

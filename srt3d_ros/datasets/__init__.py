@@ -25,7 +25,7 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
     """The photons of a file (docs/photon-file.md) or of a frame of a bag (docs/bags.md), with their sensor.
 
     Args:
-        path: .npz, .mat as its authors published it, a laboratory's file (.ptu, .h5, …), an array of counts, a log of
+        path: .npz, .mat as its authors published it, a laboratory's .ptu, an array of counts, a log of
             histograms (.json, .gz), or a bag: its folder, .mcap or .db3 file; or "simulator", for its moving head.
         frame: which message of a bag's photons or sketches, or frame of a log or of the simulator, from 0; other files
             have one frame.
@@ -55,7 +55,7 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
                 return frames.read(frames.frame(frame), options)
         require(not photons_topic, "photons_topic", quoted(photons_topic), "nothing: only bags have topics")
         require_file(path, "photon file")
-        return readers.read(path, frame, options, guess_irf)
+        return readers.read(path, frame, options | {"guess_irf": guess_irf})
 
 
 def _simulated(frame: int, options: dict) -> Photons:

@@ -16,11 +16,11 @@ from srt3d_ros.datasets.options import (
     few_bins_note,
     says_geometry,
 )
-from srt3d_ros.datasets.recording import Survey
 from srt3d_ros.datasets.values import array, check_within, sendable
 from srt3d_ros.errors import InvalidInput, quoted, require
 
 AXES = "rows cols bins"
+MAX_KEPT = 2**24            # photons of a sample, 100 MB; of files, fewer become events
 Described = tuple[SensorModel, PhotonEvents | PhotonHistograms, tuple[str, ...]]     # and notes
 
 
@@ -95,12 +95,31 @@ def _estimated_irf(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel) 
     """The IRF that the photons show, see `irf.estimate`, and a note."""
     if isinstance(frame, PhotonHistograms):
         require(sensor.histograms is None, "irf", "missing", "the impulse response, as wide as these bins make it")
-        survey = Survey(sensor.pixels, sensor.num_bins)
-        survey.add_histograms(frame.counts.reshape(sensor.pixels, -1), 0)
-        require(survey.countable, "irf", "missing", "the impulse response: it can be estimated from whole photons only")
-        frame = survey.sample
+        require(are_whole(frame.counts), "irf", "missing",
+                "the impulse response: it can be estimated from whole photons only")
+        frame = sampled(frame.counts)
     seen = frame if sensor.mask is None else frame.part(sensor.mask.reshape(-1)[frame.pixel])
     return irfs.estimated(seen, sensor.num_bins)
+
+
+def are_whole(counts: np.ndarray) -> bool:
+    """Whether counts [rows, cols, bins] are whole photons."""
+    return counts.dtype.kind in "ub" or all((row >= 0).all() and (row == np.floor(row)).all() for row in counts)
+
+
+def sampled(counts: np.ndarray) -> PhotonEvents:
+    """The photons of every n-th pixel of counts [rows, cols, bins], n the power of two for at most MAX_KEPT of them.
+
+    Of a single pixel with more some of them; negative counts are none.
+    """
+    photons = np.concatenate([np.maximum(row, 0).sum(axis=1, dtype=np.float64) for row in counts])
+    step, counts = 1, counts.reshape(len(photons), -1)
+    while (most := photons[::step].sum()) > MAX_KEPT and step < len(photons):
+        step *= 2
+    counts = counts[::step] if most <= MAX_KEPT else np.floor(counts[::step] * (MAX_KEPT / most))
+    pixel, toa = np.nonzero(counts)
+    times = np.rint(np.maximum(counts[pixel, toa], 0)).astype(np.int64)
+    return PhotonEvents((step * pixel).astype(np.uint32).repeat(times), toa.astype(np.uint16).repeat(times))
 
 
 def _indices(name: str, values: np.ndarray, end: int) -> np.ndarray:

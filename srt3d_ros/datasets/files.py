@@ -133,7 +133,7 @@ def map_npy(path: Path, field: str, most: int = MAX_BYTES) -> np.ndarray:
     with path.open("rb") as stream:
         shape, _, _ = npy_header(stream, path.stat().st_size, field, most)
     require(math.prod(shape) > 0, field, "empty", "an array with something in it")
-    return np.load(path, mmap_mode="r", allow_pickle=False)
+    return np.load(path, mmap_mode="c", allow_pickle=False)
 
 
 def npy_header(stream: BinaryIO, file_size: int, field: str, most: int = MAX_BYTES) -> tuple[tuple, bool, np.dtype]:

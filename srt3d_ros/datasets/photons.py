@@ -1,7 +1,7 @@
 """Photons: what every file, bag, log and array gives, one frame with all that is known about it."""
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self, Unpack
 
@@ -11,12 +11,12 @@ from srt3d_ros.core.methods import DEFAULT_METHOD, find
 from srt3d_ros.core.progress import compiling
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import design_for
-from srt3d_ros.core.sketching.gate import AUTO, OFF, Gate
+from srt3d_ros.core.sketching.gate import OFF, Gate
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame, PhotonHistograms
 from srt3d_ros.core.sketching.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets import arrays
 from srt3d_ros.datasets.options import SensorOptions, gathered, outside_note, redescribed
-from srt3d_ros.datasets.recording import StoredPhotons
+from srt3d_ros.datasets.values import MAX_PHOTONS
 from srt3d_ros.errors import quoted, require
 from srt3d_ros.results import Cloud, Reconstructor, Sketch
 
@@ -25,12 +25,11 @@ NAME = "arrays"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Photons:
-    """One frame of photons. Of a large file they stay there, and are read when they are sketched.
+    """One frame of photons. Those of a large array of counts stay in its file, and are read when they are sketched.
 
     Args:
         sensor: the sensor that saw them.
-        source: the photons, as events or as histograms, or where they are stored; they all lie inside the sensor's
-            pixels and bins.
+        frame: the photons, as events or as histograms, inside the sensor's pixels and bins.
         reference_depth_bins: float32 [S, rows, cols], reference depths of S surfaces in the sensor's bins (see
             SensorModel), NaN = unknown or no surface; None if the file has none.
         name: the file's name without its suffix.
@@ -38,7 +37,7 @@ class Photons:
     """
 
     sensor: SensorModel
-    source: PhotonEvents | PhotonHistograms | StoredPhotons
+    frame: PhotonEvents | PhotonHistograms
     reference_depth_bins: np.ndarray | None = None
     name: str = NAME
     notes: tuple[str, ...] = ()
@@ -94,48 +93,27 @@ class Photons:
 
     def __repr__(self) -> str:
         sensor, notes = self.sensor, f"; {len(self.notes)} notes" if self.notes else ""
-        return (f"Photons of {self.name}: {round(self.photons):,} in {sensor.rows} × {sensor.cols} pixels and "
+        return (f"Photons of {self.name}: {self.photons:,} in {sensor.rows} × {sensor.cols} pixels and "
                 f"{sensor.num_bins} bins{notes}")
 
     @property
-    def photons(self) -> int | float:
-        """Number of photons; of fractional counts in a file, their sum."""
-        return self.source.photons
-
-    @property
-    def frame(self) -> PhotonEvents | PhotonHistograms:
-        """All photons in memory; InvalidInput if they are too many, or fractional counts of a file."""
-        return self.source if isinstance(self.source, PhotonEvents | PhotonHistograms) else self.source.frame
+    def photons(self) -> int:
+        """Number of photons."""
+        return self.frame.photons
 
     @property
     def events(self) -> PhotonEvents:
-        """The photons one by one; InvalidInput for histograms of negative or fractional counts."""
-        return self.frame if isinstance(self.frame, PhotonEvents) else self.frame.to_events(self.sensor)
-
-    def packets(self) -> Iterator[PhotonEvents | PhotonHistograms]:
-        """The photons in parts: one if they are in memory, else as they are read, from the first on."""
-        return iter([self.source]) if self.is_loaded else self.source.packets()
-
-    @property
-    def is_loaded(self) -> bool:
-        """Whether the photons are in memory, and not in their file."""
-        return isinstance(self.source, PhotonEvents | PhotonHistograms)
-
-    @property
-    def sample(self) -> tuple[PhotonEvents | PhotonHistograms, SensorModel]:
-        """What a gate is chosen by: all photons, or those of the pixels in the sensor's mask."""
-        if self.is_loaded:
-            return self.source, self.sensor
-        sampled, mask = self.source.sampled, self.sensor.mask
-        if sampled.all():
-            return self.source.sample, self.sensor
-        return self.source.sample, self.sensor.replace(mask=sampled if mask is None else sampled & mask)
+        """The photons one by one; InvalidInput for too many, and for histograms of negative or fractional counts."""
+        if isinstance(self.frame, PhotonEvents):
+            return self.frame
+        require(self.photons <= MAX_PHOTONS, f"{self.name} photons", self.photons, f"at most {MAX_PHOTONS} one by one; "
+                "methods on sketches take any number")
+        return self.frame.to_events(self.sensor)
 
     def _gate(self, gate: str | tuple[int, int], frequencies: str = "auto", sketch_size: int | None = None
               ) -> Gate | None:
         """What is written as a gate, with room for the frequencies."""
-        frame, sensor = self.sample if gate == AUTO else (None, self.sensor)
-        return design_for(sensor, gate, frequencies, sketch_size, frame).gate
+        return design_for(self.sensor, gate, frequencies, sketch_size, self.frame).gate
 
     def sketch(self, sketch_size: int | None = None, *, frequencies: str | Sequence[int] = "auto",
                gate: str | tuple[int, int] = OFF) -> Sketch:
@@ -157,11 +135,10 @@ class Photons:
             used = _written(frequencies), sketch_size
             found = self._gate(gate, *used)
             stream = SketchStream(self.sensor, StreamOptions(str(found or OFF), *used, packets_per_frame=0))
-            for packet in self.packets():
-                stream.push(packet)
+            stream.push(self.frame)
             made, = stream.flush()
         outside = stream.counts.photons_dropped["gate"]
-        notes = outside_note(outside, round(self.photons), found.first, found.last) if found else ()
+        notes = outside_note(outside, self.photons, found.first, found.last) if found else ()
         return Sketch(**vars(made), notes=self.notes + notes)
 
     def reconstruct(self, *, method: str = DEFAULT_METHOD, sketch_size: int | None = None,
@@ -196,7 +173,7 @@ class Photons:
             require(value is None, name, value, f"nothing: {method} makes no sketch")
         found = self._gate(gate)
         seen = self if found is None else self.gated(found.first, found.last)
-        cloud = Reconstructor(seen.sensor, **own)(seen.frame)
+        cloud = Reconstructor(seen.sensor, **own)(seen.events)
         return replace(cloud, notes=seen.notes)
 
     def gated(self, first: int, last: int) -> Self:
@@ -208,13 +185,13 @@ class Photons:
             reference = np.where((moved >= 0) & (moved <= last - first), moved, np.float32(np.nan))
         note = outside_note(whole.photons - events.photons, whole.photons, first, last)
         # The words in which these photons may be sent still count from their own bin 0.
-        return replace(self, sensor=gate.sensor.replace(gates=self.sensor.gates), source=events,
+        return replace(self, sensor=gate.sensor.replace(gates=self.sensor.gates), frame=events,
                        reference_depth_bins=reference, notes=self.notes + note)
 
     def with_options(self, options: dict[str, Any]) -> Self:
         """The same photons, with options (options.gathered) in place of what their sensor says; a note says which."""
         sensor, notes = redescribed(self.sensor, self.notes, options)
-        self.source.check(sensor)
+        self.frame.check(sensor)
         photons = replace(self, sensor=sensor, notes=notes)
         return photons.gated(*options["gate"]) if "gate" in options else photons
 

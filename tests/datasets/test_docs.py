@@ -4,7 +4,7 @@ import re
 
 from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.options import SIDECAR
-from srt3d_ros.datasets.readers.mat_layouts import LAYOUTS
+from srt3d_ros.datasets.readers.mat import LAYOUTS
 
 
 def test_every_array_option_and_layout_is_described(repository):

@@ -29,9 +29,7 @@ GIGABYTES = {
     "e.db3": (b"SQLite format 3\0", "bag e.db3 is unreadable", ""),
     "f.npz": (b"", "f.npz.json is 1073741824 bytes: expected at most", ""), "f.npz.json": (b"{", "", ""),
     "g.npy": (b"", "g.npy counts is unreadable", ""),
-    "i.ptu": (b"PQTTTR\0\0001.0.00\0\0", "i.ptu is unreadable", "ptufile"),
-    "l.h5": (b"\x89HDF\r\n\x1a\n", "l.h5 is unreadable", "h5py"),
-    "m.mat": (b"MATLAB 7.3 MAT-file", "m.mat is unreadable", "h5py")}
+    "i.ptu": (b"PQTTTR\0\0001.0.00\0\0", "i.ptu is unreadable", "ptufile")}
 SENSORS = {
     "pixels.json": ('{"schema_version":1,"rows":65535,"cols":65535,"num_bins":50,"bin_width_s":1e-9,"irf":[1]}',
                     "pixels.json rows × cols is 65535 × 65535: expected at most"),

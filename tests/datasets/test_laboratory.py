@@ -76,21 +76,6 @@ def test_a_file_without_a_scan_is_one_pixel_and_a_cut_one_is_said_to_be(tmp_path
     assert "one pixel" in photons.notes[0] and photons.notes[1] == "cut off: 2 of 5 records are there"
 
 
-def test_hdf5_and_matlab_cubes(tmp_path):
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["run/counts"], file["mean"], file["irf"] = CUBE, CUBE.mean(axis=2), np.array(IRF)
-        file.attrs["bin_width_s"] = 1e-10
-    photons = read(tmp_path / "a.h5")
-    assert np.array_equal(counts_of(photons), CUBE) and photons.sensor.bin_width_s == 1e-10
-    assert np.allclose(photons.sensor.irf, IRF)
-    with h5py.File(tmp_path / "b.mat", "w", userblock_size=512) as file:
-        file["hist"] = CUBE.T
-    with (tmp_path / "b.mat").open("r+b") as file:
-        file.write(b"MATLAB 7.3 MAT-file")
-    assert np.array_equal(counts_of(read(tmp_path / "b.mat", irf=IRF, bin_width_s=1e-10)), CUBE)
-
-
 @pytest.mark.parametrize(("name", "array"), [("counts", CUBE), ("anything", np.asfortranarray(CUBE))])
 def test_npz_cubes_may_describe_their_sensor(tmp_path, name, array):
     described = {"irf": IRF, "bin_width_s": 1e-10, "fov_deg": 9.0}

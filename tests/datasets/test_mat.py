@@ -6,19 +6,12 @@ from scipy.io import savemat
 from scipy.sparse import csc_matrix
 
 from srt3d_ros.datasets import read
-from srt3d_ros.datasets.readers import mat_child
 from srt3d_ros.errors import InvalidInput
 
 ROWS, COLS = 2, 3
 IRF = [1.0, 3.0, 1.0]
 LISTS = [[[12, 15], [], [10]], [[19], [13, 13, 14], []]]
 PIXEL, TOA = [0, 0, 2, 3, 4, 4, 4], [12, 15, 10, 19, 13, 13, 14]
-
-
-@pytest.fixture(autouse=True)
-def in_this_process(monkeypatch):
-    """Without a child for each file, which takes a second on a busy machine; test_mat_damaged.py is with it."""
-    monkeypatch.setattr("srt3d_ros.datasets.readers.mat_child.load", mat_child.variables)
 
 
 def cells(lists, dtype=np.uint16) -> np.ndarray:
@@ -104,6 +97,16 @@ def test_any_other_cube_is_read_by_its_dimensions(tmp_path):
     assert np.array_equal(found.reshape(2, 3, 40), counts) and photons.sensor.bin_width_s == 1e-11
     with pytest.raises(InvalidInput, match="variables is a .*, b .*: expected one of .*any other numeric array"):
         read(write(tmp_path, a=counts, b=counts), irf=IRF)
+
+
+def test_a_file_that_is_cut_off_or_of_matlab_7_3_is_refused(tmp_path):
+    path = write(tmp_path, Ts=cells(LISTS))
+    path.write_bytes(path.read_bytes()[:-5])
+    with pytest.raises(InvalidInput, match="^some name.mat is unreadable"):
+        read(path, irf=IRF)
+    path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(400))
+    with pytest.raises(InvalidInput, match="^some name.mat is unreadable .*: expected a MATLAB 5 .mat file"):
+        read(path, irf=IRF)
 
 
 def test_what_was_assumed_is_said(tmp_path):

@@ -1,6 +1,8 @@
 """Published .mat files of single-photon lidar, read unmodified; and others with an array of counts."""
 
+import warnings
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,46 +11,89 @@ from srt3d_ros.datasets.arrays import from_pixels
 from srt3d_ros.datasets.files import read_errors
 from srt3d_ros.datasets.options import check_same, few_bins_note, outside_note, refuse_channel
 from srt3d_ros.datasets.photons import Photons
-from srt3d_ros.datasets.readers import hdf5, mat_child
-from srt3d_ros.datasets.readers.cubes import GIVEN, cube, given_by, parts_of
-from srt3d_ros.datasets.readers.mat_layouts import CELLS, LAYOUTS, WANTED, Layout
-from srt3d_ros.datasets.recording import Recording
+from srt3d_ros.datasets.readers.cubes import GIVEN, cube, given_by
 from srt3d_ros.datasets.values import MAX_PHOTONS, number
 from srt3d_ros.errors import require
 
+EXPECTED = "a MATLAB 5 .mat file, whole (save -v7)"
 EDGE = 1e-6     # of a bin: a time on a bin's edge belongs to the bin that begins there, whatever the rounding
 
 
-def read(path: Path, options: dict) -> Photons | Recording:
+class Layout(NamedTuple):
+    """How one published kind of file holds its photons: as [rows, cols] cells of ToA lists, or as [T, rows · cols]
+    counts, whose pixels are in MATLAB's column-major order.
+
+    Args:
+        variable: name of the array of photons.
+        bin_width_s: where the file does not say; what the authors say, or inferred from their description.
+        reference: of counts: array [rows, cols] of reference depths, numbered from 1 as MATLAB does.
+        picoseconds: ToA are times in picoseconds, not bins.
+        window: scalars that hold the first and last ToA of the measured window.
+    """
+
+    variable: str
+    bin_width_s: float
+    reference: str = ""
+    picoseconds: bool = False
+    window: tuple[str, ...] = ()
+
+    def fits(self, found: dict[str, np.ndarray]) -> bool:
+        """Whether the variables of a file are in this form."""
+        photons = found.get(self.variable, np.zeros(0))
+        return photons.ndim == 2 and photons.dtype.kind in ("iuf" if self.reference else "O")
+
+
+LAYOUTS = (
+    Layout("Y", 16e-12, "DepthImage"),              # Heriot-Watt polystyrene head
+    Layout("photon_times", 8e-12),                  # MIT, two layers (Shin et al., Opt. Express 2016)
+    Layout("Ts", 8e-12),                            # MIT, mannequin face (Shin et al., IEEE TCI 2015)
+    Layout("data_processed", 100e-12, picoseconds=True, window=("mm", "MM")),       # USTC, tower at 9.8 km (Li et al.,
+                                                    # Optica 2021); the bin width is our choice
+    Layout("spad", 80e-12, "bin"),                  # simulated, sparse: Lindell et al., SIGGRAPH 2018
+)
+WANTED = "; ".join([*(f"{one.variable} ({'[T, rows·cols] counts' if one.reference else '[rows, cols] cell'})"
+                      for one in LAYOUTS), "any other numeric array [rows, cols, bins]"])
+
+
+def read(path: Path, options: dict) -> Photons:
     """The photons of a .mat file; of its ToA, bins of the window that the file states, or those that have photons.
 
     Raises:
         InvalidInput: naming the file, variable or option that cannot be used.
     """
-    if hdf5.is_matlab(path):
-        return hdf5.read(path, options)
     refuse_channel(options)
+    with read_errors(path, EXPECTED):
+        found = _variables(path)
     with read_errors(path):
-        found = mat_child.load(path)
         layout = next((one for one in LAYOUTS if one.fits(found)), None)
         if layout is None:
-            return _counts(path, found, options)
+            return _any_counts(path, found, options)
         for name in found.keys() & {*layout.window, layout.reference}:
             require(found[name].dtype.kind in "iuf", name, str(found[name].dtype), "numbers")
-        return (_of_cells if layout.form == CELLS else _of_counts)(path, layout, found, options)
+        return (_of_counts if layout.reference else _of_cells)(path, layout, found, options)
 
 
-def _counts(path: Path, found: dict[str, np.ndarray], options: dict) -> Recording:
+def _variables(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of a file; sparse ones in full, transposed."""
+    from scipy.io import loadmat
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        content = loadmat(path)
+    return {name: value.T.toarray() if hasattr(value, "toarray") else value for name, value in content.items()
+            if hasattr(value, "toarray") or isinstance(value, np.ndarray)}
+
+
+def _any_counts(path: Path, found: dict[str, np.ndarray], options: dict) -> Photons:
     """The only array of three dimensions, and what describes its sensor by the names of options."""
-    cubes = [name for name, values in found.items() if values.ndim == 3]
-    listed = found.get("listed", np.array(", ".join(found))).item()
-    require(len(cubes) == 1, "variables", listed, f"one of {WANTED}")
-    counts = found[cubes[0]]
-    given, notes = given_by({name: found[name] for name in GIVEN if name in found}), few_bins_note(counts.shape)
-    return cube(path, counts.shape, counts.dtype, parts_of(counts), options, given, notes)
+    cubes = [values for values in found.values() if values.ndim == 3 and values.dtype.kind in "iufb"]
+    listed = ", ".join(f"{name} ({'×'.join(map(str, one.shape))} {one.dtype})" for name, one in found.items())
+    require(len(cubes) == 1, "variables", listed or "none", f"one of {WANTED}")
+    given = given_by({name: found[name] for name in GIVEN if name in found})
+    return cube(path, cubes[0], options, given, few_bins_note(cubes[0].shape))
 
 
-def _of_counts(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Recording:
+def _of_counts(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Photons:
     """Counts of bins, whose pixels are in column-major order, and reference depths."""
     name, photons = layout.variable, found[layout.variable]
     width_s, notes = _bin_width(layout, options)
@@ -61,18 +106,19 @@ def _of_counts(path: Path, layout: Layout, found: dict[str, np.ndarray], options
     require(reference.ndim == 2 and reference.size == pixels <= MAX_PIXELS, f"{layout.reference} shape",
             reference.shape, f"the {pixels} pixels of {name}, {MAX_PIXELS} at most")
     rows, cols = reference.shape
-    counts, given = photons.reshape(bins, cols, rows).transpose(2, 1, 0), {"bin_width_s": width_s}
-    return cube(path, counts.shape, counts.dtype, parts_of(counts), options, given, notes, reference)
+    counts = photons.reshape(bins, cols, rows).transpose(2, 1, 0)
+    return cube(path, counts, options, {"bin_width_s": width_s}, notes, reference)
 
 
 def _of_cells(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Photons:
     """Lists of ToA, a cell for each pixel."""
-    name, toa, lengths = layout.variable, found[layout.variable], found[f"{layout.variable}.lengths"]
+    name, cells = layout.variable, found[layout.variable]
     width_s, notes = _bin_width(layout, options)
+    require(0 < cells.size <= MAX_PIXELS, f"{name} shape", cells.shape, f"1 to {MAX_PIXELS} pixels")
+    lengths = [cell.size for cell in cells.flat]
+    require(sum(lengths) <= MAX_PHOTONS, f"{name} photons", sum(lengths), f"at most {MAX_PHOTONS}")
+    toa = np.concatenate([np.zeros(0, np.int64), *(cell.ravel() for cell in cells.flat if cell.size)])
     require(toa.dtype.kind in "iuf", f"{name} cells", str(toa.dtype), "lists of numbers")
-    fits = lengths.ndim == 2 and 0 < lengths.size <= MAX_PIXELS
-    require(fits, f"{name} shape", lengths.shape, f"1 to {MAX_PIXELS} pixels")
-    require(lengths.sum() <= MAX_PHOTONS, f"{name} photons", lengths.sum(), f"at most {MAX_PHOTONS}")
     whole = layout.picoseconds or bool((toa == np.floor(toa)).all())
     require(whole, name, "fractional or not a number in places", "whole bins")
     unit = 1e-12 / width_s if layout.picoseconds else 1
@@ -82,8 +128,8 @@ def _of_cells(path: Path, layout: Layout, found: dict[str, np.ndarray], options:
     first, bins = _window(layout, found, unit, toa, options)
     first, last = options.get("gate", (first, first + bins - 1))
     require(last - first < MAX_BINS, "num_bins", last - first + 1, f"at most {MAX_BINS}: give a gate or bin_width_s")
-    inside, pixel = (toa >= first) & (toa <= last), np.arange(lengths.size).repeat(lengths.ravel())
-    shape = dict(zip(("rows", "cols"), lengths.shape))
+    inside, pixel = (toa >= first) & (toa <= last), np.arange(cells.size).repeat(lengths)
+    shape = dict(zip(("rows", "cols"), cells.shape))
     check_same(shape, options)
     own = shape | {"num_bins": last - first + 1, "bin_width_s": width_s,
                    "toa_offset_bins": options.get("toa_offset_bins", 0) + first}

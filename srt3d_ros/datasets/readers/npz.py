@@ -14,7 +14,6 @@ from srt3d_ros.datasets.files import read_errors, read_npz_arrays
 from srt3d_ros.datasets.photon_file import FIRST_REFERENCES, KNOWN, OTHER_REFERENCES, OWN, value_of
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers import cubes
-from srt3d_ros.datasets.recording import Recording
 from srt3d_ros.datasets.values import MAX_PHOTONS
 from srt3d_ros.errors import require
 from srt3d_ros.messages.sensor import PROJECTIONS
@@ -22,8 +21,8 @@ from srt3d_ros.messages.sensor import PROJECTIONS
 REQUIRED = ("pixel", "toa", "rows", "cols", "num_bins")
 
 
-def read(path: Path, options: dict) -> Photons | Recording:
-    """The content of an npz photon file; arrays with other names are left alone. Of an array of counts a Recording.
+def read(path: Path, options: dict) -> Photons:
+    """The content of an npz photon file; arrays with other names are left alone.
 
     Raises:
         InvalidInput: naming the file and the array that cannot be used.

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.datasets.files import read_errors
-from srt3d_ros.datasets.readers.cubes import cube, parts_of
-from srt3d_ros.datasets.recording import Recording
+from srt3d_ros.datasets.photons import Photons
+from srt3d_ros.datasets.readers.cubes import cube
 from srt3d_ros.datasets.values import number
 from srt3d_ros.errors import require
 
@@ -19,7 +19,7 @@ MARKS = ("ImgHdr_LineStart", "ImgHdr_LineStop", "ImgHdr_Frame")
 ALL = slice(None, None, -1)         # ptufile adds up what is along this axis
 
 
-def read(path: Path, options: dict) -> Recording:
+def read(path: Path, options: dict) -> Photons:
     """The photons of a .ptu file, its frames added up; `channel`: whose, else that with the most.
 
     Raises:
@@ -44,8 +44,8 @@ def read(path: Path, options: dict) -> Recording:
                 f"at most {MAX_BYTES}, and as much room in {tempfile.gettempdir()}")
         counts = ptu.decode_image(frame=-1, channel=channel - ptu.active_channels[0], dtime=num_bins, dtype=COUNT,
                                   keepdims=False, out=None if size <= IN_MEMORY_BYTES else "memmap")
-        counts = counts.reshape(rows, cols, num_bins)
-    return cube(path, counts.shape, counts.dtype, parts_of(counts), options, {"bin_width_s": bin_width_s}, notes)
+        counts = counts.reshape(rows, cols, num_bins).view(np.int32)       # which is not copied to be sketched
+    return cube(path, counts, options, {"bin_width_s": bin_width_s}, notes)
 
 
 def _bins(ptu) -> tuple[int, float]:
