@@ -50,20 +50,20 @@ def assert_close(found, pixel, toa, frequencies, each=EACH):
 
 @pytest.mark.parametrize("frequencies", [(3,), (1, 3, 24), tuple(range(1, 9)), tuple(range(2, 12)), tuple(range(1, 13)),
                                          tuple(range(1, 18)), tuple(range(1, 25))], ids=len)
-@pytest.mark.parametrize("function", ["sketch_sorted", "sketch_unsorted"])
-def test_sketch_sizes_of_every_width(function, frequencies):
-    pixel, toa = draw(2_000, ordered=function == "sketch_sorted")
+@pytest.mark.parametrize("ordered", [True, False], ids=["sorted", "unsorted"])
+def test_sketch_sizes_of_every_width(ordered, frequencies):
+    pixel, toa = draw(2_000, ordered=ordered)
     numbers = np.bincount(pixel, minlength=PIXELS)
     assert numbers.max() > rows.MOST and (numbers == 0).any()
-    assert_close(sketch(function, pixel, toa, frequencies=frequencies), pixel, toa, frequencies)
+    found = sketch("sketch_events", pixel, toa, ordered, frequencies=frequencies)
+    assert_close(found, pixel, toa, frequencies)
 
 
 @pytest.mark.parametrize("ordered", [True, False], ids=["sorted", "unsorted"])
 @pytest.mark.parametrize("frequencies", [(1, 3, 24), tuple(range(2, 12))], ids=len)
 def test_times_with_fractions(ordered, frequencies):
     pixel, toa = draw(400, np.float32, ordered)
-    found = sketch("sketch_continuous", pixel, toa, frequencies, T, ordered, frequencies=frequencies,
-                   table=False)
+    found = sketch("sketch_continuous", pixel, toa, frequencies, T, ordered, frequencies=frequencies, table=False)
     assert_close(found, pixel, toa, frequencies, OF_WAVES)
 
 
@@ -82,7 +82,7 @@ def test_gates(cycles, pixels, first_word, no_detection):
     rng = np.random.default_rng(pixels)
     words = rng.integers(first_word, first_word + T, (cycles, pixels)).astype(np.uint16)
     words[rng.random(words.shape) < 0.3] = no_detection
-    assert cpu.find_stray(words, first_word, no_detection, T) == -1
+    assert cpu.find_stray(words.reshape(-1), first_word, no_detection, T) == -1
     found = sketch("sketch_gates", words, first_word, no_detection, frequencies=(1, 3, 24), pixels=pixels)
     cycle, pixel = np.nonzero(words != no_detection)
     assert_close(found, pixel, words[cycle, pixel].astype(int) - first_word, (1, 3, 24))
@@ -93,18 +93,18 @@ def test_a_stray_word_is_found_in_any_pixel(word):
     for pixel in (0, 8, 16):
         words = np.full((5, 17), 3, np.uint16)
         words[2, pixel] = word
-        assert cpu.find_stray(words, 10, 3, T) == word
+        assert cpu.find_stray(words.reshape(-1), 10, 3, T) == word
 
 
 def test_sums_are_the_same_bit_for_bit_in_any_order_split_and_form(monkeypatch):
     pixel, toa = draw(3_000)
     order = np.argsort(pixel, kind="stable")
-    whole = sketch("sketch_sorted", pixel[order], toa[order], frequencies=(1, 3, 24))
+    whole = sketch("sketch_events", pixel[order], toa[order], True, frequencies=(1, 3, 24))
     monkeypatch.setattr(phase_sums, "PART", 50)
     monkeypatch.setattr(phase_sums, "BLOCK", 900)
-    others = [sketch("sketch_sorted", pixel[order], toa[order], frequencies=(1, 3, 24)),
-              sketch("sketch_unsorted", pixel, toa, frequencies=(1, 3, 24)),
-              sketch("sketch_unsorted", pixel[::-1].copy(), toa[::-1].copy(), frequencies=(1, 3, 24))]
+    others = [sketch("sketch_events", pixel[order], toa[order], True, frequencies=(1, 3, 24)),
+              sketch("sketch_events", pixel, toa, False, frequencies=(1, 3, 24)),
+              sketch("sketch_events", pixel[::-1].copy(), toa[::-1].copy(), False, frequencies=(1, 3, 24))]
     for other in others:
         for one, two in zip(whole, other, strict=True):
             assert np.array_equal(one, two)

@@ -160,30 +160,27 @@ class Sketcher:
     # ---- Forms of photons
 
     def _add_events(self, events: PhotonEvents) -> None:
-        kernels, pixel, toa = self._kernels, _read_only(events.pixel), _read_only(events.toa)
-        inside, ordered = kernels.inspect_events(pixel, toa, self.sensor.pixels, self.sensor.num_bins)
-        if not inside:
-            events.check(self.sensor)           # says which photon
+        events.check(self.sensor)
         if events.toa.dtype.kind == "f":
-            self._add_continuous(events, ordered)
-        elif ordered:
-            kernels.sketch_sorted(pixel, toa, self._rows, self._sums, self._photons)
+            self._add_continuous(events)
         else:
-            kernels.sketch_unsorted(pixel, toa, self._rows, self._sums, self._photons)
+            self._kernels.sketch_events(_read_only(events.pixel), _read_only(events.toa), self._rows, events.is_sorted,
+                                        self._sums, self._photons)
 
-    def _add_continuous(self, events: PhotonEvents, ordered: bool) -> None:
+    def _add_continuous(self, events: PhotonEvents) -> None:
         frequencies, num_bins = self.frequencies, self.sensor.num_bins
         if self.gate is not None:               # no table whose rows are zero outside; frequency 0 counts those inside
             events, frequencies, num_bins = self.gate.photons(events), (*frequencies, 0), self.gate.num_bins
         self._kernels.sketch_continuous(_read_only(events.pixel), _read_only(events.toa), frequencies, num_bins,
-                                        ordered, self._sums, self._photons)
+                                        events.is_sorted, self._sums, self._photons)
 
     def _add_gates(self, gates: PhotonGates) -> None:
         gates.check(self.sensor)
         form = self.sensor.gates
         words = _read_only(gates.words).reshape(len(gates.words), self.sensor.pixels)
         if words.size > 0:
-            stray = self._kernels.find_stray(words, form.first_word, form.no_detection, self.sensor.num_bins)
+            stray = self._kernels.find_stray(words.reshape(-1), form.first_word, form.no_detection,
+                                             self.sensor.num_bins)
             require(stray < 0, "gates word", stray, word_wanted(self.sensor))
             self._kernels.sketch_gates(words, self._rows, form.first_word, form.no_detection, self._sums, self._photons)
 

@@ -19,13 +19,11 @@ from srt3d_ros.kernels.cpu.move_sketch import move_sketch
 from srt3d_ros.kernels.cpu.phase_sums import (
     counted,
     find_stray,
-    inspect_events,
     new_sums,
     read_sums,
     sketch_continuous,
+    sketch_events,
     sketch_gates,
-    sketch_sorted,
-    sketch_unsorted,
 )
 from srt3d_ros.kernels.cpu.pooled_step import pooled_step
 from srt3d_ros.kernels.cpu.prepare import prepare, residual
