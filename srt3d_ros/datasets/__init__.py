@@ -6,7 +6,7 @@ from typing import Unpack
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.datasets import readers
 from srt3d_ros.datasets.bags.bag import is_bag
-from srt3d_ros.datasets.bags.frames import BagFrames
+from srt3d_ros.datasets.bags.frames import read_frame
 from srt3d_ros.datasets.files import read_errors, read_text, readable, require_file
 from srt3d_ros.datasets.options import SensorOptions, gathered
 from srt3d_ros.datasets.photons import Photons
@@ -51,8 +51,7 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
         if path.suffix.lower() not in readers.READERS:
             suffixes = ", ".join(readers.READERS)
             require(is_bag(path), "photon file", str(path), f"a file that ends in {suffixes}, or a bag")
-            with BagFrames(path, photons_topic) as frames:
-                return frames.read(frames.frame(frame), options)
+            return read_frame(path, frame, options, photons_topic)
         require(not photons_topic, "photons_topic", quoted(photons_topic), "nothing: only bags have topics")
         require_file(path, "photon file")
         return readers.read(path, frame, options | {"guess_irf": guess_irf})

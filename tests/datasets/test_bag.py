@@ -14,7 +14,7 @@ from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates, PhotonHi
 from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.datasets import read
 from srt3d_ros.datasets.bags.bag import Bag
-from srt3d_ros.datasets.bags.frames import BagFrames, find_photons
+from srt3d_ros.datasets.bags.frames import find_photons
 from srt3d_ros.datasets.options import ASSUMED_FOV
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr, gates, histograms, photons
@@ -143,8 +143,6 @@ def test_a_bag_of_sketches_gives_sketches_seen_by_another_sensor_if_it_is_given(
     assert read(bag, fov_deg=20).notes == ("as given, not as in the file: projection",)
     with pytest.raises(InvalidInput, match="^num_bins is 40: expected 50, as in the file"):
         read(bag, num_bins=40)
-    with BagFrames(bag) as frames:
-        assert frames.are_sketches and len(frames) == 1
 
 
 def test_sketches_are_read_with_the_descriptions_that_they_name(tmp_path):
@@ -155,18 +153,14 @@ def test_sketches_are_read_with_the_descriptions_that_they_name(tmp_path):
         ("/sketch", CLOUD, sketch_of(step[1], (1, 2 + step[0]), step[0])) if isinstance(step, tuple) else
         ("/sketch/sensor", TEXT, described(step)) for step in steps] + [("/sketch", CLOUD, SKETCH[:90])])
     wanted = [step for step in steps if isinstance(step, tuple)]
-    with BagFrames(bag) as frames:
-        found = list(frames)
-        assert [frame.number for frame in found] == list(range(7))
-        for number in (0, 1, 2, 3, 5):
-            sketch = frames.read(found[number], {})
-            sensor = sketch.sensor
-            assert sensor.num_bins == wanted[number][1].num_bins
-            assert (sketch.stamp_ns, sketch.frequencies) == (wanted[number][0], (1, 2 + wanted[number][0]))
-        missing = f"sketch/sensor of frame 4 is missing: expected the description sensor_{digest(sensors[2])}"
-        for number, said in ((4, missing), (6, "fields.offset is cut off")):
-            with pytest.raises(InvalidInput, match=f"^{said}"):
-                frames.read(found[number], {})
+    for number in (0, 1, 2, 3, 5):
+        sketch = read(bag, number)
+        assert sketch.sensor.num_bins == wanted[number][1].num_bins
+        assert (sketch.stamp_ns, sketch.frequencies) == (wanted[number][0], (1, 2 + wanted[number][0]))
+    missing = f"sketch/sensor of frame 4 is missing: expected the description sensor_{digest(sensors[2])}"
+    for number, said in ((4, missing), (6, "fields.offset is cut off"), (7, "frame is 7: expected 0 to 6")):
+        with pytest.raises(InvalidInput, match=said):
+            read(bag, number)
 
 
 @pytest.mark.parametrize("kind", [*STORAGES, "without index"])
@@ -179,10 +173,9 @@ def test_photons_are_read_with_the_last_description_before_them(tmp_path, kind):
     if kind == "without index":
         whole = (file := storage_file(tmp_path / "bag")).read_bytes()
         file.write_bytes(whole[:-28] + bytes(16) + whole[-12:])        # where the summary begins
-    with BagFrames(tmp_path / "bag") as frames:
-        found = [frames.read(frame, {}) for frame in frames]
-        assert [one.frame.toa[0] for one in found] == list(range(5)) and frames.frame(3).number == 3
-        assert [one.sensor.num_bins for one in found] == [50, 50, 50, 40, 40]
+    found = [read(tmp_path / "bag", number) for number in range(5)]
+    assert [one.frame.toa[0] for one in found] == list(range(5))
+    assert [one.sensor.num_bins for one in found] == [50, 50, 50, 40, 40]
 
 
 def sketch_of(sensor, frequencies: tuple[int, ...] = (1,), stamp_ns: int = 0) -> bytes:

@@ -69,7 +69,7 @@ class Bag:
         return self
 
     def __exit__(self, *exc) -> None:
-        self.close()
+        self._files.close()
 
     def messages(self, topics: Collection[BagTopic]) -> Iterator[Message]:
         """The messages of these topics in the order of their recording.
@@ -92,10 +92,6 @@ class Bag:
         """The bag's topics in words, for messages."""
         words = [f"{topic.name} ({topic.type}, {topic.messages})" for topic in self.topics if topic.messages]
         return ", ".join(words) or "no messages"
-
-    def close(self) -> None:
-        """Give back the files."""
-        self._files.close()
 
     def _storage_files(self) -> list[Path]:
         """The bag's files. rosbags' own reader of folders loses messages on topics whose QoS differs between files."""

@@ -1,15 +1,11 @@
 """The photons or sketches in a bag: which of its topics they are on, and single frames of them."""
 
 import re
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
 
 from srt3d_ros import json_text
-from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonGates
 from srt3d_ros.datasets.bags.bag import Bag, BagTopic
 from srt3d_ros.datasets.options import ASSUMED_FOV, sketch_with_options
@@ -68,104 +64,57 @@ def find_photons(bag: Bag, photons_topic: str = "") -> PhotonTopics:
     return PhotonTopics(contents[photons], photons, sensor)
 
 
-class BagFrame(NamedTuple):
-    """Frame `number` of a bag, and the description of its sensor: of photons the last that came before, of sketches
-    the one that they name; None if it is not in the bag. Serialised messages."""
+def read_frame(path: str | Path, number: int, options: dict, photons_topic: str = "") -> Photons | Sketch:
+    """Photons or sketch of a message of a bag.
 
-    number: int
-    raw: bytes
-    description: bytes | None
+    The sensor of photons is the last that was described before them, or at first the first; that of a sketch is the
+    one that it names.
 
-
-class BagFrames:
-    """The photons or sketches of a bag that is open, frame by frame; a context manager.
+    Args:
+        options: options.gathered, in place of what the bag says.
+        photons_topic: as of `find_photons`.
 
     Raises:
-        InvalidInput: the bag cannot be read, or has no photons or no sensor.
+        InvalidInput: the bag cannot be read, or has no such frame or no sensor; an option that cannot be used.
     """
-
-    def __init__(self, path: str | Path, photons_topic: str = ""):
-        self.path = Path(path)
-        self._bag = Bag(path)
-        try:
-            self.topics = topics = find_photons(self._bag, photons_topic)
-            require(topics.sensor is not None, f"bag {self.path.name}", "without a sensor",
-                    f"a description of the sensor beside {topics.frames.name}; it has {self._bag.content()}")
-        except InvalidInput:
-            self.close()
-            raise
-        self._sensor: tuple[bytes, tuple[SensorModel, tuple[str, ...]]] | None = None
-
-    def __enter__(self) -> "BagFrames":
-        return self
-
-    def __exit__(self, *exc) -> None:
-        self.close()
-
-    def __len__(self) -> int:
-        return self.topics.frames.messages
-
-    def close(self) -> None:
-        """Give back the files."""
-        self._bag.close()
-
-    def __iter__(self) -> Iterator[BagFrame]:
-        """The frames in the order of their recording; raises InvalidInput where the bag breaks off."""
-        described = [message.raw for message in self._bag.messages((self.topics.sensor,))]
-        named = {sensor_message.digest(cdr.read_text(raw)): raw for raw in described} if self.are_sketches else {}
-        newest, number = next(iter(described), None), 0     # one that came late still describes the first frames
-        for message in self._bag.messages((self.topics.frames, self.topics.sensor)):
-            if message.topic == self.topics.sensor.name:
-                newest = message.raw
-            else:
-                yield BagFrame(number, message.raw, named.get(_digest(message.raw)) if self.are_sketches else newest)
-                number += 1
-        require(number == len(self) and described, f"bag {self.path.name}", "shorter than it says", "a complete bag")
-
-    def frame(self, number: int) -> BagFrame:
-        """A frame; InvalidInput if there is none of that number."""
-        require(0 <= number < len(self), "frame", number,
-                f"0 to {len(self) - 1}, the messages on {self.topics.frames.name}")
-        return next(islice(self, number, None))
-
-    @property
-    def are_sketches(self) -> bool:
-        """Whether the frames are sketches."""
-        return self.topics.output == "sketch"
-
-    def read(self, frame: BagFrame, options: dict) -> Photons | Sketch:
-        """Photons or sketch of a frame, with options (options.gathered) in place of what the bag says.
-
-        Raises:
-            InvalidInput: it cannot be read; an option that cannot be used.
-        """
-        if self.are_sketches:
-            return sketch_with_options(self._sketch(frame), options)
-        sensor, notes = self._described(frame.description)
-        photons = CODECS[self.topics.output].decode_cdr(frame.raw, sensor)[1]
-        events = photons.to_events(sensor) if isinstance(photons, PhotonGates) else photons
-        return Photons(sensor, events, None, f"{self.path.stem}_{frame.number}", notes).with_options(options)
-
-    def _sketch(self, frame: BagFrame) -> Sketch:
-        if frame.description is None:
-            digest = sketch_message.description_cdr(frame.raw)
-            raise InvalidInput(f"sketch/sensor of frame {frame.number}", "missing", f"the description sensor_{digest}")
-        sensor, _ = self._described(frame.description)
-        return Sketch(**vars(sketch_message.decode_cdr(frame.raw, sensor)[1]) | {"sensor": sensor})
-
-    def _described(self, raw: bytes) -> tuple[SensorModel, tuple[str, ...]]:
-        """The sensor, and notes on it; decoded once for all frames that it describes."""
-        if self._sensor is None or self._sensor[0] != raw:
-            own = json_text.parse(cdr.read_text(raw), "sensor")
-            self._sensor = raw, (sensor_message.decode_cdr(raw), () if "projection" in own else (ASSUMED_FOV,))
-        return self._sensor[1]
+    with Bag(path) as bag:
+        topics = find_photons(bag, photons_topic)
+        require(topics.sensor is not None, f"bag {bag.path.name}", "without a sensor",
+                f"a description of the sensor beside {topics.frames.name}; it has {bag.content()}")
+        most = topics.frames.messages - 1
+        require(0 <= number <= most, "frame", number, f"0 to {most}, the messages on {topics.frames.name}")
+        raw, description = _frame(bag, topics, number)
+        if topics.output == "sketch":
+            description = _named(bag, topics.sensor, sketch_message.description_cdr(raw), number)
+    sensor = sensor_message.decode_cdr(description)
+    if topics.output == "sketch":
+        found = sketch_message.decode_cdr(raw, sensor)[1]
+        return sketch_with_options(Sketch(**vars(found) | {"sensor": sensor}), options)
+    photons = CODECS[topics.output].decode_cdr(raw, sensor)[1]
+    events = photons.to_events(sensor) if isinstance(photons, PhotonGates) else photons
+    notes = () if "projection" in json_text.parse(cdr.read_text(description), "sensor") else (ASSUMED_FOV,)
+    return Photons(sensor, events, None, f"{bag.path.stem}_{number}", notes).with_options(options)
 
 
-def _digest(raw: bytes) -> str:
-    """Of the description that a sketch names; empty if it names none, which is an error when it is read."""
-    with suppress(InvalidInput):
-        return sketch_message.description_cdr(raw)
-    return ""
+def _frame(bag: Bag, topics: PhotonTopics, number: int) -> tuple[bytes, bytes]:
+    """Message `number` on the topic of the frames, and the description before it; InvalidInput if it is not there."""
+    described = next((message.raw for message in bag.messages((topics.sensor,))), None)
+    for message in bag.messages((topics.frames, topics.sensor)) if described else ():
+        if message.topic == topics.sensor.name:
+            described = message.raw
+        elif number == 0:
+            return message.raw, described
+        else:
+            number -= 1
+    raise InvalidInput(f"bag {bag.path.name}", "shorter than it says", "a complete bag")
+
+
+def _named(bag: Bag, topic: BagTopic, digest: str, number: int) -> bytes:
+    """The description of this digest; InvalidInput if the bag does not have it."""
+    for message in bag.messages((topic,)):
+        if sensor_message.digest(cdr.read_text(message.raw)) == digest:
+            return message.raw
+    raise InvalidInput(f"sketch/sensor of frame {number}", "missing", f"the description sensor_{digest}")
 
 
 def _content(bag: Bag, topic: BagTopic) -> str:
