@@ -5,12 +5,11 @@ NODE.PARAMETER:=VALUE, such as sketcher.sketch_size:=5, sets any parameter of a 
 `srt3d up` starts the same nodes without the launch package.
 """
 
-import difflib
 from pathlib import Path
 
 import yaml
 from ament_index_python.packages import get_package_share_directory
-from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 
@@ -61,12 +60,12 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def pipeline(context) -> list[Action]:
-    """The nodes, by what was given, and what may have been meant by what is no argument."""
+    """The nodes, by what was given."""
     given = {name: value for name in ARGUMENTS if (value := context.launch_configurations[name])}
     files = [ParameterFile(config_file(given["config"]))] if "config" in given else []
     remappings = [(topic, given[topic]) for topic in TOPICS if topic in given]
     switches = {name: given[name] == "true" for name in ("autostart", "use_sim_time") if name in given}
-    return passed_over(context.launch_configurations) + [
+    return [
         Node(package=PACKAGE, executable=name, name=name, namespace=given.get("namespace"), output="screen",
              parameters=[*files, switches | texts(given, parameters) | own(context.launch_configurations, name)],
              remappings=remappings, ros_arguments=["--log-level", given["log_level"]], sigterm_timeout=END_S,
@@ -79,20 +78,6 @@ def own(configurations: dict[str, str], node: str) -> dict:
     """The parameters of a node that were given as NODE.PARAMETER:=VALUE; values as in a YAML file."""
     return {name.partition(".")[2]: yaml.safe_load(value) for name, value in configurations.items()
             if name.partition(".")[0] == node}
-
-
-def passed_over(configurations: dict[str, str]) -> list[LogInfo]:
-    """A line for each name that is a parameter's or nearly an argument's. Others may be an including file's."""
-    lines = []
-    table = yaml.safe_load(Path(get_package_share_directory(PACKAGE), "config", "srt3d.yaml").read_text())
-    for name in configurations:
-        of = [section.strip("/*") for section, content in table.items() if name in content["ros__parameters"]]
-        near = [f"{node}.{name}:=…" for node in of] or [
-            f"{meant}:=…" for meant in difflib.get_close_matches(name, ARGUMENTS, n=1)]
-        if name not in ARGUMENTS and near:
-            lines.append(LogInfo(msg=f"{name}:=… is ignored: there is no such argument, did you mean "
-                                     f"{' or '.join(near)}?"))
-    return lines
 
 
 def texts(given: dict[str, str], parameters: dict[str, str]) -> dict[str, ParameterValue]:
