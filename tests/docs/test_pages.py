@@ -8,31 +8,25 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+import yaml
 
-from srt3d_ros.cli import main
-from srt3d_ros.shared_files import find
+from srt3d_ros.cli import main, up
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.nodes import all_specs
+from srt3d_ros.nodes.topics import NodeSpec
 
 from .pages import PAGES, ROOT, SOURCE, command_lines, inline
 
 FOLDERS = ("benchmarks", "config", "docs", "examples", "launch", "msg_schemas", "scripts", "tests", "tools",
            *(folder.name for folder in (ROOT / "srt3d_ros").iterdir() if folder.is_dir()))
-OF_OTHERS = {"octomap_server", "sensor_frame", "bond_timeout", "ROS_STATIC_PEERS", "IMAGE", "sensor_model",
-             "wait_for_all_acked", "--show-args", "--ros-args", "use_sim_time", "__ns", "cloud_in", "max_range",
-             "--system-site-packages"}
+OF_OTHERS = {"octomap_server", "sensor_frame", "bond_timeout", "ROS_STATIC_PEERS", "sensor_model", "wait_for_all_acked",
+             "--show-args", "--ros-args", "use_sim_time", "__ns", "cloud_in", "max_range", "--system-site-packages"}
 LIKE_CODE = re.compile(r"[a-z]_[a-z]|[A-Z]_[A-Z]|^[A-Z]\w+\.")
 
-# Figures of a page that are in docs/RESULTS.md, too: the page, what stands around them there, and in the results.
-REPEATED = (
-    ("README.md", said := r"^\| \S+, (?:this|the|its|a) .*$", said),
-    ("README.md", said := r"xcorr takes (\d+) times and rt3d (\d+) times", said),
-    ("docs/calibration.md", said := r"`flat` finds ([\d.]+) %.*?`auto` ([\d.]+) %.*?frame\s+([\d.]+) %", said),
-    ("docs/deployment.md", said := r"(\d+) ms with int16", said),
-    ("docs/evaluation.md", said := r"^\| (?:pooled|srt3d|smle|xcorr|rt3d|sketching) .*$", said),
-    ("docs/evaluation.md", r"141² pixels takes (\d+) ms", r"^\| 141² (?:\|[^|]+){3}\| \*\*(\d+) ms"),
-    ("docs/evaluation.md", r"705² pixels (\d+) ms and (\d+) MB", r"^\| 705² .*?\*\*.*?\*\*(\d+) ms.*?(\d+) MB"),
-    ("docs/evaluation.md", r"take (\d+) ms \(median; 95 %: (\d+)\)", r"30 Hz \| (\d+) / (\d+) ms"),
-    ("docs/motion.md", said := r"have ([\d.]+) to ([\d.]+) times the depth", said),
-)
+# Figures of a page that are in docs/RESULTS.md, too.
+REPEATED = (("README.md", r"^\| \S+, (?:this|the|its|a) .*$"),
+            ("README.md", r"xcorr takes (\d+) times and rt3d (\d+) times"),
+            ("docs/evaluation.md", r"^\| (?:pooled|srt3d|smle|xcorr|rt3d) .*$"))
 VARIABLE = (r'…|[\d.]+|/\w+|"\w+"|[:,;()]|\b(is|are|of|on|expected|no_sensor|malformed|queue|my_sensor.json)\b')
 PUT_TOGETHER = {"waiting for a sensor description", "waiting for a frame"}      # of words
 
@@ -47,16 +41,28 @@ def names(code: str) -> Iterator[str]:
 
 
 def wrong_commands(text: str) -> Iterator[str]:
-    """Command lines that `srt3d` does not take; also after ExecStart=, or in a container."""
+    """Commands that `srt3d` or a node does not take; also after ExecStart=, or in a container."""
     for line in command_lines(text):
-        if srt3d := [k for k, word in enumerate(line) if Path(word).name == "srt3d"]:
-            words = line[srt3d[0] + 1:]
-            try:
-                config = getattr(main.parser(words[:1]).parse_args(words), "config", None)
-            except SystemExit:
-                yield " ".join(line)
-            else:
-                yield from (name for name in config or () if "/" not in name and not find(f"config/{name}.yaml"))
+        at = [k for k, word in enumerate(line) if Path(word).name == "srt3d" or word == "srt3d_ros"]
+        words = ["node"] * (line[:2] == ["ros2", "run"]) + line[at[0] + 1:] if at else []
+        try:
+            args = main.parser(words[:1]).parse_args(words) if words and words[0] != "srt3d.launch.py" else None
+            if words[:1] == ["up"]:
+                up.ros_arguments(args, specs := up.node_specs(args), up.parameters_yaml(args, specs))
+            elif words[:1] == ["node"]:
+                check_settings(all_specs()[args.name], args.ros_args)
+        except (SystemExit, KeyError, InvalidInput) as error:
+            yield f"{' '.join(line)}: {error}"
+
+
+def check_settings(spec: NodeSpec, ros_args: list[str]) -> None:
+    """Raise KeyError for a topic or a parameter that the node does not have, InvalidInput for a wrong value."""
+    parameters = {parameter.name: parameter for parameter in spec.table}
+    for flag, (name, _, value) in zip(ros_args, (word.partition(":=") for word in ros_args[1:]), strict=False):
+        if flag == "-r":
+            spec.topic(name)
+        elif flag == "-p":
+            parameters[name].check(yaml.safe_load(value))
 
 
 def wrong_files(text: str) -> Iterator[str]:
@@ -81,11 +87,11 @@ def test_what_the_page_names_exists(page):
     assert [link for link in links if not ((ROOT / page).parent / link).exists()] == []
 
 
-@pytest.mark.parametrize("page, there, here", REPEATED)
-def test_a_page_repeats_the_results(page, there, here):
+@pytest.mark.parametrize("page, figures", REPEATED)
+def test_a_page_repeats_the_results(page, figures):
     results = (ROOT / "docs/RESULTS.md").read_text(encoding="utf-8")
-    said, measured = (re.findall(text, found, re.MULTILINE) for text, found in ((there, PAGES[page]), (here, results)))
-    assert said and set(said) <= set(measured)
+    said, measured = (set(re.findall(figures, text, re.MULTILINE)) for text in (PAGES[page], results))
+    assert said and said <= measured
 
 
 def test_the_tables_of_troubles_quote_the_source():
