@@ -4,10 +4,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.publisher import Publisher
-from rclpy.task import Future
-from std_srvs.srv import Trigger
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput
@@ -15,7 +12,7 @@ from srt3d_ros.nodes.diagnostics import Diagnostics
 from srt3d_ros.nodes.lifecycle import PUBLISH_DEPTH, ManagedNode
 from srt3d_ros.nodes.parameters import Parameters
 from srt3d_ros.nodes.topics import qos_overrides
-from srt3d_ros.nodes.worker import CATCH_UP_S, NEWEST_ONLY, Dropped, Refused, Worker
+from srt3d_ros.nodes.worker import CATCH_UP_S, NEWEST_ONLY, Dropped, Worker
 
 SUBSCRIBE_DEPTH = PUBLISH_DEPTH
 QUEUE_DEPTH = 256       # where frames are queued rather than dropped: more than a busy reader falls behind
@@ -58,12 +55,11 @@ class PipelineNode(ManagedNode):
         self.exit_code = 0
         self.worker = Worker(queue_limit, self.failed, self.diagnostics.drop, CATCH_UP_S)
         self._followed_ns = self._valid_from_ns = 0          # when descriptions were sent, by their sender's clock
-        self._services_group = ReentrantCallbackGroup()     # a service that waits blocks no other callback
 
     def forget(self) -> None:
-        """Drop the state of past frames; called in the worker's thread, on a reset and when deactivated."""
+        """Drop the state of past frames; called in the worker's thread, when the node is deactivated."""
 
-    # ---- Topics and services
+    # ---- Topics
 
     def subscribe(self, topic: str, handle: Callable[[bytes], None], count: Callable[[bytes], int] = lambda raw: 0
                   ) -> None:
@@ -128,27 +124,6 @@ class PipelineNode(ManagedNode):
     def drop_older(self) -> None:
         """Drop the frames that were sent before the description that is being followed, which replaces another."""
         self._valid_from_ns = self._followed_ns
-
-    def serve(self, name: str, job: Callable[[], str]) -> None:
-        """Serve `~/name` (std_srvs/Trigger) while active: the worker does the job, whose result is the answer."""
-        def work(answer: Future) -> None:
-            try:
-                if self.state != "active":
-                    node = self.get_fully_qualified_name()
-                    raise Refused(f"{node} is {self.state}: ros2 lifecycle set {node} activate")
-                answer.set_result((True, job()))
-            except Exception as error:
-                if not isinstance(error, (InvalidInput, Refused)):
-                    self.failed(error)
-                answer.set_result((False, _error_in_words(error)))
-
-        async def serve(_, response: Trigger.Response) -> Trigger.Response:
-            answer = Future()
-            self.worker.call(work, answer)
-            response.success, response.message = await answer
-            return response
-
-        self.services_made.append(self.create_service(Trigger, f"~/{name}", serve, callback_group=self._services_group))
 
     # ---- Frames
 
@@ -271,5 +246,4 @@ def in_words(sensor: SensorModel) -> str:
 
 def _error_in_words(error: Exception) -> str:
     """An exception in one line."""
-    known = isinstance(error, (InvalidInput, Refused))
-    return str(error) if known else f"{type(error).__name__}: {' '.join(str(error).split())}"
+    return str(error) if isinstance(error, InvalidInput) else f"{type(error).__name__}: {' '.join(str(error).split())}"

@@ -14,7 +14,6 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
-from rclpy.service import Service
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
@@ -44,7 +43,6 @@ class ManagedNode(LifecycleNode):
         self.problem: Exception | None = None       # why the last transition failed
         self.subscriptions_made: list[Subscription] = []
         self.publishers_made: list[Publisher] = []
-        self.services_made: list[Service] = []
         self._starting = False      # true in `start`, and after a `start` that failed
         self._refuse_impossible_transitions()
 
@@ -60,16 +58,13 @@ class ManagedNode(LifecycleNode):
         """Undo `activate`, or the part of it that succeeded."""
 
     def cleanup(self) -> None:
-        """Undo `configure`: destroy the publishers and services."""
+        """Undo `configure`: destroy the publishers."""
         for publisher in self.publishers_made:
             self.destroy_publisher(publisher)
-        for service in self.services_made:
-            self.destroy_service(service)
         self.publishers_made.clear()
-        self.services_made.clear()
 
     def failed(self, error: Exception) -> None:
-        """Log why a transition that a manager asked for failed. The service reply has no field for it."""
+        """Log why a transition that a manager asked for failed. The reply has no field for it."""
 
     # ---- Topics of the spec
 

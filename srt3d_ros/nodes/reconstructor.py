@@ -2,7 +2,6 @@
 
 import time
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from std_msgs.msg import String
@@ -21,14 +20,12 @@ from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.messages.camera import camera_info
 from srt3d_ros.messages.described_sketches import DescribedSketches
-from srt3d_ros.new_files import free
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode, in_words
 from srt3d_ros.nodes.lifecycle import run
 from srt3d_ros.nodes.parameters import Parameter, Value
 from srt3d_ros.nodes.topics import NodeSpec
-from srt3d_ros.nodes.worker import Dropped, Refused
-from srt3d_ros.recording import cloud_files
+from srt3d_ros.nodes.worker import Dropped
 from srt3d_ros.results import Cloud, Reconstructor
 
 PARAMETERS = (
@@ -52,8 +49,6 @@ PARAMETERS = (
     Parameter("min_range_m", 0.0, "Omit points nearer than this along their pixel's ray, from `points` and images; 0 "
               "= no limit.", "m", low=0.0, live=True),
     Parameter("max_range_m", 0.0, "Omit points farther than this; 0 = no limit.", "m", low=0.0, live=True),
-    Parameter("save_folder", "", "Folder for `~/save_cloud`, which writes .ply; the working directory if empty.",
-              form="a folder that exists"),         # not live: whoever starts the node decides where files go
 )
 DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
 OPTIONS = tuple(sorted({name for method in SKETCH_METHODS for name in METHODS[method].options}))
@@ -87,7 +82,6 @@ SPEC = NodeSpec(
     "reconstructor",
     inputs=(topics.SKETCH_SENSOR, topics.SKETCH),
     outputs=(topics.POINTS, *topics.IMAGES, topics.CAMERA_INFO),
-    services=("reset", "save_cloud"),
     parameters=PARAMETERS,
 )
 
@@ -105,7 +99,7 @@ class ReconstructorNode(PipelineNode):
         super().__init__()
         self._sketches = DescribedSketches()
         self._built: dict[tuple[str, tuple[int, ...]], Reconstructor] = {}      # the last used last
-        self._newest: tuple[Cloud, Sketch, str] | None = None      # and its frame_id
+        self._newest: Sketch | None = None
         self.parameters.on_check = self._check
         self.parameters.on_change = lambda: self.worker.call(self._apply)
 
@@ -116,11 +110,8 @@ class ReconstructorNode(PipelineNode):
         self._points = self.advertise("points")
         self._images = {topic.name: self.advertise(topic.name) for topic in topics.IMAGES}
         self._camera_info = self.advertise("camera_info")
-        self.serve("reset", self._reset)
-        self.serve("save_cloud", self._save_cloud)
 
     def activate(self) -> None:
-        self._built.clear()
         self.diagnostics.wait_for(DESCRIPTION)
         self.follow("sketch/sensor", self._on_sensor)
         self.subscribe("sketch", self._on_sketch)
@@ -130,30 +121,15 @@ class ReconstructorNode(PipelineNode):
         self.diagnostics.drop(cause, self._sketches.clear())
 
     def forget(self) -> None:
-        """Forget the last frame's surfaces and background, and the newest cloud."""
+        """Forget the last frame's surfaces and background."""
         self._newest = None
-        for reconstructor in self._built.values():
-            reconstructor.forget()
-
-    def _reset(self) -> str:
-        self.forget()
-        return "the next frame begins without the last one's surfaces"
-
-    def _save_cloud(self) -> str:
-        if self._newest is None:
-            raise Refused(f"no cloud to save yet: no sketch has arrived on {self.resolve_topic_name('sketch')}")
-        cloud, sketch, frame_id = self._newest
-        folder = Path(self._settings["save_folder"]).expanduser().absolute()
-        path = free(folder / f"cloud_{cloud.stamp_ns}.ply")
-        cloud_files.save(cloud, path, frequencies=sketch.frequencies, sensor=sketch.sensor.replace(frame_id=frame_id))
-        return f"{len(cloud)} points saved as {path}"
+        self._built.clear()
 
     def _check(self, values: dict[str, Value]) -> None:
         """Refuse parameters that could not be applied."""
         check_together(values)
         if options(values) != options(self.parameters.as_dict()):
-            _, sketch, _ = self._newest or (None, None, "")
-            build(sketch and (sketch.sensor, sketch.frequencies), values)
+            build(self._newest and (self._newest.sensor, self._newest.frequencies), values)
 
     def _apply(self) -> None:
         """Use the present parameters from the next frame on."""
@@ -216,7 +192,7 @@ class ReconstructorNode(PipelineNode):
         self.publish_frame(self._points, data, cloud.stamp_ns)
         self.diagnostics.count(points=len(cloud), points_out_of_range=len(seen) - len(cloud),
                                photons=seen.facts["photons"])
-        self._newest = cloud, sketch, frame_id
+        self._newest = sketch
         try:
             self._publish_images(cloud, sketch.sensor, frame_id)
         except Exception as problem:    # does not concern the frame: it was published

@@ -24,7 +24,7 @@ from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.lifecycle import run
 from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.topics import NodeSpec
-from srt3d_ros.nodes.worker import Dropped, Refused
+from srt3d_ros.nodes.worker import Dropped
 from srt3d_ros.recording import schema
 from srt3d_ros.recording.frame_index import FrameIndex, RecordedFrame
 from srt3d_ros.recording.writer import RecordingWriter
@@ -37,7 +37,6 @@ PARAMETERS = (
     Parameter("path", "", "Path of the recording; if empty, recording_<UTC time>.rrd in the working directory. No file "
               "is replaced: where there is one, and for further recordings and parts, NAME_2.rrd, NAME_3.rrd, ….",
               form="a path that ends with .rrd"),
-    Parameter("record", True, "true: record as soon as the node is active. false: from `~/start_recording` on."),
     Parameter("images", ALL_IMAGES, "Images to record.", form=WHICH_IMAGES),
     Parameter("split_size_mb", 0.0, "Start a new file at this size; 0 = one file.", "MB", low=0.0),
 )
@@ -69,13 +68,12 @@ NEAR_NS = 60 * 10**9    # log lines farther from the frames, as in a replay, get
 SPEC = NodeSpec(
     "recorder",
     inputs=(topics.SKETCH_SENSOR, topics.POINTS, *topics.IMAGES, topics.SKETCH, topics.ROSOUT),
-    services=("start_recording", "stop_recording"),
     parameters=PARAMETERS,
 )
 
 
 class RecorderNode(PipelineNode):
-    """Subscribes while it records; a recording starts when the first `sketch/sensor` has come."""
+    """Writes a recording while it is active, from when the first `sketch/sensor` has come."""
 
     spec = SPEC
     drains = True           # what has arrived is written
@@ -92,18 +90,10 @@ class RecorderNode(PipelineNode):
         """Check the parameters and collect the facts that every recording has."""
         self._asked, self._images = checked_path(self.parameters["path"]), checked_images(self.parameters["images"])
         self._versions = versions() | {"rmw": rclpy.get_rmw_implementation_identifier()}
-        self.serve("start_recording", self._start)
-        self.serve("stop_recording", self._stop)
-
-    def activate(self) -> None:
-        if self.parameters["record"]:
-            self._start()
 
     # ---- Recordings
 
-    def _start(self) -> str:
-        if self._path is not None:
-            raise Refused(f"already recording to {self._path}: call ~/stop_recording first")
+    def activate(self) -> None:
         self._path = free(self._asked)
         self._sensor: SensorModel | None = None
         self._frames = FrameIndex()
@@ -117,16 +107,6 @@ class RecorderNode(PipelineNode):
                 self.subscribe(topic.name, lambda raw, path=f"/{topic.name}": self._on_image(path, raw))
         self.follow("/rosout", self._on_line)
         self.diagnostics.show(path=self._path)
-        return f"recording to {self._path}"
-
-    def _stop(self) -> str:
-        if self._path is None:
-            raise Refused("not recording: call ~/start_recording first")
-        path, begun = self._path, self._writer is not None
-        self.unsubscribe()
-        self.release_frames()
-        self.forget()
-        return f"recorded {path}" if begun else f"{path} was not begun: no description arrived on sketch/sensor"
 
     def forget(self) -> None:
         if self._writer is not None:
@@ -160,7 +140,14 @@ class RecorderNode(PipelineNode):
     def _on_writer_error(self, text: str) -> None:
         self.get_logger().error(text)
         self.diagnostics.error(text)
-        self.worker.call(lambda: self._path and self._stop())
+        self.worker.call(self._end)
+
+    def _end(self) -> None:
+        """End a recording that failed. The node stays active, but reads nothing."""
+        if self._path is not None:
+            self.unsubscribe()
+            self.release_frames()
+            self.forget()
 
     # ---- Frames
 

@@ -67,7 +67,6 @@ SPEC = NodeSpec(
     "sketcher",
     inputs=(topics.SENSOR, *topics.FRAMES, *topics.MOTION),
     outputs=(replace(topics.SENSOR, when="`sensor_file` is set"), topics.SKETCH_SENSOR, topics.SKETCH),
-    services=("reset",),
     parameters=PARAMETERS,
 )
 
@@ -107,7 +106,6 @@ class SketcherNode(PipelineNode):
         if self._file is not None:
             self._file_publisher = self.advertise("sensor")
         self._sketches, self._descriptions = self.advertise("sketch"), self.advertise("sketch/sensor")
-        self.serve("reset", self._reset)
         self.parameters.on_check = self._check
         self.parameters.on_change = lambda: self.worker.call(self._apply)
 
@@ -144,11 +142,6 @@ class SketcherNode(PipelineNode):
         if self._stream is not None:
             self._publish(self._stream.flush())
 
-    def _reset(self) -> str:
-        if self._stream is not None:
-            self._publish(self._stream.reset())
-        return "a new frame begins"
-
     # ---- Sensor and parameters
 
     def _on_sensor(self, message: String) -> None:
@@ -157,7 +150,8 @@ class SketcherNode(PipelineNode):
         try:
             self._use(sensor_message.decode(message))
         except InvalidInput as problem:
-            self._reset()       # photons of the other sensor may be among those of the open frame
+            if self._stream is not None:        # photons of the other sensor may be among those of the open frame
+                self._publish(self._stream.reset())
             self._stream, self._problem = None, str(problem)
             raise
 

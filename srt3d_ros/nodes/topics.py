@@ -82,13 +82,11 @@ class NodeSpec:
 
     Args:
         name: of the node and of its executable.
-        services: names of each std_srvs/srv/Trigger that it serves as `~/name`.
     """
 
     name: str
     inputs: Iterable[Topic] = ()
     outputs: Iterable[Topic] = ()
-    services: Iterable[str] = ()
     parameters: Iterable[Parameter] = ()
 
     @property
@@ -104,12 +102,10 @@ class NodeSpec:
     def help(self) -> str:
         """What the node's executable prints for --help."""
         out = f"usage: ros2 run srt3d_ros {self.name} [--ros-args [-r TOPIC:=NAME] [-p PARAMETER:=VALUE] …]\n"
-        services = [f"~/{name}  std_srvs/srv/Trigger" for name in self.services]
         parameters = [f"{one.name} ({one.expected}), default: {one.default}\n"
                       + fill(one.description, WIDTH, initial_indent=INDENT, subsequent_indent=INDENT)
                       for one in self.table]
-        for title, found in (("subscribes to", self.inputs), ("publishes", self.outputs), ("services", services),
-                             ("parameters", parameters)):
+        for title, found in (("subscribes to", self.inputs), ("publishes", self.outputs), ("parameters", parameters)):
             lines = [f"  {one.name}  {one.type}" if isinstance(one, Topic) else f"  {one}" for one in found]
             out += "\n".join(["", f"{title}:", *lines, ""]) if lines else ""
         return out

@@ -20,10 +20,6 @@ class Dropped(Exception):
         self.cause = cause
 
 
-class Refused(Exception):
-    """Raised by the job of a service; its text is the answer."""
-
-
 @dataclass(frozen=True, eq=False)
 class _Job:
     function: Callable

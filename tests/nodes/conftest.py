@@ -20,7 +20,6 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 from srt3d_ros.cli.node import parameter_arguments
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
@@ -101,11 +100,6 @@ class Graph:
         """Ask a node for a transition, such as "activate", as a manager does; whether it went."""
         return self.call(ChangeState, f"{name}/change_state",
                          ChangeState.Request(transition=Transition(label=step))).success
-
-    def trigger(self, service: str) -> tuple[bool, str]:
-        """Success and message of a service such as "sketcher/reset"."""
-        answer = self.call(Trigger, service, Trigger.Request())
-        return answer.success, answer.message
 
     def call(self, service_type: type, service: str, request):
         """The answer of a service."""

@@ -1,4 +1,4 @@
-"""The reconstructor alone: clouds, images on demand, bad messages, services, and parameters that change."""
+"""The reconstructor alone: clouds, images on demand, bad messages, and parameters that change."""
 
 import dataclasses
 
@@ -26,9 +26,9 @@ LIVE = {parameter.name: parameter.default for parameter in PARAMETERS if paramet
 class Reconstructor:
     """A reconstructor and what it publishes of one frame after the other, which the tests share."""
 
-    def __init__(self, graph: Graph, folder):
-        self.graph, self.folder, self._sent = graph, folder, 0
-        self.process = graph.start("reconstructor", save_folder=folder).ready()
+    def __init__(self, graph: Graph):
+        self.graph = graph
+        self.process = graph.start("reconstructor").ready()
         self._description, self._sketches = graph.latched("sketch/sensor"), graph.publisher(PointCloud2, "sketch")
         self.clouds = graph.collect(PointCloud2, "points", raw=True)
 
@@ -40,13 +40,18 @@ class Reconstructor:
 
     def begin(self, sensor: SensorModel, sketch: Sketch, **parameters) -> None:
         """Describe the sketches to a node whose live parameters are these, and that is in its initial state."""
+        assert self.graph.change("reconstructor", "deactivate")
+        self.graph.wait(lambda: self._sketches.get_subscription_count() == 0, "nobody on sketch")
         assert self.graph.set("reconstructor", **LIVE | {"fields": "full"} | parameters) == ""
+        assert self.graph.change("reconstructor", "activate")
+        self.describe(sensor)
+
+    def describe(self, sensor: SensorModel) -> None:
         self._sensor = sensor
         self._description.publish(sensor_message.encode(sensor))
         self.graph.matched(self._sketches)
         self.graph.wait(lambda: [self.graph.report("reconstructor").get(key) for key in ("rows", "num_bins")]
                         == [str(sensor.rows), str(sensor.num_bins)], "the description")
-        assert self.graph.trigger("reconstructor/reset")[0]
 
     def send(self, *sketches: Sketch | bytes) -> None:
         for sketch in sketches:
@@ -84,8 +89,8 @@ def sketch(sensor, events):
 
 
 @pytest.fixture(scope="module")
-def reconstructor(shared_graph, tmp_path_factory):
-    return Reconstructor(shared_graph, tmp_path_factory.mktemp("clouds"))
+def reconstructor(shared_graph):
+    return Reconstructor(shared_graph)
 
 
 def lies_at(points: dict, sensor: SensorModel, depth: float) -> bool:
@@ -93,8 +98,6 @@ def lies_at(points: dict, sensor: SensorModel, depth: float) -> bool:
 
 
 def test_a_cloud_keeps_stamp_and_frame_and_bad_sketches_are_survived(reconstructor, sensor, sketch):
-    assert reconstructor.graph.trigger("reconstructor/save_cloud") == (
-        False, f"no cloud to save yet: no sketch has arrived on {reconstructor.graph.namespace}/sketch")
     reconstructor.begin(sensor, sketch)
     small = dataclasses.replace(sketch, sums=sketch.sums[:8], photons=sketch.photons[:8])
     cut = sketch_message.encode_cdr(sketch, sensor, "spad")[:200]
@@ -139,7 +142,6 @@ def test_parameters_are_refused_with_the_reason_or_change_between_frames(reconst
                             "warm_start is True: expected False, as smle has no such option"),
                            ({"method": "rt3d"}, "method is rt3d: expected "),
                            ({"surface_order": "first"}, "surface_order is first: expected strongest or nearest or far"),
-                           ({"save_folder": "/tmp"}, "Trying to set a read-only parameter"),
                            *([] if torch.cuda.is_available() else [({"device": "cuda"}, "device is cuda: expected ")])):
         assert reconstructor.graph.set("reconstructor", **values).startswith(reason)
     assert reconstructor.graph.set("reconstructor", min_range_m=0.0, max_range_m=0.0) == ""
@@ -157,26 +159,6 @@ def test_parameters_are_refused_with_the_reason_or_change_between_frames(reconst
     assert reconstructor.totals("errors") == [0]
 
 
-def test_the_newest_cloud_is_saved_where_the_parameters_say(reconstructor, sensor, sketch):
-    graph, folder, name = reconstructor.graph, reconstructor.folder, f"cloud_{STAMP_NS}"
-    reconstructor.begin(sensor, sketch)
-    (_, points), = reconstructor(sketch)
-
-    def save() -> tuple[bool, str]:
-        return graph.trigger("reconstructor/save_cloud")
-
-    assert save() == (True, f"{len(points['xyz'])} points saved as {folder / name}.ply")
-    assert save() == (True, f"{len(points['xyz'])} points saved as {folder / name}_2.ply")
-    assert sorted(path.name for path in folder.iterdir()) == [f"{name}.ply", f"{name}_2.ply"]
-    header = (folder / f"{name}.ply").read_bytes().split(b"end_header")[0].decode()
-    assert f"element vertex {len(points['xyz'])}" in header and "in the frame spad" in header
-    folder.rename(folder.with_name("moved"))
-    success, why = save()
-    assert not success and why.startswith(f"output is {str(folder)[:20]}") and len(why.splitlines()) == 1
-    assert graph.trigger("reconstructor/reset")[0]
-    assert save()[1].startswith("no cloud to save yet")
-
-
 def test_sketches_are_read_with_the_descriptions_that_they_name_and_wait_for_them(
         reconstructor, sensor, events, sketch):
     """The same rows and columns, but another T: read with the other description they would be at other depths."""
@@ -189,7 +171,7 @@ def test_sketches_are_read_with_the_descriptions_that_they_name_and_wait_for_the
     report = reconstructor.graph.reports("reconstructor", "under_way", 2)
     assert report["waiting_for"].endswith(f"sketch/sensor, sensor_{sensor_message.digest(wide)}")
     assert len(reconstructor.clouds) == before + 2
-    reconstructor.begin(wide, sketch)
+    reconstructor.describe(wide)
     reconstructor.send(sketch_message.encode_cdr(sketch, sensor, "spad"))
     reconstructor.graph.wait(lambda: len(reconstructor.clouds) == before + 5, "all clouds")
     clouds = [points_message.decode_cdr(raw)[1] for raw in reconstructor.clouds[before:]]

@@ -1,4 +1,4 @@
-"""The recorder: what it makes of clouds, of the nodes' log and of disks, and recordings that services begin."""
+"""The recorder: what it makes of clouds, of the nodes' log and of disks, and how recordings begin and end."""
 
 import signal
 
@@ -66,19 +66,18 @@ def frames_of(*paths) -> list[int]:
     return sorted(cloud.stamp_ns for path in paths for cloud in RecordingReader(path).clouds())
 
 
-def test_recordings_begin_and_end_when_the_services_say_and_each_is_a_file_of_its_own(graph, speaker, tmp_path):
-    recorder = graph.start("recorder", path=tmp_path / "out.rrd", record=False).ready()
+def test_each_activation_is_a_recording_of_its_own(graph, speaker, tmp_path):
+    recorder = graph.start("recorder", path=tmp_path / "out.rrd").ready()
 
     paths = [tmp_path / "out.rrd", tmp_path / "out_2.rrd"]
     for number, path in enumerate(paths, start=1):
-        assert not path.exists() and graph.node.count_subscribers("points") == 0
-        assert graph.trigger("recorder/start_recording") == (True, f"recording to {path}")
-        assert not graph.trigger("recorder/start_recording")[0]
+        assert number == 1 or graph.change("recorder", "activate")
         speaker.ready()
+        recorder.says(f"recording to {path}")
         for _ in range(3):
             speaker.frame()
         graph.reports("recorder", "clouds", 3 * number)
-        assert graph.trigger("recorder/stop_recording") == (True, f"recorded {path}")
+        assert graph.change("recorder", "deactivate")
         graph.wait(lambda: graph.node.count_subscribers("points") == 0, "the end of the recording")
     assert [len(frames_of(path)) for path in paths] == [3, 3]
     assert recorder.end(signal.SIGINT) == 0 and "Traceback" not in recorder.text
@@ -112,9 +111,9 @@ sys.exit(recorder.main())
 def test_a_full_disk_ends_the_recording_with_one_error_and_not_the_node(graph, speaker, tmp_path):
     program = tmp_path / "recorder.py"
     program.write_text(FULL_DISK)
-    recorder = graph.start(str(program), path=tmp_path / "a.rrd", record=False).ready()
+    recorder = graph.start(str(program), path=tmp_path / "a.rrd").ready()
     for number in (1, 2):       # another can be tried
-        assert graph.trigger("recorder/start_recording") == (True, f"recording to {tmp_path / 'a.rrd'}")
+        assert number == 1 or graph.change("recorder", "deactivate") and graph.change("recorder", "activate")
         report = graph.reports("recorder", "errors", number)
         assert report["last_error"].startswith(f"recording {tmp_path / 'a.rrd'}: stopped, as the disk has only ")
         graph.reports("recorder", "path", "")

@@ -37,16 +37,17 @@ def test_every_photon_is_sketched_or_dropped_for_a_cause_and_a_bad_description_i
     send(50, 50, 100, 20, 200)                                  # one is double, one is late
     photons.publish(photons_message.encode_cdr(events, sensor, "spad")[:-1000])     # fewer bytes than it says
     graph.reports("sketcher", "dropped.malformed", 1)
-    assert graph.trigger("sketcher/reset")[0]
     send(300)
-    graph.wait(lambda: len(sketches) == 3, "the frame that silence ends")
-    for text, problem in ((sensor_message.encode(sensor.replace(num_bins=20, irf=np.ones(3), irf_ref=1)).data,
-                           "sketch_size is 20: expected 1 to 9 for T = 20 bins"),
-                          ('{"rows": 0}', "schema_version is absent: expected 1")):
+    graph.wait(lambda: len(sketches) == 4, "the frame that silence ends")
+    send(400)                                                   # its frame is open when another sensor is described
+    graph.reports("sketcher", "messages_in", 9)
+    for text, problem in (('{"rows": 0}', "schema_version is absent: expected 1"),
+                          (sensor_message.encode(sensor.replace(num_bins=20, irf=np.ones(3), irf_ref=1)).data,
+                           "sketch_size is 20: expected 1 to 9 for T = 20 bins")):
         described.publish(String(data=text))
         graph.wait(lambda problem=problem: graph.report("sketcher")["message"].startswith(problem), problem)
         reports = len(graph.all_reports("sketcher"))
-        send(400, 401)
+        send(500, 501)
         graph.wait(lambda reports=reports: len(graph.all_reports("sketcher")) > reports + 2, "two more reports")
         report = graph.report("sketcher")
         assert (report["level"], report["message"][:len(problem)]) == (DiagnosticStatus.ERROR, problem)
@@ -54,7 +55,7 @@ def test_every_photon_is_sketched_or_dropped_for_a_cause_and_a_bad_description_i
     described.publish(sensor_message.encode(sensor))
     graph.wait(lambda: graph.report("sketcher")["level"] != DiagnosticStatus.ERROR, "the end of the error")
     send(1_500)
-    graph.reports("sketcher", "packets", 5)
+    graph.reports("sketcher", "packets", 6)
     assert node.end(signal.SIGINT) == 0
     assert {sketch.header.frame_id for sketch in sketches} == {sensor.frame_id}     # as the messages name none
     last = graph.reports("sketcher", "state", "finalized")

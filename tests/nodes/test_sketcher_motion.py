@@ -83,7 +83,7 @@ def test_frames_wait_for_the_odometry_that_covers_them_and_bad_reports_cost_none
     assert "/odom: stamp is " in totals["last_error"] and "odom: position is " in node.text
     send(1)                                             # waits for odometry that does not come
     graph.reports("sketcher", "messages_in", 2 * PACKETS)
-    assert graph.trigger("sketcher/reset")[0]
+    assert graph.change("sketcher", "deactivate")
     check(stream.reset())
     assert graph.reports("sketcher", "frames_undeskewed", 1)["motion_refused"] == "2"
     assert "Traceback" not in node.text

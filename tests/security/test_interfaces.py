@@ -1,4 +1,4 @@
-"""What the network may ask of a node names no file: paths are set by who starts the node, services take no words."""
+"""What the network may ask of a node names no file: paths are set by who starts the node."""
 
 import pytest
 
