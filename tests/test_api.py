@@ -16,12 +16,13 @@ from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sensor.model import GateWords
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates, PhotonHistograms
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonHistograms
 from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.readers import cubes
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
+from tests.photon_forms import as_gates
 
 SENSOR = srt3d_ros.Sensor(12, 20, 300, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2), toa_offset_bins=1_000)
 DEPTH = 80 + np.arange(20.0) + np.zeros((12, 1))
@@ -63,7 +64,7 @@ def test_every_form_of_the_same_photons_gives_the_same_cloud(cloud, tmp_path):
     same(srt3d_ros.from_counts(COUNTS, sensor=SENSOR).reconstruct(), cloud)
     same(srt3d_ros.from_events(ROW.tolist(), COL, FRAME.toa.astype(float), sensor=SENSOR).reconstruct(), cloud)
     words = SENSOR.replace(gates=GateWords())
-    same(srt3d_ros.reconstruct(PhotonGates.from_events(FRAME, words), sensor=words), cloud)
+    same(srt3d_ros.reconstruct(as_gates(FRAME, words), sensor=words), cloud)
 
 
 def test_a_file_is_read_with_the_options(tmp_path):

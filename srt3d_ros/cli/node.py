@@ -36,10 +36,6 @@ def _add_play(subparsers) -> None:
     parser.add_argument("--sensor-file", metavar="FILE",
                         help="what a photon file lacks of its sensor: JSON as on `sensor`, or another photon file")
     parser.add_argument("--rate-hz", type=float, metavar="HZ", help="frames a second")
-    form = parser.add_mutually_exclusive_group()
-    for topic, source in (("gates", "a SPAD array reads out"), ("histograms", "sensors send that count on the chip")):
-        form.add_argument(f"--{topic}", dest="output", action="store_const", const=topic,
-                          help=f"publish `{topic}`, as {source}, instead of `photons`")
     parser.add_argument("--motion", metavar="HOW",
                         help="walk, drone or spin: the simulator's sensor moves, and odom says where it is "
                              "(docs/motion.md)")

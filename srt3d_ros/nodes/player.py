@@ -1,4 +1,4 @@
-"""player: a photon file or the simulator → `photons`, `gates` or `histograms`, and their sensor."""
+"""player: a photon file or the simulator → `photons`, and their sensor."""
 
 import time
 from dataclasses import replace
@@ -9,7 +9,6 @@ from rclpy.publisher import Publisher
 from srt3d_ros.datasets import SIMULATOR
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
 from srt3d_ros.messages import cdr
-from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.diagnostics import all_acknowledged
@@ -26,8 +25,6 @@ PARAMETERS = (
     Parameter("sensor_file", "", "File: what it lacks of its sensor's description, and tf frame and lens: JSON as on "
               "`sensor`, or another photon file. If empty, the file is complete or has a sidecar (FILE.json).",
               form="a path"),
-    Parameter("output", "photons", "Topic to publish. gates suit small arrays with few photons per pixel, histograms "
-              "few bins with many photons.", choices=tuple(CODECS)),
     Parameter("rate_hz", 10.0, "Frames per second.", "Hz", 1e-3, 10_000),
     Parameter("frames", 0, "Exit after this number of frames; 0: no limit.", low=0, high=10**9),
     Parameter("ppp", 15.0, "Simulator: mean photons per pixel and frame.", low=0, high=10**6),
@@ -40,8 +37,7 @@ PARAMETERS = (
 
 SPEC = NodeSpec(
     "player",
-    outputs=(topics.SENSOR, *(replace(one, when=f"`output` is {one.name}") for one in topics.FRAMES),
-             replace(topics.ODOM, when="`motion`")),
+    outputs=(topics.SENSOR, topics.PHOTONS, replace(topics.ODOM, when="`motion`")),
     parameters=PARAMETERS,
 )
 
@@ -58,7 +54,7 @@ class PlayerNode(PipelineNode):
         # Before the others, for best effort: whoever has the description has found what was advertised before it.
         self._others = {topic: self.advertise(topic) for topic in self._source.others}
         self._sensors = self.advertise("sensor")
-        self._publisher = self.advertise(self._source.output)
+        self._publisher = self.advertise("photons")
 
     def activate(self) -> None:
         self._sensors.publish(self._source.sensor)

@@ -8,8 +8,8 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 
 from srt3d_ros import datasets
-from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sketching.photons import PhotonFrame
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets import SIMULATOR
 from srt3d_ros.datasets.bags.bag import is_bag
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS, OPTICAL, Measured, measured
@@ -17,7 +17,7 @@ from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.simulation.room import Room
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import require
-from srt3d_ros.messages import photon_frames
+from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 
 NS_PER_S = 1_000_000_000
@@ -27,7 +27,7 @@ class Item(NamedTuple):
     """A message to send.
 
     Args:
-        topic: that of the source's `output`, or of `others`.
+        topic: "photons", or one of the source's `others`.
         raw: serialised.
         due_ns: when, from the beginning.
         stamp_ns: from the beginning.
@@ -50,7 +50,8 @@ def open_source(parameters: Mapping) -> "FrameSource":
         simulator = Simulator(ppp=parameters["ppp"], sbr=parameters["sbr"], seed=parameters["seed"])
         return FrameSource(simulator.sensor, lambda k: simulator.frame(k)[0], parameters)
     photons = datasets.read(path, sensor=datasets.open_sensor(sensor_file) if sensor_file else None)
-    return FrameSource(photons.sensor, lambda k: photons.frame, parameters, photons.notes)
+    events = photons.events
+    return FrameSource(photons.sensor, lambda k: events, parameters, photons.notes)
 
 
 class FrameSource:
@@ -61,7 +62,6 @@ class FrameSource:
         parameters: the player's.
 
     Attributes:
-        output: the topic of the frames.
         others: topics of other messages, which report how the sensor moves.
         sensor: its serialised description.
         notes: a line for each assumption.
@@ -72,27 +72,24 @@ class FrameSource:
 
     others: tuple[str, ...] = ()
 
-    def __init__(self, sensor: SensorModel, frame: Callable[[int], PhotonFrame], parameters: Mapping,
+    def __init__(self, sensor: SensorModel, frame: Callable[[int], PhotonEvents], parameters: Mapping,
                  notes: tuple[str, ...] = ()):
-        self.output, self.notes = parameters["output"], notes
-        if self.output == "gates" and sensor.gates is None:
-            sensor = sensor.replace(gates=GateWords())
-        self.sensor = sensor_message.encode_cdr(sensor)
+        self.sensor, self.notes = sensor_message.encode_cdr(sensor), notes
         self._rate_hz, self._frames = parameters["rate_hz"], parameters["frames"] or None
         self._sensor, self._frame = sensor, frame
-        self._encoded: tuple[PhotonFrame, bytes] | None = None
+        self._encoded: tuple[PhotonEvents, bytes] | None = None
         self._encode(frame(0))
 
     def items(self) -> Iterator[Item]:
         """The messages from the beginning."""
         for k in islice(count(), self._frames):
             due_ns = round(k * NS_PER_S / self._rate_hz)
-            yield Item(self.output, self._encode(self._frame(k)), due_ns, due_ns)
+            yield Item("photons", self._encode(self._frame(k)), due_ns, due_ns)
 
-    def _encode(self, frame: PhotonFrame) -> bytes:
+    def _encode(self, frame: PhotonEvents) -> bytes:
         """The message of a frame; that of a file, which repeats, is encoded once."""
         if self._encoded is None or self._encoded[0] is not frame:
-            self._encoded = frame, photon_frames.encode_cdr(frame, self.output, self._sensor)
+            self._encoded = frame, photons_message.encode_cdr(frame, self._sensor, self._sensor.frame_id)
         return self._encoded[1]
 
 

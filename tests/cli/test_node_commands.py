@@ -9,8 +9,8 @@ import pytest
 @pytest.mark.parametrize("command, expected", [
     (["node", "player", "--ros-args", "-p", "input:=a b.npz", "-r", "photons:=/spad/raw"],
      ["player", "--ros-args", "-p", "input:=a b.npz", "-r", "photons:=/spad/raw"]),
-    (["play", "a file: 1.npz", "--rate-hz", "5", "--gates", "--motion", "drone"],
-     ["player", "--ros-args", "-p", 'input:="a file: 1.npz"', "-p", "rate_hz:=5.0", "-p", 'output:="gates"', "-p",
+    (["play", "a file: 1.npz", "--rate-hz", "5", "--motion", "drone"],
+     ["player", "--ros-args", "-p", 'input:="a file: 1.npz"', "-p", "rate_hz:=5.0", "-p",
       'motion:="drone"']),
     (["play", "a.npz", "--sensor-file", "spad.json"],
      ["player", "--ros-args", "-p", 'input:="a.npz"', "-p", 'sensor_file:="spad.json"']),

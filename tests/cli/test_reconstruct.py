@@ -12,9 +12,11 @@ from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
-from srt3d_ros.messages import photon_frames
+from srt3d_ros.messages import histograms
+from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 from tests.bags import CLOUD, IMAGE, TEXT, write_bag
+from tests.photon_forms import as_histograms
 
 SENSOR = SensorModel(12, 20, 300, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2), toa_offset_bins=1_000)
 DEPTH = np.stack([np.full((12, 20), 80.0), np.full((12, 20), 200.0)])
@@ -87,13 +89,13 @@ def test_a_frame_of_a_bag_is_reconstructed_as_from_a_file(photons, reconstruct, 
     few = PhotonEvents(np.zeros(5, np.uint32), np.arange(5, dtype=np.uint16))
     described = ("/sensor", TEXT, sensor_message.encode_cdr(SENSOR))
     bag = write_bag(tmp_path / "bag", [described, *(
-        (f"/{side}/photons", CLOUD, photon_frames.encode_cdr(frame, "photons", SENSOR))
+        (f"/{side}/photons", CLOUD, photons_message.encode_cdr(frame, SENSOR, ""))
         for side, frame in (("left", few), ("right", few), ("left", photons[1])))])
     _, from_file = reconstruct(out="file.npz")
     _, from_bag = reconstruct("--frame", "1", "--photons-topic", "/left/photons", source=bag)
     assert np.array_equal(np.load(from_file)["xyz"], np.load(from_bag)["xyz"])
     bag = write_bag(tmp_path / "histograms", [
-        described, ("/tof/raw", IMAGE, photon_frames.encode_cdr(photons[1], "histograms", SENSOR))])
+        described, ("/tof/raw", IMAGE, histograms.encode_cdr(as_histograms(photons[1], SENSOR), SENSOR, ""))])
     for options in ((), ("--gate", "auto"), ("--gate", "60:230")):
         _, from_file = reconstruct(*options, out="file.npz")
         _, from_bag = reconstruct(*options, source=bag)

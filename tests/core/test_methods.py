@@ -6,7 +6,7 @@ import pytest
 from srt3d_ros.core.methods import METHODS, SKETCH_METHODS
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
@@ -22,6 +22,7 @@ from tests.core.scenes import (
     simulate,
     with_photons,
 )
+from tests.photon_forms import as_gates
 
 every_method = pytest.mark.parametrize("name", METHODS)
 
@@ -145,7 +146,7 @@ def test_order_and_form_of_the_photons_do_not_matter():
     frame = simulate(ramp(9, 11, 200, 0.5, 0), sbr=5, ppp=40)
     order = np.random.default_rng(0).permutation(frame.photons)
     expected = run("xcorr", frame, sensor)
-    for form in (PhotonEvents(frame.pixel[order], frame.toa[order]), PhotonGates.from_events(frame, sensor),
+    for form in (PhotonEvents(frame.pixel[order], frame.toa[order]), as_gates(frame, sensor),
                  PhotonEvents(frame.pixel, frame.toa.astype(np.float32))):
         np.testing.assert_allclose(run("xcorr", form, sensor).depth_bins, expected.depth_bins, atol=0.01)
 

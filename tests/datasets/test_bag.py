@@ -10,7 +10,7 @@ import pytest
 
 from srt3d_ros import json_text
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates, PhotonHistograms
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonHistograms
 from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.datasets import read
 from srt3d_ros.datasets.bags.bag import Bag
@@ -22,6 +22,7 @@ from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketches
 from srt3d_ros.messages.sensor import digest
 from tests.bags import CLOUD, IMAGE, START_NS, STORAGES, TEXT, write_bag
+from tests.photon_forms import as_gates, as_histograms
 
 SENSOR = SensorModel(rows=2, cols=3, num_bins=50, bin_width_s=1e-10, irf=[1, 2, 1], gates=GateWords(), frame_id="spad")
 OTHER = SENSOR.replace(num_bins=40)
@@ -40,7 +41,7 @@ def photons_of(k: int) -> bytes:
 
 
 def gates_of(k: int) -> bytes:
-    return gates.encode_cdr(PhotonGates.from_events(frame(k), SENSOR), SENSOR, "spad")
+    return gates.encode_cdr(as_gates(frame(k), SENSOR), SENSOR, "spad")
 
 
 def storage_file(bag: Path) -> Path:
@@ -186,7 +187,7 @@ def sketch_of(sensor, frequencies: tuple[int, ...] = (1,), stamp_ns: int = 0) ->
 SKETCH = sketch_of(SENSOR)
 MESSAGES = {
     "photons": (CLOUD, photons_of(0)), "gates": (IMAGE, gates_of(0)), "sensor": (TEXT, described(SENSOR)),
-    "histograms": (IMAGE, histograms.encode_cdr(PhotonHistograms.from_events(frame(0), SENSOR), SENSOR, "spad")),
+    "histograms": (IMAGE, histograms.encode_cdr(as_histograms(frame(0), SENSOR), SENSOR, "spad")),
     "sketch": (CLOUD, SKETCH), "map": (TEXT, cdr.write_text('{"name": "map"}')),
     "picture": (IMAGE, cdr.write_image(cdr.Image(cdr.Header(0, "eye"), 2, 3, "8UC3", False, 9, memoryview(bytes(18))))),
     "points": (CLOUD, b"\0\1\0\0")}

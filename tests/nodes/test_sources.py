@@ -5,11 +5,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets.simulation.motion_profiles import OPTICAL
 from srt3d_ros.errors import InvalidInput
+from srt3d_ros.messages import photons
 from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import player
 from srt3d_ros.nodes.motion_input import parse_extrinsics
 from srt3d_ros.nodes.sources import BEFORE_S, PACKETS, FrameSource, MovingSource, open_source
@@ -23,18 +22,15 @@ def source(**given) -> FrameSource:
     return open_source(DEFAULTS | given)
 
 
-def same_photons(one: PhotonEvents, other: PhotonEvents) -> bool:
-    """True if both hold the same photons in any order."""
-    return sorted(zip(one.pixel, one.toa)) == sorted(zip(other.pixel, other.toa))
-
-
-@pytest.mark.parametrize("output", ["gates", "histograms"])
-def test_the_frame_of_a_file_is_sent_in_other_forms_too(photon_file, events, output):
-    played = source(input=str(photon_file), frames=1, output=output)
+def test_a_file_of_counts_is_played_photon_by_photon(tmp_path, sensor, events):
+    counts = np.zeros((sensor.rows, sensor.cols, sensor.num_bins), np.uint16)
+    np.add.at(counts.reshape(sensor.pixels, -1), (events.pixel, events.toa), 1)
+    np.savez(tmp_path / "counts.npz", counts=counts, bin_width_s=sensor.bin_width_s, irf=sensor.irf)
+    (tmp_path / "sensor.json").write_text(sensor_message.to_json(sensor))
+    played = source(input=str(tmp_path / "counts.npz"), sensor_file=str(tmp_path / "sensor.json"), frames=1)
     frame, = played.items()
-    described = sensor_message.decode_cdr(played.sensor)
-    assert frame.topic == output
-    assert same_photons(CODECS[output].decode_cdr(frame.raw, described)[1].to_events(described), events)
+    sent = photons.decode_cdr(frame.raw, sensor)[1]
+    assert frame.topic == "photons" and sorted(zip(sent.pixel, sent.toa)) == sorted(zip(events.pixel, events.toa))
 
 
 @pytest.mark.parametrize("given, line", [

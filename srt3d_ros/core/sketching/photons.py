@@ -10,7 +10,6 @@ from srt3d_ros.errors import require
 
 CHUNK = 2**16           # photons compared together, so that they stay in the cache
 TOA_DTYPES = (np.uint16, np.float32)
-MAX_WORDS = 2**27       # in gates or histograms made from events: 256 MB
 MAX_OF_PIXEL = 2**32    # photons in a histogram: sums of phases and counts stay within their integers
 COUNT_DTYPES = (np.uint8, np.uint16, np.int32, np.float32)
 
@@ -80,32 +79,6 @@ class PhotonGates:
         require(self.words.dtype == np.uint16, "gates dtype", str(self.words.dtype), "uint16")
         require(self.words.ndim == 3, "gates shape", self.words.shape, "[cycles, rows, cols]")
 
-    @classmethod
-    def from_events(cls, events: PhotonEvents, sensor: SensorModel) -> "PhotonGates":
-        """The same photons as gates: the i-th photon of a pixel falls into cycle i. A float ToA becomes its bin.
-
-        Raises:
-            InvalidInput: a photon has no word of its own, or the busiest pixel has too many for this form.
-        """
-        form = sensor.gates
-        require(form is not None, "sensor.gates", "missing", "first_word and no_detection, to write gates")
-        events.check(sensor)
-        pixel = events.pixel
-        order = slice(None) if events.is_sorted else np.argsort(pixel, kind="stable")
-        counts = np.bincount(pixel, minlength=sensor.pixels)
-        cycles = max(int(counts.max()), 1)
-        require(cycles * sensor.pixels <= MAX_WORDS, "gates", f"{cycles} cycles of {sensor.pixels} pixels",
-                f"at most {MAX_WORDS} words: send events instead")
-        written = sensor.toa_bins(events.toa[order]).astype(np.uint32) + np.uint32(form.first_word)
-        highest = int(written.max(initial=0))
-        require(highest <= 65_535, "gates word", highest, f"16 bits (first_word is {form.first_word})")
-        require(not (written == form.no_detection).any(), "toa", form.no_detection - form.first_word,
-                f"a bin whose word is not that of no detection, {form.no_detection}")
-        words = np.full((cycles, sensor.pixels), form.no_detection, np.uint16)
-        cycle = np.arange(len(pixel)) - np.repeat(np.cumsum(counts) - counts, counts)
-        words[cycle, pixel[order]] = written
-        return cls(words.reshape(cycles, sensor.rows, sensor.cols), events.stamp_ns)
-
     def check(self, sensor: SensorModel) -> None:
         """Raise InvalidInput unless the gates have the sensor's pixels, and it says what words mean."""
         shape = sensor.rows, sensor.cols
@@ -144,23 +117,6 @@ class PhotonHistograms:
         require(self.counts.dtype in COUNT_DTYPES, "histograms dtype", str(self.counts.dtype),
                 "uint8, uint16, int32 or float32")
         require(self.counts.ndim == 3, "histograms shape", self.counts.shape, "[rows, cols, bins]")
-
-    @classmethod
-    def from_events(cls, events: PhotonEvents, sensor: SensorModel) -> "PhotonHistograms":
-        """The same photons counted in the sensor's T bins, uint16 or, if there are more in one, int32.
-
-        Raises:
-            InvalidInput: the sensor's histograms have other bins, or there are too many bins for this form.
-        """
-        require(sensor.histograms is None, "sensor.histograms", "there", "none, to count events in the sensor's bins")
-        events.check(sensor)
-        bins = sensor.pixels * sensor.num_bins
-        require(bins <= MAX_WORDS, "histograms", f"{sensor.num_bins} bins of {sensor.pixels} pixels",
-                f"at most {MAX_WORDS} bins: send events instead")
-        at = events.pixel.astype(np.int64) * sensor.num_bins + sensor.toa_bins(events.toa)
-        counts = np.bincount(at, minlength=bins)
-        counts = counts.astype(np.uint16 if counts.max() <= 65_535 else np.int32)
-        return cls(counts.reshape(sensor.rows, sensor.cols, -1), events.stamp_ns)
 
     @cached_property
     def photons(self) -> int:

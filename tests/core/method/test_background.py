@@ -9,12 +9,13 @@ from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.metrics import circular_difference, evaluate
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.errors import InvalidInput
 from tests.core import scenes
 from tests.core.scenes import IRF, background_alone, with_photons
+from tests.photon_forms import as_gates
 
 T = 600
 BINS = np.arange(T)
@@ -159,7 +160,7 @@ def test_a_dark_frame_leaves_hot_pixels_out_and_may_come_as_gates():
     sensor = make_sensor(gates=GateWords())
     quiet = background_alone(sensor.replace(background_shape=SHAPES["fog"]), 20)
     shape = dark_shape(with_photons(quiet, np.full(50_000, 9), 300), sensor)
-    np.testing.assert_array_equal(dark_shape(PhotonGates.from_events(quiet, sensor), sensor), dark_shape(quiet, sensor))
+    np.testing.assert_array_equal(dark_shape(as_gates(quiet, sensor), sensor), dark_shape(quiet, sensor))
     assert shape[300] < 0.001
     assert shape[:60].sum() == pytest.approx(SHAPES["fog"][:60].sum() / SHAPES["fog"].sum(), rel=0.02)
 

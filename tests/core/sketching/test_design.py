@@ -6,8 +6,9 @@ import pytest
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import design_for, histogram, occupied, signal_to_background
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonHistograms
+from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.errors import InvalidInput
+from tests.photon_forms import as_histograms
 
 ROWS, COLS, T = 8, 10, 500
 SENSOR = SensorModel(ROWS, COLS, T, 1e-10, [1, 2, 4, 2, 1])
@@ -88,7 +89,7 @@ def test_masked_pixels_are_left_out_and_delays_taken_off():
     toa = np.where(row == 3, (events.toa + 30) % T, events.toa)[col != 4]
     expected = np.bincount(toa, minlength=T)
     for form in (events, PhotonEvents(events.pixel, events.toa.astype(np.float32)),
-                 PhotonHistograms.from_events(events, sensor)):
+                 as_histograms(events, sensor)):
         assert np.array_equal(histogram(form, sensor), expected)
 
 

@@ -6,9 +6,10 @@ import pytest
 from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.gate import Gate, parse
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.core.sketching.sketcher import Sketcher, sketch_photons
 from srt3d_ros.errors import InvalidInput
+from tests.photon_forms import as_gates
 
 ROWS, COLS, T = 6, 7, 160
 IRF = np.exp(-0.5 * (np.arange(13) - 5) ** 2 / 3)
@@ -53,7 +54,7 @@ def test_the_sketch_is_that_of_the_photons_inside_in_every_form(sensor, dtype):
         assert expected.photons.sum() == inside.photons
         assert_same(sketch_photons(events, sensor, FREQUENCIES, gate), expected)
     if dtype == np.uint16:
-        words = PhotonGates.from_events(events, sensor)
+        words = as_gates(events, sensor)
         assert_same(sketch_photons(words, sensor, FREQUENCIES, gate), expected)
 
 

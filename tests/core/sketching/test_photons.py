@@ -5,8 +5,9 @@ import pytest
 
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sketching.photons import MAX_WORDS, PhotonEvents, PhotonGates, PhotonHistograms
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.errors import InvalidInput
+from tests.photon_forms import as_gates, as_histograms
 
 SENSOR = SensorModel(3, 4, 100, 1e-10, np.ones(3), gates=GateWords(first_word=10, no_detection=5))
 
@@ -56,19 +57,11 @@ def test_a_toa_outside_the_laser_period_is_named(toa, dtype, shown):
 def test_events_become_gates_and_events_again(dtype):
     rng = np.random.default_rng(1)
     frame = events(rng.integers(0, 12, 200), rng.integers(0, 100, 200), dtype, stamp_ns=77)
-    back = PhotonGates.from_events(frame, SENSOR).to_events(SENSOR)
+    back = as_gates(frame, SENSOR).to_events(SENSOR)
     order = np.argsort(frame.pixel, kind="stable")
     assert back.is_sorted and back.stamp_ns == 77 and back.toa.dtype == np.uint16
-    assert PhotonGates.from_events(events([], []), SENSOR).to_events(SENSOR).photons == 0
+    assert as_gates(events([], []), SENSOR).to_events(SENSOR).photons == 0
     assert np.array_equal(back.pixel, frame.pixel[order]) and np.array_equal(back.toa, frame.toa[order])
-
-
-@pytest.mark.parametrize(("gates", "toa", "named"), [
-    (None, 3, "sensor.gates is missing"), (GateWords(65_500, 0), 60, "gates word is 65560"),
-    (GateWords(3, 63), 60, "toa is 60"), (GateWords(0, 0), 100, "toa is 100")])
-def test_a_photon_that_no_word_can_say_is_refused(gates, toa, named):
-    with pytest.raises(InvalidInput, match=f"^{named}: expected"):
-        PhotonGates.from_events(events([4], [toa]), SENSOR.replace(gates=gates))
 
 
 def test_a_word_below_the_first_is_named_not_wrapped():
@@ -102,23 +95,10 @@ def test_histograms_that_do_not_fit_the_sensor_are_refused(counts, named):
 @pytest.mark.parametrize("dtype, last", [(np.uint16, 99), (np.float32, 98.6)])
 def test_events_become_histograms_and_back(dtype, last):
     given = events([11, 1, 1, 4], [last, 7, 7, 0], dtype, stamp_ns=5)
-    made = PhotonHistograms.from_events(given, SENSOR)
+    made = as_histograms(given, SENSOR)
     assert made.counts.dtype == np.uint16 and made.photons == 4 and made.stamp_ns == 5
     back = made.to_events(SENSOR)
     assert back.pixel.tolist() == [1, 1, 4, 11] and back.toa.tolist() == [7, 7, 0, 99]
-
-
-def test_events_that_no_histogram_of_the_sensor_can_hold_are_refused():
-    assert PhotonHistograms.from_events(events([3] * 65_536, [9] * 65_536), SENSOR).counts.dtype == np.int32
-    with pytest.raises(InvalidInput, match="^toa is 100"):
-        PhotonHistograms.from_events(events([3], [100]), SENSOR)
-    with pytest.raises(InvalidInput, match="^sensor.histograms is there: expected none"):
-        PhotonHistograms.from_events(events([3], [9]), SENSOR.replace(histograms=HistogramBins(5)))
-    large, several = SENSOR.replace(rows=2_000, cols=2_000), MAX_WORDS // 4_000_000 + 1
-    for form, given, named in ((PhotonHistograms, events([3], [9]), "histograms is 100 bins of 4000000 pixels"),
-                               (PhotonGates, events([4] * several, [0] * several), "gates is 34 cycles of 4000000")):
-        with pytest.raises(InvalidInput, match=f"^{named}.*send events instead"):
-            form.from_events(given, large)
 
 
 @pytest.mark.parametrize(("dtype", "count"), [(np.int32, -1), (np.float32, 0.5)])

@@ -13,6 +13,7 @@ from srt3d_ros.core.sketching.phases import phase_table
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sketching.sketcher import Sketcher, sketch_photons
 from srt3d_ros.errors import InvalidInput
+from tests import photon_forms
 
 FREQUENCIES = (1, 2, 7, 49)
 SENSOR = SensorModel(4, 6, 100, 1e-10, [1, 2, 1], gates=GateWords(first_word=3, no_detection=0))
@@ -76,7 +77,7 @@ def test_packets_in_any_split_order_and_form_give_the_same_sketch_to_the_bit(see
              for k in range(owner.max() + 1)]
     sketcher = Sketcher(SENSOR, FREQUENCIES)
     for k in rng.permutation(len(parts)):
-        sketcher.add(PhotonGates.from_events(parts[k], SENSOR) if k in as_gates else parts[k])
+        sketcher.add(photon_forms.as_gates(parts[k], SENSOR) if k in as_gates else parts[k])
     assert_sketches_are_equal(sketcher.sketch(), sketch_photons(events, SENSOR, FREQUENCIES), each=0)
     assert sketcher.sketch().stamp_ns == 100
 
