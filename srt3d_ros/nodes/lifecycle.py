@@ -20,7 +20,6 @@ from rclpy.utilities import remove_ros_args
 
 from srt3d_ros import transport
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.nodes.parameters import file_warnings
 from srt3d_ros.nodes.topics import OVERRIDABLE, NodeSpec, Topic
 
 PUBLISH_DEPTH = 8       # messages of 10 ms for as long as a thread may wait for the processor
@@ -68,10 +67,10 @@ class ManagedNode(LifecycleNode):
 
     # ---- Topics of the spec
 
-    def advertise(self, topic: str, kept: int = 1) -> Publisher:
-        """A publisher of one of the spec's outputs, until `cleanup`; of a latched one, `kept` messages stay."""
+    def advertise(self, topic: str) -> Publisher:
+        """A publisher of one of the spec's outputs, until `cleanup`; of a latched one, the last message stays."""
         declared = self.spec.topic(topic)
-        qos = QoSProfile(depth=kept if declared.latched else PUBLISH_DEPTH, durability=declared.durability)
+        qos = QoSProfile(depth=1 if declared.latched else PUBLISH_DEPTH, durability=declared.durability)
         self.publishers_made.append(self._make(self.create_publisher, declared, qos))
         return self.publishers_made[-1]
 
@@ -207,17 +206,12 @@ def run(node_class: type[ManagedNode]) -> int:
         The node's exit code, 0 unless it failed, also after SIGINT and SIGTERM; 2 with one line on stderr if a
         parameter, an argument or an input file cannot be used.
     """
-    if sys.argv[1:] in (["-h"], ["--help"]):
-        print(node_class.spec.help)
-        return 0
     os.nice(node_class.niceness)        # before there are other threads, which inherit it
     transport.prepare_process()
     node, stop = None, threading.Event()
     try:
         node = _make(node_class)
         LogForwarding(node.get_logger())
-        for line in file_warnings(sys.argv, node.get_fully_qualified_name()):
-            node.get_logger().warning(line)
         _start(node, stop.set)
         executor = SingleThreadedExecutor()
         executor.add_node(node)

@@ -1,13 +1,10 @@
-"""Parameters of a node from one table: declaration, ranges and validation. Warnings about parameter files."""
+"""Parameters of a node from one table: declaration, ranges and validation."""
 
 import difflib
-import re
 from array import array
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from pathlib import Path
 
-import yaml
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 
@@ -16,7 +13,6 @@ from srt3d_ros.errors import InvalidInput, quoted, require
 Value = bool | int | float | str
 OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides./clock.",
           "qos_overrides./parameter_events.", "qos_overrides./rosout.")
-ALIKE = 0.75            # similarity of names from which one may be the other, mistyped
 KINDS = {bool: "true or false", int: "an integer", float: "a number", str: "text"}
 
 
@@ -152,46 +148,6 @@ class Parameters:
         if known := self._known(changes):
             self._values = self._values | known
             self.on_change()
-
-
-def file_warnings(arguments: Sequence[str], node: str) -> list[str]:
-    """A line for each parameter file on a command line that by mistake has nothing for a node, such as "/a/sketcher".
-
-    rcl ignores sections for other nodes silently, since one file may serve many. A mistake is a section that nearly has
-    the node's name, where none has it.
-    """
-    warnings = []
-    for flag, path in zip(arguments, arguments[1:]):
-        sections = _sections_of(Path(path)) if flag == "--params-file" else []
-        names = {section.rpartition("/")[2]: section for section in sections}
-        meant = difflib.get_close_matches(node.rpartition("/")[2], names, n=1, cutoff=ALIKE)
-        if meant and not any(_pattern(section).fullmatch(node) for section in sections):
-            warnings.append(f"{path}: parameters of {names[meant[0]]} are for no node here: did you mean {node}?")
-    return warnings
-
-
-def _sections_of(path: Path) -> list[str]:
-    """The sections of a file that rcl could read, unless it is a pipe, say, which can be read only once."""
-    try:
-        return list(_sections(yaml.safe_load(path.read_text()))) if path.is_file() else []
-    except (OSError, ValueError, RecursionError, yaml.YAMLError):       # rcl's parser takes a little more than this one
-        return []
-
-
-def _sections(tree, above: str = "") -> Iterator[str]:
-    """The names of nodes, which may be patterns; namespaces may be nested."""
-    for key, value in tree.items() if isinstance(tree, dict) else ():
-        name = f"{above}/{str(key).strip('/')}"
-        if isinstance(value, dict) and key != "ros__parameters":
-            if "ros__parameters" in value:
-                yield name
-            yield from _sections(value, name)
-
-
-def _pattern(section: str) -> re.Pattern:
-    """As rclpy matches names: * is one part of a name, ** any number of them."""
-    forms = {"**": r"(/\w+)*", "*": r"/\w+"}
-    return re.compile("".join(forms.get(part, f"/{re.escape(part)}") for part in section.strip("/").split("/")))
 
 
 def _plain(number: float) -> str:

@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from importlib import import_module
-from textwrap import fill
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -14,7 +13,6 @@ LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability
 OVERRIDABLE = QoSOverridingOptions(
     (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY))
 MAX_DEPTH = 100_000
-WIDTH, INDENT = 96, " " * 8     # of the descriptions of parameters in a help text
 TEXT, CAMERA = "std_msgs/msg/String", "sensor_msgs/msg/CameraInfo"
 CLOUD, IMAGE = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Image"
 POLICIES = {"history": HistoryPolicy, "reliability": ReliabilityPolicy, "durability": DurabilityPolicy}
@@ -97,18 +95,6 @@ class NodeSpec:
     def topic(self, name: str) -> Topic:
         """The input or output of this name."""
         return {topic.name: topic for topic in (*self.inputs, *self.outputs)}[name]
-
-    @property
-    def help(self) -> str:
-        """What the node's executable prints for --help."""
-        out = f"usage: ros2 run srt3d_ros {self.name} [--ros-args [-r TOPIC:=NAME] [-p PARAMETER:=VALUE] …]\n"
-        parameters = [f"{one.name} ({one.expected}), default: {one.default}\n"
-                      + fill(one.description, WIDTH, initial_indent=INDENT, subsequent_indent=INDENT)
-                      for one in self.table]
-        for title, found in (("subscribes to", self.inputs), ("publishes", self.outputs), ("parameters", parameters)):
-            lines = [f"  {one.name}  {one.type}" if isinstance(one, Topic) else f"  {one}" for one in found]
-            out += "\n".join(["", f"{title}:", *lines, ""]) if lines else ""
-        return out
 
 
 def qos_overrides(subscribed: Iterable[str], published: Iterable[str]) -> Iterator[Parameter]:

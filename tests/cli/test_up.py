@@ -49,6 +49,6 @@ def test_a_mistake_is_one_line(options, line):
 
 
 @pytest.mark.parametrize("rule", ["points:=/robot/cloud", "/spad/raw:=photons", "sketcher:photons:=raw",
-                                  "sketch/sensor:=description", "~/reset:=forget"])
+                                  "sketch/sensor:=description", "~/change_state:=change"])
 def test_what_ros_2_can_remap_can_be(rule):
     assert rule in up.ros_arguments(parsed("-r", rule), PIPELINE, "own.yaml")

@@ -1,4 +1,4 @@
-"""Parameters: declaration, ranges and validation from one table, and warnings about parameter files."""
+"""Parameters: declaration, ranges and validation from one table."""
 
 import itertools
 
@@ -7,7 +7,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.nodes.parameters import Parameter, Parameters, file_warnings
+from srt3d_ros.nodes.parameters import Parameter, Parameters
 
 TABLE = (
     Parameter("size", 10, "How many.", "pixels", 1, 100),
@@ -62,34 +62,3 @@ def test_a_bad_value_is_one_line_that_names_it(declare, name, value, line):
     with pytest.raises(InvalidInput) as caught:
         declare(**{name: value})
     assert str(caught.value) == line
-
-
-# ---- Parameter files
-
-
-def warnings(folder, text: str, node: str) -> list[str]:
-    """The warnings about a parameter file, given among other arguments, without its name."""
-    path = folder / "a.yaml"
-    path.write_text(text)
-    arguments = ["sketcher", "--ros-args", "-p", "a:=1", "--params-file", str(path)]
-    return [line.removeprefix(f"{path}: ") for line in file_warnings(arguments, node)]
-
-
-@pytest.mark.parametrize("text, node", [
-    ("/**/sketcher: {ros__parameters: {}}\n/**/recorder: {ros__parameters: {}}", "/a/left/sketcher"),
-    ("left: {sketcher: {ros__parameters: {}}}", "/left/sketcher"),
-    ("/*/sketcher: {ros__parameters: {}}", "/left/sketcher"),
-    ("camera: {ros__parameters: {}}", "/reconstructor"),
-])
-def test_a_file_with_a_section_for_the_node_or_another_of_ours_needs_no_warning(tmp_path, text, node):
-    assert warnings(tmp_path, text, node) == []
-
-
-@pytest.mark.parametrize("text, node, expected", [
-    ("/sketcher: {ros__parameters: {}}\n/left/recoder: {ros__parameters: {}}", "/recorder",
-     "parameters of /left/recoder are for no node here: did you mean /recorder?"),
-    ("sketcher: {ros__parameters: {}}", "/left/sketcher",
-     "parameters of /sketcher are for no node here: did you mean /left/sketcher?"),
-])
-def test_a_file_that_reaches_nobody_is_a_warning(tmp_path, text, node, expected):
-    assert warnings(tmp_path, text, node) == [expected]

@@ -1,13 +1,11 @@
 """How a node's process starts, fails and ends, shown on a node made for it."""
 
 import signal
-import sys
 
 import pytest
 from sensor_msgs.msg import PointCloud2
 
 from srt3d_ros.messages.cdr import Cloud, Header, write_cloud
-from tests.processes import Process
 
 SCRIPT = """
 import sys, time
@@ -142,11 +140,3 @@ def test_a_log_that_cannot_be_written_is_one_line_and_no_node_runs(start, monkey
     process = start()
     assert process.code() == 2 and "Traceback" not in process.text
     assert process.lines[-1].startswith("srt3d: error: ") and "directory '/proc/nowhere'" in process.lines[-1]
-
-
-def test_help_names_topics_services_and_parameters(graph):
-    node = Process([sys.executable, "-m", "srt3d_ros.cli.main", "node", "recorder", "--help"])
-    assert node.code() == 0
-    for said in ("usage: ros2 run srt3d_ros recorder", "points  sensor_msgs/msg/PointCloud2", "~/start_recording",
-                 "record (true or false), default: True"):
-        assert said in node.text
