@@ -3,7 +3,6 @@
 import argparse
 from pathlib import Path
 
-from srt3d_ros.core.method.background import BACKGROUNDS
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
 
@@ -24,10 +23,6 @@ def add_parser(subparsers) -> None:
                         help="how near a true detection is (simulated heads: 40mm, net: 3, files: 10)")
     parser.add_argument("--surfaces", type=int, metavar="K",
                         help="most surfaces in a pixel (the net: 2; a file: as many as it has references)")
-    parser.add_argument("--false-alarm-rate", type=float, metavar="P",
-                        help="as for `srt3d reconstruct`: pooled")
-    parser.add_argument("--background", choices=BACKGROUNDS,
-                        help="how it spreads over the bins, as for `srt3d reconstruct`: pooled")
     simulated = parser.add_argument_group("simulated scenes")
     simulated.add_argument("--scene", nargs="+", metavar="SCENE",
                            help="some of bust, net, and .npz files of depth_m, reflectivity and valid "

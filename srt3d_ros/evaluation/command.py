@@ -7,13 +7,13 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from srt3d_ros.core.method.thresholds import MAX_SURFACES, check_false_alarm_rate
-from srt3d_ros.core.methods import METHODS, Method, find
+from srt3d_ros.core.method.thresholds import MAX_SURFACES
+from srt3d_ros.core.methods import find
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.errors import require
 from srt3d_ros.evaluation import results
 from srt3d_ros.evaluation.cases import SCENES, Case, of_files, simulated
-from srt3d_ros.evaluation.run import METHOD_OPTIONS, jobs_for, run
+from srt3d_ros.evaluation.run import jobs_for, run
 
 NO_FIGURES = "no figures without matplotlib: pip install 'srt3d_ros[review]'"
 
@@ -24,7 +24,7 @@ def evaluate(args: argparse.Namespace) -> int:
     methods = [find(name) for name in dict.fromkeys(args.methods)]
     sizes = sorted(set(args.sketch_size))
     require(min(sizes) >= 1, "--sketch-size", min(sizes), "integers of 1 or more")
-    jobs = jobs_for(cases, methods, sizes, _options(args, methods))
+    jobs = jobs_for(cases, methods, sizes)
     folder = _folder(args.out)
     in_pictures, size = _in_pictures(cases), min(sizes, key=lambda m: abs(m - DEFAULT_SKETCH_SIZE))
     notes, rows, shown = [note for case in cases for note in case.notes], [], []
@@ -48,18 +48,6 @@ def evaluate(args: argparse.Namespace) -> int:
         print(f"srt3d: {note}", file=sys.stderr)
     print(f"{results.markdown(means)}\n\n{folder}/  results.csv  *.png")
     return 0
-
-
-def _options(args: argparse.Namespace, methods: list[Method]) -> dict[str, object]:
-    """The options of methods that were given, which each gets that takes them."""
-    found = {name: getattr(args, name) for name in METHOD_OPTIONS if getattr(args, name) is not None}
-    for name, value in found.items():
-        taking = [method.name for method in METHODS.values() if name in method.options]
-        require(any(method.name in taking for method in methods), f"--{name.replace('_', '-')}", value,
-                f"one of the methods that take it: {', '.join(taking)}")
-    if args.false_alarm_rate is not None:
-        check_false_alarm_rate(args.false_alarm_rate)
-    return found
 
 
 def _cases(args: argparse.Namespace) -> list[Case]:

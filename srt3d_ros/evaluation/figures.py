@@ -1,16 +1,13 @@
-"""The figures of an evaluation: metrics, clouds and their errors. Needs matplotlib."""
+"""The figures of an evaluation: metrics and clouds. Needs matplotlib."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from srt3d_ros.core.methods import METHODS
-from srt3d_ros.core.metrics import depth_errors
 from srt3d_ros.evaluation.cases import Case
-from srt3d_ros.evaluation.run import Outcome, aligned_reference
+from srt3d_ros.evaluation.run import Outcome
 from srt3d_ros.pictures.curves import draw_metrics
-from srt3d_ros.pictures.panels import Panel, Strip, draw_clouds, draw_errors
+from srt3d_ros.pictures.panels import Panel, Strip, draw_clouds
 
 STRIPS = 10         # most rows of a picture that is still readable
 
@@ -32,7 +29,7 @@ def _curves(folder: Path, rows: Sequence[dict]) -> None:
 
 
 def _pictures(folder: Path, shown: Sequence[Outcome]) -> None:
-    """Draw clouds side by side, and their errors, of each scene and of all files together."""
+    """Draw clouds side by side, of each scene and of all files together."""
     of_picture: dict[str, dict[Case, list[Outcome]]] = {}
     for outcome in sorted(shown, key=lambda outcome: -(outcome.job.case.sbr or 0)):
         case = outcome.job.case
@@ -40,9 +37,6 @@ def _pictures(folder: Path, shown: Sequence[Outcome]) -> None:
     for source, of_case in of_picture.items():
         strips = [_strip(case, outcomes) for case, outcomes in list(of_case.items())[:STRIPS]]
         draw_clouds(folder / f"reconstructions_{source}.png", strips, f"{source}: reconstructions, coloured by range")
-        if any(strip.known is not None for strip in strips):
-            draw_errors(folder / f"errors_{source}.png", strips,
-                        f"{source}: depth errors (black: no point, grey: no reference)")
 
 
 def _strip(case: Case, outcomes: Sequence[Outcome]) -> Strip:
@@ -50,26 +44,11 @@ def _strip(case: Case, outcomes: Sequence[Outcome]) -> Strip:
     observation = case.observe()
     truth = observation.true_cloud(case.sensor)
     panels = [] if truth is None else [Panel("truth" if case.sbr else "reference", truth, f"{len(truth):,} points")]
-    for job, cloud, row in outcomes:
-        error_mm = None
-        if truth is not None:
-            reference, _, _ = aligned_reference(cloud, case, observation)
-            error_mm = _error_map(cloud, reference, case.sensor)
-        panels.append(Panel(job.label, cloud, _caption(row), error_mm))
+    panels += [Panel(job.label, cloud, _caption(row)) for job, cloud, row in outcomes]
     ppp = f"{case.ppp or observation.frame.photons / case.sensor.pixels:.3g}"
     what = case.source if case.sbr is None else f"SBR {case.sbr:g}"
     label = f"{what}, {ppp} {'photon' if ppp == '1' else 'photons'} per pixel"
-    known = None if truth is None else np.isfinite(observation.depth_bins).any(axis=0)
-    return Strip(label, case.sensor, panels, known)
-
-
-def _error_map(cloud, reference: np.ndarray, sensor) -> np.ndarray:
-    """Depth error of the strongest point of each pixel, mm, NaN = no point; float [rows, cols]."""
-    error_mm = np.full(cloud.background.shape, np.nan)
-    strongest = cloud.surface == 0
-    errors = depth_errors(cloud, reference, sensor.num_bins)[strongest] * sensor.bin_width_m * 1e3
-    error_mm[cloud.row[strongest], cloud.col[strongest]] = errors
-    return error_mm
+    return Strip(label, case.sensor, panels)
 
 
 def _caption(row: dict) -> str:

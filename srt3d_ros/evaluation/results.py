@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 SETTINGS = ("source", "sbr", "ppp", "repeat", "method", "sketch_size", "surfaces", "rows", "cols", "tolerance_bins",
-            "aligned", "held_out", "false_alarm_rate", "background")
+            "aligned", "held_out")
 FIGURES = ("frequencies", "num_bins", "bin_width_mm", "photons_per_pixel", "points", "true_detections_percent",
            "true_detections_by_surface_percent", "false_detections_percent", "dae_bins", "dae_mm", "iae",
            "within_1_std_percent", "within_2_std_percent", "offset_bins", "held_out_nats",

@@ -1,8 +1,8 @@
 """Run methods on cases and compare their clouds with the truth."""
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import groupby
 from typing import NamedTuple
 
@@ -20,8 +20,6 @@ from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation import held_out
 from srt3d_ros.evaluation.cases import SEEN_BINS, SEEN_PHOTONS, Case, Observation, photons_near
 
-METHOD_OPTIONS = ("false_alarm_rate", "background")      # that may be set for an evaluation
-
 
 @dataclass(frozen=True, eq=False)
 class Job:
@@ -29,13 +27,11 @@ class Job:
 
     Args:
         sketch_size: m; None for a method on photons.
-        options: those of METHOD_OPTIONS that were given and that the method takes.
     """
 
     case: Case
     method: Method
     sketch_size: int | None
-    options: Mapping[str, object] = field(default_factory=dict)
 
     @property
     def label(self) -> str:
@@ -54,7 +50,7 @@ class Job:
         return {"source": case.source, "sbr": case.sbr, "ppp": case.ppp, "repeat": case.repeat,
                 "method": self.method.name, "sketch_size": self.sketch_size, "surfaces": case.surfaces,
                 "rows": case.sensor.rows, "cols": case.sensor.cols, "tolerance_bins": float(case.tolerance_bins),
-                "aligned": tuple(k + 1 for k in case.aligned) or None, "held_out": case.held_out, **self.options}
+                "aligned": tuple(k + 1 for k in case.aligned) or None, "held_out": case.held_out}
 
 
 class Outcome(NamedTuple):
@@ -65,11 +61,9 @@ class Outcome(NamedTuple):
     row: dict
 
 
-def jobs_for(cases: Iterable[Case], methods: Iterable[Method], sketch_sizes: Iterable[int],
-             options: Mapping[str, object] | None = None) -> list[Job]:
-    """Every method on every case, with the options it takes: on sketches once for each size, on photons once."""
-    return [Job(case, method, size, {name: value for name, value in (options or {}).items() if name in method.options})
-            for case in cases for method in methods
+def jobs_for(cases: Iterable[Case], methods: Iterable[Method], sketch_sizes: Iterable[int]) -> list[Job]:
+    """Every method on every case: on sketches once for each size, on photons once."""
+    return [Job(case, method, size) for case in cases for method in methods
             for size in (sketch_sizes if method.needs == "sketch" else (None,))]
 
 
@@ -104,13 +98,12 @@ def judged(job: Job, observation: Observation) -> Outcome:
 
 def reconstruct(job: Job, observation: Observation) -> tuple[PointCloud, dict]:
     """A job's cloud, and the frequencies and times (milliseconds) of its reconstruction."""
-    sensor, options = job.case.sensor, {"surfaces": job.case.surfaces, **job.options}
-    seen, frequencies, sketch_ms = observation.frame, None, None
+    sensor, seen, frequencies, sketch_ms = job.case.sensor, observation.frame, None, None
     if job.method.needs == "sketch":
         frequencies = choose(job.method.frequencies, sensor, job.sketch_size)
         photons = Photons(sensor, seen)
         seen, sketch_ms = _timed(lambda: photons.sketch(frequencies=frequencies))
-    method = job.method.build(sensor, frequencies, **options)
+    method = job.method.build(sensor, frequencies, surfaces=job.case.surfaces)
     with compiling():
         method.warm_up()
     cloud, elapsed_ms = _timed(lambda: method(seen))

@@ -58,8 +58,7 @@ def test_every_method_is_held_against_a_file(run):
     ours = rows["pooled"]
     assert float(ours["true_detections_percent"]) > 99 and ours["surfaces"] == "2" and ours["sketch_size"] == "10"
     assert sum(line.startswith("| ") for line in printed.out.splitlines()) == 1 + len(METHODS)
-    figures = {"reconstructions_files.png", "errors_files.png"}
-    assert figures <= {path.name for path in out.iterdir()}
+    assert "reconstructions_files.png" in {path.name for path in out.iterdir()}
 
 
 def test_held_out_photons_judge_files_and_do_so_by_themselves_where_there_is_no_reference(run):
@@ -79,17 +78,6 @@ def test_held_out_photons_judge_files_and_do_so_by_themselves_where_there_is_no_
     assert code == 0 and row["held_out"] == "0.4" and row["true_detections_percent"]
 
 
-def test_options_reach_the_methods_that_take_them_and_name_their_rows(run):
-    command = ("--scene", "step.npz", "--sbr", "0.1", "--ppp", "3", "--methods", "pooled", "smle", "rt3d")
-    without = rows_of(run(*command)[2])
-    code, _, out = run(*command, "--false-alarm-rate", "0.01", "--background", "flat")
-    rows = rows_of(out)
-    assert code == 0 and [[(row["method"], row["false_alarm_rate"], row["background"]) for row in each]
-                          for each in (without, rows)] == [
-        [("pooled", "", ""), ("smle", "", ""), ("rt3d", "", "")],
-        [("pooled", "0.01", "flat"), ("smle", "", ""), ("rt3d", "", "")]]
-
-
 def test_a_scene_is_simulated_at_every_setting(run):
     code, printed, out = run("--scene", "step.npz", "--sbr", "10", "1", "--ppp", "3", "30", "--sketch-size", "4", "10",
                              "--methods", "pooled", "--repeats", "2", "--tolerance", "3mm")
@@ -101,12 +89,14 @@ def test_a_scene_is_simulated_at_every_setting(run):
     assert {row["tolerance_bins"] for row in rows} == {"10"}
     assert sum(line.startswith("| step") for line in printed.out.splitlines()) == 8         # repeats averaged
     names = {path.name for path in out.glob("*.png")}
-    assert names == {f"{name}_step.png" for name in ("metrics", "reconstructions", "errors")}
+    assert names == {f"{name}_step.png" for name in ("metrics", "reconstructions")}
 
 
 def test_without_matplotlib_there_are_the_table_and_a_note(run, monkeypatch):
     for name in [name for name in sys.modules if name.startswith(("srt3d_ros.pictures", "srt3d_ros.evaluation.fig"))]:
         monkeypatch.delitem(sys.modules, name)
+    for name in [name for name in sys.modules if name.partition(".")[0] == "matplotlib"]:
+        monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     code, printed, out = run("layers.npz", "--methods", "pooled")
     assert code == 0 and "| layers " in printed.out and "no figures without matplotlib" in printed.err
@@ -151,8 +141,6 @@ def test_scenes_of_the_paper_are_the_default(monkeypatch, tmp_path, capsys):
     (["bare.npz", "--scene", "step.npz", "--held-out-photons", "0.4"], "expected photon files only"),
     (["few.npz", "--held-out-photons", "0.4"],
      "few is 240 photons: expected 250 or more for --held-out-photons 0.4"),
-    (["bare.npz", "--methods", "rt3d", "--background", "flat"],
-     "--background is flat: expected one of the methods that take it: pooled"),
     (["bare.npz", "--out", "."], "--out is .: expected a folder without results.csv of"),
 ])
 def test_a_mistake_is_one_line_and_exit_code_2(folder, tmp_path, monkeypatch, capsys, arguments, named):
