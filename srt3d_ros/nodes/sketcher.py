@@ -224,7 +224,7 @@ class SketcherNode(PipelineNode):
         if self._motion is not None:
             self._motion.read_into(stream)
         try:
-            self._publish(stream.push(photons, self._now_s(), self._is_busy(), raw))
+            self._publish(stream.push(photons, self._now_s(), self._is_busy()))
         finally:
             self._wake_later()
 

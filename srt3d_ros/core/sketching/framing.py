@@ -1,4 +1,4 @@
-"""Framing: which packets make which frame, and which come late, twice, or from a sensor that began again.
+"""Framing: which packets make which frame, and which come late, or from a sensor that began again.
 
 A frame ends when it is complete, by number (`packets` messages), or by stamp: frame k holds the stamps of
 [k·P, (k+1)·P), and ends with the first packet of a later period, whatever was lost on the way. With both, a frame ends
@@ -11,13 +11,11 @@ newest steps, of about two frames: a sensor may send the packets of a frame at o
 is not usual.
 """
 
-from collections import OrderedDict, deque
+from collections import deque
 from dataclasses import dataclass
 from heapq import nlargest
 from typing import NamedTuple
 
-HELD_BYTES = 2**25      # newest packets that are kept to be compared with: more than a network delays a packet's double
-SAMPLE_BYTES = 64       # of a packet, of its middle and from all over it, to look it up by
 AS_MANY_AS_COME = 1     # with a period, a number of packets that says nothing
 STEPS_KEPT = 1000       # bounds the cost where frames have very many packets
 USUAL_STEPS = 10        # that may be missing at a stretch, before more is taken for an end or a new beginning
@@ -40,26 +38,25 @@ class Placed:
         ended: the frame that ends without this packet, or None.
         forgotten: the frame that is given up, or None.
         began_again: no frame before this packet belongs together with it.
-        dropped: why this packet must not be used, "late" or "duplicate"; if empty, `Framing.add` it.
+        late: this packet must not be used; else `Framing.add` it.
     """
 
     ended: OpenFrame | None = None
     forgotten: OpenFrame | None = None
     began_again: bool = False
-    dropped: str = ""
+    late: bool = False
 
 
 class Framing:
     """Finds, packet by packet, where frames end, and counts the open frame.
 
     The grid of periods begins before the first packet by half the time to the second, but at most by half a period,
-    so that stamps which jitter stay in their period. While stamps repeat, each packet is compared in full with those
-    of its stamp: a driver that stamps all packets of a frame alike does not send duplicates.
+    so that stamps which jitter stay in their period.
 
     Args:
         packets: that complete a frame; with a period 1 stands for as many as come. 0 = all packets are one frame, which
             `flush` ends, whatever their stamps.
-        period_ns: P; 0 = frames end by number only, and one packet a frame is never taken for a double.
+        period_ns: P; 0 = frames end by number only.
     """
 
     def __init__(self, packets: int = 1, period_ns: int = 0):
@@ -79,10 +76,9 @@ class Framing:
         self._over: int | None = None           # the last frame: by number its start, by stamp its period
         self._grid_ns: int | None = None        # where period 0 begins
         self._first_ns: int | None = None       # until the second stamp shows how far apart packets are
-        self._recent = _Recent()
         return frame if frame.packets else None
 
-    def place(self, stamp_ns: int, content: bytes) -> Placed:
+    def place(self, stamp_ns: int) -> Placed:
         """What a packet means for the frames; see Placed.
 
         Stamps that fall back or leap ahead by more than USUAL_STEPS, or periods, and LEAP_NS say that the driver, the
@@ -102,9 +98,7 @@ class Framing:
         if self._period_ns:
             self._lay_grid(stamp_ns)
         if self._is_late(stamp_ns):
-            return Placed(dropped="late")
-        if content and (self._period_ns or self._packets > 1) and self._recent.has_or_keeps(stamp_ns, content):
-            return Placed(dropped="duplicate")
+            return Placed(late=True)
         if self._period_ns and self.open.packets and self._period_of(stamp_ns) > self._period_of(self._start_ns):
             ended = self._end()
         return Placed(ended, forgotten, began_again)
@@ -161,23 +155,3 @@ class Framing:
         elif self._first_ns is not None and stamp_ns != self._first_ns:
             self._grid_ns -= min(abs(stamp_ns - self._first_ns), self._period_ns) // 2
             self._first_ns = None
-
-
-class _Recent:
-    """The newest packets, to know one that comes again: by stamp, length and a few bytes, then by all."""
-
-    def __init__(self):
-        self._packets: OrderedDict[tuple, bytes] = OrderedDict()
-        self._bytes = 0
-
-    def has_or_keeps(self, stamp_ns: int, content: bytes) -> bool:
-        """Whether the packet is there; if not, it is from now on."""
-        middle, step = len(content) // 2, len(content) // SAMPLE_BYTES | 1      # odd: words are of even length
-        key = stamp_ns, content[::step], content[middle:middle + SAMPLE_BYTES], len(content)
-        if self._packets.get(key) == content:
-            return True
-        self._bytes += len(content) - len(self._packets.pop(key, b""))
-        self._packets[key] = content
-        while self._bytes > HELD_BYTES and len(self._packets) > 1:
-            self._bytes -= len(self._packets.popitem(last=False)[1])
-        return False

@@ -100,26 +100,25 @@ class SketchStream:
 
     # ---- What goes in
 
-    def push(self, packet: PhotonFrame, now_s: float = 0.0, busy: bool = False, raw: bytes = b"") -> list[Sketch]:
+    def push(self, packet: PhotonFrame, now_s: float = 0.0, busy: bool = False) -> list[Sketch]:
         """Add a packet; the sketches that come out.
 
         Args:
             now_s: the time, of any clock that `poll` is told of, too.
             busy: whether readers have yet to take sketches that came out.
-            raw: the packet as it was sent, by which one that comes twice is known; without, none is.
 
         Raises:
             InvalidInput: photons outside the sensor. No photon of the packet was added; sketches of frames that it
                 ended come out of the next call.
         """
         self._came_s = now_s
-        placed = self._framing.place(packet.stamp_ns, raw)
+        placed = self._framing.place(packet.stamp_ns)
         self._end_frame(placed.ended, now_s)
         if placed.began_again:
             self.counts.count(stamp_leaps=1)
             self._forget(placed.forgotten)
-        if placed.dropped:
-            self.counts.drop(placed.dropped, photons=packet.photons)
+        if placed.late:
+            self.counts.drop("late", photons=packet.photons)
         else:
             self._sketcher.add(packet)
             self._end_frame(self._framing.add(packet.stamp_ns, packet.photons), now_s)

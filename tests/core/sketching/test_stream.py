@@ -27,10 +27,6 @@ def packet(ms: float, photons: int = 60) -> PhotonEvents:
                         rng.integers(0, T, photons, dtype=np.uint16), START_NS + round(ms * MS))
 
 
-def raw(ms: float) -> bytes:
-    return packet(ms).toa.tobytes()
-
-
 def directly(*ms: float, frequencies=(1, 4, 30), gate: Gate | None = None):
     sketcher = Sketcher(SENSOR, frequencies, gate=gate)
     for one in ms:
@@ -45,7 +41,7 @@ def assert_same(sketch, expected):
 
 def push(stream: SketchStream, *ms: float, now_s: float | None = None, busy: bool = False) -> list:
     return [sketch for one in ms
-            for sketch in stream.push(packet(one), one / 1000 if now_s is None else now_s, busy, raw(one))]
+            for sketch in stream.push(packet(one), one / 1000 if now_s is None else now_s, busy)]
 
 
 def stamps_ms(sketches) -> list[float]:
@@ -73,14 +69,14 @@ def test_packets_make_frames_and_frames_make_windows_whose_length_may_change():
     assert stream.facts["window_frames"] == 3
 
 
-def test_frames_by_period_end_with_the_next_and_late_and_double_packets_are_dropped():
+def test_frames_by_period_end_with_the_next_and_late_packets_are_dropped():
     stream = SketchStream(SENSOR, replace(BY_NUMBER, frame_period_ns=100 * MS))
-    sketches = push(stream, 0, 20, 20, 40, 120, 30, 220)
+    sketches = push(stream, 0, 20, 40, 120, 30, 220)
     assert len(sketches) == 2
     assert_same(sketches[0], directly(0, 20, 40))
     assert_same(sketches[1], directly(120))
-    assert +stream.counts.dropped == {"duplicate": 1, "late": 1}
-    assert +stream.counts.photons_dropped == {"duplicate": 60, "late": 60}
+    assert +stream.counts.dropped == {"late": 1}
+    assert +stream.counts.photons_dropped == {"late": 60}
     assert stream.frame.packets == 1
 
 
@@ -235,7 +231,7 @@ def test_every_photon_comes_out_or_is_dropped_for_a_cause(seed):
         ms += rng.choice([10, 10, 10, 10, 0, -15, 5_000])
         try:
             photons = packet(ms) if rng.random() < 0.95 else replace(packet(ms), pixel=np.full(60, 99, np.uint32))
-            sketches += stream.push(photons, ms / 1000, rng.random() < 0.3, raw(ms))
+            sketches += stream.push(photons, ms / 1000, rng.random() < 0.3)
         except InvalidInput:
             refused += 1
         if rng.random() < 0.1:
