@@ -28,13 +28,14 @@ def read(source: Any, frame: int = 0, *, photons_topic: str = "", sensor: Sensor
 
     Args:
         source: the path of a file (.npz, .mat, a laboratory's .ptu, …: docs/photon-file.md), of a log of
-            histograms or of a bag (docs/bags.md); counts [rows, cols, bins]; or photons that are there already.
+            histograms or of a bag (docs/bags.md); "simulator", for its moving head; counts [rows, cols, bins]; or
+            photons that are there already.
         frame: which message of a bag's photons or sketches, or frame of a log, from 0.
         photons_topic: where a bag's photons or sketches are, if it has several topics of them.
         sensor: replaces all that the source says of its sensor.
         options: what the source does not say, or says wrongly: num_bins, bin_width_s, irf, irf_ref, fov_deg, gate
-            (first and last bin, both kept), rows, cols, …. They win over `sensor`, over a sidecar and over the file; a
-            note says so.
+            (first and last bin, both kept), rows, cols, …. They win over `sensor`, over a sidecar FILE.json
+            ("head.mat.json" for head.mat) and over the file; a note says so.
 
     Returns:
         Photons, which stay in the file if they are too many to keep; the Sketch of a bag of sketches.

@@ -27,12 +27,12 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def file_errors(field: str, path: str | Path) -> Iterator[None]:
-    """Raise InvalidInput, naming field and path, for an OSError within the block."""
+def file_errors(field: str, path: str | Path, use: str = "written") -> Iterator[None]:
+    """Raise InvalidInput, naming field and path, for an OSError within the block, which uses the file so."""
     try:
         yield
     except OSError as error:
-        raise InvalidInput(field, str(path), f"a file that can be written ({error.strerror or error})") from None
+        raise InvalidInput(field, str(path), f"a file that can be {use} ({error.strerror or error})") from None
 
 
 def check_place(path: Path) -> None:

@@ -47,7 +47,7 @@ def main(argv: list[str] | None = None) -> int:
 
     0 done, 1 failed, 2 bad input, 130 interrupted.
     """
-    typed, argv = argv is None, sys.argv[1:] if argv is None else argv
+    argv = sys.argv[1:] if argv is None else argv
     named = argv[0] if argv and argv[0] in COMMANDS else ""
     try:
         top = parser((named,) if named else COMMANDS)
@@ -55,7 +55,6 @@ def main(argv: list[str] | None = None) -> int:
         if unknown:
             top.prog = f"{top.prog} {named}"        # whose help is the one to see
             top.error(f"unrecognized arguments: {' '.join(unknown)}")
-        args.typed = argv if typed else None
         code = args.run(args)
         sys.stdout.flush()
         return code

@@ -15,7 +15,7 @@ from functools import partial
 from srt3d_ros.errors import require
 from srt3d_ros.node_names import NODES
 
-NO_PARAMETERS = ("run", "typed", "namespace", "ros_args")       # all other options are the node's parameters
+NO_PARAMETERS = ("run", "namespace", "ros_args")       # all other options are the node's parameters
 
 
 def add_parser(subparsers) -> None:

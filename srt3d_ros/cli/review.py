@@ -2,21 +2,10 @@
 
 import argparse
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 from srt3d_ros.cli import common
 from srt3d_ros.errors import require
-
-# What Python writes to stderr is shown; what rerun writes there as it ends the process is not.
-_CHILD = """
-import os, sys
-from srt3d_ros.cli.main import main
-sys.stderr = os.fdopen(os.dup(2), "w", buffering=1)
-os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-sys.exit(main(sys.argv[1:]))
-"""
 
 
 def add_parser(subparsers) -> None:
@@ -33,6 +22,8 @@ def add_parser(subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from srt3d_ros.new_files import check_not_input, check_place
+    from srt3d_ros.review.recorded import Recorded
+    from srt3d_ros.review.summary import format_summary, summarise
 
     report = args.output or args.recording.with_suffix(".html")
     require(args.output is None or not args.no_report, "-o", str(args.output), "a report, without --no-report")
@@ -40,28 +31,16 @@ def run(args: argparse.Namespace) -> int:
     if not args.no_report:
         check_not_input(report, args.recording)
         check_place(report)
-    if args.typed is None:
-        return _review(args.recording, None if args.no_report else report, args.json)
-    # In another process: at some chunks that are damaged, rerun ends the one that reads them.
-    code = subprocess.run([sys.executable, "-P", "-c", _CHILD, *args.typed]).returncode
-    require(code >= 0, "recording", str(args.recording), "an .rrd file whose chunks can be read")
-    return code
-
-
-def _review(path: Path, report: Path | None, as_json: bool) -> int:
-    from srt3d_ros.review.recorded import Recorded
-    from srt3d_ros.review.summary import format_summary, summarise
-
-    recorded = Recorded.read(path)
+    recorded = Recorded.read(args.recording)
     summary = summarise(recorded)
-    if not as_json:
+    if not args.json:
         print(format_summary(summary), flush=True)
-    if report is not None:
+    if not args.no_report:
         from srt3d_ros.review.report import write_report
 
         write_report(recorded, summary, report)
-    if as_json:
-        print(json.dumps(summary | {"report": report and str(report)}, allow_nan=False))
-    elif report:
+    if args.json:
+        print(json.dumps(summary | {"report": None if args.no_report else str(report)}, allow_nan=False))
+    elif not args.no_report:
         print(f"\n{report}")
     return 0

@@ -7,12 +7,13 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.datasets import readers
 from srt3d_ros.datasets.bags.bag import is_bag
 from srt3d_ros.datasets.bags.frames import read_frame
-from srt3d_ros.datasets.files import read_errors, read_text, readable, require_file
+from srt3d_ros.datasets.files import read_errors, read_text, require_file
 from srt3d_ros.datasets.options import SensorOptions, gathered
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import quoted, require
 from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.new_files import file_errors
 from srt3d_ros.results import Sketch
 
 __all__ = ["SIMULATOR", "Photons", "open_sensor", "read"]
@@ -22,22 +23,12 @@ SIMULATOR = "simulator"     # in place of a path
 
 def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: SensorModel | None = None,
          guess_irf: bool = False, **options: Unpack[SensorOptions]) -> Photons | Sketch:
-    """The photons of a file (docs/photon-file.md) or of a frame of a bag (docs/bags.md), with their sensor.
+    """What `srt3d_ros.read` gives of a path: the photons of a file, or of a frame of a bag, with their sensor.
 
     Args:
-        path: .npz, .mat as its authors published it, a laboratory's .ptu, an array of counts, a log of
-            histograms (.json, .gz), or a bag: its folder, .mcap or .db3 file; or "simulator", for its moving head.
-        frame: which message of a bag's photons or sketches, or frame of a log or of the simulator, from 0; other files
-            have one frame.
-        photons_topic: where a bag's photons or sketches are, if it has several topics of them.
-        sensor: replaces all that the file says of its sensor.
+        path: also "simulator", for its moving head.
         guess_irf: take an IRF of one bin where the file has none and none can be estimated, instead of refusing.
-        options: what the file does not say, or says wrongly: num_bins, bin_width_s, irf (array or path), irf_ref,
-            fov_deg, gate (first and last bin, both kept), rows, cols, channel, …. They win over the sensor, over the
-            sidecar FILE.json ("head.mat.json" for head.mat) and over the file; a note says so.
-
-    Returns:
-        Photons, which stay in the file if they are too many to keep; the Sketch of a bag of sketches.
+        frame, photons_topic, sensor, options: as of `srt3d_ros.read`.
 
     Raises:
         InvalidInput: one line that names the file and field that cannot be used.
@@ -46,7 +37,7 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
     if str(path) == SIMULATOR:
         return _simulated(frame, gathered(options, sensor))
     path = Path(path)
-    with readable(path):
+    with file_errors("photon file", path, "read"):
         options = gathered(options, sensor, path.absolute())        # a bag may be the folder "."
         if path.suffix.lower() not in readers.READERS:
             suffixes = ", ".join(readers.READERS)

@@ -19,7 +19,6 @@ from srt3d_ros.datasets.options import (
 from srt3d_ros.datasets.values import array, check_within, sendable
 from srt3d_ros.errors import InvalidInput, quoted, require
 
-AXES = "rows cols bins"
 MAX_KEPT = 2**24            # photons of a sample, 100 MB; of files, fewer become events
 Described = tuple[SensorModel, PhotonEvents | PhotonHistograms, tuple[str, ...]]     # and notes
 
@@ -42,15 +41,11 @@ def from_pixels(pixel: np.ndarray, toa: np.ndarray, stamp_ns: int, options: dict
     return _complete(events, sensor, options, notes)
 
 
-def from_counts(counts: Any, stamp_ns: int, axes: str, options: dict) -> Described:
+def from_counts(counts: Any, stamp_ns: int, options: dict) -> Described:
     """The photons of histograms; arguments as of `Photons.from_counts`, options of `gathered`."""
     counts = array("counts", counts)
     require(counts.ndim == 3, "counts", f"{counts.dtype} {counts.shape}", "numbers [rows, cols, bins]")
-    order = axes.split() if isinstance(axes, str) else ()
-    require(sorted(order) == sorted(AXES.split()), "axes", axes, f"{AXES!r} in the order of the array")
-    if axes != AXES:
-        counts = np.ascontiguousarray(counts.transpose([order.index(name) for name in AXES.split()]))
-    histograms = PhotonHistograms(sendable(counts), stamp_ns)
+    histograms = PhotonHistograms(np.ascontiguousarray(sendable(counts)), stamp_ns)
     sizes = dict(zip(("rows", "cols", "num_bins"), counts.shape))
     if options.get("histograms") is not None:
         del sizes["num_bins"]
@@ -60,7 +55,7 @@ def from_counts(counts: Any, stamp_ns: int, axes: str, options: dict) -> Describ
     except InvalidInput as error:
         field = error.field.removesuffix(" count").replace("histograms", "counts")      # as the argument is called
         raise InvalidInput(field, error.value, error.expected) from None
-    return _complete(histograms, sensor, options, notes + (few_bins_note(counts.shape) if axes == AXES else ()))
+    return _complete(histograms, sensor, options, notes + few_bins_note(counts.shape))
 
 
 def from_frame(frame: PhotonFrame, options: dict) -> Described:

@@ -12,6 +12,7 @@ import numpy as np
 
 from srt3d_ros import json_text
 from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.new_files import file_errors
 
 MAX_BYTES = 3 * 2**30       # of all arrays that are read from a file: 12 bytes for each of the most photons
 MAX_MEMBERS = 1000
@@ -22,18 +23,10 @@ ZIP_MARK = b"PK\x03\x04"      # begins each member of a zip file
 FORMATS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
-@contextmanager
-def readable(path: str | Path, field: str = "photon file") -> Iterator[None]:
-    """Turn what the system says of a file that cannot be read into InvalidInput."""
-    try:
-        yield
-    except OSError as error:
-        raise InvalidInput(field, str(path), f"a file that can be read ({error.strerror or error})") from None
-
-
 def require_file(path: Path, field: str) -> None:
     """Raise InvalidInput unless `path` is a file that can be opened."""
-    with readable(path, field):     # a name too long is not absent, nor what lies in a folder that may not be entered
+    # A name too long is not absent, nor is what lies in a folder that may not be entered.
+    with file_errors(field, path, "read"):
         require(path.is_file(), field, str(path), "a file that exists")
         path.open("rb").close()
 

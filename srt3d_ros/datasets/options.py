@@ -174,7 +174,7 @@ def few_bins_note(shape: tuple[int, ...]) -> tuple[str, ...]:
     first, *others = shape
     suspicious = len(shape) == 3 and (first > max(others) or 1 < shape[2] < min(shape[:2]))
     note = (f"{' × '.join(map(str, shape))} taken for rows × cols × bins: if the first axis has the bins, load the "
-            "array and read it with axes='bins rows cols'")
+            "array and read numpy.moveaxis(array, 0, 2)")
     return (note,) if suspicious else ()
 
 

@@ -64,19 +64,18 @@ class Photons:
         return cls._in_memory(arrays.from_events, (row, col, toa, stamp_ns), sensor, options)
 
     @classmethod
-    def from_counts(cls, counts: Any, *, axes: str = arrays.AXES, sensor: SensorModel | None = None, stamp_ns: int = 0,
+    def from_counts(cls, counts: Any, *, sensor: SensorModel | None = None, stamp_ns: int = 0,
                     **options: Unpack[SensorOptions]) -> Self:
         """Photons in memory, counted in bins; they say shape and num_bins themselves.
 
         Args:
             counts: [rows, cols, bins], photons in each bin. Negative where the sensor has subtracted ambient light.
-            axes: which axis of the array is which, such as "bins rows cols".
             sensor, stamp_ns, options: as of `from_events`.
 
         Raises:
             InvalidInput: naming the argument that is missing or cannot be used.
         """
-        return cls._in_memory(arrays.from_counts, (counts, stamp_ns, axes), sensor, options)
+        return cls._in_memory(arrays.from_counts, (counts, stamp_ns), sensor, options)
 
     @classmethod
     def from_frame(cls, frame: PhotonFrame, *, sensor: SensorModel | None = None, **options: Unpack[SensorOptions]
