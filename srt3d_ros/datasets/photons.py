@@ -133,9 +133,8 @@ class Photons:
         with compiling():
             used = _written(frequencies), sketch_size
             found = self._gate(gate, *used)
-            stream = SketchStream(self.sensor, StreamOptions(str(found or OFF), *used, packets_per_frame=0))
-            stream.push(self.frame)
-            made, = stream.flush()
+            stream = SketchStream(self.sensor, StreamOptions(str(found or OFF), *used))
+            made, = stream.push(self.frame)
         outside = stream.counts.photons_dropped["gate"]
         notes = outside_note(outside, self.photons, found.first, found.last) if found else ()
         return Sketch(**vars(made), notes=self.notes + notes)

@@ -186,18 +186,13 @@ class SketcherNode(PipelineNode):
             self._apply()
 
     def _apply(self) -> None:
-        """Apply sensor and parameters from now on; the frame goes on if nothing but the window's length changes."""
+        """Apply sensor and parameters from now on; a new frame begins if they change the sketches."""
         sensor, stream = self._sensor, self._stream
         if sensor is None or self.state not in ("inactive", "active"):
             return
         options = stream_options(self.parameters.as_dict())
-        if stream is not None and stream.sensor.same_as(sensor):
-            if options == stream.options:
-                return
-            if options == replace(stream.options, window_frames=options.window_frames):
-                stream.resize(options.window_frames)
-                self.diagnostics.show(**stream.facts)
-                return
+        if stream is not None and stream.sensor.same_as(sensor) and options == stream.options:
+            return
         self.forget()
         self._stream = None                     # if the next line fails
         self._stream = SketchStream(sensor, options, self.diagnostics)

@@ -54,8 +54,7 @@ class Framing:
     so that stamps which jitter stay in their period.
 
     Args:
-        packets: that complete a frame; with a period 1 stands for as many as come. 0 = all packets are one frame, which
-            `flush` ends, whatever their stamps.
+        packets: that complete a frame; with a period 1 stands for as many as come.
         period_ns: P; 0 = frames end by number only.
     """
 
@@ -85,8 +84,6 @@ class Framing:
         bag or the clock began again: the open frame ends if it has a period, and is given up if it would wait for its
         number.
         """
-        if not self._packets and not self._period_ns:
-            return Placed()
         ended = forgotten = None
         began_again = self._newest_ns is not None and self._is_leap(abs(stamp_ns - self._newest_ns))
         if self._last_ns is not None:
@@ -129,9 +126,7 @@ class Framing:
 
     def flush(self) -> OpenFrame | None:
         """The open frame, which ends unless it waits for its number of packets; else None."""
-        if self._period_ns:
-            return self._end() if self.open.packets else None
-        return None if self._packets else self._end()
+        return self._end() if self._period_ns and self.open.packets else None
 
     def _end(self) -> OpenFrame:
         frame, self.open = self.open, OpenFrame()

@@ -106,12 +106,10 @@ class PhotonHistograms:
         counts: uint8, uint16, int32 or float32 [rows, cols, n], photons in each bin; negative ones, of int32 and
             float32, where the sensor has subtracted ambient light. n is T, or what `sensor.histograms` says.
         stamp_ns: start of acquisition, nanoseconds of the sensor's clock.
-        first_row: of a packet that has some rows of the sensor alone, the first of them; None if it has all.
     """
 
     counts: np.ndarray
     stamp_ns: int = 0
-    first_row: int | None = None
 
     def __post_init__(self):
         require(self.counts.dtype in COUNT_DTYPES, "histograms dtype", str(self.counts.dtype),
@@ -129,11 +127,7 @@ class PhotonHistograms:
 
     def check(self, sensor: SensorModel) -> None:
         """Raise InvalidInput unless the histograms have the sensor's pixels and bins, and counts that can be added."""
-        wanted, first = (sensor.rows, sensor.cols, bins_of(sensor)), self.first_row
-        if first is not None:
-            require(0 <= first <= sensor.rows - len(self.counts), "histograms rows", f"{len(self.counts)} from {first}",
-                    f"some of the sensor's {sensor.rows}")
-            wanted = len(self.counts), *wanted[1:]
+        wanted = sensor.rows, sensor.cols, bins_of(sensor)
         require(self.counts.shape == wanted, "histograms shape", self.counts.shape, f"[rows, cols, bins] = {wanted}")
         if self.counts.dtype.kind != "u":
             low, high, most = self.counts.min(), self.counts.max(), MAX_OF_PIXEL // wanted[2]

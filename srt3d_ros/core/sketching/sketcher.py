@@ -49,22 +49,17 @@ class Sketcher:
         self._sums, self._photons = self._kernels.new_sums(sensor.pixels, table.shape[1])
         self._difference: Sums | None = None
         self._subtracted = False            # whether counts may have been negative
+        bytes_each = self._sums.nbytes + self._photons.nbytes
+        most = max(MAX_WINDOW_BYTES // bytes_each, 1)
+        require(1 <= window_frames <= most, "window_frames", window_frames, f"1 to {most} for {sensor.rows} × "
+                f"{sensor.cols} pixels, which take {bytes_each / 1e6:.3g} MB a frame")
+        self.window_frames = window_frames
         self.reset()
-        self.resize(window_frames)
 
     @property
     def sketch_sensor(self) -> SensorModel:
         """What the sketches are of: the sensor, or its gate."""
         return self.sensor if self.gate is None else self.gate.sensor
-
-    def resize(self, window_frames: int) -> None:
-        """Change W; a longer window grows frame by frame. Raises InvalidInput as above."""
-        bytes_each = self._sums.nbytes + self._photons.nbytes
-        most = max(MAX_WINDOW_BYTES // bytes_each, 1)
-        require(1 <= window_frames <= most, "window_frames", window_frames, f"1 to {most} for {self.sensor.rows} × "
-                f"{self.sensor.cols} pixels, which take {bytes_each / 1e6:.3g} MB a frame")
-        self.window_frames = window_frames
-        self._trim()
 
     def reset(self) -> None:
         """Forget all photons, of the open frame and of all before."""
@@ -73,7 +68,7 @@ class Sketcher:
         self._stamp_ns: int | None = None       # of the open frame
         # Of the window's frames, the open one last: what had been added before each (None: nothing), its first stamp.
         self._before: deque[Sums | None] = deque([None])
-        self._stamps_ns: deque[int] = deque()
+        self._stamps_ns: deque[int] = deque(maxlen=self.window_frames)
 
     def add(self, frame: PhotonFrame) -> None:
         """Add the photons of a frame or packet; InvalidInput, and none is added, if one is outside the sensor."""
@@ -104,7 +99,6 @@ class Sketcher:
         else:
             self._stamp_ns = None
             self._before.append(self._copy(self._before.popleft() if len(self._before) == self.window_frames else None))
-            self._trim()
         return sketch
 
     def sketch(self) -> Sketch:
@@ -112,13 +106,6 @@ class Sketcher:
         return self._sketch_of(self._sums, self._photons, self._stamp_ns or 0)
 
     # ---- Windows
-
-    def _trim(self) -> None:
-        """Forget the frames that the next window will not cover."""
-        while len(self._before) > self.window_frames:
-            self._before.popleft()
-        while len(self._stamps_ns) >= len(self._before):
-            self._stamps_ns.popleft()
 
     def _since(self, before: Sums | None) -> Sums:
         """What has been added since."""
@@ -187,12 +174,8 @@ class Sketcher:
     def _add_histograms(self, histograms: PhotonHistograms) -> None:
         histograms.check(self.sensor)
         counts, (table, of_template) = histograms.counts, self._histogram_tables
-        rows, cols, n = counts.shape
-        here = slice((first := (histograms.first_row or 0) * cols), first + rows * cols)
-        table, of_template = (values[here] if of_pixels else values for values, of_pixels in (
-            (table, table.ndim == 3), (of_template, of_template is not None and of_template.ndim == 2)))
-        self._kernels.sketch_histograms(counts.reshape(-1, n), table, of_template, self._sums[here],
-                                        self._photons[here])
+        self._kernels.sketch_histograms(counts.reshape(-1, counts.shape[2]), table, of_template, self._sums,
+                                        self._photons)
         self._subtracted |= counts.dtype.kind != "u" or of_template is not None
 
     @cached_property

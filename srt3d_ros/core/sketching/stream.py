@@ -167,12 +167,6 @@ class SketchStream:
         self._end_frame(self._framing.flush(), self._came_s)
         return self.reset()
 
-    def resize(self, window_frames: int) -> None:
-        """Change the length of the window, which goes on; InvalidInput if it would take too much memory."""
-        options = replace(self.options, window_frames=window_frames)
-        self._sketcher.resize(window_frames)
-        self.options = options
-
     # ---- What is in force
 
     @property

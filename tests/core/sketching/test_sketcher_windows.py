@@ -85,18 +85,6 @@ def test_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean():
         np.testing.assert_allclose(sketch.z[1, 2], directly([packet]).z[1, 2], rtol=1e-6)
 
 
-def test_the_width_may_change_while_it_runs():
-    sent = frames(16)
-    sketcher = windows(4)
-    slide(sketcher, sent[:6])
-    for width, first, last in ((2, 6, 8), (1, 8, 10), (3, 10, 14), (3, 14, 15)):
-        sketcher.resize(width)
-        assert_same(slide(sketcher, sent[first:last])[-1], directly(sent[max(last - width, 0):last]))
-    sketcher.add(sent[15])
-    sketcher.resize(2)                      # in the middle of a frame: its window is shorter already
-    assert_same(sketcher.end_frame(), directly(sent[14:]))
-
-
 def test_a_window_that_would_not_fit_into_memory_is_refused(monkeypatch):
     monkeypatch.setattr(sketcher_module, "MAX_WINDOW_BYTES", 20_000)
     Sketcher(SENSOR, FREQUENCIES, 9)

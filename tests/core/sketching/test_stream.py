@@ -57,16 +57,13 @@ def test_a_packet_is_a_frame_and_its_sketch_names_its_sensor():
     assert stream.counts.totals == {"packets": 2, "photons": 120} and not +stream.counts.dropped
 
 
-def test_packets_make_frames_and_frames_make_windows_whose_length_may_change():
+def test_packets_make_frames_and_frames_make_windows():
     stream = SketchStream(SENSOR, replace(BY_NUMBER, packets_per_frame=2, window_frames=2))
     first, second, third = push(stream, *range(0, 60, 10))
     assert_same(second, directly(0, 10, 20, 30))
     assert_same(third, directly(20, 30, 40, 50))
     assert stamps_ms([first, second, third]) == [0, 20, 40]
-    stream.push(packet(60))
-    stream.resize(3)
-    assert_same(stream.push(packet(70))[0], directly(40, 50, 60, 70))           # it grows frame by frame
-    assert stream.facts["window_frames"] == 3
+    assert stream.facts["window_frames"] == 2
 
 
 def test_frames_by_period_end_with_the_next_and_late_packets_are_dropped():
@@ -109,20 +106,13 @@ def test_a_packet_that_is_refused_leaves_nothing_and_what_it_ended_comes_out():
     assert_same(sketches[1], directly(120))
 
 
-@pytest.mark.parametrize(("options", "left"), [({"packets_per_frame": 3}, 0), ({"frame_period_ns": 10**9}, 1),
-                                               ({"packets_per_frame": 0}, 1)])
+@pytest.mark.parametrize(("options", "left"), [({"packets_per_frame": 3}, 0), ({"frame_period_ns": 10**9}, 1)])
 def test_flush_ends_what_does_not_wait_for_its_number(options, left):
     stream = SketchStream(SENSOR, replace(BY_NUMBER, **options))
     assert push(stream, 0, 10) == []
     sketches = stream.flush()
     assert len(sketches) == left and stream.counts.dropped["incomplete"] == 2 * (1 - left)
     assert all(sketch.photons.sum() == 120 for sketch in sketches)
-
-
-def test_packets_without_number_and_period_are_one_frame_whatever_their_stamps():
-    stream = SketchStream(SENSOR, replace(BY_NUMBER, packets_per_frame=0))
-    assert push(stream, 500, 0, 0, 90_000) == []
-    assert_same(stream.flush()[0], directly(500, 0, 0, 90_000))
 
 
 def test_a_reset_drops_the_open_frame_and_begins_a_new_window():
