@@ -34,8 +34,8 @@ def read(source: Any, frame: int = 0, *, photons_topic: str = "", sensor: Sensor
         photons_topic: where a bag's photons or sketches are, if it has several topics of them.
         sensor: replaces all that the source says of its sensor.
         options: what the source does not say, or says wrongly: num_bins, bin_width_s, irf, irf_ref, fov_deg, gate
-            (first and last bin, both kept), rows, cols, …. They win over `sensor`, over a sidecar FILE.json
-            ("head.mat.json" for head.mat) and over the file; a note says so.
+            (first and last bin, both kept), rows, cols, …. They win over `sensor` and over the file; a note
+            says so.
 
     Returns:
         Photons, which stay in the file if they are too many to keep; the Sketch of a bag of sketches.

@@ -16,7 +16,7 @@ def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
         "reconstruct", help="reconstruct a photon file or a frame of a bag and save the point cloud",
         description="Sketch the photons of a file, reconstruct them and save the cloud. A published .mat file may lack "
-                    "bin width, IRF or gate: give them as options, or in a sidecar INPUT.json.",
+                    "bin width, IRF or gate: give them as options.",
         epilog="Methods. " + " ".join(f"{method.name}: {method.about}." for method in METHODS.values())
                + " docs/algorithm.md says more.")
     parser.add_argument("-o", "--output", "--out", metavar="OUT", required=True,

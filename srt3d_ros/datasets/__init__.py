@@ -38,7 +38,7 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
         return _simulated(frame, gathered(options, sensor))
     path = Path(path)
     with file_errors("photon file", path, "read"):
-        options = gathered(options, sensor, path.absolute())        # a bag may be the folder "."
+        options = gathered(options, sensor)
         if path.suffix.lower() not in readers.READERS:
             suffixes = ", ".join(readers.READERS)
             require(is_bag(path), "photon file", str(path), f"a file that ends in {suffixes}, or a bag")
@@ -60,7 +60,7 @@ def open_sensor(path: str | Path) -> SensorModel:
     """The sensor in a .json file, as on the `sensor` topic (config/sensors/ has some), or that of a photon file.
 
     Args:
-        path: .json, or anything that `read` takes, with its sidecar.
+        path: .json, or anything that `read` takes.
 
     Raises:
         InvalidInput: one line that names the file and field that cannot be used.

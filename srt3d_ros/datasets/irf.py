@@ -56,16 +56,16 @@ def gaussian(sigma_bins: float) -> np.ndarray:
     return np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma_bins) ** 2)
 
 
-def read(source: str | Path | np.ndarray | list, folder: Path | None = None) -> np.ndarray:
+def read(source: str | Path | np.ndarray | list) -> np.ndarray:
     """An IRF given as an array or list, or as the path of a file; float64 [L] or [pixels, L], not yet normalised.
 
-    A file is .npy, .npz (its array `irf`), or .csv or .txt with one number to a line. Paths are relative to `folder`.
+    A file is .npy, .npz (its array `irf`), or .csv or .txt with one number to a line.
 
     Raises:
         InvalidInput: the file or its content cannot be used.
     """
     if isinstance(source, (str, Path)):
-        path = (folder or Path()) / source
+        path = Path(source)
         require(path.suffix.lower() in SUFFIXES, "irf", str(source), f"a file {', '.join(SUFFIXES)}")
         require_file(path, "irf")
         values = _read_file(path)

@@ -1,6 +1,6 @@
-"""What the photons do not say of their sensor, or say wrongly: options and sensors of the caller, and sidecars.
+"""What the photons do not say of their sensor, or say wrongly: options and sensors of the caller.
 
-One rule: the caller wins over the sidecar, which wins over the file; a note says which of the file's values went.
+One rule: the caller wins over the file, and a note says which of the file's values went.
 """
 
 from collections.abc import Mapping
@@ -11,12 +11,10 @@ from typing import Any, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from srt3d_ros import json_text
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import MAX_BINS, SPEED_OF_LIGHT, SensorModel
 from srt3d_ros.core.sensor.projection import DEFAULT_FOV_DEG, Pinhole, Projection
 from srt3d_ros.datasets import irf as irfs
-from srt3d_ros.datasets.files import read_text
 from srt3d_ros.datasets.values import array, number, pair
 from srt3d_ros.errors import quoted, require
 from srt3d_ros.results import Sketch
@@ -31,8 +29,6 @@ GATE = f"first and last bin, both kept, 2 to {MAX_BINS} bins"
 OF_SENSOR = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols"))
 DEFAULTS = {field.name: field.default for field in fields(SensorModel)}
 MAPS = ("gain", "delay_bins", "mask", "background_shape")
-SIDECAR = ("num_bins", "bin_width_s", "toa_offset_bins", "range_offset_m", "toa_reference", "irf_ref", "irf", "fov_deg",
-           "gate_bins", "rows", "cols", "channel")
 NAMES = ("shape", "rows", "cols", "gate", "channel", "fov_deg", "irf_sigma_bins", *OF_SENSOR)
 
 
@@ -63,27 +59,29 @@ class SensorOptions(TypedDict, total=False):
     frame_id: str
 
 
-def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None, path: Path | None = None) -> dict[str, Any]:
-    """The options by name: those given, on top of the sensor's fields, on top of the sidecar's (FILE.json).
+def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None) -> dict[str, Any]:
+    """The options by name: those given, on top of the sensor's fields.
 
-    An `irf` becomes an array, one in the sidecar read relative to the sidecar's folder, and replaces the `irf_ref` of
-    another; `shape` becomes rows and cols. What is None counts as not given.
+    An `irf` becomes an array and replaces the `irf_ref` of another; `shape` becomes rows and cols. What is None counts
+    as not given.
 
     Raises:
-        InvalidInput: an unknown name, a broken sidecar, a value that cannot be used.
+        InvalidInput: an unknown name, a value that cannot be used.
     """
     given = {name: value for name, value in given.items() if value is not None}
-    _check_names(given, "option", NAMES)
+    for name in given:
+        require(name in NAMES, "option name", quoted(name), f"one of {', '.join(NAMES)}")
     for name, other in (("fov_deg", "projection"), ("irf_sigma_bins", "irf")):
         require(not {name, other} <= given.keys(), name, given.get(name), f"{name} or {other}, not both")
-    options = {} if path is None else _sidecar(path)
+    options = {}
     if sensor is not None:
         require(isinstance(sensor, SensorModel), "sensor", type(sensor).__name__, "a Sensor")
-        options |= {name: getattr(sensor, name) for name in ("rows", "cols", *OF_SENSOR)}
+        options = {name: getattr(sensor, name) for name in ("rows", "cols", *OF_SENSOR)}
     if "shape" in given:
         given["rows"], given["cols"] = pair("shape", given.pop("shape"), "(rows, cols)")
     if "gate" in given:
-        given["gate"] = _gate("gate", given["gate"])
+        given["gate"] = first, last = pair("gate", given["gate"], GATE)
+        require(first <= MAX_GATE_BIN and 1 <= last - first < MAX_BINS, "gate", (first, last), GATE)
     for name in MAPS:
         if name in given:
             given[name] = array(name, given[name])
@@ -182,32 +180,6 @@ def outside_note(dropped: int, photons: int, first: int, last: int) -> tuple[str
     """The note on photons that a gate drops, if there are any."""
     note = f"{dropped} of {photons} photons lie outside the gate (bins {first} to {last}): dropped"
     return (note,) if dropped else ()
-
-
-def _sidecar(path: Path) -> dict[str, Any]:
-    sidecar = path.with_name(path.name + ".json")
-    if not sidecar.exists():
-        return {}
-    options = json_text.parse(read_text(sidecar), sidecar.name)
-    require("gate" not in options, f"{sidecar.name} gate", quoted(options.get("gate")),
-            'the key "gate_bins": first and last bin, both kept ("gate" was first bin and number of bins)')
-    _check_names(options, sidecar.name, SIDECAR)
-    if "irf" in options:
-        options["irf"] = irfs.read(options["irf"], path.parent)
-    if "gate_bins" in options:
-        options["gate"] = _gate("gate_bins", options.pop("gate_bins"))
-    return options
-
-
-def _check_names(options: Mapping[str, Any], where: str, names: tuple[str, ...]) -> None:
-    for name in options:
-        require(name in names, f"{where} name", quoted(name), f"one of {', '.join(names)}")
-
-
-def _gate(field: str, value: Any) -> tuple[int, int]:
-    first, last = pair(field, value, GATE)
-    require(first <= MAX_GATE_BIN and 1 <= last - first < MAX_BINS, field, quoted(value), GATE)
-    return first, last
 
 
 def _same(one: Any, other: Any) -> bool:

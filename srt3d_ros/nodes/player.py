@@ -23,7 +23,7 @@ PARAMETERS = (
     Parameter("input", SIMULATOR, "Photon file (docs/photon-file.md), whose frame is repeated, or the simulator's "
               "moving scene.", form="a path or simulator"),
     Parameter("sensor_file", "", "File: what it lacks of its sensor's description, and tf frame and lens: JSON as on "
-              "`sensor`, or another photon file. If empty, the file is complete or has a sidecar (FILE.json).",
+              "`sensor`, or another photon file. If empty, the file is complete.",
               form="a path"),
     Parameter("rate_hz", 10.0, "Frames per second.", "Hz", 1e-3, 10_000),
     Parameter("frames", 0, "Exit after this number of frames; 0: no limit.", low=0, high=10**9),

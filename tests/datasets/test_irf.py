@@ -33,7 +33,7 @@ def test_every_kind_of_file_is_read(tmp_path, name):
     (tmp_path / "a.csv").write_text("0,1.5,3,0.5\n")
     (tmp_path / "a.txt").write_text("# a response\n0\n1.5\n3\n0.5\n")
     (tmp_path / "column.csv").write_text("0\n1.5\n3\n0.5\n")
-    np.testing.assert_array_equal(irf.read(name, tmp_path), values)
+    np.testing.assert_array_equal(irf.read(tmp_path / name), values)
     np.testing.assert_array_equal(irf.read(str(tmp_path / name)), values)
 
 
@@ -45,14 +45,14 @@ def test_every_kind_of_file_is_read(tmp_path, name):
 def test_broken_files_are_one_line(tmp_path, name, content):
     (tmp_path / name).write_bytes(content)
     with pytest.raises(InvalidInput) as caught:
-        irf.read(name, tmp_path)
+        irf.read(tmp_path / name)
     assert "\n" not in str(caught.value)
 
 
 def test_an_npz_without_a_response_is_refused(tmp_path):
     np.savez(tmp_path / "many.npz", first=np.ones(2), second=np.ones(3))
     with pytest.raises(InvalidInput, match="^many.npz array irf is missing: expected the impulse response"):
-        irf.read("many.npz", tmp_path)
+        irf.read(tmp_path / "many.npz")
 
 
 def test_an_estimate_comes_close_to_the_irf_that_made_the_photons():

@@ -22,11 +22,9 @@ def test_the_text_of_the_sensor_topic_is_read(tmp_path, name, encoding):
     assert open_sensor(str(tmp_path / name)).same_as(SENSOR)
 
 
-def test_the_sensor_of_a_photon_file_is_read_with_its_sidecar(tmp_path):
+def test_the_sensor_of_a_photon_file_is_read(tmp_path):
     photon_file.save(tmp_path / "a.npz", SENSOR, PhotonEvents(np.zeros(1, np.uint32), np.zeros(1, np.uint16)))
     assert open_sensor(tmp_path / "a.npz").same_as(SENSOR)
-    (tmp_path / "a.npz.json").write_text('{"range_offset_m": 0.25}')
-    assert open_sensor(tmp_path / "a.npz").same_as(SENSOR.replace(range_offset_m=0.25))
 
 
 @pytest.mark.parametrize(("name", "content", "says"), [

@@ -54,14 +54,11 @@ def test_photons_near_a_depth_are_counted_around_the_end_of_the_period():
     assert photons_near(frame, np.array([[99.0, 20, np.nan]]), 3, sensor).tolist() == [[2, 1, 0]]
 
 
-def test_what_is_to_be_known_about_a_file_is_passed_on(layers):
-    sidecar = layers.with_name(layers.name + ".json")
-    sidecar.write_text('{"gate_bins": [50, 149]}')
-    try:
-        case, = of_files([str(layers)])
-    finally:
-        sidecar.unlink()
-    assert len(case.notes) == 1 and case.notes[0].startswith("layers: ") and "outside the gate" in case.notes[0]
+def test_what_is_to_be_known_about_a_file_is_passed_on(layers, tmp_path):
+    with np.load(layers) as file:
+        np.savez(tmp_path / "bare.npz", **{name: file[name] for name in file.files if name != "bin_width_s"})
+    case, = of_files([str(tmp_path / "bare.npz")])
+    assert len(case.notes) == 1 and case.notes[0].startswith("bare: bin width taken to be")
 
 
 def test_a_tolerance_is_in_bins_or_millimetres_of_range():

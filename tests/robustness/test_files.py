@@ -20,7 +20,7 @@ from tests.robustness.test_messages import CODECS, SENSOR
 STAMP_NS = 1_700_000_000_000_000_000
 EVENTS = PhotonEvents(np.array([0, 3, 5, 5], np.uint32), np.array([49, 0, 7, 8], np.uint16), STAMP_NS)
 IRF = [1, 3, 1]
-SIDECAR = b'{"num_bins": 120, "bin_width_s": 2e-10, "irf": [1, 3.5, 1], "irf_ref": 1, "fov_deg": 2}'
+
 
 
 def saved(save, *values) -> bytes:
@@ -50,8 +50,6 @@ def ptu_bytes(folder: Path) -> bytes:
 # Name of the file, its reader, what makes an example, and how many times slower than the others it is.
 FILES = {
     "npz": ("a.npz", datasets.read, photon_bytes, 1),
-    "sidecar": ("made.npz.json", lambda path: datasets.read(path.with_suffix("")),
-                lambda folder: photon_bytes(folder) and SIDECAR, 1),
     "irf": ("irf.npy", lambda path: datasets.read(path.with_name("made.npz"), irf=path),
             lambda folder: photon_bytes(folder) and saved(np.save, np.array([1, 3, 1.5])), 1),
     "sensor_file": ("s.json", open_sensor, lambda folder: CODECS["sensor"][1][0], 1),
