@@ -105,13 +105,6 @@ def read_cloud(raw: bytes) -> Cloud:
     return cloud
 
 
-def cloud_shape(raw: bytes) -> tuple[int, int]:
-    """Height and width of a serialised PointCloud2, of which nothing more is read; InvalidInput if it breaks off."""
-    reader = Reader(raw)
-    reader.header()
-    return reader.number("height"), reader.number("width")
-
-
 def write_cloud(cloud: Cloud) -> bytes:
     """A PointCloud2 serialised in little-endian CDR, ready to publish."""
     writer = _Writer()

@@ -4,12 +4,10 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import require
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages.packing import pack_cloud, unpack_cloud
 from srt3d_ros.messages.schema import cloud_layouts
-
-LEAST_BYTES = min(layout.itemsize for layout in cloud_layouts("photons").values())      # of a photon
 
 
 def encode_cdr(events: PhotonEvents, sensor: SensorModel, frame_id: str) -> bytes:
@@ -43,12 +41,3 @@ def decode_cdr(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, PhotonEvent
                           cloud.header.stamp_ns)
     events.check(sensor)
     return cloud.header, events
-
-
-def announced(raw: bytes) -> int:
-    """How many photons a serialised message says that it has; 0 if it is none, or says more than its bytes can hold."""
-    try:
-        height, width = cdr.cloud_shape(raw)
-    except InvalidInput:
-        return 0
-    return height * width if height * width * LEAST_BYTES <= len(raw) else 0

@@ -61,22 +61,16 @@ class PipelineNode(ManagedNode):
 
     # ---- Topics
 
-    def subscribe(self, topic: str, handle: Callable[[bytes], None], count: Callable[[bytes], int] = lambda raw: 0
-                  ) -> None:
-        """Have the worker call `handle` with the CDR bytes of the frames on an input, unless `drop_older` drops them.
-
-        Args:
-            count: returns the photons that a message announces; called in the executor's thread.
-        """
+    def subscribe(self, topic: str, handle: Callable[[bytes], None]) -> None:
+        """Have the worker call `handle` with the bytes of the frames on an input, unless `drop_older` drops them."""
         def work(raw: bytes, sent_ns: int) -> None:
             if 0 < self._valid_from_ns - sent_ns < OUTDATED_NS:
                 raise Dropped("outdated", "it was sent before the description in force")
             handle(raw)
 
         def received(raw: bytes, info: dict) -> None:
-            photons = count(raw)
-            self.diagnostics.received(photons)
-            self.worker.offer(work, raw, info["source_timestamp"], size=photons)
+            self.diagnostics.received()
+            self.worker.offer(work, raw, info["source_timestamp"])
 
         newest_only = self.worker.limit == NEWEST_ONLY
         depth = SUBSCRIBE_DEPTH * self.worker.messages_per_frame if newest_only else self.queue_depth
@@ -199,16 +193,16 @@ class PipelineNode(ManagedNode):
         self.diagnostics.close()
         self.destroy_node()
 
-    def failed(self, error: Exception, frames: int = 0, photons: int = 0) -> None:
+    def failed(self, error: Exception, frames: int = 0) -> None:
         """Count and log an error and the frames that it cost."""
         log = self.get_logger()
         if isinstance(error, Dropped):
-            self.diagnostics.drop(error.cause, frames, photons)
+            self.diagnostics.drop(error.cause, frames)
             log.warning(f"frame dropped: {error}", throttle_duration_sec=LOG_EVERY_S)
             return
         bad_input, text = isinstance(error, InvalidInput), _error_in_words(error)
         if frames:
-            self.diagnostics.drop("malformed" if bad_input else "error", frames, photons)
+            self.diagnostics.drop("malformed" if bad_input else "error", frames)
         if frames and bad_input:
             self.diagnostics.error(text, counted=False)
             log.warning(f"frame dropped: {text}", throttle_duration_sec=LOG_EVERY_S)

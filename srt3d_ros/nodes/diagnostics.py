@@ -59,9 +59,9 @@ class Diagnostics(Counts):
         # a steady clock: reports go on while simulated time stands still
         self._timer = node.create_timer(PERIOD_S, self.report, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def received(self, photons: int = 0) -> None:
-        """Count a frame that came in and announces so many photons."""
-        self.count(messages_in=1, **({"photons_in": photons} if photons else {}))
+    def received(self) -> None:
+        """Count a frame that came in."""
+        self.count(messages_in=1)
         self._frame_since = time.monotonic()
 
     def expect(self, topic: str) -> None:

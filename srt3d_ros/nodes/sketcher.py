@@ -131,7 +131,7 @@ class SketcherNode(PipelineNode):
             self._motion = MotionInput(self, self._on_motion)
         self.follow("sensor", self._on_sensor)
         for topic, codec in CODECS.items():
-            self.subscribe(topic, partial(self._on_packet, codec), getattr(codec, "announced", lambda raw: 0))
+            self.subscribe(topic, partial(self._on_packet, codec))
 
     def deactivate(self) -> None:
         super().deactivate()
@@ -213,8 +213,7 @@ class SketcherNode(PipelineNode):
         if stream is None:
             raise Dropped("no_sensor", self._problem or "there is no description of the sensor that can be used")
         header, photons = codec.decode_cdr(raw, stream.sensor)
-        if not hasattr(codec, "announced"):     # the message's header does not say how many
-            self.diagnostics.count(photons_in=photons.photons)
+        self.diagnostics.count(photons_in=photons.photons)
         self._frame_id = header.frame_id or stream.sensor.frame_id
         if self._motion is not None:
             self._motion.read_into(stream)

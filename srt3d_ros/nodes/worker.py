@@ -25,7 +25,6 @@ class _Job:
     function: Callable
     args: tuple
     frames: int         # 1, or 0 if it is not for a frame
-    size: int = 0
     since_s: float = field(default_factory=lambda: time.monotonic())
 
 
@@ -38,13 +37,13 @@ class Worker:
     Args:
         limit: frames that may wait, times `messages_per_frame` where several messages make a frame. Each message is a
             frame to all else here.
-        failed: called with (exception, frames, size) when a job raises, frames 1 or 0; the worker goes on.
-        dropped: called with (cause, frames, size) for dropped frames; the cause is "queue" if newer ones push them
-            out, or that of `hold_frames`. A frame's size is what its node counts beside frames, such as photons.
+        failed: called with (exception, frames) when a job raises, frames 1 or 0; the worker goes on.
+        dropped: called with (cause, frames) for dropped frames; the cause is "queue" if newer ones push them out, or
+            that of `hold_frames`.
     """
 
-    def __init__(self, limit: int, failed: Callable[[Exception, int, int], None],
-                 dropped: Callable[[str, int, int], None], catch_up_s: float = 0.0):
+    def __init__(self, limit: int, failed: Callable[[Exception, int], None],
+                 dropped: Callable[[str, int], None], catch_up_s: float = 0.0):
         self.limit, self._failed, self._dropped, self._catch_up_s = limit, failed, dropped, catch_up_s
         self.messages_per_frame = 1
         self._recovered_from_s = 0.0
@@ -66,9 +65,9 @@ class Worker:
         timer.daemon = True
         timer.start()
 
-    def offer(self, function: Callable, *args, size: int = 0) -> None:
-        """Run function(*args) for a frame of a size, unless newer frames push it out first."""
-        self._put(_Job(function, args, 1, size))
+    def offer(self, function: Callable, *args) -> None:
+        """Run function(*args) for a frame, unless newer frames push it out first."""
+        self._put(_Job(function, args, frames=1))
 
     def hold_frames(self, cause: str) -> None:
         """Let frames wait in the queue, but no other jobs, until `release_frames`; those pushed out go for `cause`."""
@@ -101,14 +100,14 @@ class Worker:
         with self._changed:
             self._drop("shutdown", [job for job in self._jobs if job.frames])
             if self._current is not None and self._current.frames:
-                self._dropped("shutdown", 1, self._current.size)
+                self._dropped("shutdown", 1)
             self._current = None
 
     def _put(self, job: _Job) -> None:
         with self._changed:
             if self._closing:
                 if job.frames:
-                    self._dropped("shutdown", 1, job.size)
+                    self._dropped("shutdown", 1)
                 return
             if job.frames:
                 self._make_room(job.since_s)
@@ -130,7 +129,7 @@ class Worker:
         for job in frames:
             self._jobs.remove(job)
         if frames:
-            self._dropped(cause, len(frames), sum(job.size for job in frames))
+            self._dropped(cause, len(frames))
 
     def _take(self) -> _Job | None:
         """The next job that may run, or None when closed and nothing is left."""
@@ -149,5 +148,5 @@ class Worker:
             try:
                 job.function(*job.args)
             except Exception as error:      # whatever a frame does to a job, the next frame is served
-                self._failed(error, job.frames, job.size)
+                self._failed(error, job.frames)
             self._current = None

@@ -74,13 +74,6 @@ def test_other_order_padding_and_further_fields_are_read(small_sensor, order, co
     assert found.toa.dtype == np.float32
 
 
-def test_a_message_announces_its_photons_unless_its_bytes_cannot_hold_them(codecs):
-    raw = codecs["photons_uint16"].encode_cdr()
-    assert photons.announced(raw) == 3
-    for broken in (b"", raw[:30], raw[:28] + b"\xff\xff\xff\xff" + raw[32:]):      # the width
-        assert photons.announced(broken) == 0
-
-
 def test_a_wrong_word_is_found_wherever_it_is():
     sensor = SensorModel(rows=2, cols=3, num_bins=50, bin_width_s=1e-10, irf=np.ones(1), gates=GateWords(10, 0))
     raw = gates.encode_cdr(PhotonGates(np.zeros((CHUNK // 3, 2, 3), np.uint16)), sensor, "spad")

@@ -14,7 +14,6 @@ class Probe:
     def __init__(self, limit: int, catch_up_s: float = 0.0):
         self.done, self.failed, self.dropped = [], [], []
         self.worker = Worker(limit, lambda *failure: self.failed.append(failure), self._drop, catch_up_s)
-        self.size_dropped = 0
         self.busy, self.go = threading.Event(), threading.Event()
         self.block()
 
@@ -34,9 +33,8 @@ class Probe:
         self.worker.close(60)
         return self.done
 
-    def _drop(self, cause, frames, size):
+    def _drop(self, cause, frames):
         self.dropped.extend([cause] * frames)
-        self.size_dropped += size
 
     def _wait(self):
         self.busy.set()
@@ -81,25 +79,23 @@ def test_held_frames_wait_in_order_for_another_job_or_are_dropped_for_the_cause_
 
 def test_a_job_that_fails_is_reported_and_the_next_one_runs(probe):
     failing = probe(limit=8)
-    failing.worker.offer(lambda: 1 / 0, size=7)
+    failing.worker.offer(lambda: 1 / 0)
     failing.worker.call(lambda: {}["key"])
     failing.offer("next")
     assert failing.finish() == ["next"]
-    failures = [(type(error), frames, size) for error, frames, size in failing.failed]
-    assert failures == [(ZeroDivisionError, 1, 7), (KeyError, 0, 0)]
+    failures = [(type(error), frames) for error, frames in failing.failed]
+    assert failures == [(ZeroDivisionError, 1), (KeyError, 0)]
 
 
-def test_dropped_frames_are_counted_with_their_sizes_and_other_jobs_stay(probe):
+def test_dropped_frames_are_counted_and_other_jobs_stay(probe):
     queue = probe(limit=2)
-    for size in (1, 10, 100):
-        queue.worker.offer(queue.done.append, size, size=size)
+    queue.offer(0, 1, 2)
     queue.worker.call(queue.done.append, "sensor")
-    assert queue.size_dropped == 1
+    assert queue.dropped == ["queue"]
     queue.worker.clear("inactive")
-    assert queue.size_dropped == 111
     queue.finish()
-    queue.worker.offer(queue.done.append, 1000, size=1000)
-    assert queue.dropped == ["queue", "inactive", "inactive", "shutdown"] and queue.size_dropped == 1111
+    queue.offer(3)
+    assert queue.dropped == ["queue", "inactive", "inactive", "shutdown"]
     assert queue.done == ["sensor"]
 
 
