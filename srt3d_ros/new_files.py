@@ -5,7 +5,7 @@ import secrets
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 
 from srt3d_ros.errors import InvalidInput, require
@@ -59,10 +59,6 @@ def check_replaceable(path: Path, array: str) -> None:
 
 
 def free(path: Path) -> Path:
-    """`path`, or `next_free` where something has that name."""
-    return next_free(path) if os.path.lexists(path) else path
-
-
-def next_free(path: Path) -> Path:
-    """The first of NAME_2, NAME_3, … beside `path`, with its suffix, where nothing is, not even a broken link."""
-    return next(other for k in count(2) if not os.path.lexists(other := path.with_stem(f"{path.stem}_{k}")))
+    """`path`, or the first of NAME_2, NAME_3, … with its suffix, where nothing is, not even a broken link."""
+    names = chain([path], (path.with_stem(f"{path.stem}_{k}") for k in count(2)))
+    return next(name for name in names if not os.path.lexists(name))

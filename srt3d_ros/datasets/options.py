@@ -29,7 +29,6 @@ GATE = f"first and last bin, both kept, 2 to {MAX_BINS} bins"
 OF_SENSOR = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols"))
 DEFAULTS = {field.name: field.default for field in fields(SensorModel)}
 MAPS = ("gain", "delay_bins", "mask", "background_shape")
-NAMES = ("shape", "rows", "cols", "gate", "channel", "fov_deg", "irf_sigma_bins", *OF_SENSOR)
 
 
 class SensorOptions(TypedDict, total=False):
@@ -70,7 +69,8 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None) -> dic
     """
     given = {name: value for name, value in given.items() if value is not None}
     for name in given:
-        require(name in NAMES, "option name", quoted(name), f"one of {', '.join(NAMES)}")
+        require(name in SensorOptions.__annotations__, "option name", quoted(name),
+                f"one of {', '.join(SensorOptions.__annotations__)}")
     for name, other in (("fov_deg", "projection"), ("irf_sigma_bins", "irf")):
         require(not {name, other} <= given.keys(), name, given.get(name), f"{name} or {other}, not both")
     options = {}

@@ -13,6 +13,7 @@ from srt3d_ros.datasets.options import (
     ASSUMED_FOV,
     ASSUMED_WIDTH,
     BIN_OF_ONE_METRE_S,
+    check_same,
     described,
     few_bins_note,
     outside_note,
@@ -25,7 +26,6 @@ from srt3d_ros.errors import require
 
 MAX_CUBE_BYTES = 2**46
 MAX_COUNT = 2**31 - 1
-NAMES = ("counts", "cube", "histograms", "data")        # of the array that is meant, if there are several
 GIVEN = ("irf", "irf_ref", "bin_width_s", "toa_offset_bins", "range_offset_m", "toa_reference", "fov_deg")
 
 
@@ -34,18 +34,15 @@ def cube(path: Path, counts: np.ndarray, options: dict, given: dict | None = Non
     """The photons that an array of counts holds: events if they are few, else histograms, which may stay in the file.
 
     Args:
-        counts: [rows, cols, bins], or [pixels, bins], whose rows and cols `options` tell; else all are in one row.
+        counts: [rows, cols, bins].
         given: what the file says of its sensor, by the names of options.
         reference: depths that the file has, float32 [rows, cols], numbers of its bins.
     """
-    field = f"{path.name} counts"
-    require(counts.dtype.kind in "iufb" and counts.ndim in (2, 3) and counts.size > 0, field,
-            f"{counts.dtype} {counts.shape}", "numbers [rows, cols, bins] or [pixels, bins]")
-    given, (*own, bins) = given or {}, counts.shape
-    own = own if len(own) == 2 else (1, *own)
-    rows, cols = (int(number(name, options.get(name, size), "an integer")) for name, size in zip(("rows", "cols"), own))
-    require(rows * cols == own[0] * own[1] and (counts.ndim == 2 or rows == own[0]), "rows, cols", f"{rows}, {cols}",
-            f"those of the file's array, {' × '.join(map(str, counts.shape[:-1]))}")
+    field, given = f"{path.name} counts", given or {}
+    require(counts.dtype.kind in "iufb" and counts.ndim == 3 and counts.size > 0, field,
+            f"{counts.dtype} {counts.shape}", "numbers [rows, cols, bins]")
+    rows, cols, bins = counts.shape
+    check_same({"rows": rows, "cols": cols}, options)
     require(bins <= MAX_BINS or "gate" in options, f"{field} bins", bins, f"at most {MAX_BINS}; or give a gate")
     width_s = number("bin_width_s", (given | options).get("bin_width_s", BIN_OF_ONE_METRE_S), "seconds")
     notes += (ASSUMED_WIDTH,) * ("bin_width_s" not in given | options) + replaced_note(given, options)
@@ -60,7 +57,7 @@ def cube(path: Path, counts: np.ndarray, options: dict, given: dict | None = Non
         require(bool(-MAX_COUNT <= low and high <= MAX_COUNT), "counts", f"beyond {MAX_COUNT} or not finite in places",
                 "photons in a bin")
         total = counts.sum(dtype=np.float64)
-        counts = sendable(counts.reshape(rows, cols, -1)[..., first:last + 1])
+        counts = sendable(counts[..., first:last + 1])
         missing = sensor.num_bins - counts.shape[2]
         counts = np.ascontiguousarray(np.pad(counts, ((0, 0), (0, 0), (0, missing))) if missing else counts)
         photons = counts.sum(dtype=np.float64)
@@ -81,6 +78,20 @@ def cube(path: Path, counts: np.ndarray, options: dict, given: dict | None = Non
     return Photons(sensor, frame, reference, path.stem, notes)
 
 
+def the_cube(path: Path, arrays: dict[str, np.ndarray], options: dict, field: str = "arrays",
+             wanted: str = "one of numbers [rows, cols, bins]") -> Photons:
+    """The photons of the only array of three dimensions; others describe its sensor by the names of options."""
+    cubes = [values for values in arrays.values() if values.ndim == 3 and values.dtype.kind in "iufb"]
+    listed = ", ".join(f"{name} ({'×'.join(map(str, one.shape))} {one.dtype})" for name, one in arrays.items())
+    require(len(cubes) == 1, field, listed or "none", wanted)
+    given = {}
+    for name in filter(arrays.__contains__, GIVEN):
+        value = arrays[name]
+        require(name == "irf" or value.size == 1, f"{name} shape", value.shape, "one value")
+        given[name] = irfs.read(value) if name == "irf" else value.reshape(-1)[0].item()
+    return cube(path, cubes[0], options, given, few_bins_note(cubes[0].shape))
+
+
 def read(path: Path, options: dict) -> Photons:
     """An .npy file of counts."""
     counts = map_npy(path, f"{path.name} counts", MAX_CUBE_BYTES)
@@ -90,29 +101,6 @@ def read(path: Path, options: dict) -> Photons:
 def read_npz(path: Path, options: dict) -> Photons:
     """An array of counts in an .npz file; arrays named as in a photon file (irf, bin_width_s, …) are its sensor's."""
     with open_npz(path) as archive:
-        name = the_cube(path, {name: shape for name, (shape, _, _) in npz_headers(archive).items()})
-    arrays = read_npz_arrays(path, (name, *GIVEN))
-    counts, given = arrays.pop(name), given_by(arrays)
-    return cube(path, counts, options, given, few_bins_note(counts.shape))
-
-
-def the_cube(path: Path, shapes: dict[str, tuple[int, ...]]) -> str:
-    """Which of a file's arrays, given by their shapes, has the counts."""
-    found = [name for name, shape in shapes.items() if len(shape) == 3] or \
-        [name for name, shape in shapes.items() if len(shape) == 2 and name in NAMES]
-    named = [name for name in found if name in NAMES]
-    listed = ", ".join(f"{name} {'×'.join(map(str, shape)) or 'one number'}" for name, shape in shapes.items())
-    chosen = named if len(found) > 1 else found
-    require(len(chosen) == 1, f"{path.name} arrays", listed or "none",
-            f"one of three dimensions [rows, cols, bins], or of several one named {' or '.join(NAMES)}")
-    return chosen[0]
-
-
-def given_by(arrays: dict[str, np.ndarray]) -> dict:
-    """The options that arrays of a file give, by name."""
-    given = {}
-    for name, value in arrays.items():
-        value = np.asarray(value)
-        require(name == "irf" or value.size == 1, f"{name} shape", value.shape, "one value")
-        given[name] = irfs.read(value) if name == "irf" else value.reshape(-1)[0].item()
-    return given
+        cubes = [name for name, (shape, _, _) in npz_headers(archive).items() if len(shape) == 3]
+    with read_errors(path):
+        return the_cube(path, read_npz_arrays(path, (*cubes, *GIVEN)), options)

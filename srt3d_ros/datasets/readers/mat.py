@@ -9,9 +9,9 @@ import numpy as np
 from srt3d_ros.core.sensor.model import MAX_BINS, MAX_PIXELS
 from srt3d_ros.datasets.arrays import from_pixels
 from srt3d_ros.datasets.files import read_errors
-from srt3d_ros.datasets.options import check_same, few_bins_note, outside_note, refuse_channel
+from srt3d_ros.datasets.options import check_same, outside_note, refuse_channel
 from srt3d_ros.datasets.photons import Photons
-from srt3d_ros.datasets.readers.cubes import GIVEN, cube, given_by
+from srt3d_ros.datasets.readers.cubes import cube, the_cube
 from srt3d_ros.datasets.values import MAX_PHOTONS, number
 from srt3d_ros.errors import require
 
@@ -67,7 +67,7 @@ def read(path: Path, options: dict) -> Photons:
     with read_errors(path):
         layout = next((one for one in LAYOUTS if one.fits(found)), None)
         if layout is None:
-            return _any_counts(path, found, options)
+            return the_cube(path, found, options, "variables", f"one of {WANTED}")
         for name in found.keys() & {*layout.window, layout.reference}:
             require(found[name].dtype.kind in "iuf", name, str(found[name].dtype), "numbers")
         return (_of_counts if layout.reference else _of_cells)(path, layout, found, options)
@@ -82,15 +82,6 @@ def _variables(path: Path) -> dict[str, np.ndarray]:
         content = loadmat(path)
     return {name: value.T.toarray() if hasattr(value, "toarray") else value for name, value in content.items()
             if hasattr(value, "toarray") or isinstance(value, np.ndarray)}
-
-
-def _any_counts(path: Path, found: dict[str, np.ndarray], options: dict) -> Photons:
-    """The only array of three dimensions, and what describes its sensor by the names of options."""
-    cubes = [values for values in found.values() if values.ndim == 3 and values.dtype.kind in "iufb"]
-    listed = ", ".join(f"{name} ({'×'.join(map(str, one.shape))} {one.dtype})" for name, one in found.items())
-    require(len(cubes) == 1, "variables", listed or "none", f"one of {WANTED}")
-    given = given_by({name: found[name] for name in GIVEN if name in found})
-    return cube(path, cubes[0], options, given, few_bins_note(cubes[0].shape))
 
 
 def _of_counts(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Photons:
