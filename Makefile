@@ -17,7 +17,7 @@ installed_from = setup.py pyproject.toml package.xml constraints.txt $(wildcard 
 
 help:
 	@echo 'make demo [PHOTONS=file] [OUT=demo-out]  photons to point clouds over ROS 2: a recording, a picture, a table'
-	@echo '          MOTION=walk|drone|spin           the same, of a sensor that moves, deskewed by its odometry'
+	@echo '          MOTION=walk                      the same, of a sensor that moves, deskewed by its odometry'
 	@echo 'make test [ARGS=...]                     the tests; ARGS goes to pytest'
 	@echo 'make test-newest                         the tests with the newest releases that setup.py allows'
 	@echo 'make docs                                the documentation as a web site, build/docs/index.html'

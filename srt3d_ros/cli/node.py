@@ -37,7 +37,7 @@ def _add_play(subparsers) -> None:
                         help="what a photon file lacks of its sensor: JSON as on `sensor`, or another photon file")
     parser.add_argument("--rate-hz", type=float, metavar="HZ", help="frames a second")
     parser.add_argument("--motion", metavar="HOW",
-                        help="walk, drone or spin: the simulator's sensor moves, and odom says where it is "
+                        help="walk: the simulator's sensor moves, and odom says where it is "
                              "(docs/motion.md)")
     _finish(parser, "player")
 

@@ -30,8 +30,8 @@ PARAMETERS = (
     Parameter("ppp", 15.0, "Simulator: mean photons per pixel and frame.", low=0, high=10**6),
     Parameter("sbr", 1.0, "Simulator: signal-to-background ratio.", low=1e-6, high=10**6),
     Parameter("seed", 0, "Simulator: the same seed gives the same photons.", low=0, high=10**9),
-    Parameter("motion", "off", "Simulator: how the sensor moves through a furnished room: like a person, a drone, or a "
-              f"robot that turns on the spot. A frame comes in {PACKETS} packets, and `odom` says where its body is.",
+    Parameter("motion", "off", "Simulator: how the sensor moves through a furnished room: like a person who walks. "
+              f"A frame comes in {PACKETS} packets, and `odom` says where its body is.",
               choices=("off", *MOTIONS), loose=True),
 )
 

@@ -9,9 +9,9 @@ import pytest
 @pytest.mark.parametrize("command, expected", [
     (["node", "player", "--ros-args", "-p", "input:=a b.npz", "-r", "photons:=/spad/raw"],
      ["player", "--ros-args", "-p", "input:=a b.npz", "-r", "photons:=/spad/raw"]),
-    (["play", "a file: 1.npz", "--rate-hz", "5", "--motion", "drone"],
+    (["play", "a file: 1.npz", "--rate-hz", "5", "--motion", "walk"],
      ["player", "--ros-args", "-p", 'input:="a file: 1.npz"', "-p", "rate_hz:=5.0", "-p",
-      'motion:="drone"']),
+      'motion:="walk"']),
     (["play", "a.npz", "--sensor-file", "spad.json"],
      ["player", "--ros-args", "-p", 'input:="a.npz"', "-p", 'sensor_file:="spad.json"']),
     (["play", "b.npz", "--frames", "3", "--namespace", "/front/", "--ros-args", "-r", "photons:=/spad/raw"],

@@ -1,7 +1,7 @@
 """How a simulated sensor moves: poses over time, and odometry.
 
 Frames follow REP-103 and REP-105: `odom` is fixed, x and y level, z up, the origin in the middle of the floor; the body
-moves in it, x forward, y left, z up. All motions are smooth, begin in motion and go on for ever inside `room.Room`.
+moves in it, x forward, y left, z up. A motion is smooth and goes on for ever inside `room.Room`.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,7 +18,6 @@ SPEED_M_S, TURN_RAD_S = 1.0, np.radians(30)
 WALK_RADIUS_M = SPEED_M_S / TURN_RAD_S  # of the circle on which both hold: 1.9 m
 EYE_M = 1.5                             # above the floor
 STEPS_HZ = 1.8                          # of a walking person
-GRAVITY_M_S2 = 9.81
 OPTICAL = Pose(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))     # of a camera that looks ahead, in the body's frame
 
 
@@ -29,25 +28,7 @@ def walk(t_s: float) -> Pose:
     return _heading(place, angle + np.pi / 2, np.radians(8 + 0.5 * np.sin(step)), np.radians(np.sin(step / 2)))
 
 
-def drone(t_s: float) -> Pose:
-    """A drone that flies loops at up to 1.2 m/s, rises and sinks, turns at 10 to 40°/s, and banks as it accelerates."""
-    rates = 2 * np.pi / np.array([11.0, 8.0, 7.0])
-    reach, middle, phase = np.array([1.5, 1.1, 0.35]), np.array([0, 0, 1.5]), np.array([0, 1.3, 0.5])
-    place = middle + reach * np.sin(rates * t_s + phase)
-    acceleration = -reach * rates**2 * np.sin(rates * t_s + phase)
-    yaw = np.radians(25) * t_s + np.radians(15) * np.sin(t_s)
-    forward = acceleration[0] * np.cos(yaw) + acceleration[1] * np.sin(yaw)
-    left = acceleration[1] * np.cos(yaw) - acceleration[0] * np.sin(yaw)
-    return _heading(place, yaw, forward / GRAVITY_M_S2, -left / GRAVITY_M_S2)
-
-
-def spin(t_s: float) -> Pose:
-    """A robot that turns on the spot at 30°/s, its body frame 0.2 m ahead of the axis."""
-    yaw = TURN_RAD_S * t_s
-    return _heading((0.2 * np.cos(yaw), 0.2 * np.sin(yaw), EYE_M), yaw)
-
-
-MOTIONS: dict[str, Path] = {"walk": walk, "drone": drone, "spin": spin}     # of a body in the room
+MOTIONS: dict[str, Path] = {"walk": walk}       # of a body in the room
 
 
 def _heading(place, yaw: float, pitch: float = 0.0, roll: float = 0.0) -> Pose:
