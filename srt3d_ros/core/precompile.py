@@ -31,5 +31,5 @@ def deskewing() -> None:
 
 
 def reconstruction() -> None:
-    """A frame by the default method."""
-    PooledStream(ANY_SENSOR, choose("auto", ANY_SENSOR, 3), device="cpu").warm_up()
+    """A frame by the default method, of two surfaces: they take one kernel more than one does."""
+    PooledStream(ANY_SENSOR, choose("auto", ANY_SENSOR, 3), surfaces=2, device="cpu").warm_up()
