@@ -21,6 +21,7 @@ FOLDERS = ("benchmarks", "config", "docs", "examples", "launch", "msg_schemas", 
            *(folder.name for folder in (ROOT / "srt3d_ros").iterdir() if folder.is_dir()))
 OF_OTHERS = {"octomap_server", "sensor_frame", "bond_timeout", "ROS_STATIC_PEERS", "sensor_model", "wait_for_all_acked",
              "--show-args", "--ros-args", "use_sim_time", "__ns", "cloud_in", "max_range", "--system-site-packages"}
+PARSER = main.parser(main.COMMANDS)
 LIKE_CODE = re.compile(r"[a-z]_[a-z]|[A-Z]_[A-Z]|^[A-Z]\w+\.")
 
 # Figures of a page that are in docs/RESULTS.md, too.
@@ -46,7 +47,7 @@ def wrong_commands(text: str) -> Iterator[str]:
         at = [k for k, word in enumerate(line) if Path(word).name == "srt3d" or word == "srt3d_ros"]
         words = ["node"] * (line[:2] == ["ros2", "run"]) + line[at[0] + 1:] if at else []
         try:
-            args = main.parser(words[:1]).parse_args(words) if words and words[0] != "srt3d.launch.py" else None
+            args = PARSER.parse_args(words) if words and words[0] != "srt3d.launch.py" else None
             if words[:1] == ["up"]:
                 up.ros_arguments(args, specs := up.node_specs(args), up.parameters_yaml(args, specs))
             elif words[:1] == ["node"]:
