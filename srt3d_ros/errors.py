@@ -1,7 +1,6 @@
 """The one exception for bad input: a message, a file, a parameter or an option that cannot be used."""
 
 import reprlib
-from itertools import accumulate
 
 # Characters that are shown of each part: all three may come from the input, or list what is in it.
 LONGEST_FIELD, LONGEST_VALUE, LONGEST_EXPECTED = 160, 80, 600
@@ -62,16 +61,8 @@ _BRIEFLY = _Briefly()
 
 
 def _shortened(text: str, longest: int) -> str:
-    """The text in one line; of one too long the two ends, since a path's end tells most. Escapes stay whole."""
+    """The text in one line; of one too long the two ends, since a path's end tells most."""
     most = MOST_LOOKED_AT * longest
-    if len(text) <= most and len(printable(text)) <= longest:
-        return " ".join(text.split())
+    line = printable(text if len(text) <= 2 * most else text[:most] + DOTS + text[-most:])
     half = (longest - len(DOTS)) // 2
-    head, tail = " ".join(text[:most].split()), " ".join(text[-most:].split())
-    return _fitting(head, half) + DOTS + _fitting(tail[::-1], half)[::-1]
-
-
-def _fitting(text: str, room: int) -> str:
-    """As much of the text's beginning as takes no more than so many printable characters."""
-    taken = accumulate(len(printable(character)) or 1 for character in text[:room])
-    return text[:sum(1 for length in taken if length <= room)]
+    return line if len(line) <= longest else line[:half] + DOTS + line[-half:]

@@ -1,7 +1,6 @@
 """Logs of histograms are bounded, and opened frame by frame like photon files."""
 
 import gzip
-import json
 
 import numpy as np
 import pytest
@@ -28,8 +27,7 @@ def test_a_packed_log_is_read_as_it_was(tmp_path, log):
 
 
 def test_a_log_opens_as_a_photon_file_does(tmp_path, log):
-    (tmp_path / "log.json.json").write_text(json.dumps({"range_offset_m": 0.25}))
-    second = datasets.read(log, frame=1, fov_deg=20)
+    second = datasets.read(log, frame=1, fov_deg=20, range_offset_m=0.25)
     assert (second.name, second.sensor.range_offset_m) == ("log", 0.25)
     assert (second.frame.counts == made_logs.zones_16(SLANTED + 1)[..., :54]).all() and second.notes
     for frame in (2, -1):

@@ -10,7 +10,8 @@ from pathlib import Path
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import require
 
-READERS = {".npz": "npz", ".mat": "mat", ".ptu": "ptu", ".npy": "cubes", ".json": "tmf8829", ".gz": "tmf8829"}
+READERS = {".npz": "..photon_file", ".mat": ".mat", ".ptu": ".ptu", ".npy": ".cubes", ".json": ".tmf8829",
+           ".gz": ".tmf8829"}
 
 
 def read(path: Path, frame: int, options: dict) -> Photons:
@@ -20,7 +21,7 @@ def read(path: Path, frame: int, options: dict) -> Photons:
         options: what the file does not say, or says wrongly (options.gathered); and `guess_irf`, whether to take an IRF
             of one bin where none can be estimated, instead of refusing.
     """
-    module = import_module(f"{__name__}.{READERS[path.suffix.lower()]}")
+    module = import_module(READERS[path.suffix.lower()], __name__)
     if not hasattr(module, "frames"):
         require(frame == 0, "frame", frame, "0: a photon file has one frame")
         return module.read(path, options)
