@@ -69,35 +69,15 @@ class PipelineNode(ManagedNode):
             handle(raw)
 
         def received(raw: bytes, info: dict) -> None:
+            self.diagnostics.count(message_lost=sequence.after(info["publication_sequence_number"]))
             self.diagnostics.received()
             self.worker.offer(work, raw, info["source_timestamp"])
 
+        sequence = SequenceLoss(lambda: self.count_publishers(self.resolve_topic_name(topic)))
         newest_only = self.worker.limit == NEWEST_ONLY
         depth = SUBSCRIBE_DEPTH * self.worker.messages_per_frame if newest_only else self.queue_depth
-        self.listen(topic, received, min(depth, QUEUE_DEPTH), self._count_lost)
+        self.make_subscription(topic, received, min(depth, QUEUE_DEPTH), raw=True)
         self.diagnostics.expect(self.resolve_topic_name(topic))
-
-    def listen(self, topic: str, handle: Callable[[bytes, dict], None], depth: int = QUEUE_DEPTH,
-               lost: Callable[[int], None] = lambda messages: None) -> None:
-        """Have the executor call `handle` with the CDR bytes on an input and the middleware's facts about the message.
-
-        Args:
-            lost: called with the number of messages that never arrived.
-        """
-        sequence = SequenceLoss(lambda: self.count_publishers(self.resolve_topic_name(topic)))
-
-        def received(raw: bytes, info: dict) -> None:
-            lost(sequence.after(info["publication_sequence_number"]))
-            handle(raw, info)
-
-        def on_message_lost(event) -> None:
-            if not sequence.numbered:       # else they are counted there
-                lost(event.total_count_change)
-
-        self.make_subscription(topic, received, depth, on_message_lost, raw=True)
-
-    def _count_lost(self, messages: int) -> None:
-        self.diagnostics.count(message_lost=messages)
 
     def follow(self, topic: str, handle: Callable[[object], None]) -> None:
         """Have the worker call `handle` with every message on an input that describes or reports.
@@ -221,13 +201,11 @@ class SequenceLoss:
     def __init__(self, publishers: Callable[[], int]):
         self._publishers = publishers
         self._last: int | None = None
-        self.numbered = False       # whether this middleware numbers its messages at all
 
     def after(self, number: int | None) -> int:
-        """Messages missed just before the one with this number."""
+        """Messages missed just before the one with this number; 0 if the middleware numbers none."""
         if number is None:
             return 0
-        self.numbered = True
         last, self._last = self._last, number
         missed = number - last - 1 if last is not None else 0
         return missed if missed > 0 and self._publishers() == 1 else 0      # below 0: a publisher that started again

@@ -7,7 +7,7 @@ from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sketching.stream import SketchStream
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import odometry
-from srt3d_ros.nodes.base import LOG_EVERY_S, PipelineNode
+from srt3d_ros.nodes.base import LOG_EVERY_S, QUEUE_DEPTH, PipelineNode
 
 READERS = {"odom": odometry.decode_odometry, "imu": odometry.decode_imu}
 MOTIONS = ("off", *READERS)
@@ -40,7 +40,7 @@ class MotionInput:
         kind = node.parameters["motion"]
         self._topic, self._read_report = node.resolve_topic_name(kind), READERS[kind]
         self._reports = deque[tuple[bytes, int]](maxlen=INBOX)
-        node.listen(kind, self._received)
+        node.make_subscription(kind, self._received, QUEUE_DEPTH, raw=True)
         if not node.parameters["extrinsics"].strip():
             node.get_logger().warning(f"extrinsics is empty: the sensor is assumed to coincide with the frame that "
                                       f"{self._topic} reports on")
