@@ -30,7 +30,6 @@ from .pages import PAGES, ROOT, command_lines, fenced, indented, inline, section
 LONG = r"evaluate (?!head.npz --methods)|--device cuda"
 ELSEWHERE = ("IncludeLaunchDescription", "my_sensor.json")      # code of test_launch.py, and of the quick start
 QUICKSTART = PAGES["docs/quickstart.md"]
-DRIVER, OF_HISTOGRAMS = "examples/spad_driver.py", "examples/histogram_driver.py"
 
 
 @pytest.fixture
@@ -82,16 +81,11 @@ def test_the_notebook_prints_what_is_stored(here, capsys):
             assert capsys.readouterr().out == "".join(stored)
 
 
-def terminal(lines: str) -> Process:
-    """A shell in which the lines are typed; what signals reach is the last line's program."""
-    *before, last = [line for line in lines.splitlines() if line.strip()]
-    return Process(["bash", "-ec", "\n".join([*before, f"exec {last}"])])
-
-
-def typed(step: str, text: str) -> str:
-    """The indented block of a step that has this text."""
+def terminal(step: str, text: str) -> Process:
+    """A shell in which the step's block that has this text is typed; signals reach the last line's program."""
     (block,) = [block for block in indented(section(QUICKSTART, step)) if text in block]
-    return block
+    *before, last = block.splitlines()
+    return Process(["bash", "-ec", "\n".join([*before, f"exec {last}"])])
 
 
 def record(graph: Graph, topic: str, at_least: int, bag: Path) -> None:
@@ -108,11 +102,11 @@ def said(pattern: str) -> list[float]:
 
 def test_the_camera_from_the_description_to_the_measured_irf(graph, here):
     (here / "my_sensor.json").write_text(fenced(section(QUICKSTART, "1."), "json")[0])
-    check = terminal(typed("1.", "open_sensor"))
+    check = terminal("1.", "open_sensor")
     assert check.code() == 0 and " ".join(check.text.split()) in inline(section(QUICKSTART, "1.")), check.text
     (here / "run.rrd").unlink()
     clouds = graph.collect(PointCloud2, "/points")
-    driver, up = (terminal(typed("3.", text)) for text in (DRIVER, "srt3d up"))
+    driver, up = terminal("3.", "python"), terminal("3.", "srt3d up")
     graph.processes += [driver, up]
     up.says("recording to")
     before = len(clouds)
@@ -133,7 +127,7 @@ def test_the_camera_from_the_description_to_the_measured_irf(graph, here):
 
 
 def test_the_driver_of_histograms_sees_the_scene_where_the_page_says(graph, here):
-    graph.processes.append(terminal(f"python {OF_HISTOGRAMS}"))
+    graph.processes.append(Process(["python", "examples/histogram_driver.py"]))
     record(graph, "/histograms", 1, here / "zones")
     cloud = srt3d_ros.reconstruct("zones")
     assert len(cloud) > 0.9 * 32 * 48
