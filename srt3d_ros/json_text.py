@@ -91,8 +91,7 @@ def _expected(schema: dict) -> str:
     if "enum" in schema or "const" in schema:
         return " or ".join(map(str, schema.get("enum", [schema.get("const")])))
     if "x-dtype" in schema:
-        number = "a number, " * ("number" in schema["type"])
-        return f"{number}nested lists of {schema['x-dtype']}, or an object {{dtype, shape, base64}}"
+        return f"nested lists of {schema['x-dtype']}, or an object {{dtype, shape, base64}}"
     return schema.get("x-expected") or IN_WORDS.get(schema.get("type"), "an object")
 
 

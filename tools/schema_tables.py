@@ -71,7 +71,7 @@ def _keys(prefix: str, schema: dict) -> list[list[str]]:
 
 def _type(part: dict) -> str:
     if "x-dtype" in part:
-        return "number or " * ("number" in part["type"]) + f"array of {part['x-dtype']}"
+        return f"array of {part['x-dtype']}"
     return part.get("type", "object" if "$ref" in part else "string")
 
 

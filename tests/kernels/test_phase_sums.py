@@ -114,9 +114,9 @@ def histogram_sensor(bins=None, **fields):
     return SensorModel(5, 8, T, 1e-10, [1, 2, 1], histograms=bins, **fields)
 
 
-OWN_BINS = HistogramBins(12, first_bin=np.arange(40.0).reshape(5, 8) % 3, bin_width=3.5)
+OWN_BINS = HistogramBins(12, first_bin=2.0, bin_width=3.5)
 WIDE_BINS = HistogramBins(10, first_bin=5.0, bin_width=4.0, template=np.linspace(0, 0.4, 10))
-OF_EACH = HistogramBins(12, OWN_BINS.first_bin, 3.5, template=np.random.default_rng(3).random((40, 12)))
+OF_EACH = HistogramBins(12, 2.0, 3.5, template=np.random.default_rng(3).random((40, 12)))
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int32, np.float32])

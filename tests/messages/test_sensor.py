@@ -44,7 +44,7 @@ def refused(content) -> InvalidInput:
     ("sensor", FULL), ("sensor_edge", FULL.replace(toa_reference="bin_edge")),
     ("sensor_lens", FULL.replace(projection=Pinhole(10.5, 11.5, 1.0, 0.5, PlumbBob(-0.25, 0.125, 0.5, -0.5, 0.01)))),
     ("sensor_histograms", FULL.replace(gates=None, histograms=HistogramBins(
-        4, np.arange(6, dtype=np.float32).reshape(2, 3) / 2, 1.5, np.array([3, 1.5, 0, 0], np.float32))))])
+        4, 0.5, 1.5, np.array([3, 1.5, 0, 0], np.float32))))])
 def test_text_is_the_golden_one(name, content):
     golden = (GOLDEN / f"{name}.json").read_text()
     assert sensor.to_json(content) == golden.strip()

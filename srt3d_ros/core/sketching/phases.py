@@ -34,7 +34,7 @@ def histogram_tables(sensor: SensorModel, frequencies, gate: Gate | None) -> tup
     they count: a uniform background still adds nothing.
 
     Returns:
-        float32 [n, 2m + 2] and [2m + 2], each with [rows · cols, …] before if pixels differ.
+        float32 [n, 2m + 2]; and [2m + 2], or [rows · cols, 2m + 2] if pixels have templates of their own.
     """
     bins = sensor.histograms
     edges = np.arange(sensor.num_bins) + 0.5 if bins is None else bins.centers()
@@ -47,7 +47,7 @@ def histogram_tables(sensor: SensorModel, frequencies, gate: Gate | None) -> tup
         return table, None
     of_pixel = bins.template.reshape(-1, bins.num_bins).mean(axis=0)
     left_out = (of_pixel > max(FAR * of_pixel.mean(), 1))[:, None]
-    others = (table[..., -2:-1] > 0) & ~left_out
-    mean = (table * left_out).sum(axis=-2, keepdims=True) / others.sum(axis=-2, keepdims=True).clip(1)
+    others = (table[:, -2:-1] > 0) & ~left_out
+    mean = (table * left_out).sum(axis=0) / max(others.sum(), 1)
     table = ((table + mean) * others).astype(np.float32)
-    return table, np.matmul(bins.template[..., None, :], table)[..., 0, :]
+    return table, bins.template @ table

@@ -141,8 +141,7 @@ class PhotonHistograms:
             return self.counts
         counts = self._of_the_scene(sensor)
         out = np.zeros((pixels, sensor.num_bins), np.float32)
-        at = np.minimum(np.broadcast_to(bins.centers().astype(np.int64), counts.shape), sensor.num_bins - 1)
-        np.add.at(out, (np.arange(pixels)[:, None], at), counts)
+        np.add.at(out.T, np.minimum(bins.centers().astype(np.int64), sensor.num_bins - 1), counts.T)
         return out.reshape(sensor.rows, sensor.cols, -1)
 
     def _of_the_scene(self, sensor: SensorModel) -> np.ndarray:
@@ -164,8 +163,7 @@ class PhotonHistograms:
                 "negative or fractional in places", "whole photons, to tell them one by one")
         pixel, toa = np.divmod(at, self.counts.shape[2])
         if bins is not None:
-            middles = bins.centers() - 0.5          # of bins, counted in bins
-            toa = middles[pixel, toa] if middles.ndim == 2 else middles[toa]
+            toa = bins.centers()[toa] - 0.5         # middles, counted in bins
             if (toa != np.floor(toa)).any():
                 toa = ((toa + sensor.first_bin_center) % sensor.num_bins).astype(np.float32) % sensor.num_bins
         toa = toa if toa.dtype == np.float32 else toa.astype(np.uint16)

@@ -15,8 +15,8 @@ def sketch_histograms(counts, table, of_template, sums, photons):
 
     Args:
         counts: uint8, uint16, int32 or float32 [pixels, n].
-        table: float32 [n, 2m + 2] of exp(i ω_l b), re and im interleaved, then 1 and 0; [pixels, n, 2m + 2] if
-            pixels have bins of their own; zeros for bins that do not count.
+        table: float32 [n, 2m + 2] of exp(i ω_l b), re and im interleaved, then 1 and 0; zeros for bins that do not
+            count.
         of_template: float32 [2m + 2] or [pixels, 2m + 2], or None.
     """
     pixels, n = counts.shape
@@ -26,10 +26,7 @@ def sketch_histograms(counts, table, of_template, sums, photons):
         part = slice(first, min(first + ROWS, pixels))
         of_part = as_float[:part.stop - first]
         of_part[:] = counts[part]
-        if table.ndim == 2:
-            product = of_part @ table
-        else:
-            product = np.matmul(of_part[:, None], table[part])[:, 0]
+        product = of_part @ table
         if of_template is not None:
             product -= of_template if of_template.ndim == 1 else of_template[part]
         sums[part, :wanted] += np.rint(product[:, :wanted] * np.float64(UNIT)).astype(np.int64)

@@ -21,17 +21,14 @@ def sensor(bins):
 def test_the_middles_of_bins():
     assert HistogramBins(3).centers().tolist() == [0.5, 1.5, 2.5]
     assert HistogramBins(3, first_bin=10, bin_width=4).centers().tolist() == [12, 16, 20]
-    own = HistogramBins(2, first_bin=np.arange(6.0).reshape(SHAPE), bin_width=2)
-    assert own.centers().tolist() == [[k + 1, k + 3] for k in range(6)]
-    assert HistogramBins(2, first_bin=np.ones(SHAPE)).centers().tolist() == [1.5, 2.5]      # all alike
 
 
 @pytest.mark.parametrize(("bins", "named"), [
     (HistogramBins(101), "histograms.num_bins is 101"),
     (HistogramBins(10, first_bin=-1), "histograms.first_bin is -1"),
     (HistogramBins(10, bin_width=0), "histograms.bin_width is 0"),
-    (HistogramBins(10, bin_width=np.nan), "histograms.bin_width is not finite"),
-    (HistogramBins(10, first_bin=np.ones((3, 2))), r"histograms.first_bin is float64 \(3, 2\)"),
+    (HistogramBins(10, bin_width=np.nan), "histograms.bin_width is nan: expected a number"),
+    (HistogramBins(10, first_bin=np.ones(SHAPE)), "histograms.first_bin is .*: expected a number of bins"),
     (HistogramBins(10, first_bin=95), "10 bins that end at 105: expected at most T = 100"),
     (HistogramBins(10, template=np.ones(9)), r"histograms.template shape is \(9,\)"),
     (HistogramBins(10, template=-np.ones(10)), "histograms.template is negative"),
@@ -39,14 +36,11 @@ def test_the_middles_of_bins():
 def test_bins_that_no_sensor_of_this_size_has_are_refused(bins, named):
     with pytest.raises(InvalidInput, match=named):
         sensor(bins)
-    with pytest.raises(InvalidInput, match="10000 × 500 bins of their own"):
-        HistogramBins(500, first_bin=np.arange(10_000.0).reshape(100, 100) % 2).check(100, 100, 600)
 
 
-@pytest.mark.parametrize("first_bin", [20.0, 20 + np.arange(6.0).reshape(SHAPE) * 2])
-def test_the_histogram_of_a_scene_is_on_the_axis(first_bin):
+def test_the_histogram_of_a_scene_is_on_the_axis():
     """A wall in bin 60 before a background."""
-    bins = HistogramBins(30, first_bin, 2.0)
+    bins = HistogramBins(30, 20.0, 2.0)
     middles = np.broadcast_to(bins.centers(), (6, 30))
     frame = PhotonHistograms(np.where(np.abs(middles - 60) < 1.1, 200, 10).astype(np.int32).reshape(*SHAPE, -1))
     found = histogram(frame, sensor(bins))

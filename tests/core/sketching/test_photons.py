@@ -117,7 +117,7 @@ def test_photons_lie_in_the_middle_of_their_bin(toa_reference, toa):
 
 
 def test_histograms_lie_on_the_axis_without_their_template():
-    bins = HistogramBins(2, first_bin=np.arange(12.0).reshape(3, 4), bin_width=4, template=np.array([1, 0]))
+    bins = HistogramBins(2, first_bin=5, bin_width=4, template=np.array([1, 0]))
     found = histograms(np.full((3, 4, 2), 3)).on_axis(SENSOR.replace(histograms=bins))
     assert found.shape == (3, 4, 100) and found.sum() == 12 * 5
     assert np.flatnonzero(found[1, 1]).tolist() == [7, 11] and found[1, 1, 7] == 2
