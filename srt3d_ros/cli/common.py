@@ -35,7 +35,7 @@ def add_photon_file(parser: argparse.ArgumentParser) -> None:
     sensor.add_argument("--irf", metavar="FILE", help="impulse response: .npz, .npy, .csv or .txt")
     sensor.add_argument("--irf-ref", type=int, metavar="INDEX", help="entry of the IRF that marks the depth (its peak)")
     sensor.add_argument("--fov-deg", type=float, metavar="DEG", help="field of view across the larger side, degrees")
-    sensor.add_argument("--rows", type=int, metavar="N", help="of histograms without a shape")
+    sensor.add_argument("--rows", type=int, metavar="N", help="of photons in a file that does not say it")
     sensor.add_argument("--cols", type=int, metavar="N", help="the same")
     sensor.add_argument("--channel", type=int, metavar="C",
                         help="whose photons to take, of several detectors or data sets (that with the most)")

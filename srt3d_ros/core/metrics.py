@@ -81,15 +81,6 @@ def evaluate(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins
         *_within(cloud, reference, num_bins, counted))
 
 
-def depth_errors(cloud: PointCloud, reference_depth_bins: np.ndarray, num_bins: int) -> np.ndarray:
-    """Depth of each point minus that of the nearest reference of its pixel, bins, float [N]; NaN where it has none."""
-    reference = _as_surfaces("reference shape", reference_depth_bins, cloud)
-    difference = _errors(cloud, reference, num_bins)
-    nearest = np.abs(difference).argmin(axis=0)
-    found = difference[nearest, np.arange(len(cloud))]
-    return np.where(np.isfinite(found), found, np.nan)
-
-
 def median_offset(cloud: PointCloud, reference_depth_bins: np.ndarray, within_bins: float, num_bins: int) -> float:
     """Median of cloud − reference, bins, over the pixels with a point so near; 0 if there is none.
 
@@ -157,7 +148,7 @@ def _within(cloud: PointCloud, reference: np.ndarray, num_bins: int, counted: np
             ) -> tuple[float, float]:
     """Metrics.within_1_std and within_2_std; points in pixels with a reference that does not count are left out."""
     judged = _judged(_counted(counted, reference, cloud), reference, cloud) & (cloud.depth_std_bins > 0)
-    error = np.abs(depth_errors(cloud, reference, num_bins)[judged]) / cloud.depth_std_bins[judged]
+    error = np.abs(_errors(cloud, reference, num_bins)).min(axis=0)[judged] / cloud.depth_std_bins[judged]
     return _mean(error <= 1), _mean(error <= 2)
 
 

@@ -4,11 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
-from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, Locator, LogLocator, NullFormatter, NullLocator
+from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
 from srt3d_ros.pictures.figures import save_png, titled_figure
 
@@ -44,7 +41,8 @@ def draw_metrics(path: Path, rows: Sequence[dict], title: str, methods: Sequence
         methods: all names, whose order gives the colours.
     """
     sbrs = sorted({row["sbr"] for row in rows}, reverse=True)
-    figure, axes = _figure(len(METRICS), len(sbrs), 3.5, 2.3, title)
+    figure = titled_figure(3.5 * len(sbrs) + 0.6, 2.3 * len(METRICS) + 1.2, title)
+    axes = figure.subplots(len(METRICS), len(sbrs), squeeze=False, sharex="all", sharey="row")
     lines = _lines(rows, methods)
     for k, sbr in enumerate(sbrs):
         axes[0, k].set_title(f"SBR {sbr:g}", size=12)
@@ -78,34 +76,20 @@ def _lines(rows: Sequence[dict], methods: Sequence[str]) -> list[tuple[str, dict
     return lines
 
 
-def _figure(rows: int, cols: int, width_in: float, height_in: float, title: str) -> tuple[Figure, np.ndarray]:
-    figure = titled_figure(width_in * cols + 0.6, height_in * rows + 1.2, title)
-    return figure, figure.subplots(rows, cols, squeeze=False, sharex="all", sharey="row")
-
-
 def format_axes(ax: Axes, metric: Metric) -> None:
     """Scales, ticks, limits and a grid; photons per pixel across, logarithmic."""
     ax.set_xscale("log")
-    ax.xaxis.set_major_formatter("{x:g}")
-    ax.yaxis.set_major_formatter("{x:g}")
     if metric.scale == "log":
         ax.set_yscale("log")
-        _ticks(ax.yaxis, LogLocator(subs=(1, 2, 5)))
+        ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        ax.yaxis.set_minor_formatter(NullFormatter())
     elif metric.scale == "symlog":
         ax.set_yscale("symlog", linthresh=1)
-        _ticks(ax.yaxis, FixedLocator([0, 1, 2, 5, 10, 20, 50, 100]))
+        ax.set_yticks([0, 1, 2, 5, 10, 20, 50, 100])
         ax.yaxis.set_minor_locator(NullLocator())
+    ax.xaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_major_formatter("{x:g}")
     if metric.limits is not None:
         ax.set_ylim(*metric.limits)
-    _grid(ax)
-
-
-def _ticks(axis: Axis, locator: Locator, text="{x:g}") -> None:
-    axis.set_major_locator(locator)
-    axis.set_major_formatter(text)
-    axis.set_minor_formatter(NullFormatter())
-
-
-def _grid(ax: Axes) -> None:
     ax.grid(color=_GRID)
     ax.set_axisbelow(True)

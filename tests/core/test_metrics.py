@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.method.cloud import PointCloud
-from srt3d_ros.core.metrics import circular_difference, depth_errors, evaluate, median_offset
+from srt3d_ros.core.metrics import circular_difference, evaluate, median_offset
 from srt3d_ros.errors import InvalidInput
 
 T = 100
@@ -115,16 +115,7 @@ def test_maps_of_another_shape_are_refused(changes, named):
                     | changes))
 
 
-# ---- Errors of points, and their reported standard deviations
-
-def test_errors_of_points_have_signs_and_are_those_from_the_nearest_surface():
-    reference = np.full((2, 2, 3), NAN)
-    reference[0], reference[1, 0] = 10, 50
-    points = (0, 0, 12), (0, 0, 49), (0, 1, 99), (1, 0, 8)
-    np.testing.assert_allclose(depth_errors(cloud(*points), reference, T), [2, -1, -11, -2])
-    np.testing.assert_array_equal(depth_errors(cloud((1, 2, 8)), np.where(np.arange(3) < 2, reference[0], NAN), T), NAN)
-    assert depth_errors(cloud(), reference, T).shape == (0,)
-
+# ---- Reported standard deviations
 
 def test_shares_of_errors_within_their_standard_deviations():
     reference = [[10, 10, 10], [10, NAN, NAN]]
