@@ -24,8 +24,8 @@ ABOUT = """\
 Run sketcher and reconstructor, and what is asked for beside them, as ROS 2
 nodes in processes of their own: photons in, point clouds out. A driver
 publishes `sensor` and `photons`, `gates` or `histograms`; or --input plays
-them. Ctrl-C ends all, the source first and the recorder last. A sketcher or
-reconstructor that dies is started again."""
+them. Ctrl-C ends all, the source first and the recorder last. If a node ends,
+all end."""
 EXAMPLES = """\
 examples:
   a moving scene, no sensor needed:
