@@ -122,7 +122,7 @@ def _play(source: Source, frames: int, rate_hz: float, out: Path) -> str:
         try:
             _say("starting the nodes; the first time they compile their kernels, for about a minute")
             programs.append(processes.start(
-                [sys.executable, "-m", "srt3d_ros.cli.main", "up", "--record", str(out / RECORDING),
+                [sys.executable, "-P", "-m", "srt3d_ros.cli.main", "up", "--record", str(out / RECORDING),
                  *(f"-p{name}:={json.dumps(value)}" for name, value in settings.items())], stdout=log, stderr=log))
             while not all(f"[{name}]: ready" in (out / LOG).read_text() for name in PIPELINE) and not failed():
                 time.sleep(POLL_S)

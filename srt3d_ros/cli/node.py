@@ -76,7 +76,8 @@ def parameter_arguments(parameters: dict[str, object]) -> list[str]:
 
 def node_command(name: str, *ros_args: str, **parameters) -> list[str]:
     """The command that runs a node with these parameters, and other arguments of ROS 2."""
-    return [sys.executable, "-m", "srt3d_ros.cli.main", "node", name, *parameter_arguments(parameters), *ros_args]
+    # -P: in a clone, Python would import its srt3d_ros instead of the one that is installed and compiled.
+    return [sys.executable, "-P", "-m", "srt3d_ros.cli.main", "node", name, *parameter_arguments(parameters), *ros_args]
 
 
 def exit_at_once_on_signals() -> None:
