@@ -43,13 +43,13 @@ lint: $(VENV)/test-ready
 
 $(VENV)/demo-ready: $(installed_from)
 	@'$(PYTHON)' -c 'import sys; v = sys.version_info; sys.exit(f"srt3d_ros needs Python 3.11 or newer and this is {v[0]}.{v[1]}: try make PYTHON=python3.12" if v < (3, 11) else 0)'
-	@echo '[1/3] installing ROS 2 Jazzy, numba, rerun and the rest into $(VENV): about 1 GB, one or two minutes'
+	@echo '[1/3] installing ROS 2 Jazzy, numba, rerun and the rest into $(VENV): 1.4 GB, one or two minutes'
 	@'$(PYTHON)' -m venv $(VENV)
 	@$(pip) 'setuptools>=77.0.3,<80'
 	@$(pip) --no-build-isolation --editable '.[ros,record,review$(addprefix $(comma),$(gpu))]'
 	@echo '[2/3] placing the executables of the nodes'
 	@$(VENV)/bin/python -W ignore setup.py --quiet install_data --install-dir $(VENV)
-	@echo '[3/3] compiling the kernels for this processor: half a minute'
+	@echo '[3/3] compiling the kernels for this processor: a minute'
 	@$(VENV)/bin/srt3d compile
 	@touch $@
 
