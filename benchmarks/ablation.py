@@ -50,9 +50,9 @@ SCENES = {"bust, SBR 1, 1 ppp": (1, 1, False), "bust, SBR 0.1, 10 ppp": (0.1, 10
 HEAD_TOLERANCE_M = 40e-3
 NET, MOTION = "net, SBR 1, 10 ppp", "room from a moving sensor, 3 ppp"
 # Limits, what has to fit a margin, rounding, other methods, warm starts.
-FIXED = "MAX_SKETCH_SIZE", "MAX_PHOTONS", "REACH", "FINE", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "STAY"
+FIXED = "MAX_SKETCH_SIZE", "MAX_PHOTONS", "REACH", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "STAY"
 OFF = {"WEAK_SCORE": 0, "LEAST_SHARE": 0, "DEAD_PIXEL": -1e6, "LIKENESS": 1e6, "PRIOR_VOTE": 0,
-       "MAX_VOTE": 1e6, "EMPTY_PENALTY": 0, "FEWER_PENALTY": 0, "BIRTH": 0, "SAME_CANDIDATE": 1, "RESOLVED": 0,
+       "MAX_VOTE": 1e6, "EMPTY_PENALTY": 0, "FEWER_PENALTY": 0, "BIRTH": 0, "RESOLVED": 0,
        "SPREAD": 0}
 
 

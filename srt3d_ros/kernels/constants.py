@@ -22,7 +22,8 @@ WEAK_SCORE = 5.0        # of a pool after the first iteration, below which its p
 # ---- Iterations: the pool (`pooled_step`)
 
 REACH = 1.5             # σ of a window up to which pixels are in it
-WINDOWS = 2.0, 4.5, 9.0         # σ of each iteration's, pixels: wide where depths are known
+# σ of each iteration's, wide where depths are known, and up to where neighbours count one by one, pixels.
+WINDOWS = (2.0, 4), (4.5, 1), (9.0, 4)
 FIRST_STEPS = 2         # steps of the first iteration: the start lies on a grid, up to a peak's width from the top
 SAME_SURFACE = 4.1      # standard deviations within which depths may be one surface's: less shares fewer photons
 
@@ -38,7 +39,6 @@ EMPTY_PENALTY = 0.2     # log-likelihood ratio by which a neighbour without a su
 FEWER_PENALTY = 0.5     # and one with fewer surfaces against a further one
 BIRTH = 0.6             # log-likelihood ratio that a new surface needs
 RESOLVED = 0.7          # widths of the matched filter's peak within which depths are one surface, for sure
-SAME_CANDIDATE = 0.7    # agreement from which on two candidates are judged as one: saves a fifth of a frame's time
 SPREAD = 4              # pixels by which surfaces may grow into empty ones in each iteration
 
 # ---- End (`trim`, `finalise`)
@@ -53,7 +53,6 @@ STAY = 1.5              # log-likelihood ratio by which another depth must be be
 
 # ---- Geometry and numerics of the pool, not the method's
 
-FINE = 4                # pixels: neighbours up to here are added one by one
 RIDGE = 1e-3            # pixels²: keeps the plane finite where rounding is all that tells a support from a line
 CELL = 3                # pixels along the side of the cells by which farther ones are added; odd
 

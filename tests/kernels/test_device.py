@@ -40,7 +40,7 @@ def test_blocks_of_one_row_give_what_all_rows_at_once_give(monkeypatch, surfaces
         padded = frame.padded
         return SimpleNamespace(
             born=ORACLE.birth_death(padded, state, terms, GATE), match=ORACLE.match(frame, 2)[0],
-            pooled=ORACLE.pooled_step(padded, state, terms, 5.0, 8, GATE), terms=ORACLE.expand(padded, state),
+            pooled=ORACLE.pooled_step(padded, state, terms, 5.0, 8, 4, GATE), terms=ORACLE.expand(padded, state),
             left=ORACLE.residual(padded, state, terms, surfaces - 1))
 
     at_once = vars(results())
@@ -59,7 +59,7 @@ def test_a_block_stays_within_its_memory(monkeypatch):
         terms = kernels.expand(padded, state)
         monkeypatch.setattr(windows, "MEMORY", 2**22)
         for step in (lambda: kernels.birth_death(padded, state, terms, GATE), lambda: kernels.match(padded, 2),
-                     lambda: kernels.pooled_step(padded, state, terms, 5.0, 14, GATE)):
+                     lambda: kernels.pooled_step(padded, state, terms, 5.0, 14, 4, GATE)):
             assert peak_bytes(step) < 2**22 + 12 * state.nbytes
 
 

@@ -5,7 +5,9 @@ import pytest
 
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import DEAD_PIXEL, LIKENESS
+from srt3d_ros.kernels.cpu.arithmetic import log
 from srt3d_ros.kernels.cpu.likelihood import llr as kernel
+from srt3d_ros.kernels.cpu.likelihood import score_of
 
 from .frames import FAINT, ORACLE, T, make_frame, make_state, make_terms
 
@@ -13,8 +15,9 @@ FRAME = make_frame((6, 40), seed=0)
 
 
 def llr(response: float, photons: float, expected: float, likeness=LIKENESS) -> float:
-    values = response, photons, expected, likeness, FRAME.total_energy, FRAME.max_response
-    return float(kernel(*map(np.float32, values), FRAME.background_table, FRAME.intensity_moments))
+    score = score_of(*map(np.float32, (response, photons, FRAME.max_response)), FRAME.background_table)
+    values = score, response, photons, expected, likeness, FRAME.total_energy
+    return float(kernel(*map(np.float32, values), FRAME.intensity_moments))
 
 
 def chernoff(mean_response: float) -> float:
@@ -74,3 +77,8 @@ def test_log_likelihood_ratio(backend, shape, surfaces, light):
     np.testing.assert_allclose(fast, slow, atol=1e-5 * np.abs(slow).max())
     assert (fast > 1).any() and (fast < -0.5).any()
     assert (fast[state[:, :, maps.INTENSITY] == 0] == 0).all()
+
+
+def test_the_logarithm_of_vector_registers():
+    for value in np.geomspace(1e-30, 1e30, 1_001, dtype=np.float32):
+        assert log(value) == pytest.approx(np.log(float(value)), rel=4e-7, abs=4e-7)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import FINE
 
 from .frames import (
     CPU,
@@ -51,12 +50,13 @@ def test_expand_leaves_out_what_the_other_surfaces_explain(kernels):
 
 
 @pytest.mark.parametrize(("shape", "surfaces"), [((6, 40), 1), ((9, 33), 2), ((6, 40), 4), ((1, 67), 1)])
-@pytest.mark.parametrize(("sigma", "radius"), [(0.5, 1), (3.5, FINE), (4.0, FINE + 1), (5.0, FAR), (1e3, maps.MARGIN)])
-def test_pooled_step(backend, shape, surfaces, sigma, radius):
+@pytest.mark.parametrize(("sigma", "radius", "fine"), [
+    (0.5, 1, 4), (3.5, 4, 4), (4.0, 5, 4), (2.0, 7, 1), (5.0, FAR, 4), (1e3, maps.MARGIN, 4)])
+def test_pooled_step(backend, shape, surfaces, sigma, radius, fine):
     frame = make_frame(shape, seed=1)
     state = make_state(frame, surfaces, seed=1)
     terms = make_terms(frame, state)
-    arguments = frame.padded, state, terms, sigma, radius, GATE
+    arguments = frame.padded, state, terms, sigma, radius, fine, GATE
     _, before, known, *_ = backend.changed("pooled_step", *arguments)
     after = backend.pooled_step(*arguments)
     assert np.array_equal(before, state) and np.array_equal(known, terms) and after.dtype == np.float32
@@ -69,7 +69,7 @@ def test_pooled_step_leaves_margins_empty_and_steps_beside_pixels_without_points
     signal = np.where(np.arange(64) < 40, 20.0, 0) * np.ones((1, 2, 1))
     signal[:, :, 30:35] = 0                                     # dead pixels at the end of the first block
     frame, state = exact_frame(depth, signal, 2), exact_state(depth + 0.5, signal * (np.arange(64) < 30))
-    found = backend.pooled_step(frame.padded, state, make_terms(frame, state), 1.0, 1, GATE)
+    found = backend.pooled_step(frame.padded, state, make_terms(frame, state), 1.0, 1, 4, GATE)
     view = maps.crop(found, 2, 64)[:, 0]
     assert (view[:, maps.INTENSITY, 30:] == 0).all() and not found[..., :maps.MARGIN].any()
     np.testing.assert_allclose(view[:, maps.DEPTH, :30], 100, atol=0.01)
@@ -84,8 +84,8 @@ def test_points_on_a_plane_that_crosses_the_end_of_the_period_stay_on_it(kernels
     frame, state = exact_frame(depth, lit, 5), exact_state(depth, lit)
     view = maps.crop(state, 19, 32)
     view[:, :, maps.STD] = 1
-    state[:] = kernels.pooled_step(frame.padded, state, make_terms(frame, state), 3.0, radius, GATE)   # the slopes
-    after = kernels.pooled_step(frame.padded, state, make_terms(frame, state), 3.0, radius, GATE)
+    state[:] = kernels.pooled_step(frame.padded, state, make_terms(frame, state), 3.0, radius, 4, GATE)   # the slopes
+    after = kernels.pooled_step(frame.padded, state, make_terms(frame, state), 3.0, radius, 4, GATE)
     view = maps.crop(after, 19, 32)[:, 0]
     away = (view[:, maps.DEPTH] - depth[0] + T / 2) % T - T / 2
     inner = np.s_[FAR:-FAR, FAR:-FAR]
@@ -102,10 +102,10 @@ def test_the_residual_is_the_distance_of_the_neighbours_from_the_plane(kernels):
     depth, lit = (50 + 0.2 * (-1.0)**(x + y))[None], np.full((1, 13, 33), 20.0)
     frame, state = exact_frame(depth, lit, 5), exact_state(depth, lit)
     maps.crop(state, 13, 33)[:, :, maps.STD] = 0.5
-    after = kernels.pooled_step(frame.padded, state, make_terms(frame, state), 1e3, FINE, GATE)
+    after = kernels.pooled_step(frame.padded, state, make_terms(frame, state), 1e3, 4, 4, GATE)
     point = maps.crop(after, 13, 33)[6, 0, :, 16]
-    dy, dx = np.mgrid[-FINE:FINE + 1, -FINE:FINE + 1]
-    inside = dx**2 + dy**2 <= FINE * (FINE + 1)
+    dy, dx = np.mgrid[-4:5, -4:5]
+    inside = dx**2 + dy**2 <= 4 * 5
     close = (1 - 0.4**2 / (2 * GATE * 0.5**2))**2
     other = close * (inside & ((dx + dy) % 2 == 1)).sum()
     mean = 0.4**2 * other / (other + (inside & ((dx + dy) % 2 == 0)).sum())

@@ -78,13 +78,13 @@ class Pooled:
         # Start with surfaces that are sure, let them spread, and search the pixels that are still open more widely.
         state = kernels.no_surfaces(frame, self._surfaces)
         self._search(frame, state, START_SCALES, START_SCORE, start, continued)
-        state = self._iterate(frame, state, WINDOWS[0], FIRST_STEPS)
+        state = self._iterate(frame, state, *WINDOWS[0], FIRST_STEPS)
         kernels.drop_weak(state, WEAK_SCORE)
         self._search(frame, state, (WIDE_SCALE,), found)
 
         # Iterate over wider windows.
-        for sigma in WINDOWS[1:]:
-            state = self._iterate(frame, state, sigma)
+        for sigma, fine in WINDOWS[1:]:
+            state = self._iterate(frame, state, sigma, fine)
 
         # Finish: outlines, threshold, intensities, standard deviations, points.
         terms = kernels.expand(frame, state)
@@ -111,12 +111,13 @@ class Pooled:
                 slanted = scale == SLANTED_SCALE and layer == 0 and start is None
                 kernels.search(frame, matched, state, layer, *scale, least, start, confirmed, slanted)
 
-    def _iterate(self, frame: MatchedFrame, state, sigma: float, steps: int = 1):
+    def _iterate(self, frame: MatchedFrame, state, sigma: float, fine: int, steps: int = 1):
         """Birth and death of points, then Gauss-Newton steps on the data terms pooled over the window."""
         kernels, radius = self._kernels, ceil(REACH * sigma)
         state = kernels.birth_death(frame, state, kernels.expand(frame, state), SAME_SURFACE**2)
         for _ in range(steps):
-            state = kernels.pooled_step(frame, state, kernels.expand(frame, state), sigma, radius, SAME_SURFACE**2)
+            terms = kernels.expand(frame, state)
+            state = kernels.pooled_step(frame, state, terms, sigma, radius, fine, SAME_SURFACE**2)
         return state
 
     def _left(self, frame: MatchedFrame, state, intensity, background, taken):

@@ -1,7 +1,10 @@
-"""Birth/death update: each pixel's surfaces are chosen anew among its neighbourhood's."""
+"""Birth/death update: each pixel's surfaces are chosen anew among its neighbourhood's.
+
+LANES of the pixels in which something is to be decided are judged together, in vector registers.
+"""
 
 import numpy as np
-from numba import get_num_threads, prange
+from numba import prange
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.constants import NEAR_SIGMA, RESOLVED, SPREAD, VOTE_RADIUS
@@ -14,282 +17,278 @@ from srt3d_ros.kernels.cpu.arithmetic import (
     SLOPE_COL,
     SLOPE_ROW,
     STD,
+    TINY,
     ZERO,
-    B,
     U,
     agreement,
     aligned,
-    any_of,
     copy,
-    fair_order,
     is_surface,
     rise,
+    sincos,
     total_of,
     wrap,
 )
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.cpu.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio
-from srt3d_ros.kernels.cpu.match import response_at, subtract
-from srt3d_ros.kernels.maps import BLOCK, FIELDS, MARGIN, MAX_STD
+from srt3d_ros.kernels.cpu.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio, score_of
+from srt3d_ros.kernels.cpu.undecided import mark_undecided
+from srt3d_ros.kernels.maps import FIELDS, MAX_STD
 
-BIRTH, EMPTY_PENALTY, FEWER_PENALTY, SAME_CANDIDATE, MAX_VOTE, PRIOR_VOTE = (F32(getattr(constants, name)) for name in (
-    "BIRTH", "EMPTY_PENALTY", "FEWER_PENALTY", "SAME_CANDIDATE", "MAX_VOTE", "PRIOR_VOTE"))
+BIRTH, EMPTY_PENALTY, FEWER_PENALTY, MAX_VOTE, PRIOR_VOTE = (F32(getattr(constants, name)) for name in (
+    "BIRTH", "EMPTY_PENALTY", "FEWER_PENALTY", "MAX_VOTE", "PRIOR_VOTE"))
 NEVER = F32(-1e30)
+SIDE = 2 * VOTE_RADIUS + 1
 # A vote's weight by distance².
 BY_DISTANCE = tuple(F32(np.exp(-d / (2 * NEAR_SIGMA**2))) for d in range(2 * VOTE_RADIUS**2 + 1))
 
-# Offsets into the scratch of `_find_undecided`, for numbers of BLOCK pixels.
-OWN, FOUND, OPEN, NUMBER, THERE, KNOWN, PLACE, LIMIT = (U(k * BLOCK) for k in range(8))
-# Columns of the candidates' tables; NEAR is a list of candidates by itself.
-ROW, COL, SURFACE, COUNT, MINE, FREE, NEAR = range(7)
-AT, TOLERANCE, WEIGHT, VOTE = range(4)
-
-
-@inline
-def _compare(s, state, at, here, surfaces, padded_cols, dx, dy, max_chi2, blur2, period, max_std):
-    """Count the surface of a neighbour at (dx, dy), whose depth is at `at`, and open pixels that do not know it."""
-    for x in range(B):
-        std = state[at + STD * padded_cols + x]
-        there = is_surface(state[at + INTENSITY * padded_cols + x], std, max_std)
-        s[THERE + x] = ONE if there else ZERO
-        s[LIMIT + x] = max_chi2 * std * std + blur2 + blur2
-        s[KNOWN + x] = ZERO
-    for x in range(B):
-        s[PLACE + x] = state[at + DEPTH * padded_cols + x] - rise(
-            state[at + SLOPE_COL * padded_cols + x], state[at + SLOPE_ROW * padded_cols + x], dx, dy)
-    for k in range(surfaces):
-        mine = U(here + k * FIELDS * padded_cols)
-        for x in range(B):
-            e = wrap(s[PLACE + x] - state[mine + DEPTH * padded_cols + x], period)
-            std = state[mine + STD * padded_cols + x]
-            same = (e * e < s[LIMIT + x] + max_chi2 * std * std) & is_surface(
-                state[mine + INTENSITY * padded_cols + x], std, max_std)
-            s[KNOWN + x] = ONE if same else s[KNOWN + x]
-    for x in range(B):
-        s[NUMBER + x] += s[THERE + x]
-        strange = (s[THERE + x] > ZERO) & (s[KNOWN + x] == ZERO)
-        s[OPEN + x] = ONE if strange else s[OPEN + x]
+LANES = 16
+L = U(LANES)
+# Offsets in a voter: a surface of the neighbourhood, carried to the pixel. WEIGHT is 0 if there is none, or none left;
+# COUNT, of its pixel's surfaces, is in the first of them.
+AT, TOLERANCE, LIGHT, WEIGHT, VOTE, COUNT = (U(k * LANES) for k in range(6))
+VOTER = U(6 * LANES)
+# Offsets in the scratch of `_judge`: of the pixel, of the candidate, of the best so far.
+(PHOTONS, GAIN, LEAST, DARK, AGAINST, LIMIT, VOTES, SHIFT, SHARE, SIGNAL, PLACE, RATIO, MINE, RESPONSE,
+ MOST, BEST, BEST_AT, BEST_RATIO, BEST_MINE, BEST_RESPONSE) = (U(k * LANES) for k in range(20))
+SCRATCH = 20 * LANES
 
 
 @line
-def _find_undecided(s, state, here, surfaces, padded_cols, max_chi2, blur2, period, max_std):
-    """Set BLOCK numbers from OPEN on in s to 1 where something is to be decided, else 0; from OWN on: own surfaces.
-
-    A pixel with surfaces is decided if all of the 3 × 3 neighbourhood belong to them, and no neighbour has fewer; one
-    without surfaces, if no neighbour has one. `here` is the index of the first pixel's depth in the flat state.
-    """
-    for x in range(B):
-        s[OWN + x], s[FOUND + x], s[OPEN + x] = ZERO, ZERO, ZERO
-    for k in range(surfaces):
-        mine = U(here + k * FIELDS * padded_cols)
-        for x in range(B):
-            there = is_surface(state[mine + INTENSITY * padded_cols + x], state[mine + STD * padded_cols + x], max_std)
-            s[OWN + x] += ONE if there else ZERO
-    for dy in range(-1, 2):
-        for dx in range(-1, 2):
-            if dx == 0 and dy == 0:             # the pixel's own
-                continue
-            for x in range(B):
-                s[NUMBER + x] = ZERO
-            for q in range(surfaces):
-                at = U(here + (dy * surfaces + q) * FIELDS * padded_cols + dx)
-                _compare(s, state, at, here, surfaces, padded_cols, F32(dx), F32(dy), max_chi2, blur2, period, max_std)
-            for x in range(B):
-                s[FOUND + x] += s[NUMBER + x]
-                fewer = (s[NUMBER + x] > ZERO) & (s[NUMBER + x] < s[OWN + x])
-                s[OPEN + x] = ONE if fewer else s[OPEN + x]
-    for x in range(B):
-        gap = ONE if s[FOUND + x] > ZERO else ZERO
-        s[OPEN + x] = gap if s[OWN + x] == ZERO else s[OPEN + x]
-
-
-@line
-def _collect(i, j, state, own, counts, exposure, max_chi2, blur2, max_std, values, info):
-    """Collect the surfaces of the neighbourhood, carried to pixel (i, j) along their planes.
-
-    Returns how many there are, how many are the pixel's, and the weights of pixels without any: with photons, without.
-    """
-    found, mine, blank, dark = 0, 0, ZERO, ZERO
+def _gather(pixel, state, own, surfaces, padded_cols, max_chi2, blur2, max_std, v):
+    """Write the voters of LANES pixels, place by place."""
+    depth, ratio = np.empty(LANES, np.int64), np.empty(LANES, np.int64)         # of the pixels: where they are
+    for x in range(L):
+        row, col = pixel[x] // padded_cols * surfaces, pixel[x] % padded_cols
+        depth[x], ratio[x] = row * FIELDS * padded_cols + col, row * padded_cols + col
+    n = U(0)
     for di in range(-VOTE_RADIUS, VOTE_RADIUS + 1):
         for dj in range(-VOTE_RADIUS, VOTE_RADIUS + 1):
-            a, b, weight, first = i + di, j + dj, BY_DISTANCE[di * di + dj * dj], found
-            for k in range(state.shape[1]):
-                if is_surface(state[a, k, INTENSITY, b], state[a, k, STD, b], max_std):
-                    values[found, AT] = state[a, k, DEPTH, b] - rise(state[a, k, SLOPE_COL, b],
-                                                                     state[a, k, SLOPE_ROW, b], F32(dj), F32(di))
-                    values[found, TOLERANCE] = max_chi2 * state[a, k, STD, b] * state[a, k, STD, b] + blur2
-                    values[found, WEIGHT] = weight
-                    values[found, VOTE] = weight * min(max(PRIOR_VOTE + own[a, k, b], ZERO), MAX_VOTE)
-                    info[found, ROW], info[found, COL], info[found, SURFACE], info[found, FREE] = a, b, k, 1
-                    info[found, MINE] = 1 if di == 0 and dj == 0 else 0
-                    found += 1
-            for q in range(first, found):
-                info[q, COUNT] = found - first
-            if di == 0 and dj == 0:
-                mine = found - first
-            elif found == first and counts[a, b] > ZERO:
-                blank += weight
-            elif found == first and exposure[a, b] > ZERO:
-                dark += weight
-    return found, mine, blank, dark
+            weight, first = BY_DISTANCE[di * di + dj * dj], n
+            votes = ZERO if di == 0 and dj == 0 else weight
+            for x in range(L):
+                v[first + COUNT + x] = ZERO
+            for k in range(surfaces):
+                row = (di * surfaces + k) * padded_cols
+                for x in range(L):
+                    here = U(depth[x] + row * FIELDS + dj)
+                    std, intensity = state[here + STD * U(padded_cols)], state[here + INTENSITY * U(padded_cols)]
+                    there = ONE if is_surface(intensity, std, max_std) else ZERO
+                    v[first + COUNT + x] += there
+                    v[n + AT + x] = state[here] - rise(state[here + SLOPE_COL * U(padded_cols)],
+                                                       state[here + SLOPE_ROW * U(padded_cols)], F32(dj), F32(di))
+                    v[n + TOLERANCE + x] = max_chi2 * std * std + blur2
+                    v[n + LIGHT + x] = intensity
+                    v[n + WEIGHT + x] = there * weight
+                    v[n + VOTE + x] = there * votes * min(max(PRIOR_VOTE + own[U(ratio[x] + row + dj)], ZERO), MAX_VOTE)
+                n += VOTER
 
 
 @inline
-def _agree(q, c, values, period):
-    """How far two candidates are one surface, and their difference in depth."""
-    e, tolerance = wrap(values[q, AT] - values[c, AT], period), values[q, TOLERANCE] + values[c, TOLERANCE]
-    return agreement(e, tolerance) if e * e < tolerance else ZERO, e
+def _support(s, v, c, voters, middle, surfaces, period):
+    """Votes (nats) for the candidate at c, the depth and intensity of what agrees, and which of the pixel's own."""
+    for x in range(L):
+        s[LIMIT + x] = v[c + TOLERANCE + x]
+        s[VOTES + x], s[SHIFT + x], s[SHARE + x], s[SIGNAL + x], s[MINE + x] = ZERO, ZERO, ZERO, ZERO, -ONE
+    for q in range(U(0), voters, VOTER):
+        for x in range(L):
+            e = wrap(v[q + AT + x] - v[c + AT + x], period)
+            same = agreement(e, v[q + TOLERANCE + x] + s[LIMIT + x])
+            w = same * v[q + WEIGHT + x]
+            s[VOTES + x] += same * v[q + VOTE + x]
+            s[SHARE + x] += w
+            s[SHIFT + x] += w * e
+            s[SIGNAL + x] += w * v[q + LIGHT + x]
+    for x in range(L):
+        share = max(s[SHARE + x], TINY)
+        s[PLACE + x] = v[c + AT + x] + s[SHIFT + x] / share
+        s[SIGNAL + x] /= share
+    for k in range(U(surfaces)):
+        q = middle + k * VOTER
+        for x in range(L):
+            e = wrap(v[q + AT + x] - v[c + AT + x], period)
+            mine = (e * e < v[q + TOLERANCE + x] + s[LIMIT + x]) & (v[q + WEIGHT + x] > ZERO)
+            s[MINE + x] = F32(k) if mine else s[MINE + x]
+            s[PLACE + x] = v[q + AT + x] if mine else s[PLACE + x]
+            s[SIGNAL + x] = v[q + LIGHT + x] if mine else s[SIGNAL + x]
+
+
+@inline
+def _respond(s, z, bin_frequencies):
+    """The responses of the pixels' photons at the candidate's depths."""
+    m = U(len(bin_frequencies))
+    for x in range(L):
+        s[RESPONSE + x] = ZERO
+    for l in range(m):
+        for x in range(L):
+            sine, cosine = sincos(bin_frequencies[l] * s[PLACE + x])
+            s[RESPONSE + x] += z[l * L + x] * cosine + z[(m + l) * L + x] * sine
 
 
 @line
-def _support(c, k, found, values, info, state, period):
-    """Votes (nats) for candidate c as surface k, depth, intensity, and which one that agrees is the pixel's or −1."""
-    votes, shift, weight, intensity, mine = ZERO, ZERO, ZERO, ZERO, -1
-    for q in range(found):
-        same, e = _agree(q, c, values, period)
-        w = values[q, WEIGHT]
-        if k > 0 and info[q, MINE] == 0 and info[q, COUNT] <= k:
-            votes -= w * FEWER_PENALTY / F32(info[q, COUNT])
-        elif info[q, FREE] == 1 and info[q, MINE] == 0:
-            votes += values[q, VOTE] * same
-        if info[q, FREE] == 1 and same > ZERO:
-            mine = q if info[q, MINE] == 1 else mine
-            weight += w * same
-            shift += w * same * e
-            intensity += w * same * state[info[q, ROW], info[q, SURFACE], INTENSITY, info[q, COL]]
-    at, intensity = values[c, AT] + shift / weight, intensity / weight
-    if mine >= 0:
-        at = values[mine, AT]
-        intensity = state[info[mine, ROW], info[mine, SURFACE], INTENSITY, info[mine, COL]]
-    return votes, at, intensity, mine
+def _choose(k, s, v, z, voters, surfaces, bin_frequencies, period, total, max_response, background_table, moments):
+    """Of the candidates, the surfaces of the 3 × 3 places in the middle, that with the highest log-likelihood ratio.
 
-
-@line
-def _best(k, least, unseen, i, j, found, values, info, state, rest, photons, exposure, bin_frequencies, period, total,
-          max_response, background_table, moments):
-    """The free candidate of the 3 × 3 neighbourhood with the highest log-likelihood ratio above `least`, or −1.
-
-    And the ratio by the pixel's own photons, depth, which candidate is the pixel's own or −1, and photons from there.
-    A candidate loses `unseen` nats times the probability that a pixel sees any of its photons.
+    It is the best as surface k if that is above what s has from MOST on. A candidate loses the nats from DARK on times
+    the probability that a pixel sees any of its photons.
     """
-    best, most, own, at, mine, signal = -1, least, ZERO, ZERO, -1, ZERO
-    close_by = 0                                    # candidates of the 3 × 3 neighbourhood so far, listed in info
-    for c in range(found):
-        if info[c, FREE] == 0 or abs(info[c, ROW] - i) > 1 or abs(info[c, COL] - j) > 1:
-            continue
-        judged = False                              # as one with a candidate before
-        for q in range(close_by):
-            same, _ = _agree(info[q, NEAR], c, values, period)
-            if same > SAME_CANDIDATE:
-                judged = True
-                break
-        info[close_by, NEAR] = c
-        close_by += 1
-        if judged:
-            continue
-        votes, where, intensity, its = _support(c, k, found, values, info, state, period)
-        response = response_at(rest, 0, 1, bin_frequencies, where)
-        likeness = SHARED_LIKENESS if k > 0 else LIKENESS
-        ratio = llr(response, photons, intensity * exposure, likeness, total, max_response, background_table, moments)
-        votes -= unseen * (ONE - np.exp(-intensity * exposure))
-        if ratio + votes > most:
-            best, most, own, at, mine = c, ratio + votes, ratio, where, its
-            signal = max(response, ZERO) / total
-    return best, own, at, mine, signal
+    likeness, middle = SHARED_LIKENESS if k > 0 else LIKENESS, U(VOTE_RADIUS * (SIDE + 1) * surfaces) * VOTER
+    any_dark = s[DARK:DARK + L].max() > ZERO
+    for row in range(VOTE_RADIUS - 1, VOTE_RADIUS + 2):
+        for place in range(row * SIDE + VOTE_RADIUS - 1, row * SIDE + VOTE_RADIUS + 2):
+            for q in range(surfaces):
+                c = U(place * surfaces + q) * VOTER
+                if v[c + WEIGHT:c + WEIGHT + L].max() == ZERO:
+                    continue
+                _support(s, v, c, voters, middle, surfaces, period)
+                _respond(s, z, bin_frequencies)
+                for x in range(L):
+                    s[RATIO + x] = score_of(s[RESPONSE + x], s[PHOTONS + x], max_response, background_table)
+                for x in range(L):
+                    s[RATIO + x] = llr(s[RATIO + x], s[RESPONSE + x], s[PHOTONS + x], s[SIGNAL + x] * s[GAIN + x],
+                                       likeness, total, moments)
+                for x in range(L if any_dark else U(0)):
+                    s[VOTES + x] -= s[DARK + x] * (ONE - np.exp(-s[SIGNAL + x] * s[GAIN + x]))
+                for x in range(L):
+                    value = s[RATIO + x] + (s[VOTES + x] - s[AGAINST + x])
+                    better = (v[c + WEIGHT + x] > ZERO) & (value > s[MOST + x])
+                    s[MOST + x] = value if better else s[MOST + x]
+                    s[BEST + x] = F32(c) if better else s[BEST + x]
+                    for f in range(U(4)):           # place, ratio, own surface, response
+                        now, best = s[PLACE + f * L + x], s[BEST_AT + f * L + x]
+                        s[BEST_AT + f * L + x] = now if better else best
 
 
 @line
-def _join(c, found, at, state, values, info, period, record):
-    """Write the mean of the candidates that agree with c into `record`."""
+def _oppose(k, s, v, surfaces):
+    """Neighbours that have no more than k surfaces speak against one more, and no longer for any."""
+    for x in range(L):
+        s[AGAINST + x] = ZERO
+    n = U(0)
+    for di in range(-VOTE_RADIUS, VOTE_RADIUS + 1):
+        for dj in range(-VOTE_RADIUS, VOTE_RADIUS + 1):
+            weight = FEWER_PENALTY * BY_DISTANCE[di * di + dj * dj] if di != 0 or dj != 0 else ZERO
+            for x in range(L):
+                count = v[n + COUNT + x]
+                s[AGAINST + x] += weight if (count > ZERO) & (count <= F32(k)) else ZERO
+                for q in range(n, n + U(surfaces) * VOTER, VOTER):
+                    v[q + VOTE + x] = ZERO if count <= F32(k) else v[q + VOTE + x]
+            n += U(surfaces) * VOTER
+
+
+@line
+def _join(x, i, j, s, v, state, record, period):
+    """Write the mean of the voters of lane x that agree with the best candidate into `record`."""
+    surfaces, c = state.shape[1], U(s[BEST + x])
     record[:] = ZERO
-    weight = ZERO
-    for q in range(found):
-        same, _ = _agree(q, c, values, period)
-        if info[q, FREE] == 1 and same > ZERO:
-            w = values[q, WEIGHT] * same
-            weight += w
-            for f in range(len(record)):
-                record[f] += w * state[info[q, ROW], info[q, SURFACE], f, info[q, COL]]
-    for f in range(len(record)):
+    weight, q = ZERO, U(0)
+    for di in range(-VOTE_RADIUS, VOTE_RADIUS + 1):
+        for dj in range(-VOTE_RADIUS, VOTE_RADIUS + 1):
+            for k in range(surfaces):
+                e = wrap(v[q + AT + x] - v[c + AT + x], period)
+                w = v[q + WEIGHT + x] * agreement(e, v[q + TOLERANCE + x] + v[c + TOLERANCE + x])
+                if w > ZERO:
+                    weight += w
+                    for f in range(FIELDS):
+                        record[f] += w * state[i + di, k, f, j + dj]
+                q += VOTER
+    for f in range(FIELDS):
         record[f] /= weight
-    record[DEPTH] = at - period * np.floor(at / period)
+    record[DEPTH] = s[BEST_AT + x] - period * np.floor(s[BEST_AT + x] / period)
     record[SCORE] = ZERO                                            # for its pool to say
 
 
+@line
+def _take(x, voters, s, v, z, energy, bin_frequencies, depth, total, period):
+    """Take the best candidate's photons, and what agrees with it, out of lane x for the surfaces that follow."""
+    m, c = U(len(energy)), U(s[BEST + x])
+    at, limit, signal = v[c + AT + x], v[c + TOLERANCE + x], max(s[BEST_RESPONSE + x], ZERO) / total
+    s[PHOTONS + x] = left(s[PHOTONS + x], signal)
+    for l in range(m):
+        sine, cosine = sincos(bin_frequencies[l] * depth)
+        z[l * L + x] -= signal * energy[l] * cosine
+        z[(m + l) * L + x] -= signal * energy[l] * sine
+    for q in range(U(0), voters, VOTER):
+        e = wrap(v[q + AT + x] - at, period)
+        if e * e < v[q + TOLERANCE + x] + limit:
+            v[q + WEIGHT + x], v[q + VOTE + x] = ZERO, ZERO
+
+
+@line
+def _load(pixel, matched, counts, exposure, surfaces, v, s, z):
+    """Write what the pixels have seen, and what a surface needs: a first one more, by the places around without any."""
+    padded_cols = counts.shape[1]
+    for x in range(L):
+        i, j = pixel[x] // padded_cols, pixel[x] % padded_cols
+        s[PHOTONS + x], s[GAIN + x], s[AGAINST + x], blank, dark = counts[i, j], exposure[i, j], ZERO, ZERO, ZERO
+        for c in range(matched.shape[1]):
+            z[U(c) * L + x] = matched[i, c, j]
+        had = v[U(VOTE_RADIUS * (SIDE + 1) * surfaces) * VOTER + COUNT + x] > ZERO
+        for place in range(0 if had else SIDE * SIDE):
+            di, dj = place // SIDE - VOTE_RADIUS, place % SIDE - VOTE_RADIUS
+            if v[U(place * surfaces) * VOTER + COUNT + x] == ZERO and (di != 0 or dj != 0):
+                if counts[i + di, j + dj] > ZERO:
+                    blank += EMPTY_PENALTY * BY_DISTANCE[di * di + dj * dj]
+                elif exposure[i + di, j + dj] > ZERO:
+                    dark += EMPTY_PENALTY * BY_DISTANCE[di * di + dj * dj]
+        s[DARK + x], s[LEAST + x] = dark, BIRTH + blank
+        s[MOST + x] = NEVER if had else BIRTH + blank
+
+
 @parallel
-def _update(matched, counts, exposure, energy, bin_frequencies, num_bins, max_response, background_table, moments,
-            max_chi2, blur2, spreads, changed, before, own_before, after, own_after, changes, order):
-    padded_rows, surfaces, fields, padded_cols = before.shape
-    period, total = F32(num_bins), total_of(energy)
-    most, max_std = (2 * VOTE_RADIUS + 1)**2 * surfaces, F32(MAX_STD) * period
-    flat = before.reshape(-1)
-    for turn in prange(padded_rows - 2 * MARGIN):
-        i = order[turn] + MARGIN
-        values, info = np.empty((most, 4), np.float32), np.empty((most, 7), np.int64)
-        s = aligned(8 * BLOCK)
-        rest, record = np.empty(2 * len(energy), np.float32), np.empty(fields, np.float32)
-        for j in range(padded_cols):
-            changes[i, j] = 0
+def _judge(undecided, matched, counts, exposure, energy, bin_frequencies, num_bins, max_response, background_table,
+           moments, max_chi2, blur2, before, own_before, after, own_after, changes):
+    _, surfaces, fields, padded_cols = before.shape
+    period, total, max_std = F32(num_bins), total_of(energy), F32(MAX_STD) * F32(num_bins)
+    voters = U(SIDE * SIDE * surfaces) * VOTER
+    state, own = before.reshape(-1), own_before.reshape(-1)
+    for part in prange(-(-len(undecided) // LANES)):
+        first, several = part * LANES, min(LANES, len(undecided) - part * LANES)
+        pixel, record = np.empty(LANES, np.int64), np.empty(fields, np.float32)
+        for x in range(LANES):                  # a last part has more of its last pixel, whose results nobody takes
+            pixel[x] = undecided[first + min(x, several - 1)]
+        s, v, z = aligned(SCRATCH), aligned(int(voters)), aligned(2 * len(energy) * LANES)
+        _gather(pixel, state, own, surfaces, padded_cols, max_chi2, blur2, max_std, v)
+        _load(pixel, matched, counts, exposure, surfaces, v, s, z)
         for k in range(surfaces):
-            for f in range(fields):
-                copy(before[i, k, f], after[i, k, f])
-            copy(own_before[i, k], own_after[i, k])
-        if spreads and not any_of(changed[i - VOTE_RADIUS:i + VOTE_RADIUS + 1]):
-            continue
-        for j in range(MARGIN, padded_cols - MARGIN):
-            x = U(j - MARGIN) % B
-            if x == 0:
-                _find_undecided(s, flat, i * surfaces * fields * padded_cols + j, surfaces, U(padded_cols), max_chi2,
-                                blur2, period, max_std)
-            if s[OPEN + x] == ZERO or exposure[i, j] <= ZERO:
-                continue
-            around = changed[i - VOTE_RADIUS:i + VOTE_RADIUS + 1, j - VOTE_RADIUS:j + VOTE_RADIUS + 1]
-            if spreads and (int(s[OWN + x]) == surfaces or not any_of(around)):
-                continue
-            found, had, blank, dark = _collect(i, j, before, own_before, counts, exposure, max_chi2, blur2, max_std,
-                                               values, info)
-            blank, dark = (ZERO, ZERO) if had > 0 else (EMPTY_PENALTY * blank, EMPTY_PENALTY * dark)
-            copy(matched[i, :, j], rest)
-            photons = counts[i, j]
-            for k in range(surfaces):
-                least = blank + BIRTH if k > 0 or had == 0 else NEVER
-                c, own, at, mine, signal = _best(
-                    k, least, dark, i, j, found, values, info, before, rest, photons, exposure[i, j],
-                    bin_frequencies, period, total, max_response, background_table, moments)
-                if c < 0:
+            for x in range(L):
+                s[MOST + x] = s[LEAST + x] if k > 0 else s[MOST + x]
+                s[BEST + x] = -ONE
+            if k > 0:
+                _oppose(k, s, v, surfaces)
+            _choose(k, s, v, z, voters, surfaces, bin_frequencies, period, total, max_response, background_table,
+                    moments)
+            for x in range(U(several)):
+                i, j, mine = pixel[x] // padded_cols, pixel[x] % padded_cols, int(s[BEST_MINE + x])
+                if s[BEST + x] < ZERO:
                     changes[i, j] |= 1 if before[i, k, INTENSITY, j] > ZERO else 0
                     after[i, k, INTENSITY, j], own_after[i, k, j] = ZERO, ZERO
                     continue
                 if mine >= 0:
-                    copy(before[i, info[mine, SURFACE], :, j], record)
+                    copy(before[i, mine, :, j], record)
                 else:
-                    _join(c, found, at, before, values, info, period, record)
-                changes[i, j] |= 1 if mine < 0 or info[mine, SURFACE] != k else 0
+                    _join(x, i, j, s, v, before, record, period)
+                changes[i, j] |= 1 if mine != k else 0
                 copy(record, after[i, k, :, j])
-                own_after[i, k, j] = own
+                own_after[i, k, j] = s[BEST_RATIO + x]
                 if k + 1 < surfaces:
-                    photons = left(photons, signal)
-                    subtract(rest, record[DEPTH], signal, energy, bin_frequencies)
-                    for q in range(found):                          # what agrees is left out from now on
-                        same, _ = _agree(q, c, values, period)
-                        info[q, FREE] = 0 if same > ZERO else info[q, FREE]
+                    _take(x, voters, s, v, z, energy, bin_frequencies, record[DEPTH], total, period)
 
 
 def birth_death(frame, state, terms, max_chi2):
     """A step of spreading looks only where the last step has changed something: elsewhere it would decide as before."""
     # Depths nearer than the sketch can resolve are one surface's, whatever their standard deviations.
-    blur2 = F32(RESOLVED * frame.resolution_bins)**2
+    max_chi2, blur2, period = F32(max_chi2), F32(RESOLVED * frame.resolution_bins)**2, F32(frame.num_bins)
     own = log_likelihood_ratio(frame, state, terms)
-    order = fair_order(state.shape[0] - 2 * MARGIN, get_num_threads())
-    changed, changes = (borrow(name, frame.counts.shape, True).view(np.int32)
-                        for name in ("changed", "changes"))
+    changed, changes = (borrow(name, frame.counts.shape, True).view(np.int32) for name in ("changed", "changes"))
+    undecided = np.zeros(frame.counts.shape, np.bool_)
     for step in range(1 + SPREAD):
-        after = borrow(f"proposed {step % 2}", state.shape)
-        own_after = borrow(f"own {step % 2}", own.shape)
-        _update(frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, frame.num_bins,
-                F32(frame.max_response), frame.background_table, frame.intensity_moments, F32(max_chi2), blur2,
-                step > 0, changed, state, own, after, own_after, changes, order)
+        after, own_after = borrow(f"proposed {step % 2}", state.shape), borrow(f"own {step % 2}", own.shape)
+        mark_undecided(frame.exposure, step > 0, changed, state, own, after, own_after, changes, max_chi2, blur2,
+                       period, F32(MAX_STD) * period, undecided)
+        _judge(np.flatnonzero(undecided), frame.matched, frame.counts, frame.exposure, frame.energy,
+               frame.bin_frequencies, frame.num_bins, F32(frame.max_response), frame.background_table,
+               frame.intensity_moments, max_chi2, blur2, state, own, after, own_after, changes)
         state, own, changed, changes = after, own_after, changes, changed
         if not changed.any():
             break

@@ -4,8 +4,8 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, ZERO
-from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
+from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, ZERO, log
+from srt3d_ros.kernels.cpu.compiling import inline, parallel
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.maps import INTENSITY, VALUE
 
@@ -36,40 +36,51 @@ def left(photons, explained):
     return max(photons - explained, HALF) if photons > ZERO else ZERO
 
 
-@line
-def llr(response, photons, expected, likeness, total, max_response, background_table, moments):
+@inline
+def llr(score, response, photons, expected, likeness, total, moments):
     """Log-likelihood ratio of "a surface of about this intensity and background" and "background alone", nats.
 
     Args:
+        score: the evidence of the response, in a pass of its own: no vector register looks up a table.
         response: of the pixel's photons to the matched filter at the surface's depth.
         photons: of the pixel, those of its other surfaces left out; 0 if it has seen none at all.
         expected: signal photons that the surface should give, to within the factor `likeness`.
     """
-    dead, response, photons = photons <= ZERO, max(response, ZERO), max(photons, HALF)
-    score = evidence(response, photons, photons, max_response, background_table)
-    seen = response / total
+    seen = max(response, ZERO) / total
     likely = min(max(seen, expected / likeness), expected * likeness)
-    deviance = likely - seen + (seen * np.log(seen / likely) if seen > ZERO else ZERO)
-    signal, background = likely * moments[0], max(photons - likely, ZERO) * moments[1]
+    deviance = likely - seen + (seen * log(seen / likely) if seen > ZERO else ZERO)
+    signal, background = likely * moments[0], max(max(photons, HALF) - likely, ZERO) * moments[1]
     ratio = HALF * score * score - deviance * signal / (signal + background)
-    return max(ratio, DEAD_PIXEL) if dead else ratio
+    return max(ratio, DEAD_PIXEL) if photons <= ZERO else ratio
+
+
+@inline
+def score_of(response, photons, max_response, background_table):
+    """The evidence of a pixel's photons, at least half of one."""
+    photons = max(photons, HALF)
+    return evidence(max(response, ZERO), photons, photons, max_response, background_table)
 
 
 @parallel
 def _log_likelihood_ratio(counts, exposure, total, max_response, background_table, moments, state, terms, out):
     padded_rows, surfaces, _, padded_cols = state.shape
     for i in prange(padded_rows):
+        others, photons = np.empty(padded_cols, np.float32), np.empty(padded_cols, np.float32)
         for k in range(surfaces):
+            intensity, response, ratio = state[i, k, INTENSITY], terms[i, k, VALUE], out[i, k]
+            others[:] = ZERO
+            for o in range(surfaces):
+                if o != k:
+                    for j in range(padded_cols):
+                        others[j] += state[i, o, INTENSITY, j] * exposure[i, j]
             for j in range(padded_cols):
-                out[i, k, j] = ZERO
-                if state[i, k, INTENSITY, j] > ZERO and exposure[i, j] > ZERO:
-                    others = ZERO
-                    for o in range(surfaces):
-                        others += state[i, o, INTENSITY, j] * exposure[i, j] if o != k else ZERO
-                    likeness = SHARED_LIKENESS if others > ZERO else LIKENESS
-                    photons = left(counts[i, j], others)
-                    out[i, k, j] = llr(terms[i, k, VALUE, j], photons, state[i, k, INTENSITY, j] * exposure[i, j],
-                                       likeness, total, max_response, background_table, moments)
+                photons[j] = left(counts[i, j], others[j])
+                ratio[j] = score_of(response[j], photons[j], max_response, background_table)
+            for j in range(padded_cols):
+                likeness = SHARED_LIKENESS if others[j] > ZERO else LIKENESS
+                there = (intensity[j] > ZERO) & (exposure[i, j] > ZERO)
+                nats = llr(ratio[j], response[j], photons[j], intensity[j] * exposure[i, j], likeness, total, moments)
+                ratio[j] = nats if there else ZERO
 
 
 def log_likelihood_ratio(frame, state, terms):

@@ -8,7 +8,7 @@ not overlap, and that no index counts from the end.
 import numpy as np
 from numba import prange
 
-from srt3d_ros.kernels.constants import CELL, FINE, RIDGE
+from srt3d_ros.kernels.constants import CELL, RIDGE
 from srt3d_ros.kernels.cpu.arithmetic import (
     COUNTS,
     CURVATURE,
@@ -201,8 +201,8 @@ def _finish(s, state, point, out, padded_cols, moments, max_chi2, total, curvatu
 
 
 @parallel
-def _pooled_step(energy, bin_frequencies, num_bins, moments, max_response, background_table, max_chi2, radius, weights,
-                 shape, state, terms, cells, out):
+def _pooled_step(energy, bin_frequencies, num_bins, moments, max_response, background_table, max_chi2, radius, fine,
+                 weights, shape, state, terms, cells, out):
     padded_rows, surfaces, fields, padded_cols = shape
     period, total, most = F32(num_bins), total_of(energy), radius * (radius + 1)
     curvature = ZERO
@@ -217,10 +217,10 @@ def _pooled_step(energy, bin_frequencies, num_bins, moments, max_response, backg
                 point = U((i * surfaces + k) * fields * padded_cols + j)
                 _begin(s, state, point, U(padded_cols), max_chi2)
                 # Near neighbours one by one, farther ones cell by cell.
-                _add_grid(s, state, terms, i, j, padded_cols, surfaces, min(radius, FINE), 1, -1, most, weights, True,
+                _add_grid(s, state, terms, i, j, padded_cols, surfaces, min(radius, fine), 1, -1, most, weights, True,
                           max_chi2, period)
-                if radius > FINE:
-                    _add_grid(s, state, cells, i, j, padded_cols, surfaces, radius // CELL * CELL, CELL, FINE, most,
+                if radius > fine:
+                    _add_grid(s, state, cells, i, j, padded_cols, surfaces, radius // CELL * CELL, CELL, fine, most,
                               weights, True, max_chi2, period)
                 _fit_plane(s, curvature / total)
                 _finish(s, state, point, out, U(padded_cols), moments, max_chi2, total, curvature, max_response,
@@ -248,15 +248,15 @@ def _coarsen(num_bins, max_chi2, shape, state, terms, cells):
                         cells[into + f * U(padded_cols) + x] = s[V + f * B + x] if seen else ZERO
 
 
-def pooled_step(frame, state, terms, sigma, radius, max_chi2):
+def pooled_step(frame, state, terms, sigma, radius, fine, max_chi2):
     out = borrow("stepped", state.shape)
     out = borrow("stepped again", state.shape) if out is state else out
     weights = np.exp(-np.arange(radius + 1)**2 / (2 * sigma**2)).astype(np.float32)
     cells, flat = terms, (state.reshape(-1), terms.reshape(-1))
-    if radius > FINE:
+    if radius > fine:
         cells = borrow("cells", terms.shape)
         _coarsen(frame.num_bins, F32(max_chi2), state.shape, *flat, cells.reshape(-1))
     _pooled_step(frame.energy, frame.bin_frequencies, frame.num_bins, frame.moments, F32(frame.max_response),
-                 frame.background_table, F32(max_chi2), radius, weights, state.shape, *flat, cells.reshape(-1),
+                 frame.background_table, F32(max_chi2), radius, fine, weights, state.shape, *flat, cells.reshape(-1),
                  out.reshape(-1))
     return out

@@ -9,7 +9,6 @@ from srt3d_ros.kernels.cpu.arithmetic import (
     DEPTH,
     EXPOSURE,
     F32,
-    HALF,
     INTENSITY,
     ONE,
     STD,
@@ -19,7 +18,7 @@ from srt3d_ros.kernels.cpu.arithmetic import (
 )
 from srt3d_ros.kernels.cpu.compiling import line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.cpu.likelihood import evidence, llr
+from srt3d_ros.kernels.cpu.likelihood import llr, score_of
 from srt3d_ros.kernels.maps import MARGIN, MAX_STD
 
 
@@ -79,9 +78,8 @@ def _drop(rim, clutter, total, max_response, background_table, moments, enough, 
                 response += rows[0, b]
                 photons += rows[1, b]
                 expected += rows[2, b]
-            some = max(photons, HALF)
-            score = evidence(response, some, some, max_response, background_table)
-            ratio = llr(response, photons, expected, ONE, total, max_response, background_table, moments)
+            score = score_of(response, photons, max_response, background_table)
+            ratio = llr(score, response, photons, expected, ONE, total, moments)
             for k in range(surfaces):
                 noise = clutter[int(np.rint(state[i, k, DEPTH, j])) % len(clutter)]
                 if score <= enough * noise and ratio < ZERO:

@@ -37,10 +37,9 @@ def birth_death(frame, state, terms, max_chi2):
     of neighbours that have no more than k, whose votes do not count: a pixel that truly sees two surfaces keeps
     both, and edges show no double points. A candidate needs BIRTH, unless it is for the first surface of a pixel
     that has one; in a pixel without surfaces, EMPTY_PENALTY · w more for each used neighbour without a surface, of
-    those without photons times 1 − exp(−g r), the probability that it would show there. Candidates that agree by
-    more than SAME_CANDIDATE with one before are not judged again. The pixel keeps its own point if that
-    agrees with the best, else it takes the mean of what agrees, weighted by w a, with score 0. What agrees and the
-    photons it explains are left out for the next k. Points with a standard deviation above MAX_STD · T count as
+    those without photons times 1 − exp(−g r), the probability that it would show there. The pixel keeps its own point
+    if that agrees with the best, else it takes the mean of what agrees, weighted by w a, with score 0. What agrees and
+    the photons it explains are left out for the next k. Points with a standard deviation above MAX_STD · T count as
     none. Pixels stay as they are where their 3 × 3 neighbourhood agrees with them already.
 
     Then SPREAD more times, for pixels with fewer than K surfaces of whose neighbourhood the time before has
@@ -110,7 +109,7 @@ def _around(frame, state, own, max_chi2) -> SimpleNamespace:
     around = SimpleNamespace(
         at=at, vote=vote, there=there, record=record, close=close, lean=close * apart, middle=middle, other=other,
         weight=weight.repeat_interleave(surfaces, 0), count=count.repeat_interleave(surfaces, 0), free=there.clone(),
-        had=count[centre], alike=_close_by(close, 1) > constants.SAME_CANDIDATE)
+        had=count[centre])
     _add_gaps(around, frame, count, weight, places)
     _add_undecided(around)
     return around
@@ -176,6 +175,4 @@ def _scores(k, around, depth, intensity, rest, photons, light, frame) -> tuple:
     likeness = constants.LIKENESS**2 if k > 0 else constants.LIKENESS
     ratio = llr(response, photons.expand_as(response), intensity * light, likeness, frame)
     score = ratio + (around.close * votes).sum(1) - against
-    before = torch.ones_like(around.alike[:, :, 0, 0]).tril(-1)[:, :, None, None]       # which one is judged instead
-    repeated = (around.alike & before & free).any(1)
-    return score.masked_fill(~free | repeated, -torch.inf), ratio, response
+    return score.masked_fill(~free, -torch.inf), ratio, response

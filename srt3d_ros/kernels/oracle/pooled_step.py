@@ -7,7 +7,7 @@ from functools import partial
 
 import torch
 
-from srt3d_ros.kernels.constants import CELL, FINE, RIDGE
+from srt3d_ros.kernels.constants import CELL, RIDGE
 from srt3d_ros.kernels.maps import (
     CURVATURE,
     DEPTH,
@@ -26,7 +26,7 @@ from srt3d_ros.kernels.oracle.windows import by_rows, images, inner, neighbours,
 PAIRS = 20              # numbers that a block holds for each pair of a point and a neighbour's surface, about
 
 
-def pooled_step(frame, state, terms, sigma, radius, max_chi2):
+def pooled_step(frame, state, terms, sigma, radius, fine, max_chi2):
     """Gauss-Newton step of every point on Σ_q w_q f_q, the data terms of the window moved along its tangent plane.
 
     w = exp(−distance² / 2σ²) · (1 − e² / max_chi2 (std² + std_q²))₊² is the weight of a surface q at distance e
@@ -34,7 +34,7 @@ def pooled_step(frame, state, terms, sigma, radius, max_chi2):
 
         V = Σ w (v − s e − b e² / 2),  S = Σ w (s + b e),  B = Σ w b,  N = Σ w² n,  p = Σ w n,  G = Σ w g.
 
-    Neighbours within the square of FINE pixels count one by one. Farther ones, if radius > FINE, count in cells of
+    Neighbours within the square of `fine` pixels count one by one. Farther ones, if radius > fine, count in cells of
     CELL × CELL pixels at multiples of CELL: the same sums over the cell (N with w²), with w = the agreement alone,
     along the plane of the cell's middle point.
 
@@ -50,12 +50,13 @@ def pooled_step(frame, state, terms, sigma, radius, max_chi2):
 
     Args:
         sigma, radius: of the window, pixels; radius at most MARGIN.
+        fine: pixels; 1 + 3 i, so that cells begin where it ends.
         max_chi2: as of `birth_death`.
     """
     out = torch.zeros_like(state)
-    near, far, cells = window(radius, -1, FINE, 1, state.dtype, state.device), None, terms
-    if radius // CELL * CELL > FINE:            # else no cell's centre is in the window
-        far = window(radius, FINE, MARGIN, CELL, state.dtype, state.device)
+    near, far, cells = window(radius, -1, fine, 1, state.dtype, state.device), None, terms
+    if radius // CELL * CELL > fine:            # else no cell's centre is in the window
+        far = window(radius, fine, MARGIN, CELL, state.dtype, state.device)
         cells = coarsen(state, terms, frame.num_bins, max_chi2)
     step = partial(_step, frame, near, far, sigma, max_chi2)
     inner(out)[:] = by_rows(step, _row_bytes(state, near), state, terms, cells)[0]
