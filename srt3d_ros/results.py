@@ -203,8 +203,8 @@ class Reconstructor:
         self._own, self._frequencies = {"method": method, "surfaces": surfaces}, frequencies
         self._method = find(method).build(sensor, self._frequencies,
                                           **{name: value for name, value in own.items() if value is not None})
-        self.device, self._is_warm = self._method.device, False
-        self.why = getattr(self._method, "why", "auto is the CPU for this method" if device == "auto" else "asked for")
+        self.device, self._is_warm = getattr(self._method, "device", "cpu"), False
+        self.why = getattr(self._method, "why", f"{method} runs on the CPU")
 
     @property
     def uneven_background(self) -> float:

@@ -20,7 +20,7 @@ class Method:
         needs: "sketch", or "photons" for methods that need every time of arrival.
         where: module:class.
         frequencies: those of its sketches unless the user says, as for `frequencies.choose`.
-        options: what it takes beside `surfaces` and `device`.
+        options: what it takes beside `surfaces`.
     """
 
     name: str
@@ -36,13 +36,16 @@ class Method:
         Args:
             sensor: geometry, IRF and calibration.
             frequencies: the integers k_l of the sketches; methods on photons ignore them.
-            options: surfaces, device, and those that `self.options` names.
+            options: surfaces, those that `self.options` names, and the device "auto" or "cpu" for any.
 
         Raises:
             InvalidInput: an option that the method does not take, or a value that it cannot use.
         """
+        known = ("surfaces", *self.options)
+        if "device" not in known:
+            device = options.pop("device", "auto")
+            require(device in ("auto", "cpu"), "device", device, f"cpu or auto: {self.name} runs on the CPU")
         for option, value in options.items():
-            known = ("surfaces", "device", *self.options)
             require(option in known, option, value, f"nothing: {self.name} takes {', '.join(known)}")
         module, name = self.where.split(":")
         chosen = getattr(import_module(module), name)
@@ -52,7 +55,8 @@ class Method:
 METHODS = {method.name: method for method in (
     Method("pooled", "SRT3D's data term, regularised by sharing photons (each pixel's data term is pooled along the "
            "surface) instead of smoothing depths with APSS afterwards", "sketch",
-           "srt3d_ros.core.method.memory:PooledStream", options=("false_alarm_rate", "background", "warm_start")),
+           "srt3d_ros.core.method.memory:PooledStream",
+           options=("device", "false_alarm_rate", "background", "warm_start")),
     Method("srt3d", "SRT3D as published, gradient steps on pixels' sketches and an APSS denoiser", "sketch",
            "srt3d_ros.core.baselines.sketched:SRT3D", "consecutive"),
     Method("smle", "maximum likelihood on each pixel's sketch", "sketch", "srt3d_ros.core.baselines.sketched:SMLE",

@@ -82,14 +82,14 @@ def test_pixelwise_methods_show_a_point_wherever_there_are_photons(name):
     assert len(run(name, frame, make_sensor(48, 48))) == len(np.unique(frame.pixel))
 
 
-# On planes those of pooled are up to 1.75 times the errors: what noise moves depths off the plane is not told from
+# On planes those of pooled are up to twice the errors: what noise moves depths off the plane is not told from
 # relief, of which scenes have some, as the tests of coverage say.
 @pytest.mark.parametrize(("per_col", "sbr", "ppp", "gain"), [
     (0, 10, 100, 1), (0.3, 1, 100, 0.25), (0.5, 10, 1000, 1), (0.5, 10, 10, 1), (2, 1, 30, 1)])
 def test_errors_are_as_large_as_their_standard_deviations_say(per_col, sbr, ppp, gain):
     depth, sensor = ramp(40, 40, 200.3, per_col, 0.2), make_sensor(40, 40, gain=np.full((40, 40), gain))
     cloud = run("pooled", simulate(depth, sbr, ppp, sensor), sensor)
-    assert 1 / 1.8 < np.sqrt(((errors(cloud, depth) / cloud.depth_std_bins)**2).mean()) < 1.3
+    assert 1 / 2 < np.sqrt(((errors(cloud, depth) / cloud.depth_std_bins)**2).mean()) < 1.3
 
 
 @every_method
@@ -200,7 +200,7 @@ def test_photons_outside_the_sensor_are_refused():
 @every_method
 def test_options_that_a_method_does_not_take_are_named(name):
     for option in {"false_alarm_rate", "background", "sharpness"} - set(METHODS[name].options):
-        with pytest.raises(InvalidInput, match=f"^{option} is 0.1: expected nothing: {name} takes surfaces, device"):
+        with pytest.raises(InvalidInput, match=f"^{option} is 0.1: expected nothing: {name} takes surfaces"):
             METHODS[name].build(make_sensor(4, 5), (1, 2, 3), **{option: 0.1})
 
 
@@ -227,7 +227,5 @@ def test_frequencies_that_cannot_be_used_are_named(name, frequencies, named):
 
 
 @every_method
-def test_every_method_tells_its_device_and_can_warm_up(name):
-    method = METHODS[name].build(make_sensor(12, 14), (1, 2, 3), surfaces=2)
-    method.warm_up()
-    assert method.device == "cpu"
+def test_every_method_can_warm_up(name):
+    METHODS[name].build(make_sensor(12, 14), (1, 2, 3), surfaces=2).warm_up()

@@ -25,7 +25,7 @@ def test_no_step_of_a_frame_looks_at_a_value_or_has_a_shape_that_depends_on_one(
     for taken in ((), uneven):
         arrays = map(kernels.array, (sketch.photons, sketch.sums, *taken))
         start = kernels.array(np.zeros(maps.state_shape(9, 33, surfaces), np.float32)) if warm else None
-        state, left, background, points, number = reconstructor._pooled._estimate(start, 1.0, *arrays)
+        state, left, background, points, number = reconstructor._pooled._estimate(start, *arrays)
         assert {each.device.type for each in (state, left, background, points, number)} == {"meta"}
         assert background.shape == (9, 33) and points.shape == (11, 9 * 33 * surfaces + 1)
 

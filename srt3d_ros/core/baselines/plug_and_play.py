@@ -6,6 +6,7 @@ import numpy as np
 
 from srt3d_ros.core.progress import progress
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.kernels.cpu import apss
 
 ITERATIONS = 25
 RATE = 0.25                 # of the full step in depth; against a half, less error wherever photons are few
@@ -13,25 +14,23 @@ FAINTEST = 0.01             # of the mean intensity: points below are removed
 DEPTHS_PER_PITCH = 6.0      # pixel pitches in depth that smooth like one pixel across
 
 
-def plug_and_play(step: Callable, depth, intensity, exposure, faintest: float, scale_bins: float, num_bins: int,
-                  kernels) -> tuple:
+def plug_and_play(step: Callable, depth: np.ndarray, intensity: np.ndarray, exposure: np.ndarray, usual: float,
+                  scale_bins: float, num_bins: int) -> tuple[np.ndarray, np.ndarray]:
     """APSS, then 25 times [gradient step, hard threshold on intensity, APSS], and a last step and threshold.
-
-    All arrays lie on the kernels' device.
 
     Args:
         step: called with depth and intensity, which it changes in place.
         depth, intensity: the start, float32 [rows, K, cols]; intensity 0 = no point.
         exposure: float32 [rows, cols], 0 where no point may be.
-        faintest: the threshold.
+        usual: of `usual_intensity`.
         scale_bins: bins that count as one pixel, see `depth_scale_bins`.
     """
-    depth, intensity, normal = kernels.apss(depth, intensity, None, exposure, scale_bins, num_bins)
+    depth, intensity, normal = apss(depth, intensity, None, exposure, scale_bins, num_bins)
     for iteration in progress(range(ITERATIONS + 1), "reconstructing"):
         step(depth, intensity)
-        intensity[intensity < faintest] = 0
+        intensity[intensity < FAINTEST * usual] = 0
         if iteration < ITERATIONS:
-            depth, intensity, normal = kernels.apss(depth, intensity, normal, exposure, scale_bins, num_bins)
+            depth, intensity, normal = apss(depth, intensity, normal, exposure, scale_bins, num_bins)
     return depth, intensity
 
 

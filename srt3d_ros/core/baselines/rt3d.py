@@ -16,14 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.baselines.plug_and_play import FAINTEST, RATE, depth_scale_bins, plug_and_play, usual_intensity
-from srt3d_ros.core.baselines.toa import PixelToa, by_pixel
-from srt3d_ros.core.baselines.xcorr import correlate
-from srt3d_ros.core.device import kernels_for
+from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, usual_intensity
+from srt3d_ros.core.baselines.xcorr import PixelToa, by_pixel, correlate
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.method.thresholds import check_surfaces
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
+from srt3d_ros.kernels.cpu import blur, poisson
 from srt3d_ros.kernels.maps import window_weights
 
 BACKGROUND_WINDOW = 1.5         # σ of the moving average, pixels
@@ -33,7 +32,7 @@ LEAST_BACKGROUND = 0.01         # photons in a pixel: a photon off every surface
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """Everything in the likelihood but the unknowns, on the kernels' device.
+    """Everything in the likelihood but the unknowns.
 
     Args:
         starts: int64 [rows · cols + 1], toa: float32 [N]: the photons by pixel, delays taken out.
@@ -55,11 +54,10 @@ class Likelihood:
 
 
 class RT3D:
-    """Reconstructs frames of one sensor from their photons; arguments as of `PooledStream`, but "auto" is the CPU."""
+    """Reconstructs frames of one sensor from their photons; arguments as of `PooledStream`."""
 
-    def __init__(self, sensor: SensorModel, surfaces: int = 1, device: str = "auto"):
+    def __init__(self, sensor: SensorModel, surfaces: int = 1):
         check_surfaces(surfaces)
-        self.device, self.kernels = kernels_for(device)
         self.sensor, self.surfaces = sensor, surfaces
         self._irf = np.atleast_2d(sensor.irf)
         self._slope = _slope(self._irf).astype(np.float32)
@@ -67,43 +65,38 @@ class RT3D:
 
     def __call__(self, frame: PhotonFrame) -> PointCloud:
         """The point cloud of one frame."""
-        sensor, kernels, photons = self.sensor, self.kernels, by_pixel(frame, self.sensor)
+        sensor, photons = self.sensor, by_pixel(frame, self.sensor)
         start, seen = correlate(photons, sensor, self.surfaces), sensor.exposure
         usual = usual_intensity(start.intensity, seen)
         data = self._likelihood(photons, float(start.background.mean()) / max(usual, 1e-6))
         smooth = self._smoother(seen)
-        background = smooth(kernels.array(np.float32(start.background * seen * sensor.num_bins)))
+        background = smooth(np.float32(start.background * seen * sensor.num_bins))
 
         def step(depth, intensity):
-            background[:] = smooth(kernels.poisson(data, background, RATE, usual, depth, intensity))
+            background[:] = smooth(poisson(data, background, RATE, usual, depth, intensity))
 
         scale = depth_scale_bins(sensor, start.depth, start.intensity, self._width_bins)
-        points = plug_and_play(step, kernels.array(start.depth), kernels.array(start.intensity), data.exposure,
-                               FAINTEST * usual, scale, sensor.num_bins, kernels)
-        depth, intensity, background = (kernels.numpy(values) for values in (*points, background))
+        depth, intensity = plug_and_play(step, start.depth, start.intensity, seen, usual, scale, sensor.num_bins)
         return PointCloud.from_layers(sensor, depth, intensity, background * seen * sensor.num_bins, photons.stamp_ns)
 
     def _likelihood(self, photons: PixelToa, ratio: float) -> Likelihood:
         """The likelihood of some photons amid a background per bin of `ratio` times the signal."""
-        toa, delay = photons.toa, self.sensor.delay_bins
-        if delay is not None:
-            toa = toa - np.repeat(delay.ravel(), photons.counts)
+        sensor, toa = self.sensor, photons.toa
+        if sensor.delay_bins is not None:
+            toa = toa - np.repeat(sensor.delay_bins.ravel(), photons.counts)
         mean = self._irf.mean(axis=0).astype(np.float64)
         information = max(float((_slope(mean)**2 / (mean + ratio)).sum()), LEAST_INFORMATION)
-        *photons_and_irf, exposure = map(self.kernels.array, (photons.starts, toa, self._irf, self._slope,
-                                                              self.sensor.exposure))
-        return Likelihood(*photons_and_irf, self.sensor.irf_ref, information, self.sensor.num_bins, exposure)
+        return Likelihood(photons.starts, toa, self._irf, self._slope, sensor.irf_ref, information, sensor.num_bins,
+                          sensor.exposure)
 
     def _smoother(self, seen: np.ndarray) -> Callable:
         """Function from background photons to background per bin at a gain of 1, averaged over a window.
 
-        Both are float32 [rows, cols], on the device.
+        Both are float32 [rows, cols].
         """
-        kernels, weights = self.kernels, window_weights(BACKGROUND_WINDOW)
-        least = kernels.array(LEAST_BACKGROUND * seen[:, None])
-        pooled = kernels.numpy(kernels.blur(kernels.array(seen[:, None]), weights))[:, 0]
-        bins = kernels.array(np.maximum(pooled * self.sensor.num_bins, 1e-6))
-        return lambda stray: kernels.blur(stray[:, None] + least, weights)[:, 0] / bins
+        weights, least = window_weights(BACKGROUND_WINDOW), LEAST_BACKGROUND * seen[:, None]
+        bins = np.maximum(blur(seen[:, None], weights)[:, 0] * self.sensor.num_bins, 1e-6)
+        return lambda stray: blur(stray[:, None] + least, weights)[:, 0] / bins
 
     def warm_up(self) -> None:
         """Compile the kernels, or load them from the disk."""

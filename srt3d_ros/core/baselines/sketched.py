@@ -9,84 +9,62 @@ Both minimise n (z − Ψ_θ)ᵀ W (z − Ψ_θ), SRT3D with a regularisation ρ
 pixel's sketch starts, gradient steps scaled by the inverse curvature follow.
 """
 
-from functools import partial
-
 import numpy as np
 
-from srt3d_ros.core.baselines.plug_and_play import FAINTEST, RATE, depth_scale_bins, plug_and_play, usual_intensity
+from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, usual_intensity
 from srt3d_ros.core.baselines.weighting import weighted_steps
-from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.method.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.method.thresholds import check_surfaces
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch
+from srt3d_ros.kernels.cpu import match, pixelwise
 
 SMLE_STEPS = 10
 SMLE_RATE = 0.5         # each step halves what is left of the error
 STEPS_BEFORE = 5        # of SRT3D, before the denoiser
 
 
-class SketchedBaseline:
-    """Reconstructs frames of one sensor from their sketches, by the points of a subclass.
+class SMLE:
+    """Reconstructs frames of one sensor from their sketches; as in the paper all pixels that saw photons show a point.
+
+    The sketch of n photons is normally distributed around Ψ_θ with covariance Σ_θ / n, so W = Σ_θ⁻¹ is maximum
+    likelihood but for the determinant, which n outweighs.
 
     Args:
-        sensor, frequencies, surfaces, device: as of `PooledStream`, but "auto" is the CPU.
+        sensor, frequencies, surfaces: as of `PooledStream`.
     """
 
-    precise: bool           # whether W of the data term is the inverse covariance of the sketch, else the identity
+    precise = True          # whether W of the data term is the inverse covariance of the sketch, else the identity
 
-    def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, device: str = "auto"):
+    def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1):
         check_surfaces(surfaces)
-        self.device, self.kernels = kernels_for(device)
         self.sensor, self.surfaces = sensor, surfaces
         self._matcher = Matcher(sensor, frequencies)
-        self._table = self.kernels.array(weighted_steps(sensor, self._matcher.frequencies, self.precise))
+        self._table = weighted_steps(sensor, self._matcher.frequencies, self.precise)
 
     def __call__(self, sketch: Sketch) -> PointCloud:
         """The point cloud of one frame's sketch."""
         frame = self._matcher(sketch)
-        depth, intensity = map(self.kernels.numpy, self._points(frame, frame.on(self.kernels)))
-        background = np.maximum(sketch.photons - (intensity * frame.exposure[:, None]).sum(axis=1), 0)
+        exposure = frame.exposure[:, None]
+        depth, intensity = match(frame, self.surfaces)          # the matched filter on each pixel's sketch
+        intensity = np.where(exposure > 0, np.maximum(intensity, 0) / np.maximum(exposure, 1e-6), 0).astype(np.float32)
+        depth, intensity = self._points(frame, depth, intensity)
+        background = np.maximum(sketch.photons - (intensity * exposure).sum(axis=1), 0)
         return PointCloud.from_layers(self.sensor, depth, intensity, background, sketch.stamp_ns)
 
-    def _points(self, frame: MatchedFrame, there: MatchedFrame) -> tuple:
-        """Depth (bins) and intensity of the surfaces, float32 [rows, K, cols] on the device; intensity 0 = no point.
-
-        `there` is the frame on the device.
-        """
-        raise NotImplementedError
-
-    def _matched_filter(self, frame: MatchedFrame, there: MatchedFrame) -> tuple[np.ndarray, np.ndarray]:
-        """The start: depth and intensity of each pixel's strongest returns, [rows, K, cols]; 0 where none."""
-        found = self.kernels.match(there, self.surfaces)
-        depth, intensity = map(self.kernels.numpy, found)
-        exposure = frame.exposure[:, None]
-        intensity = np.where(exposure > 0, np.maximum(intensity, 0) / np.maximum(exposure, 1e-6), 0)
-        return depth, intensity.astype(np.float32)
+    def _points(self, frame: MatchedFrame, depth: np.ndarray, intensity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Depth (bins) and intensity of the surfaces from a start, float32 [rows, K, cols]; intensity 0 = no point."""
+        for _ in range(SMLE_STEPS):
+            pixelwise(frame, self._table, SMLE_RATE, 0.0, depth, intensity)
+        return depth, intensity
 
     def warm_up(self) -> None:
         """Compile the kernels, or load them from the disk."""
         self(noise_sketch(self.sensor, self._matcher.frequencies))
 
 
-class SMLE(SketchedBaseline):
-    """As in the paper: every pixel that saw photons shows a point.
-
-    The sketch of n photons is normally distributed around Ψ_θ with covariance Σ_θ / n, so W = Σ_θ⁻¹ is maximum
-    likelihood but for the determinant, which n outweighs.
-    """
-
-    precise = True
-
-    def _points(self, frame: MatchedFrame, there: MatchedFrame) -> tuple:
-        depth, intensity = map(self.kernels.array, self._matched_filter(frame, there))
-        for _ in range(SMLE_STEPS):
-            self.kernels.pixelwise(there, self._table, SMLE_RATE, 0.0, depth, intensity)
-        return depth, intensity
-
-
-class SRT3D(SketchedBaseline):
+class SRT3D(SMLE):
     """As in the paper: 5 gradient steps, then 25 times [gradient step, hard threshold on intensity, APSS].
 
     Frequencies 1 … m and W = identity are the paper's. Its step sizes are tuned for each data set; here they are half
@@ -96,13 +74,13 @@ class SRT3D(SketchedBaseline):
 
     precise = False
 
-    def _points(self, frame: MatchedFrame, there: MatchedFrame) -> tuple:
-        kernels = self.kernels
-        start = self._matched_filter(frame, there)
-        usual = usual_intensity(start[1], frame.exposure)
-        step = partial(kernels.pixelwise, there, self._table, RATE, usual)
-        depth, intensity = map(kernels.array, start)
+    def _points(self, frame: MatchedFrame, depth: np.ndarray, intensity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        usual = usual_intensity(intensity, frame.exposure)
+
+        def step(depth, intensity):
+            pixelwise(frame, self._table, RATE, usual, depth, intensity)
+
         for _ in range(STEPS_BEFORE):
             step(depth, intensity)
-        scale = depth_scale_bins(self.sensor, kernels.numpy(depth), kernels.numpy(intensity), frame.resolution_bins)
-        return plug_and_play(step, depth, intensity, there.exposure, FAINTEST * usual, scale, frame.num_bins, kernels)
+        scale = depth_scale_bins(self.sensor, depth, intensity, frame.resolution_bins)
+        return plug_and_play(step, depth, intensity, frame.exposure, usual, scale, frame.num_bins)

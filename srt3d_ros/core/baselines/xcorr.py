@@ -10,13 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.baselines.toa import PixelToa, by_pixel
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.method.thresholds import check_surfaces
 from srt3d_ros.core.progress import progress
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.photons import PhotonFrame
-from srt3d_ros.errors import require
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
 
 CELLS = 2**22           # of the histograms that are filtered together: 16 MB an array
 FLOOR = 0.01            # ε, of the IRF's peak: against h itself, this finds more surfaces at any SBR from 0.1 to 50
@@ -26,17 +24,10 @@ WHOLE = 0.99            # share of the IRF in the window that is taken out for t
 
 
 class XCORR:
-    """Reconstructs frames of one sensor from their photons, on the CPU.
+    """Reconstructs frames of one sensor from their photons; arguments as of `PooledStream`."""
 
-    Args:
-        sensor, surfaces: as of `PooledStream`.
-        device: "cpu" or "auto".
-    """
-
-    def __init__(self, sensor: SensorModel, surfaces: int = 1, device: str = "auto"):
-        require(device in ("auto", "cpu"), "device", device, "cpu or auto: xcorr has no CUDA kernels")
+    def __init__(self, sensor: SensorModel, surfaces: int = 1):
         check_surfaces(surfaces)
-        self.device = "cpu"
         self.sensor, self.surfaces = sensor, surfaces
 
     def __call__(self, frame: PhotonFrame) -> PointCloud:
@@ -48,6 +39,42 @@ class XCORR:
 
     def warm_up(self) -> None:
         """Do nothing: there is nothing to compile."""
+
+
+@dataclass(frozen=True, eq=False)
+class PixelToa:
+    """The photons of every pixel, one pixel after the other; masked pixels have none.
+
+    Args:
+        starts: int64 [rows · cols + 1]; the photons of pixel p are starts[p] … starts[p + 1] − 1.
+        toa: float32 [N], positions on the axis of depths, as measured: the pixels' delays are still in them.
+        stamp_ns: of the frame.
+    """
+
+    starts: np.ndarray
+    toa: np.ndarray
+    stamp_ns: int
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Photons of each pixel, int64 [rows · cols]."""
+        return np.diff(self.starts)
+
+
+def by_pixel(frame: PhotonFrame, sensor: SensorModel) -> PixelToa:
+    """The photons of a frame sorted by pixel; InvalidInput unless they fit the sensor."""
+    if not isinstance(frame, PhotonEvents):
+        frame = frame.to_events(sensor)
+    frame.check(sensor)
+    pixel, toa = frame.pixel, frame.toa
+    if not frame.is_sorted:
+        order = np.argsort(pixel, kind="stable")
+        pixel, toa = pixel[order], toa[order]
+    if sensor.mask is not None:
+        used = sensor.mask.ravel()[pixel]
+        pixel, toa = pixel[used], toa[used]
+    starts = np.searchsorted(pixel, np.arange(sensor.pixels + 1, dtype=np.uint32))
+    return PixelToa(starts, sensor.toa_positions(toa), frame.stamp_ns)
 
 
 @dataclass(frozen=True, eq=False)

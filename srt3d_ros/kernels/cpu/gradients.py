@@ -68,6 +68,19 @@ def _pixelwise(matched, photons, exposure, energy, bin_frequencies, num_bins, ta
 
 
 def pixelwise(frame, table, rate, usual, depth, intensity):
+    """Gradient step on n (z − Ψ_θ)ᵀ W (z − Ψ_θ): t += rate Δ_rt s / max(s, usual g)², r += INTENSITY_RATE Δ_r / g.
+
+    Of d_l = (z_l − g Σ_k r_k |ĥ_l|² exp(i ω_l t_k)) exp(−i ω_l t) the table's rows make
+    Δ_rt = a₀ · Re d + a₁ · Im d and Δ_r = a₂ · Re d + a₃ · Im d (`core/baselines/weighting.py`). s = g max(r, the new
+    r). A step in depth is at most δ, an intensity at least 0. All points move at once.
+
+    Args:
+        frame: a `MatchedFrame` without padding.
+        table: float32 [levels, 4, m], a for shares g r / n from 0 to 1.
+        rate: of the full step in depth.
+        usual: intensity below which points move less than their curvature allows; 0 for none.
+        depth, intensity: float32 [rows, K, cols], bins and photons; changed in place.
+    """
     _pixelwise(frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, F32(frame.num_bins),
                table, F32(rate), F32(usual), F32(frame.resolution_bins), depth, intensity)
 
@@ -130,6 +143,22 @@ def _poisson(starts, toa, irf, slope, ref, information, num_bins, exposure, back
 
 
 def poisson(frame, background, rate, usual, depth, intensity):
+    """Gradient step on Σ_p ln(Σ_k r_k h(x_p − t_k) + b) − g Σ_k r_k, in every pixel.
+
+    With q_pk = r_k h(x_p − t_k) / (Σ r h + b) and s_k = Σ_p q_pk:
+    t_k += rate · (−Σ_p q_pk h′/h) / (max(s_k, usual g) J), at most 1/√J, J the information;
+    ln r_k += INTENSITY_RATE · (s_k − g r_k) / max(g r_k, usual g), at most 1.
+
+    Args:
+        frame: a `Likelihood` of `core.baselines.rt3d`.
+        background: float32 [rows, cols], b, photons per bin at g = 1.
+        rate: of the full step in depth.
+        usual: intensity below which the curvatures at `usual` are taken.
+        depth, intensity: float32 [rows, K, cols], bins and photons; changed in place.
+
+    Returns:
+        float32 [rows, cols], Σ_p b / (Σ r h + b): photons of the background.
+    """
     stray = np.zeros_like(background)
     _poisson(frame.starts, frame.toa, frame.irf, frame.slope, F32(frame.ref), F32(frame.information),
              F32(frame.num_bins), frame.exposure, background, F32(rate), F32(usual), depth, intensity, stray)

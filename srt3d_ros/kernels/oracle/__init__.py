@@ -25,17 +25,15 @@ Notation:
     c(t)         by how much scores at a depth exceed standard deviations (`clutter`)
     CAPITALS     constants of `kernels.constants` and `kernels.maps`
 
-A frame is a `MatchedFrame` of `core.method.matched_frame`, padded unless said otherwise; that of `poisson` a
-`Likelihood` of `core.baselines.rt3d`. Maps of complex numbers are float32 [rows, 2m, cols], real parts before imaginary
-ones. Maps with rows', cols' are padded, and states are float32 [rows', K, FIELDS, cols'] (`kernels.maps`).
+A frame is a `MatchedFrame` of `core.method.matched_frame`, padded unless said otherwise. Maps of complex numbers are
+float32 [rows, 2m, cols], real parts before imaginary ones. Maps with rows', cols' are padded, and states are float32
+[rows', K, FIELDS, cols'] (`kernels.maps`).
 What a kernel returns within `run_frame` lasts until the next frame. Types are those of `cpu`. Arrays lie on the
 kernels' device unless said to be NumPy's: ON_HOST says whether they are.
 """
 
 import torch
 
-from srt3d_ros.kernels.oracle.apss import apss
-from srt3d_ros.kernels.oracle.baselines import pixelwise, poisson
 from srt3d_ros.kernels.oracle.birth_death import birth_death
 from srt3d_ros.kernels.oracle.blur import blur
 from srt3d_ros.kernels.oracle.device import Kernels
@@ -45,8 +43,8 @@ from srt3d_ros.kernels.oracle.pooled_step import pooled_step
 from srt3d_ros.kernels.oracle.search import drop_weak, match, no_surfaces, prepare, residual, search
 
 FUNCTIONS = {function.__name__: function for function in (
-    apss, birth_death, blur, collect, drop_weak, expand, finalise, log_likelihood_ratio, match, no_surfaces, pixelwise,
-    poisson, pooled_step, prepare, residual, search, trim, unexplained, unpack)}
+    birth_death, blur, collect, drop_weak, expand, finalise, log_likelihood_ratio, match, no_surfaces, pooled_step,
+    prepare, residual, search, trim, unexplained, unpack)}
 
 
 def on(device: str, dtype: torch.dtype = torch.float32) -> Kernels:
