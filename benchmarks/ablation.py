@@ -19,6 +19,7 @@ import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from fnmatch import fnmatch
+from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -49,11 +50,14 @@ SCENES = {"bust, SBR 1, 1 ppp": (1, 1, False), "bust, SBR 0.1, 10 ppp": (0.1, 10
           "bust in fog, SBR 1, 10 ppp": (1, 10, True)}
 HEAD_TOLERANCE_M = 40e-3
 NET, MOTION = "net, SBR 1, 10 ppp", "room from a moving sensor, 3 ppp"
-# Limits, what has to fit a margin, rounding, other methods, warm starts.
-FIXED = "MAX_SKETCH_SIZE", "MAX_PHOTONS", "REACH", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "STAY"
-OFF = {"WEAK_SCORE": 0, "LEAST_SHARE": 0, "DEAD_PIXEL": -1e6, "LIKENESS": 1e6, "PRIOR_VOTE": 0,
-       "MAX_VOTE": 1e6, "EMPTY_PENALTY": 0, "FEWER_PENALTY": 0, "BIRTH": 0, "RESOLVED": 0,
-       "SPREAD": 0}
+# Limits, what has to fit a margin, rounding, other methods, warm starts, what `benchmarks false_alarms` measures.
+FIXED = ("MAX_SKETCH_SIZE", "MAX_PHOTONS", "REACH", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "STAY", "VOTE_RADIUS",
+         "SLANTED_SCALE", "TINY")
+OFF = {"START_SCALES": ((0.0, 1), (2.0, 2)), "WIDE_SCALE": (3.0, 3), "WINDOWS": ((2.0, 4), (9.0, 4)),
+       "WEAK_SCORE": 0, "LEAST_SHARE": 0, "LIKENESS": 1e6, "PRIOR_VOTE": 0, "MAX_VOTE": 1e6,
+       "EMPTY_PENALTY": 0, "FEWER_PENALTY": 0, "BIRTH": 0, "SPREAD": 0, "WRONG_IRF": 0, "SHARP": 1,
+       "HOT": 1e6}
+BACKGROUND = "srt3d_ros.core.method.background"         # has constants, too
 
 
 class Draw(NamedTuple):
@@ -106,9 +110,9 @@ def parsed(text: str) -> dict:
 
 
 def halved_doubled_off(patterns: str) -> Iterator[dict]:
-    """The variants of each constant that is a number; of tables, off alone."""
-    for name, value in vars(constants).items():
-        if not name.isupper() or fits(name, ",".join(FIXED)) or not fits(name, patterns):
+    """The variants of each constant: a number halved, doubled and off; a table as OFF has it."""
+    for name, value in (vars(constants) | vars(import_module(BACKGROUND))).items():
+        if not name.isupper() or name == "BACKGROUNDS" or fits(name, ",".join(FIXED)) or not fits(name, patterns):
             continue
         tried = [value]
         for new in () if isinstance(value, tuple) else (half(value), 2 * value):
@@ -187,6 +191,7 @@ def measure(variant: dict, folder: str) -> dict[str, list]:
     So nothing that this file imports at its top may import `core.method.pooled` or the kernels.
     """
     vars(constants).update(variant)
+    vars(import_module(BACKGROUND)).update(variant)
     rows = {}
     for path in sorted(Path(folder).glob("*.pickle")):
         found = []

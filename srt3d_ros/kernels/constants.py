@@ -33,12 +33,11 @@ PRIOR_VOTE = 0.45       # log-likelihood ratio that a neighbour's surface adds b
 MAX_VOTE = 0.7          # and at most: a bright neighbour is still one neighbour
 NEAR_SIGMA = 1.2        # σ of the neighbourhood that votes, and that tells how far pixels' intensities differ, pixels
 VOTE_RADIUS = ceil(REACH * NEAR_SIGMA)
-DEAD_PIXEL = -1.0       # log-likelihood ratio of a pixel without photons, at least: it may be dead
 LIKENESS = 2.0          # factor by which neighbours' intensities may differ; its square where surfaces share pixels
 EMPTY_PENALTY = 0.2     # log-likelihood ratio by which a neighbour without a surface speaks against a new one, at most
 FEWER_PENALTY = 0.5     # and one with fewer surfaces against a further one
-BIRTH = 0.6             # log-likelihood ratio that a new surface needs
-RESOLVED = 0.7          # widths of the matched filter's peak within which depths are one surface, for sure
+BIRTH = 0.6             # log-likelihood ratio that a new surface needs; and a pixel without photons, which may be dead,
+                        # speaks no more against one
 SPREAD = 4              # pixels by which surfaces may grow into empty ones in each iteration
 
 # ---- End (`trim`, `finalise`)

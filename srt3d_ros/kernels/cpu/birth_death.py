@@ -7,7 +7,7 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.constants import NEAR_SIGMA, RESOLVED, SPREAD, VOTE_RADIUS
+from srt3d_ros.kernels.constants import NEAR_SIGMA, SPREAD, VOTE_RADIUS
 from srt3d_ros.kernels.cpu.arithmetic import (
     DEPTH,
     F32,
@@ -277,8 +277,8 @@ def _judge(undecided, matched, counts, exposure, energy, bin_frequencies, num_bi
 
 def birth_death(frame, state, terms, max_chi2):
     """A step of spreading looks only where the last step has changed something: elsewhere it would decide as before."""
-    # Depths nearer than the sketch can resolve are one surface's, whatever their standard deviations.
-    max_chi2, blur2, period = F32(max_chi2), F32(RESOLVED * frame.resolution_bins)**2, F32(frame.num_bins)
+    # Depths within the width of a matched filter's peak are one surface's, whatever their standard deviations.
+    max_chi2, blur2, period = F32(max_chi2), F32(frame.resolution_bins)**2, F32(frame.num_bins)
     own = log_likelihood_ratio(frame, state, terms)
     changed, changes = (borrow(name, frame.counts.shape, True).view(np.int32) for name in ("changed", "changes"))
     undecided = np.zeros(frame.counts.shape, np.bool_)

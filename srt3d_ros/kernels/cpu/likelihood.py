@@ -9,7 +9,7 @@ from srt3d_ros.kernels.cpu.compiling import inline, parallel
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.maps import INTENSITY, VALUE
 
-DEAD_PIXEL, LIKENESS = F32(constants.DEAD_PIXEL), F32(constants.LIKENESS)
+BIRTH, LIKENESS = F32(constants.BIRTH), F32(constants.LIKENESS)
 SHARED_LIKENESS = LIKENESS * LIKENESS
 
 
@@ -51,7 +51,7 @@ def llr(score, response, photons, expected, likeness, total, moments):
     deviance = likely - seen + (seen * log(seen / likely) if seen > ZERO else ZERO)
     signal, background = likely * moments[0], max(max(photons, HALF) - likely, ZERO) * moments[1]
     ratio = HALF * score * score - deviance * signal / (signal + background)
-    return max(ratio, DEAD_PIXEL) if photons <= ZERO else ratio
+    return max(ratio, -BIRTH) if photons <= ZERO else ratio
 
 
 @inline

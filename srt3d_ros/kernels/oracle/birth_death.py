@@ -27,7 +27,7 @@ def birth_death(frame, state, terms, max_chi2):
     """Birth/death update: each pixel takes the neighbouring surfaces with the highest log-likelihood, or none.
 
     Candidates are the surfaces q of the neighbourhood (VOTE_RADIUS), carried along their planes: t_q − slopes ·
-    offset. Two agree by a = (1 − e² / (v_q + v_c))₊, e = wrap(t_q − t_c), v = max_chi2 · std² + (RESOLVED · δ)².
+    offset. Two agree by a = (1 − e² / (v_q + v_c))₊, e = wrap(t_q − t_c), v = max_chi2 · std² + δ².
     The pixel's surface k is the candidate c of its 3 × 3 neighbourhood with the highest
 
         ratio of the pixel's photons + Σ_q w_q a_qc clip(PRIOR_VOTE + ratio_q, 0, MAX_VOTE)
@@ -99,7 +99,7 @@ def _around(frame, state, own, max_chi2) -> SimpleNamespace:
     count = there.sum(1)
     vote = (constants.PRIOR_VOTE + neighbours(own, places)).clamp(0, constants.MAX_VOTE) * weight[:, None]
     at = record[:, :, DEPTH] - record[:, :, SLOPE_COL] * dx[:, None] - record[:, :, SLOPE_ROW] * dy[:, None]
-    tolerance = max_chi2 * record[:, :, STD]**2 + (constants.RESOLVED * frame.resolution_bins)**2
+    tolerance = max_chi2 * record[:, :, STD]**2 + frame.resolution_bins**2
     at, tolerance, vote, there, record = (values.flatten(0, 1) for values in (at, tolerance, vote, there, record))
     apart = wrap(at - _close_by(at)[:, None], period)                           # [C, V, rows, cols]
     close = agreement(apart, tolerance + _close_by(tolerance)[:, None])
