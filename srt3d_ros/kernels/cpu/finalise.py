@@ -4,14 +4,14 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import LEAST_SHARE, NEAR_SIGMA
+from srt3d_ros.kernels.constants import LEAST_SHARE, WINDOWS
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, ONE, TINY, ZERO
 from srt3d_ros.kernels.cpu.blur import blur
 from srt3d_ros.kernels.cpu.compiling import parallel
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, MARGIN, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD, VALUE
 
-SHARE_WEIGHTS = maps.window_weights(NEAR_SIGMA)
+SHARE_WEIGHTS = maps.window_weights(WINDOWS[0][0])
 
 
 @parallel
