@@ -55,7 +55,7 @@ class _Watch(event.Listener):
     said = False
 
     def on_start(self, event) -> None:
-        if not self.said and event.data["dispatcher"].__module__.startswith(f"{__package__}."):
+        if not self.said and (event.data["dispatcher"].__module__ or "").startswith(f"{__package__}."):
             self.said = True
             again = "once; `srt3d compile` does it beforehand" if FOLDER else "at every start: set NUMBA_CACHE_DIR"
             logging.getLogger(__name__).info(f"compiling kernels, for seconds up to a minute ({again})")

@@ -2,7 +2,7 @@
 
 `on` gives the functions for tensors of one type on one device. In double precision on the CPU they are the tests'
 oracle: `cpu` differs by its own rounding only. In single precision they are what a GPU runs: no step of a frame looks
-at a value, so that nothing waits, and a graph can hold them all. Only the baselines' `poisson` does.
+at a value, so that nothing waits, and a graph can hold them all.
 
 What photons and sketches of photons go through before a reconstruction runs on the CPU alone: `cpu.phase_sums`, and
 `move_sketch`, of which this package has the contract too, for NumPy.
