@@ -10,12 +10,7 @@ HALF, ONE, TWO, ZERO = F32(0.5), F32(1), F32(2), F32(0)
 TINY = F32(1e-12)
 EPSILON = F32(1e-6)        # photons: added nothing, divided by at least this
 
-# The indices of `maps` as unsigned integers, so that the compiler generates no wrap-around for negative indices.
-B = U(maps.BLOCK)
-DEPTH, SLOPE_COL, SLOPE_ROW, INTENSITY, STD, SCORE, RESIDUAL = (U(getattr(maps, name)) for name in (
-    "DEPTH", "SLOPE_COL", "SLOPE_ROW", "INTENSITY", "STD", "SCORE", "RESIDUAL"))
-VALUE, GRADIENT, CURVATURE, SQUARES, COUNTS, EXPOSURE, TERMS = (U(getattr(maps, name)) for name in (
-    "VALUE", "GRADIENT", "CURVATURE", "SQUARES", "COUNTS", "EXPOSURE", "TERMS"))
+B = U(maps.BLOCK)           # unsigned, so that the compiler generates no wrap-around for negative indices
 
 # sin(2πx) / x and cos(2πx) as polynomials in x² on |x| ≤ 1/2, largest error 7e-7 (Chebyshev interpolation): unlike
 # calls of libm they run in vector registers.
@@ -98,27 +93,3 @@ def total_of(values):
     for value in values:
         total += value
     return total
-
-
-@inline
-def wrap(difference, period):
-    """The difference of two depths on a circle, in [−period/2, period/2]."""
-    return difference - period * np.rint(difference * (ONE / period))
-
-
-@inline
-def rise(slope_col, slope_row, dx, dy):
-    """How much deeper a tangent plane is at (dx, dy) pixels, bins."""
-    return slope_col * dx + slope_row * dy
-
-
-@inline
-def agreement(e, tolerance):
-    """How far two depths e bins apart are one surface's: 1 at e = 0, 0 from e² = tolerance on."""
-    return max(ONE - e * e / tolerance, ZERO)
-
-
-@inline
-def is_surface(intensity, std, max_std):
-    """Whether there is a surface, at a depth that means anything."""
-    return (intensity > ZERO) & (std < max_std)

@@ -8,29 +8,11 @@ from numba import prange
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.constants import NEAR_SIGMA, SPREAD, VOTE_RADIUS
-from srt3d_ros.kernels.cpu.arithmetic import (
-    DEPTH,
-    F32,
-    INTENSITY,
-    ONE,
-    SCORE,
-    SLOPE_COL,
-    SLOPE_ROW,
-    STD,
-    TINY,
-    ZERO,
-    U,
-    agreement,
-    aligned,
-    copy,
-    is_surface,
-    rise,
-    sincos,
-    total_of,
-    wrap,
-)
+from srt3d_ros.kernels.cpu import field
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO, U, aligned, copy, sincos, total_of
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
+from srt3d_ros.kernels.cpu.field import agreement, is_surface, rise, wrap
 from srt3d_ros.kernels.cpu.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio, score_of
 from srt3d_ros.kernels.cpu.undecided import mark_undecided
 from srt3d_ros.kernels.maps import FIELDS, MAX_STD
@@ -71,12 +53,12 @@ def _gather(pixel, state, own, surfaces, padded_cols, max_chi2, blur2, max_std, 
             for k in range(surfaces):
                 row = (di * surfaces + k) * padded_cols
                 for x in range(L):
-                    here = U(depth[x] + row * FIELDS + dj)
-                    std, intensity = state[here + STD * U(padded_cols)], state[here + INTENSITY * U(padded_cols)]
+                    here, cols = U(depth[x] + row * FIELDS + dj), U(padded_cols)
+                    std, intensity = state[here + field.STD * cols], state[here + field.INTENSITY * cols]
                     there = ONE if is_surface(intensity, std, max_std) else ZERO
                     v[first + COUNT + x] += there
-                    v[n + AT + x] = state[here] - rise(state[here + SLOPE_COL * U(padded_cols)],
-                                                       state[here + SLOPE_ROW * U(padded_cols)], F32(dj), F32(di))
+                    v[n + AT + x] = state[here] - rise(state[here + field.SLOPE_COL * cols],
+                                                       state[here + field.SLOPE_ROW * cols], F32(dj), F32(di))
                     v[n + TOLERANCE + x] = max_chi2 * std * std + blur2
                     v[n + LIGHT + x] = intensity
                     v[n + WEIGHT + x] = there * weight
@@ -194,8 +176,8 @@ def _join(x, i, j, s, v, state, record, period):
                 q += VOTER
     for f in range(FIELDS):
         record[f] /= weight
-    record[DEPTH] = s[BEST_AT + x] - period * np.floor(s[BEST_AT + x] / period)
-    record[SCORE] = ZERO                                            # for its pool to say
+    record[field.DEPTH] = s[BEST_AT + x] - period * np.floor(s[BEST_AT + x] / period)
+    record[field.SCORE] = ZERO                                            # for its pool to say
 
 
 @line
@@ -261,8 +243,8 @@ def _judge(undecided, matched, counts, exposure, energy, bin_frequencies, num_bi
             for x in range(U(several)):
                 i, j, mine = pixel[x] // padded_cols, pixel[x] % padded_cols, int(s[BEST_MINE + x])
                 if s[BEST + x] < ZERO:
-                    changes[i, j] |= 1 if before[i, k, INTENSITY, j] > ZERO else 0
-                    after[i, k, INTENSITY, j], own_after[i, k, j] = ZERO, ZERO
+                    changes[i, j] |= 1 if before[i, k, field.INTENSITY, j] > ZERO else 0
+                    after[i, k, field.INTENSITY, j], own_after[i, k, j] = ZERO, ZERO
                     continue
                 if mine >= 0:
                     copy(before[i, mine, :, j], record)
@@ -272,7 +254,7 @@ def _judge(undecided, matched, counts, exposure, energy, bin_frequencies, num_bi
                 copy(record, after[i, k, :, j])
                 own_after[i, k, j] = s[BEST_RATIO + x]
                 if k + 1 < surfaces:
-                    _take(x, voters, s, v, z, energy, bin_frequencies, record[DEPTH], total, period)
+                    _take(x, voters, s, v, z, energy, bin_frequencies, record[field.DEPTH], total, period)
 
 
 def birth_death(frame, state, terms, max_chi2):

@@ -3,24 +3,11 @@
 import numpy as np
 from numba import prange
 
-from srt3d_ros.kernels.cpu.arithmetic import (
-    COUNTS,
-    CURVATURE,
-    DEPTH,
-    EXPOSURE,
-    F32,
-    GRADIENT,
-    INTENSITY,
-    ONE,
-    SQUARES,
-    TERMS,
-    VALUE,
-    ZERO,
-    sincos,
-)
+from srt3d_ros.kernels.cpu import field
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import parallel
 from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.maps import MARGIN
+from srt3d_ros.kernels.maps import MARGIN, TERMS
 
 TURN = F32(2 * np.pi)
 
@@ -35,7 +22,7 @@ def _expand(matched, counts, exposure, energy, bin_frequencies, state, terms):
                    np.empty(padded_cols, np.float32))
         for k in range(surfaces):
             v[:], g[:], c[:] = ZERO, ZERO, ZERO
-            depth = state[i, k, DEPTH]
+            depth = state[i, k, field.DEPTH]
             for l in range(m):
                 frequency, omega = bin_frequencies[l], TURN * bin_frequencies[l]
                 real, imaginary = matched[i, l], matched[i, m + l]
@@ -47,7 +34,7 @@ def _expand(matched, counts, exposure, energy, bin_frequencies, state, terms):
                     c[j] += omega * omega * along
             for o in range(surfaces):
                 if o != k:
-                    other, strength = state[i, o, DEPTH], state[i, o, INTENSITY]
+                    other, strength = state[i, o, field.DEPTH], state[i, o, field.INTENSITY]
                     for l in range(m):
                         frequency, omega, share = bin_frequencies[l], TURN * bin_frequencies[l], energy[l]
                         for j in range(padded_cols):
@@ -57,12 +44,12 @@ def _expand(matched, counts, exposure, energy, bin_frequencies, state, terms):
                             g[j] -= omega * known * sine
                             c[j] -= omega * omega * known * cosine
             for j in range(padded_cols):
-                seen = ONE if state[i, k, INTENSITY, j] > ZERO else ZERO
-                terms[i, k, VALUE, j], terms[i, k, GRADIENT, j] = seen * v[j], seen * g[j]
-                terms[i, k, CURVATURE, j] = seen * c[j]
-                terms[i, k, SQUARES, j] = seen * counts[i, j]
-                terms[i, k, COUNTS, j] = seen * counts[i, j]
-                terms[i, k, EXPOSURE, j] = seen * exposure[i, j]
+                seen = ONE if state[i, k, field.INTENSITY, j] > ZERO else ZERO
+                terms[i, k, field.VALUE, j], terms[i, k, field.GRADIENT, j] = seen * v[j], seen * g[j]
+                terms[i, k, field.CURVATURE, j] = seen * c[j]
+                terms[i, k, field.SQUARES, j] = seen * counts[i, j]
+                terms[i, k, field.COUNTS, j] = seen * counts[i, j]
+                terms[i, k, field.EXPOSURE, j] = seen * exposure[i, j]
 
 
 def expand(frame, state):

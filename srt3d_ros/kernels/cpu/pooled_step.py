@@ -9,37 +9,13 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.kernels.constants import CELL, RIDGE
-from srt3d_ros.kernels.cpu.arithmetic import (
-    COUNTS,
-    CURVATURE,
-    DEPTH,
-    EXPOSURE,
-    F32,
-    GRADIENT,
-    HALF,
-    INTENSITY,
-    RESIDUAL,
-    SCORE,
-    SLOPE_COL,
-    SLOPE_ROW,
-    SQUARES,
-    STD,
-    TERMS,
-    TINY,
-    VALUE,
-    ZERO,
-    B,
-    U,
-    agreement,
-    aligned,
-    rise,
-    total_of,
-    wrap,
-)
+from srt3d_ros.kernels.cpu import field
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TINY, ZERO, B, U, aligned, total_of
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
+from srt3d_ros.kernels.cpu.field import agreement, rise, wrap
 from srt3d_ros.kernels.cpu.likelihood import evidence
-from srt3d_ros.kernels.maps import BLOCK, FIELDS, MARGIN
+from srt3d_ros.kernels.maps import BLOCK, FIELDS, MARGIN, TERMS
 
 # Offsets into the scratch array: points; neighbour; sums for the pool, the first six as in the terms; for the plane;
 # sums of the row of neighbours that is being added, each of 1, dx or dx².
@@ -55,10 +31,10 @@ EVEN = np.ones(CELL // 2 + 1, np.float32)       # weights in a cell
 def _begin(s, state, point, padded_cols, max_chi2):
     """Load the points, and empty the sums of the window."""
     for x in range(B):
-        s[T + x] = state[point + DEPTH * padded_cols + x]
-        s[SC + x] = state[point + SLOPE_COL * padded_cols + x]
-        s[SR + x] = state[point + SLOPE_ROW * padded_cols + x]
-        std = state[point + STD * padded_cols + x]
+        s[T + x] = state[point + field.DEPTH * padded_cols + x]
+        s[SC + x] = state[point + field.SLOPE_COL * padded_cols + x]
+        s[SR + x] = state[point + field.SLOPE_ROW * padded_cols + x]
+        std = state[point + field.STD * padded_cols + x]
         s[TOLERANCE + x] = max_chi2 * std * std + TINY
     for x in range(ROW_C - V):
         s[V + x] = ZERO
@@ -71,12 +47,13 @@ def _add(s, state, terms, at, term, padded_cols, dx, dy, near, max_chi2, period)
     They count by distance and by agreement with the plane, e bins off which their data terms are moved along it:
     f(t − e) = v − s e − b e² / 2, f′ = s + b e, −f″ = b.
     """
-    v, g, c = term + VALUE * padded_cols, term + GRADIENT * padded_cols, term + CURVATURE * padded_cols
-    squares, counts, exposure = term + SQUARES * padded_cols, term + COUNTS * padded_cols, term + EXPOSURE * padded_cols
+    v, g = term + field.VALUE * padded_cols, term + field.GRADIENT * padded_cols
+    c, squares = term + field.CURVATURE * padded_cols, term + field.SQUARES * padded_cols
+    counts, exposure = term + field.COUNTS * padded_cols, term + field.EXPOSURE * padded_cols
     for x in range(B):
         plane = s[T + x] + rise(s[SC + x], s[SR + x], dx, dy)
-        e = wrap(state[at + DEPTH * padded_cols + x] - plane, period)
-        std = state[at + STD * padded_cols + x]
+        e = wrap(state[at + field.DEPTH * padded_cols + x] - plane, period)
+        std = state[at + field.STD * padded_cols + x]
         same = agreement(e, s[TOLERANCE + x] + max_chi2 * std * std)
         w = near * same * same
         bend, slope = w * terms[c + x], w * terms[g + x]
@@ -96,8 +73,8 @@ def _add(s, state, terms, at, term, padded_cols, dx, dy, near, max_chi2, period)
 def _add_to_plane(s, state, at, padded_cols, dx, pixels):
     """Add the neighbours' depths to the sums of the planes, each weighed by its variance and its number of pixels."""
     for x in range(B):
-        std = state[at + STD * padded_cols + x]
-        p = pixels * s[W + x] / (std * std + TINY) if state[at + INTENSITY * padded_cols + x] > ZERO else ZERO
+        std = state[at + field.STD * padded_cols + x]
+        p = pixels * s[W + x] / (std * std + TINY) if state[at + field.INTENSITY * padded_cols + x] > ZERO else ZERO
         off = p * s[E + x]
         s[ROW_P + x] += p
         s[ROW_PX + x] += p * dx
@@ -141,7 +118,7 @@ def _add_grid(s, state, terms, i, j, padded_cols, surfaces, reach, step, nearest
                 at, term = U(pixel * FIELDS + j + dx), U(pixel * TERMS + j + dx)
                 for q in range(U(surfaces)):
                     mine = at + q * U(FIELDS * padded_cols)
-                    _add(s, state, terms, mine, term + q * TERMS * U(padded_cols), U(padded_cols), right, down, near,
+                    _add(s, state, terms, mine, term + q * U(TERMS * padded_cols), U(padded_cols), right, down, near,
                          max_chi2, period)
                     if in_plane:
                         _add_to_plane(s, state, mine, U(padded_cols), right, F32(step * step))
@@ -176,7 +153,7 @@ def _finish(s, state, point, out, padded_cols, moments, max_chi2, total, curvatu
     """Step to the top of the pooled data term and write the next state."""
     widest = np.sqrt(total / curvature)
     for x in range(B):
-        seen = state[point + INTENSITY * padded_cols + x] > ZERO
+        seen = state[point + field.INTENSITY * padded_cols + x] > ZERO
         least = HALF * max(s[V + x], ZERO) / total * curvature
         d = min(max(s[G + x] / (max(s[C + x], least) + TINY), -widest), widest)
         value = s[V + x] + d * (s[G + x] - HALF * d * s[C + x])
@@ -185,19 +162,19 @@ def _finish(s, state, point, out, padded_cols, moments, max_chi2, total, curvatu
         signal = min(strength, s[S1 + x])
         variance = (signal * moments[0] + (s[S1 + x] - signal) * moments[1]) * s[S2 + x] / max(s[S1 + x], TINY)
         std = min(np.sqrt(variance) / max(signal * curvature, TINY), period)
-        out[point + DEPTH * padded_cols + x] = t - period * np.floor(t / period)
-        out[point + SLOPE_COL * padded_cols + x] = s[SC + x]
-        out[point + SLOPE_ROW * padded_cols + x] = s[SR + x]
-        out[point + INTENSITY * padded_cols + x] = max(strength / max(s[X + x], TINY), TINY) if seen else ZERO
-        out[point + STD * padded_cols + x] = std if signal > ZERO else period
+        out[point + field.DEPTH * padded_cols + x] = t - period * np.floor(t / period)
+        out[point + field.SLOPE_COL * padded_cols + x] = s[SC + x]
+        out[point + field.SLOPE_ROW * padded_cols + x] = s[SR + x]
+        out[point + field.INTENSITY * padded_cols + x] = max(strength / max(s[X + x], TINY), TINY) if seen else ZERO
+        out[point + field.STD * padded_cols + x] = std if signal > ZERO else period
         # The distances were measured before the step, and show noise that it takes away.
         gone = max(s[TOLERANCE + x] / max_chi2 - std * std, ZERO)
         spread = s[SPREAD + x] / max(s[C + x], least + TINY) - gone
-        out[point + RESIDUAL * padded_cols + x] = np.sqrt(max(spread, ZERO))
+        out[point + field.RESIDUAL * padded_cols + x] = np.sqrt(max(spread, ZERO))
         s[V + x] = value if seen else ZERO
     for x in range(B):                  # apart: no vector register looks up a table
         score = evidence(s[V + x], s[S1 + x], s[S2 + x], max_response, background_table)
-        out[point + SCORE * padded_cols + x] = score
+        out[point + field.SCORE * padded_cols + x] = score
 
 
 @parallel
@@ -244,7 +221,7 @@ def _coarsen(num_bins, max_chi2, shape, state, terms, cells):
                 into = U((i * surfaces + k) * TERMS * padded_cols + j)
                 for f in range(U(TERMS)):
                     for x in range(B):
-                        seen = state[point + INTENSITY * U(padded_cols) + x] > ZERO
+                        seen = state[point + field.INTENSITY * U(padded_cols) + x] > ZERO
                         cells[into + f * U(padded_cols) + x] = s[V + f * B + x] if seen else ZERO
 
 

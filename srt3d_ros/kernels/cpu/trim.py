@@ -4,22 +4,12 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.kernels.constants import RIM, SPREAD, VOTE_RADIUS
-from srt3d_ros.kernels.cpu.arithmetic import (
-    COUNTS,
-    DEPTH,
-    EXPOSURE,
-    F32,
-    INTENSITY,
-    ONE,
-    STD,
-    VALUE,
-    ZERO,
-    is_surface,
-)
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO
 from srt3d_ros.kernels.cpu.compiling import line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
+from srt3d_ros.kernels.cpu.field import is_surface
 from srt3d_ros.kernels.cpu.likelihood import llr, score_of
-from srt3d_ros.kernels.maps import MARGIN, MAX_STD
+from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, MARGIN, MAX_STD, STD, VALUE
 
 
 @line

@@ -3,25 +3,10 @@
 from numba import prange
 
 from srt3d_ros.kernels.constants import VOTE_RADIUS
-from srt3d_ros.kernels.cpu.arithmetic import (
-    DEPTH,
-    F32,
-    INTENSITY,
-    ONE,
-    SLOPE_COL,
-    SLOPE_ROW,
-    STD,
-    ZERO,
-    B,
-    U,
-    aligned,
-    any_of,
-    copy,
-    is_surface,
-    rise,
-    wrap,
-)
+from srt3d_ros.kernels.cpu import field
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, B, U, aligned, any_of, copy
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
+from srt3d_ros.kernels.cpu.field import is_surface, rise, wrap
 from srt3d_ros.kernels.maps import FIELDS, MARGIN
 
 # Offsets in the scratch, for numbers of B pixels.
@@ -32,20 +17,20 @@ OWN, OPEN, NUMBER, STRANGE, CARRIED, REACHED = (U(k) * B for k in range(6))
 def _compare(s, state, at, here, surfaces, padded_cols, dx, dy, max_chi2, blur2, period, max_std):
     """Count the surface of a neighbour at (dx, dy), whose depth is at `at`, and open pixels that do not know it."""
     for x in range(B):
-        std = state[at + STD * padded_cols + x]
-        there = ONE if is_surface(state[at + INTENSITY * padded_cols + x], std, max_std) else ZERO
+        std = state[at + field.STD * padded_cols + x]
+        there = ONE if is_surface(state[at + field.INTENSITY * padded_cols + x], std, max_std) else ZERO
         s[NUMBER + x] += there
         s[STRANGE + x] = there
         s[REACHED + x] = max_chi2 * std * std + blur2 + blur2
-        s[CARRIED + x] = state[at + DEPTH * padded_cols + x] - rise(
-            state[at + SLOPE_COL * padded_cols + x], state[at + SLOPE_ROW * padded_cols + x], dx, dy)
+        s[CARRIED + x] = state[at + field.DEPTH * padded_cols + x] - rise(
+            state[at + field.SLOPE_COL * padded_cols + x], state[at + field.SLOPE_ROW * padded_cols + x], dx, dy)
     for k in range(surfaces):
         mine = U(here + k * FIELDS * padded_cols)
         for x in range(B):
-            e = wrap(s[CARRIED + x] - state[mine + DEPTH * padded_cols + x], period)
-            std = state[mine + STD * padded_cols + x]
+            e = wrap(s[CARRIED + x] - state[mine + field.DEPTH * padded_cols + x], period)
+            std = state[mine + field.STD * padded_cols + x]
             same = (e * e < s[REACHED + x] + max_chi2 * std * std) & is_surface(
-                state[mine + INTENSITY * padded_cols + x], std, max_std)
+                state[mine + field.INTENSITY * padded_cols + x], std, max_std)
             s[STRANGE + x] = ZERO if same else s[STRANGE + x]
     for x in range(B):
         s[OPEN + x] = max(s[OPEN + x], s[STRANGE + x])
@@ -63,8 +48,8 @@ def _find_undecided(s, state, here, surfaces, padded_cols, max_chi2, blur2, peri
     for k in range(surfaces):
         mine = U(here + k * FIELDS * padded_cols)
         for x in range(B):
-            there = is_surface(state[mine + INTENSITY * padded_cols + x], state[mine + STD * padded_cols + x], max_std)
-            s[OWN + x] += ONE if there else ZERO
+            intensity, std = state[mine + field.INTENSITY * padded_cols + x], state[mine + field.STD * padded_cols + x]
+            s[OWN + x] += ONE if is_surface(intensity, std, max_std) else ZERO
     for dy in range(-1, 2):
         for dx in range(-1, 2):
             if dx == 0 and dy == 0:             # the pixel's own
