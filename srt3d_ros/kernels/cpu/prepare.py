@@ -4,41 +4,24 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.cpu.arithmetic import F32, ZERO, sincos, total_of
+from srt3d_ros.kernels.cpu.arithmetic import ZERO, sincos, total_of
 from srt3d_ros.kernels.cpu.compiling import parallel
 from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.maps import DEPTH, INTENSITY, MARGIN, VALUE
-
-
-@parallel
-def _prepare(sums, photons, equaliser, used, taken, shown, matched, counts):
-    rows, cols, twice = sums.shape
-    m, by_row, by_col = twice // 2, min(equaliser.shape[0] - 1, 1), min(equaliser.shape[1] - 1, 1)
-    shown_by_row, shown_by_col = min(shown.shape[0] - 1, 1), min(shown.shape[1] - 1, 1)
-    none = taken.shape[0] == 0
-    for i in prange(rows):
-        a = i * by_row
-        for j in range(cols):
-            b = j * by_col
-            e, f = i * shown_by_row, j * shown_by_col
-            less = ZERO if none else taken[i, j]
-            counts[i + MARGIN, j + MARGIN] = F32(photons[i, j]) * used[i, j]
-            for l in range(m):
-                re, im = sums[i, j, 2 * l], sums[i, j, 2 * l + 1]
-                c, d = equaliser[a, b, 2 * l], equaliser[a, b, 2 * l + 1]
-                matched[i + MARGIN, l, j + MARGIN] = re * c - im * d - less * shown[e, f, 2 * l]
-                matched[i + MARGIN, m + l, j + MARGIN] = re * d + im * c - less * shown[e, f, 2 * l + 1]
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, VALUE
 
 
 def prepare(sums, photons, equaliser, used, taken=None, shown=None):
+    """Real and imaginary parts by themselves: a product of complex numbers is rounded otherwise on other processors."""
     rows, cols, m = sums.shape
     padded_rows, padded_cols = maps.padded_shape(rows, cols)
-    matched = borrow("matched", (padded_rows, 2 * m, padded_cols))
-    counts = borrow("counts", (padded_rows, padded_cols))
-    if taken is None:
-        taken, shown = np.empty((0, 0), np.float32), np.zeros((1, 1, m), np.complex64)
-    _prepare(np.ascontiguousarray(sums).view(np.float32), np.ascontiguousarray(photons), equaliser.view(np.float32),
-             used, taken, shown.view(np.float32), matched, counts)
+    matched, counts = borrow("matched", (padded_rows, 2 * m, padded_cols)), borrow("counts", (padded_rows, padded_cols))
+    re, im, c, d = sums.real, sums.imag, equaliser.real, equaliser.imag
+    real, imaginary = np.split(maps.crop(matched, rows, cols), 2, axis=1)
+    real[:], imaginary[:] = (re * c - im * d).swapaxes(1, 2), (re * d + im * c).swapaxes(1, 2)
+    if taken is not None:
+        real -= taken[:, None] * shown.real.swapaxes(1, 2)
+        imaginary -= taken[:, None] * shown.imag.swapaxes(1, 2)
+    maps.crop(counts, rows, cols)[:] = photons.astype(np.float32) * used
     return matched, counts
 
 
