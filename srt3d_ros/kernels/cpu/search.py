@@ -14,32 +14,6 @@ from srt3d_ros.kernels.cpu.match import peaks, peaks_scratch, response_at, steer
 from srt3d_ros.kernels.maps import BLOCK, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, window_weights
 
 
-@parallel
-def _find_open(exposure, state, layer, is_open, wanted):
-    """Write 1 for the pixels that want a surface: twice, for these are pooled even when they have found one."""
-    rows, cols = is_open.shape
-    for i in prange(rows):
-        a = i + MARGIN
-        for j in range(cols):
-            b = j + MARGIN
-            found = exposure[a, b] > ZERO and state[a, layer, INTENSITY, b] == ZERO
-            if layer > 0:
-                found = found and state[a, layer - 1, INTENSITY, b] > ZERO
-            is_open[i, j] = wanted[i, j] = ONE if found else ZERO
-
-
-@parallel
-def _doubt(state, layer, wanted):
-    """Write 0 for the pixels that have found a surface which is beyond doubt."""
-    rows, cols = wanted.shape
-    for i in prange(rows):
-        a = i + MARGIN
-        for j in range(cols):
-            b = j + MARGIN
-            if state[a, layer, INTENSITY, b] > ZERO and state[a, layer, SCORE, b] >= F32(SURE_SCORE):
-                wanted[i, j] = ZERO
-
-
 @line
 def _std(signal, counts, share, moments, curvature, period):
     """Standard deviation of a depth found in a window, bins; signal Σ w r."""
@@ -64,7 +38,7 @@ def _list_cells(i, m, top, step, matched, counts, counts_at, wanted, share, enou
         if evidence(bound[j], photons / share, photons, max_response, background_table) > enough:
             for a in range(i * step, min((i + 1) * step, wanted.shape[0])):
                 for b in range(j * step, min((j + 1) * step, wanted.shape[1])):
-                    if wanted[a, b] > ZERO and (found == 0 or listed[found - 1] != j):
+                    if wanted[a, b] and (found == 0 or listed[found - 1] != j):
                         listed[found] = j
                         found += 1
     return found
@@ -121,7 +95,7 @@ def _search(matched, counts, exposure, counts_at, exposure_at, top, step, share,
                     score /= clutter[int(np.rint(depth)) % len(clutter)]
                     for a in range(i * step + MARGIN, min((i + 1) * step, rows) + MARGIN):
                         for b in range(j * step + MARGIN, min((j + 1) * step, cols) + MARGIN):
-                            if wanted[a - MARGIN, b - MARGIN] == ZERO:
+                            if not wanted[a - MARGIN, b - MARGIN]:
                                 continue
                             if warm and _stays(z, x, a, b, layer, score, photons, share, light, confirmed, carried,
                                                energy, curvature, max_response, background_table, moments, clutter,
@@ -146,10 +120,13 @@ def no_surfaces(frame, surfaces):
 
 def search(frame, matched, state, layer, sigma, step, enough, carried=None, confirmed=0.0, slanted=False):
     """The cells of a row that may be sure are matched together, BLOCK at a time."""
-    is_open, wanted = (borrow(name, frame.shape) for name in ("open", "wanted"))
-    _find_open(frame.exposure, state, layer, is_open, wanted)
+    intensity, score = (maps.crop(state, *frame.shape)[:, :, f] for f in (INTENSITY, SCORE))
+    wanted = (maps.crop(frame.exposure, *frame.shape) > 0) & (intensity[:, layer] == 0)
+    if layer > 0:
+        wanted &= intensity[:, layer - 1] > 0
     if not wanted.any():
         return
+    is_open = wanted.astype(np.float32)         # these are pooled even when they have found a surface
     carried = np.empty((0, 0, 0, 0), np.float32) if carried is None else carried
     clutter = np.ones(1, np.float32) if frame.clutter is None else frame.clutter
     flat = np.zeros((1, 2), np.float32)
@@ -169,7 +146,7 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
     along(flat, pools[None], *of_pools, enough)
     if slanted:
         rise = frame.resolution_bins / sigma
-        _doubt(state, layer, wanted)
+        wanted &= (intensity[:, layer] == 0) | (score[:, layer] < SURE_SCORE)
         slopes = np.array([(rise, 0), (-rise, 0), (0, rise), (0, -rise)], np.float32)
         along(slopes, pool_slanted(cells, weights, frame.bin_frequencies * (step * rise), step, wanted), *of_pools,
               START_SCORE)
