@@ -7,19 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import torch
 
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import START_SCORE, STAY, SURE_SCORE
-from srt3d_ros.kernels.maps import (
-    DEPTH,
-    INTENSITY,
-    RESIDUAL,
-    SCORE,
-    SLOPE_COL,
-    SLOPE_ROW,
-    VALUE,
-    crop,
-    state_shape,
-    window_weights,
-)
+from srt3d_ros.kernels.maps import crop, state_shape, window_weights
 from srt3d_ros.kernels.oracle.arithmetic import EPSILON, as_complex, as_map, noise_ratio, pad, waves
 from srt3d_ros.kernels.oracle.blur import blur, blur_cells
 from srt3d_ros.kernels.oracle.likelihood import evidence
@@ -95,9 +85,9 @@ def residual(frame, state, terms, layer):
 
 
 def _residual(layer, frame, state, terms):
-    signal = terms[:, :, VALUE].clamp(min=0) / frame.total_energy
+    signal = terms[:, :, maps.VALUE].clamp(min=0) / frame.total_energy
     signal[:, layer].zero_()
-    shown = (signal[:, :, None] * waves(frame, state[:, :, DEPTH])).sum(dim=1)
+    shown = (signal[:, :, None] * waves(frame, state[:, :, maps.DEPTH])).sum(dim=1)
     return (frame.matched - as_map(frame.energy[:, None] * shown),)
 
 
@@ -140,7 +130,7 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
     _take(frame, state, layer, step, is_open, _pooled(matched, (0.0, 0.0), *pools), enough, carried, confirmed)
     rise = frame.resolution_bins / sigma if slanted else 0.0
     point = crop(state, *frame.shape)[:, layer]
-    doubtful = is_open & ((point[:, INTENSITY] == 0) | (point[:, SCORE] < SURE_SCORE))
+    doubtful = is_open & ((point[:, maps.INTENSITY] == 0) | (point[:, maps.SCORE] < SURE_SCORE))
     for slope in ((rise, 0.0), (-rise, 0.0), (0.0, rise), (0.0, -rise)) if slanted else ():
         _take(frame, state, layer, step, doubtful, _pooled(matched, slope, *pools), START_SCORE)
 
@@ -148,8 +138,8 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
 def _open(frame, state, layer):
     """Which pixels want a surface; bool [rows, cols]."""
     view, exposure = crop(state, *frame.shape), crop(frame.exposure, *frame.shape)
-    is_open = (exposure > 0) & (view[:, layer, INTENSITY] == 0)
-    return is_open & (view[:, layer - 1, INTENSITY] > 0) if layer > 0 else is_open
+    is_open = (exposure > 0) & (view[:, layer, maps.INTENSITY] == 0)
+    return is_open & (view[:, layer - 1, maps.INTENSITY] > 0) if layer > 0 else is_open
 
 
 def _pooled(matched, slope, frame, is_open, sigma, step) -> SimpleNamespace:
@@ -188,17 +178,17 @@ def _take(frame, state, layer, step, wanted, pools, enough, carried=None, confir
     right, down = (place % step - (step - 1) / 2 for place in (col, row[:, None]))
     there = (middle + pools.slope[0] * right + pools.slope[1] * down) % frame.num_bins
     new = measured(there, middle, [torch.full_like(middle, part) for part in pools.slope], signal)
-    least = torch.where(point[:, INTENSITY] > 0, point[:, SCORE], -math.inf).clamp(min=enough)
-    better = wanted & (new[:, SCORE] > least)
+    least = torch.where(point[:, maps.INTENSITY] > 0, point[:, maps.SCORE], -math.inf).clamp(min=enough)
+    better = wanted & (new[:, maps.SCORE] > least)
     if carried is not None:
         old = crop(carried, rows, cols)[:, layer]
-        along = pools.z[cell[0][:, 0]][:, :, cell[1]] * waves(frame, old[:, DEPTH]).conj()
-        kept = measured(old[:, DEPTH], old[:, DEPTH], (old[:, SLOPE_COL], old[:, SLOPE_ROW]),
+        along = pools.z[cell[0][:, 0]][:, :, cell[1]] * waves(frame, old[:, maps.DEPTH]).conj()
+        kept = measured(old[:, maps.DEPTH], old[:, maps.DEPTH], (old[:, maps.SLOPE_COL], old[:, maps.SLOPE_ROW]),
                         along.real.sum(dim=1) / frame.total_energy)
-        stays = wanted & (old[:, INTENSITY] > 0) & (kept[:, SCORE] > confirmed) & (
-            new[:, SCORE]**2 - kept[:, SCORE]**2 < 2 * STAY)
+        stays = wanted & (old[:, maps.INTENSITY] > 0) & (kept[:, maps.SCORE] > confirmed) & (
+            new[:, maps.SCORE]**2 - kept[:, maps.SCORE]**2 < 2 * STAY)
         new, better = torch.where(stays[:, None], kept, new), better | stays
-    point[:, :RESIDUAL] = torch.where(better[:, None], new, point[:, :RESIDUAL])
+    point[:, :maps.RESIDUAL] = torch.where(better[:, None], new, point[:, :maps.RESIDUAL])
 
 
 def _std(frame, signal, counts, share):
@@ -211,4 +201,4 @@ def _std(frame, signal, counts, share):
 
 def drop_weak(state, weak):
     """r = 0 where the score is below `weak` standard deviations; in place."""
-    state[:, :, INTENSITY].masked_fill_(state[:, :, SCORE] < weak, 0.0)
+    state[:, :, maps.INTENSITY].masked_fill_(state[:, :, maps.SCORE] < weak, 0.0)
