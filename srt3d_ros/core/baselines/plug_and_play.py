@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.progress import progress
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.kernels.cpu import apss
 
 ITERATIONS = 25
 RATE = 0.25                 # of the full step in depth; against a half, less error wherever photons are few
@@ -25,6 +25,7 @@ def plug_and_play(step: Callable, depth: np.ndarray, intensity: np.ndarray, expo
         usual: of `usual_intensity`.
         scale_bins: bins that count as one pixel, see `depth_scale_bins`.
     """
+    apss = kernels_for("cpu")[1].apss
     depth, intensity, normal = apss(depth, intensity, None, exposure, scale_bins, num_bins)
     for iteration in progress(range(ITERATIONS + 1), "reconstructing"):
         step(depth, intensity)

@@ -18,11 +18,11 @@ import numpy as np
 
 from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, usual_intensity
 from srt3d_ros.core.baselines.xcorr import PixelToa, by_pixel, correlate
+from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.method.thresholds import check_surfaces
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
-from srt3d_ros.kernels.cpu import blur, poisson
 from srt3d_ros.kernels.maps import window_weights
 
 BACKGROUND_WINDOW = 1.5         # σ of the moving average, pixels
@@ -58,7 +58,7 @@ class RT3D:
 
     def __init__(self, sensor: SensorModel, surfaces: int = 1):
         check_surfaces(surfaces)
-        self.sensor, self.surfaces = sensor, surfaces
+        self.sensor, self.surfaces, (_, self._kernels) = sensor, surfaces, kernels_for("cpu")
         self._irf = np.atleast_2d(sensor.irf)
         self._slope = _slope(self._irf).astype(np.float32)
         self._width_bins = _rms_width(self._irf.mean(axis=0))
@@ -73,7 +73,7 @@ class RT3D:
         background = smooth(np.float32(start.background * seen * sensor.num_bins))
 
         def step(depth, intensity):
-            background[:] = smooth(poisson(data, background, RATE, usual, depth, intensity))
+            background[:] = smooth(self._kernels.poisson(data, background, RATE, usual, depth, intensity))
 
         scale = depth_scale_bins(sensor, start.depth, start.intensity, self._width_bins)
         depth, intensity = plug_and_play(step, start.depth, start.intensity, seen, usual, scale, sensor.num_bins)
@@ -94,7 +94,7 @@ class RT3D:
 
         Both are float32 [rows, cols].
         """
-        weights, least = window_weights(BACKGROUND_WINDOW), LEAST_BACKGROUND * seen[:, None]
+        blur, weights, least = self._kernels.blur, window_weights(BACKGROUND_WINDOW), LEAST_BACKGROUND * seen[:, None]
         bins = np.maximum(blur(seen[:, None], weights)[:, 0] * self.sensor.num_bins, 1e-6)
         return lambda stray: blur(stray[:, None] + least, weights)[:, 0] / bins
 

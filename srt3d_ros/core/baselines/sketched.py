@@ -13,12 +13,12 @@ import numpy as np
 
 from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, usual_intensity
 from srt3d_ros.core.baselines.weighting import weighted_steps
+from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.method.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.method.thresholds import check_surfaces
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch
-from srt3d_ros.kernels.cpu import match, pixelwise
 
 SMLE_STEPS = 10
 SMLE_RATE = 0.5         # each step halves what is left of the error
@@ -40,14 +40,14 @@ class SMLE:
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1):
         check_surfaces(surfaces)
         self.sensor, self.surfaces = sensor, surfaces
-        self._matcher = Matcher(sensor, frequencies)
+        self._matcher, (_, self._kernels) = Matcher(sensor, frequencies), kernels_for("cpu")
         self._table = weighted_steps(sensor, self._matcher.frequencies, self.precise)
 
     def __call__(self, sketch: Sketch) -> PointCloud:
         """The point cloud of one frame's sketch."""
         frame = self._matcher(sketch)
         exposure = frame.exposure[:, None]
-        depth, intensity = match(frame, self.surfaces)          # the matched filter on each pixel's sketch
+        depth, intensity = self._kernels.match(frame, self.surfaces)  # the matched filter on each pixel's sketch
         intensity = np.where(exposure > 0, np.maximum(intensity, 0) / np.maximum(exposure, 1e-6), 0).astype(np.float32)
         depth, intensity = self._points(frame, depth, intensity)
         background = np.maximum(sketch.photons - (intensity * exposure).sum(axis=1), 0)
@@ -56,7 +56,7 @@ class SMLE:
     def _points(self, frame: MatchedFrame, depth: np.ndarray, intensity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Depth (bins) and intensity of the surfaces from a start, float32 [rows, K, cols]; intensity 0 = no point."""
         for _ in range(SMLE_STEPS):
-            pixelwise(frame, self._table, SMLE_RATE, 0.0, depth, intensity)
+            self._kernels.pixelwise(frame, self._table, SMLE_RATE, 0.0, depth, intensity)
         return depth, intensity
 
     def warm_up(self) -> None:
@@ -78,7 +78,7 @@ class SRT3D(SMLE):
         usual = usual_intensity(intensity, frame.exposure)
 
         def step(depth, intensity):
-            pixelwise(frame, self._table, RATE, usual, depth, intensity)
+            self._kernels.pixelwise(frame, self._table, RATE, usual, depth, intensity)
 
         for _ in range(STEPS_BEFORE):
             step(depth, intensity)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.baselines import plug_and_play, sketched
 from srt3d_ros.core.baselines.plug_and_play import depth_scale_bins
 from srt3d_ros.core.baselines.rt3d import RT3D
 from srt3d_ros.core.baselines.xcorr import by_pixel
@@ -19,8 +18,8 @@ from tests.core.scenes import T, make_sensor, run, simulate
 def test_the_papers_numbers_of_steps_and_denoisings_are_run(monkeypatch):
     sensor, calls = make_sensor(8, 8), []
     method = METHODS["srt3d"].build(sensor, (1, 2, 3))
-    for module, name in ((sketched, "pixelwise"), (plug_and_play, "apss")):
-        monkeypatch.setattr(module, name, lambda *args, name=name, kernel=getattr(module, name): (
+    for name in ("pixelwise", "apss"):
+        monkeypatch.setattr(cpu, name, lambda *args, name=name, kernel=getattr(cpu, name): (
             calls.append(name) or kernel(*args)))
     method(sketch_photons(simulate(np.full((8, 8), 200.0), 10, 20), sensor, (1, 2, 3)))
     assert calls == 5 * ["pixelwise"] + 25 * ["apss", "pixelwise"] + ["apss", "pixelwise"]
