@@ -9,7 +9,6 @@ docs/evaluation.md has the equations.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -67,18 +66,24 @@ def evaluate(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins
         complete: pixels without a reference are known to see no surface, as in a simulation: points there are false.
     """
     reference = _as_surfaces("reference shape", reference_depth_bins, cloud)
-    counts = _counted(counted, reference, cloud)
+    known = np.isfinite(reference)
+    counts = known if counted is None else known & (_as_surfaces("counted shape", counted, cloud) > 0)
+    all_count = (counts == known).all(axis=0)
+    of_known = (all_count & known.any(axis=0))[cloud.row, cloud.col]        # points in pixels with references
+    judged = all_count[cloud.row, cloud.col] if complete else of_known
     error = np.abs(_errors(cloud, reference, num_bins))
     nearest, point = _nearest(cloud, reference.shape, error)
-    match = _Match(counts, point, counts & (nearest <= tolerance_bins), error <= tolerance_bins,
-                   _judged(counts, reference, cloud, complete))
+    matched, near = counts & (nearest <= tolerance_bins), error <= tolerance_bins
     total = max(int(counts.sum()), 1)
-    false = match.judged & ~match.near.any(axis=0)
+    false = judged & ~near.any(axis=0)
+    scaled = of_known & (cloud.depth_std_bins > 0)
+    stds = error.min(axis=0)[scaled] / cloud.depth_std_bins[scaled]
     return Metrics(
-        float(match.matched.sum() / total), float(false.sum() / total), _mean(nearest[match.matched]), len(cloud),
-        tuple(float(found.sum() / max(int(every.sum()), 1)) for found, every in zip(match.matched, counts)),
-        NAN if reference_intensity is None else _intensity_error(cloud, match, reference_intensity),
-        *_within(cloud, reference, num_bins, counted))
+        float(matched.sum() / total), float(false.sum() / total), _mean(nearest[matched]), len(cloud),
+        tuple(float(found.sum() / max(int(every.sum()), 1)) for found, every in zip(matched, counts)),
+        NAN if reference_intensity is None else
+        _intensity_error(cloud, reference_intensity, counts, matched, point, near, judged),
+        _mean(stds <= 1), _mean(stds <= 2))
 
 
 def median_offset(cloud: PointCloud, reference_depth_bins: np.ndarray, within_bins: float, num_bins: int) -> float:
@@ -110,57 +115,29 @@ def _nearest(cloud: PointCloud, shape: tuple[int, int, int], error: np.ndarray) 
     return nearest, point
 
 
-class _Match(NamedTuple):
-    """Which points found which references: per reference [S, rows, cols], or per point [N] or [S, N].
+def _intensity_error(cloud: PointCloud, reference_intensity: np.ndarray, counts: np.ndarray, matched: np.ndarray,
+                     point: np.ndarray, near: np.ndarray, judged: np.ndarray) -> float:
+    """Metrics.iae.
 
     Args:
-        counts: the reference exists and counts.
-        point: index of the point of its pixel with the least error, -1 if none.
-        matched: it counts, and a point lies within the tolerance.
+        counts, matched, point: [S, rows, cols], which references count, have a point within the tolerance, and the
+            index of their nearest point.
         near: [S, N], the point lies within the tolerance of the reference.
-        judged: [N], the truth about the point's pixel is known, so that it may be false.
+        judged: [N], the truth about the point's pixel is known.
     """
-
-    counts: np.ndarray
-    point: np.ndarray
-    matched: np.ndarray
-    near: np.ndarray
-    judged: np.ndarray
-
-
-def _intensity_error(cloud: PointCloud, match: _Match, reference_intensity: np.ndarray) -> float:
     intensity = _as_surfaces("intensity shape", reference_intensity, cloud)
-    require(intensity.shape == match.counts.shape, "intensity shape", intensity.shape, f"{match.counts.shape}")
-    counts = match.counts & np.isfinite(intensity)
+    require(intensity.shape == counts.shape, "intensity shape", intensity.shape, f"{counts.shape}")
+    counts = counts & np.isfinite(intensity)
     total = intensity[counts].sum()
     if total <= 0:
         return NAN
-    matched, missed = match.matched & counts, counts & ~match.matched
-    apart = np.abs(intensity[matched] - cloud.intensity[match.point[matched]]).sum()
+    matched, missed = matched & counts, counts & ~matched
+    apart = np.abs(intensity[matched] - cloud.intensity[point[matched]]).sum()
     used = np.zeros(len(cloud), bool)
-    used[match.point[matched]] = True
-    excused = (match.near & ~counts[:, cloud.row, cloud.col]).any(axis=0)       # near one that does not count
-    surplus = match.judged & ~used & ~excused
+    used[point[matched]] = True
+    excused = (near & ~counts[:, cloud.row, cloud.col]).any(axis=0)         # near one that does not count
+    surplus = judged & ~used & ~excused
     return float((apart + intensity[missed].sum() + cloud.intensity[surplus].sum()) / total)
-
-
-def _within(cloud: PointCloud, reference: np.ndarray, num_bins: int, counted: np.ndarray | None
-            ) -> tuple[float, float]:
-    """Metrics.within_1_std and within_2_std; points in pixels with a reference that does not count are left out."""
-    judged = _judged(_counted(counted, reference, cloud), reference, cloud) & (cloud.depth_std_bins > 0)
-    error = np.abs(_errors(cloud, reference, num_bins)).min(axis=0)[judged] / cloud.depth_std_bins[judged]
-    return _mean(error <= 1), _mean(error <= 2)
-
-
-def _counted(counted: np.ndarray | None, reference: np.ndarray, cloud: PointCloud) -> np.ndarray:
-    known = np.isfinite(reference)
-    return known if counted is None else known & (_as_surfaces("counted shape", counted, cloud) > 0)
-
-
-def _judged(counts: np.ndarray, reference: np.ndarray, cloud: PointCloud, complete: bool = False) -> np.ndarray:
-    """Of each point: whether its pixel has references, or is known to have none, and all of them count."""
-    known = np.isfinite(reference)
-    return ((known.any(axis=0) | complete) & (counts == known).all(axis=0))[cloud.row, cloud.col]
 
 
 def _mean(values: np.ndarray) -> float:

@@ -88,9 +88,3 @@ def _thinned(side: int, larger: int) -> np.ndarray:
     """Indices of the pixels to keep of a side, so that the larger side keeps SIZE at most."""
     kept = max(round(side * min(SIZE / larger, 1)), 1)
     return ((np.arange(kept) + 0.5) * side / kept).astype(int)
-
-
-def _on_girder(x: np.ndarray, y: np.ndarray, x1: float, y1: float, x2: float, y2: float, width: float) -> np.ndarray:
-    along_x, along_y = x2 - x1, y2 - y1
-    share = np.clip(((x - x1) * along_x + (y - y1) * along_y) / (along_x**2 + along_y**2), 0, 1)
-    return np.hypot(x - x1 - share * along_x, y - y1 - share * along_y) < width / 2

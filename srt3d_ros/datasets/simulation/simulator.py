@@ -47,7 +47,7 @@ class Simulator:
         self._seed, self._frame_rate_hz = int(seed), frame_rate_hz
         pixels = self.sensor.pixels
         require(ppp * pixels <= MAX_PHOTONS, "ppp", ppp, f"at most {MAX_PHOTONS} photons in a frame of {pixels} pixels")
-        self._gain = _gain(self.sensor)
+        self._gain = self.sensor.exposure.astype(np.float64)
         self._draw_irf = _IrfSampler(self.sensor.irf)
         _, relative = self._look(0)
         used = max(np.count_nonzero(self._gain), 1)
@@ -144,9 +144,3 @@ class _IrfSampler:
         found = np.searchsorted(self._cumulative.ravel(), pixel + random.random(len(pixel)), side="right")
         length = self._cumulative.shape[1]
         return (found - pixel.astype(np.int64) * length + random.random(len(pixel))).astype(np.float32)
-
-
-def _gain(sensor: SensorModel) -> np.ndarray:
-    """Relative efficiency of every pixel, 0 where masked."""
-    gain = np.ones((sensor.rows, sensor.cols)) if sensor.gain is None else sensor.gain.astype(np.float64)
-    return gain if sensor.mask is None else gain * sensor.mask
