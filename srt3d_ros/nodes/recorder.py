@@ -35,10 +35,9 @@ ALL_IMAGES, NO_IMAGES = ",".join(IMAGES), "none"
 WHICH_IMAGES = f"some of {ALL_IMAGES}, or {NO_IMAGES}"
 PARAMETERS = (
     Parameter("path", "", "Path of the recording; if empty, recording_<UTC time>.rrd in the working directory. No file "
-              "is replaced: where there is one, and for further recordings and parts, NAME_2.rrd, NAME_3.rrd, ….",
+              "is replaced: where there is one, and for further recordings, NAME_2.rrd, NAME_3.rrd, ….",
               form="a path that ends with .rrd"),
     Parameter("images", ALL_IMAGES, "Images to record.", form=WHICH_IMAGES),
-    Parameter("split_size_mb", 0.0, "Start a new file at this size; 0 = one file.", "MB", low=0.0),
 )
 
 
@@ -135,7 +134,7 @@ class RecorderNode(PipelineNode):
         properties = {schema.RUN: run_facts, schema.VERSIONS: self._versions}
         return RecordingWriter(
             self._path, self._sensor, properties, images=self._images, queue_mb=QUEUE_MB,
-            on_error=self._on_writer_error, split_size_mb=self.parameters["split_size_mb"])
+            on_error=self._on_writer_error)
 
     def _on_writer_error(self, text: str) -> None:
         self.get_logger().error(text)

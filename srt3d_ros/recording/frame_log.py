@@ -8,7 +8,7 @@ import rerun as rr
 from srt3d_ros.colours import AdaptiveRange, levels, packed, range_table
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.pictures.viewpoint import Viewpoint, look_at, point_radius_m
+from srt3d_ros.pictures.viewpoint import look_at, point_radius_m
 from srt3d_ros.recording import rerun_streams, schema
 from srt3d_ros.recording.blueprint import film_blueprint, plot_styles
 
@@ -20,7 +20,7 @@ class FrameLog:
     """Logs frames to a stream.
 
     Args:
-        stream: to log to; `begin` has to be called for each file that it goes to.
+        stream: to log to; `begin` has to be called when it has its file.
         sensor: sets the axes and the size of the points.
         properties: of the recording: {"run": {…}, …}.
         images: entity paths of the images that will be logged, for the blueprint.
@@ -34,35 +34,27 @@ class FrameLog:
             self._properties[schema.SENSOR] = {"description": sensor_message.to_json(
                 sensor.replace(irf=np.atleast_2d(sensor.irf).mean(axis=0, dtype=float)))}
         self._ranges: dict[str, AdaptiveRange] = {}         # of the colours, by entity path
-        self._eye: Viewpoint | None = None
-        self._field_of_view: list = []
+        self._has_view = False
 
     def begin(self) -> None:
-        """Log what is static, and the properties: the stream has a new file."""
+        """Log what is static, and the properties."""
         self._stream.log("/", schema.view_coordinates(self._sensor), static=True)
         self._stream.log(schema.NO_DEPTH, schema.no_depth_colour(), static=True)
         for path, style in plot_styles().items():
             self._stream.log(path, style, static=True)
         for name, facts in self._properties.items():
             schema.log_properties(self._stream, name, facts)
-        if self._eye is not None:
-            self._send_view()
 
     def end(self) -> None:
         """Give a recording without a point its blueprint."""
-        if self._eye is None:
-            self._choose_view(np.empty((0, 3)))
-
-    def set_properties(self, name: str, facts: Mapping) -> None:
-        """Set facts of one of the recording's properties, here and in all files that follow."""
-        self._properties.setdefault(name, {}).update(facts)
-        schema.log_properties(self._stream, name, facts)
+        if not self._has_view:
+            self._send_view(np.empty((0, 3)))
 
     def cloud(self, stamp_ns: int, frame_index: int, columns: Mapping[str, np.ndarray]) -> None:
         """Log a cloud, coloured by range; columns as for schema.points, in arrays that no longer change."""
         xyz = columns["xyz"]
-        if len(xyz) and self._eye is None:
-            self._choose_view(xyz)
+        if len(xyz) and not self._has_view:
+            self._send_view(xyz)
         sample = xyz[:: max(len(xyz) // _RADIUS_SAMPLES, 1)]
         radius_m = point_radius_m(sample, self._sensor) if self._sensor else 0.0
         range_m = np.linalg.norm(xyz, axis=1)
@@ -86,14 +78,11 @@ class FrameLog:
         """The values at the ends of the colours."""
         return self._ranges.setdefault(path, AdaptiveRange()).update(values)
 
-    def _choose_view(self, xyz: np.ndarray) -> None:
-        projection = self._sensor.projection if self._sensor else None
-        self._eye = look_at(xyz, projection, fov_deg=_VIEWER_FOV_DEG, aspect=_VIEW_ASPECT)
+    def _send_view(self, xyz: np.ndarray) -> None:
+        """Log the sensor's field of view and the blueprint, whose eye has the cloud in view."""
+        self._has_view = True
         if self._sensor is not None:
-            self._field_of_view = schema.field_of_view(self._sensor, xyz)
-        self._send_view()
-
-    def _send_view(self) -> None:
-        if self._field_of_view:
-            self._stream.log(schema.SENSOR_PATH, *self._field_of_view, static=True)
-        rerun_streams.send_blueprint(self._stream, film_blueprint(self._eye, self._sensor, self._images))
+            self._stream.log(schema.SENSOR_PATH, *schema.field_of_view(self._sensor, xyz), static=True)
+        projection = self._sensor.projection if self._sensor else None
+        eye = look_at(xyz, projection, fov_deg=_VIEWER_FOV_DEG, aspect=_VIEW_ASPECT)
+        rerun_streams.send_blueprint(self._stream, film_blueprint(eye, self._sensor, self._images))

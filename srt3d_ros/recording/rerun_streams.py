@@ -1,6 +1,6 @@
 """Release rerun's streams, which rerun 0.41 keeps, each with its threads, until the process ends.
 
-Otherwise a recorder that begins a file every few minutes would grow forever. This is the only module that uses private
+Otherwise a recorder that begins a recording now and then would grow forever. This is the only module that uses private
 names of rerun. It can go once https://github.com/rerun-io/rerun/issues/2116 is solved.
 """
 

@@ -23,7 +23,6 @@ FLUSH_PERIOD_S = 0.4        # without a flush, large clouds keep small scalars f
 FLUSH_TIMEOUT_S = 20.0      # after which a disk is taken to hang
 END_TIMEOUT_S = 2.0         # for a file that could not be written
 LEAST_FREE_BYTES = 500_000_000      # of the disk, below which a recording ends: its end, and other programs, need room
-_NO_WRITE = Write(lambda: None)
 _LEVELS = {10: "DEBUG", 20: "INFO", 30: "WARN", 40: "ERROR", 50: "CRITICAL"}      # of rcl_interfaces/Log
 _TYPES = {"row": np.uint16, "col": np.uint16, "surface": np.uint8}      # of columns that are not float32
 
@@ -38,22 +37,20 @@ class RecordingWriter:
     text (it is None otherwise), `on_error` is called once, and what is logged afterwards is dropped.
 
     Args:
-        path: the .rrd file; where there is one already, and for the parts that follow, NAME_2.rrd, NAME_3.rrd, ….
+        path: the .rrd file; where there is one already, the first of NAME_2.rrd, NAME_3.rrd, … that is free.
         sensor: sets the axes and the size of the points.
         properties: of the recording, {"run": {…}, …}: numbers, strings, lists of them.
         images: entity paths of the images that will be logged, for the blueprint.
-        split_size_mb: size of a file (10⁶ bytes) after which the next begins; 0 = never.
         queue_mb: of clouds and images that may wait.
         on_error: called with the line in `error`, from the writing thread, or from here if the file does not open.
     """
 
     def __init__(self, path, sensor: SensorModel | None, properties: Mapping[str, Mapping] | None = None, *,
-                 images: tuple[str, ...] = (schema.DEPTH,), split_size_mb: float = 0.0, queue_mb: float = 32.0,
+                 images: tuple[str, ...] = (schema.DEPTH,), queue_mb: float = 32.0,
                  on_error: Callable[[str], None] = lambda line: None):
         self.error: str | None = None
-        self.parts = 0                      # files begun
-        self.path = self._first_path = Path(path)       # `path` is that of the newest file
-        self._on_error, self._split_bytes = on_error, split_size_mb * 1e6
+        self.path = free(Path(path))
+        self._on_error = on_error
         self._stream = rr.RecordingStream(schema.APPLICATION_ID, recording_id=str(uuid.uuid4()))
         self._log = FrameLog(self._stream, sensor, properties or {}, images)
         self._queue = WriteQueue(round(queue_mb * 1e6))
@@ -98,7 +95,7 @@ class RecordingWriter:
     def set_properties(self, name: str, facts: Mapping) -> None:
         """Set facts of one of the recording's properties."""
         facts = dict(facts)
-        self._put(lambda: self._log.set_properties(name, facts))
+        self._put(lambda: schema.log_properties(self._stream, name, facts))
 
     def flush(self, timeout_s: float = 10.0) -> bool:
         """Wait until everything logged before is in the file; False after `timeout_s` seconds, or after an error."""
@@ -135,17 +132,15 @@ class RecordingWriter:
     def _run(self) -> None:
         try:
             if self.error is None:
-                self._direct_to_file()
+                self._stream.save(self.path)
+                self._log.begin()
             flushed_s = time.monotonic()
             while not self._queue.at_end:
-                write = self._queue.take(FLUSH_PERIOD_S) or _NO_WRITE
-                write.run()
+                if write := self._queue.take(FLUSH_PERIOD_S):
+                    write.run()
                 if time.monotonic() - flushed_s > FLUSH_PERIOD_S:
                     self._flush()
                     flushed_s = time.monotonic()
-                    if 0 < self._split_bytes <= self.path.stat().st_size:
-                        self._create_file()
-                        self._direct_to_file()
             if self.error is None:
                 self._log.end()
                 self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
@@ -156,18 +151,10 @@ class RecordingWriter:
         rerun_streams.free_ended()
 
     def _create_file(self) -> None:
-        """Create the next file: where that fails, rerun would wait for ever. Its header is written over the byte."""
-        self.path = free(self._first_path)
+        """Create the file: where that fails, rerun would wait for ever. Its header is written over the byte."""
         self._check_disk()
         with self.path.open("xb") as file:
             file.write(b"R")
-
-    def _direct_to_file(self) -> None:
-        """Direct the stream to the file that was created; rerun finishes the one before."""
-        self._stream.save(self.path)
-        self.parts += 1
-        self._log.set_properties(schema.RUN, {"part": self.parts})
-        self._log.begin()
 
     def _flush(self) -> None:
         """Put everything logged so far into the file, and see whether the disk has room for more."""

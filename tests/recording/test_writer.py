@@ -232,28 +232,19 @@ def threads_of_streams() -> int:
     return sum(comm.startswith(("ChunkBatcher", "RecordingStream")) for comm in comms)
 
 
-def test_parts_are_complete_files_of_one_recording_without_a_frame_between_them_and_replace_nothing(tmp_path, ball):
-    """And leave no threads behind: without rerun_streams, rerun keeps two for each file and two for its blueprint."""
-    frames, rng, before = 60, np.random.default_rng(0), threads_of_streams()
-    (tmp_path / "a_2.rrd").write_bytes(b"older")
-    with RecordingWriter(tmp_path / "a.rrd", ball[1], {"run": {"namespace": "/"}}, split_size_mb=0.5) as writer:
-        for k in range(frames):
-            writer.log_cloud(k, k, rng.normal(size=(5000, 3)) + [0, 0, 5], rng.gamma(2, 5, 5000))
-            writer.log_scalars(k, {"points": 5000}, k)
-            time.sleep(0.03)
-    assert threads_of_streams() <= before and (tmp_path / "a_2.rrd").read_bytes() == b"older"
-    readers = [RecordingReader(path) for path in tmp_path.glob("*.rrd") if path.name != "a_2.rrd"]
-    assert len(readers) == writer.parts >= 3 and writer.error is None
-    assert sorted(cloud.frame_index for reader in readers for cloud in reader.clouds()) == list(range(frames))
-    assert sum(len(reader.series()["points"].values) for reader in readers) == frames and writer.dropped == 0
-    for reader in readers:
-        properties = reader.properties()
-        assert reader.recording_id == readers[0].recording_id
-        assert properties["run"]["namespace"] == "/" and '"rows":40' in properties["sensor"]["description"]
-        assert len(RrdReader(reader.path).blueprints()) == 1
-        static = {chunk.entity_path for chunk in RrdReader(reader.path).stream().filter(content="/**", is_static=True)}
-        assert {"/", "/sensor", "/metrics/points"} <= static
-    assert sorted(reader.properties()["run"]["part"] for reader in readers) == list(range(1, writer.parts + 1))
+def test_a_recording_is_one_whole_file_that_replaces_none_and_leaves_no_threads_behind(tmp_path, ball):
+    """Without rerun_streams, rerun keeps two threads for each file and two for its blueprint."""
+    before = threads_of_streams()
+    (tmp_path / "a.rrd").write_bytes(b"older")
+    with RecordingWriter(tmp_path / "a.rrd", ball[1], {"run": {"namespace": "/"}}) as writer:
+        writer.log_cloud(0, 0, *random_cloud(10))
+    assert threads_of_streams() <= before and (tmp_path / "a.rrd").read_bytes() == b"older"
+    assert writer.path == tmp_path / "a_2.rrd" and writer.error is None
+    properties = RecordingReader(writer.path).properties()
+    assert properties["run"]["namespace"] == "/" and '"rows":40' in properties["sensor"]["description"]
+    assert len(RrdReader(writer.path).blueprints()) == 1
+    static = {chunk.entity_path for chunk in RrdReader(writer.path).stream().filter(content="/**", is_static=True)}
+    assert {"/", "/sensor", "/metrics/points"} <= static
 
 
 def test_a_disk_that_is_nearly_full_ends_the_recording_with_one_error_and_a_whole_file(tmp_path, monkeypatch):
