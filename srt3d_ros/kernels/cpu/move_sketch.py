@@ -137,6 +137,33 @@ def _collect(rows, cols, sums, photons, target, weight, depth, reached, bin_freq
 
 def move_sketch(sums, photons, used, rays, ranges, rotation, offset, lens, bin_frequencies, late, metres_per_bin,
                 steepest, moved, numbers):
+    """Add the photons of one instant, moved to where they would be seen from at another: to moved and numbers.
+
+    The photons of a pixel with ray d come from range ρ. At the other instant what they show lies at X = ρ R d + p.
+    The four pixels i around the place at which X is seen share the photons by bilinear weights w_i; those that lie
+    on another surface than the nearest of them, by more than `steepest` of its range, or outside of the array,
+    leave their share to it. Between the four lies X, at ρ' = 1 / Σ (w_i / ρ'_i), exactly on a plane that a pinhole
+    sees, and ρ = |ρ' X / |X| − p|:
+
+        moved_i += w_i exp(−i ω_l (ρ / metres_per_bin + late)) sums,    numbers_i += w_i n.
+
+    Whoever adds the pixel's own range again has the photons lie on the surface that they were on, at each pixel's own
+    place on it. ρ is not known before the place is: the first is that of the pixel, and LOOKS times
+    that of the point at the pixel found. Photons that no pixel would see are left out.
+
+    Args:
+        sums: as of `prepare`.
+        photons: float32 [rows, cols], also parts of photons.
+        used: bool [rows, cols], False in masked pixels, whose photons are left out.
+        rays: float32 [rows, cols, 3], unit vectors.
+        ranges: float32 [rows, cols], ρ' along each ray, m, of every pixel.
+        rotation: float32 [3, 3], R.
+        offset: float32 [3], p, m.
+        lens: as in `kernels.lens`.
+        late: float32 [rows, cols], delays, bins.
+        moved: complex64 [rows, cols, m]; changed in place, as are
+        numbers: float32 [rows, cols].
+    """
     rows, cols, m = sums.shape
     size, photons, whole = rows * cols, photons.reshape(-1), -(-m // LANES) * LANES
     target, weight = np.empty((size, 4), np.int32), np.empty((size, 4), np.float32)

@@ -4,8 +4,8 @@
 oracle: `cpu` differs by its own rounding only. In single precision they are what a GPU runs: no step of a frame looks
 at a value, so that nothing waits, and a graph can hold them all.
 
-What photons and sketches of photons go through before a reconstruction runs on the CPU alone: `cpu.phase_sums`, and
-`move_sketch`, of which this package has the contract too, for NumPy.
+What photons and sketches of photons go through before a reconstruction runs on the CPU alone: `cpu.phase_sums` and
+`cpu.move_sketch`.
 
 Notation:
     T            bins of a period (`num_bins`); depths are bins on a circle of T
