@@ -54,6 +54,7 @@ class PipelineNode(ManagedNode):
         self.halted = threading.Event()         # set while the node stops: the worker waits for nothing
         self.exit_code = 0
         self.worker = Worker(queue_limit, self.failed, self.diagnostics.drop, CATCH_UP_S)
+        self.received_ns = 0        # when the frame in hand came, by the node's clock
         self._followed_ns = self._valid_from_ns = 0          # when descriptions were sent, by their sender's clock
 
     def forget(self) -> None:
@@ -63,15 +64,16 @@ class PipelineNode(ManagedNode):
 
     def subscribe(self, topic: str, handle: Callable[[bytes], None]) -> None:
         """Have the worker call `handle` with the bytes of the frames on an input, unless `drop_older` drops them."""
-        def work(raw: bytes, sent_ns: int) -> None:
+        def work(raw: bytes, sent_ns: int, received_ns: int) -> None:
             if 0 < self._valid_from_ns - sent_ns < OUTDATED_NS:
                 raise Dropped("outdated", "it was sent before the description in force")
+            self.received_ns = received_ns
             handle(raw)
 
         def received(raw: bytes, info: dict) -> None:
             self.diagnostics.count(message_lost=sequence.after(info["publication_sequence_number"]))
             self.diagnostics.received()
-            self.worker.offer(work, raw, info["source_timestamp"])
+            self.worker.offer(work, raw, info["source_timestamp"], self.now_ns())
 
         sequence = SequenceLoss(lambda: self.count_publishers(self.resolve_topic_name(topic)))
         newest_only = self.worker.limit == NEWEST_ONLY

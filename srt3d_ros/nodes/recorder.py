@@ -27,7 +27,7 @@ from srt3d_ros.nodes.topics import NodeSpec
 from srt3d_ros.nodes.worker import Dropped
 from srt3d_ros.recording import schema
 from srt3d_ros.recording.frame_index import FrameIndex, RecordedFrame
-from srt3d_ros.recording.writer import RecordingWriter
+from srt3d_ros.recording.writer import RecordingFailed, RecordingWriter
 from srt3d_ros.versions import versions
 
 IMAGES = tuple(path.strip("/") for path in (schema.DEPTH, *schema.IMAGES))
@@ -58,9 +58,8 @@ def checked_images(text: str) -> tuple[str, ...]:
     return tuple(f"/{name}" for name in IMAGES if name in names)
 
 
-QUEUE = 64              # messages that may wait; the writer has its own queue of clouds and images
+QUEUE = 64              # messages that may wait for the disk
 QUEUE_DEPTH = 32        # messages of each topic in the middleware: sketches of 2 MB, half a dozen topics
-QUEUE_MB = 32.0
 LINES_KEPT = 1000       # log lines from before the first frame
 NEAR_NS = 60 * 10**9    # log lines farther from the frames, as in a replay, get the stamp of the newest frame
 
@@ -108,11 +107,12 @@ class RecorderNode(PipelineNode):
         self.diagnostics.show(path=self._path)
 
     def forget(self) -> None:
-        if self._writer is not None:
-            self._write_lines()
-            self._writer.close()
-        self._writer = self._path = None
+        writer, self._path = self._writer, None
         self.diagnostics.show(path="")
+        if writer is not None:
+            self._write_lines()
+            self._writer = None
+            writer.close()
 
     def _on_sensor(self, message: String) -> None:
         sensor = sensor_message.decode(message)
@@ -132,31 +132,28 @@ class RecorderNode(PipelineNode):
         run_facts = {"namespace": self.get_namespace(), "started": started, "machine": platform.node(),
                      "cpus": os.cpu_count()}
         properties = {schema.RUN: run_facts, schema.VERSIONS: self._versions}
-        return RecordingWriter(
-            self._path, self._sensor, properties, images=self._images, queue_mb=QUEUE_MB,
-            on_error=self._on_writer_error)
+        return RecordingWriter(self._path, self._sensor, properties, images=self._images)
 
-    def _on_writer_error(self, text: str) -> None:
-        self.get_logger().error(text)
-        self.diagnostics.error(text)
-        self.worker.call(self._end)
-
-    def _end(self) -> None:
+    def failed(self, error: Exception, frames: int = 0) -> None:
         """End a recording that failed. The node stays active, but reads nothing."""
-        if self._path is not None:
-            self.unsubscribe()
-            self.release_frames()
-            self.forget()
+        if not isinstance(error, RecordingFailed):
+            return super().failed(error, frames)
+        self.get_logger().error(str(error))
+        self.diagnostics.error(str(error))
+        self.diagnostics.drop("not_recording", frames)
+        self._writer = None
+        self.unsubscribe()
+        self.release_frames()
+        self.forget()
 
     # ---- Frames
 
     def _on_points(self, raw: bytes) -> None:
-        received_ns = self.now_ns()
         header, columns = points_message.decode_cdr(raw)
         frame, number_of_points = self._frame(header.stamp_ns), len(columns["xyz"])
         sketch_ns = frame.sketch_ns
-        series = {"latency_ms": (received_ns - frame.stamp_ns) * 1e-6, "points": number_of_points,
-                  "latency_reconstruct_ms": None if sketch_ns is None else (received_ns - sketch_ns) * 1e-6,
+        series = {"latency_ms": (self.received_ns - frame.stamp_ns) * 1e-6, "points": number_of_points,
+                  "latency_reconstruct_ms": None if sketch_ns is None else (self.received_ns - sketch_ns) * 1e-6,
                   "frame_rate_hz": self._frames.cloud_came(frame)}
         self._writer.log_scalars(frame.stamp_ns, series, frame.number)
         recorded = {name: columns[name] for name in ("xyz", "intensity", *schema.OF_FULL_CLOUDS) if name in columns}
@@ -171,14 +168,13 @@ class RecorderNode(PipelineNode):
         self._logged(frame)
 
     def _on_sketch(self, raw: bytes) -> None:
-        received_ns = self.now_ns()
         header, frequencies, counts = sketch_message.decode_counts_cdr(raw)
         frame, photons = self._frame(header.stamp_ns), int(counts.sum(dtype=np.int64))
         if frequencies != self._frequencies:
             self._frequencies = frequencies
             self._writer.set_properties(schema.RUN, {"frequencies": list(frequencies)})
-        frame.sketch_ns = received_ns
-        series = {"latency_sketch_ms": (received_ns - frame.stamp_ns) * 1e-6, "photons": photons,
+        frame.sketch_ns = self.received_ns
+        series = {"latency_sketch_ms": (self.received_ns - frame.stamp_ns) * 1e-6, "photons": photons,
                   "ppp": photons / max(counts.size, 1)}
         self._writer.log_scalars(frame.stamp_ns, series, frame.number)
         if schema.PHOTONS in self._images:
@@ -193,10 +189,10 @@ class RecorderNode(PipelineNode):
         return self._frames[stamp_ns]
 
     def _logged(self, frame: RecordedFrame) -> None:
-        self.sent(frame.stamp_ns)
-        self.diagnostics.show(path=self._writer.path, recording_dropped=self._writer.dropped)
         if self._lines:
             self._write_lines()
+        self.sent(frame.stamp_ns)
+        self.diagnostics.show(path=self._writer.path)
 
     # ---- The log
 

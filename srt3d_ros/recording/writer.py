@@ -1,4 +1,4 @@
-"""RecordingWriter: queue frames without blocking or raising; a thread of its own writes them to .rrd files."""
+"""RecordingWriter: log clouds, images, scalars and log lines to an .rrd file."""
 
 import atexit
 import os
@@ -7,116 +7,121 @@ import sys
 import threading
 import time
 import uuid
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import rerun as rr
 
+from srt3d_ros.colours import AdaptiveRange, levels, packed, range_table
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.new_files import free
+from srt3d_ros.pictures.viewpoint import look_at, point_radius_m
 from srt3d_ros.recording import rerun_streams, schema
-from srt3d_ros.recording.frame_log import FrameLog
-from srt3d_ros.recording.write_queue import Write, WriteQueue
+from srt3d_ros.recording.blueprint import film_blueprint, plot_styles
 
 FLUSH_PERIOD_S = 0.4        # without a flush, large clouds keep small scalars from being written at all
 FLUSH_TIMEOUT_S = 20.0      # after which a disk is taken to hang
-END_TIMEOUT_S = 2.0         # for a file that could not be written
+END_TIMEOUT_S = 10.0        # for the end of a file, after what was logged
 LEAST_FREE_BYTES = 500_000_000      # of the disk, below which a recording ends: its end, and other programs, need room
 _LEVELS = {10: "DEBUG", 20: "INFO", 30: "WARN", 40: "ERROR", 50: "CRITICAL"}      # of rcl_interfaces/Log
 _TYPES = {"row": np.uint16, "col": np.uint16, "surface": np.uint8}      # of columns that are not float32
+_RADIUS_SAMPLES = 4096
+_VIEWER_FOV_DEG, _VIEW_ASPECT = 55, 1.2     # of the viewer's 3D view, on a wide screen
+
+
+class RecordingFailed(Exception):
+    """A file that cannot be written any more, or a disk that is nearly full, in one line."""
 
 
 class RecordingWriter:
-    """Records clouds, images, scalars and log lines on the timelines `stamp` and `frame`.
+    """Records clouds, images, scalars and log lines on the timelines `stamp` and `frame`. Not thread-safe.
 
-    The log_… methods copy their arrays, queue them and return; any thread may call them. When the disk is too slow,
-    the oldest waiting clouds and images are dropped and counted in `dropped`; scalars and lines are kept.
-
-    When a file cannot be written, or the disk has less than 500 MB left, the recording ends: `error` becomes a line of
-    text (it is None otherwise), `on_error` is called once, and what is logged afterwards is dropped.
+    rerun writes in threads of its own; every 0.4 s, a log_… method waits for them. Arrays are copied.
 
     Args:
         path: the .rrd file; where there is one already, the first of NAME_2.rrd, NAME_3.rrd, … that is free.
         sensor: sets the axes and the size of the points.
         properties: of the recording, {"run": {…}, …}: numbers, strings, lists of them.
         images: entity paths of the images that will be logged, for the blueprint.
-        queue_mb: of clouds and images that may wait.
-        on_error: called with the line in `error`, from the writing thread, or from here if the file does not open.
+
+    Raises:
+        RecordingFailed: the file cannot be written, or the disk has less than 500 MB left. Methods raise it, too; the
+            file is then finished, as far as that is possible, and the writer cannot be used again.
     """
 
     def __init__(self, path, sensor: SensorModel | None, properties: Mapping[str, Mapping] | None = None, *,
-                 images: tuple[str, ...] = (schema.DEPTH,), queue_mb: float = 32.0,
-                 on_error: Callable[[str], None] = lambda line: None):
-        self.error: str | None = None
-        self.path = free(Path(path))
-        self._on_error = on_error
-        self._stream = rr.RecordingStream(schema.APPLICATION_ID, recording_id=str(uuid.uuid4()))
-        self._log = FrameLog(self._stream, sensor, properties or {}, images)
-        self._queue = WriteQueue(round(queue_mb * 1e6))
+                 images: tuple[str, ...] = (schema.DEPTH,)):
+        self.path, self._sensor, self._images = free(Path(path)), sensor, images
+        self._ranges: dict[str, AdaptiveRange] = {}         # of the colours, by entity path
+        self._has_view = False
+        self._stream: rr.RecordingStream | None = None      # None: finished
         try:
+            self._check_disk()
             self._create_file()
-        except Exception as error:
-            self._fail(error)
-        self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
-        self._thread.start()
+        except OSError as error:
+            raise self._failure(error) from None
+        self._stream = rr.RecordingStream(schema.APPLICATION_ID, recording_id=str(uuid.uuid4()))
+        self._stream.save(self.path)
         # Before rerun's own exit handler, which can deadlock with a thread that still logs.
         atexit.register(self.close)
-
-    @property
-    def dropped(self) -> int:
-        """Number of clouds and images that were logged and are not recorded."""
-        return self._queue.dropped
+        self._flushed_s = time.monotonic()
+        self._log_static(properties or {})
 
     def log_cloud(self, stamp_ns: int, frame_index: int, xyz: np.ndarray, intensity: np.ndarray, **more) -> None:
         """Log a cloud: `xyz` [N, 3] in metres, `intensity` [N] in photons; `more`: schema.OF_FULL_CLOUDS."""
         # Copies: rerun reads the arrays later, when the caller may have filled them with the next frame.
         columns = {name: np.array(values, _TYPES.get(name, np.float32), order="C")
                    for name, values in {"xyz": xyz, "intensity": intensity, **more}.items()}
-        self._put(lambda: self._log.cloud(stamp_ns, frame_index, columns), *columns.values())
+        xyz = columns["xyz"]
+        if len(xyz) and not self._has_view:
+            self._send_view(xyz)
+        sample = xyz[:: max(len(xyz) // _RADIUS_SAMPLES, 1)]
+        radius_m = point_radius_m(sample, self._sensor) if self._sensor else 0.0
+        range_m = np.linalg.norm(xyz, axis=1)
+        colours = packed(range_table())[levels(range_m, *self._range(schema.POINTS, range_m))]
+        self._log(stamp_ns, frame_index, {schema.POINTS: schema.points(columns, colours, radius_m)})
 
     def log_image(self, path: str, stamp_ns: int, frame_index: int, image: np.ndarray) -> None:
         """Log an image [rows, cols], NaN = none: schema.DEPTH in metres, or one of schema.IMAGES in photons."""
         whole = np.asarray(image).dtype.kind in "iu"
         image = np.array(image, np.uint32 if whole else np.float32, order="C")
-        self._put(lambda: self._log.image(path, stamp_ns, frame_index, image), image)
+        self._log(stamp_ns, frame_index, schema.image(path, image, *self._range(path, image)))
 
     def log_scalars(self, stamp_ns: int, values: Mapping[str, float], frame_index: int | None = None) -> None:
         """Log one value for each of several time series: {"latency_ms": 35.1, "points": 19_871}."""
-        scalars = {schema.metric_path(name): [rr.Scalars(float(value))] for name, value in values.items()
-                   if value is not None}
-        self._put(lambda: self._log.log(stamp_ns, frame_index, scalars))
+        self._log(stamp_ns, frame_index, {schema.metric_path(name): [rr.Scalars(float(value))]
+                                          for name, value in values.items() if value is not None})
 
     def log_line(self, stamp_ns: int, text: str, level: int = 20, frame_index: int | None = None) -> None:
         """Log a line of a node's log; the level as in rcl_interfaces/Log."""
-        line = rr.TextLog(text, level=_LEVELS.get(level, "INFO"))
-        self._put(lambda: self._log.log(stamp_ns, frame_index, {schema.LOG: [line]}))
+        self._log(stamp_ns, frame_index, {schema.LOG: [rr.TextLog(text, level=_LEVELS.get(level, "INFO"))]})
 
     def set_properties(self, name: str, facts: Mapping) -> None:
         """Set facts of one of the recording's properties."""
-        facts = dict(facts)
-        self._put(lambda: schema.log_properties(self._stream, name, facts))
+        schema.log_properties(self._stream, name, facts)
 
-    def flush(self, timeout_s: float = 10.0) -> bool:
-        """Wait until everything logged before is in the file; False after `timeout_s` seconds, or after an error."""
-        done = threading.Event()
-        self._put(lambda: (self._flush(), done.set()))
-        deadline_s = time.monotonic() + timeout_s
-        while not done.wait(0.02) and self.error is None and time.monotonic() < deadline_s:
-            pass
-        return done.is_set()
+    def flush(self) -> None:
+        """Wait until everything logged before is in the file."""
+        try:
+            self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
+            self._check_disk()
+        except (OSError, RuntimeError, ValueError) as error:        # of the disk, or of rerun
+            self._finish()
+            raise self._failure(error) from None
+        self._flushed_s = time.monotonic()
 
-    def close(self, timeout_s: float = 30.0) -> None:
-        """Write what waits and finish the file; `error` is set if that takes over `timeout_s` seconds. Idempotent.
+    def close(self) -> None:
+        """Write what was logged and finish the file. Idempotent.
 
         If the disk hangs, this process ends with exit code 1 when it ends: rerun would wait for the disk for ever.
         """
-        self._queue.close()
-        self._thread.join(timeout_s if self.error is None else END_TIMEOUT_S)
-        atexit.unregister(self.close)
-        if self._thread.is_alive():
-            self._fail(TimeoutError(f"not finished within {timeout_s:g} s"))
-            atexit.register(_end_process)       # what is registered last is called first, before rerun's handler
+        if self._stream is not None:
+            if not self._has_view:
+                self._send_view(np.empty((0, 3)))
+            self.flush()
+            self._finish()
 
     def __enter__(self) -> "RecordingWriter":
         return self
@@ -124,63 +129,72 @@ class RecordingWriter:
     def __exit__(self, *_) -> None:
         self.close()
 
-    def _put(self, write: Callable[[], None], *arrays: np.ndarray) -> None:
-        self._queue.put(Write(write, sum(max(array.nbytes, 1) for array in arrays)))
+    def _log(self, stamp_ns: int, frame_index: int | None, archetypes: Mapping[str, list]) -> None:
+        """Log archetypes by entity path."""
+        self._stream.reset_time()
+        self._stream.set_time(schema.STAMP, timestamp=np.datetime64(int(stamp_ns), "ns"))
+        if frame_index is not None:
+            self._stream.set_time(schema.FRAME, sequence=int(frame_index))
+        for path, of_path in archetypes.items():
+            self._stream.log(path, *of_path)
+        if time.monotonic() - self._flushed_s > FLUSH_PERIOD_S:
+            self.flush()
 
-    # ---- In the writing thread
+    def _log_static(self, properties: Mapping[str, Mapping]) -> None:
+        """Log what holds for all frames."""
+        self._stream.log("/", schema.view_coordinates(self._sensor), static=True)
+        self._stream.log(schema.NO_DEPTH, schema.no_depth_colour(), static=True)
+        for path, style in plot_styles().items():
+            self._stream.log(path, style, static=True)
+        for name, facts in properties.items():
+            self.set_properties(name, facts)
+        if self._sensor is not None:        # an IRF per pixel would take hundreds of megabytes
+            mean_irf = np.atleast_2d(self._sensor.irf).mean(axis=0, dtype=float)
+            description = sensor_message.to_json(self._sensor.replace(irf=mean_irf))
+            self.set_properties(schema.SENSOR, {"description": description})
 
-    def _run(self) -> None:
-        try:
-            if self.error is None:
-                self._stream.save(self.path)
-                self._log.begin()
-            flushed_s = time.monotonic()
-            while not self._queue.at_end:
-                if write := self._queue.take(FLUSH_PERIOD_S):
-                    write.run()
-                if time.monotonic() - flushed_s > FLUSH_PERIOD_S:
-                    self._flush()
-                    flushed_s = time.monotonic()
-            if self.error is None:
-                self._log.end()
-                self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
-        except Exception as error:      # the caller must go on without a recording, whatever failed
-            self._fail(error)
-        self._stream.disconnect()       # the file gets its footer
-        self._stream = self._log = None
-        rerun_streams.free_ended()
+    def _send_view(self, xyz: np.ndarray) -> None:
+        """Log the sensor's field of view and the blueprint, whose eye has the cloud in view."""
+        self._has_view = True
+        if self._sensor is not None:
+            self._stream.log(schema.SENSOR_PATH, *schema.field_of_view(self._sensor, xyz), static=True)
+        projection = self._sensor.projection if self._sensor else None
+        eye = look_at(xyz, projection, fov_deg=_VIEWER_FOV_DEG, aspect=_VIEW_ASPECT)
+        rerun_streams.send_blueprint(self._stream, film_blueprint(eye, self._sensor, self._images))
+
+    def _range(self, path: str, values: np.ndarray) -> tuple[float, float]:
+        """The values at the ends of the colours."""
+        return self._ranges.setdefault(path, AdaptiveRange()).update(values)
 
     def _create_file(self) -> None:
         """Create the file: where that fails, rerun would wait for ever. Its header is written over the byte."""
-        self._check_disk()
         with self.path.open("xb") as file:
             file.write(b"R")
-
-    def _flush(self) -> None:
-        """Put everything logged so far into the file, and see whether the disk has room for more."""
-        self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
-        self._check_disk()
 
     def _check_disk(self) -> None:
         left = shutil.disk_usage(self.path.parent).free
         if left < LEAST_FREE_BYTES:
             raise OSError(f"stopped, as the disk has only {left / 1e6:.0f} MB left")
 
-    def _fail(self, error: Exception) -> None:
-        """Report the first error, drop what waits, and accept nothing more."""
-        self._queue.close(drop=True)
-        if self.error is None:
-            self.error = f"recording {self.path}: {one_line(error)}"
-            self._on_error(self.error)
+    def _failure(self, error: Exception) -> RecordingFailed:
+        why = " ".join(str(getattr(error, "strerror", None) or error or type(error).__name__).split())
+        return RecordingFailed(f"recording {self.path}: {why}")
+
+    def _finish(self) -> None:
+        """Have rerun write the file's footer and end its threads."""
+        atexit.unregister(self.close)
+        ending = threading.Thread(target=self._stream.disconnect, daemon=True)
+        self._stream = None
+        ending.start()
+        ending.join(END_TIMEOUT_S)
+        if ending.is_alive():
+            atexit.register(_end_process)       # what is registered last is called first, before rerun's handler
+        else:
+            rerun_streams.free_ended()
 
 
 def _end_process() -> None:
-    """End this process without the exit handlers that were registered before."""
+    """End this process with exit code 1, without the exit handlers that were registered before."""
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(1)
-
-
-def one_line(error: Exception) -> str:
-    """The message of an exception, without line breaks and without the errno of an OSError."""
-    return " ".join(str(getattr(error, "strerror", None) or error or type(error).__name__).split())

@@ -20,9 +20,9 @@ def summarise(recorded: Recorded) -> dict:
     """All figures of a recording; None for those without data.
 
     frames, duration_s, frame_rate_hz (mean), period_ms (median), gaps (after_frame, at_s, seconds, missing frames),
-    missing_frames, clouds_not_recorded, latency_ms (p50, p95, max for each stage), points, photons and ppp
-    where recorded (median, min, max), bytes and bytes_per_point, log (lines of each level), typical_frame,
-    fewest_points_frame, most_points_frame, and the properties; the sensor without its arrays.
+    missing_frames, latency_ms (p50, p95, max for each stage), points, photons and ppp where recorded (median, min,
+    max), bytes and bytes_per_point, log (lines of each level), typical_frame, fewest_points_frame, most_points_frame,
+    and the properties; the sensor without its arrays.
     """
     index, seconds = recorded.index, recorded.seconds
     frames, duration = len(index), float(seconds[-1])
@@ -35,7 +35,6 @@ def summarise(recorded: Recorded) -> dict:
         "frame_rate_hz": _rounded((frames - 1) / duration) if duration > 0 else None,
         "period_ms": _rounded(period * 1e3) if period else None,
         "gaps": gaps[:_MOST_GAPS], "gap_count": len(gaps), "missing_frames": sum(gap["missing"] for gap in gaps),
-        "clouds_not_recorded": _clouds_not_recorded(recorded),
         "latency_ms": {stage: latency(series.values) for stage, series in recorded.latencies().items()},
         "points": spread(index.points), "photons": _spread(recorded, "photons"), "ppp": _spread(recorded, "ppp"),
         "bytes": size, "bytes_per_point": _rounded(size / max(int(index.points.sum()), 1)),
@@ -109,8 +108,6 @@ def rows(summary: dict) -> list[tuple[str, str]]:
     rate = f", {s['frame_rate_hz']:.3g} Hz" if s["frame_rate_hz"] else ""
     found = [("recorded", f"{s['started'].replace('T', ' ')}, {_duration(s['duration_s'])}, {_size(s['bytes'])}"),
              ("frames", f"{s['frames']:,}{rate}"), ("gaps", _gaps(s))]
-    if s["clouds_not_recorded"]:
-        found.append(("clouds not recorded", f"{s['clouds_not_recorded']:,}: the disk was slow"))
     found += [("latency" if stage == "total" else f"latency, {stage}",
                f"median {v['p50']:,.1f} ms, 95 % {v['p95']:,.1f} ms, worst {v['max']:,.1f} ms")
               for stage, v in s["latency_ms"].items()]
@@ -127,11 +124,6 @@ def rows(summary: dict) -> list[tuple[str, str]]:
 def log_counts(summary: dict) -> str:
     """The number of log lines of each level."""
     return ", ".join(f"{count} {level}" for level, count in summary["log"].items())
-
-
-def _clouds_not_recorded(recorded: Recorded) -> int:
-    series = recorded.series.get("points")
-    return 0 if series is None else int(np.isin(series.stamp_ns, recorded.index.stamp_ns, invert=True).sum())
 
 
 def _spread(recorded: Recorded, name: str) -> dict | None:

@@ -139,7 +139,7 @@ def test_a_recording_has_all_that_the_nodes_published_and_said(graph, photon_fil
     graph.wait(lambda: graph.total("recorder", "frames_out") >= 5 * frames - 3, "its sketches and images")
     assert recorder.end(signal.SIGTERM) == 0 and "Warning" not in recorder.text, recorder.text
     last, reader = graph.reports("recorder", "state", "finalized"), RecordingReader(path)
-    assert (last["errors"], last["recording_dropped"]) == ("0", "0")
+    assert (last["errors"], last["dropped"]) == ("0", "0")
 
     published = dict(points_message.decode_cdr(raw) for raw in clouds)
     published = {header.stamp_ns: columns for header, columns in published.items()}

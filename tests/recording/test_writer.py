@@ -3,7 +3,6 @@
 import contextlib
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -14,9 +13,8 @@ from rerun.chunk import RrdReader
 from srt3d_ros.colours import packed, range_table
 from srt3d_ros.recording import schema
 from srt3d_ros.recording import writer as writer_module
-from srt3d_ros.recording.frame_log import FrameLog
 from srt3d_ros.recording.reader import RecordingReader
-from srt3d_ros.recording.writer import RecordingWriter
+from srt3d_ros.recording.writer import RecordingFailed, RecordingWriter
 
 
 def random_cloud(points, seed=0):
@@ -35,7 +33,6 @@ def test_clouds_are_kept_as_they_are(tmp_path, ball):
             writer.log_cloud(10**18 + k, 7 * k, *cloud)
         writer.log_cloud(10**18 + 4, 28, ball.xyz, ball.intensity, depth_std=std_m, row=ball.row, col=ball.col,
                          surface=ball.surface)
-    assert writer.error is None and writer.dropped == 0
     *read, full = sorted(RecordingReader(tmp_path / "a.rrd").clouds(), key=lambda cloud: cloud.frame_index)
     for k, (cloud, (xyz, intensity)) in enumerate(zip(read, clouds, strict=True)):
         assert (cloud.stamp_ns, cloud.frame_index) == (10**18 + k, 7 * k)
@@ -124,35 +121,10 @@ def test_a_flood_of_clouds_does_not_keep_scalars_from_the_file(tmp_path, monkeyp
     assert names == {"/metrics/points"}
 
 
-def test_a_disk_that_stalls_costs_the_oldest_clouds_no_scalar_and_never_the_caller(tmp_path, monkeypatch):
-    stalled, go_on, log_cloud = threading.Event(), threading.Event(), FrameLog.cloud
-    monkeypatch.setattr(FrameLog, "cloud", lambda *frame: (stalled.set(), go_on.wait(60), log_cloud(*frame)))
-    with RecordingWriter(tmp_path / "a.rrd", None, queue_mb=1) as writer:
-        xyz, intensity = random_cloud(20_000)       # 0.32 MB: three may wait
-        writer.log_cloud(0, 0, xyz, intensity)
-        assert stalled.wait(60)
-        for k in range(1, 51):
-            writer.log_cloud(k, k, xyz, intensity)
-            writer.log_scalars(k, {"latency_ms": k / 7}, k)
-        assert writer.dropped == 47
-        go_on.set()
-    assert writer.error is None
-    reader = RecordingReader(tmp_path / "a.rrd")
-    assert [cloud.frame_index for cloud in reader.clouds()] == [0, 48, 49, 50]
-    assert reader.series()["latency_ms"].values.tolist() == [k / 7 for k in range(1, 51)]
-
-
-def test_a_path_that_cannot_be_written_gives_one_error_and_no_exception(tmp_path):
-    errors = []
-    with RecordingWriter(tmp_path / "absent" / "a.rrd", None, on_error=errors.append) as writer:
-        assert writer.error == f"recording {tmp_path}/absent/a.rrd: No such file or directory"
-        for k in range(3):
-            writer.log_cloud(k, k, *random_cloud(10))
-            writer.log_image(schema.DEPTH, k, k, np.ones((2, 2)))
-            writer.log_scalars(k, {"points": 10}, k)
-        assert not writer.flush()
-    assert errors == [writer.error]
-    assert writer.dropped == 6
+def test_a_path_that_cannot_be_written_is_one_line(tmp_path):
+    with pytest.raises(RecordingFailed) as caught:
+        RecordingWriter(tmp_path / "absent" / "a.rrd", None)
+    assert str(caught.value) == f"recording {tmp_path}/absent/a.rrd: No such file or directory"
 
 
 def test_a_process_that_forgets_to_close_ends_with_a_finished_file(tmp_path):
@@ -178,11 +150,14 @@ def create_file(self):
     os.mkfifo(self.path)
     self.end = os.open(self.path, os.O_RDONLY | os.O_NONBLOCK)      # which nobody reads from
 
-writer.FLUSH_TIMEOUT_S = 0.5
+writer.FLUSH_TIMEOUT_S = writer.END_TIMEOUT_S = 0.5
 writer.RecordingWriter._create_file = create_file
-one = writer.RecordingWriter(sys.argv[1], None, on_error=lambda line: print(line, flush=True))
-while one.error is None:
-    one.log_cloud(1, 0, np.zeros((10_000, 3)), np.zeros(10_000))
+one = writer.RecordingWriter(sys.argv[1], None)
+try:
+    while True:
+        one.log_cloud(1, 0, np.zeros((10_000, 3)), np.zeros(10_000))
+except writer.RecordingFailed as error:
+    print(error, flush=True)
 one.close()
 """
 
@@ -194,19 +169,16 @@ def test_a_disk_that_hangs_gives_one_error_and_does_not_keep_the_process_from_en
     assert done.stdout == f"recording {tmp_path / 'a.rrd'}: Flush timed out - not all log messages were sent\n"
 
 
-def test_closing_twice_and_logging_afterwards_change_nothing(tmp_path):
+def test_closing_twice_changes_nothing(tmp_path):
     writer = RecordingWriter(tmp_path / "a.rrd", None)
     writer.log_scalars(3, {"ppp": 1, "points": None})
     writer.log_scalars(4, {"ppp": np.int64(2), "points": float("nan")}, 9)
     writer.close()
     size = (tmp_path / "a.rrd").stat().st_size
-    writer.log_cloud(1, 1, *random_cloud(10))
-    writer.log_scalars(1, {"points": 2})
     writer.close()
     series = RecordingReader(tmp_path / "a.rrd").series()
     assert series["ppp"].values.tolist() == [1, 2] and series["ppp"].stamp_ns.tolist() == [3, 4]
     assert len(series["points"].values) == 1 and np.isnan(series["points"].values[0])
-    assert writer.error is None and writer.dropped == 1
     assert (tmp_path / "a.rrd").stat().st_size == size
 
 
@@ -239,7 +211,7 @@ def test_a_recording_is_one_whole_file_that_replaces_none_and_leaves_no_threads_
     with RecordingWriter(tmp_path / "a.rrd", ball[1], {"run": {"namespace": "/"}}) as writer:
         writer.log_cloud(0, 0, *random_cloud(10))
     assert threads_of_streams() <= before and (tmp_path / "a.rrd").read_bytes() == b"older"
-    assert writer.path == tmp_path / "a_2.rrd" and writer.error is None
+    assert writer.path == tmp_path / "a_2.rrd"
     properties = RecordingReader(writer.path).properties()
     assert properties["run"]["namespace"] == "/" and '"rows":40' in properties["sensor"]["description"]
     assert len(RrdReader(writer.path).blueprints()) == 1
@@ -247,14 +219,12 @@ def test_a_recording_is_one_whole_file_that_replaces_none_and_leaves_no_threads_
     assert {"/", "/sensor", "/metrics/points"} <= static
 
 
-def test_a_disk_that_is_nearly_full_ends_the_recording_with_one_error_and_a_whole_file(tmp_path, monkeypatch):
-    errors = []
-    with RecordingWriter(tmp_path / "a.rrd", None, on_error=errors.append) as writer:
-        writer.log_cloud(0, 0, *random_cloud(10))
-        assert writer.flush()
-        monkeypatch.setattr(writer_module, "LEAST_FREE_BYTES", 10**18)
-        assert not writer.flush()
-        writer.log_cloud(1, 1, *random_cloud(10))
-    assert errors == [writer.error] and "stopped, as the disk has only" in writer.error and writer.dropped == 1
-    reader = RecordingReader(tmp_path / "a.rrd")
-    assert len(list(reader.clouds())) == 1
+def test_a_disk_that_is_nearly_full_ends_the_recording_with_one_line_and_a_whole_file(tmp_path, monkeypatch):
+    writer = RecordingWriter(tmp_path / "a.rrd", None)
+    writer.log_cloud(0, 0, *random_cloud(10))
+    writer.flush()
+    monkeypatch.setattr(writer_module, "LEAST_FREE_BYTES", 10**18)
+    with pytest.raises(RecordingFailed, match="stopped, as the disk has only"):
+        writer.flush()
+    writer.close()
+    assert len(list(RecordingReader(tmp_path / "a.rrd").clouds())) == 1
