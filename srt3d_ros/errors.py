@@ -1,5 +1,6 @@
 """The one exception for bad input: a message, a file, a parameter or an option that cannot be used."""
 
+import math
 import reprlib
 
 # Characters that are shown of each part: all three may come from the input, or list what is in it.
@@ -33,6 +34,16 @@ def require(condition: bool, field: str, value: object, expected: str) -> None:
     """Raise InvalidInput(field, value, expected) unless the condition holds."""
     if not condition:
         raise InvalidInput(field, value, expected)
+
+
+def finite(field: str, value: object, expected: str = "a finite number") -> float:
+    """`value` as a float that is neither infinite nor NaN, or InvalidInput."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInput(field, quoted(value), expected) from None
+    require(math.isfinite(number), field, quoted(value), expected)
+    return number
 
 
 def quoted(value: object) -> object:

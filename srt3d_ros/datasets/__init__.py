@@ -1,10 +1,11 @@
 """Photon files, laboratories' files, bags and the simulator: all give `Photons`, a frame and its sensor."""
 
+from importlib import import_module
+from itertools import islice
 from pathlib import Path
 from typing import Unpack
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.datasets import readers
 from srt3d_ros.datasets.bags.bag import is_bag
 from srt3d_ros.datasets.bags.frames import read_frame
 from srt3d_ros.datasets.files import read_errors, read_text, require_file
@@ -19,6 +20,10 @@ from srt3d_ros.results import Sketch
 __all__ = ["SIMULATOR", "Photons", "open_sensor", "read"]
 
 SIMULATOR = "simulator"     # in place of a path
+# By suffix: a module with `read(path, options)`, or of files of several frames `frames(path, options)`. Both give
+# Photons. The options are those of options.gathered, and `guess_irf`.
+READERS = {".npz": ".photon_file", ".mat": ".readers.mat", ".ptu": ".readers.ptu", ".npy": ".readers.cubes",
+           ".json": ".readers.tmf8829", ".gz": ".readers.tmf8829"}
 
 
 def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: SensorModel | None = None,
@@ -39,13 +44,24 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
     path = Path(path)
     with file_errors("photon file", path, "read"):
         options = gathered(options, sensor)
-        if path.suffix.lower() not in readers.READERS:
-            suffixes = ", ".join(readers.READERS)
-            require(is_bag(path), "photon file", str(path), f"a file that ends in {suffixes}, or a bag")
+        if path.suffix.lower() not in READERS:
+            require(is_bag(path), "photon file", str(path), f"a file that ends in {', '.join(READERS)}, or a bag")
             return read_frame(path, frame, options, photons_topic)
         require(not photons_topic, "photons_topic", quoted(photons_topic), "nothing: only bags have topics")
         require_file(path, "photon file")
-        return readers.read(path, frame, options | {"guess_irf": guess_irf})
+        return _of_file(path, frame, options | {"guess_irf": guess_irf})
+
+
+def _of_file(path: Path, frame: int, options: dict) -> Photons:
+    """The photons of a file; InvalidInput if it has no such frame."""
+    module = import_module(READERS[path.suffix.lower()], __name__)
+    if not hasattr(module, "frames"):
+        require(frame == 0, "frame", frame, "0: a photon file has one frame")
+        return module.read(path, options)
+    require(frame >= 0, "frame", frame, "0 or more")
+    found = next(islice(module.frames(path, options), frame, None), None)
+    require(found is not None, "frame", frame, f"less: {path.name} ends before")
+    return found
 
 
 def _simulated(frame: int, options: dict) -> Photons:

@@ -14,6 +14,7 @@ from srt3d_ros.datasets.options import (
     BIN_OF_ONE_METRE_S,
     described,
     few_bins_note,
+    refuse_channel,
     says_geometry,
 )
 from srt3d_ros.datasets.values import array, check_within, sendable
@@ -29,16 +30,16 @@ def from_events(row: Any, col: Any, toa: Any, stamp_ns: int, options: dict) -> D
     fits = row.ndim == 1 and row.shape == col.shape == toa.shape
     require(fits, "row, col and toa shapes", f"{row.shape}, {col.shape}, {toa.shape}", "the same [N], one a photon")
     require(isinstance(stamp_ns, int | np.integer), "stamp_ns", quoted(stamp_ns), "nanoseconds, an integer")
-    sensor, notes = _sensor(options)
+    sensor, notes = sensor_of(options)
     pixel = _indices("row", row, sensor.rows) * np.uint32(sensor.cols) + _indices("col", col, sensor.cols)
-    return _complete(PhotonEvents(pixel, _times(toa, sensor), stamp_ns), sensor, options, notes)
+    return complete(PhotonEvents(pixel, _times(toa, sensor), stamp_ns), sensor, options, notes)
 
 
 def from_pixels(pixel: np.ndarray, toa: np.ndarray, stamp_ns: int, options: dict) -> Described:
     """The photons of one entry each, by the index of their pixel."""
-    sensor, notes = _sensor(options)
+    sensor, notes = sensor_of(options)
     events = PhotonEvents(_indices("pixel", pixel, sensor.pixels), _times(toa, sensor), stamp_ns)
-    return _complete(events, sensor, options, notes)
+    return complete(events, sensor, options, notes)
 
 
 def from_counts(counts: Any, stamp_ns: int, options: dict) -> Described:
@@ -49,52 +50,44 @@ def from_counts(counts: Any, stamp_ns: int, options: dict) -> Described:
     sizes = dict(zip(("rows", "cols", "num_bins"), counts.shape))
     if options.get("histograms") is not None:
         del sizes["num_bins"]
-    sensor, notes = _sensor(sizes | options)
+    sensor, notes = sensor_of(sizes | options)
     try:
         histograms.check(sensor)
     except InvalidInput as error:
         field = error.field.removesuffix(" count").replace("histograms", "counts")      # as the argument is called
         raise InvalidInput(field, error.value, error.expected) from None
-    return _complete(histograms, sensor, options, notes + few_bins_note(counts.shape))
+    return complete(histograms, sensor, options, notes + few_bins_note(counts.shape))
 
 
 def from_frame(frame: PhotonFrame, options: dict) -> Described:
     """A frame of photons; gates become events."""
-    sensor, notes = _sensor(options)
+    sensor, notes = sensor_of(options)
     frame.check(sensor)
-    return _complete(frame.to_events(sensor) if isinstance(frame, PhotonGates) else frame, sensor, options, notes)
+    return complete(frame.to_events(sensor) if isinstance(frame, PhotonGates) else frame, sensor, options, notes)
 
 
-def _sensor(options: Mapping[str, Any]) -> tuple[SensorModel, tuple[str, ...]]:
+def sensor_of(options: Mapping[str, Any]) -> tuple[SensorModel, tuple[str, ...]]:
     """The sensor that the options describe, with an IRF of one bin if they have none; and a note on its bin width."""
     for name, expected in (("rows", "(rows, cols), or sensor"), ("cols", "(rows, cols), or sensor"),
                            ("num_bins", "T, bins of a laser period, or sensor")):
         require(name in options, "shape" if name != "num_bins" else name, "missing", expected)
-    require("channel" not in options, "channel", options.get("channel"), "nothing: arrays have no channels")
+    refuse_channel(options)
     require("irf" in options or "irf_ref" not in options, "irf_ref", options.get("irf_ref"), "irf beside it")
     width_s = options.get("bin_width_s", BIN_OF_ONE_METRE_S)
     plain = SensorModel(options["rows"], options["cols"], options["num_bins"], width_s, np.ones(1))
     return described(plain, options), () if "bin_width_s" in options else (ASSUMED_WIDTH,)
 
 
-def _complete(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, options: Mapping[str, Any],
-              notes: tuple[str, ...]) -> Described:
-    notes += () if says_geometry(options) else (ASSUMED_FOV,)
+def complete(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, options: Mapping[str, Any],
+             notes: tuple[str, ...]) -> Described:
+    """The frame and its sensor with, if the options have none, the IRF that the photons show (`irf.estimate`)."""
     if "irf" not in options:
-        irf, note = _estimated_irf(frame, sensor)
-        sensor, notes = sensor.replace(irf=irf, irf_ref=None), (note, *notes)
-    return sensor, frame, notes
-
-
-def _estimated_irf(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel) -> tuple[np.ndarray, str]:
-    """The IRF that the photons show, see `irf.estimate`, and a note."""
-    if isinstance(frame, PhotonHistograms):
         require(sensor.histograms is None, "irf", "missing", "the impulse response, as wide as these bins make it")
-        require(are_whole(frame.counts), "irf", "missing",
-                "the impulse response: it can be estimated from whole photons only")
-        frame = sampled(frame.counts)
-    seen = frame if sensor.mask is None else frame.part(sensor.mask.reshape(-1)[frame.pixel])
-    return irfs.estimated(seen, sensor.num_bins)
+        sample = sampled(frame.counts) if isinstance(frame, PhotonHistograms) else frame
+        seen = sample if sensor.mask is None else sample.part(sensor.mask.reshape(-1)[sample.pixel])
+        irf, note = irfs.estimated(seen, sensor.num_bins, options.get("guess_irf", False))
+        sensor, notes = sensor.replace(irf=irf, irf_ref=None), (*notes, note)
+    return sensor, frame, notes if says_geometry(options) else (*notes, ASSUMED_FOV)
 
 
 def are_whole(counts: np.ndarray) -> bool:

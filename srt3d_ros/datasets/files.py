@@ -70,35 +70,23 @@ def read_text(path: Path) -> str:
         return path.read_text(encoding="utf-8-sig")
 
 
-def read_npz_arrays(path: Path, names: tuple[str, ...], field: str = "photon file") -> dict[str, np.ndarray]:
+def read_npz_arrays(path: Path, names: tuple[str, ...], field: str = "photon file", and_cubes: bool = False
+                    ) -> dict[str, np.ndarray]:
     """Those of the arrays `names` that an .npz file has; no pickles, sizes checked against the headers.
 
     Args:
         field: what the file is, to say that it is absent.
+        and_cubes: also the arrays of three dimensions, whatever they are called.
 
     Raises:
         InvalidInput: not a zip file, truncated, an array of objects, or arrays of more than MAX_BYTES together.
     """
     require_file(path, field)
-    with open_npz(path) as archive:
-        headers = npz_headers(archive, names)
-        size = sum(math.prod(shape) * dtype.itemsize for shape, _, dtype in headers.values())
-        require(size <= MAX_BYTES, "size", f"{size} bytes", f"at most {MAX_BYTES} bytes of arrays")
-        arrays = {}
-        for name in headers:
-            with archive.open(f"{name}.npy") as stream:
-                arrays[name] = np.lib.format.read_array(stream, allow_pickle=False)
-        return arrays
-
-
-@contextmanager
-def open_npz(path: Path) -> Iterator[zipfile.ZipFile]:
-    """The archive that an .npz file is; what goes wrong as long as it is open becomes InvalidInput."""
     with path.open("rb") as file, read_errors(path):
         begins_as_zip = file.read(len(ZIP_MARK)) == ZIP_MARK
         try:
             with zipfile.ZipFile(file) as archive:
-                yield archive
+                return _arrays(archive, names, and_cubes)
         except InvalidInput:
             raise
         except Exception as error:      # zipfile, zlib and NumPy have a dozen kinds for what is damaged
@@ -108,35 +96,41 @@ def open_npz(path: Path) -> Iterator[zipfile.ZipFile]:
             raise InvalidInput("", why, "a complete .npz file (a zip of arrays)") from None
 
 
-def npz_headers(archive: zipfile.ZipFile, names: tuple[str, ...] | None = None) -> dict[str, tuple]:
-    """`npy_header` of the arrays of an .npz file, of those of `names` that it has, or of all."""
-    members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
+def _arrays(archive: zipfile.ZipFile, names: tuple[str, ...], and_cubes: bool) -> dict[str, np.ndarray]:
+    members = {info.filename[:-4]: info for info in archive.infolist() if info.filename.endswith(".npy")}
     require(len(members) <= MAX_MEMBERS, "members", len(members), f"at most {MAX_MEMBERS}")
-    headers = {}
-    for info in members:
-        name = info.filename[:-4]
-        if names is None or name in names:
+    chosen, size = [], 0
+    for name, info in members.items():
+        if name in names or and_cubes:
             with archive.open(info) as stream:
-                headers[name] = npy_header(stream, info.file_size, name)
-    return headers
+                shape, dtype = npy_header(stream, info.file_size, name)
+            if name in names or len(shape) == 3:
+                chosen.append(name)
+                size += math.prod(shape) * dtype.itemsize
+    require(size <= MAX_BYTES, "size", f"{size} bytes", f"at most {MAX_BYTES} bytes of arrays")
+    arrays = {}
+    for name in chosen:
+        with archive.open(members[name]) as stream:
+            arrays[name] = np.lib.format.read_array(stream, allow_pickle=False)
+    return arrays
 
 
 def map_npy(path: Path, field: str, most: int = MAX_BYTES) -> np.ndarray:
     """The array of an .npy file, mapped into memory; InvalidInput if it is none, or of more than `most` bytes."""
     with path.open("rb") as stream:
-        shape, _, _ = npy_header(stream, path.stat().st_size, field, most)
+        shape, _ = npy_header(stream, path.stat().st_size, field, most)
     require(math.prod(shape) > 0, field, "empty", "an array with something in it")
     return np.load(path, mmap_mode="c", allow_pickle=False)
 
 
-def npy_header(stream: BinaryIO, file_size: int, field: str, most: int = MAX_BYTES) -> tuple[tuple, bool, np.dtype]:
-    """Shape, Fortran order and type of the array after a header with which the file's size agrees.
+def npy_header(stream: BinaryIO, file_size: int, field: str, most: int = MAX_BYTES) -> tuple[tuple, np.dtype]:
+    """Shape and type of the array after a header with which the file's size agrees.
 
     Raises:
         InvalidInput: there is none, or one of Python objects or of more than `most` bytes.
     """
     try:
-        shape, fortran, dtype = FORMATS[np.lib.format.read_magic(stream)](stream)
+        shape, _, dtype = FORMATS[np.lib.format.read_magic(stream)](stream)
     except Exception as error:      # a header is a Python literal, which can be wrong in many ways
         raise InvalidInput(field, f"unreadable ({error})", "an array as NumPy writes it") from None
     require(dtype.kind in "biufcSU", f"{field} dtype", str(dtype), "numbers or text, not Python objects")
@@ -145,4 +139,4 @@ def npy_header(stream: BinaryIO, file_size: int, field: str, most: int = MAX_BYT
     size, stored = math.prod(shape) * dtype.itemsize, file_size - stream.tell()
     require(size <= most, f"{field} size", f"{size} bytes", f"at most {most} bytes")
     require(size == stored, f"{field} size", f"{stored} bytes", f"{size} bytes, as its header says")
-    return shape, fortran, dtype
+    return shape, dtype

@@ -15,8 +15,8 @@ from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import MAX_BINS, SPEED_OF_LIGHT, SensorModel
 from srt3d_ros.core.sensor.projection import DEFAULT_FOV_DEG, Pinhole, Projection
 from srt3d_ros.datasets import irf as irfs
-from srt3d_ros.datasets.values import array, number, pair
-from srt3d_ros.errors import quoted, require
+from srt3d_ros.datasets.values import array, pair
+from srt3d_ros.errors import finite, quoted, require
 from srt3d_ros.results import Sketch
 
 MAX_GATE_BIN = 2**31
@@ -86,7 +86,7 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None) -> dic
         if name in given:
             given[name] = array(name, given[name])
     if "irf_sigma_bins" in given:
-        given["irf"] = irfs.gaussian(number("irf_sigma_bins", given.pop("irf_sigma_bins"), "bins, above 0"))
+        given["irf"] = irfs.gaussian(finite("irf_sigma_bins", given.pop("irf_sigma_bins"), "bins, above 0"))
     elif "irf" in given:
         own = given["irf"]
         given["irf"] = irfs.read(own if isinstance(own, (str, Path, list)) else array("irf", own))
@@ -103,7 +103,8 @@ def described(sensor: SensorModel, options: Mapping[str, Any]) -> SensorModel:
     if "irf" in changes:        # irf_ref belongs to the one that is replaced
         changes = {"irf_ref": None} | changes
     if "fov_deg" in options:
-        changes["projection"] = pinhole(sensor.rows, sensor.cols, options["fov_deg"])
+        fov_deg = finite("fov_deg", options["fov_deg"], "an angle between 0 and 180 degrees")
+        changes["projection"] = Pinhole.from_fov(sensor.rows, sensor.cols, fov_deg)
     return sensor.replace(**changes) if changes else sensor
 
 
@@ -151,11 +152,6 @@ def replaced_note(own: Mapping[str, Any], now: Mapping[str, Any]) -> tuple[str, 
     return (f"as given, not as in the file: {', '.join(names)}",) if names else ()
 
 
-def pinhole(rows: int, cols: int, fov_deg: object) -> Pinhole:
-    """A pinhole with `fov_deg` across the larger side."""
-    return Pinhole.from_fov(rows, cols, number("fov_deg", fov_deg, "an angle between 0 and 180 degrees"))
-
-
 def check_same(own: Mapping[str, Any], options: Mapping[str, Any]) -> None:
     """Raise InvalidInput if an option is not what the file has."""
     for name, value in own.items():
@@ -163,8 +159,8 @@ def check_same(own: Mapping[str, Any], options: Mapping[str, Any]) -> None:
 
 
 def refuse_channel(options: Mapping[str, Any]) -> None:
-    """Raise InvalidInput if the options choose a channel, for a file without."""
-    require("channel" not in options, "channel", options.get("channel"), "nothing: the file tells no channels apart")
+    """Raise InvalidInput if the options choose a channel, of photons that have none."""
+    require("channel" not in options, "channel", options.get("channel"), "nothing: only .ptu files have channels")
 
 
 def few_bins_note(shape: tuple[int, ...]) -> tuple[str, ...]:

@@ -106,7 +106,6 @@ def test_a_cube_that_may_be_turned_is_noted():
 
 @pytest.mark.parametrize(("values", "options", "expected"), [
     (np.zeros((3, 4, 50)), {}, "photons is 0: expected some pixels .*: give irf"),
-    (np.full((3, 4, 50), 0.5), {}, "irf is missing: .*it can be estimated from whole photons only"),
     (np.ones((3, 4, 10)), {"num_bins": 50, "histograms": HistogramBins(10, 3, 4)},
      "irf is missing: .*as wide as these bins make it")])
 def test_of_counts_that_show_no_irf_it_is_asked_for(values, options, expected):

@@ -124,7 +124,7 @@ def test_what_was_assumed_is_said(tmp_path):
     ({"Y": cells(LISTS)}, {}, ".mat variables"), ({"Y": np.full((8, 4), 0.5)}, {}, ".mat Y"),
     ({"Y": np.ones((8, 5))}, {}, ".mat DepthImage"), ({"Ts": cells(LISTS)}, {"rows": 9}, ".mat rows"),
     ({"Y": np.ones((8, 5)), "DepthImage": np.ones((2, 2))}, {}, ".mat DepthImage shape"),
-    ({"spad": csc_matrix(np.eye(4) / 2)}, {}, ".mat spad"), ({"Ts": cells(LISTS)}, {"channel": 1}, None),
+    ({"spad": csc_matrix(np.eye(4) / 2)}, {}, ".mat spad"), ({"Ts": cells(LISTS)}, {"channel": 1}, ".mat channel"),
     ({"data_processed": cells(LISTS), "mm": np.ones(0), "MM": 3}, {}, ".mat mm"),
     ({"data_processed": cells(LISTS), "mm": 1, "MM": "end"}, {}, ".mat MM"),
     ({"Ts": cells([[[1.5]]], float)}, {}, ".mat Ts"), ({"Ts": cells([[[np.nan]]], float)}, {}, ".mat Ts"),
@@ -137,5 +137,5 @@ def test_what_was_assumed_is_said(tmp_path):
 def test_what_cannot_be_used_is_named(tmp_path, variables, options, field):
     with pytest.raises(InvalidInput) as caught:
         read(write(tmp_path, **variables), irf=IRF, **options)
-    assert caught.value.field == (f"some name{field}" if field else next(iter(options)))
+    assert caught.value.field == f"some name{field}"
     assert "\n" not in str(caught.value)

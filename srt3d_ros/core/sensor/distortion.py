@@ -4,7 +4,7 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import InvalidInput, finite
 from srt3d_ros.kernels.lens import distorted
 
 STEPS = 4                   # from the middle of the image to the pixel, so that Newton's method keeps to one solution
@@ -37,7 +37,7 @@ class PlumbBob:
 
     def __post_init__(self):
         for name, value in vars(self).items():
-            require(np.isfinite(value), f"projection.distortion.{name}", value, "a finite number")
+            finite(f"projection.distortion.{name}", value)
 
     def __bool__(self) -> bool:
         """True if it bends anything."""

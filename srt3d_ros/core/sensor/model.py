@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.projection import Pinhole, Projection
-from srt3d_ros.errors import InvalidInput, quoted, require
+from srt3d_ros.errors import InvalidInput, finite, quoted, require
 
 SPEED_OF_LIGHT = 299_792_458.0
 MAX_SIDE = 65_536
@@ -94,7 +94,7 @@ class SensorModel:
             self._set(name, value)
         require(self.pixels <= MAX_PIXELS, "rows × cols", f"{self.rows} × {self.cols}", f"at most {MAX_PIXELS} pixels")
         for name in ("bin_width_s", "toa_offset_bins", "range_offset_m"):
-            self._set(name, _finite(name, getattr(self, name)))
+            self._set(name, finite(name, getattr(self, name)))
         least, most = BIN_WIDTHS_S
         require(least <= self.bin_width_s <= most, "bin_width_s", self.bin_width_s, f"seconds, {least:g} to {most:g}")
         require(isinstance(self.toa_reference, str) and self.toa_reference in TOA_REFERENCES, "toa_reference",
@@ -244,18 +244,9 @@ def _normalised(name: str, density: np.ndarray, wanted: str) -> np.ndarray:
 
 
 def _integer(name: str, value) -> int:
-    number = _finite(name, value)
+    number = finite(name, value)
     require(number == int(number), name, quoted(value), "an integer")
     return int(number)
-
-
-def _finite(name: str, value) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        raise InvalidInput(name, quoted(value), "a number") from None
-    require(np.isfinite(number), name, quoted(value), "a finite number")
-    return number
 
 
 def _array(name: str, value, dtype) -> np.ndarray:

@@ -4,25 +4,15 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
+from srt3d_ros.core.sensor.model import MAX_BINS
 from srt3d_ros.core.sketching.photons import PhotonHistograms
 from srt3d_ros.datasets import irf as irfs
-from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, sampled
-from srt3d_ros.datasets.files import map_npy, npz_headers, open_npz, read_errors, read_npz_arrays
-from srt3d_ros.datasets.options import (
-    ASSUMED_FOV,
-    ASSUMED_WIDTH,
-    BIN_OF_ONE_METRE_S,
-    check_same,
-    described,
-    few_bins_note,
-    outside_note,
-    replaced_note,
-    says_geometry,
-)
+from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, complete, sampled, sensor_of
+from srt3d_ros.datasets.files import map_npy, read_errors, read_npz_arrays
+from srt3d_ros.datasets.options import check_same, few_bins_note, outside_note, replaced_note
 from srt3d_ros.datasets.photons import Photons
-from srt3d_ros.datasets.values import number, sendable
-from srt3d_ros.errors import require
+from srt3d_ros.datasets.values import sendable
+from srt3d_ros.errors import finite, require
 
 MAX_CUBE_BYTES = 2**46
 MAX_COUNT = 2**31 - 1
@@ -44,14 +34,12 @@ def cube(path: Path, counts: np.ndarray, options: dict, given: dict | None = Non
     rows, cols, bins = counts.shape
     check_same({"rows": rows, "cols": cols}, options)
     require(bins <= MAX_BINS or "gate" in options, f"{field} bins", bins, f"at most {MAX_BINS}; or give a gate")
-    width_s = number("bin_width_s", (given | options).get("bin_width_s", BIN_OF_ONE_METRE_S), "seconds")
-    notes += (ASSUMED_WIDTH,) * ("bin_width_s" not in given | options) + replaced_note(given, options)
-    options = given | options
-    bins = int(number("num_bins", options.get("num_bins", bins), "a number of bins"))
+    replaced, options = replaced_note(given, options), given | options
+    bins = int(finite("num_bins", options.get("num_bins", bins), "a number of bins"))
     first, last = options.get("gate", (0, bins - 1))
     require(1 <= last - first < MAX_BINS, "num_bins", last - first + 1,
             f"2 to {MAX_BINS} bins: give num_bins, gate or bin_width_s")
-    sensor = SensorModel(rows, cols, last - first + 1, width_s, np.ones(1))
+    sensor, width_note = sensor_of(options | {"rows": rows, "cols": cols, "num_bins": last - first + 1})
     with read_errors(path, "a whole file of counts"):
         low, high = counts.min(), counts.max()      # a NaN makes both NaN
         require(bool(-MAX_COUNT <= low and high <= MAX_COUNT), "counts", f"beyond {MAX_COUNT} or not finite in places",
@@ -61,14 +49,8 @@ def cube(path: Path, counts: np.ndarray, options: dict, given: dict | None = Non
         missing = sensor.num_bins - counts.shape[2]
         counts = np.ascontiguousarray(np.pad(counts, ((0, 0), (0, 0), (0, missing))) if missing else counts)
         photons = counts.sum(dtype=np.float64)
-        is_kept = photons <= MAX_KEPT and are_whole(counts)
-        frame = sampled(counts) if is_kept else PhotonHistograms(counts)
-    if "irf" not in options:
-        sample = frame if is_kept else sampled(counts)
-        options["irf"], note = irfs.estimated(sample, sensor.num_bins, options.get("guess_irf", False))
-        notes += (note,)
-    notes += () if says_geometry(options) else (ASSUMED_FOV,)
-    sensor = described(sensor, {name: value for name, value in options.items() if name != "num_bins"})
+        frame = sampled(counts) if photons <= MAX_KEPT and are_whole(counts) else PhotonHistograms(counts)
+    sensor, _, notes = complete(frame, sensor, options, notes + width_note + replaced)
     sensor = sensor.replace(toa_offset_bins=sensor.toa_offset_bins + first)
     notes += outside_note(round(total - photons), round(total), first, last)
     if reference is not None:
@@ -100,7 +82,6 @@ def read(path: Path, options: dict) -> Photons:
 
 def read_npz(path: Path, options: dict) -> Photons:
     """An array of counts in an .npz file; arrays named as in a photon file (irf, bin_width_s, …) are its sensor's."""
-    with open_npz(path) as archive:
-        cubes = [name for name, (shape, _, _) in npz_headers(archive).items() if len(shape) == 3]
+    arrays = read_npz_arrays(path, GIVEN, and_cubes=True)
     with read_errors(path):
-        return the_cube(path, read_npz_arrays(path, (*cubes, *GIVEN)), options)
+        return the_cube(path, arrays, options)

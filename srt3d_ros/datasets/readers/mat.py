@@ -9,11 +9,11 @@ import numpy as np
 from srt3d_ros.core.sensor.model import MAX_BINS, MAX_PIXELS
 from srt3d_ros.datasets.arrays import from_pixels
 from srt3d_ros.datasets.files import read_errors
-from srt3d_ros.datasets.options import check_same, outside_note, refuse_channel
+from srt3d_ros.datasets.options import check_same, outside_note
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers.cubes import cube, the_cube
-from srt3d_ros.datasets.values import MAX_PHOTONS, number
-from srt3d_ros.errors import require
+from srt3d_ros.datasets.values import MAX_PHOTONS
+from srt3d_ros.errors import finite, require
 
 EXPECTED = "a MATLAB 5 .mat file, whole (save -v7)"
 EDGE = 1e-6     # of a bin: a time on a bin's edge belongs to the bin that begins there, whatever the rounding
@@ -61,7 +61,6 @@ def read(path: Path, options: dict) -> Photons:
     Raises:
         InvalidInput: naming the file, variable or option that cannot be used.
     """
-    refuse_channel(options)
     with read_errors(path, EXPECTED):
         found = _variables(path)
     with read_errors(path):
@@ -132,9 +131,9 @@ def _of_cells(path: Path, layout: Layout, found: dict[str, np.ndarray], options:
 def _window(layout: Layout, found: dict[str, np.ndarray], unit: float, toa: np.ndarray, options: dict
             ) -> tuple[int, int]:
     """First bin and number of bins to keep: those the file states, else of `num_bins` or those that have photons."""
-    given = int(number("num_bins", options.get("num_bins", 0), "a number of bins"))
+    given = int(finite("num_bins", options.get("num_bins", 0), "a number of bins"))
     if all(name in found for name in layout.window or ("",)):
-        low, high = (number(name, found[name].squeeze().tolist(), "one ToA") * unit for name in layout.window)
+        low, high = (finite(name, found[name].squeeze().tolist(), "one ToA") * unit for name in layout.window)
         first, end = int(np.floor(low + EDGE)), int(np.ceil(high - EDGE))
     else:
         _check_bins(options, int(toa.max(initial=-1)) + 1)
@@ -144,7 +143,7 @@ def _window(layout: Layout, found: dict[str, np.ndarray], unit: float, toa: np.n
 
 def _bin_width(layout: Layout, options: dict) -> tuple[float, tuple[str, ...]]:
     """The bin width that is given, or that of the authors with a note."""
-    width_s = number("bin_width_s", options.get("bin_width_s", layout.bin_width_s), "seconds, above 0")
+    width_s = finite("bin_width_s", options.get("bin_width_s", layout.bin_width_s), "seconds, above 0")
     require(width_s > 0, "bin_width_s", width_s, "seconds, above 0")
     note = f"bin width taken to be {width_s * 1e12:g} ps: the file has none"
     return width_s, () if "bin_width_s" in options else (note,)
@@ -153,5 +152,5 @@ def _bin_width(layout: Layout, options: dict) -> tuple[float, tuple[str, ...]]:
 def _check_bins(options: dict, bins: int) -> None:
     """Refuse a `num_bins` that would drop photons in silence, where no gate says which."""
     given = options.get("num_bins", bins)
-    require("gate" in options or number("num_bins", given, "a number of bins") >= bins, "num_bins", given,
+    require("gate" in options or finite("num_bins", given, "a number of bins") >= bins, "num_bins", given,
             f"{bins} or more, up to the file's last bin; or give a gate")

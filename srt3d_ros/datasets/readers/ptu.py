@@ -9,8 +9,7 @@ import numpy as np
 from srt3d_ros.datasets.files import read_errors
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers.cubes import cube
-from srt3d_ros.datasets.values import number
-from srt3d_ros.errors import require
+from srt3d_ros.errors import finite, require
 
 EXPECTED = "a PicoQuant .ptu file, whole"
 COUNT = np.dtype(np.uint32)
@@ -45,6 +44,7 @@ def read(path: Path, options: dict) -> Photons:
         counts = ptu.decode_image(frame=-1, channel=channel - ptu.active_channels[0], dtime=num_bins, dtype=COUNT,
                                   keepdims=False, out=None if size <= IN_MEMORY_BYTES else "memmap")
         counts = counts.reshape(rows, cols, num_bins).view(np.int32)       # which is not copied to be sketched
+    options = {name: value for name, value in options.items() if name != "channel"}
     return cube(path, counts, options, {"bin_width_s": bin_width_s}, notes)
 
 
@@ -62,7 +62,7 @@ def _channel(ptu, options: dict) -> tuple[int, tuple[str, ...]]:
     channels = ptu.active_channels
     require(len(channels) > 0, "photons", 0, "some")
     if "channel" in options:
-        chosen = int(number("channel", options["channel"], "a channel's number"))
+        chosen = int(finite("channel", options["channel"], "a channel's number"))
         require(chosen in channels, "channel", chosen, f"one with photons: {', '.join(map(str, channels))}")
         return chosen, ()
     photons = ptu.decode_image((*[ALL] * (len(ptu.shape) - 2), None, ALL), dtype=COUNT).reshape(-1)

@@ -19,7 +19,7 @@ import numpy as np
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.photons import PhotonHistograms
-from srt3d_ros.datasets.files import read_errors, require_file
+from srt3d_ros.datasets.files import read_errors
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.values import whole_counts
 from srt3d_ros.errors import InvalidInput, require
@@ -53,7 +53,6 @@ def frames(path: Path, options: dict) -> Iterator[Photons]:
 
 def _read(path: Path) -> tuple[list, dict]:
     """The frames and the configuration that a log has."""
-    require_file(path, "log")
     with read_errors(path, "a whole log in JSON"), (gzip.open if path.suffix == ".gz" else open)(path, "rb") as stream:
         text = stream.read(MAX_LOG_BYTES + 1)
         require(len(text) <= MAX_LOG_BYTES, "size", f"more than {MAX_LOG_BYTES} bytes", "a shorter log: split it")
