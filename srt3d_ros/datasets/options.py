@@ -12,20 +12,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from srt3d_ros.core.sensor.bins import HistogramBins
-from srt3d_ros.core.sensor.model import MAX_BINS, SPEED_OF_LIGHT, SensorModel
+from srt3d_ros.core.sensor.model import SPEED_OF_LIGHT, SensorModel
 from srt3d_ros.core.sensor.projection import DEFAULT_FOV_DEG, Pinhole, Projection
+from srt3d_ros.core.sketching.gate import parse
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.values import array, pair
 from srt3d_ros.errors import finite, quoted, require
 from srt3d_ros.results import Sketch
 
-MAX_GATE_BIN = 2**31
 BIN_OF_ONE_METRE_S = 2 / SPEED_OF_LIGHT      # the width of bins of which nothing is known
 ASSUMED_WIDTH = "bin width taken to be 2 / 299792458 s: x, y and z count bins, not metres (give bin_width_s)"
 ASSUMED_FOV = (f"geometry taken to be a pinhole of {DEFAULT_FOV_DEG:g}° across the larger side: give fov_deg "
                "(--fov-deg), or the projection")
 ASSUMPTIONS = {"projection": "geometry ", "irf": "IRF ", "bin_width_s": "bin width "}     # how notes on them begin
-GATE = f"first and last bin, both kept, 2 to {MAX_BINS} bins"
 OF_SENSOR = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols"))
 DEFAULTS = {field.name: field.default for field in fields(SensorModel)}
 MAPS = ("gain", "delay_bins", "mask", "background_shape")
@@ -80,8 +79,8 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None) -> dic
     if "shape" in given:
         given["rows"], given["cols"] = pair("shape", given.pop("shape"), "(rows, cols)")
     if "gate" in given:
-        given["gate"] = first, last = pair("gate", given["gate"], GATE)
-        require(first <= MAX_GATE_BIN and 1 <= last - first < MAX_BINS, "gate", (first, last), GATE)
+        given["gate"] = gate = parse(given["gate"])
+        require(not isinstance(gate, str), "gate", quoted(gate), "first and last bin, both kept")
     for name in MAPS:
         if name in given:
             given[name] = array(name, given[name])

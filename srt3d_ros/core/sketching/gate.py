@@ -36,8 +36,7 @@ class Gate:
 
     def __init__(self, source: SensorModel, first: int, last: int):
         shown, most, irf = f"{first}-{last}", source.num_bins - 1, source.irf.shape[-1]
-        require(0 <= first and last <= most, "gate", shown, f"first and last within the sensor's bins, 0 to {most}")
-        require(first < last, "gate", shown, "a first bin below the last")
+        require(0 <= first < last <= most, "gate", shown, f"first and last within the sensor's bins, 0 to {most}")
         require(last - first + 1 >= irf, "gate", shown, f"{irf} bins or more, as many as the IRF has")
         self.source, self.first, self.last = source, first, last
         late = source.delay_bins
@@ -99,4 +98,6 @@ def parse(spec: str | Sequence[int]) -> tuple[int, int] | str:
     numbers = re.fullmatch(r"\s*[\[(]?\s*(-?\d{1,9})\s*[-:,]\s*(-?\d{1,9})\s*[\])]?\s*", str(text))
     if numbers is None:
         raise InvalidInput("gate", spec, FORM)
-    return int(numbers[1]), int(numbers[2])
+    first, last = int(numbers[1]), int(numbers[2])
+    require(0 <= first < last, "gate", spec, "a first bin of 0 or more and below the last")
+    return first, last

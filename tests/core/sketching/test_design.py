@@ -66,8 +66,8 @@ def test_auto_has_room_for_the_irf_and_for_the_frequencies():
 @pytest.mark.parametrize(("settings", "line"), [
     (("open",), "gate is open: expected off, first and last bin such as 100-400, or for a file auto"),
     (("auto",), "gate is auto: expected off, first and last bin such as 100-400, or for a file auto"),
-    (("-3:50",), "gate is -3-50: expected first and last within the sensor's bins, 0 to 499"),
-    (("300:300",), "gate is 300-300: expected a first bin below the last"),
+    (("-3:50",), "gate is -3:50: expected a first bin of 0 or more and below the last"),
+    (("300:300",), "gate is 300:300: expected a first bin of 0 or more and below the last"),
     (("300:302",), "gate is 300-302: expected 5 bins or more, as many as the IRF has"),
     (("300:309", "auto", 10), "sketch_size is 10: expected 1 to 4 for T = 10 bins"),
     (("300:399", "1,60"), "frequencies is 60: expected integers from 1 to 49 (T = 100 bins; higher ones repeat these)"),
