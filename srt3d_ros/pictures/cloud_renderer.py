@@ -15,7 +15,6 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.pictures.viewpoint import Viewpoint, point_radius_m
 
 _OUTSIDE = (96, 104, 116)
-_RADIUS_PER_DISTANCE = 0.6      # neighbours then just overlap
 _RADIUS_FACTOR = 1.2            # larger points than in the viewer: no gaps in oblique surfaces
 _NEAREST = 1e-3                 # of the distance to the target: closer points are not drawn
 _SMALLEST_RADIUS_PX, _LARGEST_RADIUS_PX = 0.75, 24.0
@@ -35,12 +34,11 @@ class CloudStyle:
     radius_m: float
 
     @classmethod
-    def of(cls, cloud: PointCloud, sensor: SensorModel | None) -> "CloudStyle":
-        """The style that suits a cloud; without a sensor, the radius is that of points spread evenly on a surface."""
-        near_m, far_m = percentile_range(np.linalg.norm(cloud.xyz, axis=1), 1, 99) or (
-            sensor.range_m(np.array([0, sensor.num_bins])) if sensor else (0.0, 1.0))
-        radius_m = point_radius_m(cloud.xyz, sensor) if sensor else _even_radius_m(cloud.xyz)
-        return cls(float(near_m), float(far_m), _RADIUS_FACTOR * radius_m)
+    def of(cls, cloud: PointCloud, sensor: SensorModel) -> "CloudStyle":
+        """The style that suits a cloud."""
+        near_m, far_m = (percentile_range(np.linalg.norm(cloud.xyz, axis=1), 1, 99)
+                         or sensor.range_m(np.array([0, sensor.num_bins])))
+        return cls(float(near_m), float(far_m), _RADIUS_FACTOR * point_radius_m(cloud.xyz, sensor))
 
     def colour(self, xyz: np.ndarray) -> np.ndarray:
         """Colours of points by range, uint8 [N, 3]; grey far outside the ranges of the style."""
@@ -159,9 +157,3 @@ def _edge_shade(depth: np.ndarray, distance: float) -> np.ndarray:
         occlusion = sum(np.clip(depth - beside, 0, _DEEPEST_EDGE * distance) for beside in around) / 8
         light *= 1 - _DARKEST_EDGE * (1 - np.exp(-occlusion / (reach * _EDGE_SLOPE * distance)))
     return light
-
-
-def _even_radius_m(xyz: np.ndarray) -> float:
-    """Half the distance of points spread evenly over the two larger sides of the box that holds most of them."""
-    sides = [np.subtract(*(percentile_range(axis, 1, 99) or (0, 0))[::-1]) for axis in xyz.T]
-    return float(np.sqrt(np.prod(sorted(sides)[1:]) / max(len(xyz), 1))) * _RADIUS_PER_DISTANCE

@@ -39,10 +39,10 @@ def cloud_view(eye: Viewpoint) -> rrb.Spatial3DView:
                              background=BACKGROUND, line_grid=False, eye_controls=controls)
 
 
-def film_blueprint(eye: Viewpoint, sensor: SensorModel | None, images: tuple[str, ...]) -> rrb.Blueprint:
+def film_blueprint(eye: Viewpoint, sensor: SensorModel, images: tuple[str, ...]) -> rrb.Blueprint:
     """Blueprint of a recording that plays by itself: cloud and log on the left, images and plots on the right."""
     pictures = [_image_view(path) for path in IMAGE_TITLES if path in images]
-    wide = sensor is not None and sensor.cols > _WIDE * sensor.rows
+    wide = sensor.cols > _WIDE * sensor.rows
     plots = rrb.Vertical(*(_plot(title, names) for title, names in PLOTS.items()))
     log = rrb.TextLogView(origin=schema.LOG, name="Log of the nodes",
                           columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"]))

@@ -77,9 +77,9 @@ def field_of_view(sensor: SensorModel, xyz: np.ndarray) -> list:
     return [origin, rr.LineStrips3D(lines, colors=_FRUSTUM, radii=rr.Radius.ui_points(1))]
 
 
-def view_coordinates(sensor: SensorModel | None) -> rr.ViewCoordinates:
+def view_coordinates(sensor: SensorModel) -> rr.ViewCoordinates:
     """Which way the axes of the sensor's frame point: FLU for a scanner, else RDF."""
-    forward = sensor_axes(sensor.projection if sensor else None)[0]
+    forward = sensor_axes(sensor.projection)[0]
     return rr.ViewCoordinates.FLU if forward[0] else rr.ViewCoordinates.RDF
 
 

@@ -51,7 +51,7 @@ class RecordingWriter:
             file is then finished, as far as that is possible, and the writer cannot be used again.
     """
 
-    def __init__(self, path, sensor: SensorModel | None, properties: Mapping[str, Mapping] | None = None, *,
+    def __init__(self, path, sensor: SensorModel, properties: Mapping[str, Mapping] | None = None, *,
                  images: tuple[str, ...] = (schema.DEPTH,)):
         self.path, self._sensor, self._images = free(Path(path)), sensor, images
         self._ranges: dict[str, AdaptiveRange] = {}         # of the colours, by entity path
@@ -78,7 +78,7 @@ class RecordingWriter:
         if len(xyz) and not self._has_view:
             self._send_view(xyz)
         sample = xyz[:: max(len(xyz) // _RADIUS_SAMPLES, 1)]
-        radius_m = point_radius_m(sample, self._sensor) if self._sensor else 0.0
+        radius_m = point_radius_m(sample, self._sensor)
         range_m = np.linalg.norm(xyz, axis=1)
         colours = packed(range_table())[levels(range_m, *self._range(schema.POINTS, range_m))]
         self._log(stamp_ns, frame_index, {schema.POINTS: schema.points(columns, colours, radius_m)})
@@ -148,18 +148,16 @@ class RecordingWriter:
             self._stream.log(path, style, static=True)
         for name, facts in properties.items():
             self.set_properties(name, facts)
-        if self._sensor is not None:        # an IRF per pixel would take hundreds of megabytes
-            mean_irf = np.atleast_2d(self._sensor.irf).mean(axis=0, dtype=float)
-            description = sensor_message.to_json(self._sensor.replace(irf=mean_irf))
-            self.set_properties(schema.SENSOR, {"description": description})
+        # An IRF per pixel would take hundreds of megabytes.
+        mean_irf = np.atleast_2d(self._sensor.irf).mean(axis=0, dtype=float)
+        description = sensor_message.to_json(self._sensor.replace(irf=mean_irf))
+        self.set_properties(schema.SENSOR, {"description": description})
 
     def _send_view(self, xyz: np.ndarray) -> None:
         """Log the sensor's field of view and the blueprint, whose eye has the cloud in view."""
         self._has_view = True
-        if self._sensor is not None:
-            self._stream.log(schema.SENSOR_PATH, *schema.field_of_view(self._sensor, xyz), static=True)
-        projection = self._sensor.projection if self._sensor else None
-        eye = look_at(xyz, projection, fov_deg=_VIEWER_FOV_DEG, aspect=_VIEW_ASPECT)
+        self._stream.log(schema.SENSOR_PATH, *schema.field_of_view(self._sensor, xyz), static=True)
+        eye = look_at(xyz, self._sensor.projection, fov_deg=_VIEWER_FOV_DEG, aspect=_VIEW_ASPECT)
         rerun_streams.send_blueprint(self._stream, film_blueprint(eye, self._sensor, self._images))
 
     def _range(self, path: str, values: np.ndarray) -> tuple[float, float]:

@@ -46,7 +46,7 @@ def make_gallery(recorded: Recorded) -> dict:
     clouds = {position: by_frame[frame] for position, frame in frames.items()}
     framed, style = clouds[typical], CloudStyle.of(clouds[typical], recorded.sensor)
     titles = {fewest: "Fewest points", most: "Most points", typical: "A typical cloud"}
-    near, far = (look_at(framed.xyz, recorded.projection, aspect=width / height)
+    near, far = (look_at(framed.xyz, recorded.sensor.projection, aspect=width / height)
                  for width, height in (_LARGE_PX, _SMALL_PX))
     large = {position: _cloud_picture(recorded, position, title,
                                       annotated(style.draw(clouds[position], near, *_LARGE_PX), style, near))

@@ -1,13 +1,11 @@
 """A recording without its clouds and images, in memory: the index of clouds, time series, log, properties."""
 
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sensor.projection import Projection
 from srt3d_ros.errors import require
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.recording import schema
@@ -21,19 +19,24 @@ class Recorded:
     """The contents of a recording; `reader` reads its clouds and images."""
 
     path: Path
+    sensor: SensorModel         # all pixels with the same IRF
     reader: RecordingReader
     index: CloudIndex
     series: dict[str, Series]
-    log: list[LogLine] = field(default_factory=list)
-    properties: dict[str, dict] = field(default_factory=dict)
+    log: list[LogLine]
+    properties: dict[str, dict]
 
     @classmethod
     def read(cls, path) -> "Recorded":
-        """Read a recording; InvalidInput if the file is none, or has no cloud."""
+        """Read a recording; InvalidInput if the file is none, or has no cloud or no description of its sensor."""
         reader = RecordingReader(path)
         index = reader.cloud_index(progress=True)
         require(len(index) > 0, "recording", str(path), "a recording with clouds at /points")
-        return cls(Path(path), reader, index, reader.series(), reader.log_lines(), reader.properties())
+        properties = reader.properties()
+        description = properties.get(schema.SENSOR, {}).get("description")
+        require(description is not None, "recording", str(path), "a recording with the description of its sensor")
+        return cls(Path(path), sensor_message.from_json(description), reader, index, reader.series(),
+                   reader.log_lines(), properties)
 
     @property
     def seconds(self) -> np.ndarray:
@@ -57,14 +60,3 @@ class Recorded:
     def latencies(self) -> dict[str, Series]:
         """The series of latencies in milliseconds: `total`, and each stage's by its name."""
         return {stage: self.series[name] for stage, name in _LATENCIES.items() if name in self.series}
-
-    @cached_property
-    def sensor(self) -> SensorModel | None:
-        """The sensor from the recording's properties, all pixels with the same IRF; None if it was recorded without."""
-        text = self.properties.get(schema.SENSOR, {}).get("description")
-        return None if text is None else sensor_message.from_json(text)
-
-    @property
-    def projection(self) -> Projection | None:
-        """The sensor's projection, if the sensor is known."""
-        return self.sensor.projection if self.sensor else None

@@ -135,10 +135,10 @@ def _rounded(value: float) -> float:
     return round(float(value), _DECIMALS)
 
 
-def _facts(sensor: SensorModel | None) -> dict:
+def _facts(sensor: SensorModel) -> dict:
     """What a description says, but for its arrays; the lens as its own facts."""
-    content = sensor_message.to_object(sensor) if sensor else {}
-    content |= content.get("projection", {})
+    content = sensor_message.to_object(sensor)
+    content |= content["projection"]
     return {name: value for name, value in content.items() if not isinstance(value, dict)}
 
 
@@ -153,11 +153,9 @@ def _plain(value):
 
 def _origin(summary: dict) -> list[tuple[str, str]]:
     """Sensor, frequencies and version, as far as they are recorded."""
-    found = []
     sensor, run, versions = (summary.get(name, {}) for name in ("sensor", "run", "versions"))
-    if sensor:
-        found.append(("sensor", f"{sensor['rows']} × {sensor['cols']} pixels, {sensor['num_bins']:,} bins of "
-                                f"{sensor['bin_width_s'] * 1e12:.4g} ps, {sensor['kind']}"))
+    found = [("sensor", f"{sensor['rows']} × {sensor['cols']} pixels, {sensor['num_bins']:,} bins of "
+                        f"{sensor['bin_width_s'] * 1e12:.4g} ps, {sensor['kind']}")]
     if "frequencies" in run:
         frequencies = np.atleast_1d(run["frequencies"]).tolist()
         found.append(("frequencies", f"{len(frequencies)}: {' '.join(str(k) for k in frequencies)}"))

@@ -5,15 +5,18 @@ import pyarrow as pa
 import pytest
 import rerun as rr
 
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.recording.reader import LogLine, RecordingReader
 from srt3d_ros.recording.writer import RecordingWriter
+
+SENSOR = SensorModel(2, 3, 50, 1e-10, np.ones(3))
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     path = tmp_path_factory.mktemp("whole") / "a.rrd"
-    with RecordingWriter(path, None) as writer:
+    with RecordingWriter(path, SENSOR) as writer:
         for k in (2, 0, 1):
             writer.log_cloud(k, k, np.full((500, 3), k), np.full(500, k))
             writer.log_scalars(k, {"points": 10 + k}, k)
@@ -30,10 +33,10 @@ def test_clouds_come_as_logged_and_series_and_index_sorted_by_stamp(whole):
 
 
 def test_a_recording_without_a_frame_is_empty_not_broken(tmp_path):
-    RecordingWriter(tmp_path / "a.rrd", None).close()
+    RecordingWriter(tmp_path / "a.rrd", SENSOR).close()
     reader = RecordingReader(tmp_path / "a.rrd")
     assert list(reader.clouds()) == [] and list(reader.images("/depth")) == []
-    assert reader.series() == {} and reader.log_lines() == [] and "sensor" not in reader.properties()
+    assert reader.series() == {} and reader.log_lines() == []
 
 
 def with_version(data, minor):

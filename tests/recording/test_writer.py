@@ -11,10 +11,13 @@ import pytest
 from rerun.chunk import RrdReader
 
 from srt3d_ros.colours import packed, range_table
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.recording import schema
 from srt3d_ros.recording import writer as writer_module
 from srt3d_ros.recording.reader import RecordingReader
 from srt3d_ros.recording.writer import RecordingFailed, RecordingWriter
+
+SENSOR = SensorModel(2, 3, 50, 1e-10, np.ones(3))
 
 
 def random_cloud(points, seed=0):
@@ -45,7 +48,7 @@ def test_clouds_are_kept_as_they_are(tmp_path, ball):
 
 def test_near_points_are_yellow_and_far_ones_blue(tmp_path):
     xyz, intensity = random_cloud(1000)
-    with RecordingWriter(tmp_path / "a.rrd", None) as writer:
+    with RecordingWriter(tmp_path / "a.rrd", SENSOR) as writer:
         writer.log_cloud(0, 0, xyz, intensity)
     (cloud,) = RecordingReader(tmp_path / "a.rrd").clouds()
     table, range_m = packed(range_table()), np.linalg.norm(xyz, axis=1)
@@ -60,7 +63,7 @@ def test_images_are_kept_as_they_are(tmp_path):
     image = rng.gamma(2, 50, (30, 40)).astype(np.float32)
     image[3, 4] = np.nan
     counts = [rng.poisson(9, (30, 40)), np.full((30, 40), 70_000)]
-    with RecordingWriter(tmp_path / "a.rrd", None) as writer:
+    with RecordingWriter(tmp_path / "a.rrd", SENSOR) as writer:
         writer.log_image(schema.DEPTH, 0, 0, image)
         writer.log_image(schema.INTENSITY_IMAGE, 0, 0, image)
         for k, count in enumerate(counts):
@@ -75,7 +78,7 @@ def test_images_are_kept_as_they_are(tmp_path):
 
 def test_arrays_may_be_reused_after_logging_and_need_not_be_contiguous(tmp_path):
     records, image = np.zeros((500, 4), np.float32), np.zeros((20, 30), np.float32)
-    with RecordingWriter(tmp_path / "a.rrd", None) as writer:
+    with RecordingWriter(tmp_path / "a.rrd", SENSOR) as writer:
         for k in range(2):
             records[:], image[:] = k, k
             writer.log_cloud(k, k, records[:, :3], records[:, 3])
@@ -108,7 +111,7 @@ def test_a_flood_of_clouds_does_not_keep_scalars_from_the_file(tmp_path, monkeyp
     monkeypatch.setattr(writer_module, "FLUSH_PERIOD_S", 0.1)
     xyz, intensity = random_cloud(20_000)
     names = set()
-    with RecordingWriter(tmp_path / "a.rrd", None) as writer:
+    with RecordingWriter(tmp_path / "a.rrd", SENSOR) as writer:
         writer.log_scalars(0, {"points": 1}, 0)
         for k in range(200):
             writer.log_cloud(k, k, xyz, intensity)
@@ -123,7 +126,7 @@ def test_a_flood_of_clouds_does_not_keep_scalars_from_the_file(tmp_path, monkeyp
 
 def test_a_path_that_cannot_be_written_is_one_line(tmp_path):
     with pytest.raises(RecordingFailed) as caught:
-        RecordingWriter(tmp_path / "absent" / "a.rrd", None)
+        RecordingWriter(tmp_path / "absent" / "a.rrd", SENSOR)
     assert str(caught.value) == f"recording {tmp_path}/absent/a.rrd: No such file or directory"
 
 
@@ -131,8 +134,9 @@ def test_a_process_that_forgets_to_close_ends_with_a_finished_file(tmp_path):
     script = """
 import sys
 import numpy as np
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.recording.writer import RecordingWriter
-writer = RecordingWriter(sys.argv[1], None)
+writer = RecordingWriter(sys.argv[1], SensorModel(2, 3, 50, 1e-10, np.ones(3)))
 for k in range(30):
     writer.log_cloud(k, k, np.ones((20_000, 3)), np.ones(20_000))
 """
@@ -144,6 +148,7 @@ for k in range(30):
 HANGING_DISK = """
 import os, sys
 import numpy as np
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.recording import writer
 
 def create_file(self):
@@ -152,7 +157,7 @@ def create_file(self):
 
 writer.FLUSH_TIMEOUT_S = writer.END_TIMEOUT_S = 0.5
 writer.RecordingWriter._create_file = create_file
-one = writer.RecordingWriter(sys.argv[1], None)
+one = writer.RecordingWriter(sys.argv[1], SensorModel(2, 3, 50, 1e-10, np.ones(3)))
 try:
     while True:
         one.log_cloud(1, 0, np.zeros((10_000, 3)), np.zeros(10_000))
@@ -170,7 +175,7 @@ def test_a_disk_that_hangs_gives_one_error_and_does_not_keep_the_process_from_en
 
 
 def test_closing_twice_changes_nothing(tmp_path):
-    writer = RecordingWriter(tmp_path / "a.rrd", None)
+    writer = RecordingWriter(tmp_path / "a.rrd", SENSOR)
     writer.log_scalars(3, {"ppp": 1, "points": None})
     writer.log_scalars(4, {"ppp": np.int64(2), "points": float("nan")}, 9)
     writer.close()
@@ -186,7 +191,7 @@ def test_closing_twice_changes_nothing(tmp_path):
 def test_properties_hold_what_is_given_last_and_none_without_facts(tmp_path):
     facts = {"version": "1.2", "frequencies": [1, 2, 5], "nothing": None, "path": tmp_path, "rate_hz": 10.0,
              "live": True}
-    with RecordingWriter(tmp_path / "a.rrd", None, properties={"run": facts, "empty": {}}) as writer:
+    with RecordingWriter(tmp_path / "a.rrd", SENSOR, properties={"run": facts, "empty": {}}) as writer:
         writer.set_properties("unset", {"unset": None, "none": [], "nothing": ()})
         writer.set_properties("parameters", {"sketcher.sketch_size": 5, "sketcher.layout": "float32"})
         writer.set_properties("parameters", {"sketcher.sketch_size": 6})
@@ -220,7 +225,7 @@ def test_a_recording_is_one_whole_file_that_replaces_none_and_leaves_no_threads_
 
 
 def test_a_disk_that_is_nearly_full_ends_the_recording_with_one_line_and_a_whole_file(tmp_path, monkeypatch):
-    writer = RecordingWriter(tmp_path / "a.rrd", None)
+    writer = RecordingWriter(tmp_path / "a.rrd", SENSOR)
     writer.log_cloud(0, 0, *random_cloud(10))
     writer.flush()
     monkeypatch.setattr(writer_module, "LEAST_FREE_BYTES", 10**18)

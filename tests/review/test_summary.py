@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+import rerun as rr
 
 from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.errors import InvalidInput
@@ -48,19 +49,29 @@ def test_text_has_the_same_figures(summary):
     assert "5 min 0 s" in format_summary(summary | {"duration_s": 299.96})
 
 
-def test_an_early_recording_with_clouds_alone_has_figures_too(tmp_path, ball):
-    cloud = ball[0]
-    with RecordingWriter(tmp_path / "a.rrd", None) as writer:
+def test_a_recording_with_clouds_alone_has_figures_too(tmp_path, ball):
+    cloud, sensor = ball
+    with RecordingWriter(tmp_path / "a.rrd", sensor) as writer:
         writer.log_cloud(5, 0, cloud.xyz, cloud.intensity)
-    recorded = Recorded.read(tmp_path / "a.rrd")
-    summary = summarise(recorded)
-    assert summary["frames"] == 1 and summary["points"]["median"] == len(cloud) and recorded.sensor is None
+    summary = summarise(Recorded.read(tmp_path / "a.rrd"))
+    assert summary["frames"] == 1 and summary["points"]["median"] == len(cloud)
     assert summary["latency_ms"] == {} and summary["photons"] is summary["frame_rate_hz"] is None
     assert "points a frame" in format_summary(summary)
 
 
-def test_a_recording_without_clouds_is_one_line(tmp_path):
-    with RecordingWriter(tmp_path / "a.rrd", None) as writer:
+def test_a_recording_without_a_sensor_is_one_line(tmp_path):
+    stream = rr.RecordingStream("other")
+    stream.save(tmp_path / "a.rrd")
+    stream.set_time("stamp", timestamp=np.datetime64(5, "ns"))
+    stream.set_time("frame", sequence=0)
+    stream.log("/points", rr.Points3D(np.ones((4, 3))))
+    stream.disconnect()
+    with pytest.raises(InvalidInput, match="a recording with the description of its sensor"):
+        Recorded.read(tmp_path / "a.rrd")
+
+
+def test_a_recording_without_clouds_is_one_line(tmp_path, ball):
+    with RecordingWriter(tmp_path / "a.rrd", ball[1]) as writer:
         writer.log_scalars(0, {"points": 1}, 0)
     with pytest.raises(InvalidInput, match="a recording with clouds at /points"):
         Recorded.read(tmp_path / "a.rrd")
