@@ -11,11 +11,6 @@ def given(args: argparse.Namespace, names: Iterable[str]) -> dict[str, object]:
     return {name: getattr(args, name) for name in names if getattr(args, name) is not None}
 
 
-def add_device(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"),
-                        help="where to compute (auto: a GPU that does the same as the CPU, and faster)")
-
-
 SENSOR_OVERRIDES = ("num_bins", "bin_width_s", "irf", "irf_ref", "fov_deg", "rows", "cols", "channel")
 
 
@@ -37,11 +32,6 @@ def add_photon_file(parser: argparse.ArgumentParser) -> None:
     sensor.add_argument("--cols", type=int, metavar="N", help="the same")
     sensor.add_argument("--channel", type=int, metavar="C",
                         help="whose photons to take, of several detectors or data sets (that with the most)")
-
-
-def add_gate(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--gate", default="off", metavar="FIRST-LAST",
-                        help="keep the photons of bins FIRST to LAST only (off)")
 
 
 def overrides(args: argparse.Namespace) -> dict[str, object]:

@@ -19,7 +19,8 @@ def add_parser(subparsers) -> None:
         description="Print size, photons per pixel, SBR, T, range, IRF width and notes of a file, and the gate and "
                     "frequencies that suit it.")
     common.add_photon_file(parser)
-    common.add_gate(parser)
+    parser.add_argument("--gate", default="off", metavar="FIRST-LAST",
+                        help="keep the photons of bins FIRST to LAST only (off)")
     parser.add_argument("-o", "--output", metavar="INFO.png", type=Path,
                         help="draw the histogram of the photons, their number in each pixel, and the IRF")
     common.add_json(parser)

@@ -10,10 +10,9 @@ import os
 import re
 import signal
 import sys
-from functools import partial
 
 from srt3d_ros.errors import require
-from srt3d_ros.node_names import NODES
+from srt3d_ros.node_names import NODES, PLAYER
 
 NO_PARAMETERS = ("run", "namespace", "ros_args")       # all other options are the node's parameters
 
@@ -23,10 +22,6 @@ def add_parser(subparsers) -> None:
     parser.add_argument("name", choices=NODES)
     parser.add_argument("ros_args", nargs=argparse.REMAINDER, metavar="--ros-args …", help="arguments for ROS 2")
     parser.set_defaults(run=lambda args: start(args.name, args.ros_args))
-    _add_play(subparsers)
-
-
-def _add_play(subparsers) -> None:
     parser = subparsers.add_parser(
         "play", help="publish photons over ROS 2, from a photon file or the simulator",
         description="Publish the photons of a file, again and again, or of the simulator's moving scene, as a sensor's "
@@ -39,21 +34,16 @@ def _add_play(subparsers) -> None:
     parser.add_argument("--motion", metavar="HOW",
                         help="walk: the simulator's sensor moves, and odom says where it is "
                              "(docs/motion.md)")
-    _finish(parser, "player")
-
-
-def _finish(parser: argparse.ArgumentParser, name: str) -> None:
-    """--namespace, and --ros-args, which takes the rest of the line; what was given starts the node."""
     parser.add_argument("--namespace", metavar="NS", help="of the node and its topics")
     parser.add_argument("--ros-args", nargs=argparse.REMAINDER, default=[], metavar="…",
                         help="the rest goes to ROS 2: remapping, parameters, …")
-    parser.set_defaults(run=partial(_start_with_options, name))
+    parser.set_defaults(run=_play)
 
 
-def _start_with_options(name: str, args: argparse.Namespace) -> int:
+def _play(args: argparse.Namespace) -> int:
     given = {key: value for key, value in vars(args).items() if value is not None and key not in NO_PARAMETERS}
     namespace = namespace_arguments(args.namespace) if args.namespace else []
-    return start(name, [*parameter_arguments(given), *namespace, *args.ros_args])
+    return start(PLAYER, [*parameter_arguments(given), *namespace, *args.ros_args])
 
 
 def start(name: str, ros_args: list[str]) -> int:

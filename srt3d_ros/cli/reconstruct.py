@@ -3,6 +3,7 @@
 import argparse
 
 from srt3d_ros.cli import common
+from srt3d_ros.core.device import DEVICES
 from srt3d_ros.core.method.background import BACKGROUNDS
 from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS
@@ -29,7 +30,8 @@ def add_parser(subparsers) -> None:
     parser.add_argument("--surfaces", type=int, default=1, metavar="K", help="most surfaces in a pixel (1)")
     parser.add_argument("--method", default=DEFAULT_METHOD, metavar="NAME",
                         help=f"how to reconstruct: {', '.join(METHODS)} ({DEFAULT_METHOD})")
-    common.add_device(parser)
+    parser.add_argument("--device", default="auto", choices=DEVICES,
+                        help="where to compute (auto: a GPU that does the same as the CPU, and faster)")
     parser.add_argument("--false-alarm-rate", type=float, metavar="P",
                         help=f"probability that a pixel with background alone shows a point (pooled: "
                              f"{DEFAULT_FALSE_ALARM_RATE:g})")

@@ -9,7 +9,7 @@ from std_msgs.msg import Header as HeaderMessage
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
-from srt3d_ros.messages.cdr import Header
+from srt3d_ros.messages.cdr import NS_PER_S
 
 MODEL = "plumb_bob"     # of the five coefficients k1, k2, p1, p2, k3
 
@@ -25,8 +25,8 @@ def camera_info(sensor: SensorModel, stamp_ns: int, frame_id: str) -> CameraInfo
         return None
     k = np.array([[lens.fx, 0, lens.cx], [0, lens.fy, lens.cy], [0, 0, 1]], np.float64)
     p = np.column_stack([k, np.zeros(3)])
-    header = Header(stamp_ns, frame_id)
-    stamp = Time(sec=header.sec, nanosec=header.nanosec)
+    sec, nanosec = divmod(stamp_ns, NS_PER_S)
+    stamp = Time(sec=sec, nanosec=nanosec)
     return CameraInfo(header=HeaderMessage(stamp=stamp, frame_id=frame_id), height=sensor.rows, width=sensor.cols,
                       distortion_model=MODEL, d=[float(value) for value in astuple(lens.distortion)], k=k.ravel(),
                       r=np.eye(3).ravel(), p=p.ravel())

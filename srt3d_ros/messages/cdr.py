@@ -30,18 +30,9 @@ class Header:
     frame_id: str
 
     def __post_init__(self):
-        require(-(2**31) <= self.sec < 2**31, "header.stamp", self.stamp_ns, "nanoseconds whose seconds fit 32 bits")
+        require(-(2**31) <= self.stamp_ns // NS_PER_S < 2**31, "header.stamp", self.stamp_ns,
+                "nanoseconds whose seconds fit 32 bits")
         check_frame_id("header.frame_id", self.frame_id)
-
-    @property
-    def sec(self) -> int:
-        """Whole seconds of the stamp, rounded down."""
-        return self.stamp_ns // NS_PER_S
-
-    @property
-    def nanosec(self) -> int:
-        """Nanoseconds of the stamp above `sec`."""
-        return self.stamp_ns % NS_PER_S
 
 
 def check_frame_id(field: str, frame_id: str) -> None:
@@ -140,9 +131,8 @@ def write_text(text: str) -> bytes:
 
 def restamp(raw: bytes, stamp_ns: int) -> bytes:
     """A serialised message with another stamp: many times cheaper than to write its data again."""
-    header = Header(stamp_ns, "")
     # The stamp comes first in every message with a header.
-    stamp = struct.pack("<iI", header.sec, header.nanosec)
+    stamp = struct.pack("<iI", *divmod(stamp_ns, NS_PER_S))
     return b"".join((raw[:CDR_HEADER_BYTES], stamp, memoryview(raw)[CDR_HEADER_BYTES + len(stamp):]))
 
 
@@ -226,8 +216,9 @@ class _Writer:
         self.raw = bytearray(b"\x00\x01\x00\x00")
 
     def header(self, header: Header) -> None:
-        self.number(header.sec, "i")
-        self.number(header.nanosec)
+        sec, nanosec = divmod(header.stamp_ns, NS_PER_S)
+        self.number(sec, "i")
+        self.number(nanosec)
         self.text(header.frame_id)
 
     def number(self, value: int, code: str = "I") -> None:

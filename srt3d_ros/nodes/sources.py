@@ -1,6 +1,7 @@
 """What the player plays: a photon file or the simulator, as messages that are due one after the other."""
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import lru_cache
 from itertools import count, islice
 from typing import NamedTuple
 
@@ -76,8 +77,9 @@ class FrameSource:
                  notes: tuple[str, ...] = ()):
         self.sensor, self.notes = sensor_message.encode_cdr(sensor), notes
         self._rate_hz, self._frames = parameters["rate_hz"], parameters["frames"] or None
-        self._sensor, self._frame = sensor, frame
-        self._encoded: tuple[PhotonEvents, bytes] | None = None
+        self._frame = frame
+        # Cached: the frame of a file, which repeats, is encoded once.
+        self._encode = lru_cache(1)(lambda events: photons_message.encode_cdr(events, sensor, sensor.frame_id))
         self._encode(frame(0))
 
     def items(self) -> Iterator[Item]:
@@ -85,12 +87,6 @@ class FrameSource:
         for k in islice(count(), self._frames):
             due_ns = round(k * NS_PER_S / self._rate_hz)
             yield Item("photons", self._encode(self._frame(k)), due_ns, due_ns)
-
-    def _encode(self, frame: PhotonEvents) -> bytes:
-        """The message of a frame; that of a file, which repeats, is encoded once."""
-        if self._encoded is None or self._encoded[0] is not frame:
-            self._encoded = frame, photons_message.encode_cdr(frame, self._sensor, self._sensor.frame_id)
-        return self._encoded[1]
 
 
 PACKETS = 10            # of a frame

@@ -96,12 +96,11 @@ class RecordingReader:
             raise self._unreadable(e) from None
         require(len(entries) > 0, "recording", str(path), "an .rrd file that holds a recording")
         self._store = entries[0]        # rerun warns of a choice that it makes by itself
-        self.recording_id = self._store.recording_id
 
-    def cloud_index(self, progress: bool = False) -> CloudIndex:
-        """Stamp, frame index and number of points of every cloud; `progress` shows a bar after 2 s."""
+    def cloud_index(self) -> CloudIndex:
+        """Stamp, frame index and number of points of every cloud; shows a bar after 2 s."""
         rows = tqdm(self._rows(schema.POINTS, schema.FRAME, schema.STAMP, "Points3D:positions"), "reading", delay=2,
-                    leave=False, unit="chunk", disable=not progress)
+                    leave=False, unit="chunk")
         parts = [(frames, stamps, xyz.value_lengths().fill_null(0).to_numpy(zero_copy_only=False).astype(np.int64))
                  for _, frames, stamps, xyz in rows]
         frames, stamps, points = (np.concatenate(part) for part in zip(*parts)) if parts else [np.empty(0, int)] * 3
@@ -112,7 +111,7 @@ class RecordingReader:
         """The clouds, in the order they were logged; `only` those with these frame indices."""
         for chunk, stamps, frames, xyz, intensity, colour in self._rows(
                 schema.POINTS, schema.STAMP, schema.FRAME, "Points3D:positions", schema.INTENSITY, "Points3D:colors"):
-            optional = [self._optional(chunk, name) for name in schema.OF_FULL_CLOUDS]
+            optional = [_column(chunk, name) for name in schema.OF_FULL_CLOUDS]
             for k in range(len(stamps)):
                 if only is None or int(frames[k]) in only:
                     more = (None if column is None or not column[k].is_valid else _array(column[k])
@@ -151,7 +150,7 @@ class RecordingReader:
         """The log lines of the nodes, in the order they were recorded."""
         lines = []
         for chunk, texts in self._rows(f"{schema.LOG}/**", "TextLog:text"):
-            levels, stamps = (self._optional(chunk, name) for name in ("TextLog:level", schema.STAMP))
+            levels, stamps = (_column(chunk, name) for name in ("TextLog:level", schema.STAMP))
             for k in range(chunk.num_rows):
                 level = levels[k].as_py() if levels is not None else None
                 lines.append(LogLine(None if stamps is None else int(stamps[k]), (level or [""])[0],
@@ -175,9 +174,9 @@ class RecordingReader:
         return found
 
     def _rows(self, content: str, *names: str) -> Iterator[tuple]:
-        """(chunk, a column for each of `names`) for every chunk at the entity paths, columns as `_optional` gives."""
+        """(chunk, a column for each of `names`) for every chunk at the entity paths, columns as `_column` gives."""
         for chunk in self._chunks(content):
-            columns = [self._optional(chunk, name) for name in names]
+            columns = [_column(chunk, name) for name in names]
             missing = [name for name, column in zip(names, columns) if column is None]
             require(not missing, "recording", str(self.path), f"{chunk.entity_path} with {missing and missing[0]}")
             yield chunk, *columns
@@ -188,18 +187,7 @@ class RecordingReader:
         except (RuntimeError, ValueError) as e:
             raise self._unreadable(e) from None
 
-    def _optional(self, chunk: Chunk, name: str):
-        """A column of a chunk: times as int64 [rows], all else as an Arrow list for each row; None if missing."""
-        batch = chunk.to_record_batch()
-        if name not in batch.schema.names:
-            return None
-        column = batch.column(name)
-        # Times as a copy: a view would keep the whole chunk in memory.
-        return np.array(column.cast(pa.int64())) if name in (schema.STAMP, schema.FRAME) else column
-
     def _unreadable(self, error: Exception) -> InvalidInput:
-        if isinstance(error, InvalidInput):
-            return error
         why = " ".join(str(error).removeprefix(f"Failed to read RRD file at {self.path}: ").split())
         return InvalidInput("recording", str(self.path), f"an .rrd file that can be read ({why})")
 
@@ -218,6 +206,16 @@ def _check_ends(path: Path) -> None:
         file.seek(max(size - _FOOTER_BYTES, 0))
         require(file.read().startswith(_FOOTER_MARK), "recording", str(path), "an .rrd file that was not cut off; "
                 f"`rerun rrd filter --continue-on-error -o saved.rrd {path.name}` saves what can be read")
+
+
+def _column(chunk: Chunk, name: str):
+    """A column of a chunk: times as int64 [rows], all else as an Arrow list for each row; None if missing."""
+    batch = chunk.to_record_batch()
+    if name not in batch.schema.names:
+        return None
+    column = batch.column(name)
+    # Times as a copy: a view would keep the whole chunk in memory.
+    return np.array(column.cast(pa.int64())) if name in (schema.STAMP, schema.FRAME) else column
 
 
 def _array(item: pa.Scalar) -> np.ndarray:

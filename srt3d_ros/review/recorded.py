@@ -30,7 +30,7 @@ class Recorded:
     def read(cls, path) -> "Recorded":
         """Read a recording; InvalidInput if the file is none, or has no cloud or no description of its sensor."""
         reader = RecordingReader(path)
-        index = reader.cloud_index(progress=True)
+        index = reader.cloud_index()
         require(len(index) > 0, "recording", str(path), "a recording with clouds at /points")
         properties = reader.properties()
         description = properties.get(schema.SENSOR, {}).get("description")
