@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
+from srt3d_ros.core.sensor.model import MAX_BINS
 from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets.files import map_npy, read_errors, read_npz_arrays, require_file
+from srt3d_ros.datasets.values import array
 from srt3d_ros.errors import InvalidInput, require
 
-MAX_LENGTH = 65_535
 MAX_TEXT_BYTES = 4 * 2**20      # 64 for each number of the longest response
 TEXT_SUFFIXES = (".csv", ".txt")
 SUFFIXES = (".npy", ".npz", *TEXT_SUFFIXES)
@@ -51,7 +52,7 @@ def spad(bin_width_s: float, fwhm_s: float = 55e-12, tail_s: float = 100e-12, ta
 
 def gaussian(sigma_bins: float) -> np.ndarray:
     """A Gaussian of this standard deviation, in bins; float64 [L], cut at 4 of them."""
-    require(0 < sigma_bins < MAX_LENGTH / 8, "irf_sigma_bins", sigma_bins, "bins, above 0")
+    require(0 < sigma_bins < MAX_BINS / 8, "irf_sigma_bins", sigma_bins, "bins, above 0")
     reach = int(np.ceil(4 * sigma_bins))
     return np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma_bins) ** 2)
 
@@ -64,20 +65,11 @@ def read(source: str | Path | np.ndarray | list) -> np.ndarray:
     Raises:
         InvalidInput: the file or its content cannot be used.
     """
-    if isinstance(source, (str, Path)):
-        path = Path(source)
-        require(path.suffix.lower() in SUFFIXES, "irf", str(source), f"a file {', '.join(SUFFIXES)}")
-        require_file(path, "irf")
-        values = _read_file(path)
-    else:
-        values = source
-    try:
-        irf = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise InvalidInput("irf", source, "numbers") from None
+    values = _read_file(Path(source)) if isinstance(source, (str, Path)) else source
+    irf = array("irf", values).astype(np.float64)
     irf = irf.squeeze() if irf.ndim == 2 and 1 in irf.shape else irf
-    require(irf.ndim in (1, 2) and 0 < irf.shape[-1] <= MAX_LENGTH, "irf shape", irf.shape,
-            f"[L] or [pixels, L], L from 1 to {MAX_LENGTH}; irf_sigma_bins makes a Gaussian")
+    require(irf.ndim in (1, 2) and 0 < irf.shape[-1] <= MAX_BINS, "irf shape", irf.shape,
+            f"[L] or [pixels, L], L from 1 to {MAX_BINS}; irf_sigma_bins makes a Gaussian")
     return irf
 
 
@@ -133,6 +125,8 @@ def estimated(events: PhotonEvents, num_bins: int, guess: bool = False) -> tuple
 
 
 def _read_file(path: Path) -> np.ndarray:
+    require(path.suffix.lower() in SUFFIXES, "irf", str(path), f"a file {', '.join(SUFFIXES)}")
+    require_file(path, "irf")
     if path.suffix.lower() == ".npz":
         arrays = read_npz_arrays(path, ("irf",), "irf")
         require("irf" in arrays, f"{path.name} array irf", "missing", "the impulse response")

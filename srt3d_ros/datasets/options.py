@@ -87,8 +87,7 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None) -> dic
     if "irf_sigma_bins" in given:
         given["irf"] = irfs.gaussian(finite("irf_sigma_bins", given.pop("irf_sigma_bins"), "bins, above 0"))
     elif "irf" in given:
-        own = given["irf"]
-        given["irf"] = irfs.read(own if isinstance(own, (str, Path, list)) else array("irf", own))
+        given["irf"] = irfs.read(given["irf"])
     if "irf" in given:
         options.pop("irf_ref", None)
     if "fov_deg" in given:

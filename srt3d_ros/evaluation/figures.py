@@ -13,23 +13,16 @@ STRIPS = 10         # most rows of a picture that is still readable
 
 
 def draw(folder: Path, rows: Sequence[dict], shown: Sequence[Outcome]) -> None:
-    """Draw the metrics of averaged rows, and the clouds of the outcomes that are shown."""
-    _curves(folder, rows)
-    _pictures(folder, shown)
+    """Draw the metrics of averaged rows against photons per pixel, scene by scene, and the clouds that are shown.
 
-
-def _curves(folder: Path, rows: Sequence[dict]) -> None:
-    """Draw the metrics of each scene against photons per pixel."""
+    Clouds lie side by side in a picture of each scene and of all files together.
+    """
     for source in dict.fromkeys(row["source"] for row in rows if row["sbr"]):
         chosen = [row for row in rows if row["source"] == source]
         first = chosen[0]
         title = (f"{source}: {first['rows']} × {first['cols']} pixels, {first['num_bins']} bins of "
                  f"{first['bin_width_mm']:.3g} mm, tolerance {first['tolerance_bins'] * first['bin_width_mm']:.3g} mm")
         draw_metrics(folder / f"metrics_{source}.png", chosen, title, list(METHODS))
-
-
-def _pictures(folder: Path, shown: Sequence[Outcome]) -> None:
-    """Draw clouds side by side, of each scene and of all files together."""
     of_picture: dict[str, dict[Case, list[Outcome]]] = {}
     for outcome in sorted(shown, key=lambda outcome: -(outcome.job.case.sbr or 0)):
         case = outcome.job.case

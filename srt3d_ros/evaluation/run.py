@@ -1,6 +1,5 @@
 """Run methods on cases and compare their clouds with the truth."""
 
-import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -13,7 +12,6 @@ from srt3d_ros import __version__
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.methods import Method
 from srt3d_ros.core.metrics import evaluate, median_offset
-from srt3d_ros.core.progress import compiling
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import InvalidInput
@@ -98,16 +96,11 @@ def judged(job: Job, observation: Observation) -> Outcome:
 
 def reconstruct(job: Job, observation: Observation) -> tuple[PointCloud, dict]:
     """A job's cloud, and the frequencies and times (milliseconds) of its reconstruction."""
-    sensor, seen, frequencies, sketch_ms = job.case.sensor, observation.frame, None, None
-    if job.method.needs == "sketch":
-        frequencies = choose(job.method.frequencies, sensor, job.sketch_size)
-        photons = Photons(sensor, seen)
-        seen, sketch_ms = _timed(lambda: photons.sketch(frequencies=frequencies))
-    method = job.method.build(sensor, frequencies, surfaces=job.case.surfaces)
-    with compiling():
-        method.warm_up()
-    cloud, elapsed_ms = _timed(lambda: method(seen))
-    return cloud, {"frequencies": frequencies, "sketch_ms": sketch_ms, "reconstruct_ms": elapsed_ms}
+    method, sensor = job.method, job.case.sensor
+    frequencies = choose(method.frequencies, sensor, job.sketch_size) if method.needs == "sketch" else None
+    cloud = Photons(sensor, observation.frame).reconstruct(method=method.name, frequencies=frequencies,
+                                                           surfaces=job.case.surfaces)
+    return cloud, {name: cloud.facts[name] or None for name in ("frequencies", "sketch_ms", "reconstruct_ms")}
 
 
 def judge(cloud: PointCloud, case: Case, observation: Observation) -> dict:
@@ -141,10 +134,3 @@ def aligned_reference(cloud: PointCloud, case: Case, observation: Observation):
         counted[surface] &= near
         offsets.append(offset)
     return reference, counted, tuple(offsets)
-
-
-def _timed(compute):
-    """The result of compute(), and its duration in milliseconds."""
-    started = time.perf_counter()
-    result = compute()
-    return result, (time.perf_counter() - started) * 1e3

@@ -44,9 +44,9 @@ def test_a_gate_moves_toa_offset_and_reference_together(path):
 @pytest.mark.parametrize(("field", "options"), [
     ("gate", {"gate": (40, 20)}), ("gate", {"gate": (3,)}), ("gate", {"gate": (-1, 20)}), ("gate", {"gate": (0.5, 20)}),
     ("toa", {"num_bins": 40}), ("rows", {"rows": 3}), ("option name", {"width": 3}), ("irf", {"irf": "response.bin"}),
-    ("irf", {"irf": ["a"]}), ("irf shape", {"irf": np.ones((2, 2, 2))}), ("fov_deg", {"fov_deg": "wide"}),
+    ("irf dtype", {"irf": ["a"]}), ("irf shape", {"irf": np.ones((2, 2, 2))}), ("fov_deg", {"fov_deg": "wide"}),
     ("channel", {"channel": 1}), ("frame", {"frame": 1}), ("num_bins", {"num_bins": "many"}),
-    ("fov_deg", {"fov_deg": 10**400}), ("gate", {"gate": (10**400, 2)}), ("irf", {"irf": [10**400]}),
+    ("fov_deg", {"fov_deg": 10**400}), ("gate", {"gate": (10**400, 2)}), ("irf dtype", {"irf": [10**400]}),
     ("irf", {"irf": "a" * 300 + ".npy"}), ("irf", {"irf": "absent.npy"}), ("gate", {"gate": 3})])
 def test_unusable_options_are_named(path, field, options):
     with pytest.raises(InvalidInput) as caught:
