@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
         check_place(args.output)
     photons = read(args.input, args.frame, args.photons_topic, guess_irf=True, **common.overrides(args))
     found = describe(photons)
-    facts, gate = found.facts, found.design.gate
+    facts, gate = found.facts, found.gate
     if args.output is not None:
         from srt3d_ros.pictures.photon_histogram import draw_histogram
 
