@@ -100,12 +100,12 @@ def test_poisson(shape, irfs, surfaces, ppp):
     t, r = make_points(sensor, surfaces)
     background = np.random.default_rng(2).uniform(0.001, 0.1, shape).astype(np.float32)
     stray, signal, score = np.zeros(shape), np.zeros(r.shape), np.zeros(r.shape)
-    entries = np.arange(-1, data.irf.shape[1] + 1)
+    entries = np.arange(data.irf.shape[1])
     for p, (i, j) in enumerate(np.ndindex(shape)):
         own = p if irfs > 1 else 0
         for x in data.toa[data.starts[p]:data.starts[p + 1]]:
-            place = (x.astype(float) - t[i, :, j] + data.ref + 1) % T - 1
-            h, slope = (np.interp(place, entries, np.r_[0, of[own], 0]) for of in (data.irf, data.slope))
+            place = (x.astype(float) - t[i, :, j] + data.ref) % T
+            h, slope = (np.interp(place, entries, of[own]) for of in (data.irf, data.slope))
             total = background[i, j] + (r[i, :, j] * h).sum()
             stray[i, j] += background[i, j] / total
             signal[i, :, j] += r[i, :, j] * h / total

@@ -36,7 +36,7 @@ class Likelihood:
 
     Args:
         starts: int64 [rows · cols + 1], toa: float32 [N]: the photons by pixel, delays taken out.
-        irf, slope: float32 [1 or rows · cols, L], h and h′.
+        irf, slope: float32 [1 or rows · cols, L + 2], h and h′, this between neighbouring bins; 0 at both ends.
         ref: index into them that marks the depth.
         information: Σ h′² / (h + b / r), Fisher's, of a signal photon on the depth, bins⁻².
         num_bins: T.
@@ -59,8 +59,9 @@ class RT3D:
     def __init__(self, sensor: SensorModel, surfaces: int = 1):
         check_surfaces(surfaces)
         self.sensor, self.surfaces, (_, self._kernels) = sensor, surfaces, kernels_for("cpu")
-        self._irf = np.atleast_2d(sensor.irf)
-        self._slope = _slope(self._irf).astype(np.float32)
+        irf = self._irf = np.pad(np.atleast_2d(sensor.irf), [(0, 0), (1, 1)])
+        self._slope = np.zeros_like(irf)
+        self._slope[:, 1:-1] = (irf[:, 2:] - irf[:, :-2]) / 2
         self._width_bins = _rms_width(self._irf.mean(axis=0))
 
     def __call__(self, frame: PhotonFrame) -> PointCloud:
@@ -84,9 +85,9 @@ class RT3D:
         sensor, toa = self.sensor, photons.toa
         if sensor.delay_bins is not None:
             toa = toa - np.repeat(sensor.delay_bins.ravel(), photons.counts)
-        mean = self._irf.mean(axis=0).astype(np.float64)
-        information = max(float((_slope(mean)**2 / (mean + ratio)).sum()), LEAST_INFORMATION)
-        return Likelihood(photons.starts, toa, self._irf, self._slope, sensor.irf_ref, information, sensor.num_bins,
+        mean, slope = (values[:, 1:-1].mean(axis=0, dtype=np.float64) for values in (self._irf, self._slope))
+        information = max(float((slope**2 / (mean + ratio)).sum()), LEAST_INFORMATION)
+        return Likelihood(photons.starts, toa, self._irf, self._slope, sensor.irf_ref + 1, information, sensor.num_bins,
                           sensor.exposure)
 
     def _smoother(self, seen: np.ndarray) -> Callable:
@@ -101,12 +102,6 @@ class RT3D:
     def warm_up(self) -> None:
         """Compile the kernels, or load them from the disk."""
         self(PhotonEvents(np.zeros(1, np.uint32), np.zeros(1, np.uint16)))
-
-
-def _slope(irf: np.ndarray) -> np.ndarray:
-    """h′ between neighbouring bins' means, per bin; as long as the IRF, float64 [..., L]."""
-    padded = np.pad(irf.astype(np.float64), [(0, 0)] * (irf.ndim - 1) + [(1, 1)])
-    return (padded[..., 2:] - padded[..., :-2]) / 2
 
 
 def _rms_width(irf: np.ndarray) -> float:

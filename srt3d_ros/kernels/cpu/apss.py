@@ -18,16 +18,19 @@ REACH, SAME_SURFACE, STILL, SHARED, RIDGE = (F32(value) for value in (
     constants.APSS_REACH, constants.APSS_SAME_SURFACE, constants.APSS_STILL, constants.APSS_SHARED,
     constants.APSS_RIDGE))
 ENOUGH, PROJECTIONS = constants.APSS_ENOUGH, constants.APSS_PROJECTIONS
+X, Y, Z, NX, NY, NZ = range(6)      # of a point: where it is, pixels, and its normal
+# Of a surface: its points, their mean depth, its intensity in the pixel itself, points and intensity in the others.
+COUNT, MEAN, OWN, NEIGHBOURS, OTHERS = range(5)
 
 
 @inline
-def _gather(i, j, depth, intensity, normal, scale, period, x, y, z, r, nx, ny):
-    """Collect the points of the 3 × 3 neighbourhood, those of pixel (i, j) first; depths count from the first one's.
+def _gather(i, j, depth, intensity, normal, scale, period, points, surfaces):
+    """Collect the points of the 3 × 3 neighbourhood, those of pixel (i, j) first, and join them to surfaces by depth.
 
-    Returns how many there are, how many are the pixel's own, what their depths count from (bins), and how many pixels.
+    Depths count from the first point's. Returns how many points, surfaces and pixels there are, and that depth, bins.
     """
-    rows, surfaces, cols = depth.shape
-    found, own, pixels, origin = 0, 0, 0, ZERO
+    rows, layers, cols = depth.shape
+    found, clusters, pixels, origin = 0, 0, 0, ZERO
     for order in range(9):
         at = 4 if order == 0 else (order - 1 if order <= 4 else order)      # the centre, then the others
         di, dj = at // 3 - 1, at % 3 - 1
@@ -35,104 +38,72 @@ def _gather(i, j, depth, intensity, normal, scale, period, x, y, z, r, nx, ny):
         if a < 0 or a >= rows or b < 0 or b >= cols:
             continue
         pixels += 1
-        for k in range(surfaces):
-            if intensity[a, k, b] > ZERO:
-                origin = depth[a, k, b] if found == 0 else origin
-                x[found], y[found] = F32(dj), F32(di)
-                z[found] = wrap(depth[a, k, b] - origin, period) / scale
-                r[found] = intensity[a, k, b]
-                nx[found], ny[found] = normal[0, a, k, b], normal[1, a, k, b]
-                found += 1
-        own = found if order == 0 else own
-    return found, own, origin, pixels
-
-
-@inline
-def _cluster(found, z, member, count, mean):
-    """Join points whose depths agree into surfaces; returns how many surfaces there are."""
-    surfaces, least, most, total = 0, ZERO, ZERO, ZERO
-    for p in range(found):
-        least, most, total = min(least, z[p]), max(most, z[p]), total + z[p]
-        member[p] = 0
-    if most - least < SAME_SURFACE:                 # all are one surface, as nearly everywhere
-        count[0], mean[0] = found, total / F32(max(found, 1))
-        return min(found, 1)
-    for p in range(found):
-        joined = -1
-        for c in range(surfaces):
-            if joined < 0 and abs(z[p] - mean[c]) < SAME_SURFACE:
-                joined = c
-        if joined < 0:
-            joined = surfaces
-            surfaces += 1
-            count[joined], mean[joined] = 0, ZERO
-        count[joined] += 1
-        mean[joined] += (z[p] - mean[joined]) / F32(count[joined])
-        member[p] = joined
-    return surfaces
-
-
-@inline
-def _shared_intensity(c, found, own, member, r):
-    """Intensity of surface c in the pixel: 0.9 of its own and 0.1 of its neighbours' mean; without own, that 0.1."""
-    mine, others, neighbours = ZERO, ZERO, 0
-    for p in range(found):
-        if member[p] == c:
-            if p < own:
-                mine += r[p]
+        for k in range(layers):
+            if intensity[a, k, b] <= ZERO:
+                continue
+            origin = depth[a, k, b] if found == 0 else origin
+            z, nx, ny = wrap(depth[a, k, b] - origin, period) / scale, normal[0, a, k, b], normal[1, a, k, b]
+            points[X, found], points[Y, found], points[Z, found] = F32(dj), F32(di), z
+            points[NX, found], points[NY, found] = nx, ny
+            points[NZ, found] = np.sqrt(max(ONE - nx * nx - ny * ny, ZERO))
+            found += 1
+            c = 0
+            while c < clusters and abs(z - surfaces[MEAN, c]) >= SAME_SURFACE:
+                c += 1
+            if c == clusters:
+                clusters += 1
+                surfaces[:, c] = ZERO
+            surfaces[COUNT, c] += ONE
+            surfaces[MEAN, c] += (z - surfaces[MEAN, c]) / surfaces[COUNT, c]
+            if order == 0:
+                surfaces[OWN, c] += intensity[a, k, b]
             else:
-                others += r[p]
-                neighbours += 1
-    return (ONE - SHARED) * mine + (SHARED * others / F32(neighbours) if neighbours > 0 else ZERO)
+                surfaces[NEIGHBOURS, c] += ONE
+                surfaces[OTHERS, c] += intensity[a, k, b]
+    return found, clusters, pixels, origin
 
 
 @inline
-def _plane(at, found, x, y, z):
-    """Weighted least-squares plane z = c + sx x + sy y near depth `at`: how far it is from there, and normal."""
-    w, wx, wy, wz, wxx, wyy, wxy, wxz, wyz = ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, ZERO
-    for p in range(found):
-        e = z[p] - at
-        near = max(ONE - (x[p] * x[p] + y[p] * y[p] + e * e) / (REACH * REACH), ZERO)
-        f = near * near
-        w += f
-        wx += f * x[p]
-        wy += f * y[p]
-        wz += f * e
-        wxx += f * x[p] * x[p]
-        wyy += f * y[p] * y[p]
-        wxy += f * x[p] * y[p]
-        wxz += f * x[p] * e
-        wyz += f * y[p] * e
-    w += TINY
-    mx, my, mz = wx / w, wy / w, wz / w
-    cxx, cyy, cxy = wxx / w - mx * mx + RIDGE, wyy / w - my * my + RIDGE, wxy / w - mx * my
-    cxz, cyz = wxz / w - mx * mz, wyz / w - my * mz
-    det = cxx * cyy - cxy * cxy
-    sx, sy = (cyy * cxz - cxy * cyz) / det, (cxx * cyz - cxy * cxz) / det
-    length = np.sqrt(ONE + sx * sx + sy * sy)
-    return mz - sx * mx - sy * my, -sx / length, -sy / length
+def _fit(at, found, points, spheres):
+    """The surface through the points near depth `at`: how far it is from there, and x and y of its normal.
 
-
-@inline
-def _sphere(at, found, x, y, z, nx, ny):
-    """Algebraic sphere c + l·p + q p² = 0 through oriented points near depth `at`: how far it is, and normal."""
-    w, wx, wy, wz, wu, wv, wn, wpp, wpn = ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, ZERO
+    A plane z = c + sx x + sy y by weighted least squares; or an algebraic sphere c + l·p + q p² = 0 whose gradient
+    fits the points' normals.
+    """
+    w, wx, wy, wz = ZERO, ZERO, ZERO, ZERO
+    wxx, wyy, wxy, wxz, wyz = ZERO, ZERO, ZERO, ZERO, ZERO
+    wu, wv, wn, wpp, wpn = ZERO, ZERO, ZERO, ZERO, ZERO
     for p in range(found):
-        e = z[p] - at
-        square = x[p] * x[p] + y[p] * y[p] + e * e
+        x, y, z = points[X, p], points[Y, p], points[Z, p] - at
+        square = x * x + y * y + z * z
         near = max(ONE - square / (REACH * REACH), ZERO)
         f = near * near
-        nz = np.sqrt(max(ONE - nx[p] * nx[p] - ny[p] * ny[p], ZERO))
         w += f
-        wx += f * x[p]
-        wy += f * y[p]
-        wz += f * e
-        wu += f * nx[p]
-        wv += f * ny[p]
-        wn += f * nz
-        wpp += f * square
-        wpn += f * (nx[p] * x[p] + ny[p] * y[p] + nz * e)
+        wx += f * x
+        wy += f * y
+        wz += f * z
+        if spheres:
+            u, v, n = points[NX, p], points[NY, p], points[NZ, p]
+            wu += f * u
+            wv += f * v
+            wn += f * n
+            wpp += f * square
+            wpn += f * (u * x + v * y + n * z)
+        else:
+            wxx += f * x * x
+            wyy += f * y * y
+            wxy += f * x * y
+            wxz += f * x * z
+            wyz += f * y * z
     w += TINY
+    if not spheres:
+        mx, my, mz = wx / w, wy / w, wz / w
+        cxx, cyy, cxy = wxx / w - mx * mx + RIDGE, wyy / w - my * my + RIDGE, wxy / w - mx * my
+        cxz, cyz = wxz / w - mx * mz, wyz / w - my * mz
+        det = cxx * cyy - cxy * cxy
+        sx, sy = (cyy * cxz - cxy * cyz) / det, (cxx * cyz - cxy * cxz) / det
+        length = np.sqrt(ONE + sx * sx + sy * sy)
+        return mz - sx * mx - sy * my, -sx / length, -sy / length
     spread = wpp - (wx * wx + wy * wy + wz * wz) / w
     q = HALF * (wpn - (wx * wu + wy * wv + wz * wn) / w) / (spread + RIDGE * w)
     lx, ly, lz = (wu - TWO * q * wx) / w, (wv - TWO * q * wy) / w, (wn - TWO * q * wz) / w
@@ -147,36 +118,29 @@ def _sphere(at, found, x, y, z, nx, ny):
 
 @parallel
 def _apss(depth, intensity, normal, exposure, scale, period, spheres, new_depth, new_intensity, new_normal):
-    rows, surfaces, cols = depth.shape
-    most = 9 * surfaces
+    rows, layers, cols = depth.shape
     for i in prange(rows):
-        x, y, z, r, nx, ny, mean = (np.empty(most, np.float32), np.empty(most, np.float32), np.empty(most, np.float32),
-                                    np.empty(most, np.float32), np.empty(most, np.float32), np.empty(most, np.float32),
-                                    np.empty(most, np.float32))
-        member, count, strength = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most, np.float32)
+        points, surfaces = np.empty((6, 9 * layers), np.float32), np.empty((5, 9 * layers), np.float32)
         for j in range(cols):
-            for k in range(surfaces):
-                new_intensity[i, k, j] = ZERO
             if exposure[i, j] <= ZERO:
                 continue
-            found, own, origin, pixels = _gather(i, j, depth, intensity, normal, scale, period, x, y, z, r, nx, ny)
-            clusters = _cluster(found, z, member, count, mean)
+            found, clusters, pixels, origin = _gather(i, j, depth, intensity, normal, scale, period, points, surfaces)
+            strength = surfaces[OWN]
             for c in range(clusters):
-                supported = count[c] >= min(ENOUGH, pixels)
-                strength[c] = _shared_intensity(c, found, own, member, r) if supported else ZERO
-            for k in range(surfaces):
-                best = -1
+                if surfaces[COUNT, c] >= F32(min(ENOUGH, pixels)):
+                    strength[c] = ((ONE - SHARED) * strength[c]
+                                   + SHARED * surfaces[OTHERS, c] / max(surfaces[NEIGHBOURS, c], ONE))
+                else:
+                    strength[c] = ZERO
+            for k in range(min(layers, clusters)):
+                best = 0
                 for c in range(clusters):
-                    if strength[c] > ZERO and (best < 0 or strength[c] > strength[best]):
-                        best = c
-                if best < 0:
+                    best = c if strength[c] > strength[best] else best
+                if strength[best] <= ZERO:
                     break
-                at, move, step, gx, gy = mean[best], ONE, 0, ZERO, ZERO
+                at, move, step, gx, gy = surfaces[MEAN, best], ONE, 0, ZERO, ZERO
                 while step < PROJECTIONS and abs(move) >= STILL:
-                    if spheres:
-                        move, gx, gy = _sphere(at, found, x, y, z, nx, ny)
-                    else:
-                        move, gx, gy = _plane(at, found, x, y, z)
+                    move, gx, gy = _fit(at, found, points, spheres)
                     at += move
                     step += 1
                 t = origin + at * scale
@@ -207,6 +171,6 @@ def apss(depth, intensity, normal, exposure, scale, num_bins):
         Depth, intensity and normal, the strongest point of a pixel first.
     """
     known = np.zeros((2, *depth.shape), np.float32) if normal is None else normal
-    out = np.zeros_like(depth), np.empty_like(intensity), np.zeros_like(known)
+    out = np.zeros_like(depth), np.zeros_like(intensity), np.zeros_like(known)
     _apss(depth, intensity, known, exposure, F32(scale), F32(num_bins), normal is not None, *out)
     return out

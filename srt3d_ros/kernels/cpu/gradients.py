@@ -10,51 +10,38 @@ from srt3d_ros.kernels.cpu.compiling import inline, parallel
 RATE = F32(constants.INTENSITY_RATE)
 
 
-@inline
-def _subtract(i, k, rest, exposure, energy, bin_frequencies, depth, intensity, sine, cosine):
-    """Take what surface k explains out of `rest`; keep its phases."""
-    m, cols = sine.shape[1:]
-    for l in range(m):
-        for j in range(cols):
-            s, c = sincos(bin_frequencies[l] * depth[i, k, j])
-            seen = exposure[i, j] * intensity[i, k, j] * energy[l]
-            rest[l, j] -= seen * c
-            rest[m + l, j] -= seen * s
-            sine[k, l, j], cosine[k, l, j] = s, c
-
-
-@inline
-def _errors(k, rest, table, level, sine, cosine, shift, change):
-    """Estimate r · (error of t) and the error of r of surface k from what no surface explains."""
-    m, cols = sine.shape[1:]
-    shift[:], change[:] = ZERO, ZERO
-    for l in range(m):
-        for j in range(cols):
-            re = rest[l, j] * cosine[k, l, j] + rest[m + l, j] * sine[k, l, j]
-            im = rest[m + l, j] * cosine[k, l, j] - rest[l, j] * sine[k, l, j]
-            shift[j] += table[level[j], 0, l] * re + table[level[j], 1, l] * im
-            change[j] += table[level[j], 2, l] * re + table[level[j], 3, l] * im
-
-
 @parallel
 def _pixelwise(matched, photons, exposure, energy, bin_frequencies, num_bins, table, rate, usual, reach, depth,
                intensity):
     rows, surfaces, cols = depth.shape
-    m, levels = len(energy), table.shape[0]
+    m, levels = len(energy), len(table)
     for i in prange(rows):
-        rest = matched[i].copy()
+        rest = matched[i].copy()                        # what no surface explains
         sine, cosine = np.empty((surfaces, m, cols), np.float32), np.empty((surfaces, m, cols), np.float32)
-        shift, change, level = np.empty(cols, np.float32), np.empty(cols, np.float32), np.zeros(cols, np.int64)
+        shift, change, level = np.empty(cols, np.float32), np.empty(cols, np.float32), np.empty(cols, np.int64)
         for k in range(surfaces):
-            if intensity[i, k].max() > ZERO:            # few rows have a second surface
-                _subtract(i, k, rest, exposure, energy, bin_frequencies, depth, intensity, sine, cosine)
+            if intensity[i, k].max() <= ZERO:           # few rows have a second surface
+                continue
+            for l in range(m):
+                for j in range(cols):
+                    s, c = sincos(bin_frequencies[l] * depth[i, k, j])
+                    seen = exposure[i, j] * intensity[i, k, j] * energy[l]
+                    rest[l, j] -= seen * c
+                    rest[m + l, j] -= seen * s
+                    sine[k, l, j], cosine[k, l, j] = s, c
         for k in range(surfaces):
             if intensity[i, k].max() <= ZERO:
                 continue
             for j in range(cols):
                 share = exposure[i, j] * intensity[i, k, j] / max(photons[i, j], ONE)
                 level[j] = int(min(share, ONE) * F32(levels - 1) + HALF)
-            _errors(k, rest, table, level, sine, cosine, shift, change)
+            shift[:], change[:] = ZERO, ZERO            # Δ_rt and Δ_r
+            for l in range(m):
+                for j in range(cols):
+                    s, c, a = sine[k, l, j], cosine[k, l, j], table[level[j]]
+                    re, im = rest[l, j] * c + rest[m + l, j] * s, rest[m + l, j] * c - rest[l, j] * s
+                    shift[j] += a[0, l] * re + a[1, l] * im
+                    change[j] += a[2, l] * re + a[3, l] * im
             for j in range(cols):
                 if intensity[i, k, j] > ZERO:
                     seen = max(exposure[i, j], TINY)
@@ -86,21 +73,12 @@ def pixelwise(frame, table, rate, usual, depth, intensity):
 
 
 @inline
-def _irf_at(place, irf, slope, num_bins):
-    """h and h′ at `place`, an index into the IRF between entries, modulo T; 0 outside."""
-    place -= num_bins * np.floor(place / num_bins)
-    if place > num_bins - ONE:
-        place -= num_bins                                   # rises from 0 before the first entry
-    low = int(np.floor(place))
-    part = place - F32(low)
-    value, rise, length = ZERO, ZERO, len(irf)
-    if 0 <= low < length:
-        value += (ONE - part) * irf[low]
-        rise += (ONE - part) * slope[low]
-    if 0 <= low + 1 < length:
-        value += part * irf[low + 1]
-        rise += part * slope[low + 1]
-    return value, rise
+def _between(place, values):
+    """The value at `place`, an index between entries; 0 outside."""
+    low = int(place)
+    if low + 1 >= len(values):
+        return ZERO
+    return values[low] + (place - F32(low)) * (values[low + 1] - values[low])
 
 
 @parallel
@@ -124,7 +102,9 @@ def _poisson(starts, toa, irf, slope, ref, information, num_bins, exposure, back
                 for k in range(surfaces):
                     value[k], rise[k] = ZERO, ZERO
                     if intensity[i, k, j] > ZERO:
-                        value[k], rise[k] = _irf_at(toa[photon] - depth[i, k, j] + ref, irf[own], slope[own], num_bins)
+                        place = toa[photon] - depth[i, k, j] + ref
+                        place -= num_bins * np.floor(place / num_bins)
+                        value[k], rise[k] = _between(place, irf[own]), _between(place, slope[own])
                         total += intensity[i, k, j] * value[k]
                 if total > ZERO:
                     stray[i, j] += background[i, j] / total
