@@ -5,10 +5,11 @@ from itertools import islice
 from pathlib import Path
 from typing import Unpack
 
+from srt3d_ros import json_text
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.datasets.bags.bag import is_bag
 from srt3d_ros.datasets.bags.frames import read_frame
-from srt3d_ros.datasets.files import read_errors, read_text, require_file
+from srt3d_ros.datasets.files import read_errors, require_file
 from srt3d_ros.datasets.options import SensorOptions, gathered
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.simulation.simulator import Simulator
@@ -85,6 +86,7 @@ def open_sensor(path: str | Path) -> SensorModel:
     if path.suffix.lower() != ".json":
         return read(path).sensor
     require_file(path, "sensor file")
-    text = read_text(path)
-    with read_errors(path):
-        return sensor_message.from_json(text)
+    with read_errors(path, "JSON in UTF-8"):
+        size = path.stat().st_size
+        require(size <= json_text.MAX_BYTES, "", f"{size} bytes", f"at most {json_text.MAX_BYTES} bytes")
+        return sensor_message.from_json(path.read_text(encoding="utf-8-sig"))

@@ -1,4 +1,4 @@
-"""Arrays and text of files that may be damaged or hostile: sizes are bounded before anything is loaded."""
+"""Arrays of files that may be damaged or hostile: sizes are bounded before anything is loaded."""
 
 import logging
 import math
@@ -10,7 +10,6 @@ from typing import BinaryIO
 
 import numpy as np
 
-from srt3d_ros import json_text
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.new_files import file_errors
 
@@ -60,14 +59,6 @@ def read_errors(path: Path, expected: str = "", library: str = "") -> Iterator[N
         raise InvalidInput(path.name, f"unreadable ({why})", expected) from None
     finally:
         log.setLevel(level)
-
-
-def read_text(path: Path) -> str:
-    """The text of a JSON file, with or without a byte order mark; InvalidInput if it is too long or not UTF-8."""
-    with read_errors(path, "JSON in UTF-8"):
-        size = path.stat().st_size
-        require(size <= json_text.MAX_BYTES, "", f"{size} bytes", f"at most {json_text.MAX_BYTES} bytes")
-        return path.read_text(encoding="utf-8-sig")
 
 
 def read_npz_arrays(path: Path, names: tuple[str, ...], field: str = "photon file", and_cubes: bool = False

@@ -13,6 +13,7 @@ from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.datasets.arrays import from_pixels
 from srt3d_ros.datasets.files import read_errors, read_npz_arrays
+from srt3d_ros.datasets.options import MAPS
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers import cubes
 from srt3d_ros.datasets.values import MAX_PHOTONS
@@ -21,7 +22,6 @@ from srt3d_ros.messages.sensor import PROJECTIONS
 from srt3d_ros.new_files import check_replaceable, file_errors
 
 NUMBERS = ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m")
-MAPS = ("gain", "delay_bins", "mask", "background_shape")
 TEXTS = ("frame_id", "toa_reference")
 OWN = (*NUMBERS, "irf", *MAPS, *TEXTS)                          # arguments of SensorModel
 FIRST_REFERENCES = ("ref_depth_ml_bins", "ref_depth_bins")      # the better one first

@@ -46,12 +46,10 @@ class Observation:
         """The cloud of a perfect reconstruction; None without any reference."""
         if self.depth_bins is None:
             return None
-        row, col, surface = np.nonzero(np.moveaxis(np.isfinite(self.depth_bins), 0, -1))
-        depth = self.depth_bins[surface, row, col].astype(np.float32)
-        intensity = np.ones(len(row)) if self.intensity is None else np.nan_to_num(self.intensity)[surface, row, col]
-        return PointCloud(row.astype(np.uint16), col.astype(np.uint16), depth, intensity.astype(np.float32),
-                          np.zeros(len(row), np.float32), sensor.xyz(row, col, depth), surface.astype(np.uint8),
-                          np.zeros((sensor.rows, sensor.cols), np.float32))
+        depth = np.swapaxes(self.depth_bins, 0, 1)
+        intensity = 1.0 if self.intensity is None else np.swapaxes(self.intensity, 0, 1)
+        return PointCloud.from_layers(sensor, depth, np.where(np.isfinite(depth), intensity, 0),
+                                      np.zeros((sensor.rows, sensor.cols)), 0)
 
 
 @dataclass(frozen=True, eq=False)

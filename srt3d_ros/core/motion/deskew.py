@@ -9,9 +9,7 @@ at its own place: along the surface, not across its edges.
 
 The range ρ comes from the photons themselves: the phase of the lowest frequency, to which an even background adds
 nothing, of the pixels around, as many as the noise takes. Neighbours' ranges must not differ by noise, because photons
-that they share would. A room at 3 and 10 photons per pixel and SBR 1: true ranges have 0.392 and 0.243 bins of depth
-error, these 0.406 and 0.255, one range for all pixels 0.413 and 0.260, none 0.461 and 0.311, photons not moved 0.683
-and 0.531.
+that they share would.
 """
 
 from collections.abc import Sequence

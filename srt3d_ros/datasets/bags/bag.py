@@ -5,7 +5,6 @@ from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 from srt3d_ros.errors import InvalidInput, require
 
@@ -20,14 +19,6 @@ class BagTopic:
     name: str
     type: str
     messages: int
-
-
-class Message(NamedTuple):
-    """A message of a bag: its topic's name, when it was recorded (nanoseconds since 1970), its serialised bytes."""
-
-    topic: str
-    time_ns: int
-    raw: bytes
 
 
 def is_bag(path: str | Path) -> bool:
@@ -71,8 +62,8 @@ class Bag:
     def __exit__(self, *exc) -> None:
         self._files.close()
 
-    def messages(self, topics: Collection[BagTopic]) -> Iterator[Message]:
-        """The messages of these topics in the order of their recording.
+    def messages(self, topics: Collection[BagTopic]) -> Iterator[tuple[str, bytes]]:
+        """Topic's name and serialised bytes of each message of these topics, in the order of their recording.
 
         Raises:
             InvalidInput: at the message at which the bag breaks off.
@@ -83,10 +74,10 @@ class Bag:
                 connections = [c for c in reader.connections if (c.topic, c.msgtype) in wanted]
                 if not connections:         # none would mean all
                     continue
-                for connection, time_ns, raw in reader.messages(connections):
-                    if type(time_ns) is not int or type(raw) is not bytes:      # SQLite keeps anything anywhere
-                        raise TypeError(f"a message on {connection.topic} is not bytes with a time")
-                    yield Message(connection.topic, time_ns, raw)
+                for connection, _, raw in reader.messages(connections):
+                    if type(raw) is not bytes:      # SQLite keeps anything anywhere
+                        raise TypeError(f"a message on {connection.topic} is not bytes")
+                    yield connection.topic, raw
 
     def content(self) -> str:
         """The bag's topics in words, for messages."""

@@ -98,12 +98,12 @@ def read_frame(path: str | Path, number: int, options: dict, photons_topic: str 
 
 def _frame(bag: Bag, topics: PhotonTopics, number: int) -> tuple[bytes, bytes]:
     """Message `number` on the topic of the frames, and the description before it; InvalidInput if it is not there."""
-    described = next((message.raw for message in bag.messages((topics.sensor,))), None)
-    for message in bag.messages((topics.frames, topics.sensor)) if described else ():
-        if message.topic == topics.sensor.name:
-            described = message.raw
+    described = next((raw for _, raw in bag.messages((topics.sensor,))), None)
+    for topic, raw in bag.messages((topics.frames, topics.sensor)) if described else ():
+        if topic == topics.sensor.name:
+            described = raw
         elif number == 0:
-            return message.raw, described
+            return raw, described
         else:
             number -= 1
     raise InvalidInput(f"bag {bag.path.name}", "shorter than it says", "a complete bag")
@@ -111,9 +111,9 @@ def _frame(bag: Bag, topics: PhotonTopics, number: int) -> tuple[bytes, bytes]:
 
 def _named(bag: Bag, topic: BagTopic, digest: str, number: int) -> bytes:
     """The description of this digest; InvalidInput if the bag does not have it."""
-    for message in bag.messages((topic,)):
-        if sensor_message.digest(cdr.read_text(message.raw)) == digest:
-            return message.raw
+    for _, raw in bag.messages((topic,)):
+        if sensor_message.digest(cdr.read_text(raw)) == digest:
+            return raw
     raise InvalidInput(f"sketch/sensor of frame {number}", "missing", f"the description sensor_{digest}")
 
 
@@ -121,7 +121,7 @@ def _content(bag: Bag, topic: BagTopic) -> str:
     """What the first message of a topic holds: a key of CODECS, "sketch", "sensor", or else ""."""
     if topic.type not in (CLOUD, IMAGE, TEXT):
         return ""
-    raw = next((message.raw for message in bag.messages((topic,))), b"")    # a bag may lie about its messages
+    raw = next((raw for _, raw in bag.messages((topic,))), b"")    # a bag may lie about its messages
     with suppress(InvalidInput):
         if topic.type == CLOUD:
             cloud = cdr.read_cloud(raw)

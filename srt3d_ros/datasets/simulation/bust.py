@@ -95,14 +95,15 @@ class Bust:
         """Range (metres along the ray) and reflectivity at time `t_s`; both float32 [1, rows, cols]."""
         range_m = np.float32(WALL_M) / self._rays[2]
         reflectivity = self._wall(range_m)
-        for figure, texture, (turn, at) in zip((self._head, self._torso), (_plain, _stripes), _pose(t_s)):
+        for figure, (turn, at) in zip((self._head, self._torso), _pose(t_s)):
             origin = (-at @ turn).astype(np.float32)
             rays = np.einsum("ji,jn->in", turn.astype(np.float32), self._rays)
             hit_at = figure.march(origin, rays)
             seen = np.flatnonzero(hit_at < range_m)
             points = origin[:, None] + hit_at[seen] * rays[:, seen]
             range_m[seen] = hit_at[seen]
-            reflectivity[seen] = figure.reflectivity(points) * texture(points)
+            stripes = _stripes(points) if figure is self._torso else 1.0
+            reflectivity[seen] = figure.reflectivity(points) * stripes
         range_m = range_m.reshape(self._shape)
         shade = 0.25 + 0.75 * self._cosine(range_m)
         return range_m[None], (reflectivity.reshape(self._shape) * shade)[None]
@@ -127,10 +128,6 @@ def _pose(t_s: float) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
     at = AT_M + (0.012 * sway, 0.002 * breath, 0.006 * breath)
     head = body @ rotation(7 * np.sin(2 * np.pi * t_s / 4.0), 30 * np.sin(2 * np.pi * t_s / 8.0), 0)
     return (head, at + body @ PIVOT_M - head @ PIVOT_M), (body, at)
-
-
-def _plain(points: np.ndarray) -> float:
-    return 1.0
 
 
 def _stripes(points: np.ndarray) -> np.ndarray:

@@ -24,17 +24,13 @@ OPTICAL = Pose(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))     # of a camer
 def walk(t_s: float) -> Pose:
     """A person who walks round in a circle at 1 m/s, so turns at 30°/s, looks a little down, and bobs."""
     angle, step = TURN_RAD_S * t_s, 2 * np.pi * STEPS_HZ * t_s
-    place = (WALK_RADIUS_M * np.cos(angle), WALK_RADIUS_M * np.sin(angle), EYE_M + 0.02 * np.sin(step))
-    return _heading(place, angle + np.pi / 2, np.radians(8 + 0.5 * np.sin(step)), np.radians(np.sin(step / 2)))
+    place = np.array([WALK_RADIUS_M * np.cos(angle), WALK_RADIUS_M * np.sin(angle), EYE_M + 0.02 * np.sin(step)])
+    left, down, right = (Pose.turned(vector) for vector in (
+        [0, 0, angle + np.pi / 2], [0, np.radians(8 + 0.5 * np.sin(step)), 0], [np.radians(np.sin(step / 2)), 0, 0]))
+    return Pose((left @ down @ right).rotation, place)
 
 
 MOTIONS: dict[str, Path] = {"walk": walk}       # of a body in the room
-
-
-def _heading(place, yaw: float, pitch: float = 0.0, roll: float = 0.0) -> Pose:
-    """At a place, turned to the left by yaw, then down by pitch, then to the right by roll; radians."""
-    turns = [Pose.turned(vector) for vector in ([0, 0, yaw], [0, pitch, 0], [roll, 0, 0])]
-    return Pose((turns[0] @ turns[1] @ turns[2]).rotation, np.asarray(place, np.float64))
 
 
 class Measured(NamedTuple):
