@@ -16,7 +16,7 @@ from srt3d_ros.core.sensor.model import SPEED_OF_LIGHT, SensorModel
 from srt3d_ros.core.sensor.projection import DEFAULT_FOV_DEG, Pinhole, Projection
 from srt3d_ros.core.sketching.gate import parse
 from srt3d_ros.datasets import irf as irfs
-from srt3d_ros.datasets.values import array, pair
+from srt3d_ros.datasets.values import array
 from srt3d_ros.errors import finite, quoted, require
 from srt3d_ros.results import Sketch
 
@@ -77,7 +77,9 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None) -> dic
         require(isinstance(sensor, SensorModel), "sensor", type(sensor).__name__, "a Sensor")
         options = {name: getattr(sensor, name) for name in ("rows", "cols", *OF_SENSOR)}
     if "shape" in given:
-        given["rows"], given["cols"] = pair("shape", given.pop("shape"), "(rows, cols)")
+        shape = array("shape", given.pop("shape"))
+        require(shape.shape == (2,), "shape", shape.tolist(), "(rows, cols)")
+        given["rows"], given["cols"] = shape.tolist()
     if "gate" in given:
         given["gate"] = gate = parse(given["gate"])
         require(not isinstance(gate, str), "gate", quoted(gate), "first and last bin, both kept")

@@ -83,10 +83,7 @@ def read(path: Path, options: dict) -> Photons:
         for name in REQUIRED:
             require(name in values, name, "missing", f"the arrays {', '.join(REQUIRED)}, or options")
         pixel, toa = values["pixel"], values["toa"]
-        for name, array in (("pixel", pixel), ("toa", toa)):
-            require(array.ndim == 1 and array.shape == pixel.shape, f"{name} shape", array.shape,
-                    "[N], one entry a photon")
-        require(len(pixel) <= MAX_PHOTONS, "photons", len(pixel), f"at most {MAX_PHOTONS}")
+        require(pixel.size <= MAX_PHOTONS, "photons", pixel.size, f"at most {MAX_PHOTONS}")
         sensor, events, notes = from_pixels(pixel, toa, int(values.get("stamp_ns", 0)), _of_sensor(values))
         reference = _reference(values, sensor)
     return Photons(sensor, events, reference, path.stem, notes).with_options(options)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from srt3d_ros.core.sketching.photons import COUNT_DTYPES
-from srt3d_ros.errors import InvalidInput, finite, quoted, require
+from srt3d_ros.errors import InvalidInput, require
 
 MAX_PHOTONS = 2**28
 
@@ -37,17 +37,6 @@ def check_within(name: str, values: np.ndarray, end: int) -> None:
     if values.size:
         low, high = values.min().item(), values.max().item()        # a NaN makes both NaN
         require(0 <= low and high < end, name, low if high < end else high, f"0 to below {end}")
-
-
-def pair(field: str, value: Any, expected: str) -> tuple[int, int]:
-    """Two integers of 0 or more, or InvalidInput."""
-    try:
-        first, second = value
-    except (TypeError, ValueError):
-        raise InvalidInput(field, quoted(value), expected) from None
-    numbers = finite(field, first, expected), finite(field, second, expected)
-    require(all(one == int(one) >= 0 for one in numbers), field, quoted(value), expected)
-    return int(numbers[0]), int(numbers[1])
 
 
 def whole_counts(field: str, rows: object, shape: tuple[int, ...]) -> np.ndarray:

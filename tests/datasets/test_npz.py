@@ -76,7 +76,7 @@ DEPTH = np.full((2, 3), 20.0)
     ("pixel", {"pixel": np.full(4, 0.5)}), ("pixel", {"pixel": np.array([-1, 0, 0, 0])}),
     ("pixel", {"pixel": np.array([2**32, 0, 0, 0])}), ("toa", {"toa": np.array([65_536, 0, 0, 0])}),
     ("toa", {"toa": np.full(4, 0.5)}), ("toa", {"toa": np.array([np.nan, 0, 0, 0])}),
-    ("toa shape", {"toa": EVENTS.toa.reshape(2, 2)}), ("toa shape", {"toa": EVENTS.toa[:3]}),
+    ("pixel and toa shapes", {"toa": EVENTS.toa.reshape(2, 2)}), ("pixel and toa shapes", {"toa": EVENTS.toa[:3]}),
     ("ref_depth_bins shape", {"ref_depth_bins": DEPTH.T}), ("projection", {"projection": "fisheye"}),
     ("projection_values", {"projection": "pinhole"}), ("fov_deg", {"fov_deg": 200.0}),
     ("projection_values shape", {"projection": "pinhole", "projection_values": np.ones(3)}),
