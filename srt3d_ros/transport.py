@@ -133,9 +133,8 @@ def shared_memory_profile(shared_memory: Path = SHARED_MEMORY) -> Path | None:
 
 def _keep_freed_memory() -> None:
     """Stop glibc from returning every large buffer to the system and faulting it in again for the next message."""
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
-    if mallopt is not None:         # absent on musl
-        mallopt(M_MMAP_THRESHOLD, 1 << 30)
-        mallopt(M_TRIM_THRESHOLD, 1 << 30)
-        mallopt(M_TOP_PAD, 64 << 20)
-        mallopt(M_ARENA_MAX, 1)         # those of threads return every buffer above 64 MB, whatever the thresholds
+    mallopt = ctypes.CDLL(None).mallopt
+    mallopt(M_MMAP_THRESHOLD, 1 << 30)
+    mallopt(M_TRIM_THRESHOLD, 1 << 30)
+    mallopt(M_TOP_PAD, 64 << 20)
+    mallopt(M_ARENA_MAX, 1)         # those of threads return every buffer above 64 MB, whatever the thresholds

@@ -54,5 +54,5 @@ def print_notes(notes: Iterable[str]) -> None:
 
 
 def print_facts(args: argparse.Namespace, facts: dict, words: str) -> None:
-    """Print the facts as JSON with --json, else in `words`, a format of them."""
-    print(json.dumps(facts) if args.json else words.format(**facts))
+    """Print the facts as JSON with --json, else in `words`."""
+    print(json.dumps(facts) if args.json else words)

@@ -48,9 +48,7 @@ def run(args: argparse.Namespace) -> int:
     words = {"bin_ps": facts["bin_width_s"] * 1e12, "irf_ps": facts["irf_width_s"] * 1e12, "sbr_words": sbr,
              "nearest": facts["range_m"][0], "farthest": facts["range_m"][1], "gate_words": in_ranges(gate),
              "frequency_words": ",".join(map(str, facts["frequencies"]))}
-    if args.json:
-        common.print_facts(args, facts, "")
-        return 0
-    common.print_notes(photons.notes)
-    print(WORDS.format(**facts, **words))
+    if not args.json:
+        common.print_notes(photons.notes)
+    common.print_facts(args, facts, WORDS.format(**facts, **words))
     return 0

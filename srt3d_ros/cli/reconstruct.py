@@ -61,6 +61,7 @@ def run(args: argparse.Namespace) -> int:
     common.print_notes(cloud.notes)     # only now: a mistake is one line
     sketched = (" → sketch of {sketch_size}" * bool(facts["frequencies"])
                 + " in {sketch_ms:.1f} ms" * (facts["sketch_ms"] is not None))
-    common.print_facts(args, facts, "{photons:,} photons of {rows} × {cols} pixels, T = {num_bins} bins" + sketched
-                        + " → {points:,} points in {reconstruct_ms:.1f} ms by {method} on {device}\n{output}")
+    words = ("{photons:,} photons of {rows} × {cols} pixels, T = {num_bins} bins" + sketched
+             + " → {points:,} points in {reconstruct_ms:.1f} ms by {method} on {device}\n{output}")
+    common.print_facts(args, facts, words.format(**facts))
     return 0

@@ -27,18 +27,13 @@ def encode(sensor: SensorModel, **own: str) -> "String":
     return String(data=json_text.dump(to_object(sensor) | own))
 
 
-def decode(message: "String") -> SensorModel:
-    """The sensor of a message; InvalidInput names the field that cannot be used."""
-    return from_json(message.data)
-
-
 def encode_cdr(sensor: SensorModel) -> bytes:
     """`encode`, serialised."""
     return cdr.write_text(to_json(sensor))
 
 
 def decode_cdr(raw: bytes) -> SensorModel:
-    """`decode` of a serialised message."""
+    """The sensor of a serialised message; InvalidInput names the field that cannot be used."""
     return from_json(cdr.read_text(raw))
 
 

@@ -182,7 +182,8 @@ class PipelineNode(ManagedNode):
             self.diagnostics.drop(error.cause, frames)
             log.warning(f"frame dropped: {error}", throttle_duration_sec=LOG_EVERY_S)
             return
-        bad_input, text = isinstance(error, InvalidInput), _error_in_words(error)
+        bad_input = isinstance(error, InvalidInput)
+        text = str(error) if bad_input else f"{type(error).__name__}: {' '.join(str(error).split())}"
         if frames:
             self.diagnostics.drop("malformed" if bad_input else "error", frames)
         if frames and bad_input:
@@ -216,8 +217,3 @@ class SequenceLoss:
 def in_words(sensor: SensorModel) -> str:
     """A sensor's pixels and bins."""
     return f"{sensor.rows} × {sensor.cols} pixels, {sensor.num_bins} bins of {sensor.bin_width_s * 1e12:g} ps"
-
-
-def _error_in_words(error: Exception) -> str:
-    """An exception in one line."""
-    return str(error) if isinstance(error, InvalidInput) else f"{type(error).__name__}: {' '.join(str(error).split())}"

@@ -94,7 +94,7 @@ class ManagedNode(LifecycleNode):
             self.get_logger().warning(f"New publisher discovered on topic '{name}', offering incompatible QoS. No "
                                       f"messages will be received from it. Last incompatible policy: {policy.name}")
 
-        # Not LATCHED: a queue of one would lose all but one of what several publishers keep for a late subscriber.
+        # Not a queue of one: it would lose all but one of what several publishers keep for a late subscriber.
         qos = QoSProfile(depth=depth, durability=declared.durability, reliability=ReliabilityPolicy.BEST_AVAILABLE)
         events = SubscriptionEventCallbacks(incompatible_qos=on_incompatible)
         made = self._make(self.create_subscription, declared, callback, qos, raw=raw, event_callbacks=events)

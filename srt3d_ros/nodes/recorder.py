@@ -115,7 +115,7 @@ class RecorderNode(PipelineNode):
             writer.close()
 
     def _on_sensor(self, message: String) -> None:
-        sensor = sensor_message.decode(message)
+        sensor = sensor_message.from_json(message.data)
         self.diagnostics.unusable("")
         if self._path is None or self._writer is not None and sensor.same_as(self._sensor):
             return

@@ -148,7 +148,7 @@ class SketcherNode(PipelineNode):
         if message.data == self._own_description:
             return
         try:
-            self._use(sensor_message.decode(message))
+            self._use(sensor_message.from_json(message.data))
         except InvalidInput as problem:
             if self._stream is not None:        # photons of the other sensor may be among those of the open frame
                 self._publish(self._stream.reset())

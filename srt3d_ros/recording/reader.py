@@ -72,9 +72,9 @@ class CloudIndex:
 
 @dataclass(frozen=True)
 class LogLine:
-    """A line of a node's log: its stamp (None if recorded without), level (INFO, WARN, …) and text."""
+    """A line of a node's log: its stamp, level (INFO, WARN, …) and text."""
 
-    stamp_ns: int | None
+    stamp_ns: int
     level: str
     text: str
 
@@ -148,14 +148,9 @@ class RecordingReader:
 
     def log_lines(self) -> list[LogLine]:
         """The log lines of the nodes, in the order they were recorded."""
-        lines = []
-        for chunk, texts in self._rows(f"{schema.LOG}/**", "TextLog:text"):
-            levels, stamps = (_column(chunk, name) for name in ("TextLog:level", schema.STAMP))
-            for k in range(chunk.num_rows):
-                level = levels[k].as_py() if levels is not None else None
-                lines.append(LogLine(None if stamps is None else int(stamps[k]), (level or [""])[0],
-                                     (texts[k].as_py() or [""])[0]))
-        return lines
+        return [LogLine(int(stamp), (level.as_py() or [""])[0], (text.as_py() or [""])[0])
+                for _, *columns in self._rows(f"{schema.LOG}/**", schema.STAMP, "TextLog:level", "TextLog:text")
+                for stamp, level, text in zip(*columns)]
 
     def properties(self) -> dict[str, dict]:
         """The latest facts of each property: {"run": {…}, "sensor": {…}}; lists of values as arrays."""

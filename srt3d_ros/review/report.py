@@ -45,8 +45,8 @@ def _page(recorded: Recorded, summary: dict) -> str:
 
 def _log(recorded: Recorded) -> list[dict]:
     """The last lines of the log, with the seconds since the first cloud."""
-    return [{"at": "" if line.stamp_ns is None else f"{recorded.since_first(line.stamp_ns):+.2f} s",
-             "level": line.level, "text": line.text} for line in recorded.log[-_MOST_LOG_LINES:]]
+    return [{"at": f"{recorded.since_first(line.stamp_ns):+.2f} s", "level": line.level, "text": line.text}
+            for line in recorded.log[-_MOST_LOG_LINES:]]
 
 
 def _tables(summary: dict) -> list[tuple[str, list[tuple[str, str]]]]:

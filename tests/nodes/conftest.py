@@ -18,17 +18,17 @@ from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.srv import ListParameters, SetParametersAtomically
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
 from srt3d_ros.cli.node import parameter_arguments
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.nodes.topics import LATCHED
 from tests.processes import Process, wait
 
 EAGER = Path(__file__).with_name("eager_node.py")
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 ASK_AGAIN_S = 1.0       # a question whose answer may have been lost
 namespaces = itertools.count()
 
@@ -84,9 +84,9 @@ class Graph:
     def publisher(self, message_type: type, topic: str):
         return self.node.create_publisher(message_type, topic, QoSProfile(depth=100))
 
-    def latched(self, topic: str):
-        """A publisher of texts of which a late subscriber gets the last one, such as descriptions."""
-        return self.node.create_publisher(String, topic, LATCHED)
+    def latched(self, topic: str, message_type: type = String):
+        """A publisher of whose messages a late subscriber gets the last one, such as descriptions."""
+        return self.node.create_publisher(message_type, topic, LATCHED)
 
     def set(self, name: str, **values) -> str:
         """Set parameters of a node together, as `ros2 param set` does one; why not, or an empty text."""
@@ -133,7 +133,7 @@ class Graph:
         """Publish `sensor`, as a driver does when it starts, and wait until the sketcher uses it."""
         described = self.collect_latched(String, "sketch/sensor")
         self.latched("sensor").publish(sensor_message.encode(sensor))
-        self.wait(lambda: any(sensor_message.decode(one).same_as(sensor) for one in described), "sketch/sensor")
+        self.wait(lambda: any(sensor_message.from_json(one.data).same_as(sensor) for one in described), "sketch/sensor")
 
     def matched(self, publisher, subscribers: int = 1):
         """The publisher, once it has its subscribers."""

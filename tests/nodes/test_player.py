@@ -17,7 +17,7 @@ def test_frames_come_stamped_on_schedule_and_the_player_ends_by_itself(graph, se
                          sensor_file=tmp_path / "sensor.json")
     assert player.code() == 0
     graph.wait(lambda: len(frames) == 5, "5 frames")
-    sent = sensor_message.decode(described[0])
+    sent = sensor_message.from_json(described[0].data)
     assert sent.irf.tolist() == sensor.irf.tolist() and (sent.frame_id, sent.num_bins) == ("mast", 100)
     decoded = [photons_message.decode_cdr(serialize_message(frame), sent) for frame in frames]
     assert {header.frame_id for header, _ in decoded} == {"mast"}

@@ -13,7 +13,6 @@ from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages.cdr import Header, write_cloud
 from srt3d_ros.messages.packing import pack_cloud
 from srt3d_ros.nodes.recorder import checked_images, checked_path
-from srt3d_ros.nodes.topics import LATCHED
 from srt3d_ros.recording.reader import RecordingReader
 
 
@@ -129,7 +128,7 @@ def test_a_recording_has_all_that_the_nodes_published_and_said(graph, photon_fil
     recorder = graph.start("recorder", path=path).ready()
     graph.start("reconstructor", fields="full").ready()
     graph.start("sketcher", sketch_size=7).ready()
-    of_another = graph.node.create_publisher(Log, "/rosout", LATCHED)
+    of_another = graph.latched("/rosout", Log)
     of_another.publish(Log(name="right.sketcher", msg="ready too"))
     graph.start("player", input=photon_file, rate_hz=5.0, frames=frames)
     graph.wait(lambda: len(clouds) == frames, "every cloud")

@@ -18,8 +18,8 @@ def test_a_driver_that_contradicts_the_file_is_an_error_as_long_as_it_does(graph
     described.publish(sensor_message.encode(other))
     path.write_text(sensor_message.encode(sensor).data)
     process = graph.start("sketcher", sensor_file=path).ready()
-    graph.wait(lambda: any(sensor_message.decode(one).same_as(sensor) and "x_writer" in one.data for one in published),
-               "the sensor of the file")
+    graph.wait(lambda: any(sensor_message.from_json(one.data).same_as(sensor) and "x_writer" in one.data
+                           for one in published), "the sensor of the file")
     problem = (f"rows on {topic} is 10: expected 16 as in sensor_file spad.json; photons are dropped until both say "
                "the same")
     process.says(problem)

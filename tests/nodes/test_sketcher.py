@@ -45,7 +45,7 @@ def test_sketches_are_the_cores_in_all_forms_and_follow_the_parameters(graph, se
         publishers[topic].publish(raw)
         graph.wait(lambda: sketches, "a sketch")
         raw = serialize_message(sketches[0])
-        sensors = {sensor_message.digest(one.data): sensor_message.decode(one) for one in described}
+        sensors = {sensor_message.digest(one.data): sensor_message.from_json(one.data) for one in described}
         return sketch_message.decode_cdr(raw, sensors[sketch_message.description_cdr(raw)])
 
     assert graph.set("sketcher", gate="30-69") == ""

@@ -98,7 +98,7 @@ def test_no_frame_is_lost_while_gate_and_frequencies_change_and_each_names_its_d
         frame = dataclasses.replace(events, stamp_ns=S + k * MS)
         photons.publish(photons_message.encode_cdr(frame, sensor, "spad"))
     graph.wait(lambda: len(sketches) == 24, "24 sketches")
-    sensors = {sensor_message.digest(one.data): sensor_message.decode(one) for one in described}
+    sensors = {sensor_message.digest(one.data): sensor_message.from_json(one.data) for one in described}
     depths = []
     for raw in map(serialize_message, sketches):
         _, sketch = sketch_message.decode_cdr(raw, sensors[sketch_message.description_cdr(raw)])

@@ -31,7 +31,7 @@ def test_measurements_are_published_and_bad_messages_are_a_line_each(graph, repo
             graph.wait(lambda message=message, condition=condition: publisher.send(message) or condition(), "it")
     assert driver.end(signal.SIGINT) == 0 and "Traceback" not in driver.text
     expected = decode(made.message(zones), 0)
-    sensor = sensor_message.decode(sensors[0])
+    sensor = sensor_message.from_json(sensors[0].data)
     assert len(sensors) == 1 and sensor.same_as(expected.sensor)        # the pulse has not moved
     header, received = histograms_message.decode_cdr(frames[0], sensor)
     assert header.frame_id == "tmf8829" and header.stamp_ns > 0
