@@ -70,15 +70,10 @@ def tmf8829_log(path: Path, frames: list[np.ndarray]) -> Path:
     return path
 
 
-def zones_mm(photons: Photons, frequencies: tuple[int, ...]) -> np.ndarray:
+def zones_mm(photons: Photons) -> np.ndarray:
     """Reconstructed ranges of the zones, float [rows, cols], NaN without a surface."""
-    sensor = photons.sensor
+    sensor, frequencies = photons.sensor, choose("auto", photons.sensor)
     cloud = PooledStream(sensor, frequencies, device="cpu")(photons.sketch(frequencies=frequencies))
     ranges = np.full((sensor.rows, sensor.cols), np.nan)
     ranges[cloud.row, cloud.col] = sensor.range_m(cloud.depth_bins) * 1e3
     return ranges
-
-
-def zones_by_design_mm(photons: Photons) -> np.ndarray:
-    """The same with the frequencies that are designed for the IRF."""
-    return zones_mm(photons, choose("auto", photons.sensor))

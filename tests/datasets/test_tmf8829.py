@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 from examples.tmf8829_messages import decode
+from srt3d_ros.datasets import read
 from srt3d_ros.datasets.readers import tmf8829
 from srt3d_ros.errors import InvalidInput
 from tests.datasets import made_logs as made
-from tests.datasets.made_logs import zones_by_design_mm
+from tests.datasets.made_logs import zones_mm
 
 SLANTED = np.linspace(1.0, 2.0, 16)
+CUT_OFF = gzip.compress(b"[" * 1000, mtime=0)[:30]
 
 
 @pytest.mark.parametrize("mode", made.SIZES)
@@ -31,7 +33,7 @@ def test_every_zone_of_a_message_comes_to_its_place(mode):
 def test_ranges_and_rays_of_a_message():
     truth = np.linspace(0.6, 3.5, 16)[:, None] + np.linspace(0, 0.3, 16)
     reading = decode(made.message(made.zones_16(truth)), 0)
-    found, (x, y, z) = zones_by_design_mm(reading), reading.sensor.rays[0, 0] * 1018.0
+    found, (x, y, z) = zones_mm(reading), reading.sensor.rays[0, 0] * 1018.0
     assert (x, y, z) == pytest.approx((-501.4, -376.0, 802.2), abs=0.1)     # of the vendor's log: distance 1018 mm
     assert np.nanmax(np.abs(found - truth * 1e3)) < 15 and not np.isnan(found).any()
     assert decode(made.message(made.zones_16(truth), parts=()), 0) is None      # without histograms
@@ -51,11 +53,25 @@ def test_broken_messages_are_refused(broken):
         decode(broken(made.message(made.zones_16(1.0), results=False)), 0)
 
 
-def test_a_log(tmp_path):
-    path = made.tmf8829_log(tmp_path / "log.json", [made.zones_16(SLANTED), made.zones_16(SLANTED + 1)])
-    readings = list(tmf8829.frames(path, {}))
-    assert [np.nanmedian(zones_by_design_mm(one)) for one in readings] == pytest.approx([1500, 2500], abs=5)
+# ---- Logs
+
+@pytest.fixture
+def log(tmp_path):
+    """A log of two frames."""
+    return made.tmf8829_log(tmp_path / "log.json", [made.zones_16(SLANTED), made.zones_16(SLANTED + 1)])
+
+
+def test_a_log_opens_as_a_photon_file_does_packed_or_not(tmp_path, log):
+    packed = tmp_path / "c.json.gz"
+    packed.write_bytes(gzip.compress(log.read_bytes()))
+    readings = [read(log), read(packed, frame=1, fov_deg=20, range_offset_m=0.25)]
+    assert [np.nanmedian(zones_mm(one)) for one in readings] == pytest.approx([1500, 2750], abs=5)
     assert [one.frame.stamp_ns for one in readings] == [53_283_768_000, 53_316_768_000]
+    assert (readings[0].name, readings[1].sensor.range_offset_m) == ("log", 0.25)
+    assert (readings[1].frame.counts == made.zones_16(SLANTED + 1)[..., :54]).all() and readings[1].notes
+    for frame in (2, -1):
+        with pytest.raises(InvalidInput, match="frame"):
+            read(log, frame=frame)
 
 
 def test_a_log_with_the_loggers_fault_is_read_as_row_0(tmp_path):
@@ -65,8 +81,27 @@ def test_a_log_with_the_loggers_fault_is_read_as_row_0(tmp_path):
     photons = next(tmf8829.frames(made.tmf8829_log(tmp_path / "log.json", [faulty]), {}))
     sensor, notes = photons.sensor, photons.notes
     assert (sensor.rows, sensor.cols) == (1, 16) and any("row 0" in note for note in notes)
-    assert zones_by_design_mm(photons)[0] == pytest.approx(truth * 1e3, abs=15)
+    assert zones_mm(photons)[0] == pytest.approx(truth * 1e3, abs=15)
     assert sensor.rays[0, 0, 1] < -0.3              # the top row still looks up
+
+
+@pytest.mark.parametrize("content", [
+    b"\xff\xfe\0\0", b"[", b"{}", b"[]", b"[3]", b"[" * 10**5, b'{"rows": 3}', b'{"Result_Set": [{}]}',
+    b'{"Result_Set": []}', b'{"Result_Set": [{"mp_histo": [[{"bin": [1]}]], "ref_histo": [{"bin": [1]}]}]}'],
+    ids=range(10))
+def test_broken_logs_are_refused(tmp_path, content):
+    for name, raw in (("log.json", content), ("log.json.gz", gzip.compress(content)), ("cut.gz", CUT_OFF)):
+        (tmp_path / name).write_bytes(raw)
+        with pytest.raises(InvalidInput, match=f"^{name}"):
+            read(tmp_path / name)
+
+
+def test_logs_are_bounded(tmp_path, monkeypatch):
+    monkeypatch.setattr(tmf8829, "MAX_LOG_BYTES", 100)
+    path = tmp_path / "log.json.gz"
+    path.write_bytes(gzip.compress(bytes(10**6)))
+    with pytest.raises(InvalidInput, match="more than 100 bytes"):
+        read(path)
 
 
 def test_the_vendors_log_agrees_with_its_own_results(shared_data):
@@ -77,6 +112,6 @@ def test_the_vendors_log_agrees_with_its_own_results(shared_data):
         results = [frame["results"][0] for frame in json.load(stream)["Result_Set"]]      # of row 0, all that it has
     own, snr = (np.array([[zone["peaks"][0][key] for zone in row] for row in results], float)
                 for key in ("distance", "snr"))
-    found = np.concatenate([zones_by_design_mm(photons) for photons in tmf8829.frames(path, {})])
+    found = np.concatenate([zones_mm(photons) for photons in tmf8829.frames(path, {})])
     off = (found - own)[snr >= 20]
     assert (off.size, np.isnan(off).sum()) == (375, 0) and np.median(np.abs(off)) <= 20
