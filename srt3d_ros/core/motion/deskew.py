@@ -88,7 +88,7 @@ class Deskewer:
 
     def ranges_m(self, parts: Parts) -> np.ndarray:
         """The range along each pixel's ray by the photons of it and its neighbours; float32 [rows, cols], metres."""
-        if 1 not in self.frequencies or not parts:
+        if 1 not in self.frequencies:
             return np.full(self._shape, FAR_M, np.float32)
         from scipy.ndimage import gaussian_filter  # here: only moving sensors need it
 

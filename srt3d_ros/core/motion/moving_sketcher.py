@@ -78,10 +78,9 @@ class MovingSketcher(Sketcher):
         self._stamps.append(frame.stamp_ns)
 
     def end_frame(self) -> MovingFrame:
-        """End the open frame."""
-        if self._stamps:
-            self._end_part()
-        stamps = sorted({stamp_ns for of_part, _ in self._parts for stamp_ns in of_part}) or [0]
+        """End the open frame, which has a packet at least."""
+        self._end_part()
+        stamps = sorted({stamp_ns for of_part, _ in self._parts for stamp_ns in of_part})
         packet_ns = self._packet_ns(stamps)
         length_ns = stamps[-1] + packet_ns - stamps[0]
         to_ns = stamps[0] + length_ns // 2
@@ -98,14 +97,12 @@ class MovingSketcher(Sketcher):
         Raises:
             InvalidInput: the trajectory does not cover the frame.
         """
-        if trajectory is not None and frame.parts:
+        if trajectory is not None:
             sketch = self._deskewer(frame.parts, trajectory, frame.stamp_ns)
             self.lost = self._deskewer.lost
             return sketch
-        self.lost, shape = 0, (self.sensor.rows, self.sensor.cols)
-        nothing = Sketch(self.frequencies, np.zeros((*shape, len(self.frequencies)), np.complex64),
-                         np.zeros(shape, np.uint32), sensor=self.sketch_sensor)
-        return replace(reduce(add, (sketch for _, sketch in frame.parts), nothing), stamp_ns=frame.stamp_ns)
+        self.lost = 0
+        return replace(reduce(add, (sketch for _, sketch in frame.parts)), stamp_ns=frame.stamp_ns)
 
     def _ends_part(self, stamp_ns: int) -> bool:
         """Whether a packet with this stamp belongs to another part than the open one."""
