@@ -9,6 +9,7 @@ from rclpy.publisher import Publisher
 from srt3d_ros.datasets import SIMULATOR
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
 from srt3d_ros.messages import cdr
+from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.diagnostics import all_acknowledged
@@ -57,7 +58,7 @@ class PlayerNode(PipelineNode):
         self._publisher = self.advertise("photons")
 
     def activate(self) -> None:
-        self._sensors.publish(self._source.sensor)
+        self._sensors.publish(sensor_message.encode(self._source.sensor))
         self.worker.call(self._play)
 
     def _play(self) -> None:

@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
-from itertools import count, islice
+from heapq import merge
+from itertools import count, islice, takewhile
 from typing import NamedTuple
 
 from nav_msgs.msg import Odometry
@@ -19,7 +20,6 @@ from srt3d_ros.datasets.simulation.room import Room
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import require
 from srt3d_ros.messages import photons as photons_message
-from srt3d_ros.messages import sensor as sensor_message
 
 NS_PER_S = 1_000_000_000
 
@@ -40,53 +40,55 @@ class Item(NamedTuple):
     stamp_ns: int
 
 
-def open_source(parameters: Mapping) -> "FrameSource":
+class Source(NamedTuple):
+    """What is played.
+
+    Args:
+        sensor: of the photons.
+        items: the messages, in the order in which they are due; begins anew at each call.
+        notes: a line for each assumption.
+        others: topics of other messages, which report how the sensor moves.
+    """
+
+    sensor: SensorModel
+    items: Callable[[], Iterator[Item]]
+    notes: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
+
+
+def open_source(parameters: Mapping) -> Source:
     """The source that the player's parameters describe; InvalidInput if it cannot be played."""
     path, sensor_file = parameters["input"], parameters["sensor_file"]
     require(not is_bag(path), "input", path, "a photon file or simulator: ros2 bag play plays bags")
     require(path != SIMULATOR or not sensor_file, "sensor_file", sensor_file, "nothing, unless a photon file is played")
+    rate_hz, frames = parameters["rate_hz"], parameters["frames"]
     if parameters["motion"] != "off":
-        return MovingSource(parameters)
+        require(path == SIMULATOR, "motion", parameters["motion"], "off, unless input is simulator")
+        return _moving(parameters, PACKETS * rate_hz, PACKETS * frames)
     if path == SIMULATOR:
         simulator = Simulator(ppp=parameters["ppp"], sbr=parameters["sbr"], seed=parameters["seed"])
-        return FrameSource(simulator.sensor, lambda k: simulator.frame(k)[0], parameters)
+        return Source(simulator.sensor, _photons(simulator.sensor, lambda k: simulator.frame(k)[0], rate_hz, frames))
     photons = datasets.read(path, sensor=datasets.open_sensor(sensor_file) if sensor_file else None)
     events = photons.events
-    return FrameSource(photons.sensor, lambda k: events, parameters, photons.notes)
+    return Source(photons.sensor, _photons(photons.sensor, lambda k: events, rate_hz, frames), photons.notes)
 
 
-class FrameSource:
-    """Frames of the simulator, or that of a photon file: frame k is due k / rate_hz after the first.
-
-    Args:
-        frame: returns frame k.
-        parameters: the player's.
-
-    Attributes:
-        others: topics of other messages, which report how the sensor moves.
-        sensor: its serialised description.
-        notes: a line for each assumption.
+def _photons(sensor: SensorModel, frame: Callable[[int], PhotonEvents], rate_hz: float, frames: int
+             ) -> Callable[[], Iterator[Item]]:
+    """The `items` of so many frames, 0 for no end: frame(k) is due k / rate_hz after the first.
 
     Raises:
         InvalidInput: the first frame cannot be sent.
     """
+    # Cached: the frame of a file, which repeats, is encoded once.
+    encode = lru_cache(1)(lambda events: photons_message.encode_cdr(events, sensor, sensor.frame_id))
+    encode(frame(0))
 
-    others: tuple[str, ...] = ()
-
-    def __init__(self, sensor: SensorModel, frame: Callable[[int], PhotonEvents], parameters: Mapping,
-                 notes: tuple[str, ...] = ()):
-        self.sensor, self.notes = sensor_message.encode_cdr(sensor), notes
-        self._rate_hz, self._frames = parameters["rate_hz"], parameters["frames"] or None
-        self._frame = frame
-        # Cached: the frame of a file, which repeats, is encoded once.
-        self._encode = lru_cache(1)(lambda events: photons_message.encode_cdr(events, sensor, sensor.frame_id))
-        self._encode(frame(0))
-
-    def items(self) -> Iterator[Item]:
-        """The messages from the beginning."""
-        for k in islice(count(), self._frames):
-            due_ns = round(k * NS_PER_S / self._rate_hz)
-            yield Item("photons", self._encode(self._frame(k)), due_ns, due_ns)
+    def items() -> Iterator[Item]:
+        for k in islice(count(), frames or None):
+            due_ns = round(k * NS_PER_S / rate_hz)
+            yield Item("photons", encode(frame(k)), due_ns, due_ns)
+    return items
 
 
 PACKETS = 10            # of a frame
@@ -95,46 +97,35 @@ BEFORE_S, AFTER_S = 0.5, 0.2        # of the photons: odometry begins so much ea
 FIXED, BODY = "odom", "base_link"
 
 
-class MovingSource(FrameSource):
-    """The simulator's room, seen from a body that moves: each frame in PACKETS packets, sent when they are acquired.
+def _moving(parameters: Mapping, rate_hz: float, packets: int) -> Source:
+    """The simulator's room, seen from a body that moves: packets, sent when they are acquired, among odometry.
 
-    Raises:
-        InvalidInput: no rate, or parameters that cannot be used.
+    Args:
+        rate_hz: of the packets, PACKETS a frame.
+        packets: their number; 0: no end.
     """
+    path, sensor = MOTIONS[parameters["motion"]], moving_sensor()
+    simulator = Simulator(MovingView(Room(), path, sensor, 1 / rate_hz), sensor, parameters["sbr"],
+                          parameters["ppp"] / PACKETS, parameters["seed"], rate_hz)
+    photons = _photons(sensor, lambda k: simulator.frame(k)[0], rate_hz, packets)
 
-    others = ("odom",)
+    def acquired(packet: Item) -> Item:
+        begun_ns = packet.stamp_ns + round(BEFORE_S * NS_PER_S)
+        return packet._replace(due_ns=begun_ns + round(NS_PER_S / rate_hz), stamp_ns=begun_ns)
 
-    def __init__(self, parameters: Mapping):
-        rate_hz = PACKETS * parameters["rate_hz"]
-        require(parameters["input"] == SIMULATOR, "motion", parameters["motion"], "off, unless input is simulator")
-        self._path, sensor = MOTIONS[parameters["motion"]], moving_sensor()
-        self._packet_ns = round(NS_PER_S / rate_hz)
-        simulator = Simulator(MovingView(Room(), self._path, sensor, 1 / rate_hz), sensor, parameters["sbr"],
-                              parameters["ppp"] / PACKETS, parameters["seed"], rate_hz)
-        super().__init__(sensor, lambda k: simulator.frame(k)[0],
-                         {**parameters, "rate_hz": rate_hz, "frames": PACKETS * parameters["frames"]}, (
-                             f"a frame comes in {PACKETS} packets (the sketcher's packets_per_frame); odom says where "
-                             f"{BODY} is, and the sketcher needs extrinsics:='{extrinsics()}'",))
+    def reported(report: Measured) -> Item:
+        stamp_ns = round((report.at_s + BEFORE_S) * NS_PER_S)
+        return Item("odom", serialize_message(odometry(report)), stamp_ns, stamp_ns)
 
-    def items(self) -> Iterator[Item]:
-        """Packets and odometry, in the order in which they are sent."""
-        reports = self._reports()
-        report = next(reports)
-        for packet in super().items():
-            begun_ns = packet.stamp_ns + round(BEFORE_S * NS_PER_S)
-            due_ns = begun_ns + self._packet_ns
-            while report.due_ns <= due_ns:
-                yield report
-                report = next(reports)
-            yield packet._replace(due_ns=due_ns, stamp_ns=begun_ns)
-        while report.due_ns < due_ns + AFTER_S * NS_PER_S:
-            yield report
-            report = next(reports)
+    def items() -> Iterator[Item]:
+        reports = map(reported, measured(path, ODOM_HZ, start_s=-BEFORE_S))
+        both = merge(reports, map(acquired, photons()), key=lambda item: item.due_ns)
+        end_ns = (BEFORE_S + packets / rate_hz + AFTER_S) * NS_PER_S
+        return takewhile(lambda item: not packets or item.due_ns < end_ns, both)
 
-    def _reports(self) -> Iterator[Item]:
-        for report in measured(self._path, ODOM_HZ, start_s=-BEFORE_S):
-            stamp_ns = round((report.at_s + BEFORE_S) * NS_PER_S)
-            yield Item("odom", serialize_message(odometry(report)), stamp_ns, stamp_ns)
+    note = (f"a frame comes in {PACKETS} packets (the sketcher's packets_per_frame); odom says where {BODY} is, and "
+            f"the sketcher needs extrinsics:='{extrinsics()}'")
+    return Source(sensor, items, (note,), ("odom",))
 
 
 def extrinsics() -> str:

@@ -11,13 +11,13 @@ from srt3d_ros.messages import photons
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.nodes import player
 from srt3d_ros.nodes.motion_input import parse_extrinsics
-from srt3d_ros.nodes.sources import BEFORE_S, PACKETS, FrameSource, MovingSource, open_source
+from srt3d_ros.nodes.sources import BEFORE_S, PACKETS, Source, open_source
 
 BEFORE_NS, MS = round(BEFORE_S * 1e9), 1_000_000
 DEFAULTS = {parameter.name: parameter.default for parameter in player.PARAMETERS}
 
 
-def source(**given) -> FrameSource:
+def source(**given) -> Source:
     """The source that these parameters describe."""
     return open_source(DEFAULTS | given)
 
@@ -47,7 +47,7 @@ def test_what_is_no_source_is_refused(given, line):
 
 @pytest.fixture
 def moving():
-    return lambda **given: MovingSource(DEFAULTS | {"motion": "walk", "frames": 1} | given)
+    return lambda **given: source(**{"motion": "walk", "frames": 1} | given)
 
 
 def test_packets_come_when_they_are_acquired_among_odometry_that_covers_them(moving):
