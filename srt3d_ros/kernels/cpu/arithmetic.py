@@ -23,26 +23,19 @@ LN_2, ROOT_HALF, MANTISSA = F32(0.693147181), np.int32(0x3F3504F3), np.int32(23)
 
 
 @inline
+def polynomial(x, coefficients):
+    """Σ_n coefficients[n] xⁿ."""
+    value = coefficients[-1]
+    for n in range(len(coefficients) - 2, -1, -1):
+        value = value * x + coefficients[n]
+    return value
+
+
+@inline
 def sincos(turns):
     """sin and cos of 2π · turns, float32."""
     x = turns - np.rint(turns)
-    y = x * x
-    s = _SIN[6]
-    s = s * y + _SIN[5]
-    s = s * y + _SIN[4]
-    s = s * y + _SIN[3]
-    s = s * y + _SIN[2]
-    s = s * y + _SIN[1]
-    s = s * y + _SIN[0]
-    c = _COS[7]
-    c = c * y + _COS[6]
-    c = c * y + _COS[5]
-    c = c * y + _COS[4]
-    c = c * y + _COS[3]
-    c = c * y + _COS[2]
-    c = c * y + _COS[1]
-    c = c * y + _COS[0]
-    return s * x, c
+    return polynomial(x * x, _SIN) * x, polynomial(x * x, _COS)
 
 
 @inline
@@ -51,13 +44,7 @@ def log(value):
     bits = F32(value).view(np.int32)
     exponent = (bits - ROOT_HALF) >> MANTISSA
     f = np.int32(bits - (exponent << MANTISSA)).view(np.float32) - ONE
-    p = _LOG[5]
-    p = p * f + _LOG[4]
-    p = p * f + _LOG[3]
-    p = p * f + _LOG[2]
-    p = p * f + _LOG[1]
-    p = p * f + _LOG[0]
-    return F32(exponent) * LN_2 + f + f * f * (f * p - HALF)
+    return F32(exponent) * LN_2 + f + f * f * (f * polynomial(f, _LOG) - HALF)
 
 
 @inline

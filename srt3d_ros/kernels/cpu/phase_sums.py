@@ -9,7 +9,7 @@ import numpy as np
 from numba import get_num_threads, prange
 
 from srt3d_ros.kernels.constants import MAX_PHOTONS
-from srt3d_ros.kernels.cpu.arithmetic import F32
+from srt3d_ros.kernels.cpu.arithmetic import F32, polynomial
 from srt3d_ros.kernels.cpu.compiling import inline, parallel
 from srt3d_ros.kernels.cpu.rows import UNIT, add_run, lanes
 
@@ -133,13 +133,7 @@ def _cosine(turns):
     """cos of 2π · turns / TURN · UNIT; uint32."""
     phase = np.int32(turns)
     x = F32(np.int32(abs(phase) - np.int32(TURN // 4))) * F32(1 / TURN)           # cos p = −sin(|p| − 1/4 turn)
-    y = x * x
-    s = _SIN[4]
-    s = s * y + _SIN[3]
-    s = s * y + _SIN[2]
-    s = s * y + _SIN[1]
-    s = s * y + _SIN[0]
-    return np.int32(np.rint(s * x))
+    return np.int32(np.rint(polynomial(x * x, _SIN) * x))
 
 
 @parallel
