@@ -54,8 +54,8 @@ NET, MOTION = "net, SBR 1, 10 ppp", "room from a moving sensor, 3 ppp"
 FIXED = ("MAX_SKETCH_SIZE", "MAX_PHOTONS", "REACH", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "STAY", "VOTE_RADIUS",
          "SLANTED_SCALE", "TINY")
 OFF = {"START_SCALES": ((0.0, 1), (2.0, 2)), "WIDE_SCALE": (3.0, 3), "WINDOWS": ((2.0, 4), (9.0, 4)),
-       "WEAK_SCORE": 0, "LEAST_SHARE": 0, "LIKENESS": 1e6, "PRIOR_VOTE": 0, "MAX_VOTE": 1e6,
-       "EMPTY_PENALTY": 0, "FEWER_PENALTY": 0, "BIRTH": 0, "SPREAD": 0, "WRONG_IRF": 0, "SHARP": 1,
+       "LIKENESS": 1e6, "PRIOR_VOTE": 0, "MAX_VOTE": 1e6,
+       "EMPTY_PENALTY": 0, "BIRTH": 0, "SPREAD": 0, "WRONG_IRF": 0, "SHARP": 1,
        "HOT": 1e6}
 BACKGROUND = "srt3d_ros.core.method.background"         # has constants, too
 

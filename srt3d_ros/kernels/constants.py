@@ -17,7 +17,6 @@ WIDE_SCALE = (6.0, 3)   # and that for what is still open after the first iterat
 START_SCORE = 7.0       # a lower one starts more wrong surfaces, which survive beside right ones
 SURE_SCORE = 8.0        # of a flat window, below which slanted ones are tried: a smeared slope may exceed START_SCORE
 SLANTED_SCALE = START_SCALES[-1]        # tries them: finer scales find slopes in noise, wider ones bridge edges
-WEAK_SCORE = 5.0        # of a pool after the first iteration, below which its pixel is open again
 
 # ---- Iterations: the pool (`pooled_step`)
 
@@ -29,13 +28,13 @@ SAME_SURFACE = 4.1      # standard deviations within which depths may be one sur
 
 # ---- Iterations: the birth/death update (`birth_death`)
 
-PRIOR_VOTE = 0.45       # log-likelihood ratio that a neighbour's surface adds before its own photons count
+PRIOR_VOTE = 0.45       # log-likelihood ratio that a neighbour's surface adds before its own photons count; one with
+                        # fewer surfaces speaks as much against a further one
 MAX_VOTE = 0.7          # and at most: a bright neighbour is still one neighbour
 NEAR_SIGMA = 1.2        # σ of the neighbourhood that votes, and that tells how far pixels' intensities differ, pixels
 VOTE_RADIUS = ceil(REACH * NEAR_SIGMA)
 LIKENESS = 2.0          # factor by which neighbours' intensities may differ; its square where surfaces share pixels
 EMPTY_PENALTY = 0.2     # log-likelihood ratio by which a neighbour without a surface speaks against a new one, at most
-FEWER_PENALTY = 0.5     # and one with fewer surfaces against a further one
 BIRTH = 0.6             # log-likelihood ratio that a new surface needs; and a pixel without photons, which may be dead,
                         # speaks no more against one
 SPREAD = 4              # pixels by which surfaces may grow into empty ones in each iteration
@@ -43,8 +42,6 @@ SPREAD = 4              # pixels by which surfaces may grow into empty ones in e
 # ---- End (`trim`, `finalise`)
 
 RIM = 3                 # of the 8 pixels around that see no surface: enough to make a point one of the rim
-
-LEAST_SHARE = 0.01      # of its pool's intensity that a point has at least: own photons may say less than none
 
 # ---- Warm start
 

@@ -26,7 +26,6 @@ from srt3d_ros.kernels.constants import (
     SLANTED_SCALE,
     START_SCALES,
     START_SCORE,
-    WEAK_SCORE,
     WIDE_SCALE,
     WINDOWS,
 )
@@ -51,7 +50,8 @@ class Pooled:
         self._sensor, self._surfaces, self._kernels = sensor, surfaces, kernels
         self._matched = matcher.padded_on(kernels)
         started = false_alarm_rate / STAYING
-        self._found = score_threshold(started, max(matcher.frequencies), WIDE_SCALE)
+        highest = max(matcher.frequencies)
+        self._weak, self._found = score_threshold(started, highest), score_threshold(started, highest, WIDE_SCALE)
         self._continued, self._explains = continuation_threshold(started), explains
         self._equaliser, self._passed, self._used, self._rays = map(array, (
             matcher.equaliser, matcher.passed, matcher.used, sensor.rays))
@@ -79,7 +79,7 @@ class Pooled:
         state = kernels.no_surfaces(frame, self._surfaces)
         self._search(frame, state, START_SCALES, START_SCORE, start, continued)
         state = self._iterate(frame, state, *WINDOWS[0], FIRST_STEPS)
-        kernels.drop_weak(state, WEAK_SCORE)
+        kernels.drop_weak(state, self._weak)
         self._search(frame, state, (WIDE_SCALE,), found)
 
         # Iterate over wider windows.

@@ -17,8 +17,8 @@ from srt3d_ros.kernels.cpu.likelihood import LIKENESS, SHARED_LIKENESS, left, ll
 from srt3d_ros.kernels.cpu.undecided import mark_undecided
 from srt3d_ros.kernels.maps import FIELDS, MAX_STD
 
-BIRTH, EMPTY_PENALTY, FEWER_PENALTY, MAX_VOTE, PRIOR_VOTE = (F32(getattr(constants, name)) for name in (
-    "BIRTH", "EMPTY_PENALTY", "FEWER_PENALTY", "MAX_VOTE", "PRIOR_VOTE"))
+BIRTH, EMPTY_PENALTY, MAX_VOTE, PRIOR_VOTE = (F32(getattr(constants, name)) for name in (
+    "BIRTH", "EMPTY_PENALTY", "MAX_VOTE", "PRIOR_VOTE"))
 NEVER = F32(-1e30)
 SIDE = 2 * VOTE_RADIUS + 1
 # A vote's weight by distance².
@@ -149,7 +149,7 @@ def _oppose(k, s, v, surfaces):
     n = U(0)
     for di in range(-VOTE_RADIUS, VOTE_RADIUS + 1):
         for dj in range(-VOTE_RADIUS, VOTE_RADIUS + 1):
-            weight = FEWER_PENALTY * BY_DISTANCE[di * di + dj * dj] if di != 0 or dj != 0 else ZERO
+            weight = PRIOR_VOTE * BY_DISTANCE[di * di + dj * dj] if di != 0 or dj != 0 else ZERO
             for x in range(L):
                 count = v[n + COUNT + x]
                 s[AGAINST + x] += weight if (count > ZERO) & (count <= F32(k)) else ZERO

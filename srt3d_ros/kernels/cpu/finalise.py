@@ -3,7 +3,7 @@
 import numpy as np
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import LEAST_SHARE, WINDOWS
+from srt3d_ros.kernels.constants import WINDOWS
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, ONE, TINY
 from srt3d_ros.kernels.cpu.blur import blur
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD, VALUE, crop
@@ -20,7 +20,7 @@ def finalise(frame, photons, state, terms, enough):
     both = np.concatenate([excess * excess, variance / gain**2], axis=1) * np.tile(pooled > 0, (1, 2, 1))
     around, noise = np.split(blur(both, SHARE_WEIGHTS), 2, axis=1)
     differ = ONE - np.minimum(noise / np.maximum(around, TINY), ONE)
-    intensity = np.maximum(pooled + excess * differ, F32(LEAST_SHARE) * pooled)
+    intensity = np.maximum(pooled + excess * differ, EPSILON * pooled)
 
     score = view[:, :, SCORE]
     if frame.clutter is not None:

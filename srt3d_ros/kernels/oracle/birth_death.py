@@ -31,7 +31,7 @@ def birth_death(frame, state, terms, max_chi2):
     The pixel's surface k is the candidate c of its 3 × 3 neighbourhood with the highest
 
         ratio of the pixel's photons + Σ_q w_q a_qc clip(PRIOR_VOTE + ratio_q, 0, MAX_VOTE)
-            − Σ_q w_q FEWER_PENALTY / count_q
+            − Σ_q w_q PRIOR_VOTE / count_q
 
     (see `log_likelihood_ratio`), w = exp(−distance² / 2 VOTE_SIGMA²). The last sum, for k > 0, is over the surfaces
     of neighbours that have no more than k, whose votes do not count: a pixel that truly sees two surfaces keeps
@@ -170,7 +170,7 @@ def _scores(k, around, depth, intensity, rest, photons, light, frame) -> tuple:
     if k > 0:
         fewer = around.there & around.other & (around.count <= k)
         votes = votes * ~fewer
-        against = against + (around.weight * constants.FEWER_PENALTY / around.count.clamp(min=1) * fewer).sum(0)
+        against = against + (around.weight * constants.PRIOR_VOTE / around.count.clamp(min=1) * fewer).sum(0)
     response = (rest * waves(frame, depth).conj()).real.sum(2)
     likeness = constants.LIKENESS**2 if k > 0 else constants.LIKENESS
     ratio = llr(response, photons.expand_as(response), intensity * light, likeness, frame)

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import LEAST_SHARE, WINDOWS
+from srt3d_ros.kernels.constants import WINDOWS
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD, VALUE, crop
 from srt3d_ros.kernels.oracle.arithmetic import EPSILON, TINY, as_complex, noise_ratio, waves
 from srt3d_ros.kernels.oracle.blur import blur
@@ -19,7 +19,7 @@ def finalise(frame, photons, state, terms, enough):
     own = R(z, t) / (g E) is the intensity by the point's own pixel, r that of its pool. v = (g r I₁ + (n − g r)₊
     I₀) / (E g)² is the variance of own by photon noise, s² the mean square of own − r, both averaged with a
     Gaussian of σ = 2 pixels, the first of WINDOWS: s² − v is how far the pixels themselves differ (James and Stein's
-    estimator). An intensity is at least LEAST_SHARE · r.
+    estimator). A point whose own photons say less than none keeps an intensity above 0.
 
     `photons` are n, masked pixels included, uint32 [rows, cols]. Returns intensity (0: no point) and standard
     deviation, bins, float32 [rows, K, cols], and background photons, float32 [rows, cols].
@@ -35,7 +35,7 @@ def finalise(frame, photons, state, terms, enough):
     both = torch.cat([values.masked_fill(nowhere, 0) for values in (excess**2, variance)], dim=1)
     around, noise = blur(both, maps.window_weights(WINDOWS[0][0])).chunk(2, dim=1)
     differ = (around - noise).clamp(min=0) / around.clamp(min=TINY)
-    intensity = torch.maximum(pooled + excess * differ, LEAST_SHARE * pooled)
+    intensity = torch.maximum(pooled + excess * differ, EPSILON * pooled)
 
     score = view[:, :, SCORE] / noise_ratio(frame, view[:, :, DEPTH])
     intensity = intensity.masked_fill(nowhere | (score <= enough), 0)
