@@ -5,18 +5,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from srt3d_ros.api import (
-        Cloud,
-        InvalidInput,
-        Photons,
-        Reconstructor,
-        Sensor,
-        Sketch,
-        from_counts,
-        from_events,
-        read,
-        reconstruct,
-    )
+    from srt3d_ros.api import *
 
 # OpenMP's threads spin for milliseconds, by default, while they wait for their next kernel, on cores that other nodes
 # need. Sleeping at once is not right either: to be woken for each of a frame's 70 kernels takes half as long as the

@@ -104,7 +104,6 @@ class Diagnostics(Counts):
             self._values.update(values)
 
     def report(self) -> None:
-        """Publish a report now."""
         out = DiagnosticArray()
         out.header.stamp = self._node.get_clock().now().to_msg()
         out.status = [self._status()]

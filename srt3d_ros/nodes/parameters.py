@@ -120,7 +120,6 @@ class Parameters:
         return self._values[name]
 
     def as_dict(self) -> dict[str, Value]:
-        """A copy of all values."""
         return dict(self._values)
 
     @staticmethod

@@ -123,16 +123,12 @@ class RecorderNode(PipelineNode):
             self._writer.close()
             self._path = free(self._asked)
         self._sensor, self._frequencies = sensor, ()
-        self._writer = self._new_writer()
-        self.release_frames()
-
-    def _new_writer(self) -> RecordingWriter:
         self.get_logger().info(f"recording to {self._path}")
-        started = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-        run_facts = {"namespace": self.get_namespace(), "started": started, "machine": platform.node(),
-                     "cpus": os.cpu_count()}
-        properties = {schema.RUN: run_facts, schema.VERSIONS: self._versions}
-        return RecordingWriter(self._path, self._sensor, properties, images=self._images)
+        run_facts = {"namespace": self.get_namespace(), "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+                     "machine": platform.node(), "cpus": os.cpu_count()}
+        self._writer = RecordingWriter(self._path, sensor, {schema.RUN: run_facts, schema.VERSIONS: self._versions},
+                                       images=self._images)
+        self.release_frames()
 
     def failed(self, error: Exception, frames: int = 0) -> None:
         """End a recording that failed. The node stays active, but reads nothing."""
@@ -183,7 +179,6 @@ class RecorderNode(PipelineNode):
         self._logged(frame)
 
     def _frame(self, stamp_ns: int) -> RecordedFrame:
-        """The frame with this stamp."""
         if self._writer is None:
             raise Dropped("not_recording", "the recording has ended, or had not begun")
         return self._frames[stamp_ns]

@@ -88,11 +88,9 @@ class NodeSpec:
 
     @property
     def table(self) -> tuple[Parameter, ...]:
-        """All parameters."""
         return (*self.parameters, AUTOSTART)
 
     def topic(self, name: str) -> Topic:
-        """The input or output of this name."""
         return {topic.name: topic for topic in (*self.inputs, *self.outputs)}[name]
 
 

@@ -21,7 +21,6 @@ def titled_figure(width_in: float, height_in: float, title: str) -> Figure:
 
 
 def as_image(figure: Figure) -> Image.Image:
-    """The drawn figure."""
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return Image.fromarray(np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3]))

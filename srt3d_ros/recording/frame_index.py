@@ -1,4 +1,4 @@
-"""FrameIndex: the frames of a recording by stamp: their numbers, and latencies."""
+"""FrameIndex: the frames of a recording by stamp, with their numbers."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -22,8 +22,6 @@ class RecordedFrame:
 
 
 class FrameIndex:
-    """The frames of a recording."""
-
     def __init__(self):
         self._frames: dict[int, RecordedFrame] = {}
         self._seen = 0
