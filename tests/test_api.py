@@ -16,7 +16,7 @@ from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sensor.model import GateWords
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonHistograms
+from srt3d_ros.core.sketching.photons import PhotonHistograms
 from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.readers import cubes
@@ -65,14 +65,6 @@ def test_every_form_of_the_same_photons_gives_the_same_cloud(cloud, tmp_path):
     same(srt3d_ros.from_events(ROW.tolist(), COL, FRAME.toa.astype(float), sensor=SENSOR).reconstruct(), cloud)
     words = SENSOR.replace(gates=GateWords())
     same(srt3d_ros.reconstruct(as_gates(FRAME, words), sensor=words), cloud)
-
-
-def test_a_file_is_read_with_the_options(tmp_path):
-    photon_file.save(tmp_path / "photons.npz", SENSOR.replace(num_bins=299), PhotonEvents(FRAME.pixel, FRAME.toa % 299))
-    gain = np.full((12, 20), 2)
-    read = srt3d_ros.read(tmp_path / "photons.npz", num_bins=300, irf=[1, 2], gain=gain)
-    assert (read.sensor.num_bins, read.sensor.irf_ref) == (300, 1) and (read.sensor.gain == gain).all()
-    assert read.notes == ("as given, not as in the file: num_bins, irf",)       # it has no gain
 
 
 @pytest.mark.parametrize("suffix", ["npz", "npy", "mat"])

@@ -104,15 +104,6 @@ def test_a_cube_that_may_be_turned_is_noted():
         assert note.startswith(f"{shape[0]} × {shape[1]} × {shape[2]} taken for rows × cols × bins")
 
 
-@pytest.mark.parametrize(("values", "options", "expected"), [
-    (np.zeros((3, 4, 50)), {}, "photons is 0: expected some pixels .*: give irf"),
-    (np.ones((3, 4, 10)), {"num_bins": 50, "histograms": HistogramBins(10, 3, 4)},
-     "irf is missing: .*as wide as these bins make it")])
-def test_of_counts_that_show_no_irf_it_is_asked_for(values, options, expected):
-    with pytest.raises(InvalidInput, match=f"^{expected}"):
-        counts(values, irf=None, **options)
-
-
 @pytest.mark.parametrize(("changes", "said"), [
     ({"row": None}, "row dtype is object: expected numbers"),
     ({"toa": TOA[:3]}, r"row, col and toa shapes is \(4,\), \(4,\), \(3,\): expected the same \[N\], one a photon"),
@@ -139,7 +130,10 @@ def test_a_mistake_is_one_line_that_names_it(changes, said):
     (np.full((3, 4, 50), np.nan), {}, "counts is nan: expected "),
     (np.full((3, 4, 50), 2**40), {}, "counts is 1099511627776: expected 32-bit numbers"),
     (np.ones((3, 4, 50)), {"num_bins": 60}, r"counts shape is \(3, 4, 50\): expected .* = \(3, 4, 60\)"),
-    (np.ones((3, 4, 10)), {"histograms": HistogramBins(10)}, "num_bins is missing: ")])
+    (np.ones((3, 4, 10)), {"histograms": HistogramBins(10)}, "num_bins is missing: "),
+    (np.zeros((3, 4, 50)), {"irf": None}, "photons is 0: expected some pixels .*: give irf"),
+    (np.ones((3, 4, 10)), {"irf": None, "num_bins": 50, "histograms": HistogramBins(10, 3, 4)},
+     "irf is missing: .*as wide as these bins make it")])
 def test_counts_that_cannot_be_are_refused(values, changes, said):
     with pytest.raises(InvalidInput, match=f"^{said}"):
         counts(values, **changes)

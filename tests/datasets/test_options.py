@@ -27,7 +27,9 @@ def test_options_win_over_the_sensor_and_over_the_file(path):
     assert (sensor.num_bins, sensor.bin_width_s, sensor.toa_offset_bins) == (70, 2e-10, 7)
     np.testing.assert_allclose(sensor.irf, [0.125, 0.125, 0.125, 0.625])
     assert sensor.irf_ref == 1
-    assert read(path, irf=[0, 1, 5, 1]).sensor.irf_ref == 2         # an IRF comes with its own reference
+    other = read(path, num_bins=70, irf=[0, 1, 5, 1], gain=np.full((2, 3), 2))
+    assert other.sensor.irf_ref == 2 and (other.sensor.gain == 2).all()     # an IRF comes with its own reference
+    assert other.notes == ("as given, not as in the file: num_bins, irf",)      # it has no gain
 
 
 def test_a_gate_moves_toa_offset_and_reference_together(path):

@@ -9,6 +9,14 @@ from srt3d_ros.errors import InvalidInput
 QUARTER_LEFT = Pose.turned([0, 0, np.pi / 2])
 
 
+def through(stamped) -> Trajectory:
+    """The trajectory of these stamps (ns) and poses."""
+    trajectory = Trajectory()
+    for stamp_ns, pose in stamped:
+        trajectory.add(stamp_ns, pose)
+    return trajectory
+
+
 @pytest.mark.parametrize("vector", [(0, 0, 0), (1e-9, 0, 0), (0.3, -0.2, 1.1), (0, 3.0, 0), (0, 0, np.pi)])
 def test_a_rotation_vector_makes_a_rotation_and_comes_back(vector):
     pose = Pose.turned(vector)
@@ -33,9 +41,7 @@ def test_a_pose_that_is_none_is_refused(quaternion, position, named):
 
 
 def test_between_poses_the_sensor_moves_evenly_and_motion_says_where_a_point_of_then_lies_now():
-    trajectory = Trajectory()
-    trajectory.add(0, Pose())
-    trajectory.add(100, Pose(QUARTER_LEFT.rotation, np.array([2.0, 0, 0])))
+    trajectory = through([(0, Pose()), (100, Pose(QUARTER_LEFT.rotation, np.array([2.0, 0, 0])))])
     middle = trajectory.at(50)
     np.testing.assert_allclose(middle.translation, [1, 0, 0])
     np.testing.assert_allclose(middle.rotation_vector, [0, 0, np.pi / 4], atol=1e-12)
@@ -66,9 +72,7 @@ def test_a_trajectory_knows_what_it_covers_and_refuses_the_rest():
 
 
 def test_a_trajectory_keeps_the_last_seconds_only():
-    trajectory = Trajectory()
-    for k in range(100):
-        trajectory.add(k * KEPT_NS // 4, Pose())
+    trajectory = through((k * KEPT_NS // 4, Pose()) for k in range(100))
     assert trajectory.covers(98 * KEPT_NS // 4 - KEPT_NS // 2, 99 * KEPT_NS // 4) and not trajectory.covers(0, 0)
 
 
@@ -78,9 +82,7 @@ def _turning(t_s: float) -> Pose:
 
 
 def test_smoothing_leaves_an_even_motion_as_it_is():
-    exact = Trajectory()
-    for k in range(60):
-        exact.add(k * 10_000_000, _turning(k * 0.01))
+    exact = through((k * 10_000_000, _turning(k * 0.01)) for k in range(60))
     for stamp_ns in (0, 3_000_000, 255_000_000, 590_000_000):       # also at the ends
         pose, true = exact.at(stamp_ns), _turning(stamp_ns / 1e9)
         np.testing.assert_allclose(pose.translation, true.translation, atol=1e-9)
@@ -88,23 +90,19 @@ def test_smoothing_leaves_an_even_motion_as_it_is():
 
 
 def test_smoothing_averages_noise_of_stamps():
-    noise_s, trajectory = np.random.default_rng(0).uniform(-0.02, 0.02, 300), Trajectory()
-    for k, late_s in enumerate(noise_s):
-        trajectory.add(k * 10_000_000, _turning(k * 0.01 + late_s))
+    noise_s = np.random.default_rng(0).uniform(-0.02, 0.02, 300)
+    trajectory = through((k * 10_000_000, _turning(k * 0.01 + late_s)) for k, late_s in enumerate(noise_s))
     errors = [np.linalg.norm(trajectory.at(t).translation - _turning(t / 1e9).translation)
               for t in range(500_000_000, 2_500_000_000, 7_000_000)]
     assert np.sqrt(np.mean(np.square(errors))) < 0.4 * noise_s.std()                # at 1 m/s
 
 
 def test_few_poses_are_not_smoothed():
-    sparse = Trajectory()
-    for k in range(5):
-        sparse.add(k * 100_000_000, Pose(np.eye(3), np.array([float(k**2), 0, 0])))
+    sparse = through((k * 100_000_000, Pose(translation=np.array([float(k**2), 0, 0]))) for k in range(5))
     assert sparse.at(250_000_000).translation[0] == pytest.approx(6.5)
 
 
 def test_in_a_gap_the_motion_is_even():
-    broken = Trajectory()
-    for k in [*range(30), *range(60, 90)]:
-        broken.add(k * 10_000_000, Pose(np.eye(3), np.array([(k / 100) ** 2, 0, 0])))
+    broken = through((k * 10_000_000, Pose(translation=np.array([(k / 100) ** 2, 0, 0])))
+                     for k in [*range(30), *range(60, 90)])
     assert broken.at(430_000_000).translation[0] == pytest.approx(0.29**2 + 14 / 31 * (0.6**2 - 0.29**2))
