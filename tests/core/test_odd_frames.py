@@ -1,6 +1,5 @@
 """Sensors and frames that nobody should have: numbers come out, or one line says what cannot be used."""
 
-
 import numpy as np
 import pytest
 

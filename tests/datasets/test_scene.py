@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.datasets.simulation.bust import Bust, Figure, Part
 from srt3d_ros.datasets.simulation.scene import default_sensor
-from srt3d_ros.errors import InvalidInput
 
 
 @pytest.fixture(scope="module")
@@ -48,9 +46,3 @@ def test_the_head_turns_smoothly_well_within_the_sensors_window(bust):
         assert 0 < reflectivity.min() and reflectivity.max() <= 1
         nose.append(np.unravel_index(np.argmin(range_m[0]), (141, 141))[1])
     assert max(nose) > 85 and min(nose) < 55 and np.abs(np.diff(nose)).max() <= 12
-
-
-def test_the_bust_refuses_a_scanner():
-    sensor = default_sensor().replace(projection=AngularScan(0, 0.01, 0, 0.01))
-    with pytest.raises(InvalidInput, match="projection is angular_scan"):
-        Bust(sensor)

@@ -47,4 +47,3 @@ def test_the_sensors_of_config_open_and_can_be_sketched(repository, name):
     assert len(frequencies) == 10 and np.abs(irf_spectrum(sensor, frequencies)).min() > 0.1
     assert np.isfinite(sensor.rays).all() and sensor.range_m(sensor.num_bins) > sensor.range_m(0) >= 0
     assert (sensor.frame_id == "spad_optical") == isinstance(sensor.projection, Pinhole)        # REP-103
-    assert sensor_message.from_json(sensor_message.to_json(sensor)).same_as(sensor)

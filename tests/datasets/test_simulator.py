@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
@@ -120,6 +121,7 @@ def test_a_frame_depends_on_seed_and_index_alone_is_sorted_and_fits_its_sensor()
 
 
 @pytest.mark.parametrize(("field", "changes"), [
+    ("projection", {"scene": None, "sensor": make_sensor(projection=AngularScan(0, 0.01, 0, 0.01))}),
     ("sbr", {"sbr": float("nan")}), ("ppp", {"ppp": 1e9}), ("seed", {"seed": 0.5}),
     ("scene", {"scene": StaticScene(np.full((20, 30), 5.0), 0)}),
     ("scene shape", {"scene": StaticScene(np.full((20, 31), 5.0))}),

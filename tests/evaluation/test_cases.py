@@ -1,6 +1,5 @@
 """What is evaluated: settings of simulated scenes, and photon files."""
 
-
 import numpy as np
 import pytest
 

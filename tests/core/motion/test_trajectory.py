@@ -50,13 +50,6 @@ def test_between_poses_the_sensor_moves_evenly_and_motion_says_where_a_point_of_
     np.testing.assert_allclose(moved(np.array([3.0, 0, 0])), [0, -1, 0], atol=1e-12)
 
 
-def test_turn_rates_add_up():
-    trajectory = Trajectory()
-    for k in range(11):
-        trajectory.add_turn(k * 10**8, np.array([0, 0, np.pi / 2]))
-    np.testing.assert_allclose(trajectory.at(10**9).rotation_vector, [0, 0, np.pi / 2], atol=1e-12)
-
-
 def test_a_trajectory_knows_what_it_covers_and_refuses_the_rest():
     trajectory = Trajectory()
     assert not trajectory.covers(0, 0) and trajectory.newest_ns is None
