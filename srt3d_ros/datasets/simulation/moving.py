@@ -10,14 +10,14 @@ from srt3d_ros.datasets.simulation.motion_profiles import OPTICAL, Path
 from srt3d_ros.datasets.simulation.room import Room
 
 
-def moving_sensor(side: int = 141, fov_deg: float = 55.0) -> SensorModel:
+def moving_sensor(side: int = 141) -> SensorModel:
     """A sensor for `room.Room`: T = 1024 bins of 1 cm, which its diagonal fits in, and a response 0.4 ns = 6 cm wide.
 
     What 100 ms at 1 m/s and 30°/s do, 10 cm and 3°, is as much as ten bins and eight pixels.
     """
     bin_width_s = 66.7e-12
     return SensorModel(side, side, 1024, bin_width_s, irf.spad(bin_width_s, fwhm_s=400e-12, tail_s=150e-12),
-                       projection=Pinhole.from_fov(side, side, fov_deg))
+                       projection=Pinhole.from_fov(side, side, 55.0))
 
 
 class MovingView:
