@@ -6,18 +6,18 @@ import pytest
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import BIRTH, LIKENESS
 from srt3d_ros.kernels.cpu.arithmetic import log
+from srt3d_ros.kernels.cpu.frame import as_compiled
 from srt3d_ros.kernels.cpu.likelihood import llr as kernel
 from srt3d_ros.kernels.cpu.likelihood import score_of
 
 from .frames import FAINT, ORACLE, T, make_frame, make_state, make_terms
 
-FRAME = make_frame((6, 40), seed=0)
+FRAME = as_compiled(make_frame((6, 40), seed=0))
 
 
 def llr(response: float, photons: float, expected: float, likeness=LIKENESS) -> float:
-    score = score_of(*map(np.float32, (response, photons, FRAME.max_response)), FRAME.background_table)
-    values = score, response, photons, expected, likeness, FRAME.total_energy
-    return float(kernel(*map(np.float32, values), FRAME.intensity_moments))
+    response, photons, expected, likeness = map(np.float32, (response, photons, expected, likeness))
+    return float(kernel(score_of(response, photons, FRAME), response, photons, expected, likeness, FRAME))
 
 
 def chernoff(mean_response: float) -> float:

@@ -86,19 +86,21 @@ def rows_of_pools(wanted, weights, step):
     return needed, np.lib.stride_tricks.sliding_window_view(around, len(weights)).any(axis=1)
 
 
-def pool(matched, counts, exposure, is_open, weights, step, wanted):
-    """Cells, and windows of them, of a padded sketch, of counts (windows by squared weights) and of exposure.
+def pool(frame, matched, wanted, weights, step):
+    """Cells, and windows of them, of the wanted pixels' sketch, of counts (windows by squared weights) and of exposure.
 
-    Of open pixels alone; rows whose windows have no wanted pixel mean nothing.
+    Rows whose windows have no wanted pixel mean nothing.
 
     Returns:
         float32 [cells, 2m + 2, cells], twice.
     """
-    (rows, cols), channels = is_open.shape, matched.shape[1]
-    shape = -(-rows // step), channels + 2, -(-cols // step)
-    cells, out = (borrow(name, shape) for name in ("cells of pools", "pools"))
+    (rows, cols), channels = wanted.shape, matched.shape[1]
+    cells = borrow("cells of pools", (-(-rows // step), channels + 2, -(-cols // step)))
     needed, near = rows_of_pools(wanted, weights, step)
-    _bin_cells(matched, counts, exposure, is_open, step, near, cells)
+    _bin_cells(matched, frame.counts, frame.exposure, wanted.astype(np.float32), step, near, cells)
+    if len(weights) == 1:
+        return cells, cells
+    out = borrow("pools", cells.shape)
     _blur(cells, weights, weights**2, channels, needed, out)
     return cells, out
 

@@ -10,10 +10,11 @@ from numba import prange
 
 from srt3d_ros.kernels.constants import CELL, RIDGE
 from srt3d_ros.kernels.cpu import field
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TINY, ZERO, B, U, aligned, total_of
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TINY, ZERO, B, U, aligned
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.field import agreement, rise, wrap
+from srt3d_ros.kernels.cpu.frame import as_compiled
 from srt3d_ros.kernels.cpu.likelihood import evidence
 from srt3d_ros.kernels.maps import BLOCK, FIELDS, MARGIN, TERMS
 
@@ -148,14 +149,13 @@ def _fit_plane(s, steepness):
 
 
 @inline
-def _finish(s, state, point, out, padded_cols, moments, max_chi2, total, curvature, max_response, background_table,
-            period):
+def _finish(s, state, point, out, padded_cols, max_chi2, frame):
     """Step to the top of the pooled data term and write the next state."""
-    widest = np.sqrt(total / curvature)
+    total, curvature, moments, period = frame.total_energy, frame.curvature, frame.moments, frame.period
     for x in range(B):
         seen = state[point + field.INTENSITY * padded_cols + x] > ZERO
         least = HALF * max(s[V + x], ZERO) / total * curvature
-        d = min(max(s[G + x] / (max(s[C + x], least) + TINY), -widest), widest)
+        d = min(max(s[G + x] / (max(s[C + x], least) + TINY), -frame.resolution), frame.resolution)
         value = s[V + x] + d * (s[G + x] - HALF * d * s[C + x])
         t = s[T + x] + d
         strength = max(value, ZERO) / total
@@ -173,19 +173,14 @@ def _finish(s, state, point, out, padded_cols, moments, max_chi2, total, curvatu
         out[point + field.RESIDUAL * padded_cols + x] = np.sqrt(max(spread, ZERO))
         s[V + x] = value if seen else ZERO
     for x in range(B):                  # apart: no vector register looks up a table
-        score = evidence(s[V + x], s[S1 + x], s[S2 + x], max_response, background_table)
+        score = evidence(s[V + x], s[S1 + x], s[S2 + x], frame)
         out[point + field.SCORE * padded_cols + x] = score
 
 
 @parallel
-def _pooled_step(energy, bin_frequencies, num_bins, moments, max_response, background_table, max_chi2, radius, fine,
-                 weights, shape, state, terms, cells, out):
+def _pooled_step(frame, max_chi2, radius, fine, weights, shape, state, terms, cells, out):
     padded_rows, surfaces, fields, padded_cols = shape
-    period, total, most = F32(num_bins), total_of(energy), radius * (radius + 1)
-    curvature = ZERO
-    for l in range(len(energy)):
-        curvature += energy[l] * bin_frequencies[l] * bin_frequencies[l]
-    curvature *= F32(4 * np.pi**2)
+    period, most = frame.period, radius * (radius + 1)
     for row in prange(padded_rows - 2 * MARGIN):
         i = row + MARGIN
         s = aligned(SCRATCH)
@@ -199,9 +194,8 @@ def _pooled_step(energy, bin_frequencies, num_bins, moments, max_response, backg
                 if radius > fine:
                     _add_grid(s, state, cells, i, j, padded_cols, surfaces, radius // CELL * CELL, CELL, fine, most,
                               weights, True, max_chi2, period)
-                _fit_plane(s, curvature / total)
-                _finish(s, state, point, out, U(padded_cols), moments, max_chi2, total, curvature, max_response,
-                        background_table, period)
+                _fit_plane(s, frame.curvature / frame.total_energy)
+                _finish(s, state, point, out, U(padded_cols), max_chi2, frame)
 
 
 @parallel
@@ -233,7 +227,6 @@ def pooled_step(frame, state, terms, sigma, radius, fine, max_chi2):
     if radius > fine:
         cells = borrow("cells", terms.shape)
         _coarsen(frame.num_bins, F32(max_chi2), state.shape, *flat, cells.reshape(-1))
-    _pooled_step(frame.energy, frame.bin_frequencies, frame.num_bins, frame.moments, F32(frame.max_response),
-                 frame.background_table, F32(max_chi2), radius, fine, weights, state.shape, *flat, cells.reshape(-1),
+    _pooled_step(as_compiled(frame), F32(max_chi2), radius, fine, weights, state.shape, *flat, cells.reshape(-1),
                  out.reshape(-1))
     return out

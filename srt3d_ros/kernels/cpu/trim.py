@@ -7,8 +7,9 @@ from srt3d_ros.kernels.constants import RIM, SPREAD, VOTE_RADIUS
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO
 from srt3d_ros.kernels.cpu.compiling import parallel
 from srt3d_ros.kernels.cpu.device import borrow
+from srt3d_ros.kernels.cpu.frame import as_compiled
 from srt3d_ros.kernels.cpu.likelihood import llr, score_of
-from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, MARGIN, MAX_STD, STD, VALUE
+from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, MARGIN, STD, VALUE
 
 
 def _mark(used, state, terms, max_std, rim):
@@ -24,7 +25,7 @@ def _mark(used, state, terms, max_std, rim):
 
 
 @parallel
-def _drop(rim, clutter, total, max_response, background_table, moments, enough, state, dropped):
+def _drop(rim, frame, enough, state, dropped):
     padded_rows, surfaces, _, padded_cols = state.shape
     for turn in prange(padded_rows - 2 * MARGIN):
         i = turn + MARGIN
@@ -44,21 +45,19 @@ def _drop(rim, clutter, total, max_response, background_table, moments, enough, 
                 response += rows[0, b]
                 photons += rows[1, b]
                 expected += rows[2, b]
-            score = score_of(response, photons, max_response, background_table)
-            ratio = llr(score, response, photons, expected, ONE, total, moments)
+            score = score_of(response, photons, frame)
+            ratio = llr(score, response, photons, expected, ONE, frame)
             for k in range(surfaces):
-                noise = clutter[int(np.rint(state[i, k, DEPTH, j])) % len(clutter)]
+                noise = frame.clutter[int(np.rint(state[i, k, DEPTH, j])) % len(frame.clutter)]
                 if score <= enough * noise and ratio < ZERO:
                     state[i, k, INTENSITY, j], dropped[i] = ZERO, True
 
 
 def trim(frame, state, terms, enough):
-    rim = borrow("rim", (len(state), 3, state.shape[3]))
-    dropped = np.zeros(len(state), np.bool_)
-    clutter = np.full(1, ONE) if frame.clutter is None else frame.clutter
+    rim, dropped = borrow("rim", (len(state), 3, state.shape[3])), np.zeros(len(state), np.bool_)
+    compiled = as_compiled(frame)
     for _ in range(SPREAD):
-        _mark(frame.exposure > 0, state, terms, F32(MAX_STD) * F32(frame.num_bins), rim)
-        _drop(rim, clutter, F32(frame.total_energy), F32(frame.max_response), frame.background_table,
-              frame.intensity_moments, F32(enough), state, dropped)
+        _mark(frame.exposure > 0, state, terms, compiled.max_std, rim)
+        _drop(rim, compiled, F32(enough), state, dropped)
         if not dropped.any():
             break

@@ -2,9 +2,8 @@
 
 from numba import prange
 
-from srt3d_ros.kernels.constants import VOTE_RADIUS
 from srt3d_ros.kernels.cpu import field
-from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, B, U, aligned, any_of, copy
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, B, U, aligned, any_of
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.field import is_surface, rise, wrap
 from srt3d_ros.kernels.maps import FIELDS, MARGIN
@@ -37,8 +36,8 @@ def _compare(s, state, at, here, surfaces, padded_cols, dx, dy, max_chi2, blur2,
 
 
 @line
-def _find_undecided(s, state, here, surfaces, padded_cols, max_chi2, blur2, period, max_std):
-    """Set B numbers from OPEN on in s to 1 where something is to be decided, else 0; from OWN on: own surfaces.
+def _find(s, state, here, surfaces, padded_cols, max_chi2, blur2, period, max_std):
+    """Set B numbers from OPEN on in s to 1 where something is to be decided, else 0.
 
     A pixel is decided if it knows all surfaces of the 3 × 3 neighbourhood, and no neighbour that has any has fewer.
     `here` is the index of the first pixel's depth in the flat state.
@@ -65,27 +64,16 @@ def _find_undecided(s, state, here, surfaces, padded_cols, max_chi2, blur2, peri
 
 
 @parallel
-def mark_undecided(exposure, spreads, changed, before, own_before, after, own_after, changes, max_chi2, blur2, period,
-                    max_std, undecided):
-    """Write 1 where something is to be decided, else 0; and the surfaces as they are."""
-    padded_rows, surfaces, fields, padded_cols = before.shape
-    state = before.reshape(-1)
+def find_undecided(frame, state, candidates, max_chi2, undecided):
+    """Write which of the candidates, bool [rows', cols'], have something to decide."""
+    padded_rows, surfaces, _, padded_cols = state.shape
+    flat, blur2 = state.reshape(-1), frame.resolution * frame.resolution
     for turn in prange(padded_rows - 2 * MARGIN):
-        i = turn + MARGIN
-        for k in range(surfaces):
-            for f in range(fields):
-                copy(before[i, k, f], after[i, k, f])
-            copy(own_before[i, k], own_after[i, k])
-        for j in range(padded_cols):
-            changes[i, j], undecided[i, j] = 0, False
-        if spreads and not any_of(changed[i - VOTE_RADIUS:i + VOTE_RADIUS + 1]):
-            continue
-        s = aligned(6 * int(B))
+        i, s = turn + MARGIN, aligned(6 * int(B))
         for first in range(MARGIN, padded_cols - MARGIN, int(B)):
-            _find_undecided(s, state, i * surfaces * FIELDS * padded_cols + first, surfaces, U(padded_cols), max_chi2,
-                            blur2, period, max_std)
-            for x in range(B):
-                j = first + int(x)
-                if s[OPEN + x] > ZERO and exposure[i, j] > ZERO:
-                    around = changed[i - VOTE_RADIUS:i + VOTE_RADIUS + 1, j - VOTE_RADIUS:j + VOTE_RADIUS + 1]
-                    undecided[i, j] = not spreads or (s[OWN + x] < surfaces and any_of(around))
+            if any_of(candidates[i:i + 1, first:first + int(B)]):
+                _find(s, flat, i * surfaces * FIELDS * padded_cols + first, surfaces, U(padded_cols), max_chi2, blur2,
+                      frame.period, frame.max_std)
+                for x in range(B):
+                    j = first + int(x)
+                    undecided[i, j] = candidates[i, j] & (s[OPEN + x] > ZERO)
