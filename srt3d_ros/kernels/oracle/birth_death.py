@@ -45,8 +45,8 @@ def birth_death(frame, state, terms, max_chi2):
     Then SPREAD more times, for pixels with fewer than K surfaces of whose neighbourhood the time before has
     changed: surfaces so grow by as many pixels.
 
-    Returns the next state. `max_chi2` is the square of the standard deviations within which depths may be one
-    surface's.
+    Returns the next state, which may take the place of `state`. `max_chi2` is the square of the standard deviations
+    within which depths may be one surface's.
     """
     state, own = state.clone(), log_likelihood_ratio(frame, state, terms)
     surfaces, row_bytes = state.shape[1], PAIRS * 9 * SIDE**2 * state.shape[1]**2 * state[0, 0, 0].nbytes
