@@ -55,17 +55,9 @@ def aligned(size):
     return memory[first:first + size]
 
 
-# What numba makes of `into[:] = values` or `values.any()` takes several times as long to compile.
-
-@inline
-def copy(values, into):
-    for k in range(len(into)):
-        into[k] = values[k]
-
-
 @line
 def any_of(values):
-    """Whether a number of a map is not 0."""
+    """Whether a number of a map is not 0; what numba makes of `values.any()` takes several times as long to compile."""
     for row in range(values.shape[0]):
         for col in range(values.shape[1]):
             if values[row, col] != 0:
