@@ -20,7 +20,7 @@ OF_WAVES = 5e-7     # and for ToA with fractions
 def sketch(function, *arguments, frequencies, pixels=PIXELS, table=True):
     """Sums, numbers of photons and what lies in memory, after a kernel has added photons."""
     values = 2 * len(frequencies)
-    fixed = [cpu.fixed_rows(phase_table(frequencies, T))] if table else []
+    fixed = [cpu.fixed_rows(phase_table(histogram_sensor(), frequencies, None)[:, :-2])] if table else []
     sums, photons = cpu.new_sums(pixels, values)
     arrays = [each for each in arguments if isinstance(each, np.ndarray)]
     rest = [each for each in arguments if not isinstance(each, np.ndarray)]

@@ -59,7 +59,6 @@ class Framing:
     """
 
     def __init__(self, packets: int = 1, period_ns: int = 0):
-        self.settings = packets, period_ns
         self._period_ns = period_ns
         self._steps_ns: deque[int] = deque(maxlen=min(2 * packets + 2, STEPS_KEPT))     # between successive packets
         self._last_ns: int | None = None

@@ -1,13 +1,40 @@
-"""Which frequencies a sketch keeps."""
+"""Which frequencies a sketch keeps: those that make its expected depth error least (docs/algorithm.md), or a user's.
+
+A matched filter on the sketch of one surface errs in two ways: it misses the top of the right peak a little, or it
+takes another peak. Both are in the Ziv–Zakai bound with valley filling (J. Ziv and M. Zakai, IEEE Trans. Inf. Theory
+15, 1969; S. Bellini and G. Tartara, IEEE Trans. Commun. 22, 1974), here for the mean absolute error:
+
+    E|t̂ − t| ≥ ∫ max{P(d'): d' ≥ d} dd over 0 < d < T/2,   P(d) = Q(s·D(d) / √(s·V(d) + b·D(d)))
+
+P(d) is the probability that s signal and b background photons favour depth t + d over t. With a photon's
+response q(x) = Σ_l Re conj(ĥ_l) exp(i ω_l x) at x bins from a surface, D(d) = Σ_l |ĥ_l|² (1 − cos ω_l d) is by how much
+a signal photon prefers the truth on average, b·D(d) the variance that the background adds to the preference, and
+V(d) = Σ_x h(x) (q(x) − q(x − d))² what a signal photon adds. For small d that is the sandwich variance of the estimator
+that we use (`MatchedFrame`), not that of an ideal one.
+"""
+
+from functools import lru_cache
 
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frequency_design import design
 from srt3d_ros.core.sketching.sketch import MAX_SKETCH_SIZE, check_frequencies
 from srt3d_ros.errors import InvalidInput, require
 
 DEFAULT_SKETCH_SIZE = 10
+SBRS = (0.1, 1.0, 10.0)     # ratios of signal to background that are designed for
+SCORES = (7.0, 10.0)        # σ at which the photons stand out of the background: the start is sure at 7
+BEND = 0.75                 # of the progression; hardly matters, see docs/algorithm.md
+LEAST_PASSED = 0.1          # |ĥ| of the highest frequency that may be taken
+LADDER = 1.05               # ratio of one highest frequency that is tried to the next
+ENOUGH = 3.0                # the search ends when the highest frequency is this much above the best so far
+ALIKE = 0.02                # differences of log error that hardly matter
+OVERSAMPLING = 4            # cells of the depth grid for each period of the highest frequency
+IRFS_COMPARED = 64
+# log of erfc(x)·exp(x²)/t as a polynomial in t = 1 / (1 + x/2), relative error 1.2e-7 for x ≥ 0 (W. H. Press et al.,
+# Numerical Recipes, 2nd ed., 6.2). math.erfc, number by number, takes 20 times as long; torch a second to import.
+ERFC = (-1.26551223, 1.00002368, 0.37409196, 0.09678418, -0.18628806, 0.27886807, -1.13520398, 1.48851587, -0.82215223,
+        0.17087277)
 
 
 def angular_frequencies(frequencies, num_bins: int) -> np.ndarray:
@@ -28,6 +55,14 @@ def irf_spectrum(sensor: SensorModel, frequencies) -> np.ndarray:
 def consecutive(sketch_size: int) -> tuple[int, ...]:
     """1 … m, as in the paper's experiments."""
     return tuple(range(1, sketch_size + 1))
+
+
+def design(sensor: SensorModel, sketch_size: int) -> tuple[int, ...]:
+    """The m frequencies, 1 … (T − 1) / 2, of a smooth progression from 1 with the least expected depth error.
+
+    Of an IRF per pixel, the most typical one counts.
+    """
+    return _design(_typical_irf(sensor).tobytes(), sensor.num_bins, sketch_size)
 
 
 RULES = {"auto": design, "consecutive": lambda _, sketch_size: consecutive(sketch_size)}
@@ -56,3 +91,110 @@ def choose(spec: str, sensor: SensorModel, sketch_size: int | None = None) -> tu
     require(sketch_size in (None, len(listed)), "sketch_size", sketch_size,
             f"{len(listed)}, the number of frequencies listed (or leave it out)")
     return check_frequencies(listed, sensor.num_bins)
+
+
+def progression(top: int, sketch_size: int) -> tuple[int, ...]:
+    """m increasing integers from 1 to `top` ≥ m, between evenly spaced and geometric.
+
+    k(u) = 1 + (top − 1) · (aᵘ − 1) / (a − 1), a = top^BEND, u = 0 … 1; rounded, and moved up where two would coincide.
+    """
+    u = np.linspace(0, 1, sketch_size)
+    a = float(top)**BEND
+    chosen: list[int] = []
+    for value in 1 + (top - 1) * ((a**u - 1) / (a - 1) if top > 1 else u):
+        chosen.append(max(round(value), chosen[-1] + 1 if chosen else 1))
+    return tuple(chosen)
+
+
+def expected_error_bins(spectrum: np.ndarray, num_bins: int, frequencies, signal: np.ndarray,
+                        background: np.ndarray) -> np.ndarray:
+    """The bound on E|t̂ − t| (see above) of frequencies k, for several photon counts.
+
+    The integral is that of P's Gaussian part, Q(d / 2σ), in closed form, and of the difference on a grid: σ may be far
+    smaller than the grid's cells, where the sandwich variance is right; other peaks are as wide as several cells.
+
+    Args:
+        spectrum: complex [T // 2 + 1], Σ_x h(x) exp(i ω_k x) for k = 0, 1, …
+        num_bins: T.
+        frequencies: the integers k_l.
+        signal, background: expected photons, float [N].
+
+    Returns:
+        float64 [N], bins; infinite where the IRF passes none of the frequencies.
+    """
+    k = np.asarray(frequencies)
+    cells = 2**int(np.floor(np.log2(OVERSAMPLING * k.max())) + 1)          # above, as q² reaches twice as high
+    step = num_bins / cells
+    omega = 2 * np.pi * k / num_bins
+    energy = np.abs(spectrum[k])**2
+    curvature = (omega**2 * energy).sum()
+    if curvature < 1e-12:
+        return np.full(len(signal), np.inf)
+    response, slope, gain = (np.zeros(cells // 2 + 1, complex) for _ in range(3))
+    response[k], slope[k], gain[k] = np.conj(spectrum[k]) / 2, 1j * omega * np.conj(spectrum[k]) / 2, energy / 2
+    irf = np.zeros(cells // 2 + 1, complex)
+    passed = min(len(irf), len(spectrum))
+    irf[:passed] = spectrum[:passed]
+    q, score, share = (_on_grid(part) for part in (response, slope, np.conj(irf) / cells))      # share of h in a cell
+    alike = _on_grid(np.conj(response * np.conj(np.fft.rfft(share * q))))       # Σ h(x) q(x) q(x − d)
+    apart = _on_grid(np.conj(np.fft.rfft(q * q) / cells * irf))                 # Σ h(x) q(x − d)²
+    half = slice(1, cells // 2 + 1)
+    drop = np.maximum(energy.sum() - _on_grid(gain)[half], 0)       # rounding may leave less
+    scatter = np.maximum(apart[0] - 2 * alike[half] + apart[half], 0)
+    s, b = np.asarray(signal, np.float64)[:, None], np.asarray(background, np.float64)[:, None]
+    sigma = np.sqrt(np.maximum(s * (share * score**2).sum() + b * curvature / 2, 1e-12)) / (s * curvature)
+    distance = np.arange(1, cells // 2 + 1) * step
+    wrong = _tail(s * drop / np.sqrt(s * scatter + b * drop + 1e-12))
+    wrong = np.maximum.accumulate(wrong[:, ::-1], axis=1)[:, ::-1]
+    rest = wrong - _tail(distance / (2 * sigma))
+    return np.maximum(np.sqrt(2 / np.pi) * sigma[:, 0] + rest.sum(axis=1) * step, 0.1 * sigma[:, 0])
+
+
+def nominal_photons(sketch_size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Signal and background photons that a design is for, float [N] each.
+
+    If the IRF passed all m frequencies, they would stand out of the background with the score s √(2m / (s + b)): each
+    of SCORES at each of SBRS.
+    """
+    sbr, score = np.repeat(SBRS, len(SCORES)), np.tile(SCORES, len(SBRS))
+    signal = score**2 * (1 + 1 / sbr) / (2 * sketch_size)
+    return signal, signal / sbr
+
+
+@lru_cache(maxsize=64)
+def _design(irf: bytes, num_bins: int, sketch_size: int) -> tuple[int, ...]:
+    spectrum = np.conj(np.fft.rfft(np.frombuffer(irf, np.float32), num_bins))
+    passed = np.flatnonzero(np.abs(spectrum[:max((num_bins - 1) // 2, 1) + 1]) >= LEAST_PASSED)
+    highest, photons = max(int(passed[-1]), sketch_size), nominal_photons(sketch_size)
+    tops, errors, top = [], [], sketch_size
+    while top <= highest and (not errors or top <= ENOUGH * tops[int(np.argmin(errors))]):
+        tops.append(top)
+        errors.append(np.log(expected_error_bins(spectrum, num_bins, progression(top, sketch_size), *photons)).mean())
+        top = max(round(top * LADDER), top + 1)
+    if not np.isfinite(np.min(errors)):
+        return progression(sketch_size, sketch_size)
+    # Side peaks that fall low by rounding, for one K and not the next, are luck that tilted surfaces and two depths do
+    # not share: so not the best K, but the mean of the good ones.
+    weights = np.exp((np.min(errors) - np.array(errors)) / ALIKE)
+    return progression(round(np.exp(np.average(np.log(tops), weights=weights))), sketch_size)
+
+
+def _typical_irf(sensor: SensorModel) -> np.ndarray:
+    """The IRF whose |ĥ| is nearest to the mean over the pixels, float32 [L]; wherever on the axis it begins."""
+    if sensor.irf.ndim == 1:
+        return sensor.irf
+    irfs = sensor.irf[np.linspace(0, len(sensor.irf) - 1, min(len(sensor.irf), IRFS_COMPARED)).astype(int)]
+    spectra = np.abs(np.fft.rfft(irfs, axis=1))
+    return irfs[np.square(spectra - spectra.mean(axis=0)).sum(axis=1).argmin()]
+
+
+def _on_grid(coefficients: np.ndarray) -> np.ndarray:
+    """Σ over positive and negative frequencies of a real function's Fourier coefficients, on the grid of depths."""
+    cells = 2 * (len(coefficients) - 1)
+    return np.fft.irfft(coefficients, cells) * cells
+
+
+def _tail(z: np.ndarray) -> np.ndarray:
+    """Q(z), the probability that a standard normal number exceeds z ≥ 0."""
+    t = 1 / (1 + z / np.sqrt(8))
+    return t / 2 * np.exp(np.polynomial.polynomial.polyval(t, ERFC) - z**2 / 2)

@@ -13,7 +13,7 @@ import numpy as np
 from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.core.sketching.phases import histogram_tables, toa_table
+from srt3d_ros.core.sketching.phases import histogram_tables, phase_table
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms, word_wanted
 from srt3d_ros.core.sketching.sketch import Sketch, check_frequencies
 from srt3d_ros.errors import require
@@ -44,7 +44,8 @@ class Sketcher:
         self.sensor, self.gate = sensor, gate
         self.frequencies = check_frequencies(frequencies, sensor.num_bins if gate is None else gate.num_bins)
         _, self._kernels = kernels_for("cpu")
-        table = toa_table(sensor, self.frequencies, gate)
+        table = phase_table(sensor, self.frequencies, gate)
+        table = table[:, :-2] if gate is None else table
         self._rows = self._kernels.fixed_rows(table)
         self._sums, self._photons = self._kernels.new_sums(sensor.pixels, table.shape[1])
         self._difference: Sums | None = None

@@ -12,7 +12,6 @@ from srt3d_ros.kernels.cpu.device import ON_HOST, array, numpy, run_frame
 from srt3d_ros.kernels.cpu.expand import expand
 from srt3d_ros.kernels.cpu.finalise import collect, finalise, unpack
 from srt3d_ros.kernels.cpu.gradients import pixelwise, poisson
-from srt3d_ros.kernels.cpu.histograms import sketch_histograms
 from srt3d_ros.kernels.cpu.likelihood import log_likelihood_ratio
 from srt3d_ros.kernels.cpu.match import match
 from srt3d_ros.kernels.cpu.move_sketch import move_sketch
@@ -24,6 +23,7 @@ from srt3d_ros.kernels.cpu.phase_sums import (
     sketch_continuous,
     sketch_events,
     sketch_gates,
+    sketch_histograms,
 )
 from srt3d_ros.kernels.cpu.pooled_step import pooled_step
 from srt3d_ros.kernels.cpu.prepare import prepare, residual

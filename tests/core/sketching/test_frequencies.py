@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE, choose, irf_spectrum
-from srt3d_ros.core.sketching.frequency_design import design
+from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE, choose, design, irf_spectrum
 from srt3d_ros.errors import InvalidInput
 
 

@@ -5,8 +5,14 @@ import pytest
 
 from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frequencies import angular_frequencies, consecutive, irf_spectrum
-from srt3d_ros.core.sketching.frequency_design import design, expected_error_bins, nominal_photons
+from srt3d_ros.core.sketching.frequencies import (
+    angular_frequencies,
+    consecutive,
+    design,
+    expected_error_bins,
+    irf_spectrum,
+    nominal_photons,
+)
 
 T = 400
 TAIL = np.exp(-0.5 * ((np.arange(60) - 12) / np.where(np.arange(60) < 12, 3, 9))**2)

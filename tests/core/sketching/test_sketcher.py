@@ -60,7 +60,7 @@ def test_sketch_is_the_mean_of_the_photons_phases(dtype, ordered):
 
 
 def test_phases_are_exact_for_high_frequencies_in_late_bins():
-    table = phase_table((32_767,), 65_535).view(np.complex64)[:, 0]
+    table = phase_table(SensorModel(1, 1, 65_535, 1e-10, [1.0]), (32_767,), None).view(np.complex64)[:, 0]
     b = np.arange(65_535, dtype=object)                   # Python's integers: no rounding
     turns = np.array([int(k) for k in b * 32_767 % 65_535]) / 65_535
     np.testing.assert_allclose(table, np.exp(2j * np.pi * turns), atol=1e-7)
