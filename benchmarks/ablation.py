@@ -50,8 +50,8 @@ SCENES = {"bust, SBR 1, 1 ppp": (1, 1, False), "bust, SBR 0.1, 10 ppp": (0.1, 10
           "bust in fog, SBR 1, 10 ppp": (1, 10, True)}
 HEAD_TOLERANCE_M = 40e-3
 NET, MOTION = "net, SBR 1, 10 ppp", "room from a moving sensor, 3 ppp"
-# Limits, what has to fit a margin, rounding, other methods, warm starts, what `benchmarks false_alarms` measures.
-FIXED = ("MAX_SKETCH_SIZE", "MAX_PHOTONS", "REACH", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "STAY", "VOTE_RADIUS",
+# Limits, what has to fit a margin, rounding, other methods, what `benchmarks false_alarms` measures.
+FIXED = ("MAX_SKETCH_SIZE", "MAX_PHOTONS", "REACH", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "VOTE_RADIUS",
          "SLANTED_SCALE", "TINY")
 OFF = {"START_SCALES": ((0.0, 1), (2.0, 2)), "WIDE_SCALE": (3.0, 3), "WINDOWS": ((2.0, 4), (9.0, 4)),
        "LIKENESS": 1e6, "PRIOR_VOTE": 0, "MAX_VOTE": 1e6,

@@ -35,17 +35,13 @@ NEAR_SIGMA = 1.2        # σ of the neighbourhood that votes, and that tells how
 VOTE_RADIUS = ceil(REACH * NEAR_SIGMA)
 LIKENESS = 2.0          # factor by which neighbours' intensities may differ; its square where surfaces share pixels
 EMPTY_PENALTY = 0.2     # log-likelihood ratio by which a neighbour without a surface speaks against a new one, at most
-BIRTH = 0.6             # log-likelihood ratio that a new surface needs; and a pixel without photons, which may be dead,
-                        # speaks no more against one
+BIRTH = 0.6             # log-likelihood ratio that a new surface needs, and in a warm start another depth than that of
+                        # the last frame; a pixel without photons, which may be dead, speaks no more against one
 SPREAD = 4              # pixels by which surfaces may grow into empty ones in each iteration
 
 # ---- End (`trim`, `finalise`)
 
 RIM = 3                 # of the 8 pixels around that see no surface: enough to make a point one of the rim
-
-# ---- Warm start
-
-STAY = 1.5              # log-likelihood ratio by which another depth must be better than that of the last frame
 
 # ---- Geometry and numerics of the pool, not the method's
 
