@@ -140,9 +140,15 @@ def with_clutter(frame: MatchedFrame) -> MatchedFrame:
     return replace(frame, clutter=np.random.default_rng(0).uniform(1, 3, T).astype(np.float32))
 
 
+def padded(frame: MatchedFrame) -> MatchedFrame:
+    """The frame with padded maps, as the windowed kernels want them."""
+    return replace(frame, matched=maps.pad(frame.matched.swapaxes(1, 2)), counts=maps.pad(frame.counts),
+                   exposure=maps.pad(frame.exposure), size=frame.shape)
+
+
 def make_terms(frame: MatchedFrame, state: np.ndarray) -> np.ndarray:
     """`expand` of a state as the kernels take it, by the oracle."""
-    return ORACLE.expand(frame.padded, state)
+    return ORACLE.expand(padded(frame), state)
 
 
 def exact_frame(depth: np.ndarray, signal: np.ndarray, background: float) -> MatchedFrame:

@@ -19,6 +19,7 @@ from .frames import (
     make_frame,
     make_state,
     make_terms,
+    padded,
 )
 
 
@@ -30,10 +31,10 @@ def test_birth_death(backend, spreading, shape, surfaces, seed, light, spread):
     frame = make_frame(shape, seed, light)
     state = make_state(frame, surfaces, seed, light)
     terms = make_terms(frame, state)
-    found = backend.birth_death(frame.padded, state, terms, GATE)
+    found = backend.birth_death(padded(frame), state, terms, GATE)
     assert found.dtype == np.float32
-    assert_states_agree(found, ORACLE.birth_death(frame.padded, state, terms, GATE), shape)
-    assert (found[:, :, maps.INTENSITY][frame.padded.exposure[:, None].repeat(surfaces, 1) == 0] == 0).all()
+    assert_states_agree(found, ORACLE.birth_death(padded(frame), state, terms, GATE), shape)
+    assert (found[:, :, maps.INTENSITY][padded(frame).exposure[:, None].repeat(surfaces, 1) == 0] == 0).all()
 
 
 SHAPE = (7, 9)
@@ -43,7 +44,7 @@ ALL = np.ones((1, *SHAPE))
 
 def chosen(frame, state, kernels=CPU) -> np.ndarray:
     """Of the pixel in the middle: depth and intensity, each [K]."""
-    after = kernels.birth_death(frame.padded, state, make_terms(frame, state), GATE)
+    after = kernels.birth_death(padded(frame), state, make_terms(frame, state), GATE)
     return maps.crop(after, *SHAPE)[MIDDLE][:, [maps.DEPTH, maps.INTENSITY]].T
 
 

@@ -10,7 +10,7 @@ from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.kernels import maps, oracle
 from srt3d_ros.kernels.oracle import windows
 
-from .frames import GATE, ORACLE, make_frame, make_sensor, make_sketch, make_state, make_terms
+from .frames import GATE, ORACLE, Backend, make_frame, make_sensor, make_sketch, make_state, make_terms, padded
 
 
 @pytest.mark.parametrize(("surfaces", "warm"), [(1, True), (2, False)])
@@ -37,11 +37,11 @@ def test_blocks_of_one_row_give_what_all_rows_at_once_give(monkeypatch, surfaces
     terms = make_terms(frame, state)
 
     def results() -> SimpleNamespace:
-        padded = frame.padded
+        wide = padded(frame)
         return SimpleNamespace(
-            born=ORACLE.birth_death(padded, state, terms, GATE), match=ORACLE.match(frame, 2)[0],
-            pooled=ORACLE.pooled_step(padded, state, terms, 5.0, 8, 4, GATE), terms=ORACLE.expand(padded, state),
-            left=ORACLE.residual(padded, state, terms, surfaces - 1))
+            born=ORACLE.birth_death(wide, state, terms, GATE), match=ORACLE.match(frame, 2)[0],
+            pooled=ORACLE.pooled_step(wide, state, terms, 5.0, 8, 4, GATE), terms=ORACLE.expand(wide, state),
+            left=ORACLE.residual(wide, state, terms, surfaces - 1))
 
     at_once = vars(results())
     monkeypatch.setattr(windows, "MEMORY", 1)
@@ -55,11 +55,11 @@ def test_a_block_stays_within_its_memory(monkeypatch):
     kernels = oracle.on("cpu", torch.float64)
     for surfaces in (1, 2):
         state = make_state(frame, surfaces, 1)
-        padded, state = frame.padded.on(kernels), kernels.array(state)
-        terms = kernels.expand(padded, state)
+        wide, state = Backend("", kernels).on(padded(frame)), kernels.array(state)
+        terms = kernels.expand(wide, state)
         monkeypatch.setattr(windows, "MEMORY", 2**22)
-        for step in (lambda: kernels.birth_death(padded, state, terms, GATE), lambda: kernels.match(padded, 2),
-                     lambda: kernels.pooled_step(padded, state, terms, 5.0, 14, 4, GATE)):
+        for step in (lambda: kernels.birth_death(wide, state, terms, GATE), lambda: kernels.match(wide, 2),
+                     lambda: kernels.pooled_step(wide, state, terms, 5.0, 14, 4, GATE)):
             assert peak_bytes(step) < 2**22 + 12 * state.nbytes
 
 

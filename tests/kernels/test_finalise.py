@@ -5,7 +5,7 @@ import pytest
 
 from srt3d_ros.kernels import maps
 
-from .frames import ORACLE, RELATIVE, SHAPES, T, make_frame, make_state, make_terms, with_clutter
+from .frames import ORACLE, RELATIVE, SHAPES, T, make_frame, make_state, make_terms, padded, with_clutter
 
 
 @pytest.mark.parametrize(("shape", "surfaces", "clutter"), [
@@ -14,7 +14,7 @@ def test_finalise(backend, shape, surfaces, clutter):
     frame = make_frame(shape, 1)
     frame = with_clutter(frame) if clutter else frame
     state, photons = make_state(frame, surfaces, 1), frame.counts.astype(np.uint32) + 3
-    arguments = frame.padded, photons, state, make_terms(frame, state), 9.0
+    arguments = padded(frame), photons, state, make_terms(frame, state), 9.0
     intensity, std, background = backend.finalise(*arguments)
     expected = ORACLE.finalise(*arguments)
     there = intensity > 0

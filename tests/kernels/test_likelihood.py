@@ -10,7 +10,7 @@ from srt3d_ros.kernels.cpu.frame import as_compiled
 from srt3d_ros.kernels.cpu.likelihood import llr as kernel
 from srt3d_ros.kernels.cpu.likelihood import score_of
 
-from .frames import FAINT, ORACLE, T, make_frame, make_state, make_terms
+from .frames import FAINT, ORACLE, T, make_frame, make_state, make_terms, padded
 
 FRAME = as_compiled(make_frame((6, 40), seed=0))
 
@@ -72,7 +72,7 @@ def test_intensities_within_a_factor_of_two_are_one_surfaces():
 def test_log_likelihood_ratio(backend, shape, surfaces, light):
     frame = make_frame(shape, 1, light)
     state = make_state(frame, surfaces, 1, light)
-    arguments = frame.padded, state, make_terms(frame, state)
+    arguments = padded(frame), state, make_terms(frame, state)
     fast, slow = (kernels.log_likelihood_ratio(*arguments) for kernels in (backend, ORACLE))
     np.testing.assert_allclose(fast, slow, atol=1e-5 * np.abs(slow).max())
     assert (fast > 1).any() and (fast < -0.5).any()

@@ -16,6 +16,7 @@ from .frames import (
     make_frame,
     make_state,
     make_terms,
+    padded,
 )
 
 FAR = 8                     # a radius with cells
@@ -26,7 +27,7 @@ BOTH = pytest.mark.parametrize("kernels", [CPU, ORACLE])
 def test_expand(backend, shape, surfaces):
     frame = make_frame(shape, seed=1)
     state = make_state(frame, surfaces, seed=1)
-    fast, slow = backend.expand(frame.padded, state), ORACLE.expand(frame.padded, state)
+    fast, slow = backend.expand(padded(frame), state), ORACLE.expand(padded(frame), state)
     assert fast.dtype == np.float32 and fast.shape == slow.shape
     for term in range(maps.TERMS):
         one, other = fast[:, :, term], slow[:, :, term]
@@ -40,7 +41,7 @@ def test_expand_leaves_out_what_the_other_surfaces_explain(kernels):
     depth = np.concatenate([np.full((1, 3, 40), 100.0), np.full((1, 3, 40), 104.0)])
     photons = np.concatenate([np.full((1, 3, 40), 30.0), np.full((1, 3, 40), 20.0)])
     frame, state = exact_frame(depth, photons, 5), exact_state(depth, photons)
-    terms = maps.crop(kernels.expand(frame.padded, state), 3, 40)
+    terms = maps.crop(kernels.expand(padded(frame), state), 3, 40)
     for k, shown in enumerate((30, 20)):
         np.testing.assert_allclose(terms[:, k, maps.VALUE], shown * frame.total_energy, rtol=1e-4)
         np.testing.assert_allclose(terms[:, k, maps.CURVATURE], shown * frame.curvature, rtol=1e-4)
@@ -56,7 +57,7 @@ def test_pooled_step(backend, shape, surfaces, sigma, radius, fine):
     frame = make_frame(shape, seed=1)
     state = make_state(frame, surfaces, seed=1)
     terms = make_terms(frame, state)
-    arguments = frame.padded, state, terms, sigma, radius, fine, GATE
+    arguments = padded(frame), state, terms, sigma, radius, fine, GATE
     _, before, known, *_ = backend.changed("pooled_step", *arguments)
     after = backend.pooled_step(*arguments)
     assert np.array_equal(before, state) and np.array_equal(known, terms) and after.dtype == np.float32
@@ -69,7 +70,7 @@ def test_pooled_step_leaves_margins_empty_and_steps_beside_pixels_without_points
     signal = np.where(np.arange(64) < 40, 20.0, 0) * np.ones((1, 2, 1))
     signal[:, :, 30:35] = 0                                     # dead pixels at the end of the first block
     frame, state = exact_frame(depth, signal, 2), exact_state(depth + 0.5, signal * (np.arange(64) < 30))
-    found = backend.pooled_step(frame.padded, state, make_terms(frame, state), 1.0, 1, 4, GATE)
+    found = backend.pooled_step(padded(frame), state, make_terms(frame, state), 1.0, 1, 4, GATE)
     view = maps.crop(found, 2, 64)[:, 0]
     assert (view[:, maps.INTENSITY, 30:] == 0).all() and not found[..., :maps.MARGIN].any()
     np.testing.assert_allclose(view[:, maps.DEPTH, :30], 100, atol=0.01)
@@ -84,8 +85,8 @@ def test_points_on_a_plane_that_crosses_the_end_of_the_period_stay_on_it(kernels
     frame, state = exact_frame(depth, lit, 5), exact_state(depth, lit)
     view = maps.crop(state, 19, 32)
     view[:, :, maps.STD] = 1
-    state[:] = kernels.pooled_step(frame.padded, state, make_terms(frame, state), 3.0, radius, 4, GATE)   # the slopes
-    after = kernels.pooled_step(frame.padded, state, make_terms(frame, state), 3.0, radius, 4, GATE)
+    state[:] = kernels.pooled_step(padded(frame), state, make_terms(frame, state), 3.0, radius, 4, GATE)   # the slopes
+    after = kernels.pooled_step(padded(frame), state, make_terms(frame, state), 3.0, radius, 4, GATE)
     view = maps.crop(after, 19, 32)[:, 0]
     away = (view[:, maps.DEPTH] - depth[0] + T / 2) % T - T / 2
     inner = np.s_[FAR:-FAR, FAR:-FAR]
@@ -102,7 +103,7 @@ def test_the_residual_is_the_distance_of_the_neighbours_from_the_plane(kernels):
     depth, lit = (50 + 0.2 * (-1.0)**(x + y))[None], np.full((1, 13, 33), 20.0)
     frame, state = exact_frame(depth, lit, 5), exact_state(depth, lit)
     maps.crop(state, 13, 33)[:, :, maps.STD] = 0.5
-    after = kernels.pooled_step(frame.padded, state, make_terms(frame, state), 1e3, 4, 4, GATE)
+    after = kernels.pooled_step(padded(frame), state, make_terms(frame, state), 1e3, 4, 4, GATE)
     point = maps.crop(after, 13, 33)[6, 0, :, 16]
     dy, dx = np.mgrid[-4:5, -4:5]
     inside = dx**2 + dy**2 <= 4 * 5

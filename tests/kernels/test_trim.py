@@ -18,6 +18,7 @@ from .frames import (
     make_frame,
     make_state,
     make_terms,
+    padded,
     with_clutter,
 )
 
@@ -31,7 +32,7 @@ DEPTH = np.full((1, *SHAPE), 100.0)
 
 def trimmed(kernels, frame, state) -> np.ndarray:
     """Where there are points afterwards, bool [rows, K, cols]."""
-    after = kernels.changed("trim", frame.padded, state, make_terms(frame, state), ENOUGH)[1]
+    after = kernels.changed("trim", padded(frame), state, make_terms(frame, state), ENOUGH)[1]
     return maps.crop(after, *frame.shape)[:, :, maps.INTENSITY] > 0
 
 
@@ -51,7 +52,7 @@ def test_trim(backend, shape, surfaces, light, clutter):
     maps.crop(state, *shape)[:, :, maps.DEPTH] += 40 * (np.arange(shape[1]) > 20)       # no photons speak for these
     maps.crop(state, *shape)[:, :, maps.DEPTH] %= 300
     terms = make_terms(frame, state)
-    fast, slow = (kernels.changed("trim", frame.padded, state, terms, ENOUGH)[1] for kernels in (backend, ORACLE))
+    fast, slow = (kernels.changed("trim", padded(frame), state, terms, ENOUGH)[1] for kernels in (backend, ORACLE))
     assert np.array_equal(np.delete(fast, maps.INTENSITY, axis=2), np.delete(state, maps.INTENSITY, axis=2))
     fast, slow = (maps.crop(after, *shape)[:, :, maps.INTENSITY] > 0 for after in (fast, slow))
     assert np.array_equal(fast, slow)

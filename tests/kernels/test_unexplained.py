@@ -6,7 +6,7 @@ import pytest
 from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.kernels import maps
 
-from .frames import ORACLE, RELATIVE, exact_frame, exact_state, make_frame, make_sensor, make_sketch, make_state
+from .frames import ORACLE, RELATIVE, exact_frame, exact_state, make_frame, make_sensor, make_sketch, make_state, padded
 
 
 def photon_maps(shape, seed):
@@ -21,7 +21,7 @@ def test_unexplained(backend, shape, surfaces, each):
     intensity = maps.crop(state, *shape)[:, :, maps.INTENSITY].copy()
     size = (*shape, len(frame.energy)) if each else (1, 1, len(frame.energy))
     passed = (rng.normal(size=size) + 1j * rng.normal(size=size)).astype(np.complex64)
-    arguments = frame.padded, state, intensity, *photon_maps(shape, 3), passed
+    arguments = padded(frame), state, intensity, *photon_maps(shape, 3), passed
     found, expected = backend.unexplained(*arguments), ORACLE.unexplained(*arguments)
     assert found.dtype == np.float32 and found.shape == (4 * len(frame.energy) + 4,)
     np.testing.assert_allclose(found, expected, atol=RELATIVE * np.abs(expected[:-1]).max(), rtol=RELATIVE)
@@ -33,7 +33,7 @@ def test_points_that_are_right_leave_nothing_but_the_background():
     frame, state = exact_frame(depth, signal, 4), exact_state(depth, signal)
     m, taken = len(frame.energy), np.full(x.shape, 4.0)
     photons = signal[0] + taken
-    found = ORACLE.unexplained(frame.padded, state, signal.swapaxes(0, 1), taken, taken, taken, photons,
+    found = ORACLE.unexplained(padded(frame), state, signal.swapaxes(0, 1), taken, taken, taken, photons,
                                   np.ones((1, 1, m)))
     share = taken / photons
     omega = 2 * np.pi * frame.bin_frequencies
@@ -50,10 +50,10 @@ def test_prepare_makes_the_frame_of_the_matcher_and_takes_the_background_out(bac
         sensor = sensor.replace(delay_bins=rng.uniform(-9, 9, shape))
     sketch = make_sketch(sensor, seed=2)
     matcher = Matcher(sensor, sketch.frequencies)
-    padded = matcher(sketch).padded
+    wide = padded(matcher(sketch))
     matched, counts = backend.prepare(sketch.sums, sketch.photons, matcher.equaliser, matcher.used)
-    np.testing.assert_allclose(matched, padded.matched, atol=1e-5 * np.abs(padded.matched).max())
-    np.testing.assert_array_equal(counts, padded.counts)
+    np.testing.assert_allclose(matched, wide.matched, atol=1e-5 * np.abs(wide.matched).max())
+    np.testing.assert_array_equal(counts, wide.counts)
     taken = (rng.uniform(0, 9, shape) * matcher.used).astype(np.float32)
     size = (*shape, len(sketch.frequencies)) if each else (1, 1, len(sketch.frequencies))
     shown = (rng.normal(size=size) + 1j * rng.normal(size=size)).astype(np.complex64)

@@ -1,7 +1,7 @@
 """MatchedFrame: a sketch with delay, gain and IRF of its pixels taken out, which is what the iterations work on."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -73,16 +73,6 @@ class MatchedFrame:
     def resolution_bins(self) -> float:
         """Width of the matched filter's peak: closer depths are hardly resolved."""
         return float(np.sqrt(self.total_energy / self.curvature))
-
-    @property
-    def padded(self) -> "MatchedFrame":
-        """The same with padded maps, as the windowed kernels want them."""
-        return replace(self, matched=maps.pad(self.matched.swapaxes(1, 2)), counts=maps.pad(self.counts),
-                       exposure=maps.pad(self.exposure), size=self.shape)
-
-    def on(self, kernels) -> "MatchedFrame":
-        """The same with its arrays on the kernels' device."""
-        return MatchedFrame(**on_device(vars(self), kernels))
 
 
 class Matcher:

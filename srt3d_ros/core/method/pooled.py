@@ -79,7 +79,7 @@ class Pooled:
         state = kernels.no_surfaces(frame, self._surfaces)
         self._search(frame, state, START_SCALES, START_SCORE, start, continued)
         state = self._iterate(frame, state, *WINDOWS[0], FIRST_STEPS)
-        kernels.drop_weak(state, self._weak)
+        state[:, :, maps.INTENSITY] *= state[:, :, maps.SCORE] >= self._weak
         self._search(frame, state, (WIDE_SCALE,), found)
 
         # Iterate over wider windows.

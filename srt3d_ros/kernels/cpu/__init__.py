@@ -28,6 +28,6 @@ from srt3d_ros.kernels.cpu.phase_sums import (
 from srt3d_ros.kernels.cpu.pooled_step import pooled_step
 from srt3d_ros.kernels.cpu.prepare import prepare, residual
 from srt3d_ros.kernels.cpu.rows import fixed_rows
-from srt3d_ros.kernels.cpu.search import drop_weak, no_surfaces, search
+from srt3d_ros.kernels.cpu.search import no_surfaces, search
 from srt3d_ros.kernels.cpu.trim import trim
 from srt3d_ros.kernels.cpu.unexplained import unexplained

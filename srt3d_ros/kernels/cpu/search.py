@@ -131,7 +131,3 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
         wanted &= (intensity[:, layer] == 0) | (score[:, layer] < SURE_SCORE)
         slopes = np.array([(rise, 0), (-rise, 0), (0, rise), (0, -rise)], np.float32)
         along(slopes, pool_slanted(cells, weights, frame.bin_frequencies * (step * rise), step, wanted), START_SCORE)
-
-
-def drop_weak(state, weak):
-    state[:, :, INTENSITY] *= state[:, :, SCORE] >= F32(weak)

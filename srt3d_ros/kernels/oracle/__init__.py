@@ -40,11 +40,11 @@ from srt3d_ros.kernels.oracle.device import Kernels
 from srt3d_ros.kernels.oracle.finalise import collect, finalise, unexplained, unpack
 from srt3d_ros.kernels.oracle.likelihood import expand, log_likelihood_ratio, trim
 from srt3d_ros.kernels.oracle.pooled_step import pooled_step
-from srt3d_ros.kernels.oracle.search import drop_weak, match, no_surfaces, prepare, residual, search
+from srt3d_ros.kernels.oracle.search import match, no_surfaces, prepare, residual, search
 
 FUNCTIONS = {function.__name__: function for function in (
-    birth_death, blur, collect, drop_weak, expand, finalise, log_likelihood_ratio, match, no_surfaces, pooled_step,
-    prepare, residual, search, trim, unexplained, unpack)}
+    birth_death, blur, collect, expand, finalise, log_likelihood_ratio, match, no_surfaces, pooled_step, prepare,
+    residual, search, trim, unexplained, unpack)}
 
 
 def on(device: str, dtype: torch.dtype = torch.float32) -> Kernels:

@@ -1,4 +1,4 @@
-"""The start: `prepare`, `match`, `search`, `drop_weak` and `residual`."""
+"""The start: `prepare`, `match`, `search` and `residual`."""
 
 import math
 from functools import partial
@@ -197,8 +197,3 @@ def _std(frame, signal, counts, share):
     background = (counts / share - signal).clamp(min=0)
     spread = share * (signal * frame.moments[0] + background * frame.moments[1])
     return (torch.sqrt(spread) / (signal * frame.curvature)).clamp(max=frame.num_bins)
-
-
-def drop_weak(state, weak):
-    """r = 0 where the score is below `weak` standard deviations; in place."""
-    state[:, :, maps.INTENSITY].masked_fill_(state[:, :, maps.SCORE] < weak, 0.0)
