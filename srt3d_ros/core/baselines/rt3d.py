@@ -26,7 +26,7 @@ from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.kernels.maps import window_weights
 
 BACKGROUND_WINDOW = 1.5         # σ of the moving average, pixels
-LEAST_INFORMATION = 1e-12       # of an IRF without slopes
+LEAST = 1e-12                   # information of an IRF without slopes, and light of a bin without any
 LEAST_BACKGROUND = 0.01         # photons in a pixel: a photon off every surface must have come from somewhere
 
 
@@ -86,7 +86,7 @@ class RT3D:
         if sensor.delay_bins is not None:
             toa = toa - np.repeat(sensor.delay_bins.ravel(), photons.counts)
         mean, slope = (values[:, 1:-1].mean(axis=0, dtype=np.float64) for values in (self._irf, self._slope))
-        information = max(float((slope**2 / (mean + ratio)).sum()), LEAST_INFORMATION)
+        information = max(float((slope**2 / np.maximum(mean + ratio, LEAST)).sum()), LEAST)
         return Likelihood(photons.starts, toa, self._irf, self._slope, sensor.irf_ref + 1, information, sensor.num_bins,
                           sensor.exposure)
 
