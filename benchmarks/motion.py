@@ -158,7 +158,8 @@ def judge(drive: Drive, ppps: list[float], frames: int) -> Iterator[dict]:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--scenes", type=FilePath, metavar="DIR", help="depth maps (docs/evaluation.md), .npz")
+    parser.add_argument("--scenes", type=FilePath, metavar="DIR",
+                        help="depth maps, .npz: depth_m (metres along the rays), reflectivity, valid (bool)")
     parser.add_argument("--ppp", type=float, nargs="+", default=[3.0, 10.0], help="photons a pixel and frame")
     parser.add_argument("--frames", type=int, default=10, help="that are judged (%(default)s)")
 

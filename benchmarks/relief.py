@@ -94,7 +94,7 @@ class Relief:
 
 
 def read_relief(path: str | FilePath) -> Relief:
-    """The depth map of a scene file (see scene.read_scene) as a world to move in."""
+    """The world of an .npz file: `depth_m`, metres along the rays, `reflectivity` and `valid`, as Relief has them."""
     arrays = read_npz_arrays(FilePath(path), ("depth_m", "reflectivity", "valid"), "scene")
     require(len(arrays) == 3, "scene", f"with {', '.join(arrays)}", "depth_m, reflectivity and valid")
     return Relief(arrays["depth_m"], arrays["reflectivity"], arrays["valid"].astype(bool))

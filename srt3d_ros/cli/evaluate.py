@@ -5,6 +5,7 @@ from pathlib import Path
 
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
+from srt3d_ros.evaluation.cases import SCENES
 
 
 def add_parser(subparsers) -> None:
@@ -20,13 +21,12 @@ def add_parser(subparsers) -> None:
     parser.add_argument("--sketch-size", nargs="+", type=int, default=[DEFAULT_SKETCH_SIZE], metavar="M",
                         help=f"complex numbers kept of a pixel ({DEFAULT_SKETCH_SIZE})")
     parser.add_argument("--tolerance", metavar="BINS|MMmm",
-                        help="how near a true detection is (simulated heads: 40mm, net: 3, files: 10)")
+                        help="how near a true detection is (bust: 40mm, net: 3, files: 10)")
     parser.add_argument("--surfaces", type=int, metavar="K",
                         help="most surfaces in a pixel (the net: 2; a file: as many as it has references)")
     simulated = parser.add_argument_group("simulated scenes")
-    simulated.add_argument("--scene", nargs="+", metavar="SCENE",
-                           help="some of bust, net, and .npz files of depth_m, reflectivity and valid "
-                                "(bust net)")
+    simulated.add_argument("--scene", nargs="+", choices=tuple(SCENES), metavar="SCENE",
+                           help=f"some of {', '.join(SCENES)} (all)")
     simulated.add_argument("--sbr", nargs="+", type=float, default=[10.0, 1.0, 0.1], metavar="R",
                            help="signal-to-background ratios (10 1 0.1)")
     simulated.add_argument("--ppp", nargs="+", type=float, default=[1.0, 10.0, 100.0], metavar="N",

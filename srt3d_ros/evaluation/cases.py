@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -13,14 +12,16 @@ from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets import Photons
+from srt3d_ros.datasets.simulation.bust import Bust
 from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.evaluation import held_out
-from srt3d_ros.evaluation.scenes import NetScene, net_sensor, read_scene
+from srt3d_ros.evaluation.scenes import NetScene, net_sensor
 
-SCENES = ("bust", "net")               # evaluated unless others are asked for
-HEAD_TOLERANCE, NET_TOLERANCE, FILE_TOLERANCE = "40mm", "3", "10"
+# Of each scene: what is seen, by which sensor; unless asked otherwise, tolerance and most surfaces in a pixel.
+SCENES = {"bust": (Bust, default_sensor, "40mm", 1), "net": (NetScene, net_sensor, "3", 2)}
+FILE_TOLERANCE = "10"
 SEEN_PHOTONS, SEEN_BINS = 8, 60.0       # an aligned reference counts in pixels with so many photons so near
 
 
@@ -91,24 +92,24 @@ def simulated(scene: str, sbrs: Sequence[float], ppps: Sequence[float], repeats:
     """A scene at every signal-to-background ratio and number of photons per pixel.
 
     Args:
-        scene: "bust", "net", or a scene file (scenes.read_scene).
+        scene: one of SCENES.
         tolerance: as for `tolerance_bins`.
     """
     for sbr in sbrs:
         require(0 < sbr < np.inf, "--sbr", sbr, "ratios above 0")
     for ppp in ppps:
         require(0 < ppp < np.inf, "--ppp", ppp, "photons per pixel, above 0")
-    seen, sensor, default = _open_scene(scene)
-    within = tolerance_bins(tolerance or default, sensor)
-    count = surfaces or (2 if scene == "net" else 1)
-    name = scene if scene in SCENES else Path(scene).stem
+    scene_of, make_sensor, usual_tolerance, usual_surfaces = SCENES[scene]
+    sensor, count = make_sensor(), surfaces or usual_surfaces
+    seen = scene_of(sensor)
+    within = tolerance_bins(tolerance or usual_tolerance, sensor)
 
     def observe(sbr: float, ppp: float, seed: int) -> Observation:
         simulator = Simulator(seen, sensor, sbr=sbr, ppp=ppp, seed=seed)
         frame, depth = simulator.frame(0)
         return Observation(frame, depth, simulator.expected(0)[1], complete=True)
 
-    return [Case(name, sensor, partial(observe, sbr, ppp, repeat), count, within, sbr, ppp, repeat)
+    return [Case(scene, sensor, partial(observe, sbr, ppp, repeat), count, within, sbr, ppp, repeat)
             for sbr in sbrs for ppp in ppps for repeat in range(1, repeats + 1)]
 
 
@@ -168,14 +169,3 @@ def photons_near(frame: PhotonEvents, depth_bins: np.ndarray, bins: float, senso
 def _observed(photons: Photons, held_out_share: float | None) -> Observation:
     frame, kept = (photons.events, None) if held_out_share is None else held_out.split(photons.events, held_out_share)
     return Observation(frame, photons.reference_depth_bins, held_out=kept)
-
-
-def _open_scene(scene: str):
-    """The scene (None: the simulator's default), its sensor and default tolerance."""
-    if scene == "bust":
-        return None, default_sensor(), HEAD_TOLERANCE
-    if scene == "net":
-        sensor = net_sensor()
-        return NetScene(sensor), sensor, NET_TOLERANCE
-    require(scene.lower().endswith(".npz"), "scene", scene, f"{', '.join(SCENES)}, or a scene file .npz")
-    return *read_scene(scene), HEAD_TOLERANCE

@@ -23,7 +23,7 @@ SENSOR = SensorModel(12, 20, 300, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2), toa
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """layers.npz: photons of two surfaces; bare.npz: photons without reference, few.npz: few; step.npz: a scene."""
+    """layers.npz: photons of two surfaces; bare.npz: photons without reference, few.npz: few."""
     path = tmp_path_factory.mktemp("evaluate")
     depth = np.stack([np.full((12, 20), 80.0), np.full((12, 20), 200.0)])
     events, truth = Simulator(StaticScene(SENSOR.range_m(depth)), SENSOR, sbr=10, ppp=60).frame(0)
@@ -31,7 +31,6 @@ def folder(tmp_path_factory):
     photon_file.save(path / "bare.npz", SENSOR, events)
     photon_file.save(path / "few.npz", SENSOR, PhotonEvents(events.pixel[:240], events.toa[:240]))
     (path / "results.csv").write_text("of something else")
-    np.savez(path / "step.npz", depth_m=np.where(np.arange(24) < 12, 3.0, 3.1) + np.zeros((16, 1)))
     return path
 
 
@@ -79,17 +78,17 @@ def test_held_out_photons_judge_files_and_do_so_by_themselves_where_there_is_no_
 
 
 def test_a_scene_is_simulated_at_every_setting(run):
-    code, printed, out = run("--scene", "step.npz", "--sbr", "10", "1", "--ppp", "3", "30", "--sketch-size", "4", "10",
-                             "--methods", "pooled", "--repeats", "2", "--tolerance", "3mm")
+    code, printed, out = run("--scene", "net", "--sbr", "10", "1", "--ppp", "3", "30", "--sketch-size", "4", "10",
+                             "--methods", "pooled", "--repeats", "2", "--tolerance", "75mm")
     rows = rows_of(out)
     assert code == 0 and len(rows) == 2 * 2 * 2 * 2
     assert {(row["source"], row["sbr"], row["ppp"], row["sketch_size"], row["repeat"]) for row in rows} == {
-        ("step", sbr, ppp, m, repeat) for sbr in ("10", "1") for ppp in ("3", "30") for m in ("4", "10")
+        ("net", sbr, ppp, m, repeat) for sbr in ("10", "1") for ppp in ("3", "30") for m in ("4", "10")
         for repeat in ("1", "2")}
-    assert {row["tolerance_bins"] for row in rows} == {"10"}
-    assert sum(line.startswith("| step") for line in printed.out.splitlines()) == 8         # repeats averaged
+    assert [float(row["tolerance_bins"]) for row in rows] == pytest.approx([2] * len(rows), rel=0.01)
+    assert sum(line.startswith("| net") for line in printed.out.splitlines()) == 8          # repeats averaged
     names = {path.name for path in out.glob("*.png")}
-    assert names == {f"{name}_step.png" for name in ("metrics", "reconstructions")}
+    assert names == {f"{name}_net.png" for name in ("metrics", "reconstructions")}
 
 
 def test_without_matplotlib_there_are_the_table_and_a_note(run, monkeypatch):
@@ -109,7 +108,7 @@ def test_an_interrupted_evaluation_leaves_its_rows_and_the_next_one_starts_anew(
             raise KeyboardInterrupt
         return reconstruct(job, observation)
 
-    command = ("--scene", "step.npz", "--sbr", "10", "--ppp", "3", "30", "--methods", "pooled")
+    command = ("--scene", "net", "--sbr", "10", "--ppp", "3", "30", "--methods", "pooled")
     with monkeypatch.context() as patch:
         patch.setattr(evaluation, "reconstruct", stopped)
         code, _, out = run(*command)
@@ -133,12 +132,13 @@ def test_scenes_of_the_paper_are_the_default(monkeypatch, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(("arguments", "named"), [
-    (["absent.npz"], "absent.npz"), (["step.npz"], "step.npz"), (["--scene", "head"], "scene is head"),
-    (["layers.npz", "--methods", "magic"], "method is magic"),
-    (["--scene", "layers.npz"], "layers.npz depth_m"), (["--sbr", "high"], "--sbr"), (["--ppp", "-1"], "--ppp is -1"),
+    (["absent.npz"], "absent.npz"), (["results.csv"], "results.csv"),
+    (["--scene", "head"], "argument --scene: invalid choice: 'head'"),
+    (["layers.npz", "--methods", "magic"], "method is magic"), (["--sbr", "high"], "--sbr"),
+    (["--ppp", "-1"], "--ppp is -1"),
     (["--sketch-size", "0"], "--sketch-size is 0"), (["layers.npz", "--tolerance", "near"], "--tolerance is near"),
     (["bare.npz", "--held-out-photons", "nan"], "--held-out-photons is nan"),
-    (["bare.npz", "--scene", "step.npz", "--held-out-photons", "0.4"], "expected photon files only"),
+    (["bare.npz", "--scene", "net", "--held-out-photons", "0.4"], "expected photon files only"),
     (["few.npz", "--held-out-photons", "0.4"],
      "few is 240 photons: expected 250 or more for --held-out-photons 0.4"),
     (["bare.npz", "--out", "."], "--out is .: expected a folder without results.csv of"),

@@ -19,11 +19,3 @@ def layers(tmp_path_factory):
     events, truth = Simulator(StaticScene(SENSOR.range_m(depth)), SENSOR, sbr=10, ppp=60).frame(0)
     photon_file.save(path, SENSOR, events, truth - np.array([0, 13], np.float32)[:, None, None])
     return path
-
-
-@pytest.fixture(scope="session")
-def scene_file(tmp_path_factory):
-    """Path of a scene file of 16 × 24 pixels: a step of 10 cm."""
-    path = tmp_path_factory.mktemp("scenes") / "step.npz"
-    np.savez(path, depth_m=np.where(np.arange(24) < 12, 3.0, 3.1) + np.zeros((16, 1)))
-    return path
