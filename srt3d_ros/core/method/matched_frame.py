@@ -113,8 +113,9 @@ class Matcher:
     def __call__(self, sketch: Sketch) -> MatchedFrame:
         """The MatchedFrame of a sketch."""
         self.check(sketch)
-        counts = sketch.photons.astype(np.float32) * self.used
-        return MatchedFrame(self.matched(sketch.sums), counts, **self._constants)
+        z = (sketch.sums * self.equaliser).transpose(0, 2, 1)
+        matched = np.concatenate([z.real, z.imag], axis=1).astype(np.float32, order="C")
+        return MatchedFrame(matched, sketch.photons.astype(np.float32) * self.used, **self._constants)
 
     def padded_on(self, kernels) -> Callable[..., MatchedFrame]:
         """Function from padded `matched` and `counts`, and `clutter`, to a MatchedFrame on the kernels' device."""
@@ -136,11 +137,6 @@ class Matcher:
         """complex [1 or pixels, m] → complex64 [1 or rows, 1 or cols, m]."""
         size = (self.sensor.rows, self.sensor.cols) if len(values) > 1 else (1, 1)
         return values.astype(np.complex64).reshape(*size, -1)
-
-    def matched(self, sums: np.ndarray) -> np.ndarray:
-        """`MatchedFrame.matched` of the sums of photons, complex [rows or 1, cols or 1, m]."""
-        matched = (sums * self.equaliser).transpose(0, 2, 1)
-        return np.concatenate([matched.real, matched.imag], axis=1).astype(np.float32, order="C")
 
 
 def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,

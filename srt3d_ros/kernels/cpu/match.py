@@ -114,16 +114,6 @@ def response_at(z, first, step, bin_frequencies, depth):
     return response
 
 
-@line
-def subtract(z, depth, photons, energy, bin_frequencies):
-    """Take what a surface shows by this many photons out of a pixel's sketch."""
-    m = len(energy)
-    for l in range(m):
-        sine, cosine = sincos(bin_frequencies[l] * depth)
-        z[l] -= photons * energy[l] * cosine
-        z[m + l] -= photons * energy[l] * sine
-
-
 @inline
 def peaks_scratch(cells):
     """Scratch for `peaks`."""

@@ -94,13 +94,10 @@ def trim(frame, state, terms, enough):
 
     A pixel with a surface is at the rim if RIM of the 8 around are used (g > 0) and have none. What the pixels of
     the rim within VOTE_RADIUS (a square) show is pooled: V = Σ v, p = Σ n, μ = Σ g r, over their points. A point of
-    the pixel goes if these photons do not show a surface of any intensity, √p ρ(V₊ / p) / c(t) ≤ `enough`, and
-    speak for none rather than for one as bright as the pools of `pooled_step` make it,
-
-        p ρ(V₊ / p)² / 2 − D μ I₁ / (μ I₁ + (p − μ)₊ I₀) < 0,   D = μ − s + s ln(s / μ),   s = V₊ / E
-
-    (`log_likelihood_ratio` has the same). What lies behind is the rim then: SPREAD rounds, as far as surfaces grow
-    in an iteration. `terms` are `expand` of the state.
+    the pixel goes if these photons do not show a surface of any intensity, √p ρ(V₊ / p) / c(t) ≤ `enough`, and speak
+    for none rather than for one as bright as the pools of `pooled_step` make it: with this V, p and μ the ratio of
+    `log_likelihood_ratio` is below 0. What lies behind is the rim then: SPREAD rounds, as far as surfaces grow in an
+    iteration. `terms` are `expand` of the state.
     """
     view, terms, used = (crop(values, *frame.shape) for values in (state, terms, frame.exposure > 0))
     intensity = view[:, :, INTENSITY]
