@@ -23,7 +23,7 @@ def test_no_step_of_a_frame_looks_at_a_value_or_has_a_shape_that_depends_on_one(
     reconstructor = PooledStream(sensor, sketch.frequencies, surfaces, device="cuda", warm_start=warm)
     uneven = sketch.photons.astype(np.float32), np.ones(7, np.complex64), np.ones(sensor.num_bins, np.float32)
     for taken in ((), uneven):
-        arrays = map(kernels.array, (sketch.photons, sketch.sums, *taken))
+        arrays = map(kernels.array, (sketch.photons.astype(np.float32), sketch.sums, *taken))
         start = kernels.array(np.zeros(maps.state_shape(9, 33, surfaces), np.float32)) if warm else None
         state, left, background, points, number = reconstructor._pooled._estimate(start, *arrays)
         assert {each.device.type for each in (state, left, background, points, number)} == {"meta"}

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.kernels import maps
+from srt3d_ros.kernels.finalise import finalise
 
 from .frames import ORACLE, RELATIVE, SHAPES, T, make_frame, make_state, make_terms, padded, with_clutter
 
@@ -13,10 +14,10 @@ from .frames import ORACLE, RELATIVE, SHAPES, T, make_frame, make_state, make_te
 def test_finalise(backend, shape, surfaces, clutter):
     frame = make_frame(shape, 1)
     frame = with_clutter(frame) if clutter else frame
-    state, photons = make_state(frame, surfaces, 1), frame.counts.astype(np.uint32) + 3
+    state, photons = make_state(frame, surfaces, 1), frame.counts + 3
     arguments = padded(frame), photons, state, make_terms(frame, state), 9.0
-    intensity, std, background = backend.finalise(*arguments)
-    expected = ORACLE.finalise(*arguments)
+    (intensity, std, background), expected = (
+        each.off(finalise(each.kernels, *map(each.on, arguments))) for each in (backend, ORACLE))
     there = intensity > 0
     np.testing.assert_allclose(intensity, expected[0], rtol=RELATIVE, atol=1e-4)
     np.testing.assert_allclose(std[there], expected[1][there], rtol=RELATIVE)

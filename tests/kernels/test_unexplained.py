@@ -49,15 +49,15 @@ def test_prepare_makes_the_frame_of_the_matcher_and_takes_the_background_out(bac
     if each:        # an equaliser for each pixel
         sensor = sensor.replace(delay_bins=rng.uniform(-9, 9, shape))
     sketch = make_sketch(sensor, seed=2)
-    matcher = Matcher(sensor, sketch.frequencies)
+    matcher, photons = Matcher(sensor, sketch.frequencies), sketch.photons.astype(np.float32)
     wide = padded(matcher(sketch))
-    matched, counts = backend.prepare(sketch.sums, sketch.photons, matcher.equaliser, matcher.used)
+    matched, counts = backend.prepare(sketch.sums, photons, matcher.equaliser, matcher.used)
     np.testing.assert_allclose(matched, wide.matched, atol=1e-5 * np.abs(wide.matched).max())
     np.testing.assert_array_equal(counts, wide.counts)
     taken = (rng.uniform(0, 9, shape) * matcher.used).astype(np.float32)
     size = (*shape, len(sketch.frequencies)) if each else (1, 1, len(sketch.frequencies))
     shown = (rng.normal(size=size) + 1j * rng.normal(size=size)).astype(np.complex64)
-    arguments = sketch.sums, sketch.photons, matcher.equaliser, matcher.used, taken, shown
+    arguments = sketch.sums, photons, matcher.equaliser, matcher.used, taken, shown
     for matched, counts in (backend.prepare(*arguments), ORACLE.prepare(*arguments)):
         left = maps.crop(matched, *shape).swapaxes(1, 2)
         expected = sketch.sums * matcher.equaliser - taken[..., None] * shown

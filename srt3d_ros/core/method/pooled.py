@@ -18,17 +18,8 @@ from srt3d_ros.core.method.cloud import Estimate
 from srt3d_ros.core.method.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.method.thresholds import continuation_threshold, score_threshold
 from srt3d_ros.core.sketching.sketch import Sketch
-from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import (
-    FIRST_STEPS,
-    REACH,
-    SAME_SURFACE,
-    SLANTED_SCALE,
-    START_SCALES,
-    START_SCORE,
-    WIDE_SCALE,
-    WINDOWS,
-)
+from srt3d_ros.kernels import constants, maps
+from srt3d_ros.kernels.finalise import finalise
 
 STAYING = 0.5           # share of false points that the iterations leave (`python -m benchmarks false_alarms`)
 WINDOW = 7              # pixels along the side of the square over which background photons are averaged
@@ -51,7 +42,8 @@ class Pooled:
         self._matched = matcher.padded_on(kernels)
         started = false_alarm_rate / STAYING
         highest = max(matcher.frequencies)
-        self._weak, self._found = score_threshold(started, highest), score_threshold(started, highest, WIDE_SCALE)
+        self._weak = score_threshold(started, highest)
+        self._found = score_threshold(started, highest, constants.WIDE_SCALE)
         self._continued, self._explains = continuation_threshold(started), explains
         self._equaliser, self._passed, self._used, self._rays = map(array, (
             matcher.equaliser, matcher.passed, matcher.used, sensor.rays))
@@ -64,8 +56,8 @@ class Pooled:
             start: `Estimate.state` of the frame before; None to begin with no surface.
             background: of `background.Background.taken`.
         """
-        step = partial(self._estimate, start)
-        return Estimate(*self._kernels.run_frame(step, sketch.photons, sketch.sums, *background))
+        step, photons = partial(self._estimate, start), sketch.photons.astype(np.float32)
+        return Estimate(*self._kernels.run_frame(step, photons, sketch.sums, *background))
 
     def _estimate(self, start, photons, sums, background=None, mean=None, clutter=None) -> tuple:
         kernels, found, continued = self._kernels, self._found, self._continued
@@ -77,19 +69,19 @@ class Pooled:
 
         # Start with surfaces that are sure, let them spread, and search the pixels that are still open more widely.
         state = kernels.no_surfaces(frame, self._surfaces)
-        self._search(frame, state, START_SCALES, START_SCORE, start, continued)
-        state = self._iterate(frame, state, *WINDOWS[0], FIRST_STEPS)
+        self._search(frame, state, constants.START_SCALES, constants.START_SCORE, start, continued)
+        state = self._iterate(frame, state, *constants.WINDOWS[0], constants.FIRST_STEPS)
         state[:, :, maps.INTENSITY] *= state[:, :, maps.SCORE] >= self._weak
-        self._search(frame, state, (WIDE_SCALE,), found)
+        self._search(frame, state, (constants.WIDE_SCALE,), found)
 
         # Iterate over wider windows.
-        for sigma, fine in WINDOWS[1:]:
+        for sigma, fine in constants.WINDOWS[1:]:
             state = self._iterate(frame, state, sigma, fine)
 
         # Finish: outlines, threshold, intensities, standard deviations, points.
         terms = kernels.expand(frame, state)
         kernels.trim(frame, state, terms, continued)
-        intensity, std, background = kernels.finalise(frame, photons, state, terms, continued)
+        intensity, std, background = finalise(kernels, frame, photons, state, terms, continued)
         left = self._left(frame, state, intensity, background, taken) if self._explains else background[:0, 0]
         return state, left, background, *kernels.collect(
             state, intensity, std, self._rays, self._sensor.bin_width_m, float(self._sensor.range_m(0)),
@@ -107,17 +99,17 @@ class Pooled:
             terms = kernels.expand(frame, state) if layer > 0 else None
             matched = kernels.residual(frame, state, terms, layer) if layer > 0 else frame.matched
             for scale in scales:
-                least = enough if scale == scales[-1] and layer == 0 else max(START_SCORE, enough)
-                slanted = scale == SLANTED_SCALE and layer == 0 and start is None
+                least = enough if scale == scales[-1] and layer == 0 else max(constants.START_SCORE, enough)
+                slanted = scale == constants.SLANTED_SCALE and layer == 0 and start is None
                 kernels.search(frame, matched, state, layer, *scale, least, start, confirmed, slanted)
 
     def _iterate(self, frame: MatchedFrame, state, sigma: float, fine: int, steps: int = 1):
         """Birth and death of points, then Gauss-Newton steps on the data terms pooled over the window."""
-        kernels, radius = self._kernels, ceil(REACH * sigma)
-        state = kernels.birth_death(frame, state, kernels.expand(frame, state), SAME_SURFACE**2)
+        kernels, radius = self._kernels, ceil(constants.REACH * sigma)
+        state = kernels.birth_death(frame, state, kernels.expand(frame, state), constants.SAME_SURFACE**2)
         for _ in range(steps):
             terms = kernels.expand(frame, state)
-            state = kernels.pooled_step(frame, state, terms, sigma, radius, fine, SAME_SURFACE**2)
+            state = kernels.pooled_step(frame, state, terms, sigma, radius, fine, constants.SAME_SURFACE**2)
         return state
 
     def _left(self, frame: MatchedFrame, state, intensity, background, taken):

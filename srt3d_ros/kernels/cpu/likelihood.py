@@ -14,6 +14,10 @@ BIRTH, LIKENESS = F32(constants.BIRTH), F32(constants.LIKENESS)
 SHARED_LIKENESS = LIKENESS * LIKENESS
 
 
+def noise_ratio(frame, depth):
+    return 1.0 if frame.clutter is None else frame.clutter[np.rint(depth).astype(np.int32) % frame.num_bins]
+
+
 @inline
 def evidence(response, photons, squares, frame):
     """The score of a response."""

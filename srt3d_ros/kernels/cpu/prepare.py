@@ -21,7 +21,7 @@ def prepare(sums, photons, equaliser, used, taken=None, shown=None):
     if taken is not None:
         real -= taken[:, None] * shown.real.swapaxes(1, 2)
         imaginary -= taken[:, None] * shown.imag.swapaxes(1, 2)
-    maps.crop(counts, rows, cols)[:] = photons.astype(np.float32) * used
+    maps.crop(counts, rows, cols)[:] = photons * used
     return matched, counts
 
 

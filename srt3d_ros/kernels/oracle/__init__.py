@@ -34,16 +34,17 @@ kernels' device unless said to be NumPy's: ON_HOST says whether they are.
 
 import torch
 
+from srt3d_ros.kernels.oracle.arithmetic import noise_ratio
 from srt3d_ros.kernels.oracle.birth_death import birth_death
 from srt3d_ros.kernels.oracle.blur import blur
+from srt3d_ros.kernels.oracle.collect import collect, unexplained, unpack
 from srt3d_ros.kernels.oracle.device import Kernels
-from srt3d_ros.kernels.oracle.finalise import collect, finalise, unexplained, unpack
 from srt3d_ros.kernels.oracle.likelihood import expand, log_likelihood_ratio, trim
 from srt3d_ros.kernels.oracle.pooled_step import pooled_step
 from srt3d_ros.kernels.oracle.search import match, no_surfaces, prepare, residual, search
 
 FUNCTIONS = {function.__name__: function for function in (
-    birth_death, blur, collect, expand, finalise, log_likelihood_ratio, match, no_surfaces, pooled_step, prepare,
+    birth_death, blur, collect, expand, log_likelihood_ratio, match, no_surfaces, noise_ratio, pooled_step, prepare,
     residual, search, trim, unexplained, unpack)}
 
 

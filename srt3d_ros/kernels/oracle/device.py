@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from srt3d_ros.kernels.oracle.finalise import unpack
+from srt3d_ros.kernels.oracle.collect import unpack
 
 
 class Kernels:

@@ -24,7 +24,7 @@ def prepare(sums, photons, equaliser, used, taken=None, shown=None):
 
     Args:
         sums: complex64 [rows, cols, m], Σ_p exp(i ω_l x_p).
-        photons: uint32 [rows, cols], n.
+        photons: float32 [rows, cols], n.
         equaliser: complex64 [rows or 1, cols or 1, m], conj(ĥ_l) with the pixel's delay; 0 masks it.
         used: float32 [rows, cols], 1, or 0 in masked pixels.
         taken: float32 [rows, cols], background photons to subtract; 0 in masked pixels. None for none.
@@ -33,7 +33,7 @@ def prepare(sums, photons, equaliser, used, taken=None, shown=None):
     z = sums * equaliser
     if taken is not None:
         z = z - taken[..., None] * shown
-    return pad(as_map(z.transpose(1, 2))), pad(photons.to(used.dtype) * used)
+    return pad(as_map(z.transpose(1, 2))), pad(photons * used)
 
 
 def match(frame, surfaces):

@@ -1,4 +1,4 @@
-"""The end of a reconstruction: `finalise`, `collect`, `unpack` and `unexplained`.
+"""The end of a reconstruction: `collect`, `unpack` and `unexplained`.
 
 How many points there are only the device knows, so their list has room for all that there can be.
 """
@@ -6,42 +6,8 @@ How many points there are only the device knows, so their list has room for all 
 import numpy as np
 import torch
 
-from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import WINDOWS
-from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD, VALUE, crop
-from srt3d_ros.kernels.oracle.arithmetic import EPSILON, TINY, as_complex, noise_ratio, waves
-from srt3d_ros.kernels.oracle.blur import blur
-
-
-def finalise(frame, photons, state, terms, enough):
-    """Points with score / c(t) > `enough`: r + (own − r) (1 − v / s²)₊, √(std² + residual²), and (n − g Σ_k r_k)₊.
-
-    own = R(z, t) / (g E) is the intensity by the point's own pixel, r that of its pool. v = (g r I₁ + (n − g r)₊
-    I₀) / (E g)² is the variance of own by photon noise, s² the mean square of own − r, both averaged with a
-    Gaussian of σ = 2 pixels, the first of WINDOWS: s² − v is how far the pixels themselves differ (James and Stein's
-    estimator). A point whose own photons say less than none keeps an intensity above 0.
-
-    `photons` are n, masked pixels included, uint32 [rows, cols]. Returns intensity (0: no point) and standard
-    deviation, bins, float32 [rows, K, cols], and background photons, float32 [rows, cols].
-    """
-    view, terms = crop(state, *frame.shape), crop(terms, *frame.shape)
-    counts, exposure = (crop(values, *frame.shape)[:, None] for values in (frame.counts, frame.exposure))
-    pooled, gain = view[:, :, INTENSITY], frame.total_energy * exposure.clamp(min=EPSILON)
-    excess = terms[:, :, VALUE] / gain - pooled
-    signal = pooled * exposure
-    of_signal, of_background = frame.intensity_moments
-    variance = (signal * of_signal + (counts - signal).clamp(min=0) * of_background) / gain**2
-    nowhere = pooled <= 0
-    both = torch.cat([values.masked_fill(nowhere, 0) for values in (excess**2, variance)], dim=1)
-    around, noise = blur(both, maps.window_weights(WINDOWS[0][0])).chunk(2, dim=1)
-    differ = (around - noise).clamp(min=0) / around.clamp(min=TINY)
-    intensity = torch.maximum(pooled + excess * differ, EPSILON * pooled)
-
-    score = view[:, :, SCORE] / noise_ratio(frame, view[:, :, DEPTH])
-    intensity = intensity.masked_fill(nowhere | (score <= enough), 0)
-    std = torch.hypot(view[:, :, STD], view[:, :, RESIDUAL]).clamp(EPSILON, frame.num_bins)
-    background = photons.to(state.dtype) - (intensity * exposure).sum(dim=1)
-    return intensity, std, background.clamp(min=0)
+from srt3d_ros.kernels.maps import DEPTH, SLOPE_COL, SLOPE_ROW, crop
+from srt3d_ros.kernels.oracle.arithmetic import EPSILON, TINY, as_complex, waves
 
 
 def collect(state, intensity, std, rays, metres_per_bin, metres, num_bins):

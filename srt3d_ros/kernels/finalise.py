@@ -1,0 +1,33 @@
+"""Which points the photons speak for, how bright and how sure each is: written once, for the arrays of all kernels."""
+
+from srt3d_ros.kernels import maps
+from srt3d_ros.kernels.constants import WINDOWS
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, STD, VALUE, crop
+
+SHARE_WEIGHTS = maps.window_weights(WINDOWS[0][0])
+TINY, EPSILON = 1e-12, 1e-6     # photons: added nothing, divided by at least this
+
+
+def finalise(kernels, frame, photons, state, terms, enough):
+    """Points with score / c(t) > `enough`: r + (own − r) (1 − v / s²)₊, √(std² + residual²), and (n − g Σ_k r_k)₊.
+
+    own = R(z, t) / (g E) is the intensity by the point's own pixel, r that of its pool. v = (g r I₁ + (n − g r)₊
+    I₀) / (E g)² is the variance of own by photon noise, s² the mean square of own − r, both averaged with a
+    Gaussian of σ = 2 pixels, the first of WINDOWS: s² − v is how far the pixels themselves differ (James and Stein's
+    estimator). A point whose own photons say less than none keeps an intensity above 0.
+
+    `photons` are n, masked pixels included, float32 [rows, cols]. Returns intensity (0: no point) and standard
+    deviation, bins, float32 [rows, K, cols], and background photons, float32 [rows, cols].
+    """
+    view, terms = crop(state, *frame.shape), crop(terms, *frame.shape)
+    counts, exposure = (crop(values, *frame.shape)[:, None] for values in (frame.counts, frame.exposure))
+    pooled, light, there = view[:, :, INTENSITY], exposure.clip(min=EPSILON), view[:, :, INTENSITY] > 0
+    signal, gain = pooled * light, frame.total_energy * light
+    excess, (of_signal, of_background) = terms[:, :, VALUE] / gain - pooled, frame.intensity_moments
+    variance = signal * of_signal + (counts - signal).clip(min=0) * of_background
+    around, noise = (kernels.blur(values * there, SHARE_WEIGHTS) for values in (excess * excess, variance / gain**2))
+    differ = 1 - (noise / around.clip(min=TINY)).clip(max=1)
+    score = view[:, :, SCORE] / kernels.noise_ratio(frame, view[:, :, DEPTH])
+    intensity = (pooled + excess * differ).clip(min=EPSILON * pooled) * (there & (score > enough))
+    std = ((view[:, :, STD]**2 + view[:, :, RESIDUAL]**2)**0.5).clip(EPSILON, frame.num_bins)
+    return intensity, std, (photons - (intensity * exposure).sum(axis=1)).clip(min=0)
