@@ -121,7 +121,8 @@ class Background:
         mean = np.zeros(m) if before.mean is None else before.mean
         uneven = left / np.maximum(self._matcher.energy, TINY) + taken * mean
         chi2 = (np.abs(uneven)**2 / (noise + np.abs(WRONG_IRF * seen)**2)).mean()
-        shown = _possible(uneven / own)
+        shown = uneven / own
+        shown = shown / np.maximum(np.abs(shown), 1)        # no longer than 1, as a mean of unit vectors
         if before.mean is None:
             found = bool(chi2 > SIGNIFICANT)
             return BackgroundEstimate(None, photons, converged=not found, candidate=shown if found else None)
@@ -154,11 +155,6 @@ class Background:
         known = mean * np.exp(-1j * k * turn)
         between = np.interp(wanted, k, known.real, right=0) + 1j * np.interp(wanted, k, known.imag, right=0)
         return between * np.exp(1j * wanted * turn)
-
-
-def _possible(mean: np.ndarray) -> np.ndarray:
-    """No longer than 1, as a mean of unit vectors."""
-    return mean / np.maximum(np.abs(mean), 1)
 
 
 def dark_shape(frame: PhotonFrame, sensor: SensorModel) -> np.ndarray:

@@ -78,7 +78,8 @@ class PointCloud:
         row, col, rank = np.nonzero(np.take_along_axis(intensity, order, axis=1).swapaxes(1, 2) > 0)
         layer = order[row, rank, col]
         depth, intensity = (values[row, layer, col].astype(np.float32) for values in (depth, intensity))
-        depth = _wrapped(depth, sensor.num_bins)
+        depth = np.mod(depth, np.float32(sensor.num_bins))
+        depth[depth >= sensor.num_bins] = 0             # where rounding made it T
         return cls(row.astype(np.uint16), col.astype(np.uint16), depth, intensity, np.full_like(depth, np.nan),
                    sensor.xyz(row, col, depth), rank.astype(np.uint8), background.astype(np.float32), stamp_ns)
 
@@ -154,10 +155,3 @@ class PointCloud:
         out = np.full(self.background.shape, np.nan, np.float32)
         out[self.row[chosen], self.col[chosen]] = values[chosen]
         return out
-
-
-def _wrapped(depth: np.ndarray, num_bins: int) -> np.ndarray:
-    """Depths modulo T, float32."""
-    depth = np.mod(depth, np.float32(num_bins))
-    depth[depth >= num_bins] = 0                     # where rounding made it T
-    return depth

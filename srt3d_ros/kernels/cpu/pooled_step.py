@@ -85,13 +85,6 @@ def _add_to_plane(s, state, at, padded_cols, dx, pixels):
 
 
 @inline
-def _begin_row(s):
-    """Empty the sums of a row."""
-    for x in range(U(SCRATCH) - ROW_C):
-        s[ROW_C + x] = ZERO
-
-
-@inline
 def _end_row(s, dy):
     """Add the sums of a row of neighbours, dy below the points, to those of the window."""
     for x in range(B):
@@ -111,7 +104,8 @@ def _add_grid(s, state, terms, i, j, padded_cols, surfaces, reach, step, nearest
               period):
     """Add every step-th neighbour that is more than `nearest` and up to `reach` away, and dx² + dy² up to `most`."""
     for dy in range(-reach, reach + 1, step):
-        _begin_row(s)
+        for x in range(U(SCRATCH) - ROW_C):             # empty the sums of a row
+            s[ROW_C + x] = ZERO
         for dx in range(-reach, reach + 1, step):
             if max(abs(dx), abs(dy)) > nearest and dx * dx + dy * dy <= most:
                 near, right, down = weights[abs(dx)] * weights[abs(dy)], F32(dx), F32(dy)

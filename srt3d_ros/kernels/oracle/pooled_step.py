@@ -47,18 +47,12 @@ def pooled_step(frame, state, terms, sigma, radius, fine, max_chi2):
     near, far, cells = window(radius, -1, fine, 1, state.dtype, state.device), None, terms
     if radius // CELL * CELL > fine:            # else no cell's centre is in the window
         far = window(radius, fine, MARGIN, CELL, state.dtype, state.device)
-        cells = coarsen(state, terms, frame.num_bins, max_chi2)
+        around, cells = square(CELL // 2, state.dtype, state.device), torch.zeros_like(terms)
+        pooled = partial(_coarsen, around, frame.num_bins, max_chi2)
+        inner(cells)[:] = by_rows(pooled, _row_bytes(state, around), state, terms)[0]
     step = partial(_step, frame, near, far, sigma, max_chi2)
     inner(out)[:] = by_rows(step, _row_bytes(state, near), state, terms, cells)[0]
     return out
-
-
-def coarsen(state, terms, period, max_chi2):
-    """The terms of the 3 × 3 pixels around each point, pooled along its plane; as `terms`."""
-    around, cells = square(CELL // 2, state.dtype, state.device), torch.zeros_like(terms)
-    pooled = partial(_coarsen, around, period, max_chi2)
-    inner(cells)[:] = by_rows(pooled, _row_bytes(state, around), state, terms)[0]
-    return cells
 
 
 def _row_bytes(state, window) -> int:
@@ -66,6 +60,7 @@ def _row_bytes(state, window) -> int:
 
 
 def _coarsen(around, period, max_chi2, state, terms):
+    """Rows of the terms of the 3 × 3 pixels around each point, pooled along its plane."""
     own = images(inner(state))
     weight, e, _ = _weigh(own, state, around, max_chi2, period)
     pooled = torch.stack(_pool(weight, e, neighbours(terms, around)), 1)

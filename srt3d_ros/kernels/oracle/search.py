@@ -93,8 +93,7 @@ def _residual(layer, frame, state, terms):
 
 def no_surfaces(frame, surfaces):
     """A state without any surface, for a frame's iterations."""
-    shape = state_shape(*frame.shape, surfaces)
-    return torch.zeros(shape, dtype=frame.matched.dtype, device=frame.matched.device)
+    return frame.matched.new_zeros(state_shape(*frame.shape, surfaces))
 
 
 def search(frame, matched, state, layer, sigma, step, enough, carried=None, confirmed=0.0, slanted=False):
@@ -125,21 +124,17 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
         confirmed: standard deviations.
         slanted: for a sigma above 0.
     """
-    is_open = _open(frame, state, layer)
+    view = crop(state, *frame.shape)
+    is_open = (crop(frame.exposure, *frame.shape) > 0) & (view[:, layer, maps.INTENSITY] == 0)
+    if layer > 0:
+        is_open &= view[:, layer - 1, maps.INTENSITY] > 0
     pools = (frame, is_open, sigma, step)
     _take(frame, state, layer, step, is_open, _pooled(matched, (0.0, 0.0), *pools), enough, carried, confirmed)
     rise = frame.resolution_bins / sigma if slanted else 0.0
-    point = crop(state, *frame.shape)[:, layer]
+    point = view[:, layer]
     doubtful = is_open & ((point[:, maps.INTENSITY] == 0) | (point[:, maps.SCORE] < SURE_SCORE))
     for slope in ((rise, 0.0), (-rise, 0.0), (0.0, rise), (0.0, -rise)) if slanted else ():
         _take(frame, state, layer, step, doubtful, _pooled(matched, slope, *pools), START_SCORE)
-
-
-def _open(frame, state, layer):
-    """Which pixels want a surface; bool [rows, cols]."""
-    view, exposure = crop(state, *frame.shape), crop(frame.exposure, *frame.shape)
-    is_open = (exposure > 0) & (view[:, layer, maps.INTENSITY] == 0)
-    return is_open & (view[:, layer - 1, maps.INTENSITY] > 0) if layer > 0 else is_open
 
 
 def _pooled(matched, slope, frame, is_open, sigma, step) -> SimpleNamespace:
