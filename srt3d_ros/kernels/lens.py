@@ -1,11 +1,9 @@
-"""Lenses as kernels read them, and how they bend; shared by all kernel backends.
+"""Lenses as kernels read them, and how they bend.
 
 A lens is float32 [10]: fx, fy, cx, cy, k1, k2, p1, p2, k3, and the x² + y² up to which a camera sees rays (x, y, 1);
 or [4]: the first azimuth and its step, the first elevation and its step, of a scanner. Both are those of
 `core.sensor.projection`.
 """
-
-LOOKS = 2           # times that a pixel looks up its range where it has come to lie; the first time as from infinity
 
 
 def distorted(x, y, k1, k2, p1, p2, k3):

@@ -85,12 +85,8 @@ def _svg(draw: Callable[[Axes], None]) -> str:
         draw(axes)
         for axis, most in ((axes.xaxis, 7), (axes.yaxis, 5)):
             axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
-            axis.set_major_formatter(lambda value, _: _tick(value))
+            axis.set_major_formatter(lambda value, _: f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}")
         text = io.StringIO()
         FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None, "Creator": None})
     svg = text.getvalue()
     return svg[svg.index("<svg"):].replace(_PAGE_COLOUR, "currentColor")
-
-
-def _tick(value: float) -> str:
-    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"

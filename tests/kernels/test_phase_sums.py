@@ -6,9 +6,8 @@ import pytest
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.core.sketching.phases import histogram_tables, phase_table
 from srt3d_ros.core.sketching.photons import PhotonHistograms
-from srt3d_ros.core.sketching.sketcher import Sketcher
+from srt3d_ros.core.sketching.sketcher import Sketcher, histogram_tables, phase_table
 from srt3d_ros.kernels import cpu
 from srt3d_ros.kernels.cpu import phase_sums, rows
 

@@ -10,9 +10,10 @@ from srt3d_ros.core.method.cloud import Estimate, PointCloud
 from srt3d_ros.core.method.gpu_check import device_for
 from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.method.pooled import Pooled
-from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, check_false_alarm_rate, check_surfaces
+from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, check_surfaces
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch
+from srt3d_ros.errors import require
 
 
 class PooledStream:
@@ -40,7 +41,7 @@ class PooledStream:
                  false_alarm_rate: float = DEFAULT_FALSE_ALARM_RATE, device: str = "auto",
                  background: str = "auto", warm_start: bool = False):
         check_surfaces(surfaces)
-        check_false_alarm_rate(false_alarm_rate)
+        require(0 < false_alarm_rate < 1, "false_alarm_rate", false_alarm_rate, "a probability between 0 and 1")
         self._matcher = Matcher(sensor, frequencies)
         self.why = "asked for"
         if device == "auto":

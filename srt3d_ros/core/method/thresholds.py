@@ -16,12 +16,6 @@ def check_surfaces(surfaces: int) -> None:
             f"an integer from 1 to {MAX_SURFACES}")
 
 
-def check_false_alarm_rate(false_alarm_rate: float) -> None:
-    """Raise InvalidInput unless it is a probability between 0 and 1."""
-    require(0 < false_alarm_rate < 1, "false_alarm_rate", false_alarm_rate,
-            "a probability between 0 and 1")
-
-
 def score_threshold(false_alarm_rate: float, highest: int, scale: tuple[float, int] = (0.0, 1)) -> float:
     """Q(z) = P / (2 k_max) · s² / 4πσ²: the score with which background alone shows a point in a share P of the pixels.
 

@@ -9,9 +9,10 @@ from numba import prange
 
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.lens import LOOKS, distorted
+from srt3d_ros.kernels.lens import distorted
 
 BAND = 16               # rows: photons on the border between two are turned twice
+LOOKS = 2               # times that a pixel looks up its range where it has come to lie; first as from infinity
 LANES = 8               # of a vector of float32, at least: a rest would take as long as another vector, or longer
 TURN = F32(2 * np.pi)
 NOWHERE = F32(-1e9)

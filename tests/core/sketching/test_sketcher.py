@@ -9,9 +9,8 @@ from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.frequencies import consecutive
-from srt3d_ros.core.sketching.phases import phase_table
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates, PhotonHistograms
-from srt3d_ros.core.sketching.sketcher import Sketcher, sketch_photons
+from srt3d_ros.core.sketching.sketcher import Sketcher, phase_table, sketch_photons
 from srt3d_ros.errors import InvalidInput
 from tests import photon_forms
 
