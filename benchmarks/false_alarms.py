@@ -1,6 +1,6 @@
 """How often `pooled` shows a point where there is only background, beside the `false_alarm_rate` that was asked for.
 
-    python -m benchmarks false_alarms           # a quarter of an hour on two cores
+    python -m benchmarks false_alarms           # five minutes on two cores
 
 Frames of 141 × 141 pixels see background alone, until PATCHES patches of false points have appeared. `share` is that of
 the pixels that show a point, `over_rate` that share over the rate that was asked for.
