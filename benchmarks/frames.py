@@ -17,7 +17,6 @@ from srt3d_ros.datasets.simulation.simulator import Simulator
 FOV_DEG = 11.0              # of the default sensor: finer pixels, not more of the scene
 PPP, SBR, SEED = 10.0, 1.0, 1       # the time of a frame depends on neither (Figure 1 of the paper)
 PROCESS = Path("/proc/self")
-FORGET_PEAK = "5"           # written to clear_refs, proc(5)
 
 
 class Timing(NamedTuple):
@@ -46,7 +45,7 @@ def peak_growth(call: Callable[[], object]) -> int | None:
     """Bytes by which this process grew during a call; None where the system does not forget an earlier peak."""
     ctypes.CDLL(None).malloc_trim(0)        # freed memory goes back to the system, so that it counts when used again
     try:
-        (PROCESS / "clear_refs").write_text(FORGET_PEAK)
+        (PROCESS / "clear_refs").write_text("5")        # forgets the peak, proc(5)
     except OSError:
         call()
         return None
