@@ -122,40 +122,47 @@ def test_a_full_disk_ends_the_recording_with_one_error_and_not_the_node(graph, s
 # ---- With the other nodes
 
 
+def published(graph, name: str, came: int) -> int:
+    """How many of so many frames a node has published, once it has published or dropped each."""
+    graph.wait(lambda: graph.total(name, "frames_out") + graph.total(name, "dropped") == came, f"all frames of {name}")
+    return graph.total(name, "frames_out")
+
+
 def test_a_recording_has_all_that_the_nodes_published_and_said(graph, photon_file, tmp_path):
-    path, frames = tmp_path / "a.rrd", 10
+    path, sent = tmp_path / "a.rrd", 10
     clouds = graph.collect(PointCloud2, "points", raw=True)
     recorder = graph.start("recorder", path=path).ready()
     graph.start("reconstructor", fields="full").ready()
     graph.start("sketcher", sketch_size=7).ready()
     of_another = graph.latched("/rosout", Log)
     of_another.publish(Log(name="right.sketcher", msg="ready too"))
-    graph.start("player", input=photon_file, rate_hz=5.0, frames=frames)
-    graph.wait(lambda: len(clouds) == frames, "every cloud")
+    graph.start("player", input=photon_file, rate_hz=5.0, frames=sent)
+    sketches = published(graph, "sketcher", sent)       # a busy machine drops frames while nodes find their sizes
+    frames = published(graph, "reconstructor", sketches)
+    graph.wait(lambda: len(clouds) == frames > 0, "every cloud")
     graph.reports("recorder", "clouds", frames)
-    for name in ("sketcher", "reconstructor"):
-        assert graph.reports(name, "frames_out", frames)["dropped"] == "0"
-    graph.wait(lambda: graph.total("recorder", "frames_out") >= 5 * frames - 3, "its sketches and images")
+    graph.wait(lambda: graph.total("recorder", "frames_out") >= 4 * frames + sketches - 3, "its sketches and images")
     assert recorder.end(signal.SIGTERM) == 0 and "Warning" not in recorder.text, recorder.text
     last, reader = graph.reports("recorder", "state", "finalized"), RecordingReader(path)
     assert (last["errors"], last["dropped"]) == ("0", "0")
 
-    published = dict(points_message.decode_cdr(raw) for raw in clouds)
-    published = {header.stamp_ns: columns for header, columns in published.items()}
+    seen = dict(points_message.decode_cdr(raw) for raw in clouds)
+    seen = {header.stamp_ns: columns for header, columns in seen.items()}
     recorded = list(reader.clouds())
     assert len(recorded) == frames
     for cloud in recorded:
-        columns = published[cloud.stamp_ns]
+        columns = seen[cloud.stamp_ns]
         assert np.array_equal(cloud.xyz, columns["xyz"]) and np.array_equal(cloud.intensity, columns["intensity"])
         assert np.array_equal(cloud.depth_std_m, columns["depth_std"])
     for name in ("/depth", "/intensity", "/background", "/photons"):
         assert len(list(reader.images(name))) >= frames - 1, name       # before it was seen to listen
     series = reader.series()
     parts = series.pop("latency_reconstruct_ms")        # of clouds that came after their sketch, as on an idle machine
-    assert {name: len(one.values) for name, one in series.items()} == {"frame_rate_hz": frames - 1} | dict.fromkeys((
-        "latency_ms", "latency_sketch_ms", "points", "photons", "ppp"), frames)
-    known = np.isin(series["latency_ms"].stamp_ns, parts.stamp_ns)
-    total, sketch = (series[name].values[known] for name in ("latency_ms", "latency_sketch_ms"))
+    assert {name: len(one.values) for name, one in series.items()} == {
+        "frame_rate_hz": frames - 1, "latency_ms": frames, "points": frames} | dict.fromkeys((
+            "latency_sketch_ms", "photons", "ppp"), sketches)
+    total, sketch = (one.values[np.isin(one.stamp_ns, parts.stamp_ns)] for one in (
+        series["latency_ms"], series["latency_sketch_ms"]))
     assert len(parts.values) > 0 and np.allclose(total, sketch + parts.values) and (parts.values > 0).all()
     properties = reader.properties()
     assert properties["run"]["namespace"] == graph.namespace
