@@ -51,7 +51,7 @@ SCENES = {"bust, SBR 1, 1 ppp": (1, 1, False), "bust, SBR 0.1, 10 ppp": (0.1, 10
 HEAD_TOLERANCE_M = 40e-3
 NET, MOTION = "net, SBR 1, 10 ppp", "room from a moving sensor, 3 ppp"
 # Limits, what has to fit a margin, rounding, other methods, what `benchmarks false_alarms` measures.
-FIXED = ("MAX_SKETCH*", "MAX_PH*", "REACH", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "VOTE_R*", "SLANTED*", "TINY")
+FIXED = ("MAX_S*", "MAX_P*", "REACH", "CELL", "RIDGE", "INTENSITY*", "APSS_*", "VOTE_R*", "SLANTED*", "TINY", "EPS*")
 OFF = {"START_SCALES": ((0.0, 1), (2.0, 2)), "WIDE_SCALE": (3.0, 3), "WINDOWS": ((2.0, 4), (9.0, 4)), "LIKENESS": 1e6,
        "PRIOR_VOTE": 0, "MAX_VOTE": 1e6, "EMPTY_PENALTY": 0, "BIRTH": 0, "SPREAD": 0, "WRONG_IRF": 0, "SHARP": 1}
 BACKGROUND = "srt3d_ros.core.method.background"         # has constants, too

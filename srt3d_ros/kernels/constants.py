@@ -47,6 +47,7 @@ RIM = 3                 # of the 8 pixels around that see no surface: enough to 
 
 RIDGE = 1e-3            # pixels²: keeps the plane finite where rounding is all that tells a support from a line
 CELL = 3                # pixels along the side of the cells by which farther ones are added; odd
+TINY, EPSILON = 1e-12, 1e-6     # photons: added nothing, divided by at least this
 
 # ---- Gradient steps of the baselines (`pixelwise`, `poisson`)
 

@@ -1,11 +1,10 @@
 """Which points the photons speak for, how bright and how sure each is: written once, for the arrays of all kernels."""
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import WINDOWS
+from srt3d_ros.kernels.constants import EPSILON, TINY, WINDOWS
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, STD, VALUE, crop
 
 SHARE_WEIGHTS = maps.window_weights(WINDOWS[0][0])
-TINY, EPSILON = 1e-12, 1e-6     # photons: added nothing, divided by at least this
 
 
 def finalise(kernels, frame, photons, state, terms, enough):

@@ -2,13 +2,12 @@
 
 import numpy as np
 
-from srt3d_ros.kernels import maps
+from srt3d_ros.kernels import constants, maps
 from srt3d_ros.kernels.cpu.compiling import inline, line
 
 F32, U = np.float32, np.uint64
 HALF, ONE, TWO, ZERO = F32(0.5), F32(1), F32(2), F32(0)
-TINY = F32(1e-12)
-EPSILON = F32(1e-6)        # photons: added nothing, divided by at least this
+TINY, EPSILON = F32(constants.TINY), F32(constants.EPSILON)
 
 B = U(maps.BLOCK)           # unsigned, so that the compiler generates no wrap-around for negative indices
 

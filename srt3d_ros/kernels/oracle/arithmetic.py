@@ -6,8 +6,6 @@ import torch
 
 from srt3d_ros.kernels.maps import BLOCK, INTENSITY, MARGIN, MAX_STD, STD
 
-TINY, EPSILON = 1e-12, 1e-6        # photons: added nothing, divided by at least this
-
 
 def waves(frame, depth):
     """exp(i ω_l t), complex [..., m, cols], of depths [..., cols]."""

@@ -11,9 +11,9 @@ import numpy as np
 import torch
 
 from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.constants import SPREAD, VOTE_RADIUS
+from srt3d_ros.kernels.constants import SPREAD, TINY, VOTE_RADIUS
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD
-from srt3d_ros.kernels.oracle.arithmetic import TINY, agreement, as_complex, has_depth, waves, wrap
+from srt3d_ros.kernels.oracle.arithmetic import agreement, as_complex, has_depth, waves, wrap
 from srt3d_ros.kernels.oracle.blur import blur
 from srt3d_ros.kernels.oracle.likelihood import llr, log_likelihood_ratio
 from srt3d_ros.kernels.oracle.windows import by_rows, images, inner, neighbours, square

@@ -6,8 +6,9 @@ How many points there are only the device knows, so their list has room for all 
 import numpy as np
 import torch
 
+from srt3d_ros.kernels.constants import EPSILON, TINY
 from srt3d_ros.kernels.maps import DEPTH, SLOPE_COL, SLOPE_ROW, crop
-from srt3d_ros.kernels.oracle.arithmetic import EPSILON, TINY, as_complex, waves
+from srt3d_ros.kernels.oracle.arithmetic import as_complex, waves
 
 
 def collect(state, intensity, std, rays, metres_per_bin, metres, num_bins):

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import torch
 
-from srt3d_ros.kernels.constants import BIRTH, LIKENESS, RIM, SPREAD, VOTE_RADIUS
+from srt3d_ros.kernels.constants import BIRTH, EPSILON, LIKENESS, RIM, SPREAD, VOTE_RADIUS
 from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, VALUE, crop
-from srt3d_ros.kernels.oracle.arithmetic import EPSILON, as_complex, has_depth, noise_ratio, waves
+from srt3d_ros.kernels.oracle.arithmetic import as_complex, has_depth, noise_ratio, waves
 from srt3d_ros.kernels.oracle.blur import blur
 from srt3d_ros.kernels.oracle.windows import by_rows
 

@@ -7,9 +7,9 @@ from functools import partial
 
 import torch
 
-from srt3d_ros.kernels.constants import CELL, RIDGE
+from srt3d_ros.kernels.constants import CELL, RIDGE, TINY
 from srt3d_ros.kernels.maps import CURVATURE, DEPTH, INTENSITY, MARGIN, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD
-from srt3d_ros.kernels.oracle.arithmetic import TINY, agreement, wrap
+from srt3d_ros.kernels.oracle.arithmetic import agreement, wrap
 from srt3d_ros.kernels.oracle.likelihood import evidence
 from srt3d_ros.kernels.oracle.windows import by_rows, images, inner, neighbours, square, window
 

@@ -8,9 +8,9 @@ import numpy as np
 import torch
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import BIRTH, START_SCORE, SURE_SCORE
+from srt3d_ros.kernels.constants import BIRTH, EPSILON, START_SCORE, SURE_SCORE
 from srt3d_ros.kernels.maps import crop, state_shape, window_weights
-from srt3d_ros.kernels.oracle.arithmetic import EPSILON, as_complex, as_map, noise_ratio, pad, waves
+from srt3d_ros.kernels.oracle.arithmetic import as_complex, as_map, noise_ratio, pad, waves
 from srt3d_ros.kernels.oracle.blur import blur, blur_cells
 from srt3d_ros.kernels.oracle.likelihood import evidence
 from srt3d_ros.kernels.oracle.windows import by_rows
