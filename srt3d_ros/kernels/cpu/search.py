@@ -121,9 +121,11 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
     cells, pools = pool(frame, matched, wanted, weights, step)
     carried = np.empty((0, 0, 0, 0), np.float32) if carried is None else carried
 
+    compiled, filters = as_compiled(frame), steering(frame.bin_frequencies, frame.num_bins)
+
     def along(slopes, sketches, enough):
-        _search(as_compiled(frame), sketches, pools, step, HALF if sigma > 0 else ONE, F32(enough),
-                steering(frame.bin_frequencies, frame.num_bins), wanted, layer, carried, F32(confirmed), slopes, state)
+        _search(compiled, sketches, pools, step, HALF if sigma > 0 else ONE, F32(enough), filters, wanted, layer,
+                carried, F32(confirmed), slopes, state)
 
     along(np.zeros((1, 2), np.float32), pools[None], enough)
     if slanted:
