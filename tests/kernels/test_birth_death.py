@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import EMPTY_VOTE, LIKENESS, VOTE
+from srt3d_ros.kernels.constants import EMPTY_SHARE, LIKENESS, VOTE
 
 from .frames import (
     CPU,
@@ -89,7 +89,7 @@ def test_neighbours_vote_for_a_further_surface_or_against_it(known):
             intensity[known][pixel] = 2
         lit = intensity.copy()
         lit[:, 3, 4] = 0                                        # the pixel itself has no photons
-        votes = VOTE * voting - (VOTE if known else EMPTY_VOTE) * (8 - voting)
+        votes = VOTE * (voting - (1 if known else EMPTY_SHARE) * (8 - voting))
         found = chosen(exact_frame(depth, lit, 0), exact_state(depth, intensity))[1, known] > 0
         assert found == (votes > min(2 / LIKENESS**(1 + (known > 0)), VOTE)), voting
         shown.append(found)

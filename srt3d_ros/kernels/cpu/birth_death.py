@@ -19,7 +19,7 @@ from srt3d_ros.kernels.cpu.likelihood import LIKENESS, SHARED_LIKENESS, left, ll
 from srt3d_ros.kernels.cpu.undecided import list_undecided
 from srt3d_ros.kernels.maps import FIELDS, INTENSITY, MARGIN
 
-VOTE, EMPTY_VOTE = F32(constants.VOTE), F32(constants.EMPTY_VOTE)
+VOTE, EMPTY_VOTE = F32(constants.VOTE), F32(constants.EMPTY_SHARE * constants.VOTE)
 NEVER = F32(-1e30)
 PLACES, MIDDLE = 9, 4           # of the 3 × 3 neighbourhood, row by row; the pixel's own
 

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.constants import EMPTY_VOTE, SPREAD, TINY, VOTE
+from srt3d_ros.kernels.constants import EMPTY_SHARE, SPREAD, TINY, VOTE
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD
 from srt3d_ros.kernels.oracle.arithmetic import agreement, as_complex, has_depth, waves, wrap
 from srt3d_ros.kernels.oracle.blur import blur
@@ -30,12 +30,11 @@ def birth_death(frame, state, max_chi2):
     agree by a = (1 − e² / (v_q + v_c))₊, e = wrap(t_q − t_c), v = max_chi2 · std² + δ². The pixel's surface k is the
     candidate c with the highest
 
-        ratio of the pixel's photons + Σ_q VOTE a_qc − Σ VOTE or EMPTY_VOTE
+        ratio of the pixel's photons + VOTE (Σ_q a_qc − Σ 1 − Σ EMPTY_SHARE)
 
     (see `likelihood.llr`) above 0; a pixel that has surfaces takes its first one even if it is not. The first sum is
-    over the surfaces of neighbours that have more than k, the second over the others: EMPTY_VOTE for used neighbours
-    without any, VOTE for those with some. So a pixel that truly sees two surfaces keeps both, and edges show no double
-    points. Photons are expected, and judged, at the mean t and r of what agrees with c, weighted by a, or those of the
+    over the surfaces of neighbours that have more than k, the second over the neighbours with fewer, the third over the
+    used ones without any. So a pixel that truly sees two surfaces keeps both, and edges show no double points. Photons are expected, and judged, at the mean t and r of what agrees with c, weighted by a, or those of the
     pixel's own point that does. The pixel keeps that point, else it takes the mean, with score 0. What agrees and the
     photons it explains are left out for the next k. Points with a standard deviation above MAX_STD · T count as none.
     Pixels stay as they are where their neighbourhood agrees with them already.
@@ -141,7 +140,7 @@ def _score(k, around, response, expected, photons, frame):
     speaks[MIDDLE] = False
     surfaces = len(around.at) // len(around.count)
     votes = VOTE * (speaks & (around.count > k)).repeat_interleave(surfaces, 0) * around.free
-    against = torch.where(around.count > 0, VOTE, EMPTY_VOTE) * (speaks & (around.count <= k))
+    against = VOTE * torch.where(around.count > 0, 1, EMPTY_SHARE) * (speaks & (around.count <= k))
     likeness = constants.LIKENESS**2 if k > 0 else constants.LIKENESS
     ratio = llr(response, photons.expand_as(response), expected, likeness, frame)
     return (ratio + (around.close * votes).sum(1) - against.sum(0)).masked_fill(~around.free, -torch.inf)
