@@ -34,10 +34,12 @@ def birth_death(frame, state, max_chi2):
 
     (see `likelihood.llr`) above 0; a pixel that has surfaces takes its first one even if it is not. The first sum is
     over the surfaces of neighbours that have more than k, the second over the neighbours with fewer, the third over the
-    used ones without any. So a pixel that truly sees two surfaces keeps both, and edges show no double points. Photons are expected, and judged, at the mean t and r of what agrees with c, weighted by a, or those of the
-    pixel's own point that does. The pixel keeps that point, else it takes the mean, with score 0. What agrees and the
-    photons it explains are left out for the next k. Points with a standard deviation above MAX_STD · T count as none.
-    Pixels stay as they are where their neighbourhood agrees with them already.
+    used ones without any. So a pixel that truly sees two surfaces keeps both, and edges show no double points.
+
+    Photons are expected, and judged, at the mean t and r of what agrees with c, weighted by a, or at those of the
+    pixel's own point if it agrees. The pixel keeps that point, else it takes the mean, with score 0. What agrees and
+    the photons it explains are left out for the next k. Points with a standard deviation above MAX_STD · T count as
+    none. Pixels stay as they are where their neighbourhood agrees with them already.
 
     Then SPREAD more times, for pixels with fewer than K surfaces beside which the time before has changed something:
     surfaces so grow by as many pixels.
