@@ -26,11 +26,11 @@ SAME_SURFACE = 4.1      # standard deviations within which depths may be one sur
 
 # ---- Iterations: the birth/death update (`birth_death`)
 
-VOTE = 0.4              # nats by which a neighbour speaks for its surfaces, and against one more. A pixel that sees no
-                        # photons may be dead, and speaks no more against one; in a warm start another depth needs as
-                        # much to replace the last frame's
+VOTE = 0.35             # nats by which a neighbour speaks for its surfaces, and against one more; in a warm start, what
+                        # another depth needs to replace the last frame's
 EMPTY_SHARE = 3 / 5     # of VOTE, for a neighbour without any: a straight outline, with 3 of 8 neighbours on one side
                         # of it and 5 on the other, moves only where the pixels' photons say so
+DEAD_VOTES = 6          # votes that a pixel without photons outweighs, at most: it may be dead, and 7 of 8 fill it
 LIKENESS = 2.0          # factor by which neighbours' intensities may differ; its square where surfaces share pixels
 SPREAD = 4              # pixels by which surfaces may grow into empty ones in each iteration
 

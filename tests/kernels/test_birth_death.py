@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import EMPTY_SHARE, LIKENESS, VOTE
+from srt3d_ros.kernels.constants import DEAD_VOTES, EMPTY_SHARE, LIKENESS, VOTE
 
 from .frames import (
     CPU,
@@ -69,10 +69,10 @@ def test_what_all_neighbours_show_fills_a_pixel_without_photons(shown):
 
 @pytest.mark.parametrize("kernels", [CPU, ORACLE])
 def test_surfaces_grow_by_one_pixel_a_time(spreading, kernels):
-    lit = 2 * ALL
+    lit = 1 * ALL
     lit[0, 2:5, 3:6] = 0                                        # a hole of 3 × 3 pixels without photons
     frame, state = exact_frame(100 * ALL, lit, 0), exact_state(100 * ALL, lit)
-    for spread, filled in ((0, False), (1, True), (4, True)):
+    for spread, filled in ((0, False), (1, False), (2, True), (4, True)):     # corners, sides, middle
         spreading(spread)
         assert (chosen(frame, state, kernels)[1, 0] > 0) == filled, spread
 
@@ -91,7 +91,7 @@ def test_neighbours_vote_for_a_further_surface_or_against_it(known):
         lit[:, 3, 4] = 0                                        # the pixel itself has no photons
         votes = VOTE * (voting - (1 if known else EMPTY_SHARE) * (8 - voting))
         found = chosen(exact_frame(depth, lit, 0), exact_state(depth, intensity))[1, known] > 0
-        assert found == (votes > min(2 / LIKENESS**(1 + (known > 0)), VOTE)), voting
+        assert found == (votes > min(2 / LIKENESS**(1 + (known > 0)), DEAD_VOTES * VOTE)), voting
         shown.append(found)
     assert set(shown) == {False, True}
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from srt3d_ros.kernels.constants import LIKENESS, VOTE
+from srt3d_ros.kernels.constants import DEAD_VOTES, LIKENESS, VOTE
 from srt3d_ros.kernels.cpu.arithmetic import log
 from srt3d_ros.kernels.cpu.frame import as_compiled
 from srt3d_ros.kernels.cpu.likelihood import llr as kernel
@@ -32,12 +32,12 @@ def chernoff(mean_response: float) -> float:
 
 def test_a_pixel_without_photons_speaks_against_a_surface_but_may_be_dead():
     # Half the deviance of 0 photons where at least half of the expected ones should be: that many nats.
-    for expected in (1e-6, 0.1, 0.4):
+    for expected in (1e-6, 0.1, 0.8):
         background = max(0.5 - expected / 2, 0) * FRAME.intensity_moments[1]
         signal = expected / 2 * FRAME.intensity_moments[0]
         assert llr(0, 0, expected) == pytest.approx(-expected / 2 * signal / (signal + background), rel=1e-5)
-    # It may be dead: it speaks no more against the surface than a neighbour. A pixel that has seen photons is not.
-    assert llr(0, 0, 2.5) == llr(0, 0, 1e6) == pytest.approx(-VOTE)
+    # It may be dead: it speaks no more against it than six neighbours for it. One that has seen photons is not.
+    assert llr(0, 0, 25) == llr(0, 0, 1e6) == pytest.approx(-DEAD_VOTES * VOTE)
     assert llr(0, 1, 1000) == pytest.approx(-500, rel=1e-5)
 
 

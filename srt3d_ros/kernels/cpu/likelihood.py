@@ -6,7 +6,7 @@ from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, ZERO, log
 from srt3d_ros.kernels.cpu.compiling import inline
 
-VOTE, LIKENESS = F32(constants.VOTE), F32(constants.LIKENESS)
+LIKENESS, DEAD = F32(constants.LIKENESS), F32(constants.DEAD_VOTES * constants.VOTE)
 SHARED_LIKENESS = LIKENESS * LIKENESS
 
 
@@ -46,4 +46,4 @@ def llr(score, response, photons, expected, likeness, frame):
     signal = likely * frame.intensity_moments[0]
     background = max(max(photons, HALF) - likely, ZERO) * frame.intensity_moments[1]
     ratio = HALF * score * score - deviance * signal / (signal + background)
-    return max(ratio, -VOTE) if photons <= ZERO else ratio
+    return max(ratio, -DEAD) if photons <= ZERO else ratio

@@ -4,7 +4,7 @@ import math
 
 import torch
 
-from srt3d_ros.kernels.constants import EPSILON, VOTE
+from srt3d_ros.kernels.constants import DEAD_VOTES, EPSILON, VOTE
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY
 from srt3d_ros.kernels.oracle.arithmetic import as_complex, waves
 from srt3d_ros.kernels.oracle.windows import by_rows
@@ -53,7 +53,8 @@ def llr(response, photons, expected, likeness, frame):
 
     v ≥ 0 is the response of the pixel's photons at the surface's depth, p their number, at least 1/2. μ is s = v / E,
     clipped to within a factor `likeness` of `expected`, the signal photons that the surface should give; D = μ − s +
-    s ln(s / μ) is half the deviance of a Poisson number. A pixel without photons gives at least −VOTE.
+    s ln(s / μ) is half the deviance of a Poisson number. A pixel without photons gives at least −DEAD_VOTES ·
+    VOTE.
 
     Args:
         photons: of the pixel, those of its other surfaces left out; 0 if it has seen none at all.
@@ -65,4 +66,4 @@ def llr(response, photons, expected, likeness, frame):
     by_signal = likely * frame.intensity_moments[0]
     by_background = (n - likely).clamp(min=0) * frame.intensity_moments[1]
     ratio = evidence(value, n, n, frame)**2 / 2 - deviance * by_signal / (by_signal + by_background)
-    return torch.where(photons <= 0, ratio.clamp(min=-VOTE), ratio)
+    return torch.where(photons <= 0, ratio.clamp(min=-DEAD_VOTES * VOTE), ratio)
