@@ -30,7 +30,7 @@ VOTE = 0.35             # nats by which a neighbour speaks for its surfaces, and
                         # another depth needs to replace the last frame's
 EMPTY_SHARE = 3 / 5     # of VOTE, for a neighbour without any: a straight outline, with 3 of 8 neighbours on one side
                         # of it and 5 on the other, moves only where the pixels' photons say so
-DEAD_VOTES = 6          # votes that a pixel without photons outweighs, at most: it may be dead, and 7 of 8 fill it
+DEAD_VOTES = 3          # votes that a pixel without photons outweighs, at most: it may be dead, and 5 of 8 fill it
 LIKENESS = 2.0          # factor by which neighbours' intensities may differ; its square where surfaces share pixels
 SPREAD = 4              # pixels by which surfaces may grow into empty ones in each iteration
 

@@ -36,7 +36,7 @@ def test_a_pixel_without_photons_speaks_against_a_surface_but_may_be_dead():
         background = max(0.5 - expected / 2, 0) * FRAME.intensity_moments[1]
         signal = expected / 2 * FRAME.intensity_moments[0]
         assert llr(0, 0, expected) == pytest.approx(-expected / 2 * signal / (signal + background), rel=1e-5)
-    # It may be dead: it speaks no more against it than six neighbours for it. One that has seen photons is not.
+    # It may be dead: it speaks no more against it than three neighbours for it. One that has seen photons is not.
     assert llr(0, 0, 25) == llr(0, 0, 1e6) == pytest.approx(-DEAD_VOTES * VOTE)
     assert llr(0, 1, 1000) == pytest.approx(-500, rel=1e-5)
 
