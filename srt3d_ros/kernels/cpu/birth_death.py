@@ -20,6 +20,7 @@ from srt3d_ros.kernels.cpu.undecided import list_undecided
 from srt3d_ros.kernels.maps import FIELDS, INTENSITY, MARGIN
 
 VOTE, EMPTY_VOTE = F32(constants.VOTE), F32(constants.EMPTY_SHARE * constants.VOTE)
+NEVER = F32(-1e30)
 PLACES, MIDDLE = 9, 4           # of the 3 × 3 neighbourhood, row by row; the pixel's own
 
 LANES = 16
@@ -69,7 +70,8 @@ def _gather(i, cols, frame, state, surfaces, max_chi2, v, s, z):
 def _begin(k, s, v, surfaces):
     """Empty the best; places that have no more than k surfaces speak against surface k, the others vote for theirs."""
     for x in range(L):
-        s[MOST + x], s[BEST + x], s[AGAINST + x] = ZERO, -ONE, ZERO
+        keeps = (k == 0) & (s[COUNT + U(MIDDLE) * L + x] > ZERO)
+        s[MOST + x], s[BEST + x], s[AGAINST + x] = NEVER if keeps else ZERO, -ONE, ZERO
     for place in range(PLACES):
         number, first = COUNT + U(place) * L, U(place * surfaces) * VOTER
         for x in range(L):
@@ -211,12 +213,12 @@ def _judge(i, cols, frame, state, max_chi2, v, s, z, points, changed):
 
 
 @parallel
-def _decide(frame, state, max_chi2, near, cols, number, points, changed):
+def _decide(frame, state, max_chi2, near, grows, cols, number, points, changed):
     """List the undecided pixels of each row: their columns, their number, and the points that they choose."""
     padded_rows, surfaces, _, padded_cols = state.shape
     for turn in prange(padded_rows - 2 * MARGIN):
         i = turn + MARGIN
-        number[i] = list_undecided(i, frame, state, max_chi2, near, cols[i])
+        number[i] = list_undecided(i, frame, state, max_chi2, near, grows, cols[i])
         if number[i] > 0:
             s, z = aligned(SCRATCH), aligned(2 * len(frame.energy) * LANES)
             v = aligned(PLACES * surfaces * int(VOTER))
@@ -235,13 +237,14 @@ def _write(cols, number, points, state):
 def birth_death(frame, state, max_chi2):
     """A further step looks only beside what the last one has changed: elsewhere it would decide as before."""
     padded_rows, surfaces, fields, padded_cols = state.shape
-    compiled, changed = as_compiled(frame), np.ones(frame.counts.shape, bool)
+    compiled, changed, grows = as_compiled(frame), np.ones(frame.counts.shape, bool), False
     cols, number = np.empty(changed.shape, np.int32), np.zeros(padded_rows, np.int64)
     points = borrow("chosen", (padded_rows, padded_cols, surfaces, fields))
     for _ in range(1 + SPREAD):
         near, changed = changed, np.zeros_like(changed)
-        _decide(compiled, state, F32(max_chi2), near, cols, number, points, changed)
+        _decide(compiled, state, F32(max_chi2), near, grows, cols, number, points, changed)
         _write(cols, number, points, state)
+        grows = True
         if not changed.any():
             break
     return state

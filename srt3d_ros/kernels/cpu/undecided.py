@@ -37,7 +37,7 @@ def _compare(s, state, at, here, surfaces, padded_cols, dx, dy, max_chi2, blur2,
 def _find(s, state, here, surfaces, padded_cols, max_chi2, blur2, period, max_std):
     """Set B numbers from OPEN on in s to 1 where something is to be decided, else 0.
 
-    A pixel is decided if it knows all surfaces of the 3 × 3 neighbourhood, and no neighbour has fewer.
+    A pixel is decided if it knows all surfaces of the 3 × 3 neighbourhood, and no neighbour that has any has fewer.
     `here` is the index of the first pixel's depth in the flat state.
     """
     for x in range(B):
@@ -57,14 +57,15 @@ def _find(s, state, here, surfaces, padded_cols, max_chi2, blur2, period, max_st
                 at = U(here + (dy * surfaces + q) * FIELDS * padded_cols + dx)
                 _compare(s, state, at, here, surfaces, padded_cols, F32(dx), F32(dy), max_chi2, blur2, period, max_std)
             for x in range(B):
-                s[OPEN + x] = ONE if s[NUMBER + x] < s[OWN + x] else s[OPEN + x]
+                fewer = (s[NUMBER + x] > ZERO) & (s[NUMBER + x] < s[OWN + x])
+                s[OPEN + x] = ONE if fewer else s[OPEN + x]
 
 
 @line
-def list_undecided(i, frame, state, max_chi2, near, cols):
+def list_undecided(i, frame, state, max_chi2, near, grows, cols):
     """List the columns of the pixels of row i that have something to decide, and return how many they are.
 
-    That is, used pixels of whose 3 × 3 neighbourhood some are `near`.
+    That is, used pixels of whose 3 × 3 neighbourhood some are `near`; if `grows`, with fewer than K surfaces.
     """
     _, surfaces, _, padded_cols = state.shape
     s, flat, blur2, found = aligned(6 * int(B)), state.reshape(-1), frame.resolution * frame.resolution, 0
@@ -77,7 +78,8 @@ def list_undecided(i, frame, state, max_chi2, near, cols):
             j = first + int(x)
             beside = near[i - 1, j - 1] | near[i - 1, j] | near[i - 1, j + 1] | near[i, j - 1] | near[i, j] | \
                 near[i, j + 1] | near[i + 1, j - 1] | near[i + 1, j] | near[i + 1, j + 1]
-            if beside and s[OPEN + x] > ZERO and frame.exposure[i, j] > ZERO:
+            if beside and s[OPEN + x] > ZERO and frame.exposure[i, j] > ZERO and (
+                    s[OWN + x] < F32(surfaces) or not grows):
                 cols[found] = j
                 found += 1
     return found

@@ -32,17 +32,18 @@ def birth_death(frame, state, max_chi2):
 
         ratio of the pixel's photons + VOTE (Σ_q a_qc − Σ 1 − Σ EMPTY_SHARE)
 
-    (see `likelihood.llr`), if that is above 0. The first sum is over the surfaces of neighbours that have more than k,
-    the second over the neighbours with fewer, the third over the used ones without any. So a pixel that truly sees two
-    surfaces keeps both, and edges show no double points.
+    (see `likelihood.llr`), if that is above 0; a pixel that has surfaces takes its first one even if it is not. The
+    first sum is over the surfaces of neighbours that have more than k, the second over the neighbours with fewer, the
+    third over the used ones without any. So a pixel that truly sees two surfaces keeps both, and edges show no double
+    points.
 
     Photons are expected, and judged, at the mean t and r of what agrees with c, weighted by a, or at those of the
     pixel's own point if it agrees. The pixel keeps that point, else it takes the mean, with score 0. What agrees and
     the photons it explains are left out for the next k. Points with a standard deviation above MAX_STD · T count as
     none. Pixels stay as they are where their neighbourhood agrees with them already.
 
-    Then SPREAD more times, for pixels beside which the time before has changed something: surfaces so grow by as many
-    pixels.
+    Then SPREAD more times, for pixels with fewer than K surfaces beside which the time before has changed something:
+    surfaces so grow by as many pixels.
 
     Returns the next state, which may take the place of `state`. `max_chi2` is the square of the standard deviations
     within which depths may be one surface's.
@@ -55,7 +56,8 @@ def birth_death(frame, state, max_chi2):
         inner(state)[:] = points
         near_change = blur(changed[:, None].to(state.dtype), AROUND)[:, 0] > 0.5
         may_choose = torch.zeros_like(may_choose)
-        inner(may_choose)[:] = near_change & (inner(frame.exposure) > 0)
+        has_room = has_depth(inner(state).movedim(2, 0), frame.num_bins).sum(1) < state.shape[1]
+        inner(may_choose)[:] = near_change & has_room & (inner(frame.exposure) > 0)
     return state
 
 
@@ -100,7 +102,7 @@ def _undecided(around):
     """Where a surface around is not the pixel's, or a pixel around has fewer; where there is one, if it has none."""
     known = (around.close[:, around.middle] * around.there[around.middle]).amax(1) > 0
     had = around.count[MIDDLE]
-    differs = (around.there & ~known).any(0) | (around.count < had).any(0)
+    differs = (around.there & ~known).any(0) | ((around.count > 0) & (around.count < had)).any(0)
     return torch.where(had > 0, differs, around.there.any(0))
 
 
@@ -125,12 +127,13 @@ def _best(k, around, before, rest, photons, light, frame) -> SimpleNamespace:
     score = _score(k, around, response, intensity * light, photons, frame)
     best = score.argmax(0, keepdim=True)
     score, response, depth, own = (values.gather(0, best)[0] for values in (score, response, depth, own))
+    found = (score > 0) | ((around.count[MIDDLE] > 0) & (score > -torch.inf) & (k == 0))
     close = close.gather(0, best[:, None].expand(1, *close.shape[1:]))[0]
     weight = close * free
     point = (weight[:, None] * around.record).sum(0) / weight.sum(0).clamp(min=TINY)
     point[DEPTH], point[SCORE] = depth % frame.num_bins, 0
     kept = before.gather(0, own.clamp(min=0).expand(1, *before.shape[1:]))[0]
-    return SimpleNamespace(found=score > 0, point=torch.where(own >= 0, kept, point), own=own, agree=close > 0,
+    return SimpleNamespace(found=found, point=torch.where(own >= 0, kept, point), own=own, agree=close > 0,
                            depth=depth, response=response)
 
 
