@@ -1,7 +1,7 @@
 """What each constant of `pooled` is worth: quality with it halved, doubled and, where it can be, off.
 
     python -m benchmarks ablation                               # everything: half an hour on two cores
-    python -m benchmarks ablation --constants VOTE,SPREAD --only "head*,room*"
+    python -m benchmarks ablation --constants PRIOR_VOTE,SPREAD --only "head*,room*"
 
 Every set is reconstructed from several draws of its photons: a scene of the simulator is drawn anew, of a photon file
 each photon is kept with the probability that `FILES` gives. All variants see the same draws, so their changes are
@@ -51,9 +51,9 @@ SCENES = {"bust, SBR 1, 1 ppp": (1, 1, False), "bust, SBR 0.1, 10 ppp": (0.1, 10
 HEAD_TOLERANCE_M = 40e-3
 NET, MOTION = "net, SBR 1, 10 ppp", "room from a moving sensor, 3 ppp"
 # Limits, what has to fit a margin, rounding, other methods, what `benchmarks false_alarms` measures.
-FIXED = ("MAX_S*", "MAX_P*", "REACH", "CELL", "RIDGE", "INTENSITY*", "APSS_*", "SLANTED*", "TINY", "EPS*")
+FIXED = ("MAX_S*", "MAX_P*", "REACH", "CELL", "RIDGE", "INTENSITY*", "APSS_*", "VOTE_R*", "SLANTED*", "TINY", "EPS*")
 OFF = {"START_SCALES": ((0.0, 1), (2.0, 2)), "WIDE_SCALE": (3.0, 3), "WINDOWS": ((2.0, 4), (9.0, 4)), "LIKENESS": 1e6,
-       "VOTE": 0, "EMPTY_SHARE": 0, "SPREAD": 0, "WRONG_IRF": 0, "SHARP": 1}
+       "PRIOR_VOTE": 0, "MAX_VOTE": 1e6, "EMPTY_PENALTY": 0, "BIRTH": 0, "SPREAD": 0, "WRONG_IRF": 0, "SHARP": 1}
 BACKGROUND = "srt3d_ros.core.method.background"         # has constants, too
 
 

@@ -3,6 +3,8 @@
 docs/algorithm.md has a table of what each constant of the method does: `python -m benchmarks ablation` makes it.
 """
 
+from math import ceil
+
 # ---- Limits
 
 MAX_SKETCH_SIZE = 64        # m: frequencies of a sketch
@@ -26,13 +28,20 @@ SAME_SURFACE = 4.1      # standard deviations within which depths may be one sur
 
 # ---- Iterations: the birth/death update (`birth_death`)
 
-VOTE = 0.35             # nats by which a neighbour speaks for its surfaces, and against one more; in a warm start, what
-                        # another depth needs to replace the last frame's
-EMPTY_SHARE = 3 / 5     # of VOTE, for a neighbour without any: a straight outline, with 3 of 8 neighbours on one side
-                        # of it and 5 on the other, moves only where the pixels' photons say so
-DEAD_VOTES = 3          # votes that a pixel without photons outweighs, at most: it may be dead, and 5 of 8 fill it
+PRIOR_VOTE = 0.45       # log-likelihood ratio that a neighbour's surface adds before its own photons count; one with
+                        # fewer surfaces speaks as much against a further one
+MAX_VOTE = 0.7          # and at most: a bright neighbour is still one neighbour
+NEAR_SIGMA = 1.2        # σ of the neighbourhood that votes, and that tells how far pixels' intensities differ, pixels
+VOTE_RADIUS = ceil(REACH * NEAR_SIGMA)
 LIKENESS = 2.0          # factor by which neighbours' intensities may differ; its square where surfaces share pixels
+EMPTY_PENALTY = 0.2     # log-likelihood ratio by which a neighbour without a surface speaks against a new one, at most
+BIRTH = 0.6             # log-likelihood ratio that a new surface needs, and in a warm start another depth than that of
+                        # the last frame; a pixel without photons, which may be dead, speaks no more against one
 SPREAD = 4              # pixels by which surfaces may grow into empty ones in each iteration
+
+# ---- End (`trim`, `finalise`)
+
+RIM = 3                 # of the 8 pixels around that see no surface: enough to make a point one of the rim
 
 # ---- Geometry and numerics of the pool, not the method's
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import DEAD_VOTES, EMPTY_SHARE, LIKENESS, VOTE
+from srt3d_ros.kernels.constants import BIRTH, LIKENESS, MAX_VOTE, NEAR_SIGMA, PRIOR_VOTE
 
 from .frames import (
     CPU,
@@ -18,6 +18,7 @@ from .frames import (
     exact_state,
     make_frame,
     make_state,
+    make_terms,
     padded,
 )
 
@@ -29,9 +30,10 @@ def test_birth_death(backend, spreading, shape, surfaces, seed, light, spread):
     spreading(spread)
     frame = make_frame(shape, seed, light)
     state = make_state(frame, surfaces, seed, light)
-    found = backend.birth_death(padded(frame), state, GATE)
+    terms = make_terms(frame, state)
+    found = backend.birth_death(padded(frame), state, terms, GATE)
     assert found.dtype == np.float32
-    assert_states_agree(found, ORACLE.birth_death(padded(frame), state, GATE), shape)
+    assert_states_agree(found, ORACLE.birth_death(padded(frame), state, terms, GATE), shape)
     assert (found[:, :, maps.INTENSITY][padded(frame).exposure[:, None].repeat(surfaces, 1) == 0] == 0).all()
 
 
@@ -42,7 +44,7 @@ ALL = np.ones((1, *SHAPE))
 
 def chosen(frame, state, kernels=CPU) -> np.ndarray:
     """Of the pixel in the middle: depth and intensity, each [K]."""
-    after = kernels.birth_death(padded(frame), state, GATE)
+    after = kernels.birth_death(padded(frame), state, make_terms(frame, state), GATE)
     return maps.crop(after, *SHAPE)[MIDDLE][:, [maps.DEPTH, maps.INTENSITY]].T
 
 
@@ -69,41 +71,32 @@ def test_what_all_neighbours_show_fills_a_pixel_without_photons(shown):
 
 @pytest.mark.parametrize("kernels", [CPU, ORACLE])
 def test_surfaces_grow_by_one_pixel_a_time(spreading, kernels):
-    lit = 1 * ALL
+    lit = 2 * ALL
     lit[0, 2:5, 3:6] = 0                                        # a hole of 3 × 3 pixels without photons
     frame, state = exact_frame(100 * ALL, lit, 0), exact_state(100 * ALL, lit)
-    for spread, filled in ((0, False), (1, True), (4, True)):               # its corners first, then the middle
+    for spread, filled in ((0, False), (1, True), (4, True)):
         spreading(spread)
         assert (chosen(frame, state, kernels)[1, 0] > 0) == filled, spread
 
 
-NEAR = [(i, j) for i in (2, 3, 4) for j in (3, 4, 5) if (i, j) != (3, 4)]
-
-
-@pytest.mark.parametrize("known", [0, 2])
-def test_neighbours_vote_for_a_further_surface_or_against_it(known):
-    depth, shown = np.concatenate([50 * ALL, 150 * ALL, 250 * ALL])[:known + 1], []
-    for voting in range(9):
-        intensity = np.concatenate([2 * ALL] * known + [0 * ALL])
-        for pixel in NEAR[:voting]:
-            intensity[known][pixel] = 2
+def test_each_neighbour_with_fewer_surfaces_speaks_once_against_a_third_one():
+    depth = np.concatenate([50 * ALL, 150 * ALL, 250 * ALL])
+    near = [(i, j) for i in (2, 3, 4) for j in (3, 4, 5) if (i, j) != (3, 4)]
+    i, j = np.mgrid[1:6, 2:7]
+    weight = np.exp(-((i - 3)**2 + (j - 4)**2) / (2 * NEAR_SIGMA**2))
+    shown = []
+    for with_three in range(9):
+        intensity = np.concatenate([2 * ALL, 2 * ALL, 0 * ALL])
+        for pixel in near[:with_three]:
+            intensity[2][pixel] = 2
         lit = intensity.copy()
         lit[:, 3, 4] = 0                                        # the pixel itself has no photons
-        votes = VOTE * (voting - (1 if known else EMPTY_SHARE) * (8 - voting))
-        found = chosen(exact_frame(depth, lit, 0), exact_state(depth, intensity))[1, known] > 0
-        assert found == (votes > min(2 / LIKENESS**(1 + (known > 0)), DEAD_VOTES * VOTE)), voting
+        three = intensity[2, 1:6, 2:7] > 0
+        votes = MAX_VOTE * weight[three].sum() - PRIOR_VOTE * (weight[~three].sum() - 1)
+        found = chosen(exact_frame(depth, lit, 0), exact_state(depth, intensity))[1, 2] > 0
+        assert found == (votes - 2 / LIKENESS**2 > BIRTH), with_three
         shown.append(found)
     assert set(shown) == {False, True}
-
-
-@pytest.mark.parametrize("kernels", [CPU, ORACLE])
-@pytest.mark.parametrize("photons", [0, 1])
-def test_a_straight_outline_moves_where_photons_say_so(spreading, photons, kernels):
-    spreading(4)
-    lit = np.where(np.arange(9) < 4, 20.0, 0) * ALL             # a wall that ends before the pixel in the middle
-    state, seen = exact_state(100 * ALL, lit), lit.copy()
-    seen[0, :, 4] = photons * 20
-    assert (chosen(exact_frame(100 * ALL, seen, 1), state, kernels)[1, 0] > 0) == (photons > 0)
 
 
 @pytest.mark.parametrize("had", [0, 20])

@@ -39,7 +39,7 @@ def test_blocks_of_one_row_give_what_all_rows_at_once_give(monkeypatch, surfaces
     def results() -> SimpleNamespace:
         wide = padded(frame)
         return SimpleNamespace(
-            born=ORACLE.birth_death(wide, state, GATE), match=ORACLE.match(frame, 2)[0],
+            born=ORACLE.birth_death(wide, state, terms, GATE), match=ORACLE.match(frame, 2)[0],
             pooled=ORACLE.pooled_step(wide, state, terms, 5.0, 8, 4, GATE), terms=ORACLE.expand(wide, state),
             left=ORACLE.residual(wide, state, terms, surfaces - 1))
 
@@ -58,7 +58,7 @@ def test_a_block_stays_within_its_memory(monkeypatch):
         wide, state = Backend("", kernels).on(padded(frame)), kernels.array(state)
         terms = kernels.expand(wide, state)
         monkeypatch.setattr(windows, "MEMORY", 2**22)
-        for step in (lambda: kernels.birth_death(wide, state, GATE), lambda: kernels.match(wide, 2),
+        for step in (lambda: kernels.birth_death(wide, state, terms, GATE), lambda: kernels.match(wide, 2),
                      lambda: kernels.pooled_step(wide, state, terms, 5.0, 14, 4, GATE)):
             assert peak_bytes(step) < 2**22 + 12 * state.nbytes
 

@@ -2,16 +2,15 @@
 
 import numpy as np
 import pytest
-import torch
 
-from srt3d_ros.kernels.constants import DEAD_VOTES, LIKENESS, VOTE
+from srt3d_ros.kernels import maps
+from srt3d_ros.kernels.constants import BIRTH, LIKENESS
 from srt3d_ros.kernels.cpu.arithmetic import log
 from srt3d_ros.kernels.cpu.frame import as_compiled
 from srt3d_ros.kernels.cpu.likelihood import llr as kernel
 from srt3d_ros.kernels.cpu.likelihood import score_of
-from srt3d_ros.kernels.oracle.likelihood import llr as oracle_llr
 
-from .frames import ORACLE, T, make_frame
+from .frames import FAINT, ORACLE, T, make_frame, make_state, make_terms, padded
 
 FRAME = as_compiled(make_frame((6, 40), seed=0))
 
@@ -36,8 +35,8 @@ def test_a_pixel_without_photons_speaks_against_a_surface_but_may_be_dead():
         background = max(0.5 - expected / 2, 0) * FRAME.intensity_moments[1]
         signal = expected / 2 * FRAME.intensity_moments[0]
         assert llr(0, 0, expected) == pytest.approx(-expected / 2 * signal / (signal + background), rel=1e-5)
-    # It may be dead: it speaks no more against it than three neighbours for it. One that has seen photons is not.
-    assert llr(0, 0, 25) == llr(0, 0, 1e6) == pytest.approx(-DEAD_VOTES * VOTE)
+    # It may be dead: it speaks no more against the surface than a birth needs. A pixel that has seen photons is not.
+    assert llr(0, 0, 2.5) == llr(0, 0, 1e6) == pytest.approx(-BIRTH)
     assert llr(0, 1, 1000) == pytest.approx(-500, rel=1e-5)
 
 
@@ -69,14 +68,15 @@ def test_intensities_within_a_factor_of_two_are_one_surfaces():
     assert llr(response, photons, seen * 3) < free and llr(response, photons, seen / 3) < free
 
 
-def test_it_is_the_oracles():
-    rng, frame = np.random.default_rng(0), ORACLE.on(make_frame((6, 40), seed=0))
-    photons = rng.integers(0, 60, 500)
-    response = rng.uniform(-0.3, 1, 500) * photons * FRAME.max_response
-    expected, likeness = rng.uniform(1e-3, 90, 500), rng.choice([LIKENESS, LIKENESS**2], 500)
-    for values in zip(response, photons, expected, likeness):
-        wanted = oracle_llr(*map(torch.tensor, values), frame)
-        assert llr(*values) == pytest.approx(float(wanted), rel=1e-4, abs=1e-4), values
+@pytest.mark.parametrize(("shape", "surfaces", "light"), [((6, 40), 1, FAINT), ((9, 33), 2, 1), ((6, 40), 4, FAINT)])
+def test_log_likelihood_ratio(backend, shape, surfaces, light):
+    frame = make_frame(shape, 1, light)
+    state = make_state(frame, surfaces, 1, light)
+    arguments = padded(frame), state, make_terms(frame, state)
+    fast, slow = (kernels.log_likelihood_ratio(*arguments) for kernels in (backend, ORACLE))
+    np.testing.assert_allclose(fast, slow, atol=1e-5 * np.abs(slow).max())
+    assert (fast > 1).any() and (fast < -0.5).any()
+    assert (fast[state[:, :, maps.INTENSITY] == 0] == 0).all()
 
 
 def test_the_logarithm_of_vector_registers():

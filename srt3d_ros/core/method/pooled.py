@@ -78,8 +78,9 @@ class Pooled:
         for sigma, fine in constants.WINDOWS[1:]:
             state = self._iterate(frame, state, sigma, fine)
 
-        # Finish: threshold, intensities, standard deviations, points.
+        # Finish: outlines, threshold, intensities, standard deviations, points.
         terms = kernels.expand(frame, state)
+        kernels.trim(frame, state, terms, continued)
         intensity, std, background = finalise(kernels, frame, photons, state, terms, continued)
         left = self._left(frame, state, intensity, background, taken) if self._explains else background[:0, 0]
         return state, left, background, *kernels.collect(
@@ -105,7 +106,7 @@ class Pooled:
     def _iterate(self, frame: MatchedFrame, state, sigma: float, fine: int, steps: int = 1):
         """Birth and death of points, then Gauss-Newton steps on the data terms pooled over the window."""
         kernels, radius = self._kernels, ceil(constants.REACH * sigma)
-        state = kernels.birth_death(frame, state, constants.SAME_SURFACE**2)
+        state = kernels.birth_death(frame, state, kernels.expand(frame, state), constants.SAME_SURFACE**2)
         for _ in range(steps):
             terms = kernels.expand(frame, state)
             state = kernels.pooled_step(frame, state, terms, sigma, radius, fine, constants.SAME_SURFACE**2)

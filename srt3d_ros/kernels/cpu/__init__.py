@@ -12,7 +12,7 @@ from srt3d_ros.kernels.cpu.collect import collect, unpack
 from srt3d_ros.kernels.cpu.device import ON_HOST, array, numpy, run_frame
 from srt3d_ros.kernels.cpu.expand import expand
 from srt3d_ros.kernels.cpu.gradients import pixelwise, poisson
-from srt3d_ros.kernels.cpu.likelihood import noise_ratio
+from srt3d_ros.kernels.cpu.likelihood import log_likelihood_ratio, noise_ratio
 from srt3d_ros.kernels.cpu.match import match
 from srt3d_ros.kernels.cpu.move_sketch import move_sketch
 from srt3d_ros.kernels.cpu.phase_sums import (
@@ -29,4 +29,5 @@ from srt3d_ros.kernels.cpu.pooled_step import pooled_step
 from srt3d_ros.kernels.cpu.prepare import prepare, residual
 from srt3d_ros.kernels.cpu.rows import fixed_rows
 from srt3d_ros.kernels.cpu.search import no_surfaces, search
+from srt3d_ros.kernels.cpu.trim import trim
 from srt3d_ros.kernels.cpu.unexplained import unexplained

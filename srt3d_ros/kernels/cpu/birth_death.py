@@ -1,85 +1,93 @@
 """Birth/death update: each pixel's surfaces are chosen anew among its neighbourhood's.
 
-LANES of a row's pixels in which something is to be decided are judged together, in vector registers. What they need
-lies in flat scratch arrays, at offsets known when compiling (`pooled_step`).
+LANES of the pixels in which something is to be decided are judged together, in vector registers. What they need lies in
+flat scratch arrays, at offsets known when compiling (`pooled_step`).
 """
+
+from functools import reduce
 
 import numpy as np
 from numba import prange
 
 from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.constants import SPREAD
+from srt3d_ros.kernels.constants import NEAR_SIGMA, SPREAD, VOTE_RADIUS
 from srt3d_ros.kernels.cpu import field
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO, U, aligned, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.field import agreement, is_surface, rise, wrap
 from srt3d_ros.kernels.cpu.frame import as_compiled
-from srt3d_ros.kernels.cpu.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, score_of
-from srt3d_ros.kernels.cpu.undecided import list_undecided
-from srt3d_ros.kernels.maps import FIELDS, INTENSITY, MARGIN
+from srt3d_ros.kernels.cpu.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio, score_of
+from srt3d_ros.kernels.cpu.undecided import find_undecided
+from srt3d_ros.kernels.maps import FIELDS, INTENSITY, STD
 
-VOTE, EMPTY_VOTE = F32(constants.VOTE), F32(constants.EMPTY_SHARE * constants.VOTE)
+BIRTH, EMPTY_PENALTY, MAX_VOTE, PRIOR_VOTE = (F32(getattr(constants, name)) for name in (
+    "BIRTH", "EMPTY_PENALTY", "MAX_VOTE", "PRIOR_VOTE"))
 NEVER = F32(-1e30)
-PLACES, MIDDLE = 9, 4           # of the 3 × 3 neighbourhood, row by row; the pixel's own
+SIDE = 2 * VOTE_RADIUS + 1
+PLACES, MIDDLE = SIDE * SIDE, VOTE_RADIUS * (SIDE + 1)
+# Of each place of the neighbourhood: the weight of its surfaces, and that of their votes.
+ROW, COL = np.indices((SIDE, SIDE)).reshape(2, -1) - VOTE_RADIUS
+WEIGHTS = np.exp(-(ROW**2 + COL**2) / (2 * NEAR_SIGMA**2)).astype(np.float32)
+VOTING = np.where(np.arange(PLACES) == MIDDLE, ZERO, WEIGHTS)
+CLOSE_BY = tuple(MIDDLE + row * SIDE + col for row in (-1, 0, 1) for col in (-1, 0, 1))
 
 LANES = 16
 L = U(LANES)
-# Offsets in a voter: a surface of the neighbourhood, carried to the pixel. FREE is 0 if there is none, or none left.
-AT, TOLERANCE, LIGHT, FREE, VOTES = (U(k * LANES) for k in range(5))
-VOTER = U(5 * LANES)
-# Offsets in the scratch of `_judge`: of the pixel, of the candidate, of the best so far, and for each place how many
-# surfaces it has, −1 if it is not used.
-(PHOTONS, GAIN, AGAINST, LIMIT, FOR, SHIFT, SHARE, SIGNAL, RATIO, PLACE, MINE, RESPONSE,
- MOST, BEST, BEST_PLACE, BEST_MINE, BEST_RESPONSE, COUNT) = (U(k * LANES) for k in range(18))
-SCRATCH = (17 + PLACES) * LANES
+# Offsets in a voter: a surface of the neighbourhood, carried to the pixel. WEIGHT is 0 if there is none, or none left;
+# COUNT, of its pixel's surfaces, is in the first of them.
+AT, TOLERANCE, LIGHT, WEIGHT, VOTE, COUNT = (U(k * LANES) for k in range(6))
+VOTER = U(6 * LANES)
+# Offsets in the scratch of `_judge`: of the pixel, of the candidate, of the best so far.
+(PHOTONS, GAIN, LEAST, DARK, AGAINST, LIMIT, VOTES, SHIFT, SHARE, SIGNAL, PLACE, RATIO, MINE, RESPONSE,
+ MOST, BEST, BEST_AT, BEST_RATIO, BEST_MINE, BEST_RESPONSE) = (U(k * LANES) for k in range(20))
+SCRATCH = 20 * LANES
 
 
 @line
-def _gather(i, cols, frame, state, surfaces, max_chi2, v, s, z):
-    """Write the voters of some pixels of row i, place by place, how many each place has, and what the pixels saw."""
-    padded_cols, blur2 = frame.counts.shape[1], frame.resolution * frame.resolution
-    width, pixel = U(padded_cols), np.empty(LANES, np.int64)
-    for x in range(LANES):                      # further lanes have the last pixel, and nobody takes what they find
-        pixel[x] = cols[min(x, len(cols) - 1)]
+def _gather(pixel, frame, state, own, surfaces, max_chi2, v, s, z):
+    """Write the voters of LANES pixels, place by place, what the pixels have seen, and what a surface needs.
+
+    A first one needs more, by the places around without any.
+    """
+    padded_cols, counts, exposure = frame.counts.shape[1], frame.counts.reshape(-1), frame.exposure.reshape(-1)
+    cols, blur2, m = U(padded_cols), frame.resolution * frame.resolution, frame.matched.shape[1]
+    depth, ratio = np.empty(LANES, np.int64), np.empty(LANES, np.int64)         # of the pixels: where they are
     for x in range(L):
-        s[PHOTONS + x], s[GAIN + x] = frame.counts[i, pixel[x]], frame.exposure[i, pixel[x]]
-        for c in range(frame.matched.shape[1]):
-            z[U(c) * L + x] = frame.matched[i, c, pixel[x]]
+        row, col = pixel[x] // padded_cols, pixel[x] % padded_cols
+        depth[x], ratio[x] = row * surfaces * FIELDS * padded_cols + col, row * surfaces * padded_cols + col
+        s[PHOTONS + x], s[GAIN + x], s[LEAST + x], s[DARK + x] = counts[pixel[x]], exposure[pixel[x]], BIRTH, ZERO
+        for c in range(m):
+            z[U(c) * L + x] = frame.matched[row, c, col]
     n = U(0)
     for place in range(PLACES):
-        row, dj, count = i + place // 3 - 1, place % 3 - 1, COUNT + U(place) * L
+        di, dj, first = place // SIDE - VOTE_RADIUS, place % SIDE - VOTE_RADIUS, n
         for x in range(L):
-            s[count + x] = ZERO if frame.exposure[row, pixel[x] + dj] > ZERO else -ONE
+            v[first + COUNT + x] = ZERO
         for k in range(surfaces):
-            first = (row * surfaces + k) * FIELDS * padded_cols + dj
+            row = (di * surfaces + k) * padded_cols
             for x in range(L):
-                here = U(first + pixel[x])
-                std, intensity = state[here + field.STD * width], state[here + field.INTENSITY * width]
+                here = U(depth[x] + row * FIELDS + dj)
+                std, intensity = state[here + field.STD * cols], state[here + field.INTENSITY * cols]
                 there = ONE if is_surface(intensity, std, frame.max_std) else ZERO
-                s[count + x] += there
-                v[n + AT + x] = state[here] - rise(state[here + field.SLOPE_COL * width],
-                                                   state[here + field.SLOPE_ROW * width], F32(dj), F32(row - i))
+                v[first + COUNT + x] += there
+                v[n + AT + x] = state[here] - rise(state[here + field.SLOPE_COL * cols],
+                                                   state[here + field.SLOPE_ROW * cols], F32(dj), F32(di))
                 v[n + TOLERANCE + x] = max_chi2 * std * std + blur2
                 v[n + LIGHT + x] = intensity
-                v[n + FREE + x] = there
+                v[n + WEIGHT + x] = there * WEIGHTS[place]
+                vote = min(max(PRIOR_VOTE + own[U(ratio[x] + row + dj)], ZERO), MAX_VOTE)
+                v[n + VOTE + x] = there * VOTING[place] * vote
             n += VOTER
-
-
-@line
-def _begin(k, s, v, surfaces):
-    """Empty the best; places that have no more than k surfaces speak against surface k, the others vote for theirs."""
-    for x in range(L):
-        keeps = (k == 0) & (s[COUNT + U(MIDDLE) * L + x] > ZERO)
-        s[MOST + x], s[BEST + x], s[AGAINST + x] = NEVER if keeps else ZERO, -ONE, ZERO
-    for place in range(PLACES):
-        number, first = COUNT + U(place) * L, U(place * surfaces) * VOTER
         for x in range(L):
-            count = s[number + x]
-            fewer = (count >= ZERO) & (count <= F32(k)) & (place != MIDDLE)
-            s[AGAINST + x] += (VOTE if count > ZERO else EMPTY_VOTE) if fewer else ZERO
-            for q in range(first, first + U(surfaces) * VOTER, VOTER):
-                v[q + VOTES + x] = VOTE if (count > F32(k)) & (place != MIDDLE) else ZERO
+            there = pixel[x] + di * padded_cols + dj
+            gap = EMPTY_PENALTY * VOTING[place] if v[first + COUNT + x] == ZERO else ZERO
+            s[LEAST + x] += gap if counts[there] > ZERO else ZERO
+            s[DARK + x] += gap if (counts[there] <= ZERO) & (exposure[there] > ZERO) else ZERO
+    for x in range(L):
+        had = v[U(MIDDLE * surfaces) * VOTER + COUNT + x] > ZERO
+        s[MOST + x] = NEVER if had else s[LEAST + x]
+        s[LEAST + x] = BIRTH if had else s[LEAST + x]
+        s[DARK + x], s[AGAINST + x], s[BEST + x] = ZERO if had else s[DARK + x], ZERO, -ONE
 
 
 @inline
@@ -87,12 +95,13 @@ def _support(s, v, c, voters, surfaces, period):
     """Votes (nats) for the candidate at c, the depth and intensity of what agrees, and which of the pixel's own."""
     for x in range(L):
         s[LIMIT + x] = v[c + TOLERANCE + x]
-        s[FOR + x], s[SHIFT + x], s[SHARE + x], s[SIGNAL + x], s[MINE + x] = ZERO, ZERO, ZERO, ZERO, -ONE
+        s[VOTES + x], s[SHIFT + x], s[SHARE + x], s[SIGNAL + x], s[MINE + x] = ZERO, ZERO, ZERO, ZERO, -ONE
     for q in range(U(0), voters, VOTER):
         for x in range(L):
             e = wrap(v[q + AT + x] - v[c + AT + x], period)
-            w = v[q + FREE + x] * agreement(e, v[q + TOLERANCE + x] + s[LIMIT + x])
-            s[FOR + x] += w * v[q + VOTES + x]
+            same = agreement(e, v[q + TOLERANCE + x] + s[LIMIT + x])
+            w = same * v[q + WEIGHT + x]
+            s[VOTES + x] += same * v[q + VOTE + x]
             s[SHARE + x] += w
             s[SHIFT + x] += w * e
             s[SIGNAL + x] += w * v[q + LIGHT + x]
@@ -104,7 +113,7 @@ def _support(s, v, c, voters, surfaces, period):
         q = (U(MIDDLE * surfaces) + k) * VOTER
         for x in range(L):
             e = wrap(v[q + AT + x] - v[c + AT + x], period)
-            mine = (e * e < v[q + TOLERANCE + x] + s[LIMIT + x]) & (v[q + FREE + x] > ZERO)
+            mine = (e * e < v[q + TOLERANCE + x] + s[LIMIT + x]) & (v[q + WEIGHT + x] > ZERO)
             s[MINE + x] = F32(k) if mine else s[MINE + x]
             s[PLACE + x] = v[q + AT + x] if mine else s[PLACE + x]
             s[SIGNAL + x] = v[q + LIGHT + x] if mine else s[SIGNAL + x]
@@ -124,47 +133,69 @@ def _respond(s, z, bin_frequencies):
 
 @line
 def _choose(k, s, v, z, voters, surfaces, frame):
-    """Of the surfaces around, that with the highest log-likelihood ratio, if that is above what s has from MOST on."""
-    likeness = SHARED_LIKENESS if k > 0 else LIKENESS
-    for c in range(U(0), voters, VOTER):
-        if v[c + FREE:c + FREE + L].max() == ZERO:
-            continue
-        _support(s, v, c, voters, surfaces, frame.period)
-        _respond(s, z, frame.bin_frequencies)
-        for x in range(L):
-            s[RATIO + x] = score_of(s[RESPONSE + x], s[PHOTONS + x], frame)
-        for x in range(L):
-            s[RATIO + x] = llr(s[RATIO + x], s[RESPONSE + x], s[PHOTONS + x], s[SIGNAL + x] * s[GAIN + x], likeness,
-                               frame)
-        for x in range(L):
-            value = s[RATIO + x] + (s[FOR + x] - s[AGAINST + x])
-            better = (v[c + FREE + x] > ZERO) & (value > s[MOST + x])
-            s[MOST + x] = value if better else s[MOST + x]
-            s[BEST + x] = F32(c) if better else s[BEST + x]
-            for f in range(U(3)):           # place, own surface, response
-                now, best = s[PLACE + f * L + x], s[BEST_PLACE + f * L + x]
-                s[BEST_PLACE + f * L + x] = now if better else best
+    """Of the candidates, the surfaces of the 3 × 3 places in the middle, that with the highest log-likelihood ratio.
+
+    It is the best as surface k if that is above what s has from MOST on. A candidate loses the nats from DARK on times
+    the probability that a pixel sees any of its photons.
+    """
+    likeness, any_dark = SHARED_LIKENESS if k > 0 else LIKENESS, s[DARK:DARK + L].max() > ZERO
+    for place in CLOSE_BY:
+        for q in range(surfaces):
+            c = U(place * surfaces + q) * VOTER
+            if v[c + WEIGHT:c + WEIGHT + L].max() == ZERO:
+                continue
+            _support(s, v, c, voters, surfaces, frame.period)
+            _respond(s, z, frame.bin_frequencies)
+            for x in range(L):
+                s[RATIO + x] = score_of(s[RESPONSE + x], s[PHOTONS + x], frame)
+            for x in range(L):
+                s[RATIO + x] = llr(s[RATIO + x], s[RESPONSE + x], s[PHOTONS + x], s[SIGNAL + x] * s[GAIN + x], likeness,
+                                   frame)
+            for x in range(L if any_dark else U(0)):
+                s[VOTES + x] -= s[DARK + x] * (ONE - np.exp(-s[SIGNAL + x] * s[GAIN + x]))
+            for x in range(L):
+                value = s[RATIO + x] + (s[VOTES + x] - s[AGAINST + x])
+                better = (v[c + WEIGHT + x] > ZERO) & (value > s[MOST + x])
+                s[MOST + x] = value if better else s[MOST + x]
+                s[BEST + x] = F32(c) if better else s[BEST + x]
+                for f in range(U(4)):           # place, ratio, own surface, response
+                    now, best = s[PLACE + f * L + x], s[BEST_AT + f * L + x]
+                    s[BEST_AT + f * L + x] = now if better else best
 
 
 @line
-def _join(x, i, j, s, v, state, record, period):
-    """Write the mean of the voters of lane x, pixel (i, j), that agree with the best candidate into `record`."""
-    surfaces, c = state.shape[1], U(s[BEST + x])
+def _begin_further(k, s, v, surfaces):
+    """Neighbours that have no more than k surfaces speak against one more, and no longer for any."""
+    for x in range(L):
+        s[MOST + x], s[BEST + x], s[AGAINST + x] = s[LEAST + x], -ONE, ZERO
+    for place in range(PLACES):
+        first = U(place * surfaces) * VOTER
+        for x in range(L):
+            count = v[first + COUNT + x]
+            s[AGAINST + x] += PRIOR_VOTE * VOTING[place] if (count > ZERO) & (count <= F32(k)) else ZERO
+            for q in range(first, first + U(surfaces) * VOTER, VOTER):
+                v[q + VOTE + x] = ZERO if count <= F32(k) else v[q + VOTE + x]
+
+
+@line
+def _join(x, pixel, s, v, state, record, period):
+    """Write the mean of the voters of lane x that agree with the best candidate into `record`."""
+    surfaces, cols, c = state.shape[1], state.shape[3], U(s[BEST + x])
     record[:] = ZERO
     weight, q = ZERO, U(0)
     for place in range(PLACES):
-        row, col = i + place // 3 - 1, j + place % 3 - 1
+        i, j = pixel // cols + place // SIDE - VOTE_RADIUS, pixel % cols + place % SIDE - VOTE_RADIUS
         for k in range(surfaces):
             e = wrap(v[q + AT + x] - v[c + AT + x], period)
-            w = v[q + FREE + x] * agreement(e, v[q + TOLERANCE + x] + v[c + TOLERANCE + x])
+            w = v[q + WEIGHT + x] * agreement(e, v[q + TOLERANCE + x] + v[c + TOLERANCE + x])
             if w > ZERO:
                 weight += w
                 for f in range(FIELDS):
-                    record[f] += w * state[row, k, f, col]
+                    record[f] += w * state[i, k, f, j]
             q += VOTER
     for f in range(FIELDS):
         record[f] /= weight
-    record[field.DEPTH] = s[BEST_PLACE + x] - period * np.floor(s[BEST_PLACE + x] / period)
+    record[field.DEPTH] = s[BEST_AT + x] - period * np.floor(s[BEST_AT + x] / period)
     record[field.SCORE] = ZERO                                            # for its pool to say
 
 
@@ -181,70 +212,69 @@ def _take(x, depth, voters, s, v, z, frame):
     for q in range(U(0), voters, VOTER):
         e = wrap(v[q + AT + x] - at, frame.period)
         if e * e < v[q + TOLERANCE + x] + limit:
-            v[q + FREE + x] = ZERO
+            v[q + WEIGHT + x], v[q + VOTE + x] = ZERO, ZERO
 
 
-@line
-def _judge(i, cols, frame, state, max_chi2, v, s, z, points, changed):
-    """Write the points that up to LANES pixels of row i choose, instead of their own, and mark those that change."""
-    surfaces = state.shape[1]
+@parallel
+def _judge(pixels, frame, state, own, max_chi2, points, ratios, changed):
+    """Write what the pixels choose: points [N, K, FIELDS] and their ratios [N, K]; and whether that is another point.
+
+    `points` are those that the pixels have.
+    """
+    surfaces, cols = state.shape[1], state.shape[3]
     voters = U(PLACES * surfaces) * VOTER
-    _gather(i, cols, frame, state.reshape(-1), surfaces, max_chi2, v, s, z)
-    for k in range(surfaces):
-        _begin(k, s, v, surfaces)
-        _choose(k, s, v, z, voters, surfaces, frame)
-        for x in range(len(cols)):
-            j, lane, point = cols[x], U(x), points[x, k]
-            for f in range(FIELDS):
-                point[f] = state[i, k, f, j]
-            if s[BEST + lane] < ZERO:
-                changed[i, j] |= point[INTENSITY] > ZERO
-                point[INTENSITY] = ZERO
-                continue
-            mine = int(s[BEST_MINE + lane])
-            changed[i, j] |= mine != k
-            if mine < 0:
-                _join(lane, i, j, s, v, state, point, frame.period)
-            elif mine != k:
-                for f in range(FIELDS):
-                    point[f] = state[i, mine, f, j]
-            if k + 1 < surfaces:
-                _take(lane, point[field.DEPTH], voters, s, v, z, frame)
+    for part in prange(-(-len(pixels) // LANES)):
+        first = part * LANES
+        pixel = np.empty(LANES, np.int64)
+        for x in range(LANES):                  # a last part has more of its last pixel, whose results nobody takes
+            pixel[x] = pixels[min(first + x, len(pixels) - 1)]
+        s, v, z = aligned(SCRATCH), aligned(int(voters)), aligned(2 * len(frame.energy) * LANES)
+        _gather(pixel, frame, state.reshape(-1), own.reshape(-1), surfaces, max_chi2, v, s, z)
+        for k in range(surfaces):
+            if k > 0:
+                _begin_further(k, s, v, surfaces)
+            _choose(k, s, v, z, voters, surfaces, frame)
+            for x in range(min(LANES, len(pixels) - first)):
+                n, lane, point = first + x, U(x), points[first + x, k]
+                if s[BEST + lane] < ZERO:
+                    changed[n] |= point[INTENSITY] > ZERO
+                    point[INTENSITY] = ZERO
+                    continue
+                mine = int(s[BEST_MINE + lane])
+                changed[n] |= mine != k
+                ratios[n, k] = s[BEST_RATIO + lane]
+                if mine < 0:
+                    _join(lane, pixel[x], s, v, state, point, frame.period)
+                elif mine != k:
+                    for f in range(FIELDS):
+                        point[f] = state[pixel[x] // cols, mine, f, pixel[x] % cols]
+                if k + 1 < surfaces:
+                    _take(lane, point[field.DEPTH], voters, s, v, z, frame)
 
 
-@parallel
-def _decide(frame, state, max_chi2, near, grows, cols, number, points, changed):
-    """List the undecided pixels of each row: their columns, their number, and the points that they choose."""
-    padded_rows, surfaces, _, padded_cols = state.shape
-    for turn in prange(padded_rows - 2 * MARGIN):
-        i = turn + MARGIN
-        number[i] = list_undecided(i, frame, state, max_chi2, near, grows, cols[i])
-        if number[i] > 0:
-            s, z = aligned(SCRATCH), aligned(2 * len(frame.energy) * LANES)
-            v = aligned(PLACES * surfaces * int(VOTER))
-            for first in range(0, number[i], LANES):
-                last = min(first + LANES, number[i])
-                _judge(i, cols[i, first:last], frame, state, max_chi2, v, s, z, points[i, first:last], changed)
+def _near(changed):
+    """The pixels within VOTE_RADIUS (a square) of some, bool [rows', cols']; none of these is in the margin."""
+    near = np.zeros_like(changed)
+    rows = reduce(np.logical_or, (changed[by:len(changed) - SIDE + 1 + by] for by in range(SIDE)))
+    near[VOTE_RADIUS:-VOTE_RADIUS, VOTE_RADIUS:-VOTE_RADIUS] = reduce(
+        np.logical_or, (rows[:, by:rows.shape[1] - SIDE + 1 + by] for by in range(SIDE)))
+    return near
 
 
-@parallel
-def _write(cols, number, points, state):
-    for i in prange(len(state)):
-        for n in range(number[i]):
-            state[i, :, :, cols[i, n]] = points[i, n]
-
-
-def birth_death(frame, state, max_chi2):
-    """A further step looks only beside what the last one has changed: elsewhere it would decide as before."""
-    padded_rows, surfaces, fields, padded_cols = state.shape
-    compiled, changed, grows = as_compiled(frame), np.ones(frame.counts.shape, bool), False
-    cols, number = np.empty(changed.shape, np.int32), np.zeros(padded_rows, np.int64)
-    points = borrow("chosen", (padded_rows, padded_cols, surfaces, fields))
+def birth_death(frame, state, terms, max_chi2):
+    """A step of spreading looks only where the last step has changed something: elsewhere it would decide as before."""
+    own, compiled, max_chi2 = log_likelihood_ratio(frame, state, terms), as_compiled(frame), F32(max_chi2)
+    used = candidates = frame.exposure > 0
     for _ in range(1 + SPREAD):
-        near, changed = changed, np.zeros_like(changed)
-        _decide(compiled, state, F32(max_chi2), near, grows, cols, number, points, changed)
-        _write(cols, number, points, state)
-        grows = True
+        undecided = np.zeros(used.shape, bool)
+        find_undecided(compiled, state, candidates, max_chi2, undecided)
+        row, col = np.nonzero(undecided)
+        points, ratios, changed = state[row, :, :, col], own[row, :, col], np.zeros(len(row), bool)
+        _judge(row * used.shape[1] + col, compiled, state, own, max_chi2, points, ratios, changed)
+        state[row, :, :, col], own[row, :, col] = points, ratios
         if not changed.any():
             break
+        undecided[row, col] = changed
+        full = ((state[:, :, INTENSITY] > 0) & (state[:, :, STD] < compiled.max_std)).all(axis=1)
+        candidates = _near(undecided) & used & ~full
     return state

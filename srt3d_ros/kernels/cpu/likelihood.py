@@ -1,12 +1,16 @@
 """How much more likely a pixel's own photons are with a surface than without; `oracle.likelihood` has the equations."""
 
 import numpy as np
+from numba import prange
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, ZERO, log
-from srt3d_ros.kernels.cpu.compiling import inline
+from srt3d_ros.kernels.cpu.compiling import inline, parallel
+from srt3d_ros.kernels.cpu.device import borrow
+from srt3d_ros.kernels.cpu.frame import as_compiled
+from srt3d_ros.kernels.maps import INTENSITY, VALUE
 
-LIKENESS, DEAD = F32(constants.LIKENESS), F32(constants.DEAD_VOTES * constants.VOTE)
+BIRTH, LIKENESS = F32(constants.BIRTH), F32(constants.LIKENESS)
 SHARED_LIKENESS = LIKENESS * LIKENESS
 
 
@@ -46,4 +50,33 @@ def llr(score, response, photons, expected, likeness, frame):
     signal = likely * frame.intensity_moments[0]
     background = max(max(photons, HALF) - likely, ZERO) * frame.intensity_moments[1]
     ratio = HALF * score * score - deviance * signal / (signal + background)
-    return max(ratio, -DEAD) if photons <= ZERO else ratio
+    return max(ratio, -BIRTH) if photons <= ZERO else ratio
+
+
+@parallel
+def _log_likelihood_ratio(frame, state, terms, out):
+    padded_rows, surfaces, _, padded_cols = state.shape
+    for i in prange(padded_rows):
+        others, photons = np.empty(padded_cols, np.float32), np.empty(padded_cols, np.float32)
+        counts, exposure = frame.counts[i], frame.exposure[i]
+        for k in range(surfaces):
+            intensity, response, ratio = state[i, k, INTENSITY], terms[i, k, VALUE], out[i, k]
+            others[:] = ZERO
+            for o in range(surfaces):
+                if o != k:
+                    for j in range(padded_cols):
+                        others[j] += state[i, o, INTENSITY, j] * exposure[j]
+            for j in range(padded_cols):
+                photons[j] = left(counts[j], others[j])
+                ratio[j] = score_of(response[j], photons[j], frame)
+            for j in range(padded_cols):
+                likeness = SHARED_LIKENESS if others[j] > ZERO else LIKENESS
+                there = (intensity[j] > ZERO) & (exposure[j] > ZERO)
+                nats = llr(ratio[j], response[j], photons[j], intensity[j] * exposure[j], likeness, frame)
+                ratio[j] = nats if there else ZERO
+
+
+def log_likelihood_ratio(frame, state, terms):
+    out = borrow("log_likelihood_ratio", state[:, :, 0].shape)
+    _log_likelihood_ratio(as_compiled(frame), state, terms, out)
+    return out

@@ -1,8 +1,10 @@
 """Pixels of which the birth/death update has something to decide."""
 
+from numba import prange
+
 from srt3d_ros.kernels.cpu import field
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, B, U, aligned, any_of
-from srt3d_ros.kernels.cpu.compiling import inline, line
+from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.field import is_surface, rise, wrap
 from srt3d_ros.kernels.maps import FIELDS, MARGIN
 
@@ -61,25 +63,17 @@ def _find(s, state, here, surfaces, padded_cols, max_chi2, blur2, period, max_st
                 s[OPEN + x] = ONE if fewer else s[OPEN + x]
 
 
-@line
-def list_undecided(i, frame, state, max_chi2, near, grows, cols):
-    """List the columns of the pixels of row i that have something to decide, and return how many they are.
-
-    That is, used pixels of whose 3 × 3 neighbourhood some are `near`; if `grows`, with fewer than K surfaces.
-    """
-    _, surfaces, _, padded_cols = state.shape
-    s, flat, blur2, found = aligned(6 * int(B)), state.reshape(-1), frame.resolution * frame.resolution, 0
-    for first in range(MARGIN, padded_cols - MARGIN, int(B)):
-        if not any_of(near[i - 1:i + 2, first - 1:first + int(B) + 1]):
-            continue
-        _find(s, flat, i * surfaces * FIELDS * padded_cols + first, surfaces, U(padded_cols), max_chi2, blur2,
-              frame.period, frame.max_std)
-        for x in range(B):
-            j = first + int(x)
-            beside = near[i - 1, j - 1] | near[i - 1, j] | near[i - 1, j + 1] | near[i, j - 1] | near[i, j] | \
-                near[i, j + 1] | near[i + 1, j - 1] | near[i + 1, j] | near[i + 1, j + 1]
-            if beside and s[OPEN + x] > ZERO and frame.exposure[i, j] > ZERO and (
-                    s[OWN + x] < F32(surfaces) or not grows):
-                cols[found] = j
-                found += 1
-    return found
+@parallel
+def find_undecided(frame, state, candidates, max_chi2, undecided):
+    """Write which of the candidates, bool [rows', cols'], have something to decide."""
+    padded_rows, surfaces, _, padded_cols = state.shape
+    flat, blur2 = state.reshape(-1), frame.resolution * frame.resolution
+    for turn in prange(padded_rows - 2 * MARGIN):
+        i, s = turn + MARGIN, aligned(6 * int(B))
+        for first in range(MARGIN, padded_cols - MARGIN, int(B)):
+            if any_of(candidates[i:i + 1, first:first + int(B)]):
+                _find(s, flat, i * surfaces * FIELDS * padded_cols + first, surfaces, U(padded_cols), max_chi2, blur2,
+                      frame.period, frame.max_std)
+                for x in range(B):
+                    j = first + int(x)
+                    undecided[i, j] = candidates[i, j] & (s[OPEN + x] > ZERO)

@@ -39,13 +39,13 @@ from srt3d_ros.kernels.oracle.birth_death import birth_death
 from srt3d_ros.kernels.oracle.blur import blur
 from srt3d_ros.kernels.oracle.collect import collect, unexplained, unpack
 from srt3d_ros.kernels.oracle.device import Kernels
-from srt3d_ros.kernels.oracle.likelihood import expand
+from srt3d_ros.kernels.oracle.likelihood import expand, log_likelihood_ratio, trim
 from srt3d_ros.kernels.oracle.pooled_step import pooled_step
 from srt3d_ros.kernels.oracle.search import match, no_surfaces, prepare, residual, search
 
 FUNCTIONS = {function.__name__: function for function in (
-    birth_death, blur, collect, expand, match, no_surfaces, noise_ratio, pooled_step, prepare, residual, search,
-    unexplained, unpack)}
+    birth_death, blur, collect, expand, log_likelihood_ratio, match, no_surfaces, noise_ratio, pooled_step, prepare,
+    residual, search, trim, unexplained, unpack)}
 
 
 def on(device: str, dtype: torch.dtype = torch.float32) -> Kernels:

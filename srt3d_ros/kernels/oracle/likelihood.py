@@ -1,15 +1,18 @@
-"""What a pixel's own photons say of its surfaces: `expand`, `evidence` and `llr`."""
+"""What a pixel's own photons say of its surfaces: `expand`, `log_likelihood_ratio` and `trim`."""
 
 import math
 
+import numpy as np
 import torch
 
-from srt3d_ros.kernels.constants import DEAD_VOTES, EPSILON, VOTE
-from srt3d_ros.kernels.maps import DEPTH, INTENSITY
-from srt3d_ros.kernels.oracle.arithmetic import as_complex, waves
+from srt3d_ros.kernels.constants import BIRTH, EPSILON, LIKENESS, RIM, SPREAD, VOTE_RADIUS
+from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, VALUE, crop
+from srt3d_ros.kernels.oracle.arithmetic import as_complex, has_depth, noise_ratio, waves
+from srt3d_ros.kernels.oracle.blur import blur
 from srt3d_ros.kernels.oracle.windows import by_rows
 
 NUMBERS = 16           # that `expand` holds for each frequency of a point, about
+NEAREST, AROUND = np.ones(3, np.float32), np.ones(2 * VOTE_RADIUS + 1, np.float32)      # of `trim`
 
 
 def expand(frame, state):
@@ -49,15 +52,12 @@ def evidence(response, photons, squares, frame):
 
 
 def llr(response, photons, expected, likeness, frame):
-    """p ρ(v / p)² / 2 − D μ I₁ / (μ I₁ + (p − μ)₊ I₀): log-likelihood ratio of a surface and "background alone", nats.
-
-    v ≥ 0 is the response of the pixel's photons at the surface's depth, p their number, at least 1/2. μ is s = v / E,
-    clipped to within a factor `likeness` of `expected`, the signal photons that the surface should give; D = μ − s +
-    s ln(s / μ) is half the deviance of a Poisson number. A pixel without photons gives at least −DEAD_VOTES ·
-    VOTE.
+    """Log-likelihood ratio of a surface of about `expected` photons and of "background alone", nats.
 
     Args:
+        response: of the pixel's photons to the matched filter at the surface's depth.
         photons: of the pixel, those of its other surfaces left out; 0 if it has seen none at all.
+        expected: signal photons that the surface should give, to within the factor `likeness`.
     """
     value, n = response.clamp(min=0), photons.clamp(min=0.5)
     seen = value / frame.total_energy
@@ -66,4 +66,50 @@ def llr(response, photons, expected, likeness, frame):
     by_signal = likely * frame.intensity_moments[0]
     by_background = (n - likely).clamp(min=0) * frame.intensity_moments[1]
     ratio = evidence(value, n, n, frame)**2 / 2 - deviance * by_signal / (by_signal + by_background)
-    return torch.where(photons <= 0, ratio.clamp(min=-DEAD_VOTES * VOTE), ratio)
+    return torch.where(photons <= 0, ratio.clamp(min=-BIRTH), ratio)
+
+
+def log_likelihood_ratio(frame, state, terms):
+    """Of each point's own photons, against "background alone": p ρ(v / p)² / 2 − D μ I₁ / (μ I₁ + (p − μ)₊ I₀).
+
+    v ≥ 0 is the response of `expand`. p is n less the photons of the pixel's other surfaces, at least 1/2.
+    μ is s = v / E, clipped to within a factor LIKENESS of g r (its square if there are other surfaces);
+    D = μ − s + s ln(s / μ) is half the deviance of a Poisson number. A pixel with n = 0
+    gives at least −BIRTH.
+
+    Returns:
+        float32 [rows', K, cols'], nats; 0 where there is no point.
+    """
+    gives = state[:, :, INTENSITY] * frame.exposure[:, None]
+    others = gives.sum(dim=1, keepdim=True) - gives
+    likeness = torch.where(others > 0, LIKENESS**2, LIKENESS)
+    counts = frame.counts[:, None]
+    photons = torch.where(counts > 0, (counts - others).clamp(min=0.5), 0)
+    ratio = llr(terms[:, :, VALUE], photons, gives, likeness, frame)
+    return ratio.masked_fill(gives <= 0, 0)
+
+
+def trim(frame, state, terms, enough):
+    """r = 0 for the points of rims that the photons of the rim do not pay for; in place.
+
+    A pixel with a surface is at the rim if RIM of the 8 around are used (g > 0) and have none. What the pixels of
+    the rim within VOTE_RADIUS (a square) show is pooled: V = Σ v, p = Σ n, μ = Σ g r, over their points. A point of
+    the pixel goes if these photons do not show a surface of any intensity, √p ρ(V₊ / p) / c(t) ≤ `enough`, and speak
+    for none rather than for one as bright as the pools of `pooled_step` make it: with this V, p and μ the ratio of
+    `log_likelihood_ratio` is below 0. What lies behind is the rim then: SPREAD rounds, as far as surfaces grow in an
+    iteration. `terms` are `expand` of the state.
+    """
+    view, terms, used = (crop(values, *frame.shape) for values in (state, terms, frame.exposure > 0))
+    intensity = view[:, :, INTENSITY]
+    for _ in range(SPREAD):
+        there = has_depth(view.movedim(2, 0), frame.num_bins).any(dim=1)
+        blank = blur((used & ~there)[:, None].to(state.dtype), NEAREST)[:, 0]
+        rim = there & (blank > RIM - 0.5)
+        own = torch.stack([terms[:, :, VALUE], terms[:, :, COUNTS], terms[:, :, EXPOSURE] * intensity], dim=1)
+        own = (own * (rim[:, None] & (intensity > 0))[:, None]).sum(dim=2)
+        response, photons, expected = blur(own, AROUND).unbind(dim=1)
+        some = photons.clamp(min=0.5)
+        score = evidence(response, some, some, frame)
+        unpaid = rim & (llr(response, photons, expected, 1, frame) < 0)
+        weak = score[:, None] <= enough * noise_ratio(frame, view[:, :, DEPTH])
+        intensity.masked_fill_(unpaid[:, None] & weak, 0)
