@@ -10,29 +10,18 @@ from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, VALUE
 
 
-@parallel
-def _prepare(sums, photons, equaliser, used, taken, shown, matched, counts):
-    (rows, cols, m), rise, step = sums.shape, min(len(equaliser) - 1, 1), min(equaliser.shape[1] - 1, 1)
-    shown_rise, shown_step = min(len(shown) - 1, 1), min(shown.shape[1] - 1, 1)
-    for i in prange(rows):
-        for l in range(m):
-            for j in range(cols):
-                z, e = sums[i, j, l], equaliser[i * rise, j * step, l]
-                out = shown[i * shown_rise, j * shown_step, l]
-                matched[i, l, j] = z.real * e.real - z.imag * e.imag - taken[i, j] * out.real
-                matched[i, m + l, j] = z.real * e.imag + z.imag * e.real - taken[i, j] * out.imag
-        for j in range(cols):
-            counts[i, j] = photons[i, j] * used[i, j]
-
-
 def prepare(sums, photons, equaliser, used, taken=None, shown=None):
+    """Real and imaginary parts by themselves: a product of complex numbers is rounded otherwise on other processors."""
     rows, cols, m = sums.shape
     padded_rows, padded_cols = maps.padded_shape(rows, cols)
     matched, counts = borrow("matched", (padded_rows, 2 * m, padded_cols)), borrow("counts", (padded_rows, padded_cols))
-    if taken is None:
-        taken, shown = np.zeros((rows, cols), np.float32), np.zeros((1, 1, m), np.complex64)
-    _prepare(sums, photons, equaliser, used, taken, shown, maps.crop(matched, rows, cols),
-             maps.crop(counts, rows, cols))
+    re, im, c, d = sums.real, sums.imag, equaliser.real, equaliser.imag
+    real, imaginary = np.split(maps.crop(matched, rows, cols), 2, axis=1)
+    real[:], imaginary[:] = (re * c - im * d).swapaxes(1, 2), (re * d + im * c).swapaxes(1, 2)
+    if taken is not None:
+        real -= taken[:, None] * shown.real.swapaxes(1, 2)
+        imaginary -= taken[:, None] * shown.imag.swapaxes(1, 2)
+    maps.crop(counts, rows, cols)[:] = photons * used
     return matched, counts
 
 
