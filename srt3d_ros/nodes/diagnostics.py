@@ -19,7 +19,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from srt3d_ros.core.sketching.stream import Counts
+from srt3d_ros.core.sketching.counts import Counts
 from srt3d_ros.nodes.lifecycle import ManagedNode
 
 PERIOD_S = 1.0

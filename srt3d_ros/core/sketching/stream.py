@@ -1,13 +1,13 @@
 """SketchStream: from packets of photons to sketches of frames. Nodes, library, bags and evaluation push into it."""
 
-import threading
-from collections import Counter, deque
+from collections import deque
 from dataclasses import dataclass, field, replace
 
 from srt3d_ros.core.motion.moving_sketcher import MovingFrame, MovingSketcher
 from srt3d_ros.core.motion.track import MotionReport, SensorMotion
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.counts import Counts
 from srt3d_ros.core.sketching.design import design_for
 from srt3d_ros.core.sketching.framing import Framing, OpenFrame
 from srt3d_ros.core.sketching.gate import OFF, in_ranges
@@ -21,27 +21,6 @@ MERGE_POLL_S = 0.01     # until a frame that waits for an acknowledgement is tri
 MOTION_S = 1.0          # longest wait for the motion: odometry comes 10 to 100 ms late; after a second it has stopped
 # Frames that wait for the motion whatever memory they take, and the memory that more of them may take.
 MOST_FRAMES, MOST_BYTES = 4, 2**28
-
-
-class Counts:
-    """Totals that count from the start and never fall, from any thread."""
-
-    def __init__(self) -> None:
-        self._lock = threading.RLock()
-        self.totals: Counter[str] = Counter()
-        self.dropped: Counter[str] = Counter()              # packets, or frames where nothing smaller comes, by cause
-        self.photons_dropped: Counter[str] = Counter()
-
-    def count(self, **amounts: int) -> None:
-        """Add to totals of these names."""
-        with self._lock:
-            self.totals.update(amounts)
-
-    def drop(self, cause: str, frames: int = 1, photons: int = 0) -> None:
-        """Count frames that were dropped for `cause`, and their photons."""
-        with self._lock:
-            self.dropped[cause] += frames
-            self.photons_dropped[cause] += photons
 
 
 @dataclass(frozen=True)

@@ -120,7 +120,6 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
     weights = maps.window_weights(sigma / step) if sigma > 0 else np.ones(1, np.float32)
     cells, pools = pool(frame, matched, wanted, weights, step)
     carried = np.empty((0, 0, 0, 0), np.float32) if carried is None else carried
-
     compiled, filters = as_compiled(frame), steering(frame.bin_frequencies, frame.num_bins)
 
     def along(slopes, sketches, enough):
