@@ -51,7 +51,8 @@ SCENES = {"bust, SBR 1, 1 ppp": (1, 1, False), "bust, SBR 0.1, 10 ppp": (0.1, 10
 HEAD_TOLERANCE_M = 40e-3
 NET, MOTION = "net, SBR 1, 10 ppp", "room from a moving sensor, 3 ppp"
 # Limits, what has to fit a margin, rounding, other methods, what `benchmarks false_alarms` measures.
-FIXED = ("MAX_S*", "MAX_P*", "REACH", "CELL", "RIDGE", "INTENSITY*", "APSS_*", "VOTE_R*", "SLANTED*", "TINY", "EPS*")
+FIXED = ("MAX_SKETCH_SIZE", "MAX_PHOTONS", "REACH", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "VOTE_RADIUS",
+         "SLANTED_SCALE", "TINY", "EPSILON")
 OFF = {"START_SCALES": ((0.0, 1), (2.0, 2)), "WIDE_SCALE": (3.0, 3), "WINDOWS": ((2.0, 4), (9.0, 4)), "LIKENESS": 1e6,
        "PRIOR_VOTE": 0, "MAX_VOTE": 1e6, "EMPTY_PENALTY": 0, "BIRTH": 0, "SPREAD": 0, "WRONG_IRF": 0, "SHARP": 1}
 BACKGROUND = "srt3d_ros.core.method.background"         # has constants, too
@@ -111,13 +112,10 @@ def halved_doubled_off(patterns: str) -> Iterator[dict]:
     for name, value in (vars(constants) | vars(import_module(BACKGROUND))).items():
         if not name.isupper() or name == "BACKGROUNDS" or fits(name, ",".join(FIXED)) or not fits(name, patterns):
             continue
-        tried = [value]
-        for new in () if isinstance(value, tuple) else (half(value), 2 * value):
-            if new not in tried:
-                tried.append(new)
-        if OFF.get(name) is not None and OFF[name] not in tried:
+        tried = [] if isinstance(value, tuple) else [half(value), 2 * value]
+        if name in OFF:
             tried.append(type(value)(OFF[name]))
-        yield from ({name: new} for new in tried[1:])
+        yield from ({name: new} for new in dict.fromkeys(tried) if new != value)
 
 
 def half(number):
