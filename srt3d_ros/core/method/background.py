@@ -12,9 +12,7 @@ import numpy as np
 
 from srt3d_ros.core.method.cloud import Estimate
 from srt3d_ros.core.method.matched_frame import Matcher
-from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.errors import require
 
@@ -29,7 +27,6 @@ SIGNIFICANT = 3.0
 # not background. Measured 0.0 to 0.25 in fog, and 0.47 to 0.69 for two walls of which one may be shown.
 SHARP = 0.33
 PASSES = 8              # over a first frame, at most
-HOT = 10.0              # times the median of the pixels: a dark frame's pixels above it are not counted
 TINY = 1e-6
 
 
@@ -155,26 +152,3 @@ class Background:
         known = mean * np.exp(-1j * k * turn)
         between = np.interp(wanted, k, known.real, right=0) + 1j * np.interp(wanted, k, known.imag, right=0)
         return between * np.exp(1j * wanted * turn)
-
-
-def dark_shape(frame: PhotonFrame, sensor: SensorModel) -> np.ndarray:
-    """background_shape of a sensor, float32 [T], from photons recorded without the laser's echo: their histogram.
-
-    Each pixel's photons count from its delay; masked pixels and hot ones are left out. No smoothing is needed: a sketch
-    sees low frequencies alone, and N photons give each of these with a standard deviation of 1/√(2N).
-
-    Raises:
-        InvalidInput: photons outside the sensor, or none that count.
-    """
-    events = frame if isinstance(frame, PhotonEvents) else frame.to_events(sensor)
-    events.check(sensor)
-    counts = np.bincount(events.pixel, minlength=sensor.pixels)
-    used = counts <= HOT * max(np.median(counts), 1)
-    if sensor.mask is not None:
-        used &= sensor.mask.reshape(-1)
-    kept = used[events.pixel]
-    late = 0 if sensor.delay_bins is None else sensor.delay_bins.reshape(-1)[events.pixel[kept]]
-    bins = sensor.toa_bins(sensor.toa_positions(events.toa[kept]) - late)
-    require(len(bins) > 0, "dark frame", "no photons", "photons in pixels that are not masked")
-    histogram = np.bincount(bins, minlength=sensor.num_bins)
-    return (histogram / histogram.sum()).astype(np.float32)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.method.background import Background, dark_shape
+from srt3d_ros.core.method.background import Background
 from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.metrics import circular_difference, evaluate
-from srt3d_ros.core.sensor.model import GateWords, SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.core.sketching.sketch import Sketch
@@ -15,7 +15,6 @@ from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.errors import InvalidInput
 from tests.core import scenes
 from tests.core.scenes import IRF, background_alone, with_photons
-from tests.photon_forms import as_gates
 
 T = 600
 BINS = np.arange(T)
@@ -146,27 +145,6 @@ def test_a_hot_pixel_does_not_harm_its_neighbours(background):
         assert beside.all() or not known
 
 
-def test_the_shape_of_a_dark_frame_is_its_histogram_at_no_delay():
-    sensor = make_sensor(2, 2, delay_bins=[[0, 10.4], [0, 0]], mask=[[True, True], [False, True]])
-    pixel = np.array([0, 1, 1, 2, 3], np.uint32)
-    toa = np.array([5, 15, 3, 77, 599], np.uint16)
-    shape = dark_shape(PhotonEvents(pixel, toa), sensor)
-    expected = np.zeros(T)
-    expected[[5, T - 7, 599]] = 0.5, 0.25, 0.25
-    np.testing.assert_allclose(shape, expected)
-
-
-def test_a_dark_frame_leaves_hot_pixels_out_and_may_come_as_gates():
-    sensor = make_sensor(gates=GateWords())
-    quiet = background_alone(sensor.replace(background_shape=SHAPES["fog"]), 20)
-    shape = dark_shape(with_photons(quiet, np.full(50_000, 9), 300), sensor)
-    np.testing.assert_array_equal(dark_shape(as_gates(quiet, sensor), sensor), dark_shape(quiet, sensor))
-    assert shape[300] < 0.001
-    assert shape[:60].sum() == pytest.approx(SHAPES["fog"][:60].sum() / SHAPES["fog"].sum(), rel=0.02)
-
-
 def test_what_cannot_be_used_is_named():
     with pytest.raises(InvalidInput, match="^background is dark: expected auto or sensor or flat"):
         PooledStream(make_sensor(), (1, 2, 3), background="dark")
-    with pytest.raises(InvalidInput, match="^dark frame is no photons"):
-        dark_shape(PhotonEvents(np.zeros(0, np.uint32), np.zeros(0, np.uint16)), make_sensor())
