@@ -11,7 +11,6 @@ import numpy as np
 
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.methods import DEFAULT_METHOD, SKETCH_METHODS, find
-from srt3d_ros.core.progress import compiling
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching import sketch as core_sketch
 from srt3d_ros.core.sketching.photons import PhotonFrame
@@ -214,8 +213,7 @@ class Reconstructor:
     def warm_up(self) -> None:
         """Compile what is not compiled yet, so that it does not count as time of a frame."""
         if not self._is_warm:
-            with compiling():
-                self._method.warm_up()
+            self._method.warm_up()
             self._is_warm = True
 
     def __call__(self, seen: core_sketch.Sketch | PhotonFrame) -> Cloud:

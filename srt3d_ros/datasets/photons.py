@@ -8,7 +8,6 @@ from typing import Any, Self, Unpack
 import numpy as np
 
 from srt3d_ros.core.methods import DEFAULT_METHOD, find
-from srt3d_ros.core.progress import compiling
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import design_for
 from srt3d_ros.core.sketching.gate import OFF, Gate
@@ -130,11 +129,10 @@ class Photons:
         """
         require(sketch_size is None or isinstance(sketch_size, int | np.integer), "sketch_size", quoted(sketch_size),
                 "an integer")
-        with compiling():
-            used = _written(frequencies), sketch_size
-            found = self._gate(gate, *used)
-            stream = SketchStream(self.sensor, StreamOptions(str(found or OFF), *used))
-            made, = stream.push(self.frame)
+        used = _written(frequencies), sketch_size
+        found = self._gate(gate, *used)
+        stream = SketchStream(self.sensor, StreamOptions(str(found or OFF), *used))
+        made, = stream.push(self.frame)
         outside = stream.counts.photons_dropped["gate"]
         notes = outside_note(outside, self.photons, found.first, found.last) if found else ()
         return Sketch(**vars(made), notes=self.notes + notes)
