@@ -13,6 +13,7 @@ V(d) = Σ_x h(x) (q(x) − q(x − d))² what a signal photon adds. For small d 
 that we use (`MatchedFrame`), not that of an ideal one.
 """
 
+import math
 from functools import lru_cache
 
 import numpy as np
@@ -31,10 +32,6 @@ ENOUGH = 3.0                # the search ends when the highest frequency is this
 ALIKE = 0.02                # differences of log error that hardly matter
 OVERSAMPLING = 4            # cells of the depth grid for each period of the highest frequency
 IRFS_COMPARED = 64
-# log of erfc(x)·exp(x²)/t as a polynomial in t = 1 / (1 + x/2), relative error 1.2e-7 for x ≥ 0 (W. H. Press et al.,
-# Numerical Recipes, 2nd ed., 6.2). math.erfc, number by number, takes 20 times as long; torch a second to import.
-ERFC = (-1.26551223, 1.00002368, 0.37409196, 0.09678418, -0.18628806, 0.27886807, -1.13520398, 1.48851587, -0.82215223,
-        0.17087277)
 
 
 def angular_frequencies(frequencies, num_bins: int) -> np.ndarray:
@@ -196,5 +193,4 @@ def _on_grid(coefficients: np.ndarray) -> np.ndarray:
 
 def _tail(z: np.ndarray) -> np.ndarray:
     """Q(z), the probability that a standard normal number exceeds z ≥ 0."""
-    t = 1 / (1 + z / np.sqrt(8))
-    return t / 2 * np.exp(np.polynomial.polynomial.polyval(t, ERFC) - z**2 / 2)
+    return np.vectorize(math.erfc, otypes=[float])(z / math.sqrt(2)) / 2       # scipy.special takes longer to import
