@@ -48,7 +48,6 @@ class Sketcher:
         table = table[:, :-2] if gate is None else table
         self._rows = self._kernels.fixed_rows(table)
         self._sums, self._photons = self._kernels.new_sums(sensor.pixels, table.shape[1])
-        self._difference: Sums | None = None
         self._subtracted = False            # whether counts may have been negative
         bytes_each = self._sums.nbytes + self._photons.nbytes
         most = max(MAX_WINDOW_BYTES // bytes_each, 1)
@@ -68,7 +67,7 @@ class Sketcher:
         self._photons[:] = 0
         self._stamp_ns: int | None = None       # of the open frame
         # Of the window's frames, the open one last: what had been added before each (None: nothing), its first stamp.
-        self._before: deque[Sums | None] = deque([None])
+        self._before: deque[Sums | None] = deque([None], maxlen=self.window_frames)
         self._stamps_ns: deque[int] = deque(maxlen=self.window_frames)
 
     def add(self, frame: PhotonFrame) -> None:
@@ -94,37 +93,24 @@ class Sketcher:
     def end_frame(self) -> Sketch:
         """End the open frame; the sketch of the window of which it is the last, and its stamp."""
         self._stamps_ns.append(self._stamp_ns or 0)
-        sketch = self._sketch_of(*self._since(self._before[0]), max(self._stamps_ns))
+        now, oldest = (self._sums, self._photons), self._before[0]
+        if oldest is not None:                  # of a full window: not needed after this, so it takes the difference
+            for whole, part in zip(now, oldest, strict=True):
+                np.subtract(whole, part, out=part)
+        sketch = self._sketch_of(*(oldest or now), max(self._stamps_ns))
         if self.window_frames == 1:             # cheaper than keeping what was added before
             self.reset()
-        else:
-            self._stamp_ns = None
-            self._before.append(self._copy(self._before.popleft() if len(self._before) == self.window_frames else None))
+            return sketch
+        self._stamp_ns = None
+        before = oldest or (np.empty_like(self._sums), np.empty_like(self._photons))
+        for part, whole in zip(before, now, strict=True):
+            part[:] = whole
+        self._before.append(before)
         return sketch
 
     def sketch(self) -> Sketch:
         """The sketch of all photons added since the last reset."""
         return self._sketch_of(self._sums, self._photons, self._stamp_ns or 0)
-
-    # ---- Windows
-
-    def _since(self, before: Sums | None) -> Sums:
-        """What has been added since."""
-        if before is None:
-            return self._sums, self._photons
-        if self._difference is None:
-            self._difference = self._copy(None)
-        for whole, part, out in zip((self._sums, self._photons), before, self._difference, strict=True):
-            np.subtract(whole, part, out=out)
-        return self._difference
-
-    def _copy(self, into: Sums | None) -> Sums:
-        """A copy of the sums up to now, in `into` if there is one."""
-        if into is None:
-            return self._sums.copy(), self._photons.copy()
-        for out, values in zip(into, (self._sums, self._photons), strict=True):
-            out[:] = values
-        return into
 
     def _sketch_of(self, sums: np.ndarray, photons: np.ndarray, stamp_ns: int) -> Sketch:
         rows, cols, m = self.sensor.rows, self.sensor.cols, len(self.frequencies)
