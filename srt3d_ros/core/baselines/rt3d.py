@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, usual_intensity
-from srt3d_ros.core.baselines.xcorr import PixelToa, by_pixel, correlate
+from srt3d_ros.core.baselines.xcorr import by_pixel, correlate
 from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.method.thresholds import check_surfaces
@@ -67,27 +67,28 @@ class RT3D:
     def __call__(self, frame: PhotonFrame) -> PointCloud:
         """The point cloud of one frame."""
         sensor, photons = self.sensor, by_pixel(frame, self.sensor)
-        start, seen = correlate(photons, sensor, self.surfaces), sensor.exposure
-        usual = usual_intensity(start.intensity, seen)
-        data = self._likelihood(photons, float(start.background.mean()) / max(usual, 1e-6))
+        depth, intensity, background = correlate(photons, sensor, self.surfaces)
+        seen, usual = sensor.exposure, usual_intensity(intensity, sensor.exposure)
+        data = self._likelihood(photons, float(background.mean()) / max(usual, 1e-6))
         smooth = self._smoother(seen)
-        background = smooth(np.float32(start.background * seen * sensor.num_bins))
+        background = smooth(np.float32(background * seen * sensor.num_bins))
 
         def step(depth, intensity):
             background[:] = smooth(self._kernels.poisson(data, background, RATE, usual, depth, intensity))
 
-        scale = depth_scale_bins(sensor, start.depth, start.intensity, self._width_bins)
-        depth, intensity = plug_and_play(step, start.depth, start.intensity, seen, usual, scale, sensor.num_bins)
-        return PointCloud.from_layers(sensor, depth, intensity, background * seen * sensor.num_bins, photons.stamp_ns)
+        scale = depth_scale_bins(sensor, depth, intensity, self._width_bins)
+        depth, intensity = plug_and_play(step, depth, intensity, seen, usual, scale, sensor.num_bins)
+        return PointCloud.from_layers(sensor, depth, intensity, background * seen * sensor.num_bins, frame.stamp_ns)
 
-    def _likelihood(self, photons: PixelToa, ratio: float) -> Likelihood:
+    def _likelihood(self, photons: PhotonEvents, ratio: float) -> Likelihood:
         """The likelihood of some photons amid a background per bin of `ratio` times the signal."""
         sensor, toa = self.sensor, photons.toa
         if sensor.delay_bins is not None:
-            toa = toa - np.repeat(sensor.delay_bins.ravel(), photons.counts)
+            toa = toa - sensor.delay_bins.ravel()[photons.pixel]
         mean, slope = (values[:, 1:-1].mean(axis=0, dtype=np.float64) for values in (self._irf, self._slope))
         information = max(float((slope**2 / np.maximum(mean + ratio, LEAST)).sum()), LEAST)
-        return Likelihood(photons.starts, toa, self._irf, self._slope, sensor.irf_ref + 1, information, sensor.num_bins,
+        starts = np.searchsorted(photons.pixel, np.arange(sensor.pixels + 1, dtype=np.uint32))
+        return Likelihood(starts, toa, self._irf, self._slope, sensor.irf_ref + 1, information, sensor.num_bins,
                           sensor.exposure)
 
     def _smoother(self, seen: np.ndarray) -> Callable:

@@ -6,7 +6,7 @@ taken out. Signal is what a window around the peak holds above the background ou
 saw photons shows a point.
 """
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,68 +32,35 @@ class XCORR:
 
     def __call__(self, frame: PhotonFrame) -> PointCloud:
         """The point cloud of one frame."""
-        photons = by_pixel(frame, self.sensor)
-        peaks = correlate(photons, self.sensor, self.surfaces)
-        background = peaks.background * self.sensor.exposure * self.sensor.num_bins
-        return PointCloud.from_layers(self.sensor, peaks.depth, peaks.intensity, background, photons.stamp_ns)
+        depth, intensity, background = correlate(by_pixel(frame, self.sensor), self.sensor, self.surfaces)
+        background = background * self.sensor.exposure * self.sensor.num_bins
+        return PointCloud.from_layers(self.sensor, depth, intensity, background, frame.stamp_ns)
 
     def warm_up(self) -> None:
         """Do nothing: there is nothing to compile."""
 
 
-@dataclass(frozen=True, eq=False)
-class PixelToa:
-    """The photons of every pixel, one pixel after the other; masked pixels have none.
+def by_pixel(frame: PhotonFrame, sensor: SensorModel) -> PhotonEvents:
+    """The photons of a frame sorted by pixel, without those of masked pixels; InvalidInput unless they fit the sensor.
 
-    Args:
-        starts: int64 [rows · cols + 1]; the photons of pixel p are starts[p] … starts[p + 1] − 1.
-        toa: float32 [N], positions on the axis of depths, as measured: the pixels' delays are still in them.
-        stamp_ns: of the frame.
+    ToA are positions on the axis of depths, float32; the pixels' delays are still in them.
     """
-
-    starts: np.ndarray
-    toa: np.ndarray
-    stamp_ns: int
-
-    @property
-    def counts(self) -> np.ndarray:
-        """Photons of each pixel, int64 [rows · cols]."""
-        return np.diff(self.starts)
-
-
-def by_pixel(frame: PhotonFrame, sensor: SensorModel) -> PixelToa:
-    """The photons of a frame sorted by pixel; InvalidInput unless they fit the sensor."""
-    if not isinstance(frame, PhotonEvents):
-        frame = frame.to_events(sensor)
-    frame.check(sensor)
-    pixel, toa = frame.pixel, frame.toa
-    if not frame.is_sorted:
-        order = np.argsort(pixel, kind="stable")
-        pixel, toa = pixel[order], toa[order]
+    events = frame if isinstance(frame, PhotonEvents) else frame.to_events(sensor)
+    events.check(sensor)
+    if not events.is_sorted:
+        events = events.part(np.argsort(events.pixel, kind="stable"))
     if sensor.mask is not None:
-        used = sensor.mask.ravel()[pixel]
-        pixel, toa = pixel[used], toa[used]
-    starts = np.searchsorted(pixel, np.arange(sensor.pixels + 1, dtype=np.uint32))
-    return PixelToa(starts, sensor.toa_positions(toa), frame.stamp_ns)
+        events = events.part(sensor.mask.ravel()[events.pixel])
+    return replace(events, toa=sensor.toa_positions(events.toa))
 
 
-@dataclass(frozen=True, eq=False)
-class Peaks:
-    """What the matched filter finds.
+def correlate(photons: PhotonEvents, sensor: SensorModel, surfaces: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The K highest peaks of every pixel's histogram, correlated with the IRF, from what `by_pixel` gives.
 
-    Args:
-        depth: float32 [rows, K, cols], bins, in [0, T); the pixels' delays are taken out.
-        intensity: float32 [rows, K, cols], expected signal photons; 0 = none.
-        background: float32 [rows, cols], expected background photons per bin; both at a gain of 1.
+    Returns:
+        Depths, bins in [0, T) with the pixels' delays taken out, and expected signal photons, 0 = no peak, float32
+        [rows, K, cols]; expected background photons per bin, float32 [rows, cols]. Photons are those at a gain of 1.
     """
-
-    depth: np.ndarray
-    intensity: np.ndarray
-    background: np.ndarray
-
-
-def correlate(photons: PixelToa, sensor: SensorModel, surfaces: int) -> Peaks:
-    """The K highest peaks of every pixel's histogram, correlated with the IRF."""
     rows, cols = sensor.rows, sensor.cols
     filters = _Filters(sensor)
     several = max(CELLS // sensor.num_bins, 1)
@@ -106,7 +73,7 @@ def correlate(photons: PixelToa, sensor: SensorModel, surfaces: int) -> Peaks:
     seen = np.maximum(sensor.exposure.ravel(), 1e-6)
     depth, signal = (np.ascontiguousarray(values.reshape(surfaces, rows, cols).swapaxes(0, 1), np.float32)
                      for values in (depth % sensor.num_bins, signal / seen))
-    return Peaks(depth, signal, (background / seen).reshape(rows, cols).astype(np.float32))
+    return depth, signal, (background / seen).reshape(rows, cols).astype(np.float32)
 
 
 class _Filters:
@@ -122,11 +89,11 @@ class _Filters:
         self.weights = np.log1p(irf / (FLOOR * irf.max(axis=1, keepdims=True)))     # 0 outside it
         self.body, self.whole = (_window(irf.mean(axis=0), share) for share in (BODY, WHOLE))
 
-    def peaks(self, photons: PixelToa, first: int, last: int, surfaces: int):
+    def peaks(self, photons: PhotonEvents, first: int, last: int, surfaces: int):
         """Depth and signal photons, [K, pixels], and background per bin [pixels]."""
-        toa = photons.toa[photons.starts[first]:photons.starts[last]]
-        bins = np.rint(toa - np.float32(self.center)).astype(np.int64) % self.num_bins
-        pixel = np.repeat(np.arange(last - first), photons.counts[first:last])
+        part = slice(*np.searchsorted(photons.pixel, np.array([first, last], np.uint32)))
+        bins = np.rint(photons.toa[part] - np.float32(self.center)).astype(np.int64) % self.num_bins
+        pixel = photons.pixel[part].astype(np.int64) - first
         found = []
         for _ in range(surfaces):
             begin, shift = self._highest(pixel, bins, slice(first, last))

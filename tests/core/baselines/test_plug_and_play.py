@@ -46,7 +46,7 @@ def test_steps_without_denoiser_reach_maximum_likelihood():
     t, r = np.linspace(195, 205, 201), np.linspace(10, 70, 121)
     irf = sensor.irf.astype(float)
     for p in range(12):
-        toa = photons.toa[photons.starts[p]:photons.starts[p + 1]]
+        toa = photons.toa[photons.pixel == p]
         place = toa - t[:, None] + sensor.irf_ref
         h = np.interp(place, np.arange(-1, len(irf) + 1), np.r_[0, irf, 0], left=0, right=0)          # [t, photons]
         likelihood = np.log(r[:, None, None] * h + 20 / T).sum(axis=2) - r[:, None]
