@@ -24,9 +24,7 @@ def kernels_for(device: str) -> tuple:
     if device != "cuda":
         return "cpu", import_module("srt3d_ros.kernels.cpu")
     if missing := missing_for_cuda():
-        package = _missing_package()
-        both = missing if package in missing else f"{missing}, and {package}"
-        raise InvalidInput("device", "cuda", f"cpu or auto: {both}")
+        raise InvalidInput("device", "cuda", f"cpu or auto: {missing}")
     return "cuda", import_module("srt3d_ros.kernels.oracle").on("cuda")
 
 
@@ -41,17 +39,12 @@ def missing_for_cuda() -> str:
         ctypes.CDLL(DRIVER)     # before torch, whose import takes long
     except OSError:
         return "no CUDA device"
-    if package := _missing_package():
-        return package
+    if not find_spec("torch"):
+        return "torch not installed: pip install 'srt3d_ros[gpu]'"
     import torch
     if torch.version.cuda is None:
         return f"torch {torch.__version__} is built without CUDA"
     return "" if torch.cuda.is_available() else "no CUDA device"
-
-
-def _missing_package() -> str:
-    """That torch is not installed, and how to get it; empty if it is."""
-    return "" if find_spec("torch") else "torch not installed: pip install 'srt3d_ros[gpu]'"
 
 
 @lru_cache
