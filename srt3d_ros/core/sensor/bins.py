@@ -1,11 +1,10 @@
 """HistogramBins: where the bins of a histogramming sensor lie, and what is in them that the scene did not send."""
 
 from dataclasses import dataclass, replace
-from numbers import Real
 
 import numpy as np
 
-from srt3d_ros.errors import require
+from srt3d_ros.errors import finite, require
 
 HALF_BIN = 0.5              # by which rounding may put the last bin's end beyond the axis
 
@@ -37,11 +36,10 @@ class HistogramBins:
 
     def check(self, rows: int, cols: int, num_bins: int) -> None:
         """Raise InvalidInput unless the bins lie on the axis of a sensor of this size."""
-        n, first, width = self.num_bins, self.first_bin, self.bin_width
+        n = self.num_bins
         require(type(n) is int and 1 <= n <= num_bins, "histograms.num_bins", n, f"an integer from 1 to {num_bins}, T")
-        for name, value in (("first_bin", first), ("bin_width", width)):
-            is_number = isinstance(value, Real) and bool(np.isfinite(value))
-            require(is_number, f"histograms.{name}", value, "a number of bins")
+        first, width = (finite(f"histograms.{name}", getattr(self, name), "a number of bins")
+                        for name in ("first_bin", "bin_width"))
         require(width > 0, "histograms.bin_width", width, "above 0 bins")
         require(first >= 0, "histograms.first_bin", first, "0 or more bins")
         end = first + n * width
