@@ -9,7 +9,6 @@ from srt3d_ros.core.baselines.xcorr import by_pixel
 from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frequencies import consecutive
 from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.kernels import cpu
 from tests.core.scenes import simulate
@@ -54,7 +53,7 @@ def assert_moved(points, before, move, grown, most):
 @pytest.mark.parametrize(("shape", "surfaces", "precise", "usual"), [
     ((8, 40), 1, False, 20.0), ((8, 33), 2, True, 0.0), ((1, 9), 3, True, 20.0), ((5, 9), 2, False, 0.0)])
 def test_pixelwise(shape, surfaces, precise, usual):
-    sensor, frequencies = make_sensor(*shape), consecutive(7)
+    sensor, frequencies = make_sensor(*shape), tuple(range(1, 8))
     frame = Matcher(sensor, frequencies)(sketch_photons(make_photons(sensor), sensor, frequencies))
     table = weighted_steps(sensor, frequencies, precise)
     t, r = make_points(sensor, surfaces)

@@ -49,11 +49,6 @@ def irf_spectrum(sensor: SensorModel, frequencies) -> np.ndarray:
     return sensor.irf.astype(np.float64) @ phases
 
 
-def consecutive(sketch_size: int) -> tuple[int, ...]:
-    """1 … m, as in the paper's experiments."""
-    return tuple(range(1, sketch_size + 1))
-
-
 def design(sensor: SensorModel, sketch_size: int) -> tuple[int, ...]:
     """The m frequencies, 1 … (T − 1) / 2, of a smooth progression from 1 with the least expected depth error.
 
@@ -62,14 +57,14 @@ def design(sensor: SensorModel, sketch_size: int) -> tuple[int, ...]:
     return _design(_typical_irf(sensor).tobytes(), sensor.num_bins, sketch_size)
 
 
-RULES = {"auto": design, "consecutive": lambda _, sketch_size: consecutive(sketch_size)}
+RULES = {"auto": design, "consecutive": lambda _, sketch_size: range(1, sketch_size + 1)}
 
 
 def choose(spec: str, sensor: SensorModel, sketch_size: int | None = None) -> tuple[int, ...]:
     """Frequencies from what a user writes.
 
     Args:
-        spec: "auto" (the least expected error, see `design`), "consecutive", or a list such as "1,2,5".
+        spec: "auto" (`design`), "consecutive" (1 … m, as in the paper's experiments), or a list such as "1,2,5".
         sensor: gives T and the IRF.
         sketch_size: m; DEFAULT_SKETCH_SIZE unless given. With a list it must be the list's length, or None.
 

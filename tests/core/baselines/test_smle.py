@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from srt3d_ros.core.sketching.frequencies import angular_frequencies, consecutive, irf_spectrum
+from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum
 from srt3d_ros.core.sketching.sketcher import sketch_photons
 from tests.core.scenes import T, make_sensor, ramp, run, simulate
 
@@ -11,7 +11,7 @@ def test_precision_ends_where_its_gradient_vanishes():
     """Uᵀ Σ⁻¹ (z − Ψ) = 0 with Σ from a sum over all bins, at the depth and share that were found."""
     sensor = make_sensor(3, 4)
     frame = simulate(ramp(3, 4, 200, 20, 7), sbr=2, ppp=400)
-    k = consecutive(6)
+    k = tuple(range(1, 7))
     sketch = sketch_photons(frame, sensor, k)
     cloud = run("smle", frame, sensor, 6)
     omega, spectrum = angular_frequencies(k, T), irf_spectrum(sensor, k)

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sketching.frequencies import consecutive
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sketching.sketcher import Sketcher, phase_table, sketch_photons
 from srt3d_ros.errors import InvalidInput
@@ -122,6 +121,6 @@ def test_bins_of_crosstalk_are_left_out_as_its_noise_would_be_a_surface():
     np.testing.assert_allclose(seen.photons, 20)
     expected[66:75] += 20 * irf / irf.sum()
     counts = np.random.default_rng(3).poisson(expected, (16, 16, num_bins)).astype(np.uint16)
-    seen = sketch_photons(PhotonHistograms(counts, 0), sensor, consecutive(10))
+    seen = sketch_photons(PhotonHistograms(counts, 0), sensor, tuple(range(1, 11)))
     cloud = PooledStream(sensor, seen.frequencies, device="cpu")(seen)
     assert len(cloud) > 0.98 * sensor.pixels and np.abs(cloud.depth_bins - 70).max() < 3
