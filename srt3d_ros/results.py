@@ -53,11 +53,6 @@ class Cloud(PointCloud):
         require(isinstance(surface, int), "surface", quoted(surface), "an integer, 0 for the strongest")
         return super().image(field, surface)
 
-    def cropped(self, rows: slice, cols: slice) -> Self:
-        """The cloud of a window of pixels, counted from its first one, with the sensor of these pixels."""
-        sensor = self.sensor.cropped(rows, cols)        # first: it checks them
-        return replace(super().cropped(rows, cols), sensor=sensor)
-
     def save(self, path: str | Path) -> None:
         """Write the cloud by the suffix: .npz (everything), .ply; or draw it: .png, .jpg.
 

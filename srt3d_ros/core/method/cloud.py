@@ -122,16 +122,6 @@ class PointCloud:
         rank = np.arange(len(kept)) - np.repeat(begins, np.diff(begins, append=len(kept)))
         return replace(self._only(kept), surface=rank.astype(np.uint8))
 
-    def cropped(self, rows: slice, cols: slice) -> Self:
-        """The cloud of a window of pixels, counted from its first one; their sensor: `SensorModel.cropped`."""
-        background = self.background[rows, cols]
-        if background.shape == self.background.shape:
-            return self
-        inside = (self.row >= rows.start) & (self.row < rows.stop) & (self.col >= cols.start) & (self.col < cols.stop)
-        cloud = self._only(np.flatnonzero(inside))
-        return replace(cloud, row=cloud.row - np.uint16(rows.start), col=cloud.col - np.uint16(cols.start),
-                       background=background)
-
     def _only(self, kept: np.ndarray) -> Self:
         """The points of these indices."""
         return replace(self, **{name: getattr(self, name)[kept] for name in (

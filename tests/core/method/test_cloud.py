@@ -45,14 +45,6 @@ def test_limits_are_ranges_along_the_ray_and_count_themselves_in(two_in_one_pixe
     assert kept.ordered("nearest") is kept
 
 
-def test_a_window_has_its_points_and_background_counted_from_its_first_pixel(two_in_one_pixel):
-    part = two_in_one_pixel.cropped(slice(1, 2), slice(1, 3))
-    assert (part.row.tolist(), part.col.tolist(), part.surface.tolist()) == ([0], [1], [0])
-    assert part.row.dtype == np.uint16 and (part.xyz == two_in_one_pixel.xyz[2:]).all()
-    assert (part.background == two_in_one_pixel.background[1:2, 1:3]).all()
-    assert two_in_one_pixel.cropped(slice(0, 1), slice(0, 2)).surface.tolist() == [0, 1]
-
-
 def test_further_surfaces_within_the_limits_keep_their_order():
     row, col = np.array([0, 0, 0, 0, 1], np.uint16), np.array([0, 2, 2, 2, 0], np.uint16)
     ones = np.ones(5, np.float32)
