@@ -126,6 +126,6 @@ def _times(toa: np.ndarray, sensor: SensorModel) -> np.ndarray:
         return toa.astype(np.uint16, copy=False)
     in_seconds = toa.size > 1 and toa.max() < 1 and toa.any()
     require(not in_seconds, "toa", "below 1 everywhere", "times in bins: divide seconds by bin_width_s")
-    if sensor.first_bin_center == 0 and (toa == np.floor(toa)).all():       # means the same, and is faster to sketch
+    if (toa == np.floor(toa)).all():        # means the same, and is faster to sketch
         return toa.astype(np.uint16)
     return np.minimum(toa.astype(np.float32), np.nextafter(np.float32(sensor.num_bins), np.float32(0)))

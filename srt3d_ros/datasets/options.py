@@ -48,7 +48,6 @@ class SensorOptions(TypedDict, total=False):
     projection: Projection
     toa_offset_bins: float
     range_offset_m: float
-    toa_reference: str
     gain: ArrayLike
     delay_bins: ArrayLike
     mask: ArrayLike
@@ -135,7 +134,7 @@ def sketch_with_options(sketch: Sketch, options: Mapping[str, Any]) -> Sketch:
         InvalidInput: an option that would have made another sketch.
     """
     require("gate" not in options, "gate", options.get("gate"), "nothing: the sketch has been made without it")
-    sensor, notes = redescribed(sketch.sensor, sketch.notes, options, ("rows", "cols", "num_bins", "toa_reference"))
+    sensor, notes = redescribed(sketch.sensor, sketch.notes, options, ("rows", "cols", "num_bins"))
     return replace(sketch, sensor=sensor, notes=notes)
 
 

@@ -22,8 +22,7 @@ from srt3d_ros.messages.sensor import PROJECTIONS
 from srt3d_ros.new_files import check_replaceable, file_errors
 
 NUMBERS = ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m")
-TEXTS = ("frame_id", "toa_reference")
-OWN = (*NUMBERS, "irf", *MAPS, *TEXTS)                          # arguments of SensorModel
+OWN = (*NUMBERS, "irf", *MAPS, "frame_id")                          # arguments of SensorModel
 FIRST_REFERENCES = ("ref_depth_ml_bins", "ref_depth_bins")      # the better one first
 MAX_SURFACES = 8
 OTHER_REFERENCES = tuple(f"ref_depth_bins_{k}" for k in range(2, MAX_SURFACES + 1))
@@ -127,7 +126,7 @@ def _reference(values: dict, sensor: SensorModel) -> np.ndarray | None:
 
 def _value_of(name: str, array: np.ndarray) -> np.ndarray | float | str:
     """An array as its name wants it: a text, one number, or an array of numbers."""
-    if name in (*TEXTS, "projection"):
+    if name in ("frame_id", "projection"):
         require(array.dtype.kind == "U" and array.size == 1, f"{name} dtype", str(array.dtype), "one text")
         codes = array.reshape(1).astype(array.dtype.newbyteorder("=")).view(np.uint32)
         require(bool((codes <= sys.maxunicode).all()), name, "not text in places", "Unicode characters")

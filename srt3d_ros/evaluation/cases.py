@@ -161,7 +161,7 @@ def tolerance_bins(text: str, sensor: SensorModel) -> float:
 
 def photons_near(frame: PhotonEvents, depth_bins: np.ndarray, bins: float, sensor: SensorModel) -> np.ndarray:
     """How many photons of each pixel lie within `bins` of a depth, int [rows, cols]; 0 where the depth is NaN."""
-    position = sensor.toa_positions(frame.toa).astype(np.float64)
+    position = frame.toa.astype(np.float64)
     apart = np.abs(circular_difference(position, depth_bins.ravel()[frame.pixel], sensor.num_bins))
     return np.bincount(frame.pixel[apart <= bins], minlength=sensor.pixels).reshape(sensor.rows, sensor.cols)
 

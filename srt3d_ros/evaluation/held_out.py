@@ -58,7 +58,7 @@ def _log_ratio(cloud: PointCloud, sensor: SensorModel, pixel: np.ndarray, toa: n
                without: np.ndarray) -> np.ndarray:
     """log(λ / λ₀) of each photon."""
     bins, of_point = sensor.num_bins, _pixel(cloud, sensor)
-    position = sensor.toa_positions(toa).astype(np.float64)
+    position = toa.astype(np.float64)
     if sensor.delay_bins is not None:
         position -= sensor.delay_bins.reshape(-1)[pixel]
     signal = np.zeros(len(pixel))

@@ -62,9 +62,6 @@ def to_object(sensor: SensorModel) -> dict:
     """The JSON object of a sensor."""
     version, *properties = load("sensor")["properties"].items()
     content = json_text.write_object(sensor, dict(properties))
-    for name, schema in properties:
-        if "default" in schema and content[name] == schema["default"]:
-            del content[name]
     for name in OBJECTS.keys() & content.keys():
         content[name] = json_text.write_object(content[name], _properties(name))
     content["projection"] = _projection_parts(sensor.projection)

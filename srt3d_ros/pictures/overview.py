@@ -70,7 +70,7 @@ def _positions(photons: PhotonEvents, sensor: SensorModel) -> np.ndarray:
     chosen = slice(None, None, max(-(-photons.photons // _MOST_PHOTONS), 1))
     rng = np.random.default_rng(0)
     row, col = np.divmod(photons.pixel[chosen], sensor.cols)
-    xyz = sensor.xyz(row, col, sensor.toa_positions(photons.toa[chosen]) + rng.uniform(-0.5, 0.5, len(row)))
+    xyz = sensor.xyz(row, col, photons.toa[chosen] + rng.uniform(-0.5, 0.5, len(row)))
     aside = rng.uniform(-0.5, 0.5, (len(xyz), 2)).astype(np.float32) * np.float32(pixel_pitch_rad(sensor))
     right_up = sensor_axes(sensor.projection)[1:].astype(np.float32)
     return xyz + np.linalg.norm(xyz, axis=1, keepdims=True) * (aside @ right_up)

@@ -30,7 +30,7 @@ def draw_histogram(path: Path, histogram: np.ndarray, counts: np.ndarray, sensor
     width = -(-len(histogram) // _MOST_STEPS)       # bins that are drawn as one
     starts = np.arange(0, len(histogram), width)
     heights = np.add.reduceat(histogram, starts) / np.diff(starts, append=len(histogram))
-    edges = np.append(starts, len(histogram)) - 0.5 + sensor.first_bin_center
+    edges = np.append(starts, len(histogram)) - 0.5
     times.stairs(heights, edges, fill=True, color=_PHOTONS)
     if gate is not None:
         times.axvspan(gate.first, gate.last, color=_GATE, zorder=0, label=f"gate {gate}")

@@ -14,7 +14,7 @@ from srt3d_ros.new_files import atomic_write, check_place, check_replaceable, fi
 
 PICTURES = (".png", ".jpg", ".jpeg")
 _JPEG_QUALITY = 90
-_SENSOR_FACTS = ("num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m", "toa_reference")
+_SENSOR_FACTS = ("num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m")
 _FLOATS = [(name, "<f4") for name in ("x", "y", "z", "intensity")]
 _BYTES = [(name, "u1") for name in ("red", "green", "blue")]
 
@@ -24,8 +24,7 @@ def save(cloud: PointCloud, path: str | Path, *, frequencies: tuple[int, ...], s
 
     .npz: row, col (uint16), depth_bins (float32: see SensorModel), intensity (expected signal
     photons), depth_std_bins, xyz (float32 [N, 3], metres), surface (uint8), background (float32 [rows, cols], expected
-    photons), stamp_ns, frequencies; of the sensor num_bins, bin_width_s, irf_ref, toa_offset_bins, range_offset_m,
-    toa_reference.
+    photons), stamp_ns, frequencies; of the sensor num_bins, bin_width_s, irf_ref, toa_offset_bins, range_offset_m.
     .ply: binary, x y z intensity, and the range's colour as red green blue.
     .png, .jpg: a picture (needs matplotlib).
 

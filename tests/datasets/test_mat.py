@@ -72,8 +72,6 @@ def test_counts_have_column_major_pixels_and_depths_numbered_from_1(tmp_path):
     assert (photons.sensor.rows, photons.sensor.cols, photons.sensor.num_bins) == (ROWS, COLS, 8)
     assert photons.frame.pixel.tolist() == PIXEL and photons.frame.toa.tolist() == [1, 5, 0, 7, 3, 3, 4]
     np.testing.assert_array_equal(photons.reference_depth_bins, (depth - 1)[None])
-    edge = read(path, irf=IRF, toa_reference="bin_edge")
-    np.testing.assert_array_equal(edge.reference_depth_bins, (depth - 0.5)[None])       # the centres of these bins
     gated = read(path, irf=IRF, gate=(2, 4))
     assert gated.frame.toa.tolist() == [1, 1, 2]
     np.testing.assert_array_equal(gated.reference_depth_bins[0], [[np.nan, np.nan, 0], [1, 2, np.nan]])

@@ -34,7 +34,7 @@ def write(tmp_path, **changes):
 
 @pytest.mark.parametrize("sensor", [
     SENSOR.replace(irf_ref=0, projection=Pinhole(10, 11, 1, 0.5, PlumbBob(-0.1, 0.2, 0.01, -0.01, 0.5)),
-                   gates=GateWords(3, 60_000), frame_id="spad", toa_reference="bin_edge"),
+                   gates=GateWords(3, 60_000), frame_id="spad"),
     SENSOR.replace(gain=np.full((2, 3), 0.5), delay_bins=np.arange(6.0).reshape(2, 3), mask=np.eye(2, 3, dtype=bool),
                    irf=np.random.default_rng(0).random((6, 4)), background_shape=np.arange(SENSOR.num_bins),
                    projection=AngularScan(0.1, -0.2, 0.3, 0.4))])
@@ -72,7 +72,7 @@ def test_arrays_of_other_names_are_left_alone(tmp_path):
 DEPTH = np.full((2, 3), 20.0)
 @pytest.mark.parametrize(("field", "changes"), [
     ("rows", {"rows": None}), ("toa", {"toa": None}), ("rows", {"rows": 0}), ("rows dtype", {"rows": "two"}),
-    ("rows shape", {"rows": [2, 2]}), ("toa_reference dtype", {"toa_reference": 0.5}), ("irf dtype", {"irf": IRF + 0j}),
+    ("rows shape", {"rows": [2, 2]}), ("frame_id dtype", {"frame_id": 0.5}), ("irf dtype", {"irf": IRF + 0j}),
     ("irf", {"irf": -IRF}), ("pixel dtype", {"pixel": np.array([{}, 1, 2, 3], dtype=object)}),
     ("pixel", {"pixel": np.full(4, 0.5)}), ("pixel", {"pixel": np.array([-1, 0, 0, 0])}),
     ("pixel", {"pixel": np.array([2**32, 0, 0, 0])}), ("toa", {"toa": np.array([65_536, 0, 0, 0])}),

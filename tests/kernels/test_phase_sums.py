@@ -140,11 +140,10 @@ def test_histograms(dtype, bins):
     assert np.array_equal(numbers, 2 * np.rint(np.maximum(seen, 0)).astype(np.int64))
 
 
-@pytest.mark.parametrize(("bins", "gate", "toa_reference"), [
-    (None, None, "bin_edge"), (None, (12, 40), "bin_center"), (OWN_BINS, (12, 40), "bin_edge"),
-    (HistogramBins(10, 5.0, 4.0), None, "bin_center")])
-def test_a_histogram_has_the_sketch_of_its_photons(bins, gate, toa_reference):
-    sensor = histogram_sensor(bins, toa_reference=toa_reference)
+@pytest.mark.parametrize(("bins", "gate"), [
+    (None, None), (None, (12, 40)), (OWN_BINS, (12, 40)), (HistogramBins(10, 5.0, 4.0), None)])
+def test_a_histogram_has_the_sketch_of_its_photons(bins, gate):
+    sensor = histogram_sensor(bins)
     n = T if bins is None else bins.num_bins
     histograms = PhotonHistograms(np.random.default_rng(1).poisson(0.4, (5, 8, n)).astype(np.uint16), stamp_ns=7)
     gate = gate and Gate(sensor, *gate)

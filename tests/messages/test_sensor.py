@@ -40,7 +40,7 @@ def refused(content) -> InvalidInput:
 
 
 @pytest.mark.parametrize(("name", "content"), [
-    ("sensor", FULL), ("sensor_edge", FULL.replace(toa_reference="bin_edge")),
+    ("sensor", FULL),
     ("sensor_lens", FULL.replace(projection=Pinhole(10.5, 11.5, 1.0, 0.5, PlumbBob(-0.25, 0.125, 0.5, -0.5, 0.01)))),
     ("sensor_histograms", FULL.replace(gates=None, histograms=HistogramBins(
         4, 0.5, 1.5, np.array([3, 1.5, 0, 0], np.float32))))])
@@ -64,8 +64,6 @@ def test_plain_lists_defaults_and_keys_of_the_drivers_own_are_taken():
                          "x_serial": "A-17", "x_temperature": {"c": 21}}
     model = sensor.from_json(json.dumps(content))
     assert model.irf.tolist() == pytest.approx([1 / 4.5, 2 / 4.5, 1.5 / 4.5])
-    assert model.toa_reference == "bin_center" and sensor.from_json(json.dumps(
-        content | {"toa_reference": "bin_center"})).same_as(model)
     assert sensor.from_json(json.dumps(content | {"rows": 2.0})).rows == 2      # a whole number, however written
     assert model.irf_ref == 1 and model.frame_id == "lidar" and isinstance(model.projection, Pinhole)
     assert model.gain[1].tolist() == [2, 2, 2] and model.mask[0].tolist() == [True, True, False]
@@ -109,7 +107,7 @@ def packed(**changes) -> dict:
     ({"projection": lens(distortion=dict.fromkeys(["k1", "k2", "p1", "p2", "k4"], 0))},
      'projection.distortion.unknown key is "k4"'),
     ({"gates": {"first_word": 0}}, "gates.no_detection is absent"),
-    ({"toa_reference": 0.5}, "toa_reference is 0.5"), ({"frame_id": "a\0b"}, "frame_id is"),
+    ({"frame_id": "a\0b"}, "frame_id is"),
 ])
 def test_malformed_sensor_gives_one_error_that_names_the_field(changes, said):
     error = refused({key: value for key, value in (plain() | changes).items() if value is not None})

@@ -78,7 +78,7 @@ def test_a_recording_without_clouds_is_one_line(tmp_path, ball):
 
 
 def test_the_sensor_is_found_again(recorded, ball, tmp_path):
-    sensor, other = recorded.sensor, ball[1].replace(toa_reference="bin_edge", projection=AngularScan(0, 0.01, 0, 0.02))
+    sensor, other = recorded.sensor, ball[1].replace(projection=AngularScan(0, 0.01, 0, 0.02))
     assert sensor.same_as(ball[1])
     for k, irf in enumerate((other.irf, np.tile(other.irf, (40 * 48, 1)))):         # the second: one for each pixel
         with RecordingWriter(tmp_path / f"{k}.rrd", other.replace(irf=irf)) as writer:

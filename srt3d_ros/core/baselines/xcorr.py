@@ -51,7 +51,7 @@ def by_pixel(frame: PhotonFrame, sensor: SensorModel) -> PhotonEvents:
         events = events.part(np.argsort(events.pixel, kind="stable"))
     if sensor.mask is not None:
         events = events.part(sensor.mask.ravel()[events.pixel])
-    return replace(events, toa=sensor.toa_positions(events.toa))
+    return replace(events, toa=events.toa.astype(np.float32, copy=False))
 
 
 def correlate(photons: PhotonEvents, sensor: SensorModel, surfaces: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -82,7 +82,7 @@ class _Filters:
     def __init__(self, sensor: SensorModel):
         from scipy.fft import next_fast_len  # here, as other methods do without SciPy
 
-        self.num_bins, self.ref, self.center = sensor.num_bins, sensor.irf_ref, sensor.first_bin_center
+        self.num_bins, self.ref = sensor.num_bins, sensor.irf_ref
         irf = np.atleast_2d(sensor.irf)
         self.overlap = irf.shape[1] - 1                 # bins after the last one, where the IRF of late returns goes on
         self.size = next_fast_len(sensor.num_bins + self.overlap, real=True)
@@ -92,14 +92,14 @@ class _Filters:
     def peaks(self, photons: PhotonEvents, first: int, last: int, surfaces: int):
         """Depth and signal photons, [K, pixels], and background per bin [pixels]."""
         part = slice(*np.searchsorted(photons.pixel, np.array([first, last], np.uint32)))
-        bins = np.rint(photons.toa[part] - np.float32(self.center)).astype(np.int64) % self.num_bins
+        bins = np.rint(photons.toa[part]).astype(np.int64) % self.num_bins
         pixel = photons.pixel[part].astype(np.int64) - first
         found = []
         for _ in range(surfaces):
             begin, shift = self._highest(pixel, bins, slice(first, last))
             place = (bins - begin[pixel]) % self.num_bins                           # of each photon in the IRF
             body, whole = ((place >= low) & (place < high) for low, high in (self.body, self.whole))
-            found.append((begin + self.ref + self.center + shift, np.bincount(pixel[body], minlength=last - first)))
+            found.append((begin + self.ref + shift, np.bincount(pixel[body], minlength=last - first)))
             pixel, bins = pixel[~whole], bins[~whole]
         outside = max(self.num_bins - surfaces * (self.whole[1] - self.whole[0]), 1)
         background = np.bincount(pixel, minlength=last - first) / outside

@@ -63,9 +63,7 @@ class Background:
         self._learns = kind == "auto"
         self._first = BackgroundEstimate()
         if kind != "flat" and sensor.background_shape is not None:
-            k = np.arange(sensor.num_bins // 2 + 1)
-            self._known = np.conj(np.fft.rfft(sensor.background_shape)) * np.exp(
-                2j * np.pi * k * sensor.first_bin_center / sensor.num_bins)
+            self._known = np.conj(np.fft.rfft(sensor.background_shape))
             self._first = BackgroundEstimate(self._known[list(matcher.frequencies)], converged=False)
         self.current = self._first
 

@@ -19,7 +19,6 @@ BIN_WIDTHS_S = 1e-18, 1.0
 MAX_RANGE_M = 1e12          # float32 holds its square
 GAINS = 1e-4, 1e4
 MAX_DELAY_BINS = 1e6        # float32 still tells an eighth of a bin
-TOA_REFERENCES = {"bin_center": 0.0, "bin_edge": 0.5}       # where the centre of bin 0 lies, bins
 
 
 @dataclass(frozen=True)
@@ -39,11 +38,10 @@ class GateWords:
 class SensorModel:
     """Geometry, timing and calibration of a sensor.
 
-    Depths and float ToA are positions on one axis of bins, an integer ToA b is the whole bin b. `toa_reference` says
-    where that bin lies: with "bin_center" its centre is at b and it spans b − ½ … b + ½, with "bin_edge" it spans
-    b … b + 1. A surface at depth d puts `irf[irf_ref]` on the bin whose centre is at d: p(toa = b) ∝
-    irf[b − d + irf_ref], or irf[b + ½ − d + irf_ref] with "bin_edge". It lies at
-    range = c/2 · (toa_offset_bins + d) · bin_width_s + range_offset_m along its pixel's ray, with either.
+    Depths and float ToA are positions on one axis of bins; an integer ToA b is the whole bin b, whose centre is at b
+    and which spans b − ½ … b + ½. A surface at depth d puts `irf[irf_ref]` on the bin whose centre is at d:
+    p(toa = b) ∝ irf[b − d + irf_ref]. It lies at range = c/2 · (toa_offset_bins + d) · bin_width_s + range_offset_m
+    along its pixel's ray.
 
     Args:
         rows, cols: pixels; row 0 is the top row, pixel = row · cols + col.
@@ -52,7 +50,7 @@ class SensorModel:
         irf: float32 [L] for all pixels, or [rows · cols, L] for each; L ≤ T, non-negative, not all zero;
             normalised to sum 1 here.
         irf_ref: index into `irf` that marks the depth; the peak unless given.
-        toa_offset_bins: bins from the laser pulse to position 0: the centre of bin 0, or with "bin_edge" its beginning.
+        toa_offset_bins: bins from the laser pulse to position 0, the centre of bin 0.
         range_offset_m: metres added to every range. No range of bins 0 … T may exceed ±1e12 m.
         gain: float32 [rows, cols], relative detection efficiency, 1e-4 … 1e4; 1 if absent.
         delay_bins: float32 [rows, cols], bins by which a pixel's ToA come late, at most ±1e6; 0 if absent.
@@ -63,7 +61,6 @@ class SensorModel:
         gates: ToA words of a gated array, for the `gates` topic.
         histograms: bins of a histogramming sensor, for the `histograms` topic; T bins from bin 0 on if absent.
         frame_id: the sensor's frame in tf.
-        toa_reference: "bin_center" or "bin_edge".
 
     Raises:
         InvalidInput: naming the field that cannot be used.
@@ -85,7 +82,6 @@ class SensorModel:
     gates: GateWords | None = None
     histograms: HistogramBins | None = None
     frame_id: str = "lidar"
-    toa_reference: str = "bin_center"
 
     def __post_init__(self) -> None:
         for name, least, most in (("rows", 1, MAX_SIDE), ("cols", 1, MAX_SIDE), ("num_bins", 2, MAX_BINS)):
@@ -97,8 +93,6 @@ class SensorModel:
             self._set(name, finite(name, getattr(self, name)))
         least, most = BIN_WIDTHS_S
         require(least <= self.bin_width_s <= most, "bin_width_s", self.bin_width_s, f"seconds, {least:g} to {most:g}")
-        require(isinstance(self.toa_reference, str) and self.toa_reference in TOA_REFERENCES, "toa_reference",
-                self.toa_reference, " or ".join(TOA_REFERENCES))
         with np.errstate(over="ignore"):
             farthest = float(np.abs(self.range_m([0, self.num_bins])).max())
         require(farthest <= MAX_RANGE_M, "range", f"{farthest:g} m", f"at most {MAX_RANGE_M:g} m, by toa_offset_bins, "
@@ -171,20 +165,9 @@ class SensorModel:
         """Metres of range in one bin, c/2 · bin_width_s."""
         return SPEED_OF_LIGHT / 2 * self.bin_width_s
 
-    @property
-    def first_bin_center(self) -> float:
-        """Position of the centre of bin 0, bins: 0, or 0.5 where bins begin at whole positions."""
-        return TOA_REFERENCES[self.toa_reference]
-
-    def toa_positions(self, toa: np.ndarray) -> np.ndarray:
-        """ToA on the axis of depths, float32 [N]; integer ToA are the centres of their bins."""
-        return toa if toa.dtype.kind == "f" else toa.astype(np.float32) + np.float32(self.first_bin_center)
-
     def toa_bins(self, toa: np.ndarray) -> np.ndarray:
         """The bin that each ToA lies in, integers [N] in [0, T); integer ToA are that already."""
-        if toa.dtype.kind != "f":
-            return toa
-        return np.floor(toa + np.float32(0.5 - self.first_bin_center)).astype(np.int64) % self.num_bins
+        return np.floor(toa + np.float32(0.5)).astype(np.int64) % self.num_bins if toa.dtype.kind == "f" else toa
 
     def range_m(self, depth_bins: ArrayLike) -> np.ndarray:
         """Range along the ray, metres, of depths in bins."""

@@ -64,7 +64,7 @@ class Gate:
         toa, start = events.toa[inside], events.toa.dtype.type(self.start)
         before = toa < start if toa.dtype.kind != "f" else toa < start - np.float32(0.5)
         toa = np.where(before, toa + events.toa.dtype.type(self.source.num_bins - self.start), toa - start)
-        if toa.dtype.kind == "f":       # a bin whose centre is its position begins half a bin before, around the circle
+        if toa.dtype.kind == "f":       # the first bin begins half a bin before its position, around the circle
             toa = np.where(toa < 0, toa + np.float32(self.num_bins), toa)
             toa = np.minimum(toa, np.nextafter(np.float32(self.num_bins), np.float32(0)))
         return replace(events.part(inside), toa=toa)
@@ -72,8 +72,8 @@ class Gate:
     def _inside(self, toa: np.ndarray) -> np.ndarray:
         """Which ToA are in bins that are kept; two comparisons of their own type."""
         end, bins = self.start + self.num_bins, self.source.num_bins
-        if toa.dtype.kind == "f" and self.source.first_bin_center != 0.5:
-            toa = toa + np.float32(0.5 - self.source.first_bin_center)      # from where the bin begins
+        if toa.dtype.kind == "f":
+            toa = toa + np.float32(0.5)         # from where the bin begins
             toa = np.where(toa < bins, toa, toa - np.float32(bins))
         return (toa >= self.start) & (toa < end) if end <= bins else (toa >= self.start) | (toa < end - bins)
 

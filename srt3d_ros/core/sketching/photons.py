@@ -20,7 +20,7 @@ class PhotonEvents:
 
     Args:
         pixel: uint32 [N], row · cols + col.
-        toa: uint16 or float32 [N], time of arrival in bins, 0 ≤ toa < T. What 5 and 5.0 mean: SensorModel.
+        toa: uint16 or float32 [N], time of arrival in bins, 0 ≤ toa < T; 5.0 is the centre of bin 5.
         stamp_ns: start of acquisition, nanoseconds of the sensor's clock.
     """
 
@@ -165,7 +165,7 @@ class PhotonHistograms:
         if bins is not None:
             toa = bins.centers()[toa] - 0.5         # middles, counted in bins
             if (toa != np.floor(toa)).any():
-                toa = ((toa + sensor.first_bin_center) % sensor.num_bins).astype(np.float32) % sensor.num_bins
+                toa = (toa % sensor.num_bins).astype(np.float32) % sensor.num_bins
         toa = toa if toa.dtype == np.float32 else toa.astype(np.uint16)
         return PhotonEvents(pixel.astype(np.uint32).repeat(numbers), toa.repeat(numbers), self.stamp_ns)
 

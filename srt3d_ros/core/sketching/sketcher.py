@@ -197,7 +197,7 @@ def phase_table(sensor: SensorModel, frequencies, gate: Gate | None, middles: np
     start, num_bins = (0, sensor.num_bins) if gate is None else (gate.start, gate.num_bins)
     from_start = (middles - start) % sensor.num_bins
     # In half bins, so that k·x of the sensor's own is a whole number and the phase is exact for large k·x.
-    half_bins, period = 2 * (from_start + sensor.first_bin_center) - 1, 2 * num_bins
+    half_bins, period = 2 * from_start - 1, 2 * num_bins
     turns = np.outer(half_bins, (*frequencies, 0)) % period / period
     phases = np.exp(2j * np.pi * turns) * (from_start < num_bins)[:, None]
     return phases.astype(np.complex64).view(np.float32)

@@ -16,7 +16,7 @@ from srt3d_ros.errors import finite, require
 
 MAX_CUBE_BYTES = 2**46
 MAX_COUNT = 2**31 - 1
-GIVEN = ("irf", "irf_ref", "bin_width_s", "toa_offset_bins", "range_offset_m", "toa_reference", "fov_deg")
+GIVEN = ("irf", "irf_ref", "bin_width_s", "toa_offset_bins", "range_offset_m", "fov_deg")
 
 
 def cube(path: Path, counts: np.ndarray, options: dict, given: dict | None = None, notes: tuple[str, ...] = (),
@@ -56,7 +56,7 @@ def cube(path: Path, counts: np.ndarray, options: dict, given: dict | None = Non
     if reference is not None:
         depth = reference - np.float32(first)
         depth = np.where((depth >= 0) & (depth < sensor.num_bins), depth, np.float32(np.nan))
-        reference = depth[None] + np.float32(sensor.first_bin_center)
+        reference = depth[None]
     return Photons(sensor, frame, reference, path.stem, notes)
 
 

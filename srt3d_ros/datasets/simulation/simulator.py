@@ -101,7 +101,7 @@ class Simulator:
         # ToA = floor(where the IRF would start + a draw from it); a background photon may start anywhere.
         late = 0 if sensor.delay_bins is None else sensor.delay_bins
         starts = np.full((sensor.pixels, surfaces + 1), np.nan, np.float32)
-        starts[:, :surfaces] = (depth + late - sensor.irf_ref - sensor.first_bin_center).reshape(surfaces, -1).T
+        starts[:, :surfaces] = (depth + late - sensor.irf_ref).reshape(surfaces, -1).T
         start = np.repeat(starts.ravel(), counts.ravel())
         toa = self._draw_irf(pixel, random)
         toa += start

@@ -15,9 +15,8 @@ ROWS, COLS, T = 6, 7, 160
 IRF = np.exp(-0.5 * (np.arange(13) - 5) ** 2 / 3)
 LATE = (np.arange(ROWS * COLS, dtype=np.float32).reshape(ROWS, COLS) % 5) * 3 - 4.5         # −4.5 … 7.5 bins
 SENSOR = SensorModel(ROWS, COLS, T, 1e-10, IRF, toa_offset_bins=20, range_offset_m=0.3, gates=GateWords(3, 0))
-SENSORS = {"plain": SENSOR, "bin_edge": SENSOR.replace(toa_reference="bin_edge"),
-           "delays": SENSOR.replace(delay_bins=LATE), "long delays": SENSOR.replace(delay_bins=LATE + 130),
-           "far delays": SENSOR.replace(delay_bins=LATE - 12_345)}
+SENSORS = {"plain": SENSOR, "delays": SENSOR.replace(delay_bins=LATE),
+           "long delays": SENSOR.replace(delay_bins=LATE + 130), "far delays": SENSOR.replace(delay_bins=LATE - 12_345)}
 GATE, FREQUENCIES = (50, 119), (1, 2, 3, 5, 8, 12)
 EVERY = pytest.mark.parametrize("sensor", SENSORS.values(), ids=SENSORS)
 
@@ -30,7 +29,7 @@ def observe(sensor=SENSOR, depth=80.0, dtype=np.uint16, background=20, ordered=T
     time = depth + rng.normal(0, np.sqrt(3), len(pixel)) + late[pixel]
     pixel = np.concatenate([pixel, rng.integers(0, sensor.pixels, background * sensor.pixels, dtype=np.uint32)])
     time = np.concatenate([time, rng.uniform(0, T, background * sensor.pixels)])
-    time = (time if dtype == np.float32 else np.floor(time + 0.5 - sensor.first_bin_center)) % T
+    time = (time if dtype == np.float32 else np.floor(time + 0.5)) % T
     order = np.argsort(pixel, kind="stable") if ordered else rng.permutation(len(pixel))
     toa = np.minimum(time[order].astype(np.float32), np.nextafter(np.float32(T), np.float32(0)))
     return PhotonEvents(pixel[order], toa.astype(dtype), stamp_ns)
