@@ -12,7 +12,6 @@ import numpy as np
 
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.method.thresholds import check_surfaces
-from srt3d_ros.core.progress import progress
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
 
@@ -65,7 +64,7 @@ def correlate(photons: PhotonEvents, sensor: SensorModel, surfaces: int) -> tupl
     filters = _Filters(sensor)
     several = max(CELLS // sensor.num_bins, 1)
     parts = [filters.peaks(photons, first, min(first + several, sensor.pixels), surfaces)
-             for first in progress(range(0, sensor.pixels, several), "correlating")]
+             for first in range(0, sensor.pixels, several)]
     depth, signal = (np.concatenate([part[n] for part in parts], axis=1) for n in range(2))         # [K, pixels]
     background = np.concatenate([part[2] for part in parts])
     if sensor.delay_bins is not None:
