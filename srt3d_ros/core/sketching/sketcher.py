@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from srt3d_ros.core.device import kernels_for
-from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms, word_wanted
 from srt3d_ros.core.sketching.sketch import Sketch, check_frequencies
@@ -20,7 +20,7 @@ from srt3d_ros.errors import require
 MAX_WINDOW_BYTES = 2**31
 ROUNDING = 1e-5         # relative, of float32 sums
 FAR = 4.0               # times its mean: where a template is higher, its noise would be taken for a surface
-Sums = tuple[np.ndarray, np.ndarray]
+STEPS = 16              # of a bin, for ToA with fractions
 
 
 class Sketcher:
@@ -44,15 +44,12 @@ class Sketcher:
         self.sensor, self.gate = sensor, gate
         self.frequencies = check_frequencies(frequencies, sensor.num_bins if gate is None else gate.num_bins)
         _, self._kernels = kernels_for("cpu")
-        table = phase_table(sensor, self.frequencies, gate)
-        table = table[:, :-2] if gate is None else table
-        self._rows = self._kernels.fixed_rows(table)
-        self._sums, self._photons = self._kernels.new_sums(sensor.pixels, table.shape[1])
+        self._rows = self._kernels.fixed_rows(phase_table(sensor, self.frequencies, gate))
+        self._sums = self._kernels.new_sums(sensor.pixels, self._rows)
         self._subtracted = False            # whether counts may have been negative
-        bytes_each = self._sums.nbytes + self._photons.nbytes
-        most = max(MAX_WINDOW_BYTES // bytes_each, 1)
+        most = max(MAX_WINDOW_BYTES // self._sums.nbytes, 1)
         require(1 <= window_frames <= most, "window_frames", window_frames, f"1 to {most} for {sensor.rows} × "
-                f"{sensor.cols} pixels, which take {bytes_each / 1e6:.3g} MB a frame")
+                f"{sensor.cols} pixels, which take {self._sums.nbytes / 1e6:.3g} MB a frame")
         self.window_frames = window_frames
         self.reset()
 
@@ -64,10 +61,9 @@ class Sketcher:
     def reset(self) -> None:
         """Forget all photons, of the open frame and of all before."""
         self._sums[:] = 0
-        self._photons[:] = 0
         self._stamp_ns: int | None = None       # of the open frame
         # Of the window's frames, the open one last: what had been added before each (None: nothing), its first stamp.
-        self._before: deque[Sums | None] = deque([None], maxlen=self.window_frames)
+        self._before: deque[np.ndarray | None] = deque([None], maxlen=self.window_frames)
         self._stamps_ns: deque[int] = deque(maxlen=self.window_frames)
 
     def add(self, frame: PhotonFrame) -> None:
@@ -82,71 +78,61 @@ class Sketcher:
 
     @property
     def kept(self) -> int:
-        """Photons of the open frame that are inside the gate, which there has to be: more than all of them if there are
-        negative counts outside."""
-        column = slice(2 * len(self.frequencies), 2 * len(self.frequencies) + 1)
-        here, before = self._sums[:, column], self._before[-1]
-        if before is not None:
-            here = here - before[0][:, column]
-        return int(self._kernels.counted(here, 0).sum())
+        """Photons of the open frame that are inside the gate: more than all of them if there are negative counts
+        outside."""
+        column, before = 2 * len(self.frequencies), self._before[-1]
+        return self._kernels.counted(self._sums[:, column] - (0 if before is None else before[:, column]))
 
     def end_frame(self) -> Sketch:
         """End the open frame; the sketch of the window of which it is the last, and its stamp."""
         self._stamps_ns.append(self._stamp_ns or 0)
-        now, oldest = (self._sums, self._photons), self._before[0]
+        oldest = self._before[0]
         if oldest is not None:                  # of a full window: not needed after this, so it takes the difference
-            for whole, part in zip(now, oldest, strict=True):
-                np.subtract(whole, part, out=part)
-        sketch = self._sketch_of(*(oldest or now), max(self._stamps_ns))
+            np.subtract(self._sums, oldest, out=oldest)
+        sketch = self._sketch_of(self._sums if oldest is None else oldest, max(self._stamps_ns))
         if self.window_frames == 1:             # cheaper than keeping what was added before
             self.reset()
             return sketch
         self._stamp_ns = None
-        before = oldest or (np.empty_like(self._sums), np.empty_like(self._photons))
-        for part, whole in zip(before, now, strict=True):
-            part[:] = whole
+        before = np.empty_like(self._sums) if oldest is None else oldest
+        before[:] = self._sums
         self._before.append(before)
         return sketch
 
     def sketch(self) -> Sketch:
         """The sketch of all photons added since the last reset."""
-        return self._sketch_of(self._sums, self._photons, self._stamp_ns or 0)
+        return self._sketch_of(self._sums, self._stamp_ns or 0)
 
-    def _sketch_of(self, sums: np.ndarray, photons: np.ndarray, stamp_ns: int) -> Sketch:
+    def _sketch_of(self, sums: np.ndarray, stamp_ns: int) -> Sketch:
         rows, cols, m = self.sensor.rows, self.sensor.cols, len(self.frequencies)
-        if self.gate is not None:
-            photons = self._kernels.counted(sums, 2 * m)
-        if self._subtracted:
-            photons = self._at_least_as_seen(sums, photons)
-        sums, photons = self._kernels.read_sums(sums, photons, 2 * m)
+        sums, photons = self._kernels.read_sums(sums, m)
+        if self._subtracted:    # the noise stays: n, near 0 in a pixel without a surface, is what the longest sum needs
+            longest = np.abs(sums).max(axis=1) * (1 - ROUNDING)
+            photons = np.maximum(photons, np.ceil(longest).astype(np.uint32))
         return Sketch(self.frequencies, sums.reshape(rows, cols, m), photons.reshape(rows, cols), stamp_ns,
                       sensor=self.sketch_sensor)
-
-    def _at_least_as_seen(self, sums: np.ndarray, photons: np.ndarray) -> np.ndarray:
-        """Photon numbers of histograms from which something was subtracted: as many as the longest sum needs, |z| ≤ 1.
-
-        Of what is subtracted the noise stays, and n, which is near 0 in a pixel without a surface, stands for it.
-        """
-        read, _ = self._kernels.read_sums(sums, photons.clip(1), 2 * len(self.frequencies))
-        longest = np.abs(read).max(axis=1) * (1 - ROUNDING)
-        return np.maximum(photons, np.ceil(longest).astype(np.int64))
 
     # ---- Forms of photons
 
     def _add_events(self, events: PhotonEvents) -> None:
         events.check(self.sensor)
-        if events.toa.dtype.kind == "f":
-            self._add_continuous(events)
-        else:
-            self._kernels.sketch_events(_read_only(events.pixel), _read_only(events.toa), self._rows, events.is_sorted,
-                                        self._sums, self._photons)
+        toa, rows = events.toa, self._rows
+        if toa.dtype.kind == "f":
+            steps, rows = self._fine_rows
+            toa = np.rint(toa * steps).astype(np.uint16)
+        self._kernels.sketch_events(_read_only(events.pixel), _read_only(toa), rows, events.is_sorted, self._sums)
 
-    def _add_continuous(self, events: PhotonEvents) -> None:
-        frequencies, num_bins = self.frequencies, self.sensor.num_bins
-        if self.gate is not None:               # no table whose rows are zero outside; frequency 0 counts those inside
-            events, frequencies, num_bins = self.gate.photons(events), (*frequencies, 0), self.gate.num_bins
-        self._kernels.sketch_continuous(_read_only(events.pixel), _read_only(events.toa), frequencies, num_bins,
-                                        events.is_sorted, self._sums, self._photons)
+    @cached_property
+    def _fine_rows(self) -> tuple[np.float32, np.ndarray]:
+        """For ToA with fractions: the steps of a bin to which they are rounded, and a row for each step.
+
+        STEPS, or as many as 16 bits can tell. Steps of 1/s bin add 1/(12 s²) bins² to a photon's variance: of 1/16,
+        0.03 % for a pulse with a standard deviation of 1 bin. They make z_l smaller by π² k_l² / (6 s² T²) at most.
+        """
+        steps = min(STEPS, MAX_BINS // self.sensor.num_bins)
+        at = np.arange(steps * self.sensor.num_bins + 1) / steps
+        table = phase_table(self.sensor, self.frequencies, self.gate, at + 0.5)
+        return np.float32(steps), self._kernels.fixed_rows(table)
 
     def _add_gates(self, gates: PhotonGates) -> None:
         gates.check(self.sensor)
@@ -156,13 +142,12 @@ class Sketcher:
             stray = self._kernels.find_stray(words.reshape(-1), form.first_word, form.no_detection,
                                              self.sensor.num_bins)
             require(stray < 0, "gates word", stray, word_wanted(self.sensor))
-            self._kernels.sketch_gates(words, self._rows, form.first_word, form.no_detection, self._sums, self._photons)
+            self._kernels.sketch_gates(words, self._rows, form.first_word, form.no_detection, self._sums)
 
     def _add_histograms(self, histograms: PhotonHistograms) -> None:
         histograms.check(self.sensor)
         counts, (table, of_template) = histograms.counts, self._histogram_tables
-        self._kernels.sketch_histograms(counts.reshape(-1, counts.shape[2]), table, of_template, self._sums,
-                                        self._photons)
+        self._kernels.sketch_histograms(counts.reshape(-1, counts.shape[2]), table, of_template, self._sums)
         self._subtracted |= counts.dtype.kind != "u" or of_template is not None
 
     @cached_property

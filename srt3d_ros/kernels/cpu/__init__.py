@@ -20,7 +20,6 @@ from srt3d_ros.kernels.cpu.phase_sums import (
     find_stray,
     new_sums,
     read_sums,
-    sketch_continuous,
     sketch_events,
     sketch_gates,
     sketch_histograms,

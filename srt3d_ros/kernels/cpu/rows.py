@@ -22,15 +22,10 @@ VECTORS = (0, 16), (16, 8)      # of a part: first lanes and numbers of lanes th
 LANES = 24              # of a part: m = 10 and a column that counts take one
 
 
-def lanes(values: int) -> int:
-    """Lanes of rows of so many values."""
-    return -(-values // LANES) * LANES
-
-
 def fixed_rows(table: np.ndarray) -> np.ndarray:
-    """float32 [T, 2m], values up to 1 → int32 [parts, T, LANES], as `add_run` reads them; begins with a cache line."""
+    """float32 [T, C], values up to 1 → int32 [parts, T, LANES], as `add_run` reads them; begins with a cache line."""
     height, values = table.shape
-    wide = np.zeros((height, lanes(values)), np.int32)
+    wide = np.zeros((height, -(-values // LANES) * LANES), np.int32)
     wide[:, :values] = np.rint(table * np.float64(UNIT))
     rows = arithmetic.aligned.py_func(wide.size).view(np.int32).reshape(-1, height, LANES)
     rows[:] = wide.reshape(height, -1, LANES).swapaxes(0, 1)

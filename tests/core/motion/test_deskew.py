@@ -50,7 +50,7 @@ def assert_same(sketch, expected, atol=2e-4):
 
 def test_a_step_forward_shifts_the_photons_of_the_middle():
     sensor = SENSOR.replace(rows=1, cols=1, projection=AngularScan(0, STEP, 0, STEP))
-    events, step_m = photons(sensor=sensor), 0.25
+    events, step_m = photons(sensor=sensor), 16.6875 * sensor.bin_width_m        # sketches know sixteenths of bins
     shifted = replace(events, toa=((events.toa - step_m / sensor.bin_width_m) % T).astype(np.float32))
     for range_m in (None, np.full((1, 1), 2, np.float32)):
         sketch, _ = moved(events, Pose(translation=np.array([-step_m, 0, 0])), range_m, sensor)

@@ -28,12 +28,12 @@ def photons(count=5_000, sensor=SENSOR, seed=0, dtype=np.uint16, ordered=True) -
 
 
 def definition(events: PhotonEvents, sensor=SENSOR, frequencies=FREQUENCIES) -> tuple[np.ndarray, np.ndarray]:
-    """z_l = (1/n) Σ_p exp(i ω_l x_p) and n, in float64, pixel by pixel."""
+    """z_l = (1/n) Σ_p exp(i ω_l x_p) and n, in float64, pixel by pixel, of times in steps of 1/16 bin."""
     omega = 2 * np.pi * np.array(frequencies) / sensor.num_bins
     z = np.zeros((sensor.pixels, len(frequencies)), np.complex128)
     n = np.zeros(sensor.pixels, int)
     for pixel in np.unique(events.pixel):
-        x = events.toa[events.pixel == pixel].astype(np.float64)
+        x = np.rint(16 * events.toa[events.pixel == pixel].astype(np.float64)) / 16
         z[pixel], n[pixel] = np.exp(1j * np.outer(x, omega)).mean(axis=0), len(x)
     return z.reshape(sensor.rows, sensor.cols, -1), n.reshape(sensor.rows, sensor.cols)
 
@@ -55,6 +55,15 @@ def test_sketch_is_the_mean_of_the_photons_phases(dtype, ordered):
     assert sketch.sums.dtype == np.complex64 and sketch.photons.dtype == np.uint32
     np.testing.assert_allclose(sketch.z, z, atol=EACH)
     assert sketch.frequencies == FREQUENCIES and sketch.stamp_ns == 1_000
+
+
+@pytest.mark.parametrize(("num_bins", "steps"), [(100, 16), (20_000, 3), (65_535, 1)])
+def test_times_with_fractions_are_rounded_as_finely_as_16_bits_allow(num_bins, steps):
+    sensor = SensorModel(1, 4, num_bins, 1e-10, [1.0])
+    toa = np.array([0, 1 / 3, num_bins - 2 + 0.4, num_bins - 0.004], np.float32)
+    found = sketch_photons(PhotonEvents(np.arange(4, dtype=np.uint32), toa), sensor, (1, num_bins // 2 - 1))
+    turns = np.outer(np.rint(toa.astype(np.float64) * steps) / steps, found.frequencies) / num_bins
+    np.testing.assert_allclose(found.sums[0], np.exp(2j * np.pi * turns), atol=EACH)
 
 
 def test_phases_are_exact_for_high_frequencies_in_late_bins():
