@@ -6,6 +6,8 @@ OUT = demo-out
 PHOTONS =
 MOTION =
 ARGS =
+# Containers set it, and each of the hundreds of processes of a test run would compile its modules anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 # --no-compile: Python compiles what is imported; all of it would take 20 s and 0.1 GB.
 pip = $(VENV)/bin/python -m pip --disable-pip-version-check install --quiet --no-compile $(CONSTRAINTS)
