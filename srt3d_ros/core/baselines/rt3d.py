@@ -17,10 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, usual_intensity
-from srt3d_ros.core.baselines.xcorr import by_pixel, correlate
+from srt3d_ros.core.baselines.xcorr import XCORR, by_pixel
 from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.method.cloud import PointCloud
-from srt3d_ros.core.method.thresholds import check_surfaces
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.kernels.maps import window_weights
@@ -57,8 +56,8 @@ class RT3D:
     """Reconstructs frames of one sensor from their photons; arguments as of `PooledStream`."""
 
     def __init__(self, sensor: SensorModel, surfaces: int = 1):
-        check_surfaces(surfaces)
-        self.sensor, self.surfaces, (_, self._kernels) = sensor, surfaces, kernels_for("cpu")
+        self.sensor, (_, self._kernels) = sensor, kernels_for("cpu")
+        self._start = XCORR(sensor, surfaces)
         irf = self._irf = np.pad(np.atleast_2d(sensor.irf), [(0, 0), (1, 1)])
         self._slope = np.zeros_like(irf)
         self._slope[:, 1:-1] = (irf[:, 2:] - irf[:, :-2]) / 2
@@ -67,7 +66,7 @@ class RT3D:
     def __call__(self, frame: PhotonFrame) -> PointCloud:
         """The point cloud of one frame."""
         sensor, photons = self.sensor, by_pixel(frame, self.sensor)
-        depth, intensity, background = correlate(photons, sensor, self.surfaces)
+        depth, intensity, background = self._start.peaks(photons)
         seen, usual = sensor.exposure, usual_intensity(intensity, sensor.exposure)
         data = self._likelihood(photons, float(background.mean()) / max(usual, 1e-6))
         smooth = self._smoother(seen)

@@ -9,6 +9,7 @@ saw photons shows a point.
 from dataclasses import replace
 
 import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
 
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.method.thresholds import check_surfaces
@@ -28,15 +29,79 @@ class XCORR:
     def __init__(self, sensor: SensorModel, surfaces: int = 1):
         check_surfaces(surfaces)
         self.sensor, self.surfaces = sensor, surfaces
+        irf = np.atleast_2d(sensor.irf)
+        self._overlap = irf.shape[1] - 1                # bins after the last one, where the IRF of late returns goes on
+        self._size = next_fast_len(sensor.num_bins + self._overlap, real=True)
+        self._weights = np.log1p(irf / (FLOOR * irf.max(axis=1, keepdims=True)))    # 0 outside it
+        self._body, self._whole = (_window(irf.mean(axis=0), share) for share in (BODY, WHOLE))
 
     def __call__(self, frame: PhotonFrame) -> PointCloud:
         """The point cloud of one frame."""
-        depth, intensity, background = correlate(by_pixel(frame, self.sensor), self.sensor, self.surfaces)
+        depth, intensity, background = self.peaks(by_pixel(frame, self.sensor))
         background = background * self.sensor.exposure * self.sensor.num_bins
         return PointCloud.from_layers(self.sensor, depth, intensity, background, frame.stamp_ns)
 
+    def peaks(self, photons: PhotonEvents) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The K highest peaks of every pixel's histogram, correlated with the IRF, from what `by_pixel` gives.
+
+        Returns:
+            Depths, bins in [0, T) with the pixels' delays taken out, and signal photons, 0 = no peak, float32
+            [rows, K, cols]; background photons per bin, float32 [rows, cols]. Both are expected, at a gain of 1.
+        """
+        sensor, (rows, cols) = self.sensor, self.sensor.exposure.shape
+        several = max(CELLS // sensor.num_bins, 1)
+        parts = [self._peaks_of(photons, first, min(first + several, sensor.pixels))
+                 for first in range(0, sensor.pixels, several)]
+        depth, signal = (np.concatenate([part[n] for part in parts], axis=1) for n in range(2))     # [K, pixels]
+        background = np.concatenate([part[2] for part in parts])
+        if sensor.delay_bins is not None:
+            depth = depth - sensor.delay_bins.ravel()
+        seen = np.maximum(sensor.exposure.ravel(), 1e-6)
+        depth, signal = (np.ascontiguousarray(values.reshape(-1, rows, cols).swapaxes(0, 1), np.float32)
+                         for values in (depth % sensor.num_bins, signal / seen))
+        return depth, signal, (background / seen).reshape(rows, cols).astype(np.float32)
+
     def warm_up(self) -> None:
         """Do nothing: there is nothing to compile."""
+
+    def _peaks_of(self, photons: PhotonEvents, first: int, last: int):
+        """Depth and signal photons, [K, pixels], and background per bin [pixels], of some pixels."""
+        num_bins = self.sensor.num_bins
+        part = slice(*np.searchsorted(photons.pixel, np.array([first, last], np.uint32)))
+        bins = np.rint(photons.toa[part]).astype(np.int64) % num_bins
+        pixel = photons.pixel[part].astype(np.int64) - first
+        found = []
+        for _ in range(self.surfaces):
+            begin, shift = self._highest(pixel, bins, slice(first, last))
+            place = (bins - begin[pixel]) % num_bins                                # of each photon in the IRF
+            body, whole = ((place >= low) & (place < high) for low, high in (self._body, self._whole))
+            found.append((begin + self.sensor.irf_ref + shift, np.bincount(pixel[body], minlength=last - first)))
+            pixel, bins = pixel[~whole], bins[~whole]
+        outside = max(num_bins - self.surfaces * (self._whole[1] - self._whole[0]), 1)
+        background = np.bincount(pixel, minlength=last - first) / outside
+        depth, near = map(np.stack, zip(*found))
+        width = self._body[1] - self._body[0]
+        return depth, np.maximum(near - background * width, 0) / BODY, background
+
+    def _highest(self, pixel: np.ndarray, bins: np.ndarray, pixels: slice):
+        """The bin where the IRF begins at the highest peak of each pixel, and the peak's distance from a whole bin."""
+        count, num_bins = pixels.stop - pixels.start, self.sensor.num_bins
+        places, photons = np.unique(pixel * self._size + bins, return_counts=True)
+        histogram = np.zeros((count, self._size), np.float32)
+        histogram.reshape(-1)[places] = photons
+        histogram[:, num_bins:num_bins + self._overlap] = histogram[:, :self._overlap]
+        weights = self._weights if len(self._weights) == 1 else self._weights[pixels]
+        spectrum = rfft(histogram, workers=-1)
+        spectrum *= rfft(weights, n=self._size, workers=-1).conj()
+        response = irfft(spectrum, n=self._size, overwrite_x=True, workers=-1)[:, :num_bins]
+        # Photons that lie alone are equally high peaks: every second pixel takes the last one, not to favour depths.
+        high = response >= (1 - TIE) * response.max(axis=1, keepdims=True)
+        first, last = high.argmax(axis=1), num_bins - 1 - high[:, ::-1].argmax(axis=1)
+        begin = np.where(np.arange(count) % 2 == 0, first, last)
+        before, peak, after = (response[np.arange(count), (begin + step) % num_bins] for step in (-1, 0, 1))
+        bend = before - 2 * peak + after
+        shift = np.divide(before - after, 2 * bend, out=np.zeros_like(bend), where=bend < 0)
+        return begin, shift.clip(-0.5, 0.5)
 
 
 def by_pixel(frame: PhotonFrame, sensor: SensorModel) -> PhotonEvents:
@@ -51,82 +116,6 @@ def by_pixel(frame: PhotonFrame, sensor: SensorModel) -> PhotonEvents:
     if sensor.mask is not None:
         events = events.part(sensor.mask.ravel()[events.pixel])
     return replace(events, toa=events.toa.astype(np.float32, copy=False))
-
-
-def correlate(photons: PhotonEvents, sensor: SensorModel, surfaces: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The K highest peaks of every pixel's histogram, correlated with the IRF, from what `by_pixel` gives.
-
-    Returns:
-        Depths, bins in [0, T) with the pixels' delays taken out, and expected signal photons, 0 = no peak, float32
-        [rows, K, cols]; expected background photons per bin, float32 [rows, cols]. Photons are those at a gain of 1.
-    """
-    rows, cols = sensor.rows, sensor.cols
-    filters = _Filters(sensor)
-    several = max(CELLS // sensor.num_bins, 1)
-    parts = [filters.peaks(photons, first, min(first + several, sensor.pixels), surfaces)
-             for first in range(0, sensor.pixels, several)]
-    depth, signal = (np.concatenate([part[n] for part in parts], axis=1) for n in range(2))         # [K, pixels]
-    background = np.concatenate([part[2] for part in parts])
-    if sensor.delay_bins is not None:
-        depth = depth - sensor.delay_bins.ravel()
-    seen = np.maximum(sensor.exposure.ravel(), 1e-6)
-    depth, signal = (np.ascontiguousarray(values.reshape(surfaces, rows, cols).swapaxes(0, 1), np.float32)
-                     for values in (depth % sensor.num_bins, signal / seen))
-    return depth, signal, (background / seen).reshape(rows, cols).astype(np.float32)
-
-
-class _Filters:
-    """The IRF's logarithm and windows, applied to pixels' histograms."""
-
-    def __init__(self, sensor: SensorModel):
-        from scipy.fft import next_fast_len  # here, as other methods do without SciPy
-
-        self.num_bins, self.ref = sensor.num_bins, sensor.irf_ref
-        irf = np.atleast_2d(sensor.irf)
-        self.overlap = irf.shape[1] - 1                 # bins after the last one, where the IRF of late returns goes on
-        self.size = next_fast_len(sensor.num_bins + self.overlap, real=True)
-        self.weights = np.log1p(irf / (FLOOR * irf.max(axis=1, keepdims=True)))     # 0 outside it
-        self.body, self.whole = (_window(irf.mean(axis=0), share) for share in (BODY, WHOLE))
-
-    def peaks(self, photons: PhotonEvents, first: int, last: int, surfaces: int):
-        """Depth and signal photons, [K, pixels], and background per bin [pixels]."""
-        part = slice(*np.searchsorted(photons.pixel, np.array([first, last], np.uint32)))
-        bins = np.rint(photons.toa[part]).astype(np.int64) % self.num_bins
-        pixel = photons.pixel[part].astype(np.int64) - first
-        found = []
-        for _ in range(surfaces):
-            begin, shift = self._highest(pixel, bins, slice(first, last))
-            place = (bins - begin[pixel]) % self.num_bins                           # of each photon in the IRF
-            body, whole = ((place >= low) & (place < high) for low, high in (self.body, self.whole))
-            found.append((begin + self.ref + shift, np.bincount(pixel[body], minlength=last - first)))
-            pixel, bins = pixel[~whole], bins[~whole]
-        outside = max(self.num_bins - surfaces * (self.whole[1] - self.whole[0]), 1)
-        background = np.bincount(pixel, minlength=last - first) / outside
-        depth, near = map(np.stack, zip(*found))
-        width = self.body[1] - self.body[0]
-        return depth, np.maximum(near - background * width, 0) / BODY, background
-
-    def _highest(self, pixel: np.ndarray, bins: np.ndarray, pixels: slice):
-        """The bin where the IRF begins at the highest peak of each pixel, and the peak's distance from a whole bin."""
-        from scipy.fft import irfft, rfft
-
-        count, num_bins = pixels.stop - pixels.start, self.num_bins
-        places, photons = np.unique(pixel * self.size + bins, return_counts=True)
-        histogram = np.zeros((count, self.size), np.float32)
-        histogram.reshape(-1)[places] = photons
-        histogram[:, num_bins:num_bins + self.overlap] = histogram[:, :self.overlap]
-        weights = self.weights if len(self.weights) == 1 else self.weights[pixels]
-        spectrum = rfft(histogram, workers=-1)
-        spectrum *= rfft(weights, n=self.size, workers=-1).conj()
-        response = irfft(spectrum, n=self.size, overwrite_x=True, workers=-1)[:, :num_bins]
-        # Photons that lie alone are equally high peaks: every second pixel takes the last one, not to favour depths.
-        high = response >= (1 - TIE) * response.max(axis=1, keepdims=True)
-        first, last = high.argmax(axis=1), num_bins - 1 - high[:, ::-1].argmax(axis=1)
-        begin = np.where(np.arange(count) % 2 == 0, first, last)
-        before, peak, after = (response[np.arange(count), (begin + step) % num_bins] for step in (-1, 0, 1))
-        bend = before - 2 * peak + after
-        shift = np.divide(before - after, 2 * bend, out=np.zeros_like(bend), where=bend < 0)
-        return begin, shift.clip(-0.5, 0.5)
 
 
 def _window(irf: np.ndarray, share: float) -> tuple[int, int]:

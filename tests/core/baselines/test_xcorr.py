@@ -37,9 +37,10 @@ def test_depths_are_those_of_a_plain_filter():
 def test_the_size_of_the_batches_does_not_matter(monkeypatch):
     sensor = make_sensor(7, 9)
     photons = by_pixel(simulate(ramp(7, 9, 200, 3, 1), sbr=2, ppp=25), sensor)
-    whole = xcorr.correlate(photons, sensor, 2)
+    method = xcorr.XCORR(sensor, 2)
+    whole = method.peaks(photons)
     monkeypatch.setattr(xcorr, "CELLS", 4 * T)
-    parts = xcorr.correlate(photons, sensor, 2)
+    parts = method.peaks(photons)
     for part, expected in zip(parts, whole, strict=True):
         np.testing.assert_allclose(part, expected, rtol=1e-5)
 
