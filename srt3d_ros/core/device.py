@@ -15,10 +15,9 @@ DRIVER = "libcuda.so.1"
 
 
 def kernels_for(device: str) -> tuple:
-    """The device, "cpu" or "cuda", and its kernels; "auto" is the CPU, unless `method.gpu_check` has been asked before.
+    """The device, "cpu" or "cuda", and its kernels; InvalidInput if there is none, or it lacks something.
 
-    Raises:
-        InvalidInput: there is no such device, or what it needs is not installed.
+    "auto" is the CPU, unless `method.gpu_check` has been asked before.
     """
     require(device in DEVICES, "device", device, "auto, cpu or cuda")
     if device != "cuda":

@@ -29,10 +29,7 @@ class SMLE:
     """Reconstructs frames of one sensor from their sketches; as in the paper all pixels that saw photons show a point.
 
     The sketch of n photons is normally distributed around Ψ_θ with covariance Σ_θ / n, so W = Σ_θ⁻¹ is maximum
-    likelihood but for the determinant, which n outweighs.
-
-    Args:
-        sensor, frequencies, surfaces: as of `PooledStream`.
+    likelihood but for the determinant, which n outweighs. Arguments as of `PooledStream`.
     """
 
     precise = True          # whether W of the data term is the inverse covariance of the sketch, else the identity

@@ -64,12 +64,9 @@ class Deskewer:
 
         Args:
             parts: their instants, the middle of acquisition, and their sketches.
-            trajectory: of the sensor's frame, over all instants.
+            trajectory: of the sensor's frame, over all instants, or InvalidInput.
             to_ns: the instant, and the stamp of the result.
             range_m: float32 [rows, cols], metres along each pixel's ray; unless given, what the photons show.
-
-        Raises:
-            InvalidInput: the trajectory does not cover an instant.
         """
         ranges, back, came = self.ranges_m(parts) if range_m is None else range_m, trajectory.at(to_ns).inverse(), 0
         sums = np.zeros((*self._shape, len(self.frequencies)), np.complex64)

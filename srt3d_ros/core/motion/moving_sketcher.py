@@ -43,10 +43,7 @@ class MovingSketcher(Sketcher):
     """Sketches the parts of a frame alone; `finish` moves them to the middle of the frame and adds them up.
 
     A part is a packet, or as many with one stamp. Where packets are more than PARTS, parts are as long as the frame
-    before says. A packet lasts until the next one: its photons come in the middle.
-
-    Args:
-        sensor, frequencies, gate: as for a Sketcher.
+    before says. A packet lasts until the next one: its photons come in the middle. Arguments as of a Sketcher.
 
     Attributes:
         lost: photons of the last frame finished that no pixel sees at its instant.
@@ -92,11 +89,7 @@ class MovingSketcher(Sketcher):
         return MovingFrame(parts, min(instants), max(instants), to_ns)
 
     def finish(self, frame: MovingFrame, trajectory: Trajectory | None) -> Sketch:
-        """The sketch of a frame at `frame.stamp_ns`. Without a trajectory its parts add up as they are.
-
-        Raises:
-            InvalidInput: the trajectory does not cover the frame.
-        """
+        """The sketch of a frame at `frame.stamp_ns`, by a trajectory that covers it; without one, parts just add up."""
         if trajectory is not None:
             sketch = self._deskewer(frame.parts, trajectory, frame.stamp_ns)
             self.lost = self._deskewer.lost

@@ -53,11 +53,7 @@ class SensorMotion:
         self._has_speed = self._has_rate = False        # a robot at rest reports 0, as do those that never fill it in
 
     def add(self, report: MotionReport) -> str:
-        """Follow a report; why the trajectory begins again with it, or nothing.
-
-        Raises:
-            InvalidInput: a stamp that is not later than the last one.
-        """
+        """Follow a report; why the trajectory begins again with it, or nothing. InvalidInput if it is out of order."""
         self._has_speed |= report.speed_m_s > 0
         self._has_rate |= bool(report.rate_rad_s.any())
         last, why = self._last, ""

@@ -28,11 +28,7 @@ class Pose:
 
     @classmethod
     def from_quaternion(cls, xyzw, translation=(0, 0, 0)) -> Self:
-        """The pose of a unit quaternion (x, y, z, w), as ROS writes it, normalised here.
-
-        Raises:
-            InvalidInput: a number that is not finite, or a quaternion that is not of length 1 to 1 %.
-        """
+        """The pose of a quaternion (x, y, z, w), as ROS has it; InvalidInput unless finite and of length 1 to 1 %."""
         quaternion = np.asarray(xyzw, np.float64)
         translation = np.asarray(translation, np.float64)
         require(bool(np.isfinite(translation).all()), "position", translation.tolist(), "finite metres")

@@ -50,11 +50,7 @@ class PlumbBob:
         return float(min(roots[(roots.imag == 0) & (roots.real > 0)].real, default=np.inf))
 
     def undistorted(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The (x, y) of the rays (x, y, 1) that are seen at these (x', y'), float64, by Newton's method.
-
-        Raises:
-            InvalidInput: for a place that no ray is seen at.
-        """
+        """The (x, y) of the rays (x, y, 1) that are seen at these (x', y'), float64; InvalidInput where none is."""
         at_x, at_y = np.zeros(np.shape(x)), np.zeros(np.shape(y))
         with np.errstate(all="ignore"):         # what diverges is refused below
             for share in np.arange(1, STEPS + 1) / STEPS:
@@ -75,7 +71,7 @@ class PlumbBob:
             self._refuse(~((xx * yy > xy * xy) & (xx + yy > 0)).all(axis=0), x, y)
 
     def _newton(self, x: np.ndarray, y: np.ndarray, wanted_x: np.ndarray, wanted_y: np.ndarray):
-        """From (x, y) to the solution; and where there is none yet."""
+        """From (x, y) to the solution by Newton's method; and where there is none yet."""
         for _ in range(ITERATIONS):
             seen_x, seen_y = distorted(x, y, *astuple(self))
             off_x, off_y = wanted_x - seen_x, wanted_y - seen_y

@@ -23,15 +23,12 @@ class Gate:
 
     Args:
         source: the sensor whose photons come in.
-        first, last: bins of depth, both inside.
+        first, last: bins of depth, both inside; InvalidInput unless in order and as many as the IRF has.
 
     Attributes:
         num_bins: T of what is kept: last − first + 1, and the spread of the delays; that of `source` at most.
         start: the first bin of ToA that is kept. From there the bins go on, in the end around the circle of `source`.
         sensor: describes what is kept.
-
-    Raises:
-        InvalidInput: not within the sensor's bins, in the wrong order, or shorter than the IRF.
     """
 
     def __init__(self, source: SensorModel, first: int, last: int):

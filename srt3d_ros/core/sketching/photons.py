@@ -150,11 +150,7 @@ class PhotonHistograms:
         return counts if bins is None or bins.template is None else counts - bins.template
 
     def to_events(self, sensor: SensorModel) -> PhotonEvents:
-        """The same photons as events sorted by pixel, for what needs photons one by one.
-
-        Raises:
-            InvalidInput: histograms that are not the sensor's, or negative or fractional counts.
-        """
+        """The same photons as events sorted by pixel; InvalidInput unless they are the sensor's, and whole photons."""
         self.check(sensor)
         bins, counts = sensor.histograms, self._of_the_scene(sensor).reshape(-1)
         at = np.flatnonzero(counts)

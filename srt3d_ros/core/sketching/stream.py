@@ -125,11 +125,7 @@ class SketchStream:
         return self.poll(now_s, busy)
 
     def add_motion(self, report: MotionReport) -> str:
-        """Follow a report of the sensor's motion; why its trajectory begins again, or nothing.
-
-        Raises:
-            InvalidInput: a report that cannot be used.
-        """
+        """Follow a report of the sensor's motion, as of `SensorMotion.add`."""
         return self._motion.add(report)
 
     # ---- What comes out
