@@ -22,10 +22,9 @@ if threading.current_thread() is threading.main_thread():
 MAX_WORKERS = 4
 # They begin first: begun last, one would keep a single worker busy at the end. Those that wait alternate with those
 # that compute.
-LONG = ("tests/robustness/test_pipeline.py", "tests/test_demo.py",
-        "tests/kernels/test_reconstruction.py", "tests/robustness/test_files.py", "tests/cli/test_compile.py",
-        "tests/docs/test_quickstart.py", "tests/docs/test_snippets.py", "tests/nodes/test_reconstructor.py",
-        "tests/cli/test_supervisor.py")
+LONG = ("tests/test_demo.py", "tests/docs/test_commands.py", "tests/nodes/test_sketcher_counts.py",
+        "tests/kernels/test_reconstruction.py", "tests/cli/test_supervisor.py", "tests/robustness/test_pipeline.py",
+        "tests/nodes/test_two_machines.py", "tests/kernels/test_compiling.py", "tests/nodes/test_recorder.py")
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 
@@ -41,6 +40,7 @@ def pytest_xdist_auto_num_workers(config) -> int:
 def pytest_collection_modifyitems(items):
     """Long files first, all others as they are; pytest-xdist takes them in this order (--no-loadscope-reorder)."""
     first = [REPOSITORY / path for path in LONG]
+    assert all(path.exists() for path in first)
     items.sort(key=lambda item: first.index(item.path) if item.path in first else len(first))
 
 

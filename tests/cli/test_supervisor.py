@@ -2,12 +2,13 @@
 
 import signal
 import sys
+import time
 
 import psutil
 import pytest
 from rerun.chunk import RrdReader
 
-from tests.processes import Process, nodes_of, wait
+from tests.processes import POLL_S, Process, nodes_of, wait
 
 UP = [sys.executable, "-m", "srt3d_ros.cli.main", "up"]
 
@@ -38,6 +39,7 @@ def test_the_nodes_end_from_the_source_to_the_recorder_and_the_recording_is_whol
     nodes, order = nodes_of(up.pid), []
     up.send(signal.SIGINT)
     while len(order) < len(nodes):
+        time.sleep(POLL_S)
         order += [name for name, node in nodes.items() if name not in order and not runs(node)]
     assert up.code() == 0, up.text
     assert order == ["player", "sketcher", "reconstructor", "recorder"]

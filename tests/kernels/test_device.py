@@ -14,8 +14,9 @@ from .frames import GATE, ORACLE, Backend, make_frame, make_sensor, make_sketch,
 
 
 @pytest.mark.parametrize(("surfaces", "warm"), [(1, True), (2, False)])
-def test_no_step_of_a_frame_looks_at_a_value_or_has_a_shape_that_depends_on_one(monkeypatch, surfaces, warm):
+def test_no_step_of_a_frame_looks_at_a_value_or_has_a_shape_that_depends_on_one(monkeypatch, spreading, surfaces, warm):
     """On torch's device `meta`, which has shapes but no values, nor any copies to or from the host."""
+    spreading(1)        # each further pixel does the same again
     kernels = oracle.on("meta")
     monkeypatch.setattr("srt3d_ros.core.method.memory.kernels_for", lambda device: (device, kernels))
     sensor = make_sensor(9, 33, seed=0)
