@@ -57,22 +57,13 @@ class Gate:
 
     def photons(self, events: PhotonEvents) -> PhotonEvents:
         """The photons inside, in the bins of `self.sensor`."""
-        inside = np.flatnonzero(self._inside(events.toa))
-        toa, start = events.toa[inside], events.toa.dtype.type(self.start)
-        before = toa < start if toa.dtype.kind != "f" else toa < start - np.float32(0.5)
-        toa = np.where(before, toa + events.toa.dtype.type(self.source.num_bins - self.start), toa - start)
-        if toa.dtype.kind == "f":       # the first bin begins half a bin before its position, around the circle
-            toa = np.where(toa < 0, toa + np.float32(self.num_bins), toa)
+        half = 0.5 if events.toa.dtype.kind == "f" else 0       # bin b begins at b − ½, and may do so around the circle
+        from_start = (events.toa.astype(np.float64) + half - self.start) % self.source.num_bins
+        inside = np.flatnonzero(from_start < self.num_bins)
+        toa = ((from_start[inside] - half) % self.num_bins).astype(events.toa.dtype)
+        if half:                                                # what rounding made T
             toa = np.minimum(toa, np.nextafter(np.float32(self.num_bins), np.float32(0)))
         return replace(events.part(inside), toa=toa)
-
-    def _inside(self, toa: np.ndarray) -> np.ndarray:
-        """Which ToA are in bins that are kept; two comparisons of their own type."""
-        end, bins = self.start + self.num_bins, self.source.num_bins
-        if toa.dtype.kind == "f":
-            toa = toa + np.float32(0.5)         # from where the bin begins
-            toa = np.where(toa < bins, toa, toa - np.float32(bins))
-        return (toa >= self.start) & (toa < end) if end <= bins else (toa >= self.start) | (toa < end - bins)
 
 
 def in_ranges(gate: Gate | None) -> str:
