@@ -7,7 +7,7 @@ from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photons import PhotonHistograms
-from srt3d_ros.core.sketching.sketcher import Sketcher, histogram_tables, phase_table
+from srt3d_ros.core.sketching.sketcher import Sketcher, phase_table
 from srt3d_ros.kernels import cpu
 from srt3d_ros.kernels.cpu import phase_sums, rows
 
@@ -107,7 +107,7 @@ def test_histograms(dtype, bins):
     rng = np.random.default_rng(2)
     counts = rng.integers(0, 200, (40, n)) - (30 if np.dtype(dtype).kind != "u" else 0)
     counts[7] = 0 if np.dtype(dtype).kind == "u" else -1        # below 0 there are no photons
-    table, of_template = histogram_tables(sensor, frequencies, None)
+    table, of_template = Sketcher(sensor, frequencies).histogram_tables
     sums = cpu.new_sums(40, cpu.fixed_rows(table))
     for _ in range(2):
         cpu.sketch_histograms(counts.astype(dtype), table, of_template, sums)

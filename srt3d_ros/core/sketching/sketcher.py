@@ -146,13 +146,28 @@ class Sketcher:
 
     def _add_histograms(self, histograms: PhotonHistograms) -> None:
         histograms.check(self.sensor)
-        counts, (table, of_template) = histograms.counts, self._histogram_tables
+        counts, (table, of_template) = histograms.counts, self.histogram_tables
         self._kernels.sketch_histograms(counts.reshape(-1, counts.shape[2]), table, of_template, self._sums)
         self._subtracted |= counts.dtype.kind != "u" or of_template is not None
 
     @cached_property
-    def _histogram_tables(self) -> tuple[np.ndarray, np.ndarray | None]:
-        return histogram_tables(self.sensor, self.frequencies, self.gate)
+    def histogram_tables(self) -> tuple[np.ndarray, np.ndarray | None]:
+        """The phases of the bins of the sensor's histograms, and the phase sums of their template, or None.
+
+        float32 [n, 2m + 2]; and [2m + 2], or [rows · cols, 2m + 2] if pixels have templates of their own. Bins in which
+        the template is far above its mean are taken to hold the mean of the others inside the gate, whatever they
+        count: a uniform background still adds nothing.
+        """
+        bins = self.sensor.histograms
+        table = phase_table(self.sensor, self.frequencies, self.gate, None if bins is None else bins.centers())
+        if bins is None or bins.template is None:
+            return table, None
+        of_pixel = bins.template.reshape(-1, bins.num_bins).mean(axis=0)
+        left_out = (of_pixel > max(FAR * of_pixel.mean(), 1))[:, None]
+        others = (table[:, -2:-1] > 0) & ~left_out
+        mean = (table * left_out).sum(axis=0) / max(others.sum(), 1)
+        table = ((table + mean) * others).astype(np.float32)
+        return table, bins.template @ table
 
 
 def _read_only(values: np.ndarray) -> np.ndarray:
@@ -186,24 +201,3 @@ def phase_table(sensor: SensorModel, frequencies, gate: Gate | None, middles: np
     turns = np.outer(half_bins, (*frequencies, 0)) % period / period
     phases = np.exp(2j * np.pi * turns) * (from_start < num_bins)[:, None]
     return phases.astype(np.complex64).view(np.float32)
-
-
-def histogram_tables(sensor: SensorModel, frequencies, gate: Gate | None) -> tuple[np.ndarray, np.ndarray | None]:
-    """The phases of the bins of a sensor's histograms, and the phase sums of their template, or None.
-
-    Bins in which the template is far above its mean are taken to hold the mean of the others inside the gate, whatever
-    they count: a uniform background still adds nothing.
-
-    Returns:
-        float32 [n, 2m + 2]; and [2m + 2], or [rows · cols, 2m + 2] if pixels have templates of their own.
-    """
-    bins = sensor.histograms
-    table = phase_table(sensor, frequencies, gate, None if bins is None else bins.centers())
-    if bins is None or bins.template is None:
-        return table, None
-    of_pixel = bins.template.reshape(-1, bins.num_bins).mean(axis=0)
-    left_out = (of_pixel > max(FAR * of_pixel.mean(), 1))[:, None]
-    others = (table[:, -2:-1] > 0) & ~left_out
-    mean = (table * left_out).sum(axis=0) / max(others.sum(), 1)
-    table = ((table + mean) * others).astype(np.float32)
-    return table, bins.template @ table
