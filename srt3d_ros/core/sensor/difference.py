@@ -4,39 +4,36 @@ from dataclasses import fields, is_dataclass
 
 import numpy as np
 
-from srt3d_ros.core.sensor.model import SensorModel
-
 RTOL = 1e-5             # drivers print floats to six digits
 Difference = tuple[str, object, object]
 
 
-def first_difference(one: SensorModel, other: SensorModel) -> Difference | None:
-    """The first key, in the order of the schema, that the two describe differently, and both values; None if none does.
+def first_difference(one, other, name: str = "") -> Difference | None:
+    """The first key, in the order of the schema, that two sensors describe differently, and both values; None if none.
 
     Numbers are the same to a relative RTOL. Of an array the key names the first element that differs, as in
     "irf[3]", or "irf shape". A value that is left out is "absent".
+
+    Args:
+        one, other: of two SensorModel, or of both the value of the key `name`.
     """
-    return _difference("", one, other)
-
-
-def _difference(name: str, one, other) -> Difference | None:
     if one is None or other is None:
         return None if one is other else (name, _shown(one), _shown(other))
     if is_dataclass(one):
         prefix = f"{name}." if name else ""
         if type(one) is not type(other):        # pinhole and angular scan
             return f"{prefix}kind", one.kind, other.kind
-        parts = (_difference(prefix + field.name, getattr(one, field.name), getattr(other, field.name))
+        parts = (first_difference(getattr(one, field.name), getattr(other, field.name), prefix + field.name)
                  for field in fields(one))
         return next(filter(None, parts), None)
-    if np.shape(one) != np.shape(other):
-        return f"{name} shape", np.shape(one), np.shape(other)
-    if isinstance(one, np.ndarray):
-        differs = np.argwhere(~np.isclose(one, other, rtol=RTOL, atol=0))
-        place = tuple(differs[0].tolist()) if len(differs) else ()
-        return (f"{name}{list(place)}", one[place].item(), other[place].item()) if place else None
-    same = one == other if isinstance(one, (str, int)) else np.isclose(one, other, rtol=RTOL, atol=0)
-    return None if same else (name, one, other)
+    one, other = np.asarray(one), np.asarray(other)
+    if one.shape != other.shape:
+        return f"{name} shape", one.shape, other.shape
+    differs = np.argwhere(~np.isclose(one, other, rtol=RTOL, atol=0) if one.dtype.kind == "f" else one != other)
+    if not len(differs):
+        return None
+    place = tuple(differs[0].tolist())
+    return f"{name}{list(place) or ''}", one[place].item(), other[place].item()
 
 
 def _shown(value):
