@@ -1,9 +1,4 @@
-"""How good a cloud is against a reference, as the RT3D and SRT3D papers count it.
-
-    J. Tachella, Y. Altmann, N. Mellado, A. McCarthy, R. Tobin, G. S. Buller, J.-Y. Tourneret, S. McLaughlin, "Real-time
-    3D reconstruction from single-photon lidar data using plug-and-play point cloud denoisers", Nature Communications
-    10, 4984 (2019), after the same authors' "Bayesian 3D reconstruction of complex scenes from single-photon lidar
-    data", SIAM J. Imaging Sciences 12 (2019).
+"""How good a cloud is against a reference, as the papers on RT3D and SRT3D count it (`core.baselines`).
 
 docs/evaluation.md has the equations.
 """

@@ -29,8 +29,7 @@ class GateWords:
     no_detection: int = 65_535
 
     def __post_init__(self) -> None:
-        for name in ("first_word", "no_detection"):
-            value = getattr(self, name)
+        for name, value in vars(self).items():
             require(0 <= value <= 65_535, f"gates.{name}", value, "a 16-bit word, 0 … 65535")
 
 

@@ -50,8 +50,7 @@ class Pinhole:
             self.distortion.check(*(np.concatenate([v[0], v[-1], v[:, 0], v[:, -1]]) for v in (x, y)))
 
     def rays(self, rows: int, cols: int) -> np.ndarray:
-        """Unit rays, float32 [rows, cols, 3]; InvalidInput as by `check`."""
-        self.check(rows, cols)
+        """Unit rays, float32 [rows, cols, 3], of an image that `check` accepts."""
         x, y = self._places(rows, cols)
         if self.distortion:
             x, y = self.distortion.undistorted(x, y)
@@ -90,8 +89,7 @@ class AngularScan:
     kind = "angular_scan"
 
     def __post_init__(self):
-        for name in ("azimuth_start_rad", "azimuth_step_rad", "elevation_start_rad", "elevation_step_rad"):
-            value = getattr(self, name)
+        for name, value in vars(self).items():
             require(abs(value) <= MAX_ANGLE_RAD, f"projection.{name}", value, f"radians, at most {MAX_ANGLE_RAD:g}")
 
     def rays(self, rows: int, cols: int) -> np.ndarray:
