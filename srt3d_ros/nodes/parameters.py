@@ -133,7 +133,8 @@ class Parameters:
 
     def _check(self, changes) -> SetParametersResult:
         try:
-            self.on_check(self._values | self._known(changes))
+            if known := self._known(changes):
+                self.on_check(self._values | known)
         except InvalidInput as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
