@@ -7,8 +7,7 @@
 It maximises the Poisson likelihood of the photons, Σ_k g r_k h(x − t_k) + g b expected at x, by gradient steps on
 depths and log-intensities and an expectation step on the background, in turn with denoisers: APSS and a hard threshold
 for the points, a moving average for the background. The matched filter starts. The paper's step sizes are tuned; here
-they are half the inverse curvature in log-intensity and a quarter of it in depth, for points weaker than the mean the
-curvature at the mean.
+they are half the inverse curvature in log-intensity, a quarter in depth, that at the mean intensity for weaker points.
 """
 
 from collections.abc import Callable

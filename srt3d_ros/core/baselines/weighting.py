@@ -2,8 +2,7 @@
 
 The data term is n (z − Ψ_θ)ᵀ W (z − Ψ_θ), real and imaginary parts stacked, with W the identity or Σ_θ⁻¹, the inverse
 covariance of one photon's sketch. Turned back by exp(−i ω_l t), residual and covariance no longer depend on the depth
-but on the share α of signal among the photons alone. So W is tabulated over α, and a weighted step costs what an
-unweighted one does.
+but on the share α of signal among the photons alone. So W is tabulated over α, and a weighted step costs no more.
 """
 
 import numpy as np

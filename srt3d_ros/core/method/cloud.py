@@ -18,8 +18,7 @@ class Estimate(NamedTuple):
     """What `pooled.Pooled` makes of a frame; N points, sorted by pixel, the strongest of a pixel first.
 
     Args:
-        state: float32 [rows', K, FIELDS, cols'] (`kernels.maps`) on the device, a start for the next frame; valid until
-            that begins.
+        state: float32 [rows', K, FIELDS, cols'] (`kernels.maps`) on the device, valid until the next frame starts.
         left: what the points leave unexplained (`unexplained` of the kernels); empty unless asked for.
         background: float32 [rows, cols], background photons.
         row, col, rank: uint16, uint16, uint8 [N], the points' pixels, and their order within these.
@@ -52,8 +51,7 @@ class PointCloud:
         row, col: uint16 [N].
         depth_bins: float32 [N], depth (see SensorModel), in [0, T).
         intensity: float32 [N], expected signal photons of that return in the frame.
-        depth_std_bins: float32 [N], standard deviation of `depth_bins`: photon noise, and what the surface does within
-            the pool; NaN of the baselines.
+        depth_std_bins: float32 [N], standard deviation of `depth_bins`: noise, and relief within the pool; NaN of baselines.
         xyz: float32 [N, 3], metres, sensor's frame.
         surface: uint8 [N], 0 for the first point of its pixel, 1 for the next, …
         background: float32 [rows, cols], expected background photons in the frame, over all T bins.

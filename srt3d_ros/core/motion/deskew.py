@@ -8,8 +8,7 @@ around share them (if the nearest had all, depth errors were 15 to 25 % larger),
 at its own place: along the surface, not across its edges.
 
 The range ρ comes from the photons themselves: the phase of the lowest frequency, to which an even background adds
-nothing, of the pixels around, as many as the noise takes. Neighbours' ranges must not differ by noise, because photons
-that they share would.
+nothing, of the pixels around, as many as it takes to have neighbours' ranges, and photons, not differ by noise.
 """
 
 from collections.abc import Sequence

@@ -37,17 +37,15 @@ class GateWords:
 class SensorModel:
     """Geometry, timing and calibration of a sensor.
 
-    Depths and float ToA are positions on one axis of bins; an integer ToA b is the whole bin b, whose centre is at b
-    and which spans b − ½ … b + ½. A surface at depth d puts `irf[irf_ref]` on the bin whose centre is at d:
-    p(toa = b) ∝ irf[b − d + irf_ref]. It lies at range = c/2 · (toa_offset_bins + d) · bin_width_s + range_offset_m
-    along its pixel's ray.
+    Depths and float ToA are positions on one axis of bins; an integer ToA b is the whole bin b, from b − ½ to b + ½.
+    A surface at depth d puts `irf[irf_ref]` on the bin whose centre is at d: p(toa = b) ∝ irf[b − d + irf_ref]. It lies
+    at range = c/2 · (toa_offset_bins + d) · bin_width_s + range_offset_m along its pixel's ray.
 
     Args:
         rows, cols: pixels; row 0 is the top row, pixel = row · cols + col.
         num_bins: T, bins of one laser period (or of the gate that wraps like one).
         bin_width_s: seconds, 1e-18 … 1.
-        irf: float32 [L] for all pixels, or [rows · cols, L] for each; L ≤ T, non-negative, not all zero;
-            normalised to sum 1 here.
+        irf: float32 [L] for all pixels, or [rows · cols, L] for each; L ≤ T, 0 or more, normalised to sum 1 here.
         irf_ref: index into `irf` that marks the depth; the peak unless given.
         toa_offset_bins: bins from the laser pulse to position 0, the centre of bin 0.
         range_offset_m: metres added to every range. No range of bins 0 … T may exceed ±1e12 m.

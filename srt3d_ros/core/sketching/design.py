@@ -10,15 +10,9 @@ from srt3d_ros.core.sketching.gate import AUTO, FORM, OFF, Gate, parse
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonHistograms
 from srt3d_ros.errors import require
 
-# Standard deviations at which bins are not background alone: of 3000 frames one deviates so much by chance, and only
-# widens what is taken for the scene.
-SURE = 4.5
-# On each side of what is seen, as a part of it. Art, SBR 0.1, TD without a gate 88.0 %, with no margin 92.2, with this
-# 92.2, with four times as much 91.5.
-MARGIN = 1 / 8
-# The part of the photons that a gate has to drop. With less background there is nothing to gain: at SBR 52 and 1 photon
-# per pixel TD falls by 0.1 points, since other frequencies fit the shorter T.
-WORTHWHILE = 1 / 10
+SURE = 4.5              # σ at which bins are more than background; one of 3000 frames deviates so much by chance
+MARGIN = 1 / 8          # of what is seen, on each side. Art, SBR 0.1: TD 88.0 % ungated, 92.2 with 0, 1/8, 91.5 with 1/2
+WORTHWHILE = 1 / 10     # of the photons that a gate drops at least: TD falls by 0.1 points at SBR 52, 1 photon a pixel
 
 
 class SketchDesign(NamedTuple):
@@ -37,8 +31,7 @@ def design_for(sensor: SensorModel, gate: str | tuple[int, int] = OFF, frequenci
         frequencies, sketch_size: as of `choose`.
 
     Raises:
-        InvalidInput: a gate or frequencies that do not fit the sensor, auto without a frame, or photons of another
-            sensor.
+        InvalidInput: a gate, frequencies or photons that do not fit the sensor, or auto without a frame.
     """
     bins = parse(gate)
     if bins == AUTO:

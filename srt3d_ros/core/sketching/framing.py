@@ -6,9 +6,8 @@ with its last packet if all come, and with the next frame's first if not.
 
 Within the open frame packets may come in any order: sketches add. What is older than the last frame is late.
 
-How long packets may stay away follows from the usual step between their stamps. That is the second longest of the
-newest steps, of about two frames: a sensor may send the packets of a frame at once and then pause, and one leap alone
-is not usual.
+How long packets may stay away follows from the usual step between their stamps: the second longest of the newest, of
+about two frames. A sensor may send the packets of a frame at once and then pause, and one leap alone is not usual.
 """
 
 from collections import deque
@@ -80,8 +79,7 @@ class Framing:
         """What a packet means for the frames; see Placed.
 
         Stamps that fall back or leap ahead by more than USUAL_STEPS, or periods, and LEAP_NS say that the driver, the
-        bag or the clock began again: the open frame ends if it has a period, and is given up if it would wait for its
-        number.
+        bag or the clock began again: the open frame ends if it has a period, and is given up if it needs a number.
         """
         ended = forgotten = None
         began_again = self._newest_ns is not None and self._is_leap(abs(stamp_ns - self._newest_ns))

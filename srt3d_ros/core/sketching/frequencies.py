@@ -145,8 +145,7 @@ def expected_error_bins(spectrum: np.ndarray, num_bins: int, frequencies, signal
 def nominal_photons(sketch_size: int) -> tuple[np.ndarray, np.ndarray]:
     """Signal and background photons that a design is for, float [N] each.
 
-    If the IRF passed all m frequencies, they would stand out of the background with the score s √(2m / (s + b)): each
-    of SCORES at each of SBRS.
+    If the IRF passed all m frequencies, their score s √(2m / (s + b)) would be each of SCORES at each of SBRS.
     """
     sbr, score = np.repeat(SBRS, len(SCORES)), np.tile(SCORES, len(SBRS))
     signal = score**2 * (1 + 1 / sbr) / (2 * sketch_size)

@@ -30,8 +30,7 @@ def check_frequencies(frequencies: Sequence[int] | np.ndarray, num_bins: int) ->
 class Sketch:
     """Per pixel, the sum over its photons of exp(i ω_l x_p), ω_l = 2π k_l / T, and their number.
 
-    The paper's sketch is the mean, z_l = sums_l / n (eq. 3). Sums of disjoint sets of photons add: over time, over
-    pixels and over sensors.
+    The paper's sketch is the mean, z_l = sums_l / n (eq. 3). Sums of disjoint sets of photons add.
 
     Args:
         frequencies: the integers k_l.

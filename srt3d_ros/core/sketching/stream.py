@@ -108,8 +108,7 @@ class SketchStream:
             busy: whether readers have yet to take sketches that came out.
 
         Raises:
-            InvalidInput: photons outside the sensor. No photon of the packet was added; sketches of frames that it
-                ended come out of the next call.
+            InvalidInput: photons outside the sensor. None was added; frames that the packet ended come out next time.
         """
         self._came_s = now_s
         placed = self._framing.place(packet.stamp_ns)
