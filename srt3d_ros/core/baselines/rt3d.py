@@ -90,10 +90,7 @@ class RT3D:
                           sensor.exposure)
 
     def _smoother(self, seen: np.ndarray) -> Callable:
-        """Function from background photons to background per bin at a gain of 1, averaged over a window.
-
-        Both are float32 [rows, cols].
-        """
+        """Function from background photons to background per bin at a gain of 1, window means, float32 [rows, cols]."""
         blur, weights, least = self._kernels.blur, window_weights(BACKGROUND_WINDOW), LEAST_BACKGROUND * seen[:, None]
         bins = np.maximum(blur(seen[:, None], weights)[:, 0] * self.sensor.num_bins, 1e-6)
         return lambda stray: blur(stray[:, None] + least, weights)[:, 0] / bins

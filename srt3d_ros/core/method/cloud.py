@@ -45,8 +45,6 @@ class Estimate(NamedTuple):
 class PointCloud:
     """Points of one frame, sorted by pixel, the strongest of a pixel first, and the background of every pixel.
 
-    `ordered` puts the nearest or the farthest of a pixel first.
-
     Args:
         row, col: uint16 [N].
         depth_bins: float32 [N], depth (see SensorModel), in [0, T).

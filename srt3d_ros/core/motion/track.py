@@ -41,9 +41,6 @@ class SensorMotion:
 
     Args:
         extrinsics: the pose of the sensor in the body's frame.
-
-    Attributes:
-        trajectory: of the sensor.
     """
 
     def __init__(self, extrinsics: Pose | None = None):

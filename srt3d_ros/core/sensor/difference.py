@@ -12,10 +12,7 @@ def first_difference(one, other, name: str = "") -> Difference | None:
     """The first key, in the order of the schema, that two sensors describe differently, and both values; None if none.
 
     Numbers are the same to a relative RTOL. Of an array the key names the first element that differs, as in
-    "irf[3]", or "irf shape". A value that is left out is "absent".
-
-    Args:
-        one, other: of two SensorModel, or of both the value of the key `name`.
+    "irf[3]", or "irf shape". A value that is left out is "absent". Given a `name`, its values are compared.
     """
     if one is None or other is None:
         return None if one is other else (name, _shown(one), _shown(other))

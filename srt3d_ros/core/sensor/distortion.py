@@ -23,10 +23,6 @@ class PlumbBob:
         y' = y (1 + k1 r² + k2 r⁴ + k3 r⁶) + p1 (r² + 2 y²) + 2 p2 x y
 
     (D. C. Brown, Close-range camera calibration, Photogrammetric Engineering 37 (8), 1971.)
-
-    Args:
-        k1, k2, k3: radial.
-        p1, p2: tangential.
     """
 
     k1: float = 0.0

@@ -77,8 +77,7 @@ def in_ranges(gate: Gate | None) -> str:
 def parse(spec: str | Sequence[int]) -> tuple[int, int] | str:
     """First and last bin, OFF or AUTO; InvalidInput for anything else.
 
-    Args:
-        spec: in words, as 100-400, 100:400 or [100, 400] (20:45 is a number of YAML); or both bins.
+    Words may be 100-400, 100:400 or [100, 400] (20:45 is a number of YAML).
     """
     if isinstance(spec, str) and spec in (OFF, AUTO):
         return spec

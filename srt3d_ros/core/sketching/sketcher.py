@@ -33,11 +33,8 @@ class Sketcher:
     Args:
         sensor: pixels, T and gate words.
         frequencies: the integers k_l.
-        window_frames: W, 1 or more.
+        window_frames: W, 1 or more; InvalidInput if the window would take more than MAX_WINDOW_BYTES.
         gate: of this sensor. Photons outside are dropped: the sketch is one of `gate.sensor`.
-
-    Raises:
-        InvalidInput: also if the window would take more than MAX_WINDOW_BYTES.
     """
 
     def __init__(self, sensor: SensorModel, frequencies, window_frames: int = 1, gate: Gate | None = None):
@@ -78,8 +75,7 @@ class Sketcher:
 
     @property
     def kept(self) -> int:
-        """Photons of the open frame that are inside the gate: more than all of them if there are negative counts
-        outside."""
+        """Photons of the open frame inside the gate: more than all of them if there are negative counts outside."""
         column, before = 2 * len(self.frequencies), self._before[-1]
         return self._kernels.counted(self._sums[:, column] - (0 if before is None else before[:, column]))
 
@@ -187,11 +183,7 @@ def sketch_photons(frame: PhotonFrame, sensor: SensorModel, frequencies, gate: G
 def phase_table(sensor: SensorModel, frequencies, gate: Gate | None, middles: np.ndarray | None = None) -> np.ndarray:
     """exp(i ω_l x) for bins of a sensor, re and im interleaved, then 1, which counts, and 0; 0 outside the gate.
 
-    Args:
-        middles: of the bins, counted in the sensor's own; unless given, those of the sensor's own, 0.5, 1.5, …
-
-    Returns:
-        float32 [n, 2m + 2].
+    float32 [n, 2m + 2] for n `middles` of bins, counted in the sensor's own; unless given, its own, 0.5, 1.5, …
     """
     middles = np.arange(sensor.num_bins) + 0.5 if middles is None else middles
     start, num_bins = (0, sensor.num_bins) if gate is None else (gate.start, gate.num_bins)
