@@ -8,7 +8,7 @@ around share them (if the nearest had all, depth errors were 15 to 25 % larger),
 at its own place: along the surface, not across its edges.
 
 The range ρ comes from the photons themselves: the phase of the lowest frequency, to which an even background adds
-nothing, of the pixels around: so many that neighbours' ranges do not differ by noise, which would part their photons.
+nothing, of so many pixels around that neighbours' ranges do not differ by noise, which would part their photons.
 """
 
 from collections.abc import Sequence

@@ -57,8 +57,9 @@ class Gate:
 
     def photons(self, events: PhotonEvents) -> PhotonEvents:
         """The photons inside, in the bins of `self.sensor`."""
-        half = 0.5 if events.toa.dtype.kind == "f" else 0       # bin b begins at b − ½, and may do so around the circle
-        from_start = (events.toa.astype(np.float64) + half - self.start) % self.source.num_bins
+        # A bin b of float ToA begins at b − ½, which may be around the circle.
+        half, wide = (0.5, np.float64) if events.toa.dtype.kind == "f" else (0, np.int32)
+        from_start = (events.toa.astype(wide) + half - self.start) % self.source.num_bins
         inside = np.flatnonzero(from_start < self.num_bins)
         toa = ((from_start[inside] - half) % self.num_bins).astype(events.toa.dtype)
         if half:                                                # what rounding made T
