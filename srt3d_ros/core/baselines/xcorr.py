@@ -9,7 +9,6 @@ saw photons shows a point.
 from dataclasses import replace
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
 
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.method.thresholds import check_surfaces
@@ -27,6 +26,8 @@ class XCORR:
     """Reconstructs frames of one sensor from their photons; arguments as of `PooledStream`."""
 
     def __init__(self, sensor: SensorModel, surfaces: int = 1):
+        from scipy.fft import next_fast_len     # here and below: it takes a while, and core is imported for more
+
         check_surfaces(surfaces)
         self.sensor, self.surfaces = sensor, surfaces
         irf = np.atleast_2d(sensor.irf)
@@ -85,6 +86,8 @@ class XCORR:
 
     def _highest(self, pixel: np.ndarray, bins: np.ndarray, pixels: slice):
         """The bin where the IRF begins at the highest peak of each pixel, and the peak's distance from a whole bin."""
+        from scipy.fft import irfft, rfft
+
         count, num_bins = pixels.stop - pixels.start, self.sensor.num_bins
         places, photons = np.unique(pixel * self._size + bins, return_counts=True)
         histogram = np.zeros((count, self._size), np.float32)
