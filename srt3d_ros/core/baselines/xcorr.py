@@ -26,7 +26,7 @@ class XCORR:
     """Reconstructs frames of one sensor from their photons; arguments as of `PooledStream`."""
 
     def __init__(self, sensor: SensorModel, surfaces: int = 1):
-        from scipy.fft import next_fast_len     # here and below: it takes a while, and core is imported for more
+        from scipy.fft import next_fast_len  # here and below: it takes a while, and core is imported for more
 
         check_surfaces(surfaces)
         self.sensor, self.surfaces = sensor, surfaces
