@@ -105,48 +105,32 @@ def pool(frame, matched, wanted, weights, step):
     return cells, out
 
 
+@line
+def _add_turned(real, imaginary, weight, into):
+    """Add a row of complex numbers times a complex weight."""
+    cosine, sine = weight
+    for j in range(len(real)):
+        into[0, j] += cosine * real[j] - sine * imaginary[j]
+        into[1, j] += cosine * imaginary[j] + sine * real[j]
+
+
 @parallel
-def _blur_slanted(cells, weights, cosines, sines, needed, out):
-    """Windows of cells along planes that rise to the right, to the left, down and up."""
-    _, rows, twice, cols = out.shape
-    m, radius = twice // 2, len(weights) // 2
-    for i in prange(rows):
+def _blur_slanted(cells, down, right, needed, out):
+    """Windows of cells by complex weights of rows and of columns, float32 [slopes, m, taps, 2]."""
+    slopes, m, taps, _ = down.shape
+    radius, cols = taps // 2, cells.shape[2]
+    for i in prange(len(cells)):
         if not needed[i]:
             continue
-        flat, turned = np.empty((2, cols + 2 * radius), np.float32), np.empty((4, cols + 2 * radius), np.float32)
-        for l in range(m):
-            flat[:], turned[:] = ZERO, ZERO
-            for tap in range(len(weights)):
-                a = i + tap - radius
-                if 0 <= a < rows:
-                    _add_turned(cells[a, l], cells[a, m + l], weights[tap], cosines[l, tap], sines[l, tap], radius,
-                                flat, turned)
-            out[:, i, l], out[:, i, m + l] = ZERO, ZERO
-            for tap in range(len(weights)):
-                w, c, s = weights[tap], cosines[l, tap], sines[l, tap]
-                for j in range(cols):
-                    re, im = flat[0, j + tap], flat[1, j + tap]
-                    out[0, i, l, j] += c * re + s * im
-                    out[1, i, l, j] += c * re - s * im
-                    out[0, i, m + l, j] += c * im - s * re
-                    out[1, i, m + l, j] += c * im + s * re
-                for j in range(cols):
-                    out[2, i, l, j] += w * (turned[0, j + tap] + turned[1, j + tap])
-                    out[3, i, l, j] += w * (turned[0, j + tap] - turned[1, j + tap])
-                    out[2, i, m + l, j] += w * (turned[2, j + tap] - turned[3, j + tap])
-                    out[3, i, m + l, j] += w * (turned[2, j + tap] + turned[3, j + tap])
-
-
-@line
-def _add_turned(real, imaginary, weight, cosine, sine, radius, flat, turned):
-    """Add a row of cells: by its weight, and by its weight times cosine and sine of how far a plane has turned it."""
-    for j in range(len(real)):
-        flat[0, radius + j] += weight * real[j]
-        flat[1, radius + j] += weight * imaginary[j]
-        turned[0, radius + j] += cosine * real[j]
-        turned[1, radius + j] += sine * imaginary[j]
-        turned[2, radius + j] += cosine * imaginary[j]
-        turned[3, radius + j] += sine * real[j]
+        line, total = np.empty((2, cols + 2 * radius), np.float32), np.empty((2, cols), np.float32)
+        for k in range(slopes):
+            for l in range(m):
+                line[:], total[:] = ZERO, ZERO
+                for a in range(max(i - radius, 0), min(i + radius + 1, len(cells))):
+                    _add_turned(cells[a, l], cells[a, m + l], down[k, l, a - i + radius], line[:, radius:])
+                for tap in range(taps):
+                    _add_turned(line[0, tap:tap + cols], line[1, tap:tap + cols], right[k, l, tap], total)
+                out[k, i, l], out[k, i, m + l] = total
 
 
 def pool_slanted(cells, weights, turns, step, wanted):
@@ -156,9 +140,10 @@ def pool_slanted(cells, weights, turns, step, wanted):
     cell to the next.
     """
     tap = np.arange(len(weights)) - len(weights) // 2
-    phase = 2 * np.pi * turns.astype(np.float64)[:, None] * tap
-    cosines, sines = ((weights * f(phase)).astype(np.float32) for f in (np.cos, np.sin))
+    turned, flat = (weights * np.exp(-2j * np.pi * np.outer(turn, tap)) for turn in (turns, 0 * turns))
+    down, right = (np.array(ways, np.complex64).view(np.float32).reshape(4, len(turns), len(tap), 2) for ways in (
+        (flat, flat, turned, turned.conj()), (turned, turned.conj(), flat, flat)))
     out = borrow("slanted pools", (4, len(cells), 2 * len(turns), cells.shape[2]))
     needed, _ = rows_of_pools(wanted, weights, step)
-    _blur_slanted(cells, weights, cosines, sines, needed, out)
+    _blur_slanted(cells, down, right, needed, out)
     return out
