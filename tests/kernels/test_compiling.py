@@ -16,8 +16,8 @@ from srt3d_ros.kernels import cpu
 PROGRAM = """
 import numpy as np
 from srt3d_ros.kernels.cpu import phase_sums
-phase_sums.find_stray(np.arange(3, dtype=np.uint16), 0, 9, 3)
-print(sum(phase_sums.find_stray.stats.cache_hits.values()))
+phase_sums.read_sums(np.zeros((1, 3), np.int64), 1)
+print(sum(phase_sums._read_sums.stats.cache_hits.values()))
 """
 
 

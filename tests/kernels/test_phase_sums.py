@@ -62,18 +62,9 @@ def test_gates(cycles, pixels, first_word, no_detection):
     rng = np.random.default_rng(pixels)
     words = rng.integers(first_word, first_word + T, (cycles, pixels)).astype(np.uint16)
     words[rng.random(words.shape) < 0.3] = no_detection
-    assert cpu.find_stray(words.reshape(-1), first_word, no_detection, T) == -1
     found = sketch("sketch_gates", words, first_word, no_detection, frequencies=(1, 3, 24), pixels=pixels)
     cycle, pixel = np.nonzero(words != no_detection)
     assert_close(found, pixel, words[cycle, pixel].astype(int) - first_word, (1, 3, 24))
-
-
-@pytest.mark.parametrize("word", [0, 9, 60, 65_535])
-def test_a_stray_word_is_found_in_any_pixel(word):
-    for pixel in (0, 8, 16):
-        words = np.full((5, 17), 3, np.uint16)
-        words[2, pixel] = word
-        assert cpu.find_stray(words.reshape(-1), 10, 3, T) == word
 
 
 def test_sums_are_the_same_bit_for_bit_in_any_order_split_and_form(monkeypatch):

@@ -80,10 +80,13 @@ class PhotonGates:
         require(self.words.ndim == 3, "gates shape", self.words.shape, "[cycles, rows, cols]")
 
     def check(self, sensor: SensorModel) -> None:
-        """Raise InvalidInput unless the gates have the sensor's pixels, and it says what words mean."""
+        """Raise InvalidInput unless the gates have the sensor's pixels, and words that it gives a meaning."""
         shape = sensor.rows, sensor.cols
         require(self.words.shape[1:] == shape, "gates shape", self.words.shape, f"[cycles, rows, cols] with {shape}")
         require(sensor.gates is not None, "sensor.gates", "missing", "first_word and no_detection, to read gates")
+        outside = (self.words < sensor.gates.first_word) | (self.words > last_word(sensor))
+        stray = self.words[outside & (self.words != sensor.gates.no_detection)]
+        require(len(stray) == 0, "gates word", int(stray.max(initial=0)), word_wanted(sensor))
 
     def to_events(self, sensor: SensorModel) -> PhotonEvents:
         """The same photons as events sorted by pixel; InvalidInput for gates that are not the sensor's."""
@@ -93,8 +96,6 @@ class PhotonGates:
         seen = words != form.no_detection
         pixel = np.broadcast_to(np.arange(sensor.pixels, dtype=np.uint32)[:, None], words.shape)[seen]
         words = words[seen]
-        first = int(words.min(initial=65_535))
-        require(first >= form.first_word, "gates word", first, word_wanted(sensor))
         return PhotonEvents(pixel, words - np.uint16(form.first_word), self.stamp_ns)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
 from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms, word_wanted
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sketching.sketch import Sketch, check_frequencies
 from srt3d_ros.errors import require
 
@@ -134,11 +134,7 @@ class Sketcher:
         gates.check(self.sensor)
         form = self.sensor.gates
         words = _read_only(gates.words).reshape(len(gates.words), self.sensor.pixels)
-        if words.size > 0:
-            stray = self._kernels.find_stray(words.reshape(-1), form.first_word, form.no_detection,
-                                             self.sensor.num_bins)
-            require(stray < 0, "gates word", stray, word_wanted(self.sensor))
-            self._kernels.sketch_gates(words, self._rows, form.first_word, form.no_detection, self._sums)
+        self._kernels.sketch_gates(words, self._rows, form.first_word, form.no_detection, self._sums)
 
     def _add_histograms(self, histograms: PhotonHistograms) -> None:
         histograms.check(self.sensor)

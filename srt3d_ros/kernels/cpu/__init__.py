@@ -8,8 +8,8 @@ depend on its photons, and results do not depend on the number of threads: no su
 from srt3d_ros.kernels.cpu.apss import apss
 from srt3d_ros.kernels.cpu.birth_death import birth_death
 from srt3d_ros.kernels.cpu.blur import blur
-from srt3d_ros.kernels.cpu.collect import collect, unpack
-from srt3d_ros.kernels.cpu.device import ON_HOST, array, numpy, run_frame
+from srt3d_ros.kernels.cpu.collect import collect
+from srt3d_ros.kernels.cpu.device import ON_HOST, array, run_frame
 from srt3d_ros.kernels.cpu.expand import expand
 from srt3d_ros.kernels.cpu.gradients import pixelwise, poisson
 from srt3d_ros.kernels.cpu.likelihood import log_likelihood_ratio, noise_ratio
@@ -17,7 +17,6 @@ from srt3d_ros.kernels.cpu.match import match
 from srt3d_ros.kernels.cpu.move_sketch import move_sketch
 from srt3d_ros.kernels.cpu.phase_sums import (
     counted,
-    find_stray,
     new_sums,
     read_sums,
     sketch_events,

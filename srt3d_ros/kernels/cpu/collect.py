@@ -19,7 +19,3 @@ def collect(state, intensity, std, rays, metres_per_bin, metres, num_bins):
     values = np.stack([depth, intensity.take(at), std.take(at), slope_row, slope_col])
     xyz = rays.reshape(-1, 3).take(pixel, axis=0) * (depth.astype(float) * metres_per_bin + metres)[:, None]
     return row.astype(np.uint16), col.astype(np.uint16), rank.astype(np.uint8), values, xyz.astype(np.float32)
-
-
-def unpack(points):
-    return points

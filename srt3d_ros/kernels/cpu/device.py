@@ -42,10 +42,6 @@ def array(values: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(values)
 
 
-def numpy(values: np.ndarray) -> np.ndarray:
-    return values
-
-
 def run_frame(function: Callable, *frame) -> tuple:
     arrays, threads = [array(values) for values in frame], numba.get_num_threads()
     numba.set_num_threads(1 if arrays[0].size <= SERIAL_PIXELS else threads)

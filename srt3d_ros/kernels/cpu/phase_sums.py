@@ -122,17 +122,6 @@ def sketch_events(pixel, toa, rows, ordered, sums):
 # ---- Gates
 
 @parallel
-def find_stray(words, first_word, no_detection, num_bins):
-    """The highest word, of uint16 [G · pixels], that is neither `no_detection` nor `first_word` + a bin; else −1."""
-    stray = np.int32(-1)
-    for p in prange(len(words)):
-        bin_number = np.int32(words[p]) - np.int32(first_word)
-        bad = (words[p] != no_detection) & ((bin_number < 0) | (bin_number >= num_bins))
-        stray = max(stray, np.int32(words[p]) if bad else np.int32(-1))
-    return stray
-
-
-@parallel
 def _sketch_gates(words, rows, first_word, no_detection, sums):
     gates, pixels = words.shape
     for strip in prange((pixels + WIDE - 1) // WIDE):

@@ -37,7 +37,7 @@ import torch
 from srt3d_ros.kernels.oracle.arithmetic import noise_ratio
 from srt3d_ros.kernels.oracle.birth_death import birth_death
 from srt3d_ros.kernels.oracle.blur import blur
-from srt3d_ros.kernels.oracle.collect import collect, unexplained, unpack
+from srt3d_ros.kernels.oracle.collect import collect, unexplained
 from srt3d_ros.kernels.oracle.device import Kernels
 from srt3d_ros.kernels.oracle.likelihood import expand, log_likelihood_ratio, trim
 from srt3d_ros.kernels.oracle.pooled_step import pooled_step
@@ -45,7 +45,7 @@ from srt3d_ros.kernels.oracle.search import match, no_surfaces, prepare, residua
 
 FUNCTIONS = {function.__name__: function for function in (
     birth_death, blur, collect, expand, log_likelihood_ratio, match, no_surfaces, noise_ratio, pooled_step, prepare,
-    residual, search, trim, unexplained, unpack)}
+    residual, search, trim, unexplained)}
 
 
 def on(device: str, dtype: torch.dtype = torch.float32) -> Kernels:
