@@ -4,8 +4,6 @@ LANES of the pixels in which something is to be decided are judged together, in 
 flat scratch arrays, at offsets known when compiling (`pooled_step`).
 """
 
-from functools import reduce
-
 import numpy as np
 from numba import prange
 
@@ -13,12 +11,13 @@ from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.constants import NEAR_SIGMA, SPREAD, VOTE_RADIUS
 from srt3d_ros.kernels.cpu import field
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO, U, aligned, sincos
-from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
+from srt3d_ros.kernels.cpu.compiling import inline, line, parallel, serial
+from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.field import agreement, is_surface, rise, wrap
 from srt3d_ros.kernels.cpu.frame import as_compiled
 from srt3d_ros.kernels.cpu.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio, score_of
-from srt3d_ros.kernels.cpu.undecided import find_undecided
-from srt3d_ros.kernels.maps import FIELDS, INTENSITY, STD
+from srt3d_ros.kernels.cpu.undecided import list_undecided
+from srt3d_ros.kernels.maps import FIELDS, INTENSITY
 
 BIRTH, EMPTY_PENALTY, MAX_VOTE, PRIOR_VOTE = (F32(getattr(constants, name)) for name in (
     "BIRTH", "EMPTY_PENALTY", "MAX_VOTE", "PRIOR_VOTE"))
@@ -178,20 +177,20 @@ def _begin_further(k, s, v, surfaces):
 
 
 @line
-def _join(x, pixel, s, v, state, record, period):
-    """Write the mean of the voters of lane x that agree with the best candidate into `record`."""
-    surfaces, cols, c = state.shape[1], state.shape[3], U(s[BEST + x])
+def _join(x, i, j, s, v, state, record, period):
+    """Write the mean of the voters of lane x, pixel (i, j), that agree with the best candidate into `record`."""
+    surfaces, c = state.shape[1], U(s[BEST + x])
     record[:] = ZERO
     weight, q = ZERO, U(0)
     for place in range(PLACES):
-        i, j = pixel // cols + place // SIDE - VOTE_RADIUS, pixel % cols + place % SIDE - VOTE_RADIUS
+        row, col = i + place // SIDE - VOTE_RADIUS, j + place % SIDE - VOTE_RADIUS
         for k in range(surfaces):
             e = wrap(v[q + AT + x] - v[c + AT + x], period)
             w = v[q + WEIGHT + x] * agreement(e, v[q + TOLERANCE + x] + v[c + TOLERANCE + x])
             if w > ZERO:
                 weight += w
                 for f in range(FIELDS):
-                    record[f] += w * state[i, k, f, j]
+                    record[f] += w * state[row, k, f, col]
             q += VOTER
     for f in range(FIELDS):
         record[f] /= weight
@@ -216,65 +215,56 @@ def _take(x, depth, voters, s, v, z, frame):
 
 
 @parallel
-def _judge(pixels, frame, state, own, max_chi2, points, ratios, changed):
-    """Write what the pixels choose: points [N, K, FIELDS] and their ratios [N, K]; and whether that is another point.
-
-    `points` are those that the pixels have.
-    """
+def _judge(pixels, number, frame, state, own, max_chi2, points, ratios, near):
+    """Write what `number` pixels choose, points [N, K, FIELDS] and ratios [N, K], and what is near a change."""
     surfaces, cols = state.shape[1], state.shape[3]
     voters = U(PLACES * surfaces) * VOTER
-    for part in prange(-(-len(pixels) // LANES)):
+    for part in prange(-(-number // LANES)):
         first = part * LANES
         pixel = np.empty(LANES, np.int64)
         for x in range(LANES):                  # a last part has more of its last pixel, whose results nobody takes
-            pixel[x] = pixels[min(first + x, len(pixels) - 1)]
+            pixel[x] = pixels[min(first + x, number - 1)]
         s, v, z = aligned(SCRATCH), aligned(int(voters)), aligned(2 * len(frame.energy) * LANES)
         _gather(pixel, frame, state.reshape(-1), own.reshape(-1), surfaces, max_chi2, v, s, z)
         for k in range(surfaces):
             if k > 0:
                 _begin_further(k, s, v, surfaces)
             _choose(k, s, v, z, voters, surfaces, frame)
-            for x in range(min(LANES, len(pixels) - first)):
-                n, lane, point = first + x, U(x), points[first + x, k]
-                if s[BEST + lane] < ZERO:
-                    changed[n] |= point[INTENSITY] > ZERO
-                    point[INTENSITY] = ZERO
+            for x in range(min(LANES, number - first)):
+                lane, i, j, point = U(x), pixel[x] // cols, pixel[x] % cols, points[first + x, k]
+                found, mine = s[BEST + lane] >= ZERO, int(s[BEST_MINE + lane])
+                if mine != k if found else state[i, k, INTENSITY, j] > ZERO:
+                    near[i - VOTE_RADIUS:i + VOTE_RADIUS + 1, j - VOTE_RADIUS:j + VOTE_RADIUS + 1] = True
+                if not found:
+                    point[INTENSITY], ratios[first + x, k] = ZERO, own[i, k, j]
                     continue
-                mine = int(s[BEST_MINE + lane])
-                changed[n] |= mine != k
-                ratios[n, k] = s[BEST_RATIO + lane]
+                ratios[first + x, k] = s[BEST_RATIO + lane]
                 if mine < 0:
-                    _join(lane, pixel[x], s, v, state, point, frame.period)
-                elif mine != k:
+                    _join(lane, i, j, s, v, state, point, frame.period)
+                else:
                     for f in range(FIELDS):
-                        point[f] = state[pixel[x] // cols, mine, f, pixel[x] % cols]
+                        point[f] = state[i, mine, f, j]
                 if k + 1 < surfaces:
                     _take(lane, point[field.DEPTH], voters, s, v, z, frame)
 
 
-def _near(changed):
-    """The pixels within VOTE_RADIUS (a square) of some, bool [rows', cols']; none of these is in the margin."""
-    near = np.zeros_like(changed)
-    rows = reduce(np.logical_or, (changed[by:len(changed) - SIDE + 1 + by] for by in range(SIDE)))
-    near[VOTE_RADIUS:-VOTE_RADIUS, VOTE_RADIUS:-VOTE_RADIUS] = reduce(
-        np.logical_or, (rows[:, by:rows.shape[1] - SIDE + 1 + by] for by in range(SIDE)))
-    return near
+@serial
+def _write(pixels, number, points, ratios, state, own):
+    for n in range(number):
+        i, j = pixels[n] // state.shape[3], pixels[n] % state.shape[3]
+        state[i, :, :, j], own[i, :, j] = points[n], ratios[n]
 
 
 def birth_death(frame, state, terms, max_chi2):
     """A step of spreading looks only where the last step has changed something: elsewhere it would decide as before."""
-    own, compiled, max_chi2 = log_likelihood_ratio(frame, state, terms), as_compiled(frame), F32(max_chi2)
-    used = candidates = frame.exposure > 0
-    for _ in range(1 + SPREAD):
-        undecided = np.zeros(used.shape, bool)
-        find_undecided(compiled, state, candidates, max_chi2, undecided)
-        row, col = np.nonzero(undecided)
-        points, ratios, changed = state[row, :, :, col], own[row, :, col], np.zeros(len(row), bool)
-        _judge(row * used.shape[1] + col, compiled, state, own, max_chi2, points, ratios, changed)
-        state[row, :, :, col], own[row, :, col] = points, ratios
-        if not changed.any():
+    own, compiled, size = log_likelihood_ratio(frame, state, terms), as_compiled(frame), frame.counts.size
+    points, ratios = borrow("chosen", (size, *state.shape[1:3])), borrow("chosen ratios", (size, state.shape[1]))
+    near = np.ones(frame.counts.shape, bool)
+    for spreads in range(1 + SPREAD):
+        pixels, number = list_undecided(compiled, state, F32(max_chi2), near, spreads > 0)
+        near[:] = False
+        _judge(pixels, number, compiled, state, own, F32(max_chi2), points, ratios, near)
+        _write(pixels, number, points, ratios, state, own)
+        if not near.any():
             break
-        undecided[row, col] = changed
-        full = ((state[:, :, INTENSITY] > 0) & (state[:, :, STD] < compiled.max_std)).all(axis=1)
-        candidates = _near(undecided) & used & ~full
     return state

@@ -70,5 +70,6 @@ event.register("numba:compile", _Watch())
 # No fastmath, which would be 5 % faster: the last bit would depend on what the compiler makes of a kernel, and that
 # differs between one just compiled and the same one from the cache.
 parallel = _kept(parallel=True, nogil=True)
+serial = _kept(nogil=True)                              # for so little work that waking threads would cost more
 line = njit(error_model="numpy")                        # called for a line of pixels or cells
 inline = njit(forceinline=True, error_model="numpy")    # by LLVM: numba's own inlining compiles a fifth longer

@@ -10,18 +10,27 @@ from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, VALUE
 
 
+@parallel
+def _prepare(sums, photons, equaliser, used, taken, shown, matched, counts):
+    rows, cols, m = sums.shape
+    for i in prange(rows):
+        for l in range(m):
+            for j in range(cols):           # parts by themselves: products of complex numbers differ by processors
+                z, e, off = sums[i, j, l], equaliser[i, j, l], shown[i, j, l]
+                matched[i, l, j] = z.real * e.real - z.imag * e.imag - taken[i, j] * off.real
+                matched[i, m + l, j] = z.real * e.imag + z.imag * e.real - taken[i, j] * off.imag
+        for j in range(cols):
+            counts[i, j] = photons[i, j] * used[i, j]
+
+
 def prepare(sums, photons, equaliser, used, taken=None, shown=None):
-    """Real and imaginary parts by themselves: a product of complex numbers is rounded otherwise on other processors."""
     rows, cols, m = sums.shape
     padded_rows, padded_cols = maps.padded_shape(rows, cols)
     matched, counts = borrow("matched", (padded_rows, 2 * m, padded_cols)), borrow("counts", (padded_rows, padded_cols))
-    re, im, c, d = sums.real, sums.imag, equaliser.real, equaliser.imag
-    real, imaginary = np.split(maps.crop(matched, rows, cols), 2, axis=1)
-    real[:], imaginary[:] = (re * c - im * d).swapaxes(1, 2), (re * d + im * c).swapaxes(1, 2)
-    if taken is not None:
-        real -= taken[:, None] * shown.real.swapaxes(1, 2)
-        imaginary -= taken[:, None] * shown.imag.swapaxes(1, 2)
-    maps.crop(counts, rows, cols)[:] = photons * used
+    taken, shown = (ZERO, np.complex64(0)) if taken is None else (taken, shown)
+    equaliser, shown = (np.broadcast_to(values, sums.shape) for values in (equaliser, shown))
+    _prepare(sums, photons, equaliser, used, np.broadcast_to(taken, used.shape), shown, maps.crop(matched, rows, cols),
+             maps.crop(counts, rows, cols))
     return matched, counts
 
 

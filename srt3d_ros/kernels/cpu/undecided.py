@@ -1,10 +1,11 @@
 """Pixels of which the birth/death update has something to decide."""
 
+import numpy as np
 from numba import prange
 
 from srt3d_ros.kernels.cpu import field
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, B, U, aligned, any_of
-from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
+from srt3d_ros.kernels.cpu.compiling import inline, line, parallel, serial
 from srt3d_ros.kernels.cpu.field import is_surface, rise, wrap
 from srt3d_ros.kernels.maps import FIELDS, MARGIN
 
@@ -36,11 +37,11 @@ def _compare(s, state, at, here, surfaces, padded_cols, dx, dy, max_chi2, blur2,
 
 
 @line
-def _find(s, state, here, surfaces, padded_cols, max_chi2, blur2, period, max_std):
+def _find(s, state, here, surfaces, padded_cols, max_chi2, blur2, period, max_std, grows):
     """Set B numbers from OPEN on in s to 1 where something is to be decided, else 0.
 
     A pixel is decided if it knows all surfaces of the 3 × 3 neighbourhood, and no neighbour that has any has fewer.
-    `here` is the index of the first pixel's depth in the flat state.
+    If it `grows`, B pixels that all have K surfaces are. `here` is the index of the first pixel's depth in the state.
     """
     for x in range(B):
         s[OWN + x], s[OPEN + x] = ZERO, ZERO
@@ -49,6 +50,8 @@ def _find(s, state, here, surfaces, padded_cols, max_chi2, blur2, period, max_st
         for x in range(B):
             intensity, std = state[mine + field.INTENSITY * padded_cols + x], state[mine + field.STD * padded_cols + x]
             s[OWN + x] += ONE if is_surface(intensity, std, max_std) else ZERO
+    if grows and s[OWN:OWN + B].min() == F32(surfaces):
+        return
     for dy in range(-1, 2):
         for dx in range(-1, 2):
             if dx == 0 and dy == 0:             # the pixel's own
@@ -64,16 +67,43 @@ def _find(s, state, here, surfaces, padded_cols, max_chi2, blur2, period, max_st
 
 
 @parallel
-def find_undecided(frame, state, candidates, max_chi2, undecided):
-    """Write which of the candidates, bool [rows', cols'], have something to decide."""
+def _list_rows(frame, state, max_chi2, near, grows, cols, number):
+    """List the columns of each row's undecided pixels, and how many they are."""
     padded_rows, surfaces, _, padded_cols = state.shape
     flat, blur2 = state.reshape(-1), frame.resolution * frame.resolution
     for turn in prange(padded_rows - 2 * MARGIN):
-        i, s = turn + MARGIN, aligned(6 * int(B))
+        i, s, found = turn + MARGIN, aligned(6 * int(B)), 0
         for first in range(MARGIN, padded_cols - MARGIN, int(B)):
-            if any_of(candidates[i:i + 1, first:first + int(B)]):
-                _find(s, flat, i * surfaces * FIELDS * padded_cols + first, surfaces, U(padded_cols), max_chi2, blur2,
-                      frame.period, frame.max_std)
-                for x in range(B):
-                    j = first + int(x)
-                    undecided[i, j] = candidates[i, j] & (s[OPEN + x] > ZERO)
+            if not any_of(near[i:i + 1, first:first + int(B)]):
+                continue
+            _find(s, flat, i * surfaces * FIELDS * padded_cols + first, surfaces, U(padded_cols), max_chi2, blur2,
+                  frame.period, frame.max_std, grows)
+            for x in range(B):
+                j = first + int(x)
+                has_room = s[OWN + x] < F32(surfaces) or not grows
+                if near[i, j] and has_room and s[OPEN + x] > ZERO and frame.exposure[i, j] > ZERO:
+                    cols[i, found] = j
+                    found += 1
+        number[i] = found
+
+
+@serial
+def _join_rows(cols, number, pixels):
+    """Write the rows' lists one after the other, as indices of padded maps, and return how many pixels there are."""
+    found = 0
+    for i in range(len(cols)):
+        for n in range(number[i]):
+            pixels[found] = i * cols.shape[1] + cols[i, n]
+            found += 1
+    return found
+
+
+def list_undecided(frame, state, max_chi2, near, grows):
+    """The used pixels that have something to decide, int32 [N] and more, and N.
+
+    Of those that are `near`, bool [rows', cols'], a change; if it `grows`, only those with fewer than K surfaces.
+    """
+    cols, number = np.empty(near.shape, np.int32), np.zeros(len(near), np.int32)
+    pixels = np.empty(near.size, np.int32)
+    _list_rows(frame, state, max_chi2, near, grows, cols, number)
+    return pixels, _join_rows(cols, number, pixels)
