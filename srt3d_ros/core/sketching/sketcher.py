@@ -77,7 +77,8 @@ class Sketcher:
     def kept(self) -> int:
         """Photons of the open frame inside the gate: more than all of them if there are negative counts outside."""
         column, before = 2 * len(self.frequencies), self._before[-1]
-        return self._kernels.counted(self._sums[:, column] - (0 if before is None else before[:, column]))
+        here = self._sums[:, column] - (0 if before is None else before[:, column])
+        return round(int(here.sum()) / self._kernels.UNIT)
 
     def end_frame(self) -> Sketch:
         """End the open frame; the sketch of the window of which it is the last, and its stamp."""

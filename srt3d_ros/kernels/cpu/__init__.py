@@ -15,17 +15,10 @@ from srt3d_ros.kernels.cpu.gradients import pixelwise, poisson
 from srt3d_ros.kernels.cpu.likelihood import log_likelihood_ratio, noise_ratio
 from srt3d_ros.kernels.cpu.match import match
 from srt3d_ros.kernels.cpu.move_sketch import move_sketch
-from srt3d_ros.kernels.cpu.phase_sums import (
-    counted,
-    new_sums,
-    read_sums,
-    sketch_events,
-    sketch_gates,
-    sketch_histograms,
-)
+from srt3d_ros.kernels.cpu.phase_sums import new_sums, read_sums, sketch_events, sketch_gates, sketch_histograms
 from srt3d_ros.kernels.cpu.pooled_step import pooled_step
 from srt3d_ros.kernels.cpu.prepare import prepare, residual
-from srt3d_ros.kernels.cpu.rows import fixed_rows
+from srt3d_ros.kernels.cpu.rows import UNIT, fixed_rows
 from srt3d_ros.kernels.cpu.search import no_surfaces, search
 from srt3d_ros.kernels.cpu.trim import trim
 from srt3d_ros.kernels.cpu.unexplained import unexplained

@@ -18,6 +18,7 @@ REACH, SAME_SURFACE, STILL, SHARED, RIDGE = (F32(value) for value in (
     constants.APSS_REACH, constants.APSS_SAME_SURFACE, constants.APSS_STILL, constants.APSS_SHARED,
     constants.APSS_RIDGE))
 ENOUGH, PROJECTIONS = constants.APSS_ENOUGH, constants.APSS_PROJECTIONS
+CENTRE_FIRST = 4, 0, 1, 2, 3, 5, 6, 7, 8        # pixels of 3 × 3, row by row
 X, Y, Z, NX, NY, NZ = range(6)      # of a point: where it is, pixels, and its normal
 # Of a surface: its points, their mean depth, its intensity in the pixel itself, points and intensity in the others.
 COUNT, MEAN, OWN, NEIGHBOURS, OTHERS = range(5)
@@ -31,8 +32,7 @@ def _gather(i, j, depth, intensity, normal, scale, period, points, surfaces):
     """
     rows, layers, cols = depth.shape
     found, clusters, pixels, origin = 0, 0, 0, ZERO
-    for order in range(9):
-        at = 4 if order == 0 else (order - 1 if order <= 4 else order)      # the centre, then the others
+    for at in CENTRE_FIRST:
         di, dj = at // 3 - 1, at % 3 - 1
         a, b = i + di, j + dj
         if a < 0 or a >= rows or b < 0 or b >= cols:
@@ -55,7 +55,7 @@ def _gather(i, j, depth, intensity, normal, scale, period, points, surfaces):
                 surfaces[:, c] = ZERO
             surfaces[COUNT, c] += ONE
             surfaces[MEAN, c] += (z - surfaces[MEAN, c]) / surfaces[COUNT, c]
-            if order == 0:
+            if at == 4:
                 surfaces[OWN, c] += intensity[a, k, b]
             else:
                 surfaces[NEIGHBOURS, c] += ONE

@@ -6,17 +6,17 @@ from numba import prange
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, parallel
+from srt3d_ros.kernels.cpu.frame import as_compiled
 
 RATE = F32(constants.INTENSITY_RATE)
 
 
 @parallel
-def _pixelwise(matched, photons, exposure, energy, bin_frequencies, num_bins, table, rate, usual, reach, depth,
-               intensity):
+def _pixelwise(frame, table, rate, usual, depth, intensity):
     rows, surfaces, cols = depth.shape
-    m, levels = len(energy), len(table)
+    m, levels = len(frame.energy), len(table)
     for i in prange(rows):
-        rest = matched[i].copy()                        # what no surface explains
+        rest, photons, exposure = frame.matched[i].copy(), frame.counts[i], frame.exposure[i]
         sine, cosine = np.empty((surfaces, m, cols), np.float32), np.empty((surfaces, m, cols), np.float32)
         shift, change, level = np.empty(cols, np.float32), np.empty(cols, np.float32), np.empty(cols, np.int64)
         for k in range(surfaces):
@@ -24,16 +24,16 @@ def _pixelwise(matched, photons, exposure, energy, bin_frequencies, num_bins, ta
                 continue
             for l in range(m):
                 for j in range(cols):
-                    s, c = sincos(bin_frequencies[l] * depth[i, k, j])
-                    seen = exposure[i, j] * intensity[i, k, j] * energy[l]
-                    rest[l, j] -= seen * c
+                    s, c = sincos(frame.bin_frequencies[l] * depth[i, k, j])
+                    seen = exposure[j] * intensity[i, k, j] * frame.energy[l]
+                    rest[l, j] -= seen * c              # what no surface explains
                     rest[m + l, j] -= seen * s
                     sine[k, l, j], cosine[k, l, j] = s, c
         for k in range(surfaces):
             if intensity[i, k].max() <= ZERO:
                 continue
             for j in range(cols):
-                share = exposure[i, j] * intensity[i, k, j] / max(photons[i, j], ONE)
+                share = exposure[j] * intensity[i, k, j] / max(photons[j], ONE)
                 level[j] = int(min(share, ONE) * F32(levels - 1) + HALF)
             shift[:], change[:] = ZERO, ZERO            # Δ_rt and Δ_r
             for l in range(m):
@@ -44,13 +44,13 @@ def _pixelwise(matched, photons, exposure, energy, bin_frequencies, num_bins, ta
                     change[j] += a[2, l] * re + a[3, l] * im
             for j in range(cols):
                 if intensity[i, k, j] > ZERO:
-                    seen = max(exposure[i, j], TINY)
+                    seen = max(exposure[j], TINY)
                     after = intensity[i, k, j] + RATE * change[j] / seen
                     signal = max(intensity[i, k, j], after) * seen
                     least = max(signal, usual * seen)
-                    move = min(max(rate * shift[j] * signal / (least * least + TINY), -reach), reach)
-                    t = depth[i, k, j] + move
-                    depth[i, k, j] = t - num_bins * np.floor(t / num_bins)
+                    move = rate * shift[j] * signal / (least * least + TINY)
+                    t = depth[i, k, j] + min(max(move, -frame.resolution), frame.resolution)
+                    depth[i, k, j] = t - frame.period * np.floor(t / frame.period)
                     intensity[i, k, j] = max(after, ZERO)
 
 
@@ -68,8 +68,7 @@ def pixelwise(frame, table, rate, usual, depth, intensity):
         usual: intensity below which points move less than their curvature allows; 0 for none.
         depth, intensity: float32 [rows, K, cols], bins and photons; changed in place.
     """
-    _pixelwise(frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, F32(frame.num_bins),
-               table, F32(rate), F32(usual), F32(frame.resolution_bins), depth, intensity)
+    _pixelwise(as_compiled(frame), table, F32(rate), F32(usual), depth, intensity)
 
 
 @inline

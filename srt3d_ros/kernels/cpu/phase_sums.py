@@ -44,11 +44,6 @@ def read_sums(sums, m):
     return out.view(np.complex64), numbers
 
 
-def counted(numbers):
-    """Photons in all pixels, of their column of the sums."""
-    return round(int(numbers.sum()) / UNIT)
-
-
 # ---- Photons in any order: a counting sort first
 
 @parallel
@@ -72,14 +67,6 @@ def _sort(pixel, toa, place):
             in_order[at] = own_toa[p]
             to[own[p]] = at + np.uint32(1)
     return in_order
-
-
-def _sorted_blocks(pixel, toa, pixels):
-    """ToA of blocks of photons, by pixel, and where those of each pixel end, uint32 [pixels]."""
-    block, strips = max(BLOCK, 8 * pixels), min(get_num_threads(), STRIPS)
-    for first in range(0, len(pixel), block):
-        place = np.zeros((strips, pixels), np.uint32)
-        yield _sort(pixel[first:first + block], toa[first:first + block], place), place[-1]
 
 
 # ---- Events: a table row for each photon
@@ -115,8 +102,11 @@ def sketch_events(pixel, toa, rows, ordered, sums):
         borders = np.array([0, *np.searchsorted(pixel, before, "right"), number])
         _sketch_sorted(pixel, toa, borders, rows, sums)
     else:
-        for block in _sorted_blocks(pixel, toa, len(sums)):
-            _sketch_pixels(*block, rows, sums)
+        block, strips = max(BLOCK, 8 * len(sums)), min(get_num_threads(), STRIPS)
+        for first in range(0, len(pixel), block):
+            place = np.zeros((strips, len(sums)), np.uint32)
+            in_order = _sort(pixel[first:first + block], toa[first:first + block], place)
+            _sketch_pixels(in_order, place[-1], rows, sums)
 
 
 # ---- Gates

@@ -5,16 +5,16 @@ from numba import prange
 
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, ONE, TINY, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import parallel
+from srt3d_ros.kernels.cpu.frame import as_compiled
 from srt3d_ros.kernels.maps import DEPTH, MARGIN
 
 
 @parallel
-def _unexplained(matched, counts, exposure, energy, bin_frequencies, state, intensity, own, taken, background, photons,
-                 passed, out):
+def _unexplained(frame, state, intensity, own, taken, background, photons, passed, out):
     rows, surfaces, cols = intensity.shape
-    m, by_row, by_col = len(energy), min(passed.shape[0] - 1, 1), min(passed.shape[1] - 1, 1)
+    m, by_row, by_col = len(frame.energy), min(passed.shape[0] - 1, 1), min(passed.shape[1] - 1, 1)
     for i in prange(rows):
-        a = i + MARGIN
+        a, energy = i + MARGIN, frame.energy
         share, inverse = np.empty(cols, np.float32), np.empty(cols, np.float32)
         cosines, sines, sums = np.empty(cols, np.float32), np.empty(cols, np.float32), out[i]
         for j in range(cols):
@@ -22,21 +22,21 @@ def _unexplained(matched, counts, exposure, energy, bin_frequencies, state, inte
             share[j] = background[i, j] * inverse[j]
             sums[4 * m] += share[j] * own[i, j]
             sums[4 * m + 1] += share[j] * taken[i, j]
-            sums[4 * m + 2] += share[j] * share[j] * counts[a, j + MARGIN]
+            sums[4 * m + 2] += share[j] * share[j] * frame.counts[a, j + MARGIN]
         for l in range(m):
             for j in range(cols):
                 cosines[j], sines[j] = ZERO, ZERO
             for k in range(surfaces):
                 for j in range(cols):
-                    sine, cosine = sincos(bin_frequencies[l] * state[a, k, DEPTH, j + MARGIN])
-                    signal = intensity[i, k, j] * exposure[a, j + MARGIN]
+                    sine, cosine = sincos(frame.bin_frequencies[l] * state[a, k, DEPTH, j + MARGIN])
+                    signal = intensity[i, k, j] * frame.exposure[a, j + MARGIN]
                     cosines[j] += signal * cosine
                     sines[j] += signal * sine
             left_re, left_im, seen_re, seen_im, misfit = ZERO, ZERO, ZERO, ZERO, ZERO
             for j in range(cols):
                 c, d = passed[i * by_row, j * by_col, 2 * l], passed[i * by_row, j * by_col, 2 * l + 1]
-                re = matched[a, l, j + MARGIN] - energy[l] * cosines[j]
-                im = matched[a, m + l, j + MARGIN] - energy[l] * sines[j]
+                re = frame.matched[a, l, j + MARGIN] - energy[l] * cosines[j]
+                im = frame.matched[a, m + l, j + MARGIN] - energy[l] * sines[j]
                 left_re += share[j] * (re * c + im * d)
                 left_im += share[j] * (im * c - re * d)
                 seen_re += share[j] * cosines[j]
@@ -48,6 +48,5 @@ def _unexplained(matched, counts, exposure, energy, bin_frequencies, state, inte
 
 def unexplained(frame, state, intensity, own, taken, background, photons, passed):
     sums = np.zeros((len(intensity), 4 * len(frame.energy) + 4), np.float32)
-    _unexplained(frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, state, intensity,
-                 own, taken, background, photons, passed.view(np.float32), sums)
+    _unexplained(as_compiled(frame), state, intensity, own, taken, background, photons, passed.view(np.float32), sums)
     return sums.sum(axis=0, dtype=np.float64).astype(np.float32)
