@@ -38,15 +38,15 @@ def _folder() -> Path | None:
     return folder if os.access(folder, os.W_OK) else None
 
 
-# No fastmath, which would be 5 % faster: the last bit would depend on what the compiler makes of a kernel, and that
-# differs between one just compiled and the same one from the cache.
-def parallel(function):
-    """Compile at first use, and keep the machine code in FOLDER."""
-    theirs, config.CACHE_DIR = config.CACHE_DIR, str(FOLDER)    # read once a function: other programs keep theirs
-    try:
-        return njit(cache=FOLDER is not None, error_model="numpy", parallel=True, nogil=True)(function)
-    finally:
-        config.CACHE_DIR = theirs
+def _kept(**options):
+    """A decorator: compile at first use, and keep the machine code in FOLDER."""
+    def decorate(function):
+        theirs, config.CACHE_DIR = config.CACHE_DIR, str(FOLDER)    # read once a function: other programs keep theirs
+        try:
+            return njit(cache=FOLDER is not None, error_model="numpy", **options)(function)
+        finally:
+            config.CACHE_DIR = theirs
+    return decorate
 
 
 class _Watch(event.Listener):
@@ -67,5 +67,9 @@ class _Watch(event.Listener):
 FOLDER = _folder()
 event.register("numba:compile", _Watch())
 
+# No fastmath, which would be 5 % faster: the last bit would depend on what the compiler makes of a kernel, and that
+# differs between one just compiled and the same one from the cache.
+parallel = _kept(parallel=True, nogil=True)
+serial = _kept(nogil=True)                              # for so little work that waking threads would cost more
 line = njit(error_model="numpy")                        # called for a line of pixels or cells
 inline = njit(forceinline=True, error_model="numpy")    # by LLVM: numba's own inlining compiles a fifth longer
