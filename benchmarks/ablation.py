@@ -1,7 +1,7 @@
 """What each constant of `pooled` is worth: quality with it halved, doubled and, where it can be, off.
 
     python -m benchmarks ablation                               # everything: half an hour on two cores
-    python -m benchmarks ablation --constants PRIOR_VOTE,SPREAD --only "head*,room*"
+    python -m benchmarks ablation --constants VOTE,SPREAD --only "head*,room*"
 
 Every set is reconstructed from several draws of its photons: a scene of the simulator is drawn anew, of a photon file
 each photon is kept with the probability that `FILES` gives. All variants see the same draws, so their changes are
@@ -53,8 +53,8 @@ NET, MOTION = "net, SBR 1, 10 ppp", "room from a moving sensor, 3 ppp"
 # Limits, what has to fit a margin, rounding, other methods, what `benchmarks false_alarms` measures.
 FIXED = ("MAX_SKETCH_SIZE", "MAX_PHOTONS", "REACH", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "VOTE_RADIUS",
          "SLANTED_SCALE", "TINY", "EPSILON")
-OFF = {"START_SCALES": ((0.0, 1), (2.0, 2)), "WIDE_SCALE": (3.0, 3), "WINDOWS": ((2.0, 4), (9.0, 4)), "LIKENESS": 1e6,
-       "PRIOR_VOTE": 0, "MAX_VOTE": 1e6, "EMPTY_PENALTY": 0, "BIRTH": 0, "SPREAD": 0, "WRONG_IRF": 0, "SHARP": 1}
+OFF = {"START_SCALES": (0.0, 2.0), "WINDOWS": ((2.0, 4), (9.0, 4)), "LIKENESS": 1e6,
+       "VOTE": 0, "MAX_VOTES": 1e6, "EMPTY_VOTES": 0, "SPREAD": 0, "WRONG_IRF": 0, "SHARP": 1}
 BACKGROUND = "srt3d_ros.core.method.background"         # has constants, too
 
 

@@ -12,8 +12,8 @@ MAX_PHOTONS = 2**32 - 1     # of a pixel; one that saw more counts as so many wi
 
 # ---- Start: windows of the matched filter (`search`)
 
-START_SCALES = ((0.0, 1), (1.0, 1), (2.0, 2))   # σ and size of the cells, pixels: a pixel takes the first that is sure
-WIDE_SCALE = (6.0, 3)   # and that for what is still open after the first iteration
+START_SCALES = 0.0, 1.0, 2.0    # σ, pixels: a pixel takes the first that is sure
+WIDE_SCALE = 6.0        # and that for what is still open after the first iteration
 START_SCORE = 7.0       # a lower one starts more wrong surfaces, which survive beside right ones
 SURE_SCORE = 8.0        # of a flat window, below which slanted ones are tried: a smeared slope may exceed START_SCORE
 SLANTED_SCALE = START_SCALES[-1]        # tries them: finer scales find slopes in noise, wider ones bridge edges
@@ -21,22 +21,23 @@ SLANTED_SCALE = START_SCALES[-1]        # tries them: finer scales find slopes i
 # ---- Iterations: the pool (`pooled_step`)
 
 REACH = 1.5             # σ of a window up to which pixels are in it
-# σ of each iteration's, wide where depths are known, and up to where neighbours count one by one, pixels.
-WINDOWS = (2.0, 4), (4.5, 1), (9.0, 4)
+# σ of each iteration's, and up to where neighbours count one by one, pixels: the first as wide as the start's, each
+# about twice as wide as the one before, because depths are known better.
+WINDOWS = (START_SCALES[-1], 4), (4.5, 1), (2 * 4.5, 4)
 FIRST_STEPS = 2         # steps of the first iteration: the start lies on a grid, up to a peak's width from the top
 SAME_SURFACE = 4.1      # standard deviations within which depths may be one surface's: less shares fewer photons
 
 # ---- Iterations: the birth/death update (`birth_death`)
 
-PRIOR_VOTE = 0.45       # log-likelihood ratio that a neighbour's surface adds before its own photons count; one with
-                        # fewer surfaces speaks as much against a further one
-MAX_VOTE = 0.7          # and at most: a bright neighbour is still one neighbour
+# Nats that a neighbour's surface adds before its own photons count. A neighbour with fewer speaks as much against a
+# further one; a new surface needs as much, and so does a depth that is to replace the last frame's; a pixel without
+# photons, which may be dead, says no more.
+VOTE = 0.45
+MAX_VOTES = 1.5         # times VOTE, that a neighbour adds at most: a bright one is still one neighbour
+EMPTY_VOTES = 0.5       # times VOTE, by which one without a surface speaks against a new one, at most
 NEAR_SIGMA = 1.2        # σ of the neighbourhood that votes, and that tells how far pixels' intensities differ, pixels
 VOTE_RADIUS = ceil(REACH * NEAR_SIGMA)
 LIKENESS = 2.0          # factor by which neighbours' intensities may differ; its square where surfaces share pixels
-EMPTY_PENALTY = 0.2     # log-likelihood ratio by which a neighbour without a surface speaks against a new one, at most
-BIRTH = 0.6             # log-likelihood ratio that a new surface needs, and in a warm start another depth than that of
-                        # the last frame; a pixel without photons, which may be dead, speaks no more against one
 SPREAD = 4              # pixels by which surfaces may grow into empty ones in each iteration
 
 # ---- End (`trim`, `finalise`)
@@ -62,3 +63,8 @@ APSS_PROJECTIONS = 5        # of a point onto the surface that is fitted around 
 APSS_STILL = 0.1            # a projection that moves a point less is the last one
 APSS_SHARED = 0.1           # how much of its intensity a point takes from its neighbours
 APSS_RIDGE = 1e-3           # pixels²: keeps slopes and curvature finite where the support is a line or a point
+
+
+def cell_size(sigma: float) -> int:
+    """Pixels along the side of the cells that a window of the start adds up: σ, from 1 to CELL."""
+    return min(max(int(sigma), 1), CELL)

@@ -4,7 +4,7 @@ from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import EPSILON, TINY, WINDOWS
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, STD, VALUE, crop
 
-SHARE_WEIGHTS = maps.window_weights(WINDOWS[0][0])
+LOCAL_WEIGHTS = maps.window_weights(WINDOWS[0][0])
 
 
 def finalise(kernels, frame, photons, state, terms, enough):
@@ -24,7 +24,7 @@ def finalise(kernels, frame, photons, state, terms, enough):
     signal, gain = pooled * light, frame.total_energy * light
     excess, (of_signal, of_background) = terms[:, :, VALUE] / gain - pooled, frame.intensity_moments
     variance = signal * of_signal + (counts - signal).clip(min=0) * of_background
-    around, noise = (kernels.blur(values * there, SHARE_WEIGHTS) for values in (excess * excess, variance / gain**2))
+    around, noise = (kernels.blur(values * there, LOCAL_WEIGHTS) for values in (excess * excess, variance / gain**2))
     differ = 1 - (noise / around.clip(min=TINY)).clip(max=1)
     score = view[:, :, SCORE] / kernels.noise_ratio(frame, view[:, :, DEPTH])
     intensity = (pooled + excess * differ).clip(min=EPSILON * pooled) * (there & (score > enough))

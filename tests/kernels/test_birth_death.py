@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import BIRTH, LIKENESS, MAX_VOTE, NEAR_SIGMA, PRIOR_VOTE
+from srt3d_ros.kernels.constants import LIKENESS, MAX_VOTES, NEAR_SIGMA, VOTE
 
 from .frames import (
     CPU,
@@ -92,9 +92,9 @@ def test_each_neighbour_with_fewer_surfaces_speaks_once_against_a_third_one():
         lit = intensity.copy()
         lit[:, 3, 4] = 0                                        # the pixel itself has no photons
         three = intensity[2, 1:6, 2:7] > 0
-        votes = MAX_VOTE * weight[three].sum() - PRIOR_VOTE * (weight[~three].sum() - 1)
+        votes = VOTE * (MAX_VOTES * weight[three].sum() - (weight[~three].sum() - 1))
         found = chosen(exact_frame(depth, lit, 0), exact_state(depth, intensity))[1, 2] > 0
-        assert found == (votes - 2 / LIKENESS**2 > BIRTH), with_three
+        assert found == (votes - 2 / LIKENESS**2 > VOTE), with_three
         shown.append(found)
     assert set(shown) == {False, True}
 

@@ -9,7 +9,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, choose, irf_spectrum
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import START_SCALES, SURE_SCORE, WIDE_SCALE
+from srt3d_ros.kernels.constants import START_SCALES, SURE_SCORE, WIDE_SCALE, cell_size
 
 from .frames import (
     DEPTH_TOLERANCE,
@@ -27,7 +27,7 @@ from .frames import (
     with_clutter,
 )
 
-SCALES = [*START_SCALES, (3.0, 2), WIDE_SCALE]
+SCALES = [*((sigma, cell_size(sigma)) for sigma in (*START_SCALES, WIDE_SCALE)), (3.0, 2)]
 
 
 @pytest.mark.parametrize("shape", [SHAPES[1], (1, 1), (1, 9), (9, 1), (5, 7)])

@@ -19,10 +19,9 @@ from srt3d_ros.core.method.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.method.thresholds import continuation_threshold, score_threshold
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.kernels import constants, maps
-from srt3d_ros.kernels.finalise import finalise
+from srt3d_ros.kernels.finalise import LOCAL_WEIGHTS, finalise
 
 STAYING = 0.5           # share of false points that the iterations leave (`python -m benchmarks false_alarms`)
-WINDOW = 7              # pixels along the side of the square over which background photons are averaged
 
 
 class Pooled:
@@ -98,10 +97,11 @@ class Pooled:
         for layer in range(self._surfaces):
             terms = kernels.expand(frame, state) if layer > 0 else None
             matched = kernels.residual(frame, state, terms, layer) if layer > 0 else frame.matched
-            for scale in scales:
-                least = enough if scale == scales[-1] and layer == 0 else max(constants.START_SCORE, enough)
-                slanted = scale == constants.SLANTED_SCALE and layer == 0 and start is None
-                kernels.search(frame, matched, state, layer, *scale, least, start, confirmed, slanted)
+            for sigma in scales:
+                least = enough if sigma == scales[-1] and layer == 0 else max(constants.START_SCORE, enough)
+                slanted = sigma == constants.SLANTED_SCALE and layer == 0 and start is None
+                kernels.search(frame, matched, state, layer, sigma, constants.cell_size(sigma), least, start, confirmed,
+                               slanted)
 
     def _iterate(self, frame: MatchedFrame, state, sigma: float, fine: int, steps: int = 1):
         """Birth and death of points, then Gauss-Newton steps on the data terms pooled over the window."""
@@ -119,8 +119,8 @@ class Pooled:
                                          self._averaged(own), self._averaged(seen), self._passed)
 
     def _averaged(self, values):
-        """Means over the square around each pixel, of an array [rows, cols] on the device that is 0 where masked."""
+        """Local means, as in `finalise`, of an array [rows, cols] on the device that is 0 where masked."""
         return self._sums_near(values) * self._near
 
     def _sums_near(self, values):
-        return self._kernels.blur(values[:, None], np.ones(WINDOW, np.float32))[:, 0]
+        return self._kernels.blur(values[:, None], LOCAL_WEIGHTS)[:, 0]

@@ -4,6 +4,7 @@ import math
 from statistics import NormalDist
 
 from srt3d_ros.errors import require
+from srt3d_ros.kernels.constants import cell_size
 
 DEFAULT_FALSE_ALARM_RATE = 5e-5         # a pixel in 20,000: one of 141 × 141
 MAX_SURFACES = 4
@@ -16,7 +17,7 @@ def check_surfaces(surfaces: int) -> None:
             f"an integer from 1 to {MAX_SURFACES}")
 
 
-def score_threshold(false_alarm_rate: float, highest: int, scale: tuple[float, int] = (0.0, 1)) -> float:
+def score_threshold(false_alarm_rate: float, highest: int, sigma: float = 0.0) -> float:
     """Q(z) = P / (2 k_max) · s² / 4πσ²: the score with which background alone shows a point in a share P of the pixels.
 
     A matched filter over frequencies up to k_max has about 2 k_max independent depths; each exceeds z with probability
@@ -25,10 +26,10 @@ def score_threshold(false_alarm_rate: float, highest: int, scale: tuple[float, i
     Args:
         false_alarm_rate: P.
         highest: k_max.
-        scale: σ of the window and size s of its cells, pixels.
+        sigma: σ of the window, pixels; s is the size of its cells.
     """
-    sigma, step = scale
-    share = step**2 / max(4 * math.pi * sigma**2, step**2)
+    cell = cell_size(sigma)**2
+    share = cell / max(4 * math.pi * sigma**2, cell)
     return -NormalDist().inv_cdf(max(false_alarm_rate / (2 * highest) * share, SMALLEST))
 
 

@@ -19,8 +19,7 @@ from srt3d_ros.kernels.cpu.likelihood import LIKENESS, SHARED_LIKENESS, left, ll
 from srt3d_ros.kernels.cpu.undecided import list_undecided
 from srt3d_ros.kernels.maps import FIELDS, INTENSITY
 
-BIRTH, EMPTY_PENALTY, MAX_VOTE, PRIOR_VOTE = (F32(getattr(constants, name)) for name in (
-    "BIRTH", "EMPTY_PENALTY", "MAX_VOTE", "PRIOR_VOTE"))
+VOTE, MAX_VOTE, EMPTY_VOTE = (F32(votes * constants.VOTE) for votes in (1, constants.MAX_VOTES, constants.EMPTY_VOTES))
 NEVER = F32(-1e30)
 SIDE = 2 * VOTE_RADIUS + 1
 PLACES, MIDDLE = SIDE * SIDE, VOTE_RADIUS * (SIDE + 1)
@@ -34,7 +33,7 @@ LANES = 16
 L = U(LANES)
 # Offsets in a voter: a surface of the neighbourhood, carried to the pixel. WEIGHT is 0 if there is none, or none left;
 # COUNT, of its pixel's surfaces, is in the first of them.
-AT, TOLERANCE, LIGHT, WEIGHT, VOTE, COUNT = (U(k * LANES) for k in range(6))
+AT, TOLERANCE, LIGHT, WEIGHT, ADDS, COUNT = (U(k * LANES) for k in range(6))
 VOTER = U(6 * LANES)
 # Offsets in the scratch of `_judge`: of the pixel, of the candidate, of the best so far.
 (PHOTONS, GAIN, LEAST, DARK, AGAINST, LIMIT, VOTES, SHIFT, SHARE, SIGNAL, PLACE, RATIO, MINE, RESPONSE,
@@ -54,7 +53,7 @@ def _gather(pixel, frame, state, own, surfaces, max_chi2, v, s, z):
     for x in range(L):
         row, col = pixel[x] // padded_cols, pixel[x] % padded_cols
         depth[x], ratio[x] = row * surfaces * FIELDS * padded_cols + col, row * surfaces * padded_cols + col
-        s[PHOTONS + x], s[GAIN + x], s[LEAST + x], s[DARK + x] = counts[pixel[x]], exposure[pixel[x]], BIRTH, ZERO
+        s[PHOTONS + x], s[GAIN + x], s[LEAST + x], s[DARK + x] = counts[pixel[x]], exposure[pixel[x]], VOTE, ZERO
         for c in range(m):
             z[U(c) * L + x] = frame.matched[row, c, col]
     n = U(0)
@@ -74,18 +73,18 @@ def _gather(pixel, frame, state, own, surfaces, max_chi2, v, s, z):
                 v[n + TOLERANCE + x] = max_chi2 * std * std + blur2
                 v[n + LIGHT + x] = intensity
                 v[n + WEIGHT + x] = there * WEIGHTS[place]
-                vote = min(max(PRIOR_VOTE + own[U(ratio[x] + row + dj)], ZERO), MAX_VOTE)
-                v[n + VOTE + x] = there * VOTING[place] * vote
+                vote = min(max(VOTE + own[U(ratio[x] + row + dj)], ZERO), MAX_VOTE)
+                v[n + ADDS + x] = there * VOTING[place] * vote
             n += VOTER
         for x in range(L):
             there = pixel[x] + di * padded_cols + dj
-            gap = EMPTY_PENALTY * VOTING[place] if v[first + COUNT + x] == ZERO else ZERO
+            gap = EMPTY_VOTE * VOTING[place] if v[first + COUNT + x] == ZERO else ZERO
             s[LEAST + x] += gap if counts[there] > ZERO else ZERO
             s[DARK + x] += gap if (counts[there] <= ZERO) & (exposure[there] > ZERO) else ZERO
     for x in range(L):
         had = v[U(MIDDLE * surfaces) * VOTER + COUNT + x] > ZERO
         s[MOST + x] = NEVER if had else s[LEAST + x]
-        s[LEAST + x] = BIRTH if had else s[LEAST + x]
+        s[LEAST + x] = VOTE if had else s[LEAST + x]
         s[DARK + x], s[AGAINST + x], s[BEST + x] = ZERO if had else s[DARK + x], ZERO, -ONE
 
 
@@ -100,7 +99,7 @@ def _support(s, v, c, voters, surfaces, period):
             e = wrap(v[q + AT + x] - v[c + AT + x], period)
             same = agreement(e, v[q + TOLERANCE + x] + s[LIMIT + x])
             w = same * v[q + WEIGHT + x]
-            s[VOTES + x] += same * v[q + VOTE + x]
+            s[VOTES + x] += same * v[q + ADDS + x]
             s[SHARE + x] += w
             s[SHIFT + x] += w * e
             s[SIGNAL + x] += w * v[q + LIGHT + x]
@@ -171,9 +170,9 @@ def _begin_further(k, s, v, surfaces):
         first = U(place * surfaces) * VOTER
         for x in range(L):
             count = v[first + COUNT + x]
-            s[AGAINST + x] += PRIOR_VOTE * VOTING[place] if (count > ZERO) & (count <= F32(k)) else ZERO
+            s[AGAINST + x] += VOTE * VOTING[place] if (count > ZERO) & (count <= F32(k)) else ZERO
             for q in range(first, first + U(surfaces) * VOTER, VOTER):
-                v[q + VOTE + x] = ZERO if count <= F32(k) else v[q + VOTE + x]
+                v[q + ADDS + x] = ZERO if count <= F32(k) else v[q + ADDS + x]
 
 
 @line
@@ -211,7 +210,7 @@ def _take(x, depth, voters, s, v, z, frame):
     for q in range(U(0), voters, VOTER):
         e = wrap(v[q + AT + x] - at, frame.period)
         if e * e < v[q + TOLERANCE + x] + limit:
-            v[q + WEIGHT + x], v[q + VOTE + x] = ZERO, ZERO
+            v[q + WEIGHT + x], v[q + ADDS + x] = ZERO, ZERO
 
 
 @parallel

@@ -10,7 +10,7 @@ from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.frame import as_compiled
 from srt3d_ros.kernels.maps import INTENSITY, VALUE
 
-BIRTH, LIKENESS = F32(constants.BIRTH), F32(constants.LIKENESS)
+VOTE, LIKENESS = F32(constants.VOTE), F32(constants.LIKENESS)
 SHARED_LIKENESS = LIKENESS * LIKENESS
 
 
@@ -50,7 +50,7 @@ def llr(score, response, photons, expected, likeness, frame):
     signal = likely * frame.intensity_moments[0]
     background = max(max(photons, HALF) - likely, ZERO) * frame.intensity_moments[1]
     ratio = HALF * score * score - deviance * signal / (signal + background)
-    return max(ratio, -BIRTH) if photons <= ZERO else ratio
+    return max(ratio, -VOTE) if photons <= ZERO else ratio
 
 
 @parallel

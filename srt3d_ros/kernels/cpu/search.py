@@ -4,7 +4,7 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import BIRTH, START_SCORE, SURE_SCORE
+from srt3d_ros.kernels.constants import START_SCORE, SURE_SCORE, VOTE
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, aligned
 from srt3d_ros.kernels.cpu.blur import pool, pool_slanted
 from srt3d_ros.kernels.cpu.compiling import line, parallel
@@ -61,7 +61,7 @@ def _stays(z, x, score, cell, confirmed, old, frame, point):
         return False
     response = response_at(z, x, BLOCK, frame.bin_frequencies, old[DEPTH])
     known = _score(response, old[DEPTH], cell, frame)
-    if known <= confirmed or score * score - known * known >= TWO * F32(BIRTH):
+    if known <= confirmed or score * score - known * known >= TWO * F32(VOTE):
         return False
     _measure(old[DEPTH], old[SLOPE_COL], old[SLOPE_ROW], response / frame.total_energy, known, cell, frame, point)
     return True

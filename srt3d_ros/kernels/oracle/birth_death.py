@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.constants import SPREAD, TINY, VOTE_RADIUS
+from srt3d_ros.kernels.constants import SPREAD, TINY, VOTE, VOTE_RADIUS
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD
 from srt3d_ros.kernels.oracle.arithmetic import agreement, as_complex, has_depth, waves, wrap
 from srt3d_ros.kernels.oracle.blur import blur
@@ -30,13 +30,13 @@ def birth_death(frame, state, terms, max_chi2):
     offset. Two agree by a = (1 − e² / (v_q + v_c))₊, e = wrap(t_q − t_c), v = max_chi2 · std² + δ².
     The pixel's surface k is the candidate c of its 3 × 3 neighbourhood with the highest
 
-        ratio of the pixel's photons + Σ_q w_q a_qc clip(PRIOR_VOTE + ratio_q, 0, MAX_VOTE)
-            − Σ_q w_q PRIOR_VOTE / count_q
+        ratio of the pixel's photons + Σ_q w_q a_qc clip(VOTE + ratio_q, 0, MAX_VOTES · VOTE)
+            − Σ_q w_q VOTE / count_q
 
     (see `log_likelihood_ratio`), w = exp(−distance² / 2 VOTE_SIGMA²). The last sum, for k > 0, is over the surfaces
     of neighbours that have no more than k, whose votes do not count: a pixel that truly sees two surfaces keeps
-    both, and edges show no double points. A candidate needs BIRTH, unless it is for the first surface of a pixel
-    that has one; in a pixel without surfaces, EMPTY_PENALTY · w more for each used neighbour without a surface, of
+    both, and edges show no double points. A candidate needs VOTE, unless it is for the first surface of a pixel
+    that has one; in a pixel without surfaces, EMPTY_VOTES · VOTE · w more for each used neighbour without a surface, of
     those without photons times 1 − exp(−g r), the probability that it would show there. The pixel keeps its own point
     if that agrees with the best, else it takes the mean of what agrees, weighted by w a, with score 0. What agrees and
     the photons it explains are left out for the next k. Points with a standard deviation above MAX_STD · T count as
@@ -97,7 +97,7 @@ def _around(frame, state, own, max_chi2) -> SimpleNamespace:
     weight = torch.exp(-(dy**2 + dx**2) / (2 * constants.NEAR_SIGMA**2))
     there = has_depth(record.movedim(2, 0), period)
     count = there.sum(1)
-    vote = (constants.PRIOR_VOTE + neighbours(own, places)).clamp(0, constants.MAX_VOTE) * weight[:, None]
+    vote = (VOTE + neighbours(own, places)).clamp(0, constants.MAX_VOTES * VOTE) * weight[:, None]
     at = record[:, :, DEPTH] - record[:, :, SLOPE_COL] * dx[:, None] - record[:, :, SLOPE_ROW] * dy[:, None]
     tolerance = max_chi2 * record[:, :, STD]**2 + frame.resolution_bins**2
     at, tolerance, vote, there, record = (values.flatten(0, 1) for values in (at, tolerance, vote, there, record))
@@ -118,7 +118,7 @@ def _around(frame, state, own, max_chi2) -> SimpleNamespace:
 def _add_gaps(around, frame, count, weight, places) -> None:
     """What a first surface of a pixel needs more, and loses where dark: by the pixels around that have none."""
     counts, exposure = (neighbours(values, places) for values in (frame.counts, frame.exposure))
-    gap = weight * ((count == 0) & (around.had == 0)) * constants.EMPTY_PENALTY
+    gap = weight * ((count == 0) & (around.had == 0)) * constants.EMPTY_VOTES * VOTE
     gap[len(gap) // 2] = 0
     around.blank = (gap * (counts > 0)).sum(0)
     around.dark = (gap * ((counts <= 0) & (exposure > 0))).sum(0)
@@ -152,7 +152,7 @@ def _best(k, around, before, rest, photons, light, frame) -> SimpleNamespace:
     score, ratio, response = _scores(k, around, depth, intensity, rest, photons, light, frame)
     best = score.argmax(0, keepdim=True)
     score, ratio, response, depth, own = (values.gather(0, best)[0] for values in (score, ratio, response, depth, own))
-    least = constants.BIRTH + around.blank
+    least = VOTE + around.blank
     least = least.masked_fill(around.had > 0, -torch.inf) if k == 0 else least
     close = close.gather(0, best[:, None].expand(1, *close.shape[1:]))[0]
     weight = weight * close
@@ -170,7 +170,7 @@ def _scores(k, around, depth, intensity, rest, photons, light, frame) -> tuple:
     if k > 0:
         fewer = around.there & around.other & (around.count <= k)
         votes = votes * ~fewer
-        against = against + (around.weight * constants.PRIOR_VOTE / around.count.clamp(min=1) * fewer).sum(0)
+        against = against + (around.weight * VOTE / around.count.clamp(min=1) * fewer).sum(0)
     response = (rest * waves(frame, depth).conj()).real.sum(2)
     likeness = constants.LIKENESS**2 if k > 0 else constants.LIKENESS
     ratio = llr(response, photons.expand_as(response), intensity * light, likeness, frame)

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import BIRTH, EPSILON, START_SCORE, SURE_SCORE
+from srt3d_ros.kernels.constants import EPSILON, START_SCORE, SURE_SCORE, VOTE
 from srt3d_ros.kernels.maps import crop, state_shape, window_weights
 from srt3d_ros.kernels.oracle.arithmetic import as_complex, as_map, noise_ratio, pad, waves
 from srt3d_ros.kernels.oracle.blur import blur, blur_cells
@@ -120,7 +120,7 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
         step: pixels along the side of a cell.
         enough: standard deviations.
         carried: the state of the frame before. Its depth and slopes stay, measured anew at that depth, where the
-            score there is above `confirmed`, and the new one is not better by BIRTH: (score² − score_old²) / 2.
+            score there is above `confirmed`, and the new one is not better by VOTE: (score² − score_old²) / 2.
         confirmed: standard deviations.
         slanted: for a sigma above 0.
     """
@@ -181,7 +181,7 @@ def _take(frame, state, layer, step, wanted, pools, enough, carried=None, confir
         kept = measured(old[:, maps.DEPTH], old[:, maps.DEPTH], (old[:, maps.SLOPE_COL], old[:, maps.SLOPE_ROW]),
                         along.real.sum(dim=1) / frame.total_energy)
         stays = wanted & (old[:, maps.INTENSITY] > 0) & (kept[:, maps.SCORE] > confirmed) & (
-            new[:, maps.SCORE]**2 - kept[:, maps.SCORE]**2 < 2 * BIRTH)
+            new[:, maps.SCORE]**2 - kept[:, maps.SCORE]**2 < 2 * VOTE)
         new, better = torch.where(stays[:, None], kept, new), better | stays
     point[:, :maps.RESIDUAL] = torch.where(better[:, None], new, point[:, :maps.RESIDUAL])
 

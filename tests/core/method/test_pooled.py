@@ -56,8 +56,8 @@ def test_fewer_false_alarms_are_allowed_fewer_points_appear():
 
 def test_thresholds_are_quantiles_of_the_normal_distribution():
     assert score_threshold(1e-4, 100) == pytest.approx(norm.isf(1e-4 / 200))
-    assert score_threshold(1e-2, 40, (6.0, 3)) == pytest.approx(norm.isf(1e-2 / 80 * 9 / (4 * np.pi * 36)))
-    assert score_threshold(1e-2, 40, (0.5, 2)) == pytest.approx(norm.isf(1e-2 / 80))       # a window within its cell
+    assert score_threshold(1e-2, 40, 6.0) == pytest.approx(norm.isf(1e-2 / 80 * 9 / (4 * np.pi * 36)))
+    assert score_threshold(1e-2, 40, 0.2) == pytest.approx(norm.isf(1e-2 / 80))       # a window within its cell
     assert continuation_threshold(1e-4) == pytest.approx(norm.isf(1e-2))
 
 
