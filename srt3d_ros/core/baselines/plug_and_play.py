@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from srt3d_ros.core.device import kernels_for
+from srt3d_ros.core.progress import progress
 from srt3d_ros.core.sensor.model import SensorModel
 
 ITERATIONS = 25
@@ -26,7 +27,7 @@ def plug_and_play(step: Callable, depth: np.ndarray, intensity: np.ndarray, expo
     """
     apss = kernels_for("cpu")[1].apss
     depth, intensity, normal = apss(depth, intensity, None, exposure, scale_bins, num_bins)
-    for iteration in range(ITERATIONS + 1):
+    for iteration in progress(range(ITERATIONS + 1), "reconstructing"):
         step(depth, intensity)
         intensity[intensity < FAINTEST * usual] = 0
         if iteration < ITERATIONS:
