@@ -15,6 +15,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching import sketch as core_sketch
 from srt3d_ros.core.sketching.photons import PhotonFrame
 from srt3d_ros.errors import InvalidInput, quoted, require
+from srt3d_ros.progress import compiling
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -208,7 +209,8 @@ class Reconstructor:
     def warm_up(self) -> None:
         """Compile what is not compiled yet, so that it does not count as time of a frame."""
         if not self._is_warm:
-            self._method.warm_up()
+            with compiling():
+                self._method.warm_up()
             self._is_warm = True
 
     def __call__(self, seen: core_sketch.Sketch | PhotonFrame) -> Cloud:

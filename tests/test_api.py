@@ -264,6 +264,15 @@ def test_a_cloud_is_drawn(cloud, tmp_path):
         cloud.render(size_px=(0, 9))
 
 
+def test_the_first_call_shows_that_it_compiles(repository):
+    """One small kernel, never on the disk, stands for all."""
+    code = ("from srt3d_ros.progress import compiling\n"
+            "def kernel(x): return x + 1\nkernel.__module__ = 'srt3d_ros.kernels.cpu.made_up'\n"
+            "kernel = __import__('numba').njit(kernel)\nwith compiling(): kernel(1)\n")
+    done = subprocess.run([sys.executable, "-c", code], cwd=repository, capture_output=True, text=True)
+    assert done.stderr.count("compiling kernels (`srt3d compile`") == 2 and "1/17" in done.stderr, done.stderr
+
+
 # ---- What is refused
 
 @pytest.mark.parametrize(("source", "options", "said"), [

@@ -17,6 +17,7 @@ from srt3d_ros.datasets import arrays
 from srt3d_ros.datasets.options import SensorOptions, gathered, outside_note, redescribed
 from srt3d_ros.datasets.values import MAX_PHOTONS
 from srt3d_ros.errors import quoted, require
+from srt3d_ros.progress import compiling
 from srt3d_ros.results import Cloud, Reconstructor, Sketch
 
 NAME = "arrays"
@@ -129,10 +130,11 @@ class Photons:
         """
         require(sketch_size is None or isinstance(sketch_size, int | np.integer), "sketch_size", quoted(sketch_size),
                 "an integer")
-        used = _written(frequencies), sketch_size
-        found = self._gate(gate, *used)
-        stream = SketchStream(self.sensor, StreamOptions(str(found or OFF), *used))
-        made, = stream.push(self.frame)
+        with compiling():
+            used = _written(frequencies), sketch_size
+            found = self._gate(gate, *used)
+            stream = SketchStream(self.sensor, StreamOptions(str(found or OFF), *used))
+            made, = stream.push(self.frame)
         outside = stream.counts.photons_dropped["gate"]
         notes = outside_note(outside, self.photons, found.first, found.last) if found else ()
         return Sketch(**vars(made), notes=self.notes + notes)

@@ -42,8 +42,7 @@ def srt3d(installed: Path, *arguments: str, **variables: str) -> subprocess.Comp
 def test_the_copy_that_runs_is_compiled_and_only_once(installed, tmp_path):
     cache = tmp_path / "cache"
     first, second = (srt3d(installed, "compile", XDG_CACHE_HOME=str(cache)) for _ in range(2))
-    assert (first.returncode, second.returncode, second.stderr) == (0, 0, "")
-    assert first.stderr == "compiling kernels, for seconds up to a minute (once, or when `srt3d compile` runs)\n"
+    assert (first.returncode, first.stderr, second.returncode, second.stderr) == (0, "", 0, "")
     (folder,) = (cache / "srt3d_ros").iterdir()
     assert first.stdout.startswith("compiled 1 kernels in ") and first.stdout.endswith(f"they are in {folder}\n")
     assert second.stdout.startswith("compiled 0 kernels in ")

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 
 from srt3d_ros.core.device import kernels_for
-from srt3d_ros.core.progress import progress
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.progress import progress
 
 ITERATIONS = 25
 RATE = 0.25                 # of the full step in depth; against a half, less error wherever photons are few

@@ -14,6 +14,7 @@ from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.method.thresholds import check_surfaces
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
+from srt3d_ros.progress import progress
 
 CELLS = 2**22           # of the histograms that are filtered together: 16 MB an array
 FLOOR = 0.01            # ε, of the IRF's peak: against h itself, this finds more surfaces at any SBR from 0.1 to 50
@@ -52,7 +53,7 @@ class XCORR:
         sensor, (rows, cols) = self.sensor, self.sensor.exposure.shape
         several = max(CELLS // sensor.num_bins, 1)
         parts = [self._peaks_of(photons, first, min(first + several, sensor.pixels))
-                 for first in range(0, sensor.pixels, several)]
+                 for first in progress(range(0, sensor.pixels, several), "correlating")]
         depth, signal = (np.concatenate([part[n] for part in parts], axis=1) for n in range(2))     # [K, pixels]
         background = np.concatenate([part[2] for part in parts])
         if sensor.delay_bins is not None:

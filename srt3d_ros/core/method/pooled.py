@@ -46,7 +46,7 @@ class Pooled:
         self._continued, self._explains = continuation_threshold(started), explains
         self._equaliser, self._passed, self._used, self._rays = map(array, (
             matcher.equaliser, matcher.passed, matcher.used, sensor.rays))
-        self._near = self._used / self._sums_near(self._used + 1e-6)
+        self._near = self._used / kernels.blur((self._used + 1e-6)[:, None], LOCAL_WEIGHTS)[:, 0]
 
     def __call__(self, sketch: Sketch, start: np.ndarray | None = None, background: tuple = ()) -> Estimate:
         """The estimate of a frame.
@@ -89,9 +89,8 @@ class Pooled:
     def _search(self, frame: MatchedFrame, state, scales, enough: float, start=None, confirmed: float = 0.0) -> None:
         """Matched filter on sketches pooled at growing scales; the first scale at which a pixel is sure decides.
 
-        A scale pools the pixels that finer ones, or an earlier search, left open. At the last scale a score of `enough`
-        decides. Further surfaces are searched for in what those before leave unexplained; only sure ones count.
-        Surfaces of the start need a score of `confirmed`.
+        A scale pools the pixels that are still open. At the last one a score of `enough` decides. Further surfaces are
+        searched for in what those before leave unexplained; only sure ones count. Those of `start` need `confirmed`.
         """
         kernels = self._kernels
         for layer in range(self._surfaces):
@@ -120,7 +119,4 @@ class Pooled:
 
     def _averaged(self, values):
         """Local means, as in `finalise`, of an array [rows, cols] on the device that is 0 where masked."""
-        return self._sums_near(values) * self._near
-
-    def _sums_near(self, values):
-        return self._kernels.blur(values[:, None], LOCAL_WEIGHTS)[:, 0]
+        return self._kernels.blur(values[:, None], LOCAL_WEIGHTS)[:, 0] * self._near

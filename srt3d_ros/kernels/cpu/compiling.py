@@ -57,8 +57,8 @@ class _Watch(event.Listener):
     def on_start(self, event) -> None:
         if not self.said and (event.data["dispatcher"].__module__ or "").startswith(f"{__package__}."):
             self.said = True
-            again = "once, or when `srt3d compile` runs" if FOLDER else "at every start: set NUMBA_CACHE_DIR"
-            logging.getLogger(__name__).warning(f"compiling kernels, for seconds up to a minute ({again})")
+            again = "once; `srt3d compile` does it beforehand" if FOLDER else "at every start: set NUMBA_CACHE_DIR"
+            logging.getLogger(__name__).info(f"compiling kernels, for seconds up to a minute ({again})")
 
     def on_end(self, event) -> None:
         """Nothing is said."""

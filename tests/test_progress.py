@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 
-from srt3d_ros.core import progress
+from srt3d_ros import progress
 from srt3d_ros.core.methods import METHODS
 from tests.core.scenes import make_sensor, simulate
 
