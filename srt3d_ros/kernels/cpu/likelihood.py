@@ -19,6 +19,12 @@ def noise_ratio(frame, depth):
 
 
 @inline
+def noise_at(frame, depth):
+    """`noise_ratio` at one depth."""
+    return frame.clutter[int(np.rint(depth)) % len(frame.clutter)]
+
+
+@inline
 def evidence(response, photons, squares, frame):
     """The score of a response."""
     table, steps, photons = frame.background_table, len(frame.background_table) - 1, max(photons, EPSILON)

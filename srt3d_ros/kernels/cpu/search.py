@@ -10,7 +10,7 @@ from srt3d_ros.kernels.cpu.blur import pool, pool_slanted
 from srt3d_ros.kernels.cpu.compiling import line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.frame import as_compiled
-from srt3d_ros.kernels.cpu.likelihood import evidence
+from srt3d_ros.kernels.cpu.likelihood import evidence, noise_at
 from srt3d_ros.kernels.cpu.match import peaks, peaks_scratch, response_at, steering
 from srt3d_ros.kernels.maps import BLOCK, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD
 
@@ -38,8 +38,7 @@ def _list_cells(sketch, photons, i, step, share, enough, wanted, frame, bound, l
 def _score(response, depth, cell, frame):
     """The score of a response of a cell's photons, before the clutter at this depth."""
     photons, share, _ = cell
-    noise = frame.clutter[int(np.rint(depth)) % len(frame.clutter)]
-    return evidence(response, photons / share, photons, frame) / noise
+    return evidence(response, photons / share, photons, frame) / noise_at(frame, depth)
 
 
 @line

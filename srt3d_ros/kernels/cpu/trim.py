@@ -8,7 +8,7 @@ from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO
 from srt3d_ros.kernels.cpu.compiling import parallel
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.frame import as_compiled
-from srt3d_ros.kernels.cpu.likelihood import llr, score_of
+from srt3d_ros.kernels.cpu.likelihood import llr, noise_at, score_of
 from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, MARGIN, STD, VALUE
 
 
@@ -48,8 +48,7 @@ def _drop(rim, frame, enough, state, dropped):
             score = score_of(response, photons, frame)
             ratio = llr(score, response, photons, expected, ONE, frame)
             for k in range(surfaces):
-                noise = frame.clutter[int(np.rint(state[i, k, DEPTH, j])) % len(frame.clutter)]
-                if score <= enough * noise and ratio < ZERO:
+                if score <= enough * noise_at(frame, state[i, k, DEPTH, j]) and ratio < ZERO:
                     state[i, k, INTENSITY, j], dropped[i] = ZERO, True
 
 
