@@ -7,21 +7,36 @@ from srt3d_ros.kernels.constants import RIM, SPREAD, VOTE_RADIUS
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO
 from srt3d_ros.kernels.cpu.compiling import parallel
 from srt3d_ros.kernels.cpu.device import borrow
+from srt3d_ros.kernels.cpu.field import is_surface
 from srt3d_ros.kernels.cpu.frame import as_compiled
 from srt3d_ros.kernels.cpu.likelihood import llr, noise_at, score_of
 from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, MARGIN, STD, VALUE
 
 
-def _mark(used, state, terms, max_std, rim):
-    """Write response, photons and expected photons of the pixels at rims, 0 elsewhere."""
-    intensity = state[:, :, INTENSITY]
-    there = ((intensity > 0) & (state[:, :, STD] < max_std)).any(axis=1)
-    blank = (used & ~there).view(np.uint8)
-    rows = blank[:-2] + blank[1:-1] + blank[2:]
-    there[1:-1, 1:-1] &= rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:] >= RIM
-    at_rim = there[:, None] & (intensity > 0)
-    for c, values in enumerate((terms[:, :, VALUE], terms[:, :, COUNTS], terms[:, :, EXPOSURE] * intensity)):
-        rim[:, c] = (at_rim * values).sum(axis=1)
+@parallel
+def _mark(frame, state, terms, blank, rim):
+    """Write response, photons and expected photons of the pixels at rims, 0 elsewhere; 1 in `blank` where none is."""
+    padded_rows, surfaces, _, padded_cols = state.shape
+    for i in prange(padded_rows):
+        for j in range(padded_cols):
+            blank[i, j] = ONE if frame.exposure[i, j] > ZERO else ZERO
+            for k in range(surfaces):
+                if is_surface(state[i, k, INTENSITY, j], state[i, k, STD, j], frame.max_std):
+                    blank[i, j] = ZERO
+    for turn in prange(padded_rows - 2 * MARGIN):
+        i = turn + MARGIN
+        for j in range(MARGIN, padded_cols - MARGIN):
+            rim[i, 0, j], rim[i, 1, j], rim[i, 2, j], empty = ZERO, ZERO, ZERO, ZERO
+            for a in range(i - 1, i + 2):
+                empty += blank[a, j - 1] + blank[a, j] + blank[a, j + 1]
+            if blank[i, j] > ZERO or empty < F32(RIM):
+                continue
+            for k in range(surfaces):
+                intensity = state[i, k, INTENSITY, j]
+                if intensity > ZERO:
+                    rim[i, 0, j] += terms[i, k, VALUE, j]
+                    rim[i, 1, j] += terms[i, k, COUNTS, j]
+                    rim[i, 2, j] += terms[i, k, EXPOSURE, j] * intensity
 
 
 @parallel
@@ -53,10 +68,10 @@ def _drop(rim, frame, enough, state, dropped):
 
 
 def trim(frame, state, terms, enough):
-    rim, dropped = borrow("rim", (len(state), 3, state.shape[3])), np.zeros(len(state), np.bool_)
-    compiled = as_compiled(frame)
+    rim, blank = borrow("rim", (len(state), 3, state.shape[3])), borrow("blank", frame.counts.shape)
+    compiled, dropped = as_compiled(frame), np.zeros(len(state), np.bool_)
     for _ in range(SPREAD):
-        _mark(frame.exposure > 0, state, terms, compiled.max_std, rim)
+        _mark(compiled, state, terms, blank, rim)
         _drop(rim, compiled, F32(enough), state, dropped)
         if not dropped.any():
             break
