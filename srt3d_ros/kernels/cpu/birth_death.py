@@ -251,7 +251,10 @@ def _judge(pixels, number, frame, state, own, max_chi2, points, ratios, near):
 def _write(pixels, number, points, ratios, state, own):
     for n in range(number):
         i, j = pixels[n] // state.shape[3], pixels[n] % state.shape[3]
-        state[i, :, :, j], own[i, :, j] = points[n], ratios[n]
+        for k in range(state.shape[1]):
+            own[i, k, j] = ratios[n, k]
+            for f in range(FIELDS):
+                state[i, k, f, j] = points[n, k, f]
 
 
 def birth_death(frame, state, terms, max_chi2):

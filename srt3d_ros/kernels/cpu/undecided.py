@@ -50,7 +50,10 @@ def _find(s, state, here, surfaces, padded_cols, max_chi2, blur2, period, max_st
         for x in range(B):
             intensity, std = state[mine + field.INTENSITY * padded_cols + x], state[mine + field.STD * padded_cols + x]
             s[OWN + x] += ONE if is_surface(intensity, std, max_std) else ZERO
-    if grows and s[OWN:OWN + B].min() == F32(surfaces):
+    fewest = s[OWN]
+    for x in range(B):
+        fewest = min(fewest, s[OWN + x])
+    if grows and fewest == F32(surfaces):
         return
     for dy in range(-1, 2):
         for dx in range(-1, 2):
