@@ -13,10 +13,13 @@ from srt3d_ros.kernels.maps import DEPTH, INTENSITY, VALUE
 @parallel
 def _prepare(sums, photons, equaliser, used, taken, shown, matched, counts):
     rows, cols, m = sums.shape
+    by_row, by_col = min(len(equaliser) - 1, 1), min(equaliser.shape[1] - 1, 1)
+    off_by_row, off_by_col = min(len(shown) - 1, 1), min(shown.shape[1] - 1, 1)
     for i in prange(rows):
         for l in range(m):
             for j in range(cols):           # parts by themselves: products of complex numbers differ by processors
-                z, e, off = sums[i, j, l], equaliser[i, j, l], shown[i, j, l]
+                z, e = sums[i, j, l], equaliser[i * by_row, j * by_col, l]
+                off = shown[i * off_by_row, j * off_by_col, l]
                 matched[i, l, j] = z.real * e.real - z.imag * e.imag - taken[i, j] * off.real
                 matched[i, m + l, j] = z.real * e.imag + z.imag * e.real - taken[i, j] * off.imag
         for j in range(cols):
@@ -24,13 +27,14 @@ def _prepare(sums, photons, equaliser, used, taken, shown, matched, counts):
 
 
 def prepare(sums, photons, equaliser, used, taken=None, shown=None):
+    """Compiled once: of sketches that may be written or not, sensors with and without delays, any background."""
     rows, cols, m = sums.shape
     padded_rows, padded_cols = maps.padded_shape(rows, cols)
     matched, counts = borrow("matched", (padded_rows, 2 * m, padded_cols)), borrow("counts", (padded_rows, padded_cols))
-    taken, shown = (ZERO, np.complex64(0)) if taken is None else (taken, shown)
-    equaliser, shown = (np.broadcast_to(values, sums.shape) for values in (equaliser, shown))
-    _prepare(sums, photons, equaliser, used, np.broadcast_to(taken, used.shape), shown, maps.crop(matched, rows, cols),
-             maps.crop(counts, rows, cols))
+    if taken is None:
+        taken, shown = np.zeros((rows, cols), np.float32), np.zeros((1, 1, m), np.complex64)
+    _prepare(np.broadcast_to(sums, sums.shape), photons, equaliser, used, taken, shown.astype(np.complex64, copy=False),
+             maps.crop(matched, rows, cols), maps.crop(counts, rows, cols))
     return matched, counts
 
 
