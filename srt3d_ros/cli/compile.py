@@ -14,12 +14,12 @@ def add_parser(subparsers) -> None:
 
 def run(_) -> int:
     from srt3d_ros.core import precompile
-    from srt3d_ros.kernels.cpu.compiling import FOLDER
+    from srt3d_ros.kernels.cpu.compiling import FOLDER, WHY_NONE
 
-    require(FOLDER is not None, "~/.cache", "not writable", "a folder for kernels; NUMBA_CACHE_DIR names another")
+    require(FOLDER is not None, *WHY_NONE, "a folder for kernels that only you may write to; NUMBA_CACHE_DIR names "
+            "another")
     started, before = time.perf_counter(), set(FOLDER.rglob("*.nbc"))
-    precompile.sketching()
-    precompile.reconstruction()
+    precompile.everything()
     new = set(FOLDER.rglob("*.nbc")) - before
     print(f"compiled {len(new)} kernels in {time.perf_counter() - started:.0f} s; they are in {FOLDER}")
     return 0

@@ -1,16 +1,43 @@
-"""Runs the CPU kernels of the default method on few data: they are compiled, or read from the disk."""
+"""Compiles the CPU kernels, or reads them from the disk, before a frame needs them."""
+
+import os
+import signal
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
 
 import numpy as np
 
-from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.motion.moving_sketcher import MovingSketcher
 from srt3d_ros.core.motion.trajectory import Pose, Trajectory
 from srt3d_ros.core.sensor.model import MAX_BINS, GateWords, SensorModel
-from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sketching.sketcher import Sketcher
+from srt3d_ros.kernels.cpu import OTHER_METHODS
+from srt3d_ros.kernels.cpu.compiling import KERNELS, compile_by_name
 
 ANY_SENSOR = SensorModel(rows=1, cols=2, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0], gates=GateWords())
+LONGEST = ("birth_death._judge", "search._search", "blur._blur_slanted", "pooled_step._pooled_step",
+           "undecided._list_rows", "move_sketch._find_targets")        # to compile: begun first, they end with the rest
+
+
+def names() -> list[str]:
+    """The kernels of sketching, deskewing and the default method, those that take longest to compile first."""
+    return list(dict.fromkeys([*LONGEST, *(name for name in KERNELS if name.partition(".")[0] not in OTHER_METHODS)]))
+
+
+def everything() -> None:
+    """Compile them, as many at once as there are cores."""
+    from tqdm import tqdm  # here: slow
+
+    left = names()
+    cores = min(len(os.sched_getaffinity(0)), len(left))
+    with (tqdm(total=len(left), disable=None, leave=False, bar_format="compiling {n}/{total} |{bar}| {postfix}") as bar,
+          ProcessPoolExecutor(cores, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_DFL)) as pool):
+        bar.set_postfix_str(", ".join(left[:cores]))
+        for done in as_completed([pool.submit(compile_by_name, name) for name in left]):
+            left.remove(done.result())
+            bar.set_postfix_str(", ".join(left[:cores]), refresh=False)
+            bar.update()
 
 
 def sketching() -> None:
@@ -28,8 +55,3 @@ def deskewing() -> None:
     trajectory.add(0, Pose())
     sketcher.add(PhotonEvents(np.array([0, 1], np.uint32), np.zeros(2, np.uint16)))
     sketcher.finish(sketcher.end_frame(), trajectory)
-
-
-def reconstruction() -> None:
-    """A frame by the default method, of two surfaces: they take one kernel more than one does."""
-    PooledStream(ANY_SENSOR, choose("auto", ANY_SENSOR, 3), surfaces=2, device="cpu").warm_up()

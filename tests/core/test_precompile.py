@@ -1,25 +1,66 @@
-"""precompile leaves nothing to compile for what runs by default."""
+"""What a node's frames run has been compiled by `precompile.everything`."""
 
 import subprocess
 import sys
+from collections.abc import Iterator
 
-COMPILED_LATER = """
-from numba.core import event
+import numpy as np
+
 from srt3d_ros.core import precompile
+from srt3d_ros.core.motion.deskew import Deskewer
+from srt3d_ros.core.motion.trajectory import Pose, Trajectory
+from srt3d_ros.core.sensor.model import GateWords
+from srt3d_ros.core.sensor.projection import AngularScan
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.sketching.sketcher import Sketcher
+from srt3d_ros.kernels.cpu import OTHER_METHODS
+from srt3d_ros.kernels.cpu.compiling import KERNELS
+from srt3d_ros.messages import gates as gates_message
+from srt3d_ros.messages import photons as photons_message
+from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.results import Reconstructor
+from tests.core.scenes import make_sensor, ramp, simulate
 
-class Count(event.Listener):
-    compiled = []
-    def on_start(self, event): self.compiled.append(event.data["dispatcher"].__name__)
-    def on_end(self, event): pass
-
-precompile.sketching()
-precompile.reconstruction()
-event.register("numba:compile", Count())
-precompile.PooledStream(precompile.ANY_SENSOR, (1, 2, 3), 2, warm_start=True, device="cpu").warm_up()
-print(*Count.compiled)
-"""
+FREQUENCIES = (1, 2, 3, 5, 8)
 
 
-def test_what_runs_later_has_been_compiled_ahead():
-    run = subprocess.run([sys.executable, "-c", COMPILED_LATER], capture_output=True, text=True, check=True)
-    assert run.stdout.split() == []
+def sketches(sensor) -> Iterator:
+    """Of events in order and not, and of gates, as they come from messages: they cannot be written."""
+    sketcher, events = Sketcher(sensor, FREQUENCIES), simulate(ramp(20, 24, 150, 1, 1)[None], 20, 5, sensor, 1)
+    mixed = np.random.default_rng(1).permutation(events.photons)
+    for seen in (events, PhotonEvents(events.pixel[mixed], events.toa[mixed])):
+        raw = photons_message.encode_cdr(seen, sensor, "spad")
+        sketcher.add(photons_message.decode_cdr(raw, sensor)[1])
+        yield sketcher.end_frame()
+    raw = gates_message.encode_cdr(PhotonGates(np.full((2, 20, 24), 150, np.uint16)), sensor, "spad")
+    seen = gates_message.decode_cdr(raw, sensor)[1]
+    assert not seen.words.flags.writeable
+    sketcher.add(seen)
+    yield sketcher.end_frame()
+
+
+def run_as_nodes_do() -> set[str]:
+    """Frames of two kinds of lenses, of one and two surfaces, moved, started warm; the kernels that ran."""
+    for projection in (None, AngularScan(0.0, 0.01, 0.0, -0.01)):
+        sensor = make_sensor(20, 24, gain=np.full((20, 24), 1.1), projection=projection, gates=GateWords())
+        trajectory = Trajectory()
+        for at_ns in (0, 10**9):
+            trajectory.add(at_ns, Pose())
+        for surfaces in (1, 2):
+            for background in ("flat", "auto"):
+                reconstruct = Reconstructor(sensor, FREQUENCIES, surfaces=surfaces, background=background,
+                                            warm_start=True, device="cpu")
+                for made in sketches(sensor):
+                    raw = sketch_message.encode_cdr(made, sensor, "spad")
+                    seen = sketch_message.decode_cdr(raw, sensor)[1]
+                    reconstruct(Deskewer(sensor, FREQUENCIES)([(10**8, seen)], trajectory, 2 * 10**8))
+                    reconstruct(seen)
+    return {name for name, kernel in KERNELS.items() if kernel.is_ready}
+
+
+def test_what_nodes_run_has_been_compiled_ahead(repository):
+    code = "from tests.core import test_precompile; print(*test_precompile.run_as_nodes_do())"
+    run = subprocess.run([sys.executable, "-c", code], cwd=repository, capture_output=True, text=True, check=True)
+    ran, ahead = set(run.stdout.split()), set(precompile.names())
+    assert {"search._search", "prepare._residual", "blur._blur_slanted", "move_sketch._collect"} < ran <= ahead
+    assert ahead == {name for name in KERNELS if not name.startswith(OTHER_METHODS)}

@@ -2,8 +2,14 @@
 
 from importlib import import_module
 
+import numpy as np
 import pytest
 import torch
+from numba import typeof
+from numba.core.registry import cpu_target
+from numba.core.typeconv import Conversion
+
+from srt3d_ros.kernels.cpu.compiling import Kernel
 
 from .frames import CPU, SINGLE, Backend
 
@@ -23,3 +29,19 @@ def spreading(monkeypatch):
         for name in ("cpu", "oracle"):
             monkeypatch.setattr(import_module(f"srt3d_ros.kernels.{name}.birth_death"), "SPREAD", pixels)
     return spread
+
+
+@pytest.fixture(autouse=True, scope="session")
+def no_number_is_cut():
+    """A kernel gets only numbers that its types hold: numba would make a 1 of 2³³ + 1 for 32 bits without a word."""
+    call, convert = Kernel.__call__, cpu_target.typing_context.can_convert
+
+    def checked(kernel, *arguments):
+        for at, number in enumerate(arguments):
+            how = [convert(typeof(number), signature[at]) for signature in kernel.signatures if np.isscalar(number)]
+            assert not how or min(how) <= Conversion.safe, (kernel.name, at, number)
+        return call(kernel, *arguments)
+
+    Kernel.__call__ = checked
+    yield
+    Kernel.__call__ = call

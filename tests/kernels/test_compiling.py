@@ -8,17 +8,40 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+import pytest
+from numba import float32, int64
 from numba.core.dispatcher import Dispatcher
 
 import srt3d_ros
 from srt3d_ros.kernels import cpu
+from srt3d_ros.kernels.cpu.compiling import KERNELS, Kernel
 
 PROGRAM = """
 import numpy as np
 from srt3d_ros.kernels.cpu import phase_sums
 phase_sums.read_sums(np.zeros((1, 3), np.int64), 1)
-print(sum(phase_sums._read_sums.stats.cache_hits.values()))
+print(sum(phase_sums._read_sums.compiled.stats.cache_hits.values()))
 """
+FORKED = """
+import multiprocessing, sys
+import numpy as np
+from srt3d_ros.kernels.cpu import phase_sums
+
+def read(_):
+    return len(phase_sums.read_sums(np.zeros((1, 3), np.int64), 1))
+
+if __name__ == "__main__":
+    read(0)
+    with multiprocessing.get_context(sys.argv[1]).Pool(1) as pool:
+        print(pool.map(read, [0]))
+"""
+
+
+def run(program: str, *arguments: str, **variables) -> subprocess.Popen:
+    """A Python program that has begun."""
+    return subprocess.Popen([sys.executable, "-c", program, *arguments], text=True, env=os.environ | variables,
+                            stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
 
 def test_no_kernel_is_compiled_with_fastmath():
@@ -26,6 +49,7 @@ def test_no_kernel_is_compiled_with_fastmath():
     names = [module.name for module in pkgutil.iter_modules(cpu.__path__, f"{cpu.__name__}.")]
     modules = map(importlib.import_module, names)
     compiled = [value for module in modules for value in vars(module).values() if isinstance(value, Dispatcher)]
+    compiled += [kernel.compiled for kernel in KERNELS.values()]
     assert len(compiled) > 50
     assert not [kernel.__name__ for kernel in compiled if kernel.targetoptions.get("fastmath")]
 
@@ -56,3 +80,49 @@ def test_old_machine_code_is_removed_and_other_programs_keep_their_folder(tmp_pa
     left = {path.name for path in tmp_path.iterdir()}
     assert done.stdout.strip() == str(tmp_path)
     assert len(left) == 7 and {"others", *(f"srt3d-kernels-{k}" for k in range(4, 9))} <= left
+
+
+@pytest.fixture
+def total(monkeypatch) -> Kernel:
+    """A kernel that is never on the disk."""
+    monkeypatch.setattr(cpu.compiling, "FOLDER", None)
+
+    def add(values: float32[::1], until: int64):
+        return values[:until].sum()
+    yield Kernel(add)
+    del KERNELS["test_compiling.add"]
+
+
+def test_a_kernel_takes_its_own_types_and_compiles_for_no_others(total):
+    assert total(np.ones(4, np.float32), 2**33) == 4            # not the 1 that 32 bits would leave of it
+    for values in (np.ones(4), np.ones(8, np.float32)[::2], np.ones((2, 2), np.float32)):
+        with pytest.raises(TypeError, match="No matching definition"):
+            total(values, 2)
+    assert len(total.compiled.signatures) == 1
+
+
+def test_two_programs_that_compile_at_once_both_finish_and_one_compiles(tmp_path):
+    programs = [run(PROGRAM, NUMBA_CACHE_DIR=str(tmp_path)) for _ in range(3)]
+    hits = [int(program.communicate()[0]) for program in programs]
+    assert sorted(hits) == [0, 1, 1] and len(list(tmp_path.rglob("*.nbc"))) == 1
+
+
+def test_a_folder_to_which_others_may_write_is_not_used_and_it_says_so(tmp_path):
+    assert run(PROGRAM, NUMBA_CACHE_DIR=str(tmp_path)).communicate()[0] == "0\n"
+    (folder,), code = tmp_path.iterdir(), "import logging; logging.basicConfig(level=20)" + PROGRAM
+    assert folder.stat().st_mode & 0o777 == 0o700
+    folder.chmod(0o720)
+    hits, said = run(code, NUMBA_CACHE_DIR=str(tmp_path)).communicate()
+    assert hits == "0\n" and f"at every start: {folder} is writable for others (chmod go-w)" in said
+    folder.chmod(0o700)
+    assert run(PROGRAM, NUMBA_CACHE_DIR=str(tmp_path)).communicate()[0] == "1\n"
+    if os.getuid() == 0:
+        os.chown(folder, 12345, -1)
+        assert f"{folder} is another user's" in run(code, NUMBA_CACHE_DIR=str(tmp_path)).communicate()[1]
+
+
+def test_a_forked_process_names_spawn_instead_of_ending(tmp_path):
+    (program := tmp_path / "program.py").write_text(FORKED)
+    for method, code, said in (("spawn", 0, ""), ("fork", 1, 'multiprocessing.set_start_method("spawn")')):
+        done = subprocess.run([sys.executable, program, method], capture_output=True, text=True)
+        assert done.returncode == code and said in done.stderr

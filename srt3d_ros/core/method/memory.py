@@ -106,6 +106,7 @@ class PooledStream:
 
     def warm_up(self) -> None:
         """Compile the kernels, or load them from the disk: on a CPU for frames of any size, on a GPU for this one."""
+        self._kernels.load()
         sensor = self.sensor.cropped(slice(8), slice(8)) if self._kernels.ON_HOST else self.sensor
         PooledStream(sensor, self._matcher.frequencies, self.surfaces, device=self.device)(
             noise_sketch(sensor, self._matcher.frequencies))

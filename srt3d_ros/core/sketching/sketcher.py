@@ -117,7 +117,7 @@ class Sketcher:
         if toa.dtype.kind == "f":
             steps, rows = self._fine_rows
             toa = np.rint(toa * steps).astype(np.uint16)
-        self._kernels.sketch_events(_read_only(events.pixel), _read_only(toa), rows, events.is_sorted, self._sums)
+        self._kernels.sketch_events(*map(self._kernels.array, (events.pixel, toa)), rows, events.is_sorted, self._sums)
 
     @cached_property
     def _fine_rows(self) -> tuple[np.float32, np.ndarray]:
@@ -134,7 +134,7 @@ class Sketcher:
     def _add_gates(self, gates: PhotonGates) -> None:
         gates.check(self.sensor)
         form = self.sensor.gates
-        words = _read_only(gates.words).reshape(len(gates.words), self.sensor.pixels)
+        words = self._kernels.array(gates.words).reshape(len(gates.words), self.sensor.pixels)
         self._kernels.sketch_gates(words, self._rows, form.first_word, form.no_detection, self._sums)
 
     def _add_histograms(self, histograms: PhotonHistograms) -> None:
@@ -161,13 +161,6 @@ class Sketcher:
         mean = (table * left_out).sum(axis=0) / max(others.sum(), 1)
         table = ((table + mean) * others).astype(np.float32)
         return table, bins.template @ table
-
-
-def _read_only(values: np.ndarray) -> np.ndarray:
-    """A contiguous view that cannot be written; for arrays that can be, numba would compile the kernels once more."""
-    view = np.ascontiguousarray(values).view()
-    view.flags.writeable = False
-    return view
 
 
 def sketch_photons(frame: PhotonFrame, sensor: SensorModel, frequencies, gate: Gate | None = None) -> Sketch:

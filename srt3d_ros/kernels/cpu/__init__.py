@@ -9,6 +9,7 @@ from srt3d_ros.kernels.cpu.apss import apss
 from srt3d_ros.kernels.cpu.birth_death import birth_death
 from srt3d_ros.kernels.cpu.blur import blur
 from srt3d_ros.kernels.cpu.collect import collect
+from srt3d_ros.kernels.cpu.compiling import KERNELS
 from srt3d_ros.kernels.cpu.device import ON_HOST, array, run_frame
 from srt3d_ros.kernels.cpu.expand import expand
 from srt3d_ros.kernels.cpu.gradients import pixelwise, poisson
@@ -22,3 +23,13 @@ from srt3d_ros.kernels.cpu.rows import UNIT, fixed_rows
 from srt3d_ros.kernels.cpu.search import no_surfaces, search
 from srt3d_ros.kernels.cpu.trim import trim
 from srt3d_ros.kernels.cpu.unexplained import unexplained
+
+# Modules whose kernels a frame of the default method does not run.
+OTHER_METHODS, BEFORE_IT = ("apss", "gradients", "match"), ("phase_sums", "move_sketch")
+
+
+def load() -> None:
+    """Compile the kernels of the default method, or read them from the disk."""
+    for name, kernel in KERNELS.items():
+        if name.partition(".")[0] not in OTHER_METHODS + BEFORE_IT:
+            kernel.compile()

@@ -7,7 +7,7 @@ Lengths are in pixels here: (column, row, depth / scale), so that all three dire
 """
 
 import numpy as np
-from numba import prange
+from numba import boolean, float32, prange
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, TWO, ZERO
@@ -117,7 +117,9 @@ def _fit(at, found, points, spheres):
 
 
 @parallel
-def _apss(depth, intensity, normal, exposure, scale, period, spheres, new_depth, new_intensity, new_normal):
+def _apss(depth: float32[:, :, ::1], intensity: float32[:, :, ::1], normal: float32[:, :, :, ::1],
+          exposure: float32[:, ::1], scale: float32, period: float32, spheres: boolean, new_depth: float32[:, :, ::1],
+          new_intensity: float32[:, :, ::1], new_normal: float32[:, :, :, ::1]):
     rows, layers, cols = depth.shape
     for i in prange(rows):
         points, surfaces = np.empty((6, 9 * layers), np.float32), np.empty((5, 9 * layers), np.float32)

@@ -5,7 +5,7 @@ flat scratch arrays, at offsets known when compiling (`pooled_step`).
 """
 
 import numpy as np
-from numba import prange
+from numba import boolean, float32, int32, int64, prange
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.constants import NEAR_SIGMA, SPREAD, VOTE_RADIUS
@@ -14,7 +14,7 @@ from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO, U, aligned, s
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel, serial
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.field import agreement, is_surface, rise, wrap
-from srt3d_ros.kernels.cpu.frame import as_compiled
+from srt3d_ros.kernels.cpu.frame import FRAME, as_compiled
 from srt3d_ros.kernels.cpu.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio, score_of
 from srt3d_ros.kernels.cpu.undecided import list_undecided
 from srt3d_ros.kernels.maps import FIELDS, INTENSITY
@@ -214,7 +214,8 @@ def _take(x, depth, voters, s, v, z, frame):
 
 
 @parallel
-def _judge(pixels, number, frame, state, own, max_chi2, points, ratios, near):
+def _judge(pixels: int32[::1], number: int64, frame: FRAME, state: float32[:, :, :, ::1], own: float32[:, :, ::1],
+           max_chi2: float32, points: float32[:, :, ::1], ratios: float32[:, ::1], near: boolean[:, ::1]):
     """Write what `number` pixels choose, points [N, K, FIELDS] and ratios [N, K], and what is near a change."""
     surfaces, cols = state.shape[1], state.shape[3]
     voters = U(PLACES * surfaces) * VOTER
@@ -248,7 +249,8 @@ def _judge(pixels, number, frame, state, own, max_chi2, points, ratios, near):
 
 
 @serial
-def _write(pixels, number, points, ratios, state, own):
+def _write(pixels: int32[::1], number: int64, points: float32[:, :, ::1], ratios: float32[:, ::1],
+           state: float32[:, :, :, ::1], own: float32[:, :, ::1]):
     for n in range(number):
         i, j = pixels[n] // state.shape[3], pixels[n] % state.shape[3]
         for k in range(state.shape[1]):

@@ -1,7 +1,7 @@
 """Sums over cells of pixels, and Gaussian sums over windows, rows first, then columns."""
 
 import numpy as np
-from numba import prange
+from numba import boolean, float32, int64, prange
 
 from srt3d_ros.kernels.cpu.arithmetic import ZERO
 from srt3d_ros.kernels.cpu.compiling import line, parallel
@@ -10,7 +10,8 @@ from srt3d_ros.kernels.maps import MARGIN
 
 
 @parallel
-def _bin_cells(matched, counts, exposure, is_open, step, near, out):
+def _bin_cells(matched: float32[:, :, ::1], counts: float32[:, ::1], exposure: float32[:, ::1],
+               is_open: float32[:, ::1], step: int64, near: boolean[::1], out: float32[:, :, ::1]):
     """Sums over the open pixels of cells of a padded sketch, of counts and of exposure; rows of pixels first.
 
     Rows of cells that are not `near` stay as they are.
@@ -56,7 +57,8 @@ def _add_rows(values, c, weights, i, into):
 
 
 @parallel
-def _blur(values, weights, squares, squared, needed, out):
+def _blur(values: float32[:, :, ::1], weights: float32[::1], squares: float32[::1], squared: int64,
+          needed: boolean[::1], out: float32[:, :, ::1]):
     """Windows of cells, of the rows that are `needed`; channel `squared` with the weights' squares."""
     for i in prange(out.shape[0]):
         if not needed[i]:
@@ -115,7 +117,8 @@ def _add_turned(real, imaginary, weight, into):
 
 
 @parallel
-def _blur_slanted(cells, down, right, needed, out):
+def _blur_slanted(cells: float32[:, :, ::1], down: float32[:, :, :, ::1], right: float32[:, :, :, ::1],
+                  needed: boolean[::1], out: float32[:, :, :, ::1]):
     """Windows of cells by complex weights of rows and of columns, float32 [slopes, m, taps, 2]."""
     slopes, m, taps, _ = down.shape
     radius, cols = taps // 2, cells.shape[2]

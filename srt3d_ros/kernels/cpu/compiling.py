@@ -1,12 +1,19 @@
 """How numba compiles the kernels, and where it keeps the machine code."""
 
+import fcntl
 import hashlib
 import logging
 import os
 import shutil
+import stat
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from functools import partial, update_wrapper
+from itertools import product
 from pathlib import Path
 
-from numba import __version__, config, njit
+from numba import __version__, config, njit, types
 from numba.core import event
 
 # OpenMP lets several threads of one process (those of somebody's own program, say) call kernels at once; numba's own
@@ -16,11 +23,12 @@ if "NUMBA_THREADING_LAYER" not in os.environ:
 KEPT = 6            # newest folders that stay: those of a few checkouts and of the version before
 
 
-def _folder() -> Path | None:
-    """Where machine code is kept: NUMBA_CACHE_DIR or ~/.cache/srt3d_ros; None if it cannot be written.
+def _folder() -> tuple[Path | None, tuple[str, str]]:
+    """Where machine code is kept, in NUMBA_CACHE_DIR or ~/.cache/srt3d_ros; or None, and which path is what instead.
 
     It is named after all that goes into a kernel. Numba looks at the file of the function alone, and would run
-    yesterday's code after a change of a constant or an inlined function elsewhere.
+    yesterday's code after a change of a constant or an inlined function elsewhere. Numba unpickles what it finds there,
+    so nobody else may write to it.
     """
     own, digest = Path(__file__).parent, hashlib.sha256(__version__.encode())
     for file in (*sorted(own.parent.glob("*.py")), *sorted(own.glob("*.py"))):
@@ -28,25 +36,89 @@ def _folder() -> Path | None:
     try:
         caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
         parent = Path(config.CACHE_DIR or caches / "srt3d_ros")
-        (folder := parent / f"srt3d-kernels-{digest.hexdigest()[:16]}").mkdir(parents=True, exist_ok=True)
+        parent.mkdir(parents=True, exist_ok=True)
+        (folder := parent / f"srt3d-kernels-{digest.hexdigest()[:16]}").mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+        if found.st_uid != os.getuid():
+            return None, (str(folder), "another user's")
+        if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+            return None, (str(folder), "writable for others (chmod go-w)")
         folder.touch()
         newest_first = sorted(parent.glob("srt3d-kernels-*"), key=lambda path: -path.stat().st_mtime)
     except (OSError, RuntimeError):         # RuntimeError: this user has no home
-        return None
+        return None, ("~/.cache", "not writable")
     for old in newest_first[KEPT:]:
         shutil.rmtree(old, ignore_errors=True)
-    return folder if os.access(folder, os.W_OK) else None
+    return (folder, ("", "")) if os.access(folder, os.W_OK) else (None, (str(folder), "not writable"))
 
 
-def _kept(**options):
-    """A decorator: compile at first use, and keep the machine code in FOLDER."""
-    def decorate(function):
+FOLDER, WHY_NONE = _folder()
+KERNELS: dict[str, "Kernel"] = {}       # by name
+_one_thread = threading.Lock()
+
+
+def read_only(array: types.Array) -> types.Array:
+    """The type of arrays that may be read-only, as those in a message are."""
+    return array.copy(readonly=True)
+
+
+class Kernel:
+    """A compiled function of arguments of the types that annotate it; arrays of other types are a TypeError.
+
+    So what is compiled follows from the source alone. Numba by itself would compile anew for an array that is
+    contiguous, or read-only, where the first was not. It casts numbers: integers are int64, and whoever calls a kernel
+    makes the float32 ones. A tuple of types has the function compiled for each. The first call compiles, or reads the
+    machine code from FOLDER.
+    """
+
+    def __init__(self, function: Callable, **options):
         theirs, config.CACHE_DIR = config.CACHE_DIR, str(FOLDER)    # read once a function: other programs keep theirs
         try:
-            return njit(cache=FOLDER is not None, error_model="numpy", **options)(function)
+            self.compiled = njit(cache=FOLDER is not None, error_model="numpy", nogil=True, **options)(function)
         finally:
             config.CACHE_DIR = theirs
-    return decorate
+        choices = (of if isinstance(of, tuple) else (of,) for of in function.__annotations__.values())
+        self.signatures, self.is_ready = list(product(*choices)), False
+        update_wrapper(self, function)
+        KERNELS[self.name] = self
+
+    @property
+    def name(self) -> str:
+        """Its module's name and its own."""
+        return f"{self.__module__.rpartition('.')[2]}.{self.__name__}"
+
+    def compile(self) -> None:
+        """Compile it for its types, or read it from the disk, unless that has been done."""
+        with _alone(self.name):
+            if self.is_ready:
+                return
+            for signature in self.signatures:
+                self.compiled.compile(signature)
+            self.compiled.disable_compile()
+            self.is_ready = True
+
+    def __call__(self, *arguments):
+        if not self.is_ready:
+            self.compile()
+        if _forked_after_use:
+            raise RuntimeError("kernels cannot run in a process that was forked after another kernel had run: "
+                               "call multiprocessing.set_start_method(\"spawn\") first")
+        return self.compiled(*arguments)
+
+
+@contextmanager
+def _alone(name: str) -> Iterator[None]:
+    """Let no other thread or program compile this kernel: numba's index of the files of a kernel has no lock."""
+    with _one_thread, open(FOLDER / f"{name}.lock", "w") if FOLDER else nullcontext() as lock:
+        if lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def compile_by_name(name: str) -> str:
+    """Compile a kernel in whatever process this is; returns the name."""
+    KERNELS[name].compile()
+    return name
 
 
 class _Watch(event.Listener):
@@ -57,19 +129,31 @@ class _Watch(event.Listener):
     def on_start(self, event) -> None:
         if not self.said and (event.data["dispatcher"].__module__ or "").startswith(f"{__package__}."):
             self.said = True
-            again = "once; `srt3d compile` does it beforehand" if FOLDER else "at every start: set NUMBA_CACHE_DIR"
-            logging.getLogger(__name__).info(f"compiling kernels, for seconds up to a minute ({again})")
+            path, state = WHY_NONE
+            again = ("once; `srt3d compile` does it beforehand" if FOLDER else
+                     f"at every start: {path} is {state}; NUMBA_CACHE_DIR names another folder")
+            logging.getLogger(__name__).info(f"compiling kernels, for seconds up to two minutes ({again})")
 
     def on_end(self, event) -> None:
-        """Nothing is said."""
+        """Required by Listener; unused."""
 
 
-FOLDER = _folder()
 event.register("numba:compile", _Watch())
+
+# OpenMP ends a process that was forked after its threads had begun, and leaves the parent waiting for it.
+_forked_after_use = False
+
+
+def _on_fork() -> None:
+    global _forked_after_use
+    _forked_after_use = any(kernel.is_ready for kernel in KERNELS.values())
+
+
+os.register_at_fork(after_in_child=_on_fork)
 
 # No fastmath, which would be 5 % faster: the last bit would depend on what the compiler makes of a kernel, and that
 # differs between one just compiled and the same one from the cache.
-parallel = _kept(parallel=True, nogil=True)
-serial = _kept(nogil=True)                              # for so little work that waking threads would cost more
+parallel = partial(Kernel, parallel=True)
+serial = Kernel                                         # for so little work that waking threads would cost more
 line = njit(error_model="numpy")                        # called for a line of pixels or cells
 inline = njit(forceinline=True, error_model="numpy")    # by LLVM: numba's own inlining compiles a fifth longer

@@ -39,7 +39,7 @@ def borrow(name: str, shape: tuple, zero: bool = False) -> np.ndarray:
 
 
 def array(values: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(values)
+    return np.require(values, requirements="CA")
 
 
 def run_frame(function: Callable, *frame) -> tuple:

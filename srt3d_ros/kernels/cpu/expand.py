@@ -1,7 +1,7 @@
 """Expand: the data terms of every point, and their derivatives."""
 
 import numpy as np
-from numba import prange
+from numba import float32, prange
 
 from srt3d_ros.kernels.cpu import field
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, sincos
@@ -13,7 +13,8 @@ TURN = F32(2 * np.pi)
 
 
 @parallel
-def _expand(matched, counts, exposure, energy, bin_frequencies, state, terms):
+def _expand(matched: float32[:, :, ::1], counts: float32[:, ::1], exposure: float32[:, ::1], energy: float32[::1],
+            bin_frequencies: float32[::1], state: float32[:, :, :, ::1], terms: float32[:, :, :, ::1]):
     padded_rows, surfaces, _, padded_cols = state.shape
     m = len(energy)
     for row in prange(padded_rows - 2 * MARGIN):

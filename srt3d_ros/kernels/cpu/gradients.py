@@ -1,18 +1,19 @@
 """The baselines' gradient steps, on each pixel's sketch and on the Poisson likelihood of its times of arrival."""
 
 import numpy as np
-from numba import prange
+from numba import float32, int64, prange
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, parallel
-from srt3d_ros.kernels.cpu.frame import as_compiled
+from srt3d_ros.kernels.cpu.frame import FRAME, as_compiled
 
 RATE = F32(constants.INTENSITY_RATE)
 
 
 @parallel
-def _pixelwise(frame, table, rate, usual, depth, intensity):
+def _pixelwise(frame: FRAME, table: float32[:, :, ::1], rate: float32, usual: float32, depth: float32[:, :, ::1],
+               intensity: float32[:, :, ::1]):
     rows, surfaces, cols = depth.shape
     m, levels = len(frame.energy), len(table)
     for i in prange(rows):
@@ -81,8 +82,10 @@ def _between(place, values):
 
 
 @parallel
-def _poisson(starts, toa, irf, slope, ref, information, num_bins, exposure, background, rate, usual, depth, intensity,
-             stray):
+def _poisson(starts: int64[::1], toa: float32[::1], irf: float32[:, ::1], slope: float32[:, ::1], ref: float32,
+             information: float32, num_bins: float32, exposure: float32[:, ::1], background: float32[:, ::1],
+             rate: float32, usual: float32, depth: float32[:, :, ::1], intensity: float32[:, :, ::1],
+             stray: float32[:, ::1]):
     rows, surfaces, cols = depth.shape
     reach = ONE / np.sqrt(information)
     for i in prange(rows):

@@ -1,13 +1,13 @@
 """How much more likely a pixel's own photons are with a surface than without; `oracle.likelihood` has the equations."""
 
 import numpy as np
-from numba import prange
+from numba import float32, prange
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, ZERO, log
 from srt3d_ros.kernels.cpu.compiling import inline, parallel
 from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.cpu.frame import as_compiled
+from srt3d_ros.kernels.cpu.frame import FRAME, as_compiled
 from srt3d_ros.kernels.maps import INTENSITY, VALUE
 
 VOTE, LIKENESS = F32(constants.VOTE), F32(constants.LIKENESS)
@@ -60,7 +60,8 @@ def llr(score, response, photons, expected, likeness, frame):
 
 
 @parallel
-def _log_likelihood_ratio(frame, state, terms, out):
+def _log_likelihood_ratio(frame: FRAME, state: float32[:, :, :, ::1], terms: float32[:, :, :, ::1],
+                          out: float32[:, :, ::1]):
     padded_rows, surfaces, _, padded_cols = state.shape
     for i in prange(padded_rows):
         others, photons = np.empty(padded_cols, np.float32), np.empty(padded_cols, np.float32)

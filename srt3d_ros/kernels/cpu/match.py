@@ -3,7 +3,7 @@
 from functools import lru_cache
 
 import numpy as np
-from numba import prange
+from numba import boolean, float32, int64, prange
 
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TWO, ZERO, B, U, aligned, sincos, total_of
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
@@ -121,7 +121,9 @@ def peaks_scratch(cells):
 
 
 @parallel
-def _match(matched, energy, bin_frequencies, cos, sin, odd, cells, num_bins, depth, intensity):
+def _match(matched: float32[:, :, ::1], energy: float32[::1], bin_frequencies: float32[::1], cos: float32[:, ::1],
+           sin: float32[:, ::1], odd: boolean[::1], cells: int64, num_bins: int64, depth: float32[:, :, ::1],
+           intensity: float32[:, :, ::1]):
     rows, surfaces, cols = depth.shape
     m, total = len(energy), total_of(energy)
     for i in prange(rows):

@@ -5,7 +5,7 @@ they come from, so that sums do not depend on the number of threads.
 """
 
 import numpy as np
-from numba import prange
+from numba import boolean, float32, int32, int64, prange, types
 
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
@@ -17,6 +17,7 @@ LANES = 8               # of a vector of float32, at least: a rest would take as
 TURN = F32(2 * np.pi)
 NOWHERE = F32(-1e9)
 _distorted = inline(distorted)
+LENSES = types.UniTuple(float32, 4), types.UniTuple(float32, 10)      # spherical; pinhole
 
 
 @inline
@@ -79,8 +80,10 @@ def _share(row, col, nearest, rows, cols, ranges, steepest, at, target, weight):
 
 
 @parallel
-def _find_targets(rows, cols, photons, used, rays, ranges, rotation, offset, lens, late, metres_per_bin, steepest,
-                  target, weight, depth, reached):
+def _find_targets(rows: int64, cols: int64, photons: float32[::1], used: boolean[::1], rays: float32[:, ::1],
+                  ranges: float32[::1], rotation: float32[:, ::1], offset: float32[::1], lens: LENSES,
+                  late: float32[::1], metres_per_bin: float32, steepest: float32, target: int32[:, ::1],
+                  weight: float32[:, ::1], depth: float32[::1], reached: int64[:, ::1]):
     """Where the photons of each pixel go, and at which depth they were seen, bins; the pixels that each row reaches."""
     p, q, r = offset[0], offset[1], offset[2]
     for i in prange(rows):
@@ -109,7 +112,9 @@ def _find_targets(rows, cols, photons, used, rays, ranges, rotation, offset, len
 
 
 @parallel
-def _collect(rows, cols, sums, photons, target, weight, depth, reached, bin_frequencies, moved, numbers):
+def _collect(rows: int64, cols: int64, sums: float32[:, ::1], photons: float32[::1], target: int32[:, ::1],
+             weight: float32[:, ::1], depth: float32[::1], reached: int64[:, ::1], bin_frequencies: float32[::1],
+             moved: float32[:, ::1], numbers: float32[::1]):
     twice = sums.shape[1]
     for band in prange((rows + BAND - 1) // BAND):
         begin, end = band * BAND * cols, min((band + 1) * BAND * cols, rows * cols)

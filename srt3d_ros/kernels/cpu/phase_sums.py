@@ -7,11 +7,11 @@ in the second-level cache, 29 kB for T = 300, in the first.
 """
 
 import numpy as np
-from numba import get_num_threads, prange
+from numba import float32, get_num_threads, int32, int64, prange, uint16, uint32
 
 from srt3d_ros.kernels.constants import MAX_PHOTONS
 from srt3d_ros.kernels.cpu.arithmetic import F32
-from srt3d_ros.kernels.cpu.compiling import parallel
+from srt3d_ros.kernels.cpu.compiling import parallel, read_only
 from srt3d_ros.kernels.cpu.rows import LANES, UNIT, add_run
 
 PART = 2**14        # photons that are worth a thread
@@ -19,6 +19,7 @@ BLOCK = 2**21       # unsorted photons that are sorted together
 STRIPS = 8          # of a block, sorted in parallel, at most: each takes 4 bytes a pixel
 ROWS = 2**7         # histograms at a time: of 2⁵ to 2⁹ these were fastest for 4,613 bins
 WIDE, CYCLES = 64, 128      # pixels and cycles of a gated array that are read together, 16 kB
+PIXELS, TOA, WORDS = map(read_only, (uint32[::1], uint16[::1], uint16[:, ::1]))
 
 
 def new_sums(pixels, rows):
@@ -27,7 +28,7 @@ def new_sums(pixels, rows):
 
 
 @parallel
-def _read_sums(sums, out, numbers):
+def _read_sums(sums: int64[:, ::1], out: float32[:, ::1], numbers: uint32[::1]):
     counts = out.shape[1]
     for i in prange(len(out)):
         number = max((sums[i, counts] + UNIT // 2) // UNIT, 0)      # of counts less a template there may be fractions
@@ -47,7 +48,7 @@ def read_sums(sums, m):
 # ---- Photons in any order: a counting sort first
 
 @parallel
-def _sort(pixel, toa, place):
+def _sort(pixel: PIXELS, toa: TOA, place: uint32[:, ::1]):
     """ToA by pixel. `place` [strips, pixels], 0: of a strip of photons how many are a pixel's, then where they end."""
     number, strips = len(pixel), len(place)
     in_order = np.empty_like(toa)
@@ -72,7 +73,7 @@ def _sort(pixel, toa, place):
 # ---- Events: a table row for each photon
 
 @parallel
-def _sketch_sorted(pixel, toa, borders, rows, sums):
+def _sketch_sorted(pixel: PIXELS, toa: TOA, borders: int64[::1], rows: int32[:, :, ::1], sums: int64[:, ::1]):
     for part in prange(len(borders) - 1):
         p, last = borders[part], borders[part + 1]
         while p < last:
@@ -80,7 +81,7 @@ def _sketch_sorted(pixel, toa, borders, rows, sums):
 
 
 @parallel
-def _sketch_pixels(toa, ends, rows, sums):
+def _sketch_pixels(toa: uint16[::1], ends: uint32[::1], rows: int32[:, :, ::1], sums: int64[:, ::1]):
     for i in prange(len(ends)):
         p, last = np.int64(ends[i - 1]) if i > 0 else 0, np.int64(ends[i])
         while p < last:
@@ -112,7 +113,7 @@ def sketch_events(pixel, toa, rows, ordered, sums):
 # ---- Gates
 
 @parallel
-def _sketch_gates(words, rows, first_word, no_detection, sums):
+def _sketch_gates(words: WORDS, rows: int32[:, :, ::1], first_word: uint16, no_detection: uint16, sums: int64[:, ::1]):
     gates, pixels = words.shape
     for strip in prange((pixels + WIDE - 1) // WIDE):
         toa = np.empty(CYCLES, np.uint16)

@@ -6,7 +6,7 @@ not overlap, and that no index counts from the end.
 """
 
 import numpy as np
-from numba import prange
+from numba import float32, int64, prange, types
 
 from srt3d_ros.kernels.constants import CELL, RIDGE
 from srt3d_ros.kernels.cpu import field
@@ -14,7 +14,7 @@ from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TINY, ZERO, B, U, aligne
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.field import agreement, rise, wrap
-from srt3d_ros.kernels.cpu.frame import as_compiled
+from srt3d_ros.kernels.cpu.frame import FRAME, as_compiled
 from srt3d_ros.kernels.cpu.likelihood import evidence
 from srt3d_ros.kernels.maps import BLOCK, FIELDS, MARGIN, TERMS
 
@@ -26,6 +26,7 @@ from srt3d_ros.kernels.maps import BLOCK, FIELDS, MARGIN, TERMS
  ROW_C, ROW_P, ROW_PX, ROW_PE) = (U(k * BLOCK) for k in range(28))
 SCRATCH = 28 * BLOCK
 EVEN = np.ones(CELL // 2 + 1, np.float32)       # weights in a cell
+SHAPE = types.UniTuple(int64, 4)
 
 
 @inline
@@ -172,7 +173,8 @@ def _finish(s, state, point, out, padded_cols, max_chi2, frame):
 
 
 @parallel
-def _pooled_step(frame, max_chi2, radius, fine, weights, shape, state, terms, cells, out):
+def _pooled_step(frame: FRAME, max_chi2: float32, radius: int64, fine: int64, weights: float32[::1], shape: SHAPE,
+                 state: float32[::1], terms: float32[::1], cells: float32[::1], out: float32[::1]):
     padded_rows, surfaces, fields, padded_cols = shape
     period, most = frame.period, radius * (radius + 1)
     for row in prange(padded_rows - 2 * MARGIN):
@@ -193,7 +195,8 @@ def _pooled_step(frame, max_chi2, radius, fine, weights, shape, state, terms, ce
 
 
 @parallel
-def _coarsen(num_bins, max_chi2, shape, state, terms, cells):
+def _coarsen(num_bins: int64, max_chi2: float32, shape: SHAPE, state: float32[::1], terms: float32[::1],
+             cells: float32[::1]):
     """The data terms of cells of CELL × CELL pixels, along the plane of the middle one's surface."""
     padded_rows, surfaces, fields, padded_cols = shape
     half = CELL // 2

@@ -1,17 +1,20 @@
 """Sketches as the iterations want them, one plane for each part of each frequency, and what known surfaces leave."""
 
 import numpy as np
-from numba import prange
+from numba import complex64, float32, int64, prange
 
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.cpu.arithmetic import ZERO, sincos, total_of
-from srt3d_ros.kernels.cpu.compiling import parallel
+from srt3d_ros.kernels.cpu.compiling import parallel, read_only
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, VALUE
 
+SUMS = read_only(complex64[:, :, ::1])
+
 
 @parallel
-def _prepare(sums, photons, equaliser, used, taken, shown, matched, counts):
+def _prepare(sums: SUMS, photons: float32[:, ::1], equaliser: complex64[:, :, ::1], used: float32[:, ::1],
+             taken: float32[:, ::1], shown: complex64[:, :, ::1], matched: float32[:, :, :], counts: float32[:, :]):
     rows, cols, m = sums.shape
     by_row, by_col = min(len(equaliser) - 1, 1), min(equaliser.shape[1] - 1, 1)
     off_by_row, off_by_col = min(len(shown) - 1, 1), min(shown.shape[1] - 1, 1)
@@ -27,19 +30,19 @@ def _prepare(sums, photons, equaliser, used, taken, shown, matched, counts):
 
 
 def prepare(sums, photons, equaliser, used, taken=None, shown=None):
-    """Compiled once: of sketches that may be written or not, sensors with and without delays, any background."""
     rows, cols, m = sums.shape
     padded_rows, padded_cols = maps.padded_shape(rows, cols)
     matched, counts = borrow("matched", (padded_rows, 2 * m, padded_cols)), borrow("counts", (padded_rows, padded_cols))
     if taken is None:
         taken, shown = np.zeros((rows, cols), np.float32), np.zeros((1, 1, m), np.complex64)
-    _prepare(np.broadcast_to(sums, sums.shape), photons, equaliser, used, taken, shown.astype(np.complex64, copy=False),
+    _prepare(sums, photons, equaliser, used, taken, shown.astype(np.complex64, copy=False),
              maps.crop(matched, rows, cols), maps.crop(counts, rows, cols))
     return matched, counts
 
 
 @parallel
-def _residual(matched, energy, bin_frequencies, state, terms, layer, rest):
+def _residual(matched: float32[:, :, ::1], energy: float32[::1], bin_frequencies: float32[::1],
+              state: float32[:, :, :, ::1], terms: float32[:, :, :, ::1], layer: int64, rest: float32[:, :, ::1]):
     padded_rows, surfaces, _, padded_cols = state.shape
     m, total = len(energy), total_of(energy)
     for i in prange(padded_rows):

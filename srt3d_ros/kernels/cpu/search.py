@@ -1,7 +1,7 @@
 """One scale of the start: pool the sketches of open pixels, match them, and give sure pools' pixels their surface."""
 
 import numpy as np
-from numba import prange
+from numba import boolean, float32, int64, prange, types
 
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import START_SCORE, SURE_SCORE, VOTE
@@ -9,10 +9,12 @@ from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO,
 from srt3d_ros.kernels.cpu.blur import pool, pool_slanted
 from srt3d_ros.kernels.cpu.compiling import line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.cpu.frame import as_compiled
+from srt3d_ros.kernels.cpu.frame import FRAME, as_compiled
 from srt3d_ros.kernels.cpu.likelihood import evidence, noise_at
 from srt3d_ros.kernels.cpu.match import peaks, peaks_scratch, response_at, steering
 from srt3d_ros.kernels.maps import BLOCK, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD
+
+STEERING = types.Tuple((float32[:, ::1], float32[:, ::1], boolean[::1], int64))
 
 
 @line
@@ -67,7 +69,9 @@ def _stays(z, x, score, cell, confirmed, old, frame, point):
 
 
 @parallel
-def _search(frame, sketches, pools, step, share, enough, steering, wanted, layer, carried, confirmed, slopes, state):
+def _search(frame: FRAME, sketches: float32[:, :, :, ::1], pools: float32[:, :, ::1], step: int64, share: float32,
+            enough: float32, steering: STEERING, wanted: boolean[:, ::1], layer: int64, carried: float32[:, :, :, ::1],
+            confirmed: float32, slopes: float32[:, ::1], state: float32[:, :, :, ::1]):
     (rows, cols), (cos, sin, odd, cells), period = wanted.shape, steering, frame.period
     m, width, warm = len(frame.energy), pools.shape[2], carried.shape[0] > 0
     least = min(enough, confirmed) if warm else enough

@@ -1,20 +1,21 @@
 """Trims outlines: the points of rims that their own photons do not pay for are removed."""
 
 import numpy as np
-from numba import prange
+from numba import boolean, float32, prange
 
 from srt3d_ros.kernels.constants import RIM, SPREAD, VOTE_RADIUS
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO
 from srt3d_ros.kernels.cpu.compiling import parallel
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.field import is_surface
-from srt3d_ros.kernels.cpu.frame import as_compiled
+from srt3d_ros.kernels.cpu.frame import FRAME, as_compiled
 from srt3d_ros.kernels.cpu.likelihood import llr, noise_at, score_of
 from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, MARGIN, STD, VALUE
 
 
 @parallel
-def _mark(frame, state, terms, blank, rim):
+def _mark(frame: FRAME, state: float32[:, :, :, ::1], terms: float32[:, :, :, ::1], blank: float32[:, ::1],
+          rim: float32[:, :, ::1]):
     """Write response, photons and expected photons of the pixels at rims, 0 elsewhere; 1 in `blank` where none is."""
     padded_rows, surfaces, _, padded_cols = state.shape
     for i in prange(padded_rows):
@@ -40,7 +41,7 @@ def _mark(frame, state, terms, blank, rim):
 
 
 @parallel
-def _drop(rim, frame, enough, state, dropped):
+def _drop(rim: float32[:, :, ::1], frame: FRAME, enough: float32, state: float32[:, :, :, ::1], dropped: boolean[::1]):
     padded_rows, surfaces, _, padded_cols = state.shape
     for turn in prange(padded_rows - 2 * MARGIN):
         i = turn + MARGIN

@@ -1,12 +1,13 @@
 """Pixels of which the birth/death update has something to decide."""
 
 import numpy as np
-from numba import prange
+from numba import boolean, float32, int32, prange
 
 from srt3d_ros.kernels.cpu import field
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, B, U, aligned, any_of
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel, serial
 from srt3d_ros.kernels.cpu.field import is_surface, rise, wrap
+from srt3d_ros.kernels.cpu.frame import FRAME
 from srt3d_ros.kernels.maps import FIELDS, MARGIN
 
 # Offsets in the scratch, for numbers of B pixels.
@@ -70,7 +71,8 @@ def _find(s, state, here, surfaces, padded_cols, max_chi2, blur2, period, max_st
 
 
 @parallel
-def _list_rows(frame, state, max_chi2, near, grows, cols, number):
+def _list_rows(frame: FRAME, state: float32[:, :, :, ::1], max_chi2: float32, near: boolean[:, ::1], grows: boolean,
+               cols: int32[:, ::1], number: int32[::1]):
     """List the columns of each row's undecided pixels, and how many they are."""
     padded_rows, surfaces, _, padded_cols = state.shape
     flat, blur2 = state.reshape(-1), frame.resolution * frame.resolution
@@ -91,7 +93,7 @@ def _list_rows(frame, state, max_chi2, near, grows, cols, number):
 
 
 @serial
-def _join_rows(cols, number, pixels):
+def _join_rows(cols: int32[:, ::1], number: int32[::1], pixels: int32[::1]):
     """Write the rows' lists one after the other, as indices of padded maps, and return how many pixels there are."""
     found = 0
     for i in range(len(cols)):

@@ -1,16 +1,18 @@
 """What a reconstruction leaves of its frame, added up: the background's estimate is made of it."""
 
 import numpy as np
-from numba import prange
+from numba import float32, prange
 
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, ONE, TINY, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import parallel
-from srt3d_ros.kernels.cpu.frame import as_compiled
+from srt3d_ros.kernels.cpu.frame import FRAME, as_compiled
 from srt3d_ros.kernels.maps import DEPTH, MARGIN
 
 
 @parallel
-def _unexplained(frame, state, intensity, own, taken, background, photons, passed, out):
+def _unexplained(frame: FRAME, state: float32[:, :, :, ::1], intensity: float32[:, :, ::1], own: float32[:, ::1],
+                 taken: float32[:, ::1], background: float32[:, ::1], photons: float32[:, ::1],
+                 passed: float32[:, :, ::1], out: float32[:, ::1]):
     rows, surfaces, cols = intensity.shape
     m, by_row, by_col = len(frame.energy), min(passed.shape[0] - 1, 1), min(passed.shape[1] - 1, 1)
     for i in prange(rows):

@@ -23,6 +23,9 @@ class Kernels:
         vars(self).update(functions)
         self.device, self.dtype = device, dtype
 
+    def load(self):
+        """Nothing waits to be compiled."""
+
     def array(self, values):
         """The values of a NumPy array on the device, contiguous; may be the same array."""
         tensor = torch.from_numpy(np.array(values, order="C"))
