@@ -31,12 +31,12 @@ def everything() -> None:
 
     left = names()
     cores = min(len(os.sched_getaffinity(0)), len(left))
-    with (tqdm(total=len(left), disable=None, leave=False, bar_format="compiling {n}/{total} |{bar}| {postfix}") as bar,
+    with (tqdm(total=len(left), disable=None, leave=False, bar_format="{n}/{total} |{bar}| {desc}") as bar,
           ProcessPoolExecutor(cores, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_DFL)) as pool):
-        bar.set_postfix_str(", ".join(left[:cores]))
+        bar.set_description_str(f"compiling {', '.join(left[:cores])}")
         for done in as_completed([pool.submit(compile_by_name, name) for name in left]):
             left.remove(done.result())
-            bar.set_postfix_str(", ".join(left[:cores]), refresh=False)
+            bar.set_description_str(f"compiling {', '.join(left[:cores])}")
             bar.update()
 
 
