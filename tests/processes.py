@@ -11,18 +11,18 @@ from pathlib import Path
 
 import psutil
 
-DEADLINE_S = 60.0                       # generous: the machine may be busy; nothing waits longer than it has to
-STOP_TIMEOUT_S = 60.0                   # for a recording to be written
+DEADLINE_S = 120.0                      # generous: the machine may be busy; nothing waits longer than it has to
 LAST_LINES_S = 5.0                      # for the last lines of a process that has ended
-POLL_S = 0.01
+POLL_S, LONGEST_POLL_S = 0.01, 0.1
 SOURCE_TREE = Path(__file__).resolve().parents[1]
 
 
-def wait_until(condition: Callable[[], object], timeout_s: float):
-    """The condition's value once it is true, or as it is after `timeout_s`."""
-    end = time.monotonic() + timeout_s
+def wait_until(condition: Callable[[], object], timeout_s: float = DEADLINE_S):
+    """The condition's value once it is true, or as it is after `timeout_s`. It is asked less and less often."""
+    end, pause_s = time.monotonic() + timeout_s, POLL_S
     while not (value := condition()) and time.monotonic() < end:
-        time.sleep(POLL_S)
+        time.sleep(pause_s)
+        pause_s = min(1.1 * pause_s, LONGEST_POLL_S)
     return value
 
 
@@ -59,14 +59,16 @@ class Process:
 
     def __init__(self, command: list[str], say: Callable[[str], None] | None = None):
         self.command, self.lines, self.killed, self._say = command, [], False, say
-        variables = os.environ | {"PYTHONUNBUFFERED": "1"}
-        variables["PYTHONPATH"] = os.pathsep.join(filter(None, [variables.get("PYTHONPATH"), str(SOURCE_TREE)]))
-        self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                                         stderr=subprocess.STDOUT, text=True, errors="replace", env=variables,
-                                         process_group=0)
+        self._process = self._start()
         self.pid = self._process.pid
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
+
+    def _start(self) -> subprocess.Popen:
+        variables = os.environ | {"PYTHONUNBUFFERED": "1"}
+        variables["PYTHONPATH"] = os.pathsep.join(filter(None, [variables.get("PYTHONPATH"), str(SOURCE_TREE)]))
+        return subprocess.Popen(self.command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                                stderr=subprocess.STDOUT, text=True, errors="replace", env=variables, process_group=0)
 
     @property
     def text(self) -> str:
@@ -98,7 +100,7 @@ class Process:
         """Wait until it has ended; its exit code."""
         wait(lambda: not self.running, f"the end of {self.command}", lambda: self.text, deadline_s)
         self._reader.join(LAST_LINES_S)
-        return self._process.returncode
+        return self.returncode
 
     def send(self, number: int) -> None:
         """Send a signal, if it still runs."""
@@ -136,9 +138,7 @@ class Process:
     def stop(self, number: int = signal.SIGTERM) -> None:
         """End it in order if it can, and read its last lines: a killed process leaves its shared memory behind."""
         self.send(number)
-        try:
-            self._process.wait(STOP_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
+        if not wait_until(lambda: not self.running):
             self.kill()
         self._reader.join(LAST_LINES_S)
 

@@ -1,8 +1,10 @@
 """Half a bin: times sent as truncated words, as floats from bins' centres and from their edges give one range."""
 
+from math import exp
+from statistics import NormalDist
+
 import numpy as np
 import pytest
-from scipy.stats import exponnorm
 
 from srt3d_ros.core.method.background import Background
 from srt3d_ros.core.method.matched_frame import Matcher
@@ -14,8 +16,11 @@ from srt3d_ros.core.sketching.sketcher import sketch_photons
 from tests.core.scenes import run
 
 ROWS, COLS, T, WAIT = 12, 14, 153, 40         # the gate opens WAIT bins after the laser pulse
-PULSE = exponnorm(K=2.0, scale=1.2)           # jitter of a photon's time, bins: steep rise, slow decay
-IRF = np.diff(PULSE.cdf(np.arange(-8, 24) - 0.5))
+# Jitter of a photon's time, bins: normal of SIGMA plus exponential of mean DECAY; steep rise, slow decay.
+SIGMA, DECAY = 1.2, 2.4
+PHI = NormalDist(0, SIGMA).cdf
+IRF = np.diff([PHI(x) - exp(SIGMA**2 / (2 * DECAY**2) - x / DECAY) * PHI(x - SIGMA**2 / DECAY)
+               for x in np.arange(-8, 24) - 0.5])
 # How a driver may send t, the time after the gate's opening in bins; and its toa_offset_bins.
 DRIVERS = {
     "words": (WAIT + 0.5, lambda t: np.floor(t).astype(np.uint16)),
@@ -34,7 +39,8 @@ def observe(driver: str, range_m: float, photons: int) -> PhotonEvents:
     """Photons of a target at this range, timed with a clock that starts when the gate opens."""
     rng = np.random.default_rng(3)
     pixel = np.repeat(np.arange(ROWS * COLS, dtype=np.uint32), photons)
-    t = 2 * range_m / 299_792_458 / 250e-12 - WAIT + PULSE.rvs(len(pixel), random_state=rng)
+    t = 2 * range_m / 299_792_458 / 250e-12 - WAIT
+    t += rng.normal(0, SIGMA, len(pixel)) + rng.exponential(DECAY, len(pixel))
     return PhotonEvents(pixel, DRIVERS[driver][1](t % T))
 
 

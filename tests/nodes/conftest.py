@@ -25,9 +25,9 @@ from srt3d_ros.cli.node import parameter_arguments
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.messages import sensor as sensor_message
+from tests.nodes.eager_node import EagerNode
 from tests.processes import Process, wait
 
-EAGER = Path(__file__).with_name("eager_node.py")
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 ASK_AGAIN_S = 1.0       # a question whose answer may have been lost
 namespaces = itertools.count()
@@ -63,9 +63,9 @@ class Graph:
 
     def start(self, name: str, *ros_args: str, **parameters) -> Process:
         """Start a node, or a script if `name` is the path of one; parameters as in `-p name:=value`."""
-        program = [name] if name.endswith(".py") else [str(EAGER), name]
-        self.processes.append(Process([sys.executable, *program, *parameter_arguments(parameters),
-                                       "-r", f"__ns:={self.namespace}", *ros_args]))
+        arguments = [name, *parameter_arguments(parameters), "-r", f"__ns:={self.namespace}", *ros_args]
+        script = name.endswith(".py")
+        self.processes.append(Process([sys.executable, *arguments]) if script else EagerNode(arguments))
         renamed = [arg.removeprefix("__node:=") for arg in ros_args if arg.startswith("__node:=")]
         self._nodes[renamed[0] if renamed else Path(name).stem] = self.processes[-1]
         return self.processes[-1]

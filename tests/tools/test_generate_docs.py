@@ -8,9 +8,9 @@ from srt3d_ros.nodes import all_specs
 from tools.generate_docs import generated
 
 
-@pytest.mark.parametrize("path", generated())
-def test_a_generated_file_is_up_to_date(repository, path):
-    assert (repository / path).read_text(encoding="utf-8") == generated()[path], "run python -m tools.generate_docs"
+def test_generated_files_are_up_to_date(repository):
+    for path, text in generated().items():
+        assert (repository / path).read_text(encoding="utf-8") == text, f"{path}: run python -m tools.generate_docs"
 
 
 @pytest.mark.parametrize("name", all_specs())
