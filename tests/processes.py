@@ -12,7 +12,6 @@ from pathlib import Path
 import psutil
 
 DEADLINE_S = 120.0                      # generous: the machine may be busy; nothing waits longer than it has to
-LAST_LINES_S = 5.0                      # for the last lines of a process that has ended
 POLL_S, LONGEST_POLL_S = 0.01, 0.1
 SOURCE_TREE = Path(__file__).resolve().parents[1]
 
@@ -88,7 +87,7 @@ class Process:
         """Wait until it has written this; AssertionError if it ends without."""
         wait(lambda: text in self.text or not self.running, f"{text!r} from {self.command}", lambda: self.text)
         if not self.running:
-            self._reader.join(LAST_LINES_S)
+            self._reader.join(DEADLINE_S)
         if text not in self.text:
             raise AssertionError(f"{self.command} ended with {self.returncode}:\n{self.text}")
         return self
@@ -99,7 +98,7 @@ class Process:
     def code(self, deadline_s: float = DEADLINE_S) -> int:
         """Wait until it has ended; its exit code."""
         wait(lambda: not self.running, f"the end of {self.command}", lambda: self.text, deadline_s)
-        self._reader.join(LAST_LINES_S)
+        self._reader.join(DEADLINE_S)
         return self.returncode
 
     def send(self, number: int) -> None:
@@ -140,7 +139,7 @@ class Process:
         self.send(number)
         if not wait_until(lambda: not self.running):
             self.kill()
-        self._reader.join(LAST_LINES_S)
+        self._reader.join(DEADLINE_S)
 
     def _read(self) -> None:
         for line in self._process.stdout:

@@ -13,7 +13,7 @@ import pytest
 from srt3d_ros.cli import main
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.datasets.simulation.simulator import Simulator
-from tests.processes import nodes_of, wait
+from tests.processes import DEADLINE_S, nodes_of, wait
 
 NODES = {"player", "sketcher", "reconstructor", "recorder"}
 
@@ -44,7 +44,7 @@ def start(tmp_path, repository):
     for process in started:
         if process.is_running():
             process.send_signal(signal.SIGINT)
-            process.wait(60)
+            process.wait(DEADLINE_S)
 
 
 def assert_accounted(summary: dict, sent: int) -> None:

@@ -1,14 +1,14 @@
 """`srt3d up` as the parent of its nodes: processes of their own, watched, ended in order."""
 
+import re
 import signal
 import sys
-import time
 
 import psutil
 import pytest
 from rerun.chunk import RrdReader
 
-from tests.processes import POLL_S, Process, nodes_of, wait
+from tests.processes import Process, nodes_of, wait
 
 UP = [sys.executable, "-m", "srt3d_ros.cli.main", "up"]
 
@@ -36,13 +36,9 @@ def test_the_nodes_end_from_the_source_to_the_recorder_and_the_recording_is_whol
     up = start(UP, "--input", "simulator", "--record", recording, "--namespace", "front", "-r", "points:=/robot/cloud")
     up.says("starts /front/player, /front/sketcher, /front/reconstructor, /front/recorder; Ctrl-C ends them")
     up.says(f"[front.recorder]: recording to {recording}").says("[front.player]: ready")
-    nodes, order = nodes_of(up.pid), []
-    up.send(signal.SIGINT)
-    while len(order) < len(nodes):
-        time.sleep(POLL_S)
-        order += [name for name, node in nodes.items() if name not in order and not runs(node)]
-    assert up.code() == 0, up.text
-    assert order == ["player", "sketcher", "reconstructor", "recorder"]
+    assert up.end(signal.SIGINT) == 0, up.text
+    order = ["player", "sketcher", "reconstructor", "recorder"]
+    assert re.findall(r"\[front\.(\w+)\]: shutting down", up.text) == order
     assert RrdReader(recording).recordings()
 
 

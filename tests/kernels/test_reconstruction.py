@@ -5,7 +5,7 @@ import pytest
 
 from srt3d_ros.core.method.memory import PooledStream
 
-from .frames import FAINT, ORACLE, SHAPES, assert_clouds_agree, make_sensor, make_sketch
+from .frames import CPU, FAINT, ORACLE, SHAPES, SINGLE, assert_clouds_agree, make_sensor, make_sketch
 
 
 def built(monkeypatch, backend, sensor, frequencies, *arguments, **options) -> PooledStream:
@@ -16,37 +16,39 @@ def built(monkeypatch, backend, sensor, frequencies, *arguments, **options) -> P
 @pytest.mark.parametrize(("shape", "surfaces", "light", "options"), [
     (SHAPES[0], 1, 1, {}), (SHAPES[1], 1, FAINT, {}), (SHAPES[0], 2, 0.1, {}), ((13, 35), 2, 1, {}),
     ((2, 24), 1, 1, {"background": "flat"})])
-def test_whole_reconstructions_agree(backend, monkeypatch, shape, surfaces, light, options):
+def test_whole_reconstructions_agree(monkeypatch, shape, surfaces, light, options):
     sensor = make_sensor(*shape, seed=5)
     sketch = make_sketch(sensor, 5, light)
-    ours, theirs = (built(monkeypatch, kernels, sensor, sketch.frequencies, surfaces, **options)(sketch)
-                    for kernels in (backend, ORACLE))
-    assert_clouds_agree(ours, theirs, surfaces, 25)
-    assert ours.xyz.dtype == ours.depth_bins.dtype == np.float32 and ours.row.dtype == np.uint16
+    oracle, *others = (built(monkeypatch, kernels, sensor, sketch.frequencies, surfaces, **options)(sketch)
+                       for kernels in (ORACLE, CPU, SINGLE))
+    for cloud in others:
+        assert_clouds_agree(cloud, oracle, surfaces, 25)
+        assert cloud.xyz.dtype == cloud.depth_bins.dtype == np.float32 and cloud.row.dtype == np.uint16
 
 
 @pytest.mark.parametrize(("shape", "surfaces"), [((9, 33), 1), ((9, 33), 2)])
-def test_backgrounds_are_taken_out_and_learnt_alike(backend, monkeypatch, shape, surfaces):
+def test_backgrounds_are_taken_out_and_learnt_alike(monkeypatch, shape, surfaces):
     sensor = make_sensor(*shape, seed=5).replace(background_shape=np.exp(-np.arange(300) / 40))
     sketch, found = make_sketch(sensor, 5), []
     monkeypatch.setattr("srt3d_ros.core.method.memory.PASSES", 1)      # so few pixels end at an even background
-    for kernels in (backend, ORACLE):
+    for kernels in (ORACLE, CPU, SINGLE):
         reconstructor = built(monkeypatch, kernels, sensor, sketch.frequencies, surfaces)
         found.append((reconstructor(sketch), reconstructor.uneven_background))
-    (ours, uneven), (theirs, expected) = found
-    assert_clouds_agree(ours, theirs, surfaces, 25)
-    assert uneven == pytest.approx(expected, rel=1e-3) and uneven > 0.05
+    for cloud, uneven in found[1:]:
+        assert_clouds_agree(cloud, found[0][0], surfaces, 25)
+        assert uneven == pytest.approx(found[0][1], rel=1e-3) and uneven > 0.05
 
 
 @pytest.mark.parametrize(("shape", "surfaces"), [((6, 40), 1), ((6, 40), 2)])
-def test_frames_begin_with_the_last_ones_surfaces(backend, monkeypatch, shape, surfaces):
+def test_frames_begin_with_the_last_ones_surfaces(monkeypatch, shape, surfaces):
     sensor = make_sensor(*shape, seed=5)
     first, second = make_sketch(sensor, 5), make_sketch(sensor, 6, 0.2)
     clouds = []
-    for kernels in (backend, ORACLE):
+    for kernels in (ORACLE, CPU, SINGLE):
         reconstructor = built(monkeypatch, kernels, sensor, first.frequencies, surfaces, warm_start=True)
         reconstructor(first)
         clouds.append(reconstructor(second))
-    assert_clouds_agree(*clouds, surfaces, 8)
-    without = built(monkeypatch, backend, sensor, first.frequencies, surfaces)(second)
-    assert not np.array_equal(without.depth_bins, clouds[0].depth_bins)
+    for kernels, cloud in zip((CPU, SINGLE), clouds[1:], strict=True):
+        assert_clouds_agree(cloud, clouds[0], surfaces, 8)
+        without = built(monkeypatch, kernels, sensor, first.frequencies, surfaces)(second)
+        assert not np.array_equal(without.depth_bins, cloud.depth_bins)

@@ -32,7 +32,7 @@ def test_sketches_are_the_cores_in_all_forms_and_follow_the_parameters(graph, se
     sketches, described = graph.collect(PointCloud2, "sketch"), graph.collect_latched(String, "sketch/sensor")
     durability = f"qos_overrides.{graph.namespace}/sketch.publisher.durability:=TRANSIENT_LOCAL"
     node = graph.start("sketcher", "-p", durability, sketch_sise=3, frequencies="1,3").ready()
-    writer, = graph.node.get_publishers_info_by_topic("sketch")
+    writer, = graph.wait(lambda: graph.node.get_publishers_info_by_topic("sketch"), "the publisher of sketch")
     assert writer.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
     assert "sketcher has no such parameter, did you mean sketch_size?" in node.text
     graph.introduce(sensor)

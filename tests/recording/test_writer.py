@@ -1,9 +1,9 @@
 """RecordingWriter: what is logged is in the file, and whatever happens to the file, the caller goes on."""
 
 import contextlib
+import itertools
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from srt3d_ros.recording import schema
 from srt3d_ros.recording import writer as writer_module
 from srt3d_ros.recording.reader import RecordingReader
 from srt3d_ros.recording.writer import RecordingFailed, RecordingWriter
+from tests.processes import DEADLINE_S, wait
 
 SENSOR = SensorModel(2, 3, 50, 1e-10, np.ones(3))
 
@@ -110,18 +111,20 @@ def test_a_flood_of_clouds_does_not_keep_scalars_from_the_file(tmp_path, monkeyp
     """Without regular flushes, rerun writes clouds only."""
     monkeypatch.setattr(writer_module, "FLUSH_PERIOD_S", 0.1)
     xyz, intensity = random_cloud(20_000)
-    names = set()
+    frames = itertools.count()
+
+    def flushed() -> set[str]:
+        for k in itertools.islice(frames, 10):
+            writer.log_cloud(k, k, xyz, intensity)
+        (tmp_path / "copy.rrd").write_bytes((tmp_path / "a.rrd").read_bytes())
+        with contextlib.suppress(RuntimeError, ValueError):     # copied in the middle of a chunk: once more
+            stream = RrdReader(tmp_path / "copy.rrd").stream()
+            return {chunk.entity_path for chunk in stream.filter(content="/metrics/**", is_static=False)}
+        return set()
+
     with RecordingWriter(tmp_path / "a.rrd", SENSOR) as writer:
         writer.log_scalars(0, {"points": 1}, 0)
-        for k in range(200):
-            writer.log_cloud(k, k, xyz, intensity)
-            time.sleep(0.01)
-            if k >= 50 and k % 10 == 0 and not names:
-                (tmp_path / "copy.rrd").write_bytes((tmp_path / "a.rrd").read_bytes())
-                with contextlib.suppress(RuntimeError, ValueError):     # copied in the middle of a chunk: once more
-                    stream = RrdReader(tmp_path / "copy.rrd").stream()
-                    names = {chunk.entity_path for chunk in stream.filter(content="/metrics/**", is_static=False)}
-    assert names == {"/metrics/points"}
+        assert wait(flushed, "scalars in the file") == {"/metrics/points"}
 
 
 def test_a_path_that_cannot_be_written_is_one_line(tmp_path):
@@ -140,7 +143,7 @@ writer = RecordingWriter(sys.argv[1], SensorModel(2, 3, 50, 1e-10, np.ones(3)))
 for k in range(30):
     writer.log_cloud(k, k, np.ones((20_000, 3)), np.ones(20_000))
 """
-    subprocess.run([sys.executable, "-c", script, tmp_path / "a.rrd"], timeout=60, check=True)
+    subprocess.run([sys.executable, "-c", script, tmp_path / "a.rrd"], timeout=DEADLINE_S, check=True)
     reader = RecordingReader(tmp_path / "a.rrd")
     assert len(list(reader.clouds())) == 30
 
@@ -169,7 +172,7 @@ one.close()
 
 def test_a_disk_that_hangs_gives_one_error_and_does_not_keep_the_process_from_ending(tmp_path):
     done = subprocess.run([sys.executable, "-c", HANGING_DISK, str(tmp_path / "a.rrd")], capture_output=True, text=True,
-                          timeout=120)
+                          timeout=DEADLINE_S)
     assert done.returncode == 1 and "Traceback" not in done.stderr, done.stderr
     assert done.stdout == f"recording {tmp_path / 'a.rrd'}: Flush timed out - not all log messages were sent\n"
 

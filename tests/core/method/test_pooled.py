@@ -54,7 +54,7 @@ def test_fewer_false_alarms_are_allowed_fewer_points_appear():
 
 
 def test_thresholds_are_quantiles_of_the_normal_distribution():
-    from scipy.stats import norm        # here: it takes a second
+    from scipy.stats import norm  # here: it takes a second
 
     assert score_threshold(1e-4, 100) == pytest.approx(norm.isf(1e-4 / 200))
     assert score_threshold(1e-2, 40, 6.0) == pytest.approx(norm.isf(1e-2 / 80 * 9 / (4 * np.pi * 36)))
