@@ -103,7 +103,8 @@ class Process:
 
     def send(self, number: int) -> None:
         """Send a signal, if it still runs."""
-        self._process.send_signal(number)
+        if self.running:
+            os.kill(self.pid, number)
 
     def halt(self) -> None:
         """SIGSTOP, and wait until none of its threads runs: until one of them has seen the signal, others go on."""
@@ -131,8 +132,8 @@ class Process:
     def kill(self) -> None:
         """SIGKILL, and wait."""
         self.killed = True
-        self._process.kill()
-        self._process.wait()
+        self.send(signal.SIGKILL)
+        self.code()
 
     def stop(self, number: int = signal.SIGTERM) -> None:
         """End it in order if it can, and read its last lines: a killed process leaves its shared memory behind."""

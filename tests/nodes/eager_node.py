@@ -23,40 +23,30 @@ SERVER.set_forkserver_preload([__name__])
 cpu_target.target_context.refresh()
 
 
-def run(output, name: str, ros_args: list[str]) -> None:
-    """Be the node, in a process of its own, and write to the pipe."""
+def run(output, *arguments: str) -> None:
+    """Be the node of this name and these arguments, and write to the pipe."""
     os.setpgid(0, 0)
-    for stream_number in (1, 2):
-        os.dup2(output.fileno(), stream_number)
+    for descriptor in (1, 2):
+        os.dup2(output.fileno(), descriptor)
     output.close()
     node.exit_at_once_on_signals()
     from srt3d_ros.nodes import diagnostics
 
     diagnostics.PERIOD_S, stream.MOTION_S = 0.1, 30.0
-    sys.exit(node.start(name, ros_args))
-
-
-class Forked:
-    """Of subprocess.Popen, what Process needs."""
-
-    def __init__(self, name: str, *ros_args: str):
-        self._pipe, output = SERVER.Pipe(duplex=False)
-        self._process = SERVER.Process(target=run, args=(output, name, ros_args), daemon=True)
-        self._process.start()
-        output.close()
-        self.pid, self.kill, self.wait = self._process.pid, self._process.kill, self._process.join
-        self.stdout = open(self._pipe.fileno(), errors="replace", closefd=False)
-
-    def poll(self) -> int | None:
-        return self._process.exitcode
-
-    def send_signal(self, number: int) -> None:
-        if self.poll() is None:
-            os.kill(self.pid, number)
+    sys.exit(node.start(arguments[0], list(arguments[1:])))
 
 
 class EagerNode(Process):
     """A node that runs. Its command is its name and arguments."""
 
-    def _start(self) -> Forked:
-        return Forked(*self.command)
+    def _start(self) -> multiprocessing.Process:
+        self._pipe, output = SERVER.Pipe(duplex=False)
+        process = SERVER.Process(target=run, args=(output, *self.command), daemon=True)
+        process.start()
+        output.close()
+        process.stdout = open(self._pipe.fileno(), errors="replace", closefd=False)
+        return process
+
+    @property
+    def returncode(self) -> int | None:
+        return self._process.exitcode
