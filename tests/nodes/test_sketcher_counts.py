@@ -93,6 +93,7 @@ def test_no_frame_is_lost_while_gate_and_frequencies_change_and_each_names_its_d
     graph.known_to("sketcher")
     settings = [{"gate": "30-79"}, {"frequencies": "1,2,5,9"}, {"gate": "off"}, {"frequencies": "auto"}]
     for k in range(24):
+        graph.wait(lambda k=k: len(sketches) > k - 4, "all but the last three sketches")
         if k % 6 == 3:
             assert graph.set("sketcher", **settings[k // 6]) == ""
         frame = dataclasses.replace(events, stamp_ns=S + k * MS)
