@@ -35,7 +35,9 @@ def test_the_nodes_end_from_the_source_to_the_recorder_and_the_recording_is_whol
     recording = tmp_path / "run.rrd"
     up = start(UP, "--input", "simulator", "--record", recording, "--namespace", "front", "-r", "points:=/robot/cloud")
     up.says("starts /front/player, /front/sketcher, /front/reconstructor, /front/recorder; Ctrl-C ends them")
-    up.says(f"[front.recorder]: recording to {recording}").says("[front.player]: ready")
+    up.says(f"[front.recorder]: recording to {recording}")
+    for name in ("player", "sketcher", "reconstructor"):
+        up.says(f"[front.{name}]: ready")
     assert up.end(signal.SIGINT) == 0, up.text
     order = ["player", "sketcher", "reconstructor", "recorder"]
     assert re.findall(r"\[front\.(\w+)\]: shutting down", up.text) == order
