@@ -66,10 +66,20 @@ def test_stamps_that_begin_again_are_followed_and_the_open_frame_is_given_up_if_
 def test_a_sensor_that_begins_again_is_not_late():
     framing = Framing()
     placed = []
-    for stamp in (100 * S - 2 * MS, 100 * S - MS, 100 * S, 99 * S, 99 * S - 1, 100 * S - 1):
+    for stamp in (100 * S - 2 * MS, 100 * S - MS, 100 * S, 100 * S - MS, 99 * S, 99 * S - 1, 99 * S + MS):
         placed.append(framing.place(stamp))
         assert placed[-1].late or framing.add(stamp) == (1, 0)
-    assert placed[2:] == [Placed(), Placed(late=True), Placed(began_again=True), Placed()]
+    assert placed[2:] == [Placed(), Placed(late=True), Placed(began_again=True), Placed(late=True), Placed()]
+
+
+@pytest.mark.parametrize("packets, period_ns", [(1, 0), (3, 0), (1, 100 * MS), (3, 100 * MS)])
+@pytest.mark.parametrize("count", [3, 8, 10])
+def test_no_packet_of_a_short_bag_that_is_played_again_and_again_is_late(packets, period_ns, count):
+    """Frames of three packets, 100 ms apart: no stamp falls back by as much as a second."""
+    each = 1 if packets == 1 and not period_ns else 3
+    bag = [100 * MS * frame + 10 * MS * packet for frame in range(count) for packet in range(each)]
+    frames, dropped = frames_of(Framing(packets, period_ns), 4 * bag)
+    assert dropped == {} and [len(frame) for frame in frames if frame] == [each] * 4 * count
 
 
 @pytest.mark.parametrize("framing, steps_s", [
