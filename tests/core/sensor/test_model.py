@@ -104,6 +104,13 @@ def test_same_as_sees_equal_values_in_other_arrays():
     assert make(**FULL).same_as(make(**copy.deepcopy(FULL))) and not make(**FULL).same_as(None)
 
 
+def test_same_as_compares_no_array_with_itself(monkeypatch):
+    sensor = make(**FULL)
+    moved = sensor.replace(frame_id="other")
+    monkeypatch.setattr(np, "array_equal", lambda *_: False)
+    assert sensor.same_as(sensor) and not moved.same_as(sensor)
+
+
 # ---- Some of the pixels
 
 @pytest.mark.parametrize("projection", [Pinhole(9, 8, 2.5, 1, PlumbBob(k1=-0.01)), AngularScan(0.2, -0.1, 0.3, -0.2)])
