@@ -1,6 +1,7 @@
 """Every dependency has a lower bound, below which nothing was tried, and an upper one, above which nobody knows."""
 
 import importlib.metadata
+import re
 import tomllib
 import xml.etree.ElementTree as ElementTree
 
@@ -34,6 +35,20 @@ def test_every_dependency_is_pinned_within_its_bounds(requirements, repository):
     pins = dict(line.lower().split("==") for line in (repository / "constraints.txt").read_text().splitlines()[1:])
     for requirement in requirements.values():
         assert Version(pins[requirement.name.lower()]) in requirement.specifier, requirement
+
+
+OF_ROSDEP = {"yaml": "python3-yaml"} | {name: f"python3-{name}" for name in ("numpy", "scipy", "tqdm", "jsonschema")}
+
+
+def test_package_xml_names_every_ros_package_that_is_imported(repository):
+    sources = [*(repository / "srt3d_ros").rglob("*.py"), *(repository / "launch").glob("*.py")]
+    text = "\n".join(path.read_text() for path in sources)
+    used = set(re.findall(r"\b([a-z]+_(?:msgs|interfaces))(?:\.|/msg/)", text))
+    imported = set(re.findall(r"^ *(?:from|import) (\w+)", text, re.MULTILINE))
+    used |= {name for name in imported if re.match(r"rcl|launch|ament", name)}
+    used |= {OF_ROSDEP[name] for name in imported & OF_ROSDEP.keys()}
+    named = {node.text for node in ElementTree.parse(repository / "package.xml").getroot().iter("exec_depend")}
+    assert {"rclpy", "nav_msgs", "python3-numpy"} <= used and used <= named, used - named
 
 
 def test_rosdep_and_pip_agree_on_what_both_install(requirements, repository):
