@@ -41,7 +41,7 @@ OF_ROSDEP = {"yaml": "python3-yaml"} | {name: f"python3-{name}" for name in ("nu
 
 
 def test_package_xml_names_every_ros_package_that_is_imported(repository):
-    sources = [*(repository / "srt3d_ros").rglob("*.py"), *(repository / "launch").glob("*.py")]
+    sources = [path for folder in ("srt3d_ros", "launch") for path in (repository / folder).rglob("*.py")]
     text = "\n".join(path.read_text() for path in sources)
     used = set(re.findall(r"\b([a-z]+_(?:msgs|interfaces))(?:\.|/msg/)", text))
     imported = set(re.findall(r"^ *(?:from|import) (\w+)", text, re.MULTILINE))
