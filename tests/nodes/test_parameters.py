@@ -7,7 +7,6 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.nodes import all_specs
 from srt3d_ros.nodes.parameters import Parameter, Parameters
 
 TABLE = (
@@ -72,43 +71,3 @@ def test_a_check_that_fails_by_a_mistake_of_ours_refuses_the_value_and_is_report
     result, = node.set_parameters([RosParameter("rate_hz", value=1.0)])
     assert not result.successful and "ZeroDivisionError" in result.reason and parameters["rate_hz"] == 5.0
     assert [type(failure) for failure in failures] == [ZeroDivisionError]
-
-
-# ---- Every parameter of every node
-
-OF_NODES = [pytest.param(name, parameter, id=f"{name}.{parameter.name}")
-            for name, spec in all_specs().items() for parameter in spec.table]
-TEXTS = {"frequencies": ["consecutive", "1,2,5"], "gate": ["0-99", "40-60"], "frame_id": ["map"]}
-
-
-def values_of(parameter) -> list:
-    """All values of a choice, both ends of a range, and what lies beyond them."""
-    if parameter.choices or type(parameter.default) is bool:
-        return [*(parameter.choices or (True, False))]
-    if type(parameter.default) is str:
-        return TEXTS.get(parameter.name, ["x"])
-    low, high = (type(parameter.default)(instead if end is None else end) for end, instead in (
-        (parameter.low, -1e9), (parameter.high, 1e9)))
-    return [low, high, low - 1, high + 1]
-
-
-@pytest.fixture(scope="module")
-def running(shared_graph, photon_file, tmp_path_factory):
-    """All nodes, at work."""
-    shared_graph.start("recorder", path=tmp_path_factory.mktemp("recorder") / "a.rrd").ready()
-    for name in ("reconstructor", "sketcher"):
-        shared_graph.start(name).ready()
-    shared_graph.start("player", input=photon_file, rate_hz=20.0).ready()
-    return shared_graph
-
-
-@pytest.mark.parametrize(("name", "parameter"), OF_NODES)
-def test_a_running_node_takes_or_refuses_both_ends_of_each_range_and_goes_on(running, name, parameter):
-    done = {"player": ["frames_out"], "reconstructor": ["frames_out", "dropped.malformed"]}.get(name, ["messages_in"])
-    for value in [*values_of(parameter), parameter.default]:
-        reason = running.set(name, **{parameter.name: value})
-        assert "internal" not in reason and (parameter.live or reason) and (value != parameter.default or not (
-            parameter.live and reason)), (value, reason)
-        before = sum(running.total(name, key) for key in done)
-        running.wait(lambda: sum(running.total(name, key) for key in done) > before + 1, "frames with that value")
-    assert running.total(name, "internal") == 0, running.report(name)
