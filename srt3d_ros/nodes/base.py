@@ -132,7 +132,7 @@ class PipelineNode(ManagedNode):
         """Publish a message; Dropped if the node was deactivated while the worker had the frame in hand."""
         with self._publishing:
             if self.stopped_for:
-                raise Dropped(self.stopped_for, f"it was ready more than {self.finish_s:g} s after the node's end")
+                raise Dropped(self.stopped_for, "it was ready only after the node had stopped")
             publisher.publish(message)
 
     def sent(self, stamp_ns: int) -> None:

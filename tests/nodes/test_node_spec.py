@@ -13,7 +13,6 @@ OF_MANAGED_NODES = ("change_state", "get_state", "get_available_states", "get_av
 NEVER_TOGETHER = {"player": {"odom"}, "sketcher": {"odom", "imu"}}
 OF_NODES = [pytest.param(name, parameter, id=f"{name}.{parameter.name}")
             for name, spec in all_specs().items() for parameter in spec.table]
-TEXTS = {"frequencies": ["consecutive", "1,2,5"], "gate": ["0-99", "40-60"], "frame_id": ["map"]}
 
 
 def values_of(parameter) -> list:
@@ -21,7 +20,7 @@ def values_of(parameter) -> list:
     if parameter.choices or type(parameter.default) is bool:
         return [*(parameter.choices or (True, False))]
     if type(parameter.default) is str:
-        return TEXTS.get(parameter.name, ["x"])
+        return ["x", "1-90", "1,2,5"]
     low, high = (type(parameter.default)(instead if end is None else end) for end, instead in (
         (parameter.low, -1e9), (parameter.high, 1e9)))
     return [low, high, low - 1, high + 1]

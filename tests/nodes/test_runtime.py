@@ -115,6 +115,7 @@ def test_work_that_does_not_end_is_given_up_at_one_deadline_and_said(graph, star
     for _ in range(3):
         publisher.publish(message(1002))
     graph.reports("probe", "messages_in", 3)
+    probe.says("working")
     assert probe.end(signal.SIGTERM) == 1 and "2 messages still waited after 0.1 s: dropped (shutdown)" in probe.text
     graph.reports("probe", "dropped.shutdown", 3)
 

@@ -4,7 +4,8 @@ A frame ends when it is complete, by number (`packets` messages), or by stamp: f
 [k·P, (k+1)·P), and ends with the first packet of a later period, whatever was lost on the way. With both, a frame ends
 with its last packet if all come, and with the next frame's first if not.
 
-Within the open frame packets may come in any order: sketches add. What is older than the last frame is late.
+Within the open frame packets may come in any order: sketches add. What is older than the last frame is late, unless it
+is older by more than a frame: then the sensor, or a bag, began again.
 
 How long packets may stay away follows from the usual step between their stamps: the second longest of the newest, of
 about two frames. A sensor may send the packets of a frame at once and then pause, and one leap alone is not usual.
