@@ -11,17 +11,14 @@ OF_MANAGED_NODES = ("change_state", "get_state", "get_available_states", "get_av
                     "get_parameters", "list_parameters", "set_parameters", "set_parameters_atomically",
                     "get_type_description")
 NEVER_TOGETHER = {"player": {"odom"}, "sketcher": {"odom", "imu"}}
-OF_NODES = [pytest.param(name, parameter, id=f"{name}.{parameter.name}")
-            for name, spec in all_specs().items() for parameter in spec.table]
 
 
 def values_of(parameter) -> list:
     """All values of a choice, both ends of a range, and what lies beyond them."""
-    if parameter.choices or type(parameter.default) is bool:
-        return [*(parameter.choices or (True, False))]
-    if type(parameter.default) is str:
-        return ["x", "1-90", "1,2,5"]
-    low, high = (type(parameter.default)(instead if end is None else end) for end, instead in (
+    kind = type(parameter.default)
+    if kind in (bool, str):
+        return [*(parameter.choices or {bool: (True, False), str: ("x", "1-90", "1,2,5")}[kind])]
+    low, high = (kind(instead if end is None else end) for end, instead in (
         (parameter.low, -1e9), (parameter.high, 1e9)))
     return [low, high, low - 1, high + 1]
 
@@ -66,7 +63,8 @@ def test_topics_and_parameters_are_those_of_the_spec(graph, name):
         assert descriptor.read_only == (not parameter.live)
 
 
-@pytest.mark.parametrize(("name", "parameter"), OF_NODES)
+@pytest.mark.parametrize(("name", "parameter"), [
+    pytest.param(name, one, id=f"{name}.{one.name}") for name, spec in all_specs().items() for one in spec.table])
 def test_a_running_node_takes_or_refuses_both_ends_of_each_range_and_goes_on(graph, name, parameter):
     done = {"player": ["frames_out"], "reconstructor": ["frames_out", "dropped.malformed"]}.get(name, ["messages_in"])
     for value in [*values_of(parameter), parameter.default]:

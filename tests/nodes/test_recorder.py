@@ -105,14 +105,13 @@ from srt3d_ros.recording import writer
 {}
 sys.exit(recorder.main())
 """
-FULL_DISK = "writer.LEAST_FREE_BYTES = 10**18"
 BUSY = """on_points = recorder.RecorderNode._on_points        # clouds wait for the end
 recorder.RecorderNode._on_points = lambda self, raw: self.halted.wait() and on_points(self, raw)"""
 
 
 def test_a_full_disk_ends_the_recording_with_one_error_and_not_the_node(graph, speaker, tmp_path):
     program = tmp_path / "recorder.py"
-    program.write_text(PROGRAM.format(FULL_DISK))
+    program.write_text(PROGRAM.format("writer.LEAST_FREE_BYTES = 10**18"))
     recorder = graph.start(str(program), path=tmp_path / "a.rrd").ready()
     for number in (1, 2):       # another can be tried
         assert number == 1 or graph.change("recorder", "deactivate") and graph.change("recorder", "activate")
