@@ -5,6 +5,7 @@ NODE.PARAMETER:=VALUE, such as sketcher.sketch_size:=5, sets any parameter of a 
 `srt3d up` starts the same nodes without the launch package.
 """
 
+import signal
 from pathlib import Path
 
 import yaml
@@ -18,6 +19,7 @@ from launch import Action, LaunchDescription
 PACKAGE = "srt3d_ros"
 TOPICS = ("photons", "gates", "histograms", "sensor", "points")
 BAD_INPUT = 2       # a node's exit code for what will not become right by another try
+ASKED = (0, -signal.SIGINT, -signal.SIGTERM)        # of a node that was asked to end, also before it had started
 END_S = "60"        # after Ctrl-C, for a recording to be written; launch would end the nodes after 5 s
 
 ARGUMENTS = {
@@ -104,6 +106,6 @@ class Ended:
         self._restarts = restarts
 
     def __call__(self, event, context) -> None:
-        if event.returncode and (self._restarts == 0 or event.returncode == BAD_INPUT):
+        if event.returncode not in ASKED and (self._restarts == 0 or event.returncode == BAD_INPUT):
             raise RuntimeError(f"{event.process_name} has failed with exit code {event.returncode}")
         self._restarts -= 1

@@ -1,8 +1,10 @@
 """Child processes: how they are started and ended."""
 
 import ctypes
+import os
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Iterable
 
@@ -33,6 +35,13 @@ def stop_in_order(processes: Iterable[subprocess.Popen]) -> None:
         if process.poll() is None:
             stop(process)
             time.sleep(HAND_OVER_S)
+
+
+def end_at_once(code: int) -> None:
+    """End this process; as an exit handler, without those that were registered before and may wait for ever."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
 
 
 def ending(process: subprocess.Popen | subprocess.CompletedProcess) -> str:

@@ -71,12 +71,13 @@ def node_command(name: str, *ros_args: str, **parameters) -> list[str]:
 
 
 def exit_at_once_on_signals() -> None:
-    """Exit on SIGINT and SIGTERM while modules are imported, until the nodes set handlers of their own.
+    """Have SIGINT and SIGTERM end the process while modules are imported, until the nodes set handlers of their own.
 
-    Nothing needs an orderly end yet, and KeyboardInterrupt in an extension module's import can become any exception.
+    Nothing needs an orderly end yet. The kernel does it, as Python's handlers only run between two bytecodes: not while
+    a library waits or compiles. KeyboardInterrupt in an extension module's import can become any exception.
     """
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: os._exit(0))
+        signal.signal(number, signal.SIG_DFL)
 
 
 def namespace_arguments(namespace: str) -> list[str]:

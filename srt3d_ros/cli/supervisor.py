@@ -32,4 +32,6 @@ def supervise(names: list[str], ros_args: list[str]) -> int:
         print(f"srt3d up: {ended} {processes.ending(nodes[ended])}: ending all nodes", file=sys.stderr, flush=True)
     processes.stop_in_order(reversed(nodes.values()))
     code = nodes[ended].returncode if ended else 0
+    if -code in (signal.SIGINT, signal.SIGTERM):        # a node that was asked to end before it had started
+        return 0
     return SIGNALLED - code if code < 0 else code or max(0, *(node.returncode for node in nodes.values()))

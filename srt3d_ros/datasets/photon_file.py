@@ -19,7 +19,7 @@ from srt3d_ros.datasets.readers import cubes
 from srt3d_ros.datasets.values import MAX_PHOTONS
 from srt3d_ros.errors import require
 from srt3d_ros.messages.sensor import PROJECTIONS
-from srt3d_ros.new_files import check_replaceable, file_errors
+from srt3d_ros.new_files import atomic_write, check_replaceable, file_errors
 
 NUMBERS = ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m")
 OWN = (*NUMBERS, "irf", *MAPS, "frame_id")                          # arguments of SensorModel
@@ -33,7 +33,7 @@ REQUIRED = ("pixel", "toa", "rows", "cols", "num_bins")
 
 def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame,
          reference_depth_bins: np.ndarray | None = None) -> None:
-    """Write an npz photon file.
+    """Write an npz photon file; one that is there is replaced when the new one is complete.
 
     Args:
         path: ends in .npz.
@@ -63,8 +63,8 @@ def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame,
         require(fits, "reference_depth_bins shape", np.shape(reference_depth_bins),
                 f"[S, {sensor.rows}, {sensor.cols}], S from 1 to {MAX_SURFACES}")
         arrays |= dict(zip((FIRST_REFERENCES[-1], *OTHER_REFERENCES), surfaces))
-    with file_errors("photon file", path):
-        np.savez_compressed(path, **{name: values for name, values in arrays.items() if values is not None})
+    with file_errors("photon file", path), atomic_write(path) as part, part.open("wb") as file:
+        np.savez_compressed(file, **{name: values for name, values in arrays.items() if values is not None})
 
 
 def read(path: Path, options: dict) -> Photons:

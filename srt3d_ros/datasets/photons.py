@@ -151,7 +151,7 @@ class Photons:
                 unless given.
             surfaces: K, the most surfaces in a pixel.
             device: "cpu", "cuda", or "auto" for a GPU that does the same as the CPU, and faster.
-            false_alarm_rate: probability that a pixel with background alone shows a point.
+            false_alarm_rate: probability that a pixel with background alone shows a point, at most 0.4.
             background: how it spreads over the bins (pooled): as the frame itself shows ("auto"), as the "sensor"
                 says, or "flat".
 

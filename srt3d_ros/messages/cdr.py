@@ -30,9 +30,14 @@ class Header:
     frame_id: str
 
     def __post_init__(self):
-        require(-(2**31) <= self.stamp_ns // NS_PER_S < 2**31, "header.stamp", self.stamp_ns,
-                "nanoseconds whose seconds fit 32 bits")
+        check_stamp(self.stamp_ns)
         check_frame_id("header.frame_id", self.frame_id)
+
+
+def check_stamp(stamp_ns: int) -> None:
+    """Raise InvalidInput unless a ROS header can carry the stamp."""
+    require(-(2**31) <= stamp_ns // NS_PER_S < 2**31, "header.stamp", stamp_ns,
+            "nanoseconds whose seconds fit 32 bits")
 
 
 def check_frame_id(field: str, frame_id: str) -> None:
@@ -131,6 +136,7 @@ def write_text(text: str) -> bytes:
 
 def restamp(raw: bytes, stamp_ns: int) -> bytes:
     """A serialised message with another stamp: many times cheaper than to write its data again."""
+    check_stamp(stamp_ns)
     # The stamp comes first in every message with a header.
     stamp = struct.pack("<iI", *divmod(stamp_ns, NS_PER_S))
     return b"".join((raw[:CDR_HEADER_BYTES], stamp, memoryview(raw)[CDR_HEADER_BYTES + len(stamp):]))

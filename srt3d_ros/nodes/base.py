@@ -1,15 +1,18 @@
 """PipelineNode: what all nodes of the pipeline share."""
 
+import atexit
 import threading
 import time
+import traceback
 from collections.abc import Callable
 
 from rclpy.publisher import Publisher
 
+from srt3d_ros import processes
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.nodes.diagnostics import Diagnostics
-from srt3d_ros.nodes.lifecycle import PUBLISH_DEPTH, ManagedNode
+from srt3d_ros.nodes.lifecycle import PUBLISH_DEPTH, ManagedNode, TransitionCallbackReturn
 from srt3d_ros.nodes.parameters import Parameters
 from srt3d_ros.nodes.topics import qos_overrides
 from srt3d_ros.nodes.worker import CATCH_UP_S, NEWEST_ONLY, Dropped, Worker
@@ -34,9 +37,9 @@ class PipelineNode(ManagedNode):
         InvalidInput: a parameter cannot be used.
     """
 
-    drains = False          # whether waiting frames are still processed when the node is deactivated
+    drain_s = 0.0           # how long waiting frames are still processed when the node is deactivated
     queue_depth = QUEUE_DEPTH   # messages of an input that may wait in the middleware, where frames are queued
-    finish_s = 5.0          # timeout for the current frame, or for those that drain
+    finish_s = 5.0          # deadline for all that a deactivation or the node's end waits for
     niceness = 0            # of the process
 
     def __init__(self, queue_limit: int = NEWEST_ONLY):
@@ -49,16 +52,20 @@ class PipelineNode(ManagedNode):
         except BaseException:
             self.destroy_node()     # it must not outlive the context
             raise
+        self.parameters.on_failure = self.failed
         self.diagnostics = Diagnostics(self)
         self.finished = threading.Event()       # set by a node that is done: its process may end
         self.halted = threading.Event()         # set while the node stops: the worker waits for nothing
         self.exit_code = 0
+        self.stopped_for = "inactive"           # a cause for which nothing may be published; empty while active
+        self._publishing = threading.Lock()
+        self._tracebacks: set[tuple] = set()    # that the log has
         self.worker = Worker(queue_limit, self.failed, self.diagnostics.drop, CATCH_UP_S)
         self.received_ns = 0        # when the frame in hand came, by the node's clock
         self._followed_ns = self._valid_from_ns = 0          # when descriptions were sent, by their sender's clock
 
     def forget(self) -> None:
-        """Drop the state of past frames; called in the worker's thread, when the node is deactivated."""
+        """Drop the state of past frames; called in the worker's thread at the end of a deactivation."""
 
     # ---- Topics
 
@@ -118,8 +125,15 @@ class PipelineNode(ManagedNode):
 
     def publish_frame(self, publisher: Publisher, data: bytes, stamp_ns: int) -> None:
         """Publish the CDR bytes of the frame acquired at `stamp_ns`."""
-        publisher.publish(data)
+        self.publish(publisher, data)
         self.sent(stamp_ns)
+
+    def publish(self, publisher: Publisher, message) -> None:
+        """Publish a message; Dropped if the node was deactivated while the worker had the frame in hand."""
+        with self._publishing:
+            if self.stopped_for:
+                raise Dropped(self.stopped_for, "it was ready only after the node had stopped")
+            publisher.publish(message)
 
     def sent(self, stamp_ns: int) -> None:
         """Count a frame acquired at `stamp_ns` as sent now."""
@@ -139,26 +153,40 @@ class PipelineNode(ManagedNode):
         return met
 
     def on_activate(self, state):
+        if not self.worker.finish(self.finish_s):
+            self.problem = InvalidInput("worker", "busy with a frame of the last activation",
+                                        "it to end first: activate the node again")
+            self.failed(self.problem)
+            return TransitionCallbackReturn.FAILURE
         self.halted.clear()
+        self.stopped_for = ""
         self.diagnostics.unusable("")
         return super().on_activate(state)
 
     def deactivate(self) -> None:
-        """Take no more frames, finish the current one, drop those that wait unless the node drains, and forget."""
+        """Take no more frames, finish the current one, drop those that wait unless the node drains them, and forget."""
         self.stop_frames("inactive")
         self.diagnostics.wait_for("")
 
     def stop_frames(self, cause: str) -> None:
-        """Unsubscribe and empty the queue: waiting frames are dropped for `cause` or, if the node drains, processed."""
+        """Unsubscribe, process waiting frames for `drain_s`, drop the others for `cause`, and forget.
+
+        After `finish_s` this returns in any case; from then on nothing is published.
+        """
+        end_s = time.monotonic() + self.finish_s
         self.unsubscribe()
         self.halted.set()
-        if not self.drains:
-            self.worker.clear(cause)
+        if self.drain_s:
+            self.worker.release_frames()
+            self.worker.finish(self.drain_s)
+        if (dropped := self.worker.clear(cause)) and self.drain_s:
+            self.get_logger().warning(f"{dropped} messages still waited after {self.drain_s:g} s: dropped ({cause})")
         self.worker.release_frames()
-        self.worker.finish(self.finish_s)
-        if self.state == "active":
-            self.worker.call(self.forget)
-            self.worker.finish(self.finish_s)
+        self.worker.call(self.forget)
+        if not self.worker.finish(end_s - time.monotonic()):
+            self.get_logger().warning(f"the work in hand took more than {self.finish_s:g} s: dropped ({cause})")
+        with self._publishing:
+            self.stopped_for = cause
 
     def unsubscribe(self) -> None:
         """Destroy the subscriptions: no frame is expected any more."""
@@ -169,14 +197,17 @@ class PipelineNode(ManagedNode):
         """Finish the current frame, publish the last diagnostics, and leave the graph."""
         if self.state in ("inactive", "active") and not (self._starting or self.finished.is_set()):
             self.get_logger().info("shutting down")     # else it never started or has logged why it ends
+        end_s = time.monotonic() + self.finish_s
         self.stop_frames("shutdown")
-        self.worker.close(self.finish_s)
+        if not self.worker.close(max(end_s - time.monotonic(), 0)):
+            self.exit_code = self.exit_code or int(self.drain_s > 0)        # a recording, say, that is not complete
+            atexit.register(processes.end_at_once, self.exit_code)          # other handlers may wait for the worker
         self.state = "finalized"
         self.diagnostics.close()
         self.destroy_node()
 
     def failed(self, error: Exception, frames: int = 0) -> None:
-        """Count and log an error and the frames that it cost."""
+        """Count and log an error and the frames that it cost; a mistake of ours with its traceback, once."""
         log = self.get_logger()
         if isinstance(error, Dropped):
             self.diagnostics.drop(error.cause, frames)
@@ -185,13 +216,21 @@ class PipelineNode(ManagedNode):
         bad_input = isinstance(error, InvalidInput)
         text = str(error) if bad_input else f"{type(error).__name__}: {' '.join(str(error).split())}"
         if frames:
-            self.diagnostics.drop("malformed" if bad_input else "error", frames)
+            self.diagnostics.drop("malformed" if bad_input else "internal", frames)
         if frames and bad_input:
             self.diagnostics.error(text, counted=False)
             log.warning(f"frame dropped: {text}", throttle_duration_sec=LOG_EVERY_S)
-        else:
+        elif bad_input:
             self.diagnostics.error(text)
             log.error(text, throttle_duration_sec=LOG_EVERY_S)
+        else:
+            self.diagnostics.internal(text)
+            raised_at = tuple((part.filename, part.lineno) for part in traceback.extract_tb(error.__traceback__))
+            if raised_at not in self._tracebacks:
+                self._tracebacks.add(raised_at)
+                log.error("".join(traceback.format_exception(error)).rstrip())
+            else:
+                log.error(f"again: {text}", throttle_duration_sec=LOG_EVERY_S)
 
 
 class SequenceLoss:

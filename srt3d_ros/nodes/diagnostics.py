@@ -1,8 +1,8 @@
 """/diagnostics of a node, once a second with or without subscribers: counters, rates, latency, last error.
 
 Level, from what happened since the last report:
-    ERROR   something failed that should not have, the sensor's description cannot be used, or more than half of the
-            frames that came in were dropped or lost
+    ERROR   something failed that should not have, and no frame has left since; the sensor's description cannot be used;
+            or more than half of the frames that came in were dropped or lost
     WARN    a frame was dropped or lost, the node waits for something, or has waited 2 s for a frame, or frames are more
             than 2 s old when they leave, or stamped ahead of the node's clock
     OK      otherwise
@@ -24,7 +24,7 @@ from srt3d_ros.nodes.lifecycle import ManagedNode
 
 PERIOD_S = 1.0
 LATENCIES_KEPT = 200    # frames over which the percentiles are taken
-LAST_REPORT_S = 2.0     # timeout for the last report to reach the subscribers
+LAST_REPORT_S = 5.0     # timeout for the last report: one that is lost is sent again with the heartbeat, after 3 s
 POLL_S = 0.01
 MOST_DROPPED = 0.5      # of the frames since the last report: more is an error
 PATIENCE_S = 2.0        # without a frame: a warning
@@ -33,7 +33,7 @@ OLD_S = 2.0             # median latency: a warning
 # Stamps so far ahead of the clock are a warning. Clocks that NTP keeps differ by milliseconds, but a simulated one may
 # tick at only 10 Hz, and be late on a busy machine.
 AHEAD_S = 0.5
-TOTALS, RATED = ("messages_in", "frames_out", "message_lost", "errors"), ("photons", "points")
+TOTALS, RATED = ("messages_in", "frames_out", "message_lost", "errors", "internal"), ("photons", "points")
 
 
 class Diagnostics(Counts):
@@ -44,11 +44,11 @@ class Diagnostics(Counts):
 
     def __init__(self, node: ManagedNode):
         super().__init__()
-        self._unusable = self._warning = ""
+        self._unusable = self._warning = self._internal = ""
         self._node = node
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
-        self._topics: list[str] = []        # on which frames may come
+        self._topics: tuple[str, ...] = ()  # on which frames may come
         self._waiting_for = ""              # beside frames
         # When the node began to wait for what is above, for a frame, and for a clock; of time.monotonic().
         self._waiting_since = self._frame_since = self._clock_since = time.monotonic()
@@ -66,12 +66,12 @@ class Diagnostics(Counts):
 
     def expect(self, topic: str) -> None:
         """Expect frames on this topic."""
-        self._topics.append(topic)
+        self._topics = (*self._topics, topic)
         self._frame_since = time.monotonic()
 
     def expect_nothing(self) -> None:
         """Expect no frames any more."""
-        self._topics.clear()
+        self._topics = ()
 
     def wait_for(self, what: str) -> None:
         """Report that the node waits for this, from now on if it is another than before; for nothing if it is empty."""
@@ -90,6 +90,7 @@ class Diagnostics(Counts):
         """Count a frame that went out `latency_s` after its stamp."""
         with self._lock:
             self.totals["frames_out"] += 1
+            self._internal = ""
             self._latencies_s.append(latency_s)
 
     def error(self, text: str, counted: bool = True) -> None:
@@ -97,6 +98,13 @@ class Diagnostics(Counts):
         with self._lock:
             self.totals["errors"] += counted
             self._last_error = text
+
+    def internal(self, text: str) -> None:
+        """Count a failure of the node itself, and report it as an error until a frame is sent."""
+        with self._lock:
+            self.totals["internal"] += 1
+            self._internal = text
+            self.error(text)
 
     def show(self, **values: object) -> None:
         """Report these values until they change."""
@@ -169,9 +177,10 @@ class Diagnostics(Counts):
             return "/clock (use_sim_time is true)", self._clock_since
         if self._waiting_for:
             return self._waiting_for, self._waiting_since
-        if self._topics and now - self._frame_since > PATIENCE_S:
-            publishers = sum(map(self._node.count_publishers, self._topics))
-            *first, last = self._topics
+        expected = self._topics         # which the worker may empty meanwhile
+        if expected and now - self._frame_since > PATIENCE_S:
+            publishers = sum(map(self._node.count_publishers, expected))
+            *first, last = expected
             topics = f"{', '.join(first)} or {last}" if first else last
             return f"a frame on {topics} (publishers: {publishers})", self._frame_since
         return "", now
@@ -182,8 +191,8 @@ class Diagnostics(Counts):
             return DiagnosticStatus.ERROR, self._last_error
         if self._node.state != "active":
             return DiagnosticStatus.OK, self._node.state
-        if self._unusable:
-            return DiagnosticStatus.ERROR, self._unusable
+        if self._internal or self._unusable:
+            return DiagnosticStatus.ERROR, self._internal or self._unusable
         if new_drops or new["message_lost"]:
             sent, gone = new["messages_in"] + new["message_lost"], new_drops.total() + new["message_lost"]
             causes = [f"{n} {cause}" for cause, n in new_drops.items()]

@@ -8,7 +8,9 @@ import threading
 from collections.abc import Callable
 
 import rclpy
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
@@ -24,6 +26,7 @@ from srt3d_ros.nodes.topics import OVERRIDABLE, NodeSpec, Topic
 
 PUBLISH_DEPTH = 8       # messages of 10 ms for as long as a thread may wait for the processor
 WAKE_S = 0.1            # longest time until a signal is seen
+RETRY_S = 0.01          # after a callback that failed, as it may again and again
 BAD_INPUT = 2
 LIBRARY = logging.getLogger("srt3d_ros")
 
@@ -63,7 +66,14 @@ class ManagedNode(LifecycleNode):
         self.publishers_made.clear()
 
     def failed(self, error: Exception) -> None:
-        """Log why a transition that a manager asked for failed. The reply has no field for it."""
+        """Log why a callback failed, or a transition that a manager asked for, whose reply has no field for it."""
+
+    def set_parameters_atomically(self, parameter_list) -> SetParametersResult:
+        """As of rclpy, which lets the exception for a parameter that does not exist end the process."""
+        try:
+            return super().set_parameters_atomically(parameter_list)
+        except ParameterNotDeclaredException as error:
+            return SetParametersResult(successful=False, reason=str(error))
 
     # ---- Topics of the spec
 
@@ -101,10 +111,10 @@ class ManagedNode(LifecycleNode):
         self.subscriptions_made.append(made)
 
     def unsubscribe(self) -> None:
-        """Destroy the subscriptions."""
-        for subscription in self.subscriptions_made:
+        """Destroy the subscriptions; worker and executor may do so at the same time."""
+        made, self.subscriptions_made = self.subscriptions_made, []
+        for subscription in made:
             self.destroy_subscription(subscription)
-        self.subscriptions_made.clear()
 
     def _make(self, create: Callable, topic: Topic, *args, **options):
         """A subscription or publisher. The middleware gives no reason for a failure; rclpy has checked the name."""
@@ -138,9 +148,8 @@ class ManagedNode(LifecycleNode):
 
     def on_shutdown(self, _) -> TransitionCallbackReturn:
         """The node cannot be used again; its process ends with a signal."""
-        if self.state == "active":
-            self.deactivate()
-        return self._step(self.cleanup, "finalized", "finalized")
+        steps = [self.deactivate] * (self.state == "active") + [self.cleanup]
+        return self._step(lambda: [step() for step in steps], "finalized", "finalized")
 
     def _refuse_impossible_transitions(self) -> None:
         """Answer no. rclpy 7.1 lets its exception end the process where a transition is asked for by number."""
@@ -159,10 +168,13 @@ class ManagedNode(LifecycleNode):
     def _step(self, step: Callable[[], None], state: str, done: str, undo: Callable[[], None] = lambda: None):
         """Take a step. `start` logs its end itself; a step that a manager asked for logs `done`."""
         try:
-            step()
+            try:
+                step()
+            except Exception:
+                undo()
+                raise
         except Exception as problem:
             self.problem = problem
-            undo()
             if not self._starting:
                 self.failed(problem)
             return TransitionCallbackReturn.FAILURE
@@ -196,7 +208,8 @@ def run(node_class: type[ManagedNode]) -> int:
     """Make the node, start it unless `autostart` is false, spin it until it is done or a signal comes, close it.
 
     A signal ends the process at once while the node starts, as the caller has it, and in order from then on: rclpy's
-    own handlers would invalidate the context while the node finishes its frames and its recording.
+    own handlers would invalidate the context while the node finishes its frames and its recording. Whatever a callback
+    raises is counted and logged, and the node goes on.
 
     Returns:
         The node's exit code, 0 unless it failed, also after SIGINT and SIGTERM; 2 with one line on stderr if a
@@ -216,6 +229,11 @@ def run(node_class: type[ManagedNode]) -> int:
                 executor.spin_once(timeout_sec=WAKE_S)
             except rclpy_implementation.InvalidHandle:
                 continue    # the worker destroyed a subscription whose events rclpy was about to wait for
+            except Exception as problem:
+                if not rclpy.ok():
+                    raise
+                node.failed(problem)
+                stop.wait(RETRY_S)
     except InvalidInput as error:
         print(f"srt3d: error: {error}", file=sys.stderr)
         return BAD_INPUT

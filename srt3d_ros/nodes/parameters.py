@@ -84,8 +84,8 @@ class Parameter:
 class Parameters:
     """The parameters of a running node; `parameters["name"]` is the current, checked value.
 
-    Before a change, `on_check` gets all values as they would be; if it raises InvalidInput, `ros2 param set` shows the
-    reason. After the change, `on_change` is called. Both run in the executor's thread.
+    Before a change, `on_check` gets all values as they would be; if it raises, `ros2 param set` shows the reason. After
+    the change, `on_change` is called. Both run in the executor's thread. `on_failure` gets what is no InvalidInput.
 
     Args:
         node: made with `automatically_declare_parameters_from_overrides=True`, so that unknown parameters are seen.
@@ -102,6 +102,7 @@ class Parameters:
         self._values: dict[str, Value] = {}
         self.on_check: Callable[[dict[str, Value]], None] = lambda values: None
         self.on_change: Callable[[], None] = lambda: None
+        self.on_failure: Callable[[Exception], None] = lambda error: None
         self._warn_of_unknown(node, [*self._table, *by_rclpy])
         for name in filter(node.has_parameter, by_rclpy):
             value = node.get_parameter(name).value
@@ -137,6 +138,9 @@ class Parameters:
                 self.on_check(self._values | known)
         except InvalidInput as error:
             return SetParametersResult(successful=False, reason=str(error))
+        except Exception as error:      # a mistake of ours: who asked gets an answer all the same
+            self.on_failure(error)
+            return SetParametersResult(successful=False, reason=f"internal failure, see the node's log: {error!r}")
         return SetParametersResult(successful=True)
 
     def _known(self, changes) -> dict[str, Value]:

@@ -10,7 +10,7 @@ from srt3d_ros.core import precompile
 from srt3d_ros.core.device import DEVICES
 from srt3d_ros.core.method.background import BACKGROUNDS
 from srt3d_ros.core.method.cloud import SURFACE_ORDERS
-from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, MAX_SURFACES
+from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, MAX_FALSE_ALARM_RATE, MAX_SURFACES
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch
@@ -37,7 +37,7 @@ PARAMETERS = (
               "that one. With `surfaces` of 2 or more, nearest shows a net or fog, and farthest what is behind it.",
               choices=tuple(SURFACE_ORDERS), live=True),
     Parameter("false_alarm_rate", DEFAULT_FALSE_ALARM_RATE, "pooled: fraction of the pixels without a surface "
-              "that may show a false point.", low=1e-12, high=0.5, live=True),
+              "that may show a false point.", low=1e-12, high=MAX_FALSE_ALARM_RATE, live=True),
     Parameter("background", BACKGROUNDS[0], "pooled: distribution of the background over the bins. auto: what the "
               "last clouds left unexplained, or even while that is not significant. sensor: the sensor's "
               "background_shape, or even without one. flat: even.", choices=BACKGROUNDS, live=True),
@@ -100,11 +100,12 @@ class ReconstructorNode(PipelineNode):
         self._sketches = DescribedSketches()
         self._built: dict[tuple[str, tuple[int, ...]], Reconstructor] = {}      # the last used last
         self._newest: Sketch | None = None
+        self._settings = self.parameters.as_dict()      # the worker's copy, which changes between frames
         self.parameters.on_check = self._check
         self.parameters.on_change = lambda: self.worker.call(self._apply)
 
     def configure(self) -> None:
-        self._settings = self.parameters.as_dict()      # the worker's copy, which changes between frames
+        self._settings = self.parameters.as_dict()
         check_together(self._settings)
         build(None, self._settings).warm_up()
         self._points = self.advertise("points")
@@ -129,7 +130,8 @@ class ReconstructorNode(PipelineNode):
         """Refuse parameters that could not be applied."""
         check_together(values)
         if options(values) != options(self.parameters.as_dict()):
-            build(self._newest and (self._newest.sensor, self._newest.frequencies), values)
+            newest = self._newest       # which the worker may replace meanwhile
+            build(newest and (newest.sensor, newest.frequencies), values)
 
     def _apply(self) -> None:
         """Use the present parameters from the next frame on."""
@@ -203,11 +205,11 @@ class ReconstructorNode(PipelineNode):
                 "background": lambda: cloud.background}
         for name, publisher in self._images.items():
             if publisher.get_subscription_count():
-                publisher.publish(image_message.encode_cdr(draw[name](), cloud.stamp_ns, frame_id))
+                self.publish(publisher, image_message.encode_cdr(draw[name](), cloud.stamp_ns, frame_id))
         if self._camera_info.get_subscription_count():
             info = camera_info(sensor, cloud.stamp_ns, frame_id)
             if info is not None:        # a scanner is no camera
-                self._camera_info.publish(info)
+                self.publish(self._camera_info, info)
 
 
 main = partial(run, ReconstructorNode)

@@ -74,8 +74,8 @@ class RecorderNode(PipelineNode):
     """Writes a recording while it is active, from when the first `sketch/sensor` has come."""
 
     spec = SPEC
-    drains = True           # what has arrived is written
-    finish_s = 35.0         # longer than a writer takes to give up
+    drain_s = 15.0          # what has arrived is written
+    finish_s = 45.0         # and a writer takes 30 s to give up a disk that hangs; `srt3d up` waits for 60 s
     queue_depth = QUEUE_DEPTH
     niceness = 10           # it gets a tenth of another node's share of a busy core
 
@@ -120,7 +120,11 @@ class RecorderNode(PipelineNode):
         if self._path is None or self._writer is not None and sensor.same_as(self._sensor):
             return
         if self._writer is not None:        # another sensor: the recording's facts are no longer true
-            self._writer.close()
+            writer, self._writer = self._writer, None
+            writer.close()
+            if self.halted.is_set():        # no recording begins at the end of another: what still comes is dropped
+                self._path = None
+                return
             self._path = free(self._asked)
         self._sensor, self._frequencies = sensor, ()
         self.get_logger().info(f"recording to {self._path}")

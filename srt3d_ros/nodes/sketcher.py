@@ -96,6 +96,11 @@ class SketcherNode(PipelineNode):
     _stream: SketchStream | None = None         # None while photons cannot be used
     _motion: MotionInput | None = None
 
+    def __init__(self):
+        super().__init__()
+        self.parameters.on_check = self._check
+        self.parameters.on_change = lambda: self.worker.call(self._apply)
+
     def configure(self) -> None:
         path = self.parameters["sensor_file"]
         self._file = self._sensor = open_sensor(path) if path else None
@@ -106,8 +111,6 @@ class SketcherNode(PipelineNode):
         if self._file is not None:
             self._file_publisher = self.advertise("sensor")
         self._sketches, self._descriptions = self.advertise("sketch"), self.advertise("sketch/sensor")
-        self.parameters.on_check = self._check
-        self.parameters.on_change = lambda: self.worker.call(self._apply)
 
     def activate(self) -> None:
         self.worker.messages_per_frame = max(self.parameters["packets_per_frame"],
@@ -133,11 +136,11 @@ class SketcherNode(PipelineNode):
         for topic, codec in CODECS.items():
             self.subscribe(topic, partial(self._on_packet, codec))
 
-    def deactivate(self) -> None:
-        super().deactivate()
+    def forget(self) -> None:
+        self._flush()
         self._sensor, self._stream, self._motion = self._file, None, None
 
-    def forget(self) -> None:
+    def _flush(self) -> None:
         """Publish the frames that have ended, and begin a new frame and a new window."""
         if self._stream is not None:
             self._publish(self._stream.flush())
@@ -188,12 +191,12 @@ class SketcherNode(PipelineNode):
     def _apply(self) -> None:
         """Apply sensor and parameters from now on; a new frame begins if they change the sketches."""
         sensor, stream = self._sensor, self._stream
-        if sensor is None or self.state not in ("inactive", "active"):
+        if sensor is None or self.stopped_for:
             return
         options = stream_options(self.parameters.as_dict())
         if stream is not None and stream.sensor.same_as(sensor) and options == stream.options:
             return
-        self.forget()
+        self._flush()
         self._stream = None                     # if the next line fails
         self._stream = SketchStream(sensor, options, self.diagnostics)
         self._describe(self._stream.sketch_sensor)
@@ -224,7 +227,8 @@ class SketcherNode(PipelineNode):
 
     def _on_motion(self) -> None:
         """Look after frames that wait for the motion; in the executor's thread."""
-        if self._stream is not None and self._stream.waits_for_motion:
+        stream = self._stream           # which the worker may replace meanwhile
+        if stream is not None and stream.waits_for_motion:
             self.worker.call(self._poll)
 
     def _poll(self) -> None:
@@ -275,7 +279,7 @@ class SketcherNode(PipelineNode):
         """Publish `sketch/sensor`, unless it says this already."""
         if self._described is None or not sensor.same_as(self._described):
             self._described = sensor
-            self._descriptions.publish(sensor_message.encode(sensor))
+            self.publish(self._descriptions, sensor_message.encode(sensor))
             facts = self._stream.facts
             self.get_logger().info(f"sketches of {in_words(sensor)}: gate {facts['gate']}, frequencies "
                                    f"{facts['frequencies']}")

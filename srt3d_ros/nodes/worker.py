@@ -2,6 +2,7 @@
 
 import threading
 import time
+import traceback
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -79,10 +80,12 @@ class Worker:
             self._held_for = ""
             self._changed.notify_all()
 
-    def clear(self, cause: str) -> None:
-        """Drop the frames that wait; other jobs stay."""
+    def clear(self, cause: str) -> int:
+        """Drop the frames that wait, so many; other jobs stay."""
         with self._changed:
-            self._drop(cause, [job for job in self._jobs if job.frames])
+            frames = [job for job in self._jobs if job.frames]
+            self._drop(cause, frames)
+            return len(frames)
 
     def finish(self, timeout_s: float) -> bool:
         """Wait until all present jobs are done; false after a timeout."""
@@ -90,18 +93,19 @@ class Worker:
         self.call(done.set)
         return done.wait(timeout_s)
 
-    def close(self, timeout_s: float) -> None:
-        """End the thread after all jobs, held frames among them; after `timeout_s`, drop what is left."""
+    def close(self, timeout_s: float) -> bool:
+        """End the thread after all jobs, held frames among them; after `timeout_s`, drop what is left: false."""
         with self._changed:
             self._held_for = ""
             self._closing = True
             self._changed.notify_all()
         self._thread.join(timeout_s)
+        self.clear("shutdown")
         with self._changed:
-            self._drop("shutdown", [job for job in self._jobs if job.frames])
             if self._current is not None and self._current.frames:
                 self._dropped("shutdown", 1)
             self._current = None
+        return not self._thread.is_alive()
 
     def _put(self, job: _Job) -> None:
         with self._changed:
@@ -148,5 +152,8 @@ class Worker:
             try:
                 job.function(*job.args)
             except Exception as error:      # whatever a frame does to a job, the next frame is served
-                self._failed(error, job.frames)
+                try:
+                    self._failed(error, job.frames)
+                except Exception:
+                    traceback.print_exc()
             self._current = None

@@ -1,9 +1,7 @@
 """RecordingWriter: log clouds, images, scalars and log lines to an .rrd file."""
 
 import atexit
-import os
 import shutil
-import sys
 import threading
 import time
 import uuid
@@ -18,6 +16,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.new_files import free
 from srt3d_ros.pictures.viewpoint import look_at, point_radius_m
+from srt3d_ros.processes import end_at_once
 from srt3d_ros.recording import rerun_streams, schema
 from srt3d_ros.recording.blueprint import film_blueprint, plot_styles
 
@@ -186,13 +185,6 @@ class RecordingWriter:
         ending.start()
         ending.join(END_TIMEOUT_S)
         if ending.is_alive():
-            atexit.register(_end_process)       # what is registered last is called first, before rerun's handler
+            atexit.register(end_at_once, 1)     # what is registered last is called first, before rerun's handler
         else:
             rerun_streams.free_ended()
-
-
-def _end_process() -> None:
-    """End this process with exit code 1, without the exit handlers that were registered before."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(1)

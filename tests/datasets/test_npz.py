@@ -49,6 +49,16 @@ def test_everything_comes_back(tmp_path, sensor):
     np.testing.assert_array_equal(back.reference_depth_bins, reference, strict=True)
 
 
+def test_a_name_in_capitals_is_kept_and_a_failed_save_leaves_the_old_file_and_nothing_else(tmp_path, request):
+    path = tmp_path / "A.NPZ"
+    photon_file.save(path, SENSOR, EVENTS)
+    before = path.read_bytes()
+    request.getfixturevalue("full_disk")
+    with pytest.raises(InvalidInput, match="^photon file is .*A.NPZ"):
+        photon_file.save(path, SENSOR.replace(gain=np.random.default_rng(0).random((2, 3)) + 1), EVENTS)
+    assert [*tmp_path.iterdir()] == [path] and path.read_bytes() == before
+
+
 @pytest.mark.parametrize("dtype", [np.uint16, np.uint32, np.int64, np.float32])
 def test_every_type_of_toa_is_read(tmp_path, dtype):
     back = read(write(tmp_path, toa=EVENTS.toa.astype(dtype), pixel=EVENTS.pixel.astype(np.int64))).frame

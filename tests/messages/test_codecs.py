@@ -73,6 +73,9 @@ def test_any_image_stamp_and_frame_make_the_trip(image, stamp_ns, frame_id):
     assert header.stamp.sec * 10**9 + header.stamp.nanosec == stamp_ns and header.frame_id == frame_id
     stamped = cdr.restamp(raw, 7)
     assert images.decode_cdr(stamped)[0].stamp_ns == 7 and cdr.restamp(stamped, stamp_ns) == raw
+    for beyond_ns in (2**31 * 10**9, -2**31 * 10**9 - 1):
+        with pytest.raises(InvalidInput, match="^header.stamp is "):
+            cdr.restamp(raw, beyond_ns)
 
 
 @pytest.mark.parametrize(("stamp_ns", "frame_id", "field"), [

@@ -1,5 +1,6 @@
 """Real nodes in real processes, and a node in the test's own process that talks with them."""
 
+import contextlib
 import itertools
 import os
 import signal
@@ -17,6 +18,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.srv import ListParameters, SetParametersAtomically
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
@@ -180,8 +182,10 @@ class Graph:
         self.node.destroy_node()
 
     def _spin(self) -> None:
+        """Spin; a test may destroy what rclpy is about to wait for."""
         while not self._stop:
-            self._executor.spin_once(timeout_sec=0.1)
+            with contextlib.suppress(rclpy_implementation.InvalidHandle):
+                self._executor.spin_once(timeout_sec=0.1)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

@@ -5,6 +5,7 @@ import signal
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import String
 
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.sketcher import sketch_photons
@@ -24,6 +25,7 @@ def test_without_autostart_a_node_waits_for_its_manager_and_works_while_it_is_ac
     points = f"{graph.namespace}/points"
     assert state(graph, "reconstructor") == "unconfigured"
     assert not graph.node.get_publishers_info_by_topic(points)
+    assert graph.set("reconstructor", background="flat") == "" == graph.set("reconstructor", background="auto")
     assert graph.change("reconstructor", "configure") and state(graph, "reconstructor") == "inactive"
     assert graph.reports("reconstructor", "state", "inactive")["message"] == "inactive"
     assert sketches.get_subscription_count() == 0
@@ -39,11 +41,21 @@ def test_without_autostart_a_node_waits_for_its_manager_and_works_while_it_is_ac
             assert graph.change("reconstructor", "configure")
     assert bytes(clouds[0].data) == bytes(clouds[1].data)
     report = graph.reports("reconstructor", "frames_out", 2)
-    assert report["messages_in"] == "2" and report["dropped"] == "0"
+    assert (report["messages_in"], report["dropped"], report["errors"]) == ("2", "0", "0")
     assert node.end(signal.SIGINT) == 0 and "Traceback" not in node.text
     said = [line.split("]: ")[1] for line in node.lines if "]: sketches: " not in line and "computing" not in line]
     work = ["configured", "ready", "deactivated"]
     assert said[1:] == [*work, "cleaned up", *work, "shutting down"]
+
+
+def test_parameters_may_be_set_before_a_node_is_active_and_nothing_is_published_before_it_is(graph, sensor, tmp_path):
+    (tmp_path / "spad.json").write_text(sensor_message.encode(sensor).data)
+    described = graph.collect_latched(String, "sketch/sensor")
+    graph.start("sketcher", autostart=False, sensor_file=tmp_path / "spad.json").says("unconfigured")
+    assert graph.set("sketcher", sketch_size=5) == "" and graph.set("sketcher", gate="x") != ""
+    assert graph.change("sketcher", "configure") and graph.set("sketcher", sketch_size=1) == ""
+    assert not graph.change("sketcher", "deactivate") and described == [] and graph.change("sketcher", "activate")
+    assert graph.reports("sketcher", "frequencies", 1)["errors"] == "0"
 
 
 def test_transitions_that_fail_say_why_and_impossible_ones_are_refused(graph, tmp_path):

@@ -1,5 +1,4 @@
-"""What a running node offers to the graph is what its spec says."""
-
+"""What a running node offers to the graph is what its spec says, and it goes on whatever its parameters are set to."""
 
 import pytest
 from rcl_interfaces.srv import DescribeParameters, ListParameters
@@ -11,24 +10,32 @@ OF_MANAGED_NODES = ("change_state", "get_state", "get_available_states", "get_av
                     "get_transition_graph", "transition_event", "describe_parameters", "get_parameter_types",
                     "get_parameters", "list_parameters", "set_parameters", "set_parameters_atomically",
                     "get_type_description")
-# Parameters with which a node has all its topics.
-EVERYTHING = {"sketcher": {"sensor_file": "config/sensors/spad_32x32_gates.json", "motion": "odom"}}
-NEVER_TOGETHER = {"player": {"odom"},
-                  "sketcher": {"imu"}}
+NEVER_TOGETHER = {"player": {"odom"}, "sketcher": {"odom", "imu"}}
 
 
-@pytest.fixture(params=all_specs())
-def running(request, graph, photon_file, tmp_path):
-    """A node that is ready, and its table."""
-    name = request.param
-    extra = {"player": {"input": photon_file}, "recorder": {"path": tmp_path / "out.rrd"}}.get(name, {})
-    graph.start(name, **extra, **EVERYTHING.get(name, {})).ready()
-    return name, all_specs()[name]
+def values_of(parameter) -> list:
+    """All values of a choice, both ends of a range, and what lies beyond them."""
+    kind = type(parameter.default)
+    if kind in (bool, str):
+        return [*(parameter.choices or {bool: (True, False), str: ("x", "1-90", "1,2,5")}[kind])]
+    low, high = (kind(instead if end is None else end) for end, instead in (
+        (parameter.low, -1e9), (parameter.high, 1e9)))
+    return [low, high, low - 1, high + 1]
 
 
-def test_topics_and_parameters_are_those_of_the_spec(graph, running):
-    name, spec = running
-    never = NEVER_TOGETHER.get(name, set())
+@pytest.fixture(scope="module")
+def graph(shared_graph, photon_file, tmp_path_factory):
+    """All nodes, at work."""
+    shared_graph.start("recorder", path=tmp_path_factory.mktemp("recorder") / "a.rrd").ready()
+    shared_graph.start("reconstructor").ready()
+    shared_graph.start("sketcher", sensor_file=photon_file).ready()
+    shared_graph.start("player", input=photon_file, rate_hz=20.0).ready()
+    return shared_graph
+
+
+@pytest.mark.parametrize("name", all_specs())
+def test_topics_and_parameters_are_those_of_the_spec(graph, name):
+    spec, never = all_specs()[name], NEVER_TOGETHER.get(name, set())
 
     def relative(names_and_types) -> dict[str, str]:
         named = ((full.removeprefix(f"{graph.namespace}/"), types[0]) for full, types in names_and_types)
@@ -54,3 +61,16 @@ def test_topics_and_parameters_are_those_of_the_spec(graph, running):
     for parameter, descriptor in zip(spec.table, described.descriptors, strict=True):
         assert descriptor.description.startswith(parameter.description)
         assert descriptor.read_only == (not parameter.live)
+
+
+@pytest.mark.parametrize(("name", "parameter"), [
+    pytest.param(name, one, id=f"{name}.{one.name}") for name, spec in all_specs().items() for one in spec.table])
+def test_a_running_node_takes_or_refuses_both_ends_of_each_range_and_goes_on(graph, name, parameter):
+    done = {"player": ["frames_out"], "reconstructor": ["frames_out", "dropped.malformed"]}.get(name, ["messages_in"])
+    for value in [*values_of(parameter), parameter.default]:
+        reason = graph.set(name, **{parameter.name: value})
+        assert "internal" not in reason and (parameter.live or reason) and (value != parameter.default or not (
+            parameter.live and reason)), (value, reason)
+        before = sum(graph.total(name, key) for key in done)
+        graph.wait(lambda: sum(graph.total(name, key) for key in done) > before + 1, "frames with that value")
+    assert graph.total(name, "internal") == 0, graph.report(name)

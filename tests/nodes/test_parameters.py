@@ -62,3 +62,10 @@ def test_a_bad_value_is_one_line_that_names_it(declare, name, value, line):
     with pytest.raises(InvalidInput) as caught:
         declare(**{name: value})
     assert str(caught.value) == line
+
+
+def test_a_check_that_fails_by_a_mistake_of_ours_refuses_the_value_and_is_reported(declare):
+    node, parameters = declare()
+    parameters.on_check, parameters.on_failure = lambda values: 1 / 0, (failures := []).append
+    result, = node.set_parameters([RosParameter("rate_hz", value=1.0)])
+    assert not result.successful and "ZeroDivisionError" in result.reason and len(failures) == 1

@@ -98,18 +98,20 @@ def test_another_sensor_begins_another_recording(graph, speaker, sensor, tmp_pat
     assert [sensor_message.from_json(text).range_offset_m for text in recorded] == [0, 1]
 
 
-# The node after a line of Python, as a program of its own.
-FULL_DISK = """import sys
+# The node after some lines of Python, as a program of its own.
+PROGRAM = """import sys
 from srt3d_ros.nodes import recorder
 from srt3d_ros.recording import writer
-writer.LEAST_FREE_BYTES = 10**18
+{}
 sys.exit(recorder.main())
 """
+BUSY = """on_points = recorder.RecorderNode._on_points        # clouds wait for the end
+recorder.RecorderNode._on_points = lambda self, raw: self.halted.wait() and on_points(self, raw)"""
 
 
 def test_a_full_disk_ends_the_recording_with_one_error_and_not_the_node(graph, speaker, tmp_path):
     program = tmp_path / "recorder.py"
-    program.write_text(FULL_DISK)
+    program.write_text(PROGRAM.format("writer.LEAST_FREE_BYTES = 10**18"))
     recorder = graph.start(str(program), path=tmp_path / "a.rrd").ready()
     for number in (1, 2):       # another can be tried
         assert number == 1 or graph.change("recorder", "deactivate") and graph.change("recorder", "activate")
@@ -117,6 +119,23 @@ def test_a_full_disk_ends_the_recording_with_one_error_and_not_the_node(graph, s
         assert report["last_error"].startswith(f"recording {tmp_path / 'a.rrd'}: stopped, as the disk has only ")
         graph.reports("recorder", "path", "")
     assert recorder.end(signal.SIGTERM) == 0
+
+
+def test_no_recording_begins_at_the_end_of_another(graph, speaker, sensor, tmp_path):
+    program = tmp_path / "recorder.py"
+    program.write_text(PROGRAM.format(BUSY))
+    recorder = graph.start(str(program), path=tmp_path / "a.rrd").ready()
+    recorder.says("recording to")
+    speaker.ready().frame()
+    graph.reports("recorder", "messages_in", 1)
+    for number in (2, 3):
+        speaker.describe(sensor.replace(range_offset_m=float(number)))
+        graph.known_to("recorder")      # which has queued the description then
+        speaker.frame()
+        graph.reports("recorder", "messages_in", number)
+    assert recorder.end(signal.SIGTERM) == 0 and recorder.text.count("recording to") == 1
+    assert len(frames_of(tmp_path / "a.rrd")) == 1 and not (tmp_path / "a_2.rrd").exists()
+    graph.reports("recorder", "dropped.not_recording", 2)
 
 
 # ---- With the other nodes

@@ -3,6 +3,7 @@
 import signal
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import PointCloud2
 
 from srt3d_ros.messages.cdr import Cloud, Header, write_cloud
@@ -13,16 +14,15 @@ from srt3d_ros.cli.node import exit_at_once_on_signals
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages.cdr import read_cloud
 from srt3d_ros.nodes.base import PipelineNode
-from srt3d_ros.nodes.topics import NodeSpec
 from srt3d_ros.nodes.lifecycle import run
-from srt3d_ros.nodes.topics import Topic
+from srt3d_ros.nodes.topics import NodeSpec, Topic
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
-
-RESUBSCRIBE = 1000
+RESUBSCRIBE, LINGER, HANG = 1000, 1001, 1002
 
 class ProbeNode(PipelineNode):
-    '''Does what the width of its message says: 0 fails, n works for n / 10 s, RESUBSCRIBE does so again and again.'''
+    '''Does what the width of its message says: 0 fails, n works for n / 10 s, RESUBSCRIBE does so again and again,
+    LINGER works until the node is inactive, HANG for ever.'''
     spec = NodeSpec("probe", [Topic("in", CLOUD, "")], [Topic("out", CLOUD, "")])
     def __init__(self):
         super().__init__(queue_limit=8)
@@ -42,7 +42,9 @@ class ProbeNode(PipelineNode):
             return self.publish_frame(self.publisher, raw, cloud.header.stamp_ns)
         1 / cloud.width
         print("working", flush=True)
-        time.sleep(cloud.width / 10)
+        while cloud.width == HANG or cloud.width == LINGER and self.state == "active":
+            time.sleep(0.01)
+        time.sleep(cloud.width / 10 if cloud.width < RESUBSCRIBE else 0)
         self.publish_frame(self.publisher, raw, cloud.header.stamp_ns)
 
 exit_at_once_on_signals()       # until the node has started, as the command does
@@ -75,16 +77,45 @@ def test_a_worker_may_replace_subscriptions_while_the_executor_waits_on_them(gra
     graph.wait(lambda: probe.says("working"), "a message on it")
 
 
-def test_an_unexpected_failure_is_counted_and_logged_and_the_node_goes_on(graph, start):
-    probe = start().ready()
-    publisher = graph.matched(graph.publisher(PointCloud2, "in"))
+def test_whatever_a_frame_or_a_callback_raises_is_counted_and_logged_once_and_the_node_goes_on(graph, start):
+    probe = start(start="""self.create_timer(0.05, lambda: [].pop())
+        self.make_subscription("in", lambda message, info: {}["key"], 10)""").ready()
+    publisher = graph.matched(graph.publisher(PointCloud2, "in"), subscribers=2)
     for width in (0, 0, 1):
         publisher.publish(message(width))
     report = graph.reports("probe", "frames_out", 1)
-    assert (report["messages_in"], report["dropped"], report["dropped.error"], report["errors"]) == ("3", "2", "2", "2")
-    assert report["last_error"] == "ZeroDivisionError: division by zero"
-    assert "[ERROR]" in probe.text and "ZeroDivisionError: division by zero" in probe.text
-    assert "Traceback" not in probe.text
+    assert (report["messages_in"], report["dropped"], report["dropped.internal"]) == ("3", "2", "2")
+    graph.wait(lambda: graph.total("probe", "internal") > int(report["internal"]) + 1, "more failures of the timer")
+    assert graph.report("probe")["last_error"] == "IndexError: pop from empty list"
+    assert graph.report("probe")["level"] == DiagnosticStatus.ERROR
+    assert [probe.text.count(text) for text in ("Trace", "1 / cloud.width", "[].pop()", '{}["key"]')] == [3, 1, 1, 1]
+    assert graph.set("probe", unknown=3) != "" and probe.end(signal.SIGTERM) == 0
+
+
+def test_nothing_is_published_after_a_deactivation_that_did_not_wait_for_a_long_frame(graph, start):
+    clouds = graph.collect(PointCloud2, "out")
+    probe = start(start="self.finish_s = 0.2").ready()
+    publisher = graph.matched(graph.publisher(PointCloud2, "in"))
+    publisher.publish(message(1001))
+    probe.says("working")
+    assert graph.change("probe", "deactivate")
+    report = graph.reports("probe", "dropped.inactive", 1)
+    assert (report["frames_out"], report["state"]) == ("0", "inactive")
+    graph.wait(lambda: graph.change("probe", "activate"), "the next activation")
+    graph.matched(publisher).publish(message(1))
+    graph.reports("probe", "frames_out", 1)
+    graph.wait(lambda: len(clouds) == 1, "its message alone")
+
+
+def test_work_that_does_not_end_is_given_up_at_one_deadline_and_said(graph, start):
+    probe = start(start="self.drain_s, self.finish_s = 0.1, 0.2").ready()
+    publisher = graph.matched(graph.publisher(PointCloud2, "in"))
+    for _ in range(3):
+        publisher.publish(message(1002))
+    graph.reports("probe", "messages_in", 3)
+    probe.says("working")
+    assert probe.end(signal.SIGTERM) == 1 and "2 messages still waited after 0.1 s: dropped (shutdown)" in probe.text
+    graph.reports("probe", "dropped.shutdown", 3)
 
 
 def test_a_signal_lets_the_current_frame_finish_and_the_accounting_adds_up(graph, start):
@@ -110,7 +141,7 @@ def test_a_signal_ends_a_long_start_also_if_a_compiler_swallows_what_it_raises(s
                 time.sleep(600)
             except BaseException:
                 pass""").says("compiling")
-    assert (probe.end(number), probe.lines) == (0, ["compiling"])
+    assert (probe.end(number), probe.lines) == (-number, ["compiling"])
 
 
 QOS = "qos_overrides.{namespace}/in.subscription."

@@ -1,6 +1,7 @@
 """Every dependency has a lower bound, below which nothing was tried, and an upper one, above which nobody knows."""
 
 import importlib.metadata
+import re
 import tomllib
 import xml.etree.ElementTree as ElementTree
 
@@ -36,10 +37,19 @@ def test_every_dependency_is_pinned_within_its_bounds(requirements, repository):
         assert Version(pins[requirement.name.lower()]) in requirement.specifier, requirement
 
 
-def test_rosdep_and_pip_agree_on_what_both_install(requirements, repository):
+OF_ROSDEP = {"yaml": "python3-yaml"} | {name: f"python3-{name}" for name in ("numpy", "scipy", "tqdm", "jsonschema")}
+
+
+def test_package_xml_names_all_that_is_imported_and_agrees_with_pip_on_what_both_install(requirements, repository):
     package = ElementTree.parse(repository / "package.xml").getroot()
     bounds = {node.text: node.attrib for node in package.iter("exec_depend")}
     assert len(bounds) > 10 and all({"version_gte", "version_lt"} == set(both) for both in bounds.values())
+    sources = [path for folder in ("srt3d_ros", "launch") for path in (repository / folder).rglob("*.py")]
+    text = "\n".join(path.read_text() for path in sources)
+    imported = set(re.findall(r"^ *(?:from|import) (\w+)", text, re.MULTILINE))
+    used = {OF_ROSDEP.get(name, name) for name in imported if re.match(r"rcl|launch|ament", name) or name in OF_ROSDEP}
+    used.update(re.findall(r"\b([a-z]+_(?:msgs|interfaces))(?:\.|/msg/)", text))
+    assert {"rclpy", "nav_msgs", "python3-yaml"} <= used <= bounds.keys(), used - bounds.keys()
     for key, name in (("python3-numpy", "numpy"), ("python3-scipy", "scipy"), ("python3-tqdm", "tqdm"),
                       ("rclpy", "ros-jazzy-rclpy"), ("sensor_msgs", "ros-jazzy-common-interfaces")):
         wanted = next(wanted.specifier for wanted in requirements.values() if wanted.name == name)

@@ -10,7 +10,7 @@ from srt3d_ros.core.method.cloud import Estimate, PointCloud
 from srt3d_ros.core.method.gpu_check import device_for
 from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.method.pooled import Pooled
-from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, check_surfaces
+from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, MAX_FALSE_ALARM_RATE, check_surfaces
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch
 from srt3d_ros.errors import require
@@ -23,7 +23,7 @@ class PooledStream:
         sensor: geometry, IRF and calibration.
         frequencies: the integers k_l of the sketches.
         surfaces: K, the most surfaces in a pixel, 1 … 4.
-        false_alarm_rate: share of the pixels that show a point where there is only background.
+        false_alarm_rate: share of the pixels that show a point where there is only background, at most 0.4.
         device: "cpu", "cuda", or "auto": a GPU that has passed `gpu_check`, else the CPU.
         background: how it spreads over the bins: as the "sensor" says, "flat", or "auto": what the last cloud leaves
             unexplained, if that is significant.
@@ -41,7 +41,8 @@ class PooledStream:
                  false_alarm_rate: float = DEFAULT_FALSE_ALARM_RATE, device: str = "auto",
                  background: str = "auto", warm_start: bool = False):
         check_surfaces(surfaces)
-        require(0 < false_alarm_rate < 1, "false_alarm_rate", false_alarm_rate, "a probability between 0 and 1")
+        require(0 < false_alarm_rate <= MAX_FALSE_ALARM_RATE, "false_alarm_rate", false_alarm_rate,
+                f"a probability above 0, at most {MAX_FALSE_ALARM_RATE:g}")
         self._matcher = Matcher(sensor, frequencies)
         self.why = "asked for"
         if device == "auto":

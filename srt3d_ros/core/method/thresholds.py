@@ -8,6 +8,7 @@ from srt3d_ros.kernels.constants import cell_size
 
 DEFAULT_FALSE_ALARM_RATE = 5e-5         # a pixel in 20,000: one of 141 × 141
 MAX_SURFACES = 4
+MAX_FALSE_ALARM_RATE = 0.4      # near 0.5 the threshold of a surface that goes on falls to -inf
 SMALLEST = 1e-300               # probability that floats still tell from 0
 
 

@@ -104,9 +104,11 @@ class MovingSketcher(Sketcher):
         return (stamp_ns - first_ns) // length_ns != (self._stamps[0] - first_ns) // length_ns
 
     def _end_part(self) -> None:
-        self._parts.append((self._stamps, self.sketch()))
-        self._stamps = []
-        super().reset()
+        """End the open part, if it has a packet: the one that would have begun it may have been refused."""
+        if self._stamps:
+            self._parts.append((self._stamps, self.sketch()))
+            self._stamps = []
+            super().reset()
 
     def _packet_ns(self, stamps: list[int]) -> int:
         """The time that a packet takes: the median distance between stamps, also to the last of the frame before.

@@ -4,7 +4,8 @@ A frame ends when it is complete, by number (`packets` messages), or by stamp: f
 [k·P, (k+1)·P), and ends with the first packet of a later period, whatever was lost on the way. With both, a frame ends
 with its last packet if all come, and with the next frame's first if not.
 
-Within the open frame packets may come in any order: sketches add. What is older than the last frame is late.
+Within the open frame packets may come in any order: sketches add. What is older than the last frame is late, unless it
+is older by more than a frame: then the sensor, or a bag, began again.
 
 How long packets may stay away follows from the usual step between their stamps: the second longest of the newest, of
 about two frames. A sensor may send the packets of a frame at once and then pause, and one leap alone is not usual.
@@ -61,6 +62,7 @@ class Framing:
         self._period_ns = period_ns
         self._steps_ns: deque[int] = deque(maxlen=min(2 * packets + 2, STEPS_KEPT))     # between successive packets
         self._last_ns: int | None = None
+        self._frame_ns = period_ns              # from the start of a frame to that of the next, as seen last
         self._packets = 0 if period_ns and packets == AS_MANY_AS_COME else packets
         self.open = OpenFrame()
         self.clear()
@@ -78,11 +80,13 @@ class Framing:
     def place(self, stamp_ns: int) -> Placed:
         """What a packet means for the frames; see Placed.
 
-        Stamps that fall back or leap ahead by more than USUAL_STEPS, or periods, and LEAP_NS say that the driver, the
-        bag or the clock began again: the open frame ends if it has a period, and is given up if it needs a number.
+        Stamps that fall back by more than a frame behind the last one, or leap ahead by more than USUAL_STEPS, or
+        periods, and LEAP_NS, say that the driver, the bag or the clock began again: the open frame ends if it has a
+        period, and is given up if it needs a number.
         """
         ended = forgotten = None
-        began_again = self._newest_ns is not None and self._is_leap(abs(stamp_ns - self._newest_ns))
+        began_again = self._newest_ns is not None and (self._is_leap(abs(stamp_ns - self._newest_ns))
+                                                       or self._falls_back(stamp_ns))
         if self._last_ns is not None:
             self._steps_ns.append(abs(stamp_ns - self._last_ns))
         self._last_ns = stamp_ns
@@ -116,6 +120,13 @@ class Framing:
         usual_ns = self._usual_step_ns()
         return usual_ns is not None and step_ns > USUAL_STEPS * max(usual_ns, self._period_ns)
 
+    def _falls_back(self, stamp_ns: int) -> bool:
+        """Whether a stamp is more than a frame older than the last frame; if less, its packet is only late."""
+        usual_ns, last_ns = self._usual_step_ns(), self._over
+        if self._period_ns:
+            last_ns, stamp_ns = (self._period_ns * self._period_of(ns) for ns in (self._newest_ns, stamp_ns))
+        return None not in (usual_ns, last_ns) and last_ns - stamp_ns > max(self._frame_ns, usual_ns)
+
     def _usual_step_ns(self) -> int | None:
         """The second longest of the newest steps; None while there are not two."""
         longest = nlargest(2, tuple(self._steps_ns))
@@ -127,7 +138,9 @@ class Framing:
 
     def _end(self) -> OpenFrame:
         frame, self.open = self.open, OpenFrame()
-        self._over = self._period_of(self._start_ns) if self._period_ns else self._start_ns
+        before, self._over = self._over, self._period_of(self._start_ns) if self._period_ns else self._start_ns
+        if before is not None:
+            self._frame_ns = (self._over - before) * (self._period_ns or 1)
         self._start_ns = None
         return frame
 

@@ -42,7 +42,13 @@ def frames_of(framing: Framing, stamps) -> tuple[list[list[int]], dict[str, list
     (1, 33, [0, 0, 0, 33, 33, 67, 100, 100], [[0, 0, 0], [33, 33], [67], [100, 100]], []),
     (2, 0, [10, 30, 20, 40, 9, 19, 30], [[10, 30], [20, 40], [30]], [9, 19]),
     (1, 100, [0, 20, 100, 60, 140, 89, 0], [[0, 20], [100, 140]], [60, 89, 0]),
-    (1, 0, [5, 9, 7, 9], [[5], [9], [9], []], [7])])
+    (1, 0, [5, 9, 7, 9], [[5], [9], [9], []], [7]),
+    (1, 0, [0, 10, 20, 11, 5, 4, 15], [[0], [10], [20], [5], [15], []], [11, 4]),       # more than a frame back
+    (1, 0, 3 * [0, 100, 200], [*3 * [[0], [100], [200]], []], []),                      # a bag that is played in a loop
+    (1, 0, 3 * [*range(10)], [*3 * [[k] for k in range(10)], []], []),
+    (2, 0, 3 * [0, 10, 100, 110, 200, 210], [*3 * [[0, 10], [100, 110], [200, 210]], []], []),
+    (1, 100, 2 * [0, 10, 100, 110, 200, 210], 2 * [[0, 10], [100, 110], [200, 210]], []),
+    (2, 100, 2 * [0, 10, 100, 110, 200, 210], [*2 * [[0, 10], [100, 110], [200, 210]], []], [])])
 def test_frames_end_by_number_and_period_and_what_is_older_is_late(packets, period_ns, stamps, frames, late):
     found, dropped = frames_of(Framing(packets, period_ns), stamps)
     assert found == frames and dropped == ({"late": late} if late else {})
@@ -61,15 +67,6 @@ def test_stamps_that_begin_again_are_followed_and_the_open_frame_is_given_up_if_
     assert frames == [before[:3], again[:3], again[3:], []] and dropped == {"incomplete": before[3:]}
     frames, dropped = frames_of(Framing(period_ns=30 * MS), [*before, *again])
     assert frames == [before[:3], before[3:], again[:3], again[3:]] and dropped == {}
-
-
-def test_a_sensor_that_begins_again_is_not_late():
-    framing = Framing()
-    placed = []
-    for stamp in (100 * S - 2 * MS, 100 * S - MS, 100 * S, 99 * S, 99 * S - 1, 100 * S - 1):
-        placed.append(framing.place(stamp))
-        assert placed[-1].late or framing.add(stamp) == (1, 0)
-    assert placed[2:] == [Placed(), Placed(late=True), Placed(began_again=True), Placed()]
 
 
 @pytest.mark.parametrize("framing, steps_s", [
