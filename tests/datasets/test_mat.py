@@ -6,12 +6,19 @@ from scipy.io import savemat
 from scipy.sparse import csc_matrix
 
 from srt3d_ros.datasets import read
+from srt3d_ros.datasets.readers import mat, mat_child
 from srt3d_ros.errors import InvalidInput
 
 ROWS, COLS = 2, 3
 IRF = [1.0, 3.0, 1.0]
 LISTS = [[[12, 15], [], [10]], [[19], [13, 13, 14], []]]
 PIXEL, TOA = [0, 0, 2, 3, 4, 4, 4], [12, 15, 10, 19, 13, 13, 14]
+
+
+@pytest.fixture(autouse=True)
+def in_this_process(monkeypatch):
+    """Without the child, which takes as long as SciPy to start: test_mat_child.py is with it."""
+    monkeypatch.setattr(mat, "variables", lambda path: mat_child.variables(path, mat.NAMES))
 
 
 def cells(lists, dtype=np.uint16) -> np.ndarray:
