@@ -14,7 +14,8 @@ import numpy as np
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.new_files import file_errors
 
-MAX_BYTES = 3 * 2**30       # of all arrays that are read from a file: 12 bytes for each of the most photons
+# Of all arrays that are read from a file: 12 bytes for each of the most photons, or half of a smaller machine's memory.
+MAX_BYTES = min(3 * 2**30, os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2)
 MAX_MEMBERS = 1000
 MAX_SIDES = 8
 # What a reader raises where it trusts a damaged file: their texts speak of its code, not of the file.
@@ -62,11 +63,6 @@ def read_errors(path: Path, expected: str = "", library: str = "") -> Iterator[N
         log.setLevel(level)
 
 
-def memory_limit() -> int:
-    """Bytes that the arrays of a file may take: MAX_BYTES, or half of a smaller machine's memory."""
-    return min(MAX_BYTES, os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2)
-
-
 def read_npz_arrays(path: Path, names: tuple[str, ...], field: str = "photon file", and_cubes: bool = False
                     ) -> dict[str, np.ndarray]:
     """Those of the arrays `names` that an .npz file has; no pickles, sizes checked against the headers.
@@ -76,7 +72,7 @@ def read_npz_arrays(path: Path, names: tuple[str, ...], field: str = "photon fil
         and_cubes: also the arrays of three dimensions, whatever they are called.
 
     Raises:
-        InvalidInput: not a zip file, truncated, an array of objects, or arrays of more than `memory_limit` together.
+        InvalidInput: not a zip file, truncated, an array of objects, or arrays of more than MAX_BYTES together.
     """
     require_file(path, field)
     with path.open("rb") as file, read_errors(path):
@@ -104,8 +100,7 @@ def _arrays(archive: zipfile.ZipFile, names: tuple[str, ...], and_cubes: bool) -
             if name in names or len(shape) == 3:
                 chosen.append(name)
                 size += math.prod(shape) * dtype.itemsize
-    most = memory_limit()
-    require(size <= most, "size", f"{size} bytes", f"at most {most} bytes of arrays (an .npy may have more)")
+    require(size <= MAX_BYTES, "size", f"{size} bytes", f"at most {MAX_BYTES} bytes of arrays (an .npy may have more)")
     arrays = {}
     for name in chosen:
         with archive.open(members[name]) as stream:

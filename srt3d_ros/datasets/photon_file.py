@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.core.sensor.distortion import PlumbBob
-from srt3d_ros.core.sensor.model import GateWords, SensorModel
+from srt3d_ros.core.sensor.model import MAX_FRAME_ID, GateWords, SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.datasets.arrays import from_pixels
@@ -127,7 +127,8 @@ def _reference(values: dict, sensor: SensorModel) -> np.ndarray | None:
 def _value_of(name: str, array: np.ndarray) -> np.ndarray | float | str:
     """An array as its name wants it: a text, one number, or an array of numbers."""
     if name in ("frame_id", "projection"):
-        require(array.dtype.kind == "U" and array.size == 1, f"{name} dtype", str(array.dtype), "one text")
+        require(array.dtype.kind == "U" and array.size == 1 and array.itemsize <= 4 * MAX_FRAME_ID, f"{name} dtype",
+                str(array.dtype), f"one text of at most {MAX_FRAME_ID} characters")
         codes = array.reshape(1).astype(array.dtype.newbyteorder("=")).view(np.uint32)
         require(bool((codes <= sys.maxunicode).all()), name, "not text in places", "Unicode characters")
         return str(array.item())

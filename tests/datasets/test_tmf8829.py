@@ -96,14 +96,6 @@ def test_broken_logs_are_refused(tmp_path, content):
             read(tmp_path / name)
 
 
-def test_logs_are_bounded(tmp_path, monkeypatch):
-    monkeypatch.setattr(tmf8829, "MAX_LOG_BYTES", 100)
-    path = tmp_path / "log.json.gz"
-    path.write_bytes(gzip.compress(bytes(10**6)))
-    with pytest.raises(InvalidInput, match="more than 100 bytes"):
-        read(path)
-
-
 def test_the_vendors_log_agrees_with_its_own_results(shared_data):
     path = shared_data / "histograms" / "tmf8829_log.json.gz"
     if not path.is_file():

@@ -12,12 +12,12 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS, MAX_PIXELS
 from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, from_pixels
-from srt3d_ros.datasets.files import memory_limit, read_errors
+from srt3d_ros.datasets.files import MAX_BYTES, read_errors
 from srt3d_ros.datasets.options import check_same, outside_note
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers.cubes import GIVEN, cube, in_gate, the_cube
 from srt3d_ros.datasets.values import MAX_PHOTONS
-from srt3d_ros.errors import InvalidInput, finite, require
+from srt3d_ros.errors import finite, require
 from srt3d_ros.processes import ending
 
 EXPECTED = "a MATLAB 5 .mat file, whole (save -v7)"
@@ -78,29 +78,22 @@ def read(path: Path, options: dict) -> Photons:
             return the_cube(path, found, options, "variables", f"one of {WANTED}", listed)
         for name in found.keys() & {*layout.window, layout.reference}:
             require(found[name].dtype.kind in "iuf", name, str(found[name].dtype), "numbers")
-        if not layout.reference:
-            return _of_cells(path, layout, found, options)
-        return (_of_sparse if f"{layout.variable}.shape" in found else _of_counts)(path, layout, found, options)
+        return (_of_counts if layout.reference else _of_cells)(path, layout, found, options)
 
 
 def variables(path: Path) -> tuple[dict[str, np.ndarray], str]:
-    """`mat_child.variables` of NAMES, from a child process: the arrays are mapped from a temporary file.
-
-    Raises:
-        InvalidInput: the child could not read them, or not in `memory_limit` bytes.
-    """
-    most, modules = memory_limit(), os.pathsep.join(map(os.path.abspath, sys.path))
+    """`mat_child.variables` of NAMES, from a child process that may take MAX_BYTES; mapped from a temporary file."""
+    modules = os.pathsep.join(map(os.path.abspath, sys.path))
     with tempfile.TemporaryFile() as file:
         # -P: the folder of this file has modules of any name. The caller's modules: the child has the same SciPy.
-        done = subprocess.run([sys.executable, "-P", CHILD, path, str(file.fileno()), str(most), *NAMES],
+        done = subprocess.run([sys.executable, "-P", CHILD, path, str(file.fileno()), str(MAX_BYTES), *NAMES],
                               stdin=subprocess.DEVNULL, capture_output=True, pass_fds=(file.fileno(),),
                               env=os.environ | {"PYTHONPATH": modules, "OPENBLAS_NUM_THREADS": "1"})
         why = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
-        require("MemoryError" not in why, "", f"of variables that take more than {most} bytes",
+        require("MemoryError" not in why, "", f"of variables that take more than {MAX_BYTES} bytes",
                 "less: save counts as uint8 or uint16, or as .npy, which may be larger than memory")
-        if done.returncode != 0:
-            why = f"its reader {ending(done)}" if done.returncode < 0 else why
-            raise InvalidInput("", f"unreadable ({why})", EXPECTED)
+        why = f"its reader {ending(done)}" if done.returncode < 0 else why
+        require(done.returncode == 0, "", f"unreadable ({why})", EXPECTED)
         content = json.loads(done.stdout)
         arrays = {name: np.memmap(file, kind, "c", place, tuple(shape), order) if 0 not in shape else
                   np.zeros(shape, kind) for name, kind, place, shape, order in content["arrays"]}
@@ -108,43 +101,27 @@ def variables(path: Path) -> tuple[dict[str, np.ndarray], str]:
 
 
 def _of_counts(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Photons:
-    """Counts of bins, whose pixels are in column-major order, and reference depths."""
+    """Counts of bins, whose pixels are in column-major order, and reference depths. Sparse ones stay sparse."""
     name, photons = layout.variable, found[layout.variable]
     width_s, notes = _bin_width(layout, options)
-    require(are_whole(photons), name, "negative or fractional in places", "photons per bin")
-    bins, pixels = photons.shape
+    require(are_whole(np.atleast_2d(photons)), name, "negative or fractional in places", "photons per bin")
+    bins, pixels = photons.shape if photons.ndim == 2 else found[f"{name}.shape"][::-1].tolist()
     _check_bins(options, bins)
-    reference = _reference(layout, found, pixels)
-    rows, cols = reference.shape
-    counts = photons.reshape(bins, cols, rows).transpose(2, 1, 0)
-    return cube(path, counts, options, {"bin_width_s": width_s}, notes, reference)
-
-
-def _of_sparse(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Photons:
-    """As `_of_counts`, of a sparse array [rows · cols, T], which never is in memory in full."""
-    name, counts = layout.variable, found[layout.variable]
-    pixels, bins = found[f"{name}.shape"].tolist()
-    require(are_whole(counts[None]), name, "negative or fractional in places", "photons per bin")
-    photons = counts.sum(dtype=np.float64)
-    require(photons <= MAX_KEPT, f"{name} photons", photons, f"at most {MAX_KEPT} in a sparse array: save full({name})")
-    _check_bins(options, bins)
-    reference = _reference(layout, found, pixels)
-    rows, cols = reference.shape
-    col, row = np.divmod(found[f"{name}.row"], rows)        # column-major
-    order = np.lexsort((found[f"{name}.col"], row * cols + col))
-    times = counts[order].astype(np.int64)
-    pixel, toa = (values[order].repeat(times) for values in (row * cols + col, found[f"{name}.col"]))
-    window = 0, int(finite("num_bins", options.get("num_bins", bins), "a number of bins"))
-    return _of_events(path, layout, (pixel, toa, reference.shape), window, options, reference)
-
-
-def _reference(layout: Layout, found: dict[str, np.ndarray], pixels: int) -> np.ndarray:
-    """The reference depths [rows, cols] of so many pixels, in bins from 0."""
     require(layout.reference in found, layout.reference, "missing", "reference depths [rows, cols]")
-    reference = found[layout.reference]
+    reference = found[layout.reference].astype(np.float32) - np.float32(1)
     require(reference.ndim == 2 and reference.size == pixels <= MAX_PIXELS, f"{layout.reference} shape",
-            reference.shape, f"the {pixels} pixels of {layout.variable}, {MAX_PIXELS} at most")
-    return reference.astype(np.float32) - np.float32(1)
+            reference.shape, f"the {pixels} pixels of {name}, {MAX_PIXELS} at most")
+    rows, cols = reference.shape
+    if photons.ndim == 2:
+        counts = photons.reshape(bins, cols, rows).transpose(2, 1, 0)
+        return cube(path, counts, options, {"bin_width_s": width_s}, notes, reference)
+    total, toa = photons.sum(dtype=np.float64), found[f"{name}.col"]
+    require(total <= MAX_KEPT, f"{name} photons", total, f"at most {MAX_KEPT} in a sparse array: save full({name})")
+    col, row = np.divmod(found[f"{name}.row"], rows)
+    order = np.lexsort((toa, row * cols + col))
+    pixel, toa = (values[order].repeat(photons[order].astype(np.int64)) for values in (row * cols + col, toa))
+    bins = int(finite("num_bins", options.get("num_bins", bins), "a number of bins"))
+    return _of_events(path, layout, pixel, toa, reference.shape, (0, bins), options, reference)
 
 
 def _of_cells(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Photons:
@@ -161,18 +138,13 @@ def _of_cells(path: Path, layout: Layout, found: dict[str, np.ndarray], options:
             "times of arrival from 0")
     toa = np.floor(toa * unit + EDGE).astype(np.int64)
     window, pixel = _window(layout, found, unit, toa, options), np.arange(lengths.size).repeat(lengths.ravel())
-    return _of_events(path, layout, (pixel, toa, lengths.shape), window, options)
+    return _of_events(path, layout, pixel, toa, lengths.shape, window, options)
 
 
-def _of_events(path: Path, layout: Layout, seen: tuple[np.ndarray, np.ndarray, tuple[int, int]],
+def _of_events(path: Path, layout: Layout, pixel: np.ndarray, toa: np.ndarray, shape: tuple[int, int],
                window: tuple[int, int], options: dict, reference: np.ndarray | None = None) -> Photons:
-    """The photons in the gate, or else in the window.
-
-    Args:
-        seen: pixel and ToA of each photon, and rows and columns.
-        window: first bin and number of bins.
-    """
-    (pixel, toa, shape), (first, bins), (width_s, notes) = seen, window, _bin_width(layout, options)
+    """The photons in the gate, or else in the window: first bin and number of bins."""
+    (first, bins), (width_s, notes) = window, _bin_width(layout, options)
     first, last = options.get("gate", (first, first + bins - 1))
     require(last - first < MAX_BINS, "num_bins", last - first + 1, f"at most {MAX_BINS}: give a gate or bin_width_s")
     inside, sides = (toa >= first) & (toa <= last), dict(zip(("rows", "cols"), shape))
@@ -181,8 +153,7 @@ def _of_events(path: Path, layout: Layout, seen: tuple[np.ndarray, np.ndarray, t
                    "toa_offset_bins": options.get("toa_offset_bins", 0) + first}
     sensor, events, more = from_pixels(pixel[inside], toa[inside] - first, 0, options | own)
     outside = outside_note(len(toa) - events.photons, len(toa), first, last)
-    if reference is not None:
-        reference = in_gate(reference, first, sensor.num_bins)
+    reference = in_gate(reference, first, sensor.num_bins)
     return Photons(sensor, events, reference, path.stem, notes + more + outside)
 
 

@@ -1,14 +1,10 @@
-"""The child process in which SciPy reads a .mat file, since some damaged files end the process that reads them.
-
-It runs this file as a script, and imports nothing of srt3d_ros: it starts in the time that SciPy takes.
-"""
+"""The process in which SciPy reads a .mat file: a damaged one may end it. A script, without anything of srt3d_ros."""
 
 import json
 import resource
 import sys
 import warnings
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 from scipy.io import loadmat, whosmat
@@ -19,13 +15,17 @@ ALIGNMENT = 64      # bytes, of the arrays in the file that the caller maps
 def main(path: str, file: str, most: str, *names: str) -> None:
     """Write `variables` to an open file, with no more than `most` bytes for them, and what is where to stdout."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
-    limit = taken + int(most)
+    limit = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + int(most)
     resource.setrlimit(resource.RLIMIT_AS, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
-    arrays, listed = variables(path, names)
+    (arrays, listed), places = variables(path, names), []
     with open(int(file), "wb") as stream:
-        places = [_write(stream, name, array) for name, array in arrays.items()]
+        for name, array in arrays.items():
+            stream.write(bytes(-stream.tell() % ALIGNMENT))
+            order = "F" if array.flags.f_contiguous else "C"
+            places.append((name, array.dtype.str, stream.tell(), array.shape, order))
+            if array.size:
+                stream.write(array.ravel("K").view(np.uint8))
     json.dump({"arrays": places, "listed": listed}, sys.stdout)
 
 
@@ -35,16 +35,15 @@ def variables(path: str | Path, names: tuple[str, ...]) -> tuple[dict[str, np.nd
     Of cells, what is in them one after the other, and NAME.lengths [rows, cols]. Of sparse arrays, the numbers that are
     not 0, and NAME.row, NAME.col and NAME.shape.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            shapes = whosmat(path)      # before any values
-        except TypeError:               # at objects of classes, which loadmat leaves out
-            content = loadmat(path)
-            shapes = [(name, one.shape, one.dtype) for name, one in content.items() if hasattr(one, "dtype")]
-        else:
-            cubes = [name for name, shape, kind in shapes if len(shape) == 3 and kind not in ("cell", "struct")]
-            content = loadmat(path, variable_names=[*names, *(cubes if len(cubes) == 1 else ())])
+    warnings.simplefilter("ignore")
+    try:
+        shapes = whosmat(path)      # before any values
+    except TypeError:               # at objects of classes, which loadmat leaves out
+        content = loadmat(path)
+        shapes = [(name, one.shape, one.dtype) for name, one in content.items() if hasattr(one, "dtype")]
+    else:
+        cubes = [name for name, shape, kind in shapes if len(shape) == 3 and kind not in ("cell", "struct")]
+        content = loadmat(path, variable_names=[*names, *(cubes if len(cubes) == 1 else ())])
     found = {}
     for name, value in content.items():
         if hasattr(value, "tocoo"):
@@ -52,25 +51,12 @@ def variables(path: str | Path, names: tuple[str, ...]) -> tuple[dict[str, np.nd
             found |= {name: sparse.data, f"{name}.row": sparse.row, f"{name}.col": sparse.col,
                       f"{name}.shape": np.array(sparse.shape)}
         elif isinstance(value, np.ndarray) and value.dtype.kind == "O":
-            lengths = np.fromiter((cell.size for cell in value.flat), np.int64, value.size)
-            filled = [cell.ravel() for cell in value.flat if cell.size]
-            found |= {name: np.concatenate(filled or [np.zeros(0, np.int64)]),
-                      f"{name}.lengths": lengths.reshape(value.shape)}
+            inside = np.concatenate([np.zeros(0, np.int64), *(cell.ravel() for cell in value.flat if cell.size)])
+            found[name] = inside[:0] if inside.dtype.kind == "O" else inside
+            found[f"{name}.lengths"] = np.array([cell.size for cell in value.flat]).reshape(value.shape)
         elif isinstance(value, np.ndarray) and value.dtype.kind in "iufbU":
             found[name] = value
     return found, ", ".join(f"{name} ({'×'.join(map(str, shape))} {kind})" for name, shape, kind in shapes)
-
-
-def _write(stream: BinaryIO, name: str, array: np.ndarray) -> tuple[str, str, int, tuple[int, ...], str]:
-    """Append an array, and return its name, type, place, shape and order; of what has no bytes to show, none."""
-    if array.dtype.kind == "O" or array.nbytes == 0:
-        array = np.zeros(0, array.dtype) if array.size else array
-        return name, array.dtype.str, 0, array.shape, "C"
-    order = "F" if array.flags.f_contiguous else "C"
-    stream.write(bytes(-stream.tell() % ALIGNMENT))
-    place = stream.tell()
-    stream.write(np.ascontiguousarray(array.T if order == "F" else array).reshape(-1).view(np.uint8))
-    return name, array.dtype.str, place, array.shape, order
 
 
 if __name__ == "__main__":
