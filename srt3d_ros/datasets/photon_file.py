@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.core.sensor.distortion import PlumbBob
-from srt3d_ros.core.sensor.model import MAX_FRAME_ID, GateWords, SensorModel
+from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.datasets.arrays import from_pixels
@@ -18,6 +18,7 @@ from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers import cubes
 from srt3d_ros.datasets.values import MAX_PHOTONS
 from srt3d_ros.errors import require
+from srt3d_ros.messages.cdr import MAX_FRAME_ID
 from srt3d_ros.messages.sensor import PROJECTIONS
 from srt3d_ros.new_files import check_replaceable, file_errors
 

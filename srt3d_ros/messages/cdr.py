@@ -9,11 +9,11 @@ before it is used. Numbers are aligned to their size, counted from the end of th
 import struct
 from dataclasses import dataclass
 
-from srt3d_ros.core.sensor.model import MAX_FRAME_ID
 from srt3d_ros.errors import InvalidInput, require
 
 CDR_HEADER, CDR_HEADER_BYTES = b"\x00\x01", 4        # of plain CDR, little-endian; then 2 bytes of options
 MAX_FIELDS = 256                # of a point: far above any real cloud, far below what takes time to read
+MAX_FRAME_ID = 255              # characters, which every message repeats
 MAX_NAME_BYTES = 4 * MAX_FRAME_ID + 1
 MAX_TRAILING_BYTES = 3          # some middleware fills messages up to a multiple of 4
 NS_PER_S = 1_000_000_000

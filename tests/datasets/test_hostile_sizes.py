@@ -53,30 +53,20 @@ def record(kind: int, content: bytes) -> bytes:
     return struct.pack("<BQ", kind, len(content)) + content
 
 
-def mcap(compression: str, packed: bytes, size: int) -> bytes:
-    """An .mcap file of one chunk that says that it unpacks to `size` bytes, without a summary."""
-    name = struct.pack("<I", len(compression)) + compression.encode()
-    chunk = struct.pack("<QQQI", 0, 0, size, 0) + name + struct.pack("<Q", len(packed)) + packed
-    mark = b"\x89MCAP0\r\n"
+def mcap(size: int) -> bytes:
+    """An .mcap file of one chunk that says that it unpacks to `size` bytes, and has 0.5 GB; without a summary."""
+    mark, packed = b"\x89MCAP0\r\n", import_module(ZSTD).compress(bytes(2**29))
+    chunk = struct.pack("<QQQII4sQ", 0, 0, size, 0, 4, b"zstd", len(packed)) + packed
     return mark + record(1, b"\4\0\0\0ros2\0\0\0\0") + record(6, chunk) + record(2, bytes(20)) + mark
-
-
-def of_zeros(module: str, size: int) -> bytes:
-    """A bag whose chunk, packed by `module`, unpacks to 0.5 GB."""
-    packed = import_module(module).compress(bytes(2**29))
-    return mcap("lz4" if "lz4" in module else "zstd", packed, size)
 
 
 # Files of at most 2 MB that unpack to 0.3 to 0.6 GB.
 BOMBS = {
     "lists.json.gz": (lambda: gzip.compress(b'{"Result_Set":[' + b"[]," * 2**23 + b"[]]}", 1),
                       "lists.json.gz size is more than 1048576 lists and objects: expected a shorter log"),
-    "numbers.json.gz": (lambda: gzip.compress(b'{"Result_Set":[' + b".1," * 2**24 + b".1]}", 1),
-                        "numbers.json.gz size is more than 8388608 values: expected a shorter log"),
     "spaces.json.gz": (lambda: gzip.compress(b" " * 2**28, 1), "spaces.json.gz size is more than 201326592 bytes"),
-    "zstd.mcap": (lambda: of_zeros(ZSTD, 2**29), "bag zstd.mcap is unreadable (a chunk has 536870912 bytes, more"),
-    "lies.mcap": (lambda: of_zeros(ZSTD, 100), "bag lies.mcap is unreadable (Chunk size mismatch: expected 100 bytes"),
-    "lz4.mcap": (lambda: of_zeros("lz4.frame", 100), "bag lz4.mcap is unreadable (Chunk size mismatch: expected 100")}
+    "zstd.mcap": (lambda: mcap(2**29), "bag zstd.mcap is unreadable (a chunk has 536870912 bytes, more"),
+    "lies.mcap": (lambda: mcap(100), "bag lies.mcap is unreadable (Chunk size mismatch: expected 100 bytes")}
 
 
 @pytest.fixture(scope="module")

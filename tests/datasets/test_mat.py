@@ -138,7 +138,13 @@ def test_what_was_assumed_is_said(tmp_path):
     ({"Ts": np.array([[np.ones(1), "d"]], object)}, {}, ".mat Ts cells"),
     ({"Ts": cells(LISTS)}, {"num_bins": 1}, ".mat num_bins"),
     ({"Ts": cells(LISTS)}, {"num_bins": 10**6}, ".mat num_bins"),
-    ({"Ts": cells(LISTS)}, {"bin_width_s": 0}, ".mat bin_width_s")])
+    ({"Ts": cells(LISTS)}, {"bin_width_s": 0}, ".mat bin_width_s"),
+    ({"Ts": cells(LISTS)}, {"num_bins": "many"}, ".mat num_bins"),
+    ({"Ts": np.empty((0, 3), object)}, {}, ".mat Ts shape"),
+    ({"spad": csc_matrix([[2.0**24, 1.0]]), "bin": 1}, {}, ".mat spad photons"),
+    ({"h": np.ones((2, 3, 70_000), np.uint8)}, {}, ".mat counts bins"),
+    ({"h": np.ones((2, 3, 9))}, {"num_bins": 1}, ".mat num_bins"),
+    ({"h": np.ones((2, 3, 9)), "bin_width_s": [1, 2]}, {}, ".mat bin_width_s shape")])
 def test_what_cannot_be_used_is_named(tmp_path, variables, options, field):
     with pytest.raises(InvalidInput) as caught:
         read(write(tmp_path, **variables), irf=IRF, **options)

@@ -32,8 +32,7 @@ MEASURED = 218              # of these, unless the configuration says otherwise;
 REFERENCE_BINS = 64
 SIZES = {0: (8, 8), 1: (8, 8), 2: (16, 16), 3: (32, 32), 4: (32, 32), 5: (32, 48)}      # rows, columns by mode
 TICK_NS = 1000              # 26 frames of 33 ms are so far apart
-# Of a log, 400 frames of 16 × 16 zones, 270 with indentation. It stays below 0.5 GB: its text is there twice, a number
-# takes up to 32 bytes, a list or object up to 250.
+# Of a log, some 300 frames, below 0.5 GB: its text is there twice, a number takes up to 32 bytes, a list up to 250.
 MOST = {"bytes": 3 * 2**26, "values": 2**23, "lists and objects": 2**20}
 
 
