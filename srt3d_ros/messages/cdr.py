@@ -14,7 +14,6 @@ from srt3d_ros.errors import InvalidInput, require
 CDR_HEADER, CDR_HEADER_BYTES = b"\x00\x01", 4        # of plain CDR, little-endian; then 2 bytes of options
 MAX_FIELDS = 256                # of a point: far above any real cloud, far below what takes time to read
 MAX_FRAME_ID = 255              # characters, which every message repeats
-MAX_NAME_BYTES = 4 * MAX_FRAME_ID + 1
 MAX_TRAILING_BYTES = 3          # some middleware fills messages up to a multiple of 4
 NS_PER_S = 1_000_000_000
 
@@ -196,7 +195,7 @@ class Reader:
         """A sequence of bytes, or the bytes of a string."""
         return self.take(field, self.number(field))
 
-    def text(self, field: str, most: int = MAX_NAME_BYTES) -> str:
+    def text(self, field: str, most: int = 4 * MAX_FRAME_ID + 1) -> str:
         raw = bytes(self.sequence(field))
         require(len(raw) <= most, field, f"{len(raw)} bytes", f"at most {most}")
         require(not raw or raw[-1] == 0, field, raw, "a string that ends with a NUL")

@@ -12,7 +12,6 @@ from srt3d_ros.errors import InvalidInput, require
 STORAGE_SUFFIXES = (".mcap", ".db3")
 MAX_METADATA_BYTES = 2**24          # of metadata.yaml, which has a few hundred a topic and file
 MAX_CHUNK_BYTES = 2**28             # unpacked: a message lies in one chunk, and the largest have 180 MB
-SQLITE_LIMIT_LENGTH = 0             # sqlite3.h: of a value
 EXPECTED = "a complete rosbag2 bag (docs/bags.md tells what to do about one that was cut off)"
 
 
@@ -56,7 +55,7 @@ class Bag:
             readers = [stack.enter_context(Reader(file)) for file in self._storage_files()]
             for reader in readers:
                 if hasattr(reader.storage, "dbconn"):       # a column of a database may be computed
-                    reader.storage.dbconn.limit(SQLITE_LIMIT_LENGTH, MAX_CHUNK_BYTES)
+                    reader.storage.dbconn.limit(0, MAX_CHUNK_BYTES)         # SQLITE_LIMIT_LENGTH, of a value
             self._readers = sorted(readers, key=lambda reader: reader.start_time)
             counts = Counter()
             for connection in (connection for reader in self._readers for connection in reader.connections):

@@ -44,10 +44,9 @@ class Layout(NamedTuple):
 
     def fits(self, found: dict[str, np.ndarray]) -> bool:
         """Whether the variables of a file are in this form."""
-        photons = found.get(self.variable)
-        if photons is None or not self.reference:
-            return f"{self.variable}.lengths" in found
-        return photons.dtype.kind in "iuf" and (photons.ndim == 2 or f"{self.variable}.shape" in found)
+        photons = found.get(self.variable, np.zeros(0))
+        counts = photons.dtype.kind in "iuf" and (photons.ndim == 2 or f"{self.variable}.shape" in found)
+        return counts if self.reference else f"{self.variable}.lengths" in found
 
 
 LAYOUTS = (
