@@ -12,6 +12,7 @@ from srt3d_ros.errors import InvalidInput, quoted, require
 
 MAX_BYTES = 64 * 2**20
 MAX_VALUES = 2**20              # outside base64: a parsed number takes 32 bytes, a key with its value 150
+MAX_KEYS = 1000                 # of an object: a schema is checked key by key, 7 s a million
 MAX_NUMBER = 1e300
 IN_WORDS = {"integer": "an integer", "number": "a number", "string": "a string", "array": "a list"}
 
@@ -25,7 +26,7 @@ def parse(text: str, what: str) -> dict:
     """The object in a JSON text; errors call the text `what`.
 
     Raises:
-        InvalidInput: over 64 MiB or a million values (an array in base64 is one), broken, no object, NaN, a key twice.
+        InvalidInput: over 64 MiB, a million values (base64 is one) or 1000 keys; broken, no object, NaN, a key twice.
     """
     require(len(text) <= MAX_BYTES, what, f"{len(text)} bytes", f"at most {MAX_BYTES} bytes")
     values = sum(text.count(mark) for mark in ",[{")
@@ -144,6 +145,7 @@ def _stored(dtype: str) -> str:
 
 
 def _object(pairs: list[tuple]) -> dict:
+    require(len(pairs) <= MAX_KEYS, "number of keys", len(pairs), f"at most {MAX_KEYS}")
     content = dict(pairs)
     if len(content) < len(pairs):
         (twice, _), = Counter(name for name, _ in pairs).most_common(1)

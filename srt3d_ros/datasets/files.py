@@ -2,6 +2,7 @@
 
 import logging
 import math
+import os
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +14,8 @@ import numpy as np
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.new_files import file_errors
 
-MAX_BYTES = 3 * 2**30       # of all arrays that are read from a file: 12 bytes for each of the most photons
+# Of all arrays that are read from a file: 12 bytes for each of the most photons, or half of a smaller machine's memory.
+MAX_BYTES = min(3 * 2**30, os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2)
 MAX_MEMBERS = 1000
 MAX_SIDES = 8
 # What a reader raises where it trusts a damaged file: their texts speak of its code, not of the file.
@@ -98,7 +100,7 @@ def _arrays(archive: zipfile.ZipFile, names: tuple[str, ...], and_cubes: bool) -
             if name in names or len(shape) == 3:
                 chosen.append(name)
                 size += math.prod(shape) * dtype.itemsize
-    require(size <= MAX_BYTES, "size", f"{size} bytes", f"at most {MAX_BYTES} bytes of arrays")
+    require(size <= MAX_BYTES, "size", f"{size} bytes", f"at most {MAX_BYTES} bytes of arrays (an .npy may have more)")
     arrays = {}
     for name in chosen:
         with archive.open(members[name]) as stream:

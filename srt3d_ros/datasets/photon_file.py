@@ -18,6 +18,7 @@ from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers import cubes
 from srt3d_ros.datasets.values import MAX_PHOTONS
 from srt3d_ros.errors import require
+from srt3d_ros.messages.cdr import MAX_FRAME_ID
 from srt3d_ros.messages.sensor import PROJECTIONS
 from srt3d_ros.new_files import atomic_write, check_replaceable, file_errors
 
@@ -127,7 +128,8 @@ def _reference(values: dict, sensor: SensorModel) -> np.ndarray | None:
 def _value_of(name: str, array: np.ndarray) -> np.ndarray | float | str:
     """An array as its name wants it: a text, one number, or an array of numbers."""
     if name in ("frame_id", "projection"):
-        require(array.dtype.kind == "U" and array.size == 1, f"{name} dtype", str(array.dtype), "one text")
+        require(array.dtype.kind == "U" and array.size == 1 and array.itemsize <= 4 * MAX_FRAME_ID, f"{name} dtype",
+                str(array.dtype), f"one text of at most {MAX_FRAME_ID} characters")
         codes = array.reshape(1).astype(array.dtype.newbyteorder("=")).view(np.uint32)
         require(bool((codes <= sys.maxunicode).all()), name, "not text in places", "Unicode characters")
         return str(array.item())

@@ -13,6 +13,7 @@ from srt3d_ros.errors import InvalidInput, require
 
 CDR_HEADER, CDR_HEADER_BYTES = b"\x00\x01", 4        # of plain CDR, little-endian; then 2 bytes of options
 MAX_FIELDS = 256                # of a point: far above any real cloud, far below what takes time to read
+MAX_FRAME_ID = 255              # characters, which every message repeats
 MAX_TRAILING_BYTES = 3          # some middleware fills messages up to a multiple of 4
 NS_PER_S = 1_000_000_000
 
@@ -41,7 +42,8 @@ def check_stamp(stamp_ns: int) -> None:
 
 
 def check_frame_id(field: str, frame_id: str) -> None:
-    """Raise InvalidInput unless a ROS string can carry `frame_id`."""
+    """Raise InvalidInput unless a ROS string can carry `frame_id`, and every message."""
+    require(len(frame_id) <= MAX_FRAME_ID, field, f"{len(frame_id)} characters", f"at most {MAX_FRAME_ID}")
     try:
         frame_id.encode()
     except UnicodeEncodeError:
@@ -122,7 +124,7 @@ def write_cloud(cloud: Cloud) -> bytes:
 def read_text(raw: bytes) -> str:
     """A serialised std_msgs/String; InvalidInput if it breaks off or is no text."""
     reader = Reader(raw)
-    text = reader.text("data")
+    text = reader.text("data", len(raw))
     reader.end()
     return text
 
@@ -199,8 +201,9 @@ class Reader:
         """A sequence of bytes, or the bytes of a string."""
         return self.take(field, self.number(field))
 
-    def text(self, field: str) -> str:
+    def text(self, field: str, most: int = 4 * MAX_FRAME_ID + 1) -> str:
         raw = bytes(self.sequence(field))
+        require(len(raw) <= most, field, f"{len(raw)} bytes", f"at most {most}")
         require(not raw or raw[-1] == 0, field, raw, "a string that ends with a NUL")
         try:
             return raw[:-1].decode()

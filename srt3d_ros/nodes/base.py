@@ -10,7 +10,7 @@ from rclpy.publisher import Publisher
 
 from srt3d_ros import processes
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.errors import InvalidInput
+from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.nodes.diagnostics import Diagnostics
 from srt3d_ros.nodes.lifecycle import PUBLISH_DEPTH, ManagedNode, TransitionCallbackReturn
 from srt3d_ros.nodes.parameters import Parameters
@@ -87,6 +87,12 @@ class PipelineNode(ManagedNode):
         depth = SUBSCRIBE_DEPTH * self.worker.messages_per_frame if newest_only else self.queue_depth
         self.make_subscription(topic, received, min(depth, QUEUE_DEPTH), raw=True)
         self.diagnostics.expect(self.resolve_topic_name(topic))
+
+    def check_size(self, sensor: SensorModel) -> SensorModel:
+        """The sensor; InvalidInput if it has more than `max_pixels`, before memory is taken for it."""
+        require(sensor.pixels <= self.parameters["max_pixels"], "sensor", f"{sensor.rows} × {sensor.cols} pixels",
+                f"at most {self.parameters['max_pixels']}, or a larger max_pixels, a parameter of {self.get_name()}")
+        return sensor
 
     def follow(self, topic: str, handle: Callable[[object], None]) -> None:
         """Have the worker call `handle` with every message on an input that describes or reports.

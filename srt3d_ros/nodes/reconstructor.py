@@ -46,6 +46,7 @@ PARAMETERS = (
     Parameter("device", "auto", "Where to compute. auto: on a GPU if it passes a check.", choices=DEVICES, live=True),
     Parameter("fields", "xyzi", "Fields of `points`. xyzi: x, y, z, intensity. full: also depth_std, background, row, "
               "col and surface.", choices=("xyzi", "full"), live=True),
+    topics.MAX_PIXELS,
     Parameter("min_range_m", 0.0, "Omit points nearer than this along their pixel's ray, from `points` and images; 0 "
               "= no limit.", "m", low=0.0, live=True),
     Parameter("max_range_m", 0.0, "Omit points farther than this; 0 = no limit.", "m", low=0.0, live=True),
@@ -141,7 +142,7 @@ class ReconstructorNode(PipelineNode):
         self._settings = settings
 
     def _on_sensor(self, message: String) -> None:
-        sensor = self._sketches.describe(message.data)
+        sensor = self.check_size(self._sketches.describe(message.data))
         self.diagnostics.unusable("")
         self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins)
         self._reconstruct_all()
@@ -163,7 +164,7 @@ class ReconstructorNode(PipelineNode):
         self.diagnostics.wait_for(f"{DESCRIPTION}, sensor_{self._sketches.missing}" if self._sketches else "")
 
     def _reconstruct(self, digest: str, sensor: SensorModel, raw: bytes) -> None:
-        header, sketch = sketch_message.decode_cdr(raw, sensor)
+        header, sketch = sketch_message.decode_cdr(raw, self.check_size(sensor))
         reconstructor = self._reconstructor(digest, sketch)
         seen = reconstructor(sketch)
         share = float(seen.background.sum()) / max(seen.facts["photons"], 1)

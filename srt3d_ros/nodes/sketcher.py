@@ -17,6 +17,7 @@ from srt3d_ros.datasets import open_sensor
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.messages.cdr import check_frame_id
 from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode, in_words
@@ -60,6 +61,7 @@ PARAMETERS = (
     Parameter("merge_when_busy", False, "While readers have not acknowledged two sketches, for at most 0.4 s, add the "
               "next frame to the one that waits: a slow link then gets fewer sketches, with all photons. Not with "
               "motion or windows of several frames.", live=True),
+    topics.MAX_PIXELS,
     Parameter("frame_id", "", "tf frame of the published messages; if empty, that of the received ones.", live=True),
 )
 
@@ -103,7 +105,7 @@ class SketcherNode(PipelineNode):
 
     def configure(self) -> None:
         path = self.parameters["sensor_file"]
-        self._file = self._sensor = open_sensor(path) if path else None
+        self._file = self._sensor = self.check_size(open_sensor(path)) if path else None
         self._check(self.parameters.as_dict())
         precompile.sketching()
         if self.parameters["motion"] != OFF:
@@ -160,6 +162,7 @@ class SketcherNode(PipelineNode):
 
     def _use(self, described: SensorModel) -> None:
         """Sketch photons of the sensor that `sensor` describes; InvalidInput if that is not possible."""
+        self.check_size(described)
         before, topic = self._sensor, self._topic
         difference = first_difference(before, described) if before is not None else None
         if self._file is not None:
@@ -205,6 +208,7 @@ class SketcherNode(PipelineNode):
 
     def _check(self, values: dict[str, Value]) -> None:
         """Refuse parameters with which the present sensor, or any, cannot be sketched."""
+        check_frame_id("frame_id", values["frame_id"])
         SketchStream(self._sensor or precompile.ANY_SENSOR, stream_options(values))
 
     # ---- Packets in, sketches out

@@ -7,6 +7,7 @@ from importlib import import_module
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
+from srt3d_ros.core.sensor import model
 from srt3d_ros.nodes.parameters import Parameter
 
 OVERRIDABLE = QoSOverridingOptions(
@@ -71,6 +72,10 @@ ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", "what the nodes log, kept fo
 
 
 AUTOSTART = Parameter("autostart", True, "true: configure and activate at the start. false: a lifecycle manager does.")
+# Twice the pixels of the largest SPAD cameras on robots, 512 × 512: by default a sketcher then takes 0.3 GB and a
+# reconstructor 0.7 GB, beside what they need in any case. Anyone on the network may describe a sensor.
+MAX_PIXELS = Parameter("max_pixels", 2**19, "Largest sensor to take memory for, rows × cols. Descriptions of larger "
+                       "ones are refused.", low=1, high=model.MAX_PIXELS)
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,10 @@
 """Bags as they are read: what is in them, and bags that are broken."""
 
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -224,6 +226,15 @@ def test_what_cannot_be_told_apart_is_listed(tmp_path, topics, given, words):
     with Bag(with_topics(tmp_path / "bag", topics)) as opened, pytest.raises(InvalidInput) as error:
         find_photons(opened, **given)
     assert all(word in str(error.value) for word in words), error.value
+
+
+def test_a_message_that_a_database_computes_takes_no_gigabyte(tmp_path):
+    path = storage_file(write_bag(tmp_path / "bag", RECORDED, "sqlite3"))
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute("ALTER TABLE messages RENAME COLUMN data TO stored")
+        database.execute("ALTER TABLE messages ADD COLUMN data BLOB AS (zeroblob(300000000))")
+    with pytest.raises(InvalidInput, match="bag is unreadable .*too big"):
+        read(tmp_path / "bag")
 
 
 def test_photons_without_a_sensor_cannot_be_reconstructed(tmp_path):

@@ -1,10 +1,17 @@
 """Files of a gigabyte, and what says it is larger than any memory: refused before room is made for it."""
 
+import gzip
 import os
+import struct
 import subprocess
 import sys
+from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
 
+import pytest
+
+ZSTD = "compression.zstd" if find_spec("compression") else "backports.zstd"
 LIMITED = """
 import resource, sys
 from pathlib import Path
@@ -26,29 +33,56 @@ GIGABYTES = {
     "b.npz": (b"PK\3\4", "b.npz is truncated or damaged", ""),
     "c.mat": (b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM", "c.mat is unreadable", ""),
     "d.mcap": (b"\x89MCAP0\r\n", "bag d.mcap is unreadable", ""),
+    "bag/metadata.yaml": (b"", "bag bag is with a metadata.yaml of 6442450944 bytes: expected at most 16777216", ""),
     "e.db3": (b"SQLite format 3\0", "bag e.db3 is unreadable", ""),
     "g.npy": (b"", "g.npy counts is unreadable", ""),
     "i.ptu": (b"PQTTTR\0\0001.0.00\0\0", "i.ptu is unreadable", "ptufile")}
-SENSORS = {
-    "pixels.json": ('{"schema_version":1,"rows":65535,"cols":65535,"num_bins":50,"bin_width_s":1e-9,"irf":[1]}',
-                    "pixels.json rows × cols is 65535 × 65535: expected at most"),
-    "array.json": ('{"schema_version":1,"rows":2,"cols":2,"num_bins":50,"bin_width_s":1e-9,"irf":{"dtype":"float32",'
-                   '"shape":[4294967295,4294967295],"base64":""}}',
-                   "array.json irf.base64 is 0 bytes: expected 18446744065119617025 numbers")}
+
+def mcap(size: int) -> bytes:
+    """An .mcap file of one chunk that says that it unpacks to `size` bytes, and has 0.5 GB; without a summary."""
+    mark, packed = b"\x89MCAP0\r\n", import_module(ZSTD).compress(bytes(2**29))
+    chunk = struct.pack("<QQQII4sQ", 0, 0, size, 0, 4, b"zstd", len(packed)) + packed
+    records = ((1, b"\4\0\0\0ros2\0\0\0\0"), (6, chunk), (2, bytes(20)))
+    return mark + b"".join(struct.pack("<BQ", kind, len(content)) + content for kind, content in records) + mark
 
 
-def test_a_process_that_may_take_300_mb_refuses_each_in_one_line(tmp_path):
-    said = {}
-    for name, (begin, line, library) in GIGABYTES.items():
+PLAIN = '{"schema_version":1,"rows":2,"cols":2,"num_bins":50,"bin_width_s":1e-9,"irf":[1]'
+# Of each file what is in it, and what is said of it.
+SMALL = {
+    "pixels.json": (PLAIN.replace(":2,", ":65535,") + "}", "pixels.json rows × cols is 65535 × 65535: expected"),
+    "array.json": (PLAIN[:-3] + '{"dtype":"float32","shape":[4294967295,4294967295],"base64":""}}',
+                   "array.json irf.base64 is 0 bytes: expected 18446744065119617025 numbers"),
+    "keys.json": ("{%s}" % ",".join(f'"k{k}":0' for k in range(2**18)), "keys.json number of keys is 262144: expected"),
+    "shape.json": (PLAIN + ',"mask":{"dtype":"bool","shape":[%s],"base64":""}}' % ",".join("1" * 2**18),
+                   "shape.json mask.shape is [1, 1"),
+    "frame.json": (PLAIN + ',"frame_id":"%s"}' % ("a" * 30_000_000), "frame.json frame_id is \"aaa"),
+    "lists.json.gz": (lambda: gzip.compress(b'{"Result_Set":[' + b"[]," * 2**23 + b"[]]}", 1),
+                      "lists.json.gz size is more than 1048576 lists and objects: expected a shorter log"),
+    "spaces.json.gz": (lambda: gzip.compress(b" " * 2**28, 1), "spaces.json.gz size is more than 201326592 bytes"),
+    "zstd.mcap": (lambda: mcap(2**29), "bag zstd.mcap is unreadable (a chunk has 536870912 bytes, more"),
+    "lies.mcap": (lambda: mcap(100), "bag lies.mcap is unreadable (Chunk size mismatch: expected 100 bytes")}
+
+
+@pytest.fixture(scope="module")
+def said(tmp_path_factory) -> dict[str, str]:
+    """What a process that may take 300 MB says of each file."""
+    folder = tmp_path_factory.mktemp("files")
+    for name, (begin, _, library) in GIGABYTES.items():
         if not library or find_spec(library):
-            (tmp_path / name).write_bytes(begin)
-            os.truncate(tmp_path / name, 2**30)
-            said |= {name: line} if line else {}
-    for name, (text, line) in SENSORS.items():
-        (tmp_path / name).write_text(text)
-        said[name] = line
-    done = subprocess.run([sys.executable, "-c", LIMITED, *(tmp_path / name for name in said)], capture_output=True,
-                          text=True)
+            (folder / name).parent.mkdir(exist_ok=True)
+            (folder / name).write_bytes(begin)
+            os.truncate(folder / name, 6 * 2**30 if name.endswith("yaml") else 2**30)
+    for name, (content, _) in SMALL.items():
+        (folder / name).write_bytes(content() if callable(content) else content.encode())
+    paths = sorted(folder.iterdir())
+    done = subprocess.run([sys.executable, "-c", LIMITED, *paths], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    for line, expected in zip(done.stdout.splitlines(), said.values(), strict=True):
-        assert line.startswith(expected) and "Unable to allocate" not in line and "MemoryError" not in line
+    return dict(zip([path.name for path in paths], done.stdout.splitlines(), strict=True))
+
+
+@pytest.mark.parametrize("name", [*GIGABYTES, *SMALL])
+def test_a_file_that_takes_gigabytes_is_refused_in_one_line(said, name):
+    line, expected = said.get(Path(name).parts[0]), (GIGABYTES | SMALL)[name][1]
+    if line is None:
+        pytest.skip("its reader is not installed")
+    assert line.startswith(expected) and "Unable to allocate" not in line and "MemoryError" not in line

@@ -6,12 +6,19 @@ from scipy.io import savemat
 from scipy.sparse import csc_matrix
 
 from srt3d_ros.datasets import read
+from srt3d_ros.datasets.readers import mat, mat_child
 from srt3d_ros.errors import InvalidInput
 
 ROWS, COLS = 2, 3
 IRF = [1.0, 3.0, 1.0]
 LISTS = [[[12, 15], [], [10]], [[19], [13, 13, 14], []]]
 PIXEL, TOA = [0, 0, 2, 3, 4, 4, 4], [12, 15, 10, 19, 13, 13, 14]
+
+
+@pytest.fixture(autouse=True)
+def in_this_process(monkeypatch):
+    """Without the child, which takes as long as SciPy to start: test_mat_child.py is with it."""
+    monkeypatch.setattr(mat, "variables", lambda path: mat_child.variables(path, mat.NAMES))
 
 
 def cells(lists, dtype=np.uint16) -> np.ndarray:
@@ -131,7 +138,13 @@ def test_what_was_assumed_is_said(tmp_path):
     ({"Ts": np.array([[np.ones(1), "d"]], object)}, {}, ".mat Ts cells"),
     ({"Ts": cells(LISTS)}, {"num_bins": 1}, ".mat num_bins"),
     ({"Ts": cells(LISTS)}, {"num_bins": 10**6}, ".mat num_bins"),
-    ({"Ts": cells(LISTS)}, {"bin_width_s": 0}, ".mat bin_width_s")])
+    ({"Ts": cells(LISTS)}, {"bin_width_s": 0}, ".mat bin_width_s"),
+    ({"Ts": cells(LISTS)}, {"num_bins": "many"}, ".mat num_bins"),
+    ({"Ts": np.empty((0, 3), object)}, {}, ".mat Ts shape"),
+    ({"spad": csc_matrix([[2.0**24, 1.0]]), "bin": 1}, {}, ".mat spad photons"),
+    ({"h": np.ones((2, 3, 70_000), np.uint8)}, {}, ".mat counts bins"),
+    ({"h": np.ones((2, 3, 9))}, {"num_bins": 1}, ".mat num_bins"),
+    ({"h": np.ones((2, 3, 9)), "bin_width_s": [1, 2]}, {}, ".mat bin_width_s shape")])
 def test_what_cannot_be_used_is_named(tmp_path, variables, options, field):
     with pytest.raises(InvalidInput) as caught:
         read(write(tmp_path, **variables), irf=IRF, **options)

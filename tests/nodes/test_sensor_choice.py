@@ -48,3 +48,11 @@ def test_a_driver_that_contradicts_the_file_is_an_error_as_long_as_it_does(graph
     photons.publish(photons_message.encode_cdr(events, sensor, "spad"))
     process.says(f"is used again: nobody else publishes {topic} any more")
     graph.wait(lambda: graph.report("sketcher")["level"] != DiagnosticStatus.ERROR, "the end of the error")
+
+
+def test_a_sensor_of_more_than_max_pixels_is_refused_by_sketcher_and_reconstructor(graph, sensor):
+    graph.latched("sensor").publish(sensor_message.encode(sensor.replace(rows=1024, cols=1024)))
+    graph.latched("sketch/sensor").publish(sensor_message.encode(sensor))
+    for name, most in (("sketcher", 2**19), ("reconstructor", 100)):
+        graph.start(name, **({"max_pixels": most} if most == 100 else {})).says(
+            f"at most {most}, or a larger max_pixels, a parameter of {name}")

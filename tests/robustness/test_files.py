@@ -22,7 +22,6 @@ EVENTS = PhotonEvents(np.array([0, 3, 5, 5], np.uint32), np.array([49, 0, 7, 8],
 IRF = [1, 3, 1]
 
 
-
 def saved(save, *values) -> bytes:
     """What a function of NumPy, SciPy or ptufile writes to a file."""
     file = io.BytesIO()

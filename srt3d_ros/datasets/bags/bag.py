@@ -1,14 +1,17 @@
 """rosbag2 bags (mcap or sqlite3), read with rosbags: the topics they hold, and the messages as they were recorded."""
 
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from srt3d_ros.errors import InvalidInput, require
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
+MAX_METADATA_BYTES = 2**24          # of metadata.yaml, which has a few hundred a topic and file
+MAX_CHUNK_BYTES = 2**28             # unpacked: a message lies in one chunk, and the largest have 180 MB
 EXPECTED = "a complete rosbag2 bag (docs/bags.md tells what to do about one that was cut off)"
 
 
@@ -46,9 +49,13 @@ class Bag:
     def __init__(self, path: str | Path):
         from rosbags.rosbag2 import Reader  # here: only bags need rosbags
 
+        _limit_chunks()
         self.path = Path(path)
         with self._one_error(), ExitStack() as stack:
             readers = [stack.enter_context(Reader(file)) for file in self._storage_files()]
+            for reader in readers:
+                if hasattr(reader.storage, "dbconn"):       # a column of a database may be computed
+                    reader.storage.dbconn.limit(0, MAX_CHUNK_BYTES)         # SQLITE_LIMIT_LENGTH, of a value
             self._readers = sorted(readers, key=lambda reader: reader.start_time)
             counts = Counter()
             for connection in (connection for reader in self._readers for connection in reader.connections):
@@ -93,7 +100,10 @@ class Bag:
             return [self.path]
         require((self.path / "metadata.yaml").is_file(), "bag", f"{self.path}, without metadata.yaml", EXPECTED)
         files = [path for path in self.path.iterdir() if path.suffix.lower() in STORAGE_SUFFIXES]
-        packed = "compression_mode: message" in (self.path / "metadata.yaml").read_text(errors="replace").lower()
+        size = (metadata := self.path / "metadata.yaml").stat().st_size
+        require(size <= MAX_METADATA_BYTES, f"bag {self.path.name}", f"with a metadata.yaml of {size} bytes",
+                f"at most {MAX_METADATA_BYTES}; `ros2 bag reindex` writes another")
+        packed = "compression_mode: message" in metadata.read_text(errors="replace").lower()
         require(files and not packed, f"bag {self.path.name}", "compressed or without .mcap and .db3 files",
                 "messages as they are: `ros2 bag convert` unpacks them; .mcap files may compress their chunks")
         return files
@@ -107,3 +117,16 @@ class Bag:
         except Exception as error:      # rosbags, its decompressors and SQLite have one each, at least
             why = f"{error}" or type(error).__name__
             raise InvalidInput(f"bag {self.path.name}", f"unreadable ({why})", EXPECTED) from None
+
+
+def _limit_chunks() -> None:
+    """Have rosbags unpack no more of an .mcap file's chunk than it says that there is, nor than MAX_CHUNK_BYTES."""
+    from lz4.frame import LZ4FrameDecompressor
+    from rosbags.rosbag2.storage_mcap import DECOMPRESSORS, zstd
+
+    def unpack(begin: Callable, data: bytes, size: int) -> bytes:
+        if size > MAX_CHUNK_BYTES:
+            raise ValueError(f"a chunk has {size} bytes, more than {MAX_CHUNK_BYTES}")
+        return begin().decompress(data, size + 1)
+
+    DECOMPRESSORS.update(lz4=partial(unpack, LZ4FrameDecompressor), zstd=partial(unpack, zstd.ZstdDecompressor))

@@ -53,19 +53,23 @@ def cube(path: Path, counts: np.ndarray, options: dict, given: dict | None = Non
     sensor, _, notes = complete(frame, sensor, options, notes + width_note + replaced)
     sensor = sensor.replace(toa_offset_bins=sensor.toa_offset_bins + first)
     notes += outside_note(round(total - photons), round(total), first, last)
-    if reference is not None:
-        depth = reference - np.float32(first)
-        depth = np.where((depth >= 0) & (depth < sensor.num_bins), depth, np.float32(np.nan))
-        reference = depth[None]
-    return Photons(sensor, frame, reference, path.stem, notes)
+    return Photons(sensor, frame, in_gate(reference, first, sensor.num_bins), path.stem, notes)
+
+
+def in_gate(depth: np.ndarray | None, first: int, bins: int) -> np.ndarray | None:
+    """Reference depths [1, rows, cols], if there are any, from the first bin of a gate; those outside are unknown."""
+    if depth is None:
+        return None
+    depth = depth - np.float32(first)
+    return np.where((depth >= 0) & (depth < bins), depth, np.float32(np.nan))[None]
 
 
 def the_cube(path: Path, arrays: dict[str, np.ndarray], options: dict, field: str = "arrays",
-             wanted: str = "one of numbers [rows, cols, bins]") -> Photons:
+             wanted: str = "one of numbers [rows, cols, bins]", listed: str = "") -> Photons:
     """The photons of the only array of three dimensions; others describe its sensor by the names of options."""
     cubes = [values for values in arrays.values() if values.ndim == 3 and values.dtype.kind in "iufb"]
-    listed = ", ".join(f"{name} ({'×'.join(map(str, one.shape))} {one.dtype})" for name, one in arrays.items())
-    require(len(cubes) == 1, field, listed or "none", wanted)
+    there = ", ".join(f"{name} ({'×'.join(map(str, one.shape))} {one.dtype})" for name, one in arrays.items())
+    require(len(cubes) == 1, field, listed or there or "none", wanted)
     given = {}
     for name in filter(arrays.__contains__, GIVEN):
         value = arrays[name]

@@ -1,19 +1,24 @@
 """Published .mat files of single-photon lidar, read unmodified; and others with an array of counts."""
 
-import warnings
+import json
+import os
+import subprocess
+import sys
+import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS, MAX_PIXELS
-from srt3d_ros.datasets.arrays import from_pixels
-from srt3d_ros.datasets.files import read_errors
+from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, from_pixels
+from srt3d_ros.datasets.files import MAX_BYTES, read_errors
 from srt3d_ros.datasets.options import check_same, outside_note
 from srt3d_ros.datasets.photons import Photons
-from srt3d_ros.datasets.readers.cubes import cube, the_cube
+from srt3d_ros.datasets.readers.cubes import GIVEN, cube, in_gate, the_cube
 from srt3d_ros.datasets.values import MAX_PHOTONS
 from srt3d_ros.errors import finite, require
+from srt3d_ros.processes import ending
 
 EXPECTED = "a MATLAB 5 .mat file, whole (save -v7)"
 EDGE = 1e-6     # of a bin: a time on a bin's edge belongs to the bin that begins there, whatever the rounding
@@ -40,7 +45,8 @@ class Layout(NamedTuple):
     def fits(self, found: dict[str, np.ndarray]) -> bool:
         """Whether the variables of a file are in this form."""
         photons = found.get(self.variable, np.zeros(0))
-        return photons.ndim == 2 and photons.dtype.kind in ("iuf" if self.reference else "O")
+        counts = photons.dtype.kind in "iuf" and (photons.ndim == 2 or f"{self.variable}.shape" in found)
+        return counts if self.reference else f"{self.variable}.lengths" in found
 
 
 LAYOUTS = (
@@ -53,6 +59,8 @@ LAYOUTS = (
 )
 WANTED = "; ".join([*(f"{one.variable} ({'[T, rows·cols] counts' if one.reference else '[rows, cols] cell'})"
                       for one in LAYOUTS), "any other numeric array [rows, cols, bins]"])
+NAMES = (*(name for one in LAYOUTS for name in (one.variable, one.reference, *one.window) if name), *GIVEN)
+CHILD = Path(__file__).with_name("mat_child.py")
 
 
 def read(path: Path, options: dict) -> Photons:
@@ -62,70 +70,90 @@ def read(path: Path, options: dict) -> Photons:
         InvalidInput: naming the file, variable or option that cannot be used.
     """
     with read_errors(path, EXPECTED):
-        found = _variables(path)
+        found, listed = variables(path)
     with read_errors(path):
         layout = next((one for one in LAYOUTS if one.fits(found)), None)
         if layout is None:
-            return the_cube(path, found, options, "variables", f"one of {WANTED}")
+            return the_cube(path, found, options, "variables", f"one of {WANTED}", listed)
         for name in found.keys() & {*layout.window, layout.reference}:
             require(found[name].dtype.kind in "iuf", name, str(found[name].dtype), "numbers")
         return (_of_counts if layout.reference else _of_cells)(path, layout, found, options)
 
 
-def _variables(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of a file; sparse ones in full, transposed."""
-    from scipy.io import loadmat
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        content = loadmat(path)
-    return {name: value.T.toarray() if hasattr(value, "toarray") else value for name, value in content.items()
-            if hasattr(value, "toarray") or isinstance(value, np.ndarray)}
+def variables(path: Path) -> tuple[dict[str, np.ndarray], str]:
+    """`mat_child.variables` of NAMES, from a child process that may take MAX_BYTES; mapped from a temporary file."""
+    modules = os.pathsep.join(map(os.path.abspath, sys.path))
+    with tempfile.TemporaryFile() as file:
+        # -P: the folder of this file has modules of any name. The caller's modules: the child has the same SciPy.
+        done = subprocess.run([sys.executable, "-P", CHILD, path, str(file.fileno()), str(MAX_BYTES), *NAMES],
+                              stdin=subprocess.DEVNULL, capture_output=True, pass_fds=(file.fileno(),),
+                              env=os.environ | {"PYTHONPATH": modules, "OPENBLAS_NUM_THREADS": "1"})
+        why = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+        require("MemoryError" not in why, "", f"of variables that take more than {MAX_BYTES} bytes",
+                "less: save counts as uint8 or uint16, or as .npy, which may be larger than memory")
+        why = f"its reader {ending(done)}" if done.returncode < 0 else why
+        require(done.returncode == 0, "", f"unreadable ({why})", EXPECTED)
+        content = json.loads(done.stdout)
+        arrays = {name: np.memmap(file, kind, "c", place, tuple(shape), order) if 0 not in shape else
+                  np.zeros(shape, kind) for name, kind, place, shape, order in content["arrays"]}
+    return arrays, content["listed"]
 
 
 def _of_counts(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Photons:
-    """Counts of bins, whose pixels are in column-major order, and reference depths."""
+    """Counts of bins, whose pixels are in column-major order, and reference depths. Sparse ones stay sparse."""
     name, photons = layout.variable, found[layout.variable]
     width_s, notes = _bin_width(layout, options)
-    require(bool(((photons >= 0) & (photons == np.floor(photons))).all()), name, "negative or fractional in places",
-            "photons per bin")
-    bins, pixels = photons.shape
+    require(are_whole(np.atleast_2d(photons)), name, "negative or fractional in places", "photons per bin")
+    bins, pixels = photons.shape if photons.ndim == 2 else found[f"{name}.shape"][::-1].tolist()
     _check_bins(options, bins)
     require(layout.reference in found, layout.reference, "missing", "reference depths [rows, cols]")
     reference = found[layout.reference].astype(np.float32) - np.float32(1)
     require(reference.ndim == 2 and reference.size == pixels <= MAX_PIXELS, f"{layout.reference} shape",
             reference.shape, f"the {pixels} pixels of {name}, {MAX_PIXELS} at most")
     rows, cols = reference.shape
-    counts = photons.reshape(bins, cols, rows).transpose(2, 1, 0)
-    return cube(path, counts, options, {"bin_width_s": width_s}, notes, reference)
+    if photons.ndim == 2:
+        counts = photons.reshape(bins, cols, rows).transpose(2, 1, 0)
+        return cube(path, counts, options, {"bin_width_s": width_s}, notes, reference)
+    total, toa = photons.sum(dtype=np.float64), found[f"{name}.col"]
+    require(total <= MAX_KEPT, f"{name} photons", total, f"at most {MAX_KEPT} in a sparse array: save full({name})")
+    col, row = np.divmod(found[f"{name}.row"], rows)
+    order = np.lexsort((toa, row * cols + col))
+    pixel, toa = (values[order].repeat(photons[order].astype(np.int64)) for values in (row * cols + col, toa))
+    bins = int(finite("num_bins", options.get("num_bins", bins), "a number of bins"))
+    return _of_events(path, layout, pixel, toa, reference.shape, (0, bins), options, reference)
 
 
 def _of_cells(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Photons:
     """Lists of ToA, a cell for each pixel."""
-    name, cells = layout.variable, found[layout.variable]
-    width_s, notes = _bin_width(layout, options)
-    require(0 < cells.size <= MAX_PIXELS, f"{name} shape", cells.shape, f"1 to {MAX_PIXELS} pixels")
-    lengths = [cell.size for cell in cells.flat]
-    require(sum(lengths) <= MAX_PHOTONS, f"{name} photons", sum(lengths), f"at most {MAX_PHOTONS}")
-    toa = np.concatenate([np.zeros(0, np.int64), *(cell.ravel() for cell in cells.flat if cell.size)])
+    name, toa, lengths = layout.variable, found[layout.variable], found[f"{layout.variable}.lengths"]
+    require(lengths.ndim == 2 and 0 < lengths.size <= MAX_PIXELS, f"{name} shape", lengths.shape,
+            f"[rows, cols], 1 to {MAX_PIXELS} pixels")
     require(toa.dtype.kind in "iuf", f"{name} cells", str(toa.dtype), "lists of numbers")
+    require(toa.size <= MAX_PHOTONS, f"{name} photons", toa.size, f"at most {MAX_PHOTONS}")
     whole = layout.picoseconds or bool((toa == np.floor(toa)).all())
     require(whole, name, "fractional or not a number in places", "whole bins")
-    unit = 1e-12 / width_s if layout.picoseconds else 1
+    unit = 1e-12 / _bin_width(layout, options)[0] if layout.picoseconds else 1
     require(bool(((toa >= 0) & (toa * unit < 2**32)).all()), f"{name} ToA", "below 0 or beyond 2³² bins in places",
             "times of arrival from 0")
     toa = np.floor(toa * unit + EDGE).astype(np.int64)
-    first, bins = _window(layout, found, unit, toa, options)
+    window, pixel = _window(layout, found, unit, toa, options), np.arange(lengths.size).repeat(lengths.ravel())
+    return _of_events(path, layout, pixel, toa, lengths.shape, window, options)
+
+
+def _of_events(path: Path, layout: Layout, pixel: np.ndarray, toa: np.ndarray, shape: tuple[int, int],
+               window: tuple[int, int], options: dict, reference: np.ndarray | None = None) -> Photons:
+    """The photons in the gate, or else in the window: first bin and number of bins."""
+    (first, bins), (width_s, notes) = window, _bin_width(layout, options)
     first, last = options.get("gate", (first, first + bins - 1))
     require(last - first < MAX_BINS, "num_bins", last - first + 1, f"at most {MAX_BINS}: give a gate or bin_width_s")
-    inside, pixel = (toa >= first) & (toa <= last), np.arange(cells.size).repeat(lengths)
-    shape = dict(zip(("rows", "cols"), cells.shape))
-    check_same(shape, options)
-    own = shape | {"num_bins": last - first + 1, "bin_width_s": width_s,
+    inside, sides = (toa >= first) & (toa <= last), dict(zip(("rows", "cols"), shape))
+    check_same(sides, options)
+    own = sides | {"num_bins": last - first + 1, "bin_width_s": width_s,
                    "toa_offset_bins": options.get("toa_offset_bins", 0) + first}
     sensor, events, more = from_pixels(pixel[inside], toa[inside] - first, 0, options | own)
     outside = outside_note(len(toa) - events.photons, len(toa), first, last)
-    return Photons(sensor, events, None, path.stem, notes + more + outside)
+    reference = in_gate(reference, first, sensor.num_bins)
+    return Photons(sensor, events, reference, path.stem, notes + more + outside)
 
 
 def _window(layout: Layout, found: dict[str, np.ndarray], unit: float, toa: np.ndarray, options: dict

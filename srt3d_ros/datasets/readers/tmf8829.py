@@ -10,6 +10,7 @@ its own (8 × 8).
 
 import gzip
 import json
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +32,8 @@ MEASURED = 218              # of these, unless the configuration says otherwise;
 REFERENCE_BINS = 64
 SIZES = {0: (8, 8), 1: (8, 8), 2: (16, 16), 3: (32, 32), 4: (32, 32), 5: (32, 48)}      # rows, columns by mode
 TICK_NS = 1000              # 26 frames of 33 ms are so far apart
-MAX_LOG_BYTES = 2**28       # of text, unpacked: a parsed log takes some five times as much
+# Of a log, some 300 frames, below 0.5 GB: its text is there twice, a number takes up to 32 bytes, a list up to 250.
+MOST = {"bytes": 3 * 2**26, "values": 2**23, "lists and objects": 2**20}
 
 
 def frames(path: Path, options: dict) -> Iterator[Photons]:
@@ -54,9 +56,14 @@ def frames(path: Path, options: dict) -> Iterator[Photons]:
 def _read(path: Path) -> tuple[list, dict]:
     """The frames and the configuration that a log has."""
     with read_errors(path, "a whole log in JSON"), (gzip.open if path.suffix == ".gz" else open)(path, "rb") as stream:
-        text = stream.read(MAX_LOG_BYTES + 1)
-        require(len(text) <= MAX_LOG_BYTES, "size", f"more than {MAX_LOG_BYTES} bytes", "a shorter log: split it")
-        log = json.loads(text.decode("utf-8-sig"))
+        raw, sizes = bytearray(), Counter()
+        while part := stream.read(2**20):
+            raw += part
+            sizes.update({"bytes": len(part), "values": part.count(b","),
+                          "lists and objects": part.count(b"[") + part.count(b"{")})
+            for what, most in MOST.items():
+                require(sizes[what] <= most, "size", f"more than {most} {what}", "a shorter log: split it")
+        log = json.loads(raw.decode("latin-1").removeprefix("\xef\xbb\xbf"))      # one byte a character, also of names
     sets, configuration = (log.get(key) if isinstance(log, dict) else None for key in ("Result_Set", "configuration"))
     require(isinstance(sets, list) and sets, f"{path.name} Result_Set", "absent or empty",
             "a list of frames: log with combined_results and histograms")

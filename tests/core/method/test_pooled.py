@@ -33,6 +33,16 @@ def test_at_a_step_edge_no_points_fly(gap, ppp, sbr):
     assert len(cloud) >= 0.999 * depth.size
 
 
+def test_points_that_stay_weak_are_dropped_before_the_rest_of_the_pixels_is_searched():
+    sensor = make_sensor(12, 16)
+    sketch = sketch_photons(simulate(np.full((12, 16), 200.0), 10, 20, sensor), sensor, range(1, 11))
+    method = PooledStream(sensor, tuple(range(1, 11)), device="cpu")
+    assert len(method(sketch)) == sensor.pixels
+    method = PooledStream(sensor, tuple(range(1, 11)), device="cpu")
+    method._pooled._weak = method._pooled._found = np.inf       # no score is enough, nor found by the second search
+    assert len(method(sketch)) == 0
+
+
 # ---- Background alone
 
 @pytest.mark.parametrize(("m", "rate", "ppp"), [(5, 1e-3, 100), (10, 1e-3, 5), (10, 1e-2, 0.3), (40, 1e-3, 0.02)])
