@@ -7,34 +7,37 @@ from multiprocessing import get_context
 
 import numpy as np
 
+from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.motion.moving_sketcher import MovingSketcher
 from srt3d_ros.core.motion.trajectory import Pose, Trajectory
 from srt3d_ros.core.sensor.model import MAX_BINS, GateWords, SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sketching.sketcher import Sketcher
-from srt3d_ros.kernels.cpu import OTHER_METHODS
-from srt3d_ros.kernels.cpu.compiling import KERNELS, compile_by_name
 
 ANY_SENSOR = SensorModel(rows=1, cols=2, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0], gates=GateWords())
 LONGEST = ("birth_death._judge", "search._search", "blur._blur_slanted", "pooled_step._pooled_step",
            "undecided._list_rows", "move_sketch._find_targets")        # to compile: begun first, they end with the rest
+PROCESS_BYTES = 2**29       # that a process which compiles takes
 
 
 def names() -> list[str]:
     """The kernels of sketching, deskewing and the default method, those that take longest to compile first."""
-    return list(dict.fromkeys([*LONGEST, *(name for name in KERNELS if name.partition(".")[0] not in OTHER_METHODS)]))
+    _, kernels = kernels_for("cpu")
+    needed = (name for name in kernels.KERNELS if name.partition(".")[0] not in kernels.OTHER_METHODS)
+    return list(dict.fromkeys([*LONGEST, *needed]))
 
 
 def everything() -> None:
-    """Compile them, as many at once as there are cores."""
+    """Compile them, as many at once as there are cores, and memory for."""
     from tqdm import tqdm  # here: slow
 
-    left = names()
-    cores = min(len(os.sched_getaffinity(0)), len(left))
+    (_, kernels), left = kernels_for("cpu"), names()
+    room = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // PROCESS_BYTES
+    cores = max(min(len(os.sched_getaffinity(0)), len(left), room), 1)
     with (tqdm(total=len(left), disable=None, leave=False, bar_format="{n}/{total} |{bar}| {desc}") as bar,
           ProcessPoolExecutor(cores, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_DFL)) as pool):
         bar.set_description_str(f"compiling {', '.join(left[:cores])}")
-        for done in as_completed([pool.submit(compile_by_name, name) for name in left]):
+        for done in as_completed([pool.submit(kernels.compile_by_name, name) for name in left]):
             left.remove(done.result())
             bar.set_description_str(f"compiling {', '.join(left[:cores])}")
             bar.update()

@@ -9,7 +9,7 @@ from srt3d_ros.kernels.cpu.apss import apss
 from srt3d_ros.kernels.cpu.birth_death import birth_death
 from srt3d_ros.kernels.cpu.blur import blur
 from srt3d_ros.kernels.cpu.collect import collect
-from srt3d_ros.kernels.cpu.compiling import KERNELS
+from srt3d_ros.kernels.cpu.compiling import KERNELS, compile_by_name
 from srt3d_ros.kernels.cpu.device import ON_HOST, array, run_frame
 from srt3d_ros.kernels.cpu.expand import expand
 from srt3d_ros.kernels.cpu.gradients import pixelwise, poisson
