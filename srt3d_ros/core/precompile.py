@@ -28,11 +28,11 @@ def names() -> list[str]:
 
 
 def everything() -> None:
-    """Compile them, as many at once as there are cores, and memory for."""
+    """Compile them, as many at once as there are cores, in at most half of the memory."""
     from tqdm import tqdm  # here: slow
 
     (_, kernels), left = kernels_for("cpu"), names()
-    room = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // PROCESS_BYTES
+    room = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2 // PROCESS_BYTES
     cores = max(min(len(os.sched_getaffinity(0)), len(left), room), 1)
     with (tqdm(total=len(left), disable=None, leave=False, bar_format="{n}/{total} |{bar}| {desc}") as bar,
           ProcessPoolExecutor(cores, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_DFL)) as pool):
