@@ -1,7 +1,8 @@
 """The whole pipeline: `ros2 launch srt3d_ros srt3d.launch.py --show-args` lists what can be set.
 
 An argument that is not given changes nothing: the parameter file, or else the node's own default, decides.
-NODE.PARAMETER:=VALUE, such as sketcher.sketch_size:=5, sets any parameter of a node. Ends with 1 if a node fails.
+NODE.PARAMETER:=VALUE, such as sketcher.sketch_size:=5, sets any parameter of a node. Ends with 1 if a node fails or a
+player says that frames were lost, and with 0 when a player has sent its last frame.
 `srt3d up` starts the same nodes without the launch package.
 """
 
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import yaml
 from ament_index_python.packages import get_package_share_directory
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 
@@ -67,13 +68,16 @@ def pipeline(context) -> list[Action]:
     files = [ParameterFile(config_file(given["config"]))] if "config" in given else []
     remappings = [(topic, given[topic]) for topic in TOPICS if topic in given]
     switches = {name: given[name] == "true" for name in ("autostart", "use_sim_time") if name in given}
+    names = [name for name in NODES if name not in ONLY_WITH or ONLY_WITH[name] in given]
+    chain = {"wait_for": " ".join(name for name in reversed(names) if name != "player")}
     return [
         Node(package=PACKAGE, executable=name, name=name, namespace=given.get("namespace"), output="screen",
-             parameters=[*files, switches | texts(given, parameters) | own(context.launch_configurations, name)],
+             parameters=[*files, switches | texts(given, parameters) | (chain if name == "player" else {})
+                         | own(context.launch_configurations, name)],
              remappings=remappings, ros_arguments=["--log-level", given["log_level"]], sigterm_timeout=END_S,
              respawn=name in RESTARTED, respawn_delay=1.0, respawn_max_retries=MOST_RESTARTS,
-             on_exit=Ended(MOST_RESTARTS if name in RESTARTED else 0))
-        for name, parameters in NODES.items() if name not in ONLY_WITH or ONLY_WITH[name] in given]
+             on_exit=Ended(MOST_RESTARTS if name in RESTARTED else 0, name == "player"))
+        for name, parameters in NODES.items() if name in names]
 
 
 def own(configurations: dict[str, str], node: str) -> dict:
@@ -99,13 +103,16 @@ def config_file(config: str) -> str:
 class Ended:
     """Called when a node has ended: a pipeline in which one fails, and is not started again, is of no use.
 
+    A player ends by itself when the others have finished its last frame. The launch then ends, too.
+
     What is raised here ends the launch with 1; the action Shutdown would end it with 0.
     """
 
-    def __init__(self, restarts: int):
-        self._restarts = restarts
+    def __init__(self, restarts: int, is_player: bool):
+        self._restarts, self._is_player = restarts, is_player
 
-    def __call__(self, event, context) -> None:
+    def __call__(self, event, context) -> Action | None:
         if event.returncode not in ASKED and (self._restarts == 0 or event.returncode == BAD_INPUT):
             raise RuntimeError(f"{event.process_name} has failed with exit code {event.returncode}")
         self._restarts -= 1
+        return Shutdown(reason="the player has ended") if self._is_player else None

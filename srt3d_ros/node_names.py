@@ -2,3 +2,4 @@
 
 PLAYER = "player"
 NODES = ("sketcher", "reconstructor", "recorder", PLAYER)
+FRAMES_LOST = 3     # a player's exit code: not all that it sent became clouds

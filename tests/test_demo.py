@@ -48,9 +48,9 @@ def start(tmp_path, repository):
 
 
 def assert_accounted(summary: dict, sent: int) -> None:
-    """Every cloud that came was judged, and every other frame counts as lost: a busy machine loses some."""
-    assert summary["frames_sent"] == sent == summary["frames"] + summary["frames_lost"]
-    assert summary["frames_judged"] == summary["frames"] > 0
+    """Every frame became a cloud, and every cloud was judged."""
+    assert summary["frames_sent"] == sent == summary["frames"] == summary["frames_judged"]
+    assert summary["frames_lost"] == 0
 
 
 def test_a_photon_file_goes_through_all_nodes(start, tmp_path, photon_file):

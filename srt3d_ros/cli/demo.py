@@ -4,8 +4,6 @@ import argparse
 import importlib
 import json
 import re
-import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -15,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros import processes
-from srt3d_ros.cli.node import node_command
+from srt3d_ros.api import reconstruct
 from srt3d_ros.core.metrics import Metrics, evaluate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents
@@ -25,17 +23,19 @@ from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.simulation.room import Room
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import require
+from srt3d_ros.node_names import FRAMES_LOST
 from srt3d_ros.private_network import join_private_network
 
-RATE_HZ = 5.0                           # half of what simulator, nodes and recorder do on two idle cores
+LEAST_HZ, MOST_HZ = 2.0, 5.0            # half of what simulator, nodes and recorder do on two idle cores
+SHARE = 0.75                            # of the time between two frames, in which one process alone makes one
+WARM_UP = 5                             # frames
 SCENE = {"ppp": 15.0, "sbr": 1.0, "seed": 1}
 SIMULATED_TOLERANCE_M = 0.04            # within which a point is a true detection; RT3D's paper has 40 mm for its head
 MOVING_TOLERANCE_M = 0.1
 FILE_TOLERANCE_BINS = 10.0
 JUDGED_FRAMES = 40                      # compared with the truth, evenly spaced: all would outlast the streaming
-PIPELINE = ("recorder", "reconstructor", "sketcher")
 RESULTS = RECORDING, PICTURE, SUMMARY, LOG = "recording.rrd", "cloud.png", "summary.json", "nodes.log"
-LAST_CLOUD_S = 2.0                      # after the player's end: no more will come
+FIRST_FRAME = "the first frame's stamp is"     # in the log of the player
 POLL_S = 0.1
 
 
@@ -61,27 +61,44 @@ def add_parser(subparsers) -> None:
     source.add_argument("--motion", choices=tuple(MOTIONS), help="stream what a sensor sees that moves through a room, "
                         "and deskew it by its odometry")
     add("--out", metavar="DIR", type=Path, default=Path("demo-out"), help="default: %(default)s")
-    add("--rate-hz", metavar="HZ", type=float, default=RATE_HZ, help="default: %(default)g, less if frames are lost")
+    add("--rate-hz", metavar="HZ", type=float, help=f"default: {LEAST_HZ:g} to {MOST_HZ:g}, as fast as this machine is "
+        "now")
     add("--duration-s", metavar="S", type=float, default=20.0, help="default: %(default)g")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    require(0 < args.rate_hz <= 1000, "--rate-hz", args.rate_hz, "a rate above 0, at most 1000 Hz")
-    frames = round(min(args.duration_s * args.rate_hz, 1e6))
-    require(1 <= frames < 1e6, "--duration-s", args.duration_s, "time for 1 to 1e6 frames")
+    rate_hz = MOST_HZ if args.rate_hz is None else args.rate_hz
+    require(0 < rate_hz <= 1000, "--rate-hz", rate_hz, "a rate above 0, at most 1000 Hz")
+    require(1 <= round(min(args.duration_s * rate_hz, 1e6)) < 1e6, "--duration-s", args.duration_s,
+            "time for 1 to 1e6 frames")
     importlib.import_module("rclpy")        # it may not be installed: before anything is written
-    source = (_from_file(args.photons) if args.photons else _moving(args.motion) if args.motion
-              else _simulated(args.rate_hz))
+    source = _from_file(args.photons) if args.photons else _moving(args.motion) if args.motion else None
+    rate_hz = args.rate_hz or _rate_hz()
+    source, frames = source or _simulated(rate_hz), max(round(args.duration_s * rate_hz), 1)
     args.out.mkdir(parents=True, exist_ok=True)
     for name in RESULTS:        # of an earlier run: they must not pass for this one's
         (args.out / name).unlink(missing_ok=True)
     join_private_network()
-    if problem := _play(source, frames, args.rate_hz, args.out):
+    code, problem = _play(source, frames, rate_hz, args.out)
+    if problem:
         _say(f"srt3d demo: {problem} ({args.out / LOG})")
         return 1
     _report(source, frames, args.out)
-    return 0
+    return code
+
+
+def _rate_hz() -> float:
+    """A frame rate for this machine, as busy as it is now, by the median time of a few frames, after the first."""
+    simulator, times = Simulator(**SCENE), [time.perf_counter()]
+    for k in range(1 + WARM_UP):
+        reconstruct(simulator.frame(k)[0], sensor=simulator.sensor)
+        times.append(time.perf_counter())
+    frame_s = float(np.median(np.diff(times)[1:]))
+    rate_hz = round(min(max(SHARE / frame_s, LEAST_HZ), MOST_HZ), 1)
+    if rate_hz < MOST_HZ:
+        _say(f"{rate_hz:g} Hz instead of {MOST_HZ:g}: a frame takes {frame_s * 1e3:.0f} ms on this machine now")
+    return rate_hz
 
 
 def _simulated(rate_hz: float) -> Source:
@@ -107,36 +124,31 @@ def _from_file(path: str) -> Source:
         _say(f"note: {note}")
     shown = photons.frame if isinstance(photons.frame, PhotonEvents) else None
     return Source(photons.name, photons.sensor, lambda time_s: (shown, photons.reference_depth_bins),
-                  FILE_TOLERANCE_BINS, {"input": Path(path).absolute()})
+                  FILE_TOLERANCE_BINS, {"input": str(Path(path).absolute())})
 
 
-def _play(source: Source, frames: int, rate_hz: float, out: Path) -> str:
-    """Play all frames through the nodes, which record the clouds; returns what went wrong, in words."""
-    programs: list[subprocess.Popen] = []
-    settings = {"reconstructor.fields": "full"} | {f"sketcher.{key}": value for key, value in source.sketcher.items()}
-
-    def failed() -> list[subprocess.Popen]:     # SIGTERM may end an exiting Python
-        return [program for program in programs if program.poll() not in (None, 0, -signal.SIGTERM)]
-
+def _play(source: Source, frames: int, rate_hz: float, out: Path) -> tuple[int, str]:
+    """Play all frames through the nodes, which record the clouds; returns the exit code, and what failed, in words."""
+    settings = {"reconstructor.fields": "full", "player.rate_hz": rate_hz, "player.frames": frames} | {
+        f"sketcher.{key}": value for key, value in source.sketcher.items()} | {
+        f"player.{key}": value for key, value in source.player.items()}
+    command = [sys.executable, "-P", "-m", "srt3d_ros.cli.main", "up", "--record", str(out / RECORDING),
+               "--input", source.player["input"],
+               *(f"-p{name}:={json.dumps(value)}" for name, value in settings.items())]
+    _say("starting the nodes")
     with (out / LOG).open("w") as log:
+        nodes, streaming = processes.start(command, stdout=log, stderr=log), False
         try:
-            _say("starting the nodes; the first time they compile their kernels, for about a minute")
-            programs.append(processes.start(
-                [sys.executable, "-P", "-m", "srt3d_ros.cli.main", "up", "--record", str(out / RECORDING),
-                 *(f"-p{name}:={json.dumps(value)}" for name, value in settings.items())], stdout=log, stderr=log))
-            while not all(f"[{name}]: ready" in (out / LOG).read_text() for name in PIPELINE) and not failed():
+            while nodes.poll() is None:
                 time.sleep(POLL_S)
-            if not failed():
-                _say(f"streaming the {source.title} at {rate_hz:g} Hz for {frames / rate_hz:.3g} s")
-                player = node_command("player", rate_hz=rate_hz, frames=frames, **source.player)
-                programs.append(processes.start(player, stdout=log, stderr=log))
-            while all(program.poll() is None for program in programs):
-                time.sleep(POLL_S)
-            time.sleep(LAST_CLOUD_S)
+                if not streaming and (streaming := FIRST_FRAME in (out / LOG).read_text()):
+                    _say(f"streaming the {source.title} at {rate_hz:g} Hz for {frames / rate_hz:.3g} s")
         finally:
-            processes.stop_in_order(reversed(programs))
+            processes.stop(nodes)
+    if nodes.returncode in (0, FRAMES_LOST):
+        return nodes.returncode, ""
     said = re.findall("^srt3d.*", (out / LOG).read_text(), re.MULTILINE)
-    return "".join(said[-1:] or map(processes.ending, failed())) if failed() else ""
+    return 1, said[-1] if said else processes.ending(nodes)
 
 
 def _report(source: Source, frames: int, out: Path) -> None:
@@ -146,7 +158,7 @@ def _report(source: Source, frames: int, out: Path) -> None:
     from srt3d_ros.review.summary import align, rows, summarise
 
     recorded, sensor = Recorded.read(out / RECORDING), source.sensor
-    first_ns = int(re.search(r"first frame's stamp is (\d+)", (out / LOG).read_text())[1])
+    first_ns = int(re.search(rf"{FIRST_FRAME} (\d+)", (out / LOG).read_text())[1])
     judged = set(recorded.index.frame_index[::-(-frames // JUDGED_FRAMES)].tolist())
     clouds = [cloud.placed(sensor) for cloud in recorded.reader.clouds(judged)]
     seen = [source.at((cloud.stamp_ns - first_ns) * 1e-9) for cloud in clouds]

@@ -10,11 +10,12 @@ from srt3d_ros.errors import InvalidInput, printable
 
 # Modules here with add_parser(subparsers), which sets run(args) -> int. Only the one asked for is imported, all for
 # `srt3d --help`: they import what is slow (torch, ROS) in run().
-COMMANDS = ("reconstruct", "info", "evaluate", "up", "play", "node", "review", "demo", "compile")
+COMMANDS = ("reconstruct", "info", "evaluate", "up", "health", "play", "node", "review", "demo",
+            "compile")
 MODULES = {"play": "node"}      # those that are not called as their command
 
 # Optional packages: how to get what a command turns out to need.
-EXTRAS = {"rclpy": "ros", "std_msgs": "ros", "sensor_msgs": "ros", "nav_msgs": "ros",
+EXTRAS = {"rclpy": "ros", "std_msgs": "ros", "diagnostic_msgs": "ros", "sensor_msgs": "ros", "nav_msgs": "ros",
           "rerun": "record", "matplotlib": "review", "PIL": "review",
           "jinja2": "review", "rosbags": "bags", "torch": "gpu", "ptufile": "lab"}
 DRAWING = ("demo", "review")        # commands that need all of `review`, which includes `record`

@@ -5,12 +5,13 @@ import difflib
 import importlib
 import json
 import re
+import sys
 import tempfile
 from os.path import isfile
 from pathlib import Path
 
 from srt3d_ros import __version__, shared_files
-from srt3d_ros.cli import node
+from srt3d_ros.cli import health, node
 from srt3d_ros.cli.supervisor import supervise
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.node_names import PLAYER
@@ -39,7 +40,8 @@ examples:
 
 -p goes before the other options, they before --config, the last --config before
 the others; config/srt3d.yaml lists every parameter. Exit code: 0 after Ctrl-C,
-or when a node is done (a player at its end); else the failed node's."""
+or when a node is done (a player at its end); 3 if frames that a player sent up
+to its end were lost; else the failed node's."""
 
 
 def add_parser(subparsers) -> None:
@@ -70,7 +72,14 @@ def run(args: argparse.Namespace) -> int:
         own.flush()
         ros_args = ros_arguments(args, specs, own.name)
         print(overview(args, specs), flush=True)
-        return supervise([spec.name for spec in specs], ros_args)
+        names = full_names(args, specs)
+        listener = health.Listener() if sys.stdout.isatty() else None
+        return supervise([spec.name for spec in specs], ros_args, lambda: listener and listener.print_line(names))
+
+
+def full_names(args: argparse.Namespace, specs: list) -> list[str]:
+    """The nodes' names with the namespace, as frames pass them."""
+    return [f"{(args.namespace or '').strip('/')}/{spec.name}".strip("/") for spec in reversed(specs)]
 
 
 def node_specs(args: argparse.Namespace) -> list:
@@ -91,6 +100,8 @@ def parameters_yaml(args: argparse.Namespace, specs: list) -> str:
     for option, (name, parameter) in OPTIONS.items():
         if getattr(args, option):
             values[name][parameter] = json.dumps(getattr(args, option), ensure_ascii=False)
+    if PLAYER in values:
+        values[PLAYER]["wait_for"] = json.dumps(" ".join(name for name in reversed(values) if name != PLAYER))
     for setting in args.set:
         where, assigned, value = setting.partition(":=")
         name, _, parameter = where.partition(".")
@@ -137,10 +148,9 @@ def ros_arguments(args: argparse.Namespace, specs: list, own_file: str) -> list[
 
 def overview(args: argparse.Namespace, specs: list) -> str:
     """The nodes that are started, and what to do next."""
-    namespace = f"/{args.namespace.strip('/')}" if args.namespace else ""
-    nodes = ", ".join(f"{namespace}/{spec.name}" for spec in reversed(specs))       # as the data flow
+    nodes = ", ".join(f"/{name}" for name in full_names(args, specs))
     lines = [f"srt3d {__version__}: starts {nodes}; Ctrl-C ends them",
-             "  topics    ros2 topic list -t", "  health    ros2 topic echo /diagnostics"]
+             "  topics    ros2 topic list -t", "  health    srt3d health --watch"]
     if not args.input:
         lines.append("  waiting   for a driver: sensor, then photons, gates or histograms; docs/quickstart.md "
                      "writes one")

@@ -7,6 +7,7 @@ import traceback
 from collections.abc import Callable
 
 from rclpy.publisher import Publisher
+from rclpy.qos import ReliabilityPolicy
 
 from srt3d_ros import processes
 from srt3d_ros.core.sensor.model import SensorModel
@@ -41,6 +42,7 @@ class PipelineNode(ManagedNode):
     queue_depth = QUEUE_DEPTH   # messages of an input that may wait in the middleware, where frames are queued
     finish_s = 5.0          # deadline for all that a deactivation or the node's end waits for
     niceness = 0            # of the process
+    reliability = ReliabilityPolicy.BEST_AVAILABLE      # of the frames that come in
 
     def __init__(self, queue_limit: int = NEWEST_ONLY):
         super().__init__(self.spec.name, automatically_declare_parameters_from_overrides=True)
@@ -53,7 +55,8 @@ class PipelineNode(ManagedNode):
             self.destroy_node()     # it must not outlive the context
             raise
         self.parameters.on_failure = self.failed
-        self.diagnostics = Diagnostics(self)
+        frames = [self.resolve_topic_name(topic.name) for topic in self.spec.outputs if not topic.latched]
+        self.diagnostics = Diagnostics(self, (*frames, "")[0], self.reliability == ReliabilityPolicy.BEST_EFFORT)
         self.finished = threading.Event()       # set by a node that is done: its process may end
         self.halted = threading.Event()         # set while the node stops: the worker waits for nothing
         self.exit_code = 0
@@ -85,7 +88,7 @@ class PipelineNode(ManagedNode):
         sequence = SequenceLoss(lambda: self.count_publishers(self.resolve_topic_name(topic)))
         newest_only = self.worker.limit == NEWEST_ONLY
         depth = SUBSCRIBE_DEPTH * self.worker.messages_per_frame if newest_only else self.queue_depth
-        self.make_subscription(topic, received, min(depth, QUEUE_DEPTH), raw=True)
+        self.make_subscription(topic, received, min(depth, QUEUE_DEPTH), True, self.reliability)
         self.diagnostics.expect(self.resolve_topic_name(topic))
 
     def check_size(self, sensor: SensorModel) -> SensorModel:

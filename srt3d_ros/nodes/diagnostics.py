@@ -3,8 +3,9 @@
 Level, from what happened since the last report:
     ERROR   something failed that should not have, and no frame has left since; the sensor's description cannot be used;
             or more than half of the frames that came in were dropped or lost
-    WARN    a frame was dropped or lost, the node waits for something, or has waited 2 s for a frame, or frames are more
-            than 2 s old when they leave, or stamped ahead of the node's clock
+    WARN    a frame was dropped or lost, another node has this one's name, several publish its input, the node waits for
+            something, or has waited 2 s for a frame, or frames are more than 2 s old when they leave, or stamped ahead
+            of the node's clock
     OK      otherwise
 """
 
@@ -21,6 +22,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from srt3d_ros.core.sketching.counts import Counts
 from srt3d_ros.nodes.lifecycle import ManagedNode
+from srt3d_ros.nodes.reports import HARDWARE_ID
 
 PERIOD_S = 1.0
 LATENCIES_KEPT = 200    # frames over which the percentiles are taken
@@ -29,6 +31,9 @@ POLL_S = 0.01
 MOST_DROPPED = 0.5      # of the frames since the last report: more is an error
 PATIENCE_S = 2.0        # without a frame: a warning
 LOG_EVERY_S = 10.0      # what the node waits for
+LOG_LOSS_EVERY_S = 60.0     # what was dropped or lost, and what comes twice
+DOUBLE_S = 25.0         # of two nodes or publishers: a killed one stays in the graph for 20 s
+ENDING = ("inactive", "shutdown")       # causes that are no loss to log
 OLD_S = 2.0             # median latency: a warning
 # Stamps so far ahead of the clock are a warning. Clocks that NTP keeps differ by milliseconds, but a simulated one may
 # tick at only 10 Hz, and be late on a busy machine.
@@ -40,12 +45,16 @@ class Diagnostics(Counts):
     """Counts what a node does and reports it. Every method may be called from any thread.
 
     What came in was published or dropped for a cause once a node has ended.
+
+    Args:
+        output: the topic on which the node's frames go out, whose readers it reports.
+        best_effort: whether it reads frames so.
     """
 
-    def __init__(self, node: ManagedNode):
+    def __init__(self, node: ManagedNode, output: str = "", best_effort: bool = False):
         super().__init__()
         self._unusable = self._warning = self._internal = ""
-        self._node = node
+        self._node, self._output, self._best_effort = node, output, best_effort
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
         self._topics: tuple[str, ...] = ()  # on which frames may come
@@ -54,6 +63,9 @@ class Diagnostics(Counts):
         self._waiting_since = self._frame_since = self._clock_since = time.monotonic()
         self._last_error = ""
         self._reported = (time.monotonic(), Counter(), Counter())
+        self._logged = (-LOG_LOSS_EVERY_S, Counter(), Counter())        # losses
+        self._least_latency_s = float("inf")
+        self._double_since: float | None = None
         self.publisher = node.create_publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=10),
                                                 qos_overriding_options=QoSOverridingOptions.with_default_policies())
         # a steady clock: reports go on while simulated time stands still
@@ -92,6 +104,7 @@ class Diagnostics(Counts):
             self.totals["frames_out"] += 1
             self._internal = ""
             self._latencies_s.append(latency_s)
+            self._least_latency_s = min(self._least_latency_s, latency_s)
 
     def error(self, text: str, counted: bool = True) -> None:
         """Keep the last error, and count it unless it is counted elsewhere, such as a malformed message."""
@@ -121,6 +134,7 @@ class Diagnostics(Counts):
         """Publish the last report and wait until it has arrived."""
         self._timer.cancel()
         self.report()
+        self._log_loss(last=True)
         deadline = time.monotonic() + LAST_REPORT_S
         while not all_acknowledged(self.publisher) and time.monotonic() < deadline:
             time.sleep(POLL_S)
@@ -137,7 +151,7 @@ class Diagnostics(Counts):
             per_s = {f"{name}_per_s": f"{new[name] / seconds:.1f}" for name in RATED if name in totals}
             values = {"state": self._node.state, **dict.fromkeys(TOTALS, 0), **totals, **_by_cause("dropped", drops),
                       "rate_in_hz": f"{rate_in_hz:.2f}", "rate_out_hz": f"{rate_out_hz:.2f}", **per_s,
-                      **self._latency(), **self._values, "last_error": self._last_error}
+                      **self._latency(), **self._values, "last_error": self._last_error, **self._readiness()}
             if "photons_in" in totals:
                 values |= _by_cause("photons_dropped", self.photons_dropped)
             waiting_for, since = self._waiting(now)
@@ -146,13 +160,14 @@ class Diagnostics(Counts):
                 waiting_for = f"waiting for {waiting_for} for {now - since:.0f} s"
                 if self._node.state == "active" and now - since >= PATIENCE_S:
                     self._node.get_logger().info(waiting_for, throttle_duration_sec=LOG_EVERY_S)
-            level, message = self._judge(new, new_drops, waiting_for)
+            level, message = self._judge(new, new_drops, waiting_for, self._doubled(now))
+            self._log_loss()
             self._warning = ""
             if not message:
                 message = f"{rate_in_hz:.1f} frames/s in, {rate_out_hz:.1f} out"
         pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
         return DiagnosticStatus(level=level, name=self._node.get_fully_qualified_name().lstrip("/"), message=message,
-                                hardware_id="srt3d_ros", values=pairs)
+                                hardware_id=HARDWARE_ID, values=pairs)
 
     def _latency(self) -> dict[str, str]:
         """Percentiles of the newest frames' latencies, if there are any."""
@@ -166,7 +181,8 @@ class Diagnostics(Counts):
         newest_s = list(self._latencies_s)[-frames:] if frames else [0.0]
         age_s = float(np.median(newest_s))
         if age_s > OLD_S:
-            return f"frames are {age_s:.1f} s old: behind, or stamped by another clock"
+            behind = "behind" if self._least_latency_s < OLD_S else "behind, or stamped by another clock"
+            return f"frames are {age_s:.1f} s old: {behind}"
         if age_s < -AHEAD_S:
             return f"frames are stamped {-age_s:.1f} s ahead of this node's clock: by another clock, unknown to tf"
         return ""
@@ -185,7 +201,50 @@ class Diagnostics(Counts):
             return f"a frame on {topics} (publishers: {publishers})", self._frame_since
         return "", now
 
-    def _judge(self, new: Counter, new_drops: Counter, waiting: str) -> tuple[bytes, str]:
+    def _readiness(self) -> dict[str, object]:
+        """Whether the node makes something of every frame that is sent from now on, and who sends and reads them.
+
+        A reader of best effort gets nothing before it has found the publisher; a reliable one gets it later.
+        """
+        publishers = [self._node.count_publishers(topic) for topic in tuple(self._topics)]
+        connected = all(publishers) or not self._best_effort
+        return {"publishers": sum(publishers), "read_by": self.readers(),
+                "ready": self._node.state == "active" and connected and not (self._waiting_for or self._unusable)}
+
+    def readers(self) -> str:
+        """Who reads the frames that go out, by full names."""
+        readers = self._node.get_subscriptions_info_by_topic(self._output) if self._output else ()
+        return ", ".join(sorted({f"{one.node_namespace}/{one.node_name}".lstrip("/") for one in readers}))
+
+    def _doubled(self, now: float) -> str:
+        """A warning, also logged, if frames may come twice: from nodes of one name, or publishers of one topic."""
+        node = self._node
+        namesakes = node.get_node_names_and_namespaces().count((node.get_name(), node.get_namespace()))
+        counts = [(f"{namesakes} nodes are named {node.get_fully_qualified_name()}", namesakes)]
+        counts += [(f"{count} publishers send frames on {topic}", count) for topic in tuple(self._topics)
+                   if (count := node.count_publishers(topic)) > 1]
+        said = " and ".join(text for text, count in counts if count > 1)
+        self._double_since = (self._double_since or now) if said else None
+        if not said or now - self._double_since < DOUBLE_S:
+            return ""
+        node.get_logger().warning(f"{said}: frames may come twice", throttle_duration_sec=LOG_LOSS_EVERY_S)
+        return f"{said}: frames may come twice"
+
+    def _log_loss(self, last: bool = False) -> None:
+        """Log what was dropped or lost since the last such line: one line a minute at most, and at the end."""
+        with self._lock:
+            since, totals, drops = self._logged
+            new, gone = self.totals - totals, self.dropped - drops
+            for cause in ENDING:
+                del gone[cause]
+            lost = new["message_lost"]
+            if (gone or lost) and (last or time.monotonic() - since >= LOG_LOSS_EVERY_S):
+                self._logged = time.monotonic(), self.totals.copy(), self.dropped.copy()
+                self._node.get_logger().warning(
+                    f"dropped {gone.total() + lost} of {new['messages_in'] + lost} frames since "
+                    f"{'the last such line' if totals else 'the start'}: {_in_words(new, gone)}")
+
+    def _judge(self, new: Counter, new_drops: Counter, waiting: str, doubled: str) -> tuple[bytes, str]:
         """Level and message; an empty message if nothing is wrong."""
         if new["errors"]:
             return DiagnosticStatus.ERROR, self._last_error
@@ -195,17 +254,22 @@ class Diagnostics(Counts):
             return DiagnosticStatus.ERROR, self._internal or self._unusable
         if new_drops or new["message_lost"]:
             sent, gone = new["messages_in"] + new["message_lost"], new_drops.total() + new["message_lost"]
-            causes = [f"{n} {cause}" for cause, n in new_drops.items()]
-            if new["message_lost"]:
-                causes.append(f"{new['message_lost']} lost on the way here")
             level = DiagnosticStatus.ERROR if gone > MOST_DROPPED * sent else DiagnosticStatus.WARN
-            return level, f"dropped: {', '.join(causes)}, of {sent}"
+            return level, f"dropped: {_in_words(new, new_drops)}, of {sent}"
+        if doubled:
+            return DiagnosticStatus.WARN, doubled
         if self._warning:
             return DiagnosticStatus.WARN, self._warning
         if waiting:
             return DiagnosticStatus.WARN, waiting
         untimely = self._untimely(new["frames_out"])
         return (DiagnosticStatus.WARN, untimely) if untimely else (DiagnosticStatus.OK, "")
+
+
+def _in_words(totals: Counter, drops: Counter) -> str:
+    """What was dropped by the node, and lost before it."""
+    lost = totals["message_lost"]
+    return ", ".join([f"{n} {cause}" for cause, n in drops.items()] + [f"{lost} lost on the way here"] * (lost > 0))
 
 
 def _by_cause(name: str, dropped: Counter) -> dict[str, int]:

@@ -84,7 +84,8 @@ class ManagedNode(LifecycleNode):
         self.publishers_made.append(self._make(self.create_publisher, declared, qos))
         return self.publishers_made[-1]
 
-    def make_subscription(self, topic: str, callback: Callable, depth: int, raw: bool = False) -> None:
+    def make_subscription(self, topic: str, callback: Callable, depth: int, raw: bool = False,
+                          reliability: ReliabilityPolicy = ReliabilityPolicy.BEST_AVAILABLE) -> None:
         """Subscribe to one of the spec's inputs, until `unsubscribe`, as reliably as all its publishers send.
 
         BEST_AVAILABLE takes the reliability of the publishers that are there. For one of best effort that comes later,
@@ -99,13 +100,13 @@ class ManagedNode(LifecycleNode):
                 if made in self.subscriptions_made:
                     self.subscriptions_made.remove(made)
                     self.destroy_subscription(made)
-                    self.make_subscription(topic, callback, depth, raw)
+                    self.make_subscription(topic, callback, depth, raw, reliability)
                 return
             self.get_logger().warning(f"New publisher discovered on topic '{name}', offering incompatible QoS. No "
                                       f"messages will be received from it. Last incompatible policy: {policy.name}")
 
         # Not a queue of one: it would lose all but one of what several publishers keep for a late subscriber.
-        qos = QoSProfile(depth=depth, durability=declared.durability, reliability=ReliabilityPolicy.BEST_AVAILABLE)
+        qos = QoSProfile(depth=depth, durability=declared.durability, reliability=reliability)
         events = SubscriptionEventCallbacks(incompatible_qos=on_incompatible)
         made = self._make(self.create_subscription, declared, callback, qos, raw=raw, event_callbacks=events)
         self.subscriptions_made.append(made)

@@ -8,17 +8,23 @@ from rclpy.publisher import Publisher
 
 from srt3d_ros.datasets import SIMULATOR
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
+from srt3d_ros.errors import require
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.node_names import FRAMES_LOST
 from srt3d_ros.nodes import topics
-from srt3d_ros.nodes.base import PipelineNode
+from srt3d_ros.nodes.base import FOLLOW_DEPTH, POLL_S, PipelineNode
 from srt3d_ros.nodes.diagnostics import all_acknowledged
 from srt3d_ros.nodes.lifecycle import run
 from srt3d_ros.nodes.parameters import Parameter
+from srt3d_ros.nodes.reports import Chain, Reports
 from srt3d_ros.nodes.sources import PACKETS, open_source
 from srt3d_ros.nodes.topics import NodeSpec
 
 ACKNOWLEDGE_S = 5.0
+READY_S = 600.0         # for those it waits for: on a busy machine, kernels compile for minutes
+SETTLE_S = 30.0         # without any progress of the last frames: what is under way is lost
+LOG_EVERY_S = 60.0      # skipped frames
 
 PARAMETERS = (
     Parameter("input", SIMULATOR, "Photon file (docs/photon-file.md), whose frame is repeated, or the simulator's "
@@ -34,17 +40,22 @@ PARAMETERS = (
     Parameter("motion", "off", "Simulator: how the sensor moves through a furnished room: like a person who walks. "
               f"A frame comes in {PACKETS} packets, and `odom` says where its body is.",
               choices=("off", *MOTIONS), loose=True),
+    Parameter("wait_for", "", "Nodes in the order in which frames pass them, such as sketcher reconstructor recorder: "
+              f"begin when all are ready, within {READY_S:.0f} s; after `frames`, wait until they have finished, say "
+              f"which frames were lost and where, and then exit with {FRAMES_LOST}. If empty: begin when anybody reads "
+              "`photons`.", form="names of nodes"),
 )
 
 SPEC = NodeSpec(
     "player",
+    inputs=(topics.DIAGNOSTICS,),
     outputs=(topics.SENSOR, topics.PHOTONS, replace(topics.ODOM, when="`motion`")),
     parameters=PARAMETERS,
 )
 
 
 class PlayerNode(PipelineNode):
-    """Sends each message when it is due, stamped with that time."""
+    """Sends each message when it is due, stamped with that time; by `wait_for`, it follows a whole run."""
 
     spec = SPEC
 
@@ -58,15 +69,24 @@ class PlayerNode(PipelineNode):
         self._publisher = self.advertise("photons")
 
     def activate(self) -> None:
+        names = [self.resolve_topic_name(name)[1:] for name in self.parameters["wait_for"].split()]
+        self._chain = Chain(names, reports := Reports()) if names else None
+        if names:
+            self.make_subscription("/diagnostics", lambda message, info: reports.add(message), FOLLOW_DEPTH)
         self._sensors.publish(sensor_message.encode(self._source.sensor))
         self.worker.call(self._play)
 
     def _play(self) -> None:
         try:
-            self.wait_until(self._publisher.get_subscription_count, f"a subscriber on {self._publisher.topic_name}")
+            if self._chain is not None:
+                self._wait_for_chain()
+            else:
+                self.wait_until(self._publisher.get_subscription_count, f"a subscriber on {self._publisher.topic_name}")
             self._wait_until_acknowledged(self._sensors)
-            self._send_all()
+            sent = self._send_all()
             self._wait_until_acknowledged(self._publisher)
+            if self._chain is not None and not self.halted.is_set():
+                self._follow_last(sent)
         except Exception:
             self.exit_code = 1
             raise
@@ -77,13 +97,50 @@ class PlayerNode(PipelineNode):
     def _wait_until_acknowledged(self, publisher: Publisher) -> None:
         self.wait_until(lambda: all_acknowledged(publisher), f"those who read {publisher.topic_name}", ACKNOWLEDGE_S)
 
-    def _send_all(self) -> None:
-        begun = None
-        for item in self._source.items():
-            if begun is None:           # the first is ready
-                begun, first_ns = time.monotonic(), self.now_ns()
-            if self.halted.wait(max(begun + item.due_ns * 1e-9 - time.monotonic(), 0)):
-                return
+    def _wait_for_chain(self) -> None:
+        """Wait until the nodes that the frames are for are ready; InvalidInput if they are not in time."""
+        end_s = time.monotonic() + READY_S
+        while (missing := self._chain.missing(self.diagnostics.readers())) and not self.halted.wait(POLL_S):
+            require(time.monotonic() < end_s, "wait_for", self.parameters["wait_for"],
+                    f"nodes that are ready within {READY_S:.0f} s, not {missing}")
+            self.diagnostics.wait_for(missing)
+        self.diagnostics.wait_for("")
+        if not self.halted.is_set():
+            self._chain.begin()
+
+    def _follow_last(self, sent: int) -> None:
+        """Wait until all that was sent has become clouds, or no more will, and say what was lost."""
+        outcome, since_s = None, 0.0
+
+        def settled() -> bool:
+            nonlocal outcome, since_s
+            if (now := self._chain.outcome(sent)) != outcome:
+                outcome, since_s = now, time.monotonic()
+            return not outcome[0] or time.monotonic() - since_s > SETTLE_S
+
+        self.wait_until(settled, "the last frames")
+        _, lost, came = outcome
+        reached = ", ".join(f"{name} {count}" for name, count in came.items())
+        if not lost:
+            self.get_logger().info(f"sent {sent}, none lost: {reached}")
+            return
+        self.exit_code, where = FRAMES_LOST, ", ".join(f"{count} {where}" for where, count in lost.items())
+        self.get_logger().error(f"sent {sent} ({reached}), of which {sum(lost.values())} were lost: {where}")
+
+    def _send_all(self) -> int:
+        """Send what the source has, and return how many messages on `photons` that was."""
+        begun_s, sent, skipped = None, 0, 0
+        for item in self._source.items(lambda: 0 if begun_s is None else round((time.monotonic() - begun_s) * 1e9)):
+            if begun_s is None:         # the first is ready
+                begun_s, first_ns = time.monotonic(), self.now_ns()
+            if self.halted.wait(max(begun_s + item.due_ns * 1e-9 - time.monotonic(), 0)):
+                break
+            if item.skipped:
+                skipped += item.skipped
+                late = f"late: skipped {skipped} frames so far; a lower rate_hz suits this machine"
+                self.diagnostics.count(skipped=item.skipped)
+                self.diagnostics.warn(late)
+                self.get_logger().warning(late, throttle_duration_sec=LOG_EVERY_S)
             stamp_ns = first_ns + item.stamp_ns
             data = cdr.restamp(item.raw, stamp_ns)
             if item.topic in self._others:
@@ -92,6 +149,8 @@ class PlayerNode(PipelineNode):
                 self.get_logger().info(f"the first frame's stamp is {stamp_ns}", once=True)
                 self.diagnostics.count(messages_in=1)
                 self.publish_frame(self._publisher, data, stamp_ns)
+                sent += 1
+        return sent
 
 
 main = partial(run, PlayerNode)

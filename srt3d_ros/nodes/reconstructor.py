@@ -115,8 +115,9 @@ class ReconstructorNode(PipelineNode):
 
     def activate(self) -> None:
         self.diagnostics.wait_for(DESCRIPTION)
-        self.follow("sketch/sensor", self._on_sensor)
+        # The description last: who sends it has found the reader of `sketch` before.
         self.subscribe("sketch", self._on_sketch)
+        self.follow("sketch/sensor", self._on_sensor)
 
     def stop_frames(self, cause: str) -> None:
         super().stop_frames(cause)

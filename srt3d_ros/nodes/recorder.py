@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import rclpy
 from rcl_interfaces.msg import Log
+from rclpy.qos import ReliabilityPolicy
 from std_msgs.msg import String
 
 from srt3d_ros.core.sensor.model import SensorModel
@@ -58,7 +59,7 @@ def checked_images(text: str) -> tuple[str, ...]:
     return tuple(f"/{name}" for name in IMAGES if name in names)
 
 
-QUEUE = 64              # messages that may wait for the disk
+QUEUE = 128             # messages that may wait for the disk
 QUEUE_DEPTH = 32        # messages of each topic in the middleware: sketches of 2 MB, half a dozen topics
 LINES_KEPT = 1000       # log lines from before the first frame
 NEAR_NS = 60 * 10**9    # log lines farther from the frames, as in a replay, get the stamp of the newest frame
@@ -78,6 +79,7 @@ class RecorderNode(PipelineNode):
     finish_s = 45.0         # and a writer takes 30 s to give up a disk that hangs; `srt3d up` waits for 60 s
     queue_depth = QUEUE_DEPTH
     niceness = 10           # it gets a tenth of another node's share of a busy core
+    reliability = ReliabilityPolicy.BEST_EFFORT     # who publishes never waits for it; what it misses it counts
 
     def __init__(self):
         super().__init__(QUEUE)
@@ -97,13 +99,15 @@ class RecorderNode(PipelineNode):
         self._frames = FrameIndex()
         self._lines = deque(maxlen=LINES_KEPT)
         self.hold_frames_for("the sketch's description on sketch/sensor")
-        self.follow("sketch/sensor", self._on_sensor)
-        self.subscribe("sketch", self._on_sketch)       # before points: of what has come meanwhile it is taken first
-        self.subscribe("points", self._on_points)
+        self.diagnostics.count(clouds=0)
+        # Images before points, and the description last: who has found the later reader has found the earlier ones.
         for topic in topics.IMAGES:
             if f"/{topic.name}" in self._images:
                 self.subscribe(topic.name, lambda raw, path=f"/{topic.name}": self._on_image(path, raw))
+        self.subscribe("sketch", self._on_sketch)       # before points: of what has come meanwhile it is taken first
+        self.subscribe("points", self._on_points)
         self.follow("/rosout", self._on_line)
+        self.follow("sketch/sensor", self._on_sensor)
         self.diagnostics.show(path=self._path)
 
     def forget(self) -> None:

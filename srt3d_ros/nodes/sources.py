@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
 from heapq import merge
-from itertools import count, islice, takewhile
+from itertools import takewhile
 from typing import NamedTuple
 
 from nav_msgs.msg import Odometry
@@ -22,6 +22,8 @@ from srt3d_ros.errors import require
 from srt3d_ros.messages import photons as photons_message
 
 NS_PER_S = 1_000_000_000
+LATE_NS = NS_PER_S // 2     # a frame that is due for so long is skipped: a machine that stalls catches up
+Clock = Callable[[], int]   # nanoseconds since the first message was sent
 
 
 class Item(NamedTuple):
@@ -32,12 +34,14 @@ class Item(NamedTuple):
         raw: serialised.
         due_ns: when, from the beginning.
         stamp_ns: from the beginning.
+        skipped: frames before this one that were due for too long to be made.
     """
 
     topic: str
     raw: bytes
     due_ns: int
     stamp_ns: int
+    skipped: int = 0
 
 
 class Source(NamedTuple):
@@ -45,13 +49,14 @@ class Source(NamedTuple):
 
     Args:
         sensor: of the photons.
-        items: the messages, in the order in which they are due; begins anew at each call.
+        items: the messages, in the order in which they are due; begins anew at each call. By the clock, it skips whole
+            frames that are late; their number stays the one asked for.
         notes: a line for each assumption.
         others: topics of other messages, which report how the sensor moves.
     """
 
     sensor: SensorModel
-    items: Callable[[], Iterator[Item]]
+    items: Callable[[Clock], Iterator[Item]]
     notes: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
 
@@ -73,21 +78,27 @@ def open_source(parameters: Mapping) -> Source:
     return Source(photons.sensor, _photons(photons.sensor, lambda k: events, rate_hz, frames), photons.notes)
 
 
-def _photons(sensor: SensorModel, frame: Callable[[int], PhotonEvents], rate_hz: float, frames: int
-             ) -> Callable[[], Iterator[Item]]:
-    """The `items` of so many frames, 0 for no end: frame(k) is due k / rate_hz after the first.
+def _photons(sensor: SensorModel, packet: Callable[[int], PhotonEvents], rate_hz: float, packets: int,
+             of_a_frame: int = 1) -> Callable[[Clock], Iterator[Item]]:
+    """The `items` of so many packets, 0 for no end: packet(k) is due k / rate_hz after the first.
 
     Raises:
-        InvalidInput: the first frame cannot be sent.
+        InvalidInput: the first packet cannot be sent.
     """
     # Cached: the frame of a file, which repeats, is encoded once.
     encode = lru_cache(1)(lambda events: photons_message.encode_cdr(events, sensor, sensor.frame_id))
-    encode(frame(0))
+    encode(packet(0))
+    period_ns = of_a_frame * NS_PER_S / rate_hz
 
-    def items() -> Iterator[Item]:
-        for k in islice(count(), frames or None):
+    def items(elapsed_ns: Clock) -> Iterator[Item]:
+        k = sent = 0
+        while not packets or sent < packets:
+            late_ns = elapsed_ns() - k * NS_PER_S / rate_hz if k % of_a_frame == 0 else 0
+            skipped = int(late_ns / period_ns) if late_ns > LATE_NS else 0
+            k += skipped * of_a_frame
             due_ns = round(k * NS_PER_S / rate_hz)
-            yield Item("photons", encode(frame(k)), due_ns, due_ns)
+            yield Item("photons", encode(packet(k)), due_ns, due_ns, skipped)
+            k, sent = k + 1, sent + 1
     return items
 
 
@@ -107,7 +118,8 @@ def _moving(parameters: Mapping, rate_hz: float, packets: int) -> Source:
     path, sensor = MOTIONS[parameters["motion"]], moving_sensor()
     simulator = Simulator(MovingView(Room(), path, sensor, 1 / rate_hz), sensor, parameters["sbr"],
                           parameters["ppp"] / PACKETS, parameters["seed"], rate_hz)
-    photons = _photons(sensor, lambda k: simulator.frame(k)[0], rate_hz, packets)
+    photons = _photons(sensor, lambda k: simulator.frame(k)[0], rate_hz, packets, PACKETS)
+    ahead_ns = round((BEFORE_S + 1 / rate_hz) * NS_PER_S)      # of when a packet is sent, its due time by itself
 
     def acquired(packet: Item) -> Item:
         begun_ns = packet.stamp_ns + round(BEFORE_S * NS_PER_S)
@@ -117,11 +129,18 @@ def _moving(parameters: Mapping, rate_hz: float, packets: int) -> Source:
         stamp_ns = round((report.at_s + BEFORE_S) * NS_PER_S)
         return Item("odom", serialize_message(odometry(report)), stamp_ns, stamp_ns)
 
-    def items() -> Iterator[Item]:
+    def items(elapsed_ns: Clock) -> Iterator[Item]:
+        end_ns = float("inf")
+
+        def in_time() -> Iterator[Item]:
+            nonlocal end_ns
+            for item in map(acquired, photons(lambda: elapsed_ns() - ahead_ns)):
+                yield item
+            end_ns = item.due_ns + AFTER_S * NS_PER_S
+
         reports = map(reported, measured(path, ODOM_HZ, start_s=-BEFORE_S))
-        both = merge(reports, map(acquired, photons()), key=lambda item: item.due_ns)
-        end_ns = (BEFORE_S + packets / rate_hz + AFTER_S) * NS_PER_S
-        return takewhile(lambda item: not packets or item.due_ns < end_ns, both)
+        both = merge(reports, in_time(), key=lambda item: item.due_ns)
+        return takewhile(lambda item: item.due_ns < end_ns, both)
 
     note = (f"a frame comes in {PACKETS} packets (the sketcher's packets_per_frame); odom says where {BODY} is, and "
             f"the sketcher needs extrinsics:='{extrinsics()}'")

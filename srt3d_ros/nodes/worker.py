@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 NEWEST_ONLY = 1
-CATCH_UP_S = 0.25       # how long frames may wait while a busy machine catches up
+CATCH_UP_S = 1.0        # how long frames may wait while a busy machine catches up
 RECOVERY_S = 1.0        # without a dropped frame: the worker has caught up
 MAX_WAITING = 64        # messages that wait while it catches up: bounds the memory
 

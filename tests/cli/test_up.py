@@ -23,7 +23,7 @@ def test_what_is_nearer_to_the_command_line_wins(tmp_path):
     assert yaml.safe_load(up.parameters_yaml(args, PIPELINE)) == {
         "/**/reconstructor": {"ros__parameters": {"device": "auto"}},
         "/**/sketcher": {"ros__parameters": {"sketch_size": 5, "qos_overrides./sketch.publisher.depth": 9}},
-        "/**/player": {"ros__parameters": {"input": "1.0"}}}
+        "/**/player": {"ros__parameters": {"input": "1.0", "wait_for": "sketcher reconstructor recorder"}}}
     files = [value for flag, value in zip(*[iter(up.ros_arguments(args, PIPELINE, str(mine))[1:])] * 2)
              if flag == "--params-file"]
     assert [path.rsplit("/", 1)[1] for path in files] == ["scanner_141x141.yaml", "mine.yaml", "mine.yaml"]

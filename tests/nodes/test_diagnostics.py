@@ -3,9 +3,11 @@
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.msg import Log
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Image
 
 from srt3d_ros.nodes import diagnostics as module
 from srt3d_ros.nodes.diagnostics import Diagnostics
@@ -102,7 +104,7 @@ def test_levels_follow_what_happened_since_the_last_report(counted, monkeypatch)
     monkeypatch.setattr(module, "PATIENCE_S", 60.0)
     receive(1)
     says(OK, "frames/s in")
-    for latency_s, words in ((66.4, "frames are 66.4 s old: behind, or stamped by another clock"),
+    for latency_s, words in ((66.4, "frames are 66.4 s old: behind"),
                              (-3600, "frames are stamped 3600.0 s ahead of this node's clock: by another clock")):
         receive(1)
         diagnostics.sent(latency_s)
@@ -112,6 +114,37 @@ def test_levels_follow_what_happened_since_the_last_report(counted, monkeypatch)
     says(OK, "frames/s in")
     node.state = "inactive"
     says(OK, "inactive")
+
+
+def test_losses_are_logged_once_a_minute_and_at_the_end(graph, counted):
+    diagnostics, latest, _ = counted
+    log = graph.collect_latched(Log, "/rosout")
+
+    def lines() -> list[str]:
+        return [line.msg for line in log if line.msg.startswith("dropped")]
+
+    for count in (5, 3):
+        diagnostics.count(messages_in=count, message_lost=1)
+        diagnostics.drop("queue", 2)
+        diagnostics.drop("shutdown")
+        latest()
+        graph.wait(lines, "the first line")
+    diagnostics.close()
+    graph.wait(lambda: len(lines()) == 2, "the last line")
+    assert lines() == ["dropped 3 of 6 frames since the start: 2 queue, 1 lost on the way here",
+                       "dropped 3 of 4 frames since the last such line: 2 queue, 1 lost on the way here"]
+
+
+def test_what_comes_twice_is_a_warning(graph, counted, monkeypatch):
+    diagnostics, latest, node = counted
+    monkeypatch.setattr(module, "DOUBLE_S", -1.0)
+    diagnostics.expect(topic := f"{graph.namespace}/photons")
+    for _ in range(2):
+        graph.publisher(Image, "photons")
+    namesake = ManagedNode("counted", namespace=graph.namespace)
+    said = f"2 nodes are named {node.get_fully_qualified_name()} and 2 publishers send frames on {topic}: frames may"
+    graph.wait(lambda: latest()["message"].startswith(said) and latest()["level"] == WARN, "the warning")
+    namesake.destroy_node()
 
 
 def test_simulated_time_without_a_clock_is_a_warning(graph, counted):

@@ -1,4 +1,4 @@
-"""The player alone: what it sends, when, and how it ends."""
+"""The player: what it sends, when, and how it ends; with `wait_for`, beside the nodes that it waits for."""
 
 import numpy as np
 from rclpy.serialization import serialize_message
@@ -26,3 +26,23 @@ def test_frames_come_stamped_on_schedule_and_the_player_ends_by_itself(graph, se
     assert all(np.array_equal(frame.toa, events.toa) for _, frame in decoded)
     assert f"the first frame's stamp is {stamps[0]}" in player.text
     assert graph.reports("player", "frames_out", 5)["dropped"] == "0"
+
+
+def test_nodes_that_do_not_get_ready_are_named_and_no_frame_is_sent(graph, photon_file, tmp_path):
+    (tmp_path / "player.py").write_text(
+        "import sys\nfrom srt3d_ros.nodes import player\nplayer.READY_S = 1.0\nsys.exit(player.main())")
+    frames = graph.collect(PointCloud2, "photons")      # another reader is none of those to wait for
+    player = graph.start(str(tmp_path / "player.py"), input=photon_file, wait_for="sketcher", frames=1)
+    assert player.code() == 1 and frames == []
+    name = f"{graph.namespace}/sketcher"[1:]
+    assert f"wait_for is sketcher: expected nodes that are ready within 1 s, not {name} (no report on" in player.text
+
+
+def test_a_frame_that_does_not_become_a_cloud_is_named_and_fails_the_run(graph, photon_file):
+    player = graph.start("player", input=photon_file, rate_hz=20.0, frames=4, wait_for="sketcher reconstructor")
+    player.says("waiting for")
+    graph.start("reconstructor")
+    graph.start("sketcher", packets_per_frame=3)
+    assert player.code() == 3
+    name = f"{graph.namespace}/sketcher"[1:]
+    assert f"sent 4 ({name} 4, " in player.text and f"of which 1 were lost: 1 unfinished in {name}" in player.text

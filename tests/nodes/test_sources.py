@@ -1,6 +1,6 @@
 """What the player plays, message by message: what is due when, with which stamps, and where it begins and ends."""
 
-from itertools import pairwise
+from itertools import chain, pairwise, repeat
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def test_a_file_of_counts_is_played_photon_by_photon(tmp_path, sensor, events):
     np.savez(tmp_path / "counts.npz", counts=counts, bin_width_s=sensor.bin_width_s, irf=sensor.irf)
     (tmp_path / "sensor.json").write_text(sensor_message.to_json(sensor))
     played = source(input=str(tmp_path / "counts.npz"), sensor_file=str(tmp_path / "sensor.json"), frames=1)
-    frame, = played.items()
+    frame, = played.items(lambda: 0)
     sent = photons.decode_cdr(frame.raw, sensor)[1]
     assert frame.topic == "photons" and sorted(zip(sent.pixel, sent.toa)) == sorted(zip(events.pixel, events.toa))
 
@@ -43,6 +43,19 @@ def test_what_is_no_source_is_refused(given, line):
         source(**given)
 
 
+@pytest.mark.parametrize("given", [{}, {"motion": "walk", "ppp": 1.0}])
+def test_what_is_late_is_skipped_by_whole_frames_and_the_number_that_was_asked_for_is_sent(given):
+    clock = chain([0, 0], repeat(1_750 * MS))       # leaps ahead before the third frame
+    items = source(frames=4, rate_hz=10.0, **given).items(lambda: next(clock))
+    items = [item for item in items if item.topic == "photons"]
+    packets = PACKETS if given else 1
+    assert len(items) == 4 * packets
+    first = items[::packets]
+    jump = first[2].skipped
+    assert jump > 9 and jump == sum(item.skipped for item in items)
+    assert (np.diff([item.stamp_ns for item in first]) / (100 * MS)).tolist() == [1, 1 + jump, 1]
+
+
 # ---- A sensor that moves: packets and odometry of one time
 
 @pytest.fixture
@@ -51,7 +64,7 @@ def moving():
 
 
 def test_packets_come_when_they_are_acquired_among_odometry_that_covers_them(moving):
-    items = list(moving(rate_hz=20.0, ppp=2.0).items())
+    items = list(moving(rate_hz=20.0, ppp=2.0).items(lambda: 0))
     assert all(before.due_ns <= after.due_ns for before, after in pairwise(items))
     packets = [item for item in items if item.topic == "photons"]
     assert [item.stamp_ns for item in packets] == [BEFORE_NS + k * 5 * MS for k in range(PACKETS)]
