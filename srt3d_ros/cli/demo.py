@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros import processes
-from srt3d_ros.api import reconstruct
 from srt3d_ros.core.metrics import Metrics, evaluate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.stream import SketchStream
 from srt3d_ros.datasets import read
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
 from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
@@ -25,6 +25,7 @@ from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import require
 from srt3d_ros.node_names import FRAMES_LOST
 from srt3d_ros.private_network import join_private_network
+from srt3d_ros.results import Reconstructor
 
 LEAST_HZ, MOST_HZ = 2.0, 5.0            # half of what simulator, nodes and recorder do on two idle cores
 SHARE = 0.75                            # of the time between two frames, in which one process alone makes one
@@ -90,11 +91,17 @@ def run(args: argparse.Namespace) -> int:
 
 def _rate_hz() -> float:
     """A frame rate for this machine, as busy as it is now, by the median time of a few frames, after the first."""
-    simulator, times = Simulator(**SCENE), [time.perf_counter()]
-    for k in range(1 + WARM_UP):
-        reconstruct(simulator.frame(k)[0], sensor=simulator.sensor)
-        times.append(time.perf_counter())
-    frame_s = float(np.median(np.diff(times)[1:]))
+    simulator, times = Simulator(**SCENE), []
+    stream = SketchStream(simulator.sensor)
+    first, = stream.push(simulator.frame(0)[0])
+    reconstruct = Reconstructor(first.sensor, first.frequencies)
+    reconstruct(first)
+    for k in range(WARM_UP):
+        started = time.perf_counter()
+        for sketch in stream.push(simulator.frame(1 + k)[0]):
+            reconstruct(sketch)
+        times.append(time.perf_counter() - started)
+    frame_s = float(np.median(times))
     rate_hz = round(min(max(SHARE / frame_s, LEAST_HZ), MOST_HZ), 1)
     if rate_hz < MOST_HZ:
         _say(f"{rate_hz:g} Hz instead of {MOST_HZ:g}: a frame takes {frame_s * 1e3:.0f} ms on this machine now")
