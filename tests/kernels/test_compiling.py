@@ -108,17 +108,24 @@ def test_two_programs_that_compile_at_once_both_finish_and_one_compiles(tmp_path
 
 
 def test_a_folder_to_which_others_may_write_is_not_used_and_it_says_so(tmp_path):
-    assert run(PROGRAM, NUMBA_CACHE_DIR=str(tmp_path)).communicate()[0] == "0\n"
-    (folder,), code = tmp_path.iterdir(), "import logging; logging.basicConfig(level=20)" + PROGRAM
-    assert folder.stat().st_mode & 0o777 == 0o700
+    def said(program: str) -> str:
+        return "".join(run(program, NUMBA_CACHE_DIR=str(tmp_path)).communicate())
+
+    named = "from srt3d_ros.kernels.cpu.compiling import FOLDER, WHY_NONE; print(FOLDER, *WHY_NONE)"
+    folder = Path(said(named).strip())
+    assert list(tmp_path.iterdir()) == [folder] and folder.stat().st_mode & 0o777 == 0o700
     folder.chmod(0o720)
-    hits, said = run(code, NUMBA_CACHE_DIR=str(tmp_path)).communicate()
-    assert hits == "0\n" and f"at every start: {folder} is writable for others (chmod go-w)" in said
-    folder.chmod(0o700)
-    assert run(PROGRAM, NUMBA_CACHE_DIR=str(tmp_path)).communicate()[0] == "1\n"
+    logged = said("import logging; logging.basicConfig(level=20)" + PROGRAM)
+    assert f"at every start: {folder} is writable for others (chmod go-w)" in logged and not list(folder.rglob("*.nb?"))
     if os.getuid() == 0:
         os.chown(folder, 12345, -1)
-        assert f"{folder} is another user's" in run(code, NUMBA_CACHE_DIR=str(tmp_path)).communicate()[1]
+        assert said(named) == f"None {folder} another user's\n"
+
+
+def test_a_full_disk_keeps_no_kernel_from_running(tmp_path):
+    full = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))" + PROGRAM
+    hits, said = run(full, NUMBA_CACHE_DIR=str(tmp_path)).communicate()
+    assert hits == "0\n" and said == f"compiled kernels cannot be kept in {next(tmp_path.iterdir())}: File too large\n"
 
 
 def test_a_forked_process_names_spawn_instead_of_ending(tmp_path):

@@ -20,6 +20,7 @@ from numba.core import event
 # work queue would abort. An explicit choice in the environment wins.
 if "NUMBA_THREADING_LAYER" not in os.environ:
     config.THREADING_LAYER = "omp"
+LOG = logging.getLogger(__name__)
 KEPT = 6            # newest folders that stay: those of a few checkouts and of the version before
 
 
@@ -93,7 +94,10 @@ class Kernel:
             if self.is_ready:
                 return
             for signature in self.signatures:
-                self.compiled.compile(signature)
+                try:
+                    self.compiled.compile(signature)
+                except OSError as error:        # of the disk: it is compiled all the same
+                    LOG.warning(f"compiled kernels cannot be kept in {FOLDER}: {error.strerror}")
             self.compiled.disable_compile()
             self.is_ready = True
 
@@ -132,7 +136,7 @@ class _Watch(event.Listener):
             path, state = WHY_NONE
             again = ("once; `srt3d compile` does it beforehand" if FOLDER else
                      f"at every start: {path} is {state}; NUMBA_CACHE_DIR names another folder")
-            logging.getLogger(__name__).info(f"compiling kernels, for seconds up to two minutes ({again})")
+            LOG.info(f"compiling kernels, for seconds up to two minutes ({again})")
 
     def on_end(self, event) -> None:
         """Required by Listener; unused."""
