@@ -95,8 +95,8 @@ class ManagedNode(LifecycleNode):
 
         def on_incompatible(event) -> None:
             policy = QoSPolicyKind(event.last_policy_kind)
-            reliability = self.get_parameter(f"qos_overrides.{name}.subscription.reliability").value
-            if policy == QoSPolicyKind.RELIABILITY and reliability == "best_available":
+            in_force = self.get_parameter(f"qos_overrides.{name}.subscription.reliability").value
+            if policy == QoSPolicyKind.RELIABILITY and in_force == "best_available":
                 if made in self.subscriptions_made:
                     self.subscriptions_made.remove(made)
                     self.destroy_subscription(made)
