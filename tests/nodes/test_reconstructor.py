@@ -166,8 +166,10 @@ def test_sketches_are_read_with_the_descriptions_that_they_name_and_wait_for_the
     before = len(reconstructor.clouds)
     reconstructor.send(*(sketch_message.encode_cdr(sent, one, "spad") for sent, one in (
         (sketch, wide), (sketch, sensor), (fewer, sensor), (sketch, wide))))
-    report = reconstructor.graph.reports("reconstructor", "under_way", 2)
-    assert report["waiting_for"].endswith(f"sketch/sensor, sensor_{sensor_message.digest(wide)}")
+    reconstructor.graph.wait(lambda: len(reconstructor.clouds) == before + 2, "the clouds of what is described")
+    reconstructor.graph.wait(lambda: reconstructor.graph.report("reconstructor").get("waiting_for", "").endswith(
+        f"sketch/sensor, sensor_{sensor_message.digest(wide)}"), "a report of what the others wait for")
+    reconstructor.graph.reports("reconstructor", "under_way", 2)
     assert len(reconstructor.clouds) == before + 2
     reconstructor.describe(wide)
     reconstructor.send(sketch_message.encode_cdr(sketch, sensor, "spad"))

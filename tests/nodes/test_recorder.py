@@ -167,11 +167,11 @@ def test_a_recording_has_all_that_the_nodes_published_and_said(graph, photon_fil
     clouds = graph.collect(PointCloud2, "points", raw=True)
     of_another = graph.latched("/rosout", Log)
     of_another.publish(Log(name="right.sketcher", msg="ready too"))
-    player = graph.start("player", input=photon_file, rate_hz=2.0, frames=frames,
-                         wait_for="sketcher reconstructor recorder").ready()
-    recorder = graph.start("recorder", path=path)
+    recorder = graph.start("recorder", path=path).ready()       # first: /rosout keeps a line for 10 s
     graph.start("reconstructor", fields="full")
     graph.start("sketcher", sketch_size=7)
+    player = graph.start("player", input=photon_file, rate_hz=2.0, frames=frames,
+                         wait_for="sketcher reconstructor recorder")
     assert player.code() == 0 and ", none lost: " in player.text, player.text
     graph.wait(lambda: len(clouds) == frames, "every cloud")
     graph.wait(lambda: graph.total("recorder", "frames_out") == 5 * frames, "its sketches and images")
