@@ -28,8 +28,7 @@ import multiprocessing, sys
 import numpy as np
 from srt3d_ros.kernels.cpu import phase_sums
 
-def read(_):
-    return len(phase_sums.read_sums(np.zeros((1, 3), np.int64), 1))
+def read(_): return len(phase_sums.read_sums(np.zeros((1, 3), np.int64), 1))
 
 if __name__ == "__main__":
     read(0)

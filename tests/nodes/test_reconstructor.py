@@ -170,7 +170,6 @@ def test_sketches_are_read_with_the_descriptions_that_they_name_and_wait_for_the
     reconstructor.graph.wait(lambda: reconstructor.graph.report("reconstructor").get("waiting_for", "").endswith(
         f"sketch/sensor, sensor_{sensor_message.digest(wide)}"), "a report of what the others wait for")
     reconstructor.graph.reports("reconstructor", "under_way", 2)
-    assert len(reconstructor.clouds) == before + 2
     reconstructor.describe(wide)
     reconstructor.send(sketch_message.encode_cdr(sketch, sensor, "spad"))
     reconstructor.graph.wait(lambda: len(reconstructor.clouds) == before + 5, "all clouds")
