@@ -117,11 +117,11 @@ def test_levels_follow_what_happened_since_the_last_report(counted, monkeypatch)
 
 
 def test_losses_are_logged_once_a_minute_and_at_the_end(graph, counted):
-    diagnostics, latest, _ = counted
+    diagnostics, latest, node = counted
     log = graph.collect_latched(Log, "/rosout")
 
     def lines() -> list[str]:
-        return [line.msg for line in log if line.msg.startswith("dropped")]
+        return [line.msg for line in log if line.name == node.get_logger().name and line.msg.startswith("dropped")]
 
     for count in (5, 3):
         diagnostics.count(messages_in=count, message_lost=1)

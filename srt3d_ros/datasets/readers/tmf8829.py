@@ -56,13 +56,17 @@ def frames(path: Path, options: dict) -> Iterator[Photons]:
 def _read(path: Path) -> tuple[list, dict]:
     """The frames and the configuration that a log has."""
     with read_errors(path, "a whole log in JSON"), (gzip.open if path.suffix == ".gz" else open)(path, "rb") as stream:
-        raw, sizes = bytearray(), Counter()
-        while part := stream.read(2**20):
-            raw += part
+        sizes, at = Counter(), 0
+        while part := stream.read(2**20):       # counted first: a text that grows takes twice the memory
             sizes.update({"bytes": len(part), "values": part.count(b","),
                           "lists and objects": part.count(b"[") + part.count(b"{")})
             for what, most in MOST.items():
                 require(sizes[what] <= most, "size", f"more than {most} {what}", "a shorter log: split it")
+        raw = bytearray(sizes["bytes"])
+        stream.seek(0)
+        while part := stream.read(2**20):
+            raw[at:at + len(part)] = part
+            at += len(part)
         log = json.loads(raw.decode("latin-1").removeprefix("\xef\xbb\xbf"))      # one byte a character, also of names
     sets, configuration = (log.get(key) if isinstance(log, dict) else None for key in ("Result_Set", "configuration"))
     require(isinstance(sets, list) and sets, f"{path.name} Result_Set", "absent or empty",
