@@ -30,7 +30,7 @@ def test_an_old_python_is_told_what_to_do_in_one_line_and_nothing_is_made(reposi
 @pytest.mark.parametrize(("target", "tools", "pinned"), [
     ("demo", False, True), ("test", True, True), ("test-newest", True, False)])
 def test_the_demo_installs_no_test_tools_and_all_but_newest_are_pinned(repository, tmp_path, target, tools, pinned):
-    commands = make(repository, "--dry-run", f"VENV={tmp_path / 'venv'}", target).stdout
+    commands = make(repository, "--dry-run", "--always-make", f"VENV={tmp_path / 'venv'}", target).stdout
     assert (".[test]" in commands) == tools
     assert ("-c constraints.txt" in commands) == pinned
     assert ".[ros,record,review" in commands
