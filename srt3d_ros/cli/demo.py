@@ -42,11 +42,18 @@ POLL_S = 0.1
 
 @dataclass(frozen=True)
 class Source:
-    """What is played; `at` gives the photons, for the picture, and the truth at a time since the first frame."""
+    """What is played.
+
+    Args:
+        frame: its photons by number.
+        at: the photons, for the picture, and the truth, depths in bins [S, rows, cols], at a time since the first
+            frame, s, of frames at a rate, Hz.
+    """
 
     title: str
     sensor: SensorModel
-    at: Callable[[float], tuple[PhotonEvents | None, np.ndarray | None]]    # truth: depths in bins, [S, rows, cols]
+    frame: Callable[[int], PhotonEvents]
+    at: Callable[[float, float], tuple[PhotonEvents | None, np.ndarray | None]]
     tolerance_bins: float               # a point so near to the truth is a true detection
     player: dict[str, object]           # its parameters
     sketcher: dict[str, object] = field(default_factory=dict)
@@ -74,9 +81,9 @@ def run(args: argparse.Namespace) -> int:
     require(1 <= round(min(args.duration_s * rate_hz, 1e6)) < 1e6, "--duration-s", args.duration_s,
             "time for 1 to 1e6 frames")
     importlib.import_module("rclpy")        # it may not be installed: before anything is written
-    source = _from_file(args.photons) if args.photons else _moving(args.motion) if args.motion else None
-    rate_hz = args.rate_hz or _rate_hz()
-    source, frames = source or _simulated(rate_hz), max(round(args.duration_s * rate_hz), 1)
+    source = _from_file(args.photons) if args.photons else _moving(args.motion) if args.motion else _simulated()
+    rate_hz = args.rate_hz or _rate_hz(source)
+    frames = max(round(args.duration_s * rate_hz), 1)
     args.out.mkdir(parents=True, exist_ok=True)
     for name in RESULTS:        # of an earlier run: they must not pass for this one's
         (args.out / name).unlink(missing_ok=True)
@@ -85,20 +92,19 @@ def run(args: argparse.Namespace) -> int:
     if problem:
         _say(f"srt3d demo: {problem} ({args.out / LOG})")
         return 1
-    _report(source, frames, args.out)
+    _report(source, frames, rate_hz, args.out)
     return code
 
 
-def _rate_hz() -> float:
+def _rate_hz(source: Source) -> float:
     """A frame rate for this machine, as busy as it is now, by the median time of a few frames, after the first."""
-    simulator, times = Simulator(**SCENE), []
-    stream = SketchStream(simulator.sensor)
-    first, = stream.push(simulator.frame(0)[0])
+    stream, times = SketchStream(source.sensor), []
+    first, = stream.push(source.frame(0))
     reconstruct = Reconstructor(first.sensor, first.frequencies)
     reconstruct(first)
     for k in range(WARM_UP):
         started = time.perf_counter()
-        for sketch in stream.push(simulator.frame(1 + k)[0]):
+        for sketch in stream.push(source.frame(1 + k)):
             reconstruct(sketch)
         times.append(time.perf_counter() - started)
     frame_s = float(np.median(times))
@@ -108,9 +114,10 @@ def _rate_hz() -> float:
     return rate_hz
 
 
-def _simulated(rate_hz: float) -> Source:
+def _simulated() -> Source:
     simulator = Simulator(**SCENE)
-    return Source("simulated moving scene", simulator.sensor, lambda time_s: simulator.frame(round(time_s * rate_hz)),
+    return Source("simulated moving scene", simulator.sensor, lambda k: simulator.frame(k)[0],
+                  lambda time_s, rate_hz: simulator.frame(round(time_s * rate_hz)),
                   SIMULATED_TOLERANCE_M / simulator.sensor.bin_width_m, {"input": "simulator", **SCENE})
 
 
@@ -119,8 +126,9 @@ def _moving(motion: str) -> Source:
 
     sensor = moving_sensor()
     view = MovingView(Room(), MOTIONS[motion], sensor)
-    return Source(f"simulated room, seen by a sensor that moves ({motion})", sensor,
-                  lambda time_s: (None, sensor.depth_bins(view.at(time_s)[0][None])),
+    simulator = Simulator(view, sensor, **SCENE)
+    return Source(f"simulated room, seen by a sensor that moves ({motion})", sensor, lambda k: simulator.frame(k)[0],
+                  lambda time_s, rate_hz: (None, sensor.depth_bins(view.at(time_s)[0][None])),
                   MOVING_TOLERANCE_M / sensor.bin_width_m, {"input": "simulator", "motion": motion, **SCENE},
                   {"motion": "odom", "packets_per_frame": PACKETS, "extrinsics": extrinsics()})
 
@@ -130,8 +138,10 @@ def _from_file(path: str) -> Source:
     for note in photons.notes:
         _say(f"note: {note}")
     shown = photons.frame if isinstance(photons.frame, PhotonEvents) else None
-    return Source(photons.name, photons.sensor, lambda time_s: (shown, photons.reference_depth_bins),
-                  FILE_TOLERANCE_BINS, {"input": str(Path(path).absolute())})
+    events = photons.events
+    return Source(photons.name, photons.sensor, lambda k: events,
+                  lambda time_s, rate_hz: (shown, photons.reference_depth_bins), FILE_TOLERANCE_BINS,
+                  {"input": str(Path(path).absolute())})
 
 
 def _play(source: Source, frames: int, rate_hz: float, out: Path) -> tuple[int, str]:
@@ -158,7 +168,7 @@ def _play(source: Source, frames: int, rate_hz: float, out: Path) -> tuple[int, 
     return 1, said[-1] if said else processes.ending(nodes)
 
 
-def _report(source: Source, frames: int, out: Path) -> None:
+def _report(source: Source, frames: int, rate_hz: float, out: Path) -> None:
     """Compare recorded clouds with the truth; write the picture and the summary, and print the summary."""
     from srt3d_ros.pictures.overview import draw_overview
     from srt3d_ros.review.recorded import Recorded
@@ -168,7 +178,7 @@ def _report(source: Source, frames: int, out: Path) -> None:
     first_ns = int(re.search(rf"{FIRST_FRAME} (\d+)", (out / LOG).read_text())[1])
     judged = set(recorded.index.frame_index[::-(-frames // JUDGED_FRAMES)].tolist())
     clouds = [cloud.placed(sensor) for cloud in recorded.reader.clouds(judged)]
-    seen = [source.at((cloud.stamp_ns - first_ns) * 1e-9) for cloud in clouds]
+    seen = [source.at((cloud.stamp_ns - first_ns) * 1e-9, rate_hz) for cloud in clouds]
     found = [evaluate(cloud, truth, source.tolerance_bins, sensor.num_bins) for cloud, (_, truth) in zip(clouds, seen)
              if truth is not None]
     summary, k = summarise(recorded), 3 * len(clouds) // 4

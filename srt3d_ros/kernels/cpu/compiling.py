@@ -8,7 +8,7 @@ import shutil
 import stat
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial, update_wrapper
 from itertools import product
 from pathlib import Path
@@ -96,8 +96,10 @@ class Kernel:
             for signature in self.signatures:
                 try:
                     self.compiled.compile(signature)
-                except OSError as error:        # of the disk: it is compiled all the same
+                except OSError as error:        # of the disk: it is compiled all the same, unless reading failed
                     LOG.warning(f"compiled kernels cannot be kept in {FOLDER}: {error.strerror}")
+                    if signature not in self.compiled.overloads:
+                        raise
             self.compiled.disable_compile()
             self.is_ready = True
 
@@ -113,9 +115,10 @@ class Kernel:
 @contextmanager
 def _alone(name: str) -> Iterator[None]:
     """Let no other thread or program compile this kernel: numba's index of the files of a kernel has no lock."""
-    with _one_thread, open(FOLDER / f"{name}.lock", "w") if FOLDER else nullcontext() as lock:
-        if lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+    with _one_thread, ExitStack() as lock:
+        if FOLDER:
+            with suppress(OSError):         # of the disk: who cannot make a file keeps no machine code either
+                fcntl.flock(lock.enter_context(open(FOLDER / f"{name}.lock", "w")), fcntl.LOCK_EX)
         yield
 
 
