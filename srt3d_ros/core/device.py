@@ -24,7 +24,7 @@ def kernels_for(device: str) -> tuple:
         return "cpu", import_module("srt3d_ros.kernels.cpu")
     if missing := missing_for_cuda():
         raise InvalidInput("device", "cuda", f"cpu or auto: {missing}")
-    return "cuda", import_module("srt3d_ros.kernels.oracle").on("cuda")
+    return "cuda", import_module("srt3d_ros.kernels.torch").on("cuda")
 
 
 def on_device(fields: dict, kernels) -> dict:

@@ -1,1 +1,1 @@
-"""The work that is done for every pixel: the contract, in torch, also for a GPU (`oracle`), and for the CPU (`cpu`)."""
+"""The work that is done for every pixel: in torch (the contract, and what a GPU runs), and in numba for the CPU."""

@@ -1,10 +1,9 @@
 """Which points the photons speak for, how bright and how sure each is: written once, for the arrays of all kernels."""
 
-from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import EPSILON, TINY, WINDOWS
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, STD, VALUE, crop
 
-LOCAL_WEIGHTS = maps.window_weights(WINDOWS[0][0])
+LOCAL_SIGMA = WINDOWS[0][0]     # of the window that tells how far pixels differ, pixels
 
 
 def finalise(kernels, frame, photons, state, terms, enough):
@@ -24,9 +23,31 @@ def finalise(kernels, frame, photons, state, terms, enough):
     signal, gain = pooled * light, frame.total_energy * light
     excess, (of_signal, of_background) = terms[:, :, VALUE] / gain - pooled, frame.intensity_moments
     variance = signal * of_signal + (counts - signal).clip(min=0) * of_background
-    around, noise = (kernels.blur(values * there, LOCAL_WEIGHTS) for values in (excess * excess, variance / gain**2))
+    around, noise = (kernels.blur(values * there, LOCAL_SIGMA) for values in (excess * excess, variance / gain**2))
     differ = 1 - (noise / around.clip(min=TINY)).clip(max=1)
     score = view[:, :, SCORE] / kernels.noise_ratio(frame, view[:, :, DEPTH])
     intensity = (pooled + excess * differ).clip(min=EPSILON * pooled) * (there & (score > enough))
     std = ((view[:, :, STD]**2 + view[:, :, RESIDUAL]**2)**0.5).clip(EPSILON, frame.num_bins)
     return intensity, std, (photons - (intensity * exposure).sum(axis=1)).clip(min=0)
+
+
+def without_weak(kernels, state, enough) -> None:
+    """r = 0 for points with a score below `enough`; in place."""
+    state[:, :, INTENSITY] *= state[:, :, SCORE] >= enough
+
+
+def nearness(kernels, used):
+    """1 / Σ w over the used pixels around each used one, for `averaged`; [rows, cols]."""
+    return used / kernels.blur((used + EPSILON)[:, None], LOCAL_SIGMA)[:, 0]
+
+
+def averaged(kernels, values, used, near):
+    """Local means, as in `finalise`, over the used pixels of an array [rows, cols]; 0 in others."""
+    return kernels.blur((values * used)[:, None], LOCAL_SIGMA)[:, 0] * near
+
+
+def unexplained(kernels, frame, state, intensity, background, taken, used, near, passed):
+    """`unexplained` with averages over the same window."""
+    own, seen = background * used, crop(frame.counts, *frame.shape)
+    return kernels.unexplained(frame, state, intensity, own, own if taken is None else taken,
+                               averaged(kernels, own, used, near), averaged(kernels, seen, used, near), passed)

@@ -26,7 +26,7 @@ def backend(request) -> Backend:
 def spreading(monkeypatch):
     """Sets by how many pixels surfaces may grow."""
     def spread(pixels: int) -> None:
-        for name in ("cpu", "oracle"):
+        for name in ("cpu", "torch"):
             monkeypatch.setattr(import_module(f"srt3d_ros.kernels.{name}.birth_death"), "SPREAD", pixels)
     return spread
 

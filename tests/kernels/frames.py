@@ -19,7 +19,8 @@ from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, choose, irf_spectrum
 from srt3d_ros.core.sketching.sketch import Sketch
-from srt3d_ros.kernels import cpu, maps, oracle
+from srt3d_ros.kernels import cpu, maps
+from srt3d_ros.kernels import torch as oracle
 from srt3d_ros.kernels.constants import SAME_SURFACE
 
 T = 300

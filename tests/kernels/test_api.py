@@ -6,7 +6,8 @@ import sys
 
 import pytest
 
-from srt3d_ros.kernels import cpu, oracle
+from srt3d_ros.kernels import cpu
+from srt3d_ros.kernels import torch as oracle
 
 KERNELS = oracle.on("cpu")
 

@@ -7,8 +7,9 @@ import pytest
 import torch
 
 from srt3d_ros.core.method.memory import PooledStream
-from srt3d_ros.kernels import maps, oracle
-from srt3d_ros.kernels.oracle import windows
+from srt3d_ros.kernels import maps
+from srt3d_ros.kernels import torch as oracle
+from srt3d_ros.kernels.torch import windows
 
 from .frames import GATE, ORACLE, Backend, make_frame, make_sensor, make_sketch, make_state, make_terms, padded
 

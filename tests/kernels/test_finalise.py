@@ -5,7 +5,7 @@ import pytest
 
 from srt3d_ros.kernels import cpu, maps
 from srt3d_ros.kernels.finalise import finalise
-from srt3d_ros.kernels.oracle.collect import unpack
+from srt3d_ros.kernels.torch.collect import unpack
 
 from .frames import ORACLE, RELATIVE, SHAPES, T, make_frame, make_state, make_terms, padded, with_clutter
 

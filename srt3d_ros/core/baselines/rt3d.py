@@ -21,7 +21,6 @@ from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
-from srt3d_ros.kernels.maps import window_weights
 
 BACKGROUND_WINDOW = 1.5         # σ of the moving average, pixels
 LEAST = 1e-12                   # information of an IRF without slopes, and light of a bin without any
@@ -91,9 +90,9 @@ class RT3D:
 
     def _smoother(self, seen: np.ndarray) -> Callable:
         """Function from background photons to background per bin at a gain of 1, window means, float32 [rows, cols]."""
-        blur, weights, least = self._kernels.blur, window_weights(BACKGROUND_WINDOW), LEAST_BACKGROUND * seen[:, None]
-        bins = np.maximum(blur(seen[:, None], weights)[:, 0] * self.sensor.num_bins, 1e-6)
-        return lambda stray: blur(stray[:, None] + least, weights)[:, 0] / bins
+        blur, least = self._kernels.blur, LEAST_BACKGROUND * seen[:, None]
+        bins = np.maximum(blur(seen[:, None], BACKGROUND_WINDOW)[:, 0] * self.sensor.num_bins, 1e-6)
+        return lambda stray: blur(stray[:, None] + least, BACKGROUND_WINDOW)[:, 0] / bins
 
     def warm_up(self) -> None:
         """Compile the kernels, or load them from the disk."""

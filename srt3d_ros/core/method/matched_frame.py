@@ -1,5 +1,6 @@
 """MatchedFrame: a sketch with delay, gain and IRF of its pixels taken out, which is what the iterations work on."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -34,6 +35,7 @@ class MatchedFrame:
         exposure: float32 [rows, cols], g; 0 in masked pixels.
         energy: float32 [m], |ĥ_l|².
         bin_frequencies: float32 [m], k_l / T.
+        filters: [cells, 2m], cos(2π k_l c / cells) before sin: the matched filters of `match`, on its grid of depths.
         num_bins: T.
         highest: the largest k_l.
         moments: float32 [2], variance of the depth score that one signal photon, one background photon adds.
@@ -53,6 +55,7 @@ class MatchedFrame:
     exposure: np.ndarray
     energy: np.ndarray
     bin_frequencies: np.ndarray
+    filters: np.ndarray
     num_bins: int
     highest: int
     moments: np.ndarray
@@ -104,8 +107,11 @@ class Matcher:
         bin_frequencies = (omega / (2 * np.pi)).astype(np.float32)
         max_response, background_table = _background_table(self.spectrum, self.frequencies)
         self.moments, intensity_moments = _score_moments(sensor, omega, np.conj(self.spectrum), energy)
+        cells = 16 * math.ceil(max(self.frequencies) / 4)
+        turns = np.outer(np.arange(cells), self.frequencies) * (2 * np.pi / cells)
+        filters = np.concatenate([np.cos(turns), np.sin(turns)], axis=1)
         self._constants = {
-            "exposure": sensor.exposure, "energy": energy, "bin_frequencies": bin_frequencies,
+            "exposure": sensor.exposure, "energy": energy, "bin_frequencies": bin_frequencies, "filters": filters,
             "num_bins": sensor.num_bins, "highest": max(self.frequencies), "moments": self.moments,
             "intensity_moments": intensity_moments, "max_response": max_response, "background_table": background_table,
             "total_energy": float(energy.sum()), "curvature": float((energy * (2 * np.pi * bin_frequencies)**2).sum())}

@@ -1,4 +1,4 @@
-"""The CPU kernels, in numba: the kernels of `oracle` on NumPy arrays, compiled at first use, cached on disk.
+"""The CPU kernels, in numba: the kernels of `torch` on NumPy arrays, compiled at first use, cached on disk.
 
 Rows run in parallel, and inside a row BLOCK neighbouring columns run in vector registers. The cost of a frame does not
 depend on its photons, and results do not depend on the number of threads: no sum runs across threads
@@ -10,7 +10,7 @@ from srt3d_ros.kernels.cpu.birth_death import birth_death
 from srt3d_ros.kernels.cpu.blur import blur
 from srt3d_ros.kernels.cpu.collect import collect
 from srt3d_ros.kernels.cpu.compiling import KERNELS, compile_by_name
-from srt3d_ros.kernels.cpu.device import ON_HOST, array, run_frame
+from srt3d_ros.kernels.cpu.device import ON_HOST, array, fused, numpy, recorded, unpack
 from srt3d_ros.kernels.cpu.expand import expand
 from srt3d_ros.kernels.cpu.gradients import pixelwise, poisson
 from srt3d_ros.kernels.cpu.likelihood import log_likelihood_ratio, noise_ratio

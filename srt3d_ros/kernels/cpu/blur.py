@@ -6,7 +6,7 @@ from numba import boolean, float32, int64, prange
 from srt3d_ros.kernels.cpu.arithmetic import ZERO
 from srt3d_ros.kernels.cpu.compiling import line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.maps import MARGIN
+from srt3d_ros.kernels.maps import MARGIN, window_weights
 
 
 @parallel
@@ -75,8 +75,8 @@ def _blur(values: float32[:, :, ::1], weights: float32[::1], squares: float32[::
                     total[j] += weight * part[j]
 
 
-def blur(values, weights):
-    out = np.empty(values.shape, np.float32)
+def blur(values, sigma):
+    out, weights = np.empty(values.shape, np.float32), window_weights(sigma)
     _blur(values, weights, weights, -1, np.ones(len(values), bool), out)
     return out
 

@@ -24,7 +24,7 @@ _memory = _Memory()
 
 
 def borrow(name: str, shape: tuple, zero: bool = False) -> np.ndarray:
-    """Within `run_frame` the array that the last frame had by this name, else a new one; new ones are 0.
+    """Within a `recorded` frame the array that the last frame had by this name, else a new one; new ones are 0.
 
     To ask the system for memory again would cost more than some steps.
     """
@@ -42,12 +42,27 @@ def array(values: np.ndarray) -> np.ndarray:
     return np.require(values, requirements="CA")
 
 
-def run_frame(function: Callable, *frame) -> tuple:
-    arrays, threads = [array(values) for values in frame], numba.get_num_threads()
-    numba.set_num_threads(1 if arrays[0].size <= SERIAL_PIXELS else threads)
-    _memory.in_frame = True
-    try:
-        return function(*arrays)
-    finally:
-        _memory.in_frame = False
-        numba.set_num_threads(threads)
+def numpy(values: np.ndarray) -> np.ndarray:
+    return values
+
+
+def unpack(*points) -> tuple:
+    return points
+
+
+def fused(function: Callable) -> Callable:
+    return function
+
+
+def recorded(function: Callable) -> Callable:
+    def frame(*inputs):
+        arrays = [values if values is None else array(values) for values in inputs]
+        threads = numba.get_num_threads()
+        numba.set_num_threads(1 if arrays[0].size <= SERIAL_PIXELS else threads)
+        _memory.in_frame = True
+        try:
+            return function(*arrays)
+        finally:
+            _memory.in_frame = False
+            numba.set_num_threads(threads)
+    return frame

@@ -1,4 +1,4 @@
-"""How much more likely a pixel's own photons are with a surface than without; `oracle.likelihood` has the equations."""
+"""How much more likely a pixel's own photons are with a surface than without; `torch.likelihood` has the equations."""
 
 import numpy as np
 from numba import float32, prange

@@ -29,13 +29,15 @@ def _prepare(sums: SUMS, photons: float32[:, ::1], equaliser: complex64[:, :, ::
             counts[i, j] = photons[i, j] * used[i, j]
 
 
-def prepare(sums, photons, equaliser, used, taken=None, shown=None):
+def prepare(sums, photons, equaliser, used, taken=None, passed=None, mean=None):
     rows, cols, m = sums.shape
     padded_rows, padded_cols = maps.padded_shape(rows, cols)
     matched, counts = borrow("matched", (padded_rows, 2 * m, padded_cols)), borrow("counts", (padded_rows, padded_cols))
     if taken is None:
         taken, shown = np.zeros((rows, cols), np.float32), np.zeros((1, 1, m), np.complex64)
-    _prepare(sums, photons, equaliser, used, taken, shown.astype(np.complex64, copy=False),
+    else:
+        shown = passed * mean
+    _prepare(sums, photons, equaliser, used, taken, shown,
              maps.crop(matched, rows, cols), maps.crop(counts, rows, cols))
     return matched, counts
 

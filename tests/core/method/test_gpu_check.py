@@ -9,7 +9,8 @@ from srt3d_ros.core.method import gpu_check, memory
 from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.kernels import cpu, oracle
+from srt3d_ros.kernels import cpu
+from srt3d_ros.kernels import torch as oracle
 from tests.core.scenes import make_sensor
 
 SENSOR = make_sensor(12, 17)

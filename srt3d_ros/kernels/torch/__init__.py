@@ -1,8 +1,8 @@
 """The contract of the kernels, and what it means: written in torch, to be read. `cpu` has the same names.
 
 `on` gives the functions for tensors of one type on one device. In double precision on the CPU they are the tests'
-oracle: `cpu` differs by its own rounding only. In single precision they are what a GPU runs: no step of a frame looks
-at a value, so that nothing waits, and a graph can hold them all.
+oracle: `cpu` differs by its own rounding only. In single precision they are what a GPU runs: each `fused` function is
+compiled, and no step of a frame looks at a value, so that one graph holds them all.
 
 What photons and sketches of photons go through before a reconstruction runs on the CPU alone: `cpu.phase_sums` and
 `cpu.move_sketch`.
@@ -28,20 +28,21 @@ Notation:
 A frame is a `MatchedFrame` of `core.method.matched_frame`, padded unless said otherwise. Maps of complex numbers are
 float32 [rows, 2m, cols], real parts before imaginary ones. Maps with rows', cols' are padded, and states are float32
 [rows', K, FIELDS, cols'] (`kernels.maps`).
-What a kernel returns within `run_frame` lasts until the next frame. Types are those of `cpu`. Arrays lie on the
-kernels' device unless said to be NumPy's: ON_HOST says whether they are.
+What a kernel returns within a `recorded` frame lasts until the next one. Types are those of `cpu`, but that complex
+arrays are pairs of reals on a GPU, [..., 2]. Arrays lie on the kernels' device unless said to be NumPy's: ON_HOST says
+whether they are.
 """
 
 import torch
 
-from srt3d_ros.kernels.oracle.arithmetic import noise_ratio
-from srt3d_ros.kernels.oracle.birth_death import birth_death
-from srt3d_ros.kernels.oracle.blur import blur
-from srt3d_ros.kernels.oracle.collect import collect, unexplained
-from srt3d_ros.kernels.oracle.device import Kernels
-from srt3d_ros.kernels.oracle.likelihood import expand, log_likelihood_ratio, trim
-from srt3d_ros.kernels.oracle.pooled_step import pooled_step
-from srt3d_ros.kernels.oracle.search import match, no_surfaces, prepare, residual, search
+from srt3d_ros.kernels.torch.arithmetic import noise_ratio
+from srt3d_ros.kernels.torch.birth_death import birth_death
+from srt3d_ros.kernels.torch.collect import collect, unexplained
+from srt3d_ros.kernels.torch.device import Kernels
+from srt3d_ros.kernels.torch.likelihood import expand, log_likelihood_ratio, trim
+from srt3d_ros.kernels.torch.pooled_step import pooled_step
+from srt3d_ros.kernels.torch.search import match, no_surfaces, prepare, residual, search
+from srt3d_ros.kernels.torch.windows import blur
 
 FUNCTIONS = {function.__name__: function for function in (
     birth_death, blur, collect, expand, log_likelihood_ratio, match, no_surfaces, noise_ratio, pooled_step, prepare,

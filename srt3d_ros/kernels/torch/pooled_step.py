@@ -1,19 +1,16 @@
 """The Gauss-Newton step of every point on its pool: `pooled_step`.
 
-In a block, images are [K, rows, cols], and what depends on a neighbour's surface too is [N, K, K', rows, cols].
+Images are [K, rows, cols]; what depends on a neighbour's surface too is [N, K, K', rows, cols].
 """
-
-from functools import partial
 
 import torch
 
 from srt3d_ros.kernels.constants import CELL, RIDGE, TINY
-from srt3d_ros.kernels.maps import CURVATURE, DEPTH, INTENSITY, MARGIN, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD
-from srt3d_ros.kernels.oracle.arithmetic import agreement, wrap
-from srt3d_ros.kernels.oracle.likelihood import evidence
-from srt3d_ros.kernels.oracle.windows import by_rows, images, inner, neighbours, square, window
-
-PAIRS = 20              # numbers that a block holds for each pair of a point and a neighbour's surface, about
+from srt3d_ros.kernels.maps import CURVATURE, DEPTH, INTENSITY, SLOPE_COL, SLOPE_ROW, STD
+from srt3d_ros.kernels.torch.arithmetic import agreement, wrap
+from srt3d_ros.kernels.torch.fusing import fused
+from srt3d_ros.kernels.torch.likelihood import evidence
+from srt3d_ros.kernels.torch.windows import images, inner, neighbours, offsets
 
 
 def pooled_step(frame, state, terms, sigma, radius, fine, max_chi2):
@@ -43,48 +40,48 @@ def pooled_step(frame, state, terms, sigma, radius, fine, max_chi2):
         fine: pixels; 1 + 3 i, so that cells begin where it ends.
         max_chi2: as of `birth_death`.
     """
-    out = torch.zeros_like(state)
-    near, far, cells = window(radius, -1, fine, 1, state.dtype, state.device), None, terms
-    if radius // CELL * CELL > fine:            # else no cell's centre is in the window
-        far = window(radius, fine, MARGIN, CELL, state.dtype, state.device)
-        around, cells = square(CELL // 2, state.dtype, state.device), torch.zeros_like(terms)
-        pooled = partial(_coarsen, around, frame.num_bins, max_chi2)
-        inner(cells)[:] = by_rows(pooled, _row_bytes(state, around), state, terms)[0]
-    step = partial(_step, frame, near, far, sigma, max_chi2)
-    inner(out)[:] = by_rows(step, _row_bytes(state, near), state, terms, cells)[0]
-    return out
+    if radius // CELL * CELL <= fine:           # no cell's centre is in the window
+        return _step(frame, state, ((terms, min(radius, fine), -1, 1),), sigma, radius, max_chi2)
+    cells = _coarsen(frame, state, terms, max_chi2)
+    return _step(frame, state, ((terms, fine, -1, 1), (cells, radius, fine, CELL)), sigma, radius, max_chi2)
 
 
-def _row_bytes(state, window) -> int:
-    return PAIRS * len(window.row) * state.shape[1]**2 * state[0, 0, 0].nbytes
+@fused
+def _coarsen(frame, state, terms, max_chi2):
+    """The terms of the 3 × 3 pixels around each point, pooled along its plane."""
+    own, reach = images(inner(frame, state)), CELL // 2
+    weight, e, _ = _weigh(frame, own, state, max_chi2, reach, 1)
+    pooled = torch.stack(_pool(weight, e, neighbours(frame, terms, reach)), 1)
+    return _filled(frame, terms, pooled * (own[:, INTENSITY, None] > 0))
 
 
-def _coarsen(around, period, max_chi2, state, terms):
-    """Rows of the terms of the 3 × 3 pixels around each point, pooled along its plane."""
-    own = images(inner(state))
-    weight, e, _ = _weigh(own, state, around, max_chi2, period)
-    pooled = torch.stack(_pool(weight, e, neighbours(terms, around)), 1)
-    return ((pooled * (own[:, INTENSITY, None] > 0)).movedim(-2, 0),)
-
-
-def _step(frame, near, far, sigma, max_chi2, state, terms, cells):
-    """The rows of the next state."""
-    own, pooled, plane = images(inner(state)), 0, 0
-    for around, values, pixels in ((near, terms, 1), (far, cells, CELL**2))[:1 if far is None else 2]:
-        dy, dx = around.dy[:, None, None], around.dx[:, None, None]
-        weight, e, variance = _weigh(own, state, around, max_chi2, frame.num_bins)
-        weight = weight * torch.exp(-(dy**2 + dx**2) / (2 * sigma**2))
-        shown = neighbours(values, around)
+@fused
+def _step(frame, state, parts, sigma, radius, max_chi2):
+    """The next state, by the neighbours of `parts`: terms, and places up to, beyond, and in steps of so many pixels."""
+    own, pooled, plane = images(inner(frame, state)), 0, 0
+    for terms, reach, beyond, step in parts:
+        dy, dx = (d[:, None, None] for d in offsets(reach, state, step))
+        there = (torch.maximum(dy.abs(), dx.abs()) > beyond) & (dy**2 + dx**2 <= radius * (radius + 1))
+        weight, e, variance = _weigh(frame, own, state, max_chi2, reach, step)
+        weight = weight * (torch.exp(-(dy**2 + dx**2) / (2 * sigma**2)) * there)
+        shown = neighbours(frame, terms, reach, step)
         bend = weight * shown[:, None, :, CURVATURE]
         sums = [_over(bend * by) for by in (e**2, dx, dy)]
         pooled = pooled + torch.stack([*_pool(weight, e, shown), *sums])
-        plane = plane + _moments(pixels * weight / variance, e, dy, dx)
+        plane = plane + _moments(step**2 * weight / variance, e, dy, dx)
     off_plane, bend_col, bend_row = pooled[6:]
     turn_col, turn_row = _fit(plane, own[:, SLOPE_COL], own[:, SLOPE_ROW], frame.curvature / frame.total_energy)
-    pooled[1] -= turn_col * bend_col + turn_row * bend_row
-    after = _stepped(frame, own, pooled[:6], off_plane)
-    after[:, SLOPE_COL], after[:, SLOPE_ROW] = own[:, SLOPE_COL] + turn_col, own[:, SLOPE_ROW] + turn_row
-    return (after.where(own[:, INTENSITY, None] > 0, 0).movedim(-2, 0),)
+    turned = pooled[1] - turn_col * bend_col - turn_row * bend_row
+    slopes = own[:, SLOPE_COL] + turn_col, own[:, SLOPE_ROW] + turn_row
+    after = _stepped(frame, own, (pooled[0], turned, *pooled[2:6]), slopes, off_plane)
+    return _filled(frame, state, after.where(own[:, INTENSITY, None] > 0, 0))
+
+
+def _filled(frame, like, values):
+    """A padded map of images, 0 outside."""
+    out = torch.zeros_like(like)
+    inner(frame, out)[:] = values.movedim(-2, 0)
+    return out
 
 
 def _over(values):
@@ -92,11 +89,13 @@ def _over(values):
     return values.sum((0, 2))
 
 
-def _weigh(own, state, around, max_chi2, period):
+def _weigh(frame, own, state, max_chi2, reach, step):
     """Weights of neighbours' surfaces by how far they lie on each point's plane, distances from it, and variances."""
-    depth, std, intensity = (neighbours(state[:, :, field], around)[:, None] for field in (DEPTH, STD, INTENSITY))
-    plane = own[:, DEPTH] + own[:, SLOPE_COL] * around.dx[:, None] + own[:, SLOPE_ROW] * around.dy[:, None]
-    e = wrap(depth - plane[:, :, None], period)
+    dy, dx = (d[:, None] for d in offsets(reach, state, step))
+    depth, std, intensity = (neighbours(frame, state[:, :, field], reach, step)[:, None] for field in (
+        DEPTH, STD, INTENSITY))
+    plane = own[:, DEPTH] + own[:, SLOPE_COL] * dx + own[:, SLOPE_ROW] * dy
+    e = wrap(depth - plane[:, :, None], frame.num_bins)
     close = agreement(e, max_chi2 * (own[:, None, STD]**2 + std**2) + TINY)
     return close**2 * (intensity > 0), e, std**2 + TINY
 
@@ -125,8 +124,8 @@ def _fit(sums, slope_col, slope_row, steepness):
     return (yy * x_rise - xy * y_rise) / det, (xx * y_rise - xy * x_rise) / det
 
 
-def _stepped(frame, own, pooled, off_plane):
-    """The points after a Newton step on their pooled data terms, measured there; with the slopes of before."""
+def _stepped(frame, own, pooled, slopes, off_plane):
+    """The points after a Newton step on their pooled data terms, measured there."""
     total, period = frame.total_energy, frame.num_bins
     value, gradient, curvature, squares, photons, exposure = pooled
     least = value.clamp(min=0) / total * frame.curvature / 2
@@ -137,11 +136,8 @@ def _stepped(frame, own, pooled, off_plane):
     signal = torch.minimum(strength, photons)
     variance = signal * frame.moments[0] + (photons - signal) * frame.moments[1]
     std = (variance * squares / photons.clamp(min=TINY)).sqrt() / (signal * frame.curvature).clamp(min=TINY)
-    after = own.clone()
-    after[:, DEPTH] = (own[:, DEPTH] + d) % period
-    after[:, INTENSITY] = (strength / exposure.clamp(min=TINY)).clamp(min=TINY)
-    after[:, STD] = std.clamp(max=period).where(signal > 0, period)
-    after[:, SCORE] = evidence(value, photons, squares, frame)
-    gone = (own[:, STD]**2 - after[:, STD]**2).clamp(min=0)
-    after[:, RESIDUAL] = (off_plane / bend - gone).clamp(min=0).sqrt()
-    return after
+    std = std.clamp(max=period).where(signal > 0, period)
+    gone = (own[:, STD]**2 - std**2).clamp(min=0)
+    return torch.stack([
+        (own[:, DEPTH] + d) % period, *slopes, (strength / exposure.clamp(min=TINY)).clamp(min=TINY), std,
+        evidence(value, photons, squares, frame), (off_plane / bend - gone).clamp(min=0).sqrt()], 1)

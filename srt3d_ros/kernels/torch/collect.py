@@ -1,4 +1,4 @@
-"""The end of a reconstruction: `collect`, `unpack` and `unexplained`.
+"""The end of a reconstruction: `collect` and `unexplained`.
 
 How many points there are only the device knows, so their list has room for all that there can be.
 """
@@ -8,9 +8,11 @@ import torch
 
 from srt3d_ros.kernels.constants import EPSILON, TINY
 from srt3d_ros.kernels.maps import DEPTH, SLOPE_COL, SLOPE_ROW, crop
-from srt3d_ros.kernels.oracle.arithmetic import as_complex, waves
+from srt3d_ros.kernels.torch.arithmetic import waves
+from srt3d_ros.kernels.torch.fusing import fused
 
 
+@fused
 def collect(state, intensity, std, rays, metres_per_bin, metres, num_bins):
     """The points as `unpack` reads them, by pixel, the strongest first: xyz = ray · (metres_per_bin · t + metres).
 
@@ -31,23 +33,24 @@ def collect(state, intensity, std, rays, metres_per_bin, metres, num_bins):
     depth = depth.masked_fill(depth >= num_bins, 0)         # where rounding made it T
     xyz = rays.movedim(2, 0)[:, :, None] * (depth * metres_per_bin + metres)
     where = (values.expand_as(depth).to(depth.dtype) for values in (row[:, None, None], col, rank))
-    points = torch.stack([depth, intensity, std, view[:, :, SLOPE_ROW], view[:, :, SLOPE_COL], *xyz, *where])
-    packed = points.new_empty(len(points), intensity.numel() + 1)
-    packed[:, place.flatten()] = points.flatten(1)
-    return packed, end[-1:]
+    points = torch.stack([depth, intensity, std, view[:, :, SLOPE_ROW], view[:, :, SLOPE_COL], *xyz, *where], dim=-1)
+    packed = points.new_zeros(intensity.numel() + 1, points.shape[-1])
+    return packed.index_put((place.flatten(),), points.flatten(0, 2)), end[-1:]
 
 
-def unpack(points):
-    """Waits for the points of `collect`: row, column, uint16 [N]; rank in the pixel, uint8 [N]; values; xyz.
+def unpacked(points: np.ndarray) -> tuple:
+    """Of points [N, 11]: row, column, uint16 [N]; rank in the pixel, uint8 [N]; values; xyz.
 
     Values, float32 [5, N], are depth (bins), intensity (photons), standard deviation (bins), slopes down and to the
     right (bins per pixel). xyz is float32 [N, 3], metres.
     """
-    packed, number = (values.cpu().numpy() for values in points)
-    values, xyz, (row, col, rank) = np.split(packed[:, :number[0]].astype(np.float32, copy=False), [5, 8])
-    return row.astype(np.uint16), col.astype(np.uint16), rank.astype(np.uint8), values, np.ascontiguousarray(xyz.T)
+    values, xyz, where = np.split(points.astype(np.float32, copy=False), [5, 8], axis=1)
+    row, col, rank = where.T
+    return (row.astype(np.uint16), col.astype(np.uint16), rank.astype(np.uint8), np.ascontiguousarray(values.T),
+            np.ascontiguousarray(xyz))
 
 
+@fused
 def unexplained(frame, state, intensity, own, taken, background, photons, passed):
     """What points leave of a frame, as far as it may be background; y = g Σ_k r_k exp(i ω_l t_k), w = b̄ / n̄.
 
@@ -56,7 +59,7 @@ def unexplained(frame, state, intensity, own, taken, background, photons, passed
         own, taken: float32 [rows, cols], background photons: of `finalise`, and as subtracted before; 0 in masked
             pixels.
         background, photons: float32 [rows, cols], b̄ and n̄: own and n, averaged over a window.
-        passed: complex64 [rows or 1, cols or 1, m], q_l: a background photon adds q_l · exp(i ω_l x) to z_l.
+        passed: complex [rows or 1, cols or 1, m], q_l: a background photon adds q_l · exp(i ω_l x) to z_l.
 
     Returns:
         float32 [4m + 4], sums over the pixels: of w conj(q_l) (z_l − |ĥ_l|² y_l), real parts before imaginary ones;
@@ -64,12 +67,13 @@ def unexplained(frame, state, intensity, own, taken, background, photons, passed
     """
     counts, light, depth, matched = (crop(values, *frame.shape) for values in (
         frame.counts, frame.exposure, state[:, :, DEPTH], frame.matched))
-    points = ((intensity * light[:, None])[:, :, None] * waves(frame, depth)).sum(dim=1)      # [rows, m, cols]
-    rest = as_complex(matched) - frame.energy[:, None] * points
+    gives, energy = (intensity * light[:, None])[:, :, None], frame.energy[:, None]
+    points = [(gives * wave).sum(dim=1) for wave in waves(frame, depth)]                       # [rows, m, cols] each
+    re, im = (z - energy * part for z, part in zip(matched.chunk(2, dim=1), points))
     around = photons.clamp(min=EPSILON)
     share = background / around
-    misfit = (rest.abs()**2 / frame.energy.clamp(min=TINY)[:, None] / around[:, None]).sum()
-    both = passed.transpose(1, 2).conj() * rest, points
-    left, seen = ((share[:, None] * values).sum(dim=(0, 2)) for values in both)
+    misfit = ((re**2 + im**2) / energy.clamp(min=TINY) / around[:, None]).sum()
+    q_re, q_im = passed.movedim(2, 1).unbind(-1)
+    maps = q_re * re + q_im * im, q_re * im - q_im * re, *points
     sums = [(share * own).sum(), (share * taken).sum(), (share**2 * counts).sum(), misfit]
-    return torch.cat([left.real, left.imag, seen.real, seen.imag, torch.stack(sums)])
+    return torch.cat([*((share[:, None] * values).sum(dim=(0, 2)) for values in maps), torch.stack(sums)])

@@ -1,4 +1,4 @@
-"""What the steps share: a pixel's statistics as complex numbers z_l, and what makes depths one surface's."""
+"""What the steps share: waves, a pixel's statistics as pairs of reals, and what makes depths one surface's."""
 
 import math
 
@@ -8,20 +8,16 @@ from srt3d_ros.kernels.maps import BLOCK, INTENSITY, MARGIN, MAX_STD, STD
 
 
 def waves(frame, depth):
-    """exp(i ω_l t), complex [..., m, cols], of depths [..., cols]."""
+    """cos ω_l t and sin ω_l t, [..., m, cols] each, of depths [..., cols]."""
     turns = frame.bin_frequencies[:, None] * depth[..., None, :]
     angle = 2 * math.pi * (turns - turns.round())
-    return torch.complex(torch.cos(angle), torch.sin(angle))
+    return torch.cos(angle), torch.sin(angle)
 
 
-def as_complex(matched):
-    """z_l, complex [rows, m, cols], of a map."""
-    return torch.complex(*matched.chunk(2, dim=1))
-
-
-def as_map(z):
-    """The map of complex numbers, real parts before imaginary ones."""
-    return torch.cat([z.real, z.imag], dim=1)
+def product(a, b):
+    """Of complex numbers as pairs of reals [..., 2]: its real and its imaginary parts."""
+    (a_re, a_im), (b_re, b_im) = a.unbind(-1), b.unbind(-1)
+    return a_re * b_re - a_im * b_im, a_re * b_im + a_im * b_re
 
 
 def pad(image):

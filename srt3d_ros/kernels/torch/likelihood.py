@@ -2,19 +2,16 @@
 
 import math
 
-import numpy as np
 import torch
 
 from srt3d_ros.kernels.constants import EPSILON, LIKENESS, RIM, SPREAD, VOTE, VOTE_RADIUS
-from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, VALUE, crop
-from srt3d_ros.kernels.oracle.arithmetic import as_complex, has_depth, noise_ratio, waves
-from srt3d_ros.kernels.oracle.blur import blur
-from srt3d_ros.kernels.oracle.windows import by_rows
-
-NUMBERS = 16           # that `expand` holds for each frequency of a point, about
-NEAREST, AROUND = np.ones(3, np.float32), np.ones(2 * VOTE_RADIUS + 1, np.float32)      # of `trim`
+from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, VALUE
+from srt3d_ros.kernels.torch.arithmetic import has_depth, noise_ratio, waves
+from srt3d_ros.kernels.torch.fusing import fused
+from srt3d_ros.kernels.torch.windows import box, images, inner
 
 
+@fused
 def expand(frame, state):
     """The data term of every point to second order, f(t + d) ≈ v + s d − b d² / 2, at the depth t that it shows.
 
@@ -24,19 +21,17 @@ def expand(frame, state):
     Returns:
         float32 [rows', K, TERMS, cols']: v, s, b, and n, n, g; 0 where there is no point.
     """
-    numbers = NUMBERS * len(frame.energy) * state.shape[1]
-    return by_rows(_expand, numbers * state[0, 0, 0].nbytes, frame, state, margin=0)[0]
-
-
-def _expand(frame, state):
     depth, intensity = state[:, :, DEPTH], state[:, :, INTENSITY]
-    omega, phases = 2 * math.pi * frame.bin_frequencies[:, None], waves(frame, depth)
-    shown = frame.energy[:, None] * (frame.exposure[:, None] * intensity)[:, :, None] * phases
-    along = (as_complex(frame.matched)[:, None] - shown.sum(dim=1, keepdim=True) + shown) * phases.conj()
+    omega, (cosine, sine) = 2 * math.pi * frame.bin_frequencies[:, None], waves(frame, depth)
+    gives = frame.energy[:, None] * (frame.exposure[:, None] * intensity)[:, :, None]
+    z_re, z_im = frame.matched[:, None].chunk(2, dim=2)
+    if state.shape[1] > 1:
+        z_re = z_re - (gives * cosine).sum(dim=1, keepdim=True) + gives * cosine
+        z_im = z_im - (gives * sine).sum(dim=1, keepdim=True) + gives * sine
+    re, im = z_re * cosine + z_im * sine, z_im * cosine - z_re * sine
     counts, exposure = (values[:, None].expand_as(depth) for values in (frame.counts, frame.exposure))
-    terms = [along.real.sum(dim=2), (omega * along.imag).sum(dim=2), (omega**2 * along.real).sum(dim=2), counts, counts,
-             exposure]
-    return (torch.stack(terms, dim=2).masked_fill((intensity <= 0)[:, :, None], 0),)
+    terms = [re.sum(dim=2), (omega * im).sum(dim=2), (omega**2 * re).sum(dim=2), counts, counts, exposure]
+    return torch.stack(terms, dim=2).masked_fill((intensity <= 0)[:, :, None], 0)
 
 
 def evidence(response, photons, squares, frame):
@@ -46,7 +41,7 @@ def evidence(response, photons, squares, frame):
     """
     photons, table, steps = photons.clamp(min=EPSILON), frame.background_table, len(frame.background_table) - 1
     at = (response / (photons * frame.max_response)).clamp(0, 1) * steps
-    low = at.long().clamp(max=steps - 1)
+    low = at.long().clamp(0, steps - 1)         # of NaN it may be anything
     rare = table[low] + (at - low) * (table[low + 1] - table[low])
     return photons / squares.clamp(min=EPSILON).sqrt() * rare
 
@@ -69,6 +64,7 @@ def llr(response, photons, expected, likeness, frame):
     return torch.where(photons <= 0, ratio.clamp(min=-VOTE), ratio)
 
 
+@fused
 def log_likelihood_ratio(frame, state, terms):
     """Of each point's own photons, against "background alone": p ρ(v / p)² / 2 − D μ I₁ / (μ I₁ + (p − μ)₊ I₀).
 
@@ -99,17 +95,21 @@ def trim(frame, state, terms, enough):
     `log_likelihood_ratio` is below 0. What lies behind is the rim then: SPREAD rounds, as far as surfaces grow in an
     iteration. `terms` are `expand` of the state.
     """
-    view, terms, used = (crop(values, *frame.shape) for values in (state, terms, frame.exposure > 0))
-    intensity = view[:, :, INTENSITY]
     for _ in range(SPREAD):
-        there = has_depth(view.movedim(2, 0), frame.num_bins).any(dim=1)
-        blank = blur((used & ~there)[:, None].to(state.dtype), NEAREST)[:, 0]
-        rim = there & (blank > RIM - 0.5)
-        own = torch.stack([terms[:, :, VALUE], terms[:, :, COUNTS], terms[:, :, EXPOSURE] * intensity], dim=1)
-        own = (own * (rim[:, None] & (intensity > 0))[:, None]).sum(dim=2)
-        response, photons, expected = blur(own, AROUND).unbind(dim=1)
-        some = photons.clamp(min=0.5)
-        score = evidence(response, some, some, frame)
-        unpaid = rim & (llr(response, photons, expected, 1, frame) < 0)
-        weak = score[:, None] <= enough * noise_ratio(frame, view[:, :, DEPTH])
-        intensity.masked_fill_(unpaid[:, None] & weak, 0)
+        _trim_once(frame, state, terms, enough)
+
+
+@fused
+def _trim_once(frame, state, terms, enough) -> None:
+    point, terms, used = images(inner(frame, state)), images(inner(frame, terms)), inner(frame, frame.exposure) > 0
+    intensity = point[:, INTENSITY]
+    there = has_depth(point.movedim(1, 0), frame.num_bins).any(0)
+    rim = there & (box((used & ~there).to(state.dtype), 1) > RIM - 0.5)
+    counted = rim & (intensity > 0)
+    response, photons, expected = (box((values * counted).sum(0), VOTE_RADIUS) for values in (
+        terms[:, VALUE], terms[:, COUNTS], terms[:, EXPOSURE] * intensity))
+    some = photons.clamp(min=0.5)
+    score = evidence(response, some, some, frame)
+    unpaid = rim & (llr(response, photons, expected, 1, frame) < 0)
+    weak = score <= enough * noise_ratio(frame, point[:, DEPTH])
+    intensity.masked_fill_(unpaid & weak, 0)

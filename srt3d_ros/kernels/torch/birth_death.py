@@ -1,0 +1,225 @@
+"""Creation, competition and removal of points: `birth_death`.
+
+Images are the last axes. Before them: V, the surfaces around a pixel, which vote, in the order of their places; C,
+those of its 3 × 3 neighbourhood, among which it chooses. What depends on both is made anew in each sum over V.
+"""
+
+from typing import NamedTuple
+
+import torch
+
+from srt3d_ros.kernels import constants
+from srt3d_ros.kernels.constants import SPREAD, TINY, VOTE, VOTE_RADIUS
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD
+from srt3d_ros.kernels.torch.arithmetic import agreement, has_depth, waves, wrap
+from srt3d_ros.kernels.torch.fusing import fused
+from srt3d_ros.kernels.torch.likelihood import llr, log_likelihood_ratio
+from srt3d_ros.kernels.torch.windows import box, images, inner, neighbours, offsets
+
+SIDE = 2 * VOTE_RADIUS + 1
+
+
+def birth_death(frame, state, terms, max_chi2):
+    """Birth/death update: each pixel takes the neighbouring surfaces with the highest log-likelihood, or none.
+
+    Candidates are the surfaces q of the neighbourhood (VOTE_RADIUS), carried along their planes: t_q − slopes ·
+    offset. Two agree by a = (1 − e² / (v_q + v_c))₊, e = wrap(t_q − t_c), v = max_chi2 · std² + δ².
+    The pixel's surface k is the candidate c of its 3 × 3 neighbourhood with the highest
+
+        ratio of the pixel's photons + Σ_q w_q a_qc clip(VOTE + ratio_q, 0, MAX_VOTES · VOTE)
+            − Σ_q w_q VOTE / count_q
+
+    (see `log_likelihood_ratio`), w = exp(−distance² / 2 VOTE_SIGMA²). The last sum, for k > 0, is over the surfaces
+    of neighbours that have no more than k, whose votes do not count: a pixel that truly sees two surfaces keeps
+    both, and edges show no double points. A candidate needs VOTE, unless it is for the first surface of a pixel
+    that has one; in a pixel without surfaces, EMPTY_VOTES · VOTE · w more for each used neighbour without a surface, of
+    those without photons times 1 − exp(−g r), the probability that it would show there. The pixel keeps its own point
+    if that agrees with the best, else it takes the mean of what agrees, weighted by w a, with score 0. What agrees and
+    the photons it explains are left out for the next k. Points with a standard deviation above MAX_STD · T count as
+    none. Pixels stay as they are where their 3 × 3 neighbourhood agrees with them already.
+
+    Then SPREAD more times, for pixels with fewer than K surfaces of whose neighbourhood the time before has
+    changed: surfaces so grow by as many pixels.
+
+    Returns the next state, which may take the place of `state`. `max_chi2` is the square of the standard deviations
+    within which depths may be one surface's.
+    """
+    own = log_likelihood_ratio(frame, state, terms)
+    may_choose = frame.exposure > 0
+    for _ in range(1 + SPREAD):
+        state, own, may_choose = _round(frame, state, own, may_choose, max_chi2)
+    return state
+
+
+@fused
+def _round(frame, state, own, may_choose, max_chi2) -> tuple:
+    """The next state, its points' ratios, and which pixels may choose next: all choose from the state before."""
+    before, ratios = images(inner(frame, state)), images(inner(frame, own))
+    around = _around(frame, state, own, max_chi2)
+    chooses = inner(frame, may_choose) & around.undecided
+    rest, photons, light = (inner(frame, values) for values in (frame.matched, frame.counts, frame.exposure))
+    free, points, after, changed = around.there, [], [], torch.zeros_like(chooses)
+    for k in range(len(before)):
+        best = _best(k, around, free, before, rest, photons, light, frame)
+        found = chooses & best.found
+        point = torch.where(found, best.point, before[k])
+        gone = chooses & ~found
+        points.append(torch.cat([point[:INTENSITY], point[INTENSITY:INTENSITY + 1] * ~gone, point[INTENSITY + 1:]]))
+        after.append(torch.where(found, best.ratio, ratios[k]))
+        changed = changed | chooses & torch.where(found, best.own != k, before[k, INTENSITY] > 0)
+        free = free & ~(best.agree & found)
+        gives = torch.where(found, best.response.clamp(min=0) / frame.total_energy, 0)
+        shown = torch.cat(waves(frame, best.depth), dim=1)
+        rest = rest - gives[:, None] * frame.energy.repeat(2)[:, None] * shown
+        photons = torch.where(photons > 0, (photons - gives).clamp(min=0.5), 0)
+    points = torch.stack(points)
+    has_room = has_depth(points.movedim(1, 0), frame.num_bins).sum(0) < len(before)
+    near_change = box(changed.to(state.dtype), VOTE_RADIUS) > 0.5
+    return tuple(_replaced(frame, old, new) for old, new in (
+        (state, points), (own, torch.stack(after)), (may_choose, near_change & has_room & (light > 0))))
+
+
+def _replaced(frame, padded, values):
+    """A padded map with other images."""
+    out = padded.clone()
+    inner(frame, out)[:] = values.movedim(-2, 0)
+    return out
+
+
+def _close_by(voters):
+    """The candidates among the voters."""
+    places = voters.unflatten(0, (SIDE, SIDE, -1))[VOTE_RADIUS - 1:VOTE_RADIUS + 2, VOTE_RADIUS - 1:VOTE_RADIUS + 2]
+    return places.flatten(0, 2)
+
+
+class Around(NamedTuple):
+    """The voters of each pixel, carried there along their planes: images [V, rows, cols], unless said otherwise.
+
+    Args:
+        record: their fields, [V, FIELDS, rows, cols].
+        at, tolerance, vote: depths, squares of what they may be off, nats.
+        there: which there are.
+        count: how many the pixel of each has.
+        weight: by their distance, [V, 1, 1].
+        other: which are other pixels', [V, 1, 1].
+        had: how many the pixel has itself, [rows, cols].
+        blank, dark: what a first surface of a pixel needs more, and loses where dark, by the pixels around that have
+            none, [rows, cols].
+        undecided: pixels whose 3 × 3 neighbourhood does not agree with them, [rows, cols].
+        period: T.
+    """
+
+    record: torch.Tensor
+    at: torch.Tensor
+    tolerance: torch.Tensor
+    vote: torch.Tensor
+    there: torch.Tensor
+    count: torch.Tensor
+    weight: torch.Tensor
+    other: torch.Tensor
+    had: torch.Tensor
+    blank: torch.Tensor
+    dark: torch.Tensor
+    undecided: torch.Tensor
+    period: int
+
+    def apart(self, at, tolerance):
+        """How voters agree with candidates at depths [C, rows, cols], and how far they are: [C, V, rows, cols] each."""
+        apart = wrap(self.at - at[:, None], self.period)
+        return agreement(apart, self.tolerance + tolerance[:, None]), apart
+
+    def of_pixel(self, voters):
+        """The pixel's own surfaces among the voters, [K, …]."""
+        return voters.unflatten(0, (SIDE**2, -1))[SIDE**2 // 2]
+
+
+def _around(frame, state, own, max_chi2) -> Around:
+    """The voters of each pixel."""
+    period, surfaces = frame.num_bins, state.shape[1]
+    dy, dx = offsets(VOTE_RADIUS, state)
+    record = neighbours(frame, state, VOTE_RADIUS)                              # [N, K, FIELDS, rows, cols]
+    weight = torch.exp(-(dy**2 + dx**2) / (2 * constants.NEAR_SIGMA**2))
+    there, is_other = has_depth(record.movedim(2, 0), period), (dy != 0) | (dx != 0)
+    count = there.sum(1)
+    had = count[SIDE**2 // 2]
+    ratio = neighbours(frame, own, VOTE_RADIUS)
+    vote = (VOTE + ratio).clamp(0, constants.MAX_VOTES * VOTE) * weight[:, None]
+    at = record[:, :, DEPTH] - record[:, :, SLOPE_COL] * dx[:, None] - record[:, :, SLOPE_ROW] * dy[:, None]
+    tolerance = max_chi2 * record[:, :, STD]**2 + frame.resolution_bins**2
+    counts, exposure = (neighbours(frame, values, VOTE_RADIUS) for values in (frame.counts, frame.exposure))
+    gap = weight * ((count == 0) & (had == 0) & is_other) * constants.EMPTY_VOTES * VOTE
+    blank, dark = ((gap * where).sum(0) for where in (counts > 0, (counts <= 0) & (exposure > 0)))
+    each = (values.flatten(0, 1) for values in (record, at, tolerance, vote, there))
+    around = Around(*each, *(values.repeat_interleave(surfaces, 0) for values in (count, weight, is_other)), had, blank,
+                    dark, had > 0, period)
+    return around._replace(undecided=_undecided(around))
+
+
+def _undecided(around):
+    """Where a candidate is not the pixel's, or of a pixel with fewer; where there is one, if the pixel has none."""
+    close, _ = around.apart(around.of_pixel(around.at), around.of_pixel(around.tolerance))      # [K, V, rows, cols]
+    known = (_close_by(close.movedim(1, 0)) * around.of_pixel(around.there)).amax(1) > 0
+    there, fewer = _close_by(around.there), _close_by(around.count) < around.had
+    return torch.where(around.had > 0, (there & (~known | fewer)).any(0), there.any(0))
+
+
+class Best(NamedTuple):
+    """The candidate for the pixels' surface k with the highest log-likelihood ratio; images [rows, cols].
+
+    Args:
+        found: whether that is enough.
+        point: the pixel's own, or the mean of what agrees, [FIELDS, rows, cols].
+        own: which of its own, or −1.
+        agree: voters, with the candidate, [V, rows, cols].
+        depth, ratio, response: of the pixel's photons.
+    """
+
+    found: torch.Tensor
+    point: torch.Tensor
+    own: torch.Tensor
+    agree: torch.Tensor
+    depth: torch.Tensor
+    ratio: torch.Tensor
+    response: torch.Tensor
+
+
+def _best(k, around, free, before, rest, photons, light, frame) -> Best:
+    """The best of the candidates that are free."""
+    at, tolerance, candidates = _close_by(around.at), _close_by(around.tolerance), _close_by(free)
+    weight = around.weight * free
+    close, apart = around.apart(at, tolerance)
+    total = (close * weight).sum(1).clamp(min=TINY)
+    depth = at + (close * apart * weight).sum(1) / total
+    intensity = (close * (weight * around.record[:, INTENSITY])).sum(1) / total
+    votes, against = around.vote * (free & around.other), 0
+    if k > 0:
+        fewer = around.there & around.other & (around.count <= k)
+        votes = votes * ~fewer
+        against = (around.weight * VOTE / around.count.clamp(min=1) * fewer).sum(0)
+    votes = (close * votes).sum(1)
+
+    number = torch.arange(1, len(before) + 1, device=free.device)[:, None, None]
+    mine, _ = around.apart(around.of_pixel(around.at), around.of_pixel(around.tolerance))       # [K, V, rows, cols]
+    own = ((_close_by(mine.movedim(1, 0)) > 0) * (around.of_pixel(free) * number)).amax(1) - 1
+    has_own, one = own >= 0, own.clamp(min=0)
+    depth = torch.where(has_own, before[:, DEPTH].gather(0, one), depth)
+    intensity = torch.where(has_own, before[:, INTENSITY].gather(0, one), intensity)
+
+    cosine, sine = waves(frame, depth)
+    rest_re, rest_im = rest.chunk(2, dim=1)
+    response = (rest_re * cosine + rest_im * sine).sum(2)
+    likeness = constants.LIKENESS**2 if k > 0 else constants.LIKENESS
+    ratio = llr(response, photons.expand_as(response), intensity * light, likeness, frame)
+    against = against + around.dark * (1 - torch.exp(-intensity * light))
+    score = (ratio + votes - against).masked_fill(~candidates, -torch.inf)
+    best = score.argmax(0, keepdim=True)
+    score, ratio, response, depth, own, at, tolerance = (values.gather(0, best)[0] for values in (
+        score, ratio, response, depth, own, at, tolerance))
+    least = VOTE + around.blank
+    least = least.masked_fill(around.had > 0, -torch.inf) if k == 0 else least
+    close, = around.apart(at[None], tolerance[None])[0]
+    weight = weight * close
+    point = (weight[:, None] * around.record).sum(0) / weight.sum(0).clamp(min=TINY)
+    point = torch.cat([(depth % frame.num_bins)[None], point[1:SCORE], torch.zeros_like(point[:1]), point[SCORE + 1:]])
+    kept = before.gather(0, own.clamp(min=0).expand(1, *before.shape[1:]))[0]
+    return Best(score > least, torch.where(own >= 0, kept, point), own, close > 0, depth, ratio, response)

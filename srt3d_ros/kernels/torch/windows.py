@@ -1,0 +1,71 @@
+"""Windows of maps: the places around a pixel are axes of a view, over which sums are taken where they are needed.
+
+Nothing of [places × rows × cols] is stored once these are compiled: every sum reads its neighbours itself.
+"""
+
+import torch
+
+from srt3d_ros.kernels.maps import MARGIN, crop
+from srt3d_ros.kernels.torch.fusing import fused
+
+
+def inner(frame, padded):
+    """The view [rows, …, cols] of a padded map."""
+    return crop(padded, *frame.shape)
+
+
+def images(values):
+    """The view […, rows, cols] of values [rows, …, cols]."""
+    return values.movedim(0, -2)
+
+
+def offsets(radius: int, like, step: int = 1) -> tuple:
+    """dy and dx of the places of a square window, row by row, multiples of `step`: [N, 1, 1] each."""
+    side = torch.arange(-(radius // step) * step, radius + 1, step, device=like.device, dtype=like.dtype)
+    return tuple(d.reshape(-1, 1, 1) for d in torch.meshgrid(side, side, indexing="ij"))
+
+
+def neighbours(frame, padded, radius: int, step: int = 1):
+    """The values [N, …, rows, cols] of a padded map at these places around each pixel."""
+    (rows, cols), reach = frame.shape, radius // step * step
+    places = slice(MARGIN - reach, MARGIN + reach + 1, step)
+    shifted = padded.unfold(0, rows, 1)[places].unfold(-2, cols, 1)             # [dy, …, dx, rows, cols]
+    return shifted.movedim(-3, 1)[:, places].flatten(0, 1)
+
+
+def box(values, radius: int):
+    """Sums over square windows of images [..., rows, cols], 0 outside."""
+    side = 2 * radius + 1
+    padded = torch.nn.functional.pad(values, (radius,) * 4)
+    return padded.unfold(-2, side, 1).unfold(-2, side, 1).sum((-2, -1))
+
+
+def gaussian(sigma: float, like):
+    """`maps.window_weights`."""
+    radius = -int(-2.5 * sigma // 1)
+    return torch.exp(-torch.arange(-radius, radius + 1, device=like.device, dtype=like.dtype)**2 / (2 * sigma**2))
+
+
+def window_sums(values, weights):
+    """Σ_ab w_a w_b · values[i + a, c, j + b], 0 outside, of [..., rows, C, cols]; weights [taps], or [C, 1, taps]."""
+    taps = weights.shape[-1]
+    radius = taps // 2
+    tall = torch.nn.functional.pad(values, (0, 0, 0, 0, radius, radius))
+    down = (tall.unfold(-3, taps, 1) * weights).sum(-1)
+    return (torch.nn.functional.pad(down, (radius, radius)).unfold(-1, taps, 1) * weights).sum(-1)
+
+
+@fused
+def blur(values, sigma):
+    """Gaussian sums Σ_ab w_a w_b · values[i + a, c, j + b] at [i, c, j], 0 outside; w is `maps.window_weights`.
+
+    `values` and the result are float32 [rows, C, cols]; σ in pixels.
+    """
+    return window_sums(values, gaussian(sigma, values))
+
+
+def cell_sums(values, step: int):
+    """Sums over cells of `step` × `step` pixels, [⌈rows / step⌉, C, ⌈cols / step⌉]."""
+    rows, _, cols = values.shape
+    whole = torch.nn.functional.pad(values, (0, -cols % step, 0, 0, 0, -rows % step))
+    return whole.unflatten(0, (-1, step)).unflatten(-1, (-1, step)).sum((1, -1))
