@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.kernels import cpu, maps
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.finalise import finalise
-from srt3d_ros.kernels.torch.collect import unpack
 
 from .frames import ORACLE, RELATIVE, SHAPES, T, make_frame, make_state, make_terms, padded, with_clutter
 
@@ -36,8 +35,8 @@ def test_collect_lists_points_by_pixel_the_strongest_first(backend, shape, surfa
     intensity, std = (rng.choice([0, 1, 2, 3.5], (shape[0], surfaces, shape[1])).astype(np.float32) for _ in range(2))
     intensity *= shape != (1, 1)                            # a list of none
     arguments = state, intensity, std, rng.normal(size=(*shape, 3)).astype(np.float32), 0.0149, 12.5, T
-    found, expected = (each.kernels.collect(*map(each.on, arguments)) for each in (backend, ORACLE))
-    found, expected = found if backend.kernels is cpu else unpack(found), unpack(expected)
+    found, expected = (each.kernels.unpack(*each.kernels.collect(*map(each.on, arguments)))
+                       for each in (backend, ORACLE))
     assert len(found[0]) == (intensity > 0).sum() and (len(found[0]) > 50 or shape == (1, 1))
     for one, two in zip(found[:4], expected[:4]):
         assert one.dtype == two.dtype and np.array_equal(one, two)

@@ -34,7 +34,7 @@ def test_points_that_are_right_leave_nothing_but_the_background():
     m, taken = len(frame.energy), np.full(x.shape, 4.0)
     photons = signal[0] + taken
     found = ORACLE.unexplained(padded(frame), state, signal.swapaxes(0, 1), taken, taken, taken, photons,
-                                  np.ones((1, 1, m)))
+                                  np.ones((1, 1, m), np.complex64))
     share = taken / photons
     omega = 2 * np.pi * frame.bin_frequencies
     seen = (share * signal[0] * np.exp(1j * omega[:, None, None] * depth[0])).sum(axis=(1, 2))
@@ -56,10 +56,11 @@ def test_prepare_makes_the_frame_of_the_matcher_and_takes_the_background_out(bac
     np.testing.assert_array_equal(counts, wide.counts)
     taken = (rng.uniform(0, 9, shape) * matcher.used).astype(np.float32)
     size = (*shape, len(sketch.frequencies)) if each else (1, 1, len(sketch.frequencies))
-    shown = (rng.normal(size=size) + 1j * rng.normal(size=size)).astype(np.complex64)
-    arguments = sketch.sums, photons, matcher.equaliser, matcher.used, taken, shown
+    passed, mean = (rng.normal(size=(*each, 2)).astype(np.float32).view(np.complex64)[..., 0]
+                    for each in (size, size[2:]))
+    arguments = sketch.sums, photons, matcher.equaliser, matcher.used, taken, passed, mean
     for matched, counts in (backend.prepare(*arguments), ORACLE.prepare(*arguments)):
         left = maps.crop(matched, *shape).swapaxes(1, 2)
-        expected = sketch.sums * matcher.equaliser - taken[..., None] * shown
+        expected = sketch.sums * matcher.equaliser - taken[..., None] * passed * mean
         np.testing.assert_allclose(left, np.concatenate([expected.real, expected.imag], axis=-1), atol=1e-3)
         np.testing.assert_array_equal(maps.crop(counts, *shape), sketch.photons * matcher.used)

@@ -19,8 +19,7 @@ class Fused:
         update_wrapper(self, function)
 
     def __call__(self, *arguments, **more):
-        arrays = (each for each in (*arguments, *more.values()) if isinstance(each, torch.Tensor))
-        if torch.compiler.is_compiling() or not self.compiles(next(arrays)):
+        if torch.compiler.is_compiling() or not self.compiles(getattr(arguments[0], "matched", arguments[0])):
             return self.function(*arguments, **more)
         if self._compiled is None:
             self._compiled = torch.compile(self.function, fullgraph=True, dynamic=False, options=OPTIONS)
