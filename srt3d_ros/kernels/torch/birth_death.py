@@ -10,8 +10,8 @@ import torch
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.constants import SPREAD, TINY, VOTE, VOTE_RADIUS
-from srt3d_ros.kernels.maps import DEPTH, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD
-from srt3d_ros.kernels.torch.arithmetic import agreement, has_depth, waves, wrap
+from srt3d_ros.kernels.maps import DEPTH, FIELDS, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD
+from srt3d_ros.kernels.torch.arithmetic import agreement, has_depth, pad, waves, wrap
 from srt3d_ros.kernels.torch.fusing import fused
 from srt3d_ros.kernels.torch.likelihood import llr, log_likelihood_ratio
 from srt3d_ros.kernels.torch.windows import box, images, inner, neighbours, offsets
@@ -58,32 +58,26 @@ def _round(frame, state, own, may_choose, max_chi2) -> tuple:
     around = _around(frame, state, own, max_chi2)
     chooses = inner(frame, may_choose) & around.undecided
     rest, photons, light = (inner(frame, values) for values in (frame.matched, frame.counts, frame.exposure))
+    rest = rest.chunk(2, dim=1)
+    field = torch.arange(FIELDS, device=state.device)[:, None, None]
     free, points, after, changed = around.there, [], [], torch.zeros_like(chooses)
     for k in range(len(before)):
         best = _best(k, around, free, before, rest, photons, light, frame)
         found = chooses & best.found
-        point = torch.where(found, best.point, before[k])
-        gone = chooses & ~found
-        points.append(torch.cat([point[:INTENSITY], point[INTENSITY:INTENSITY + 1] * ~gone, point[INTENSITY + 1:]]))
+        gone = (field == INTENSITY) & chooses & ~found
+        points.append(torch.where(found, best.point, before[k]).masked_fill(gone, 0))
         after.append(torch.where(found, best.ratio, ratios[k]))
         changed = changed | chooses & torch.where(found, best.own != k, before[k, INTENSITY] > 0)
         free = free & ~(best.agree & found)
         gives = torch.where(found, best.response.clamp(min=0) / frame.total_energy, 0)
-        shown = torch.cat(waves(frame, best.depth), dim=1)
-        rest = rest - gives[:, None] * frame.energy.repeat(2)[:, None] * shown
+        given = gives[:, None] * frame.energy[:, None]
+        rest = [part - given * wave for part, wave in zip(rest, waves(frame, best.depth))]
         photons = torch.where(photons > 0, (photons - gives).clamp(min=0.5), 0)
     points = torch.stack(points)
     has_room = has_depth(points.movedim(1, 0), frame.num_bins).sum(0) < len(before)
     near_change = box(changed.to(state.dtype), VOTE_RADIUS) > 0.5
-    return tuple(_replaced(frame, old, new) for old, new in (
-        (state, points), (own, torch.stack(after)), (may_choose, near_change & has_room & (light > 0))))
-
-
-def _replaced(frame, padded, values):
-    """A padded map with other images."""
-    out = padded.clone()
-    inner(frame, out)[:] = values.movedim(-2, 0)
-    return out
+    may_choose = near_change & has_room & (light > 0)
+    return tuple(pad(values.movedim(-2, 0)) for values in (points, torch.stack(after), may_choose))
 
 
 def _close_by(voters):
@@ -198,16 +192,14 @@ def _best(k, around, free, before, rest, photons, light, frame) -> Best:
         against = (around.weight * VOTE / around.count.clamp(min=1) * fewer).sum(0)
     votes = (close * votes).sum(1)
 
-    number = torch.arange(1, len(before) + 1, device=free.device)[:, None, None]
+    number = torch.arange(1, len(before) + 1, device=free.device, dtype=torch.int8)[:, None, None]
     mine, _ = around.apart(around.of_pixel(around.at), around.of_pixel(around.tolerance))       # [K, V, rows, cols]
     own = ((_close_by(mine.movedim(1, 0)) > 0) * (around.of_pixel(free) * number)).amax(1) - 1
-    has_own, one = own >= 0, own.clamp(min=0)
+    has_own, one = own >= 0, own.clamp(min=0).long()
     depth = torch.where(has_own, before[:, DEPTH].gather(0, one), depth)
     intensity = torch.where(has_own, before[:, INTENSITY].gather(0, one), intensity)
 
-    cosine, sine = waves(frame, depth)
-    rest_re, rest_im = rest.chunk(2, dim=1)
-    response = (rest_re * cosine + rest_im * sine).sum(2)
+    response = sum(part * wave for part, wave in zip(rest, waves(frame, depth))).sum(2)
     likeness = constants.LIKENESS**2 if k > 0 else constants.LIKENESS
     ratio = llr(response, photons.expand_as(response), intensity * light, likeness, frame)
     against = against + around.dark * (1 - torch.exp(-intensity * light))
@@ -218,8 +210,9 @@ def _best(k, around, free, before, rest, photons, light, frame) -> Best:
     least = VOTE + around.blank
     least = least.masked_fill(around.had > 0, -torch.inf) if k == 0 else least
     close, = around.apart(at[None], tolerance[None])[0]
-    weight = weight * close
-    point = (weight[:, None] * around.record).sum(0) / weight.sum(0).clamp(min=TINY)
-    point = torch.cat([(depth % frame.num_bins)[None], point[1:SCORE], torch.zeros_like(point[:1]), point[SCORE + 1:]])
-    kept = before.gather(0, own.clamp(min=0).expand(1, *before.shape[1:]))[0]
+    weight = (weight * close)[:, None].expand_as(around.record)
+    point = (weight * around.record).sum(0) / weight.sum(0).clamp(min=TINY)
+    field = torch.arange(FIELDS, device=free.device)[:, None, None]
+    point = torch.where(field == DEPTH, depth % frame.num_bins, point.masked_fill(field == SCORE, 0))
+    kept = before.gather(0, own.clamp(min=0).long().expand(1, *before.shape[1:]))[0]
     return Best(score > least, torch.where(own >= 0, kept, point), own, close > 0, depth, ratio, response)

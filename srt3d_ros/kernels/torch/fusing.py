@@ -6,7 +6,7 @@ from functools import update_wrapper
 import torch
 
 # Sums over neighbours read what they need where they need it: nothing of [neighbours × pixels] is stored.
-OPTIONS = {"realize_reads_threshold": 10_000, "realize_opcount_threshold": 10_000}
+OPTIONS = {"realize_reads_threshold": 1000, "realize_opcount_threshold": 1000}
 
 
 class Fused:

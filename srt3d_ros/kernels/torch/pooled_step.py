@@ -7,7 +7,7 @@ import torch
 
 from srt3d_ros.kernels.constants import CELL, RIDGE, TINY
 from srt3d_ros.kernels.maps import CURVATURE, DEPTH, INTENSITY, SLOPE_COL, SLOPE_ROW, STD
-from srt3d_ros.kernels.torch.arithmetic import agreement, wrap
+from srt3d_ros.kernels.torch.arithmetic import agreement, pad, wrap
 from srt3d_ros.kernels.torch.fusing import fused
 from srt3d_ros.kernels.torch.likelihood import evidence
 from srt3d_ros.kernels.torch.windows import images, inner, neighbours, offsets
@@ -52,7 +52,7 @@ def _coarsen(frame, state, terms, max_chi2):
     own, reach = images(inner(frame, state)), CELL // 2
     weight, e, _ = _weigh(frame, own, state, max_chi2, reach, 1)
     pooled = torch.stack(_pool(weight, e, neighbours(frame, terms, reach)), 1)
-    return _filled(frame, terms, pooled * (own[:, INTENSITY, None] > 0))
+    return pad((pooled * (own[:, INTENSITY, None] > 0)).movedim(-2, 0))
 
 
 @fused
@@ -74,14 +74,7 @@ def _step(frame, state, parts, sigma, radius, max_chi2):
     turned = pooled[1] - turn_col * bend_col - turn_row * bend_row
     slopes = own[:, SLOPE_COL] + turn_col, own[:, SLOPE_ROW] + turn_row
     after = _stepped(frame, own, (pooled[0], turned, *pooled[2:6]), slopes, off_plane)
-    return _filled(frame, state, after.where(own[:, INTENSITY, None] > 0, 0))
-
-
-def _filled(frame, like, values):
-    """A padded map of images, 0 outside."""
-    out = torch.zeros_like(like)
-    inner(frame, out)[:] = values.movedim(-2, 0)
-    return out
+    return pad(after.where(own[:, INTENSITY, None] > 0, 0).movedim(-2, 0))
 
 
 def _over(values):
