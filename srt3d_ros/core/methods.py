@@ -58,12 +58,13 @@ METHODS = {method.name: method for method in (
            "srt3d_ros.core.method.memory:PooledStream",
            options=("device", "false_alarm_rate", "background", "warm_start")),
     Method("srt3d", "SRT3D as published, gradient steps on pixels' sketches and an APSS denoiser", "sketch",
-           "srt3d_ros.core.baselines.sketched:SRT3D", "consecutive"),
+           "srt3d_ros.core.baselines.sketched:SRT3D", "consecutive", ("device",)),
     Method("smle", "maximum likelihood on each pixel's sketch", "sketch", "srt3d_ros.core.baselines.sketched:SMLE",
-           "consecutive"),
-    Method("xcorr", "matched filter on each pixel's histogram", "photons", "srt3d_ros.core.baselines.xcorr:XCORR"),
-    Method("rt3d", "RT3D as published, gradient steps on every time of arrival and an APSS denoiser", "photons",
-           "srt3d_ros.core.baselines.rt3d:RT3D"),
+           "consecutive", ("device",)),
+    Method("xcorr", "matched filter on each pixel's histogram, on the CPU", "photons",
+           "srt3d_ros.core.baselines.xcorr:XCORR"),
+    Method("rt3d", "RT3D as published, gradient steps on every time of arrival and an APSS denoiser, on the CPU",
+           "photons", "srt3d_ros.core.baselines.rt3d:RT3D"),
 )}
 SKETCH_METHODS = tuple(method.name for method in METHODS.values() if method.needs == "sketch")
 

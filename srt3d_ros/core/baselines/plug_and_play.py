@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.progress import progress
 
@@ -14,46 +13,40 @@ FAINTEST = 0.01             # of the mean intensity: points below are removed
 DEPTHS_PER_PITCH = 6.0      # pixel pitches in depth that smooth like one pixel across
 
 
-def plug_and_play(step: Callable, depth: np.ndarray, intensity: np.ndarray, exposure: np.ndarray, usual: float,
-                  scale_bins: float, num_bins: int) -> tuple[np.ndarray, np.ndarray]:
-    """APSS, then 25 times [gradient step, hard threshold on intensity, APSS], and a last step and threshold.
+def plug_and_play(kernels, step: Callable, depth, intensity, exposure, scale_bins, num_bins: int) -> tuple:
+    """APSS, then 25 times [step, APSS], and a last step. Arrays are the kernels'.
 
     Args:
-        step: called with depth and intensity, which it changes in place.
+        step: from depth and intensity to those after a gradient step and the hard threshold, `without_faint`.
         depth, intensity: the start, float32 [rows, K, cols]; intensity 0 = no point.
         exposure: float32 [rows, cols], 0 where no point may be.
-        usual: of `usual_intensity`.
         scale_bins: bins that count as one pixel, see `depth_scale_bins`.
     """
-    apss = kernels_for("cpu")[1].apss
-    depth, intensity, normal = apss(depth, intensity, None, exposure, scale_bins, num_bins)
+    depth, intensity, normal = kernels.apss(depth, intensity, None, exposure, scale_bins, num_bins)
     for iteration in progress(range(ITERATIONS + 1), "reconstructing"):
-        step(depth, intensity)
-        intensity[intensity < FAINTEST * usual] = 0
+        depth, intensity = step(depth, intensity)
         if iteration < ITERATIONS:
-            depth, intensity, normal = apss(depth, intensity, normal, exposure, scale_bins, num_bins)
+            depth, intensity, normal = kernels.apss(depth, intensity, normal, exposure, scale_bins, num_bins)
     return depth, intensity
 
 
-def usual_intensity(intensity: np.ndarray, exposure: np.ndarray) -> float:
-    """Mean intensity of the strongest points of the pixels in use."""
-    used = exposure > 0
-    return float(intensity.max(axis=1)[used].mean()) if used.any() else 0.0
+def without_faint(intensity, usual):
+    """The hard threshold: intensity 0 for points far below the `usual_intensity`."""
+    return intensity * (intensity >= FAINTEST * usual)
 
 
-def depth_scale_bins(sensor: SensorModel, depth: np.ndarray, intensity: np.ndarray, peak_bins: float) -> float:
+def depth_scale_bins(sensor: SensorModel, median_depth, peak_bins: float):
     """Bins of depth that count as one pixel: six times the distance of neighbouring rays at the scene.
 
     That is what RT3D's authors use. Limited to half to twice the width of a return's peak: closer depths cannot be told
     apart, and over more, surfaces would merge where the field of view is not known.
 
     Args:
-        depth, intensity: the start, [rows, K, cols].
+        median_depth: of the scene, bins: a number, or one on a device.
         peak_bins: width of the matched filter's peak.
     """
     rays = sensor.rays
     gaps = [np.linalg.norm(np.diff(rays, axis=axis), axis=-1).ravel() for axis in (0, 1)]
-    gap = np.median(np.concatenate(gaps)) if rays.size > 3 else 0.0
-    seen = depth[intensity > 0]
-    scene_m = abs(float(sensor.range_m(np.median(seen)))) if len(seen) else 0.0
-    return float(np.clip(DEPTHS_PER_PITCH * gap * scene_m / sensor.bin_width_m, peak_bins / 2, peak_bins * 2))
+    gap = np.median(np.concatenate(gaps)) if rays.size > 3 else np.float32(0)
+    scene_m = abs((sensor.toa_offset_bins + median_depth) * sensor.bin_width_m + sensor.range_offset_m)
+    return (scene_m * (DEPTHS_PER_PITCH * gap) / sensor.bin_width_m).clip(peak_bins / 2, peak_bins * 2)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, usual_intensity
+from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, without_faint
 from srt3d_ros.core.baselines.xcorr import XCORR, by_pixel
 from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.method.cloud import PointCloud
@@ -63,18 +63,19 @@ class RT3D:
 
     def __call__(self, frame: PhotonFrame) -> PointCloud:
         """The point cloud of one frame."""
-        sensor, photons = self.sensor, by_pixel(frame, self.sensor)
+        sensor, photons, kernels = self.sensor, by_pixel(frame, self.sensor), self._kernels
         depth, intensity, background = self._start.peaks(photons)
-        seen, usual = sensor.exposure, usual_intensity(intensity, sensor.exposure)
+        seen, usual = sensor.exposure, kernels.usual_intensity(intensity, sensor.exposure)
         data = self._likelihood(photons, float(background.mean()) / max(usual, 1e-6))
         smooth = self._smoother(seen)
         background = smooth(np.float32(background * seen * sensor.num_bins))
 
         def step(depth, intensity):
-            background[:] = smooth(self._kernels.poisson(data, background, RATE, usual, depth, intensity))
+            background[:] = smooth(kernels.poisson(data, background, RATE, usual, depth, intensity))
+            return depth, without_faint(intensity, usual)
 
-        scale = depth_scale_bins(sensor, depth, intensity, self._width_bins)
-        depth, intensity = plug_and_play(step, depth, intensity, seen, usual, scale, sensor.num_bins)
+        scale = depth_scale_bins(sensor, kernels.median_depth(depth, intensity), self._width_bins)
+        depth, intensity = plug_and_play(kernels, step, depth, intensity, seen, scale, sensor.num_bins)
         return PointCloud.from_layers(sensor, depth, intensity, background * seen * sensor.num_bins, frame.stamp_ns)
 
     def _likelihood(self, photons: PhotonEvents, ratio: float) -> Likelihood:

@@ -9,12 +9,15 @@ Both minimise n (z − Ψ_θ)ᵀ W (z − Ψ_θ), SRT3D with a regularisation ρ
 pixel's sketch starts, gradient steps scaled by the inverse curvature follow.
 """
 
+from functools import partial
+
 import numpy as np
 
-from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, usual_intensity
+from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, without_faint
 from srt3d_ros.core.baselines.weighting import weighted_steps
 from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.method.gpu_check import device_for
 from srt3d_ros.core.method.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.method.thresholds import check_surfaces
 from srt3d_ros.core.sensor.model import SensorModel
@@ -29,32 +32,46 @@ class SMLE:
     """Reconstructs frames of one sensor from their sketches; as in the paper all pixels that saw photons show a point.
 
     The sketch of n photons is normally distributed around Ψ_θ with covariance Σ_θ / n, so W = Σ_θ⁻¹ is maximum
-    likelihood but for the determinant, which n outweighs. Arguments as of `PooledStream`.
+    likelihood but for the determinant, which n outweighs. Arguments and attributes as of `PooledStream`.
     """
 
     precise = True          # whether W of the data term is the inverse covariance of the sketch, else the identity
 
-    def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1):
+    def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, device: str = "auto"):
         check_surfaces(surfaces)
-        self.sensor, self.surfaces = sensor, surfaces
-        self._matcher, (_, self._kernels) = Matcher(sensor, frequencies), kernels_for("cpu")
-        self._table = weighted_steps(sensor, self._matcher.frequencies, self.precise)
+        self.sensor, self.surfaces, self._matcher = sensor, surfaces, Matcher(sensor, frequencies)
+        self.why = "asked for"
+        if device == "auto":
+            device, self.why = device_for(
+                sensor, self._matcher.frequencies, lambda name: type(self)(sensor, frequencies, surfaces, name))
+        self.device, self._kernels = kernels_for(device)
+        self._matched = self._matcher.on(self._kernels)
+        self._table = self._kernels.array(weighted_steps(sensor, self._matcher.frequencies, self.precise))
+        self._run = self._kernels.recorded(self._estimate)
 
     def __call__(self, sketch: Sketch) -> PointCloud:
         """The point cloud of one frame's sketch."""
-        frame = self._matcher(sketch)
-        exposure = frame.exposure[:, None]
-        depth, intensity = self._kernels.match(frame, self.surfaces)  # the matched filter on each pixel's sketch
-        intensity = np.where(exposure > 0, np.maximum(intensity, 0) / np.maximum(exposure, 1e-6), 0).astype(np.float32)
-        depth, intensity = self._points(frame, depth, intensity)
-        background = np.maximum(sketch.photons - (intensity * exposure).sum(axis=1), 0)
+        self._matcher.check(sketch)
+        found = self._run(sketch.photons.astype(np.float32), sketch.sums)
+        depth, intensity = map(self._kernels.numpy, found)
+        background = np.maximum(sketch.photons - (intensity * self.sensor.exposure[:, None]).sum(axis=1), 0)
         return PointCloud.from_layers(self.sensor, depth, intensity, background, sketch.stamp_ns)
 
-    def _points(self, frame: MatchedFrame, depth: np.ndarray, intensity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Depth (bins) and intensity of the surfaces from a start, float32 [rows, K, cols]; intensity 0 = no point."""
+    def _estimate(self, photons, sums) -> tuple:
+        """Depth (bins) and intensity of the surfaces, float32 [rows, K, cols]; intensity 0 = no point."""
+        frame = self._matched(photons, sums)
+        exposure = frame.exposure[:, None]
+        depth, intensity = self._kernels.match(frame, self.surfaces)  # the matched filter on each pixel's sketch
+        return self._points(frame, depth, intensity.clip(min=0) / exposure.clip(min=1e-6) * (exposure > 0))
+
+    def _points(self, frame: MatchedFrame, depth, intensity) -> tuple:
+        """The estimate from a start."""
         for _ in range(SMLE_STEPS):
-            self._kernels.pixelwise(frame, self._table, SMLE_RATE, 0.0, depth, intensity)
+            depth, intensity = self._kernels.pixelwise(frame, self._table, SMLE_RATE, 0.0, depth, intensity)
         return depth, intensity
+
+    def forget(self) -> None:
+        """Nothing is kept from frame to frame."""
 
     def warm_up(self) -> None:
         """Compile the kernels, or load them from the disk."""
@@ -71,13 +88,20 @@ class SRT3D(SMLE):
 
     precise = False
 
-    def _points(self, frame: MatchedFrame, depth: np.ndarray, intensity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        usual = usual_intensity(intensity, frame.exposure)
+    def __init__(self, *given, **more):
+        super().__init__(*given, **more)
+        self._step = self._kernels.fused(partial(_step, self._kernels))
 
-        def step(depth, intensity):
-            self._kernels.pixelwise(frame, self._table, RATE, usual, depth, intensity)
-
+    def _points(self, frame: MatchedFrame, depth, intensity) -> tuple:
+        kernels, usual = self._kernels, self._kernels.usual_intensity(intensity, frame.exposure)
         for _ in range(STEPS_BEFORE):
-            step(depth, intensity)
-        scale = depth_scale_bins(self.sensor, depth, intensity, frame.resolution_bins)
-        return plug_and_play(step, depth, intensity, frame.exposure, usual, scale, frame.num_bins)
+            depth, intensity = kernels.pixelwise(frame, self._table, RATE, usual, depth, intensity)
+        scale = depth_scale_bins(self.sensor, kernels.median_depth(depth, intensity), frame.resolution_bins)
+        step = partial(self._step, frame, self._table, usual)
+        return plug_and_play(kernels, step, depth, intensity, frame.exposure, scale, frame.num_bins)
+
+
+def _step(kernels, frame, table, usual, depth, intensity):
+    """A gradient step, and the threshold."""
+    depth, intensity = kernels.pixelwise(frame, table, RATE, usual, depth, intensity)
+    return depth, without_faint(intensity, usual)

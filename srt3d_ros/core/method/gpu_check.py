@@ -14,7 +14,8 @@ from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectr
 from srt3d_ros.core.sketching.sketch import Sketch
 
 ALIKE = 0.999           # of the pixels must have the same points,
-SIGMAS = 0.1            # within so many standard deviations
+SIGMAS = 0.1            # within so many standard deviations, or, as baselines have none,
+ROUNDING = 2.0**-19     # of T: some steps of float32
 PHOTONS = 40            # of a pixel of the frame that is tried; half of them signal
 
 
@@ -66,6 +67,7 @@ def _alike(found: PointCloud, wanted: PointCloud, num_bins: int) -> float:
     alike = np.ones(wanted.background.shape, bool)
     for k in range(max(found.surface.max(initial=0), wanted.surface.max(initial=0)) + 1):
         depth, expected = (cloud.image("depth_bins", k) for cloud in (found, wanted))
-        near = np.abs(circular_difference(depth, expected, num_bins)) <= SIGMAS * wanted.image("depth_std_bins", k)
+        most = np.fmax(SIGMAS * wanted.image("depth_std_bins", k), ROUNDING * num_bins)
+        near = np.abs(circular_difference(depth, expected, num_bins)) <= most
         alike &= near | (np.isnan(depth) & np.isnan(expected))
     return float(alike.mean())

@@ -75,7 +75,7 @@ class MatchedFrame:
     @property
     def resolution_bins(self) -> float:
         """Width of the matched filter's peak: closer depths are hardly resolved."""
-        return float(np.sqrt(self.total_energy / self.curvature))
+        return math.sqrt(self.total_energy / self.curvature)
 
 
 class Matcher:
@@ -119,9 +119,24 @@ class Matcher:
     def __call__(self, sketch: Sketch) -> MatchedFrame:
         """The MatchedFrame of a sketch."""
         self.check(sketch)
-        z = (sketch.sums * self.equaliser).transpose(0, 2, 1)
+        return self._matched(sketch.photons.astype(np.float32), sketch.sums)
+
+    def _matched(self, photons: np.ndarray, sums: np.ndarray) -> MatchedFrame:
+        z = (sums * self.equaliser).transpose(0, 2, 1)
         matched = np.concatenate([z.real, z.imag], axis=1).astype(np.float32, order="C")
-        return MatchedFrame(matched, sketch.photons.astype(np.float32) * self.used, **self._constants)
+        return MatchedFrame(matched, photons * self.used, **self._constants)
+
+    def on(self, kernels) -> Callable[..., MatchedFrame]:
+        """Function from photons, float32 [rows, cols], and sums, the kernels' arrays, to their MatchedFrame."""
+        if kernels.ON_HOST:
+            return self._matched
+        constants, equaliser, used = on_device(self._constants, kernels), *map(kernels.array, (
+            self.equaliser, self.used))
+
+        def matched(photons, sums):
+            padded = kernels.prepare(sums, photons, equaliser, used)
+            return MatchedFrame(*(maps.crop(each, *photons.shape) for each in padded), **constants)
+        return matched
 
     def padded_on(self, kernels) -> Callable[..., MatchedFrame]:
         """Function from padded `matched` and `counts`, and `clutter`, to a MatchedFrame on the kernels' device."""

@@ -12,7 +12,7 @@ from srt3d_ros.kernels.cpu.collect import collect
 from srt3d_ros.kernels.cpu.compiling import KERNELS, compile_by_name
 from srt3d_ros.kernels.cpu.device import ON_HOST, array, fused, numpy, recorded, unpack
 from srt3d_ros.kernels.cpu.expand import expand
-from srt3d_ros.kernels.cpu.gradients import pixelwise, poisson
+from srt3d_ros.kernels.cpu.gradients import median_depth, pixelwise, poisson, usual_intensity
 from srt3d_ros.kernels.cpu.likelihood import log_likelihood_ratio, noise_ratio
 from srt3d_ros.kernels.cpu.match import match
 from srt3d_ros.kernels.cpu.move_sketch import move_sketch

@@ -1,10 +1,4 @@
-"""Algebraic point set surfaces (APSS): smooth a point cloud, create and remove points, spread intensities.
-
-    G. Guennebaud, M. Gross, "Algebraic point set surfaces", SIGGRAPH 2007, as the denoiser of RT3D (J. Tachella et al.,
-    Nature Communications 10, 2019) and of SRT3D.
-
-Lengths are in pixels here: (column, row, depth / scale), so that all three directions smooth alike.
-"""
+"""Algebraic point set surfaces (APSS); lengths are in pixels here: (column, row, depth / scale)."""
 
 import numpy as np
 from numba import boolean, float32, prange
@@ -153,25 +147,6 @@ def _apss(depth: float32[:, :, ::1], intensity: float32[:, :, ::1], normal: floa
 
 
 def apss(depth, intensity, normal, exposure, scale, num_bins):
-    """A pass of the point cloud's denoiser.
-
-    Points of 3 × 3 pixels whose depths lie within APSS_SAME_SURFACE of their mean make a surface, if they are
-    APSS_ENOUGH, or as many as there are pixels. For each of the K strongest the pixel's point moves along its line of
-    sight onto the surface that is fitted with weights (1 − distance² / APSS_REACH²)₊²: a plane by least squares without
-    normals, else a sphere u₀ + u · x + u_q |x|² = 0 whose gradient fits them; up to APSS_PROJECTIONS times, until it
-    moves by less than APSS_STILL. Intensity is 1 − APSS_SHARED times the pixel's own, and APSS_SHARED times its
-    neighbours' mean, so that surfaces grow into pixels without a point.
-
-    Args:
-        depth, intensity: float32 [rows, K, cols], bins and photons.
-        normal: float32 [2, rows, K, cols], x and y of unit normals with z > 0; None in the first pass.
-        exposure: float32 [rows, cols]; pixels with 0 get no point.
-        scale: bins that count as one pixel.
-        num_bins: T.
-
-    Returns:
-        Depth, intensity and normal, the strongest point of a pixel first.
-    """
     known = np.zeros((2, *depth.shape), np.float32) if normal is None else normal
     out = np.zeros_like(depth), np.zeros_like(intensity), np.zeros_like(known)
     _apss(depth, intensity, known, exposure, F32(scale), F32(num_bins), normal is not None, *out)

@@ -56,20 +56,19 @@ def _pixelwise(frame: FRAME, table: float32[:, :, ::1], rate: float32, usual: fl
 
 
 def pixelwise(frame, table, rate, usual, depth, intensity):
-    """Gradient step on n (z − Ψ_θ)ᵀ W (z − Ψ_θ): t += rate Δ_rt s / max(s, usual g)², r += INTENSITY_RATE Δ_r / g.
+    points = depth.copy(), intensity.copy()
+    _pixelwise(as_compiled(frame), table, F32(rate), F32(usual), *points)
+    return points
 
-    Of d_l = (z_l − g Σ_k r_k |ĥ_l|² exp(i ω_l t_k)) exp(−i ω_l t) the table's rows make
-    Δ_rt = a₀ · Re d + a₁ · Im d and Δ_r = a₂ · Re d + a₃ · Im d (`core/baselines/weighting.py`). s = g max(r, the new
-    r). A step in depth is at most δ, an intensity at least 0. All points move at once.
 
-    Args:
-        frame: a `MatchedFrame` without padding.
-        table: float32 [levels, 4, m], a for shares g r / n from 0 to 1.
-        rate: of the full step in depth.
-        usual: intensity below which points move less than their curvature allows; 0 for none.
-        depth, intensity: float32 [rows, K, cols], bins and photons; changed in place.
-    """
-    _pixelwise(as_compiled(frame), table, F32(rate), F32(usual), depth, intensity)
+def usual_intensity(intensity, exposure):
+    used = exposure > 0
+    return float(intensity.max(axis=1)[used].mean()) if used.any() else 0.0
+
+
+def median_depth(depth, intensity):
+    seen = depth[intensity > 0]
+    return float(np.median(seen)) if len(seen) else 0.0
 
 
 @inline

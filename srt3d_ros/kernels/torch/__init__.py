@@ -35,18 +35,20 @@ whether they are.
 
 import torch
 
+from srt3d_ros.kernels.torch.apss import apss
 from srt3d_ros.kernels.torch.arithmetic import noise_ratio
 from srt3d_ros.kernels.torch.birth_death import birth_death
 from srt3d_ros.kernels.torch.collect import collect, unexplained
 from srt3d_ros.kernels.torch.device import Kernels
+from srt3d_ros.kernels.torch.gradients import median_depth, pixelwise, usual_intensity
 from srt3d_ros.kernels.torch.likelihood import expand, log_likelihood_ratio, trim
 from srt3d_ros.kernels.torch.pooled_step import pooled_step
 from srt3d_ros.kernels.torch.search import match, no_surfaces, prepare, residual, search
 from srt3d_ros.kernels.torch.windows import blur
 
 FUNCTIONS = {function.__name__: function for function in (
-    birth_death, blur, collect, expand, log_likelihood_ratio, match, no_surfaces, noise_ratio, pooled_step, prepare,
-    residual, search, trim, unexplained)}
+    apss, birth_death, blur, collect, expand, log_likelihood_ratio, match, median_depth, no_surfaces, noise_ratio,
+    pixelwise, pooled_step, prepare, residual, search, trim, unexplained, usual_intensity)}
 
 
 def on(device: str, dtype: torch.dtype = torch.float32) -> Kernels:
