@@ -1,8 +1,10 @@
 """Sketch, Cloud and Reconstructor: what the library makes of photons, each with the sensor that it belongs to."""
 
+import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -196,9 +198,10 @@ class Reconstructor:
         own = {"surfaces": surfaces, "device": device, "false_alarm_rate": false_alarm_rate, "background": background,
                "warm_start": warm_start or None}
         self._own, self._frequencies = {"method": method, "surfaces": surfaces}, frequencies
-        self._method = find(method).build(sensor, self._frequencies,
-                                          **{name: value for name, value in own.items() if value is not None})
-        self.device, self._is_warm = getattr(self._method, "device", "cpu"), False
+        self._build = partial(find(method).build, sensor, self._frequencies,
+                              **{name: value for name, value in own.items() if value is not None})
+        self._method, self._is_warm = self._build(), False
+        self.device = getattr(self._method, "device", "cpu")
         self.why = getattr(self._method, "why", f"{method} runs on the CPU")
 
     @property
@@ -210,8 +213,26 @@ class Reconstructor:
         """Compile what is not compiled yet, so that it does not count as time of a frame."""
         if not self._is_warm:
             with compiling():
-                self._method.warm_up()
+                self._or_on_the_cpu(lambda: self._method.warm_up())
             self._is_warm = True
+
+    def _or_on_the_cpu(self, task: Callable):
+        """What a task returns; if a GPU fails in it, the CPU does it, and all that follows."""
+        try:
+            return task()
+        except RuntimeError as error:           # torch's: no memory, a kernel that failed, or does not compile
+            if self.device != "cuda":
+                raise
+            self.device, self.why = "cpu", f"the GPU failed: {str(error).partition(chr(10))[0]}"
+            logging.getLogger(__name__).warning(f"{self.why}: computing on the CPU from now on")
+            self._method = self._build(device="cpu")
+            self._method.warm_up()
+            return task()
+
+    def allow(self, false_alarm_rate: float) -> None:
+        """Take this false alarm rate from the next frame on (pooled)."""
+        self._build.keywords["false_alarm_rate"] = false_alarm_rate
+        self._method.allow(false_alarm_rate)
 
     def __call__(self, seen: core_sketch.Sketch | PhotonFrame) -> Cloud:
         """The cloud of a frame: of its sketch, or of the photons for a method on photons."""
@@ -220,7 +241,7 @@ class Reconstructor:
                 "a Sketch" if self._frequencies else "a frame of photons (Photons.frame)")
         self.warm_up()
         started = time.perf_counter()
-        cloud = self._method(seen)
+        cloud = self._or_on_the_cpu(lambda: self._method(seen))
         elapsed_ms = round((time.perf_counter() - started) * 1e3, 3)
         sensor, frequencies = self._method.sensor, list(map(int, self._frequencies))
         facts = self._own | {

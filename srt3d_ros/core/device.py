@@ -2,9 +2,11 @@
 
 import ctypes
 import logging
+import os
 from functools import lru_cache
 from importlib import import_module
 from importlib.util import find_spec
+from shutil import which
 
 import numpy as np
 
@@ -43,7 +45,11 @@ def missing_for_cuda() -> str:
     import torch
     if torch.version.cuda is None:
         return f"torch {torch.__version__} is built without CUDA"
-    return "" if torch.cuda.is_available() else "no CUDA device"
+    if not torch.cuda.is_available():
+        return "no CUDA device"
+    if not find_spec("triton"):
+        return "triton, which compiles torch's kernels, not installed: pip install triton"
+    return "" if any(map(which, (os.environ.get("CC") or "gcc", "clang"))) else "no C compiler, which triton needs: gcc"
 
 
 @lru_cache

@@ -7,7 +7,7 @@ import numpy as np
 from std_msgs.msg import String
 
 from srt3d_ros.core import precompile
-from srt3d_ros.core.device import DEVICES
+from srt3d_ros.core.device import DEVICES, kernels_for
 from srt3d_ros.core.method.background import BACKGROUNDS
 from srt3d_ros.core.method.cloud import SURFACE_ORDERS
 from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, MAX_FALSE_ALARM_RATE, MAX_SURFACES
@@ -108,7 +108,8 @@ class ReconstructorNode(PipelineNode):
     def configure(self) -> None:
         self._settings = self.parameters.as_dict()
         check_together(self._settings)
-        build(None, self._settings).warm_up()
+        kernels_for(self._settings["device"])
+        build(None, self._settings | {"device": "cpu"}).warm_up()       # what a GPU compiles depends on the sensor
         self._points = self.advertise("points")
         self._images = {topic.name: self.advertise(topic.name) for topic in topics.IMAGES}
         self._camera_info = self.advertise("camera_info")
@@ -132,14 +133,20 @@ class ReconstructorNode(PipelineNode):
         """Refuse parameters that could not be applied."""
         check_together(values)
         if options(values) != options(self.parameters.as_dict()):
+            kernels_for(values["device"])
             newest = self._newest       # which the worker may replace meanwhile
-            build(newest and (newest.sensor, newest.frequencies), values)
+            build(newest and (newest.sensor, newest.frequencies), values | {"device": "cpu"})   # a GPU takes seconds
 
     def _apply(self) -> None:
         """Use the present parameters from the next frame on."""
         settings = self.parameters.as_dict()
-        if options(settings) != options(self._settings):
-            self._built.clear()
+        before, after = options(self._settings), options(settings)
+        if changed := dict(after.items() - before.items()):
+            if list(changed) == ["false_alarm_rate"]:
+                for reconstructor in self._built.values():
+                    reconstructor.allow(**changed)
+            else:
+                self._built.clear()
         self._settings = settings
 
     def _on_sensor(self, message: String) -> None:

@@ -151,7 +151,10 @@ class Matcher:
                 f"{list(self.frequencies)}")
         require(sketch.photons.shape == shape, "sketch size", tuple(sketch.photons.shape), f"rows × cols = {shape}")
         parts = np.ascontiguousarray(sketch.sums, np.complex64).view(np.float32)
-        longest = float(max(parts.max(), -parts.min()))             # NaN if one is
+        flat = parts.ravel()
+        longest = float(np.sqrt(flat @ flat))       # at most, in one pass; NaN if one is
+        if not longest <= MAX_SUM:
+            longest = float(max(parts.max(), -parts.min()))
         require(longest <= MAX_SUM, "sketch", longest, "sums of unit vectors, as many as photons, everywhere")
 
     def _map(self, values: np.ndarray) -> np.ndarray:

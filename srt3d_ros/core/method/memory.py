@@ -41,8 +41,7 @@ class PooledStream:
                  false_alarm_rate: float = DEFAULT_FALSE_ALARM_RATE, device: str = "auto",
                  background: str = "auto", warm_start: bool = False):
         check_surfaces(surfaces)
-        require(0 < false_alarm_rate <= MAX_FALSE_ALARM_RATE, "false_alarm_rate", false_alarm_rate,
-                f"a probability above 0, at most {MAX_FALSE_ALARM_RATE:g}")
+        _check_rate(false_alarm_rate)
         self._matcher = Matcher(sensor, frequencies)
         self.why = "asked for"
         if device == "auto":
@@ -105,9 +104,32 @@ class PooledStream:
         self._surfaces, self._is_first = None, True
         self._background.forget()
 
+    def allow(self, false_alarm_rate: float) -> None:
+        """Take this rate from the next frame on."""
+        _check_rate(false_alarm_rate)
+        self.false_alarm_rate = false_alarm_rate
+        self._pooled.allow(false_alarm_rate)
+
     def warm_up(self) -> None:
-        """Compile the kernels, or load them from the disk: on a CPU for frames of any size, on a GPU for this one."""
+        """Compile the kernels, or load them from the disk: on a CPU for frames of any size, on a GPU for this one.
+
+        A GPU records each kind of frame that there may be: with and without a background and surfaces to start from.
+        """
         self._kernels.load()
-        sensor = self.sensor.cropped(slice(8), slice(8)) if self._kernels.ON_HOST else self.sensor
-        PooledStream(sensor, self._matcher.frequencies, self.surfaces, device=self.device)(
-            noise_sketch(sensor, self._matcher.frequencies))
+        if self._kernels.ON_HOST:
+            sensor = self.sensor.cropped(slice(8), slice(8))
+            PooledStream(sensor, self._matcher.frequencies, self.surfaces, device=self.device)(
+                noise_sketch(sensor, self._matcher.frequencies))
+            return
+        sketch = noise_sketch(self.sensor, self._matcher.frequencies)
+        some = (sketch.photons.astype(np.float32), np.zeros(len(sketch.frequencies), np.complex64),
+                np.ones(self.sensor.num_bins, np.float32))
+        for background in ((),) if self._background.is_even else ((), some):
+            found = self._pooled(sketch, None, background)
+            if self._warm_start:
+                self._pooled(sketch, deepcopy(found.state), background)
+
+
+def _check_rate(false_alarm_rate: float) -> None:
+    require(0 < false_alarm_rate <= MAX_FALSE_ALARM_RATE, "false_alarm_rate", false_alarm_rate,
+            f"a probability above 0, at most {MAX_FALSE_ALARM_RATE:g}")

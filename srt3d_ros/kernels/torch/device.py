@@ -1,4 +1,4 @@
-"""Where the oracle computes, and in which type: `Kernels` has its functions, and takes arrays there and back."""
+"""Where the kernels compute, and in which type: `Kernels` has them, and takes arrays there and back."""
 
 from collections.abc import Callable
 
@@ -19,15 +19,14 @@ class Kernels:
     """
 
     ON_HOST = False             # arrays are not NumPy's
+    fused = staticmethod(fused)
 
     def __init__(self, functions: dict[str, Callable], device: str, dtype: torch.dtype):
         vars(self).update(functions)
-        self.device, self.dtype = device, dtype
+        self.device, self.dtype, self._is_gpu = device, dtype, device == "cuda"
 
     def load(self):
         """Nothing waits to be compiled."""
-
-    fused = staticmethod(fused)
 
     def array(self, values):
         """The values of a NumPy array on the device, contiguous; may be the same array."""
@@ -35,21 +34,69 @@ class Kernels:
         if np.iscomplexobj(values):
             values = values.view(values.real.dtype).reshape(*values.shape, 2)
         tensor = torch.from_numpy(values)
-        return tensor.to(self.device, self.dtype if tensor.is_floating_point() else None)
+        tensor = tensor.pin_memory() if self._is_gpu else tensor
+        return tensor.to(self.device, self.dtype if tensor.is_floating_point() else None, non_blocking=True)
 
     def numpy(self, values):
         """The NumPy array of an array on the device; waits for the kernels that write it."""
-        return values.to("cpu", torch.float32 if values.is_floating_point() else None).numpy()
+        dtype = torch.float32 if values.is_floating_point() else values.dtype
+        return torch.empty(values.shape, dtype=dtype, pin_memory=self._is_gpu).copy_(values).numpy()
 
     def unpack(self, points, number) -> tuple:
         """Row, column, rank in the pixel, values and xyz of the points of `collect` (`unpacked`)."""
-        return unpacked(self.numpy(points[:int(number)]))
+        return unpacked(self.numpy(points[:int(number)]))       # two copies: the second is of the points that there are
 
     def recorded(self, function: Callable) -> Callable:
         """A function of arrays, the first [rows, cols], that a GPU records in a graph and replays for each frame.
 
-        It takes NumPy arrays, arrays on the device, or None; what it returns stays there.
+        It takes NumPy arrays, arrays on the device, or None; what it returns stays there, until the next frame.
         """
+        frames: dict[tuple, Callable] = {}
+
         def frame(*inputs):
-            return function(*(self.array(each) if isinstance(each, np.ndarray) else each for each in inputs))
+            arrays = [self.array(each) if isinstance(each, np.ndarray) else each for each in inputs]
+            if not self._is_gpu:
+                return function(*arrays)
+            kind = tuple(None if each is None else (each.shape, each.dtype) for each in arrays)
+            if kind not in frames:
+                frames[kind] = _recorded(function, arrays)
+            return frames[kind](arrays)
         return frame
+
+
+def _recorded(function: Callable, arrays: list) -> Callable:
+    """The function, recorded in a CUDA graph with copies of these arrays, into which the next ones are copied.
+
+    It first runs as it is, which compiles what is fused. Products of matrices are exact to the type: no TF32.
+    """
+    inputs, precision = [None if each is None else each.clone() for each in arrays], _Precision()
+    with precision:
+        aside = torch.cuda.Stream()
+        aside.wait_stream(torch.cuda.current_stream())
+        with torch.cuda.stream(aside):
+            function(*inputs)
+        torch.cuda.current_stream().wait_stream(aside)
+        graph = torch.cuda.CUDAGraph()
+        with torch.cuda.graph(graph, capture_error_mode="thread_local"):
+            outputs = function(*inputs)
+
+    def replay(arrays: list) -> tuple:
+        for ours, given in zip(inputs, arrays):
+            if ours is not None:
+                ours.copy_(given, non_blocking=True)
+        graph.replay()
+        return outputs
+    return replay
+
+
+class _Precision:
+    """Products of float32 matrices in float32 inside, whatever the user has set, and has again behind it."""
+
+    def __enter__(self) -> None:
+        self._matmul = torch.backends.cuda.matmul
+        self._name = "fp32_precision" if hasattr(self._matmul, "fp32_precision") else "allow_tf32"      # torch < 2.9
+        self._before = getattr(self._matmul, self._name)
+        setattr(self._matmul, self._name, "ieee" if self._name == "fp32_precision" else False)
+
+    def __exit__(self, *_) -> None:
+        setattr(self._matmul, self._name, self._before)

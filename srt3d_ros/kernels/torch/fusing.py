@@ -1,29 +1,38 @@
 """What a GPU runs as few kernels: `fused` marks the functions that are compiled, each as one graph."""
 
 from collections.abc import Callable
-from functools import update_wrapper
+from functools import partial, update_wrapper
 
 import torch
+from torch._dynamo import config
 
 # Sums over neighbours read what they need where they need it: nothing of [neighbours × pixels] is stored.
 OPTIONS = {"realize_reads_threshold": 1000, "realize_opcount_threshold": 1000}
+MOST_FORMS = 100        # in which a function is compiled: `search` has one for each scale and surface
+
+
+def compiled(function: Callable) -> Callable:
+    """The function, compiled for each new combination of shapes and of what is no array."""
+    return torch.compile(function, fullgraph=True, dynamic=False, options=OPTIONS)
 
 
 class Fused:
     """A function that is compiled where its arrays are on a GPU, and elsewhere runs step by step."""
 
-    compiles = staticmethod(lambda array: array.is_cuda)        # whether the arrays of a call ask for it
+    compiles = staticmethod(lambda array: array.is_cuda)        # whether an array asks for it
+    compiled = staticmethod(compiled)
 
     def __init__(self, function: Callable):
         self.function, self._compiled = function, None
-        update_wrapper(self, function)
+        update_wrapper(self, function.func if isinstance(function, partial) else function)
 
     def __call__(self, *arguments, **more):
         if torch.compiler.is_compiling() or not self.compiles(getattr(arguments[0], "matched", arguments[0])):
             return self.function(*arguments, **more)
         if self._compiled is None:
-            self._compiled = torch.compile(self.function, fullgraph=True, dynamic=False, options=OPTIONS)
-        return self._compiled(*arguments, **more)
+            self._compiled = self.compiled(self.function)
+        with config.patch(recompile_limit=MOST_FORMS):
+            return self._compiled(*arguments, **more)
 
 
 fused = Fused
