@@ -17,7 +17,7 @@ def arguments(function) -> list[tuple]:
     return [(each.name, each.kind, each.default) for each in inspect.signature(function).parameters.values()]
 
 
-@pytest.mark.parametrize("name", [*oracle.FUNCTIONS, "array", "run_frame"])
+@pytest.mark.parametrize("name", [*oracle.FUNCTIONS, "array", "fused", "numpy", "recorded"])
 def test_the_cpu_has_the_names_and_arguments_of_the_oracle(name):
     ours, theirs = getattr(cpu, name), getattr(KERNELS, name)
     assert theirs.__doc__

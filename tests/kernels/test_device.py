@@ -1,92 +1,106 @@
-"""What a GPU needs of the oracle: that no step looks at a value, blocks that fit its memory, and single precision."""
+"""What a GPU needs of the kernels, as far as a machine without one can tell: one graph a frame, on one device."""
 
-from types import SimpleNamespace
+import gc
+import shutil
+from collections import defaultdict
 
 import numpy as np
 import pytest
 import torch
 
-from srt3d_ros.core.method.memory import PooledStream
+from srt3d_ros.core.methods import METHODS
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels import torch as oracle
-from srt3d_ros.kernels.torch import windows
+from srt3d_ros.kernels.torch.fusing import Fused
 
-from .frames import GATE, ORACLE, Backend, make_frame, make_sensor, make_sketch, make_state, make_terms, padded
+from .frames import make_sensor, make_sketch
+
+SHAPE = 9, 33
+SENSOR = make_sensor(*SHAPE, seed=0)
+SKETCHES = [make_sketch(SENSOR, seed) for seed in (0, 1)]
+QUICK = "expand", "log_likelihood_ratio", "finalise"       # to compile: seconds each
 
 
-@pytest.mark.parametrize(("surfaces", "warm"), [(1, True), (2, False)])
-def test_no_step_of_a_frame_looks_at_a_value_or_has_a_shape_that_depends_on_one(monkeypatch, spreading, surfaces, warm):
+def built(monkeypatch, kernels, method: str, surfaces: int, **options):
+    """A reconstruction that computes with these kernels as if they were a GPU's."""
+    monkeypatch.setattr("srt3d_ros.core.baselines.plug_and_play.ITERATIONS", 2)     # the others do the same again
+    for module in ("method.memory", "baselines.sketched"):
+        monkeypatch.setattr(f"srt3d_ros.core.{module}.kernels_for", lambda device: (device, kernels))
+    return METHODS[method].build(SENSOR, SKETCHES[0].frequencies, surfaces=surfaces, device="cuda", **options)
+
+
+@pytest.fixture
+def compiling(monkeypatch):
+    """Has the functions that `which` names compiled, until the end of the test."""
+    def begin(which, compile=Fused.compile) -> None:
+        monkeypatch.setattr(Fused, "compiles", lambda function, array: which(function.__name__))
+        monkeypatch.setattr(Fused, "compile", compile)
+        forget()
+
+    def forget() -> None:
+        for each in gc.get_objects():
+            if type(each) is Fused:
+                each._compiled = None
+
+    yield begin
+    forget()
+
+
+@pytest.mark.parametrize(("method", "surfaces", "start", "uneven"), [
+    ("pooled", 1, True, False), ("pooled", 1, False, True), ("pooled", 2, False, False), ("pooled", 2, True, True),
+    ("srt3d", 1, False, False), ("srt3d", 2, False, False), ("smle", 1, False, False)])
+def test_no_step_of_a_frame_looks_at_a_value_or_has_a_shape_that_depends_on_one(
+        monkeypatch, spreading, method, surfaces, start, uneven):
     """On torch's device `meta`, which has shapes but no values, nor any copies to or from the host."""
     spreading(1)        # each further pixel does the same again
-    kernels = oracle.on("meta")
-    monkeypatch.setattr("srt3d_ros.core.method.memory.kernels_for", lambda device: (device, kernels))
-    sensor = make_sensor(9, 33, seed=0)
-    sketch = make_sketch(sensor, 0)
-    reconstructor = PooledStream(sensor, sketch.frequencies, surfaces, device="cuda", warm_start=warm)
-    uneven = sketch.photons.astype(np.float32), np.ones(7, np.complex64), np.ones(sensor.num_bins, np.float32)
-    for taken in ((), uneven):
-        arrays = map(kernels.array, (sketch.photons.astype(np.float32), sketch.sums, *taken))
-        start = kernels.array(np.zeros(maps.state_shape(9, 33, surfaces), np.float32)) if warm else None
-        state, left, background, points, number = reconstructor._pooled._estimate(start, *arrays)
-        assert {each.device.type for each in (state, left, background, points, number)} == {"meta"}
-        assert background.shape == (9, 33) and points.shape == (11, 9 * 33 * surfaces + 1)
+    kernels, sketch = oracle.on("meta"), SKETCHES[0]
+    reconstructor = built(monkeypatch, kernels, method, surfaces)
+    arrays = [sketch.photons.astype(np.float32), sketch.sums]
+    if method == "pooled":
+        reconstructor = reconstructor._pooled
+        state = np.zeros(maps.state_shape(*SHAPE, surfaces), np.float32) if start else None
+        arrays += [state, reconstructor._enough]
+        arrays += [arrays[0], np.ones(7, np.complex64), np.ones(SENSOR.num_bins, np.float32)] if uneven else []
+    found = reconstructor._estimate(*(each if each is None else kernels.array(each) for each in arrays))
+    assert {each.device.type for each in found} == {"meta"}
+    if method == "pooled":
+        _, _, background, points, number = found
+        assert background.shape == SHAPE and points.shape == (9 * 33 * surfaces + 1, 11) and number.shape == (1,)
 
 
-@pytest.mark.parametrize("surfaces", [1, 2])
-def test_blocks_of_one_row_give_what_all_rows_at_once_give(monkeypatch, surfaces):
-    frame = make_frame((9, 33), 1)
-    state = make_state(frame, surfaces, 1)
-    terms = make_terms(frame, state)
+@pytest.mark.parametrize(("method", "surfaces"), [("pooled", 1), ("srt3d", 1)])
+def test_two_frames_compile_each_step_once_as_one_graph_that_needs_nothing_of_the_host(
+        monkeypatch, compiling, method, surfaces):
+    reconstructor, graphs = built(monkeypatch, oracle.on("cpu"), method, surfaces), defaultdict(list)
 
-    def results() -> SimpleNamespace:
-        wide = padded(frame)
-        return SimpleNamespace(
-            born=ORACLE.birth_death(wide, state, terms, GATE), match=ORACLE.match(frame, 2)[0],
-            pooled=ORACLE.pooled_step(wide, state, terms, 5.0, 8, 4, GATE), terms=ORACLE.expand(wide, state),
-            left=ORACLE.residual(wide, state, terms, surfaces - 1))
+    def compile(function):
+        return torch.compile(function.function, fullgraph=True, dynamic=False,
+                             backend=lambda graph, inputs: graphs[function.__name__].append(graph) or graph.forward)
 
-    at_once = vars(results())
-    monkeypatch.setattr(windows, "MEMORY", 1)
-    for name, found in vars(results()).items():
-        np.testing.assert_allclose(found, at_once[name], rtol=1e-6, atol=1e-6, err_msg=name)
-
-
-def test_a_block_stays_within_its_memory(monkeypatch):
-    """By what its tensors take as they come and go."""
-    frame = make_frame((12, 33), 1)
-    kernels = oracle.on("cpu", torch.float64)
-    for surfaces in (1, 2):
-        state = make_state(frame, surfaces, 1)
-        wide, state = Backend("", kernels).on(padded(frame)), kernels.array(state)
-        terms = kernels.expand(wide, state)
-        monkeypatch.setattr(windows, "MEMORY", 2**22)
-        for step in (lambda: kernels.birth_death(wide, state, terms, GATE), lambda: kernels.match(wide, 2),
-                     lambda: kernels.pooled_step(wide, state, terms, 5.0, 14, 4, GATE)):
-            assert peak_bytes(step) < 2**22 + 12 * state.nbytes
+    compiling(lambda name: True, compile)
+    first = reconstructor(SKETCHES[0])
+    compiled = {name: len(each) for name, each in graphs.items()}
+    assert set(compiled) >= ({"search", "_round", "_step", "finalise", "collect"} if method == "pooled" else
+                             {"match", "pixelwise", "apss"})
+    if method == "pooled":
+        reconstructor.allow(1e-2)
+    assert len(reconstructor(SKETCHES[1])) != len(first)
+    assert {name: len(each) for name, each in graphs.items()} == compiled
+    for graph in sum(graphs.values(), []):
+        assert not [node for node in graph.graph.nodes if node.op == "get_attr"]            # tensors of the host's
+        for node in graph.graph.nodes:
+            if node.target in (torch.arange, torch.zeros, torch.ones, torch.full, torch.tensor, torch.as_tensor):
+                assert "device" in node.kwargs, node.format_node()
 
 
-def peak_bytes(step) -> int:
-    """The most memory that a step's tensors take at any time."""
-    with torch.profiler.profile(profile_memory=True) as profile:
-        step()
-    now = most = 0
-    for event in sorted(profile.profiler.kineto_results.events(), key=lambda event: event.start_ns()):
-        if event.name() == "[memory]":
-            now += event.nbytes()
-            most = max(most, now)
-    return most
-
-
-def test_products_of_matrices_are_exact_to_the_type_and_what_the_user_has_set_stays():
-    seen = []
-
-    def frame(counts) -> tuple:
-        seen.append(torch.get_float32_matmul_precision())
-        return counts, torch.zeros(11, 1), torch.zeros(1, dtype=torch.int64)
-
-    torch.set_float32_matmul_precision("medium")
-    try:
-        oracle.on("cpu").run_frame(frame, np.zeros((1, 1), np.float32))
-        assert seen == ["highest"] and torch.get_float32_matmul_precision() == "medium"
-    finally:
-        torch.set_float32_matmul_precision("highest")
+@pytest.mark.skipif(not shutil.which("g++"), reason="torch compiles for a CPU by g++")
+def test_what_is_compiled_gives_the_points_of_what_runs_step_by_step(monkeypatch, compiling):
+    """The functions that compile in seconds; all of them do it in minutes."""
+    reconstructor, found = built(monkeypatch, oracle.on("cpu"), "pooled", 1), []
+    for names in ((), QUICK):
+        compiling(lambda name: name in names)
+        reconstructor.forget()
+        cloud = reconstructor(SKETCHES[0])
+        found.append(np.stack([cloud.row, cloud.col, cloud.depth_bins, cloud.intensity]))
+    np.testing.assert_allclose(*found, rtol=1e-4, atol=1e-3)
+    assert not np.array_equal(*found)       # sums in another order: it was compiled

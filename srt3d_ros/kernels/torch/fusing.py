@@ -11,26 +11,26 @@ OPTIONS = {"realize_reads_threshold": 1000, "realize_opcount_threshold": 1000}
 MOST_FORMS = 100        # in which a function is compiled: `search` has one for each scale and surface
 
 
-def compiled(function: Callable) -> Callable:
-    """The function, compiled for each new combination of shapes and of what is no array."""
-    return torch.compile(function, fullgraph=True, dynamic=False, options=OPTIONS)
-
-
 class Fused:
     """A function that is compiled where its arrays are on a GPU, and elsewhere runs step by step."""
-
-    compiles = staticmethod(lambda array: array.is_cuda)        # whether an array asks for it
-    compiled = staticmethod(compiled)
 
     def __init__(self, function: Callable):
         self.function, self._compiled = function, None
         update_wrapper(self, function.func if isinstance(function, partial) else function)
 
+    def compiles(self, array) -> bool:
+        """Whether an array asks for it."""
+        return array.is_cuda
+
+    def compile(self) -> Callable:
+        """The function, compiled for each new combination of shapes and of what is no array."""
+        return torch.compile(self.function, fullgraph=True, dynamic=False, options=OPTIONS)
+
     def __call__(self, *arguments, **more):
         if torch.compiler.is_compiling() or not self.compiles(getattr(arguments[0], "matched", arguments[0])):
             return self.function(*arguments, **more)
         if self._compiled is None:
-            self._compiled = self.compiled(self.function)
+            self._compiled = self.compile()
         with config.patch(recompile_limit=MOST_FORMS):
             return self._compiled(*arguments, **more)
 
