@@ -19,9 +19,10 @@ SENSOR = SensorModel(4, 5, 64, 1e-10, np.ones(3))
 @pytest.fixture
 def missing(monkeypatch):
     """Makes a machine lack something, whatever this one has."""
-    def set_to(driver: str = "libc.so.6", absent=(), cuda: str | None = "13.0", gpu: bool = True):
+    def set_to(driver: str = "libc.so.6", absent=(), cuda: str | None = "13.0", gpu: bool = True, gcc: str = "gcc"):
         monkeypatch.setattr(device, "DRIVER", driver)
         monkeypatch.setattr(device, "find_spec", lambda name: None if name in absent else object())
+        monkeypatch.setattr(device, "which", lambda name: gcc)
         monkeypatch.setattr(torch.version, "cuda", cuda)
         monkeypatch.setattr(torch.cuda, "is_available", lambda: gpu)
         device.say_once.cache_clear()
@@ -31,7 +32,9 @@ def missing(monkeypatch):
 LACKS = [({"driver": "libnone.so"}, "no CUDA device"),
          ({"gpu": False}, "no CUDA device"),
          ({"absent": ["torch"]}, "torch not installed: pip install 'srt3d_ros[gpu]'"),
-         ({"cuda": None}, f"torch {torch.__version__} is built without")]
+         ({"cuda": None}, f"torch {torch.__version__} is built without"),
+         ({"absent": ["triton"]}, "triton, which compiles torch's kernels, not installed: pip install triton"),
+         ({"gcc": ""}, "no C compiler, which triton needs")]
 
 
 @pytest.mark.parametrize(("lack", "said"), LACKS)
