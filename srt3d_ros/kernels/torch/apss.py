@@ -74,7 +74,8 @@ def _surfaces(z, intensity, there, surface, layers, exposure):
     of, count, total = [], torch.zeros_like(z), torch.zeros_like(z)
     points = [place * layers + k for place in CENTRE_FIRST for k in range(layers)]
     for p, point in enumerate(points):
-        near = (count > 0) & ((z[point] - total / count.clamp(min=1)).abs() < constants.APSS_SAME_SURFACE) | (surface == p)
+        apart = (z[point] - total / count.clamp(min=1)).abs()
+        near = (count > 0) & (apart < constants.APSS_SAME_SURFACE) | (surface == p)
         of.append(torch.where(there[point], torch.where(near, surface, len(points)).amin(dim=0), -1))
         joins = surface == of[-1]
         count, total = count + joins, total + joins * z[point]

@@ -26,7 +26,7 @@ def pixelwise(frame, table, rate, usual, depth, intensity):
         Depth and intensity after the step.
     """
     light, there = frame.exposure[:, None], intensity > 0
-    wave, gives = waves(frame, depth), (light * intensity)[:, :, None] * frame.energy[:, None]       # [rows, K, m, cols]
+    wave, gives = waves(frame, depth), (light * intensity)[:, :, None] * frame.energy[:, None]   # [rows, K, m, cols]
     rest_re, rest_im = (z[:, None] - (gives * part).sum(dim=1, keepdim=True)
                         for z, part in zip(frame.matched.chunk(2, dim=1), wave))
     cosine, sine = wave
