@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
         for name in ("pooled", "srt3d"):
             frequencies = choose(METHODS[name].frequencies, sensor, m)
             sketch = sketch_photons(photons, sensor, frequencies)
-            device = args.device if name == "pooled" else "cpu"
+            device = args.device if "device" in METHODS[name].options else "cpu"
             reconstructor = METHODS[name].build(sensor, frequencies, device=device)
             reconstructor.warm_up()         # its memory would count as the frame's
             timing = timed(lambda: reconstructor(sketch), args.repeats)

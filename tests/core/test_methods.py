@@ -224,8 +224,3 @@ def test_a_false_alarm_rate_is_a_probability_of_at_most_0_4(value):
 def test_frequencies_that_cannot_be_used_are_named(name, frequencies, named):
     with pytest.raises(InvalidInput, match=f"^frequencies is {named}"):
         METHODS[name].build(make_sensor(4, 5), frequencies)
-
-
-@every_method
-def test_every_method_can_warm_up(name):
-    METHODS[name].build(make_sensor(12, 14), (1, 2, 3), surfaces=2).warm_up()

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.baselines.rt3d import RT3D
+from srt3d_ros.core.baselines.sketched import SMLE, SRT3D
 from srt3d_ros.core.baselines.weighting import weighted_steps
 from srt3d_ros.core.baselines.xcorr import by_pixel
 from srt3d_ros.core.method.matched_frame import Matcher
@@ -11,9 +12,10 @@ from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.kernels import cpu
+from srt3d_ros.kernels import torch as oracle
 from tests.core.scenes import simulate
 
-from .frames import T
+from .frames import CPU, ORACLE, T
 
 SCALE = 5.0         # bins that count as one pixel
 
@@ -52,7 +54,7 @@ def assert_moved(points, before, move, grown, most):
 
 @pytest.mark.parametrize(("shape", "surfaces", "precise", "usual"), [
     ((8, 40), 1, False, 20.0), ((8, 33), 2, True, 0.0), ((1, 9), 3, True, 20.0), ((5, 9), 2, False, 0.0)])
-def test_pixelwise(shape, surfaces, precise, usual):
+def test_pixelwise(backend, shape, surfaces, precise, usual):
     sensor, frequencies = make_sensor(*shape), tuple(range(1, 8))
     frame = Matcher(sensor, frequencies)(sketch_photons(make_photons(sensor), sensor, frequencies))
     table = weighted_steps(sensor, frequencies, precise)
@@ -86,9 +88,7 @@ def test_pixelwise(shape, surfaces, precise, usual):
     grown = np.maximum(r + 0.5 * error_r / np.maximum(g, 1e-12), 0)
     signal = g * np.maximum(r, grown)
     move = 0.3 * error_rt * signal / (np.maximum(signal, usual * g)**2 + 1e-12)
-    points = t.copy(), r.copy()
-    cpu.pixelwise(frame, table, 0.3, usual, *points)
-    assert_moved(points, (t, r), move, grown, frame.resolution_bins)
+    assert_moved(backend.pixelwise(frame, table, 0.3, usual, t, r), (t, r), move, grown, frame.resolution_bins)
 
 
 @pytest.mark.parametrize(("shape", "irfs", "surfaces", "ppp"), [
@@ -130,12 +130,12 @@ def make_plane(shape):
 
 @pytest.mark.parametrize("spheres", [False, True])
 @pytest.mark.parametrize("shape", [(20, 30), (1, 9), (9, 1)])
-def test_apss_keeps_a_plane_with_its_normals_and_leaves_out_masked_pixels(shape, spheres):
+def test_apss_keeps_a_plane_with_its_normals_and_leaves_out_masked_pixels(backend, shape, spheres):
     plane, normal = make_plane(shape)
     seen = np.ones(shape, np.float32)
     seen[0, 0] = min(shape) == 1            # a line's second pixel would see too few points beside a masked one
     lit = 10 * seen[:, None]
-    depth, intensity, facing = cpu.apss(plane, lit, normal if spheres else None, seen, SCALE, T)
+    depth, intensity, facing = backend.apss(plane, lit, normal if spheres else None, seen, SCALE, T)
     np.testing.assert_allclose(intensity, lit, rtol=1e-5)
     there = intensity > 0
     np.testing.assert_allclose(circular_difference(depth, plane, T)[there], 0, atol=0.01)
@@ -144,20 +144,20 @@ def test_apss_keeps_a_plane_with_its_normals_and_leaves_out_masked_pixels(shape,
     assert (depth[~there] == 0).all() and (facing[:, ~there] == 0).all()
 
 
-def test_apss_halves_noise():
+def test_apss_halves_noise(backend):
     plane, _ = make_plane((30, 30))
     noisy = (plane + np.random.default_rng(0).normal(0, 2, plane.shape).astype(np.float32)) % T
     lit, seen = np.ones(plane.shape, np.float32), np.ones((30, 30), np.float32)
-    depth, _, normal = cpu.apss(noisy, lit, None, seen, SCALE, T)
+    depth, _, normal = backend.apss(noisy, lit, None, seen, SCALE, T)
     assert circular_difference(depth, plane, T).std() < 1.1
-    assert circular_difference(cpu.apss(depth, lit, normal, seen, SCALE, T)[0], plane, T).std() < 1.0
+    assert circular_difference(backend.apss(depth, lit, normal, seen, SCALE, T)[0], plane, T).std() < 1.0
 
 
-def test_apss_keeps_two_surfaces_apart_the_strongest_first():
+def test_apss_keeps_two_surfaces_apart_the_strongest_first(backend):
     depth = np.tile(np.array([100, 200], np.float32)[:, None], (6, 1, 7))
     intensity = np.tile(np.array([5, 20], np.float32)[:, None], (6, 1, 7))
     intensity[2, :, 3] = 50, 0
-    out = cpu.apss(depth, intensity, None, np.ones((6, 7), np.float32), SCALE, T)
+    out = backend.apss(depth, intensity, None, np.ones((6, 7), np.float32), SCALE, T)
     usual = np.ones((6, 7), bool)
     usual[1:4, 2:5] = False
     for k, (t, r) in enumerate([(200, 20), (100, 5)]):
@@ -167,25 +167,52 @@ def test_apss_keeps_two_surfaces_apart_the_strongest_first():
     np.testing.assert_allclose(out[1][2, :, 3], [0.9 * 50 + 0.1 * 5, 0.1 * 20], rtol=1e-5)
 
 
-def test_spheres_keep_a_ball_round_where_planes_flatten_it():
+def test_spheres_keep_a_ball_round_where_planes_flatten_it(backend):
     y, x = np.mgrid[-6:7, -6:7]
     radius = 20.0
     ball = (150 - SCALE * np.sqrt(radius**2 - x**2 - y**2)).astype(np.float32)[:, None]
     lit, seen = np.ones(ball.shape, np.float32), np.ones(x.shape, np.float32)
     normal = np.stack([x / radius, y / radius])[:, :, None].astype(np.float32) * -1
     inside = np.s_[2:-2, 0, 2:-2]
-    by_spheres = np.abs(cpu.apss(ball, lit, normal, seen, SCALE, T)[0] - ball)[inside]
-    by_planes = np.abs(cpu.apss(ball, lit, None, seen, SCALE, T)[0] - ball)[inside]
+    by_spheres = np.abs(backend.apss(ball, lit, normal, seen, SCALE, T)[0] - ball)[inside]
+    by_planes = np.abs(backend.apss(ball, lit, None, seen, SCALE, T)[0] - ball)[inside]
     assert by_spheres.max() < 0.01 < 0.05 < by_planes.max()
 
 
-def test_apss_creates_points_among_four_and_removes_those_among_three():
+def test_apss_creates_points_among_four_and_removes_those_among_three(backend):
     depth, intensity = np.full((3, 1, 3), 100, np.float32), np.zeros((3, 1, 3), np.float32)
     seen = np.ones((3, 3), np.float32)
     intensity[0, 0], intensity[1, 0, 0] = 10, 10
-    out = cpu.apss(depth, intensity, None, seen, SCALE, T)
+    out = backend.apss(depth, intensity, None, seen, SCALE, T)
     assert out[1][1, 0, 1] == pytest.approx(1.0) and out[0][1, 0, 1] == pytest.approx(100)
     intensity[1, 0, 0] = 0
-    assert cpu.apss(depth, intensity, None, seen, SCALE, T)[1][1, 0, 1] == 0
+    assert backend.apss(depth, intensity, None, seen, SCALE, T)[1][1, 0, 1] == 0
     intensity[2, 0, 0], depth[2, 0, 0] = 10, 160                    # a fourth one far behind is another surface's
-    assert cpu.apss(depth, intensity, None, seen, SCALE, T)[1][1, 0, 1] == 0
+    assert backend.apss(depth, intensity, None, seen, SCALE, T)[1][1, 0, 1] == 0
+
+
+@pytest.mark.parametrize(("shape", "surfaces"), [((8, 40), 1), ((9, 12), 3), ((1, 9), 3), ((9, 1), 2), ((1, 1), 1)])
+def test_apss_agrees(shape, surfaces):
+    seen, (depth, intensity), normal = make_sensor(*shape).exposure, make_points(make_sensor(*shape), surfaces), None
+    for _ in range(3):
+        found, expected = (kernels.apss(depth, intensity, normal, seen, SCALE, T) for kernels in (CPU, ORACLE))
+        np.testing.assert_allclose(circular_difference(found[0], expected[0], T), 0, atol=1e-3)
+        for one, other in zip(found[1:], expected[1:]):
+            np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-4)
+        depth, intensity, normal = found
+
+
+@pytest.mark.parametrize("method", [SRT3D, SMLE])
+@pytest.mark.parametrize("surfaces", [1, 2])
+def test_a_gpu_finds_the_same_points_and_looks_at_no_value(monkeypatch, method, surfaces):
+    sensor, found = make_sensor(12, 33), []
+    sketch = sketch_photons(make_photons(sensor, 60), sensor, tuple(range(1, 8)))
+    for kernels in (CPU.kernels, ORACLE.kernels, oracle.on("meta")):        # meta: torch's device without values
+        monkeypatch.setattr("srt3d_ros.core.baselines.sketched.kernels_for", lambda name, it=kernels: (name, it))
+        reconstructor = method(sensor, sketch.frequencies, surfaces, device="cuda")
+        found.append(reconstructor._run(np.float32(sketch.photons), sketch.sums))
+    (depth, intensity), expected = CPU.off(found[0]), ORACLE.off(found[1])
+    there = intensity > 0
+    assert there.sum() > 300 and np.array_equal(there, expected[1] > 0)
+    assert np.abs(circular_difference(depth, expected[0], T)[there]).max() < 1e-3
+    np.testing.assert_allclose(intensity, expected[1], rtol=1e-3)

@@ -47,6 +47,7 @@ class SMLE:
         self.device, self._kernels = kernels_for(device)
         self._matched = self._matcher.on(self._kernels)
         self._table = self._kernels.array(weighted_steps(sensor, self._matcher.frequencies, self.precise))
+        self._start, self._step = (self._kernels.fused(partial(each, self._kernels)) for each in (_start, _step))
         self._run = self._kernels.recorded(self._estimate)
 
     def __call__(self, sketch: Sketch) -> PointCloud:
@@ -60,9 +61,7 @@ class SMLE:
     def _estimate(self, photons, sums) -> tuple:
         """Depth (bins) and intensity of the surfaces, float32 [rows, K, cols]; intensity 0 = no point."""
         frame = self._matched(photons, sums)
-        exposure = frame.exposure[:, None]
-        depth, intensity = self._kernels.match(frame, self.surfaces)  # the matched filter on each pixel's sketch
-        return self._points(frame, depth, intensity.clip(min=0) / exposure.clip(min=1e-6) * (exposure > 0))
+        return self._points(frame, *self._start(frame, self.surfaces))
 
     def _points(self, frame: MatchedFrame, depth, intensity) -> tuple:
         """The estimate from a start."""
@@ -88,10 +87,6 @@ class SRT3D(SMLE):
 
     precise = False
 
-    def __init__(self, *given, **more):
-        super().__init__(*given, **more)
-        self._step = self._kernels.fused(partial(_step, self._kernels))
-
     def _points(self, frame: MatchedFrame, depth, intensity) -> tuple:
         kernels, usual = self._kernels, self._kernels.usual_intensity(intensity, frame.exposure)
         for _ in range(STEPS_BEFORE):
@@ -99,6 +94,12 @@ class SRT3D(SMLE):
         scale = depth_scale_bins(self.sensor, kernels.median_depth(depth, intensity), frame.resolution_bins)
         step = partial(self._step, frame, self._table, usual)
         return plug_and_play(kernels, step, depth, intensity, frame.exposure, scale, frame.num_bins)
+
+
+def _start(kernels, frame, surfaces):
+    """The matched filter on each pixel's sketch: depth and intensity."""
+    (depth, signal), exposure = kernels.match(frame, surfaces), frame.exposure[:, None]
+    return depth, signal.clip(min=0) / exposure.clip(min=1e-6) * (exposure > 0)
 
 
 def _step(kernels, frame, table, usual, depth, intensity):

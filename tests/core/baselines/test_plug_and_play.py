@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.baselines.plug_and_play import depth_scale_bins
-from srt3d_ros.core.baselines.rt3d import RT3D
-from srt3d_ros.core.baselines.xcorr import by_pixel
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import Metrics, evaluate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.datasets import read
 from srt3d_ros.kernels import cpu
-from tests.core.scenes import T, make_sensor, run, simulate
+from tests.core.scenes import make_sensor, run, simulate
 
 
 def test_the_papers_numbers_of_steps_and_denoisings_are_run(monkeypatch):
@@ -27,32 +25,10 @@ def test_the_papers_numbers_of_steps_and_denoisings_are_run(monkeypatch):
 
 def test_depth_counts_by_the_distance_of_neighbouring_rays_within_what_the_peak_allows():
     sensor = SensorModel(40, 40, 600, 20e-12, np.ones(3), toa_offset_bins=400)
-    depth, lit = np.full((40, 1, 40), 100, np.float32), np.ones((40, 1, 40), np.float32)
     pitch_bins = 500 * np.tan(np.radians(15)) / 20                      # 30° over 40 pixels at 500 bins
-    assert depth_scale_bins(sensor, depth, lit, peak_bins=40) == pytest.approx(6 * pitch_bins, rel=0.1)
-    assert depth_scale_bins(sensor, depth, lit, peak_bins=4) == 8
-    assert depth_scale_bins(sensor, depth, lit, peak_bins=400) == 200
-    assert depth_scale_bins(sensor, depth, 0 * lit, peak_bins=4) == 2
-
-
-def test_steps_without_denoiser_reach_maximum_likelihood():
-    sensor = make_sensor(3, 4)
-    photons = by_pixel(simulate(np.full((3, 4), 200.0), sbr=2, ppp=60), sensor)
-    data = RT3D(sensor)._likelihood(photons, ratio=0.01)
-    depth, intensity = np.full((3, 1, 4), 203, np.float32), np.full((3, 1, 4), 10, np.float32)
-    background = np.full((3, 4), 20 / T, np.float32)
-    for _ in range(200):
-        cpu.poisson(data, background, 0.25, 0.0, depth, intensity)
-    t, r = np.linspace(195, 205, 201), np.linspace(10, 70, 121)
-    irf = sensor.irf.astype(float)
-    for p in range(12):
-        toa = photons.toa[photons.pixel == p]
-        place = toa - t[:, None] + sensor.irf_ref
-        h = np.interp(place, np.arange(-1, len(irf) + 1), np.r_[0, irf, 0], left=0, right=0)          # [t, photons]
-        likelihood = np.log(r[:, None, None] * h + 20 / T).sum(axis=2) - r[:, None]
-        at_r, at_t = np.unravel_index(likelihood.argmax(), likelihood.shape)
-        assert intensity.reshape(-1)[p] == pytest.approx(r[at_r], abs=1.5)
-        assert depth.reshape(-1)[p] == pytest.approx(t[at_t], abs=0.8)      # h′ is smoothed over two bins
+    assert depth_scale_bins(sensor, 100.0, peak_bins=40) == pytest.approx(6 * pitch_bins, rel=0.1)
+    assert depth_scale_bins(sensor, 100.0, peak_bins=4) == 8
+    assert depth_scale_bins(sensor, 100.0, peak_bins=400) == 200
 
 
 # ---- On measured photons: TD at least, FD and DAE at most; m = 10, τ = 10 bins
@@ -71,8 +47,7 @@ def measured(folder, name: str, method: str) -> tuple[Metrics, object]:
 
 @pytest.mark.parametrize(("method", "name"), MEASURED)
 def test_quality_on_measured_photons(shared_data, method, name):
-    found, _ = measured(shared_data, name, method)
-    true, false, error = MEASURED[method, name]
+    (found, _), (true, false, error) = measured(shared_data, name, method), MEASURED[method, name]
     assert found.true_detections >= true and found.false_detections <= false and found.dae_bins <= error, found
 
 

@@ -5,6 +5,7 @@ import re
 
 import pytest
 
+from srt3d_ros.core.baselines import sketched
 from srt3d_ros.core.method import gpu_check, memory
 from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.sensor.model import SensorModel
@@ -19,23 +20,25 @@ SENSOR = make_sensor(12, 17)
 @pytest.fixture
 def auto(monkeypatch, caplog):
     """The device that `auto` takes, and what the log says, where this many milliseconds pass for each frame."""
-    def take(sensor: SensorModel = SENSOR, gpu_ms: float = 5.0, surfaces: int = 1, **changes) -> tuple:
+    def take(sensor: SensorModel = SENSOR, gpu_ms: float = 5.0, surfaces=1, method=PooledStream, **changes) -> tuple:
         kernels, now = oracle.on("cpu"), iter([0.0, 0.02, 1.0, 1 + gpu_ms / 1e3])
         for name, value in changes.items():
             monkeypatch.setattr(kernels, name, value)
         monkeypatch.setattr(gpu_check, "missing_for_cuda", lambda: "")
         monkeypatch.setattr(gpu_check.time, "perf_counter", lambda: next(now))
-        monkeypatch.setattr(memory, "kernels_for", lambda name: (name, {"cpu": cpu, "cuda": kernels}[name]))
+        for module in (memory, sketched):
+            monkeypatch.setattr(module, "kernels_for", lambda name: (name, {"cpu": cpu, "cuda": kernels}[name]))
         with caplog.at_level(logging.INFO):
-            chosen = PooledStream(sensor, choose("auto", sensor, 7), surfaces, device="auto")
+            chosen = method(sensor, choose("auto", sensor, 7), surfaces, device="auto")
         return chosen.device, chosen._kernels is kernels, chosen.why, caplog.messages
     return take
 
 
-@pytest.mark.parametrize(("surfaces", "changes"), [(1, {}), (2, {}), (1, {"delay": True})])
-def test_a_gpu_that_does_the_same_and_sooner_is_taken(auto, surfaces, changes):
-    sensor = make_sensor(12, 17, delay_bins=90 * (SENSOR.rays[..., 0] > 0)) if changes else SENSOR
-    assert auto(sensor, surfaces=surfaces) == ("cuda", True, "5 ms a frame, on the CPU 20", [])
+@pytest.mark.parametrize(("surfaces", "late", "method"), [
+    (1, 0, PooledStream), (2, 0, PooledStream), (1, 90, PooledStream), (2, 90, sketched.SRT3D)])
+def test_a_gpu_that_does_the_same_and_sooner_is_taken(auto, surfaces, late, method):
+    sensor = make_sensor(12, 17, delay_bins=late * (SENSOR.rays[..., 0] > 0))
+    assert auto(sensor, surfaces=surfaces, method=method) == ("cuda", True, "5 ms a frame, on the CPU 20", [])
 
 
 def test_one_that_is_slower_is_not(auto):
