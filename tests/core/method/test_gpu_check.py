@@ -12,6 +12,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.kernels import cpu
 from srt3d_ros.kernels import torch as oracle
+from srt3d_ros.results import Reconstructor
 from tests.core.scenes import make_sensor
 
 SENSOR = make_sensor(12, 17)
@@ -64,6 +65,22 @@ def test_one_that_fails_is_not(auto):
 
     assert auto(match=fail, search=fail) == ("cpu", False, "CUDA out of memory.", [
         "the GPU is not used (CUDA out of memory.): computing on the CPU"])
+
+
+def test_one_that_fails_later_leaves_its_frames_to_the_cpu(monkeypatch, caplog):
+    kernels, frame = oracle.on("cpu"), gpu_check._frame(SENSOR, choose("auto", SENSOR, 7))
+    monkeypatch.setattr(memory, "kernels_for", lambda name: (name, {"cpu": cpu, "cuda": kernels}[name]))
+    reconstructor = Reconstructor(SENSOR, frame.frequencies, device="cuda", surfaces=2)
+    reconstructor(frame)
+
+    def fail(*arguments):
+        raise RuntimeError("CUDA error: unspecified launch failure\nCompile with")
+
+    monkeypatch.setattr(reconstructor._method._pooled, "_run", fail)
+    for _ in range(2):
+        assert len(reconstructor(frame)) > 0.98 * SENSOR.pixels and reconstructor.device == "cpu"
+    assert caplog.messages[-1:] == ["the GPU failed: CUDA error: unspecified launch failure: "
+                                    "computing on the CPU from now on"]
 
 
 def test_the_frame_that_is_tried_shows_its_walls():
