@@ -1,5 +1,6 @@
-"""`srt3d compile`: compile the CPU kernels before they are needed, so that the first start is as fast as any other."""
+"""`srt3d compile`: compile kernels before they are needed, so that the first start is as fast as any other."""
 
+import argparse
 import time
 
 from srt3d_ros.errors import require
@@ -7,12 +8,21 @@ from srt3d_ros.errors import require
 
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
-        "compile", help="compile the CPU kernels of the default method ahead of the first start",
-        description="For this user and processor. Kernels of other methods are compiled at their first use.")
+        "compile", help="compile the kernels of the default method ahead of the first start",
+        description="For this user and processor, those of the CPU. Kernels of other methods are compiled at their "
+                    "first use.")
+    parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="cuda: of the GPU, for frames of "
+                        "one sensor; default: %(default)s")
+    parser.add_argument("--sensor-file", metavar="FILE", help="sensor description, with --device cuda; default: the "
+                        "simulator's sensor")
     parser.set_defaults(run=run)
 
 
-def run(_) -> int:
+def run(args: argparse.Namespace) -> int:
+    require(args.device == "cuda" or not args.sensor_file, "--sensor-file", args.sensor_file, "--device cuda: kernels "
+            "of the CPU are for any sensor")
+    if args.device == "cuda":
+        return _for_gpu(args.sensor_file)
     from srt3d_ros.core import precompile
     from srt3d_ros.kernels.cpu.compiling import FOLDER, WHY_NONE
 
@@ -22,4 +32,20 @@ def run(_) -> int:
     precompile.everything()
     new = set(FOLDER.rglob("*.nbc")) - before
     print(f"compiled {len(new)} kernels in {time.perf_counter() - started:.0f} s; they are in {FOLDER}")
+    return 0
+
+
+def _for_gpu(sensor_file: str | None) -> int:
+    """Reconstruct frames of the sensor, with which torch fills its cache on the disk."""
+    from srt3d_ros import datasets
+    from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE, choose
+    from srt3d_ros.datasets.simulation.scene import default_sensor
+    from srt3d_ros.results import Reconstructor
+
+    sensor, started = datasets.open_sensor(sensor_file) if sensor_file else default_sensor(), time.perf_counter()
+    reconstructor = Reconstructor(sensor, choose("auto", sensor, DEFAULT_SKETCH_SIZE), device="cuda")
+    print(f"compiling for frames of {sensor.rows} × {sensor.cols} pixels, for minutes the first time", flush=True)
+    reconstructor.warm_up()
+    require(reconstructor.device == "cuda", "--device", "cuda", f"cpu: {reconstructor.why}")
+    print(f"compiled in {time.perf_counter() - started:.0f} s; torch keeps the kernels in TORCHINDUCTOR_CACHE_DIR")
     return 0
