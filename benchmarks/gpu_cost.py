@@ -1,0 +1,155 @@
+"""What a frame costs on a GPU, counted without one: kernels launched and bytes moved, and the time that follows.
+
+Each step is lowered by torch's Inductor for an H100 that is not there, as `torch.compile` would lower it (fake tensors,
+make_fx, Inductor's scheduler), once for each form in which a frame calls it. Bytes are compulsory: each buffer that a
+kernel reads or writes counts once. What is no step of the kernels counts as one launch an operation. All times are
+predicted: bytes at 70 % of the GPU's bandwidth, and 2 µs a launch in a CUDA graph. `make gpu-cost` installs what it
+needs.
+"""
+
+import argparse
+import json
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+
+import numpy as np
+import torch
+from torch._subclasses.fake_tensor import FakeTensorMode
+from torch.utils import _pytree as trees
+from torch.utils._python_dispatch import TorchDispatchMode
+from tqdm import tqdm
+
+from benchmarks.fake_gpu import Cost, cost, pretend
+from benchmarks.frames import sensor_of
+from benchmarks.table1 import PAPER_MS
+from srt3d_ros.core.baselines import sketched
+from srt3d_ros.core.method import memory
+from srt3d_ros.core.method.matched_frame import MatchedFrame
+from srt3d_ros.core.methods import METHODS
+from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.kernels.torch import FUNCTIONS
+from srt3d_ros.kernels.torch.device import Kernels
+from srt3d_ros.kernels.torch.fusing import Fused
+
+BANDWIDTH = {"H100": 3.0e12, "RTX 3070 laptop": 448e9, "Jetson Orin": 205e9}        # bytes/s, of the makers
+REACHED, LAUNCH_S = 0.7, 2e-6
+SIDE, M, SURFACES = 142, 10, 1          # of the last line
+OUTSIDE = "outside"
+VIEWS = ("view", "expand", "slice", "select", "unsqueeze", "squeeze", "permute", "transpose", "as_strided", "detach",
+         "alias", "unbind", "split", "unfold", "_unsafe_view", "narrow", "empty", "lift_fresh")
+
+
+class FakeKernels(Kernels):
+    """Kernels of arrays without values."""
+
+    def __init__(self, mode: FakeTensorMode):
+        super().__init__(FUNCTIONS, "cuda", torch.float32)
+        self._mode = mode
+
+    def array(self, values):
+        pair = (2,) if np.iscomplexobj(values) else ()
+        with self._mode:
+            return torch.empty((*values.shape, *pair), device="cuda")
+
+
+class Frame(TorchDispatchMode):
+    """Counts a frame while it runs: its fused functions by name, and what is dispatched outside them.
+
+    Args:
+        lowered: costs of the functions that have been lowered, by name and form.
+    """
+
+    def __init__(self, lowered: dict, bar: tqdm):
+        super().__init__()
+        self.costs: dict[str, list[Cost]] = defaultdict(list)
+        self._lowered, self._bar, self._is_inside = lowered, bar, False
+
+    def __enter__(self):
+        self._call, frame = Fused.__call__, self
+        Fused.__call__ = lambda function, *given, **more: frame.fused(function, given, more)
+        return super().__enter__()
+
+    def __exit__(self, *reason):
+        Fused.__call__ = self._call
+        return super().__exit__(*reason)
+
+    def fused(self, function: Fused, given: tuple, more: dict):
+        """Count a fused function's call, and run it for the shapes of what it returns."""
+        if self._is_inside:
+            return function.function(*given, **more)
+        self._is_inside = True
+        try:
+            flat, shape = trees.tree_flatten((given, more))
+            is_array = [isinstance(each, torch.Tensor) for each in flat]
+            form = function.__name__, tuple((tuple(each.shape), each.dtype) if array else each
+                                            for each, array in zip(flat, is_array))
+            if form not in self._lowered:
+                def call(*tensors):
+                    arrays = iter(tensors)
+                    given, more = trees.tree_unflatten(
+                        [next(arrays) if array else each for each, array in zip(flat, is_array)], shape)
+                    arguments = trees.tree_leaves(function.function(*given, **more))
+                    return [each for each in arguments if isinstance(each, torch.Tensor)]
+
+                self._bar.set_description_str(f"lowering {function.__name__}")
+                self._lowered[form] = cost(call, [each for each, array in zip(flat, is_array) if array])
+                self._bar.update()
+            self.costs[function.__name__].append(self._lowered[form])
+            return function.function(*given, **more)
+        finally:
+            self._is_inside = False
+
+    def __torch_dispatch__(self, operation, types, given=(), more=None):
+        found = operation(*given, **(more or {}))
+        if not self._is_inside and not str(operation).removeprefix("aten.").startswith(VIEWS):
+            arrays = [each for each in trees.tree_leaves((given, more, found)) if isinstance(each, torch.Tensor)]
+            self.costs[OUTSIDE].append(Cost(1, 0, sum(each.numel() * each.element_size() for each in arrays), 0))
+        return found
+
+
+def steps_of(name: str, side: int, m: int, surfaces: int, bar: tqdm) -> dict[str, Cost]:
+    """The costs of a frame's steps, summed by name; "calls" are how often each is called."""
+    sensor, mode = sensor_of(side), FakeTensorMode()
+    kernels, frequencies = FakeKernels(mode), choose(METHODS[name].frequencies, sensor, m)
+    memory.kernels_for = sketched.kernels_for = lambda device: (device, kernels)
+    inputs = [np.empty((side, side), np.float32), np.empty((side, side, m), np.complex64)]
+    with mode:
+        method = METHODS[name].build(sensor, frequencies, surfaces=surfaces, device="cuda")
+        if name == "pooled":
+            method = method._pooled
+            inputs += [None, method._enough]
+        with Frame({}, bar) as frame:
+            method._estimate(*(each if each is None else kernels.array(each) for each in inputs))
+    return {step: Cost(*map(sum, zip(*costs))) for step, costs in frame.costs.items()} | {
+        "calls": Counter({step: len(costs) for step, costs in frame.costs.items()})}
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--sides", type=int, nargs="+", default=[SIDE, 705], help="rows and columns (%(default)s)")
+    parser.add_argument("--m", type=int, nargs="+", default=[M], help="sketch sizes (%(default)s)")
+    parser.add_argument("--surfaces", type=int, nargs="+", default=[SURFACES], help="K (%(default)s)")
+
+
+def run(args: argparse.Namespace) -> Iterator[dict]:
+    """A line for each method, size, m and K; then one of all methods at 142², m = 10, K = 1."""
+    pretend()
+    Fused.compiles = lambda *_: False
+    trees.register_dataclass(MatchedFrame)
+    last = {}
+    for side, m, surfaces in ((side, m, k) for side in args.sides for m in args.m for k in args.surfaces):
+        for name in ("pooled", "srt3d"):
+            with tqdm(disable=None, leave=False, bar_format="{n} {desc}") as bar:
+                steps = steps_of(name, side, m, surfaces, bar)
+            calls = steps.pop("calls")
+            frame = Cost(*map(sum, zip(*steps.values())))
+            bar.write("\n".join(f"  {step:<22}{calls[step]:>5} calls{each.launches:>7} launches{each.bytes / 1e9:>9.3f} GB"
+                                for step, each in sorted(steps.items(), key=lambda item: -item[1].bytes)))
+            times = {gpu: 1e3 * (LAUNCH_S * frame.launches + frame.bytes / REACHED / rate)
+                     for gpu, rate in BANDWIDTH.items()}
+            yield {"method": name, "pixels": f"{side}x{side}", "m": m, "surfaces": surfaces,
+                   "launches": frame.launches, "gigabytes": round(frame.bytes / 1e9, 3),
+                   "products_gflop": round(frame.flops / 1e9, 2), "paper_ms": PAPER_MS.get((side - side % 141, m)),
+                   "predicted_ms": {gpu: round(time, 2) for gpu, time in times.items()}}
+            if (side, m, surfaces) == (SIDE, M, SURFACES):
+                last[name] = {"launches": frame.launches, "gigabytes": round(frame.bytes / 1e9, 3)}
+    print(json.dumps(last), flush=True)
