@@ -15,7 +15,7 @@ gpu = $(if $(wildcard /proc/driver/nvidia/version),gpu)
 comma = ,
 installed_from = setup.py pyproject.toml package.xml constraints.txt $(wildcard scripts/nodes/* msg_schemas/* launch/* config/*)
 
-.PHONY: help demo test test-newest docs lint clean
+.PHONY: help demo test test-newest docs lint gpu-cost clean
 
 help:
 	@echo 'make demo [PHOTONS=file] [OUT=demo-out]  photons to point clouds over ROS 2: a recording, a picture, a table'
@@ -24,6 +24,7 @@ help:
 	@echo 'make test-newest                         the tests with the newest releases that setup.py allows'
 	@echo 'make docs                                the documentation as a web site, build/docs/index.html'
 	@echo 'make lint                                ruff'
+	@echo 'make gpu-cost                            what a frame costs on a GPU, counted without one; 6 GB of torch'
 	@echo 'make clean                               remove $(VENV) and everything that was built'
 	@echo 'Variables: PYTHON=$(PYTHON) (3.11 or newer), VENV=$(VENV)'
 
@@ -62,6 +63,17 @@ $(VENV)/test-ready: $(VENV)/demo-ready
 	@$(pip) --no-build-isolation --editable '.[test]'
 	@touch $@
 
+# By itself: torch's CUDA build, which the tests do without.
+gpu-cost: .venv-gpu-cost/ready
+	@.venv-gpu-cost/bin/python -W ignore -m benchmarks gpu_cost $(ARGS)
+
+.venv-gpu-cost/ready: setup.py
+	@echo 'installing torch for CUDA into .venv-gpu-cost: 6 GB, minutes'
+	@'$(PYTHON)' -m venv .venv-gpu-cost
+	@.venv-gpu-cost/bin/python -m pip --disable-pip-version-check install --quiet 'setuptools>=77.0.3,<80'
+	@.venv-gpu-cost/bin/python -m pip --disable-pip-version-check install --quiet --no-build-isolation --editable '.[gpu]' torch==2.14.1
+	@touch $@
+
 clean:
-	rm -rf .venv .venv-newest build install log dist demo-out *.egg-info .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-newest .venv-gpu-cost build install log dist demo-out *.egg-info .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -not -path './.git/*' -prune -exec rm -rf {} +

@@ -19,7 +19,7 @@ VERSION = re.search(r'__version__ = "(.+)"', Path(__file__).with_name(NAME).join
 # rerun-sdk asks for NumPy 2. It is not a core requirement because the apt packages of Ubuntu 24.04 use NumPy 1.26.
 RERUN = "rerun-sdk>=0.41,<0.42"
 PICTURES = ["matplotlib>=3.8,<4", "Pillow>=10.2,<14"]
-TORCH = "torch>=2.4,<3"
+TORCH = "torch>=2.9,<3"
 PYZMQ = "pyzmq>=25,<28"
 ROSBAGS = "rosbags>=0.11.9,<0.12"
 # It changes its interface from year to year.

@@ -23,6 +23,7 @@ PURPOSES = {
     "deskew": "time to move the parts of a frame to one instant",
     "false_alarms": "points where there is only background, beside the rate that was asked for",
     "figure1": "time of a frame against its photons, by method: Figure 1 of the paper",
+    "gpu": "what only a GPU can show: the CPU's points, times, memory (eight minutes)",
     "gpu_cost": "kernels and bytes of a frame on a GPU, counted without one, and the times that follow",
     "motion": "depth error of a sensor that moves: at rest, and with photons added as they are, and moved first",
     "ros": "latency and losses of frames through ROS 2 nodes, by rate",

@@ -142,8 +142,9 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
                 steps = steps_of(name, side, m, surfaces, bar)
             calls = steps.pop("calls")
             frame = Cost(*map(sum, zip(*steps.values())))
-            bar.write("\n".join(f"  {step:<22}{calls[step]:>5} calls{each.launches:>7} launches{each.bytes / 1e9:>9.3f} GB"
-                                for step, each in sorted(steps.items(), key=lambda item: -item[1].bytes)))
+            bar.write("\n".join(
+                f"  {step:<22}{calls[step]:>5} calls{each.launches:>7} launches{each.bytes / 1e9:>9.3f} GB"
+                for step, each in sorted(steps.items(), key=lambda item: -item[1].bytes)))
             times = {gpu: 1e3 * (LAUNCH_S * frame.launches + frame.bytes / REACHED / rate)
                      for gpu, rate in BANDWIDTH.items()}
             yield {"method": name, "pixels": f"{side}x{side}", "m": m, "surfaces": surfaces,

@@ -18,7 +18,7 @@ ROOMS = {
     "messages": (0, 4, 1, "ROS messages ⇄ NumPy"),
     "results.py": (1, 4, 1, "Sketch, Cloud"),
     "core": (0, 5, 4, "sensor · sketching · motion · method · baselines · metrics"),
-    "kernels": (0, 6, 4, "the work of every pixel: numba (cpu), torch (oracle, GPU)"),
+    "kernels": (0, 6, 4, "the work of every pixel: numba (cpu), torch (GPU, oracle)"),
 }
 WIDTH, HEIGHT, ACROSS, DOWN, MARGIN = 178, 46, 200, 82, 12      # of a box; from box to box; px
 STYLE = """<style>text { font: 12px sans-serif; fill: #1f2a3a; text-anchor: middle }

@@ -33,7 +33,7 @@ def device_for(sensor: SensorModel, frequencies: tuple[int, ...], build: Callabl
     except RuntimeError as error:                       # torch's: no memory, or no kernels for this GPU
         refused = str(error).partition("\n")[0]
     else:
-        alike = _alike(found, wanted, sensor.num_bins)
+        alike = share_alike(found, wanted, sensor.num_bins)
         refused = f"{100 * alike:.1f} % of its pixels are as on the CPU" if alike < ALIKE else \
             f"{1e3 * gpu_s:.0f} ms a frame instead of {1e3 * cpu_s:.0f}" if gpu_s >= cpu_s else ""
     if refused:
@@ -62,7 +62,7 @@ def _timed(reconstructor: Callable, frame: Sketch) -> tuple[PointCloud, float]:
     return reconstructor(frame), time.perf_counter() - began
 
 
-def _alike(found: PointCloud, wanted: PointCloud, num_bins: int) -> float:
+def share_alike(found: PointCloud, wanted: PointCloud, num_bins: int) -> float:
     """The share of the pixels with the same points."""
     alike = np.ones(wanted.background.shape, bool)
     for k in range(max(found.surface.max(initial=0), wanted.surface.max(initial=0)) + 1):

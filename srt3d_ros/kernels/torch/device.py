@@ -69,8 +69,9 @@ def _recorded(function: Callable, arrays: list) -> Callable:
 
     It first runs as it is, which compiles what is fused. Products of matrices are exact to the type: no TF32.
     """
-    inputs, precision = [None if each is None else each.clone() for each in arrays], _Precision()
-    with precision:
+    inputs, products = [None if each is None else each.clone() for each in arrays], torch.backends.cuda.matmul
+    before, products.fp32_precision = products.fp32_precision, "ieee"
+    try:
         aside = torch.cuda.Stream()
         aside.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(aside):
@@ -79,6 +80,8 @@ def _recorded(function: Callable, arrays: list) -> Callable:
         graph = torch.cuda.CUDAGraph()
         with torch.cuda.graph(graph, capture_error_mode="thread_local"):
             outputs = function(*inputs)
+    finally:
+        products.fp32_precision = before
 
     def replay(arrays: list) -> tuple:
         for ours, given in zip(inputs, arrays):
@@ -87,16 +90,3 @@ def _recorded(function: Callable, arrays: list) -> Callable:
         graph.replay()
         return outputs
     return replay
-
-
-class _Precision:
-    """Products of float32 matrices in float32 inside, whatever the user has set, and has again behind it."""
-
-    def __enter__(self) -> None:
-        self._matmul = torch.backends.cuda.matmul
-        self._name = "fp32_precision" if hasattr(self._matmul, "fp32_precision") else "allow_tf32"      # torch < 2.9
-        self._before = getattr(self._matmul, self._name)
-        setattr(self._matmul, self._name, "ieee" if self._name == "fp32_precision" else False)
-
-    def __exit__(self, *_) -> None:
-        setattr(self._matmul, self._name, self._before)

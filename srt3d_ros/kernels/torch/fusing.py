@@ -6,8 +6,9 @@ from functools import partial, update_wrapper
 import torch
 from torch._dynamo import config
 
-# Sums over neighbours read what they need where they need it: nothing of [neighbours × pixels] is stored.
-OPTIONS = {"realize_reads_threshold": 1000, "realize_opcount_threshold": 1000}
+# Sums over neighbours read what they need where they need it: nothing of [neighbours × pixels] is stored. Those over a
+# pixel's surfaces, of which there are at most four, are written out; those over frequencies are loops.
+OPTIONS = {"realize_reads_threshold": 1000, "realize_opcount_threshold": 1000, "unroll_reductions_threshold": 5}
 MOST_FORMS = 100        # in which a function is compiled: `search` has one for each scale and surface
 
 

@@ -86,4 +86,4 @@ def test_one_that_fails_later_leaves_its_frames_to_the_cpu(monkeypatch, caplog):
 def test_the_frame_that_is_tried_shows_its_walls():
     frame = gpu_check._frame(SENSOR, choose("auto", SENSOR, 7))
     cloud = PooledStream(SENSOR, frame.frequencies, device="cpu")(frame)
-    assert len(cloud) > 0.98 * SENSOR.pixels and gpu_check._alike(cloud, cloud, SENSOR.num_bins) == 1
+    assert len(cloud) > 0.98 * SENSOR.pixels and gpu_check.share_alike(cloud, cloud, SENSOR.num_bins) == 1
