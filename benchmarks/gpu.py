@@ -11,6 +11,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -62,12 +63,13 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
         print(path)
 
 
-def built(method: str, side: int, device: str, m: int = SKETCH_SIZE) -> Callable[[Sketch], PointCloud]:
-    """A reconstruction that has compiled all that it needs."""
+def built(method: str, side: int, device: str) -> tuple[Callable[[Sketch], PointCloud], tuple[int, ...]]:
+    """A reconstruction that has compiled all that it needs, and its frequencies."""
     sensor = sensor_of(side)
-    reconstructor = METHODS[method].build(sensor, choose(METHODS[method].frequencies, sensor, m), device=device)
+    frequencies = choose(METHODS[method].frequencies, sensor, SKETCH_SIZE)
+    reconstructor = METHODS[method].build(sensor, frequencies, device=device)
     reconstructor.warm_up()
-    return reconstructor
+    return reconstructor, frequencies
 
 
 def starts(args: argparse.Namespace, is_late: Callable[[], bool]) -> Iterator[dict]:
@@ -86,10 +88,9 @@ def agreement(args: argparse.Namespace, is_late: Callable[[], bool]) -> Iterator
         if is_late():
             yield {"method": name, "left out": "no time"}
             continue
-        ours, theirs = (built(name, args.side, device) for device in (args.device, "cpu"))
-        sensor = ours.sensor
-        sketch = sketch_photons(photons, sensor, choose(METHODS[name].frequencies, sensor, SKETCH_SIZE))
-        clouds = []
+        (ours, frequencies), (theirs, _) = (built(name, args.side, device) for device in (args.device, "cpu"))
+        sensor, clouds = ours.sensor, []
+        sketch = sketch_photons(photons, sensor, frequencies)
         for reconstructor in (ours, ours, theirs):
             reconstructor.forget()
             clouds.append(reconstructor(sketch))
@@ -101,39 +102,26 @@ def agreement(args: argparse.Namespace, is_late: Callable[[], bool]) -> Iterator
 
 
 def sizes(args: argparse.Namespace, is_late: Callable[[], bool]) -> Iterator[dict]:
-    """The paper's sizes, the smallest and the largest first."""
-    order = sorted(table1.PAPER_MS, key=lambda case: (case[1] != SKETCH_SIZE, case[0] not in (141, 705), case[0]))
-    for side, m in order:
-        for name in ("pooled", "srt3d"):
-            if is_late():
-                yield {"method": name, "pixels": f"{side}x{side}", "m": m, "left out": "no time"}
-                continue
-            if args.device == "cuda":
-                torch.cuda.reset_peak_memory_stats()
-            reconstructor = built(name, side, args.device, m)
-            sensor = reconstructor.sensor
-            frequencies = choose(METHODS[name].frequencies, sensor, m)
-            sketch = sketch_photons(photons_of(sensor, PPP), sensor, frequencies)
-            timing = timed(lambda: reconstructor(sketch), 20)
-            memory = torch.cuda.max_memory_allocated() if args.device == "cuda" else 0
-            yield {"method": name, "pixels": f"{side}x{side}", "m": m, "paper ms": table1.PAPER_MS[side, m],
-                   "median ms": round(timing.median_ms, 2), "min ms": round(min(timing.ms), 2),
-                   "memory GB": round(memory / 1e9, 2)}
+    """`table1`, as far as there is time."""
+    for line in table1.run(argparse.Namespace(device=args.device, repeats=20)):
+        if args.device == "cuda":
+            line["gpu_bytes"] = torch.cuda.max_memory_allocated()
+        yield line
+        if is_late():
+            yield {"left out": "what follows in PAPER_MS: no time"}
+            return
 
 
 def photons(args: argparse.Namespace, is_late: Callable[[], bool]) -> Iterator[dict]:
     """From 1 to 1,000 photons a pixel."""
-    for name in ("pooled", "srt3d"):
-        reconstructor = None if is_late() else built(name, args.side, args.device)
-        for ppp in PPPS:
-            if is_late() or reconstructor is None:
-                yield {"method": name, "ppp": ppp, "left out": "no time"}
-                continue
-            sensor = reconstructor.sensor
-            frequencies = choose(METHODS[name].frequencies, sensor, SKETCH_SIZE)
-            sketch = sketch_photons(photons_of(sensor, ppp), sensor, frequencies)
-            timing = timed(lambda: reconstructor(sketch), 20)
-            yield {"method": name, "ppp": ppp, "median ms": round(timing.median_ms, 2)}
+    for name, ppp in product(("pooled", "srt3d"), PPPS):
+        if is_late():
+            yield {"left out": f"{name} from {ppp} ppp on: no time"}
+            return
+        reconstructor, frequencies = built(name, args.side, args.device)
+        sketch = sketch_photons(photons_of(reconstructor.sensor, ppp), reconstructor.sensor, frequencies)
+        timing = timed(lambda: reconstructor(sketch), 20)
+        yield {"method": name, "ppp": ppp, "median_ms": round(timing.median_ms, 2)}
 
 
 def _as_table(titled: tuple[str, list[dict]]) -> str:

@@ -87,34 +87,20 @@ def _close_by(voters):
 
 
 class Around(NamedTuple):
-    """The voters of each pixel, carried there along their planes: images [V, rows, cols], unless said otherwise.
+    """The voters of each pixel, carried there along their planes: images [V, rows, cols], unless said otherwise."""
 
-    Args:
-        record: their fields, [V, FIELDS, rows, cols].
-        at, tolerance, vote: depths, squares of what they may be off, nats.
-        there: which there are.
-        count: how many the pixel of each has.
-        weight: by their distance, [V, 1, 1].
-        other: which are other pixels', [V, 1, 1].
-        had: how many the pixel has itself, [rows, cols].
-        blank, dark: what a first surface of a pixel needs more, and loses where dark, by the pixels around that have
-            none, [rows, cols].
-        undecided: pixels whose 3 × 3 neighbourhood does not agree with them, [rows, cols].
-        period: T.
-    """
-
-    record: torch.Tensor
-    at: torch.Tensor
-    tolerance: torch.Tensor
-    vote: torch.Tensor
-    there: torch.Tensor
-    count: torch.Tensor
-    weight: torch.Tensor
-    other: torch.Tensor
-    had: torch.Tensor
-    blank: torch.Tensor
-    dark: torch.Tensor
-    undecided: torch.Tensor
+    record: torch.Tensor        # their fields, [V, FIELDS, rows, cols]
+    at: torch.Tensor            # depths,
+    tolerance: torch.Tensor     # squares of what these may be off,
+    vote: torch.Tensor          # and nats
+    there: torch.Tensor         # which there are
+    count: torch.Tensor         # how many the pixel of each has
+    weight: torch.Tensor        # by their distance, [V, 1, 1]
+    other: torch.Tensor         # which are other pixels', [V, 1, 1]
+    had: torch.Tensor           # how many the pixel has itself, [rows, cols]
+    blank: torch.Tensor         # what a first surface of a pixel needs more, [rows, cols],
+    dark: torch.Tensor          # and loses where dark, by the pixels around that have none
+    undecided: torch.Tensor     # pixels whose 3 × 3 neighbourhood does not agree with them, [rows, cols]
     period: int
 
     def apart(self, at, tolerance):
@@ -158,23 +144,15 @@ def _undecided(around):
 
 
 class Best(NamedTuple):
-    """The candidate for the pixels' surface k with the highest log-likelihood ratio; images [rows, cols].
+    """The candidate for the pixels' surface k with the highest log-likelihood ratio; images [rows, cols]."""
 
-    Args:
-        found: whether that is enough.
-        point: the pixel's own, or the mean of what agrees, [FIELDS, rows, cols].
-        own: which of its own, or −1.
-        agree: voters, with the candidate, [V, rows, cols].
-        depth, ratio, response: of the pixel's photons.
-    """
-
-    found: torch.Tensor
-    point: torch.Tensor
-    own: torch.Tensor
-    agree: torch.Tensor
+    found: torch.Tensor         # whether that is enough
+    point: torch.Tensor         # the pixel's own, or the mean of what agrees, [FIELDS, rows, cols]
+    own: torch.Tensor           # which of its own, or −1
+    agree: torch.Tensor         # voters, with the candidate, [V, rows, cols]
     depth: torch.Tensor
-    ratio: torch.Tensor
-    response: torch.Tensor
+    ratio: torch.Tensor         # of the pixel's photons,
+    response: torch.Tensor      # and what they show
 
 
 def _best(k, around, free, before, rest, photons, light, frame) -> Best:
