@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from srt3d_ros.core.baselines import plug_and_play
 from srt3d_ros.core.baselines.rt3d import RT3D
 from srt3d_ros.core.baselines.sketched import SMLE, SRT3D
 from srt3d_ros.core.baselines.weighting import weighted_steps
@@ -206,6 +207,7 @@ def test_apss_agrees(shape, surfaces):
 @pytest.mark.parametrize("surfaces", [1, 2])
 def test_a_gpu_finds_the_same_points_and_looks_at_no_value(monkeypatch, method, surfaces):
     sensor, found = make_sensor(12, 33), []
+    monkeypatch.setattr(plug_and_play, "ITERATIONS", 8)
     sketch = sketch_photons(make_photons(sensor, 60), sensor, tuple(range(1, 8)))
     for kernels in (CPU.kernels, ORACLE.kernels, oracle.on("meta")):        # meta: torch's device without values
         monkeypatch.setattr("srt3d_ros.core.baselines.sketched.kernels_for", lambda name, it=kernels: (name, it))

@@ -152,7 +152,8 @@ class Matcher:
         require(sketch.photons.shape == shape, "sketch size", tuple(sketch.photons.shape), f"rows × cols = {shape}")
         parts = np.ascontiguousarray(sketch.sums, np.complex64).view(np.float32)
         flat = parts.ravel()
-        longest = float(np.sqrt(flat @ flat))       # at most, in one pass; NaN if one is
+        with np.errstate(over="ignore"):
+            longest = float(np.sqrt(flat @ flat))   # at most, in one pass; NaN if one is
         if not longest <= MAX_SUM:
             longest = float(max(parts.max(), -parts.min()))
         require(longest <= MAX_SUM, "sketch", longest, "sums of unit vectors, as many as photons, everywhere")

@@ -39,7 +39,7 @@ def test_points_that_stay_weak_are_dropped_before_the_rest_of_the_pixels_is_sear
     method = PooledStream(sensor, tuple(range(1, 11)), device="cpu")
     assert len(method(sketch)) == sensor.pixels
     method = PooledStream(sensor, tuple(range(1, 11)), device="cpu")
-    method._pooled._weak = method._pooled._found = np.inf       # no score is enough, nor found by the second search
+    method._pooled._enough[:2] = np.inf         # no score is enough, nor found by the second search
     assert len(method(sketch)) == 0
 
 
