@@ -125,7 +125,7 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
     point, used = view[:, layer], crop(frame.exposure, *frame.shape) > 0
     is_open = used & (point[:, INTENSITY] == 0)
     if layer > 0:
-        is_open &= view[:, layer - 1, INTENSITY] > 0
+        is_open = is_open & (view[:, layer - 1, INTENSITY] > 0)
     pixels = [crop(values, *frame.shape) for values in (matched, frame.counts, frame.exposure)]
     pools, cells = _pooled(frame, *pixels, is_open, sigma, step)
     found = _take(frame, point, step, is_open, pools, (0.0, 0.0), enough)
