@@ -10,7 +10,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from benchmarks.frames import photons_of, sensor_of, timed
+from benchmarks.frames import PPPS, SIDE, SKETCH_SIZE, photons_of, sensor_of, timed
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.sketcher import Sketcher
@@ -18,8 +18,6 @@ from srt3d_ros.evaluation.results import aligned
 from srt3d_ros.pictures.curves import METHOD_COLOURS, Metric, format_axes
 from srt3d_ros.pictures.figures import save_png
 
-SIDE, SKETCH_SIZE = 141, 10
-PPPS = (1, 3, 10, 30, 100, 300, 1000)
 PHOTONS = "photons per pixel (mean, with background)"
 IN_TABLE = (1, 10, 100, 1000)       # photons a pixel
 STYLES = {name: {"color": colour, "marker": marker, "markersize": 4.5, "linewidth": 3 if name == "pooled" else 1.6}

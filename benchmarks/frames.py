@@ -15,6 +15,8 @@ from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
 
 FOV_DEG = 11.0              # of the default sensor: finer pixels, not more of the scene
+SIDE, SKETCH_SIZE = 141, 10
+PPPS = (1, 3, 10, 30, 100, 300, 1000)
 PPP, SBR, SEED = 10.0, 1.0, 1       # the time of a frame depends on neither (Figure 1 of the paper)
 PROCESS = Path("/proc/self")
 

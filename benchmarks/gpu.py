@@ -18,8 +18,7 @@ import numpy as np
 import torch
 
 from benchmarks import table1
-from benchmarks.figure1 import PPPS, SIDE, SKETCH_SIZE
-from benchmarks.frames import PPP, photons_of, sensor_of, timed
+from benchmarks.frames import PPP, PPPS, SIDE, SKETCH_SIZE, photons_of, sensor_of, timed
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.method.gpu_check import share_alike
 from srt3d_ros.core.methods import METHODS
