@@ -200,9 +200,14 @@ class Reconstructor:
         self._own, self._frequencies = {"method": method, "surfaces": surfaces}, frequencies
         self._build = partial(find(method).build, sensor, self._frequencies,
                               **{name: value for name, value in own.items() if value is not None})
-        self._method, self._is_warm = self._build(), False
-        self.device = getattr(self._method, "device", "cpu")
-        self.why = getattr(self._method, "why", f"{method} runs on the CPU")
+        self._is_warm = False
+        try:
+            self._method = self._build()
+        except RuntimeError as error:
+            self._fall_back(error)
+        else:
+            self.device = getattr(self._method, "device", "cpu")
+            self.why = getattr(self._method, "why", f"{method} runs on the CPU")
 
     @property
     def uneven_background(self) -> float:
@@ -223,11 +228,14 @@ class Reconstructor:
         except RuntimeError as error:           # torch's: no memory, a kernel that failed, or does not compile
             if self.device != "cuda":
                 raise
-            self.device, self.why = "cpu", f"the GPU failed: {str(error).partition(chr(10))[0]}"
-            logging.getLogger(__name__).warning(f"{self.why}: computing on the CPU from now on")
-            self._method = self._build(device="cpu")
+            self._fall_back(error)
             self._method.warm_up()
             return task()
+
+    def _fall_back(self, error: RuntimeError) -> None:
+        self.device, self.why = "cpu", f"the GPU failed: {str(error).partition(chr(10))[0]}"
+        logging.getLogger(__name__).warning(f"{self.why}: computing on the CPU from now on")
+        self._method = self._build(device="cpu")
 
     def allow(self, false_alarm_rate: float) -> None:
         """Take this false alarm rate from the next frame on (pooled)."""

@@ -1,6 +1,7 @@
 """A stream of frames by the default method: what `pooled` needs from the frames before."""
 
 from copy import deepcopy
+from functools import cached_property
 
 import numpy as np
 
@@ -75,9 +76,11 @@ class PooledStream:
         """The estimate of least misfit; the surfaces and the background of the next frame become what it shows."""
         starts = self._background.starts(sketch)
         if starts and self.surfaces > 1:        # further surfaces would take the background for themselves
-            single = PooledStream(self.sensor, self._matcher.frequencies, 1, self.false_alarm_rate, self.device)
-            single(sketch)
-            starts = starts[:1] if single.uneven_background == 0 else (single._background.current,)
+            self._single.forget()
+            self._single.allow(self.false_alarm_rate)
+            self._single(sketch)
+            even = self._single.uneven_background == 0
+            starts = starts[:1] if even else (self._single._background.current,)
         if starts:
             tried = [(self._estimate(sketch, None, background), background) for background in starts]
             found, background = min(tried, key=lambda one: one[0].misfit)
@@ -87,6 +90,11 @@ class PooledStream:
         self._surfaces = found.state
         self._background.learn(background, found)
         return found
+
+    @cached_property
+    def _single(self) -> "PooledStream":
+        """The same with one surface a pixel."""
+        return PooledStream(self.sensor, self._matcher.frequencies, 1, self.false_alarm_rate, self.device)
 
     def _estimate(self, sketch: Sketch, start: np.ndarray | None, background: BackgroundEstimate) -> Estimate:
         """The estimate with a background; its state is kept for a warm start alone."""
@@ -128,6 +136,8 @@ class PooledStream:
             found = self._pooled(sketch, None, background)
             if self._warm_start:
                 self._pooled(sketch, deepcopy(found.state), background)
+        if self.surfaces > 1 and not self._background.is_even:
+            self._single.warm_up()
 
 
 def _check_rate(false_alarm_rate: float) -> None:

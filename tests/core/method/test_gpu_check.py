@@ -77,10 +77,11 @@ def test_one_that_fails_later_leaves_its_frames_to_the_cpu(monkeypatch, caplog):
         raise RuntimeError("CUDA error: unspecified launch failure\nCompile with")
 
     monkeypatch.setattr(reconstructor._method._pooled, "_run", fail)
-    for _ in range(2):
-        assert len(reconstructor(frame)) > 0.98 * SENSOR.pixels and reconstructor.device == "cpu"
-    assert caplog.messages[-1:] == ["the GPU failed: CUDA error: unspecified launch failure: "
-                                    "computing on the CPU from now on"]
+    monkeypatch.setattr(kernels, "array", fail)
+    for failed in (reconstructor, Reconstructor(SENSOR, frame.frequencies, device="cuda"), reconstructor):
+        assert len(failed(frame)) > 0.98 * SENSOR.pixels and failed.device == "cpu"
+    assert caplog.messages[-2:] == 2 * ["the GPU failed: CUDA error: unspecified launch failure: "
+                                        "computing on the CPU from now on"]
 
 
 def test_the_frame_that_is_tried_shows_its_walls():
