@@ -11,7 +11,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -50,16 +49,18 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
     is_gpu = args.device == "cuda"
     name = args.name or (torch.cuda.get_device_name() if is_gpu else "none")
     ends, tables = time.monotonic() + 60 * args.minutes, {}
-    for title, measure in (("Start of a reconstruction", starts), ("The same points", agreement),
-                           ("Table 1: time by size", sizes), ("Figure 1: time by photons", photons)):
-        tables[title] = []
-        for line in measure(args, lambda: time.monotonic() > ends):
-            tables[title].append(line)
-            yield {"gpu": name} | line
-    if is_gpu:
-        path = RESULTS / f"gpu-{name.replace(' ', '-')}.md"
-        path.write_text(f"# {name}, torch {torch.__version__}\n\n" + "\n".join(map(_as_table, tables.items())))
-        print(path)
+    try:
+        for title, measure in (("Start of a reconstruction", starts), ("The same points", agreement),
+                               ("Figure 1: time by photons", photons), ("Table 1: time by size", sizes)):
+            tables[title] = []
+            for line in measure(args, lambda: time.monotonic() > ends):
+                tables[title].append(line)
+                yield {"gpu": name} | line
+    finally:        # what was measured before an error, too
+        if is_gpu:
+            path = RESULTS / f"gpu-{name.replace(' ', '-')}.md"
+            path.write_text(f"# {name}, torch {torch.__version__}\n\n" + "\n".join(map(_as_table, tables.items())))
+            print(path)
 
 
 def built(method: str, side: int, device: str) -> tuple[Callable[[Sketch], PointCloud], tuple[int, ...]]:
@@ -102,9 +103,12 @@ def agreement(args: argparse.Namespace, is_late: Callable[[], bool]) -> Iterator
 
 def sizes(args: argparse.Namespace, is_late: Callable[[], bool]) -> Iterator[dict]:
     """`table1`, as far as there is time."""
+    if args.device == "cuda":
+        torch.cuda.reset_peak_memory_stats()
     for line in table1.run(argparse.Namespace(device=args.device, repeats=20)):
         if args.device == "cuda":
             line["gpu_bytes"] = torch.cuda.max_memory_allocated()
+            torch.cuda.reset_peak_memory_stats()
         yield line
         if is_late():
             yield {"left out": "what follows in PAPER_MS: no time"}
@@ -113,14 +117,19 @@ def sizes(args: argparse.Namespace, is_late: Callable[[], bool]) -> Iterator[dic
 
 def photons(args: argparse.Namespace, is_late: Callable[[], bool]) -> Iterator[dict]:
     """From 1 to 1,000 photons a pixel."""
-    for name, ppp in product(("pooled", "srt3d"), PPPS):
+    for name in ("pooled", "srt3d"):
         if is_late():
-            yield {"left out": f"{name} from {ppp} ppp on: no time"}
-            return
+            yield {"left out": f"{name}: no time"}
+            continue
         reconstructor, frequencies = built(name, args.side, args.device)
-        sketch = sketch_photons(photons_of(reconstructor.sensor, ppp), reconstructor.sensor, frequencies)
-        timing = timed(lambda: reconstructor(sketch), 20)
-        yield {"method": name, "ppp": ppp, "median_ms": round(timing.median_ms, 2)}
+        for ppp in PPPS:
+            if is_late():
+                yield {"left out": f"{name} from {ppp} ppp on: no time"}
+                break
+            sketch = sketch_photons(photons_of(reconstructor.sensor, ppp), reconstructor.sensor, frequencies)
+            reconstructor.forget()
+            timing = timed(lambda: reconstructor(sketch), 20)
+            yield {"method": name, "ppp": ppp, "median_ms": round(timing.median_ms, 2)}
 
 
 def _as_table(titled: tuple[str, list[dict]]) -> str:

@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Iterator
+from functools import partial
 
 from benchmarks.frames import PPP, photons_of, sensor_of, timed
 from srt3d_ros.core.methods import METHODS
@@ -28,7 +29,8 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
             device = args.device if "device" in METHODS[name].options else "cpu"
             reconstructor = METHODS[name].build(sensor, frequencies, device=device)
             reconstructor.warm_up()         # its memory would count as the frame's
-            timing = timed(lambda: reconstructor(sketch), args.repeats)
+            timing = timed(partial(reconstructor, sketch), args.repeats)
+            del reconstructor               # and as that of the next
             yield {"pixels": f"{side}x{side}", "m": m, "method": name, "device": device, "paper_ms": PAPER_MS[side, m],
                    "median_ms": round(timing.median_ms, 1), "min_ms": round(min(timing.ms), 1),
                    "max_ms": round(max(timing.ms), 1), "growth_bytes": timing.growth_bytes}
