@@ -9,8 +9,8 @@ needs.
 
 import argparse
 import json
-from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 import torch
@@ -107,8 +107,8 @@ class Frame(TorchDispatchMode):
         return found
 
 
-def steps_of(name: str, side: int, m: int, surfaces: int, bar: tqdm) -> dict[str, Cost]:
-    """The costs of a frame's steps, summed by name; "calls" are how often each is called."""
+def steps_of(name: str, side: int, m: int, surfaces: int, bar: tqdm) -> dict[str, list[Cost]]:
+    """The costs of the calls of a frame's steps, by name."""
     sensor, mode = sensor_of(side), FakeTensorMode()
     kernels, frequencies = FakeKernels(mode), choose(METHODS[name].frequencies, sensor, m)
     memory.kernels_for = sketched.kernels_for = lambda device: (device, kernels)
@@ -120,8 +120,11 @@ def steps_of(name: str, side: int, m: int, surfaces: int, bar: tqdm) -> dict[str
             inputs += [None, method._enough]
         with Frame({}, bar) as frame:
             method._estimate(*(each if each is None else kernels.array(each) for each in inputs))
-    return {step: Cost(*map(sum, zip(*costs))) for step, costs in frame.costs.items()} | {
-        "calls": Counter({step: len(costs) for step, costs in frame.costs.items()})}
+    return frame.costs
+
+
+def total(costs: Iterable[Cost]) -> Cost:
+    return Cost(*map(sum, zip(*costs)))
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -139,11 +142,11 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
     for side, m, surfaces in ((side, m, k) for side in args.sides for m in args.m for k in args.surfaces):
         for name in ("pooled", "srt3d"):
             with tqdm(disable=None, leave=False, bar_format="{n} {desc}") as bar:
-                steps = steps_of(name, side, m, surfaces, bar)
-            calls = steps.pop("calls")
-            frame = Cost(*map(sum, zip(*steps.values())))
+                calls = steps_of(name, side, m, surfaces, bar)
+            steps = {step: total(costs) for step, costs in calls.items()}
+            frame = total(steps.values())
             bar.write("\n".join(
-                f"  {step:<22}{calls[step]:>5} calls{each.launches:>7} launches{each.bytes / 1e9:>9.3f} GB"
+                f"  {step:<22}{len(calls[step]):>5} calls{each.launches:>7} launches{each.bytes / 1e9:>9.3f} GB"
                 for step, each in sorted(steps.items(), key=lambda item: -item[1].bytes)))
             times = {gpu: 1e3 * (LAUNCH_S * frame.launches + frame.bytes / REACHED / rate)
                      for gpu, rate in BANDWIDTH.items()}

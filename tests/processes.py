@@ -103,8 +103,9 @@ class Process:
 
     def send(self, number: int) -> None:
         """Send a signal, if it still runs."""
-        if self.running:
-            os.kill(self.pid, number)
+        with contextlib.suppress(ProcessLookupError):       # its end may be known later than it comes
+            if self.running:
+                os.kill(self.pid, number)
 
     def halt(self) -> None:
         """SIGSTOP, and wait until none of its threads runs: until one of them has seen the signal, others go on."""

@@ -79,6 +79,12 @@ def build(described: tuple[SensorModel, tuple[int, ...]] | None, values: dict[st
     return Reconstructor(*(described or (precompile.ANY_SENSOR, (1, 2, 3))), **options(values))
 
 
+def on_the_cpu(described: tuple[SensorModel, tuple[int, ...]] | None, values: dict[str, Value]) -> Reconstructor:
+    """The same without what a GPU takes seconds for; InvalidInput, too, for a device that there is none of."""
+    kernels_for(values["device"])
+    return build(described, values | {"device": "cpu"})
+
+
 SPEC = NodeSpec(
     "reconstructor",
     inputs=(topics.SKETCH_SENSOR, topics.SKETCH),
@@ -108,8 +114,7 @@ class ReconstructorNode(PipelineNode):
     def configure(self) -> None:
         self._settings = self.parameters.as_dict()
         check_together(self._settings)
-        kernels_for(self._settings["device"])
-        build(None, self._settings | {"device": "cpu"}).warm_up()       # what a GPU compiles depends on the sensor
+        on_the_cpu(None, self._settings).warm_up()      # what a GPU compiles depends on the sensor
         self._points = self.advertise("points")
         self._images = {topic.name: self.advertise(topic.name) for topic in topics.IMAGES}
         self._camera_info = self.advertise("camera_info")
@@ -133,9 +138,8 @@ class ReconstructorNode(PipelineNode):
         """Refuse parameters that could not be applied."""
         check_together(values)
         if options(values) != options(self.parameters.as_dict()):
-            kernels_for(values["device"])
             newest = self._newest       # which the worker may replace meanwhile
-            build(newest and (newest.sensor, newest.frequencies), values | {"device": "cpu"})   # a GPU takes seconds
+            on_the_cpu(newest and (newest.sensor, newest.frequencies), values)
 
     def _apply(self) -> None:
         """Use the present parameters from the next frame on."""

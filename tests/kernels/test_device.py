@@ -11,6 +11,7 @@ import torch
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels import torch as oracle
+from srt3d_ros.kernels.torch.device import exact_products
 from srt3d_ros.kernels.torch.fusing import Fused
 
 from .frames import make_sensor, make_sketch
@@ -58,8 +59,9 @@ def test_no_step_of_a_frame_looks_at_a_value_or_has_a_shape_that_depends_on_one(
     background = (photons, np.ones(7, np.complex64), np.ones(SENSOR.num_bins, np.float32)) if uneven else ()
     found = pooled._run(photons, sketch.sums, state, pooled._enough, *background)
     assert {each.device.type for each in found} == {"meta"}
-    _, _, background, points, number = found
-    assert background.shape == SHAPE and points.shape == (9 * 33 * surfaces + 1, 11) and number.shape == (1,)
+    _, _, background, values, xyz, number = found
+    most = 9 * 33 * surfaces + 1
+    assert background.shape == SHAPE and (values.shape, xyz.shape, number.shape) == ((6, most), (most, 3), (1,))
 
 
 @pytest.mark.parametrize("method", ["pooled", "srt3d"])
@@ -74,7 +76,7 @@ def test_two_frames_compile_each_step_once_as_one_graph_that_needs_nothing_of_th
     first = reconstructor(SKETCHES[0])
     compiled = {name: len(each) for name, each in graphs.items()}
     assert set(compiled) >= ({"search", "_round", "_step", "finalise", "collect"} if method == "pooled" else
-                             {"_start", "pixelwise", "apss"})
+                             {"_start", "pixelwise", "_joined", "_projected", "_moved"})
     if method == "pooled":
         reconstructor.allow(1e-2)
     assert len(reconstructor(SKETCHES[1])) != len(first)
@@ -97,3 +99,14 @@ def test_what_is_compiled_gives_the_points_of_what_runs_step_by_step(monkeypatch
         found.append(np.stack([cloud.row, cloud.col, cloud.depth_bins, cloud.intensity]))
     np.testing.assert_allclose(*found, rtol=1e-4, atol=1e-3)
     assert not np.array_equal(*found)       # sums in another order: it was compiled
+
+
+def test_products_of_matrices_are_exact_to_the_type_and_what_the_user_has_set_stays():
+    torch.set_float32_matmul_precision("medium")
+    try:
+        with exact_products():
+            assert torch.backends.cuda.matmul.fp32_precision == "ieee"
+        assert torch.backends.cuda.matmul.fp32_precision == "tf32"
+        assert torch.get_float32_matmul_precision() == "medium"
+    finally:
+        torch.set_float32_matmul_precision("highest")

@@ -30,11 +30,11 @@ def test_finalise(backend, shape, surfaces, clutter):
 @pytest.mark.parametrize(("shape", "surfaces"), [((5, 40), 1), ((3, 50), 4), ((1, 1), 1)])
 def test_collect_lists_points_by_pixel_the_strongest_first(backend, shape, surfaces):
     rng = np.random.default_rng(5)
-    state = make_state(make_frame(shape, 5), surfaces, 5)
-    maps.crop(state, *shape)[0, :, maps.DEPTH, 0] = T       # −ε, rounded: the period's end is its beginning
+    depth = maps.crop(make_state(make_frame(shape, 5), surfaces, 5), *shape)[:, :, maps.DEPTH]
+    depth[0, :, 0] = T                                      # −ε, rounded: the period's end is its beginning
     intensity, std = (rng.choice([0, 1, 2, 3.5], (shape[0], surfaces, shape[1])).astype(np.float32) for _ in range(2))
     intensity *= shape != (1, 1)                            # a list of none
-    arguments = state, intensity, std, rng.normal(size=(*shape, 3)).astype(np.float32), 0.0149, 12.5, T
+    arguments = depth, intensity, std, rng.normal(size=(*shape, 3)).astype(np.float32), 0.0149, 12.5, T
     found, expected = (each.kernels.unpack(*each.kernels.collect(*map(each.on, arguments)))
                        for each in (backend, ORACLE))
     assert len(found[0]) == (intensity > 0).sum() and (len(found[0]) > 50 or shape == (1, 1))

@@ -24,7 +24,7 @@ def test_measurements_are_published_and_bad_messages_are_a_line_each(graph, repo
         driver = Process([sys.executable, str(repository / "examples/tmf8829_driver.py"), address,
                           "--ros-args", "-r", f"__ns:={graph.namespace}"])
         graph.processes.append(driver)
-        for condition, message in ((lambda: frames, made.message(zones)),
+        for condition, message in ((lambda: sensors and frames, made.message(zones)),
                                    (lambda: "message is 8 bytes: expected a container" in driver.text, b"nonsense"),
                                    (lambda: "set histograms to 1" in driver.text, made.message(zones, parts=()))):
             # Again and again: a subscription takes a moment to reach its publisher.

@@ -48,5 +48,5 @@ def depth_scale_bins(sensor: SensorModel, median_depth, peak_bins: float):
     rays = sensor.rays
     gaps = [np.linalg.norm(np.diff(rays, axis=axis), axis=-1).ravel() for axis in (0, 1)]
     gap = np.median(np.concatenate(gaps)) if rays.size > 3 else np.float32(0)
-    scene_m = abs((sensor.toa_offset_bins + median_depth) * sensor.bin_width_m + sensor.range_offset_m)
+    scene_m = abs(float(sensor.range_m(0)) + median_depth * sensor.bin_width_m)
     return (scene_m * (DEPTHS_PER_PITCH * gap) / sensor.bin_width_m).clip(peak_bins / 2, peak_bins * 2)

@@ -16,7 +16,7 @@ import numpy as np
 from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, without_faint
 from srt3d_ros.core.baselines.weighting import weighted_steps
 from srt3d_ros.core.device import kernels_for
-from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.method.cloud import Estimate, PointCloud
 from srt3d_ros.core.method.gpu_check import device_for
 from srt3d_ros.core.method.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.method.thresholds import check_surfaces
@@ -40,31 +40,33 @@ class SMLE:
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, device: str = "auto"):
         check_surfaces(surfaces)
         self.sensor, self.surfaces, self._matcher = sensor, surfaces, Matcher(sensor, frequencies)
-        self.why = "asked for"
-        if device == "auto":
-            device, self.why = device_for(
-                sensor, self._matcher.frequencies, lambda name: type(self)(sensor, frequencies, surfaces, name))
+        device, self.why = device_for(
+            device, sensor, self._matcher.frequencies, lambda name: type(self)(sensor, frequencies, surfaces, name))
         self.device, self._kernels = kernels_for(device)
         self._matched = self._matcher.on(self._kernels)
-        self._table = self._kernels.array(weighted_steps(sensor, self._matcher.frequencies, self.precise))
+        self._table, self._rays = map(self._kernels.array, (
+            weighted_steps(sensor, self._matcher.frequencies, self.precise), sensor.rays))
         self._start, self._step = (self._kernels.fused(partial(each, self._kernels)) for each in (_start, _step))
         self._run = self._kernels.recorded(self._estimate)
 
     def __call__(self, sketch: Sketch) -> PointCloud:
         """The point cloud of one frame's sketch."""
         self._matcher.check(sketch)
-        found = self._run(sketch.photons.astype(np.float32), sketch.sums)
-        depth, intensity = map(self._kernels.numpy, found)
-        background = np.maximum(sketch.photons - (intensity * self.sensor.exposure[:, None]).sum(axis=1), 0)
-        return PointCloud.from_layers(self.sensor, depth, intensity, background, sketch.stamp_ns)
+        background, *points = self._run(sketch.photons.astype(np.float32), sketch.sums)
+        found = Estimate(None, np.empty(0), self._kernels.numpy(background), *self._kernels.unpack(*points))
+        return PointCloud.of(found, sketch)
 
     def _estimate(self, photons, sums) -> tuple:
-        """Depth (bins) and intensity of the surfaces, float32 [rows, K, cols]; intensity 0 = no point."""
-        frame = self._matched(photons, sums)
-        return self._points(frame, *self._start(frame, self.surfaces))
+        """Background photons, and the points."""
+        frame, sensor = self._matched(photons, sums), self.sensor
+        depth, intensity = self._points(frame, *self._start(frame, self.surfaces))
+        background = (photons - (intensity * frame.exposure[:, None]).sum(1)).clip(min=0)
+        return background, *self._kernels.collect(
+            depth % sensor.num_bins, intensity, depth * np.nan, self._rays, sensor.bin_width_m,
+            float(sensor.range_m(0)), sensor.num_bins)
 
     def _points(self, frame: MatchedFrame, depth, intensity) -> tuple:
-        """The estimate from a start."""
+        """Depth (bins) and intensity of the surfaces, float32 [rows, K, cols], from a start; intensity 0 = no point."""
         for _ in range(SMLE_STEPS):
             depth, intensity = self._kernels.pixelwise(frame, self._table, SMLE_RATE, 0.0, depth, intensity)
         return depth, intensity

@@ -15,18 +15,19 @@ SURFACE_ORDERS = {"strongest": ("intensity", -1), "nearest": ("depth_bins", 1), 
 
 
 class Estimate(NamedTuple):
-    """What `pooled.Pooled` makes of a frame; N points, sorted by pixel, the strongest of a pixel first.
+    """What a method makes of a frame; N points, sorted by pixel, the strongest of a pixel first.
 
     Args:
-        state: float32 [rows', K, FIELDS, cols'] (`kernels.maps`) on the device, valid until the next frame starts.
+        state: float32 [rows', K, FIELDS, cols'] (`kernels.maps`) on the device, valid until the next frame starts;
+            None of baselines.
         left: what the points leave unexplained (`unexplained` of the kernels); empty unless asked for.
         background: float32 [rows, cols], background photons.
         row, col, rank: uint16, uint16, uint8 [N], the points' pixels, and their order within these.
-        values: float32 [5, N]: depth (bins), intensity (photons), standard deviation (bins), slopes down and right.
+        values: float32 [3, N]: depth (bins), intensity (photons), standard deviation (bins).
         xyz: float32 [N, 3], metres.
     """
 
-    state: np.ndarray
+    state: np.ndarray | None
     left: np.ndarray
     background: np.ndarray
     row: np.ndarray
@@ -70,10 +71,13 @@ class PointCloud:
     def from_layers(cls, sensor: SensorModel, depth: np.ndarray, intensity: np.ndarray, background: np.ndarray,
                     stamp_ns: int) -> "PointCloud":
         """The cloud of K layers of surfaces, float32 [rows, K, cols]: depth in bins, intensity 0 = no point."""
-        order = np.argsort(-intensity, axis=1, kind="stable")
-        row, col, rank = np.nonzero(np.take_along_axis(intensity, order, axis=1).swapaxes(1, 2) > 0)
-        layer = order[row, rank, col]
-        depth, intensity = (values[row, layer, col].astype(np.float32) for values in (depth, intensity))
+        (_, layers, cols), values = intensity.shape, intensity.swapaxes(1, 2)          # flat indices: fast ones
+        order = np.argsort(-values, axis=2, kind="stable")
+        place = np.flatnonzero(np.take_along_axis(values, order, axis=2) > 0)
+        (pixel, rank), layer = np.divmod(place, layers), order.take(place)
+        row, col = np.divmod(pixel, cols)
+        depth, intensity = (each.take((row * layers + layer) * cols + col).astype(np.float32)
+                            for each in (depth, intensity))
         depth = np.mod(depth, np.float32(sensor.num_bins))
         depth[depth >= sensor.num_bins] = 0             # where rounding made it T
         return cls(row.astype(np.uint16), col.astype(np.uint16), depth, intensity, np.full_like(depth, np.nan),
@@ -82,7 +86,7 @@ class PointCloud:
     @classmethod
     def of(cls, found: Estimate, sketch: Sketch) -> "PointCloud":
         """The cloud of an estimate of a sketch."""
-        return cls(found.row, found.col, *found.values[:3], found.xyz, found.rank, found.background, sketch.stamp_ns)
+        return cls(found.row, found.col, *found.values, found.xyz, found.rank, found.background, sketch.stamp_ns)
 
     def __len__(self) -> int:
         return len(self.row)

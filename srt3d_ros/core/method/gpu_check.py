@@ -19,11 +19,14 @@ ROUNDING = 2.0**-19     # of T: some steps of float32
 PHOTONS = 40            # of a pixel of the frame that is tried; half of them signal
 
 
-def device_for(sensor: SensorModel, frequencies: tuple[int, ...], build: Callable) -> tuple[str, str]:
-    """"cuda" if a frame of this sensor comes out as on the CPU and faster; else "cpu"; and why, as the log says, too.
+def device_for(device: str, sensor: SensorModel, frequencies: tuple[int, ...], build: Callable) -> tuple[str, str]:
+    """The device that is asked for, and why; of "auto", the log says so, too.
 
-    `build` makes the reconstructor that will take the frames, of a device's name.
+    That is "cuda" if a frame of this sensor comes out as on the CPU and faster, else "cpu". `build` makes the
+    reconstructor that will take the frames, of a device's name.
     """
+    if device != "auto":
+        return device, "asked for"
     if missing := missing_for_cuda():
         say_once(missing)
         return "cpu", missing

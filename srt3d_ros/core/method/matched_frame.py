@@ -37,7 +37,6 @@ class MatchedFrame:
         bin_frequencies: float32 [m], k_l / T.
         filters: [cells, 2m], cos(2π k_l c / cells) before sin: the matched filters of `match`, on its grid of depths.
         num_bins: T.
-        highest: the largest k_l.
         moments: float32 [2], variance of the depth score that one signal photon, one background photon adds.
         intensity_moments: float32 [2], the same for the intensity score.
         max_response: of a photon to a matched filter.
@@ -57,7 +56,6 @@ class MatchedFrame:
     bin_frequencies: np.ndarray
     filters: np.ndarray
     num_bins: int
-    highest: int
     moments: np.ndarray
     intensity_moments: np.ndarray
     max_response: float
@@ -112,8 +110,8 @@ class Matcher:
         filters = np.concatenate([np.cos(turns), np.sin(turns)], axis=1)
         self._constants = {
             "exposure": sensor.exposure, "energy": energy, "bin_frequencies": bin_frequencies, "filters": filters,
-            "num_bins": sensor.num_bins, "highest": max(self.frequencies), "moments": self.moments,
-            "intensity_moments": intensity_moments, "max_response": max_response, "background_table": background_table,
+            "num_bins": sensor.num_bins, "moments": self.moments, "intensity_moments": intensity_moments,
+            "max_response": max_response, "background_table": background_table,
             "total_energy": float(energy.sum()), "curvature": float((energy * (2 * np.pi * bin_frequencies)**2).sum())}
 
     def __call__(self, sketch: Sketch) -> MatchedFrame:

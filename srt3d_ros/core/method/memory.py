@@ -44,10 +44,8 @@ class PooledStream:
         check_surfaces(surfaces)
         _check_rate(false_alarm_rate)
         self._matcher = Matcher(sensor, frequencies)
-        self.why = "asked for"
-        if device == "auto":
-            device, self.why = device_for(sensor, self._matcher.frequencies, lambda name: PooledStream(
-                sensor, frequencies, surfaces, false_alarm_rate, name, background, warm_start))
+        device, self.why = device_for(device, sensor, self._matcher.frequencies, lambda name: PooledStream(
+            sensor, frequencies, surfaces, false_alarm_rate, name, background, warm_start))
         self.device, self._kernels = kernels_for(device)
         self.sensor, self.surfaces, self.false_alarm_rate = sensor, surfaces, false_alarm_rate
         self._background = Background(self._matcher, background)

@@ -18,7 +18,7 @@ from srt3d_ros.core.method.cloud import Estimate
 from srt3d_ros.core.method.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.method.thresholds import continuation_threshold, score_threshold
 from srt3d_ros.core.sketching.sketch import Sketch
-from srt3d_ros.kernels import constants
+from srt3d_ros.kernels import constants, maps
 from srt3d_ros.kernels.finalise import averaged, finalise, nearness, unexplained, without_weak
 
 STAYING = 0.5           # share of false points that the iterations leave (`python -m benchmarks false_alarms`)
@@ -42,6 +42,8 @@ class Pooled:
         self._equaliser, self._passed, self._used, self._rays = map(array, (
             matcher.equaliser, matcher.passed, matcher.used, sensor.rays))
         self._near = nearness(kernels, self._used)
+        # A GPU then compiles one form of each step, not two.
+        self._even = None if kernels.ON_HOST else array(np.ones(sensor.num_bins, np.float32))
         self._average, self._finalise, self._left, self._drop_weak = (
             kernels.fused(partial(each, kernels)) for each in (averaged, finalise, unexplained, without_weak))
         self._run = kernels.recorded(self._estimate)
@@ -71,7 +73,7 @@ class Pooled:
         # Match: take delay, gain, IRF and known background out of each pixel's sketch.
         taken = None if background is None else self._average(background, self._used, self._near)
         matched, counts = kernels.prepare(sums, photons, self._equaliser, self._used, taken, self._passed, mean)
-        frame = self._matched(matched, counts, clutter)
+        frame = self._matched(matched, counts, self._even if clutter is None else clutter)
 
         # Start with surfaces that are sure, let them spread, and search the pixels that are still open more widely.
         state = kernels.no_surfaces(frame, self._surfaces)
@@ -91,8 +93,9 @@ class Pooled:
         intensity, std, background = self._finalise(frame, photons, state, terms, continued)
         left = self._left(frame, state, intensity, background, taken, self._used, self._near,
                           self._passed) if self._explains else background[:0, 0]
+        depth = maps.crop(state, *frame.shape)[:, :, maps.DEPTH]
         return state, left, background, *kernels.collect(
-            state, intensity, std, self._rays, self._sensor.bin_width_m, float(self._sensor.range_m(0)),
+            depth, intensity, std, self._rays, self._sensor.bin_width_m, float(self._sensor.range_m(0)),
             self._sensor.num_bins)
 
     def _search(self, frame: MatchedFrame, state, scales, enough, further, start=None, confirmed=0.0) -> None:

@@ -177,7 +177,9 @@ class SensorModel:
 
     def xyz(self, row: np.ndarray, col: np.ndarray, depth_bins: np.ndarray) -> np.ndarray:
         """Points in the sensor's frame, metres, float32 [N, 3]."""
-        return (self.rays[row, col] * self.range_m(depth_bins)[:, None]).astype(np.float32)
+        pixel = np.ravel_multi_index((row, col), (self.rows, self.cols))
+        rays = self.rays.reshape(-1, 3).take(pixel, axis=0)         # several times faster than [row, col]
+        return (rays * self.range_m(depth_bins)[:, None]).astype(np.float32)
 
     def replace(self, **changes: Any) -> "SensorModel":
         """A copy with some fields changed and checked."""

@@ -2,10 +2,8 @@
 
 import numpy as np
 
-from srt3d_ros.kernels.maps import DEPTH, SLOPE_COL, SLOPE_ROW, crop
 
-
-def collect(state, intensity, std, rays, metres_per_bin, metres, num_bins):
+def collect(depth, intensity, std, rays, metres_per_bin, metres, num_bins):
     rows, surfaces, cols = intensity.shape
     layer = (surfaces * cols * np.arange(rows)[:, None] + np.arange(cols)).reshape(-1)      # where each pixel's lie
     if surfaces > 1:            # the strongest first; of equal ones the first
@@ -14,8 +12,8 @@ def collect(state, intensity, std, rays, metres_per_bin, metres, num_bins):
     place = np.flatnonzero(intensity.take(layer))
     (pixel, rank), at = np.divmod(place, surfaces), layer[place]
     row, col = np.divmod(pixel, cols)
-    depth, slope_row, slope_col = (crop(state, rows, cols)[:, :, f].take(at) for f in (DEPTH, SLOPE_ROW, SLOPE_COL))
+    depth = depth.take(at)
     depth[depth >= num_bins] = 0                                # where rounding made it T
-    values = np.stack([depth, intensity.take(at), std.take(at), slope_row, slope_col])
+    values = np.stack([depth, intensity.take(at), std.take(at)])
     xyz = rays.reshape(-1, 3).take(pixel, axis=0) * (depth.astype(float) * metres_per_bin + metres)[:, None]
     return row.astype(np.uint16), col.astype(np.uint16), rank.astype(np.uint8), values, xyz.astype(np.float32)

@@ -17,7 +17,6 @@ from srt3d_ros.kernels.torch.fusing import fused
 CENTRE_FIRST = 4, 0, 1, 2, 3, 5, 6, 7, 8        # pixels of 3 × 3, row by row
 
 
-@fused
 def apss(depth, intensity, normal, exposure, scale, num_bins):
     """A pass of the point cloud's denoiser.
 
@@ -38,25 +37,42 @@ def apss(depth, intensity, normal, exposure, scale, num_bins):
     Returns:
         Depth, intensity and normal, the strongest point of a pixel first.
     """
+    origin, strength, onto = _joined(depth, intensity, exposure, scale, num_bins)
+    for _ in range(constants.APSS_PROJECTIONS):
+        onto = _projected(onto, depth, intensity, normal, origin, scale, num_bins)
+    return _moved(onto, origin, strength, scale, num_bins)
+
+
+@fused
+def _joined(depth, intensity, exposure, scale, num_bins) -> tuple:
+    """The surfaces to project onto: where their depths count from, [rows, cols], strengths [K, rows, cols], and `onto`.
+
+    That is [4, K, rows, cols]: depth, x and y of the normal, and whether the point has moved much (1 or 0).
+    """
     points, layers = _around(intensity), depth.shape[1]
     there, at = points > 0, torch.arange(len(points), device=depth.device)[:, None, None]
     place, k = at // layers, at % layers
     rank = layers * torch.where(place == 4, 0, place + (place < 4)) + k
     first = torch.where(there, rank, len(points)).amin(dim=0)
     origin = (_around(depth) * (rank == first)).sum(dim=0)
-    z = wrap(_around(depth) - origin, num_bins) / scale
-    xyz = (place % 3 - 1).to(z.dtype), (place // 3 - 1).to(z.dtype), z
-    mean, strength = _surfaces(z, points, there, at, layers, exposure)
-    facing, found = None if normal is None else [_around(side) for side in normal], []
+    mean, strength = _surfaces(wrap(_around(depth) - origin, num_bins) / scale, points, there, at, layers, exposure)
+    found = []
     for _ in range(layers):
         best = strength.amax(dim=0)
         which = torch.where(strength == best, at, len(points)).amin(dim=0)
-        onto, *slopes = _projected((mean * (at == which)).sum(dim=0), *xyz, there, facing)
-        shown = (best > 0) & (exposure > 0)
-        found.append([torch.where(shown, value, 0) for value in ((origin + onto * scale) % num_bins, best, *slopes)])
+        found.append((best * (exposure > 0), (mean * (at == which)).sum(dim=0)))
         strength = strength.masked_fill(at == which, 0)
-    depth, intensity, *normal = (torch.stack(values, dim=1) for values in zip(*found))
-    return depth, intensity, torch.stack(normal)
+    best, depths = (torch.stack(values) for values in zip(*found))
+    return origin, best, torch.stack([depths, 0 * depths, 0 * depths, 0 * depths + 1])     # constants: a launch each
+
+
+@fused
+def _moved(onto, origin, strength, scale, num_bins) -> tuple:
+    """Depth, intensity and normal as `apss` returns them."""
+    shown = strength > 0
+    depth, intensity, *normal = (torch.where(shown, values, 0).movedim(0, 1) for values in (
+        (origin + onto[0] * scale) % num_bins, strength, *onto[1:3]))
+    return depth.contiguous(), intensity.contiguous(), torch.stack(normal)
 
 
 def _around(values):
@@ -89,15 +105,20 @@ def _surfaces(z, intensity, there, surface, layers, exposure):
     return total / count.clamp(min=1), strength.masked_fill(count < enough, 0)
 
 
-def _projected(at, x, y, z, there, facing):
-    """Where the line of sight through depth `at` meets the surface fitted around it; x and y of its normal there."""
-    going, slopes = torch.ones_like(at, dtype=torch.bool), (torch.zeros_like(at),) * 2
-    for _ in range(constants.APSS_PROJECTIONS):
-        move, *new = _plane(x, y, z - at, there) if facing is None else _sphere(x, y, z - at, there, *facing)
-        at = at + move * going
-        slopes = [torch.where(going, *both) for both in zip(new, slopes)]
-        going = going & (move.abs() >= constants.APSS_STILL)
-    return at, *slopes
+@fused
+def _projected(onto, depth, intensity, normal, origin, scale, num_bins):
+    """`onto`, where the line of sight through its depths meets the surface that is fitted around there."""
+    at, *slopes, moves = onto
+    place, there = torch.arange(9, device=at.device).repeat_interleave(depth.shape[1]), _around(intensity) > 0
+    x, y = ((side - 1).to(at.dtype)[:, None, None, None] for side in (place % 3, place // 3))
+    z = (wrap(_around(depth) - origin, num_bins) / scale)[:, None] - at
+    if normal is None:
+        move, *new = _plane(x, y, z, there[:, None])
+    else:
+        move, *new = _sphere(x, y, z, there[:, None], *(_around(side)[:, None] for side in normal))
+    going = moves > 0
+    slopes = [torch.where(going, *both) for both in zip(new, slopes)]
+    return torch.stack([at + move * moves, *slopes, moves * (move.abs() >= constants.APSS_STILL)])
 
 
 def _weights(x, y, z, there):

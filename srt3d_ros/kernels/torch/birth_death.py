@@ -112,6 +112,11 @@ class Around(NamedTuple):
         """The pixel's own surfaces among the voters, [K, …]."""
         return voters.unflatten(0, (SIDE**2, -1))[SIDE**2 // 2]
 
+    def like_own(self):
+        """How candidates agree with the pixel's own surfaces, [C, K, rows, cols]."""
+        close, _ = self.apart(self.of_pixel(self.at), self.of_pixel(self.tolerance))            # [K, V, rows, cols]
+        return _close_by(close.movedim(1, 0))
+
 
 def _around(frame, state, own, max_chi2) -> Around:
     """The voters of each pixel."""
@@ -137,8 +142,7 @@ def _around(frame, state, own, max_chi2) -> Around:
 
 def _undecided(around):
     """Where a candidate is not the pixel's, or of a pixel with fewer; where there is one, if the pixel has none."""
-    close, _ = around.apart(around.of_pixel(around.at), around.of_pixel(around.tolerance))      # [K, V, rows, cols]
-    known = (_close_by(close.movedim(1, 0)) * around.of_pixel(around.there)).amax(1) > 0
+    known = (around.like_own() * around.of_pixel(around.there)).amax(1) > 0
     there, fewer = _close_by(around.there), _close_by(around.count) < around.had
     return torch.where(around.had > 0, (there & (~known | fewer)).any(0), there.any(0))
 
@@ -171,8 +175,7 @@ def _best(k, around, free, before, rest, photons, light, frame) -> Best:
     votes = (close * votes).sum(1)
 
     number = torch.arange(1, len(before) + 1, device=free.device, dtype=torch.int8)[:, None, None]
-    mine, _ = around.apart(around.of_pixel(around.at), around.of_pixel(around.tolerance))       # [K, V, rows, cols]
-    own = ((_close_by(mine.movedim(1, 0)) > 0) * (around.of_pixel(free) * number)).amax(1) - 1
+    own = ((around.like_own() > 0) * (around.of_pixel(free) * number)).amax(1) - 1
     has_own, one = own >= 0, own.clamp(min=0).long()
     depth = torch.where(has_own, before[:, DEPTH].gather(0, one), depth)
     intensity = torch.where(has_own, before[:, INTENSITY].gather(0, one), intensity)
@@ -188,9 +191,10 @@ def _best(k, around, free, before, rest, photons, light, frame) -> Best:
     least = VOTE + around.blank
     least = least.masked_fill(around.had > 0, -torch.inf) if k == 0 else least
     close, = around.apart(at[None], tolerance[None])[0]
-    weight = (weight * close)[:, None].expand_as(around.record)
-    point = (weight * around.record).sum(0) / weight.sum(0).clamp(min=TINY)
-    field = torch.arange(FIELDS, device=free.device)[:, None, None]
-    point = torch.where(field == DEPTH, depth % frame.num_bins, point.masked_fill(field == SCORE, 0))
+    weight = weight * close
+    total = weight.sum(0).clamp(min=TINY)
+    mean = [(weight * around.record[:, field]).sum(0) / total for field in range(FIELDS)]      # a sum each: one launch
+    mean[DEPTH], mean[SCORE] = depth % frame.num_bins, torch.zeros_like(total)
+    point = torch.stack(mean)
     kept = before.gather(0, own.clamp(min=0).long().expand(1, *before.shape[1:]))[0]
     return Best(score > least, torch.where(own >= 0, kept, point), own, close > 0, depth, ratio, response)

@@ -3,23 +3,23 @@
 How many points there are only the device knows, so their list has room for all that there can be.
 """
 
-import numpy as np
 import torch
 
 from srt3d_ros.kernels.constants import EPSILON, TINY
-from srt3d_ros.kernels.maps import DEPTH, SLOPE_COL, SLOPE_ROW, crop
+from srt3d_ros.kernels.maps import DEPTH, crop
 from srt3d_ros.kernels.torch.arithmetic import waves
 from srt3d_ros.kernels.torch.fusing import fused
 
 
 @fused
-def collect(state, intensity, std, rays, metres_per_bin, metres, num_bins):
+def collect(depth, intensity, std, rays, metres_per_bin, metres, num_bins):
     """The points as `unpack` reads them, by pixel, the strongest first: xyz = ray · (metres_per_bin · t + metres).
 
-    `intensity` and `std` are those of `finalise`, `rays` unit vectors, float32 [rows, cols, 3].
+    Depth (bins, [0, T]), intensity (photons; 0 = no point) and standard deviation (bins) are float32 [rows, K, cols],
+    `rays` unit vectors, float32 [rows, cols, 3].
     """
     rows, surfaces, cols = intensity.shape
-    view, there = crop(state, rows, cols), intensity > 0
+    there = intensity > 0
     k, row, col = (torch.arange(size, device=intensity.device) for size in (surfaces, rows, cols))
     rank = torch.zeros_like(there, dtype=torch.int64)       # how many of the pixel's points are stronger
     for q in range(surfaces):
@@ -27,27 +27,15 @@ def collect(state, intensity, std, rays, metres_per_bin, metres, num_bins):
         rank += (other > intensity) | ((other == intensity) & (k[:, None] > q))
     number = there.sum(dim=1)
     end = number.flatten().cumsum(0)
-    place = ((end.view(rows, cols) - number)[:, None] + rank).masked_fill(~there, intensity.numel())
+    place = ((end.view(rows, cols) - number)[:, None] + rank).masked_fill(~there, intensity.numel()).flatten()
 
-    depth = view[:, :, DEPTH]
     depth = depth.masked_fill(depth >= num_bins, 0)         # where rounding made it T
-    xyz = rays.movedim(2, 0)[:, :, None] * (depth * metres_per_bin + metres)
+    xyz = rays[:, None] * (depth * metres_per_bin + metres)[..., None]
     where = (values.expand_as(depth).to(depth.dtype) for values in (row[:, None, None], col, rank))
-    points = torch.stack([depth, intensity, std, view[:, :, SLOPE_ROW], view[:, :, SLOPE_COL], *xyz, *where], dim=-1)
-    packed = points.new_zeros(intensity.numel() + 1, points.shape[-1])
-    return packed.index_put((place.flatten(),), points.flatten(0, 2)), end[-1:]
-
-
-def unpacked(points: np.ndarray) -> tuple:
-    """Of points [N, 11]: row, column, uint16 [N]; rank in the pixel, uint8 [N]; values; xyz.
-
-    Values, float32 [5, N], are depth (bins), intensity (photons), standard deviation (bins), slopes down and to the
-    right (bins per pixel). xyz is float32 [N, 3], metres.
-    """
-    values, xyz, where = np.split(points.astype(np.float32, copy=False), [5, 8], axis=1)
-    row, col, rank = where.T
-    return (row.astype(np.uint16), col.astype(np.uint16), rank.astype(np.uint8), np.ascontiguousarray(values.T),
-            np.ascontiguousarray(xyz))
+    values = torch.stack([depth, intensity, std, *where]).flatten(1)
+    listed, listed_xyz = (each.new_zeros(shape) for each, shape in (
+        (values, (len(values), len(place) + 1)), (xyz, (len(place) + 1, 3))))
+    return listed.index_copy(1, place, values), listed_xyz.index_copy(0, place, xyz.flatten(0, 2)), end[-1:]
 
 
 @fused

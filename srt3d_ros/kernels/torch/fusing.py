@@ -1,15 +1,19 @@
 """What a GPU runs as few kernels: `fused` marks the functions that are compiled, each as one graph."""
 
+import warnings
 from collections.abc import Callable
 from functools import partial, update_wrapper
 
 import torch
 from torch._dynamo import config
 
-# Sums over neighbours read what they need where they need it: nothing of [neighbours × pixels] is stored. Those over a
-# pixel's surfaces, of which there are at most four, are written out; those over frequencies are loops.
-OPTIONS = {"realize_reads_threshold": 1000, "realize_opcount_threshold": 1000, "unroll_reductions_threshold": 5}
+# Sums over neighbours read what they need where they need it: nothing of [neighbours × pixels] is stored, unless more
+# than 10 arrays go into it, as compiling would take minutes. Those over a pixel's surfaces, of which there are at most
+# four, are written out; those over frequencies are loops.
+OPTIONS = {"realize_reads_threshold": 1000, "realize_opcount_threshold": 1000, "realize_acc_reads_threshold": 10,
+           "unroll_reductions_threshold": 5}
 MOST_FORMS = 100        # in which a function is compiled: `search` has one for each scale and surface
+warnings.filterwarnings("ignore", "TensorFloat32 tensor cores")         # products are exact to the type on purpose
 
 
 class Fused:

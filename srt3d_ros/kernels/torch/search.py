@@ -82,14 +82,12 @@ def no_surfaces(frame, surfaces):
 
 
 class Pools(NamedTuple):
-    """What cells' windows add up to: sketches [..., rows, 2m, cols], photons, exposure, and what matches best."""
+    """What cells' windows add up to: sketches [rows, 2m, cols], and photons and exposure."""
 
     z: torch.Tensor
     counts: torch.Tensor
     exposure: torch.Tensor
-    depth: torch.Tensor
-    signal: torch.Tensor
-    share: float
+    share: float                # q, of 1/2 or 1
 
 
 @fused
@@ -127,83 +125,79 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
     if layer > 0:
         is_open = is_open & (view[:, layer - 1, INTENSITY] > 0)
     pixels = [crop(values, *frame.shape) for values in (matched, frame.counts, frame.exposure)]
-    pools, cells = _pooled(frame, *pixels, is_open, sigma, step)
-    found = _take(frame, point, step, is_open, pools, (0.0, 0.0), enough)
+    pools, cells = _pooled(*pixels, is_open, sigma, step)
+    new = _in_pixels(frame, step, _shown(frame, *_peak(pools.z, frame), (0.0, 0.0), pools))
+    found = _better(point, new, is_open, enough)
     if carried is not None:
-        found = _kept(frame, point, found, crop(carried, *frame.shape)[:, layer], step, is_open, pools, confirmed)
+        old = crop(carried, *frame.shape)[:, layer]
+        found = _kept(frame, found, new[:, SCORE], old, step, is_open, pools, confirmed)
     if slanted:
-        rise = frame.resolution_bins / sigma
-        slopes = (rise, 0.0), (-rise, 0.0), (0.0, rise), (0.0, -rise)
         doubtful = is_open & ((found[:, INTENSITY] == 0) | (found[:, SCORE] < SURE_SCORE))
-        planes = _slanted(frame, cells, pools, slopes, sigma, step)
-        for k, slope in enumerate(slopes):
-            plane = pools._replace(depth=planes.depth[k], signal=planes.signal[k])
-            found = _take(frame, found, step, doubtful, plane, slope, START_SCORE)
+        plane = _in_pixels(frame, step, _slanted(frame, cells, pools, sigma, step))
+        found = _better(found, plane, doubtful, START_SCORE)
     point[:] = found
 
 
-def _pooled(frame, matched, counts, exposure, is_open, sigma, step) -> tuple:
+def _pooled(matched, counts, exposure, is_open, sigma, step) -> tuple:
     """The windows of a search, and the cells that they add up."""
-    z, photons, share = matched, torch.stack([counts, exposure], 1), 1.0
-    if sigma > 0:
-        z, photons, share = cell_sums(z * is_open[:, None], step), cell_sums(photons * is_open[:, None], step), 0.5
-        cells, weights = z, gaussian(sigma / step, z)
-        z, photons = window_sums(z, weights), window_sums(photons, torch.stack([weights**2, weights])[:, None])
-    else:
-        cells = z
-    depth, signal = _peak(z, frame)
-    return Pools(z, photons[:, 0], photons[:, 1], depth % frame.num_bins, signal / frame.total_energy, share), cells
+    z, photons = matched, torch.stack([counts, exposure], 1)
+    if sigma == 0:
+        return Pools(z, photons[:, 0], photons[:, 1], 1.0), z
+    cells, photons = (cell_sums(values * is_open[:, None], step) for values in (z, photons))
+    weights = gaussian(sigma / step, z)
+    photons = window_sums(photons, torch.stack([weights**2, weights])[:, None])
+    return Pools(window_sums(cells, weights), photons[:, 0], photons[:, 1], 0.5), cells
 
 
-def _slanted(frame, cells, pools, slopes, sigma, step) -> Pools:
-    """The same windows along planes of these slopes, which are the first axis."""
+def _slanted(frame, cells, pools, sigma, step):
+    """What the best of the planes that rise to the right, to the left, down and up shows: as `_shown`."""
+    rise = frame.resolution_bins / sigma
     row, col = (torch.arange(size, device=cells.device) for size in (cells.shape[0], cells.shape[2]))
-    rises = torch.stack([right * col + down * row[:, None] for right, down in slopes])
-    (cosine, sine), (re, im) = waves(frame, step * rises), cells.chunk(2, dim=1)
+    right, down = torch.broadcast_tensors(col, row[:, None])
+    (cosine, sine), (re, im) = waves(frame, step * rise * torch.stack([right, -right, down, -down])), cells.chunk(2, 1)
     flat = torch.cat([re * cosine + im * sine, im * cosine - re * sine], dim=2)
     re, im = window_sums(flat, gaussian(sigma / step, cells)).chunk(2, dim=2)
     z = torch.cat([re * cosine - im * sine, im * cosine + re * sine], dim=2)
-    depth, signal = _peak(z, frame)
-    return pools._replace(z=z, depth=depth % frame.num_bins, signal=signal / frame.total_energy)
+    which = torch.arange(4, device=cells.device)[:, None, None]
+    slopes = [rise * ((which == first).to(z.dtype) - (which == first + 1).to(z.dtype)) for first in (0, 2)]
+    shown = _shown(frame, *_peak(z, frame), slopes, pools)
+    best = shown[:, :, SCORE].argmax(dim=0)
+    return shown.gather(0, best[None, :, None].expand(1, *shown.shape[1:]))[0]
 
 
-def _cells(frame, step, device) -> tuple:
-    """Row and column of each pixel's cell."""
-    row, col = (torch.arange(size, device=device) for size in frame.shape)
-    return row[:, None] // step, col // step
+def _shown(frame, depth, signal, slopes, pools):
+    """The fields up to SCORE, [..., rows, SCORE + 1, cols], of surfaces of pools, by the signal that responds."""
+    depth, signal = depth % frame.num_bins, signal / frame.total_energy
+    photons, light = pools.counts / pools.share, pools.exposure.clamp(min=EPSILON)
+    score = evidence(signal * frame.total_energy, photons, pools.counts, frame) / noise_ratio(frame, depth)
+    slopes = (0 * depth + slope for slope in slopes)        # in the same launch; a constant would take one more
+    return torch.stack([depth, *slopes, signal / light, _std(frame, signal, photons, pools.share), score], dim=-2)
 
 
-def _measured(frame, t, at, slopes, signal, pools, cell):
-    """The fields up to SCORE of surfaces at depths t with this signal in the pixels' cells, by the noise `at`."""
-    photons, light = pools.counts[cell], pools.exposure[cell].clamp(min=EPSILON)
-    score = evidence(signal * frame.total_energy, photons / pools.share, photons, frame) / noise_ratio(frame, at)
-    return torch.stack([t, *slopes, signal / light, _std(frame, signal, photons, pools.share), score], dim=1)
-
-
-def _take(frame, point, step, wanted, pools, slope, enough):
-    """The points [rows, FIELDS, cols] with what the pools show of a plane, in wanted pixels where that is better."""
-    cell = _cells(frame, step, point.device)
-    middle, signal = pools.depth[cell], pools.signal[cell]
-    row, col = (torch.arange(size, device=point.device) for size in frame.shape)
+def _in_pixels(frame, step, shown):
+    """What cells show in each of their pixels, by their slopes: [rows, SCORE + 1, cols]."""
+    row, col = (torch.arange(size, device=shown.device) for size in frame.shape)
+    depth, *more = shown[row // step][:, :, col // step].unbind(1)
     right, down = (place % step - (step - 1) / 2 for place in (col, row[:, None]))
-    there = (middle + slope[0] * right + slope[1] * down) % frame.num_bins
-    new = _measured(frame, there, middle, [torch.full_like(middle, part) for part in slope], signal, pools, cell)
+    return torch.stack([(depth + more[0] * right + more[1] * down) % frame.num_bins, *more], dim=1)
+
+
+def _better(point, new, wanted, enough):
+    """The points [rows, FIELDS, cols], or the new ones in wanted pixels where these are better."""
     known = torch.where(point[:, INTENSITY] > 0, point[:, SCORE], -math.inf)
     better = wanted & (new[:, SCORE] > known) & (new[:, SCORE] > enough)
     return _where(better, new, point)
 
 
-def _kept(frame, point, found, old, step, wanted, pools, confirmed):
-    """The points found, or the last frame's where this one's photons confirm them, and the new one is not better."""
-    cell = _cells(frame, step, point.device)
-    cosine, sine = waves(frame, old[:, maps.DEPTH])
-    re, im = pools.z[cell[0][:, 0]][:, :, cell[1]].chunk(2, dim=1)
-    response = (re * cosine + im * sine).sum(dim=1)
+def _kept(frame, found, score, old, step, wanted, pools, confirmed):
+    """The points found, or the last frame's where this one's photons confirm them, and new ones score no better."""
+    row, col = (torch.arange(size, device=found.device) // step for size in frame.shape)
+    pools = Pools(pools.z[row][:, :, col], pools.counts[row][:, col], pools.exposure[row][:, col], pools.share)
+    (cosine, sine), (re, im) = waves(frame, old[:, maps.DEPTH]), pools.z.chunk(2, dim=1)
     slopes = old[:, maps.SLOPE_COL], old[:, maps.SLOPE_ROW]
-    kept = _measured(frame, old[:, maps.DEPTH], old[:, maps.DEPTH], slopes, response / frame.total_energy, pools, cell)
-    rival = _measured(frame, pools.depth[cell], pools.depth[cell], slopes, pools.signal[cell], pools, cell)[:, SCORE]
+    kept = _shown(frame, old[:, maps.DEPTH], (re * cosine + im * sine).sum(dim=1), slopes, pools)
     stays = wanted & (old[:, INTENSITY] > 0) & (kept[:, SCORE] > confirmed) & (
-        rival**2 - kept[:, SCORE]**2 < 2 * VOTE)
+        score**2 - kept[:, SCORE]**2 < 2 * VOTE)
     return _where(stays, kept, found)
 
 
@@ -212,9 +206,9 @@ def _where(condition, new, point):
     return torch.cat([torch.where(condition[:, None], new, point[:, :RESIDUAL]), point[:, RESIDUAL:]], dim=1)
 
 
-def _std(frame, signal, counts, share):
+def _std(frame, signal, photons, share):
     """Standard deviation of a depth found in a pool, bins."""
     signal = signal.clamp(min=EPSILON)
-    background = (counts / share - signal).clamp(min=0)
+    background = (photons - signal).clamp(min=0)
     spread = share * (signal * frame.moments[0] + background * frame.moments[1])
     return (torch.sqrt(spread) / (signal * frame.curvature)).clamp(max=frame.num_bins)
