@@ -1,7 +1,7 @@
-"""Lowers functions for a GPU on a machine without one: what Inductor would launch there, and how many bytes it moves.
+"""Compiles functions for a GPU on a machine without one: what torch.compile would launch there, and the bytes it moves.
 
-It needs torch's CUDA build and triton, and no GPU: tensors are fake, and no kernel is compiled. It reaches into
-Inductor, so that it goes with the version that `make gpu-cost` installs.
+It needs torch's CUDA build and triton, and no GPU: tensors are fake, and it stops before kernels are compiled. It
+reaches into torch, so that it goes with the version that `make gpu-cost` installs.
 """
 
 import types
@@ -10,18 +10,16 @@ from typing import NamedTuple
 
 import torch
 import torch._dynamo.device_interface as device_interface
-import torch._inductor.config as config
+import torch._inductor.fx_passes.joint_graph as joint_graph
+import torch._subclasses.fake_tensor as fake_tensor
 import torch.utils._triton as has
 import triton
-from torch._inductor.debug import DebugContext
-from torch._inductor.decomposition import select_decomp_table
 from torch._inductor.graph import GraphLowering
-from torch._inductor.virtualized import V
-from torch.fx.experimental.proxy_tensor import make_fx
+from torch.utils._python_dispatch import _disable_current_modes
 from torch.utils.flop_counter import FlopCounterMode
 from triton.backends.compiler import GPUTarget
 
-from srt3d_ros.kernels.torch.fusing import OPTIONS
+from srt3d_ros.kernels.torch.fusing import Fused
 
 H100 = types.SimpleNamespace(
     name="NVIDIA H100 80GB HBM3", major=9, minor=0, multi_processor_count=132, total_memory=80 * 2**30, warp_size=32,
@@ -29,6 +27,7 @@ H100 = types.SimpleNamespace(
     shared_memory_per_block=49152, shared_memory_per_block_optin=232448, shared_memory_per_multiprocessor=233472,
     max_threads_per_block=1024, clock_rate=1980000, memory_clock_rate=2619000, memory_bus_width=5120, uuid="",
     pci_bus_id=0, is_integrated=0)
+GENERATED: list[tuple[str, float]] = []     # a function's code, and how many bytes it moves
 
 
 class Cost(NamedTuple):
@@ -38,6 +37,10 @@ class Cost(NamedTuple):
     products: int
     bytes: int
     flops: int
+
+
+class Generated(Exception):
+    """No kernel is compiled."""
 
 
 class _Driver:
@@ -55,7 +58,9 @@ def pretend() -> None:
     torch._C._ensureCUDADeviceGuardSet()
     answers = {"get_device_properties": H100, "get_device_capability": (9, 0), "current_device": 0, "device_count": 1,
                "synchronize": None}
-    for name, answer in answers.items():
+    state = {"is_initialized": True, "set_rng_state": None, "_exchange_device": 0, "_maybe_exchange_device": 0,
+             "is_current_stream_capturing": False, "get_rng_state": torch.zeros(16, dtype=torch.uint8)}
+    for name, answer in (answers | state).items():
         setattr(torch.cuda, name, lambda *_, answer=answer: answer)
     torch._C._cuda_getDeviceCount = lambda: 1
     interface = device_interface.CudaInterface
@@ -65,24 +70,33 @@ def pretend() -> None:
     interface.Worker.get_device_properties = staticmethod(lambda *_: H100)
     has.has_triton = lambda *_: True
     triton.runtime.driver.set_active(_Driver())
+    for module, name in ((fake_tensor, "init_gpu_context"), (joint_graph, "lazy_init")):     # they run something there
+        setattr(module, name, lambda *_: None)
+    generate = GraphLowering.codegen
+
+    def codegen(graph):
+        code, *_ = generate(graph)
+        GENERATED.append((getattr(code, "value", code), graph.count_bytes()[0]))
+        raise Generated
+
+    GraphLowering.codegen = codegen
 
 
 def cost(function: Callable, tensors: list) -> Cost:
     """Of a function of fake tensors. Bytes are those that its kernels must read and write: each of a kernel's buffers
     once (`GraphLowering.count_bytes`), so that what a cache would have to hold counts as held.
     """
-    mode = tensors[0].fake_mode
-    with mode, FlopCounterMode(display=False) as flops:
-        graph = make_fx(torch.func.functionalize(function, remove="mutations"),
-                        decomposition_table=select_decomp_table(), tracing_mode="real")(*tensors)
-    graph.graph.eliminate_dead_code()
-    with config.patch(**OPTIONS, pattern_matcher=False), V.set_fake_mode(mode):
-        lowered = GraphLowering(graph, example_inputs=tensors, shape_env=mode.shape_env, is_inference=True)
-        with V.set_graph_handler(lowered), V.set_debug_handler(DebugContext()):
-            lowered.run(*tensors)
-            code = lowered.codegen()[0]
-            moved, *_ = lowered.count_bytes()
-    body = getattr(code, "value", code).partition("def call")[2].splitlines()
+    with tensors[0].fake_mode, FlopCounterMode(display=False) as flops:
+        function(*tensors)
+    torch._dynamo.reset()
+    with _disable_current_modes():      # within one, torch.compile runs functions as they are
+        try:
+            Fused(function).compile(joint_graph_constant_folding=False)(*tensors)
+        except Exception:
+            if not GENERATED:
+                raise
+    code, moved = GENERATED.pop()
+    body = code.partition("def call")[2].splitlines()
     products = sum("extern_kernels." in line for line in body)
     others = sum(".run(" in line or "= torch.ops." in line for line in body if not line.lstrip().startswith("#"))
     return Cost(products + others, products, int(moved), flops.get_total_flops())

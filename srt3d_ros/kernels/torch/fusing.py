@@ -27,9 +27,9 @@ class Fused:
         """Whether an array asks for it."""
         return array.is_cuda
 
-    def compile(self) -> Callable:
+    def compile(self, **options) -> Callable:
         """The function, compiled for each new combination of shapes and of what is no array."""
-        return torch.compile(self.function, fullgraph=True, dynamic=False, options=OPTIONS)
+        return torch.compile(self.function, fullgraph=True, dynamic=False, options=OPTIONS | options)
 
     def __call__(self, *arguments, **more):
         if torch.compiler.is_compiling() or not self.compiles(getattr(arguments[0], "matched", arguments[0])):
