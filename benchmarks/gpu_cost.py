@@ -1,10 +1,9 @@
 """What a frame costs on a GPU, counted without one: kernels launched and bytes moved, and the time that follows.
 
 Each step goes through `torch.compile` for an H100 that is not there, with fake tensors, up to the code of its kernels,
-once for each form in which a frame calls it. Bytes are compulsory: each buffer that a
-kernel reads or writes counts once. What is no step of the kernels counts as one launch an operation. All times are
-predicted: bytes at 70 % of the GPU's bandwidth, and 2 µs a launch in a CUDA graph. `make gpu-cost` installs what it
-needs.
+once for each form in which a frame calls it. Bytes are compulsory: each buffer that a kernel reads or writes counts
+once. What is no step of the kernels counts as one launch an operation. All times are predicted: bytes at 70 % of the
+GPU's bandwidth, and 2 µs a launch in a CUDA graph. `make gpu-cost` installs what it needs.
 """
 
 import argparse

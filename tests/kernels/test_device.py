@@ -88,6 +88,20 @@ def test_two_frames_compile_each_step_once_as_one_graph_that_needs_nothing_of_th
                 assert "device" in node.kwargs, node.format_node()
 
 
+def test_a_function_is_compiled_for_more_shapes_than_torch_takes_for_a_mistake(compiling):
+    shapes = []
+
+    def compile(function):
+        return torch.compile(function.function, fullgraph=True, dynamic=False,
+                             backend=lambda graph, inputs: shapes.append(inputs[0].shape) or graph.forward)
+
+    compiling(lambda name: True, compile)
+    double = Fused(lambda values: values * 2)
+    for size in range(2, 14):
+        assert torch.equal(double(torch.ones(size)), torch.full((size,), 2.0))
+    assert len(shapes) == 12 > torch._dynamo.config.recompile_limit
+
+
 @pytest.mark.skipif(not shutil.which("g++"), reason="torch compiles for a CPU by g++")
 def test_what_is_compiled_gives_the_points_of_what_runs_step_by_step(monkeypatch, compiling):
     """The functions that compile in seconds; all of them do it in minutes."""

@@ -12,7 +12,7 @@ from torch._dynamo import config
 # four, are written out; those over frequencies are loops.
 OPTIONS = {"realize_reads_threshold": 1000, "realize_opcount_threshold": 1000, "realize_acc_reads_threshold": 10,
            "unroll_reductions_threshold": 5}
-MOST_FORMS = 100        # in which a function is compiled: `search` has one for each scale and surface
+MOST_FORMS = 10**6      # that a function is compiled in, one for each shape and scale: torch takes more for a mistake
 warnings.filterwarnings("ignore", "TensorFloat32 tensor cores")         # products are exact to the type on purpose
 
 
@@ -36,7 +36,7 @@ class Fused:
             return self.function(*arguments, **more)
         if self._compiled is None:
             self._compiled = self.compile()
-        with config.patch(recompile_limit=MOST_FORMS):
+        with config.patch(recompile_limit=MOST_FORMS, accumulated_recompile_limit=MOST_FORMS):
             return self._compiled(*arguments, **more)
 
 
