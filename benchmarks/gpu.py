@@ -25,7 +25,9 @@ from benchmarks.table1 import PAPER_MS
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.method.gpu_check import share_alike
 from srt3d_ros.core.methods import METHODS
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.evaluation.results import aligned
 
@@ -99,8 +101,7 @@ def _measured(args: argparse.Namespace) -> Iterator[tuple[str, dict]]:
             for line in by_photons:
                 yield "Figure 1: time by photons", line
         again = _compiled(USUAL[:1], args.device, latest + MEASURING_S)
-        for seconds, connection in again.values():
-            _asked(connection)
+        for seconds, _ in again.values():
             yield "Start with the kernels on the disk", USUAL[0].line() | {"start_s": seconds}
 
 
@@ -148,8 +149,7 @@ def _work(case: Case, device: str, connection: Connection) -> None:
     reconstructor.warm_up()
     connection.send(round(time.perf_counter() - began, 1))
     connection.recv()
-    clouds, by_photons, sensor = [], [], reconstructor.sensor
-    sketch = sketch_photons(photons_of(sensor, PPP), sensor, frequencies)
+    clouds, by_photons, sketch = [], [], _sketch(reconstructor.sensor, frequencies, PPP)
     for _ in range(2):
         reconstructor.forget()
         clouds.append(reconstructor(sketch))
@@ -159,7 +159,7 @@ def _work(case: Case, device: str, connection: Connection) -> None:
         "median_ms": round(times.median_ms, 2), "min_ms": round(min(times.ms), 2), "max_ms": round(max(times.ms), 2),
         "gpu_MB": round(torch.cuda.max_memory_reserved() / 1e6) if device == "cuda" else None}
     for ppp in PPPS if case in USUAL else ():
-        sketch = sketch_photons(photons_of(sensor, ppp), sensor, frequencies)
+        sketch = _sketch(reconstructor.sensor, frequencies, ppp)
         reconstructor.forget()
         by_photons.append(case.line() | {
             "ppp": ppp, "median_ms": round(timed(lambda sketch=sketch: reconstructor(sketch), REPEATS).median_ms, 2)})
@@ -168,7 +168,11 @@ def _work(case: Case, device: str, connection: Connection) -> None:
 
 def _on_cpu(case: Case) -> PointCloud:
     reconstructor, frequencies = case.reconstructor("cpu")
-    return reconstructor(sketch_photons(photons_of(reconstructor.sensor, PPP), reconstructor.sensor, frequencies))
+    return reconstructor(_sketch(reconstructor.sensor, frequencies, PPP))
+
+
+def _sketch(sensor: SensorModel, frequencies: tuple[int, ...], ppp: float) -> Sketch:
+    return sketch_photons(photons_of(sensor, ppp), sensor, frequencies)
 
 
 def _agreement(case: Case, first: PointCloud, second: PointCloud, expected: PointCloud) -> dict:

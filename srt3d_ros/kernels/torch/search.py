@@ -87,7 +87,7 @@ class Pools(NamedTuple):
     z: torch.Tensor
     counts: torch.Tensor
     exposure: torch.Tensor
-    share: float                # q, of 1/2 or 1
+    share: float                # q: 1/2 of a Gaussian window, 1 of a pixel
 
 
 @fused
@@ -174,10 +174,16 @@ def _shown(frame, depth, signal, slopes, pools):
     return torch.stack([depth, *slopes, signal / light, _std(frame, signal, photons, pools.share), score], dim=-2)
 
 
+def _of_cells(frame, step, values):
+    """The values of its cell, [rows, …, cols], for each pixel."""
+    row, col = (torch.arange(size, device=values.device) // step for size in frame.shape)
+    return values[row][..., col]
+
+
 def _in_pixels(frame, step, shown):
     """What cells show in each of their pixels, by their slopes: [rows, SCORE + 1, cols]."""
     row, col = (torch.arange(size, device=shown.device) for size in frame.shape)
-    depth, *more = shown[row // step][:, :, col // step].unbind(1)
+    depth, *more = _of_cells(frame, step, shown).unbind(1)
     right, down = (place % step - (step - 1) / 2 for place in (col, row[:, None]))
     return torch.stack([(depth + more[0] * right + more[1] * down) % frame.num_bins, *more], dim=1)
 
@@ -191,8 +197,7 @@ def _better(point, new, wanted, enough):
 
 def _kept(frame, found, score, old, step, wanted, pools, confirmed):
     """The points found, or the last frame's where this one's photons confirm them, and new ones score no better."""
-    row, col = (torch.arange(size, device=found.device) // step for size in frame.shape)
-    pools = Pools(pools.z[row][:, :, col], pools.counts[row][:, col], pools.exposure[row][:, col], pools.share)
+    pools = Pools(*(_of_cells(frame, step, values) for values in pools[:-1]), pools.share)
     (cosine, sine), (re, im) = waves(frame, old[:, maps.DEPTH]), pools.z.chunk(2, dim=1)
     slopes = old[:, maps.SLOPE_COL], old[:, maps.SLOPE_ROW]
     kept = _shown(frame, old[:, maps.DEPTH], (re * cosine + im * sine).sum(dim=1), slopes, pools)
