@@ -20,7 +20,7 @@ SLOPE_ROW = 2       # and downwards
 INTENSITY = 3       # r, expected signal photons; 0 = no surface
 STD = 4             # standard deviation of the depth, bins
 SCORE = 5           # evidence against "background alone", standard deviations
-RESIDUAL = 6        # root mean square distance of the neighbours from the tangent plane, bins
+RESIDUAL = 6        # what the plane adds to the depth's standard deviation: its own noise, and relief beside it, bins
 FIELDS = 7
 
 VALUE = 0           # v, the data term of a pixel's photons at the depth of its surface

@@ -21,9 +21,10 @@ from srt3d_ros.kernels.maps import BLOCK, FIELDS, MARGIN, TERMS
 # Offsets into the scratch array: points; neighbour; sums for the pool, the first six as in the terms; for the plane;
 # sums of the row of neighbours that is being added, each of 1, dx or dx².
 (T, SC, SR, TOLERANCE, W, E,
- V, G, C, S2, S1, X, SPREAD, CX, CY,
- P, PX, PY, PXX, PYY, PXY, PE, PXE, PYE,
+ V, G, C, S2, S1, X, CX, CY,
+ P, PX, PY, PXX, PYY, PXY, PE, PXE, PYE, PEE,
  ROW_C, ROW_P, ROW_PX, ROW_PE) = (U(k * BLOCK) for k in range(28))
+BEND, LEVERAGE, OFF, SPREAD = P, PX, PE, PEE    # of the step and the plane, in place of sums they are made of
 SCRATCH = 28 * BLOCK
 EVEN = np.ones(CELL // 2 + 1, np.float32)       # weights in a cell
 SHAPE = types.UniTuple(int64, 4)
@@ -63,7 +64,6 @@ def _add(s, state, terms, at, term, padded_cols, dx, dy, near, max_chi2, period)
         s[W + x], s[E + x] = w, e
         s[V + x] += w * terms[v + x] - e * (slope + HALF * bend_e)
         s[G + x] += slope + bend_e
-        s[SPREAD + x] += bend_e * e
         s[ROW_C + x] += bend
         s[CX + x] += bend * dx
         s[S2 + x] += w * w * terms[squares + x]
@@ -83,6 +83,7 @@ def _add_to_plane(s, state, at, padded_cols, dx, pixels):
         s[PXX + x] += p * (dx * dx)
         s[ROW_PE + x] += off
         s[PXE + x] += off * dx
+        s[PEE + x] += off * s[E + x]
 
 
 @inline
@@ -122,11 +123,12 @@ def _add_grid(s, state, terms, i, j, padded_cols, surfaces, reach, step, nearest
 
 
 @inline
-def _fit_plane(s, steepness):
-    """Turn the planes to the least-squares fit, and the pooled slope with them.
+def _fit_plane(s, total, curvature):
+    """Turn the planes to the least-squares fit, and the pooled slope with them; leave what `residual` is made of.
 
-    A slope is held to 0 as by one measurement with variance 1 / steepness.
+    A slope is held to 0 as by one measurement with variance total / curvature.
     """
+    steepness = curvature / total
     for x in range(B):
         p = s[P + x] + TINY
         ridge = steepness / p + F32(RIDGE)
@@ -141,6 +143,12 @@ def _fit_plane(s, steepness):
         s[G + x] -= turn_col * s[CX + x] + turn_row * s[CY + x]
         s[SC + x] += turn_col
         s[SR + x] += turn_row
+        bend = max(s[C + x], HALF * max(s[V + x], ZERO) * steepness) + TINY
+        col, row = s[CX + x] / bend, s[CY + x] / bend
+        s[BEND + x] = bend
+        s[LEVERAGE + x] = (cyy * col * col - 2 * cxy * col * row + cxx * row * row) / det
+        s[OFF + x] = me - turn_col * mx - turn_row * my
+        s[SPREAD + x] = max(s[PEE + x] / p - me * me - turn_col * cxe - turn_row * cye, ZERO)
 
 
 @inline
@@ -149,8 +157,7 @@ def _finish(s, state, point, out, padded_cols, max_chi2, frame):
     total, curvature, moments, period = frame.total_energy, frame.curvature, frame.moments, frame.period
     for x in range(B):
         seen = state[point + field.INTENSITY * padded_cols + x] > ZERO
-        least = HALF * max(s[V + x], ZERO) / total * curvature
-        d = min(max(s[G + x] / (max(s[C + x], least) + TINY), -frame.resolution), frame.resolution)
+        d = min(max(s[G + x] / s[BEND + x], -frame.resolution), frame.resolution)
         value = s[V + x] + d * (s[G + x] - HALF * d * s[C + x])
         t = s[T + x] + d
         strength = max(value, ZERO) / total
@@ -162,10 +169,10 @@ def _finish(s, state, point, out, padded_cols, max_chi2, frame):
         out[point + field.SLOPE_ROW * padded_cols + x] = s[SR + x]
         out[point + field.INTENSITY * padded_cols + x] = max(strength / max(s[X + x], TINY), TINY) if seen else ZERO
         out[point + field.STD * padded_cols + x] = std if signal > ZERO else period
-        # The distances were measured before the step, and show noise that it takes away.
-        gone = max(s[TOLERANCE + x] / max_chi2 - std * std, ZERO)
-        spread = s[SPREAD + x] / max(s[C + x], least + TINY) - gone
-        out[point + field.RESIDUAL * padded_cols + x] = np.sqrt(max(spread, ZERO))
+        off = s[OFF + x] - d
+        relief = s[SPREAD + x] + off * off - max(s[TOLERANCE + x] / max_chi2 - std * std, ZERO)
+        residual = np.sqrt(std * std * s[LEVERAGE + x] + max(relief, ZERO))
+        out[point + field.RESIDUAL * padded_cols + x] = residual if signal > ZERO else ZERO
         s[V + x] = value if seen else ZERO
     for x in range(B):                  # apart: no vector register looks up a table
         score = evidence(s[V + x], s[S1 + x], s[S2 + x], frame)
@@ -190,7 +197,7 @@ def _pooled_step(frame: FRAME, max_chi2: float32, radius: int64, fine: int64, we
                 if radius > fine:
                     _add_grid(s, state, cells, i, j, padded_cols, surfaces, radius // CELL * CELL, CELL, fine, most,
                               weights, True, max_chi2, period)
-                _fit_plane(s, frame.curvature / frame.total_energy)
+                _fit_plane(s, frame.total_energy, frame.curvature)
                 _finish(s, state, point, out, U(padded_cols), max_chi2, frame)
 
 

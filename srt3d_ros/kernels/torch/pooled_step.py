@@ -31,9 +31,14 @@ def pooled_step(frame, state, terms, sigma, radius, fine, max_chi2):
     R = V + d S − d² B / 2.
 
     With S' = min(R₊ / E, p) the point gets intensity R₊ / (E G), standard deviation
-    √((S' M₁ + (p − S') M₀) N / p) / (S' C), at most T, score p / √N · ρ(R₊ / p), and residual
-    √(Σ w b e² / B − (std_before² − std²)₊)₊: how far the surface leaves the plane, by about which the
-    depth may be wrong, less noise that the step takes away.
+    √((S' M₁ + (p − S') M₀) N / p) / (S' C), at most T, score p / √N · ρ(R₊ / p), and
+
+        residual = √(std² x̄ᵀ X⁻¹ x̄ + (Q − (std_before² − std²)₊)₊).
+
+    The first part is the noise of the slopes. The depth is measured at x̄ = Σ w b · offset / max(B, V₊ C / 2E), away
+    from the point at edges; X is the covariance of the offsets in the fit, with the ridge. The second part is how far
+    the surface leaves the plane: Q is the mean square distance of the fitted depths from the new plane, of which their
+    own noise makes std_before² − std². Where S' = 0 nothing is known: T and 0.
 
     Args:
         sigma, radius: of the window, pixels; radius at most MARGIN.
@@ -66,14 +71,17 @@ def _step(frame, state, parts, sigma, radius, max_chi2):
         weight = weight * (torch.exp(-(dy**2 + dx**2) / (2 * sigma**2)) * there)
         shown = neighbours(frame, terms, reach, step)
         bend = weight * shown[:, None, :, CURVATURE]
-        sums = [_over(bend * by) for by in (e**2, dx, dy)]
+        sums = [_over(bend * by) for by in (dx, dy)]
         pooled = pooled + torch.stack([*_pool(weight, e, shown), *sums])
         plane = plane + _moments(step**2 * weight / variance, e, dy, dx)
-    off_plane, bend_col, bend_row = pooled[6:]
-    turn_col, turn_row = _fit(plane, own[:, SLOPE_COL], own[:, SLOPE_ROW], frame.curvature / frame.total_energy)
-    turned = pooled[1] - turn_col * bend_col - turn_row * bend_row
+    (value, gradient, curvature), (bend_col, bend_row) = pooled[:3], pooled[6:]
+    steepness = frame.curvature / frame.total_energy
+    bend = torch.maximum(curvature, value.clamp(min=0) / 2 * steepness) + TINY
+    turn_col, turn_row, *fit = _fit(plane, own[:, SLOPE_COL], own[:, SLOPE_ROW], steepness, bend_col / bend,
+                                    bend_row / bend)
+    turned = gradient - turn_col * bend_col - turn_row * bend_row
     slopes = own[:, SLOPE_COL] + turn_col, own[:, SLOPE_ROW] + turn_row
-    after = _stepped(frame, own, (pooled[0], turned, *pooled[2:6]), slopes, off_plane)
+    after = _stepped(frame, own, (value, turned, *pooled[2:6]), bend, slopes, fit)
     return pad(after.where(own[:, INTENSITY, None] > 0, 0).movedim(-2, 0))
 
 
@@ -101,28 +109,34 @@ def _pool(weight, e, shown) -> list:
 
 
 def _moments(f, e, dy, dx):
-    """Of the planes: Σ f, and the means by f of dx, dy, dx², dy², dx dy, e, e dx and e dy."""
+    """Of the planes: the sums by f of 1, dx, dy, dx², dy², dx dy, e, e dx, e dy and e²."""
     one = torch.ones_like(dx)
-    return torch.stack([_over(f * by) for by in (one, dx, dy, dx**2, dy**2, dx * dy, e, e * dx, e * dy)])
+    return torch.stack([_over(f * by) for by in (one, dx, dy, dx**2, dy**2, dx * dy, e, e * dx, e * dy, e**2)])
 
 
-def _fit(sums, slope_col, slope_row, steepness):
-    """By how much the planes turn to the least-squares fit; a slope is held to 0 as by one more measurement."""
+def _fit(sums, slope_col, slope_row, steepness, col, row):
+    """By how much the planes turn to the least-squares fit; a slope is held to 0 as by one more measurement.
+
+    Returns:
+        Δ_col, Δ_row, leverage of a plane known at (col, row), and mean and variance of the distances from the turned
+        one.
+    """
     total = sums[0] + TINY
-    x, y, xx, yy, xy, rise, x_rise, y_rise = sums[1:] / total
+    x, y, xx, yy, xy, rise, x_rise, y_rise, rise2 = sums[1:] / total
     ridge = steepness / total + RIDGE
     x_rise, y_rise = x_rise - x * rise - ridge * slope_col, y_rise - y * rise - ridge * slope_row
     xx, yy, xy = xx - x * x + ridge, yy - y * y + ridge, xy - x * y
     det = xx * yy - xy * xy
-    return (yy * x_rise - xy * y_rise) / det, (xx * y_rise - xy * x_rise) / det
+    turn_col, turn_row = (yy * x_rise - xy * y_rise) / det, (xx * y_rise - xy * x_rise) / det
+    leverage = (yy * col * col - 2 * xy * col * row + xx * row * row) / det
+    spread = rise2 - rise * rise - turn_col * x_rise - turn_row * y_rise
+    return turn_col, turn_row, leverage, rise - turn_col * x - turn_row * y, spread.clamp(min=0)
 
 
-def _stepped(frame, own, pooled, slopes, off_plane):
+def _stepped(frame, own, pooled, bend, slopes, fit):
     """The points after a Newton step on their pooled data terms, measured there."""
     total, period = frame.total_energy, frame.num_bins
-    value, gradient, curvature, squares, photons, exposure = pooled
-    least = value.clamp(min=0) / total * frame.curvature / 2
-    bend = torch.maximum(curvature, least) + TINY
+    (value, gradient, curvature, squares, photons, exposure), (leverage, off, spread) = pooled, fit
     d = (gradient / bend).clamp(-frame.resolution_bins, frame.resolution_bins)
     value = value + d * (gradient - d * curvature / 2)
     strength = value.clamp(min=0) / total
@@ -130,7 +144,8 @@ def _stepped(frame, own, pooled, slopes, off_plane):
     variance = signal * frame.moments[0] + (photons - signal) * frame.moments[1]
     std = (variance * squares / photons.clamp(min=TINY)).sqrt() / (signal * frame.curvature).clamp(min=TINY)
     std = std.clamp(max=period).where(signal > 0, period)
-    gone = (own[:, STD]**2 - std**2).clamp(min=0)
+    relief = spread + (off - d)**2 - (own[:, STD]**2 - std**2).clamp(min=0)
+    residual = (std**2 * leverage + relief.clamp(min=0)).sqrt().where(signal > 0, 0)
     return torch.stack([
         (own[:, DEPTH] + d) % period, *slopes, (strength / exposure.clamp(min=TINY)).clamp(min=TINY), std,
-        evidence(value, photons, squares, frame), (off_plane / bend - gone).clamp(min=0).sqrt()], 1)
+        evidence(value, photons, squares, frame), residual], 1)
