@@ -16,6 +16,7 @@ from srt3d_ros.kernels import maps
 MAX_SUM = 1.001 * MAX_PHOTONS       # the rest is for rounding
 TABLE_STEPS = 256
 TOGETHER = 2**22            # numbers computed at once
+BETWEEN = 8                 # depths between two bins that stand for all
 BLIND = 0.01                # |ĥ| below which a frequency tells nothing of the depth
 WEAKEST_PASSBAND = 0.25     # a pixel's |ĥ| is not equalised further than this, against the mean of the pixels
 
@@ -37,8 +38,9 @@ class MatchedFrame:
         bin_frequencies: float32 [m], k_l / T.
         filters: [cells, 2m], cos(2π k_l c / cells) before sin: the matched filters of `match`, on its grid of depths.
         num_bins: T.
-        moments: float32 [2], variance of the depth score that one signal photon, one background photon adds.
-        intensity_moments: float32 [2], the same for the intensity score.
+        moments: float32 [4], variance of the depth score that one signal photon, one background photon adds; what
+            bins add to that of a signal photon; and the mean square error of the depth by bins, bins².
+        intensity_moments: float32 [2], variance of the intensity score, in the same way.
         max_response: of a photon to a matched filter.
         background_table: float32 [n], what mean responses of 0 … max_response are worth against "background
             alone", standard deviations per √photon.
@@ -164,24 +166,31 @@ class Matcher:
 
 def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
                    energy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Variances that a signal photon and a background photon add to the scores for depth and for intensity.
+    """Variances that a signal photon and a background photon add to the scores for depth and for intensity; bins' own.
 
     The scores are Σ_l ω_l Im and Σ_l Re of f_l exp(i ω_l b) for a photon b bins from its surface, f_l the filters
     (conj(ĥ_l) of a matched filter): the gradients of the data term in t and r. Their mean square over the IRF, and over
     all bins, is the variance that a Poisson number of photons has for each one expected; the sandwich formula makes the
     estimates' variances of it, whatever the distribution of the photons over the bins.
 
+    A surface at a depth between bins has the IRF that is linear between them, which is wider, and its phases are not
+    those of the IRF that is shifted: both matter for pulses below a bin. The means are those over such depths.
+
     Of an IRF per pixel the mean counts.
 
     Returns:
-        For depth and for intensity, float32 [2]: of a signal photon, of a background photon.
+        For depth and for intensity, float32 [4] and [2]: `MatchedFrame.moments` and `intensity_moments`.
     """
     irf = sensor.irf if sensor.irf.ndim == 1 else sensor.irf.mean(axis=0)
-    bins = np.arange(len(irf)) - sensor.irf_ref
-    response = np.exp(1j * np.outer(bins, omega)) * filters
-    of_depth, of_intensity = (response * omega).imag.sum(axis=1), response.real.sum(axis=1)
-    return (np.array([irf @ of_depth**2, (omega**2 * energy).sum() / 2], np.float32),
-            np.array([irf @ of_intensity**2, energy.sum() / 2], np.float32))
+    bins, depths = np.arange(len(irf) + 1) - sensor.irf_ref, np.arange(BETWEEN) / BETWEEN
+    response = np.exp(1j * (bins - depths[:, None])[..., None] * omega) * filters
+    of_depth, of_intensity = (response * omega).imag.sum(axis=2), response[0].real.sum(axis=1)
+    shown = np.outer(1 - depths, np.append(irf, 0)) + np.outer(depths, np.append(0, irf))
+    mean, square = (shown * of_depth).sum(axis=1), (shown * of_depth**2).sum(axis=1)
+    curvature = (omega**2 * energy).sum()
+    return (np.array([square[0], curvature / 2, max((square - mean**2).mean() - square[0], 0),
+                      (mean**2).mean() / curvature**2], np.float32),
+            np.array([irf @ of_intensity[:-1]**2, energy.sum() / 2], np.float32))
 
 
 def _background_table(spectrum: np.ndarray, frequencies: tuple[int, ...]) -> tuple[float, np.ndarray]:

@@ -19,6 +19,7 @@ Notation:
     δ            √(E / C), width of a matched filter's peak, bins (`resolution_bins`)
     R(z, t)      response to the matched filter, Σ_l Re(z_l exp(−i ω_l t))
     M₁, M₀       variance of dR/dt that a signal, a background photon adds (`moments`); I₁, I₀ of R itself
+    M₂, M₃       what bins add: to M₁ for a depth between two of them, and to the depth's variance, bins²
     (·)₊, wrap   the positive part; a difference of depths on the circle, in [−T/2, T/2]
     ρ(u)         what a mean response u of background photons is worth, standard deviations per √photon
                  (`background_table`, Chernoff's bound)
