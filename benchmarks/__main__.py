@@ -19,6 +19,7 @@ PURPOSES = {
     "ablation": "quality and time with each constant of the method halved, doubled and off",
     "accuracy": "true and false detections and depth error against photons, by method",
     "animation": "clouds of a moving sensor as an animated picture: photons added, and moved first",
+    "calibration": "how often depth errors are within the standard deviations that points claim",
     "choices": "what a gate and the background that is assumed change",
     "deskew": "time to move the parts of a frame to one instant",
     "false_alarms": "points where there is only background, beside the rate that was asked for",

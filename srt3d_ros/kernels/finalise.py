@@ -7,15 +7,18 @@ LOCAL_SIGMA = WINDOWS[0][0]     # of the window that tells how far pixels differ
 
 
 def finalise(kernels, frame, photons, state, terms, enough):
-    """Points with score / c(t) > `enough`: r + (own − r) (1 − v / s²)₊, √(std² + residual²), and (n − g Σ_k r_k)₊.
+    """Points with score / c(t) > `enough`: r + (own − r) (1 − v / s²)₊, √(std² + residual²); and the background.
 
     own = R(z, t) / (g E) is the intensity by the point's own pixel, r that of its pool. v = (g r I₁ + (n − g r)₊
     I₀) / (E g)² is the variance of own by photon noise, s² the mean square of own − r, both averaged with a
     Gaussian of σ = 2 pixels, the first of WINDOWS: s² − v is how far the pixels themselves differ (James and Stein's
     estimator). A point whose own photons say less than none keeps an intensity above 0.
 
+    The background is g times the mean of n − g Σ_k r_k over that of g, at least 0, with means in the same window: where
+    it is less than a photon, the clipped noise of single pixels would be several times as much.
+
     `photons` are n, masked pixels included, float32 [rows, cols]. Returns intensity (0: no point) and standard
-    deviation, bins, float32 [rows, K, cols], and background photons, float32 [rows, cols].
+    deviation, bins, float32 [rows, K, cols], and (n − g Σ_k r_k)₊ and background photons, float32 [rows, cols].
     """
     view, terms = crop(state, *frame.shape), crop(terms, *frame.shape)
     counts, exposure = (crop(values, *frame.shape)[:, None] for values in (frame.counts, frame.exposure))
@@ -28,7 +31,10 @@ def finalise(kernels, frame, photons, state, terms, enough):
     score = view[:, :, SCORE] / kernels.noise_ratio(frame, view[:, :, DEPTH])
     intensity = (pooled + excess * differ).clip(min=EPSILON * pooled) * (there & (score > enough))
     std = ((view[:, :, STD]**2 + view[:, :, RESIDUAL]**2)**0.5).clip(EPSILON, frame.num_bins)
-    return intensity, std, (photons - (intensity * exposure).sum(axis=1)).clip(min=0)
+    left, used = photons[:, None] - (intensity * exposure).sum(axis=1)[:, None], exposure > 0
+    rate = kernels.blur(left * used, LOCAL_SIGMA) / kernels.blur(exposure + EPSILON, LOCAL_SIGMA)
+    background = (rate * exposure + left * ~used).clip(min=0)
+    return intensity, std, left[:, 0].clip(min=0), background[:, 0]
 
 
 def without_weak(kernels, state, enough) -> None:
@@ -46,8 +52,8 @@ def averaged(kernels, values, used, near):
     return kernels.blur((values * used)[:, None], LOCAL_SIGMA)[:, 0] * near
 
 
-def unexplained(kernels, frame, state, intensity, background, taken, used, near, passed):
+def unexplained(kernels, frame, state, intensity, rest, taken, used, near, passed):
     """`unexplained` with averages over the same window."""
-    own, seen = background * used, crop(frame.counts, *frame.shape)
+    own, seen = rest * used, crop(frame.counts, *frame.shape)
     return kernels.unexplained(frame, state, intensity, own, own if taken is None else taken,
                                averaged(kernels, own, used, near), averaged(kernels, seen, used, near), passed)

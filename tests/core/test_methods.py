@@ -170,7 +170,7 @@ def test_hardly_any_photons_are_survived(name, photons):
         assert_finite(cloud)
         most = 0 if name == "pooled" else (photons > 0) * surfaces
         assert len(cloud) <= most and cloud.background.shape == (rows, cols) and cloud.xyz.shape == (len(cloud), 3)
-        assert name != "pooled" or cloud.background[0, 0] == photons
+        assert name != "pooled" or (cloud.background[0, 0] > 0) == (photons > 0)
 
 
 @every_method

@@ -53,7 +53,8 @@ class SMLE:
         """The point cloud of one frame's sketch."""
         self._matcher.check(sketch)
         background, *points = self._run(sketch.photons.astype(np.float32), sketch.sums)
-        found = Estimate(None, np.empty(0), self._kernels.numpy(background), *self._kernels.unpack(*points))
+        background = self._kernels.numpy(background)
+        found = Estimate(None, np.empty(0), background, background, *self._kernels.unpack(*points))
         return PointCloud.of(found, sketch)
 
     def _estimate(self, photons, sums) -> tuple:

@@ -110,7 +110,7 @@ class Background:
             self.current = self._corrected(before, frame)
 
     def _corrected(self, before: BackgroundEstimate, frame: Estimate) -> BackgroundEstimate:
-        m, sums, photons = len(self._omega), frame.left, frame.background
+        m, sums, photons = len(self._omega), frame.left, frame.rest
         left, seen = (sums[2 * m * k:][:m] + 1j * sums[2 * m * k + m:][:m] for k in (0, 1))
         own, taken, noise = np.maximum(sums[4 * m:4 * m + 3].astype(np.float64), TINY)
         mean = np.zeros(m) if before.mean is None else before.mean

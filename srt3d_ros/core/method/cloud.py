@@ -21,6 +21,7 @@ class Estimate(NamedTuple):
         state: float32 [rows', K, FIELDS, cols'] (`kernels.maps`) on the device, valid until the next frame starts;
             None of baselines.
         left: what the points leave unexplained (`unexplained` of the kernels); empty unless asked for.
+        rest: float32 [rows, cols], photons that are not the points', at least 0 in each pixel.
         background: float32 [rows, cols], background photons.
         row, col, rank: uint16, uint16, uint8 [N], the points' pixels, and their order within these.
         values: float32 [3, N]: depth (bins), intensity (photons), standard deviation (bins).
@@ -29,6 +30,7 @@ class Estimate(NamedTuple):
 
     state: np.ndarray | None
     left: np.ndarray
+    rest: np.ndarray
     background: np.ndarray
     row: np.ndarray
     col: np.ndarray

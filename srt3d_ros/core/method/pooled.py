@@ -64,8 +64,8 @@ class Pooled:
             background: of `background.Background.taken`.
         """
         photons, kernels = sketch.photons.astype(np.float32), self._kernels
-        state, left, background, *points = self._run(photons, sketch.sums, start, self._enough, *background)
-        return Estimate(state, kernels.numpy(left), kernels.numpy(background), *kernels.unpack(*points))
+        state, left, rest, background, *points = self._run(photons, sketch.sums, start, self._enough, *background)
+        return Estimate(state, *map(kernels.numpy, (left, rest, background)), *kernels.unpack(*points))
 
     def _estimate(self, photons, sums, start, enough, background=None, mean=None, clutter=None) -> tuple:
         kernels, (weak, found, further, continued) = self._kernels, enough
@@ -90,11 +90,11 @@ class Pooled:
         # Finish: outlines, threshold, intensities, standard deviations, points.
         terms = kernels.expand(frame, state)
         kernels.trim(frame, state, terms, continued)
-        intensity, std, background = self._finalise(frame, photons, state, terms, continued)
-        left = self._left(frame, state, intensity, background, taken, self._used, self._near,
-                          self._passed) if self._explains else background[:0, 0]
+        intensity, std, rest, background = self._finalise(frame, photons, state, terms, continued)
+        left = self._left(frame, state, intensity, rest, taken, self._used, self._near,
+                          self._passed) if self._explains else rest[:0, 0]
         depth = maps.crop(state, *frame.shape)[:, :, maps.DEPTH]
-        return state, left, background, *kernels.collect(
+        return state, left, rest, background, *kernels.collect(
             depth, intensity, std, self._rays, self._sensor.bin_width_m, float(self._sensor.range_m(0)),
             self._sensor.num_bins)
 
