@@ -170,9 +170,10 @@ def _finish(s, state, point, out, padded_cols, max_chi2, frame):
         out[point + field.INTENSITY * padded_cols + x] = max(strength / max(s[X + x], TINY), TINY) if seen else ZERO
         out[point + field.STD * padded_cols + x] = std if signal > ZERO else period
         off = s[OFF + x] - d
-        relief = s[SPREAD + x] + off * off - max(s[TOLERANCE + x] / max_chi2 - std * std, ZERO)
+        relief = max(s[SPREAD + x] + off * off - max(s[TOLERANCE + x] / max_chi2 - std * std, ZERO), ZERO)
+        bowl = relief * relief / (relief + std * std + TINY)
         bins = moments[2] * s[S2 + x] / (max(s[S1 + x], TINY) * max(signal * curvature * curvature, TINY)) + moments[3]
-        residual = np.sqrt(std * std * s[LEVERAGE + x] + max(relief, ZERO) + bins)
+        residual = np.sqrt(std * std * s[LEVERAGE + x] + relief + bowl + bins)
         out[point + field.RESIDUAL * padded_cols + x] = residual if signal > ZERO else ZERO
         s[V + x] = value if seen else ZERO
     for x in range(B):                  # apart: no vector register looks up a table

@@ -33,12 +33,13 @@ def pooled_step(frame, state, terms, sigma, radius, fine, max_chi2):
     With S' = min(R₊ / E, p) the point gets intensity R₊ / (E G), standard deviation
     √((S' M₁ + (p − S') M₀) N / p) / (S' C), at most T, score p / √N · ρ(R₊ / p), and
 
-        residual = √(std² x̄ᵀ X⁻¹ x̄ + (Q − (std_before² − std²)₊)₊ + M₂ N / (p S' C²) + M₃).
+        residual = √(std² x̄ᵀ X⁻¹ x̄ + q (1 + q / (q + std²)) + M₂ N / (p S' C²) + M₃),
+        q = (Q − (std_before² − std²)₊)₊.
 
     The first part is the noise of the slopes. The depth is measured at x̄ = Σ w b · offset / max(B, V₊ C / 2E), away
-    from the point at edges; X is the covariance of the offsets in the fit, with the ridge. The second part is how far
-    the surface leaves the plane: Q is the mean square distance of the fitted depths from the new plane, of which their
-    own noise makes std_before² − std². Where S' = 0 nothing is known: T and 0.
+    from the point at edges; X is the covariance of the offsets in the fit, with the ridge. q is how far the surface
+    leaves the plane: Q is the mean square distance of the fitted depths from the new plane, of which their own noise
+    makes std_before² − std². In the middle of a bowl the error² is twice that. Where S' = 0 nothing is known: T and 0.
 
     Args:
         sigma, radius: of the window, pixels; radius at most MARGIN.
@@ -144,10 +145,11 @@ def _stepped(frame, own, pooled, bend, slopes, fit):
     variance = signal * frame.moments[0] + (photons - signal) * frame.moments[1]
     std = (variance * squares / photons.clamp(min=TINY)).sqrt() / (signal * frame.curvature).clamp(min=TINY)
     std = std.clamp(max=period).where(signal > 0, period)
-    relief = spread + (off - d)**2 - (own[:, STD]**2 - std**2).clamp(min=0)
+    relief = (spread + (off - d)**2 - (own[:, STD]**2 - std**2).clamp(min=0)).clamp(min=0)
+    bowl = relief**2 / (relief + std**2 + TINY)
     once = squares / photons.clamp(min=TINY) / (signal * frame.curvature**2).clamp(min=TINY)
     bins = frame.moments[2] * once + frame.moments[3]
-    residual = (std**2 * leverage + relief.clamp(min=0) + bins).sqrt().where(signal > 0, 0)
+    residual = (std**2 * leverage + relief + bowl + bins).sqrt().where(signal > 0, 0)
     return torch.stack([
         (own[:, DEPTH] + d) % period, *slopes, (strength / exposure.clamp(min=TINY)).clamp(min=TINY), std,
         evidence(value, photons, squares, frame), residual], 1)

@@ -33,6 +33,24 @@ def test_at_a_step_edge_no_points_fly(gap, ppp, sbr):
     assert len(cloud) >= 0.999 * depth.size
 
 
+@pytest.mark.parametrize(("depth", "sbr", "frames"), [
+    (np.full((8, 8), 200.3), 1, 60), (ramp(64, 64, 200.3, 0.1, -0.2), 1, 4), (ramp(64, 64, 200.3, 0, 0), 0.1, 4),
+    (np.where(np.arange(48) < 24, 200.3, 260.3) + np.zeros((48, 1)), 1, 6)], ids=["small", "slope", "plane", "step"])
+def test_depth_errors_are_as_large_as_points_claim(depth, sbr, frames):
+    clouds = [pooled(simulate(depth, sbr, 10, seed=seed), make_sensor(*depth.shape)) for seed in range(frames)]
+    error = np.concatenate([np.abs(errors(cloud, depth)) / cloud.depth_std_bins for cloud in clouds])
+    assert 0.6 <= (error <= 1).mean() <= 0.76 and 0.92 <= (error <= 2).mean() <= 0.975
+
+
+@pytest.mark.parametrize(("sbr", "ppp"), [(1e6, 9), (1e6, 90), (10, 1)])
+def test_signal_and_background_are_together_as_many_as_the_photons(sbr, ppp):
+    depth = np.full((48, 48), 200.3)
+    cloud = pooled(simulate(depth, sbr, ppp), make_sensor(48, 48))
+    background = ppp / (1 + sbr)
+    assert background <= cloud.background.mean() <= background + 0.06 * ppp**0.5
+    assert cloud.background.mean() + cloud.intensity.mean() == pytest.approx(ppp, rel=0.05)
+
+
 def test_points_that_stay_weak_are_dropped_before_the_rest_of_the_pixels_is_searched():
     sensor = make_sensor(12, 16)
     sketch = sketch_photons(simulate(np.full((12, 16), 200.0), 10, 20, sensor), sensor, range(1, 11))
