@@ -173,10 +173,8 @@ def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
     all bins, is the variance that a Poisson number of photons has for each one expected; the sandwich formula makes the
     estimates' variances of it, whatever the distribution of the photons over the bins.
 
-    A surface at a depth between bins has the IRF that is linear between them, which is wider, and its phases are not
-    those of the IRF that is shifted: both matter for pulses below a bin. The means are those over such depths.
-
-    Of an IRF per pixel the mean counts.
+    Of an IRF per pixel the mean counts. Between bins it is linear, so a pulse below a bin looks wider and not just
+    shifted there: means over such depths say how much.
 
     Returns:
         For depth and for intensity, float32 [4] and [2]: `MatchedFrame.moments` and `intensity_moments`.

@@ -172,7 +172,7 @@ def _finish(s, state, point, out, padded_cols, max_chi2, frame):
         off = s[OFF + x] - d
         relief = max(s[SPREAD + x] + off * off - max(s[TOLERANCE + x] / max_chi2 - std * std, ZERO), ZERO)
         bowl = relief * relief / (relief + std * std + TINY)
-        bins = moments[2] * s[S2 + x] / (max(s[S1 + x], TINY) * max(signal * curvature * curvature, TINY)) + moments[3]
+        bins = moments[2] * s[S2 + x] / max(s[S1 + x] * signal * curvature * curvature, TINY) + moments[3]
         residual = np.sqrt(std * std * s[LEVERAGE + x] + relief + bowl + bins)
         out[point + field.RESIDUAL * padded_cols + x] = residual if signal > ZERO else ZERO
         s[V + x] = value if seen else ZERO

@@ -116,12 +116,7 @@ def _moments(f, e, dy, dx):
 
 
 def _fit(sums, slope_col, slope_row, steepness, col, row):
-    """By how much the planes turn to the least-squares fit; a slope is held to 0 as by one more measurement.
-
-    Returns:
-        Δ_col, Δ_row, leverage of a plane known at (col, row), and mean and variance of the distances from the turned
-        one.
-    """
+    """How planes turn to the least-squares fit; their leverage at (col, row); mean and variance of what they leave."""
     total = sums[0] + TINY
     x, y, xx, yy, xy, rise, x_rise, y_rise, rise2 = sums[1:] / total
     ridge = steepness / total + RIDGE
@@ -147,8 +142,7 @@ def _stepped(frame, own, pooled, bend, slopes, fit):
     std = std.clamp(max=period).where(signal > 0, period)
     relief = (spread + (off - d)**2 - (own[:, STD]**2 - std**2).clamp(min=0)).clamp(min=0)
     bowl = relief**2 / (relief + std**2 + TINY)
-    once = squares / photons.clamp(min=TINY) / (signal * frame.curvature**2).clamp(min=TINY)
-    bins = frame.moments[2] * once + frame.moments[3]
+    bins = frame.moments[2] * squares / (photons * signal * frame.curvature**2).clamp(min=TINY) + frame.moments[3]
     residual = (std**2 * leverage + relief + bowl + bins).sqrt().where(signal > 0, 0)
     return torch.stack([
         (own[:, DEPTH] + d) % period, *slopes, (strength / exposure.clamp(min=TINY)).clamp(min=TINY), std,
