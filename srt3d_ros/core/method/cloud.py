@@ -52,7 +52,7 @@ class PointCloud:
         row, col: uint16 [N].
         depth_bins: float32 [N], depth (see SensorModel), in [0, T).
         intensity: float32 [N], expected signal photons of that return in the frame.
-        depth_std_bins: float32 [N], of `depth_bins`: photon noise, and relief within the pool; NaN of the baselines.
+        depth_std_bins: float32 [N], of `depth_bins`: photon noise, edges, and relief in the pool; NaN of the baselines.
         xyz: float32 [N, 3], metres, sensor's frame.
         surface: uint8 [N], 0 for the first point of its pixel, 1 for the next, …
         background: float32 [rows, cols], expected background photons in the frame, over all T bins.
