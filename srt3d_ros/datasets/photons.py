@@ -109,19 +109,15 @@ class Photons:
                 "methods on sketches take any number")
         return self.frame.to_events(self.sensor)
 
-    def _gate(self, gate: str | tuple[int, int], frequencies: str = "auto", sketch_size: int | None = None
-              ) -> Gate | None:
-        """What is written as a gate, with room for the frequencies."""
-        return design_for(self.sensor, gate, frequencies, sketch_size, self.frame).gate
-
     def sketch(self, sketch_size: int | None = None, *, frequencies: str | Sequence[int] = "auto",
                gate: str | tuple[int, int] = OFF) -> Sketch:
         """The sketch: m complex numbers a pixel, whatever the number of photons.
 
         Args:
             sketch_size: m, 10 unless given.
-            frequencies: which numbers are kept: of least expected error for the IRF ("auto"), "consecutive" from 1 to
-                m, or the integers.
+            frequencies: which numbers are kept: of least expected error for the IRF and these photons ("auto"),
+                "consecutive" from 1 to m, or the integers. Other photons may have others: sketches add if they are
+                given the same.
             gate: keep the photons of the bins (first, last) only; or "auto": of those in which the histogram of all
                 photons shows a scene; or "off".
 
@@ -131,9 +127,8 @@ class Photons:
         require(sketch_size is None or isinstance(sketch_size, int | np.integer), "sketch_size", quoted(sketch_size),
                 "an integer")
         with compiling():
-            used = _written(frequencies), sketch_size
-            found = self._gate(gate, *used)
-            stream = SketchStream(self.sensor, StreamOptions(str(found or OFF), *used))
+            found, chosen = design_for(self.sensor, gate, _written(frequencies), sketch_size, self.frame)
+            stream = SketchStream(self.sensor, StreamOptions(str(found or OFF), _written(chosen)))
             made, = stream.push(self.frame)
         outside = stream.counts.photons_dropped["gate"]
         notes = outside_note(outside, self.photons, found.first, found.last) if found else ()
@@ -169,7 +164,7 @@ class Photons:
             return replace(cloud, facts=cloud.facts | {"sketch_ms": sketch_ms})
         for name, value in (("sketch_size", sketch_size), ("frequencies", frequencies)):
             require(value is None, name, value, f"nothing: {method} makes no sketch")
-        found = self._gate(gate)
+        found = design_for(self.sensor, gate, "consecutive", frame=self.frame).gate
         seen = self if found is None else self.gated(found.first, found.last)
         cloud = Reconstructor(seen.sensor, **own)(seen.events)
         return replace(cloud, notes=seen.notes)

@@ -12,7 +12,6 @@ from srt3d_ros import __version__
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.methods import Method
 from srt3d_ros.core.metrics import evaluate, median_offset
-from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation import held_out
@@ -97,8 +96,7 @@ def judged(job: Job, observation: Observation) -> Outcome:
 def reconstruct(job: Job, observation: Observation) -> tuple[PointCloud, dict]:
     """A job's cloud, and the frequencies and times (milliseconds) of its reconstruction."""
     method, sensor = job.method, job.case.sensor
-    frequencies = choose(method.frequencies, sensor, job.sketch_size) if method.needs == "sketch" else None
-    cloud = Photons(sensor, observation.frame).reconstruct(method=method.name, frequencies=frequencies,
+    cloud = Photons(sensor, observation.frame).reconstruct(method=method.name, sketch_size=job.sketch_size,
                                                            surfaces=job.case.surfaces)
     return cloud, {name: cloud.facts[name] or None for name in ("frequencies", "sketch_ms", "reconstruct_ms")}
 

@@ -5,14 +5,17 @@ from typing import NamedTuple
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frequencies import RULES, choose
+from srt3d_ros.core.sketching.frequencies import RULES, choose, design
 from srt3d_ros.core.sketching.gate import AUTO, FORM, OFF, Gate, parse
+from srt3d_ros.core.sketching.light import measure
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonHistograms
 from srt3d_ros.errors import require
 
 SURE = 4.5              # σ at which bins are more than background; one of 3000 frames deviates so much by chance
 MARGIN = 1 / 8          # of what is seen, on each side; Art, SBR 0.1: TD 92.2 % (0: 92.2, 1/2: 91.5, no gate: 88.0)
 WORTHWHILE = 1 / 10     # of the photons that a gate drops at least: TD falls by 0.1 points at SBR 52, 1 photon a pixel
+
+REACH = 4               # times the highest frequency of "auto" for few photons, that one for many may have
 
 
 class SketchDesign(NamedTuple):
@@ -28,7 +31,7 @@ def design_for(sensor: SensorModel, gate: str | tuple[int, int] = OFF, frequenci
 
     Args:
         gate: off, the first and the last bin, or auto: around the depths that stand out in the histogram of `frame`.
-        frequencies, sketch_size: as of `choose`.
+        frequencies, sketch_size: as of `choose`; "auto" follows the photons of `frame`.
 
     Raises:
         InvalidInput: a gate, frequencies or photons that do not fit the sensor, or auto without a frame.
@@ -40,7 +43,12 @@ def design_for(sensor: SensorModel, gate: str | tuple[int, int] = OFF, frequenci
         highest = len(chosen) if frequencies in RULES else max(chosen)          # the others follow T
         bins = _bins_of(histogram(frame, sensor), sensor, 2 * highest + 1)
     found = None if bins == OFF else Gate(sensor, *bins)
-    return SketchDesign(found, choose(frequencies, sensor if found is None else found.sensor, sketch_size))
+    within = sensor if found is None else found.sensor
+    chosen = choose(frequencies, within, sketch_size)
+    if frequencies == AUTO and frame is not None:
+        highest = min(REACH * chosen[-1], max((within.num_bins - 1) // 2, 1))
+        chosen = design(within, len(chosen), *measure(frame, sensor, found, highest))
+    return SketchDesign(found, chosen)
 
 
 def histogram(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel) -> np.ndarray:

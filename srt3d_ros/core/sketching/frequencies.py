@@ -18,16 +18,18 @@ from functools import lru_cache
 
 import numpy as np
 
-from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
 from srt3d_ros.core.sketching.sketch import MAX_SKETCH_SIZE, check_frequencies
 from srt3d_ros.errors import InvalidInput, require
 
 DEFAULT_SKETCH_SIZE = 10
 SBRS = (0.1, 1.0, 10.0)     # ratios of signal to background that are designed for
 SCORES = (7.0, 10.0)        # σ at which the photons stand out of the background: the start is sure at 7
-BEND = 0.75                 # of the progression; hardly matters, see docs/algorithm.md
+BEND = 0.75                 # of the progression
+BEND_OF_MANY = 0.5          # and of one for many photons: up to 10 % less depth error; with few, detections are lost
 LEAST_PASSED = 0.1          # |ĥ| of the highest frequency that may be taken
 LADDER = 1.05               # ratio of one highest frequency that is tried to the next
+ROOM = 2**0.5               # by which a design for many photons must be free to exceed that for few, to be worth it
 ENOUGH = 3.0                # the search ends when the highest frequency is this much above the best so far
 ALIKE = 0.02                # differences of log error that hardly matter
 OVERSAMPLING = 4            # cells of the depth grid for each period of the highest frequency
@@ -49,12 +51,19 @@ def irf_spectrum(sensor: SensorModel, frequencies) -> np.ndarray:
     return sensor.irf.astype(np.float64) @ phases
 
 
-def design(sensor: SensorModel, sketch_size: int) -> tuple[int, ...]:
+def design(sensor: SensorModel, sketch_size: int, score: float = 0.0, confirmed: int = 0) -> tuple[int, ...]:
     """The m frequencies, 1 … (T − 1) / 2, of a smooth progression from 1 with the least expected depth error.
 
     Of an IRF per pixel, the most typical one counts.
+
+    Args:
+        score, confirmed: of the photons, as of `light.measure`. With many, higher frequencies are better, up to
+            `confirmed`.
     """
-    return _design(_typical_irf(sensor).tobytes(), sensor.num_bins, sketch_size)
+    irf = _typical_irf(sensor).tobytes(), sensor.num_bins, sketch_size
+    few, most = _design(*irf), score * math.sqrt(sketch_size)
+    many = most > SCORES[1] and confirmed > ROOM * few[-1]
+    return _design(*irf, most, confirmed, BEND_OF_MANY) if many else few
 
 
 RULES = {"auto": design, "consecutive": lambda _, sketch_size: range(1, sketch_size + 1)}
@@ -85,13 +94,13 @@ def choose(spec: str, sensor: SensorModel, sketch_size: int | None = None) -> tu
     return check_frequencies(listed, sensor.num_bins)
 
 
-def progression(top: int, sketch_size: int) -> tuple[int, ...]:
+def progression(top: int, sketch_size: int, bend: float = BEND) -> tuple[int, ...]:
     """m increasing integers from 1 to `top` ≥ m, between evenly spaced and geometric.
 
-    k(u) = 1 + (top − 1) · (aᵘ − 1) / (a − 1), a = top^BEND, u = 0 … 1; rounded, and moved up where two would coincide.
+    k(u) = 1 + (top − 1) · (aᵘ − 1) / (a − 1), a = top^bend, u = 0 … 1; rounded, and moved up where two would coincide.
     """
     u = np.linspace(0, 1, sketch_size)
-    a = float(top)**BEND
+    a = float(top)**bend
     chosen: list[int] = []
     for value in 1 + (top - 1) * ((a**u - 1) / (a - 1) if top > 1 else u):
         chosen.append(max(round(value), chosen[-1] + 1 if chosen else 1))
@@ -142,21 +151,22 @@ def expected_error_bins(spectrum: np.ndarray, num_bins: int, frequencies, signal
     return np.maximum(np.sqrt(2 / np.pi) * sigma[:, 0] + rest.sum(axis=1) * step, 0.1 * sigma[:, 0])
 
 
-def nominal_photons(sketch_size: int) -> tuple[np.ndarray, np.ndarray]:
+def nominal_photons(sketch_size: int, most: float = SCORES[1]) -> tuple[np.ndarray, np.ndarray]:
     """Signal and background photons that a design is for, float [N] each.
 
-    If the IRF passed all m frequencies, their score s √(2m / (s + b)) would be each of SCORES at each of SBRS.
+    If the IRF passed all m frequencies, their score s √(2m / (s + b)) would be SCORES[0] and `most` at each of SBRS.
     """
-    sbr, score = np.repeat(SBRS, len(SCORES)), np.tile(SCORES, len(SBRS))
+    sbr, score = np.repeat(SBRS, 2), np.tile((SCORES[0], most), len(SBRS))
     signal = score**2 * (1 + 1 / sbr) / (2 * sketch_size)
     return signal, signal / sbr
 
 
 @lru_cache(maxsize=64)
-def _design(irf: bytes, num_bins: int, sketch_size: int) -> tuple[int, ...]:
+def _design(irf: bytes, num_bins: int, sketch_size: int, most: float = SCORES[1], confirmed: int = MAX_BINS,
+            bend: float = BEND) -> tuple[int, ...]:
     spectrum = np.conj(np.fft.rfft(np.frombuffer(irf, np.float32), num_bins))
     passed = np.flatnonzero(np.abs(spectrum[:max((num_bins - 1) // 2, 1) + 1]) >= LEAST_PASSED)
-    highest, photons = max(int(passed[-1]), sketch_size), nominal_photons(sketch_size)
+    highest, photons = max(min(int(passed[-1]), confirmed), sketch_size), nominal_photons(sketch_size, most)
     tops, errors, top = [], [], sketch_size
     while top <= highest and (not errors or top <= ENOUGH * tops[int(np.argmin(errors))]):
         tops.append(top)
@@ -167,7 +177,7 @@ def _design(irf: bytes, num_bins: int, sketch_size: int) -> tuple[int, ...]:
     # Side peaks that fall low by rounding, for one K and not the next, are luck that tilted surfaces and two depths do
     # not share: so not the best K, but the mean of the good ones.
     weights = np.exp((np.min(errors) - np.array(errors)) / ALIKE)
-    return progression(round(np.exp(np.average(np.log(tops), weights=weights))), sketch_size)
+    return progression(round(np.exp(np.average(np.log(tops), weights=weights))), sketch_size, bend)
 
 
 def _typical_irf(sensor: SensorModel) -> np.ndarray:
