@@ -25,8 +25,8 @@ def add_parser(subparsers) -> None:
     parser.add_argument("--sketch-size", type=int, metavar="M",
                         help=f"complex numbers kept of a pixel ({DEFAULT_SKETCH_SIZE})")
     parser.add_argument("--frequencies", metavar="auto|consecutive|k1,k2,…",
-                        help="which they are: least expected error for the IRF (auto), 1 … M (consecutive), "
-                             "or a list; unless given what the method is published with, else auto")
+                        help="which they are: least expected error for the IRF and the photons (auto), 1 … M "
+                             "(consecutive), or a list; unless given what the method is published with, else auto")
     parser.add_argument("--surfaces", type=int, default=1, metavar="K", help="most surfaces in a pixel (1)")
     parser.add_argument("--method", default=DEFAULT_METHOD, metavar="NAME",
                         help=f"how to reconstruct: {', '.join(METHODS)} ({DEFAULT_METHOD})")
