@@ -36,7 +36,8 @@ def test_pairs_of_photons_tell_the_signal_at_whatever_depth(signal, background):
 
 def test_a_mask_leaves_pixels_out_and_a_gate_background():
     events, mask = frame(20, 20), np.ones((SIDE, SIDE), bool)
-    bright = PhotonEvents(np.append(events.pixel, np.zeros(10**5, np.uint32)), np.append(events.toa, np.full(10**5, 7, np.uint16)))
+    pixel, toa = np.zeros(10**5, np.uint32), np.full(10**5, 7, np.uint16)
+    bright = PhotonEvents(np.append(events.pixel, pixel), np.append(events.toa, toa))
     mask[0, 0] = False
     masked = SENSOR.replace(mask=mask)
     assert measure(bright, masked, None, 60) == pytest.approx(measure(events, SENSOR, None, 60), rel=0.01)
