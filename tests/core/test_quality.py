@@ -56,7 +56,7 @@ def test_on_simulated_photons_and_errors_are_as_large_as_is_said(sbr, ppp):
 def test_two_surfaces_are_kept_where_there_are_two_and_edges_show_no_double_points(shared_data):
     photons = read(shared_data / "photons" / "art_real_unif_ppp5_sbr10.npz")
     one, two = (reconstruct(photons.frame, photons.sensor, surfaces=surfaces) for surfaces in (1, 2))
-    assert len(two) - (two.surface == 0).sum() < 0.003 * len(one)
+    assert len(two) - (two.surface == 0).sum() < 0.005 * len(one)
     photons = read(shared_data / "photons" / "two_layer_100.npz")
     cloud = reconstruct(photons.frame, photons.sensor, surfaces=2)
     assert (cloud.surface == 1).sum() > 0.95 * photons.sensor.pixels

@@ -99,6 +99,17 @@ def test_each_neighbour_with_fewer_surfaces_speaks_once_against_a_third_one():
     assert set(shown) == {False, True}
 
 
+@pytest.mark.parametrize("kernels", [CPU, ORACLE])
+def test_neighbours_that_show_a_further_surface_alone_do_not_speak_against_it(kernels):
+    mixed = (np.indices(SHAPE).sum(axis=0) % 2 == 0) * ALL         # of two planes, each pixel has found one so far
+    depth = np.concatenate([100 * ALL, 200 * ALL])
+    state = exact_state(depth, np.concatenate([(1 - mixed) / 2, mixed / 2]))
+    alone = exact_state(depth, np.concatenate([ALL / 2, 0 * ALL]))
+    maps.crop(alone, *SHAPE)[2, 1, maps.INTENSITY, 4] = 0.5         # one neighbour has both, all others the first
+    frame = exact_frame(depth, np.concatenate([ALL / 2, ALL / 2]), 0)
+    assert [np.count_nonzero(chosen(frame, before, kernels)[1]) for before in (state, alone)] == [2, 1]
+
+
 @pytest.mark.parametrize("had", [0, 20])
 @pytest.mark.parametrize("std", [0.3, T])
 def test_a_pixel_takes_the_side_that_its_photons_show_whatever_one_neighbour_is_worth(std, had):

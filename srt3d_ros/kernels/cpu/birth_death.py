@@ -163,7 +163,7 @@ def _choose(k, s, v, z, voters, surfaces, frame):
 
 @line
 def _begin_further(k, s, v, surfaces):
-    """Neighbours that have no more than k surfaces speak against one more, and no longer for any."""
+    """Neighbours with no more than k surfaces speak against one more, unless they show it, and no longer for any."""
     for x in range(L):
         s[MOST + x], s[BEST + x], s[AGAINST + x] = s[LEAST + x], -ONE, ZERO
     for place in range(PLACES):
@@ -172,7 +172,8 @@ def _begin_further(k, s, v, surfaces):
             count = v[first + COUNT + x]
             s[AGAINST + x] += VOTE * VOTING[place] if (count > ZERO) & (count <= F32(k)) else ZERO
             for q in range(first, first + U(surfaces) * VOTER, VOTER):
-                v[q + ADDS + x] = ZERO if count <= F32(k) else v[q + ADDS + x]
+                shown = VOTE * VOTING[place] if v[q + WEIGHT + x] > ZERO else ZERO
+                v[q + ADDS + x] = shown if count <= F32(k) else v[q + ADDS + x]
 
 
 @line

@@ -30,13 +30,14 @@ def birth_death(frame, state, terms, max_chi2):
             − Σ_q w_q VOTE / count_q
 
     (see `log_likelihood_ratio`), w = exp(−distance² / 2 VOTE_SIGMA²). The last sum, for k > 0, is over the surfaces
-    of neighbours that have no more than k, whose votes do not count: a pixel that truly sees two surfaces keeps
-    both, and edges show no double points. A candidate needs VOTE, unless it is for the first surface of a pixel
-    that has one; in a pixel without surfaces, EMPTY_VOTES · VOTE · w more for each used neighbour without a surface, of
-    those without photons times 1 − exp(−g r), the probability that it would show there. The pixel keeps its own point
-    if that agrees with the best, else it takes the mean of what agrees, weighted by w a, with score 0. What agrees and
-    the photons it explains are left out for the next k. Points with a standard deviation above MAX_STD · T count as
-    none. Pixels stay as they are where their 3 × 3 neighbourhood agrees with them already.
+    of neighbours that have no more than k. For these, the vote of what they show is w VOTE, so that they speak neither
+    for nor against it: a pixel that truly sees two surfaces keeps both, and edges show few double points. A candidate
+    needs VOTE, unless it is for the first surface of a pixel that has one; in a pixel without surfaces,
+    EMPTY_VOTES · VOTE · w more for each used neighbour without a surface, of those without photons times
+    1 − exp(−g r), the probability that it would show there. The pixel keeps its own point if that agrees with the best,
+    else it takes the mean of what agrees, weighted by w a, with score 0. What agrees and the photons it explains are
+    left out for the next k. Points with a standard deviation above MAX_STD · T count as none. Pixels stay as they are
+    where their 3 × 3 neighbourhood agrees with them already.
 
     Then SPREAD more times, for pixels with fewer than K surfaces of whose neighbourhood the time before has
     changed: surfaces so grow by as many pixels.
@@ -170,7 +171,7 @@ def _best(k, around, free, before, rest, photons, light, frame) -> Best:
     votes, against = around.vote * (free & around.other), 0
     if k > 0:
         fewer = around.there & around.other & (around.count <= k)
-        votes = votes * ~fewer
+        votes = torch.where(fewer, around.weight * (VOTE * free), votes)        # no vote against what they show
         against = (around.weight * VOTE / around.count.clamp(min=1) * fewer).sum(0)
     votes = (close * votes).sum(1)
 
