@@ -115,9 +115,8 @@ class Photons:
 
         Args:
             sketch_size: m, 10 unless given.
-            frequencies: which numbers are kept: of least expected error for the IRF and these photons ("auto"),
-                "consecutive" from 1 to m, or the integers. Other photons may have others: sketches add if they are
-                given the same.
+            frequencies: which numbers are kept: of least expected error for the IRF and these photons ("auto": other
+                photons may have others), "consecutive" from 1 to m, or the integers.
             gate: keep the photons of the bins (first, last) only; or "auto": of those in which the histogram of all
                 photons shows a scene; or "off".
 

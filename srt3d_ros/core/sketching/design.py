@@ -14,7 +14,6 @@ from srt3d_ros.errors import require
 SURE = 4.5              # σ at which bins are more than background; one of 3000 frames deviates so much by chance
 MARGIN = 1 / 8          # of what is seen, on each side; Art, SBR 0.1: TD 92.2 % (0: 92.2, 1/2: 91.5, no gate: 88.0)
 WORTHWHILE = 1 / 10     # of the photons that a gate drops at least: TD falls by 0.1 points at SBR 52, 1 photon a pixel
-
 REACH = 4               # times the highest frequency of "auto" for few photons, that one for many may have
 
 

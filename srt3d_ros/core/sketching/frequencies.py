@@ -54,11 +54,8 @@ def irf_spectrum(sensor: SensorModel, frequencies) -> np.ndarray:
 def design(sensor: SensorModel, sketch_size: int, score: float = 0.0, confirmed: int = 0) -> tuple[int, ...]:
     """The m frequencies, 1 … (T − 1) / 2, of a smooth progression from 1 with the least expected depth error.
 
-    Of an IRF per pixel, the most typical one counts.
-
-    Args:
-        score, confirmed: of the photons, as of `light.measure`. With many, higher frequencies are better, up to
-            `confirmed`.
+    Of an IRF per pixel, the most typical one counts. `score` and `confirmed` are of the photons (`light.measure`): with
+    many, higher frequencies are better, up to `confirmed`.
     """
     irf = _typical_irf(sensor).tobytes(), sensor.num_bins, sketch_size
     few, most = _design(*irf), score * math.sqrt(sketch_size)

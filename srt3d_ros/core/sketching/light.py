@@ -23,7 +23,7 @@ def measure(frame, sensor, gate, highest: int) -> tuple[float, int]:
     passed *= np.sinc(np.array(sketch.frequencies) / within.num_bins)       # depths lie between bins
     several = (sketch.photons > 1) & mask
     n = sketch.photons[several].astype(np.float64)[:, None]
-    # Of each photon the mean over the others of its pixel: a bright pixel weighs as its photons, not as its pairs.
+    # of each photon the mean over the others of its pixel: a bright pixel weighs as its photons, not as its pairs
     pairs = ((np.abs(sketch.sums[several])**2 - n) / (n - 1)).sum(axis=0) / max(n.sum(), 1)
     error = np.sqrt((n / (n - 1)).sum()) / max(n.sum(), 1)
     share2 = max(pairs @ passed / (passed @ passed), 1e-12)
