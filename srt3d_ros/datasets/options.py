@@ -53,6 +53,8 @@ class SensorOptions(TypedDict, total=False):
     mask: ArrayLike
     background_shape: ArrayLike
     histograms: HistogramBins
+    cycles: int
+    armed_bin: float
     frame_id: str
 
 
@@ -135,7 +137,7 @@ def sketch_with_options(sketch: Sketch, options: Mapping[str, Any]) -> Sketch:
     """
     require("gate" not in options, "gate", options.get("gate"), "nothing: the sketch has been made without it")
     sensor, notes = redescribed(sketch.sensor, sketch.notes, options, ("rows", "cols", "num_bins"))
-    return replace(sketch, sensor=sensor, notes=notes)
+    return replace(sketch, sensor=sensor, notes=notes, cycles=sketch.cycles or sensor.cycles or 0)
 
 
 def says_geometry(options: Mapping[str, Any]) -> bool:

@@ -15,7 +15,8 @@ from srt3d_ros.messages.sensor import digest
 INT16_SCALE = 32_767
 NUMBERS = {"float32": np.dtype("<f4"), "int16": np.dtype("<i2")}
 COUNTS = np.dtype([("photons", "<u4")])
-FREQUENCY, PERIOD, DESCRIPTION = map(re.compile, (r"k([1-9]\d{0,4})", r"T([1-9]\d{0,4})", r"sensor_([0-9a-f]{8})"))
+FREQUENCY, PERIOD, DESCRIPTION, CYCLES = map(re.compile, (
+    r"k([1-9]\d{0,4})", r"T([1-9]\d{0,4})", r"sensor_([0-9a-f]{8})", r"cycles_([1-9]\d{0,14})"))
 MAX_MODULUS = 1.001     # a mean of unit vectors is at most 1 long; the rest is for rounding
 
 
@@ -41,8 +42,8 @@ def encode_cdr(sketch: Sketch, sensor: SensorModel, frame_id: str, layout: str =
     cloud = pack_cloud(cdr.Header(sketch.stamp_ns, frame_id), points)
     numbers = (cdr.Field(f"k{k}", COUNTS.itemsize + 2 * l * number.itemsize, CODES[number], 2)
                for l, k in enumerate(sketch.frequencies))
-    markers = (cdr.Field(name, 0, CODES[np.dtype("u1")], 1)
-               for name in (f"T{sensor.num_bins}", f"sensor_{digest(sensor)}"))
+    names = [f"T{sensor.num_bins}", f"sensor_{digest(sensor)}"] + [f"cycles_{sketch.cycles}"] * (sketch.cycles > 0)
+    markers = (cdr.Field(name, 0, CODES[np.dtype("u1")], 1) for name in names)
     return cdr.write_cloud(replace(cloud, fields=(cloud.fields[0], *numbers, *markers)))
 
 
@@ -80,7 +81,8 @@ def decode_cdr(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, Sketch]:
         parts /= INT16_SCALE
     _check_means(parts.view(np.complex64))
     parts *= photons[..., None].astype(np.float32)
-    return cloud.header, Sketch(frequencies, parts.view(np.complex64), photons, cloud.header.stamp_ns, sensor)
+    cycles = int(_named(cloud, CYCLES, "cycles", "0"))
+    return cloud.header, Sketch(frequencies, parts.view(np.complex64), photons, cloud.header.stamp_ns, sensor, cycles)
 
 
 def decode_counts_cdr(raw: bytes) -> tuple[cdr.Header, tuple[int, ...], np.ndarray]:
@@ -98,9 +100,9 @@ def is_sketch(cloud: cdr.Cloud) -> bool:
     return any(DESCRIPTION.fullmatch(field.name) for field in cloud.fields)
 
 
-def _named(cloud: cdr.Cloud, pattern: re.Pattern, field: str) -> str:
-    """What the only field of this pattern says."""
-    found = [match[1] for field in cloud.fields if (match := pattern.fullmatch(field.name))]
+def _named(cloud: cdr.Cloud, pattern: re.Pattern, field: str, absent: str = "") -> str:
+    """What the only field of this pattern says; `absent`, if that may be, without one."""
+    found = [match[1] for field in cloud.fields if (match := pattern.fullmatch(field.name))] or [absent] * bool(absent)
     require(len(found) == 1, f"field {field}", " and ".join(found) or "absent", "one field that names it")
     return found[0]
 

@@ -10,6 +10,7 @@ from srt3d_ros.core.method.background import PASSES, Background, BackgroundEstim
 from srt3d_ros.core.method.cloud import Estimate, PointCloud
 from srt3d_ros.core.method.gpu_check import device_for
 from srt3d_ros.core.method.matched_frame import Matcher
+from srt3d_ros.core.method.pile_up import PileUp
 from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, MAX_FALSE_ALARM_RATE, check_surfaces
 from srt3d_ros.core.sensor.model import SensorModel
@@ -57,9 +58,24 @@ class PooledStream:
 
         A first frame is reconstructed as often as its background takes to settle, at most PASSES times. Each frame
         takes a step towards its background, for the next ones; one that begins to take an uneven background out is
-        reconstructed from two starts, and the better is kept.
+        reconstructed from two starts, and the better is kept. Where the laser cycles are known, pile-up is corrected; a
+        first frame then says how much of the light is background, and is reconstructed again.
         """
         self._matcher.check(sketch)
+        if not sketch.cycles:
+            return PointCloud.of(self._settled(sketch), sketch)
+        if self._is_first:
+            self._pile_up.background_share = 1.0
+            self._without_pile_up(sketch)
+            self.forget()
+        return self._without_pile_up(sketch)
+
+    def _without_pile_up(self, sketch: Sketch) -> PointCloud:
+        found = self._settled(self._pile_up.without_decay(sketch))
+        return self._pile_up.corrected(PointCloud.of(found, sketch), sketch)
+
+    def _settled(self, sketch: Sketch) -> Estimate:
+        """The estimate of a frame, of a first one with its background settled."""
         passes, start = PASSES if self._is_first else 1, self._surfaces
         self._is_first = False
         found = self._pass(sketch, start)
@@ -68,7 +84,7 @@ class PooledStream:
             found = self._pass(sketch)
             if self._background.current.mean is None:        # no start is a background
                 break
-        return PointCloud.of(found, sketch)
+        return found
 
     def _pass(self, sketch: Sketch, start: np.ndarray | None = None) -> Estimate:
         """The estimate of least misfit; the surfaces and the background of the next frame become what it shows."""
@@ -88,6 +104,10 @@ class PooledStream:
         self._surfaces = found.state
         self._background.learn(background, found)
         return found
+
+    @cached_property
+    def _pile_up(self) -> PileUp:
+        return PileUp(self._matcher)
 
     @cached_property
     def _single(self) -> "PooledStream":

@@ -38,6 +38,7 @@ class Sketch:
         photons: uint32 [rows, cols], n; MAX_PHOTONS and the mean where there were more.
         stamp_ns: start of acquisition of the earliest photons; of a window, of its newest frame.
         sensor: of the photons, behind the gate if there is one; None where it is not known.
+        cycles: N, laser cycles that these photons are the first ones of; 0: not known, pile-up is not corrected.
     """
 
     frequencies: tuple[int, ...]
@@ -45,6 +46,7 @@ class Sketch:
     photons: np.ndarray
     stamp_ns: int = 0
     sensor: SensorModel | None = None
+    cycles: int = 0
 
     def __post_init__(self) -> None:
         require(self.sums.ndim == 3 and self.sums.shape[2] == len(self.frequencies), "sketch shape", self.sums.shape,
@@ -69,7 +71,8 @@ class Sketch:
         if photons.max(initial=0) > MAX_PHOTONS:
             sums = sums * (MAX_PHOTONS / np.maximum(photons, MAX_PHOTONS))[..., None].astype(np.float32)
         return replace(self, sums=sums, photons=np.minimum(photons, MAX_PHOTONS).astype(np.uint32),
-                       stamp_ns=min(self.stamp_ns, other.stamp_ns))
+                       stamp_ns=min(self.stamp_ns, other.stamp_ns),
+                       cycles=self.cycles + other.cycles if self.cycles and other.cycles else 0)
 
 
 def noise_sketch(sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:

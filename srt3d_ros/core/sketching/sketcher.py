@@ -59,8 +59,10 @@ class Sketcher:
         """Forget all photons, of the open frame and of all before."""
         self._sums[:] = 0
         self._stamp_ns: int | None = None       # of the open frame
+        self._cycles = 0                        # since then, if known
         # Of the window's frames, the open one last: what had been added before each (None: nothing), its first stamp.
         self._before: deque[np.ndarray | None] = deque([None], maxlen=self.window_frames)
+        self._cycles_before: deque[int] = deque([0], maxlen=self.window_frames)
         self._stamps_ns: deque[int] = deque(maxlen=self.window_frames)
 
     def add(self, frame: PhotonFrame) -> None:
@@ -72,6 +74,7 @@ class Sketcher:
         elif frame.photons > 0:
             self._add_events(frame)
         self._stamp_ns = frame.stamp_ns if self._stamp_ns is None else min(self._stamp_ns, frame.stamp_ns)
+        self._cycles += len(frame.words) if isinstance(frame, PhotonGates) else self.sensor.cycles or 0
 
     @property
     def kept(self) -> int:
@@ -86,7 +89,8 @@ class Sketcher:
         oldest = self._before[0]
         if oldest is not None:                  # of a full window: not needed after this, so it takes the difference
             np.subtract(self._sums, oldest, out=oldest)
-        sketch = self._sketch_of(self._sums if oldest is None else oldest, max(self._stamps_ns))
+        sketch = self._sketch_of(self._sums if oldest is None else oldest, max(self._stamps_ns),
+                                 self._cycles - self._cycles_before[0])
         if self.window_frames == 1:             # cheaper than keeping what was added before
             self.reset()
             return sketch
@@ -94,20 +98,21 @@ class Sketcher:
         before = np.empty_like(self._sums) if oldest is None else oldest
         before[:] = self._sums
         self._before.append(before)
+        self._cycles_before.append(self._cycles)
         return sketch
 
     def sketch(self) -> Sketch:
         """The sketch of all photons added since the last reset."""
-        return self._sketch_of(self._sums, self._stamp_ns or 0)
+        return self._sketch_of(self._sums, self._stamp_ns or 0, self._cycles)
 
-    def _sketch_of(self, sums: np.ndarray, stamp_ns: int) -> Sketch:
+    def _sketch_of(self, sums: np.ndarray, stamp_ns: int, cycles: int) -> Sketch:
         rows, cols, m = self.sensor.rows, self.sensor.cols, len(self.frequencies)
         sums, photons = self._kernels.read_sums(sums, m)
         if self._subtracted:    # the noise stays: n, near 0 in a pixel without a surface, is what the longest sum needs
             longest = np.abs(sums).max(axis=1) * (1 - ROUNDING)
             photons = np.maximum(photons, np.ceil(longest).astype(np.uint32))
         return Sketch(self.frequencies, sums.reshape(rows, cols, m), photons.reshape(rows, cols), stamp_ns,
-                      sensor=self.sketch_sensor)
+                      sensor=self.sketch_sensor, cycles=0 if self._subtracted else cycles)
 
     # ---- Forms of photons
 
