@@ -27,7 +27,7 @@ PURPOSES = {
     "gpu": "what only a GPU can show: the CPU's points, times, memory (eight minutes)",
     "gpu_cost": "kernels and bytes of a frame on a GPU, counted without one, and the times that follow",
     "motion": "depth error of a sensor that moves: at rest, and with photons added as they are, and moved first",
-    "pileup": "depth and intensity of a detector that sees the first photon of each laser cycle, with and without correction",
+    "pileup": "depth and intensity of a detector that sees the first photon of each laser cycle",
     "ros": "latency and losses of frames through ROS 2 nodes, by rate",
     "table1": "time and memory of a frame by size: Table 1 of the paper",
     "two_machines": "sketches over links that are slow, lose packets or change: what passes, how late (root)",

@@ -11,7 +11,7 @@ def given(args: argparse.Namespace, names: Iterable[str]) -> dict[str, object]:
     return {name: getattr(args, name) for name in names if getattr(args, name) is not None}
 
 
-SENSOR_OVERRIDES = ("num_bins", "bin_width_s", "irf", "irf_ref", "fov_deg", "rows", "cols", "channel")
+SENSOR_OVERRIDES = ("num_bins", "bin_width_s", "irf", "irf_ref", "fov_deg", "rows", "cols", "cycles", "channel")
 
 
 def add_photon_file(parser: argparse.ArgumentParser) -> None:
@@ -27,6 +27,8 @@ def add_photon_file(parser: argparse.ArgumentParser) -> None:
     sensor.add_argument("--bin-width-s", type=float, metavar="S", help="width of a bin, seconds")
     sensor.add_argument("--irf", metavar="FILE", help="impulse response: .npz, .npy, .csv or .txt")
     sensor.add_argument("--irf-ref", type=int, metavar="INDEX", help="entry of the IRF that marks the depth (its peak)")
+    sensor.add_argument("--cycles", type=int, metavar="N", help="laser cycles of the frame, to correct pile-up: of a "
+                        "detector that records the first photon of each")
     sensor.add_argument("--fov-deg", type=float, metavar="DEG", help="field of view across the larger side, degrees")
     sensor.add_argument("--rows", type=int, metavar="N", help="of photons in a file that does not say it")
     sensor.add_argument("--cols", type=int, metavar="N", help="the same")

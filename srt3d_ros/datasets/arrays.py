@@ -63,7 +63,9 @@ def from_frame(frame: PhotonFrame, options: dict) -> Described:
     """A frame of photons; gates become events."""
     sensor, notes = sensor_of(options)
     frame.check(sensor)
-    return complete(frame.to_events(sensor) if isinstance(frame, PhotonGates) else frame, sensor, options, notes)
+    if isinstance(frame, PhotonGates):
+        sensor, frame = frame.counted(sensor), frame.to_events(sensor)
+    return complete(frame, sensor, options, notes)
 
 
 def sensor_of(options: Mapping[str, Any]) -> tuple[SensorModel, tuple[str, ...]]:

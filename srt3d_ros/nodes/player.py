@@ -36,6 +36,8 @@ PARAMETERS = (
     Parameter("frames", 0, "Exit after this number of frames; 0: no limit.", low=0, high=10**9),
     Parameter("ppp", 15.0, "Simulator: mean photons per pixel and frame.", low=0, high=10**6),
     Parameter("sbr", 1.0, "Simulator: signal-to-background ratio.", low=1e-6, high=10**6),
+    Parameter("cycles", 0, "Simulator: laser cycles per frame, of a detector that records the first photon of each "
+              "(pile-up); 0: of one that records all.", low=0, high=10**9),
     Parameter("seed", 0, "Simulator: the same seed gives the same photons.", low=0, high=10**9),
     Parameter("motion", "off", "Simulator: how the sensor moves through a furnished room: like a person who walks. "
               f"A frame comes in {PACKETS} packets, and `odom` says where its body is.",

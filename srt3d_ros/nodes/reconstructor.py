@@ -10,6 +10,7 @@ from srt3d_ros.core import precompile
 from srt3d_ros.core.device import DEVICES, kernels_for
 from srt3d_ros.core.method.background import BACKGROUNDS
 from srt3d_ros.core.method.cloud import SURFACE_ORDERS
+from srt3d_ros.core.method.pile_up import SATURATED, saturated
 from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, MAX_FALSE_ALARM_RATE, MAX_SURFACES
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
 from srt3d_ros.core.sensor.model import SensorModel
@@ -179,10 +180,20 @@ class ReconstructorNode(PipelineNode):
         header, sketch = sketch_message.decode_cdr(raw, self.check_size(sensor))
         reconstructor = self._reconstructor(digest, sketch)
         seen = reconstructor(sketch)
-        share = float(seen.background.sum()) / max(seen.facts["photons"], 1)
+        self._warn_of_saturation(sketch)
+        light = seen.background.sum() + seen.intensity.sum() if sketch.cycles else seen.facts["photons"]
+        share = float(seen.background.sum()) / max(light, 1)
         self.diagnostics.show(reconstruct_ms=f"{seen.facts['reconstruct_ms']:.2f}", background_share=f"{share:.3f}",
                               background_unevenness=f"{reconstructor.uneven_background:.4f}")
         self._publish(seen, sketch, header.frame_id or sensor.frame_id)
+
+    def _warn_of_saturation(self, sketch: Sketch) -> None:
+        """Report pixels with a photon in nearly every laser cycle: pile-up is too strong there to be corrected well."""
+        if sketch.cycles:
+            pixels = int(saturated(sketch, sketch.sensor).sum())
+            self.diagnostics.show(cycles=sketch.cycles, saturated_pixels=pixels)
+            if pixels:
+                self.diagnostics.warn(f"{pixels} pixels are saturated: a photon in over {SATURATED:.0%} of the cycles")
 
     def _reconstructor(self, digest: str, sketch: Sketch) -> Reconstructor:
         """That of sketches with this description and these frequencies, with its memory of the last ones."""

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
 from heapq import merge
 from itertools import takewhile
+from math import ceil
 from typing import NamedTuple
 
 from nav_msgs.msg import Odometry
@@ -17,6 +18,7 @@ from srt3d_ros.datasets.bags.bag import is_bag
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS, OPTICAL, Measured, measured
 from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.simulation.room import Room
+from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import require
 from srt3d_ros.messages import photons as photons_message
@@ -71,7 +73,8 @@ def open_source(parameters: Mapping) -> Source:
         require(path == SIMULATOR, "motion", parameters["motion"], "off, unless input is simulator")
         return _moving(parameters, PACKETS * rate_hz, PACKETS * frames)
     if path == SIMULATOR:
-        simulator = Simulator(ppp=parameters["ppp"], sbr=parameters["sbr"], seed=parameters["seed"])
+        simulator = Simulator(sensor=default_sensor().replace(cycles=parameters["cycles"] or None),
+                              ppp=parameters["ppp"], sbr=parameters["sbr"], seed=parameters["seed"])
         return Source(simulator.sensor, _photons(simulator.sensor, lambda k: simulator.frame(k)[0], rate_hz, frames))
     photons = datasets.read(path, sensor=datasets.open_sensor(sensor_file) if sensor_file else None)
     events = photons.events
@@ -115,7 +118,8 @@ def _moving(parameters: Mapping, rate_hz: float, packets: int) -> Source:
         rate_hz: of the packets, PACKETS a frame.
         packets: their number; 0: no end.
     """
-    path, sensor = MOTIONS[parameters["motion"]], moving_sensor()
+    path, cycles = MOTIONS[parameters["motion"]], ceil(parameters["cycles"] / PACKETS)
+    sensor = moving_sensor().replace(cycles=cycles or None)
     simulator = Simulator(MovingView(Room(), path, sensor, 1 / rate_hz), sensor, parameters["sbr"],
                           parameters["ppp"] / PACKETS, parameters["seed"], rate_hz)
     photons = _photons(sensor, lambda k: simulator.frame(k)[0], rate_hz, packets, PACKETS)

@@ -65,7 +65,7 @@ class PooledStream:
         if not sketch.cycles:
             return PointCloud.of(self._settled(sketch), sketch)
         if self._is_first:
-            self._pile_up.background_share = 1.0
+            self._pile_up.forget()
             self._without_pile_up(sketch)
             self.forget()
         return self._without_pile_up(sketch)

@@ -25,7 +25,7 @@ TINY = 1e-6
 
 
 def saturated(sketch: Sketch, sensor: SensorModel) -> np.ndarray:
-    """Whether a pixel saw a photon in nearly every cycle, bool [rows, cols]; masked pixels and unknown cycles: False."""
+    """Whether a pixel saw a photon in nearly every cycle, bool [rows, cols]; False where masked or not known."""
     crowded = sketch.photons > SATURATED * (sketch.cycles or np.inf)
     return crowded if sensor.mask is None else crowded & sensor.mask
 
@@ -34,7 +34,7 @@ class PileUp:
     """Takes pile-up out of one sensor's sketches and clouds.
 
     Attributes:
-        background_share: of the photons per cycle without pile-up, those of the background in the last cloud; at first 1.
+        background_share: the background's share of the light in the last cloud.
     """
 
     def __init__(self, matcher: Matcher):
@@ -43,29 +43,34 @@ class PileUp:
         self._armed = sensor.armed_bin or 0.0
         self._bins = sensor.num_bins - max(self._armed, 0)      # of T, in which the detector is armed
         self._shifts, self._step_shifts = (_shifts(matcher, self._omega, step) for step in (0, 1 / self._bins))
-        self.background_share = 1.0
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew: with all light from the background; behind a gate, with none from before it."""
+        self.background_share = float(self._armed >= 0)
 
     def without_decay(self, sketch: Sketch) -> Sketch:
-        """The sketch as if the background were as even as the light: n (β̂(b) − β̂(0)) less, b of each pixel's own.
+        """The sketch without the decay of the background: less n (β̂(b) − β̂(0)), with each pixel's own b.
 
         Pile-up makes a background decay as exp(−b x / T): β̂_l(b) = b / (b − i ω_l T) if the detector is armed from bin
         0 on. The share of the background in the last cloud is taken for that of each pixel.
         """
         share, period = self.background_share, 1j * self._omega * self._bins
-        flux = np.maximum(share * self._flux(sketch.photons, sketch.cycles, share), TINY)[..., None]
+        flux = np.maximum(share * self._flux(sketch), TINY)[..., None]
         armed = np.exp(1j * self._omega * max(self._armed, 0))
         decays = flux / (flux - period) * (armed - np.exp(-flux)) / -np.expm1(-flux)
         taken = share * sketch.photons[..., None] * (decays - (1 - armed) / period)
         return replace(sketch, sums=(sketch.sums - taken).astype(np.complex64), cycles=0)
 
     def corrected(self, cloud: PointCloud, sketch: Sketch) -> PointCloud:
-        """The cloud with N λ for intensities, N b for the background, depths moved back, and std with the error of λ."""
+        """The cloud with intensities N λ, backgrounds N b, depths moved back, and std with the error of λ."""
         sensor, cycles = self._sensor, sketch.cycles
-        flux = self._flux(sketch.photons, cycles)
-        signal, background, error = self._fluxes(cloud, sketch, flux)
-        flux[cloud.row, cloud.col] = background
-        of_all = flux[self._used].sum()
-        self.background_share = float(of_all / max(of_all + signal.sum(), TINY))
+        for _ in range(STEPS if self._armed < 0 else 1):        # what passes a gate depends on the share
+            flux = self._flux(sketch)
+            signal, background, error = self._fluxes(cloud, sketch, flux)
+            flux[cloud.row, cloud.col] = background
+            of_all = flux[self._used].sum()
+            self.background_share = float(of_all / max(of_all + signal.sum(), TINY))
         pulse, step = (np.interp(signal, FLUXES, shifts) for shifts in (self._shifts, self._step_shifts))
         shift = pulse + background * (step - pulse)
         error = error * np.interp(signal, FLUXES, np.abs(np.gradient(self._shifts, FLUXES)))
@@ -77,14 +82,16 @@ class PileUp:
                        depth_std_bins=np.hypot(cloud.depth_std_bins, error).astype(np.float32),
                        background=(cycles * flux).astype(np.float32))
 
-    def _flux(self, photons: np.ndarray, cycles: int, background_share: float = 1.0) -> np.ndarray:
-        """Λ = −ln(1 − n / (N + ½)), photons per cycle in the sketch's bins, float64 as `photons`.
+    def _flux(self, sketch: Sketch) -> np.ndarray:
+        """Λ = −ln(1 − n / (N + ½)), photons per cycle in the sketch's bins, float64 [rows, cols].
 
-        Behind a gate, n is from the cycles N exp(−b · bins before the gate / T) that had no photon before it.
+        Behind a gate, N is less: of the cycles, exp(−b · bins before it / T) come without a photon from there. At most
+        one such photon per cycle is believed.
         """
-        photons, flux = photons.astype(np.float64), np.zeros(photons.shape)
+        photons, flux = sketch.photons.astype(np.float64), np.zeros(sketch.photons.shape)
         for _ in range(STEPS if self._armed < 0 else 1):
-            reached = cycles * np.exp(background_share * flux * min(self._armed, 0) / self._bins)
+            before = self.background_share * flux * max(-self._armed, 0) / self._bins
+            reached = sketch.cycles * np.exp(-np.minimum(before, 1))
             flux = -np.log1p(-photons / (np.maximum(reached, photons) + 0.5))
         return flux
 
@@ -95,7 +102,7 @@ class PileUp:
         shape = place[0].max(initial=-1) + 1, cloud.surface.max(initial=0) + 1
         late = 0 if sensor.delay_bins is None else sensor.delay_bins[at]
         since, recorded, total = np.zeros(shape), np.zeros(shape), np.zeros((shape[0], 1))
-        since[place] = np.maximum(cloud.depth_bins + late - self._armed, 0) / self._bins
+        since[place] = np.maximum((cloud.depth_bins + late) % sensor.num_bins - self._armed, 0) / self._bins
         recorded[place] = cloud.intensity * sensor.exposure[at] / cycles
         total[place[0], 0] = flux[at]
         nearer = since[:, None] < since[:, :, None]             # [pixels, K, K]: of each surface, those before it
@@ -105,8 +112,7 @@ class PileUp:
             seen = recorded * np.exp(background * since + (nearer * signal[:, None]).sum(axis=2))
             slope = np.exp(-signal) + since * seen * (background > 0)
             signal = np.clip(signal + (seen + np.expm1(-signal)) / slope, 0, np.log(2 * cycles))
-        share = -np.expm1(-total)
-        variance = 1 / np.maximum(cycles * recorded, TINY) + since**2 * share / (1 - share) / cycles
+        variance = since**2 * np.expm1(total) / cycles      # of b t / T; r, pooled, is sure beside it
         return signal[place], background[place[0], 0], (seen * np.sqrt(variance) / slope)[place]
 
 

@@ -51,7 +51,7 @@ class Gate:
         self.sensor = source.replace(
             num_bins=self.num_bins, toa_offset_bins=source.toa_offset_bins + first, background_shape=shape, gates=None,
             histograms=None, delay_bins=None if late is None else late - np.float32(least),
-            armed_bin=(source.armed_bin or 0) - first - least if source.cycles or source.gates else None)
+            armed_bin=(source.armed_bin or 0) - self.start if source.cycles or source.gates else None)
 
     def __str__(self) -> str:
         return f"{self.first}-{self.last}"

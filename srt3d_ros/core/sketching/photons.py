@@ -88,6 +88,10 @@ class PhotonGates:
         stray = self.words[outside & (self.words != sensor.gates.no_detection)]
         require(len(stray) == 0, "gates word", int(stray.max(initial=0)), word_wanted(sensor))
 
+    def counted(self, sensor: SensorModel) -> SensorModel:
+        """The sensor with the number of these cycles, for the same photons as events."""
+        return sensor.replace(cycles=len(self.words) or None)
+
     def to_events(self, sensor: SensorModel) -> PhotonEvents:
         """The same photons as events sorted by pixel; InvalidInput for gates that are not the sensor's."""
         self.check(sensor)

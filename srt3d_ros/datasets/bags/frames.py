@@ -91,9 +91,10 @@ def read_frame(path: str | Path, number: int, options: dict, photons_topic: str 
         found = sketch_message.decode_cdr(raw, sensor)[1]
         return sketch_with_options(Sketch(**vars(found) | {"sensor": sensor}), options)
     photons = CODECS[topics.output].decode_cdr(raw, sensor)[1]
-    events = photons.to_events(sensor) if isinstance(photons, PhotonGates) else photons
+    if isinstance(photons, PhotonGates):
+        sensor, photons = photons.counted(sensor), photons.to_events(sensor)
     notes = () if "projection" in json_text.parse(cdr.read_text(description), "sensor") else (ASSUMED_FOV,)
-    return Photons(sensor, events, None, f"{bag.path.stem}_{number}", notes).with_options(options)
+    return Photons(sensor, photons, None, f"{bag.path.stem}_{number}", notes).with_options(options)
 
 
 def _frame(bag: Bag, topics: PhotonTopics, number: int) -> tuple[bytes, bytes]:

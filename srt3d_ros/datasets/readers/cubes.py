@@ -16,7 +16,7 @@ from srt3d_ros.errors import finite, require
 
 MAX_CUBE_BYTES = 2**46
 MAX_COUNT = 2**31 - 1
-GIVEN = ("irf", "irf_ref", "bin_width_s", "toa_offset_bins", "range_offset_m", "fov_deg")
+GIVEN = ("irf", "irf_ref", "bin_width_s", "toa_offset_bins", "range_offset_m", "cycles", "fov_deg")
 
 
 def cube(path: Path, counts: np.ndarray, options: dict, given: dict | None = None, notes: tuple[str, ...] = (),

@@ -26,6 +26,9 @@ class Simulator:
         sbr = expected signal photons / expected background photons, summed over all pixels and bins.
     A scene that moves nearer or brighter later gives more photons later, as it would with a real sensor.
 
+    If the sensor has `cycles`, each photon comes in one of these, and pixels see only the first of a cycle: fewer than
+    `ppp`.
+
     Args:
         scene: `Bust`, the moving head and shoulders, unless given.
         sensor: `default_sensor()` unless given; pixels that its mask leaves out give no photons.
@@ -64,7 +67,10 @@ class Simulator:
             The photons, and float32 [S, rows, cols]: the depth of each surface, bins in [0, T), NaN = no surface.
         """
         depth, signal, background = self.expected(k)
-        events = self._draw(depth, signal, background, np.random.default_rng([self._seed, k]))
+        random = np.random.default_rng([self._seed, k])
+        events = self._draw(depth, signal, background, random)
+        if self.sensor.cycles:
+            events = _first_of_cycle(*events, self.sensor.cycles, random)
         stamp_ns = round(k * 1e9 / self._frame_rate_hz)
         return PhotonEvents(*events, stamp_ns), depth
 
@@ -120,6 +126,16 @@ class Simulator:
         bins = np.searchsorted(cumulative, random.random(len(pixel)) * cumulative[-1], side="right")
         late = 0 if sensor.delay_bins is None else sensor.delay_bins.reshape(-1)[pixel]
         return bins + random.random(len(pixel)) + late
+
+
+def _first_of_cycle(pixel: np.ndarray, toa: np.ndarray, cycles: int, random: np.random.Generator
+                    ) -> tuple[np.ndarray, np.ndarray]:
+    """The photons that a pixel sees if it is blind after the first of a laser cycle, sorted by pixel."""
+    cycle = random.integers(0, cycles, len(pixel))
+    order = np.lexsort((toa, cycle, pixel))
+    pixel, toa, cycle = pixel[order], toa[order], cycle[order]
+    first = (np.diff(pixel.astype(np.int64), prepend=-1) != 0) | (np.diff(cycle, prepend=-1) != 0)
+    return pixel[first], toa[first]
 
 
 class _IrfSampler:

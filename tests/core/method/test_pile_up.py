@@ -1,0 +1,134 @@
+"""Pile-up: what a detector records of the first photon of each cycle gives the scene back, where N is known."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import srt3d_ros
+from srt3d_ros.core.method.memory import PooledStream
+from srt3d_ros.core.method.pile_up import saturated
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.sketch import Sketch
+
+SIDE, BINS, CYCLES = 32, 400, 100
+IRF = np.exp(-0.5 * (np.arange(-18, 19) / 3.0)**2)
+IRF = IRF / IRF.sum()
+ROW, COL = np.mgrid[:SIDE, :SIDE]
+WALL = 200.3 + 1.2 * COL + 0.4 * ROW
+
+
+def rates(surfaces: list[tuple[np.ndarray, float]], background: float) -> np.ndarray:
+    """Photons per cycle in each bin, [rows, cols, T], of surfaces (depth, photons per cycle) before a background."""
+    bins = np.arange(BINS)
+    rate = np.full((SIDE, SIDE, BINS), background / BINS)
+    for depth, light in surfaces:
+        rate += light * np.interp(bins - depth[..., None], np.arange(-18, 19), IRF, 0, 0)
+    return rate
+
+
+def recorded(rate: np.ndarray, cycles: int = CYCLES, seed: int = 0) -> np.ndarray:
+    """Counts of the first photon of each cycle, uint16 [rows, cols, T]."""
+    first = -np.expm1(-rate) * np.exp(rate - np.cumsum(rate, axis=2))
+    chances = np.concatenate([first, np.maximum(1 - first.sum(axis=2, keepdims=True), 0)], axis=2)
+    return np.random.default_rng(seed).multinomial(cycles, chances)[..., :-1].astype(np.uint16)
+
+
+def cloud_of(counts: np.ndarray, surfaces: int = 1, **options) -> srt3d_ros.Cloud:
+    photons = srt3d_ros.from_counts(counts, bin_width_s=1e-10, irf=IRF, fov_deg=10, **options)
+    return photons.reconstruct(surfaces=surfaces)
+
+
+def errors(cloud: srt3d_ros.Cloud, depth: np.ndarray, light: float, surface: int = 0) -> tuple[float, float, float]:
+    """Share of the pixels found within 5 bins, bias (bins), and intensity over the truth, of one surface."""
+    here = cloud.surface == surface
+    error = cloud.depth_bins[here] - depth[cloud.row[here], cloud.col[here]]
+    near = np.abs(error) < 5
+    return near.sum() / depth.size, error[near].mean(), cloud.intensity[here][near].mean() / light
+
+
+@pytest.fixture(scope="module")
+def bright() -> np.ndarray:
+    """One photon per cycle of a wall, and half a one of the background."""
+    return recorded(rates([(WALL, 1.0)], 0.5))
+
+
+def test_depth_intensity_and_background_come_back(bright):
+    raw, cloud = cloud_of(bright), cloud_of(bright, cycles=CYCLES)
+    found, bias, intensity = errors(raw, WALL, CYCLES)
+    assert found > 0.99 and bias < -0.6 and intensity < 0.6
+    found, bias, intensity = errors(cloud, WALL, CYCLES)
+    assert found > 0.99 and abs(bias) < 0.08 and abs(intensity - 1) < 0.04
+    assert cloud.background.mean() == pytest.approx(0.5 * CYCLES, rel=0.1)
+    error = np.abs(cloud.depth_bins - WALL[cloud.row, cloud.col])
+    assert 0.6 < (error <= cloud.depth_std_bins).mean() < 0.9
+    np.testing.assert_allclose(cloud.xyz, cloud.sensor.xyz(cloud.row, cloud.col, cloud.depth_bins), rtol=1e-6)
+
+
+def test_each_frame_of_a_stream_is_corrected_and_one_without_cycles_is_as_ever(bright):
+    sketch = srt3d_ros.from_counts(bright, bin_width_s=1e-10, irf=IRF, cycles=CYCLES).sketch()
+    unknown = dataclasses.replace(sketch, cycles=0)
+    stream = PooledStream(sketch.sensor, sketch.frequencies)
+    for _ in range(3):
+        _, bias, intensity = errors(stream(sketch), WALL, CYCLES)
+        assert abs(bias) < 0.08 and abs(intensity - 1) < 0.04
+    plain = PooledStream(sketch.sensor.replace(cycles=None), sketch.frequencies)(unknown)
+    again = PooledStream(sketch.sensor, sketch.frequencies)(unknown)
+    for name, values in vars(plain).items():
+        np.testing.assert_array_equal(getattr(again, name), values, strict=True)
+
+
+def test_a_nearer_surface_hides_part_of_a_farther_one():
+    near, far = WALL - 100, WALL + 60
+    counts = recorded(rates([(near, 0.7), (far, 0.5)], 0.2), 2 * CYCLES)
+    cloud = cloud_of(counts, 2, cycles=2 * CYCLES).ordered("nearest")
+    for surface, (depth, light) in enumerate(((near, 0.7), (far, 0.5))):
+        found, bias, intensity = errors(cloud, depth, 2 * CYCLES * light, surface)
+        assert found > 0.98 and abs(bias) < 0.1 and abs(intensity - 1) < 0.06, surface
+
+
+def test_light_before_a_gate_and_a_detector_that_is_armed_late_count():
+    counts = recorded(rates([(WALL, 0.5)], 1.0), 4 * CYCLES)
+    whole = cloud_of(counts, cycles=4 * CYCLES)
+    gated = cloud_of(counts, cycles=4 * CYCLES, gate=(150, 349))
+    assert gated.sensor.armed_bin == -150 and whole.sensor.armed_bin is None
+    late = rates([(WALL, 0.5)], 1.0)
+    late[..., :150] = 0
+    armed = cloud_of(recorded(late, 4 * CYCLES), cycles=4 * CYCLES, armed_bin=150)
+    for cloud, first, background in ((whole, 0, 1), (gated, 150, 0.5), (armed, 0, 0.625)):
+        found, bias, intensity = errors(cloud, WALL - first, 2 * CYCLES)
+        assert found > 0.99 and abs(bias) < 0.08 and abs(intensity - 1) < 0.05, (first, background, bias, intensity)
+        assert cloud.background.mean() == pytest.approx(background * 4 * CYCLES, rel=0.12)
+
+
+def test_gain_delays_and_masked_pixels():
+    gain = np.where(COL < SIDE // 2, 0.5, 1.0)
+    delay = np.where(ROW < SIDE // 2, 0.0, 60.25)
+    rate = rates([(WALL + delay, 1.0)], 0.5) * gain[..., None]
+    mask = (ROW + COL) % 7 != 0
+    cloud = cloud_of(recorded(rate), cycles=CYCLES, gain=gain, delay_bins=delay, mask=mask)
+    _, bias, intensity = errors(cloud, WALL, CYCLES)
+    assert abs(bias) < 0.08 and abs(intensity - 1) < 0.05
+    dim = cloud.col < SIDE // 2
+    assert cloud.intensity[dim].mean() == pytest.approx(cloud.intensity[~dim].mean(), rel=0.06)
+
+
+def test_a_pixel_with_a_photon_in_nearly_every_cycle_is_saturated_and_unsure(bright):
+    rate = rates([(WALL, 1.0)], 0.5)
+    rate[:8, :8] *= 6
+    counts = recorded(rate)
+    sketch = srt3d_ros.from_counts(counts, bin_width_s=1e-10, irf=IRF, cycles=CYCLES).sketch()
+    crowded = saturated(sketch, sketch.sensor)
+    assert crowded[:8, :8].all() and not crowded[8:].any()
+    assert not saturated(dataclasses.replace(sketch, cycles=0), sketch.sensor).any()
+    std = sketch.reconstruct().image("depth_std_bins")
+    assert np.nanmedian(std[:8, :8]) > 3 * np.nanmedian(std[8:])
+
+
+def test_nothing_seen_and_every_cycle_seen():
+    sensor = SensorModel(4, 5, BINS, 1e-10, IRF, cycles=9)
+    for n in (0, 9):
+        sketch = Sketch((1, 2, 5), np.zeros((4, 5, 3), np.complex64), np.full((4, 5), n, np.uint32), cycles=9)
+        cloud = PooledStream(sensor, sketch.frequencies)(sketch)
+        assert len(cloud) == 0 and np.isfinite(cloud.background).all()
+        assert (cloud.background > 0).all() == (n > 0)
