@@ -159,6 +159,7 @@ class Sketch(core_sketch.Sketch):
         """The sketch of a window of pixels; InvalidInput if none is in it."""
         rows, cols = pixels if isinstance(pixels, tuple) and len(pixels) == 2 else (pixels, slice(None))
         return replace(self, sums=self.sums[rows, cols], photons=self.photons[rows, cols],
+                       before=None if self.before is None else self.before[rows, cols],
                        sensor=self.sensor.cropped(rows, cols))
 
     def reconstruct(self, *, method: str = DEFAULT_METHOD, surfaces: int = 1, device: str = "auto",

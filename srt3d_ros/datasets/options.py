@@ -54,7 +54,6 @@ class SensorOptions(TypedDict, total=False):
     background_shape: ArrayLike
     histograms: HistogramBins
     cycles: int
-    armed_bin: float
     frame_id: str
 
 

@@ -22,8 +22,8 @@ from srt3d_ros.messages.cdr import MAX_FRAME_ID
 from srt3d_ros.messages.sensor import PROJECTIONS
 from srt3d_ros.new_files import atomic_write, check_replaceable, file_errors
 
-NUMBERS = ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m", "cycles",
-           "armed_bin")
+NUMBERS = ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m",
+           "cycles")
 OWN = (*NUMBERS, "irf", *MAPS, "frame_id")                          # arguments of SensorModel
 FIRST_REFERENCES = ("ref_depth_ml_bins", "ref_depth_bins")      # the better one first
 MAX_SURFACES = 8

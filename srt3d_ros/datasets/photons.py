@@ -176,8 +176,10 @@ class Photons:
             moved = reference - np.float32(first)
             reference = np.where((moved >= 0) & (moved <= last - first), moved, np.float32(np.nan))
         note = outside_note(whole.photons - events.photons, whole.photons, first, last)
+        if gate.sensor.cycles:
+            note += ("pile-up is not corrected: it takes the photons before the gate, too (give the gate to `sketch`)",)
         # The words in which these photons may be sent still count from their own bin 0.
-        return replace(self, sensor=gate.sensor.replace(gates=self.sensor.gates), frame=events,
+        return replace(self, sensor=gate.sensor.replace(gates=self.sensor.gates, cycles=None), frame=events,
                        reference_depth_bins=reference, notes=self.notes + note)
 
     def with_options(self, options: dict[str, Any]) -> Self:

@@ -14,7 +14,7 @@ from srt3d_ros.messages.sensor import digest
 
 INT16_SCALE = 32_767
 NUMBERS = {"float32": np.dtype("<f4"), "int16": np.dtype("<i2")}
-COUNTS = np.dtype([("photons", "<u4")])
+COUNTS, BEFORE = np.dtype([("photons", "<u4")]), np.dtype([("before", "<u4")])
 FREQUENCY, PERIOD, DESCRIPTION, CYCLES = map(re.compile, (
     r"k([1-9]\d{0,4})", r"T([1-9]\d{0,4})", r"sensor_([0-9a-f]{8})", r"cycles_([1-9]\d{0,14})"))
 MAX_MODULUS = 1.001     # a mean of unit vectors is at most 1 long; the rest is for rounding
@@ -33,8 +33,11 @@ def encode_cdr(sketch: Sketch, sensor: SensorModel, frame_id: str, layout: str =
         InvalidInput: the sketch is not one of photons: a mean longer than 1, or not a number.
     """
     number, m = NUMBERS[layout], len(sketch.frequencies)
-    points = np.zeros(sketch.photons.shape, [*COUNTS.descr, ("z", number, 2 * m)])
+    gated = [] if sketch.before is None else BEFORE.descr
+    points = np.zeros(sketch.photons.shape, [*COUNTS.descr, ("z", number, 2 * m), *gated])
     points["photons"] = sketch.photons
+    if gated:
+        points["before"] = sketch.before
     means = np.ascontiguousarray(sketch.z, np.complex64)
     _check_means(means)
     parts = means.view(np.float32)
@@ -44,7 +47,7 @@ def encode_cdr(sketch: Sketch, sensor: SensorModel, frame_id: str, layout: str =
                for l, k in enumerate(sketch.frequencies))
     names = [f"T{sensor.num_bins}", f"sensor_{digest(sensor)}"] + [f"cycles_{sketch.cycles}"] * (sketch.cycles > 0)
     markers = (cdr.Field(name, 0, CODES[np.dtype("u1")], 1) for name in names)
-    return cdr.write_cloud(replace(cloud, fields=(cloud.fields[0], *numbers, *markers)))
+    return cdr.write_cloud(replace(cloud, fields=(cloud.fields[0], *numbers, *cloud.fields[2:], *markers)))
 
 
 def description_cdr(raw: bytes) -> str:
@@ -75,14 +78,17 @@ def decode_cdr(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, Sketch]:
     names = [f"k{k}" for k in frequencies]
     is_int16 = any(field.name == names[0] and field.datatype == CODES[NUMBERS["int16"]] for field in cloud.fields)
     number = NUMBERS["int16" if is_int16 else "float32"]
-    points = unpack_cloud(cloud, [np.dtype([*COUNTS.descr, *((name, number, 2) for name in names)])])
+    gated = BEFORE.descr if any(field.name == "before" for field in cloud.fields) else []
+    points = unpack_cloud(cloud, [np.dtype([*COUNTS.descr, *((name, number, 2) for name in names), *gated])])
     photons, parts = points["photons"].astype(np.uint32), np.array(_parts(points, names), np.float32, order="C")
     if is_int16:
         parts /= INT16_SCALE
     _check_means(parts.view(np.complex64))
     parts *= photons[..., None].astype(np.float32)
     cycles = int(_named(cloud, CYCLES, "cycles", "0"))
-    return cloud.header, Sketch(frequencies, parts.view(np.complex64), photons, cloud.header.stamp_ns, sensor, cycles)
+    before = points["before"].astype(np.uint32) if gated else None
+    return cloud.header, Sketch(frequencies, parts.view(np.complex64), photons, cloud.header.stamp_ns, sensor, cycles,
+                                before)
 
 
 def decode_counts_cdr(raw: bytes) -> tuple[cdr.Header, tuple[int, ...], np.ndarray]:

@@ -6,6 +6,7 @@ the background. Of the surface it records
     r / N = exp(−b t / T − Σ_nearer λ_j) (1 − exp(−λ)),   with the pulse λ h exp(−λ H),
 
 which is dim and too near. Behind the surface, exp(−λ) of the background is left: a step down that moves it, too.
+Behind a gate, t counts from its first bin, and N are the cycles without a photon before it.
 """
 
 from dataclasses import replace
@@ -26,7 +27,7 @@ TINY = 1e-6
 
 def saturated(sketch: Sketch, sensor: SensorModel) -> np.ndarray:
     """Whether a pixel saw a photon in nearly every cycle, bool [rows, cols]; False where masked or not known."""
-    crowded = sketch.photons > SATURATED * (sketch.cycles or np.inf)
+    crowded = (sketch.photons > SATURATED * sketch.armed_cycles) & (sketch.cycles > 0)
     return crowded if sensor.mask is None else crowded & sensor.mask
 
 
@@ -34,86 +35,73 @@ class PileUp:
     """Takes pile-up out of one sensor's sketches and clouds.
 
     Attributes:
-        background_share: the background's share of the light in the last cloud.
+        background_share: the background's share of the photons of the last cloud.
     """
 
     def __init__(self, matcher: Matcher):
-        sensor = self._sensor = matcher.sensor
-        self._omega, self._used = angular_frequencies(matcher.frequencies, sensor.num_bins), matcher.used > 0
-        self._armed = sensor.armed_bin or 0.0
-        self._bins = sensor.num_bins - max(self._armed, 0)      # of T, in which the detector is armed
-        self._shifts, self._step_shifts = (_shifts(matcher, self._omega, step) for step in (0, 1 / self._bins))
+        self._sensor, self._used = matcher.sensor, matcher.used > 0
+        self._omega = angular_frequencies(matcher.frequencies, matcher.sensor.num_bins)
+        self._shifts, self._step_shifts = (
+            _shifts(matcher, self._omega, background / matcher.sensor.num_bins) for background in (0, 1))
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew: with all light from the background; behind a gate, with none from before it."""
-        self.background_share = float(self._armed >= 0)
+        """Begin anew, with all photons from the background."""
+        self.background_share = 1.0
 
     def without_decay(self, sketch: Sketch) -> Sketch:
-        """The sketch without the decay of the background: less n (β̂(b) − β̂(0)), with each pixel's own b.
+        """The sketch without the decay of the background: less n_b β̂(b), with each pixel's own b.
 
-        Pile-up makes a background decay as exp(−b x / T): β̂_l(b) = b / (b − i ω_l T) if the detector is armed from bin
-        0 on. The share of the background in the last cloud is taken for that of each pixel.
+        Pile-up makes a background decay as exp(−b x / T): β̂_l(b) = b / (b − i ω_l T). n_b and b are taken to be the
+        same share of all photons everywhere.
         """
-        share, period = self.background_share, 1j * self._omega * self._bins
-        flux = np.maximum(share * self._flux(sketch), TINY)[..., None]
-        armed = np.exp(1j * self._omega * max(self._armed, 0))
-        decays = flux / (flux - period) * (armed - np.exp(-flux)) / -np.expm1(-flux)
-        taken = share * sketch.photons[..., None] * (decays - (1 - armed) / period)
+        share, flux = self.background_share, (self.background_share * _flux(sketch))[..., None]
+        decay = flux / (flux - 1j * self._omega * self._sensor.num_bins)
+        taken = share * sketch.photons[..., None] * decay
         return replace(sketch, sums=(sketch.sums - taken).astype(np.complex64), cycles=0)
 
     def corrected(self, cloud: PointCloud, sketch: Sketch) -> PointCloud:
         """The cloud with intensities N λ, backgrounds N b, depths moved back, and std with the error of λ."""
-        sensor, cycles = self._sensor, sketch.cycles
-        for _ in range(STEPS if self._armed < 0 else 1):        # what passes a gate depends on the share
-            flux = self._flux(sketch)
-            signal, background, error = self._fluxes(cloud, sketch, flux)
-            flux[cloud.row, cloud.col] = background
-            of_all = flux[self._used].sum()
-            self.background_share = float(of_all / max(of_all + signal.sum(), TINY))
+        sensor, flux, at = self._sensor, _flux(sketch), (cloud.row, cloud.col)
+        signal, background, error = self._fluxes(cloud, sketch, flux[at])
+        share, seen = np.ones(flux.shape), sketch.photons * self._used
+        share[at] = background / np.maximum(flux[at], TINY)
+        self.background_share = float((share * seen).sum() / max(seen.sum(), 1))
         pulse, step = (np.interp(signal, FLUXES, shifts) for shifts in (self._shifts, self._step_shifts))
         shift = pulse + background * (step - pulse)
         error = error * np.interp(signal, FLUXES, np.abs(np.gradient(self._shifts, FLUXES)))
-        error = np.where(saturated(sketch, sensor)[cloud.row, cloud.col], np.hypot(error, shift), error)
+        error = np.where(saturated(sketch, sensor)[at], np.hypot(error, shift), error)
         depth = np.mod(cloud.depth_bins - shift, sensor.num_bins).astype(np.float32)
         depth[depth >= sensor.num_bins] = 0             # where rounding made it T
         return replace(cloud, depth_bins=depth, xyz=sensor.xyz(cloud.row, cloud.col, depth),
-                       intensity=(cycles * signal / sensor.exposure[cloud.row, cloud.col]).astype(np.float32),
+                       intensity=(sketch.cycles * signal / sensor.exposure[at]).astype(np.float32),
                        depth_std_bins=np.hypot(cloud.depth_std_bins, error).astype(np.float32),
-                       background=(cycles * flux).astype(np.float32))
-
-    def _flux(self, sketch: Sketch) -> np.ndarray:
-        """Λ = −ln(1 − n / (N + ½)), photons per cycle in the sketch's bins, float64 [rows, cols].
-
-        Behind a gate, N is less: of the cycles, exp(−b · bins before it / T) come without a photon from there. At most
-        one such photon per cycle is believed.
-        """
-        photons, flux = sketch.photons.astype(np.float64), np.zeros(sketch.photons.shape)
-        for _ in range(STEPS if self._armed < 0 else 1):
-            before = self.background_share * flux * max(-self._armed, 0) / self._bins
-            reached = sketch.cycles * np.exp(-np.minimum(before, 1))
-            flux = -np.log1p(-photons / (np.maximum(reached, photons) + 0.5))
-        return flux
+                       background=(sketch.cycles * share * flux).astype(np.float32))
 
     def _fluxes(self, cloud: PointCloud, sketch: Sketch, flux: np.ndarray) -> tuple[np.ndarray, ...]:
-        """λ and b of each point's pixel, and the standard deviation of λ, float64 [N] each."""
-        sensor, cycles, at = self._sensor, sketch.cycles, (cloud.row, cloud.col)
-        place = np.cumsum(cloud.surface == 0) - 1, cloud.surface        # row of a pixel with points, and column
-        shape = place[0].max(initial=-1) + 1, cloud.surface.max(initial=0) + 1
+        """λ of each point, b of its pixel, which has Λ in `flux`, and the standard deviation of λ, float64 [N] each."""
+        sensor, at = self._sensor, (cloud.row, cloud.col)
+        cycles, place = np.maximum(sketch.armed_cycles[at], 1), (np.cumsum(cloud.surface == 0) - 1, cloud.surface)
+        shape = place[0].max(initial=-1) + 1, cloud.surface.max(initial=0) + 1          # pixels with points, K
         late = 0 if sensor.delay_bins is None else sensor.delay_bins[at]
-        since, recorded, total = np.zeros(shape), np.zeros(shape), np.zeros((shape[0], 1))
-        since[place] = np.maximum((cloud.depth_bins + late) % sensor.num_bins - self._armed, 0) / self._bins
-        recorded[place] = cloud.intensity * sensor.exposure[at] / cycles
-        total[place[0], 0] = flux[at]
+        since, recorded, total, most = np.zeros(shape), np.zeros(shape), np.zeros((shape[0], 1)), np.ones((shape[0], 1))
+        since[place] = (cloud.depth_bins + late) % sensor.num_bins / sensor.num_bins    # t / T
+        recorded[place] = cloud.intensity * sensor.exposure[at] / cycles                # r / N
+        total[place[0], 0], most[place[0], 0] = flux, np.log(2 * cycles)
         nearer = since[:, None] < since[:, :, None]             # [pixels, K, K]: of each surface, those before it
         signal = recorded
         for _ in range(STEPS):
             background = np.maximum(total - signal.sum(axis=1, keepdims=True), 0)
             seen = recorded * np.exp(background * since + (nearer * signal[:, None]).sum(axis=2))
             slope = np.exp(-signal) + since * seen * (background > 0)
-            signal = np.clip(signal + (seen + np.expm1(-signal)) / slope, 0, np.log(2 * cycles))
-        variance = since**2 * np.expm1(total) / cycles      # of b t / T; r, pooled, is sure beside it
-        return signal[place], background[place[0], 0], (seen * np.sqrt(variance) / slope)[place]
+            signal = np.clip(signal + (seen + np.expm1(-signal)) / slope, 0, most)
+        std = (since * seen / slope)[place] * np.sqrt(np.expm1(flux) / cycles)      # from Λ; r, pooled, is sure
+        return signal[place], background[place[0], 0], std
+
+
+def _flux(sketch: Sketch) -> np.ndarray:
+    """Λ = −ln(1 − n / (N + ½)), photons per cycle without pile-up, float64 [rows, cols]."""
+    return -np.log1p(-(sketch.photons / (sketch.armed_cycles + 0.5)))
 
 
 def _shifts(matcher: Matcher, omega: np.ndarray, step: float) -> np.ndarray:

@@ -18,7 +18,7 @@ MAX_BINS = 65_535
 BIN_WIDTHS_S = 1e-18, 1.0
 MAX_RANGE_M = 1e12          # float32 holds its square
 GAINS = 1e-4, 1e4
-MAX_CYCLES = 2**32 - 1
+MAX_CYCLES = 10**9
 MAX_DELAY_BINS = 1e6        # float32 still tells an eighth of a bin
 
 
@@ -60,7 +60,6 @@ class SensorModel:
         histograms: bins of a histogramming sensor, for the `histograms` topic; T bins from bin 0 on if absent.
         cycles: laser cycles in a message of photons or histograms, of a detector that records the first photon of each:
             pile-up is then corrected. Those of `gates` messages are counted. None: not known, no correction.
-        armed_bin: bin in which such a detector begins to see in each cycle; 0 if absent. Below 0 behind a gate.
         frame_id: the sensor's frame in tf.
 
     Raises:
@@ -83,7 +82,6 @@ class SensorModel:
     gates: GateWords | None = None
     histograms: HistogramBins | None = None
     cycles: int | None = None
-    armed_bin: float | None = None
     frame_id: str = "lidar"
 
     def __post_init__(self) -> None:
@@ -102,7 +100,9 @@ class SensorModel:
                 "bin_width_s and range_offset_m")
         self._check_irf()
         self._check_maps()
-        self._check_cycles()
+        if self.cycles is not None:
+            self._set("cycles", _integer("cycles", self.cycles))
+            require(1 <= self.cycles <= MAX_CYCLES, "cycles", self.cycles, f"an integer from 1 to {MAX_CYCLES}")
         for name, kind in (("histograms", HistogramBins), ("gates", GateWords), ("projection", Projection)):
             value = getattr(self, name)
             require(value is None or isinstance(value, kind), name, quoted(value), f"a {name} object, or None")
@@ -147,15 +147,6 @@ class SensorModel:
             require(shape.shape == (self.num_bins,), "background_shape shape", shape.shape,
                     f"({self.num_bins},), num_bins")
             self._set("background_shape", _normalised("background_shape", shape, "finite float32 values of 0 or more"))
-
-    def _check_cycles(self) -> None:
-        if self.cycles is not None:
-            self._set("cycles", _integer("cycles", self.cycles))
-            require(1 <= self.cycles <= MAX_CYCLES, "cycles", self.cycles, f"an integer from 1 to {MAX_CYCLES}")
-        if self.armed_bin is not None:
-            self._set("armed_bin", finite("armed_bin", self.armed_bin))
-            require(-MAX_BINS <= self.armed_bin < self.num_bins, "armed_bin", self.armed_bin,
-                    f"a bin from {-MAX_BINS} to below num_bins = {self.num_bins}")
 
     @property
     def pixels(self) -> int:

@@ -50,8 +50,7 @@ class Gate:
             shape = shape if shape.any() else None
         self.sensor = source.replace(
             num_bins=self.num_bins, toa_offset_bins=source.toa_offset_bins + first, background_shape=shape, gates=None,
-            histograms=None, delay_bins=None if late is None else late - np.float32(least),
-            armed_bin=(source.armed_bin or 0) - self.start if source.cycles or source.gates else None)
+            histograms=None, delay_bins=None if late is None else late - np.float32(least))
 
     def __str__(self) -> str:
         return f"{self.first}-{self.last}"

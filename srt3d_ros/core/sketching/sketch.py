@@ -1,6 +1,6 @@
 """Sketch: what is kept of a frame's photons, and how sketches add."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -39,6 +39,7 @@ class Sketch:
         stamp_ns: start of acquisition of the earliest photons; of a window, of its newest frame.
         sensor: of the photons, behind the gate if there is one; None where it is not known.
         cycles: N, laser cycles that these photons are the first ones of; 0: not known, pile-up is not corrected.
+        before: uint32 [rows, cols], photons that came before the gate, in cycles that were over with them; None: none.
     """
 
     frequencies: tuple[int, ...]
@@ -47,6 +48,7 @@ class Sketch:
     stamp_ns: int = 0
     sensor: SensorModel | None = None
     cycles: int = 0
+    before: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         require(self.sums.ndim == 3 and self.sums.shape[2] == len(self.frequencies), "sketch shape", self.sums.shape,
@@ -61,6 +63,12 @@ class Sketch:
         # as real numbers: complex ones take four times as long to divide
         return (np.ascontiguousarray(self.sums).view(np.float32) * each).view(np.complex64)
 
+    @property
+    def armed_cycles(self) -> np.ndarray:
+        """Of the cycles, those in which a pixel could still see a photon in the sketch's bins; float64 [rows, cols]."""
+        before = np.zeros(self.photons.shape) if self.before is None else self.before
+        return np.maximum(self.cycles - before, self.photons).astype(np.float64)
+
     def __add__(self, other: "Sketch") -> Self:
         """The sketch of both sets of photons; InvalidInput unless frequencies and size agree."""
         require(self.frequencies == other.frequencies, "frequencies", other.frequencies,
@@ -72,7 +80,14 @@ class Sketch:
             sums = sums * (MAX_PHOTONS / np.maximum(photons, MAX_PHOTONS))[..., None].astype(np.float32)
         return replace(self, sums=sums, photons=np.minimum(photons, MAX_PHOTONS).astype(np.uint32),
                        stamp_ns=min(self.stamp_ns, other.stamp_ns),
-                       cycles=self.cycles + other.cycles if self.cycles and other.cycles else 0)
+                       cycles=self.cycles + other.cycles if self.cycles and other.cycles else 0,
+                       before=added_before((self, other)))
+
+
+def added_before(sketches: Iterable[Sketch]) -> np.ndarray | None:
+    """`before` of a sum of sketches."""
+    counted = [sketch.before for sketch in sketches if sketch.before is not None]
+    return sum(counted[1:], counted[0]) if counted else None
 
 
 def noise_sketch(sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:

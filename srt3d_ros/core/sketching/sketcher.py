@@ -107,12 +107,15 @@ class Sketcher:
 
     def _sketch_of(self, sums: np.ndarray, stamp_ns: int, cycles: int) -> Sketch:
         rows, cols, m = self.sensor.rows, self.sensor.cols, len(self.frequencies)
+        before = None
+        if cycles and self.gate is not None:
+            before = (sums[:, 2 * m + 1] // self._kernels.UNIT).astype(np.uint32).reshape(rows, cols)
         sums, photons = self._kernels.read_sums(sums, m)
         if self._subtracted:    # the noise stays: n, near 0 in a pixel without a surface, is what the longest sum needs
             longest = np.abs(sums).max(axis=1) * (1 - ROUNDING)
             photons = np.maximum(photons, np.ceil(longest).astype(np.uint32))
         return Sketch(self.frequencies, sums.reshape(rows, cols, m), photons.reshape(rows, cols), stamp_ns,
-                      sensor=self.sketch_sensor, cycles=0 if self._subtracted else cycles)
+                      self.sketch_sensor, 0 if self._subtracted else cycles, before)
 
     # ---- Forms of photons
 
@@ -178,6 +181,8 @@ def sketch_photons(frame: PhotonFrame, sensor: SensorModel, frequencies, gate: G
 def phase_table(sensor: SensorModel, frequencies, gate: Gate | None, middles: np.ndarray | None = None) -> np.ndarray:
     """exp(i ω_l x) for bins of a sensor, re and im interleaved, then 1, which counts, and 0; 0 outside the gate.
 
+    Before the gate, the last column is 1, and counts the laser cycles that are over there.
+
     float32 [n, 2m + 2] for n `middles` of bins, counted in the sensor's own; unless given, its own, 0.5, 1.5, …
     """
     middles = np.arange(sensor.num_bins) + 0.5 if middles is None else middles
@@ -186,5 +191,7 @@ def phase_table(sensor: SensorModel, frequencies, gate: Gate | None, middles: np
     # In half bins, so that k·x of the sensor's own is a whole number and the phase is exact for large k·x.
     half_bins, period = 2 * from_start - 1, 2 * num_bins
     turns = np.outer(half_bins, (*frequencies, 0)) % period / period
-    phases = np.exp(2j * np.pi * turns) * (from_start < num_bins)[:, None]
+    inside = from_start < num_bins
+    phases = np.exp(2j * np.pi * turns) * inside[:, None]
+    phases[:, -1] += 1j * (~inside & (middles < start))
     return phases.astype(np.complex64).view(np.float32)
