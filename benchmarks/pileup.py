@@ -19,7 +19,7 @@ CASES = ((1.0, 0.3, False), (1.0, 1.0, False), (1.0, 2.0, False), (0.1, 1.0, Fal
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--seeds", type=int, default=3, metavar="N", help="draws of each row (default 3)")
+    parser.add_argument("--seeds", type=int, default=2, metavar="N", help="draws of each row (default 2)")
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
