@@ -37,7 +37,7 @@ def write(tmp_path, **changes):
                    gates=GateWords(3, 60_000), frame_id="spad"),
     SENSOR.replace(gain=np.full((2, 3), 0.5), delay_bins=np.arange(6.0).reshape(2, 3), mask=np.eye(2, 3, dtype=bool),
                    irf=np.random.default_rng(0).random((6, 4)), background_shape=np.arange(SENSOR.num_bins),
-                   projection=AngularScan(0.1, -0.2, 0.3, 0.4))])
+                   projection=AngularScan(0.1, -0.2, 0.3, 0.4), cycles=1504)])
 def test_everything_comes_back(tmp_path, sensor):
     reference = np.arange(12, dtype=np.float32).reshape(2, 2, 3)
     reference[1, 0, 0] = np.nan

@@ -86,6 +86,16 @@ def test_returns_share_photons_by_reflectivity():
     assert signal[1, 0].max() == 0 and signal[1, 5, 5] == pytest.approx(3 * signal[0, 5, 5])
 
 
+def test_with_cycles_a_pixel_sees_the_first_photon_of_each():
+    sensor = make_sensor(60, 60, cycles=50)
+    events, _ = Simulator(flat_scene(sensor, 80), sensor, sbr=1.0, ppp=100.0, seed=3).frame(0)
+    counts, cycles = np.bincount(events.pixel, minlength=sensor.pixels), sensor.cycles * sensor.pixels
+    assert events.is_sorted and counts.max() <= 50
+    for first, end, seen in ((0, 60, 1 - np.exp(-0.3)), (100, T, np.exp(-1.5) - np.exp(-2))):      # flux before the bins
+        share = np.count_nonzero((events.toa >= first) & (events.toa < end)) / cycles
+        assert abs(share - seen) < SIGMAS * np.sqrt(seen * (1 - seen) / cycles)
+
+
 def test_gain_and_mask_of_the_sensor_are_obeyed():
     gain, mask = np.where(np.arange(30) < 15, 0.5, 2.0) * np.ones((20, 1)), np.ones((20, 30), bool)
     mask[:, 7] = False

@@ -1,5 +1,6 @@
 """`sketch`: precision, shapes, and that a message names its frequencies, T and the description it belongs to."""
 
+import dataclasses
 import hashlib
 import re
 
@@ -46,6 +47,18 @@ def test_any_sketch_makes_the_trip(seed, rows, cols, m, layout):
     assert (back.sums[content.photons == 0] == 0).all()
     same_header, frequencies, counts = sketch.decode_counts_cdr(raw)
     assert (same_header, frequencies) == (header, content.frequencies) and (counts == content.photons).all()
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_cycles_and_the_photons_before_a_gate_make_the_trip_where_they_are_known(layout):
+    content, sensor = random_sketch(1, 3, 4, 5)
+    before = np.arange(12, dtype=np.uint32).reshape(3, 4)
+    for known in ({"cycles": 1504}, {"cycles": 1504, "before": before}):
+        sent = dataclasses.replace(content, **known)
+        back = sketch.decode_cdr(sketch.encode_cdr(sent, sensor, "spad", layout), sensor)[1]
+        assert back.cycles == 1504 and (back.before is None) == ("before" not in known)
+    np.testing.assert_array_equal(back.before, before, strict=True)
+    assert back.armed_cycles.min() == 1504 - 11
 
 
 def test_a_description_is_named_by_the_digest_of_its_text(small_sensor, codecs):

@@ -114,6 +114,22 @@ def test_a_cloud_keeps_stamp_and_frame_and_bad_sketches_are_survived(reconstruct
     assert "Traceback" not in said
 
 
+def test_where_the_cycles_are_known_pile_up_is_corrected_and_saturated_pixels_are_warned_of(
+        reconstructor, sensor, sketch):
+    reconstructor.begin(sensor, sketch)
+    most = int(sketch.photons.max())
+    plain, piled = (reconstructor(dataclasses.replace(sketch, cycles=cycles))[0][1] for cycles in (0, 2 * most))
+    assert len(plain["xyz"]) == len(piled["xyz"])
+    assert piled["intensity"].mean() > 1.1 * plain["intensity"].mean()
+    assert np.linalg.norm(piled["xyz"], axis=1).mean() > np.linalg.norm(plain["xyz"], axis=1).mean()
+    reconstructor.graph.reports("reconstructor", "saturated_pixels", 0)
+    assert float(reconstructor.graph.report("reconstructor")["background_share"]) < 1
+    reconstructor(dataclasses.replace(sketch, cycles=most))
+    pixels = int((sketch.photons > 0.95 * most).sum())
+    said = f"{pixels} pixels are saturated: a photon in over 95% of the cycles"
+    reconstructor.graph.wait(lambda: reconstructor.graph.report("reconstructor").get("message") == said, "a warning")
+
+
 def test_points_and_images_agree_on_what_is_within_the_limits(reconstructor, sensor, sketch):
     reconstructor.watch_images()
     reconstructor.begin(sensor, sketch, fields="xyzi")

@@ -58,6 +58,7 @@ def test_sketches_are_the_cores_in_all_forms_and_follow_the_parameters(graph, se
         assert (header.stamp_ns, header.frame_id) == (STAMP_NS + k, sensor.frame_id)
         np.testing.assert_array_equal(sketch.photons, expected.photons)
         np.testing.assert_allclose(sketch.sums, expected.sums, atol=1e-2)
+        assert sketch.cycles == (len(frame.words) if topic == "gates" else 0)
     report = graph.reports("sketcher", "frames_out", 3)
     outside = int(report["photons_dropped.gate"])
     assert [int(report[key]) for key in ("photons_in", "photons")] == [3 * events.photons, 3 * events.photons - outside]

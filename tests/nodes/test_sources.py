@@ -33,6 +33,17 @@ def test_a_file_of_counts_is_played_photon_by_photon(tmp_path, sensor, events):
     assert frame.topic == "photons" and sorted(zip(sent.pixel, sent.toa)) == sorted(zip(events.pixel, events.toa))
 
 
+@pytest.mark.parametrize("given, packets", [({}, 1), ({"motion": "walk"}, PACKETS)])
+def test_cycles_of_a_simulated_frame_make_its_photons_pile_up(given, packets):
+    def played(cycles: int) -> int:
+        piled = source(frames=1, ppp=2.0, cycles=cycles, **given)
+        assert piled.sensor.cycles == (cycles // packets or None)
+        items = [item for item in piled.items(lambda: 0) if item.topic == "photons"]
+        return sum(photons.decode_cdr(item.raw, piled.sensor)[1].photons for item in items)
+
+    assert played(20) < 0.99 * played(0)
+
+
 @pytest.mark.parametrize("given, line", [
     ({"input": "nowhere.npz"}, "nowhere.npz"),
     ({"sensor_file": "sensor.json"}, "sensor_file is sensor.json: expected nothing, unless a photon file is played"),

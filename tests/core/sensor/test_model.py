@@ -33,7 +33,7 @@ REFUSED = {
     "toa_offset_bins": (float("inf"),), "range_offset_m": (None,),
     "irf": ([1, -1e-9], [1, float("inf")], [0, 0], [[1, 1]] * 5 + [[0, 0]], "flat", [[1, 2], [1]], [1, 10**400],
             [1e308, 1e308]),
-    "irf_ref": (-1, 4, 0.5), "gain": (holed(1e-5), holed(1e300), holed(np.nan)),
+    "irf_ref": (-1, 4, 0.5), "cycles": (0, -3, 1.5, "many", 2e9), "gain": (holed(1e-5), holed(1e300), holed(np.nan)),
     "delay_bins": (holed(-2e6), holed(1e300), holed(np.nan), "late"),
     "background_shape": (np.zeros(50), np.arange(-1, 49), "even"),
     "irf shape": ([], np.ones((5, 4)), np.ones((1, 6, 4))), "irf length": (np.ones(51), np.ones((6, 51))),

@@ -1,5 +1,7 @@
 """Sketch: which frequencies it may have, and that sketches add."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -42,6 +44,15 @@ def test_sketches_add_and_keep_the_earliest_stamp():
     np.testing.assert_allclose(total.sums, one.sums + other.sums)
     assert np.array_equal(total.photons, one.photons + other.photons) and total.stamp_ns == 5
     assert total.sums.dtype == np.complex64 and total.photons.dtype == np.uint32
+
+
+def test_cycles_and_photons_before_a_gate_add_and_are_unknown_if_one_of_them_is():
+    one, before = make(), np.ones((2, 3), np.uint32)
+    known, gated = replace(one, cycles=100), replace(one, cycles=50, before=before)
+    assert (known + known).cycles == 200 and (known + known).before is None
+    assert (known + gated).cycles == 150 and (gated + gated).before.tolist() == [[2] * 3] * 2
+    assert (known + one).cycles == (one + known).cycles == 0
+    assert (gated.armed_cycles == 49).all()
 
 
 @pytest.mark.parametrize(("changes", "named"), [

@@ -5,11 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching import sketcher as sketcher_module
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.gate import Gate
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sketching.sketch import MAX_PHOTONS
-from srt3d_ros.core.sketching.sketcher import Sketcher
+from srt3d_ros.core.sketching.sketcher import Sketcher, sketch_photons
 from srt3d_ros.errors import InvalidInput
 
 SENSOR = SensorModel(3, 5, 100, 1e-10, [1, 2, 1])
@@ -57,6 +58,26 @@ def test_a_window_has_the_sketch_of_its_photons_to_the_bit(width):
     sketcher = windows(width)
     for k, sketch in enumerate(slide(sketcher, sent)):
         assert_same(sketch, directly(sent[max(0, k + 1 - width):k + 1]))
+
+
+def test_a_window_has_the_cycles_of_its_packets_and_counts_those_of_gates():
+    sensor = SENSOR.replace(cycles=100, gates=GateWords())
+    sketcher = Sketcher(sensor, FREQUENCIES, 3)
+    assert [sketch.cycles for sketch in slide(sketcher, frames(5))] == [200, 400, 600, 600, 600]
+    sketcher = Sketcher(sensor, (1, 4), 2, Gate(sensor, 40, 60))
+    words = np.full((7, 3, 5), 65_535, np.uint16)
+    words[:, 0, 0] = 20, 20, 39, 40, 50, 60, 61
+    for cycles in (7, 14, 14):
+        sketcher.add(PhotonGates(words))
+        sketch = sketcher.end_frame()
+        assert (sketch.cycles, sketch.before[0, 0], sketch.photons[0, 0], sketch.before.sum()) == (
+            cycles, cycles // 7 * 3, cycles // 7 * 3, cycles // 7 * 3)
+
+
+def test_cycles_of_histograms_from_which_light_was_subtracted_are_not_known():
+    sensor = SENSOR.replace(cycles=100)
+    for counts, cycles in ((np.ones((3, 5, 100), np.uint16), 100), (np.ones((3, 5, 100), np.float32), 0)):
+        assert sketch_photons(PhotonHistograms(counts), sensor, FREQUENCIES).cycles == cycles
 
 
 def test_sums_that_run_over_change_nothing():
