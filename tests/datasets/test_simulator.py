@@ -91,7 +91,7 @@ def test_with_cycles_a_pixel_sees_the_first_photon_of_each():
     events, _ = Simulator(flat_scene(sensor, 80), sensor, sbr=1.0, ppp=100.0, seed=3).frame(0)
     counts, cycles = np.bincount(events.pixel, minlength=sensor.pixels), sensor.cycles * sensor.pixels
     assert events.is_sorted and counts.max() <= 50
-    for first, end, seen in ((0, 60, 1 - np.exp(-0.3)), (100, T, np.exp(-1.5) - np.exp(-2))):      # flux before the bins
+    for first, end, seen in ((0, 60, 1 - np.exp(-0.3)), (100, T, np.exp(-1.5) - np.exp(-2))):     # flux before them
         share = np.count_nonzero((events.toa >= first) & (events.toa < end)) / cycles
         assert abs(share - seen) < SIGMAS * np.sqrt(seen * (1 - seen) / cycles)
 
