@@ -125,7 +125,9 @@ def of_files(files: list[str], tolerance: str | None = None, surfaces: int | Non
         references = 0 if photons.reference_depth_bins is None else len(photons.reference_depth_bins)
         within = tolerance_bins(tolerance or FILE_TOLERANCE, photons.sensor)
         share, more = _held_out_share(photons, held_out_share, references)
-        cases.append(Case(photons.name, photons.sensor, partial(_observed, photons, share),
+        # Held-out photons are judged as they were recorded, with pile-up.
+        sensor = photons.sensor if share is None else photons.sensor.replace(cycles=None)
+        cases.append(Case(photons.name, sensor, partial(_observed, photons, share),
                           surfaces or max(references, 1), within, aligned=tuple(k for k in aligned if k < references),
                           notes=tuple(f"{photons.name}: {note}" for note in (*photons.notes, *more)), held_out=share))
     names = [case.source for case in cases]
