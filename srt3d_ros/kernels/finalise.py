@@ -14,9 +14,6 @@ def finalise(kernels, frame, photons, state, terms, enough):
     Gaussian of σ = 2 pixels, the first of WINDOWS: s² − v is how far the pixels themselves differ (James and Stein's
     estimator). A point whose own photons say less than none keeps an intensity above 0.
 
-    The background is g times the mean of n − g Σ_k r_k over that of g, at least 0, with means in the same window: where
-    it is less than a photon, the clipped noise of single pixels would be several times as much.
-
     `photons` are n, masked pixels included, float32 [rows, cols]. Returns intensity (0: no point) and standard
     deviation, bins, float32 [rows, K, cols], and (n − g Σ_k r_k)₊ and background photons, float32 [rows, cols].
     """
@@ -31,10 +28,19 @@ def finalise(kernels, frame, photons, state, terms, enough):
     score = view[:, :, SCORE] / kernels.noise_ratio(frame, view[:, :, DEPTH])
     intensity = (pooled + excess * differ).clip(min=EPSILON * pooled) * (there & (score > enough))
     std = ((view[:, :, STD]**2 + view[:, :, RESIDUAL]**2)**0.5).clip(EPSILON, frame.num_bins)
-    left, used = photons[:, None] - (intensity * exposure).sum(axis=1)[:, None], exposure > 0
+    left = photons[:, None] - (intensity * exposure).sum(axis=1)[:, None]
+    return intensity, std, left[:, 0].clip(min=0), background(kernels, left, exposure)
+
+
+def background(kernels, left, exposure):
+    """Background photons, [rows, cols], of `left`, what the points leave of the photons, [rows, 1, cols] as `exposure`.
+
+    g times the local mean of `left` over that of g, at least 0: where it is less than a photon, the clipped noise of
+    single pixels would be several times as much.
+    """
+    used = exposure > 0
     rate = kernels.blur(left * used, LOCAL_SIGMA) / kernels.blur(exposure + EPSILON, LOCAL_SIGMA)
-    background = (rate * exposure + left * ~used).clip(min=0)
-    return intensity, std, left[:, 0].clip(min=0), background[:, 0]
+    return (rate * exposure + left * ~used).clip(min=0)[:, 0]
 
 
 def without_weak(kernels, state, enough) -> None:

@@ -13,11 +13,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies
 from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.kernels import finalise
 
 SATURATED = 0.95        # of the cycles with a photon: the few others say little of the flux
 STEPS = 8               # Newton's, from λ = r / N: they approach the root from below
@@ -39,7 +41,7 @@ class PileUp:
     """
 
     def __init__(self, matcher: Matcher):
-        self._sensor, self._used = matcher.sensor, matcher.used > 0
+        self._sensor, self._used, self._kernels = matcher.sensor, matcher.used > 0, kernels_for("cpu")[1]
         self._omega = angular_frequencies(matcher.frequencies, matcher.sensor.num_bins)
         self._shifts, self._step_shifts = (
             _shifts(matcher, self._omega, background / matcher.sensor.num_bins) for background in (0, 1))
@@ -61,12 +63,15 @@ class PileUp:
         return replace(sketch, sums=(sketch.sums - taken).astype(np.complex64), cycles=0)
 
     def corrected(self, cloud: PointCloud, sketch: Sketch) -> PointCloud:
-        """The cloud with intensities N λ, backgrounds N b, depths moved back, and std with the error of λ."""
+        """The cloud with intensities N λ, local means of N b, depths moved back, and std with the error of λ."""
         sensor, flux, at = self._sensor, _flux(sketch), (cloud.row, cloud.col)
         signal, background, error = self._fluxes(cloud, sketch, flux[at])
         share, seen = np.ones(flux.shape), sketch.photons * self._used
         share[at] = background / np.maximum(flux[at], TINY)
         self.background_share = float((share * seen).sum() / max(seen.sum(), 1))
+        left = flux.copy()
+        np.subtract.at(left, at, signal)
+        left, exposure = (np.float32(values)[:, None] for values in (sketch.cycles * left, sensor.exposure))
         pulse, step = (np.interp(signal, FLUXES, shifts) for shifts in (self._shifts, self._step_shifts))
         shift = pulse + background * (step - pulse)
         error = error * np.interp(signal, FLUXES, np.abs(np.gradient(self._shifts, FLUXES)))
@@ -76,7 +81,7 @@ class PileUp:
         return replace(cloud, depth_bins=depth, xyz=sensor.xyz(cloud.row, cloud.col, depth),
                        intensity=(sketch.cycles * signal / sensor.exposure[at]).astype(np.float32),
                        depth_std_bins=np.hypot(cloud.depth_std_bins, error).astype(np.float32),
-                       background=(sketch.cycles * share * flux).astype(np.float32))
+                       background=finalise.background(self._kernels, left, exposure))
 
     def _fluxes(self, cloud: PointCloud, sketch: Sketch, flux: np.ndarray) -> tuple[np.ndarray, ...]:
         """λ of each point, b of its pixel, which has Λ in `flux`, and the standard deviation of λ, float64 [N] each."""

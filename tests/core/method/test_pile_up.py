@@ -65,6 +65,13 @@ def test_depth_intensity_and_background_come_back(bright):
     np.testing.assert_allclose(cloud.xyz, cloud.sensor.xyz(cloud.row, cloud.col, cloud.depth_bins), rtol=1e-6)
 
 
+def test_few_photons_leave_no_background_where_there_is_none():
+    counts = recorded(rates([(WALL, 0.1)], 0))
+    cloud = cloud_of(counts, cycles=CYCLES)
+    assert cloud.background.mean() < 0.06 * (0.1 * CYCLES)**0.5
+    assert cloud.background.mean() + cloud.intensity.mean() == pytest.approx(0.1 * CYCLES, rel=0.05)
+
+
 def test_each_frame_of_a_stream_is_corrected_and_one_without_cycles_is_as_ever(bright):
     sketch = srt3d_ros.from_counts(bright, bin_width_s=1e-10, irf=IRF, cycles=CYCLES).sketch()
     unknown = dataclasses.replace(sketch, cycles=0)
