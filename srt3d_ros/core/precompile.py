@@ -16,7 +16,7 @@ from srt3d_ros.core.sketching.sketcher import Sketcher
 
 ANY_SENSOR = SensorModel(rows=1, cols=2, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0], gates=GateWords())
 LONGEST = ("search._search", "birth_death._judge", "pooled_step._pooled_step", "move_sketch._find_targets",
-           "blur._blur_slanted", "undecided._list_rows")               # to compile: begun first, they end with the rest
+           "undecided._list_rows")         # to compile: begun first, they end with the rest
 PROCESS_BYTES = 2**29       # that a process which compiles takes
 
 

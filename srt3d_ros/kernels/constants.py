@@ -12,18 +12,21 @@ MAX_PHOTONS = 2**32 - 1     # of a pixel; one that saw more counts as so many wi
 
 # ---- Start: windows of the matched filter (`search`)
 
-START_SCALES = 0.0, 1.0, 2.0    # σ, pixels: a pixel takes the first that is sure
+START_SCALES = 0.0, 1.0, 2.5    # σ, pixels: a pixel takes the first that is sure
 WIDE_SCALE = 6.0        # and that for what is still open after the first iteration
 START_SCORE = 7.0       # a lower one starts more wrong surfaces, which survive beside right ones
-SURE_SCORE = 8.0        # of a flat window, below which slanted ones are tried: a smeared slope may exceed START_SCORE
-SLANTED_SCALE = START_SCALES[-1]        # tries them: finer scales find slopes in noise, wider ones bridge edges
+SLANT = 1.75            # times δ / σ: the rise of slanted windows, bins per pixel: theirs and the flat one's overlap
+SLANTED_SCORE = 6.0     # starts a slanted surface: slopes are rare, but what a flat window smears is lost otherwise
+STEEPER = 1.3           # times the flat window's nats, which a slanted one needs: across an edge, some plane fits
+SEEN_SCORE = SLANTED_SCORE / 2**0.5     # of a flat window, half the nats: below, no slanted window will have enough
+SURE_SCORE = 10.0       # of a flat window, from which no slanted ones are tried: most of a bright frame
 
 # ---- Iterations: the pool (`pooled_step`)
 
 REACH = 1.5             # σ of a window up to which pixels are in it
-# σ of each iteration's, and up to where neighbours count one by one, pixels: the first as wide as the start's, each
-# about twice as wide as the one before, because depths are known better.
-WINDOWS = (START_SCALES[-1], 4), (4.5, 1), (2 * 4.5, 4)
+# σ of each iteration's, and up to where neighbours count one by one, pixels: each about twice as wide as the one
+# before, because depths are known better.
+WINDOWS = (2.0, 4), (4.5, 1), (2 * 4.5, 4)
 FIRST_STEPS = 2         # steps of the first iteration: the start lies on a grid, up to a peak's width from the top
 SAME_SURFACE = 4.1      # standard deviations within which depths may be one surface's: less shares fewer photons
 

@@ -1,5 +1,8 @@
 """The start's kernels against the oracle: `prepare`, `blur`, `match`, `search` and `residual`."""
 
+from dataclasses import replace
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -9,7 +12,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, choose, irf_spectrum
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import START_SCALES, SURE_SCORE, WIDE_SCALE, cell_size
+from srt3d_ros.kernels.constants import SLANT, SLANTED_SCORE, START_SCALES, STEEPER, SURE_SCORE, WIDE_SCALE, cell_size
 
 from .frames import (
     DEPTH_TOLERANCE,
@@ -20,6 +23,7 @@ from .frames import (
     SHARE_AT_TIES,
     T,
     assert_states_agree,
+    exact_frame,
     make_frame,
     make_state,
     make_terms,
@@ -113,15 +117,39 @@ def test_search_keeps_carried_surfaces_that_photons_confirm(backend, surfaces, s
     assert same.sum() > 10 and (~same).sum() > 2
 
 
-@pytest.mark.parametrize(("shape", "scale"), [((9, 67), (2.0, 2)), ((5, 33), (1.5, 1)), ((9, 67), (3.0, 3))])
+def make_steep_frame(shape, sigma):
+    """A wall and steep planes, each of 13 columns, with the noise of a few photons."""
+    row, col = np.mgrid[:shape[0], :shape[1]]
+    rise = 1.5 / sigma * exact_frame(np.ones((1, *shape)), np.ones((1, *shape)), 2.0).resolution_bins
+    depth = T / 2 + rise * np.choose(col // 13 % 3, [0 * col, col, row - col])
+    light = 8 / sigma**2
+    frame = exact_frame(depth[None], np.full((1, *shape), light), 4 * light)
+    noise = np.random.default_rng(0).normal(size=frame.matched.shape) * np.sqrt(2.5 * light * frame.energy.mean())
+    return replace(frame, matched=(frame.matched + noise).astype(np.float32))
+
+
+@pytest.mark.parametrize(("shape", "scale"), [((9, 67), (2.0, 2)), ((5, 33), (1.0, 1)), ((9, 67), (3.0, 3))])
 def test_slanted_windows_fill_and_replace_what_flat_ones_leave_or_doubt(backend, shape, scale):
-    frame = make_frame(shape, 3, FAINT)
-    before = make_state(frame, 1, 3)
-    before[:, 0, maps.INTENSITY, ::3] = 0
+    frame = make_steep_frame(shape, scale[0])
+    before = np.zeros(maps.state_shape(*shape, 1), np.float32)
+    before[:, 0, maps.INTENSITY, ::3] = 1
     arguments = padded(frame), padded(frame).matched, before, 0, *scale, 4.0, None, 0.0
     (_, _, flat, *_), (_, _, found, *_) = (backend.changed("search", *arguments, slanted) for slanted in (False, True))
     assert_states_agree(found, ORACLE.changed("search", *arguments, True)[2], shape)
     changed = (found != flat).any(axis=2)[:, 0]
     assert changed.any() and not changed[before[:, 0, maps.INTENSITY] > 0].any()
-    had = changed & (flat[:, 0, maps.INTENSITY] > 0)
-    assert (flat[:, 0, maps.SCORE][had] < SURE_SCORE).all()
+    had, score = changed & (flat[:, 0, maps.INTENSITY] > 0), found[:, 0, maps.SCORE]
+    assert (flat[:, 0, maps.SCORE][had] < SURE_SCORE).all() and (score[changed] > SLANTED_SCORE).all()
+    assert (score[had]**2 > STEEPER * flat[:, 0, maps.SCORE][had]**2).all()
+
+
+def test_slanted_windows_find_planes_in_eight_directions(backend):
+    row, col = np.mgrid[:16, :16] - 8
+    rise = SLANT * exact_frame(np.ones((1, 16, 16)), np.ones((1, 16, 16)), 2.0).resolution_bins
+    for down, right in product((-1, 0, 1), repeat=2):
+        depth = T / 2 + rise * (down * row + right * col)[None]
+        frame = padded(exact_frame(depth, np.full((1, 16, 16), 3.0), 2.0))
+        state = np.zeros(maps.state_shape(16, 16, 1), np.float32)
+        found = backend.changed("search", frame, frame.matched, state, 0, 1.0, 1, 5.0, None, 0.0, True)[2]
+        slopes = maps.crop(found, 16, 16)[4:-4, 0, [maps.SLOPE_COL, maps.SLOPE_ROW], 4:-4]
+        np.testing.assert_allclose(slopes, np.broadcast_to(np.array([[right], [down]]) * rise, slopes.shape), rtol=1e-5)

@@ -111,7 +111,7 @@ class Pooled:
             matched = kernels.residual(frame, state, terms, layer) if layer > 0 else frame.matched
             for sigma in scales:
                 least = enough if sigma == scales[-1] and layer == 0 else further
-                slanted = sigma == constants.SLANTED_SCALE and layer == 0 and start is None
+                slanted = sigma in constants.START_SCALES[1:] and layer == 0 and start is None
                 kernels.search(frame, matched, state, layer, sigma, constants.cell_size(sigma), least, start, confirmed,
                                slanted)
 

@@ -1,17 +1,16 @@
 """The start: `prepare`, `match`, `search` and `residual`."""
 
-import math
 from typing import NamedTuple
 
 import torch
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import EPSILON, START_SCORE, SURE_SCORE, VOTE
+from srt3d_ros.kernels.constants import EPSILON, SEEN_SCORE, SLANT, SLANTED_SCORE, STEEPER, SURE_SCORE, VOTE
 from srt3d_ros.kernels.maps import INTENSITY, RESIDUAL, SCORE, crop, state_shape
 from srt3d_ros.kernels.torch.arithmetic import noise_ratio, pad, product, waves
 from srt3d_ros.kernels.torch.fusing import fused
 from srt3d_ros.kernels.torch.likelihood import evidence
-from srt3d_ros.kernels.torch.windows import cell_sums, gaussian, window_sums
+from srt3d_ros.kernels.torch.windows import across_sums, cell_sums, down_sums, gaussian, window_sums
 
 
 @fused
@@ -90,7 +89,6 @@ class Pools(NamedTuple):
     share: float                # q: 1/2 of a Gaussian window, 1 of a pixel
 
 
-@fused
 def search(frame, matched, state, layer, sigma, step, enough, carried=None, confirmed=0.0, slanted=False):
     """Give open pixels the surface that one scale shows: score = p / √N · ρ(S E / p) / c(t) > `enough`.
 
@@ -99,10 +97,10 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
     grow over those that see background alone. t and S are `match` of z̄. q = Σ w² / Σ w is 1 for one pixel, 1/2 for
     a Gaussian; p = N / q. Since S E ≤ Σ_l |z̄_l|, most cells that are not sure need no filter.
 
-    If `slanted`, windows along planes follow that rise by δ / σ to the right, to the left, down and up: the sums of
-    cells times exp(−i ω_l slope · position) are pooled, which adds up such a plane as a flat window adds up one of
-    slope 0, and slope · position is added to t. `enough` is START_SCORE then. The same pixels are pooled; one that
-    has found a surface below SURE_SCORE takes another with a higher score.
+    If `slanted`, windows along planes follow that rise or fall by SLANT · δ / σ to the right, downwards, or both: the
+    sums of cells times exp(−i ω_l slope · position) are pooled, which adds up such a plane as a flat window adds up one
+    of slope 0, and slope · position is added to t. The best replaces what the flat window shows in the same pixels, if
+    that has a score from SEEN_SCORE to SURE_SCORE; its own must be above SLANTED_SCORE and √STEEPER times as high.
 
     The cell's open pixels get depth t, the slopes, intensity S / G and standard deviation
     √(q (S M₁ + (p − S)₊ M₀)) / (S C), at most T.
@@ -117,8 +115,19 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
         carried: the state of the frame before. Its depth and slopes stay, measured anew at that depth, where the
             score there is above `confirmed`, and the new one is not better by VOTE: (score² − score_old²) / 2.
         confirmed: standard deviations.
-        slanted: for a sigma above 0.
+        slanted: for a sigma above 0, without `carried`.
     """
+    found = _search_flat(frame, matched, state, layer, sigma, step, enough, carried, confirmed, slanted)
+    if slanted:
+        cells, pools, is_open, flat = found
+        lines, rises = _pool_down(frame, cells, sigma, step)
+        planes = [_search_across(frame, line, rise, rises, pools, sigma, step) for line, rise in zip(lines, rises)]
+        _take_planes(frame, state, layer, step, is_open, flat, *planes)
+
+
+@fused
+def _search_flat(frame, matched, state, layer, sigma, step, enough, carried, confirmed, slanted):
+    """What flat windows show; and for slanted ones cells, pools, open pixels and the cells' scores."""
     view = crop(state, *frame.shape)
     point, used = view[:, layer], crop(frame.exposure, *frame.shape) > 0
     is_open = used & (point[:, INTENSITY] == 0)
@@ -126,16 +135,14 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
         is_open = is_open & (view[:, layer - 1, INTENSITY] > 0)
     pixels = [crop(values, *frame.shape) for values in (matched, frame.counts, frame.exposure)]
     pools, cells = _pooled(*pixels, is_open, sigma, step)
-    new = _in_pixels(frame, step, _shown(frame, *_peak(pools.z, frame), (0.0, 0.0), pools))
-    found = _better(point, new, is_open, enough)
+    shown = _shown(frame, *_peak(pools.z, frame), (0.0, 0.0), pools)
+    new = _in_pixels(frame, step, shown)
+    found = _where(is_open & (new[:, SCORE] > enough), new, point)
     if carried is not None:
         old = crop(carried, *frame.shape)[:, layer]
         found = _kept(frame, found, new[:, SCORE], old, step, is_open, pools, confirmed)
-    if slanted:
-        doubtful = is_open & ((found[:, INTENSITY] == 0) | (found[:, SCORE] < SURE_SCORE))
-        plane = _in_pixels(frame, step, _slanted(frame, cells, pools, sigma, step))
-        found = _better(found, plane, doubtful, START_SCORE)
     point[:] = found
+    return (cells, pools, is_open, shown[:, SCORE]) if slanted else None
 
 
 def _pooled(matched, counts, exposure, is_open, sigma, step) -> tuple:
@@ -149,20 +156,47 @@ def _pooled(matched, counts, exposure, is_open, sigma, step) -> tuple:
     return Pools(window_sums(cells, weights), photons[:, 0], photons[:, 1], 0.5), cells
 
 
-def _slanted(frame, cells, pools, sigma, step):
-    """What the best of the planes that rise to the right, to the left, down and up shows: as `_shown`."""
-    rise = frame.resolution_bins / sigma
-    row, col = (torch.arange(size, device=cells.device) for size in (cells.shape[0], cells.shape[2]))
-    right, down = torch.broadcast_tensors(col, row[:, None])
-    (cosine, sine), (re, im) = waves(frame, step * rise * torch.stack([right, -right, down, -down])), cells.chunk(2, 1)
-    flat = torch.cat([re * cosine + im * sine, im * cosine - re * sine], dim=2)
-    re, im = window_sums(flat, gaussian(sigma / step, cells)).chunk(2, dim=2)
-    z = torch.cat([re * cosine - im * sine, im * cosine + re * sine], dim=2)
-    which = torch.arange(4, device=cells.device)[:, None, None]
-    slopes = [rise * ((which == first).to(z.dtype) - (which == first + 1).to(z.dtype)) for first in (0, 2)]
-    shown = _shown(frame, *_peak(z, frame), slopes, pools)
+def _turned(cells, wave):
+    """Sketches [..., 2m, cols] times exp(−iφ), of cos φ and sin φ [..., m, cols]."""
+    (cosine, sine), (re, im) = wave, cells.chunk(2, -2)
+    return torch.cat([re * cosine + im * sine, im * cosine - re * sine], dim=-2)
+
+
+@fused
+def _pool_down(frame, cells, sigma, step):
+    """Windows of rows along lines that fall, stay and rise downwards: [3, rows, 2m, cols]; and by how much, bins."""
+    rises = SLANT * frame.resolution_bins / sigma * torch.arange(-1, 2, device=cells.device, dtype=cells.dtype)
+    row = torch.arange(len(cells), device=cells.device)[:, None]
+    cosine, sine = waves(frame, step * rises[:, None, None] * row)
+    lines = down_sums(_turned(cells, (cosine, sine)), gaussian(sigma / step, cells))
+    return _turned(lines, (cosine, -sine)), rises
+
+
+@fused
+def _search_across(frame, line, rise, rises, pools, sigma, step):
+    """What the best of three planes shows, which rise downwards alike and fall, stay or rise to the right."""
+    col = torch.arange(line.shape[-1], device=line.device)
+    cosine, sine = waves(frame, step * rises[:, None, None] * col)
+    z = across_sums(_turned(line, (cosine, sine)), gaussian(sigma / step, line))
+    shown = _shown(frame, *_peak(_turned(z, (cosine, -sine)), frame), (rises[:, None, None], rise), pools)
+    return _best_of(shown)
+
+
+def _best_of(shown):
+    """What has the highest score of [planes, rows, SCORE + 1, cols]."""
     best = shown[:, :, SCORE].argmax(dim=0)
     return shown.gather(0, best[None, :, None].expand(1, *shown.shape[1:]))[0]
+
+
+@fused
+def _take_planes(frame, state, layer, step, is_open, flat, *planes):
+    """Give doubtful pixels the best plane, if it is enough better than what the flat window shows."""
+    point = crop(state, *frame.shape)[:, layer]
+    plane, flat = _best_of(torch.stack(planes)), flat[:, None]
+    least = (STEEPER**0.5 * flat).clamp(min=SLANTED_SCORE)
+    enough = _of_cells(frame, step, (flat > SEEN_SCORE) & (plane[:, SCORE:] > least))[:, 0]
+    doubtful = is_open & ((point[:, INTENSITY] == 0) | (point[:, SCORE] < SURE_SCORE))
+    point[:] = _where(doubtful & enough, _in_pixels(frame, step, plane), point)
 
 
 def _shown(frame, depth, signal, slopes, pools):
@@ -186,13 +220,6 @@ def _in_pixels(frame, step, shown):
     depth, *more = _of_cells(frame, step, shown).unbind(1)
     right, down = (place % step - (step - 1) / 2 for place in (col, row[:, None]))
     return torch.stack([(depth + more[0] * right + more[1] * down) % frame.num_bins, *more], dim=1)
-
-
-def _better(point, new, wanted, enough):
-    """The points [rows, FIELDS, cols], or the new ones in wanted pixels where these are better."""
-    known = torch.where(point[:, INTENSITY] > 0, point[:, SCORE], -math.inf)
-    better = wanted & (new[:, SCORE] > known) & (new[:, SCORE] > enough)
-    return _where(better, new, point)
 
 
 def _kept(frame, found, score, old, step, wanted, pools, confirmed):

@@ -48,11 +48,21 @@ def gaussian(sigma: float, like):
 
 def window_sums(values, weights):
     """Σ_ab w_a w_b · values[i + a, c, j + b], 0 outside, of [..., rows, C, cols]; weights [taps], or [C, 1, taps]."""
-    taps = weights.shape[-1]
-    radius = taps // 2
+    return across_sums(down_sums(values, weights), weights)
+
+
+def down_sums(values, weights):
+    """The sums over rows alone."""
+    radius = weights.shape[-1] // 2
     tall = torch.nn.functional.pad(values, (0, 0, 0, 0, radius, radius))
-    down = (tall.unfold(-3, taps, 1) * weights).sum(-1)
-    return (torch.nn.functional.pad(down, (radius, radius)).unfold(-1, taps, 1) * weights).sum(-1)
+    return (tall.unfold(-3, 2 * radius + 1, 1) * weights).sum(-1)
+
+
+def across_sums(values, weights):
+    """The sums over columns alone."""
+    radius = weights.shape[-1] // 2
+    wide = torch.nn.functional.pad(values, (radius, radius))
+    return (wide.unfold(-1, 2 * radius + 1, 1) * weights).sum(-1)
 
 
 @fused
