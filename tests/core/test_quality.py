@@ -53,6 +53,16 @@ def test_on_simulated_photons_and_errors_are_as_large_as_is_said(sbr, ppp):
     assert 0.60 <= found.within_1_std <= 0.76 and 0.87 <= found.within_2_std <= 0.98, found     # false ones count too
 
 
+def test_a_wall_that_rises_by_four_standard_deviations_of_the_irf_a_pixel_is_found():
+    """Where a flat window shows less than a third of the photons around a pixel."""
+    sensor = SensorModel(32, 32, 1000, 1e-11, np.exp(-np.arange(-16, 17)**2 / 32))
+    row, col = np.mgrid[:32, :32]
+    depth = 330.0 + 16.4 * col - 3.7 * row
+    frame, _ = Simulator(StaticScene(sensor.range_m(depth)), sensor, sbr=0.1, ppp=30, seed=7).frame(0)
+    found = evaluate(reconstruct(frame, sensor), depth[None], 12, sensor.num_bins)
+    assert found.true_detections >= 0.97 and found.false_detections <= 0.03, found
+
+
 def test_two_surfaces_are_kept_where_there_are_two_and_edges_show_no_double_points(shared_data):
     photons = read(shared_data / "photons" / "art_real_unif_ppp5_sbr10.npz")
     one, two = (reconstruct(photons.frame, photons.sensor, surfaces=surfaces) for surfaces in (1, 2))
