@@ -80,8 +80,7 @@ class PointCloud:
         row, col = np.divmod(pixel, cols)
         depth, intensity = (each.take((row * layers + layer) * cols + col).astype(np.float32)
                             for each in (depth, intensity))
-        depth = np.mod(depth, np.float32(sensor.num_bins))
-        depth[depth >= sensor.num_bins] = 0             # where rounding made it T
+        depth = sensor.wrapped(depth)
         return cls(row.astype(np.uint16), col.astype(np.uint16), depth, intensity, np.full_like(depth, np.nan),
                    sensor.xyz(row, col, depth), rank.astype(np.uint8), background.astype(np.float32), stamp_ns)
 

@@ -76,8 +76,7 @@ class PileUp:
         shift = pulse + background * (step - pulse)
         error = error * np.interp(signal, FLUXES, np.abs(np.gradient(self._shifts, FLUXES)))
         error = np.where(saturated(sketch, sensor)[at], np.hypot(error, shift), error)
-        depth = np.mod(cloud.depth_bins - shift, sensor.num_bins).astype(np.float32)
-        depth[depth >= sensor.num_bins] = 0             # where rounding made it T
+        depth = sensor.wrapped(cloud.depth_bins - shift)
         return replace(cloud, depth_bins=depth, xyz=sensor.xyz(cloud.row, cloud.col, depth),
                        intensity=(sketch.cycles * signal / sensor.exposure[at]).astype(np.float32),
                        depth_std_bins=np.hypot(cloud.depth_std_bins, error).astype(np.float32),

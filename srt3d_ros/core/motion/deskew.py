@@ -19,7 +19,7 @@ from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.motion.trajectory import Trajectory
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import irf_spectrum
-from srt3d_ros.core.sketching.sketch import MAX_PHOTONS, Sketch, added_before, check_frequencies
+from srt3d_ros.core.sketching.sketch import MAX_PHOTONS, Sketch, added_cycles, check_frequencies
 
 TINY = 1e-9             # photons that are divided by at least
 FAR_M = 100.0           # range without frequency 1: its parallax in a frame is less than a pixel
@@ -81,7 +81,7 @@ class Deskewer:
         whole = np.minimum(np.floor(photons.astype(np.float64) + self._rounding), MAX_PHOTONS)
         sums *= self._phases(ranges) * (whole / np.maximum(photons, TINY)).astype(np.float32)[..., None]
         return Sketch(self.frequencies, sums, whole.astype(np.uint32), to_ns, self.sensor,
-                      sum(sketch.cycles for _, sketch in parts), added_before(sketch for _, sketch in parts))
+                      *added_cycles([sketch for _, sketch in parts]))
 
     def ranges_m(self, parts: Parts) -> np.ndarray:
         """The range along each pixel's ray by the photons of it and its neighbours; float32 [rows, cols], metres."""

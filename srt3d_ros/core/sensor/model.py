@@ -182,6 +182,12 @@ class SensorModel:
         """Depths in bins, not wrapped, of ranges along the ray, metres: the inverse of `range_m`."""
         return (range_m - self.range_offset_m) / self.bin_width_m - self.toa_offset_bins
 
+    def wrapped(self, depth_bins: np.ndarray) -> np.ndarray:
+        """Depths within a period: float32 in [0, T), also where rounding made it T."""
+        depth = np.mod(depth_bins, self.num_bins).astype(np.float32)
+        depth[depth >= self.num_bins] = 0
+        return depth
+
     def xyz(self, row: np.ndarray, col: np.ndarray, depth_bins: np.ndarray) -> np.ndarray:
         """Points in the sensor's frame, metres, float32 [N, 3]."""
         pixel = np.ravel_multi_index((row, col), (self.rows, self.cols))

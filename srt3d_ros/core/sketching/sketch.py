@@ -1,6 +1,6 @@
 """Sketch: what is kept of a frame's photons, and how sketches add."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -78,16 +78,16 @@ class Sketch:
         sums, photons = self.sums + other.sums, self.photons.astype(np.uint64) + other.photons
         if photons.max(initial=0) > MAX_PHOTONS:
             sums = sums * (MAX_PHOTONS / np.maximum(photons, MAX_PHOTONS))[..., None].astype(np.float32)
+        cycles, before = added_cycles((self, other))
         return replace(self, sums=sums, photons=np.minimum(photons, MAX_PHOTONS).astype(np.uint32),
-                       stamp_ns=min(self.stamp_ns, other.stamp_ns),
-                       cycles=self.cycles + other.cycles if self.cycles and other.cycles else 0,
-                       before=added_before((self, other)))
+                       stamp_ns=min(self.stamp_ns, other.stamp_ns), cycles=cycles, before=before)
 
 
-def added_before(sketches: Iterable[Sketch]) -> np.ndarray | None:
-    """`before` of a sum of sketches."""
+def added_cycles(sketches: Sequence[Sketch]) -> tuple[int, np.ndarray | None]:
+    """`cycles` and `before` of a sum of sketches; the cycles are known if all of theirs are."""
+    cycles = [sketch.cycles for sketch in sketches]
     counted = [sketch.before for sketch in sketches if sketch.before is not None]
-    return sum(counted[1:], counted[0]) if counted else None
+    return sum(cycles) if all(cycles) else 0, sum(counted[1:], counted[0]) if counted else None
 
 
 def noise_sketch(sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:

@@ -92,8 +92,7 @@ class Simulator:
                 f"{range_m.shape} and {reflectivity.shape}", f"[S, {sensor.rows}, {sensor.cols}], the sensor's pixels")
         seen = np.isfinite(range_m)
         along_m = np.where(seen, range_m, np.nan).astype(np.float64)
-        depth = np.mod(sensor.depth_bins(along_m), sensor.num_bins).astype(np.float32)
-        depth[depth >= sensor.num_bins] = 0                     # where rounding made it T
+        depth = sensor.wrapped(sensor.depth_bins(along_m))
         require(bool((reflectivity[seen] >= 0).all()), "reflectivity", "negative or NaN in places", "0 or more")
         return depth, np.where(seen, reflectivity, 0)
 
