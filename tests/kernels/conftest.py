@@ -27,7 +27,7 @@ def spreading(monkeypatch):
     """Sets by how many pixels surfaces may grow."""
     def spread(pixels: int) -> None:
         for name in ("cpu", "torch"):
-            monkeypatch.setattr(import_module(f"srt3d_ros.kernels.{name}.birth_death"), "SPREAD", pixels)
+            monkeypatch.setattr(import_module(f"srt3d_ros.kernels.{name}.method.birth_death"), "SPREAD", pixels)
     return spread
 
 

@@ -6,9 +6,9 @@ import pytest
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import LIKENESS, VOTE
 from srt3d_ros.kernels.cpu.arithmetic import log
-from srt3d_ros.kernels.cpu.frame import as_compiled
-from srt3d_ros.kernels.cpu.likelihood import llr as kernel
-from srt3d_ros.kernels.cpu.likelihood import score_of
+from srt3d_ros.kernels.cpu.method.frame import as_compiled
+from srt3d_ros.kernels.cpu.method.likelihood import llr as kernel
+from srt3d_ros.kernels.cpu.method.likelihood import score_of
 
 from .frames import FAINT, ORACLE, T, make_frame, make_state, make_terms, padded
 

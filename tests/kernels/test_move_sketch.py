@@ -6,7 +6,7 @@ import pytest
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.distortion import PlumbBob
 from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
-from srt3d_ros.kernels.cpu.move_sketch import LOOKS
+from srt3d_ros.kernels.cpu.sketching.move_sketch import LOOKS
 from srt3d_ros.kernels.lens import distorted
 
 from .frames import CPU

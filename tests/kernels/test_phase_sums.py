@@ -9,7 +9,7 @@ from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photons import PhotonHistograms
 from srt3d_ros.core.sketching.sketcher import Sketcher, phase_table
 from srt3d_ros.kernels import cpu
-from srt3d_ros.kernels.cpu import phase_sums, rows
+from srt3d_ros.kernels.cpu.sketching import phase_sums, rows
 
 PIXELS, T = 40, 50
 EACH = 2e-7         # how far a sum may be off for each photon: rows are rounded to 2⁻²⁴, and sums to float32

@@ -1,8 +1,8 @@
 """Photons → sketch: the sums Σ_p exp(i ω_l x_p) of every pixel (SRT3D, ICASSP 2022, eq. 3), also of a sliding window.
 
 exp(i ω_l x) takes only T values for integer ToA, so a T × 2m table replaces every sine and cosine, and sketching is
-one table row added per photon. The sums are integers (kernels/cpu/rows.py): what a sketch is depends on its photons
-only, bit for bit, not on their order, their packets or the number of threads.
+one table row added per photon. The sums are integers (kernels/cpu/sketching/rows.py): what a sketch is depends on its
+photons only, bit for bit, not on their order, their packets or the number of threads.
 """
 
 from collections import deque

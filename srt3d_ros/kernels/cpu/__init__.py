@@ -5,24 +5,30 @@ depend on its photons, and results do not depend on the number of threads: no su
 (`arithmetic.total_of`).
 """
 
-from srt3d_ros.kernels.cpu.apss import apss
-from srt3d_ros.kernels.cpu.birth_death import birth_death
-from srt3d_ros.kernels.cpu.blur import blur
-from srt3d_ros.kernels.cpu.collect import collect
+from srt3d_ros.kernels.cpu.baselines.apss import apss
+from srt3d_ros.kernels.cpu.baselines.gradients import median_depth, pixelwise, poisson, usual_intensity
 from srt3d_ros.kernels.cpu.compiling import KERNELS, compile_by_name
 from srt3d_ros.kernels.cpu.device import ON_HOST, array, fused, numpy, recorded, unpack
-from srt3d_ros.kernels.cpu.expand import expand
-from srt3d_ros.kernels.cpu.gradients import median_depth, pixelwise, poisson, usual_intensity
-from srt3d_ros.kernels.cpu.likelihood import log_likelihood_ratio, noise_ratio
-from srt3d_ros.kernels.cpu.match import match
-from srt3d_ros.kernels.cpu.move_sketch import move_sketch
-from srt3d_ros.kernels.cpu.phase_sums import new_sums, read_sums, sketch_events, sketch_gates, sketch_histograms
-from srt3d_ros.kernels.cpu.pooled_step import pooled_step
-from srt3d_ros.kernels.cpu.prepare import prepare, residual
-from srt3d_ros.kernels.cpu.rows import UNIT, fixed_rows
-from srt3d_ros.kernels.cpu.search import no_surfaces, search
-from srt3d_ros.kernels.cpu.trim import trim
-from srt3d_ros.kernels.cpu.unexplained import unexplained
+from srt3d_ros.kernels.cpu.method.birth_death import birth_death
+from srt3d_ros.kernels.cpu.method.blur import blur
+from srt3d_ros.kernels.cpu.method.collect import collect
+from srt3d_ros.kernels.cpu.method.expand import expand
+from srt3d_ros.kernels.cpu.method.likelihood import log_likelihood_ratio, noise_ratio
+from srt3d_ros.kernels.cpu.method.match import match
+from srt3d_ros.kernels.cpu.method.pooled_step import pooled_step
+from srt3d_ros.kernels.cpu.method.prepare import prepare, residual
+from srt3d_ros.kernels.cpu.method.search import no_surfaces, search
+from srt3d_ros.kernels.cpu.method.trim import trim
+from srt3d_ros.kernels.cpu.method.unexplained import unexplained
+from srt3d_ros.kernels.cpu.sketching.move_sketch import move_sketch
+from srt3d_ros.kernels.cpu.sketching.phase_sums import (
+    new_sums,
+    read_sums,
+    sketch_events,
+    sketch_gates,
+    sketch_histograms,
+)
+from srt3d_ros.kernels.cpu.sketching.rows import UNIT, fixed_rows
 
 # Modules whose kernels a frame of the default method does not run.
 OTHER_METHODS, BEFORE_IT = ("apss", "gradients", "match"), ("phase_sums", "move_sketch")

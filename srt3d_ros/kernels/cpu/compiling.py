@@ -32,7 +32,7 @@ def _folder() -> tuple[Path | None, tuple[str, str]]:
     so nobody else may write to it.
     """
     own, digest = Path(__file__).parent, hashlib.sha256(__version__.encode())
-    for file in (*sorted(own.parent.glob("*.py")), *sorted(own.glob("*.py"))):
+    for file in (*sorted(own.parent.glob("*.py")), *sorted(own.rglob("*.py"))):
         digest.update(file.read_bytes())
     try:
         caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")

@@ -4,8 +4,7 @@
 oracle: `cpu` differs by its own rounding only. In single precision they are what a GPU runs: each `fused` function is
 compiled, and no step of a frame looks at a value, so that one graph holds them all.
 
-What photons and sketches of photons go through before a reconstruction runs on the CPU alone: `cpu.phase_sums` and
-`cpu.move_sketch`.
+What photons and sketches of photons go through before a reconstruction runs on the CPU alone: `cpu.sketching`.
 
 Notation:
     T            bins of a period (`num_bins`); depths are bins on a circle of T
@@ -36,16 +35,16 @@ whether they are.
 
 import torch
 
-from srt3d_ros.kernels.torch.apss import apss
 from srt3d_ros.kernels.torch.arithmetic import noise_ratio
-from srt3d_ros.kernels.torch.birth_death import birth_death
-from srt3d_ros.kernels.torch.collect import collect, unexplained
+from srt3d_ros.kernels.torch.baselines.apss import apss
+from srt3d_ros.kernels.torch.baselines.gradients import median_depth, pixelwise, usual_intensity
 from srt3d_ros.kernels.torch.device import Kernels
-from srt3d_ros.kernels.torch.gradients import median_depth, pixelwise, usual_intensity
-from srt3d_ros.kernels.torch.likelihood import expand, log_likelihood_ratio, trim
-from srt3d_ros.kernels.torch.pooled_step import pooled_step
-from srt3d_ros.kernels.torch.search import match, no_surfaces, prepare, residual, search
-from srt3d_ros.kernels.torch.windows import blur
+from srt3d_ros.kernels.torch.method.birth_death import birth_death
+from srt3d_ros.kernels.torch.method.collect import collect, unexplained
+from srt3d_ros.kernels.torch.method.likelihood import expand, log_likelihood_ratio, trim
+from srt3d_ros.kernels.torch.method.pooled_step import pooled_step
+from srt3d_ros.kernels.torch.method.search import match, no_surfaces, prepare, residual, search
+from srt3d_ros.kernels.torch.method.windows import blur
 
 FUNCTIONS = {function.__name__: function for function in (
     apss, birth_death, blur, collect, expand, log_likelihood_ratio, match, median_depth, no_surfaces, noise_ratio,

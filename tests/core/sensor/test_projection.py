@@ -6,7 +6,7 @@ import pytest
 from srt3d_ros.core.sensor.distortion import PlumbBob
 from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.kernels.cpu.move_sketch import NOWHERE, _place
+from srt3d_ros.kernels.cpu.sketching.move_sketch import NOWHERE, _place
 
 
 def test_pinhole_looks_along_z_from_its_principal_point_x_to_the_right_y_down():

@@ -7,9 +7,9 @@ from srt3d_ros.kernels.constants import RIM, SPREAD, VOTE_RADIUS
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO
 from srt3d_ros.kernels.cpu.compiling import parallel
 from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.cpu.field import is_surface
-from srt3d_ros.kernels.cpu.frame import FRAME, as_compiled
-from srt3d_ros.kernels.cpu.likelihood import llr, noise_at, score_of
+from srt3d_ros.kernels.cpu.method.field import is_surface
+from srt3d_ros.kernels.cpu.method.frame import FRAME, as_compiled
+from srt3d_ros.kernels.cpu.method.likelihood import llr, noise_at, score_of
 from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, MARGIN, STD, VALUE
 
 

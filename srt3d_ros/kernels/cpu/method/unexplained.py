@@ -5,7 +5,7 @@ from numba import float32, prange
 
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, ONE, TINY, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import parallel
-from srt3d_ros.kernels.cpu.frame import FRAME, as_compiled
+from srt3d_ros.kernels.cpu.method.frame import FRAME, as_compiled
 from srt3d_ros.kernels.maps import DEPTH, MARGIN
 
 

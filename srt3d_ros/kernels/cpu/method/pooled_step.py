@@ -9,13 +9,13 @@ import numpy as np
 from numba import float32, int64, prange, types
 
 from srt3d_ros.kernels.constants import CELL, RIDGE
-from srt3d_ros.kernels.cpu import field
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TINY, ZERO, B, U, aligned
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.cpu.field import agreement, rise, wrap
-from srt3d_ros.kernels.cpu.frame import FRAME, as_compiled
-from srt3d_ros.kernels.cpu.likelihood import evidence
+from srt3d_ros.kernels.cpu.method import field
+from srt3d_ros.kernels.cpu.method.field import agreement, rise, wrap
+from srt3d_ros.kernels.cpu.method.frame import FRAME, as_compiled
+from srt3d_ros.kernels.cpu.method.likelihood import evidence
 from srt3d_ros.kernels.maps import BLOCK, FIELDS, MARGIN, TERMS
 
 # Offsets into the scratch array: points; neighbour; sums for the pool, the first six as in the terms; for the plane;

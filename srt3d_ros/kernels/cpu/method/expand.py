@@ -3,10 +3,10 @@
 import numpy as np
 from numba import float32, prange
 
-from srt3d_ros.kernels.cpu import field
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import parallel
 from srt3d_ros.kernels.cpu.device import borrow
+from srt3d_ros.kernels.cpu.method import field
 from srt3d_ros.kernels.maps import MARGIN, TERMS
 
 TURN = F32(2 * np.pi)

@@ -6,7 +6,7 @@ from numba import float32, int64, prange
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, parallel
-from srt3d_ros.kernels.cpu.frame import FRAME, as_compiled
+from srt3d_ros.kernels.cpu.method.frame import FRAME, as_compiled
 
 RATE = F32(constants.INTENSITY_RATE)
 

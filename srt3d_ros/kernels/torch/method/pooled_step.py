@@ -9,8 +9,8 @@ from srt3d_ros.kernels.constants import CELL, RIDGE, TINY
 from srt3d_ros.kernels.maps import CURVATURE, DEPTH, INTENSITY, SLOPE_COL, SLOPE_ROW, STD
 from srt3d_ros.kernels.torch.arithmetic import agreement, pad, wrap
 from srt3d_ros.kernels.torch.fusing import fused
-from srt3d_ros.kernels.torch.likelihood import evidence
-from srt3d_ros.kernels.torch.windows import images, inner, neighbours, offsets
+from srt3d_ros.kernels.torch.method.likelihood import evidence
+from srt3d_ros.kernels.torch.method.windows import images, inner, neighbours, offsets
 
 
 def pooled_step(frame, state, terms, sigma, radius, fine, max_chi2):

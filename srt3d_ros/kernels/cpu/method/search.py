@@ -8,12 +8,12 @@ from numba import boolean, float32, int64, prange, types
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import SEEN_SCORE, SLANT, SLANTED_SCORE, STEEPER, SURE_SCORE, VOTE
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, aligned
-from srt3d_ros.kernels.cpu.blur import pool
 from srt3d_ros.kernels.cpu.compiling import line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.cpu.frame import FRAME, as_compiled
-from srt3d_ros.kernels.cpu.likelihood import evidence, noise_at
-from srt3d_ros.kernels.cpu.match import peaks, peaks_scratch, response_at, steering
+from srt3d_ros.kernels.cpu.method.blur import pool
+from srt3d_ros.kernels.cpu.method.frame import FRAME, as_compiled
+from srt3d_ros.kernels.cpu.method.likelihood import evidence, noise_at
+from srt3d_ros.kernels.cpu.method.match import peaks, peaks_scratch, response_at, steering
 from srt3d_ros.kernels.maps import BLOCK, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD
 
 STEERING = types.Tuple((float32[:, ::1], float32[:, ::1], boolean[::1], int64))

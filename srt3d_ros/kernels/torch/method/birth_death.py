@@ -13,8 +13,8 @@ from srt3d_ros.kernels.constants import SPREAD, TINY, VOTE, VOTE_RADIUS
 from srt3d_ros.kernels.maps import DEPTH, FIELDS, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD
 from srt3d_ros.kernels.torch.arithmetic import agreement, has_depth, pad, waves, wrap
 from srt3d_ros.kernels.torch.fusing import fused
-from srt3d_ros.kernels.torch.likelihood import llr, log_likelihood_ratio
-from srt3d_ros.kernels.torch.windows import box, images, inner, neighbours, offsets
+from srt3d_ros.kernels.torch.method.likelihood import llr, log_likelihood_ratio
+from srt3d_ros.kernels.torch.method.windows import box, images, inner, neighbours, offsets
 
 SIDE = 2 * VOTE_RADIUS + 1
 

@@ -8,7 +8,7 @@ from srt3d_ros.kernels.constants import EPSILON, LIKENESS, RIM, SPREAD, VOTE, VO
 from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, VALUE
 from srt3d_ros.kernels.torch.arithmetic import has_depth, noise_ratio, waves
 from srt3d_ros.kernels.torch.fusing import fused
-from srt3d_ros.kernels.torch.windows import box, images, inner
+from srt3d_ros.kernels.torch.method.windows import box, images, inner
 
 
 @fused

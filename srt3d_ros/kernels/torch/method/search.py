@@ -9,8 +9,8 @@ from srt3d_ros.kernels.constants import EPSILON, SEEN_SCORE, SLANT, SLANTED_SCOR
 from srt3d_ros.kernels.maps import INTENSITY, RESIDUAL, SCORE, crop, state_shape
 from srt3d_ros.kernels.torch.arithmetic import noise_ratio, pad, product, waves
 from srt3d_ros.kernels.torch.fusing import fused
-from srt3d_ros.kernels.torch.likelihood import evidence
-from srt3d_ros.kernels.torch.windows import across_sums, cell_sums, down_sums, gaussian, window_sums
+from srt3d_ros.kernels.torch.method.likelihood import evidence
+from srt3d_ros.kernels.torch.method.windows import across_sums, cell_sums, down_sums, gaussian, window_sums
 
 
 @fused

@@ -6,7 +6,7 @@ from numba import boolean, float32, prange
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, TWO, ZERO
 from srt3d_ros.kernels.cpu.compiling import inline, parallel
-from srt3d_ros.kernels.cpu.field import wrap
+from srt3d_ros.kernels.cpu.method.field import wrap
 
 REACH, SAME_SURFACE, STILL, SHARED, RIDGE = (F32(value) for value in (
     constants.APSS_REACH, constants.APSS_SAME_SURFACE, constants.APSS_STILL, constants.APSS_SHARED,

@@ -7,7 +7,7 @@ from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, ZERO, log
 from srt3d_ros.kernels.cpu.compiling import inline, parallel
 from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.cpu.frame import FRAME, as_compiled
+from srt3d_ros.kernels.cpu.method.frame import FRAME, as_compiled
 from srt3d_ros.kernels.maps import INTENSITY, VALUE
 
 VOTE, LIKENESS = F32(constants.VOTE), F32(constants.LIKENESS)

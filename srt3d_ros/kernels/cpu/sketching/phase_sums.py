@@ -12,7 +12,7 @@ from numba import float32, get_num_threads, int32, int64, prange, uint16, uint32
 from srt3d_ros.kernels.constants import MAX_PHOTONS
 from srt3d_ros.kernels.cpu.arithmetic import F32
 from srt3d_ros.kernels.cpu.compiling import parallel, read_only
-from srt3d_ros.kernels.cpu.rows import LANES, UNIT, add_run
+from srt3d_ros.kernels.cpu.sketching.rows import LANES, UNIT, add_run
 
 PART = 2**14        # photons that are worth a thread
 BLOCK = 2**21       # unsorted photons that are sorted together

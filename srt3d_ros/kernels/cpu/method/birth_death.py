@@ -9,14 +9,14 @@ from numba import boolean, float32, int32, int64, prange
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.constants import NEAR_SIGMA, SPREAD, VOTE_RADIUS
-from srt3d_ros.kernels.cpu import field
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO, U, aligned, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel, serial
 from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.cpu.field import agreement, is_surface, rise, wrap
-from srt3d_ros.kernels.cpu.frame import FRAME, as_compiled
-from srt3d_ros.kernels.cpu.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio, score_of
-from srt3d_ros.kernels.cpu.undecided import list_undecided
+from srt3d_ros.kernels.cpu.method import field
+from srt3d_ros.kernels.cpu.method.field import agreement, is_surface, rise, wrap
+from srt3d_ros.kernels.cpu.method.frame import FRAME, as_compiled
+from srt3d_ros.kernels.cpu.method.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio, score_of
+from srt3d_ros.kernels.cpu.method.undecided import list_undecided
 from srt3d_ros.kernels.maps import FIELDS, INTENSITY
 
 VOTE, MAX_VOTE, EMPTY_VOTE = (F32(votes * constants.VOTE) for votes in (1, constants.MAX_VOTES, constants.EMPTY_VOTES))

@@ -3,11 +3,11 @@
 import numpy as np
 from numba import boolean, float32, int32, prange
 
-from srt3d_ros.kernels.cpu import field
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, B, U, aligned, any_of
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel, serial
-from srt3d_ros.kernels.cpu.field import is_surface, rise, wrap
-from srt3d_ros.kernels.cpu.frame import FRAME
+from srt3d_ros.kernels.cpu.method import field
+from srt3d_ros.kernels.cpu.method.field import is_surface, rise, wrap
+from srt3d_ros.kernels.cpu.method.frame import FRAME
 from srt3d_ros.kernels.maps import FIELDS, MARGIN
 
 # Offsets in the scratch, for numbers of B pixels.

@@ -1,0 +1,1 @@
+"""The steps of a frame of the default method: numba."""

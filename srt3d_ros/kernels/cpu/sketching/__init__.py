@@ -1,0 +1,1 @@
+"""Photons into sketches, and sketches that move with the sensor: numba."""
