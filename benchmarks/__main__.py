@@ -13,7 +13,7 @@ from datetime import date
 from importlib import import_module
 from pathlib import Path
 
-from srt3d_ros.versions import versions
+from srt3d_ros.nodes.versions import versions
 
 PURPOSES = {
     "ablation": "quality and time with each constant of the method halved, doubled and off",

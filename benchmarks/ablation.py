@@ -32,9 +32,9 @@ from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.motion.moving_sketcher import MovingSketcher
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.sketch import Sketch
-from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.datasets.simulation.scene import StaticScene, default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.evaluation.scenes import NetScene, net_sensor

@@ -13,9 +13,9 @@ from tqdm import tqdm
 from benchmarks.figure1 import PHOTONS, PPPS, SKETCH_SIZE, STYLES, write_table
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.evaluation.cases import simulated
-from srt3d_ros.evaluation.results import averaged
 from srt3d_ros.evaluation.run import jobs_for
 from srt3d_ros.evaluation.run import run as run_jobs
+from srt3d_ros.evaluation.scores import averaged
 from srt3d_ros.pictures.curves import Metric, format_axes
 from srt3d_ros.pictures.figures import save_png
 

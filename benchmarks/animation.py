@@ -12,7 +12,7 @@ from PIL import Image
 
 from benchmarks.motion import FRAME_S, TOLERANCE_BINS, Views, methods, moving_frame
 from benchmarks.relief import trajectory
-from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.metrics import Metrics, evaluate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import choose

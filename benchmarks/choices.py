@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.core import metrics
-from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.datasets import Photons, read
 from srt3d_ros.datasets.simulation.simulator import Simulator

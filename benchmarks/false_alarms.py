@@ -15,9 +15,9 @@ from tqdm import tqdm
 
 from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.core.sketching.photons import PhotonEvents
-from srt3d_ros.core.sketching.sketcher import sketch_photons
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import irf
 
 SIDE, SKETCH_SIZE = 141, 10

@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 
 from benchmarks.frames import PPPS, SIDE, SKETCH_SIZE, photons_of, sensor_of, timed
 from srt3d_ros.core.methods import METHODS
+from srt3d_ros.core.sketching.frame_sketcher import Sketcher
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.core.sketching.sketcher import Sketcher
-from srt3d_ros.evaluation.results import aligned
+from srt3d_ros.evaluation.scores import aligned
 from srt3d_ros.pictures.curves import METHOD_COLOURS, Metric, format_axes
 from srt3d_ros.pictures.figures import save_png
 

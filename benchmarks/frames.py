@@ -10,7 +10,7 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
 

@@ -22,8 +22,8 @@ from benchmarks.fake_gpu import Cost, cost, pretend
 from benchmarks.frames import sensor_of
 from benchmarks.table1 import PAPER_MS
 from srt3d_ros.core.baselines import sketched
+from srt3d_ros.core.matched_frame import MatchedFrame
 from srt3d_ros.core.method import memory
-from srt3d_ros.core.method.matched_frame import MatchedFrame
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.kernels.torch import FUNCTIONS

@@ -19,16 +19,16 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.relief import hand, read_relief, trajectory
-from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.motion.moving_sketcher import MovingFrame, MovingSketcher
 from srt3d_ros.core.motion.trajectory import Trajectory
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frame_sketcher import Sketcher, sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.sketching.sketch import Sketch
-from srt3d_ros.core.sketching.sketcher import Sketcher, sketch_photons
 from srt3d_ros.datasets.simulation.motion_profiles import Path, walk
 from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.simulation.room import Room

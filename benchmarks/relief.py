@@ -6,10 +6,10 @@ import numpy as np
 
 from srt3d_ros.core.motion.trajectory import Pose, Trajectory
 from srt3d_ros.core.sensor.projection import Pinhole
-from srt3d_ros.datasets.files import read_npz_arrays
 from srt3d_ros.datasets.simulation.motion_profiles import OPTICAL, SPEED_M_S, TURN_RAD_S, Path, measured
 from srt3d_ros.datasets.simulation.room import Hits
 from srt3d_ros.errors import require
+from srt3d_ros.files.array_files import read_npz_arrays
 
 SHAKE_RAD_S = 2 * np.pi                 # of a hand: once a second
 MARCH_STEPS, BISECTIONS = 96, 12

@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.frames import PPP, photons_of, sensor_of
-from benchmarks.machines import WAIT_S, Watch, watch_command
-from srt3d_ros.cli.node import node_command
 from srt3d_ros.datasets import photon_file
-from srt3d_ros.private_network import join_private_network
-from tests.processes import Process, wait
+from srt3d_ros.processes.node_arguments import node_command
+from srt3d_ros.processes.private_network import join_private_network
+from tools.machines import WAIT_S, Watch, watch_command
+from tools.processes import Process, wait
 
 LAST_CLOUD_S = 2.0      # after the player's end: no more will come
 

@@ -6,8 +6,8 @@ from functools import partial
 
 from benchmarks.frames import PPP, photons_of, sensor_of, timed
 from srt3d_ros.core.methods import METHODS
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.core.sketching.sketcher import sketch_photons
 
 PAPER_MS = {(141, 10): 7, (705, 10): 88, (282, 10): 18, (423, 10): 35, (564, 10): 60,       # RTX 3070 laptop
             (141, 5): 6, (705, 5): 68, (282, 5): 12, (423, 5): 28, (564, 5): 55}

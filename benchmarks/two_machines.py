@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.frames import photons_of, sensor_of
-from benchmarks.machines import NETWORK_PROFILE, ROBOT, SENSOR, Arrival, Link, Machines, why_not
 from srt3d_ros.datasets.photon_file import save
+from tools.machines import NETWORK_PROFILE, ROBOT, SENSOR, Arrival, Link, Machines, why_not
 
 OWN, PROFILES = "Fast DDS's own", ("Fast DDS's own", "default", "network")      # of the sketcher; docs/deployment.md
 OWN_PROFILE = """<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"><profiles>

@@ -13,8 +13,7 @@ from std_msgs.msg import String
 from tmf8829_messages import decode
 
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import histograms as histograms_message
-from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.messages import histograms_message, sensor_message
 
 try:
     import zmq

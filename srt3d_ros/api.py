@@ -9,7 +9,7 @@ from srt3d_ros.core.methods import DEFAULT_METHOD
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching import sketch as core_sketch
 from srt3d_ros.core.sketching.gate import OFF
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates, PhotonHistograms
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.datasets.options import SensorOptions, gathered, sketch_with_options
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import InvalidInput, require

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.methods import DEFAULT_METHOD, SKETCH_METHODS, find
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching import sketch as core_sketch
-from srt3d_ros.core.sketching.photons import PhotonFrame
+from srt3d_ros.core.sketching.photon_frame import PhotonFrame
 from srt3d_ros.errors import InvalidInput, quoted, require
 from srt3d_ros.progress import compiling
 
@@ -62,7 +62,7 @@ class Cloud(PointCloud):
         Raises:
             InvalidInput: another suffix, a path that cannot be written, or an .npz file there that is no cloud.
         """
-        from srt3d_ros.recording import cloud_files
+        from srt3d_ros.datasets import cloud_files
 
         cloud_files.save(self, path, frequencies=tuple(self.facts.get("frequencies", ())), sensor=self.sensor)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from srt3d_ros.private_network import claim_domain
+from srt3d_ros.processes.private_network import claim_domain
 
 # Before anything imports rclpy; the nodes that tests start inherit it. Each worker of pytest-xdist has its own.
 os.environ["ROS_DOMAIN_ID"] = str(claim_domain())
@@ -23,8 +23,9 @@ MAX_WORKERS = 4
 # They begin first: begun last, one would keep a single worker busy at the end. Those that wait alternate with those
 # that compute.
 LONG = ("tests/test_demo.py", "tests/docs/test_commands.py", "tests/nodes/test_sketcher_counts.py",
-        "tests/kernels/test_reconstruction.py", "tests/cli/test_supervisor.py", "tests/robustness/test_pipeline.py",
-        "tests/nodes/test_two_machines.py", "tests/kernels/test_compiling.py", "tests/nodes/test_recorder.py")
+        "tests/kernels/test_reconstruction.py", "tests/processes/test_supervisor.py",
+        "tests/robustness/test_pipeline.py", "tests/nodes/test_two_machines.py", "tests/kernels/test_compiling.py",
+        "tests/nodes/test_recorder.py")
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 
@@ -55,7 +56,7 @@ def ros():
     """rclpy, initialised once for all tests of a process."""
     import rclpy
 
-    from srt3d_ros import transport
+    from srt3d_ros.processes import transport
 
     transport.prepare_process()
     rclpy.init()
@@ -86,7 +87,7 @@ def ball():
     """(PointCloud, SensorModel): a ball before a wall seen by 40 × 48 pixels, two surfaces at its rim, a hole."""
     import numpy as np
 
-    from srt3d_ros.core.method.cloud import PointCloud
+    from srt3d_ros.core.cloud import PointCloud
     from srt3d_ros.core.sensor.model import SensorModel
 
     sensor = SensorModel(40, 48, 600, 20e-12, np.hanning(12)[1:], toa_offset_bins=100, frame_id="test_lidar")

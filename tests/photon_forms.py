@@ -3,7 +3,7 @@
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates, PhotonHistograms
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
 
 
 def as_gates(events: PhotonEvents, sensor: SensorModel) -> PhotonGates:

@@ -10,14 +10,14 @@ import pytest
 
 import srt3d_ros
 from srt3d_ros import api
-from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sensor.model import GateWords
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.design import design_for
-from srt3d_ros.core.sketching.photons import PhotonHistograms
-from srt3d_ros.core.sketching.sketcher import sketch_photons
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
+from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.readers import cubes
 from srt3d_ros.datasets.simulation.scene import StaticScene

@@ -13,7 +13,7 @@ import pytest
 from srt3d_ros.cli import main
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.datasets.simulation.simulator import Simulator
-from tests.processes import DEADLINE_S, nodes_of, wait
+from tools.processes import DEADLINE_S, nodes_of, wait
 
 NODES = {"player", "sketcher", "reconstructor", "recorder"}
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import srt3d_ros
-from srt3d_ros.node_names import NODES
+from srt3d_ros.processes.node_names import NODES
 
 NOT_SOURCE = shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "build", "install", "log", "dist", "demo-out")
 
@@ -161,9 +161,9 @@ def test_every_method_runs_on_the_cpu_without_torch(repository):
     photons_to_clouds = WITHOUT_TORCH + """
 import numpy as np, srt3d_ros
 from srt3d_ros.core.methods import METHODS
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.versions import versions
+from srt3d_ros.nodes.versions import versions
 sensor = SensorModel(2, 3, 100, 1e-10, [1, 2, 1])
 frame = PhotonEvents(np.repeat(np.arange(6, dtype=np.uint32), 40), np.full(240, 50, np.uint16))
 for name in METHODS:

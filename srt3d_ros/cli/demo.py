@@ -12,10 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros import processes
 from srt3d_ros.core.metrics import Metrics, evaluate
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.sketching.stream import SketchStream
 from srt3d_ros.datasets import read
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
@@ -23,8 +22,9 @@ from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.simulation.room import Room
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import require
-from srt3d_ros.node_names import FRAMES_LOST
-from srt3d_ros.private_network import join_private_network
+from srt3d_ros.processes import children
+from srt3d_ros.processes.node_names import FRAMES_LOST
+from srt3d_ros.processes.private_network import join_private_network
 from srt3d_ros.results import Reconstructor
 
 LEAST_HZ, MOST_HZ = 2.0, 5.0            # half of what simulator, nodes and recorder do on two idle cores
@@ -154,18 +154,18 @@ def _play(source: Source, frames: int, rate_hz: float, out: Path) -> tuple[int, 
                *(f"-p{name}:={json.dumps(value)}" for name, value in settings.items())]
     _say("starting the nodes")
     with (out / LOG).open("w") as log:
-        nodes, streaming = processes.start(command, stdout=log, stderr=log), False
+        nodes, streaming = children.start(command, stdout=log, stderr=log), False
         try:
             while nodes.poll() is None:
                 time.sleep(POLL_S)
                 if not streaming and (streaming := FIRST_FRAME in (out / LOG).read_text()):
                     _say(f"streaming the {source.title} at {rate_hz:g} Hz for {frames / rate_hz:.3g} s")
         finally:
-            processes.stop(nodes)
+            children.stop(nodes)
     if nodes.returncode in (0, FRAMES_LOST):
         return nodes.returncode, ""
     said = re.findall("^srt3d.*", (out / LOG).read_text(), re.MULTILINE)
-    return 1, said[-1] if said else processes.ending(nodes)
+    return 1, said[-1] if said else children.ending(nodes)
 
 
 def _report(source: Source, frames: int, rate_hz: float, out: Path) -> None:

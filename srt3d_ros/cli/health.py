@@ -6,8 +6,8 @@ import sys
 import time
 from collections.abc import Mapping
 
-from srt3d_ros import transport
-from srt3d_ros.node_names import NODES
+from srt3d_ros.processes import transport
+from srt3d_ros.processes.node_names import NODES
 
 HEAR_S = 10.0           # for the first reports
 ROUND_S = 2.5           # for all nodes, which report once a second

@@ -30,8 +30,8 @@ def add_parser(subparsers) -> None:
 def run(args: argparse.Namespace) -> int:
     from srt3d_ros.core.sketching.gate import in_ranges
     from srt3d_ros.datasets import read
-    from srt3d_ros.description import describe
-    from srt3d_ros.new_files import check_place
+    from srt3d_ros.datasets.description import describe
+    from srt3d_ros.files.new_files import check_place
 
     if args.output is not None:
         require(args.output.suffix.lower() == ".png", "output", args.output.name, "a name that ends in .png")

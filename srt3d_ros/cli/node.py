@@ -5,14 +5,12 @@ The executables in lib/srt3d_ros, which `ros2 run` starts, call `srt3d node`.
 
 import argparse
 import importlib
-import json
 import os
-import re
 import signal
 import sys
 
-from srt3d_ros.errors import require
-from srt3d_ros.node_names import NODES, PLAYER
+from srt3d_ros.processes.node_arguments import namespace_arguments, parameter_arguments
+from srt3d_ros.processes.node_names import NODES, PLAYER
 
 NO_PARAMETERS = ("run", "namespace", "ros_args")       # all other options are the node's parameters
 
@@ -56,18 +54,6 @@ def start(name: str, ros_args: list[str]) -> int:
     return importlib.import_module(f"srt3d_ros.nodes.{name}").main()
 
 
-def parameter_arguments(parameters: dict[str, object]) -> list[str]:
-    """Parameters as command-line arguments of a node. Values are YAML there, of which JSON is a part."""
-    arguments = ["--ros-args"]
-    for name, value in parameters.items():
-        arguments += ["-p", f"{name}:={json.dumps(value, ensure_ascii=False, default=str)}"]
-    return arguments
-
-
-def node_command(name: str, *ros_args: str, **parameters) -> list[str]:
-    """The command that runs a node with these parameters, and other arguments of ROS 2."""
-    # -P: in a clone, Python would import its srt3d_ros instead of the one that is installed and compiled.
-    return [sys.executable, "-P", "-m", "srt3d_ros.cli.main", "node", name, *parameter_arguments(parameters), *ros_args]
 
 
 def exit_at_once_on_signals() -> None:
@@ -78,11 +64,3 @@ def exit_at_once_on_signals() -> None:
     """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_DFL)
-
-
-def namespace_arguments(namespace: str) -> list[str]:
-    """A namespace as arguments of ROS 2, after `--ros-args`; InvalidInput if it cannot be one."""
-    plain = namespace.strip("/")
-    require(re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", plain, re.ASCII), "--namespace", namespace,
-            "letters, digits and _, beginning with a letter, with / between")
-    return ["-r", f"__ns:=/{plain}"]

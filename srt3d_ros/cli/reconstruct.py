@@ -3,12 +3,12 @@
 import argparse
 
 from srt3d_ros.cli import common
-from srt3d_ros.core.device import DEVICES
+from srt3d_ros.core.devices import DEVICES
 from srt3d_ros.core.method.background import BACKGROUNDS
-from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.core.sketching.gate import AUTO, OFF
+from srt3d_ros.core.thresholds import DEFAULT_FALSE_ALARM_RATE
 
 METHOD_OPTIONS = ("method", "sketch_size", "frequencies", "surfaces", "device", "false_alarm_rate", "background")
 
@@ -48,8 +48,8 @@ def add_parser(subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from srt3d_ros import api
-    from srt3d_ros.new_files import check_not_input
-    from srt3d_ros.recording import cloud_files
+    from srt3d_ros.datasets import cloud_files
+    from srt3d_ros.files.new_files import check_not_input
 
     check_not_input(args.output, args.input, args.irf)
     cloud_files.check(args.output)

@@ -21,7 +21,7 @@ def add_parser(subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from srt3d_ros.new_files import check_not_input, check_place
+    from srt3d_ros.files.new_files import check_not_input, check_place
     from srt3d_ros.review.recorded import Recorded
     from srt3d_ros.review.summary import format_summary, summarise
 

@@ -10,11 +10,13 @@ import tempfile
 from os.path import isfile
 from pathlib import Path
 
-from srt3d_ros import __version__, shared_files
+from srt3d_ros import __version__
 from srt3d_ros.cli import health, node
-from srt3d_ros.cli.supervisor import supervise
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.node_names import PLAYER
+from srt3d_ros.files import shared_files
+from srt3d_ros.processes.node_arguments import namespace_arguments
+from srt3d_ros.processes.node_names import PLAYER
+from srt3d_ros.processes.supervisor import supervise
 
 # Which parameter of which node an option sets.
 OPTIONS = {"sensor_file": ("sketcher", "sensor_file"), "device": ("reconstructor", "device"),
@@ -140,7 +142,7 @@ def ros_arguments(args: argparse.Namespace, specs: list, own_file: str) -> list[
         require(not plain or topic in topics, "-r", rule, f"TOPIC:=NAME, TOPIC one of {', '.join(sorted(topics))}")
         out += ["-r", rule]
     if args.namespace:
-        out += node.namespace_arguments(args.namespace)
+        out += namespace_arguments(args.namespace)
     if args.log_level:
         out += ["--log-level", args.log_level]
     return out

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.errors import require
 
 NAN = float("nan")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.options import (
     ASSUMED_FOV,

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS
-from srt3d_ros.core.sketching.photons import PhotonEvents
-from srt3d_ros.datasets.files import map_npy, read_errors, read_npz_arrays, require_file
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets.values import array
 from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.files.array_files import map_npy, read_errors, read_npz_arrays, require_file
 
 MAX_TEXT_BYTES = 4 * 2**20      # 64 for each number of the longest response
 TEXT_SUFFIXES = (".csv", ".txt")

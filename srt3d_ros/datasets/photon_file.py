@@ -10,17 +10,17 @@ import numpy as np
 from srt3d_ros.core.sensor.distortion import PlumbBob
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame
 from srt3d_ros.datasets.arrays import from_pixels
-from srt3d_ros.datasets.files import read_errors, read_npz_arrays
 from srt3d_ros.datasets.options import MAPS
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers import cubes
 from srt3d_ros.datasets.values import MAX_PHOTONS
 from srt3d_ros.errors import require
+from srt3d_ros.files.array_files import read_errors, read_npz_arrays
+from srt3d_ros.files.new_files import atomic_write, check_replaceable, file_errors
 from srt3d_ros.messages.cdr import MAX_FRAME_ID
-from srt3d_ros.messages.sensor import PROJECTIONS
-from srt3d_ros.new_files import atomic_write, check_replaceable, file_errors
+from srt3d_ros.messages.sensor_message import PROJECTIONS
 
 NUMBERS = ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m",
            "cycles")

@@ -11,7 +11,7 @@ from srt3d_ros.core.methods import DEFAULT_METHOD, find
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import design_for
 from srt3d_ros.core.sketching.gate import OFF, Gate
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame, PhotonHistograms
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonHistograms
 from srt3d_ros.core.sketching.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets import arrays
 from srt3d_ros.datasets.options import SensorOptions, gathered, outside_note, redescribed
@@ -80,7 +80,7 @@ class Photons:
     @classmethod
     def from_frame(cls, frame: PhotonFrame, *, sensor: SensorModel | None = None, **options: Unpack[SensorOptions]
                    ) -> Self:
-        """A frame of srt3d_ros.core.sketching.photons, with its sensor and options as of `from_events`."""
+        """A frame of srt3d_ros.core.sketching.photon_frame, with its sensor and options as of `from_events`."""
         return cls._in_memory(arrays.from_frame, (frame,), sensor, options)
 
     @classmethod

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from srt3d_ros.core.sketching.photons import COUNT_DTYPES
+from srt3d_ros.core.sketching.photon_frame import COUNT_DTYPES
 from srt3d_ros.errors import InvalidInput, require
 
 MAX_PHOTONS = 2**28

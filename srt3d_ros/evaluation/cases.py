@@ -7,10 +7,10 @@ from functools import partial
 import numpy as np
 
 from srt3d_ros import datasets
-from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import Photons
 from srt3d_ros.datasets.simulation.bust import Bust
 from srt3d_ros.datasets.simulation.scene import default_sensor

@@ -7,11 +7,11 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from srt3d_ros.core.method.thresholds import MAX_SURFACES
 from srt3d_ros.core.methods import find
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
+from srt3d_ros.core.thresholds import MAX_SURFACES
 from srt3d_ros.errors import require
-from srt3d_ros.evaluation import results
+from srt3d_ros.evaluation import scores as results
 from srt3d_ros.evaluation.cases import SCENES, Case, of_files, simulated
 from srt3d_ros.evaluation.run import jobs_for, run
 
@@ -38,7 +38,7 @@ def evaluate(args: argparse.Namespace) -> int:
         bar.set_description("drawing")
         means = results.averaged(rows)
         try:
-            from srt3d_ros.evaluation.figures import draw
+            from srt3d_ros.evaluation.drawings import draw
         except ModuleNotFoundError:
             notes.append(NO_FIGURES)
         else:

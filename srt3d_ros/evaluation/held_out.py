@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 
 SEED = 7
 USUAL_SHARE = 0.4           # of the photons of a file without a reference: docs/evaluation.md

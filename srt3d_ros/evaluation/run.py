@@ -9,7 +9,7 @@ import numpy as np
 from tqdm import tqdm
 
 from srt3d_ros import __version__
-from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.methods import Method
 from srt3d_ros.core.metrics import evaluate, median_offset
 from srt3d_ros.datasets.photons import Photons

@@ -6,7 +6,7 @@ import numpy as np
 
 from srt3d_ros.errors import require
 from srt3d_ros.messages.cdr import Cloud, Field, Header, Image
-from srt3d_ros.messages.schema import DATATYPES, encodings
+from srt3d_ros.messages.schema_files import DATATYPES, encodings
 
 NAMES = {code: name for name, (code, _) in DATATYPES.items()}
 CODES = {np.dtype(stored): code for code, stored in DATATYPES.values()}

@@ -1,5 +1,5 @@
 """The topics on which photons come, each with its codec."""
 
-from srt3d_ros.messages import gates, histograms, photons
+from srt3d_ros.messages import gates_message, histograms_message, photons_message
 
-CODECS = {"photons": photons, "gates": gates, "histograms": histograms}
+CODECS = {"photons": photons_message, "gates": gates_message, "histograms": histograms_message}

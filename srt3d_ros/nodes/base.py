@@ -9,7 +9,6 @@ from collections.abc import Callable
 from rclpy.publisher import Publisher
 from rclpy.qos import ReliabilityPolicy
 
-from srt3d_ros import processes
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.nodes.diagnostics import Diagnostics
@@ -17,6 +16,7 @@ from srt3d_ros.nodes.lifecycle import PUBLISH_DEPTH, ManagedNode, TransitionCall
 from srt3d_ros.nodes.parameters import Parameters
 from srt3d_ros.nodes.topics import qos_overrides
 from srt3d_ros.nodes.worker import CATCH_UP_S, NEWEST_ONLY, Dropped, Worker
+from srt3d_ros.processes import children
 
 SUBSCRIBE_DEPTH = PUBLISH_DEPTH
 QUEUE_DEPTH = 256       # where frames are queued rather than dropped: more than a busy reader falls behind
@@ -210,7 +210,7 @@ class PipelineNode(ManagedNode):
         self.stop_frames("shutdown")
         if not self.worker.close(max(end_s - time.monotonic(), 0)):
             self.exit_code = self.exit_code or int(self.drain_s > 0)        # a recording, say, that is not complete
-            atexit.register(processes.end_at_once, self.exit_code)          # other handlers may wait for the worker
+            atexit.register(children.end_at_once, self.exit_code)          # other handlers may wait for the worker
         self.state = "finalized"
         self.diagnostics.close()
         self.destroy_node()

@@ -20,9 +20,9 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 
-from srt3d_ros import transport
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.nodes.topics import OVERRIDABLE, NodeSpec, Topic
+from srt3d_ros.processes import transport
 
 PUBLISH_DEPTH = 8       # messages of 10 ms for as long as a thread may wait for the processor
 WAKE_S = 0.1            # longest time until a signal is seen

@@ -9,9 +9,7 @@ from rclpy.publisher import Publisher
 from srt3d_ros.datasets import SIMULATOR
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
 from srt3d_ros.errors import require
-from srt3d_ros.messages import cdr
-from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.node_names import FRAMES_LOST
+from srt3d_ros.messages import cdr, sensor_message
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import FOLLOW_DEPTH, POLL_S, PipelineNode
 from srt3d_ros.nodes.diagnostics import all_acknowledged
@@ -20,6 +18,7 @@ from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.reports import Chain, Reports
 from srt3d_ros.nodes.sources import PACKETS, open_source
 from srt3d_ros.nodes.topics import NodeSpec
+from srt3d_ros.processes.node_names import FRAMES_LOST
 
 ACKNOWLEDGE_S = 5.0
 READY_S = 600.0         # for those it waits for: on a busy machine, kernels compile for minutes

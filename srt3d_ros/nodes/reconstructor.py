@@ -7,22 +7,21 @@ import numpy as np
 from std_msgs.msg import String
 
 from srt3d_ros.core import precompile
-from srt3d_ros.core.device import DEVICES, kernels_for
+from srt3d_ros.core.cloud import SURFACE_ORDERS
+from srt3d_ros.core.devices import DEVICES, kernels_for
 from srt3d_ros.core.method.background import BACKGROUNDS
-from srt3d_ros.core.method.cloud import SURFACE_ORDERS
 from srt3d_ros.core.method.pile_up import SATURATED, saturated
-from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, MAX_FALSE_ALARM_RATE, MAX_SURFACES
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.thresholds import DEFAULT_FALSE_ALARM_RATE, MAX_FALSE_ALARM_RATE, MAX_SURFACES
 from srt3d_ros.errors import require
-from srt3d_ros.messages import images as image_message
-from srt3d_ros.messages import points as points_message
-from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.messages import images_message as image_message
+from srt3d_ros.messages import points_message, sketch_message
 from srt3d_ros.messages.camera import camera_info
-from srt3d_ros.messages.described_sketches import DescribedSketches
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode, in_words
+from srt3d_ros.nodes.described_sketches import DescribedSketches
 from srt3d_ros.nodes.lifecycle import run
 from srt3d_ros.nodes.parameters import Parameter, Value
 from srt3d_ros.nodes.topics import NodeSpec

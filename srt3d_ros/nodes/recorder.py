@@ -15,23 +15,21 @@ from std_msgs.msg import String
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import require
-from srt3d_ros.messages import images as image_message
-from srt3d_ros.messages import points as points_message
-from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.messages import sketch as sketch_message
-from srt3d_ros.new_files import free
+from srt3d_ros.files.new_files import free
+from srt3d_ros.messages import images_message as image_message
+from srt3d_ros.messages import points_message, sensor_message, sketch_message
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.lifecycle import run
 from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.topics import NodeSpec
+from srt3d_ros.nodes.versions import versions
 from srt3d_ros.nodes.worker import Dropped
-from srt3d_ros.recording import schema
+from srt3d_ros.recording import entities
 from srt3d_ros.recording.frame_index import FrameIndex, RecordedFrame
 from srt3d_ros.recording.writer import RecordingFailed, RecordingWriter
-from srt3d_ros.versions import versions
 
-IMAGES = tuple(path.strip("/") for path in (schema.DEPTH, *schema.IMAGES))
+IMAGES = tuple(path.strip("/") for path in (entities.DEPTH, *entities.IMAGES))
 ALL_IMAGES, NO_IMAGES = ",".join(IMAGES), "none"
 WHICH_IMAGES = f"some of {ALL_IMAGES}, or {NO_IMAGES}"
 PARAMETERS = (
@@ -134,7 +132,7 @@ class RecorderNode(PipelineNode):
         self.get_logger().info(f"recording to {self._path}")
         run_facts = {"namespace": self.get_namespace(), "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
                      "machine": platform.node(), "cpus": os.cpu_count()}
-        self._writer = RecordingWriter(self._path, sensor, {schema.RUN: run_facts, schema.VERSIONS: self._versions},
+        self._writer = RecordingWriter(self._path, sensor, {entities.RUN: run_facts, entities.VERSIONS: self._versions},
                                        images=self._images)
         self.release_frames()
 
@@ -160,7 +158,7 @@ class RecorderNode(PipelineNode):
                   "latency_reconstruct_ms": None if sketch_ns is None else (self.received_ns - sketch_ns) * 1e-6,
                   "frame_rate_hz": self._frames.cloud_came(frame)}
         self._writer.log_scalars(frame.stamp_ns, series, frame.number)
-        recorded = {name: columns[name] for name in ("xyz", "intensity", *schema.OF_FULL_CLOUDS) if name in columns}
+        recorded = {name: columns[name] for name in ("xyz", "intensity", *entities.OF_FULL_CLOUDS) if name in columns}
         self._writer.log_cloud(frame.stamp_ns, frame.number, **recorded)
         self.diagnostics.count(clouds=1, points=number_of_points)
         self._logged(frame)
@@ -176,13 +174,13 @@ class RecorderNode(PipelineNode):
         frame, photons = self._frame(header.stamp_ns), int(counts.sum(dtype=np.int64))
         if frequencies != self._frequencies:
             self._frequencies = frequencies
-            self._writer.set_properties(schema.RUN, {"frequencies": list(frequencies)})
+            self._writer.set_properties(entities.RUN, {"frequencies": list(frequencies)})
         frame.sketch_ns = self.received_ns
         series = {"latency_sketch_ms": (self.received_ns - frame.stamp_ns) * 1e-6, "photons": photons,
                   "ppp": photons / max(counts.size, 1)}
         self._writer.log_scalars(frame.stamp_ns, series, frame.number)
-        if schema.PHOTONS in self._images:
-            self._writer.log_image(schema.PHOTONS, frame.stamp_ns, frame.number, counts)
+        if entities.PHOTONS in self._images:
+            self._writer.log_image(entities.PHOTONS, frame.stamp_ns, frame.number, counts)
         self.diagnostics.count(photons=photons)
         self._logged(frame)
 

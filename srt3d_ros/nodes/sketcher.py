@@ -15,8 +15,7 @@ from srt3d_ros.core.sketching.sketch import MAX_SKETCH_SIZE, Sketch
 from srt3d_ros.core.sketching.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets import open_sensor
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.messages import sensor_message, sketch_message
 from srt3d_ros.messages.cdr import check_frame_id
 from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import topics

@@ -12,7 +12,7 @@ from rclpy.serialization import serialize_message
 
 from srt3d_ros import datasets
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import SIMULATOR
 from srt3d_ros.datasets.bags.bag import is_bag
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS, OPTICAL, Measured, measured
@@ -21,7 +21,7 @@ from srt3d_ros.datasets.simulation.room import Room
 from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import require
-from srt3d_ros.messages import photons as photons_message
+from srt3d_ros.messages import photons_message
 
 NS_PER_S = 1_000_000_000
 LATE_NS = NS_PER_S // 2     # a frame that is due for so long is skipped: a machine that stalls catches up

@@ -5,10 +5,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
-from srt3d_ros.colours import BACKGROUND, range_table
-from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.pictures.cloud_renderer import CloudStyle, focal_px
+from srt3d_ros.pictures.colours import BACKGROUND, range_table
 from srt3d_ros.pictures.figures import DPI, as_image
 from srt3d_ros.pictures.viewpoint import Viewpoint, look_at
 

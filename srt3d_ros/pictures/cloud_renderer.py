@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.colours import BACKGROUND, levels, percentile_range, range_table
-from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.pictures.colours import BACKGROUND, levels, percentile_range, range_table
 from srt3d_ros.pictures.viewpoint import Viewpoint, point_radius_m
 
 _OUTSIDE = (96, 104, 116)

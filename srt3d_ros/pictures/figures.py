@@ -7,7 +7,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from srt3d_ros.new_files import file_errors
+from srt3d_ros.files.new_files import file_errors
 
 DPI = 100
 _COLOURS = 128

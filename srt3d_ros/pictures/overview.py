@@ -7,14 +7,14 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 
-from srt3d_ros.colours import BACKGROUND, range_table
-from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.photons import PhotonEvents
-from srt3d_ros.new_files import file_errors
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
+from srt3d_ros.files.new_files import file_errors
 from srt3d_ros.pictures import annotations
 from srt3d_ros.pictures.annotations import DIM, TEXT
 from srt3d_ros.pictures.cloud_renderer import CloudStyle, draw_fog
+from srt3d_ros.pictures.colours import BACKGROUND, range_table
 from srt3d_ros.pictures.figures import DPI, as_image
 from srt3d_ros.pictures.viewpoint import Viewpoint, look_at, pixel_pitch_rad, sensor_axes
 

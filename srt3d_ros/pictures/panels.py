@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from srt3d_ros.colours import BACKGROUND
-from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.pictures.cloud_renderer import CloudStyle, draw_surface
+from srt3d_ros.pictures.colours import BACKGROUND
 from srt3d_ros.pictures.figures import save_png, titled_figure
 from srt3d_ros.pictures.viewpoint import look_at
 

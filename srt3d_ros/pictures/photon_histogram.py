@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.colours import PHOTON_MAP
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.gate import Gate
+from srt3d_ros.pictures.colours import PHOTON_MAP
 from srt3d_ros.pictures.figures import save_png, titled_figure
 
 _MOST_STEPS = 1200              # of the drawn histogram: its panel is about as many picture elements wide

@@ -3,11 +3,11 @@
 import rerun as rr
 import rerun.blueprint as rrb
 
-from srt3d_ros.colours import BACKGROUND
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.pictures.colours import BACKGROUND
 from srt3d_ros.pictures.viewpoint import Viewpoint
-from srt3d_ros.recording import schema
-from srt3d_ros.recording.schema import STAMP, metric_path
+from srt3d_ros.recording import entities
+from srt3d_ros.recording.entities import STAMP, metric_path
 
 # Of each metric: the name in the legend and the colour (Okabe and Ito's, for any colour vision).
 SERIES = {
@@ -26,8 +26,8 @@ PLOTS = {
     "Photons per pixel": ("ppp",),
     "Rate [Hz]": ("frame_rate_hz",),
 }
-IMAGE_TITLES = {schema.DEPTH: "Depth", schema.INTENSITY_IMAGE: "Intensity", schema.BACKGROUND: "Background",
-                schema.PHOTONS: "Photons"}
+IMAGE_TITLES = {entities.DEPTH: "Depth", entities.INTENSITY_IMAGE: "Intensity", entities.BACKGROUND: "Background",
+                entities.PHOTONS: "Photons"}
 _WIDE = 2.0                         # columns over rows from which images are stacked rather than set side by side
 
 
@@ -35,7 +35,7 @@ def cloud_view(eye: Viewpoint) -> rrb.Spatial3DView:
     """The 3D view of the cloud and the sensor from `eye`, which orbits about its target."""
     controls = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=eye.position, look_target=eye.target,
                                  eye_up=eye.up)
-    return rrb.Spatial3DView(origin="/", name="Point cloud", contents=[schema.POINTS, schema.SENSOR_PATH],
+    return rrb.Spatial3DView(origin="/", name="Point cloud", contents=[entities.POINTS, entities.SENSOR_PATH],
                              background=BACKGROUND, line_grid=False, eye_controls=controls)
 
 
@@ -44,7 +44,7 @@ def film_blueprint(eye: Viewpoint, sensor: SensorModel, images: tuple[str, ...])
     pictures = [_image_view(path) for path in IMAGE_TITLES if path in images]
     wide = sensor.cols > _WIDE * sensor.rows
     plots = rrb.Vertical(*(_plot(title, names) for title, names in PLOTS.items()))
-    log = rrb.TextLogView(origin=schema.LOG, name="Log of the nodes",
+    log = rrb.TextLogView(origin=entities.LOG, name="Log of the nodes",
                           columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"]))
     right = plots
     if pictures:
@@ -66,7 +66,7 @@ def plot_styles() -> dict[str, rr.SeriesLines]:
 
 def _plot(title: str, names: tuple[str, ...]) -> rrb.TimeSeriesView:
     corner = rrb.PlotLegend(rrb.Corner2D.LeftTop) if len(names) > 1 else rrb.PlotLegend(visible=False)
-    return rrb.TimeSeriesView(origin=schema.METRICS, contents=[metric_path(name) for name in names], name=title,
+    return rrb.TimeSeriesView(origin=entities.METRICS, contents=[metric_path(name) for name in names], name=title,
                               plot_legend=corner)
 
 

@@ -12,10 +12,10 @@ from rerun import ChannelDatatype
 from rerun.chunk import Chunk, RrdReader
 from tqdm import tqdm
 
-from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.recording import schema
+from srt3d_ros.recording import entities
 
 _ROW_ID = "rerun.controls.RowId"
 # An .rrd file is a header of 12 bytes (RRF2, version of rerun, compression and encoding), messages, and a footer, an
@@ -99,8 +99,8 @@ class RecordingReader:
 
     def cloud_index(self) -> CloudIndex:
         """Stamp, frame index and number of points of every cloud; shows a bar after 2 s."""
-        rows = tqdm(self._rows(schema.POINTS, schema.FRAME, schema.STAMP, "Points3D:positions"), "reading", delay=2,
-                    leave=False, unit="chunk")
+        rows = tqdm(self._rows(entities.POINTS, entities.FRAME, entities.STAMP, "Points3D:positions"), "reading",
+                    delay=2, leave=False, unit="chunk")
         parts = [(frames, stamps, xyz.value_lengths().fill_null(0).to_numpy(zero_copy_only=False).astype(np.int64))
                  for _, frames, stamps, xyz in rows]
         frames, stamps, points = (np.concatenate(part) for part in zip(*parts)) if parts else [np.empty(0, int)] * 3
@@ -110,8 +110,9 @@ class RecordingReader:
     def clouds(self, only: Container[int] | None = None) -> Iterator[RecordedCloud]:
         """The clouds, in the order they were logged; `only` those with these frame indices."""
         for chunk, stamps, frames, xyz, intensity, colour in self._rows(
-                schema.POINTS, schema.STAMP, schema.FRAME, "Points3D:positions", schema.INTENSITY, "Points3D:colors"):
-            optional = [_column(chunk, name) for name in schema.OF_FULL_CLOUDS]
+                entities.POINTS, entities.STAMP, entities.FRAME, "Points3D:positions", entities.INTENSITY,
+                "Points3D:colors"):
+            optional = [_column(chunk, name) for name in entities.OF_FULL_CLOUDS]
             for k in range(len(stamps)):
                 if only is None or int(frames[k]) in only:
                     more = (None if column is None or not column[k].is_valid else _array(column[k])
@@ -125,7 +126,7 @@ class RecordingReader:
         Depth images in metres, float32; images in photons as recorded: integers or float32.
         """
         for chunk, stamps, frames, buffers, formats in self._rows(
-                path, schema.STAMP, schema.FRAME, "DepthImage:buffer", "DepthImage:format"):
+                path, entities.STAMP, entities.FRAME, "DepthImage:buffer", "DepthImage:format"):
             for k in range(len(stamps)):
                 if only is None or int(frames[k]) in only:
                     buffer, image_format = _array(buffers[k]), formats[k].as_py()[0]
@@ -136,8 +137,8 @@ class RecordingReader:
     def series(self) -> dict[str, Series]:
         """Every time series, by the name it was logged under."""
         parts: dict[str, list] = {}
-        for chunk, stamps, values in self._rows(f"{schema.METRICS}/**", schema.STAMP, "Scalars:scalars"):
-            name = chunk.entity_path.removeprefix(f"{schema.METRICS}/")
+        for chunk, stamps, values in self._rows(f"{entities.METRICS}/**", entities.STAMP, "Scalars:scalars"):
+            name = chunk.entity_path.removeprefix(f"{entities.METRICS}/")
             parts.setdefault(name, []).append((stamps, values.flatten().to_numpy()))
         found = {}
         for name, of_name in parts.items():
@@ -149,14 +150,14 @@ class RecordingReader:
     def log_lines(self) -> list[LogLine]:
         """The log lines of the nodes, in the order they were recorded."""
         return [LogLine(int(stamp), (level.as_py() or [""])[0], (text.as_py() or [""])[0])
-                for _, *columns in self._rows(f"{schema.LOG}/**", schema.STAMP, "TextLog:level", "TextLog:text")
+                for _, *columns in self._rows(f"{entities.LOG}/**", entities.STAMP, "TextLog:level", "TextLog:text")
                 for stamp, level, text in zip(*columns)]
 
     def properties(self) -> dict[str, dict]:
         """The latest facts of each property: {"run": {…}, "sensor": {…}}; lists of values as arrays."""
         latest: dict[tuple[str, str], tuple[bytes, pa.Scalar]] = {}     # a fact may be set several times
-        for chunk in self._chunks(f"{schema.PROPERTIES}/**", static=True):
-            batch, name = chunk.to_record_batch(), chunk.entity_path.removeprefix(schema.PROPERTIES).strip("/")
+        for chunk in self._chunks(f"{entities.PROPERTIES}/**", static=True):
+            batch, name = chunk.to_record_batch(), chunk.entity_path.removeprefix(entities.PROPERTIES).strip("/")
             row_ids = batch.column(_ROW_ID).to_pylist()
             for field in batch.schema.names if name else ():
                 rows = ((row_id, item) for row_id, item in zip(row_ids, batch.column(field)) if item.is_valid)
@@ -210,7 +211,7 @@ def _column(chunk: Chunk, name: str):
         return None
     column = batch.column(name)
     # Times as a copy: a view would keep the whole chunk in memory.
-    return np.array(column.cast(pa.int64())) if name in (schema.STAMP, schema.FRAME) else column
+    return np.array(column.cast(pa.int64())) if name in (entities.STAMP, entities.FRAME) else column
 
 
 def _array(item: pa.Scalar) -> np.ndarray:

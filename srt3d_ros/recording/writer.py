@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from srt3d_ros.colours import AdaptiveRange, levels, packed, range_table
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.new_files import free
+from srt3d_ros.files.new_files import free
+from srt3d_ros.messages import sensor_message
+from srt3d_ros.pictures.colours import AdaptiveRange, levels, packed, range_table
 from srt3d_ros.pictures.viewpoint import look_at, point_radius_m
-from srt3d_ros.processes import end_at_once
-from srt3d_ros.recording import rerun_streams, schema
+from srt3d_ros.processes.children import end_at_once
+from srt3d_ros.recording import entities, rerun_streams
 from srt3d_ros.recording.blueprint import film_blueprint, plot_styles
 
 FLUSH_PERIOD_S = 0.4        # without a flush, large clouds keep small scalars from being written at all
@@ -51,7 +51,7 @@ class RecordingWriter:
     """
 
     def __init__(self, path, sensor: SensorModel, properties: Mapping[str, Mapping] | None = None, *,
-                 images: tuple[str, ...] = (schema.DEPTH,)):
+                 images: tuple[str, ...] = (entities.DEPTH,)):
         self.path, self._sensor, self._images = free(Path(path)), sensor, images
         self._ranges: dict[str, AdaptiveRange] = {}         # of the colours, by entity path
         self._has_view = False
@@ -61,7 +61,7 @@ class RecordingWriter:
             self._create_file()
         except OSError as error:
             raise self._failure(error) from None
-        self._stream = rr.RecordingStream(schema.APPLICATION_ID, recording_id=str(uuid.uuid4()))
+        self._stream = rr.RecordingStream(entities.APPLICATION_ID, recording_id=str(uuid.uuid4()))
         self._stream.save(self.path)
         # Before rerun's own exit handler, which can deadlock with a thread that still logs.
         atexit.register(self.close)
@@ -69,7 +69,7 @@ class RecordingWriter:
         self._log_static(properties or {})
 
     def log_cloud(self, stamp_ns: int, frame_index: int, xyz: np.ndarray, intensity: np.ndarray, **more) -> None:
-        """Log a cloud: `xyz` [N, 3] in metres, `intensity` [N] in photons; `more`: schema.OF_FULL_CLOUDS."""
+        """Log a cloud: `xyz` [N, 3] in metres, `intensity` [N] in photons; `more`: entities.OF_FULL_CLOUDS."""
         # Copies: rerun reads the arrays later, when the caller may have filled them with the next frame.
         columns = {name: np.array(values, _TYPES.get(name, np.float32), order="C")
                    for name, values in {"xyz": xyz, "intensity": intensity, **more}.items()}
@@ -79,27 +79,27 @@ class RecordingWriter:
         sample = xyz[:: max(len(xyz) // _RADIUS_SAMPLES, 1)]
         radius_m = point_radius_m(sample, self._sensor)
         range_m = np.linalg.norm(xyz, axis=1)
-        colours = packed(range_table())[levels(range_m, *self._range(schema.POINTS, range_m))]
-        self._log(stamp_ns, frame_index, {schema.POINTS: schema.points(columns, colours, radius_m)})
+        colours = packed(range_table())[levels(range_m, *self._range(entities.POINTS, range_m))]
+        self._log(stamp_ns, frame_index, {entities.POINTS: entities.points(columns, colours, radius_m)})
 
     def log_image(self, path: str, stamp_ns: int, frame_index: int, image: np.ndarray) -> None:
-        """Log an image [rows, cols], NaN = none: schema.DEPTH in metres, or one of schema.IMAGES in photons."""
+        """Log an image [rows, cols], NaN = none: entities.DEPTH in metres, or one of entities.IMAGES in photons."""
         whole = np.asarray(image).dtype.kind in "iu"
         image = np.array(image, np.uint32 if whole else np.float32, order="C")
-        self._log(stamp_ns, frame_index, schema.image(path, image, *self._range(path, image)))
+        self._log(stamp_ns, frame_index, entities.image(path, image, *self._range(path, image)))
 
     def log_scalars(self, stamp_ns: int, values: Mapping[str, float], frame_index: int | None = None) -> None:
         """Log one value for each of several time series: {"latency_ms": 35.1, "points": 19_871}."""
-        self._log(stamp_ns, frame_index, {schema.metric_path(name): [rr.Scalars(float(value))]
+        self._log(stamp_ns, frame_index, {entities.metric_path(name): [rr.Scalars(float(value))]
                                           for name, value in values.items() if value is not None})
 
     def log_line(self, stamp_ns: int, text: str, level: int = 20, frame_index: int | None = None) -> None:
         """Log a line of a node's log; the level as in rcl_interfaces/Log."""
-        self._log(stamp_ns, frame_index, {schema.LOG: [rr.TextLog(text, level=_LEVELS.get(level, "INFO"))]})
+        self._log(stamp_ns, frame_index, {entities.LOG: [rr.TextLog(text, level=_LEVELS.get(level, "INFO"))]})
 
     def set_properties(self, name: str, facts: Mapping) -> None:
         """Set facts of one of the recording's properties."""
-        schema.log_properties(self._stream, name, facts)
+        entities.log_properties(self._stream, name, facts)
 
     def flush(self) -> None:
         """Wait until everything logged before is in the file."""
@@ -131,9 +131,9 @@ class RecordingWriter:
     def _log(self, stamp_ns: int, frame_index: int | None, archetypes: Mapping[str, list]) -> None:
         """Log archetypes by entity path."""
         self._stream.reset_time()
-        self._stream.set_time(schema.STAMP, timestamp=np.datetime64(int(stamp_ns), "ns"))
+        self._stream.set_time(entities.STAMP, timestamp=np.datetime64(int(stamp_ns), "ns"))
         if frame_index is not None:
-            self._stream.set_time(schema.FRAME, sequence=int(frame_index))
+            self._stream.set_time(entities.FRAME, sequence=int(frame_index))
         for path, of_path in archetypes.items():
             self._stream.log(path, *of_path)
         if time.monotonic() - self._flushed_s > FLUSH_PERIOD_S:
@@ -141,8 +141,8 @@ class RecordingWriter:
 
     def _log_static(self, properties: Mapping[str, Mapping]) -> None:
         """Log what holds for all frames."""
-        self._stream.log("/", schema.view_coordinates(self._sensor), static=True)
-        self._stream.log(schema.NO_DEPTH, schema.no_depth_colour(), static=True)
+        self._stream.log("/", entities.view_coordinates(self._sensor), static=True)
+        self._stream.log(entities.NO_DEPTH, entities.no_depth_colour(), static=True)
         for path, style in plot_styles().items():
             self._stream.log(path, style, static=True)
         for name, facts in properties.items():
@@ -150,12 +150,12 @@ class RecordingWriter:
         # An IRF per pixel would take hundreds of megabytes.
         mean_irf = np.atleast_2d(self._sensor.irf).mean(axis=0, dtype=float)
         description = sensor_message.to_json(self._sensor.replace(irf=mean_irf))
-        self.set_properties(schema.SENSOR, {"description": description})
+        self.set_properties(entities.SENSOR, {"description": description})
 
     def _send_view(self, xyz: np.ndarray) -> None:
         """Log the sensor's field of view and the blueprint, whose eye has the cloud in view."""
         self._has_view = True
-        self._stream.log(schema.SENSOR_PATH, *schema.field_of_view(self._sensor, xyz), static=True)
+        self._stream.log(entities.SENSOR_PATH, *entities.field_of_view(self._sensor, xyz), static=True)
         eye = look_at(xyz, self._sensor.projection, fov_deg=_VIEWER_FOV_DEG, aspect=_VIEW_ASPECT)
         rerun_streams.send_blueprint(self._stream, film_blueprint(eye, self._sensor, self._images))
 

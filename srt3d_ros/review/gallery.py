@@ -7,19 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image
 
-from srt3d_ros.colours import BACKGROUND, PHOTON_MAP, colour_table, levels, percentile_range, range_table
 from srt3d_ros.pictures.annotations import annotated, length_text
 from srt3d_ros.pictures.cloud_renderer import CloudStyle
+from srt3d_ros.pictures.colours import BACKGROUND, PHOTON_MAP, colour_table, levels, percentile_range, range_table
 from srt3d_ros.pictures.viewpoint import look_at
-from srt3d_ros.recording import schema
+from srt3d_ros.recording import entities
 from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.summary import iso_time, notable_frames
 
 _LARGE_PX, _SMALL_PX = (1200, 700), (320, 240)
 _STRIP = 12
 _JPEG = {"quality": 88, "subsampling": 0}
-_IMAGES = {schema.DEPTH: ("depth", "m"), schema.INTENSITY_IMAGE: ("intensity", "photons"),
-           schema.BACKGROUND: ("background", "photons"), schema.PHOTONS: ("photons as they came", "photons")}
+_IMAGES = {entities.DEPTH: ("depth", "m"), entities.INTENSITY_IMAGE: ("intensity", "photons"),
+           entities.BACKGROUND: ("background", "photons"), entities.PHOTONS: ("photons as they came", "photons")}
 
 
 @dataclass(frozen=True)

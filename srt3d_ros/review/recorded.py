@@ -7,8 +7,8 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import require
-from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.recording import schema
+from srt3d_ros.messages import sensor_message
+from srt3d_ros.recording import entities
 from srt3d_ros.recording.reader import CloudIndex, LogLine, RecordingReader, Series
 
 _LATENCIES = {"total": "latency_ms", "reconstruct": "latency_reconstruct_ms", "sketch": "latency_sketch_ms"}
@@ -33,7 +33,7 @@ class Recorded:
         index = reader.cloud_index()
         require(len(index) > 0, "recording", str(path), "a recording with clouds at /points")
         properties = reader.properties()
-        description = properties.get(schema.SENSOR, {}).get("description")
+        description = properties.get(entities.SENSOR, {}).get("description")
         require(description is not None, "recording", str(path), "a recording with the description of its sensor")
         return cls(Path(path), sensor_message.from_json(description), reader, index, reader.series(),
                    reader.log_lines(), properties)

@@ -7,7 +7,7 @@ from markupsafe import Markup
 
 from srt3d_ros import __version__
 from srt3d_ros.errors import require
-from srt3d_ros.new_files import atomic_write, file_errors
+from srt3d_ros.files.new_files import atomic_write, file_errors
 from srt3d_ros.review.gallery import make_gallery
 from srt3d_ros.review.plots import draw_plots
 from srt3d_ros.review.recorded import Recorded

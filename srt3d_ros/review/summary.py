@@ -6,8 +6,8 @@ from datetime import UTC, datetime
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.recording import schema
+from srt3d_ros.messages import sensor_message
+from srt3d_ros.recording import entities
 from srt3d_ros.review.recorded import Recorded
 
 GAP_PERIODS = 1.5               # frames farther apart than this many median periods have a gap between them
@@ -42,7 +42,7 @@ def summarise(recorded: Recorded) -> dict:
         "typical_frame": int(index.frame_index[typical]), "fewest_points_frame": int(index.frame_index[fewest]),
         "most_points_frame": int(index.frame_index[most]),
     }
-    properties = recorded.properties | {schema.SENSOR: _facts(recorded.sensor)}
+    properties = recorded.properties | {entities.SENSOR: _facts(recorded.sensor)}
     return summary | {name: {key: _plain(value) for key, value in facts.items()}
                       for name, facts in properties.items() if name not in summary}
 

@@ -10,7 +10,7 @@ import pytest
 from srt3d_ros.cli import main
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
@@ -92,7 +92,7 @@ def test_a_scene_is_simulated_at_every_setting(run):
 
 
 def test_without_matplotlib_there_are_the_table_and_a_note(run, monkeypatch):
-    for name in [name for name in sys.modules if name.startswith(("srt3d_ros.pictures", "srt3d_ros.evaluation.fig"))]:
+    for name in [name for name in sys.modules if name.startswith(("srt3d_ros.pictures", "srt3d_ros.evaluation.draw"))]:
         monkeypatch.delitem(sys.modules, name)
     for name in [name for name in sys.modules if name.partition(".")[0] == "matplotlib"]:
         monkeypatch.setitem(sys.modules, name, None)

@@ -2,9 +2,9 @@
 
 import sys
 
-from srt3d_ros.private_network import claim_domain
+from srt3d_ros.processes.private_network import claim_domain
 from tests.nodes.conftest import graph  # noqa: F401
-from tests.processes import Process
+from tools.processes import Process
 
 HEALTH = [sys.executable, "-m", "srt3d_ros.cli.main", "health"]
 

@@ -8,13 +8,12 @@ import pytest
 import srt3d_ros
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
-from srt3d_ros.messages import histograms
-from srt3d_ros.messages import photons as photons_message
-from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.messages import histograms_message as histograms
+from srt3d_ros.messages import photons_message, sensor_message
 from tests.bags import CLOUD, IMAGE, TEXT, write_bag
 from tests.photon_forms import as_histograms
 

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, choose, irf_spectrum
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame
 from srt3d_ros.core.sketching.sketch import Sketch
-from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 

@@ -6,13 +6,13 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
+from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.method.background import Background
-from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import histogram
-from srt3d_ros.core.sketching.photons import PhotonEvents
-from srt3d_ros.core.sketching.sketcher import sketch_photons
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from tests.core.scenes import run
 
 ROWS, COLS, T, WAIT = 12, 14, 153, 40         # the gate opens WAIT bins after the laser pulse

@@ -6,7 +6,7 @@ import pytest
 from srt3d_ros.core.methods import METHODS, SKETCH_METHODS
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput

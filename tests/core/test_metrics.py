@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.metrics import circular_difference, evaluate, median_offset
 from srt3d_ros.errors import InvalidInput
 

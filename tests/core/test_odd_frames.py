@@ -7,9 +7,9 @@ from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import GAINS, SensorModel
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.sketch import MAX_PHOTONS, Sketch
-from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.errors import InvalidInput
 from tests.core.scenes import assert_finite, simulate
 

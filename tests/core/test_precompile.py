@@ -11,13 +11,11 @@ from srt3d_ros.core.motion.deskew import Deskewer
 from srt3d_ros.core.motion.trajectory import Pose, Trajectory
 from srt3d_ros.core.sensor.model import GateWords
 from srt3d_ros.core.sensor.projection import AngularScan
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates
-from srt3d_ros.core.sketching.sketcher import Sketcher
+from srt3d_ros.core.sketching.frame_sketcher import Sketcher
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates
 from srt3d_ros.kernels.cpu import OTHER_METHODS
 from srt3d_ros.kernels.cpu.compiling import KERNELS
-from srt3d_ros.messages import gates as gates_message
-from srt3d_ros.messages import photons as photons_message
-from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.messages import gates_message, photons_message, sketch_message
 from srt3d_ros.results import Reconstructor
 from tests.core.scenes import make_sensor, ramp, simulate
 

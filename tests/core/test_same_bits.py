@@ -9,8 +9,8 @@ from dataclasses import fields
 import numpy as np
 
 from srt3d_ros.core.method.memory import PooledStream
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.core.sketching.sketcher import sketch_photons
 from tests.core.scenes import make_sensor, ramp, simulate
 
 SIDE = 141

@@ -10,19 +10,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from srt3d_ros import json_text
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonHistograms
-from srt3d_ros.core.sketching.sketcher import sketch_photons
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
 from srt3d_ros.datasets import read
 from srt3d_ros.datasets.bags.bag import Bag
 from srt3d_ros.datasets.bags.frames import find_photons
 from srt3d_ros.datasets.options import ASSUMED_FOV
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import cdr, gates, histograms, photons
-from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.messages import sketch as sketches
-from srt3d_ros.messages.sensor import digest
+from srt3d_ros.files import json_text
+from srt3d_ros.messages import cdr, photons_message, sensor_message
+from srt3d_ros.messages import gates_message as gates
+from srt3d_ros.messages import histograms_message as histograms
+from srt3d_ros.messages import sketch_message as sketches
+from srt3d_ros.messages.sensor_message import digest
 from tests.bags import CLOUD, IMAGE, START_NS, STORAGES, TEXT, write_bag
 from tests.photon_forms import as_gates, as_histograms
 
@@ -39,7 +40,7 @@ def frame(k: int, sensor: SensorModel = SENSOR) -> PhotonEvents:
 
 
 def photons_of(k: int) -> bytes:
-    return photons.encode_cdr(frame(k), SENSOR, "spad")
+    return photons_message.encode_cdr(frame(k), SENSOR, "spad")
 
 
 def gates_of(k: int) -> bytes:

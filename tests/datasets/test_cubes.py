@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.core.sketching.photons import PhotonHistograms
-from srt3d_ros.core.sketching.sketcher import sketch_photons
+from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.datasets import arrays, photons, read
 from srt3d_ros.datasets.readers import cubes
 from srt3d_ros.datasets.simulation.scene import StaticScene

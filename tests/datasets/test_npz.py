@@ -10,11 +10,12 @@ import pytest
 from srt3d_ros.core.sensor.distortion import PlumbBob
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
-from srt3d_ros.core.sketching.photons import PhotonEvents
-from srt3d_ros.datasets import files, photon_file, read
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
+from srt3d_ros.datasets import photon_file, read
 from srt3d_ros.datasets.options import ASSUMED_FOV
 from srt3d_ros.datasets.readers.mat import LAYOUTS
 from srt3d_ros.errors import InvalidInput
+from srt3d_ros.files import array_files as files
 
 IRF = np.array([0.25, 0.5, 0.25], np.float32)
 SENSOR = SensorModel(2, 3, 50, 1e-10, IRF, toa_offset_bins=7.5, range_offset_m=-0.1)

@@ -6,10 +6,10 @@ import pytest
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.frequencies import choose, irf_spectrum
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import open_sensor, photon_file
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.messages import sensor_message
 
 SENSOR = SensorModel(2, 3, 50, 1e-10, np.array([1, 2, 1]), toa_offset_bins=7.5, gain=np.full((2, 3), 0.5),
                      projection=Pinhole(10, 11, 1, 0.5), gates=GateWords(3, 60_000), frame_id="spad")

@@ -17,12 +17,11 @@ from std_msgs.msg import String
 import srt3d_ros
 from srt3d_ros.cli import main
 from srt3d_ros.datasets import open_sensor, read
-from srt3d_ros.messages import cdr
-from srt3d_ros.messages import points as points_message
+from srt3d_ros.messages import cdr, points_message
 from srt3d_ros.recording.reader import RecordingReader
 from tests.bags import IMAGE, TEXT, write_bag
 from tests.nodes.conftest import Graph
-from tests.processes import Process
+from tools.processes import Process
 
 from .conftest import HEAD, HOT, TRUE
 from .pages import PAGES, ROOT, command_lines, fenced, indented, inline, section

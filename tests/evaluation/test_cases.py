@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import read
 from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.errors import InvalidInput

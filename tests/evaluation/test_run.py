@@ -7,8 +7,8 @@ from tqdm import tqdm
 from srt3d_ros.core.methods import METHODS, Method
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.evaluation.cases import of_files, simulated
-from srt3d_ros.evaluation.results import COLUMNS
 from srt3d_ros.evaluation.run import aligned_reference, jobs_for, judge, run
+from srt3d_ros.evaluation.scores import COLUMNS
 
 POOLED = METHODS["pooled"]
 

@@ -12,9 +12,9 @@ from functools import partial
 import numpy as np
 import torch
 
-from srt3d_ros.core.device import on_device
-from srt3d_ros.core.method.cloud import PointCloud
-from srt3d_ros.core.method.matched_frame import MatchedFrame, Matcher
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.devices import on_device
+from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, choose, irf_spectrum

@@ -8,10 +8,10 @@ from srt3d_ros.core.baselines.rt3d import RT3D
 from srt3d_ros.core.baselines.sketched import SMLE, SRT3D
 from srt3d_ros.core.baselines.weighting import weighted_steps
 from srt3d_ros.core.baselines.xcorr import by_pixel
-from srt3d_ros.core.method.matched_frame import Matcher
+from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.sketcher import sketch_photons
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.kernels import cpu
 from srt3d_ros.kernels import torch as oracle
 from tests.core.scenes import simulate

@@ -5,9 +5,9 @@ import pytest
 
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frame_sketcher import Sketcher, phase_table
 from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.core.sketching.photons import PhotonHistograms
-from srt3d_ros.core.sketching.sketcher import Sketcher, phase_table
+from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.kernels import cpu
 from srt3d_ros.kernels.cpu.sketching import phase_sums, rows
 

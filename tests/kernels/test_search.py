@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from srt3d_ros.core.method.matched_frame import Matcher
+from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, choose, irf_spectrum

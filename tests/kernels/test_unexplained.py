@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.method.matched_frame import Matcher
+from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.kernels import maps
 
 from .frames import ORACLE, RELATIVE, exact_frame, exact_state, make_frame, make_sensor, make_sketch, make_state, padded

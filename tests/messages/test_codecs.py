@@ -12,7 +12,8 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import cdr, images
+from srt3d_ros.messages import cdr
+from srt3d_ros.messages import images_message as images
 from srt3d_ros.messages.cdr import Header
 from tests.messages.conftest import same
 

@@ -23,12 +23,12 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
-from srt3d_ros.cli.node import parameter_arguments
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sketching.photons import PhotonEvents
-from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
+from srt3d_ros.messages import sensor_message
+from srt3d_ros.processes.node_arguments import parameter_arguments
 from tests.nodes.eager_node import EagerNode
-from tests.processes import Process, wait
+from tools.processes import Process, wait
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 ASK_AGAIN_S = 1.0       # a question whose answer may have been lost

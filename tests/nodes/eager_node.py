@@ -16,7 +16,7 @@ from srt3d_ros.cli import node
 from srt3d_ros.core import precompile  # noqa: F401
 from srt3d_ros.core.sketching import stream
 from srt3d_ros.kernels import cpu  # noqa: F401
-from tests.processes import Process
+from tools.processes import Process
 
 SERVER = multiprocessing.get_context("forkserver")
 SERVER.set_forkserver_preload([__name__])

@@ -7,10 +7,9 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.core.sketching.sketcher import sketch_photons
-from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.messages import sensor_message, sketch_message
 
 
 def state(graph, name: str) -> str:

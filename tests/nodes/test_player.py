@@ -5,8 +5,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
-from srt3d_ros.messages import photons as photons_message
-from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.messages import photons_message, sensor_message
 
 
 def test_frames_come_stamped_on_schedule_and_the_player_ends_by_itself(graph, sensor, events, photon_file,

@@ -8,13 +8,11 @@ import torch
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.sketch import Sketch
-from srt3d_ros.core.sketching.sketcher import sketch_photons
-from srt3d_ros.messages import images as image_message
-from srt3d_ros.messages import points as points_message
-from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.messages import images_message as image_message
+from srt3d_ros.messages import points_message, sensor_message, sketch_message
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.reconstructor import PARAMETERS
 from tests.nodes.conftest import Graph

@@ -9,8 +9,7 @@ from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import points as points_message
-from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.messages import points_message, sensor_message
 from srt3d_ros.messages.cdr import Header, write_cloud
 from srt3d_ros.messages.packing import pack_cloud
 from srt3d_ros.nodes.recorder import checked_images, checked_path

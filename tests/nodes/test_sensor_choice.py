@@ -6,8 +6,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
-from srt3d_ros.messages import photons as photons_message
-from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.messages import photons_message, sensor_message
 
 
 def test_a_driver_that_contradicts_the_file_is_an_error_as_long_as_it_does(graph, sensor, events, tmp_path):

@@ -10,12 +10,9 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.core.sketching.sketcher import sketch_photons
-from srt3d_ros.messages import photon_frames
-from srt3d_ros.messages import photons as photons_message
-from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.messages import photon_frames, photons_message, sensor_message, sketch_message
 from tests.photon_forms import as_gates, as_histograms
 
 STAMP_NS = 1_700_000_000_123_456_789

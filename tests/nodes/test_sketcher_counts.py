@@ -11,10 +11,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
-from srt3d_ros.messages import cdr
-from srt3d_ros.messages import photons as photons_message
-from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.messages import cdr, photons_message, sensor_message, sketch_message
 
 S, MS = 1_000_000_000, 1_000_000
 

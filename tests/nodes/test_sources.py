@@ -7,8 +7,7 @@ import pytest
 
 from srt3d_ros.datasets.simulation.motion_profiles import OPTICAL
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import photons
-from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.messages import photons_message, sensor_message
 from srt3d_ros.nodes import player
 from srt3d_ros.nodes.motion_input import parse_extrinsics
 from srt3d_ros.nodes.sources import BEFORE_S, PACKETS, Source, open_source
@@ -29,7 +28,7 @@ def test_a_file_of_counts_is_played_photon_by_photon(tmp_path, sensor, events):
     (tmp_path / "sensor.json").write_text(sensor_message.to_json(sensor))
     played = source(input=str(tmp_path / "counts.npz"), sensor_file=str(tmp_path / "sensor.json"), frames=1)
     frame, = played.items(lambda: 0)
-    sent = photons.decode_cdr(frame.raw, sensor)[1]
+    sent = photons_message.decode_cdr(frame.raw, sensor)[1]
     assert frame.topic == "photons" and sorted(zip(sent.pixel, sent.toa)) == sorted(zip(events.pixel, events.toa))
 
 
@@ -39,7 +38,7 @@ def test_cycles_of_a_simulated_frame_make_its_photons_pile_up(given, packets):
         piled = source(frames=1, ppp=2.0, cycles=cycles, **given)
         assert piled.sensor.cycles == (cycles // packets or None)
         items = [item for item in piled.items(lambda: 0) if item.topic == "photons"]
-        return sum(photons.decode_cdr(item.raw, piled.sensor)[1].photons for item in items)
+        return sum(photons_message.decode_cdr(item.raw, piled.sensor)[1].photons for item in items)
 
     assert played(20) < 0.99 * played(0)
 

@@ -9,10 +9,9 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
 from examples.tmf8829_messages import decode
-from srt3d_ros.messages import histograms as histograms_message
-from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.messages import histograms_message, sensor_message
 from tests.datasets import made_logs as made
-from tests.processes import Process
+from tools.processes import Process
 
 
 def test_measurements_are_published_and_bad_messages_are_a_line_each(graph, repository):

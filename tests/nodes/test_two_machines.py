@@ -3,9 +3,9 @@
 
 import pytest
 
-from benchmarks.machines import NETWORK_PROFILE, ROBOT, SENSOR, Link, Machines, why_not
 from srt3d_ros.datasets.simulation.simulator import Simulator
-from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.messages import sensor_message
+from tools.machines import NETWORK_PROFILE, ROBOT, SENSOR, Link, Machines, why_not
 
 SIDE = 141
 SKETCH_BYTES = SIDE**2 * (4 + 4 * 5)        # int16, m = 5

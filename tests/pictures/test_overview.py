@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.pictures.overview import draw_overview
 
 PANELS = {"photons": slice(60, 580), "cloud": slice(640, 1360), "depth map": slice(1430, 1880)}    # columns

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from srt3d_ros.colours import packed, range_table
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.recording import schema
+from srt3d_ros.pictures.colours import packed, range_table
+from srt3d_ros.recording import entities
 from srt3d_ros.recording import writer as writer_module
 from srt3d_ros.recording.reader import RecordingReader
 from srt3d_ros.recording.writer import RecordingFailed, RecordingWriter
-from tests.processes import DEADLINE_S
+from tools.processes import DEADLINE_S
 
 SENSOR = SensorModel(2, 3, 50, 1e-10, np.ones(3))
 
@@ -63,15 +63,15 @@ def test_images_are_kept_as_they_are(tmp_path):
     image[3, 4] = np.nan
     counts = [rng.poisson(9, (30, 40)), np.full((30, 40), 70_000)]
     with RecordingWriter(tmp_path / "a.rrd", SENSOR) as writer:
-        writer.log_image(schema.DEPTH, 0, 0, image)
-        writer.log_image(schema.INTENSITY_IMAGE, 0, 0, image)
+        writer.log_image(entities.DEPTH, 0, 0, image)
+        writer.log_image(entities.INTENSITY_IMAGE, 0, 0, image)
         for k, count in enumerate(counts):
-            writer.log_image(schema.PHOTONS, k, k, count)
+            writer.log_image(entities.PHOTONS, k, k, count)
     reader = RecordingReader(tmp_path / "a.rrd")
-    for path in (schema.DEPTH, schema.INTENSITY_IMAGE):
+    for path in (entities.DEPTH, entities.INTENSITY_IMAGE):
         ((_, _, read),) = reader.images(path)
         assert np.array_equal(read, image, equal_nan=True)
-    read = sorted((image for image in reader.images(schema.PHOTONS)), key=lambda image: image[1])
+    read = sorted((image for image in reader.images(entities.PHOTONS)), key=lambda image: image[1])
     assert all(np.array_equal(image, count) for (_, _, image), count in zip(read, counts, strict=True))
 
 
@@ -81,7 +81,7 @@ def test_arrays_may_be_reused_after_logging_and_need_not_be_contiguous(tmp_path)
         for k in range(2):
             records[:], image[:] = k, k
             writer.log_cloud(k, k, records[:, :3], records[:, 3])
-            writer.log_image(schema.DEPTH, k, k, image)
+            writer.log_image(entities.DEPTH, k, k, image)
         records[:], image[:] = 99, 99
     reader = RecordingReader(tmp_path / "a.rrd")
     assert [bool((cloud.xyz == k).all() and (cloud.intensity == k).all()) for k, cloud in enumerate(reader.clouds())
@@ -92,12 +92,13 @@ def test_arrays_may_be_reused_after_logging_and_need_not_be_contiguous(tmp_path)
 def test_depth_is_yellow_when_near_and_black_where_there_is_none(tmp_path, ball):
     """The viewer turns its map round for a range that falls, and draws one image over the other."""
     depth_m = ball[0].depth_image(ball[1].projection)
-    far, near = schema.image(schema.DEPTH, depth_m, 1.0, 1.5)[schema.DEPTH][0].depth_range.as_arrow_array()[0].as_py()
+    drawn = entities.image(entities.DEPTH, depth_m, 1.0, 1.5)[entities.DEPTH][0]
+    far, near = drawn.depth_range.as_arrow_array()[0].as_py()
     assert (far, near) == pytest.approx((1.5 + 0.5 * 45 / 210, 1.0))
-    with RecordingWriter(tmp_path / "a.rrd", ball[1], images=(schema.DEPTH,)) as writer:
-        writer.log_image(schema.DEPTH, 0, 0, depth_m)
+    with RecordingWriter(tmp_path / "a.rrd", ball[1], images=(entities.DEPTH,)) as writer:
+        writer.log_image(entities.DEPTH, 0, 0, depth_m)
     stream = RrdReader(tmp_path / "a.rrd").stream()
-    batches = [chunk.to_record_batch() for chunk in stream.filter(content=schema.NO_DEPTH)]
+    batches = [chunk.to_record_batch() for chunk in stream.filter(content=entities.NO_DEPTH)]
     columns = {name.split(":")[-1]: batch.column(name) for batch in batches for name in batch.schema.names}
     drawn = np.array(columns["buffer"][0].as_py()[0]).reshape(depth_m.shape)
     assert np.array_equal(drawn == 1, np.isnan(depth_m)) and columns["opacity"][0].as_py() == [1.0]

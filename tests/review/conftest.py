@@ -7,8 +7,8 @@ import pyarrow as pa
 import pytest
 import rerun as rr
 
-from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.recording import schema
+from srt3d_ros.messages import sensor_message
+from srt3d_ros.recording import entities
 from srt3d_ros.review.recorded import Recorded
 
 FRAMES, PERIOD_NS, FIRST_NS = 30, 10**8, 1_795_285_122_000_000_000
@@ -59,7 +59,7 @@ def _write(path, cloud, sensor, frames=FRAMES, shift_m=0.0, first_ns=FIRST_NS, m
     """Write with rerun alone what docs/bags.md describes; `more` adds to it."""
     stream = rr.RecordingStream("srt3d_ros")
     stream.save(path)
-    schema.log_properties(stream, "sensor", {"description": sensor_message.to_json(sensor)})
+    entities.log_properties(stream, "sensor", {"description": sensor_message.to_json(sensor)})
     stream.send_property("run", rr.AnyValues(frequencies=[1, 2, 5], machine="x86_64 <&>"))
     stream.send_property("versions", rr.AnyValues(srt3d_ros="0.1.0", numpy="0123456789abcdef"))
     frame = 0
@@ -74,7 +74,7 @@ def _write(path, cloud, sensor, frames=FRAMES, shift_m=0.0, first_ns=FIRST_NS, m
         stream.log("/points", rr.Points3D(xyz, colors=np.full(n, 0xFF8000FF, np.uint32), radii=0.01),
                    rr.AnyValues(intensity=pa.array(cloud.intensity[:n]),
                                 depth_std=pa.array(cloud.depth_std_bins[:n] * np.float32(sensor.bin_width_m))))
-        stream.log("/depth", *schema.image("/depth", cloud.depth_image(sensor.projection), 0, 1)["/depth"])
+        stream.log("/depth", *entities.image("/depth", cloud.depth_image(sensor.projection), 0, 1)["/depth"])
         stream.log("/background", rr.DepthImage(cloud.background.astype(np.float16)))
         series = {"latency_ms": 30 + frame, "latency_sketch_ms": 5, "points": n, "photons": 9000 + k, "ppp": 4.5}
         for name, value in series.items():

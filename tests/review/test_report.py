@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from srt3d_ros.colours import BACKGROUND, range_table
 from srt3d_ros.core.sensor.projection import Pinhole
+from srt3d_ros.pictures.colours import BACKGROUND, range_table
 from srt3d_ros.review import gallery
 from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.report import write_report

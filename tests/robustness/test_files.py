@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from srt3d_ros import datasets
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import open_sensor, photon_file
 from srt3d_ros.datasets.bags.bag import Bag
-from srt3d_ros.messages import cdr, photons, sensor
+from srt3d_ros.messages import cdr, photons_message
+from srt3d_ros.messages import sensor_message as sensor
 from tests.bags import CLOUD, TEXT, write_bag
 from tests.robustness.conftest import read_or_refused
 from tests.robustness.test_messages import CODECS, SENSOR
@@ -89,7 +90,7 @@ def test_a_damaged_array_in_a_photon_file_is_read_or_refused_in_one_line(rounds,
 @pytest.mark.parametrize(("storage", "pattern"), [("mcap", "*.mcap"), ("sqlite3", "*.db3"), ("mcap", "metadata.yaml")])
 def test_a_damaged_bag_is_read_or_refused_in_one_line(storage, pattern, rounds, tmp_path):
     write_bag(tmp_path / "bag", [("/sensor", TEXT, cdr.write_text(sensor.to_json(SENSOR))),
-                                 ("/photons", CLOUD, photons.encode_cdr(EVENTS, SENSOR, "spad"))], storage)
+                                 ("/photons", CLOUD, photons_message.encode_cdr(EVENTS, SENSOR, "spad"))], storage)
     (path,) = (tmp_path / "bag").glob(pattern)
 
     def read(raw: bytes) -> None:

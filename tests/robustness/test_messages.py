@@ -9,8 +9,14 @@ from sensor_msgs.msg import Imu
 
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sketching.sketcher import Sketcher
-from srt3d_ros.messages import gates, histograms, images, odometry, photons, points, sensor, sketch
+from srt3d_ros.core.sketching.frame_sketcher import Sketcher
+from srt3d_ros.messages import gates_message as gates
+from srt3d_ros.messages import histograms_message as histograms
+from srt3d_ros.messages import images_message as images
+from srt3d_ros.messages import odometry, photons_message
+from srt3d_ros.messages import points_message as points
+from srt3d_ros.messages import sensor_message as sensor
+from srt3d_ros.messages import sketch_message as sketch
 from tests.robustness.conftest import read_or_refused
 
 GOLDEN = Path(__file__).resolve().parents[1] / "messages" / "golden"
@@ -39,7 +45,7 @@ def frame(codec):
 
 
 CODECS = {
-    "photons": (frame(photons), golden("photons_uint16", "photons_float32")),
+    "photons": (frame(photons_message), golden("photons_uint16", "photons_float32")),
     "gates": (frame(gates), golden("gates")),
     "histograms": (frame(histograms), golden(*(f"histograms_{kind}5" for kind in ("8UC", "16UC", "32SC", "32FC")))),
     "sketch": (lambda raw: sketch.decode_cdr(raw, SENSOR), golden("sketch_float32", "sketch_int16")),

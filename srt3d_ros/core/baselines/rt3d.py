@@ -17,10 +17,10 @@ import numpy as np
 
 from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, without_faint
 from srt3d_ros.core.baselines.xcorr import XCORR, by_pixel
-from srt3d_ros.core.device import kernels_for
-from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.devices import kernels_for
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame
 
 BACKGROUND_WINDOW = 1.5         # σ of the moving average, pixels
 LEAST = 1e-12                   # information of an IRF without slopes, and light of a bin without any

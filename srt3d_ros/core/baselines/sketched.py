@@ -15,13 +15,13 @@ import numpy as np
 
 from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, without_faint
 from srt3d_ros.core.baselines.weighting import weighted_steps
-from srt3d_ros.core.device import kernels_for
-from srt3d_ros.core.method.cloud import Estimate, PointCloud
-from srt3d_ros.core.method.gpu_check import device_for
-from srt3d_ros.core.method.matched_frame import MatchedFrame, Matcher
-from srt3d_ros.core.method.thresholds import check_surfaces
+from srt3d_ros.core.cloud import Estimate, PointCloud
+from srt3d_ros.core.devices import kernels_for
+from srt3d_ros.core.gpu_check import device_for
+from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch
+from srt3d_ros.core.thresholds import check_surfaces
 
 SMLE_STEPS = 10
 SMLE_RATE = 0.5         # each step halves what is left of the error

@@ -10,8 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
-from srt3d_ros.core.method.cloud import Estimate
-from srt3d_ros.core.method.matched_frame import Matcher
+from srt3d_ros.core.cloud import Estimate
+from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.sketching.frequencies import angular_frequencies
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.errors import require

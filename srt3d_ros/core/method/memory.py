@@ -5,16 +5,16 @@ from functools import cached_property
 
 import numpy as np
 
-from srt3d_ros.core.device import kernels_for
+from srt3d_ros.core.cloud import Estimate, PointCloud
+from srt3d_ros.core.devices import kernels_for
+from srt3d_ros.core.gpu_check import device_for
+from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.method.background import PASSES, Background, BackgroundEstimate
-from srt3d_ros.core.method.cloud import Estimate, PointCloud
-from srt3d_ros.core.method.gpu_check import device_for
-from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.method.pile_up import PileUp
 from srt3d_ros.core.method.pooled import Pooled
-from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, MAX_FALSE_ALARM_RATE, check_surfaces
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch
+from srt3d_ros.core.thresholds import DEFAULT_FALSE_ALARM_RATE, MAX_FALSE_ALARM_RATE, check_surfaces
 from srt3d_ros.errors import require
 
 

@@ -13,9 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from srt3d_ros.core.device import kernels_for
-from srt3d_ros.core.method.cloud import PointCloud
-from srt3d_ros.core.method.matched_frame import Matcher
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.devices import kernels_for
+from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies
 from srt3d_ros.core.sketching.sketch import Sketch

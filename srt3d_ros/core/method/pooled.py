@@ -14,10 +14,10 @@ from math import ceil
 
 import numpy as np
 
-from srt3d_ros.core.method.cloud import Estimate
-from srt3d_ros.core.method.matched_frame import MatchedFrame, Matcher
-from srt3d_ros.core.method.thresholds import continuation_threshold, score_threshold
+from srt3d_ros.core.cloud import Estimate
+from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.thresholds import continuation_threshold, score_threshold
 from srt3d_ros.kernels import constants, maps
 from srt3d_ros.kernels.finalise import averaged, finalise, nearness, unexplained, without_weak
 

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from srt3d_ros.core.device import kernels_for
+from srt3d_ros.core.devices import kernels_for
 from srt3d_ros.core.motion.trajectory import Trajectory
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import irf_spectrum

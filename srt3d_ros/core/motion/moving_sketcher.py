@@ -10,10 +10,10 @@ import numpy as np
 from srt3d_ros.core.motion.deskew import Deskewer, Parts
 from srt3d_ros.core.motion.trajectory import Trajectory
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frame_sketcher import Sketcher
 from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.core.sketching.photons import PhotonFrame
+from srt3d_ros.core.sketching.photon_frame import PhotonFrame
 from srt3d_ros.core.sketching.sketch import Sketch
-from srt3d_ros.core.sketching.sketcher import Sketcher
 
 PARTS = 10          # of a frame, at most: within one, 1 m/s and 100 ms smear by 1 cm; moving each takes about 1 ms
 

@@ -8,7 +8,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import RULES, choose, design
 from srt3d_ros.core.sketching.gate import AUTO, FORM, OFF, Gate, parse
 from srt3d_ros.core.sketching.light import measure
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonHistograms
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
 from srt3d_ros.errors import require
 
 SURE = 4.5              # σ at which bins are more than background; one of 3000 frames deviates so much by chance

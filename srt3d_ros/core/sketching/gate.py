@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.errors import InvalidInput, require
 
 OFF, AUTO = "off", "auto"

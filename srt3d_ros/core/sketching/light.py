@@ -7,8 +7,8 @@ sketch has their sum, |Σ_x exp(i ω x)|² = n + 2 Σ cos ω(x − x'): no depth
 
 import numpy as np
 
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import irf_spectrum, progression
-from srt3d_ros.core.sketching.sketcher import sketch_photons
 
 RUNGS = 20      # frequencies at which photons and IRF are compared
 POOLED = 4      # pixels whose photons count together: a reconstruction pools those around each point

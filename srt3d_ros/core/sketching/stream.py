@@ -9,11 +9,11 @@ from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.counts import Counts
 from srt3d_ros.core.sketching.design import design_for
+from srt3d_ros.core.sketching.frame_sketcher import Sketcher
 from srt3d_ros.core.sketching.framing import Framing, OpenFrame
 from srt3d_ros.core.sketching.gate import OFF, in_ranges
-from srt3d_ros.core.sketching.photons import PhotonFrame
+from srt3d_ros.core.sketching.photon_frame import PhotonFrame
 from srt3d_ros.core.sketching.sketch import Sketch
-from srt3d_ros.core.sketching.sketcher import Sketcher
 from srt3d_ros.errors import require
 
 MERGE_S = 0.4           # longest wait for an acknowledgement: a reader that was killed gives none for 20 s

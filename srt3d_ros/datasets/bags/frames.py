@@ -5,15 +5,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from srt3d_ros import json_text
-from srt3d_ros.core.sketching.photons import PhotonGates
+from srt3d_ros.core.sketching.photon_frame import PhotonGates
 from srt3d_ros.datasets.bags.bag import Bag, BagTopic
 from srt3d_ros.datasets.options import ASSUMED_FOV, sketch_with_options
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.messages import cdr
-from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.files import json_text
+from srt3d_ros.messages import cdr, sensor_message, sketch_message
 from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.results import Sketch
 

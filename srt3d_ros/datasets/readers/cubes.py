@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS
-from srt3d_ros.core.sketching.photons import PhotonHistograms
+from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, complete, sampled, sensor_of
-from srt3d_ros.datasets.files import map_npy, read_errors, read_npz_arrays
 from srt3d_ros.datasets.options import check_same, few_bins_note, outside_note, replaced_note
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.values import sendable
 from srt3d_ros.errors import finite, require
+from srt3d_ros.files.array_files import map_npy, read_errors, read_npz_arrays
 
 MAX_CUBE_BYTES = 2**46
 MAX_COUNT = 2**31 - 1

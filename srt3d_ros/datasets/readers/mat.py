@@ -12,13 +12,13 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS, MAX_PIXELS
 from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, from_pixels
-from srt3d_ros.datasets.files import MAX_BYTES, read_errors
 from srt3d_ros.datasets.options import check_same, outside_note
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers.cubes import GIVEN, cube, in_gate, the_cube
 from srt3d_ros.datasets.values import MAX_PHOTONS
 from srt3d_ros.errors import finite, require
-from srt3d_ros.processes import ending
+from srt3d_ros.files.array_files import MAX_BYTES, read_errors
+from srt3d_ros.processes.children import ending
 
 EXPECTED = "a MATLAB 5 .mat file, whole (save -v7)"
 EDGE = 1e-6     # of a bin: a time on a bin's edge belongs to the bin that begins there, whatever the rounding

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.datasets.files import read_errors
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers.cubes import cube
 from srt3d_ros.errors import finite, require
+from srt3d_ros.files.array_files import read_errors
 
 EXPECTED = "a PicoQuant .ptu file, whole"
 COUNT = np.dtype(np.uint32)

@@ -19,11 +19,11 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
-from srt3d_ros.core.sketching.photons import PhotonHistograms
-from srt3d_ros.datasets.files import read_errors
+from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.values import whole_counts
 from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.files.array_files import read_errors
 
 NAME = "tmf8829"
 NOTE = "ranges count from the reference pulse"

@@ -3,7 +3,7 @@
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets.simulation.bust import Bust
 from srt3d_ros.datasets.simulation.scene import Scene, default_sensor
 from srt3d_ros.datasets.values import MAX_PHOTONS

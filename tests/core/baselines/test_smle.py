@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum
-from srt3d_ros.core.sketching.sketcher import sketch_photons
 from tests.core.scenes import T, make_sensor, ramp, run, simulate
 
 

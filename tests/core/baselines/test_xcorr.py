@@ -5,7 +5,7 @@ import numpy as np
 from srt3d_ros.core.baselines import xcorr
 from srt3d_ros.core.baselines.xcorr import by_pixel
 from srt3d_ros.core.metrics import circular_difference
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from tests.core.scenes import T, make_sensor, ramp, run, simulate
 
 

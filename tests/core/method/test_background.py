@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
+from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.method.background import Background
-from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.metrics import circular_difference, evaluate
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.sketching.sketch import Sketch
-from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.errors import InvalidInput
 from tests.core import scenes
 from tests.core.scenes import IRF, background_alone, with_photons

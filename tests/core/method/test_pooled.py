@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.method.memory import PooledStream
-from srt3d_ros.core.method.thresholds import continuation_threshold, score_threshold
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.core.sketching.sketcher import sketch_photons
+from srt3d_ros.core.thresholds import continuation_threshold, score_threshold
 from tests.core.scenes import T, background_alone, errors, exact, make_sensor, pooled, ramp, simulate
 
 # ---- Without noise

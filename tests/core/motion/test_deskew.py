@@ -9,9 +9,9 @@ from srt3d_ros.core.motion.deskew import FAR_M, Deskewer
 from srt3d_ros.core.motion.trajectory import Pose, Trajectory
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.core.sketching.photons import PhotonEvents
-from srt3d_ros.core.sketching.sketcher import sketch_photons
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 
 ROWS, COLS, T = 9, 12, 200
 STEP = 0.02             # rad from pixel to pixel

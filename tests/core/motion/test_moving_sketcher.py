@@ -8,9 +8,9 @@ from srt3d_ros.core.motion.moving_sketcher import MovingSketcher
 from srt3d_ros.core.motion.trajectory import Pose, Trajectory
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.core.sketching.photons import PhotonEvents
-from srt3d_ros.core.sketching.sketcher import sketch_photons
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.errors import InvalidInput
 
 T, STEP = 100, 0.02

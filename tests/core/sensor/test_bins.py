@@ -6,9 +6,9 @@ import pytest
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import histogram
+from srt3d_ros.core.sketching.frame_sketcher import Sketcher
 from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.core.sketching.photons import PhotonHistograms
-from srt3d_ros.core.sketching.sketcher import Sketcher
+from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.errors import InvalidInput
 
 SHAPE = (2, 3)

@@ -6,7 +6,7 @@ import pytest
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import design_for, histogram, occupied, signal_to_background
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.errors import InvalidInput
 from tests.photon_forms import as_histograms
 

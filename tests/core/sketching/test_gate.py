@@ -5,9 +5,9 @@ import pytest
 
 from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
+from srt3d_ros.core.sketching.frame_sketcher import Sketcher, sketch_photons
 from srt3d_ros.core.sketching.gate import Gate, parse
-from srt3d_ros.core.sketching.photons import PhotonEvents
-from srt3d_ros.core.sketching.sketcher import Sketcher, sketch_photons
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.errors import InvalidInput
 from tests.photon_forms import as_gates
 

@@ -8,7 +8,7 @@ from srt3d_ros.core.sketching.design import design_for
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.light import POOLED, measure
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from tests.photon_forms import as_histograms
 
 T, SIDE = 600, 40

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sketching import sketcher as sketcher_module
+from srt3d_ros.core.sketching import frame_sketcher as sketcher_module
+from srt3d_ros.core.sketching.frame_sketcher import Sketcher, sketch_photons
 from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates, PhotonHistograms
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sketching.sketch import MAX_PHOTONS
-from srt3d_ros.core.sketching.sketcher import Sketcher, sketch_photons
 from srt3d_ros.errors import InvalidInput
 
 SENSOR = SensorModel(3, 5, 100, 1e-10, [1, 2, 1])

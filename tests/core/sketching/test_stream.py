@@ -9,9 +9,9 @@ from srt3d_ros.core.motion.track import MotionReport
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching import stream as stream_module
+from srt3d_ros.core.sketching.frame_sketcher import Sketcher
 from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.core.sketching.photons import PhotonEvents
-from srt3d_ros.core.sketching.sketcher import Sketcher
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.sketching.stream import MERGE_S, MOTION_S, SketchStream, StreamOptions
 from srt3d_ros.errors import InvalidInput
 

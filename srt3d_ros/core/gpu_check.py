@@ -1,0 +1,76 @@
+"""`device: auto`: a GPU computes if it gives what the CPU gives, and sooner."""
+
+import logging
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.devices import missing_for_cuda, say_once
+from srt3d_ros.core.metrics import circular_difference
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum
+from srt3d_ros.core.sketching.sketch import Sketch
+
+ALIKE = 0.999           # of the pixels must have the same points,
+SIGMAS = 0.1            # within so many standard deviations, or, as baselines have none,
+ROUNDING = 2.0**-19     # of T: some steps of float32
+PHOTONS = 40            # of a pixel of the frame that is tried; half of them signal
+
+
+def device_for(device: str, sensor: SensorModel, frequencies: tuple[int, ...], build: Callable) -> tuple[str, str]:
+    """The device that is asked for, and why; of "auto", the log says so, too.
+
+    That is "cuda" if a frame of this sensor comes out as on the CPU and faster, else "cpu". `build` makes the
+    reconstructor that will take the frames, of a device's name.
+    """
+    if device != "auto":
+        return device, "asked for"
+    if missing := missing_for_cuda():
+        say_once(missing)
+        return "cpu", missing
+    frame = _frame(sensor, frequencies)
+    try:
+        (wanted, cpu_s), (found, gpu_s) = (_timed(build(device), frame) for device in ("cpu", "cuda"))
+    except RuntimeError as error:                       # torch's: no memory, or no kernels for this GPU
+        refused = str(error).partition("\n")[0]
+    else:
+        alike = share_alike(found, wanted, sensor.num_bins)
+        refused = f"{100 * alike:.1f} % of its pixels are as on the CPU" if alike < ALIKE else \
+            f"{1e3 * gpu_s:.0f} ms a frame instead of {1e3 * cpu_s:.0f}" if gpu_s >= cpu_s else ""
+    if refused:
+        logging.getLogger(__name__).warning(f"the GPU is not used ({refused}): computing on the CPU")
+    return ("cpu", refused) if refused else ("cuda", f"{1e3 * gpu_s:.0f} ms a frame, on the CPU {1e3 * cpu_s:.0f}")
+
+
+def _frame(sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:
+    """Slanted walls with a step, with the noise of photons, before an even background."""
+    rng, (row, col) = np.random.default_rng(0), np.mgrid[:sensor.rows, :sensor.cols]
+    depth = sensor.num_bins * (0.3 + 0.2 * col / sensor.cols + 0.2 * (2 * row > sensor.rows))
+    late = 0 if sensor.delay_bins is None else sensor.delay_bins
+    phase = np.exp(1j * (depth + late)[..., None] * angular_frequencies(frequencies, sensor.num_bins))
+    spectrum = irf_spectrum(sensor, frequencies)
+    spectrum = spectrum if spectrum.ndim == 1 else spectrum.reshape(phase.shape)
+    noise = rng.normal(scale=(PHOTONS / 2)**0.5, size=(*phase.shape, 2)).view(complex)[..., 0]
+    sums = PHOTONS / 2 * spectrum * phase + noise
+    return Sketch(frequencies, sums.astype(np.complex64), np.full(depth.shape, PHOTONS, np.uint32))
+
+
+def _timed(reconstructor: Callable, frame: Sketch) -> tuple[PointCloud, float]:
+    """The cloud, and seconds, of a frame after the first, which compiles."""
+    reconstructor(frame)
+    reconstructor.forget()
+    began = time.perf_counter()
+    return reconstructor(frame), time.perf_counter() - began
+
+
+def share_alike(found: PointCloud, wanted: PointCloud, num_bins: int) -> float:
+    """The share of the pixels with the same points."""
+    alike = np.ones(wanted.background.shape, bool)
+    for k in range(max(found.surface.max(initial=0), wanted.surface.max(initial=0)) + 1):
+        depth, expected = (cloud.image("depth_bins", k) for cloud in (found, wanted))
+        most = np.fmax(SIGMAS * wanted.image("depth_std_bins", k), ROUNDING * num_bins)
+        near = np.abs(circular_difference(depth, expected, num_bins)) <= most
+        alike &= near | (np.isnan(depth) & np.isnan(expected))
+    return float(alike.mean())

@@ -1,0 +1,217 @@
+"""MatchedFrame: a sketch with delay, gain and IRF of its pixels taken out, which is what the iterations work on."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from srt3d_ros.core.devices import on_device
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum
+from srt3d_ros.core.sketching.sketch import MAX_PHOTONS, Sketch, check_frequencies
+from srt3d_ros.errors import require
+from srt3d_ros.kernels import maps
+
+MAX_SUM = 1.001 * MAX_PHOTONS       # the rest is for rounding
+TABLE_STEPS = 256
+TOGETHER = 2**22            # numbers computed at once
+BETWEEN = 8                 # depths between two bins that stand for all
+BLIND = 0.01                # |ĥ| below which a frequency tells nothing of the depth
+WEAKEST_PASSBAND = 0.25     # a pixel's |ĥ| is not equalised further than this, against the mean of the pixels
+
+
+@dataclass(frozen=True, eq=False)
+class MatchedFrame:
+    """The sufficient statistics of Σ_l |sums_l − r ĥ_l exp(i ω_l t)|² for every pixel, and constants of the sensor.
+
+    That data term depends on a pixel's photons only through conj(ĥ_l) · sums_l; the statistics of several pixels that
+    see one surface add up. A gain g makes g times as many photons, signal and background, so it acts as an exposure
+    time.
+
+    Args:
+        matched: float32 [rows, 2m, cols], conj(ĥ_l) · sums_l, real parts before imaginary ones; 0 in masked pixels.
+        counts: float32 [rows, cols], photons: twice the variance of each part of `matched` / ĥ_l, background alone;
+            0 in masked pixels.
+        exposure: float32 [rows, cols], g; 0 in masked pixels.
+        energy: float32 [m], |ĥ_l|².
+        bin_frequencies: float32 [m], k_l / T.
+        filters: [cells, 2m], cos(2π k_l c / cells) before sin: the matched filters of `match`, on its grid of depths.
+        num_bins: T.
+        moments: float32 [4], variance of the depth score that one signal photon, one background photon adds; what
+            bins add to that of a signal photon; and the mean square error of the depth by bins, bins².
+        intensity_moments: float32 [2], variance of the intensity score, in the same way.
+        max_response: of a photon to a matched filter.
+        background_table: float32 [n], what mean responses of 0 … max_response are worth against "background
+            alone", standard deviations per √photon.
+        total_energy: Σ|ĥ_l|², the curvature of the data term in intensity.
+        curvature: Σ ω_l² |ĥ_l|², bins⁻²: times r², the curvature of the data term in depth.
+        clutter: float32 [T], standard deviation of matched filters at each bin over that in an even background, 1 or
+            more; None if the background is even.
+        size: rows, cols if the maps are padded (`kernels.maps`): float32 [rows', 2m, cols'] and [rows', cols'].
+    """
+
+    matched: np.ndarray
+    counts: np.ndarray
+    exposure: np.ndarray
+    energy: np.ndarray
+    bin_frequencies: np.ndarray
+    filters: np.ndarray
+    num_bins: int
+    moments: np.ndarray
+    intensity_moments: np.ndarray
+    max_response: float
+    background_table: np.ndarray
+    total_energy: float
+    curvature: float
+    clutter: np.ndarray | None = None
+    size: tuple[int, int] | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """rows, cols."""
+        return self.size or self.counts.shape
+
+    @property
+    def resolution_bins(self) -> float:
+        """Width of the matched filter's peak: closer depths are hardly resolved."""
+        return math.sqrt(self.total_energy / self.curvature)
+
+
+class Matcher:
+    """Makes the MatchedFrame of a sketch; what depends on sensor and frequencies alone is computed once.
+
+    Raises:
+        InvalidInput: frequencies that mean nothing, or of which the IRF passes none.
+    """
+
+    def __init__(self, sensor: SensorModel, frequencies):
+        self.sensor = sensor
+        self.frequencies = frequencies = check_frequencies(frequencies, sensor.num_bins)
+        omega = angular_frequencies(frequencies, sensor.num_bins)
+        spectrum = np.atleast_2d(irf_spectrum(sensor, frequencies))                    # [1 or pixels, m]
+        energy = (np.abs(spectrum)**2).mean(axis=0)
+        require(energy.max() > BLIND**2, "frequencies", list(self.frequencies),
+                f"some that the sensor's IRF passes (|ĥ| above {BLIND})")
+        weakest = np.maximum(np.abs(spectrum)**2, energy * WEAKEST_PASSBAND**2)
+        equaliser = np.conj(spectrum) * energy / weakest
+        self.passed = self._map(equaliser)      # of a background photon, which is as late as its pixel
+        if sensor.delay_bins is not None:
+            equaliser = equaliser * np.exp(-1j * np.outer(sensor.delay_bins.reshape(-1), omega))
+        if sensor.mask is not None:
+            equaliser = equaliser * sensor.mask.reshape(-1, 1)
+        self.equaliser = self._map(equaliser)
+        self.used = np.ones((sensor.rows, sensor.cols), np.float32) if sensor.mask is None else np.float32(sensor.mask)
+        self.spectrum = spectrum.mean(axis=0)
+        self.energy = energy = energy.astype(np.float32)
+        bin_frequencies = (omega / (2 * np.pi)).astype(np.float32)
+        max_response, background_table = _background_table(self.spectrum, self.frequencies)
+        self.moments, intensity_moments = _score_moments(sensor, omega, np.conj(self.spectrum), energy)
+        cells = 16 * math.ceil(max(self.frequencies) / 4)
+        turns = np.outer(np.arange(cells), self.frequencies) * (2 * np.pi / cells)
+        filters = np.concatenate([np.cos(turns), np.sin(turns)], axis=1)
+        self._constants = {
+            "exposure": sensor.exposure, "energy": energy, "bin_frequencies": bin_frequencies, "filters": filters,
+            "num_bins": sensor.num_bins, "moments": self.moments, "intensity_moments": intensity_moments,
+            "max_response": max_response, "background_table": background_table,
+            "total_energy": float(energy.sum()), "curvature": float((energy * (2 * np.pi * bin_frequencies)**2).sum())}
+
+    def __call__(self, sketch: Sketch) -> MatchedFrame:
+        """The MatchedFrame of a sketch."""
+        self.check(sketch)
+        return self._matched(sketch.photons.astype(np.float32), sketch.sums)
+
+    def _matched(self, photons: np.ndarray, sums: np.ndarray) -> MatchedFrame:
+        z = (sums * self.equaliser).transpose(0, 2, 1)
+        matched = np.concatenate([z.real, z.imag], axis=1).astype(np.float32, order="C")
+        return MatchedFrame(matched, photons * self.used, **self._constants)
+
+    def on(self, kernels) -> Callable[..., MatchedFrame]:
+        """Function from photons, float32 [rows, cols], and sums, the kernels' arrays, to their MatchedFrame."""
+        if kernels.ON_HOST:
+            return self._matched
+        constants, equaliser, used = on_device(self._constants, kernels), *map(kernels.array, (
+            self.equaliser, self.used))
+
+        def matched(photons, sums):
+            padded = kernels.prepare(sums, photons, equaliser, used)
+            return MatchedFrame(*(maps.crop(each, *photons.shape) for each in padded), **constants)
+        return matched
+
+    def padded_on(self, kernels) -> Callable[..., MatchedFrame]:
+        """Function from padded `matched` and `counts`, and `clutter`, to a MatchedFrame on the kernels' device."""
+        exposure = self.sensor.exposure
+        constants = on_device({**self._constants, "exposure": maps.pad(exposure), "size": exposure.shape}, kernels)
+        return lambda matched, counts, clutter=None: MatchedFrame(matched, counts, clutter=clutter, **constants)
+
+    def check(self, sketch: Sketch) -> None:
+        """Raise InvalidInput unless the sketch was taken with this sensor and these frequencies, and is of numbers."""
+        shape = (self.sensor.rows, self.sensor.cols)
+        require(sketch.frequencies == self.frequencies, "sketch frequencies", list(sketch.frequencies),
+                f"{list(self.frequencies)}")
+        require(sketch.photons.shape == shape, "sketch size", tuple(sketch.photons.shape), f"rows × cols = {shape}")
+        parts = np.ascontiguousarray(sketch.sums, np.complex64).view(np.float32)
+        flat = parts.ravel()
+        with np.errstate(over="ignore"):
+            longest = float(np.sqrt(flat @ flat))   # at most, in one pass; NaN if one is
+        if not longest <= MAX_SUM:
+            longest = float(max(parts.max(), -parts.min()))
+        require(longest <= MAX_SUM, "sketch", longest, "sums of unit vectors, as many as photons, everywhere")
+
+    def _map(self, values: np.ndarray) -> np.ndarray:
+        """complex [1 or pixels, m] → complex64 [1 or rows, 1 or cols, m]."""
+        size = (self.sensor.rows, self.sensor.cols) if len(values) > 1 else (1, 1)
+        return values.astype(np.complex64).reshape(*size, -1)
+
+
+def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
+                   energy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Variances that a signal photon and a background photon add to the scores for depth and for intensity; bins' own.
+
+    The scores are Σ_l ω_l Im and Σ_l Re of f_l exp(i ω_l b) for a photon b bins from its surface, f_l the filters
+    (conj(ĥ_l) of a matched filter): the gradients of the data term in t and r. Their mean square over the IRF, and over
+    all bins, is the variance that a Poisson number of photons has for each one expected; the sandwich formula makes the
+    estimates' variances of it, whatever the distribution of the photons over the bins.
+
+    Of an IRF per pixel the mean counts. Between bins it is linear, so a pulse below a bin looks wider and not just
+    shifted there: means over such depths say how much.
+
+    Returns:
+        For depth and for intensity, float32 [4] and [2]: `MatchedFrame.moments` and `intensity_moments`.
+    """
+    irf = sensor.irf if sensor.irf.ndim == 1 else sensor.irf.mean(axis=0)
+    bins, depths = np.arange(len(irf) + 1) - sensor.irf_ref, np.arange(BETWEEN) / BETWEEN
+    response = np.exp(1j * (bins - depths[:, None])[..., None] * omega) * filters
+    of_depth, of_intensity = (response * omega).imag.sum(axis=2), response[0].real.sum(axis=1)
+    shown = np.outer(1 - depths, np.append(irf, 0)) + np.outer(depths, np.append(0, irf))
+    mean, square = (shown * of_depth).sum(axis=1), (shown * of_depth**2).sum(axis=1)
+    curvature = (omega**2 * energy).sum()
+    return (np.array([square[0], curvature / 2, max((square - mean**2).mean() - square[0], 0),
+                      (mean**2).mean() / curvature**2], np.float32),
+            np.array([irf @ of_intensity[:-1]**2, energy.sum() / 2], np.float32))
+
+
+def _background_table(spectrum: np.ndarray, frequencies: tuple[int, ...]) -> tuple[float, np.ndarray]:
+    """How improbable it is that background photons respond to a matched filter as signal does.
+
+    The mean response of n of them reaches u with a probability of at most exp(−n I(u)), I(u) = max_λ λu − K(λ), where
+    K(λ) is the logarithm of the mean of exp(λ · response) over all bins (Chernoff's bound).
+
+    Returns:
+        The greatest response, and √(2 I(u)) for u from 0 to it. For small u that is u / √(Σ|ĥ_l|² / 2), as of a normal
+        distribution, for large u far less: a few photons often agree by chance.
+    """
+    cells = 16 * max(frequencies)
+    coefficients = np.zeros(cells // 2 + 1, complex)
+    coefficients[list(frequencies)] = np.conj(spectrum) / 2
+    response = np.fft.irfft(coefficients, cells) * cells        # Re Σ conj(ĥ_l) exp(i ω_l b) over all bins
+    greatest = response.max()
+    tilts = np.geomspace(1e-3, 100, 200) / greatest
+    known, table = [0.0], [0.0]
+    for tilt in np.array_split(tilts, 1 + len(tilts) * len(response) // TOGETHER):
+        weights = np.exp(tilt[:, None] * (response - greatest))
+        mean = weights @ response / weights.sum(axis=1)
+        nats = tilt * (mean - greatest) - np.log(weights.mean(axis=1))
+        known, table = np.append(known, mean), np.append(table, np.sqrt(2 * nats))
+    table = np.interp(np.linspace(0, greatest, TABLE_STEPS + 1), known, table)
+    return float(greatest), table.astype(np.float32)

@@ -1,0 +1,197 @@
+"""Photons → sketch: the sums Σ_p exp(i ω_l x_p) of every pixel (SRT3D, ICASSP 2022, eq. 3), also of a sliding window.
+
+exp(i ω_l x) takes only T values for integer ToA, so a T × 2m table replaces every sine and cosine, and sketching is
+one table row added per photon. The sums are integers (kernels/cpu/sketching/rows.py): what a sketch is depends on its
+photons only, bit for bit, not on their order, their packets or the number of threads.
+"""
+
+from collections import deque
+from functools import cached_property
+
+import numpy as np
+
+from srt3d_ros.core.devices import kernels_for
+from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
+from srt3d_ros.core.sketching.gate import Gate
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
+from srt3d_ros.core.sketching.sketch import Sketch, check_frequencies
+from srt3d_ros.errors import require
+
+MAX_WINDOW_BYTES = 2**31
+ROUNDING = 1e-5         # relative, of float32 sums
+FAR = 4.0               # times its mean: where a template is higher, its noise would be taken for a surface
+STEPS = 16              # of a bin, for ToA with fractions
+
+
+class Sketcher:
+    """Adds the photons of frames, in any split and any order, and gives the sketch of the newest W frames.
+
+    Photons add up without end; a window is what has been added since its first frame began. The sums are integers that
+    wrap around, so the difference is exact, however long this runs, and costs what one frame does, whatever W. Memory:
+    a table, and one set of sums a frame of the window.
+
+    Args:
+        sensor: pixels, T and gate words.
+        frequencies: the integers k_l.
+        window_frames: W, 1 or more; InvalidInput if the window would take more than MAX_WINDOW_BYTES.
+        gate: of this sensor. Photons outside are dropped: the sketch is one of `gate.sensor`.
+    """
+
+    def __init__(self, sensor: SensorModel, frequencies, window_frames: int = 1, gate: Gate | None = None):
+        self.sensor, self.gate = sensor, gate
+        self.frequencies = check_frequencies(frequencies, sensor.num_bins if gate is None else gate.num_bins)
+        _, self._kernels = kernels_for("cpu")
+        self._rows = self._kernels.fixed_rows(phase_table(sensor, self.frequencies, gate))
+        self._sums = self._kernels.new_sums(sensor.pixels, self._rows)
+        self._subtracted = False            # whether counts may have been negative
+        most = max(MAX_WINDOW_BYTES // self._sums.nbytes, 1)
+        require(1 <= window_frames <= most, "window_frames", window_frames, f"1 to {most} for {sensor.rows} × "
+                f"{sensor.cols} pixels, which take {self._sums.nbytes / 1e6:.3g} MB a frame")
+        self.window_frames = window_frames
+        self.reset()
+
+    @property
+    def sketch_sensor(self) -> SensorModel:
+        """What the sketches are of: the sensor, or its gate."""
+        return self.sensor if self.gate is None else self.gate.sensor
+
+    def reset(self) -> None:
+        """Forget all photons, of the open frame and of all before."""
+        self._sums[:] = 0
+        self._stamp_ns: int | None = None       # of the open frame
+        self._cycles = 0                        # since then, if known
+        # Of the window's frames, the open one last: what had been added before each (None: nothing), its first stamp.
+        self._before: deque[np.ndarray | None] = deque([None], maxlen=self.window_frames)
+        self._cycles_before: deque[int] = deque([0], maxlen=self.window_frames)
+        self._stamps_ns: deque[int] = deque(maxlen=self.window_frames)
+
+    def add(self, frame: PhotonFrame) -> None:
+        """Add the photons of a frame or packet; InvalidInput, and none is added, if one is outside the sensor."""
+        if isinstance(frame, PhotonHistograms):
+            self._add_histograms(frame)
+        elif isinstance(frame, PhotonGates):
+            self._add_gates(frame)
+        elif frame.photons > 0:
+            self._add_events(frame)
+        self._stamp_ns = frame.stamp_ns if self._stamp_ns is None else min(self._stamp_ns, frame.stamp_ns)
+        self._cycles += len(frame.words) if isinstance(frame, PhotonGates) else self.sensor.cycles or 0
+
+    @property
+    def kept(self) -> int:
+        """Photons of the open frame inside the gate: more than all of them if there are negative counts outside."""
+        column, before = 2 * len(self.frequencies), self._before[-1]
+        here = self._sums[:, column] - (0 if before is None else before[:, column])
+        return round(int(here.sum()) / self._kernels.UNIT)
+
+    def end_frame(self) -> Sketch:
+        """End the open frame; the sketch of the window of which it is the last, and its stamp."""
+        self._stamps_ns.append(self._stamp_ns or 0)
+        oldest = self._before[0]
+        if oldest is not None:                  # of a full window: not needed after this, so it takes the difference
+            np.subtract(self._sums, oldest, out=oldest)
+        sketch = self._sketch_of(self._sums if oldest is None else oldest, max(self._stamps_ns),
+                                 self._cycles - self._cycles_before[0])
+        if self.window_frames == 1:             # cheaper than keeping what was added before
+            self.reset()
+            return sketch
+        self._stamp_ns = None
+        before = np.empty_like(self._sums) if oldest is None else oldest
+        before[:] = self._sums
+        self._before.append(before)
+        self._cycles_before.append(self._cycles)
+        return sketch
+
+    def sketch(self) -> Sketch:
+        """The sketch of all photons added since the last reset."""
+        return self._sketch_of(self._sums, self._stamp_ns or 0, self._cycles)
+
+    def _sketch_of(self, sums: np.ndarray, stamp_ns: int, cycles: int) -> Sketch:
+        rows, cols, m = self.sensor.rows, self.sensor.cols, len(self.frequencies)
+        before = None
+        if cycles and self.gate is not None:
+            before = (sums[:, 2 * m + 1] // self._kernels.UNIT).astype(np.uint32).reshape(rows, cols)
+        sums, photons = self._kernels.read_sums(sums, m)
+        if self._subtracted:    # the noise stays: n, near 0 in a pixel without a surface, is what the longest sum needs
+            longest = np.abs(sums).max(axis=1) * (1 - ROUNDING)
+            photons = np.maximum(photons, np.ceil(longest).astype(np.uint32))
+        return Sketch(self.frequencies, sums.reshape(rows, cols, m), photons.reshape(rows, cols), stamp_ns,
+                      self.sketch_sensor, 0 if self._subtracted else cycles, before)
+
+    # ---- Forms of photons
+
+    def _add_events(self, events: PhotonEvents) -> None:
+        events.check(self.sensor)
+        toa, rows = events.toa, self._rows
+        if toa.dtype.kind == "f":
+            steps, rows = self._fine_rows
+            toa = np.rint(toa * steps).astype(np.uint16)
+        self._kernels.sketch_events(*map(self._kernels.array, (events.pixel, toa)), rows, events.is_sorted, self._sums)
+
+    @cached_property
+    def _fine_rows(self) -> tuple[np.float32, np.ndarray]:
+        """For ToA with fractions: the steps of a bin to which they are rounded, and a row for each step.
+
+        STEPS, or as many as 16 bits can tell. Steps of 1/s bin add 1/(12 s²) bins² to a photon's variance: of 1/16,
+        0.03 % for a pulse with a standard deviation of 1 bin. They make z_l smaller by π² k_l² / (6 s² T²) at most.
+        """
+        steps = min(STEPS, MAX_BINS // self.sensor.num_bins)
+        at = np.arange(steps * self.sensor.num_bins + 1) / steps
+        table = phase_table(self.sensor, self.frequencies, self.gate, at + 0.5)
+        return np.float32(steps), self._kernels.fixed_rows(table)
+
+    def _add_gates(self, gates: PhotonGates) -> None:
+        gates.check(self.sensor)
+        form = self.sensor.gates
+        words = self._kernels.array(gates.words).reshape(len(gates.words), self.sensor.pixels)
+        self._kernels.sketch_gates(words, self._rows, form.first_word, form.no_detection, self._sums)
+
+    def _add_histograms(self, histograms: PhotonHistograms) -> None:
+        histograms.check(self.sensor)
+        counts, (table, of_template) = histograms.counts, self.histogram_tables
+        self._kernels.sketch_histograms(counts.reshape(-1, counts.shape[2]), table, of_template, self._sums)
+        self._subtracted |= counts.dtype.kind != "u" or of_template is not None
+
+    @cached_property
+    def histogram_tables(self) -> tuple[np.ndarray, np.ndarray | None]:
+        """The phases of the bins of the sensor's histograms, and the phase sums of their template, or None.
+
+        float32 [n, 2m + 2]; and [2m + 2], or [rows · cols, 2m + 2] if pixels have templates of their own. Bins in which
+        the template is far above its mean are taken to hold the mean of the others inside the gate, whatever they
+        count: a uniform background still adds nothing.
+        """
+        bins = self.sensor.histograms
+        table = phase_table(self.sensor, self.frequencies, self.gate, None if bins is None else bins.centers())
+        if bins is None or bins.template is None:
+            return table, None
+        of_pixel = bins.template.reshape(-1, bins.num_bins).mean(axis=0)
+        left_out = (of_pixel > max(FAR * of_pixel.mean(), 1))[:, None]
+        others = (table[:, -2:-1] > 0) & ~left_out
+        mean = (table * left_out).sum(axis=0) / max(others.sum(), 1)
+        table = ((table + mean) * others).astype(np.float32)
+        return table, bins.template @ table
+
+
+def sketch_photons(frame: PhotonFrame, sensor: SensorModel, frequencies, gate: Gate | None = None) -> Sketch:
+    """The sketch of one frame."""
+    sketcher = Sketcher(sensor, frequencies, gate=gate)
+    sketcher.add(frame)
+    return sketcher.sketch()
+
+
+def phase_table(sensor: SensorModel, frequencies, gate: Gate | None, middles: np.ndarray | None = None) -> np.ndarray:
+    """exp(i ω_l x) for bins of a sensor, re and im interleaved, then 1, which counts, and 0; 0 outside the gate.
+
+    Before the gate, the last column is 1, and counts the laser cycles that are over there.
+
+    float32 [n, 2m + 2] for n `middles` of bins, counted in the sensor's own; unless given, its own, 0.5, 1.5, …
+    """
+    middles = np.arange(sensor.num_bins) + 0.5 if middles is None else middles
+    start, num_bins = (0, sensor.num_bins) if gate is None else (gate.start, gate.num_bins)
+    from_start = (middles - start) % sensor.num_bins
+    # In half bins, so that k·x of the sensor's own is a whole number and the phase is exact for large k·x.
+    half_bins, period = 2 * from_start - 1, 2 * num_bins
+    turns = np.outer(half_bins, (*frequencies, 0)) % period / period
+    inside = from_start < num_bins
+    phases = np.exp(2j * np.pi * turns) * inside[:, None]
+    phases[:, -1] += 1j * (~inside & (middles < start))
+    return phases.astype(np.complex64).view(np.float32)

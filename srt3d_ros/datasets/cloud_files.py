@@ -1,0 +1,79 @@
+"""Save a point cloud: .npz with everything, .ply for other programs; or draw it."""
+
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.errors import printable, require
+from srt3d_ros.files.new_files import atomic_write, check_place, check_replaceable, file_errors
+from srt3d_ros.pictures.colours import levels, percentile_range, range_table
+
+PICTURES = (".png", ".jpg", ".jpeg")
+_JPEG_QUALITY = 90
+_SENSOR_FACTS = ("num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m")
+_FLOATS = [(name, "<f4") for name in ("x", "y", "z", "intensity")]
+_BYTES = [(name, "u1") for name in ("red", "green", "blue")]
+
+
+def save(cloud: PointCloud, path: str | Path, *, frequencies: tuple[int, ...], sensor: SensorModel) -> None:
+    """Write a cloud in the format that the suffix of `path` names; the file appears whole, or not at all.
+
+    .npz: row, col (uint16), depth_bins (float32: see SensorModel), intensity (expected signal
+    photons), depth_std_bins, xyz (float32 [N, 3], metres), surface (uint8), background (float32 [rows, cols], expected
+    photons), stamp_ns, frequencies; of the sensor num_bins, bin_width_s, irf_ref, toa_offset_bins, range_offset_m.
+    .ply: binary, x y z intensity, and the range's colour as red green blue.
+    .png, .jpg: a picture (needs matplotlib).
+
+    Raises:
+        InvalidInput: if the suffix is another or the file cannot be written there.
+    """
+    path = check(path)
+    with file_errors("output", path), atomic_write(path) as part:
+        _WRITERS[path.suffix.lower()](cloud, part, frequencies, sensor)
+
+
+def check(path: str | Path) -> Path:
+    """The path if a cloud could be saved there, as far as can be known before it is written; InvalidInput if not."""
+    require(isinstance(path, str | Path), "output", type(path).__name__, "a path")
+    path = Path(path)
+    require(path.suffix.lower() in _WRITERS, "output", str(path), f"a file name that ends in {', '.join(_WRITERS)}")
+    require(path.suffix.lower() not in PICTURES or find_spec("matplotlib") is not None, "output", path.suffix,
+            "pip install 'srt3d_ros[review]' to have been run")
+    check_place(path)
+    check_replaceable(path, "xyz")
+    return path
+
+
+def _save_npz(cloud: PointCloud, path: Path, frequencies: tuple[int, ...], sensor: SensorModel) -> None:
+    fields = {name: getattr(cloud, name) for name in PointCloud.__dataclass_fields__}
+    of_sensor = {name: getattr(sensor, name) for name in _SENSOR_FACTS}
+    with open(path, "wb") as file:      # to a path of another case NumPy appends .npz
+        np.savez(file, **fields, frequencies=np.array(frequencies, np.int64), **of_sensor)
+
+
+def _save_ply(cloud: PointCloud, path: Path, _, sensor: SensorModel) -> None:
+    points = np.empty(len(cloud), _FLOATS + _BYTES)
+    points["x"], points["y"], points["z"] = cloud.xyz.T
+    points["intensity"] = cloud.intensity
+    range_m = np.linalg.norm(cloud.xyz, axis=1)
+    level = levels(range_m, *percentile_range(range_m) or (0, 1))
+    points["red"], points["green"], points["blue"] = range_table()[level].T
+    header = ["ply", "format binary_little_endian 1.0", f"comment metres in the frame {printable(sensor.frame_id)}",
+              f"element vertex {len(points)}"]
+    header += [f"property float {name}" for name, _ in _FLOATS] + [f"property uchar {name}" for name, _ in _BYTES]
+    path.write_bytes("\n".join([*header, "end_header\n"]).encode() + points.tobytes())
+
+
+def _save_picture(cloud: PointCloud, path: Path, _, sensor: SensorModel) -> None:
+    from srt3d_ros.pictures.annotations import draw_cloud
+
+    draw_cloud(cloud, sensor).save(path, quality=_JPEG_QUALITY)
+
+
+_WRITERS: dict[str, Callable[[PointCloud, Path, tuple[int, ...], SensorModel], None]] = {
+    ".npz": _save_npz, ".ply": _save_ply,
+} | dict.fromkeys(PICTURES, _save_picture)

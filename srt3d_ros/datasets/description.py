@@ -1,0 +1,64 @@
+"""What is in a photon file, in figures: its size, SBR, IRF, and what it would be sketched with."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.design import design_for, histogram, signal_to_background
+from srt3d_ros.core.sketching.gate import AUTO, Gate
+from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
+from srt3d_ros.datasets.photons import Photons
+
+HALF = 0.5                  # of the peak, where an IRF's width is measured
+WORD_BYTES = 4              # of each real number of a sketch, and of the count beside them
+
+
+@dataclass(frozen=True, eq=False)
+class Description:
+    """Figures of a photon file.
+
+    Args:
+        facts: all figures by name; None where a value is unknown or infinite.
+        gate: the suggested one.
+        histogram, counts: float64 [T] and [rows, cols], photons in each bin and in each pixel.
+    """
+
+    facts: dict
+    gate: Gate | None
+    histogram: np.ndarray
+    counts: np.ndarray
+
+
+def describe(photons: Photons) -> Description:
+    """Figures of photons."""
+    frame, sensor = photons.frame, photons.sensor
+    gate, frequencies = design_for(sensor, AUTO, frame=frame)
+    sbr = signal_to_background(histogram(frame, sensor), sensor)
+    if isinstance(frame, PhotonHistograms):
+        of_bins = frame.on_axis(sensor)
+        toa, counts = of_bins.sum(axis=(0, 1), dtype=np.float64), of_bins.sum(axis=2, dtype=np.float64)
+    else:
+        toa = np.bincount(sensor.toa_bins(frame.toa), minlength=sensor.num_bins).astype(np.float64)
+        counts = np.bincount(frame.pixel, minlength=sensor.pixels).reshape(sensor.rows, sensor.cols).astype(np.float64)
+    used = counts if sensor.mask is None else counts[sensor.mask]
+    irf_width_bins = _irf_width_bins(sensor)
+    facts = {"rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins, "bin_width_s": sensor.bin_width_s,
+             "range_m": sensor.range_m([0, sensor.num_bins]).tolist(), "photons": round(counts.sum()),
+             "photons_per_pixel": float(used.mean()) if used.size else 0.0,
+             "most_photons_in_a_pixel": round(used.max(initial=0)),
+             "empty_pixels": int(np.count_nonzero(used <= 0)), "sbr": sbr if np.isfinite(sbr) else None,
+             "irf_width_bins": irf_width_bins, "irf_width_s": irf_width_bins * sensor.bin_width_s,
+             "gate": None if gate is None else [gate.first, gate.last], "frequencies": list(frequencies),
+             "sketch_bytes": sensor.pixels * WORD_BYTES * (2 * len(frequencies) + 1), "notes": list(photons.notes)}
+    return Description(facts, gate, toa, counts)
+
+
+def _irf_width_bins(sensor: SensorModel) -> float:
+    """Full width at half maximum of the mean IRF, by linear interpolation."""
+    mean = np.pad(np.atleast_2d(sensor.irf).mean(axis=0), 1)
+    peak, half = int(mean.argmax()), HALF * mean.max()
+    left = peak - int(np.argmax(mean[peak::-1] <= half))
+    right = peak + int(np.argmax(mean[peak:] <= half))
+    before = left + (half - mean[left]) / (mean[left + 1] - mean[left])
+    return float(right - (half - mean[right]) / (mean[right - 1] - mean[right]) - before)

@@ -1,0 +1,54 @@
+"""`points`: PointCloud ⇄ PointCloud2 (msg_schemas/points.json)."""
+
+import numpy as np
+
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.messages import cdr
+from srt3d_ros.messages.packing import pack_cloud, unpack_cloud
+from srt3d_ros.messages.schema_files import cloud_layouts
+
+
+def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: SensorModel | None = None
+               ) -> bytes:
+    """The serialised message of a cloud.
+
+    Args:
+        cloud: of one frame.
+        frame_id: the tf frame of cloud.xyz.
+        layout: "xyzi", or "full" for depth_std, background, row, col and surface as well.
+        sensor: needed by "full" alone, which gives depth_std in metres.
+    """
+    points = np.zeros(len(cloud), cloud_layouts("points")[layout])
+    points["x"], points["y"], points["z"] = cloud.xyz.T
+    points["intensity"] = cloud.intensity
+    if layout == "full":
+        points["depth_std"] = cloud.depth_std_bins * sensor.bin_width_m
+        points["background"] = cloud.background[cloud.row, cloud.col]
+        for name in ("row", "col", "surface"):
+            points[name] = getattr(cloud, name)
+    dense = all(bool(np.isfinite(points[axis]).all()) for axis in "xyz")
+    return cdr.write_cloud(pack_cloud(cdr.Header(cloud.stamp_ns, frame_id), points, dense))
+
+
+def decode_cdr(raw: bytes) -> tuple[cdr.Header, dict[str, np.ndarray]]:
+    """The points of a serialised message in either layout, or of any cloud with x, y, z and intensity in float32.
+
+    Points whose x, y or z is not finite are left out: in organised clouds of others they stand for no point.
+
+    Returns:
+        The header and the columns: xyz float32 [N, 3] in metres, intensity float32 [N], and where the message has
+        all of them depth_std, background, row, col and surface [N], in the units of the schema.
+
+    Raises:
+        InvalidInput: the message does not keep the schema.
+    """
+    cloud, layouts = cdr.read_cloud(raw), cloud_layouts("points")
+    present = {field.name for field in cloud.fields}
+    layout = layouts["full" if present.issuperset(layouts["full"].names) else "xyzi"]
+    points = unpack_cloud(cloud, [layout]).reshape(-1)
+    columns = {"xyz": np.stack([points[axis] for axis in "xyz"], axis=-1, dtype=np.float32)}
+    for name in layout.names[3:]:
+        columns[name] = points[name].astype(layout[name])
+    placed = np.isfinite(columns["xyz"]).all(axis=1)
+    return cloud.header, columns if placed.all() else {name: values[placed] for name, values in columns.items()}

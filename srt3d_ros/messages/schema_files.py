@@ -1,0 +1,39 @@
+"""The JSON Schemas in msg_schemas/: of JSON texts, and under `x-layout` of the bytes of clouds and images."""
+
+import json
+from functools import cache
+
+import numpy as np
+
+from srt3d_ros.files import shared_files
+
+# sensor_msgs/PointField: names as in the schemas, codes as on the wire, and how the bytes are stored.
+DATATYPES = {"INT8": (1, "<i1"), "UINT8": (2, "<u1"), "INT16": (3, "<i2"), "UINT16": (4, "<u2"),
+             "INT32": (5, "<i4"), "UINT32": (6, "<u4"), "FLOAT32": (7, "<f4"), "FLOAT64": (8, "<f8")}
+
+
+@cache
+def load(name: str) -> dict:
+    """The schema `msg_schemas/<name>.json` of the source tree or of share/srt3d_ros; do not change it."""
+    path = shared_files.find(f"msg_schemas/{name}.json")
+    if path is None:
+        raise FileNotFoundError(f"msg_schemas/{name}.json is in no folder above {__file__}: install srt3d_ros again")
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+@cache
+def cloud_layouts(name: str) -> dict[str, np.dtype]:
+    """The layouts of a PointCloud2 topic, each as the dtype of one point."""
+    return {key: np.dtype({
+        "names": [field["name"] for field in layout["fields"]],
+        "formats": [DATATYPES[field["datatype"]][1] for field in layout["fields"]],
+        "offsets": [field["offset"] for field in layout["fields"]],
+        "itemsize": layout["point_step"],
+    }) for key, layout in load(name)["x-layout"]["layouts"].items()}
+
+
+@cache
+def encodings(name: str, channels: int = 1) -> dict[str, np.dtype]:
+    """The encodings of an Image topic of so many channels, each with the type of its numbers."""
+    return {encoding.replace("Cn", f"C{channels}"): np.dtype(DATATYPES[kind][1])
+            for encoding, kind in load(name)["x-layout"]["encodings"].items()}

@@ -1,0 +1,134 @@
+"""`sketch`: Sketch ⇄ PointCloud2 (msg_schemas/sketch.json), whose fields name frequencies, T and sensor."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.sketch import Sketch, check_frequencies
+from srt3d_ros.errors import require
+from srt3d_ros.messages import cdr
+from srt3d_ros.messages.packing import CODES, pack_cloud, unpack_cloud
+from srt3d_ros.messages.sensor_message import digest
+
+INT16_SCALE = 32_767
+NUMBERS = {"float32": np.dtype("<f4"), "int16": np.dtype("<i2")}
+COUNTS, BEFORE = np.dtype([("photons", "<u4")]), np.dtype([("before", "<u4")])
+FREQUENCY, PERIOD, DESCRIPTION, CYCLES = map(re.compile, (
+    r"k([1-9]\d{0,4})", r"T([1-9]\d{0,4})", r"sensor_([0-9a-f]{8})", r"cycles_([1-9]\d{0,14})"))
+MAX_MODULUS = 1.001     # a mean of unit vectors is at most 1 long; the rest is for rounding
+
+
+def encode_cdr(sketch: Sketch, sensor: SensorModel, frame_id: str, layout: str = "float32") -> bytes:
+    """The serialised message of a sketch.
+
+    Args:
+        sketch: of one frame or window.
+        sensor: of its photons, as described on `sketch/sensor`.
+        frame_id: the sensor's tf frame.
+        layout: "float32", or "int16" for half the bytes.
+
+    Raises:
+        InvalidInput: the sketch is not one of photons: a mean longer than 1, or not a number.
+    """
+    number, m = NUMBERS[layout], len(sketch.frequencies)
+    gated = [] if sketch.before is None else BEFORE.descr
+    points = np.zeros(sketch.photons.shape, [*COUNTS.descr, ("z", number, 2 * m), *gated])
+    points["photons"] = sketch.photons
+    if gated:
+        points["before"] = sketch.before
+    means = np.ascontiguousarray(sketch.z, np.complex64)
+    _check_means(means)
+    parts = means.view(np.float32)
+    points["z"] = np.rint(parts * INT16_SCALE) if layout == "int16" else parts
+    cloud = pack_cloud(cdr.Header(sketch.stamp_ns, frame_id), points)
+    numbers = (cdr.Field(f"k{k}", COUNTS.itemsize + 2 * l * number.itemsize, CODES[number], 2)
+               for l, k in enumerate(sketch.frequencies))
+    names = [f"T{sensor.num_bins}", f"sensor_{digest(sensor)}"] + [f"cycles_{sketch.cycles}"] * (sketch.cycles > 0)
+    markers = (cdr.Field(name, 0, CODES[np.dtype("u1")], 1) for name in names)
+    return cdr.write_cloud(replace(cloud, fields=(cloud.fields[0], *numbers, *cloud.fields[2:], *markers)))
+
+
+def description_cdr(raw: bytes) -> str:
+    """The digest (messages.sensor.digest) of the description that a serialised message belongs to.
+
+    Raises:
+        InvalidInput: the message names none.
+    """
+    return _named(cdr.read_cloud(raw), DESCRIPTION, "sensor_DIGEST")
+
+
+def decode_cdr(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, Sketch]:
+    """The sketch of a serialised message in any layout.
+
+    Args:
+        raw: from `sketch`.
+        sensor: of the description that it belongs to.
+
+    Raises:
+        InvalidInput: the message does not keep the schema or fit the sensor.
+    """
+    cloud = cdr.read_cloud(raw)
+    num_bins = int(_named(cloud, PERIOD, "T"))
+    require(num_bins == sensor.num_bins, "T", num_bins, f"the sensor's {sensor.num_bins} bins")
+    frequencies = check_frequencies(_frequencies(cloud), num_bins)
+    for name, count, wanted in (("height", cloud.height, sensor.rows), ("width", cloud.width, sensor.cols)):
+        require(count == wanted, name, count, f"the sensor's {wanted}")
+    names = [f"k{k}" for k in frequencies]
+    is_int16 = any(field.name == names[0] and field.datatype == CODES[NUMBERS["int16"]] for field in cloud.fields)
+    number = NUMBERS["int16" if is_int16 else "float32"]
+    gated = BEFORE.descr if any(field.name == "before" for field in cloud.fields) else []
+    points = unpack_cloud(cloud, [np.dtype([*COUNTS.descr, *((name, number, 2) for name in names), *gated])])
+    photons, parts = points["photons"].astype(np.uint32), np.array(_parts(points, names), np.float32, order="C")
+    if is_int16:
+        parts /= INT16_SCALE
+    _check_means(parts.view(np.complex64))
+    parts *= photons[..., None].astype(np.float32)
+    cycles = int(_named(cloud, CYCLES, "cycles", "0"))
+    before = points["before"].astype(np.uint32) if gated else None
+    return cloud.header, Sketch(frequencies, parts.view(np.complex64), photons, cloud.header.stamp_ns, sensor, cycles,
+                                before)
+
+
+def decode_counts_cdr(raw: bytes) -> tuple[cdr.Header, tuple[int, ...], np.ndarray]:
+    """Header, frequencies, and the photons of each pixel, uint32 [rows, cols], of a message, whose means are not read.
+
+    Raises:
+        InvalidInput: the message is no cloud with photon counts.
+    """
+    cloud = cdr.read_cloud(raw)
+    return cloud.header, _frequencies(cloud), unpack_cloud(cloud, [COUNTS])["photons"]
+
+
+def is_sketch(cloud: cdr.Cloud) -> bool:
+    """Whether a cloud is a sketch, by its fields."""
+    return any(DESCRIPTION.fullmatch(field.name) for field in cloud.fields)
+
+
+def _named(cloud: cdr.Cloud, pattern: re.Pattern, field: str, absent: str = "") -> str:
+    """What the only field of this pattern says; `absent`, if that may be, without one."""
+    found = [match[1] for field in cloud.fields if (match := pattern.fullmatch(field.name))] or [absent] * bool(absent)
+    require(len(found) == 1, f"field {field}", " and ".join(found) or "absent", "one field that names it")
+    return found[0]
+
+
+def _frequencies(cloud: cdr.Cloud) -> tuple[int, ...]:
+    """The frequencies that the fields name, unchecked."""
+    return tuple(int(match[1]) for field in cloud.fields if (match := FREQUENCY.fullmatch(field.name)))
+
+
+def _parts(points: np.ndarray, names: list[str]) -> np.ndarray:
+    """The two numbers of each of these fields, [rows, cols, 2m]; a view where they lie side by side."""
+    offsets, pair = [points.dtype.fields[name][1] for name in names], points.dtype[names[0]]
+    if offsets == [offsets[0] + l * pair.itemsize for l in range(len(names))]:
+        block = {"names": ["z"], "formats": [(pair.base, 2 * len(names))], "offsets": offsets[:1],
+                 "itemsize": points.dtype.itemsize}
+        return points.view(block)["z"]
+    return np.concatenate([points[name] for name in names], axis=2)
+
+
+def _check_means(means: np.ndarray) -> None:
+    with np.errstate(over="ignore", invalid="ignore"):
+        longest = float(np.abs(means).max(initial=0))       # a NaN makes it NaN
+    require(longest <= MAX_MODULUS, "sketch", longest, "means of unit vectors, |z| ≤ 1, everywhere")

@@ -1,0 +1,135 @@
+"""Sketching against its definition, and that packets add up whatever their split and order."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from srt3d_ros.core.method.memory import PooledStream
+from srt3d_ros.core.sensor.bins import HistogramBins
+from srt3d_ros.core.sensor.model import GateWords, SensorModel
+from srt3d_ros.core.sketching.frame_sketcher import Sketcher, phase_table, sketch_photons
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
+from srt3d_ros.errors import InvalidInput
+from tests import photon_forms
+
+FREQUENCIES = (1, 2, 7, 49)
+SENSOR = SensorModel(4, 6, 100, 1e-10, [1, 2, 1], gates=GateWords(first_word=3, no_detection=0))
+# A sum of n unit vectors in float32 errs by less than n · 2⁻²⁴ · (1 + their number): 1e-6 n leaves room for 16 of them.
+EACH = 1e-6
+
+
+def photons(count=5_000, sensor=SENSOR, seed=0, dtype=np.uint16, ordered=True) -> PhotonEvents:
+    """Photons that leave some pixels dark and crowd into others."""
+    rng = np.random.default_rng(seed)
+    pixel = (sensor.pixels * rng.beta(0.6, 0.9, count)).astype(np.uint32) // 2 * 2
+    toa = rng.uniform(0, sensor.num_bins, count).astype(np.float32).clip(0, np.nextafter(sensor.num_bins, 0.0))
+    return PhotonEvents(np.sort(pixel) if ordered else pixel, toa.astype(dtype), stamp_ns=1_000)
+
+
+def definition(events: PhotonEvents, sensor=SENSOR, frequencies=FREQUENCIES) -> tuple[np.ndarray, np.ndarray]:
+    """z_l = (1/n) Σ_p exp(i ω_l x_p) and n, in float64, pixel by pixel, of times in steps of 1/16 bin."""
+    omega = 2 * np.pi * np.array(frequencies) / sensor.num_bins
+    z = np.zeros((sensor.pixels, len(frequencies)), np.complex128)
+    n = np.zeros(sensor.pixels, int)
+    for pixel in np.unique(events.pixel):
+        x = np.rint(16 * events.toa[events.pixel == pixel].astype(np.float64)) / 16
+        z[pixel], n[pixel] = np.exp(1j * np.outer(x, omega)).mean(axis=0), len(x)
+    return z.reshape(sensor.rows, sensor.cols, -1), n.reshape(sensor.rows, sensor.cols)
+
+
+def assert_sketches_are_equal(one, other, each=EACH):
+    assert np.array_equal(one.photons, other.photons)
+    assert (np.abs(one.sums - other.sums) <= each * np.maximum(one.photons, 1)[..., None]).all()
+
+
+@pytest.mark.parametrize("ordered", [True, False], ids=["sorted", "unsorted"])
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
+def test_sketch_is_the_mean_of_the_photons_phases(dtype, ordered):
+    events = photons(dtype=dtype, ordered=ordered)
+    assert events.is_sorted is ordered
+    assert not sketch_photons(photons(0, dtype=dtype), SENSOR, FREQUENCIES).photons.any()
+    sketch = sketch_photons(events, SENSOR, FREQUENCIES)
+    z, n = definition(events)
+    assert np.array_equal(sketch.photons, n) and (n == 0).any() and n.max() > 300
+    assert sketch.sums.dtype == np.complex64 and sketch.photons.dtype == np.uint32
+    np.testing.assert_allclose(sketch.z, z, atol=EACH)
+    assert sketch.frequencies == FREQUENCIES and sketch.stamp_ns == 1_000
+
+
+@pytest.mark.parametrize(("num_bins", "steps"), [(100, 16), (20_000, 3), (65_535, 1)])
+def test_times_with_fractions_are_rounded_as_finely_as_16_bits_allow(num_bins, steps):
+    sensor = SensorModel(1, 4, num_bins, 1e-10, [1.0])
+    toa = np.array([0, 1 / 3, num_bins - 2 + 0.4, num_bins - 0.004], np.float32)
+    found = sketch_photons(PhotonEvents(np.arange(4, dtype=np.uint32), toa), sensor, (1, num_bins // 2 - 1))
+    turns = np.outer(np.rint(toa.astype(np.float64) * steps) / steps, found.frequencies) / num_bins
+    np.testing.assert_allclose(found.sums[0], np.exp(2j * np.pi * turns), atol=EACH)
+
+
+def test_phases_are_exact_for_high_frequencies_in_late_bins():
+    table = phase_table(SensorModel(1, 1, 65_535, 1e-10, [1.0]), (32_767,), None).view(np.complex64)[:, 0]
+    b = np.arange(65_535, dtype=object)                   # Python's integers: no rounding
+    turns = np.array([int(k) for k in b * 32_767 % 65_535]) / 65_535
+    np.testing.assert_allclose(table, np.exp(2j * np.pi * turns), atol=1e-7)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 400), number=st.integers(1, 6), ordered=st.booleans(),
+       as_gates=st.sets(st.integers(0, 5)))
+def test_packets_in_any_split_order_and_form_give_the_same_sketch_to_the_bit(seed, count, number, ordered, as_gates):
+    rng = np.random.default_rng(seed)
+    events = photons(count, seed=seed, ordered=ordered)
+    owner = rng.integers(0, number, count)
+    parts = [PhotonEvents(events.pixel[owner == k], events.toa[owner == k], stamp_ns=100 + k)
+             for k in range(owner.max() + 1)]
+    sketcher = Sketcher(SENSOR, FREQUENCIES)
+    for k in rng.permutation(len(parts)):
+        sketcher.add(photon_forms.as_gates(parts[k], SENSOR) if k in as_gates else parts[k])
+    assert_sketches_are_equal(sketcher.sketch(), sketch_photons(events, SENSOR, FREQUENCIES), each=0)
+    assert sketcher.sketch().stamp_ns == 100
+
+
+BAD = {
+    "pixel is 24: expected an index below 4 × 6 = 24": PhotonEvents(np.array([24], np.uint32), np.zeros(1, np.uint16)),
+    "toa is 100": PhotonEvents(np.array([0, 1], np.uint32), np.array([1, 100], np.uint16)),
+    "toa is nan": PhotonEvents(np.array([0, 1], np.uint32), np.array([1, np.nan], np.float32)),
+    "gates word is 1: expected 3 to 102, or 0 for no detection$":
+        PhotonGates(np.array([3] * 12 + [1] * 12, np.uint16).reshape(1, 4, 6)),
+    "gates word is 103: expected": PhotonGates(np.array([3] * 23 + [103], np.uint16).reshape(1, 4, 6)),
+    r"gates shape is \(1, 6, 4\)": PhotonGates(np.full((1, 6, 4), 3, np.uint16)),
+}
+
+
+@pytest.mark.parametrize(("named", "frame"), BAD.items(), ids=BAD)
+def test_a_packet_with_one_bad_photon_adds_nothing_at_all(named, frame):
+    sketcher = Sketcher(SENSOR, FREQUENCIES)
+    sketcher.add(photons())
+    before = sketcher.sketch()
+    with pytest.raises(InvalidInput, match=f"^{named}"):
+        sketcher.add(frame)
+    assert_sketches_are_equal(sketcher.sketch(), before, each=0)
+    assert sketcher.sketch().stamp_ns == before.stamp_ns
+
+
+def test_a_sensor_or_frequency_that_cannot_be_used_is_named():
+    with pytest.raises(InvalidInput, match="^frequencies is 50"):
+        Sketcher(SENSOR, (1, 50))
+    with pytest.raises(InvalidInput, match="^sensor.gates is missing"):
+        sketch_photons(PhotonGates(np.full((1, 4, 6), 3, np.uint16)), SENSOR.replace(gates=None), FREQUENCIES)
+
+
+def test_bins_of_crosstalk_are_left_out_as_its_noise_would_be_a_surface():
+    """400 photons of it a pixel beside 20 of a plane and as many of background; a uniform background adds nothing."""
+    irf, num_bins = np.exp(-0.5 * ((np.arange(9) - 4) / 1.5) ** 2), 128
+    crosstalk = np.zeros(num_bins, np.float32)
+    crosstalk[4:13] = 400 * irf / irf.sum()
+    sensor = SensorModel(16, 16, num_bins, 1e-10, irf, histograms=HistogramBins(num_bins, template=crosstalk))
+    expected = crosstalk + np.float32(20 / num_bins)
+    seen = sketch_photons(PhotonHistograms(np.broadcast_to(expected, (16, 16, num_bins)).copy(), 0), sensor, (1, 5, 20))
+    np.testing.assert_allclose(seen.sums, 0, atol=1e-3)
+    np.testing.assert_allclose(seen.photons, 20)
+    expected[66:75] += 20 * irf / irf.sum()
+    counts = np.random.default_rng(3).poisson(expected, (16, 16, num_bins)).astype(np.uint16)
+    seen = sketch_photons(PhotonHistograms(counts, 0), sensor, tuple(range(1, 11)))
+    cloud = PooledStream(sensor, seen.frequencies, device="cpu")(seen)
+    assert len(cloud) > 0.98 * sensor.pixels and np.abs(cloud.depth_bins - 70).max() < 3

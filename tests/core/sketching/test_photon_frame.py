@@ -1,0 +1,122 @@
+"""PhotonEvents and PhotonGates: what they refuse, and that one becomes the other without losing a photon."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.sensor.bins import HistogramBins
+from srt3d_ros.core.sensor.model import GateWords, SensorModel
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
+from srt3d_ros.errors import InvalidInput
+from tests.photon_forms import as_gates, as_histograms
+
+SENSOR = SensorModel(3, 4, 100, 1e-10, np.ones(3), gates=GateWords(first_word=10, no_detection=5))
+
+
+def events(pixel, toa, dtype=np.uint16, stamp_ns=0) -> PhotonEvents:
+    return PhotonEvents(np.array(pixel, np.uint32), np.array(toa, dtype), stamp_ns)
+
+
+REFUSED = {
+    "toa dtype": lambda: events([0, 1], [0, 1], np.float64),
+    "pixel dtype": lambda: PhotonEvents(np.zeros(2, np.int64), np.zeros(2, np.uint16)),
+    "pixel and toa shapes": lambda: events([[0, 1]], [[0, 1]]),
+    "gates dtype": lambda: PhotonGates(np.zeros((2, 3, 4), np.int16)),
+    "gates shape": lambda: PhotonGates(np.zeros((2, 12), np.uint16)),
+    "histograms dtype": lambda: PhotonHistograms(np.zeros((3, 4, 100), np.int64)),
+    "histograms shape": lambda: PhotonHistograms(np.zeros((3, 400), np.uint16)),
+}
+
+
+@pytest.mark.parametrize("named", REFUSED)
+def test_arrays_of_other_types_or_shapes_are_refused(named):
+    with pytest.raises(InvalidInput, match=f"^{named} is"):
+        REFUSED[named]()
+
+
+@pytest.mark.parametrize(("pixel", "is_sorted"), [([], True), ([0, 0, 1, 7, 7], True), ([2, 3, 3, 0], False)])
+def test_sorted_means_that_pixels_never_decrease(pixel, is_sorted):
+    assert events(pixel, [9] * len(pixel)).is_sorted is is_sorted
+
+
+@pytest.mark.parametrize("pixel", [[0, 12], [2**32 - 1, 0, 3]])
+def test_a_pixel_outside_the_sensor_is_named(pixel):
+    with pytest.raises(InvalidInput, match=f"^pixel is {max(pixel)}: expected an index below 3 × 4 = 12$"):
+        events(pixel, [0] * len(pixel)).check(SENSOR)
+
+
+@pytest.mark.parametrize(("toa", "dtype", "shown"), [
+    ([0, 100], np.uint16, "100"), ([0, 100], np.float32, "100.0"),
+    ([-0.25, 5], np.float32, "-0.25"), ([3, np.nan], np.float32, "nan"), ([-np.inf, 3], np.float32, "-inf")])
+def test_a_toa_outside_the_laser_period_is_named(toa, dtype, shown):
+    with pytest.raises(InvalidInput, match=rf"^toa is {shown}: expected bins in \[0, 100\)$"):
+        events([0, 1], toa, dtype).check(SENSOR)
+    events([11], [99.99 if dtype == np.float32 else 99], dtype).check(SENSOR)        # the last ones are inside
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
+def test_events_become_gates_and_events_again(dtype):
+    rng = np.random.default_rng(1)
+    frame = events(rng.integers(0, 12, 200), rng.integers(0, 100, 200), dtype, stamp_ns=77)
+    back = as_gates(frame, SENSOR).to_events(SENSOR)
+    order = np.argsort(frame.pixel, kind="stable")
+    assert back.is_sorted and back.stamp_ns == 77 and back.toa.dtype == np.uint16
+    assert as_gates(events([], []), SENSOR).to_events(SENSOR).photons == 0
+    assert np.array_equal(back.pixel, frame.pixel[order]) and np.array_equal(back.toa, frame.toa[order])
+
+
+def test_a_word_below_the_first_is_named_not_wrapped():
+    sensor = SensorModel(2, 3, 65_535, 1e-10, [1.0], gates=GateWords(first_word=3, no_detection=0))
+    with pytest.raises(InvalidInput, match="^gates word is 1: expected 3 to 65535, or 0 for no detection"):
+        PhotonGates(np.ones((1, 2, 3), np.uint16)).to_events(sensor)
+
+
+def histograms(counts, dtype=np.uint16, **fields):
+    return PhotonHistograms(np.asarray(counts, dtype), **fields)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int32, np.float32])
+def test_histograms_count_their_photons(dtype):
+    counts = np.random.default_rng(1).integers(0, 255, (3, 4, 100))
+    assert histograms(counts, dtype).photons == counts.sum()
+    assert histograms(np.full((10, 1, 65_535), 65_535)).photons == 10 * 65_535**2
+    assert histograms(np.full((3, 4, 100), -1), np.int32).photons == 0          # less than was subtracted
+
+
+@pytest.mark.parametrize(("counts", "named"), [
+    (np.zeros((3, 4, 99), np.uint16), r"histograms shape is \(3, 4, 99\): expected .*\(3, 4, 100\)"),
+    (np.full((3, 4, 100), np.nan, np.float32), "histograms count is nan: expected"),
+    (np.full((3, 4, 100), 1e9, np.float32), "histograms count is 1000000000.0: expected -42949672 to 42949672"),
+    (np.full((3, 4, 100), -1e9, np.int32), "histograms count is -1000000000: expected")])
+def test_histograms_that_do_not_fit_the_sensor_are_refused(counts, named):
+    with pytest.raises(InvalidInput, match=named):
+        PhotonHistograms(counts).check(SENSOR)
+
+
+@pytest.mark.parametrize("dtype, last", [(np.uint16, 99), (np.float32, 98.6)])
+def test_events_become_histograms_and_back(dtype, last):
+    given = events([11, 1, 1, 4], [last, 7, 7, 0], dtype, stamp_ns=5)
+    made = as_histograms(given, SENSOR)
+    assert made.counts.dtype == np.uint16 and made.photons == 4 and made.stamp_ns == 5
+    back = made.to_events(SENSOR)
+    assert back.pixel.tolist() == [1, 1, 4, 11] and back.toa.tolist() == [7, 7, 0, 99]
+
+
+@pytest.mark.parametrize(("dtype", "count"), [(np.int32, -1), (np.float32, 0.5)])
+def test_counts_that_are_no_photons_cannot_be_told_one_by_one(dtype, count):
+    with pytest.raises(InvalidInput, match="negative or fractional"):
+        histograms(np.full((3, 4, 100), count), dtype).to_events(SENSOR)
+
+
+def test_photons_lie_in_the_middle_of_their_bin():
+    bins = HistogramBins(20, first_bin=10, bin_width=2.5)
+    counts = np.zeros((3, 4, 20))
+    counts[0, 0, 0], counts[0, 0, 1] = 1, 1             # middles 11.25 and 13.75 bins from the beginning of bin 0
+    found = histograms(counts).to_events(SENSOR.replace(histograms=bins))
+    assert found.toa.dtype == np.float32 and found.toa.mean() == 12 and np.ptp(found.toa) == 2.5
+
+
+def test_histograms_lie_on_the_axis_without_their_template():
+    bins = HistogramBins(2, first_bin=5, bin_width=4, template=np.array([1, 0]))
+    found = histograms(np.full((3, 4, 2), 3)).on_axis(SENSOR.replace(histograms=bins))
+    assert found.shape == (3, 4, 100) and found.sum() == 12 * 5
+    assert np.flatnonzero(found[1, 1]).tolist() == [7, 11] and found[1, 1, 7] == 2

@@ -1,0 +1,55 @@
+"""Which device computes, and what is said where the one that is asked for is missing."""
+
+import logging
+import re
+
+import numpy as np
+import pytest
+import torch
+
+from srt3d_ros.core import devices as device
+from srt3d_ros.core.devices import kernels_for
+from srt3d_ros.core.method.memory import PooledStream
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.errors import InvalidInput
+
+SENSOR = SensorModel(4, 5, 64, 1e-10, np.ones(3))
+
+
+@pytest.fixture
+def missing(monkeypatch):
+    """Makes a machine lack something, whatever this one has."""
+    def set_to(driver: str = "libc.so.6", absent=(), cuda: str | None = "13.0", gpu: bool = True, gcc: str = "gcc"):
+        monkeypatch.setattr(device, "DRIVER", driver)
+        monkeypatch.setattr(device, "find_spec", lambda name: None if name in absent else object())
+        monkeypatch.setattr(device, "which", lambda name: gcc)
+        monkeypatch.setattr(torch.version, "cuda", cuda)
+        monkeypatch.setattr(torch.cuda, "is_available", lambda: gpu)
+        device.say_once.cache_clear()
+    return set_to
+
+
+LACKS = [({"driver": "libnone.so"}, "no CUDA device"),
+         ({"gpu": False}, "no CUDA device"),
+         ({"absent": ["torch"]}, "torch not installed: pip install 'srt3d_ros[gpu]'"),
+         ({"cuda": None}, f"torch {torch.__version__} is built without"),
+         ({"absent": ["triton"]}, "triton, which compiles torch's kernels, not installed: pip install triton"),
+         ({"gcc": ""}, "no C compiler, which triton needs")]
+
+
+@pytest.mark.parametrize(("lack", "said"), LACKS)
+def test_what_cuda_lacks_is_said_in_one_line_and_auto_computes_on_the_cpu(missing, caplog, lack, said):
+    missing(**lack)
+    with caplog.at_level(logging.INFO):
+        assert [PooledStream(SENSOR, (1, 2), device="auto").device for _ in range(2)] == ["cpu", "cpu"]
+    assert len(caplog.messages) == 1 and re.fullmatch(f"{re.escape(said)}.*: computing on the CPU", caplog.messages[0])
+    for make in (kernels_for, lambda name: PooledStream(SENSOR, (1, 2), device=name)):
+        with pytest.raises(InvalidInput, match=f"^device is cuda: expected cpu or auto: {re.escape(said)}[^\n]*$"):
+            make("cuda")
+
+
+def test_cuda_is_the_oracle_in_single_precision(missing):
+    missing()
+    name, kernels = kernels_for("cuda")
+    assert (name, kernels.device, kernels.dtype, kernels.ON_HOST) == ("cuda", "cuda", torch.float32, False)
+    assert kernels_for("cpu")[1] is kernels_for("auto")[1] and kernels_for("cpu")[1].ON_HOST

@@ -1,0 +1,108 @@
+"""Saved clouds, read by parsers of our own; and what happens to a path that cannot be used."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from srt3d_ros.datasets import cloud_files
+from srt3d_ros.errors import InvalidInput
+
+FREQUENCIES = (1, 2, 5)
+PLY_TYPES = {"float": "<f4", "uchar": "u1"}
+
+
+@pytest.fixture
+def saved(tmp_path, ball):
+    """Save the ball under a name, return the path."""
+    def save(name, cloud=ball[0]):
+        cloud_files.save(cloud, tmp_path / name, frequencies=FREQUENCIES, sensor=ball[1])
+        return tmp_path / name
+    return save
+
+
+def read_ply(path):
+    head, _, body = path.read_bytes().partition(b"\nend_header\n")
+    lines = head.decode("ascii").splitlines()
+    assert lines[:2] == ["ply", "format binary_little_endian 1.0"]
+    (count,) = [int(line.split()[2]) for line in lines if line.startswith("element vertex ")]
+    fields = [(line.split()[2], PLY_TYPES[line.split()[1]]) for line in lines if line.startswith("property ")]
+    points = np.frombuffer(body, fields)
+    assert len(points) == count
+    return points
+
+
+def test_npz_holds_every_field_with_its_type(saved, ball):
+    cloud, sensor = ball
+    with np.load(saved("cloud.npz"), allow_pickle=False) as file:
+        for name in ("row", "col", "depth_bins", "intensity", "depth_std_bins", "xyz", "surface", "background"):
+            assert np.array_equal(file[name], getattr(cloud, name)) and file[name].dtype == getattr(cloud, name).dtype
+        assert file["frequencies"].tolist() == [1, 2, 5]
+        assert (file["num_bins"], file["bin_width_s"], file["irf_ref"]) == (600, 20e-12, sensor.irf_ref)
+        assert (file["toa_offset_bins"], file["stamp_ns"]) == (100, 1_234_567_890)
+
+
+def test_a_frame_that_a_message_names_cannot_end_the_header(ball, tmp_path):
+    (cloud, sensor), frame_id = ball, "rig\nelement vertex 1\nend_header\r\x1b\ud800"
+    cloud_files.save(cloud, tmp_path / "cloud.ply", frequencies=FREQUENCIES, sensor=sensor.replace(frame_id=frame_id))
+    assert len(read_ply(tmp_path / "cloud.ply")) == len(cloud)
+
+
+def test_ply_holds_the_points_and_their_colours(saved, ball):
+    points = read_ply(saved("cloud.PLY"))
+    assert points.dtype.names == ("x", "y", "z", "intensity", "red", "green", "blue")
+    assert np.array_equal(np.stack([points[axis] for axis in "xyz"], axis=1), ball[0].xyz)
+    assert np.array_equal(points["intensity"], ball[0].intensity)
+    near, far = (points[at(np.linalg.norm(ball[0].xyz, axis=1))] for at in (np.argmin, np.argmax))
+    assert near["red"] > 200 and near["green"] > 200 and far["blue"] > max(far["red"], far["green"])
+
+
+def test_a_picture_shows_the_cloud(saved, ball):
+    with Image.open(saved("a.JPEG", ball[0])) as image:
+        assert (image.format, image.size) == ("JPEG", (1200, 900))
+        assert 0.1 < (np.asarray(image.convert("L")) > 60).mean() < 0.9
+
+
+def test_a_missing_package_is_named_before_anything_is_computed(monkeypatch, tmp_path):
+    monkeypatch.setattr(cloud_files, "find_spec", lambda name: None)
+    with pytest.raises(InvalidInput, match=r"pip install 'srt3d_ros\[review\]' to have been run"):
+        cloud_files.check(tmp_path / "a.png")
+    cloud_files.check(tmp_path / "a.npz")
+
+
+def test_an_empty_cloud_is_a_valid_file(saved, ball):
+    nothing = ball[0].within(max_m=0)
+    assert len(np.load(saved("a.npz", nothing))["row"]) == len(read_ply(saved("a.ply", nothing))) == 0
+
+
+@pytest.mark.parametrize("name, expected", [
+    ("cloud.las", "a file name that ends in .npz, .ply, .png"),
+    ("cloud", "a file name that ends in"),
+    ("absent/cloud.ply", "a directory .*absent that exists"),
+    ("folder.ply", "a file, not a directory"),
+    (f"{300 * 'a'}.ply", "a file that can be written .File name too long"),
+])
+def test_a_path_that_cannot_be_used_is_refused_in_one_line(saved, tmp_path, name, expected):
+    (tmp_path / "folder.ply").mkdir()
+    with pytest.raises(InvalidInput, match=f"output is .*{name[-20:]}: expected {expected}") as caught:
+        saved(name)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".ply"])
+def test_a_failed_save_leaves_the_old_file_and_nothing_else(saved, tmp_path, full_disk, suffix):
+    path = tmp_path / ("cloud" + suffix)
+    path.write_text("old")
+    with pytest.raises(InvalidInput, match=r"File too large\)$"):
+        saved(path.name)
+    assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
+
+
+def test_rerun_and_matplotlib_are_not_imported_for_the_other_formats(tmp_path):
+    script = ("import sys, srt3d_ros.datasets.cloud_files; "
+              "print([m for m in ('rerun', 'matplotlib', 'PIL') if m in sys.modules])")
+    root = Path(__file__).resolve().parents[2]
+    assert subprocess.run([sys.executable, "-c", script], cwd=root, text=True, capture_output=True).stdout == "[]\n"

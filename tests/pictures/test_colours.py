@@ -1,0 +1,59 @@
+"""Colour maps and the ranges they are spread over."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.pictures.colours import (
+    PHOTON_MAP,
+    RANGE_MAP,
+    AdaptiveRange,
+    colour_table,
+    levels,
+    packed,
+    percentile_range,
+    range_table,
+)
+
+
+def test_tables_are_the_published_maps():
+    matplotlib = pytest.importorskip("matplotlib")
+    for name in (RANGE_MAP, PHOTON_MAP):
+        published = np.round(np.asarray(matplotlib.colormaps[name](np.arange(256)))[:, :3] * 255)
+        table = colour_table(name).astype(int)
+        assert np.abs(table - published).max() <= 11 and np.array_equal(table[::15], published[::15])
+
+
+def test_packed_colours_are_the_same_and_opaque():
+    table = colour_table("viridis")
+    assert packed(table).dtype == np.uint32 and packed(table)[0] == 0x440154FF
+    channels = np.stack([packed(table) >> 24, packed(table) >> 16 & 255, packed(table) >> 8 & 255], axis=1)
+    assert np.array_equal(channels, table) and (packed(table) & 255 == 255).all()
+
+
+def test_levels_span_the_range_clip_outside_and_take_nan_and_flat_data():
+    values = np.array([-1, 0, 5, 10, 20, np.nan, np.inf])
+    assert levels(values, 0, 10).tolist() == [0, 0, 127, 255, 255, 0, 255]
+    assert levels(np.array([2.5]), 0, 10, root=True).tolist() == [127]
+    assert set(levels(np.full(4, 3.0), 3, 3).tolist()) <= {0, 255}
+
+
+def test_the_colours_of_ranges_are_yellow_when_near_and_blue_when_far_and_none_is_too_dark():
+    near, far = range_table()[[0, 255]].astype(int)
+    assert range_table().max(axis=1).min() >= 132
+    assert near[0] > 200 and near[1] > 200 and near[2] < 60 and far[2] > 1.5 * max(far[:2])
+
+
+def test_percentile_range_ignores_outliers_and_gaps():
+    values = np.concatenate([np.linspace(1, 2, 9800), np.full(100, 1e9), np.full(100, np.nan)])
+    low, high = percentile_range(values)
+    assert 1 <= low < 1.1 and 1.9 < high <= 2.01
+    assert percentile_range(np.full(5, np.nan)) is None
+
+
+def test_adaptive_range_starts_at_the_data_and_follows_slowly():
+    adaptive = AdaptiveRange()
+    assert adaptive.update(np.empty(0)) == (0.0, 1.0)
+    first = adaptive.update(np.linspace(0, 10, 1000))
+    assert first == pytest.approx((0.2, 9.8), abs=0.02)
+    assert adaptive.update(np.linspace(0, 110, 1000))[1] == pytest.approx(9.8 * 0.9 + 107.8 * 0.1, abs=0.1)
+    assert adaptive.update(np.empty(0)) == adaptive.update(np.full(3, np.nan))

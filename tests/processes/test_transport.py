@@ -1,0 +1,140 @@
+"""What a process is prepared with before rclpy.init, as Fast DDS has it."""
+
+import contextlib
+import fcntl
+import mmap
+import os
+import socket
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+
+from srt3d_ros.processes import transport
+from srt3d_ros.processes.private_network import claim_domain
+
+
+@pytest.mark.parametrize("free_mb, segment_mb", [(1000, 64), (256, 64), (64, 16), (16, 4), (15, None)])
+def test_the_segment_fits_four_times_into_free_shared_memory(monkeypatch, free_mb, segment_mb):
+    room = os.statvfs_result((4096, 4096, 0, 0, free_mb * 256, 0, 0, 0, 0, 255))
+    monkeypatch.setattr(os, "statvfs", lambda path: room)
+    profile = transport.shared_memory_profile()
+    if segment_mb is None:
+        assert profile is None
+    else:
+        sizes = [node.text for node in ElementTree.parse(profile).iter() if node.tag.endswith("segment_size")]
+        assert sizes == [str(segment_mb * 2**20)]
+
+
+def test_without_shared_memory_the_default_stays(tmp_path):
+    assert transport.shared_memory_profile(tmp_path / "absent") is None
+
+
+@pytest.mark.parametrize("given", [None, "/my/own.xml"])
+def test_a_process_is_prepared_with_the_profile_unless_the_user_chose_one(monkeypatch, given):
+    prepared = []
+    monkeypatch.setattr(transport, "remove_leaked_segments", lambda: prepared.append("segments"))
+    monkeypatch.setattr(transport, "reserve_stale_ports", lambda: prepared.append("ports"))
+    monkeypatch.setattr(transport, "_keep_freed_memory", lambda: prepared.append("memory"))
+    monkeypatch.setattr(os, "environ", {transport.PROFILE_VARIABLE: given} if given else {})
+    transport.prepare_process()
+    profile = os.environ[transport.PROFILE_VARIABLE]
+    assert profile == given or not given and os.path.exists(profile)
+    assert prepared == ["segments", "ports", "memory"]
+
+
+def test_segments_of_killed_processes_are_given_back_and_those_of_others_kept(tmp_path):
+    def segment(name: str, age_s: float):
+        for path in (tmp_path / f"{transport.SEGMENT}{name}", tmp_path / f"{transport.SEGMENT}{name}_el"):
+            path.write_bytes(b"x")
+            os.utime(path, (0, path.stat().st_mtime - age_s))
+        return path
+
+    segment("00000000000000aa", age_s=100)
+    gone = tmp_path / f"{transport.SEGMENT}00000000000000dd_el"     # listed, and removed by another process just now
+    gone.symlink_to(tmp_path / "absent")
+    alive, new = segment("00000000000000bb", age_s=100), segment("00000000000000cc", age_s=0)
+    with alive.open("rb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        transport.remove_leaked_segments(tmp_path)
+    gone.unlink()
+    kept = {alive.name, new.name}
+    assert {path.name for path in tmp_path.iterdir()} == kept | {name.removesuffix("_el") for name in kept}
+
+
+def test_ports_of_killed_processes_are_avoided_while_others_send_to_them_and_then_removed(tmp_path, monkeypatch):
+    """Two have a writer and no reader, one only in memory; two have a reader, one nobody; one is of another domain."""
+    def port(number: int, mapped: bool) -> None:
+        path = tmp_path / f"{transport.SEGMENT}port{number}"
+        path.write_bytes(b"x")
+        os.utime(path, (0, 0))
+        if mapped:
+            with path.open("r+b") as file:
+                opened.enter_context(mmap.mmap(file.fileno(), 1))
+
+    monkeypatch.setattr(transport, "_held", [])
+    with contextlib.ExitStack() as opened:
+        first = 7400 + 250 * (domain := claim_domain())
+        for number, mapped in {211: True, 213: True, 215: True, 217: False, 219: False, 461: False}.items():
+            port(first + number, mapped)
+        lock = opened.enter_context((tmp_path / f"{transport.SEGMENT}port{first + 219}_el").open("wb"))
+        fcntl.flock(lock, fcntl.LOCK_EX)        # in a container of its own, which shares the memory, not the network
+        os.utime(lock.name, (0, 0))
+        (tmp_path / f"{transport.SEGMENT}port{first + 213}").unlink()
+        reader = opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+        reader.bind(("", first + 215))
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        transport.reserve_stale_ports(tmp_path)
+        held = {one.getsockname()[1] - first for one in transport._held}
+        left = {int(path.name.removeprefix(f"{transport.SEGMENT}port")) - first for path in tmp_path.glob("*[0-9]")}
+    for one in transport._held:
+        one.close()
+    assert held == {210, 211, 212, 213}
+    assert left == {211, 215, 219, 461} and len(list(tmp_path.glob("*_el"))) == 1
+
+
+LARGE_BUFFERS = """
+import resource, threading
+from srt3d_ros.processes import transport
+def make_and_drop():
+    for _ in range(4):
+        bytes(bytearray(100_000_000))
+        faults.append(resource.getrusage(resource.RUSAGE_SELF).ru_minflt)
+transport._keep_freed_memory()
+faults = []
+make_and_drop()
+thread = threading.Thread(target=make_and_drop)
+thread.start()
+thread.join()
+print(max(after - before for before, after in zip(faults[1:], faults[2:])))
+"""
+
+
+def test_freed_buffers_of_large_messages_are_used_again_in_every_thread(repository):
+    done = subprocess.run([sys.executable, "-c", LARGE_BUFFERS], cwd=repository, capture_output=True, text=True)
+    assert int(done.stdout) < 1_000, done.stderr        # page faults; each such message would take 48,000
+
+
+NODE = """
+import re
+import rclpy
+from srt3d_ros.processes import transport
+transport.prepare_process()
+rclpy.init()
+node = rclpy.create_node("any")
+for line in open("/proc/self/maps"):
+    if re.search(rf"/dev/shm/{transport.SEGMENT}[0-9a-f]{{16}}$", line):
+        begin, end = (int(address, 16) for address in line.split()[0].split("-"))
+        print(end - begin)
+rclpy.shutdown()
+"""
+
+
+def test_the_middleware_takes_the_profile_without_a_word_and_names_its_segment_as_expected(repository):
+    profile = transport.shared_memory_profile()
+    if profile is None:
+        pytest.skip("no room in /dev/shm")
+    (size,) = (int(node.text) for node in ElementTree.parse(profile).iter() if node.tag.endswith("segment_size"))
+    done = subprocess.run([sys.executable, "-c", NODE], cwd=repository, capture_output=True, text=True)
+    assert done.stderr == "" and any(size <= int(mapped) < 1.1 * size for mapped in done.stdout.split())
