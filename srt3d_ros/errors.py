@@ -1,39 +1,52 @@
-"""The one exception for bad input: a message, a file, a parameter or an option that cannot be used."""
+"""InvalidInput: the one exception for a message, file, parameter or option that cannot be used."""
 
 import math
 import reprlib
 
-# Characters that are shown of each part: all three may come from the input, or list what is in it.
-LONGEST_FIELD, LONGEST_VALUE, LONGEST_EXPECTED = 160, 80, 600
-DOTS = "..."            # for what is left out
-MOST_LOOKED_AT = 5      # times what is shown, of either end: a value may be megabytes long
+# Characters shown of each part. Any part may come from the input, or list what is in it.
+LONGEST_FIELD, LONGEST_VALUE, LONGEST_SENTENCE = 160, 80, 600
+DOTS = "..."            # replaces what is left out
+MOST_LOOKED_AT = 5      # read this many times the shown length from either end: a value may have megabytes
 
 
 class InvalidInput(ValueError):
-    """Bad input, said in one line: which field, what it is, what was expected.
+    """Bad input, in one printable line.
+
+    Two forms: `InvalidInput(field, value, expected)` says "field is value: expected …"; use it where `value` is a value
+    and `expected` what the user would type. `InvalidInput(field, problem=…)` says the sentence `problem` alone.
 
     Args:
-        field: what the user calls the thing: a field, an option, a parameter, a file.
+        field: what the user calls the field, option, parameter or file.
         value: what it is. Long values are shortened in the middle.
-        expected: what would have been accepted, with units; it may also say what to do next.
+        expected: what is accepted, with units.
+        problem: a sentence that says what is wrong and what to do.
     """
 
-    def __init__(self, field: str, value: object, expected: str):
-        self.field, self.value, self.expected = field, value, expected
-        shown = _shortened(value if isinstance(value, str) else _BRIEFLY.repr(value), LONGEST_VALUE)
-        super().__init__(printable(f"{_shortened(field, LONGEST_FIELD)} is {shown or 'empty'}: "
-                                   f"expected {_shortened(expected, LONGEST_EXPECTED)}"))
+    def __init__(self, field: str, value: object = None, expected: str = "", problem: str = ""):
+        self.field, self.value, self.expected, self.problem = field, value, expected, problem
+        if problem:
+            line = _shortened(problem, LONGEST_SENTENCE)
+        else:
+            shown = _shortened(value if isinstance(value, str) else _BRIEFLY.repr(value), LONGEST_VALUE)
+            line = (f"{_shortened(field, LONGEST_FIELD)} is {shown or 'empty'}: "
+                    f"expected {_shortened(expected, LONGEST_SENTENCE)}")
+        super().__init__(printable(line))
+
+    def within(self, name: str) -> "InvalidInput":
+        """The same error with `name` in front: of the file that holds the field, say."""
+        problem = self.problem and f"{name}: {self.problem}"
+        return InvalidInput(f"{name} {self.field}".rstrip(), self.value, self.expected, problem)
 
     def __reduce__(self):
-        """For errors of other processes: the value as it is shown, since nobody knows whether it can be pickled."""
-        return type(self), (self.field, self.value if isinstance(self.value, str) else _BRIEFLY.repr(self.value),
-                            self.expected)
+        """Pickle the value as it is shown: the value itself may not be picklable."""
+        value = self.value if isinstance(self.value, str) else _BRIEFLY.repr(self.value)
+        return type(self), (self.field, value, self.expected, self.problem)
 
 
-def require(condition: bool, field: str, value: object, expected: str) -> None:
-    """Raise InvalidInput(field, value, expected) unless the condition holds."""
+def require(condition: bool, field: str, value: object = None, expected: str = "", problem: str = "") -> None:
+    """Raise InvalidInput(field, value, expected, problem) unless the condition holds."""
     if not condition:
-        raise InvalidInput(field, value, expected)
+        raise InvalidInput(field, value, expected, problem)
 
 
 def finite(field: str, value: object, expected: str = "a finite number") -> float:
@@ -47,17 +60,17 @@ def finite(field: str, value: object, expected: str = "a finite number") -> floa
 
 
 def quoted(value: object) -> object:
-    """The value, a string in quotes: for values whose type may be what is wrong, since "3" is not 3."""
+    """The value, strings in quotes: use it where the type may be wrong, since "3" is not 3."""
     return f'"{value}"' if isinstance(value, str) else value
 
 
 def printable(text: str) -> str:
-    """The text in one line, control characters as escapes: what an input holds must not command the terminal."""
+    """The text in one line, control characters as escapes: input must not control the terminal."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in " ".join(text.split()))
 
 
 class _Briefly(reprlib.Repr):
-    """repr() of the beginning: the whole may be brackets a thousand deep, or take longer than reading the value."""
+    """repr() of a value's beginning: a full one may nest a thousand brackets, or take longer than reading the file."""
 
     def __init__(self):
         super().__init__()
@@ -72,7 +85,7 @@ _BRIEFLY = _Briefly()
 
 
 def _shortened(text: str, longest: int) -> str:
-    """The text in one line; of one too long the two ends, since a path's end tells most."""
+    """The text in one line. A long one loses its middle: a path's end tells most."""
     most = MOST_LOOKED_AT * longest
     line = printable(text if len(text) <= 2 * most else text[:most] + DOTS + text[-most:])
     half = (longest - len(DOTS)) // 2

@@ -55,7 +55,7 @@ def from_counts(counts: Any, stamp_ns: int, options: dict) -> Described:
         histograms.check(sensor)
     except InvalidInput as error:
         field = error.field.removesuffix(" count").replace("histograms", "counts")      # as the argument is called
-        raise InvalidInput(field, error.value, error.expected) from None
+        raise InvalidInput(field, error.value, error.expected, error.problem) from None
     return complete(histograms, sensor, options, notes + few_bins_note(counts.shape))
 
 

@@ -49,7 +49,7 @@ def read_errors(path: Path, expected: str = "", library: str = "") -> Iterator[N
     except InvalidInput as error:
         if error.field.startswith(path.name):
             raise
-        raise InvalidInput(f"{path.name} {error.field}".rstrip(), error.value, error.expected) from None
+        raise error.within(path.name) from None
     except ModuleNotFoundError:
         raise
     except Exception as error:      # each library has its own, and Python's where it trusts the file

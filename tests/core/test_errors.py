@@ -1,5 +1,6 @@
 """A user's mistake is one printable line, whatever was in the input."""
 
+import pickle
 from functools import reduce
 
 import pytest
@@ -21,6 +22,16 @@ def test_the_line_names_field_value_and_what_was_expected(field, value, begins):
         require(False, field, value, "something else")
     assert (caught.value.field, caught.value.value, caught.value.expected) == (field, value, "something else")
     require(True, field, value, "something else")
+
+
+def test_a_sentence_is_the_whole_line_and_keeps_its_field():
+    error = InvalidInput("frame", problem="log.json has no frame 9\n(it has 8).")
+    assert (str(error), error.field) == ("log.json has no frame 9 (it has 8).", "frame")
+    assert str(error.within("scan.zip")) == "scan.zip: log.json has no frame 9 (it has 8)."
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)
+    with pytest.raises(InvalidInput, match="^no frame$"):
+        require(False, "frame", problem="no frame")
+    assert len(str(InvalidInput("frame", problem="name, " * 10**6))) < 1000
 
 
 @pytest.mark.parametrize("value", ["x" * 10_000, list(range(10_000)), b"y" * 10_000, "a  " * 10**6])
