@@ -24,10 +24,10 @@ def encode_cdr(events: PhotonEvents, sensor: SensorModel, frame_id: str) -> byte
 
 
 def decode_cdr(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, PhotonEvents]:
-    """The photons of a serialised message, in its order and with its type of ToA.
+    """The header and the photons of a serialised message, in its order and with its type of ToA, which is unchecked.
 
     Raises:
-        InvalidInput: the message does not keep the schema, or a photon lies outside the sensor.
+        InvalidInput: the message breaks the schema, or a photon lies outside the sensor's pixels.
     """
     cloud = cdr.read_cloud(raw)
     require(cloud.height == 1, "height", cloud.height, "1")
@@ -37,7 +37,5 @@ def decode_cdr(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, PhotonEvent
         largest = int(index.max(initial=0))
         require(largest < count, name, largest, f"an index below the sensor's {count}")
     toa = points["toa"]
-    events = PhotonEvents(row * np.uint32(sensor.cols) + col, toa.astype(toa.dtype.newbyteorder("=")),
-                          cloud.header.stamp_ns)
-    events.check(sensor)
-    return cloud.header, events
+    pixel, toa = row * np.uint32(sensor.cols) + col, toa.astype(toa.dtype.newbyteorder("="))
+    return cloud.header, PhotonEvents(pixel, toa, cloud.header.stamp_ns)

@@ -50,26 +50,27 @@ def encode_cdr(sketch: Sketch, sensor: SensorModel, frame_id: str, layout: str =
     return cdr.write_cloud(replace(cloud, fields=(cloud.fields[0], *numbers, *cloud.fields[2:], *markers)))
 
 
-def description_cdr(raw: bytes) -> str:
-    """The digest (messages.sensor.digest) of the description that a serialised message belongs to.
-
-    Raises:
-        InvalidInput: the message names none.
-    """
-    return _named(cdr.read_cloud(raw), DESCRIPTION, "sensor_DIGEST")
+def description_of(cloud: cdr.Cloud) -> str:
+    """The digest (`sensor_message.digest`) of the description that a sketch names; InvalidInput if it names none."""
+    return _named(cloud, DESCRIPTION, "sensor_DIGEST")
 
 
 def decode_cdr(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, Sketch]:
-    """The sketch of a serialised message in any layout.
+    """The header and the sketch of a serialised message; `decode` says how."""
+    cloud = cdr.read_cloud(raw)
+    return cloud.header, decode(cloud, sensor)
+
+
+def decode(cloud: cdr.Cloud, sensor: SensorModel) -> Sketch:
+    """The sketch of a message in any layout.
 
     Args:
-        raw: from `sketch`.
-        sensor: of the description that it belongs to.
+        cloud: the message, from `cdr.read_cloud`.
+        sensor: of the description that it names (`description_of`).
 
     Raises:
-        InvalidInput: the message does not keep the schema or fit the sensor.
+        InvalidInput: the message breaks the schema or does not fit the sensor.
     """
-    cloud = cdr.read_cloud(raw)
     num_bins = int(_named(cloud, PERIOD, "T"))
     require(num_bins == sensor.num_bins, "T", num_bins, f"the sensor's {sensor.num_bins} bins")
     frequencies = check_frequencies(_frequencies(cloud), num_bins)
@@ -87,8 +88,7 @@ def decode_cdr(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, Sketch]:
     parts *= photons[..., None].astype(np.float32)
     cycles = int(_named(cloud, CYCLES, "cycles", "0"))
     before = points["before"].astype(np.uint32) if gated else None
-    return cloud.header, Sketch(frequencies, parts.view(np.complex64), photons, cloud.header.stamp_ns, sensor, cycles,
-                                before)
+    return Sketch(frequencies, parts.view(np.complex64), photons, cloud.header.stamp_ns, sensor, cycles, before)
 
 
 def decode_counts_cdr(raw: bytes) -> tuple[cdr.Header, tuple[int, ...], np.ndarray]:

@@ -21,9 +21,9 @@ from srt3d_ros.messages import points_message, sketch_message
 from srt3d_ros.messages.camera import camera_info
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode, in_words
-from srt3d_ros.nodes.described_sketches import DescribedSketches
 from srt3d_ros.nodes.lifecycle import run
 from srt3d_ros.nodes.parameters import Parameter, Value
+from srt3d_ros.nodes.sketch_queue import QueuedSketch, SketchQueue
 from srt3d_ros.nodes.topics import NodeSpec
 from srt3d_ros.nodes.worker import Dropped
 from srt3d_ros.results import Cloud, Reconstructor
@@ -104,7 +104,7 @@ class ReconstructorNode(PipelineNode):
 
     def __init__(self):
         super().__init__()
-        self._sketches = DescribedSketches()
+        self._queue = SketchQueue()
         self._built: dict[tuple[str, tuple[int, ...]], Reconstructor] = {}      # the last used last
         self._newest: Sketch | None = None
         self._settings = self.parameters.as_dict()      # the worker's copy, which changes between frames
@@ -127,7 +127,7 @@ class ReconstructorNode(PipelineNode):
 
     def stop_frames(self, cause: str) -> None:
         super().stop_frames(cause)
-        self.diagnostics.drop(cause, self._sketches.clear())
+        self.diagnostics.drop(cause, self._queue.clear())
 
     def forget(self) -> None:
         """Forget the last frame's surfaces and background."""
@@ -154,37 +154,37 @@ class ReconstructorNode(PipelineNode):
         self._settings = settings
 
     def _on_sensor(self, message: String) -> None:
-        sensor = self.check_size(self._sketches.describe(message.data))
+        sensor = self.check_size(self._queue.describe(message.data))
         self.diagnostics.unusable("")
         self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins)
         self._reconstruct_all()
 
     def _on_sketch(self, raw: bytes) -> None:
-        self._sketches.add(raw, time.monotonic())
+        self._queue.add(raw, time.monotonic())
         self._reconstruct_all()
 
     def _reconstruct_all(self) -> None:
-        """Reconstruct the sketches whose description has come; drop those that have waited for theirs too long."""
-        described, dropped = self._sketches.take(time.monotonic())
-        for sketch in described:
+        """Reconstruct the sketches whose description has arrived; drop those that have waited too long for theirs."""
+        ready, dropped = self._queue.take(time.monotonic())
+        for sensor, queued in ready:
             try:
-                self._reconstruct(*sketch)
+                self._reconstruct(sensor, queued)
             except Exception as error:
                 self.failed(error, frames=1)
-        for digest in dropped:
-            self.failed(Dropped("no_sensor", f"waited in vain for {DESCRIPTION}, sensor_{digest}"), frames=1)
-        self.diagnostics.wait_for(f"{DESCRIPTION}, sensor_{self._sketches.missing}" if self._sketches else "")
+        for queued in dropped:
+            self.failed(Dropped("no_sensor", f"{DESCRIPTION}, sensor_{queued.digest}, did not arrive"), frames=1)
+        self.diagnostics.wait_for(f"{DESCRIPTION}, sensor_{self._queue.missing}" if self._queue else "")
 
-    def _reconstruct(self, digest: str, sensor: SensorModel, raw: bytes) -> None:
-        header, sketch = sketch_message.decode_cdr(raw, self.check_size(sensor))
-        reconstructor = self._reconstructor(digest, sketch)
+    def _reconstruct(self, sensor: SensorModel, queued: QueuedSketch) -> None:
+        sketch = sketch_message.decode(queued.message, self.check_size(sensor))
+        reconstructor = self._reconstructor(queued.digest, sketch)
         seen = reconstructor(sketch)
         self._warn_of_saturation(sketch)
         light = seen.background.sum() + seen.intensity.sum() if sketch.cycles else seen.facts["photons"]
         share = float(seen.background.sum()) / max(light, 1)
         self.diagnostics.show(reconstruct_ms=f"{seen.facts['reconstruct_ms']:.2f}", background_share=f"{share:.3f}",
                               background_unevenness=f"{reconstructor.uneven_background:.4f}")
-        self._publish(seen, sketch, header.frame_id or sensor.frame_id)
+        self._publish(seen, sketch, queued.message.header.frame_id or sensor.frame_id)
 
     def _warn_of_saturation(self, sketch: Sketch) -> None:
         """Report pixels with a photon in nearly every laser cycle: pile-up is too strong there to be corrected well."""

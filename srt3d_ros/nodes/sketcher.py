@@ -219,7 +219,6 @@ class SketcherNode(PipelineNode):
         if stream is None:
             raise Dropped("no_sensor", self._problem or "there is no description of the sensor that can be used")
         header, photons = codec.decode_cdr(raw, stream.sensor)
-        self.diagnostics.count(photons_in=photons.photons)
         self._frame_id = header.frame_id or stream.sensor.frame_id
         if self._motion is not None:
             self._motion.read_into(stream)

@@ -84,7 +84,7 @@ def test_a_wrong_word_is_found_wherever_it_is():
         broken = bytearray(raw)
         broken[start + 2 * at:start + 2 * at + 2] = (60).to_bytes(2, "little")
         with pytest.raises(InvalidInput, match="gates word is 60: expected 10 to 59, or 0"):
-            gates.decode_cdr(bytes(broken), sensor)
+            gates.decode_cdr(bytes(broken), sensor)[1].check(sensor)
 
 
 def test_a_word_that_would_wrap_around_16_bits_is_refused(codecs, small_sensor):
@@ -93,7 +93,7 @@ def test_a_word_that_would_wrap_around_16_bits_is_refused(codecs, small_sensor):
     full, wrapped = (header + np.full(24, word, "<u2").tobytes() for word in (65_535, 63))
     assert gates.decode_cdr(full, sensor)[1].words[0, 0, 0] == 65_535
     with pytest.raises(InvalidInput, match="^gates word is 63: expected 65500 to 65535"):
-        gates.decode_cdr(wrapped, sensor)           # (63 − 65500) mod 2¹⁶ = 99, a bin if one forgot
+        gates.decode_cdr(wrapped, sensor)[1].check(sensor)           # (63 − 65500) mod 2¹⁶ = 99, a bin if one forgot
 
 
 def test_a_frame_that_does_not_fit_the_description_says_what_would(codecs, small_sensor):

@@ -12,7 +12,7 @@ from std_msgs.msg import String
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.messages import photon_frames, photons_message, sensor_message, sketch_message
+from srt3d_ros.messages import cdr, photon_frames, photons_message, sensor_message, sketch_message
 from tests.photon_forms import as_gates, as_histograms
 
 STAMP_NS = 1_700_000_000_123_456_789
@@ -43,7 +43,7 @@ def test_sketches_are_the_cores_in_all_forms_and_follow_the_parameters(graph, se
         graph.wait(lambda: sketches, "a sketch")
         raw = serialize_message(sketches[0])
         sensors = {sensor_message.digest(one.data): sensor_message.from_json(one.data) for one in described}
-        return sketch_message.decode_cdr(raw, sensors[sketch_message.description_cdr(raw)])
+        return sketch_message.decode_cdr(raw, sensors[sketch_message.description_of(cdr.read_cloud(raw))])
 
     assert graph.set("sketcher", gate="30-69") == ""
     graph.reports("sketcher", "gate", "30-69, 0.4497 to 1.034 m")

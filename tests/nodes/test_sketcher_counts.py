@@ -99,7 +99,7 @@ def test_no_frame_is_lost_while_gate_and_frequencies_change_and_each_names_its_d
     sensors = {sensor_message.digest(one.data): sensor_message.from_json(one.data) for one in described}
     depths = []
     for raw in map(serialize_message, sketches):
-        _, sketch = sketch_message.decode_cdr(raw, sensors[sketch_message.description_cdr(raw)])
+        _, sketch = sketch_message.decode_cdr(raw, sensors[sketch_message.description_of(cdr.read_cloud(raw))])
         mean = sketch.sums[..., 0].sum()                # of frequency 1
         depths.append(np.angle(mean) / (2 * np.pi) * sketch.sensor.num_bins % sketch.sensor.num_bins
                       + sketch.sensor.toa_offset_bins)

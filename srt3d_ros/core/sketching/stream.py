@@ -75,7 +75,7 @@ class SketchStream:
 
     Args:
         sensor: of the photons that come in.
-        counts: what they are counted in: totals `packets` and `photons` that came out, drops by cause.
+        counts: what they are counted in: totals `photons_in`, `packets` and `photons` that came out, drops by cause.
 
     Attributes:
         packets_per_frame: of the last frame that ended.
@@ -108,8 +108,10 @@ class SketchStream:
             busy: whether readers have yet to take sketches that came out.
 
         Raises:
-            InvalidInput: photons outside the sensor. None was added; frames that the packet ended come out next time.
+            InvalidInput: photons outside the sensor. The packet changes nothing.
         """
+        packet.check(self.sensor)       # before its stamp can end a frame
+        self.counts.count(photons_in=packet.photons)
         self._came_s = now_s
         placed = self._framing.place(packet.stamp_ns)
         self._end_frame(placed.ended, now_s)

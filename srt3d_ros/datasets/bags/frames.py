@@ -83,7 +83,7 @@ def read_frame(path: str | Path, number: int, options: dict, photons_topic: str 
         require(0 <= number <= most, "frame", number, f"0 to {most}, the messages on {topics.frames.name}")
         raw, description = _frame(bag, topics, number)
         if topics.output == "sketch":
-            description = _named(bag, topics.sensor, sketch_message.description_cdr(raw), number)
+            description = _named(bag, topics.sensor, sketch_message.description_of(cdr.read_cloud(raw)), number)
     sensor = sensor_message.decode_cdr(description)
     if topics.output == "sketch":
         found = sketch_message.decode_cdr(raw, sensor)[1]

@@ -1,4 +1,4 @@
-"""DescribedSketches: which sketches are ready, which wait, and which have waited too long."""
+"""SketchQueue: which sketches are ready, which wait, and which have waited too long."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import noise_sketch
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import sensor_message, sketch_message
-from srt3d_ros.nodes.described_sketches import MOST_WAITING, SENSORS_KEPT, WAIT_S, DescribedSketches
+from srt3d_ros.nodes.sketch_queue import MOST_WAITING, SENSORS_KEPT, WAIT_S, SketchQueue
 
 SENSORS = [SensorModel(2, 3, 50 + k, 1e-10, np.ones(3)) for k in range(SENSORS_KEPT + 1)]
 TEXTS = [sensor_message.to_json(sensor) for sensor in SENSORS]
@@ -21,16 +21,16 @@ def sketch(k: int) -> bytes:
 
 
 @pytest.fixture
-def sketches() -> DescribedSketches:
-    return DescribedSketches()
+def sketches() -> SketchQueue:
+    return SketchQueue()
 
 
-def taken(sketches: DescribedSketches, now_s: float = 0.0) -> tuple[list[int], list[int]]:
-    """Of what was taken the sensors' numbers, and those that the dropped ones named."""
+def taken(sketches: SketchQueue, now_s: float = 0.0) -> tuple[list[int], list[int]]:
+    """The sensors' numbers of the sketches that were ready, and of those that were dropped."""
     ready, dropped = sketches.take(now_s)
-    for digest, sensor, raw in ready:
-        assert sketch_message.description_cdr(raw) == digest == sensor_message.digest(sensor)
-    return [sensor.num_bins - 50 for _, sensor, _ in ready], [DIGESTS.index(digest) for digest in dropped]
+    for sensor, queued in ready:
+        assert sketch_message.decode(queued.message, sensor).sensor is sensor
+    return [sensor.num_bins - 50 for sensor, _ in ready], [DIGESTS.index(queued.digest) for queued in dropped]
 
 
 def test_descriptions_and_sketches_come_in_any_order(sketches):
