@@ -1,11 +1,17 @@
-"""`srt3d evaluate`: every method on simulated scenes or photon files, compared with the truth."""
+"""`srt3d evaluate`: run every method on simulated scenes or photon files and compare the clouds with the truth."""
 
 import argparse
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 
-from srt3d_ros.core.methods import METHODS
+from srt3d_ros.core.methods import METHODS, find
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
-from srt3d_ros.evaluation.cases import SCENES
+from srt3d_ros.core.thresholds import MAX_SURFACES
+from srt3d_ros.errors import require
+from srt3d_ros.evaluation.cases import SCENES, Case, of_files, simulated
+
+NO_FIGURES = "no figures: matplotlib is missing (pip install 'srt3d_ros[review]')"
 
 
 def add_parser(subparsers) -> None:
@@ -14,35 +20,115 @@ def add_parser(subparsers) -> None:
         description="Reconstruct simulated scenes (or the photon files given) with every method and compare the "
                     "clouds with the truth: a table, DIR/results.csv, and pictures in DIR. "
                     "docs/evaluation.md explains the figures.")
-    parser.add_argument("files", nargs="*", metavar="FILE", help="photon files; none: the simulated scenes")
-    parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder of the results")
+    parser.add_argument("files", nargs="*", metavar="FILE", help="photon files (default: the simulated scenes)")
+    parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder for the results")
     parser.add_argument("--methods", nargs="+", default=METHODS, metavar="METHOD",
-                        help=f"some of {', '.join(METHODS)} (all)")
+                        help=f"methods to run: {', '.join(METHODS)} (default: all)")
     parser.add_argument("--sketch-size", nargs="+", type=int, default=[DEFAULT_SKETCH_SIZE], metavar="M",
-                        help=f"complex numbers kept of a pixel ({DEFAULT_SKETCH_SIZE})")
+                        help=f"complex numbers per pixel (default: {DEFAULT_SKETCH_SIZE})")
     parser.add_argument("--tolerance", metavar="BINS|MMmm",
-                        help="how near a true detection is (bust: 40mm, net: 3, files: 10)")
+                        help="largest depth error of a true detection (default: bust 40mm, net 3, files 10)")
     parser.add_argument("--surfaces", type=int, metavar="K",
-                        help="most surfaces in a pixel (the net: 2; a file: as many as it has references)")
-    simulated = parser.add_argument_group("simulated scenes")
-    simulated.add_argument("--scene", nargs="+", choices=tuple(SCENES), metavar="SCENE",
-                           help=f"some of {', '.join(SCENES)} (all)")
-    simulated.add_argument("--sbr", nargs="+", type=float, default=[10.0, 1.0, 0.1], metavar="R",
-                           help="signal-to-background ratios (10 1 0.1)")
-    simulated.add_argument("--ppp", nargs="+", type=float, default=[1.0, 10.0, 100.0], metavar="N",
-                           help="mean photons per pixel (1 10 100)")
-    simulated.add_argument("--repeats", type=int, default=1, metavar="N", help="draws of each setting, averaged (1)")
-    files = parser.add_argument_group("photon files")
-    files.add_argument("--align", nargs="+", type=int, default=[], metavar="S",
-                       help="references, numbered from 1, to shift by their median offset from the cloud: those that "
-                            "were measured apart")
-    files.add_argument("--held-out-photons", type=float, metavar="SHARE",
-                       help="reconstruct the other photons, and judge the clouds by how well they predict these (0.4 "
-                            "for a file without a reference, else 0)")
+                        help="most surfaces per pixel (default: 2 for the net; for a file, its number of references)")
+    simulated_scenes = parser.add_argument_group("simulated scenes")
+    simulated_scenes.add_argument("--scene", nargs="+", choices=tuple(SCENES), metavar="SCENE",
+                                  help=f"scenes to simulate: {', '.join(SCENES)} (default: all)")
+    simulated_scenes.add_argument("--sbr", nargs="+", type=float, default=[10.0, 1.0, 0.1], metavar="R",
+                                  help="signal-to-background ratios (default: 10 1 0.1)")
+    simulated_scenes.add_argument("--ppp", nargs="+", type=float, default=[1.0, 10.0, 100.0], metavar="N",
+                                  help="mean photons per pixel (default: 1 10 100)")
+    simulated_scenes.add_argument("--repeats", type=int, default=1, metavar="N",
+                                  help="random draws of each setting, averaged (default: 1)")
+    photon_files = parser.add_argument_group("photon files")
+    photon_files.add_argument("--align", nargs="+", type=int, default=[], metavar="S",
+                              help="numbers, from 1, of references that were measured separately: shift them by their "
+                                   "median offset from the cloud")
+    photon_files.add_argument("--held-out-photons", type=float, metavar="SHARE",
+                              help="keep this share of the photons out of the reconstruction and score how well the "
+                                   "cloud predicts them (default: 0.4 for a file without a reference, else 0)")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    from srt3d_ros.evaluation.command import evaluate
+    from tqdm import tqdm
 
-    return evaluate(args)
+    from srt3d_ros.evaluation import scores
+    from srt3d_ros.evaluation.run import jobs_for
+    from srt3d_ros.evaluation.run import run as outcomes_of
+
+    cases = _cases(args)
+    methods = [find(name) for name in dict.fromkeys(args.methods)]
+    sizes = sorted(set(args.sketch_size))
+    require(min(sizes) >= 1, "--sketch-size", min(sizes), "integers of 1 or more")
+    jobs = jobs_for(cases, methods, sizes)
+    folder = _results_folder(args.out)
+    cases_to_draw = _cases_to_draw(cases)
+    size_to_draw = min(sizes, key=lambda size: abs(size - DEFAULT_SKETCH_SIZE))
+    notes = [note for case in cases for note in case.notes]
+    rows, drawn = [], []
+    with (tqdm(total=len(jobs), unit="cloud", mininterval=0.1 if sys.stderr.isatty() else 5.0) as bar,
+          scores.table_of_rows(folder / "results.csv") as write):
+        for outcome in outcomes_of(jobs, notes, bar):
+            rows.append(outcome.row)
+            write(outcome.row)
+            if outcome.job.case in cases_to_draw and outcome.job.sketch_size in (None, size_to_draw):
+                drawn.append(outcome)
+        bar.set_description("drawing")
+        means = scores.averaged(rows)
+        try:
+            from srt3d_ros.evaluation.drawings import draw
+        except ModuleNotFoundError:
+            notes.append(NO_FIGURES)
+        else:
+            draw(folder, means, drawn)
+        bar.set_description("done")
+    for note in notes:
+        print(f"srt3d: {note}", file=sys.stderr)
+    print(f"{scores.markdown(means)}\n\n{folder}/  results.csv  *.png")
+    return 0
+
+
+def _cases(args: argparse.Namespace) -> list[Case]:
+    """The cases that the options ask for; InvalidInput for an option that cannot be used."""
+    require(args.repeats >= 1, "--repeats", args.repeats, "1 or more")
+    require(min(args.align, default=1) >= 1, "--align", min(args.align, default=1), "references, numbered from 1")
+    require(args.surfaces is None or 1 <= args.surfaces <= MAX_SURFACES, "--surfaces", args.surfaces,
+            f"1 to {MAX_SURFACES}")
+    share = args.held_out_photons
+    require(share is None or 0 <= share < 1, "--held-out-photons", share, "a share of the photons, 0 to below 1")
+    require(share is None or args.files and not args.scene, "--held-out-photons",
+            problem="--held-out-photons works with photon files only: simulated scenes are compared with the truth.")
+    cases = of_files(args.files, args.tolerance, args.surfaces, [number - 1 for number in args.align], share)
+    for scene in dict.fromkeys(args.scene or (() if args.files else SCENES)):
+        cases += simulated(scene, args.sbr, args.ppp, args.repeats, args.tolerance, args.surfaces)
+    return cases
+
+
+def _cases_to_draw(cases: Sequence[Case]) -> set[Case]:
+    """The cases to draw: every file, and of a scene at each SBR the one with the fewest photons.
+
+    Where a scene has cases with half a signal photon per pixel or more, only these count.
+    """
+    chosen: dict[tuple, Case] = {}
+    for case in sorted(cases, key=lambda case: case.ppp or 0):
+        key = (case.source, case.sbr)
+        if case.repeat == 1 and (key not in chosen or _signal(chosen[key]) < 0.5):
+            chosen[key] = case
+    return set(chosen.values())
+
+
+def _signal(case: Case) -> float:
+    """Mean signal photons per pixel; 0 for a file."""
+    return 0.0 if case.sbr is None else case.ppp / (1 + 1 / case.sbr)
+
+
+def _results_folder(path: Path) -> Path:
+    """Create the folder of the results; InvalidInput if it holds another results.csv than an evaluation's."""
+    from srt3d_ros.evaluation.scores import is_table
+
+    require(not path.exists() or path.is_dir(), "--out", problem=f"--out {path} is a file: choose a folder.")
+    table = path / "results.csv"
+    require(not table.exists() or is_table(table), "--out",
+            problem=f"{table} was not written by srt3d evaluate: choose another folder for --out.")
+    path.mkdir(parents=True, exist_ok=True)
+    return path
