@@ -1,4 +1,4 @@
-"""The ROS 2 nodes; only here rclpy."""
+"""The ROS 2 nodes, the only importers of rclpy."""
 
 from importlib import import_module
 
@@ -6,5 +6,5 @@ from srt3d_ros.processes.node_names import NODES
 
 
 def all_specs() -> dict:
-    """The NodeSpec of every node by name. Importing them takes what each node needs."""
+    """The NodeSpec of every node, by name; ModuleNotFoundError if a node's packages are missing."""
     return {name: import_module(f"srt3d_ros.nodes.{name}").SPEC for name in NODES}

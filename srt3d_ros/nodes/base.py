@@ -1,4 +1,4 @@
-"""PipelineNode: what all nodes of the pipeline share."""
+"""PipelineNode: the base class of the pipeline's nodes."""
 
 import atexit
 import threading
@@ -19,30 +19,30 @@ from srt3d_ros.nodes.worker import CATCH_UP_S, NEWEST_ONLY, Dropped, Worker
 from srt3d_ros.processes import children
 
 SUBSCRIBE_DEPTH = PUBLISH_DEPTH
-QUEUE_DEPTH = 256       # where frames are queued rather than dropped: more than a busy reader falls behind
-FOLLOW_DEPTH = 1000     # of reports and log lines, which come from many nodes at once: as publishers of /rosout keep
-OUTDATED_NS = 10 * 10**9    # a larger difference is one of clocks, not of the age of frames
-LOG_EVERY_S = 2.0       # the same complaint again
+QUEUE_DEPTH = 256       # of inputs whose frames are queued rather than dropped
+FOLLOW_DEPTH = 1000     # of reports and log lines, which many nodes send at once: the depth of /rosout's publishers
+OUTDATED_NS = 10 * 10**9    # a frame that seems older comes from another clock and is kept
+LOG_EVERY_S = 2.0       # at most, the same line
 POLL_S = 0.005
 
 
 class PipelineNode(ManagedNode):
-    """A managed node whose callbacks only pass messages to its worker thread, which processes and publishes.
+    """A managed node whose callbacks only queue messages; its worker thread processes and publishes them.
 
-    Every frame is either published or dropped for a named cause. The diagnostics count both.
+    Every frame is either published or dropped for a named cause, and the diagnostics count both.
 
     Args:
-        queue_limit: frames that may wait for the worker; by default the newest only.
+        queue_limit: frames that may wait for the worker (default: only the newest).
 
     Raises:
         InvalidInput: a parameter cannot be used.
     """
 
-    drain_s = 0.0           # how long waiting frames are still processed when the node is deactivated
-    queue_depth = QUEUE_DEPTH   # messages of an input that may wait in the middleware, where frames are queued
-    finish_s = 5.0          # deadline for all that a deactivation or the node's end waits for
+    drain_s = 0.0           # how long a deactivated node still processes queued frames
+    queue_depth = QUEUE_DEPTH   # messages per input that the middleware queues if `queue_limit` is larger than 1
+    finish_s = 5.0          # deadline for a deactivation, and for the end of the node
     niceness = 0            # of the process
-    reliability = ReliabilityPolicy.BEST_AVAILABLE      # of the frames that come in
+    reliability = ReliabilityPolicy.BEST_AVAILABLE      # of the subscriptions to frames
 
     def __init__(self, queue_limit: int = NEWEST_ONLY):
         super().__init__(self.spec.name, automatically_declare_parameters_from_overrides=True)
@@ -52,36 +52,37 @@ class PipelineNode(ManagedNode):
         try:
             self.parameters = Parameters(self, self.spec.table, overrides)
         except BaseException:
-            self.destroy_node()     # it must not outlive the context
+            self.destroy_node()     # a node must not outlive the context
             raise
         self.parameters.on_failure = self.failed
         frames = [self.resolve_topic_name(topic.name) for topic in self.spec.outputs if not topic.latched]
         self.diagnostics = Diagnostics(self, (*frames, "")[0], self.reliability == ReliabilityPolicy.BEST_EFFORT)
         self.finished = threading.Event()       # set by a node that is done: its process may end
-        self.halted = threading.Event()         # set while the node stops: the worker waits for nothing
+        self.stopping = threading.Event()       # set while the node stops: ends every wait of the worker
         self.exit_code = 0
-        self.stopped_for = "inactive"           # a cause for which nothing may be published; empty while active
+        self.stop_cause = "inactive"            # why nothing may be published; empty while active
         self._publishing = threading.Lock()
-        self._tracebacks: set[tuple] = set()    # that the log has
+        self._tracebacks: set[tuple] = set()    # places whose traceback has been logged
         self.worker = Worker(queue_limit, self.failed, self.diagnostics.drop, CATCH_UP_S)
-        self.received_ns = 0        # when the frame in hand came, by the node's clock
-        self._followed_ns = self._valid_from_ns = 0          # when descriptions were sent, by their sender's clock
+        self.received_ns = 0        # arrival of the current frame, by the node's clock
+        # Sending times, by the sender's clock: of the last description, and of the one that frames must not precede.
+        self._followed_ns = self._valid_from_ns = 0
 
     def forget(self) -> None:
-        """Drop the state of past frames; called in the worker's thread at the end of a deactivation."""
+        """Drop the state of past frames. The worker calls it at the end of a deactivation."""
 
     # ---- Topics
 
     def subscribe(self, topic: str, handle: Callable[[bytes], None]) -> None:
-        """Have the worker call `handle` with the bytes of the frames on an input, unless `drop_older` drops them."""
+        """Call `handle` in the worker with the bytes of each frame on an input."""
         def work(raw: bytes, sent_ns: int, received_ns: int) -> None:
             if 0 < self._valid_from_ns - sent_ns < OUTDATED_NS:
-                raise Dropped("outdated", "it was sent before the description in force")
+                raise Dropped("outdated", "it was sent before the current description")
             self.received_ns = received_ns
             handle(raw)
 
         def received(raw: bytes, info: dict) -> None:
-            self.diagnostics.count(message_lost=sequence.after(info["publication_sequence_number"]))
+            self.diagnostics.count(message_lost=sequence.missed_before(info["publication_sequence_number"]))
             self.diagnostics.received()
             self.worker.offer(work, raw, info["source_timestamp"], self.now_ns())
 
@@ -92,15 +93,16 @@ class PipelineNode(ManagedNode):
         self.diagnostics.expect(self.resolve_topic_name(topic))
 
     def check_size(self, sensor: SensorModel) -> SensorModel:
-        """The sensor; InvalidInput if it has more than `max_pixels`, before memory is taken for it."""
-        require(sensor.pixels <= self.parameters["max_pixels"], "sensor", f"{sensor.rows} × {sensor.cols} pixels",
-                f"at most {self.parameters['max_pixels']}, or a larger max_pixels, a parameter of {self.get_name()}")
+        """Return the sensor; InvalidInput, before memory is allocated, if it has more than `max_pixels`."""
+        most = self.parameters["max_pixels"]
+        require(sensor.pixels <= most, "sensor", problem=f"A sensor of {sensor.rows} × {sensor.cols} pixels exceeds "
+                f"max_pixels of {self.get_name()}, {most}: set a larger one.")
         return sensor
 
     def follow(self, topic: str, handle: Callable[[object], None]) -> None:
-        """Have the worker call `handle` with every message on an input that describes or reports.
+        """Call `handle` in the worker with every message on an input of descriptions, reports or log lines.
 
-        A description that cannot be used is an error in /diagnostics until `handle` ends it with `unusable("")`.
+        If `handle` raises InvalidInput, /diagnostics shows it as an error until `handle` calls `unusable("")`.
         """
         def work(message, sent_ns: int) -> None:
             self._followed_ns = sent_ns
@@ -113,16 +115,16 @@ class PipelineNode(ManagedNode):
         self.make_subscription(topic, lambda message, info: self.worker.call(work, message, info["source_timestamp"]),
                                FOLLOW_DEPTH)
 
-    def drop_older(self) -> None:
-        """Drop the frames that were sent before the description that is being followed, which replaces another."""
+    def drop_older_frames(self) -> None:
+        """Drop the frames that were sent before the description that `follow` handles now."""
         self._valid_from_ns = self._followed_ns
 
     # ---- Frames
 
     def hold_frames_for(self, what: str) -> None:
-        """Report that no frame can be used before `what` has come; those that may queue wait until `release_frames`.
+        """Queue frames until `release_frames`, and report that they wait for `what`.
 
-        A latched description and the first frame it describes may arrive in either order.
+        A latched description and the first frame that needs it arrive in either order.
         """
         self.diagnostics.wait_for(what)
         self.worker.hold_frames("no_sensor")
@@ -133,15 +135,15 @@ class PipelineNode(ManagedNode):
         self.worker.release_frames()
 
     def publish_frame(self, publisher: Publisher, data: bytes, stamp_ns: int) -> None:
-        """Publish the CDR bytes of the frame acquired at `stamp_ns`."""
+        """Publish the CDR bytes of the frame acquired at `stamp_ns`, and count it."""
         self.publish(publisher, data)
         self.sent(stamp_ns)
 
     def publish(self, publisher: Publisher, message) -> None:
-        """Publish a message; Dropped if the node was deactivated while the worker had the frame in hand."""
+        """Publish a message; Dropped if the node has stopped since the worker began with the frame."""
         with self._publishing:
-            if self.stopped_for:
-                raise Dropped(self.stopped_for, "it was ready only after the node had stopped")
+            if self.stop_cause:
+                raise Dropped(self.stop_cause, "the node stopped before the frame was ready")
             publisher.publish(message)
 
     def sent(self, stamp_ns: int) -> None:
@@ -149,42 +151,42 @@ class PipelineNode(ManagedNode):
         self.diagnostics.sent((self.now_ns() - stamp_ns) * 1e-9)
 
     def now_ns(self) -> int:
-        """Nanoseconds of the node's clock, which may be a simulated one."""
+        """Time of the node's clock, in nanoseconds; it may be simulated."""
         return self.get_clock().now().nanoseconds
 
     def wait_until(self, condition: Callable[[], bool], what: str, timeout_s: float = float("inf")) -> bool:
-        """Wait for a condition in the worker thread, report what for, and return the condition's last value."""
+        """Wait in the worker for a condition, report `what` it waits for, and return the condition's last value."""
         end_s = time.monotonic() + timeout_s
         self.diagnostics.wait_for(what)
-        while not (met := condition()) and time.monotonic() < end_s and not self.halted.wait(POLL_S):
+        while not (met := condition()) and time.monotonic() < end_s and not self.stopping.wait(POLL_S):
             pass
         self.diagnostics.wait_for("")
         return met
 
     def on_activate(self, state):
         if not self.worker.finish(self.finish_s):
-            self.problem = InvalidInput("worker", "busy with a frame of the last activation",
-                                        "it to end first: activate the node again")
+            self.problem = InvalidInput("worker", problem="The worker still processes a frame of the last activation: "
+                                                         "activate the node again.")
             self.failed(self.problem)
             return TransitionCallbackReturn.FAILURE
-        self.halted.clear()
-        self.stopped_for = ""
+        self.stopping.clear()
+        self.stop_cause = ""
         self.diagnostics.unusable("")
         return super().on_activate(state)
 
     def deactivate(self) -> None:
-        """Take no more frames, finish the current one, drop those that wait unless the node drains them, and forget."""
+        """Stop taking frames, finish the current one, drop or drain the queue, and forget."""
         self.stop_frames("inactive")
         self.diagnostics.wait_for("")
 
     def stop_frames(self, cause: str) -> None:
-        """Unsubscribe, process waiting frames for `drain_s`, drop the others for `cause`, and forget.
+        """Unsubscribe, process queued frames for `drain_s`, drop the others for `cause`, and forget.
 
-        After `finish_s` this returns in any case; from then on nothing is published.
+        Returns after `finish_s` at the latest. From then on the node publishes nothing.
         """
         end_s = time.monotonic() + self.finish_s
         self.unsubscribe()
-        self.halted.set()
+        self.stopping.set()
         if self.drain_s:
             self.worker.release_frames()
             self.worker.finish(self.drain_s)
@@ -193,75 +195,81 @@ class PipelineNode(ManagedNode):
         self.worker.release_frames()
         self.worker.call(self.forget)
         if not self.worker.finish(end_s - time.monotonic()):
-            self.get_logger().warning(f"the work in hand took more than {self.finish_s:g} s: dropped ({cause})")
+            self.get_logger().warning(f"the current frame took more than {self.finish_s:g} s: dropped ({cause})")
         with self._publishing:
-            self.stopped_for = cause
+            self.stop_cause = cause
 
     def unsubscribe(self) -> None:
-        """Destroy the subscriptions: no frame is expected any more."""
+        """Destroy the subscriptions, and expect no more frames."""
         self.diagnostics.expect_nothing()
         super().unsubscribe()
 
     def close(self) -> None:
         """Finish the current frame, publish the last diagnostics, and leave the graph."""
         if self.state in ("inactive", "active") and not (self._starting or self.finished.is_set()):
-            self.get_logger().info("shutting down")     # else it never started or has logged why it ends
+            self.get_logger().info("shutting down")     # otherwise the log already says why the node ends
         end_s = time.monotonic() + self.finish_s
         self.stop_frames("shutdown")
         if not self.worker.close(max(end_s - time.monotonic(), 0)):
-            self.exit_code = self.exit_code or int(self.drain_s > 0)        # a recording, say, that is not complete
-            atexit.register(children.end_at_once, self.exit_code)          # other handlers may wait for the worker
+            if self.drain_s > 0 and self.exit_code == 0:
+                self.exit_code = 1      # queued frames are missing: a recording, say, is incomplete
+            atexit.register(children.end_at_once, self.exit_code)       # other exit handlers may wait for the worker
         self.state = "finalized"
         self.diagnostics.close()
         self.destroy_node()
 
     def failed(self, error: Exception, frames: int = 0) -> None:
-        """Count and log an error and the frames that it cost; a mistake of ours with its traceback, once."""
-        log = self.get_logger()
+        """Log an error, and count it and the frames that it cost."""
         if isinstance(error, Dropped):
             self.diagnostics.drop(error.cause, frames)
-            log.warning(f"frame dropped: {error}", throttle_duration_sec=LOG_EVERY_S)
-            return
-        bad_input = isinstance(error, InvalidInput)
-        text = str(error) if bad_input else f"{type(error).__name__}: {' '.join(str(error).split())}"
-        if frames:
-            self.diagnostics.drop("malformed" if bad_input else "internal", frames)
-        if frames and bad_input:
-            self.diagnostics.error(text, counted=False)
-            log.warning(f"frame dropped: {text}", throttle_duration_sec=LOG_EVERY_S)
-        elif bad_input:
-            self.diagnostics.error(text)
-            log.error(text, throttle_duration_sec=LOG_EVERY_S)
+            self.get_logger().warning(f"frame dropped: {error}", throttle_duration_sec=LOG_EVERY_S)
+        elif isinstance(error, InvalidInput):
+            self._bad_input(str(error), frames)
         else:
-            self.diagnostics.internal(text)
-            raised_at = tuple((part.filename, part.lineno) for part in traceback.extract_tb(error.__traceback__))
-            if raised_at not in self._tracebacks:
-                self._tracebacks.add(raised_at)
-                log.error("".join(traceback.format_exception(error)).rstrip())
-            else:
-                log.error(f"again: {text}", throttle_duration_sec=LOG_EVERY_S)
+            self._internal_error(error, frames)
+
+    def _bad_input(self, text: str, frames: int) -> None:
+        self.diagnostics.error(text, counted=not frames)
+        if frames:
+            self.diagnostics.drop("malformed", frames)
+            self.get_logger().warning(f"frame dropped: {text}", throttle_duration_sec=LOG_EVERY_S)
+        else:
+            self.get_logger().error(text, throttle_duration_sec=LOG_EVERY_S)
+
+    def _internal_error(self, error: Exception, frames: int) -> None:
+        """Count and log a bug of this package: its traceback once, then a line each time."""
+        if frames:
+            self.diagnostics.drop("internal", frames)
+        text = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        self.diagnostics.internal(text)
+        raised_at = tuple((part.filename, part.lineno) for part in traceback.extract_tb(error.__traceback__))
+        if raised_at in self._tracebacks:
+            self.get_logger().error(f"again: {text}", throttle_duration_sec=LOG_EVERY_S)
+        else:
+            self._tracebacks.add(raised_at)
+            self.get_logger().error("".join(traceback.format_exception(error)).rstrip())
 
 
 class SequenceLoss:
-    """Counts missed messages of one topic, whether the network lost them or newer ones pushed them out of the queue.
+    """Counts the messages of one topic that a subscription has missed.
 
-    The middleware's own event reports the first kind only. While a topic has several publishers, whose numbers look
-    alike, nothing is counted.
+    They were lost by the network or dropped from a full queue; the middleware's own event reports only the former. With
+    several publishers on the topic, whose numbers cannot be told apart, nothing is counted.
     """
 
     def __init__(self, publishers: Callable[[], int]):
         self._publishers = publishers
         self._last: int | None = None
 
-    def after(self, number: int | None) -> int:
-        """Messages missed just before the one with this number; 0 if the middleware numbers none."""
+    def missed_before(self, number: int | None) -> int:
+        """Messages missed just before the one with this sequence number; 0 if the middleware gives none."""
         if number is None:
             return 0
         last, self._last = self._last, number
         missed = number - last - 1 if last is not None else 0
-        return missed if missed > 0 and self._publishers() == 1 else 0      # below 0: a publisher that started again
+        return missed if missed > 0 and self._publishers() == 1 else 0      # below 0: the publisher restarted
 
 
-def in_words(sensor: SensorModel) -> str:
-    """A sensor's pixels and bins."""
+def sensor_summary(sensor: SensorModel) -> str:
+    """A sensor's pixels and bins, in words."""
     return f"{sensor.rows} × {sensor.cols} pixels, {sensor.num_bins} bins of {sensor.bin_width_s * 1e12:g} ps"

@@ -1,11 +1,10 @@
-"""/diagnostics of a node, once a second with or without subscribers: counters, rates, latency, last error.
+"""Diagnostics: a node's report on /diagnostics, once a second: counters, rates, latency, last error.
 
-Level, from what happened since the last report:
-    ERROR   something failed that should not have, and no frame has left since; the sensor's description cannot be used;
-            or more than half of the frames that came in were dropped or lost
-    WARN    a frame was dropped or lost, another node has this one's name, several publish its input, the node waits for
-            something, or has waited 2 s for a frame, or frames are more than 2 s old when they leave, or stamped ahead
-            of the node's clock
+The level depends on what happened since the last report:
+    ERROR   the node failed and has sent no frame since; or the sensor's description cannot be used; or more than half
+            of the frames were dropped or lost
+    WARN    a frame was dropped or lost; two nodes have the same name, or two publishers the same input; the node waits
+            for something, or has waited 2 s for a frame; or frames leave more than 2 s after their stamps, or before
     OK      otherwise
 """
 
@@ -25,30 +24,30 @@ from srt3d_ros.nodes.lifecycle import ManagedNode
 from srt3d_ros.nodes.reports import HARDWARE_ID
 
 PERIOD_S = 1.0
-LATENCIES_KEPT = 200    # frames over which the percentiles are taken
-LAST_REPORT_S = 5.0     # timeout for the last report: one that is lost is sent again with the heartbeat, after 3 s
+LATENCIES_KEPT = 200    # newest frames, for the percentiles
+LAST_REPORT_S = 5.0     # timeout for the last report: DDS sends a lost one again after its heartbeat of 3 s
 POLL_S = 0.01
-MOST_DROPPED = 0.5      # of the frames since the last report: more is an error
-PATIENCE_S = 2.0        # without a frame: a warning
-LOG_EVERY_S = 10.0      # what the node waits for
-LOG_LOSS_EVERY_S = 60.0     # what was dropped or lost, and what comes twice
-DOUBLE_S = 25.0         # of two nodes or publishers: a killed one stays in the graph for 20 s
-ENDING = ("inactive", "shutdown")       # causes that are no loss to log
-OLD_S = 2.0             # median latency: a warning
-# Stamps so far ahead of the clock are a warning. Clocks that NTP keeps differ by milliseconds, but a simulated one may
-# tick at only 10 Hz, and be late on a busy machine.
+MOST_DROPPED = 0.5      # share of the frames since the last report; more is an error
+PATIENCE_S = 2.0        # without a frame before a warning
+LOG_EVERY_S = 10.0      # at most, a line about what the node waits for
+LOG_LOSS_EVERY_S = 60.0     # at most, a line about losses or about two nodes of one name
+DOUBLE_S = 25.0         # before a warning of a second node or publisher: a killed one stays in the graph for 20 s
+ENDING = ("inactive", "shutdown")       # causes of drops that are not logged
+OLD_S = 2.0             # median latency before a warning
+# Warn of stamps this far ahead of the node's clock. Clocks set by NTP differ by milliseconds, but a simulated clock may
+# tick at only 10 Hz, and later on a busy machine.
 AHEAD_S = 0.5
 TOTALS, RATED = ("messages_in", "frames_out", "message_lost", "errors", "internal"), ("photons", "points")
 
 
 class Diagnostics(Counts):
-    """Counts what a node does and reports it. Every method may be called from any thread.
+    """Counts a node's messages, frames and errors, and reports them. Any thread may call any method.
 
-    What came in was published or dropped for a cause once a node has ended.
+    At shutdown, received = published + dropped.
 
     Args:
-        output: the topic on which the node's frames go out, whose readers it reports.
-        best_effort: whether it reads frames so.
+        output: the topic of the node's frames, whose readers are reported.
+        best_effort: whether the node subscribes to frames with best effort.
     """
 
     def __init__(self, node: ManagedNode, output: str = "", best_effort: bool = False):
@@ -57,9 +56,9 @@ class Diagnostics(Counts):
         self._node, self._output, self._best_effort = node, output, best_effort
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
-        self._topics: tuple[str, ...] = ()  # on which frames may come
-        self._waiting_for = ""              # beside frames
-        # When the node began to wait for what is above, for a frame, and for a clock; of time.monotonic().
+        self._topics: tuple[str, ...] = ()  # on which the node receives frames
+        self._waiting_for = ""              # something else than a frame
+        # When the node began to wait: for `_waiting_for`, for a frame, and for a clock.
         self._waiting_since = self._frame_since = self._clock_since = time.monotonic()
         self._last_error = ""
         self._reported = (time.monotonic(), Counter(), Counter())
@@ -68,11 +67,11 @@ class Diagnostics(Counts):
         self._double_since: float | None = None
         self.publisher = node.create_publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=10),
                                                 qos_overriding_options=QoSOverridingOptions.with_default_policies())
-        # a steady clock: reports go on while simulated time stands still
+        # A steady clock, so that reports go on while simulated time stands still.
         self._timer = node.create_timer(PERIOD_S, self.report, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def received(self) -> None:
-        """Count a frame that came in."""
+        """Count a frame that arrived."""
         self.count(messages_in=1)
         self._frame_since = time.monotonic()
 
@@ -82,24 +81,24 @@ class Diagnostics(Counts):
         self._frame_since = time.monotonic()
 
     def expect_nothing(self) -> None:
-        """Expect no frames any more."""
+        """Expect no more frames."""
         self._topics = ()
 
     def wait_for(self, what: str) -> None:
-        """Report that the node waits for this, from now on if it is another than before; for nothing if it is empty."""
+        """Report that the node waits for `what`, from now on; an empty text: for nothing."""
         if what != self._waiting_for:
             self._waiting_for, self._waiting_since = what, time.monotonic()
 
     def unusable(self, why: str) -> None:
-        """Report as an error why no frame can be used, until this is called with an empty text."""
+        """Report as an error why the description cannot be used, until called with an empty text."""
         self._unusable = why
 
     def warn(self, text: str) -> None:
-        """Report this warning once."""
+        """Show a warning in the next report only."""
         self._warning = text
 
     def sent(self, latency_s: float) -> None:
-        """Count a frame that went out `latency_s` after its stamp."""
+        """Count a frame that was published `latency_s` after its stamp."""
         with self._lock:
             self.totals["frames_out"] += 1
             self._internal = ""
@@ -107,20 +106,21 @@ class Diagnostics(Counts):
             self._least_latency_s = min(self._least_latency_s, latency_s)
 
     def error(self, text: str, counted: bool = True) -> None:
-        """Keep the last error, and count it unless it is counted elsewhere, such as a malformed message."""
+        """Show the text as the last error; `counted`: count it as an error, too."""
         with self._lock:
-            self.totals["errors"] += counted
+            if counted:
+                self.totals["errors"] += 1
             self._last_error = text
 
     def internal(self, text: str) -> None:
-        """Count a failure of the node itself, and report it as an error until a frame is sent."""
+        """Count a bug of the node, and report it as an error until a frame is sent."""
         with self._lock:
             self.totals["internal"] += 1
             self._internal = text
             self.error(text)
 
     def show(self, **values: object) -> None:
-        """Report these values until they change."""
+        """Show these values in all reports from now on."""
         with self._lock:
             self._values.update(values)
 
@@ -131,7 +131,7 @@ class Diagnostics(Counts):
         self.publisher.publish(out)
 
     def close(self) -> None:
-        """Publish the last report and wait until it has arrived."""
+        """Publish the last report and wait until the readers have it."""
         self._timer.cancel()
         self.report()
         self._log_loss(last=True)
@@ -170,30 +170,31 @@ class Diagnostics(Counts):
                                 hardware_id=HARDWARE_ID, values=pairs)
 
     def _latency(self) -> dict[str, str]:
-        """Percentiles of the newest frames' latencies, if there are any."""
+        """Percentiles of the latency of the newest frames; empty before the first."""
         if not self._latencies_s:
             return {}
         p50_ms, p95_ms = np.percentile(self._latencies_s, [50, 95]) * 1e3
         return {"latency_p50_ms": f"{p50_ms:.2f}", "latency_p95_ms": f"{p95_ms:.2f}"}
 
     def _untimely(self, frames: int) -> str:
-        """A warning if the frames sent since the last report were too old or stamped ahead of the clock."""
-        newest_s = list(self._latencies_s)[-frames:] if frames else [0.0]
-        age_s = float(np.median(newest_s))
+        """A warning if the last `frames` frames were too old or stamped ahead of the node's clock."""
+        if not frames:
+            return ""
+        age_s = float(np.median(list(self._latencies_s)[-frames:]))
         if age_s > OLD_S:
-            behind = "behind" if self._least_latency_s < OLD_S else "behind, or stamped by another clock"
-            return f"frames are {age_s:.1f} s old: {behind}"
+            cause = "behind" if self._least_latency_s < OLD_S else "behind, or stamped by another clock"
+            return f"frames are {age_s:.1f} s old: {cause}"
         if age_s < -AHEAD_S:
-            return f"frames are stamped {-age_s:.1f} s ahead of this node's clock: by another clock, unknown to tf"
+            return f"frames are stamped {-age_s:.1f} s ahead of this node's clock: tf cannot place them"
         return ""
 
     def _waiting(self, now: float) -> tuple[str, float]:
-        """What the node waits for, and since when; an empty text if for nothing."""
+        """What the node waits for, and since when; an empty text: for nothing."""
         if self._node.get_parameter("use_sim_time").value and not self._node.get_clock().now().nanoseconds:
             return "/clock (use_sim_time is true)", self._clock_since
         if self._waiting_for:
             return self._waiting_for, self._waiting_since
-        expected = self._topics         # which the worker may empty meanwhile
+        expected = self._topics         # the worker may replace it at any time
         if expected and now - self._frame_since > PATIENCE_S:
             publishers = sum(map(self._node.count_publishers, expected))
             *first, last = expected
@@ -202,9 +203,9 @@ class Diagnostics(Counts):
         return "", now
 
     def _readiness(self) -> dict[str, object]:
-        """Whether the node makes something of every frame that is sent from now on, and who sends and reads them.
+        """Whether the node will process every frame that is sent from now on, and who sends and reads frames.
 
-        A reader of best effort gets nothing before it has found the publisher; a reliable one gets it later.
+        A best-effort reader misses frames until it has discovered the publisher; a reliable one gets them later.
         """
         publishers = [self._node.count_publishers(topic) for topic in tuple(self._topics)]
         connected = all(publishers) or not self._best_effort
@@ -212,26 +213,27 @@ class Diagnostics(Counts):
                 "ready": self._node.state == "active" and connected and not (self._waiting_for or self._unusable)}
 
     def readers(self) -> str:
-        """Who reads the frames that go out, by full names."""
+        """Full names of the nodes that read the published frames, separated by commas."""
         readers = self._node.get_subscriptions_info_by_topic(self._output) if self._output else ()
         return ", ".join(sorted({f"{one.node_namespace}/{one.node_name}".lstrip("/") for one in readers}))
 
     def _doubled(self, now: float) -> str:
-        """A warning, also logged, if frames may come twice: from nodes of one name, or publishers of one topic."""
+        """Log and return a warning if two nodes have this name or two publishers an input: frames may come twice."""
         node = self._node
         namesakes = node.get_node_names_and_namespaces().count((node.get_name(), node.get_namespace()))
         counts = [(f"{namesakes} nodes are named {node.get_fully_qualified_name()}", namesakes)]
         counts += [(f"{count} publishers send frames on {topic}", count) for topic in tuple(self._topics)
                    if (count := node.count_publishers(topic)) > 1]
-        said = " and ".join(text for text, count in counts if count > 1)
-        self._double_since = (self._double_since or now) if said else None
-        if not said or now - self._double_since < DOUBLE_S:
+        doubled = " and ".join(text for text, count in counts if count > 1)
+        self._double_since = (self._double_since or now) if doubled else None
+        if not doubled or now - self._double_since < DOUBLE_S:
             return ""
-        node.get_logger().warning(f"{said}: frames may come twice", throttle_duration_sec=LOG_LOSS_EVERY_S)
-        return f"{said}: frames may come twice"
+        warning = f"{doubled}: frames may come twice"
+        node.get_logger().warning(warning, throttle_duration_sec=LOG_LOSS_EVERY_S)
+        return warning
 
     def _log_loss(self, last: bool = False) -> None:
-        """Log what was dropped or lost since the last such line: one line a minute at most, and at the end."""
+        """Log the losses since the last such line: at most once a minute, and at the end."""
         with self._lock:
             since, totals, drops = self._logged
             new, gone = self.totals - totals, self.dropped - drops
@@ -242,10 +244,10 @@ class Diagnostics(Counts):
                 self._logged = time.monotonic(), self.totals.copy(), self.dropped.copy()
                 self._node.get_logger().warning(
                     f"dropped {gone.total() + lost} of {new['messages_in'] + lost} frames since "
-                    f"{'the last such line' if totals else 'the start'}: {_in_words(new, gone)}")
+                    f"{'the last such line' if totals else 'the start'}: {_losses_text(new, gone)}")
 
     def _judge(self, new: Counter, new_drops: Counter, waiting: str, doubled: str) -> tuple[bytes, str]:
-        """Level and message; an empty message if nothing is wrong."""
+        """The level and the message of a report; the message is empty if all is well."""
         if new["errors"]:
             return DiagnosticStatus.ERROR, self._last_error
         if self._node.state != "active":
@@ -255,7 +257,7 @@ class Diagnostics(Counts):
         if new_drops or new["message_lost"]:
             sent, gone = new["messages_in"] + new["message_lost"], new_drops.total() + new["message_lost"]
             level = DiagnosticStatus.ERROR if gone > MOST_DROPPED * sent else DiagnosticStatus.WARN
-            return level, f"dropped: {_in_words(new, new_drops)}, of {sent}"
+            return level, f"dropped: {_losses_text(new, new_drops)}, of {sent}"
         if doubled:
             return DiagnosticStatus.WARN, doubled
         if self._warning:
@@ -266,17 +268,19 @@ class Diagnostics(Counts):
         return (DiagnosticStatus.WARN, untimely) if untimely else (DiagnosticStatus.OK, "")
 
 
-def _in_words(totals: Counter, drops: Counter) -> str:
-    """What was dropped by the node, and lost before it."""
-    lost = totals["message_lost"]
-    return ", ".join([f"{n} {cause}" for cause, n in drops.items()] + [f"{lost} lost on the way here"] * (lost > 0))
+def _losses_text(totals: Counter, drops: Counter) -> str:
+    """The frames that the node dropped, by cause, and those lost before they reached it."""
+    losses = [f"{frames} {cause}" for cause, frames in drops.items()]
+    if totals["message_lost"] > 0:
+        losses.append(f"{totals['message_lost']} lost on the way here")
+    return ", ".join(losses)
 
 
 def _by_cause(name: str, dropped: Counter) -> dict[str, int]:
-    """What was dropped, in all and by cause."""
+    """The values of a report for drops: the sum, and each cause."""
     return {name: dropped.total(), **{f"{name}.{cause}": amount for cause, amount in dropped.items() if amount}}
 
 
 def all_acknowledged(publisher: Publisher) -> bool:
-    """True if every reliable subscriber has what was published. To be polled: rclpy would wait with the GIL held."""
+    """Whether every reliable subscriber has acknowledged all messages. Poll it: rclpy's own wait holds the GIL."""
     return publisher.wait_for_all_acked(Duration(seconds=0))

@@ -1,4 +1,4 @@
-"""A node from its start to its end: the transitions of a ROS 2 managed node, and the process that runs it."""
+"""ManagedNode: a ROS 2 lifecycle node; and `run`, the process that runs it."""
 
 import logging
 import os
@@ -24,17 +24,17 @@ from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.nodes.topics import OVERRIDABLE, NodeSpec, Topic
 from srt3d_ros.processes import transport
 
-PUBLISH_DEPTH = 8       # messages of 10 ms for as long as a thread may wait for the processor
-WAKE_S = 0.1            # longest time until a signal is seen
-RETRY_S = 0.01          # after a callback that failed, as it may again and again
+PUBLISH_DEPTH = 8       # at 100 Hz, a subscriber may be kept from the CPU for 80 ms
+WAKE_S = 0.1            # longest time until a signal is noticed
+RETRY_S = 0.01          # pause after a callback that failed: it may fail every time
 BAD_INPUT = 2
 LIBRARY = logging.getLogger("srt3d_ros")
 
 
 class ManagedNode(LifecycleNode):
-    """A lifecycle node whose steps raise when they fail; the node then stays in its state.
+    """A lifecycle node with a method for each transition. If the method raises, the node keeps its state.
 
-    The steps run in the executor's thread. `state` is the label that `ros2 lifecycle get` shows.
+    The methods run in the executor's thread. `state` is the label that `ros2 lifecycle get` shows.
     """
 
     spec: NodeSpec
@@ -45,19 +45,19 @@ class ManagedNode(LifecycleNode):
         self.problem: Exception | None = None       # why the last transition failed
         self.subscriptions_made: list[Subscription] = []
         self.publishers_made: list[Publisher] = []
-        self._starting = False      # true in `start`, and after a `start` that failed
+        self._starting = False      # True in `start`, and after it has failed
         self._refuse_impossible_transitions()
 
     # ---- What a subclass overrides
 
     def configure(self) -> None:
-        """Open, compile, advertise."""
+        """Open files, compile kernels, create publishers."""
 
     def activate(self) -> None:
         """Subscribe and begin to work."""
 
     def deactivate(self) -> None:
-        """Undo `activate`, or the part of it that succeeded."""
+        """Undo `activate`, also if it has failed halfway."""
 
     def cleanup(self) -> None:
         """Undo `configure`: destroy the publishers."""
@@ -66,10 +66,10 @@ class ManagedNode(LifecycleNode):
         self.publishers_made.clear()
 
     def failed(self, error: Exception) -> None:
-        """Log why a callback failed, or a transition that a manager asked for, whose reply has no field for it."""
+        """Log why a callback or a requested transition failed; the reply to the request has no field for it."""
 
     def set_parameters_atomically(self, parameter_list) -> SetParametersResult:
-        """As of rclpy, which lets the exception for a parameter that does not exist end the process."""
+        """As in rclpy, but a parameter that does not exist gives a failed result instead of an exception."""
         try:
             return super().set_parameters_atomically(parameter_list)
         except ParameterNotDeclaredException as error:
@@ -78,7 +78,7 @@ class ManagedNode(LifecycleNode):
     # ---- Topics of the spec
 
     def advertise(self, topic: str) -> Publisher:
-        """A publisher of one of the spec's outputs, until `cleanup`; of a latched one, the last message stays."""
+        """Create the publisher of one of the spec's outputs; `cleanup` destroys it."""
         declared = self.spec.topic(topic)
         qos = QoSProfile(depth=1 if declared.latched else PUBLISH_DEPTH, durability=declared.durability)
         self.publishers_made.append(self._make(self.create_publisher, declared, qos))
@@ -86,10 +86,10 @@ class ManagedNode(LifecycleNode):
 
     def make_subscription(self, topic: str, callback: Callable, depth: int, raw: bool = False,
                           reliability: ReliabilityPolicy = ReliabilityPolicy.BEST_AVAILABLE) -> None:
-        """Subscribe to one of the spec's inputs, until `unsubscribe`, as reliably as all its publishers send.
+        """Subscribe to one of the spec's inputs until `unsubscribe`.
 
-        BEST_AVAILABLE takes the reliability of the publishers that are there. For one of best effort that comes later,
-        the subscription is made anew, unless the user's `qos_overrides` say otherwise.
+        BEST_AVAILABLE adopts the reliability of the present publishers. When a best-effort publisher appears later,
+        the subscription is created again, unless the user's `qos_overrides` prevent it.
         """
         declared, name = self.spec.topic(topic), self.resolve_topic_name(topic)
 
@@ -105,30 +105,33 @@ class ManagedNode(LifecycleNode):
             self.get_logger().warning(f"New publisher discovered on topic '{name}', offering incompatible QoS. No "
                                       f"messages will be received from it. Last incompatible policy: {policy.name}")
 
-        # Not a queue of one: it would lose all but one of what several publishers keep for a late subscriber.
+        # A queue of one would lose latched messages of several publishers.
         qos = QoSProfile(depth=depth, durability=declared.durability, reliability=reliability)
         events = SubscriptionEventCallbacks(incompatible_qos=on_incompatible)
         made = self._make(self.create_subscription, declared, callback, qos, raw=raw, event_callbacks=events)
         self.subscriptions_made.append(made)
 
     def unsubscribe(self) -> None:
-        """Destroy the subscriptions; worker and executor may do so at the same time."""
+        """Destroy the subscriptions; the worker and the executor may call this at the same time."""
         made, self.subscriptions_made = self.subscriptions_made, []
         for subscription in made:
             self.destroy_subscription(subscription)
 
     def _make(self, create: Callable, topic: Topic, *args, **options):
-        """A subscription or publisher. The middleware gives no reason for a failure; rclpy has checked the name."""
+        """Create a subscription or publisher; InvalidInput if the topic has another type in this process.
+
+        The middleware does not say why it fails. Another type is the only cause left, as rclpy has checked the name.
+        """
         try:
             return create(topic.load(), topic.name, *args, qos_overriding_options=OVERRIDABLE, **options)
         except rclpy_implementation.RCLError:
-            raise InvalidInput(f"topic of {topic.name}", self.resolve_topic_name(topic.name),
-                               f"one without another type than {topic.type} in this process") from None
+            raise InvalidInput(topic.name, problem=f"Cannot use {self.resolve_topic_name(topic.name)} as {topic.name}: "
+                               f"the node already uses it with another type than {topic.type}.") from None
 
     # ---- Transitions, as `ros2 lifecycle set` asks for them
 
     def start(self) -> None:
-        """Configure and activate; raises what they raise."""
+        """Configure and activate; raises the exception of a step that fails."""
         self._starting = True
         for trigger in (self.trigger_configure, self.trigger_activate):
             if trigger() != TransitionCallbackReturn.SUCCESS:
@@ -148,12 +151,16 @@ class ManagedNode(LifecycleNode):
         return self._step(self.cleanup, "unconfigured", "cleaned up")
 
     def on_shutdown(self, _) -> TransitionCallbackReturn:
-        """The node cannot be used again; its process ends with a signal."""
-        steps = [self.deactivate] * (self.state == "active") + [self.cleanup]
-        return self._step(lambda: [step() for step in steps], "finalized", "finalized")
+        """End the node for good; its process waits for a signal."""
+        def finalise() -> None:
+            if self.state == "active":
+                self.deactivate()
+            self.cleanup()
+
+        return self._step(finalise, "finalized", "finalized")
 
     def _refuse_impossible_transitions(self) -> None:
-        """Answer no. rclpy 7.1 lets its exception end the process where a transition is asked for by number."""
+        """Answer impossible requests with a failure; rclpy 7.1 ends the process if one gives a transition's number."""
         change = self._service_change_state.callback
 
         def guarded(request, response):
@@ -167,7 +174,7 @@ class ManagedNode(LifecycleNode):
         self._service_change_state.callback = guarded
 
     def _step(self, step: Callable[[], None], state: str, done: str, undo: Callable[[], None] = lambda: None):
-        """Take a step. `start` logs its end itself; a step that a manager asked for logs `done`."""
+        """Run the method of a transition and set the state. Unless `start` runs it, log `done` or the failure."""
         try:
             try:
                 step()
@@ -189,16 +196,16 @@ class ManagedNode(LifecycleNode):
 
 
 class LogForwarding(logging.Handler):
-    """Forwards what the library logs to a node's logger, and so to /rosout."""
+    """Forwards the library's log to a node's logger, and so to /rosout."""
 
     def __init__(self, logger):
         super().__init__(logging.INFO)
         self._logger = logger
         LIBRARY.setLevel(logging.INFO)
-        LIBRARY.addHandler(self)        # for good: the process is the node's
+        LIBRARY.addHandler(self)        # never removed: the process has a single node
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Log it; rclpy wants each severity to come from a source line of its own."""
+        """Log a record. rclpy requires each severity to come from its own source line."""
         if record.levelno >= logging.WARNING:
             self._logger.warning(record.getMessage())
         else:
@@ -206,14 +213,14 @@ class LogForwarding(logging.Handler):
 
 
 def run(node_class: type[ManagedNode]) -> int:
-    """Make the node, start it unless `autostart` is false, spin it until it is done or a signal comes, close it.
+    """Run a node in this process until it is finished or a signal arrives.
 
-    A signal ends the process at once while the node starts, as the caller has it, and in order from then on: rclpy's
-    own handlers would invalidate the context while the node finishes its frames and its recording. Whatever a callback
-    raises is counted and logged, and the node goes on.
+    While the node starts, signals act as the caller has set them. From then on, SIGINT and SIGTERM let it finish its
+    frames and its recording; rclpy's own handlers would invalidate the context meanwhile. If a callback raises, the
+    error is counted and logged, and the node goes on.
 
     Returns:
-        The node's exit code, 0 unless it failed, also after SIGINT and SIGTERM; 2 with one line on stderr if a
+        The node's exit code: 0 unless it failed, also after SIGINT and SIGTERM; 2, with one line on stderr, if a
         parameter, an argument or an input file cannot be used.
     """
     os.nice(node_class.niceness)        # before there are other threads, which inherit it
@@ -229,7 +236,7 @@ def run(node_class: type[ManagedNode]) -> int:
             try:
                 executor.spin_once(timeout_sec=WAKE_S)
             except rclpy_implementation.InvalidHandle:
-                continue    # the worker destroyed a subscription whose events rclpy was about to wait for
+                continue    # the worker destroyed a subscription that rclpy was about to wait for
             except Exception as problem:
                 if not rclpy.ok():
                     raise
@@ -246,27 +253,25 @@ def run(node_class: type[ManagedNode]) -> int:
 
 
 def _make(node_class: type[ManagedNode]) -> ManagedNode:
-    """The node, or InvalidInput with what ROS 2 says of the command line and of its surroundings."""
-    given = " ".join(sys.argv[1:])
+    """Create the node; InvalidInput if ROS 2 rejects the command line or the environment."""
     try:
-        unused = remove_ros_args(sys.argv)[1:]      # -p, say, without --ros-args before it
-        require(not unused, "command line", given, "nothing but --ros-args and what follows it, such as --ros-args "
-                f"-p name:=value; not {' '.join(unused)}")
+        unused = " ".join(remove_ros_args(sys.argv)[1:])
+        require(not unused, "command line", problem=f"{unused}: put --ros-args before arguments for ROS 2, as in "
+                "--ros-args -p name:=value.")
         rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
         return node_class()
     except RuntimeError as error:       # of rcl
-        raise InvalidInput("command line", given, "arguments and surroundings with which ROS 2 starts a node "
-                           f"({' '.join(str(error).split())})") from None
+        raise InvalidInput("command line", problem=f"ROS 2 cannot start the node: {error}") from None
 
 
 def _start(node: ManagedNode, on_signal: Callable[[], None]) -> None:
-    """Configure and activate the node if `autostart` is true; from then on a signal calls `on_signal`."""
-    said = "ready"
+    """Configure and activate the node if `autostart` is true; from then on signals call `on_signal`."""
+    outcome = "ready"
     if node.parameters["autostart"]:
         node.start()
     else:
-        said = f"unconfigured, as autostart is false: ros2 lifecycle set {node.get_fully_qualified_name()} configure"
+        outcome = f"unconfigured, as autostart is false: ros2 lifecycle set {node.get_fully_qualified_name()} configure"
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: on_signal())
-    node.get_logger().info(said)
+    node.get_logger().info(outcome)
     node.diagnostics.report()

@@ -1,4 +1,4 @@
-"""MotionInput: subscribes to the motion of a sensor, `odom` or `imu`."""
+"""MotionInput: the subscription of the sketcher to `odom` or `imu`."""
 
 from collections import deque
 from collections.abc import Callable
@@ -11,11 +11,11 @@ from srt3d_ros.nodes.base import LOG_EVERY_S, QUEUE_DEPTH, PipelineNode
 
 READERS = {"odom": odometry.decode_odometry, "imu": odometry.decode_imu}
 MOTIONS = ("off", *READERS)
-INBOX = 10_000              # reports that may wait for a worker that waits itself: 10 s of a fast IMU
+INBOX = 10_000              # reports queued for a busy worker: 10 s of a fast IMU
 
 
 def parse_extrinsics(text: str) -> Pose:
-    """The pose that a parameter `extrinsics` says, that of the body if it is empty. InvalidInput if it is none."""
+    """The pose in the parameter `extrinsics`, the identity if it is empty; InvalidInput if it is no pose."""
     if not text.strip():
         return Pose()
     try:
@@ -28,41 +28,41 @@ def parse_extrinsics(text: str) -> Pose:
 
 
 class MotionInput:
-    """Keeps what comes in the executor's thread until the worker reads it. Reading each by itself costs more.
+    """Queues reports in the executor's thread until the worker reads all of them, which is cheaper than one by one.
 
     Args:
-        node: with the parameters `motion`, not off, and `extrinsics`.
-        came: called in the executor's thread when something has come.
+        node: has the parameters `motion`, which is not off, and `extrinsics`.
+        on_report: called in the executor's thread after each report.
     """
 
-    def __init__(self, node: PipelineNode, came: Callable[[], None]):
-        self._node, self._came = node, came
+    def __init__(self, node: PipelineNode, on_report: Callable[[], None]):
+        self._node, self._on_report = node, on_report
         kind = node.parameters["motion"]
         self._topic, self._read_report = node.resolve_topic_name(kind), READERS[kind]
         self._reports = deque[tuple[bytes, int]](maxlen=INBOX)
-        node.make_subscription(kind, self._received, QUEUE_DEPTH, raw=True)
+        node.make_subscription(kind, self._queue, QUEUE_DEPTH, raw=True)
         if not node.parameters["extrinsics"].strip():
             node.get_logger().warning(f"extrinsics is empty: the sensor is assumed to coincide with the frame that "
                                       f"{self._topic} reports on")
         node.diagnostics.count(frames_deskewed=0, frames_undeskewed=0, motion_refused=0, motion_restarts=0)
 
     def read_into(self, stream: SketchStream) -> None:
-        """Pass what has come to a stream; what cannot be used is counted and logged."""
+        """Pass the queued reports to a stream; count and log those that cannot be used."""
         while self._reports:
-            raw, came_ns = self._reports.popleft()
+            raw, received_ns = self._reports.popleft()
             try:
                 report = self._read_report(raw)
                 if why := stream.add_motion(report):
-                    self._tell("motion_restarts", f"{why}; the trajectory begins again")
-                self._node.diagnostics.show(motion_latency_ms=f"{(came_ns - report.stamp_ns) / 1e6:.0f}")
+                    self._report_problem("motion_restarts", f"{why}; a new trajectory begins")
+                self._node.diagnostics.show(motion_latency_ms=f"{(received_ns - report.stamp_ns) / 1e6:.0f}")
             except InvalidInput as problem:
-                self._tell("motion_refused", str(problem))
+                self._report_problem("motion_refused", str(problem))
 
-    def _received(self, raw: bytes, _) -> None:
+    def _queue(self, raw: bytes, _) -> None:
         self._reports.append((raw, self._node.now_ns()))
-        self._came()
+        self._on_report()
 
-    def _tell(self, counted: str, problem: str) -> None:
+    def _report_problem(self, counted: str, problem: str) -> None:
         problem = f"{self._topic}: {problem}"
         self._node.diagnostics.count(**{counted: 1})
         self._node.diagnostics.error(problem, counted=False)

@@ -1,4 +1,4 @@
-"""Parameters of a node from one table: declaration, ranges and validation."""
+"""Parameters of a node, declared and checked from one table."""
 
 import difflib
 from array import array
@@ -22,11 +22,11 @@ class Parameter:
 
     Args:
         default: its type is the parameter's type.
-        low, high: range of a number, both ends allowed; None = no limit.
+        low, high: range of a number, both ends allowed; None: no limit.
         choices: all allowed values of a text.
-        form: what a text may be, in words.
+        form: description of an allowed text.
         live: may be changed while the node runs.
-        loose: a text that YAML and users may write otherwise: false for off, a list for numbers with commas.
+        loose: a text that YAML may read as false (for off) or as a list (for numbers with commas); both are accepted.
     """
 
     name: str
@@ -42,7 +42,7 @@ class Parameter:
 
     @property
     def expected(self) -> str:
-        """What is accepted, in words."""
+        """The accepted values, in words."""
         if self.choices:
             return " or ".join(self.choices)
         words = self.form or KINDS[type(self.default)]
@@ -53,7 +53,7 @@ class Parameter:
         return f"{words} {self.unit}".rstrip()
 
     def check(self, value: Value) -> Value:
-        """The value in the parameter's type, or InvalidInput. An integer passes for a number and a number for text."""
+        """The value in the parameter's type, or InvalidInput. Integers are accepted for numbers, numbers for texts."""
         kind = type(self.default)
         if self.loose and value is False:
             value = "off"
@@ -69,7 +69,7 @@ class Parameter:
         return value
 
     def descriptor(self) -> ParameterDescriptor:
-        """What `ros2 param describe` shows and tools make sliders from."""
+        """The description that `ros2 param describe` shows and from which tools make sliders."""
         unit = f" [{self.unit}]" if self.unit else ""
         out = ParameterDescriptor(description=self.description + unit, read_only=not self.live,
                                   additional_constraints=self.expected, dynamic_typing=self.loose)
@@ -84,16 +84,17 @@ class Parameter:
 class Parameters:
     """The parameters of a running node; `parameters["name"]` is the current, checked value.
 
-    Before a change, `on_check` gets all values as they would be; if it raises, `ros2 param set` shows the reason. After
-    the change, `on_change` is called. Both run in the executor's thread. `on_failure` gets what is no InvalidInput.
+    Before a change, `on_check` is called with the new values; if it raises, `ros2 param set` shows the reason. After
+    the change, `on_change` is called. Both run in the executor's thread. `on_failure` is called with any exception of
+    `on_check` but InvalidInput.
 
     Args:
-        node: made with `automatically_declare_parameters_from_overrides=True`, so that unknown parameters are seen.
+        node: made with `automatically_declare_parameters_from_overrides=True`, which reveals unknown parameters.
         table: all parameters.
-        by_rclpy: those that rclpy declares and does not check; texts may be in capitals.
+        by_rclpy: parameters that rclpy declares, but does not check; texts may be in capitals.
 
     Raises:
-        InvalidInput: a value given at start cannot be used.
+        InvalidInput: a value given at the start cannot be used.
     """
 
     def __init__(self, node: Node, table: Iterable[Parameter], by_rclpy: Iterable[Parameter] = ()):
@@ -111,7 +112,7 @@ class Parameters:
             value = parameter.default
             if node.has_parameter(name):
                 value = parameter.check(node.get_parameter(name).value)
-                node.undeclare_parameter(name)      # declared from the override, without type or range
+                node.undeclare_parameter(name)      # the override has declared it without type or range
             node.declare_parameter(name, value, parameter.descriptor(), ignore_override=True)
             self._values[name] = value
         node.add_on_set_parameters_callback(self._check)
@@ -138,13 +139,13 @@ class Parameters:
                 self.on_check(self._values | known)
         except InvalidInput as error:
             return SetParametersResult(successful=False, reason=str(error))
-        except Exception as error:      # a mistake of ours: who asked gets an answer all the same
+        except Exception as error:      # a bug of the node: still answer the request
             self.on_failure(error)
             return SetParametersResult(successful=False, reason=f"internal failure, see the node's log: {error!r}")
         return SetParametersResult(successful=True)
 
     def _known(self, changes) -> dict[str, Value]:
-        """Those of the changes that are the table's, checked: the middleware's own are declared on the same node."""
+        """The changes to parameters of the table, checked; the node also has parameters of rclpy."""
         return {change.name: self._table[change.name].check(change.value) for change in changes
                 if change.name in self._table}
 

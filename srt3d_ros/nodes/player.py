@@ -1,4 +1,4 @@
-"""player: a photon file or the simulator → `photons`, and their sensor."""
+"""player: a photon file or the simulator → `photons` and `sensor`."""
 
 import time
 from dataclasses import replace
@@ -21,9 +21,9 @@ from srt3d_ros.nodes.topics import NodeSpec
 from srt3d_ros.processes.node_names import FRAMES_LOST
 
 ACKNOWLEDGE_S = 5.0
-READY_S = 600.0         # for those it waits for: on a busy machine, kernels compile for minutes
-SETTLE_S = 30.0         # without any progress of the last frames: what is under way is lost
-LOG_EVERY_S = 60.0      # skipped frames
+READY_S = 600.0         # timeout for the nodes of `wait_for`: on a busy machine, kernels compile for minutes
+SETTLE_S = 30.0         # without progress, after which the last frames count as lost
+LOG_EVERY_S = 60.0      # at most, a line about skipped frames
 
 PARAMETERS = (
     Parameter("input", SIMULATOR, "Photon file (docs/photon-file.md), whose frame is repeated, or the simulator's "
@@ -56,7 +56,7 @@ SPEC = NodeSpec(
 
 
 class PlayerNode(PipelineNode):
-    """Sends each message when it is due, stamped with that time; by `wait_for`, it follows a whole run."""
+    """Publishes each message when it is due; with `wait_for`, also reports which frames became clouds."""
 
     spec = SPEC
 
@@ -64,7 +64,7 @@ class PlayerNode(PipelineNode):
         self._source = open_source(self.parameters.as_dict())
         for note in self._source.notes:
             self.get_logger().info(f"{self.parameters['input']}: {note}")
-        # Before the others, for best effort: whoever has the description has found what was advertised before it.
+        # Advertise `odom` before `sensor`: a best-effort reader that has the description has then discovered `odom`.
         self._others = {topic: self.advertise(topic) for topic in self._source.others}
         self._sensors = self.advertise("sensor")
         self._publisher = self.advertise("photons")
@@ -86,59 +86,60 @@ class PlayerNode(PipelineNode):
             self._wait_until_acknowledged(self._sensors)
             sent = self._send_all()
             self._wait_until_acknowledged(self._publisher)
-            if self._chain is not None and not self.halted.is_set():
+            if self._chain is not None and not self.stopping.is_set():
                 self._follow_last(sent)
         except Exception:
             self.exit_code = 1
             raise
         finally:
-            if not self.halted.is_set():        # else the node was only deactivated
+            if not self.stopping.is_set():      # otherwise the node was only deactivated
                 self.finished.set()
 
     def _wait_until_acknowledged(self, publisher: Publisher) -> None:
-        self.wait_until(lambda: all_acknowledged(publisher), f"those who read {publisher.topic_name}", ACKNOWLEDGE_S)
+        self.wait_until(lambda: all_acknowledged(publisher), f"the readers of {publisher.topic_name}", ACKNOWLEDGE_S)
 
     def _wait_for_chain(self) -> None:
-        """Wait until the nodes that the frames are for are ready; InvalidInput if they are not in time."""
+        """Wait until the nodes of `wait_for` are ready; InvalidInput if they are not within READY_S."""
         end_s = time.monotonic() + READY_S
-        while (missing := self._chain.missing(self.diagnostics.readers())) and not self.halted.wait(POLL_S):
-            require(time.monotonic() < end_s, "wait_for", self.parameters["wait_for"],
-                    f"nodes that are ready within {READY_S:.0f} s, not {missing}")
+        while (missing := self._chain.missing(self.diagnostics.readers())) and not self.stopping.wait(POLL_S):
+            require(time.monotonic() < end_s, "wait_for",
+                    problem=f"Nodes of wait_for were not ready within {READY_S:.0f} s: {missing}")
             self.diagnostics.wait_for(missing)
         self.diagnostics.wait_for("")
-        if not self.halted.is_set():
+        if not self.stopping.is_set():
             self._chain.begin()
 
     def _follow_last(self, sent: int) -> None:
-        """Wait until all that was sent has become clouds, or no more will, and say what was lost."""
+        """Wait until every frame has become a cloud, or none has for SETTLE_S, and log what was lost."""
         outcome, since_s = None, 0.0
 
         def settled() -> bool:
             nonlocal outcome, since_s
             if (now := self._chain.outcome(sent)) != outcome:
                 outcome, since_s = now, time.monotonic()
-            return not outcome[0] or time.monotonic() - since_s > SETTLE_S
+            return not outcome.under_way or time.monotonic() - since_s > SETTLE_S
 
         self.wait_until(settled, "the last frames")
-        _, lost, came = outcome
-        reached = ", ".join(f"{name} {count}" for name, count in came.items())
+        lost = outcome.lost
+        reached = ", ".join(f"{name} {count}" for name, count in outcome.arrived.items())
         if not lost:
             self.get_logger().info(f"sent {sent}, none lost: {reached}")
             return
-        self.exit_code, where = FRAMES_LOST, ", ".join(f"{count} {where}" for where, count in lost.items())
-        self.get_logger().error(f"sent {sent} ({reached}), of which {sum(lost.values())} were lost: {where}")
+        self.exit_code = FRAMES_LOST
+        places = ", ".join(f"{count} {place}" for place, count in lost.items())
+        self.get_logger().error(f"sent {sent} ({reached}), of which {sum(lost.values())} were lost: {places}")
 
     def _send_all(self) -> int:
-        """Send what the source has, and return how many messages on `photons` that was."""
+        """Publish the source's messages when they are due; returns the number on `photons`."""
         begun_s, sent, skipped = None, 0, 0
         for item in self._source.items(lambda: 0 if begun_s is None else round((time.monotonic() - begun_s) * 1e9)):
-            if begun_s is None:         # the first is ready
+            if begun_s is None:         # the clock starts when the first message is ready
                 begun_s, first_ns = time.monotonic(), self.now_ns()
-            if self.halted.wait(max(begun_s + item.due_ns * 1e-9 - time.monotonic(), 0)):
+            if self.stopping.wait(max(begun_s + item.due_ns * 1e-9 - time.monotonic(), 0)):
                 break
             if item.skipped:
                 skipped += item.skipped
-                late = f"late: skipped {skipped} frames so far; a lower rate_hz suits this machine"
+                late = f"late: skipped {skipped} frames so far; use a lower rate_hz on this machine"
                 self.diagnostics.count(skipped=item.skipped)
                 self.diagnostics.warn(late)
                 self.get_logger().warning(late, throttle_duration_sec=LOG_EVERY_S)

@@ -1,4 +1,4 @@
-"""reconstructor: `sketch` → `points`, and `depth`, `intensity` and `background` images while somebody subscribes."""
+"""reconstructor: `sketch` → `points`, and images to their subscribers."""
 
 import time
 from functools import partial
@@ -20,7 +20,7 @@ from srt3d_ros.messages import images_message as image_message
 from srt3d_ros.messages import points_message, sketch_message
 from srt3d_ros.messages.camera import camera_info
 from srt3d_ros.nodes import topics
-from srt3d_ros.nodes.base import PipelineNode, in_words
+from srt3d_ros.nodes.base import PipelineNode, sensor_summary
 from srt3d_ros.nodes.lifecycle import run
 from srt3d_ros.nodes.parameters import Parameter, Value
 from srt3d_ros.nodes.sketch_queue import QueuedSketch, SketchQueue
@@ -56,31 +56,31 @@ OPTIONS = tuple(sorted({name for method in SKETCH_METHODS for name in METHODS[me
 
 
 def check_together(values: dict[str, Value]) -> None:
-    """Raise InvalidInput for values that are possible each, but not together."""
+    """Raise InvalidInput for values that contradict each other."""
     method, nearest, farthest = METHODS[values["method"]], values["min_range_m"], values["max_range_m"]
     for name in OPTIONS:
         require(name in method.options or values[name] == DEFAULTS[name], name, values[name],
-                f"{DEFAULTS[name]}, as {method.name} has no such option")
+                f"{DEFAULTS[name]}, since {method.name} does not have this option")
     require(farthest == 0 or nearest < farthest, "min_range_m", nearest, f"less than max_range_m, {farthest:g} m")
 
 
 def options(values: dict[str, Value]) -> dict[str, Value]:
-    """The values on which the reconstruction itself depends."""
+    """The parameters of the Reconstructor; the others concern what is published."""
     names = ("method", "surfaces", "device", *METHODS[values["method"]].options)
     return {name: values[name] for name in names}
 
 
 def build(described: tuple[SensorModel, tuple[int, ...]] | None, values: dict[str, Value]) -> Reconstructor:
-    """The reconstruction that these parameters ask for; InvalidInput if there is none.
+    """The Reconstructor with these parameters; InvalidInput if there is none.
 
     Args:
-        described: sensor and frequencies of the sketches; None while they are not known: of any.
+        described: sensor and frequencies of the sketches; None for any, while they are unknown.
     """
     return Reconstructor(*(described or (precompile.ANY_SENSOR, (1, 2, 3))), **options(values))
 
 
 def on_the_cpu(described: tuple[SensorModel, tuple[int, ...]] | None, values: dict[str, Value]) -> Reconstructor:
-    """The same without what a GPU takes seconds for; InvalidInput, too, for a device that there is none of."""
+    """As `build`, but on the CPU, since a GPU takes seconds; InvalidInput also if the device is missing."""
     kernels_for(values["device"])
     return build(described, values | {"device": "cpu"})
 
@@ -93,35 +93,35 @@ SPEC = NodeSpec(
 )
 
 
-BUILT_KEPT = 2      # reconstructions: that in use, and the one before it while both have sketches on their way
+BUILT_KEPT = 2      # reconstructors: sketches for the previous one may still arrive after the first for a new one
 DESCRIPTION = "the sketch's description on sketch/sensor"
 
 
 class ReconstructorNode(PipelineNode):
-    """Compiles before it subscribes, and publishes a cloud a sketch, by the description that the sketch names."""
+    """Publishes a cloud for each sketch, reconstructed with the description that the sketch names."""
 
     spec = SPEC
 
     def __init__(self):
         super().__init__()
         self._queue = SketchQueue()
-        self._built: dict[tuple[str, tuple[int, ...]], Reconstructor] = {}      # the last used last
+        self._built: dict[tuple[str, tuple[int, ...]], Reconstructor] = {}      # the last used comes last
         self._newest: Sketch | None = None
-        self._settings = self.parameters.as_dict()      # the worker's copy, which changes between frames
+        self._settings = self.parameters.as_dict()      # the worker's copy, which changes only between frames
         self.parameters.on_check = self._check
         self.parameters.on_change = lambda: self.worker.call(self._apply)
 
     def configure(self) -> None:
         self._settings = self.parameters.as_dict()
         check_together(self._settings)
-        on_the_cpu(None, self._settings).warm_up()      # what a GPU compiles depends on the sensor
+        on_the_cpu(None, self._settings).warm_up()      # a GPU's kernels depend on the sensor
         self._points = self.advertise("points")
         self._images = {topic.name: self.advertise(topic.name) for topic in topics.IMAGES}
         self._camera_info = self.advertise("camera_info")
 
     def activate(self) -> None:
         self.diagnostics.wait_for(DESCRIPTION)
-        # The description last: who sends it has found the reader of `sketch` before.
+        # Subscribe to the description last: a publisher that has found this reader has found that of `sketch`, too.
         self.subscribe("sketch", self._on_sketch)
         self.follow("sketch/sensor", self._on_sensor)
 
@@ -135,14 +135,14 @@ class ReconstructorNode(PipelineNode):
         self._built.clear()
 
     def _check(self, values: dict[str, Value]) -> None:
-        """Refuse parameters that could not be applied."""
+        """Raise InvalidInput for parameters that cannot be applied."""
         check_together(values)
         if options(values) != options(self.parameters.as_dict()):
-            newest = self._newest       # which the worker may replace meanwhile
+            newest = self._newest       # the worker may replace it at any time
             on_the_cpu(newest and (newest.sensor, newest.frequencies), values)
 
     def _apply(self) -> None:
-        """Use the present parameters from the next frame on."""
+        """Use the current parameters from the next frame on."""
         settings = self.parameters.as_dict()
         before, after = options(self._settings), options(settings)
         if changed := dict(after.items() - before.items()):
@@ -187,7 +187,7 @@ class ReconstructorNode(PipelineNode):
         self._publish(seen, sketch, queued.message.header.frame_id or sensor.frame_id)
 
     def _warn_of_saturation(self, sketch: Sketch) -> None:
-        """Report pixels with a photon in nearly every laser cycle: pile-up is too strong there to be corrected well."""
+        """Report the pixels with a photon in nearly every laser cycle, whose pile-up cannot be corrected well."""
         if sketch.cycles:
             pixels = int(saturated(sketch, sketch.sensor).sum())
             self.diagnostics.show(cycles=sketch.cycles, saturated_pixels=pixels)
@@ -195,13 +195,13 @@ class ReconstructorNode(PipelineNode):
                 self.diagnostics.warn(f"{pixels} pixels are saturated: a photon in over {SATURATED:.0%} of the cycles")
 
     def _reconstructor(self, digest: str, sketch: Sketch) -> Reconstructor:
-        """That of sketches with this description and these frequencies, with its memory of the last ones."""
+        """The Reconstructor for a description and frequencies, with its memory of their last frames."""
         kind = digest, sketch.frequencies
         reconstructor = self._built.pop(kind, None)
         if reconstructor is None:
             reconstructor = build((sketch.sensor, sketch.frequencies), self._settings)
             reconstructor.warm_up()
-            self.get_logger().info(f"sketches: {in_words(sketch.sensor)}, {len(sketch.frequencies)} frequencies")
+            self.get_logger().info(f"sketches: {sensor_summary(sketch.sensor)}, {len(sketch.frequencies)} frequencies")
         self._built[kind] = reconstructor
         if len(self._built) > BUILT_KEPT:
             del self._built[next(iter(self._built))]
@@ -220,7 +220,7 @@ class ReconstructorNode(PipelineNode):
         self._newest = sketch
         try:
             self._publish_images(cloud, sketch.sensor, frame_id)
-        except Exception as problem:    # does not concern the frame: it was published
+        except Exception as problem:    # not counted as a lost frame: its points have been published
             self.failed(problem)
 
     def _publish_images(self, cloud: Cloud, sensor: SensorModel, frame_id: str) -> None:
@@ -231,7 +231,7 @@ class ReconstructorNode(PipelineNode):
                 self.publish(publisher, image_message.encode_cdr(draw[name](), cloud.stamp_ns, frame_id))
         if self._camera_info.get_subscription_count():
             info = camera_info(sensor, cloud.stamp_ns, frame_id)
-            if info is not None:        # a scanner is no camera
+            if info is not None:        # None for a scanner, which is no camera
                 self.publish(self._camera_info, info)
 
 

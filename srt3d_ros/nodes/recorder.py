@@ -1,4 +1,4 @@
-"""recorder: clouds, images, photon counts, latencies and the nodes' log → recordings (.rrd), or a viewer."""
+"""recorder: clouds, images, photon counts, latencies and the nodes' log → recordings (.rrd)."""
 
 import os
 import platform
@@ -41,24 +41,23 @@ PARAMETERS = (
 
 
 def checked_path(text: str) -> Path:
-    """The path that a parameter says, that of now if it says none; InvalidInput if no file can be written there."""
+    """The recording's absolute path, named after the time if `text` is empty; InvalidInput if it cannot be written."""
     path = Path(text or time.strftime("recording_%Y%m%dT%H%M%SZ.rrd", time.gmtime())).absolute()
     require(path.suffix == ".rrd", "path", text, "a path that ends with .rrd")
-    folder = path.parent
-    require(folder.is_dir() and os.access(folder, os.W_OK), "path", text, "a file in a folder that can be written")
+    require(path.parent.is_dir() and os.access(path.parent, os.W_OK), "path", text, "a file in a writable folder")
     return path
 
 
 def checked_images(text: str) -> tuple[str, ...]:
-    """The entities of the images that a parameter lists; InvalidInput if one is none."""
+    """The entities of the images that the parameter lists; InvalidInput if one does not exist."""
     names = [] if text == NO_IMAGES else [name.strip() for name in text.split(",")]
     for name in names:
         require(name in IMAGES, "images", text, WHICH_IMAGES)
     return tuple(f"/{name}" for name in IMAGES if name in names)
 
 
-QUEUE = 128             # messages that may wait for the disk
-QUEUE_DEPTH = 32        # messages of each topic in the middleware: sketches of 2 MB, half a dozen topics
+QUEUE = 128             # messages that wait for the disk
+QUEUE_DEPTH = 32        # messages of each topic that the middleware keeps: six topics, sketches of 2 MB
 LINES_KEPT = 1000       # log lines from before the first frame
 NEAR_NS = 60 * 10**9    # log lines farther from the frames, as in a replay, get the stamp of the newest frame
 
@@ -70,22 +69,22 @@ SPEC = NodeSpec(
 
 
 class RecorderNode(PipelineNode):
-    """Writes a recording while it is active, from when the first `sketch/sensor` has come."""
+    """Writes a recording while it is active, beginning with the first description on `sketch/sensor`."""
 
     spec = SPEC
-    drain_s = 15.0          # what has arrived is written
-    finish_s = 45.0         # and a writer takes 30 s to give up a disk that hangs; `srt3d up` waits for 60 s
+    drain_s = 15.0          # queued messages are still written
+    finish_s = 45.0         # drain_s and the 30 s after which the writer gives up a disk; `srt3d up` waits for 60 s
     queue_depth = QUEUE_DEPTH
-    niceness = 10           # it gets a tenth of another node's share of a busy core
-    reliability = ReliabilityPolicy.BEST_EFFORT     # who publishes never waits for it; what it misses it counts
+    niceness = 10           # gets a tenth of another node's share of a busy core
+    reliability = ReliabilityPolicy.BEST_EFFORT     # publishers never wait for it; it counts the messages it misses
 
     def __init__(self):
         super().__init__(QUEUE)
         self._writer: RecordingWriter | None = None
-        self._path: Path | None = None      # of the open recording
+        self._path: Path | None = None      # of the recording that is open or begins next
 
     def configure(self) -> None:
-        """Check the parameters and collect the facts that every recording has."""
+        """Check the parameters and collect the properties of every recording."""
         self._asked, self._images = checked_path(self.parameters["path"]), checked_images(self.parameters["images"])
         self._versions = versions() | {"rmw": rclpy.get_rmw_implementation_identifier()}
 
@@ -98,11 +97,11 @@ class RecorderNode(PipelineNode):
         self._lines = deque(maxlen=LINES_KEPT)
         self.hold_frames_for("the sketch's description on sketch/sensor")
         self.diagnostics.count(clouds=0)
-        # Images before points, and the description last: who has found the later reader has found the earlier ones.
+        # Publishers discover these readers in this order: images before points, and the description last.
         for topic in topics.IMAGES:
             if f"/{topic.name}" in self._images:
                 self.subscribe(topic.name, lambda raw, path=f"/{topic.name}": self._on_image(path, raw))
-        self.subscribe("sketch", self._on_sketch)       # before points: of what has come meanwhile it is taken first
+        self.subscribe("sketch", self._on_sketch)       # before `points`: of a backlog, sketches are read first
         self.subscribe("points", self._on_points)
         self.follow("/rosout", self._on_line)
         self.follow("sketch/sensor", self._on_sensor)
@@ -121,23 +120,23 @@ class RecorderNode(PipelineNode):
         self.diagnostics.unusable("")
         if self._path is None or self._writer is not None and sensor.same_as(self._sensor):
             return
-        if self._writer is not None:        # another sensor: the recording's facts are no longer true
+        if self._writer is not None:        # another sensor needs another recording
             writer, self._writer = self._writer, None
             writer.close()
-            if self.halted.is_set():        # no recording begins at the end of another: what still comes is dropped
+            if self.stopping.is_set():      # a node that stops begins no recording; the remaining frames are dropped
                 self._path = None
                 return
             self._path = free(self._asked)
         self._sensor, self._frequencies = sensor, ()
         self.get_logger().info(f"recording to {self._path}")
-        run_facts = {"namespace": self.get_namespace(), "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        about_run = {"namespace": self.get_namespace(), "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
                      "machine": platform.node(), "cpus": os.cpu_count()}
-        self._writer = RecordingWriter(self._path, sensor, {entities.RUN: run_facts, entities.VERSIONS: self._versions},
+        self._writer = RecordingWriter(self._path, sensor, {entities.RUN: about_run, entities.VERSIONS: self._versions},
                                        images=self._images)
         self.release_frames()
 
     def failed(self, error: Exception, frames: int = 0) -> None:
-        """End a recording that failed. The node stays active, but reads nothing."""
+        """End a recording that failed; the node stays active, but reads nothing."""
         if not isinstance(error, RecordingFailed):
             return super().failed(error, frames)
         self.get_logger().error(str(error))
@@ -186,7 +185,7 @@ class RecorderNode(PipelineNode):
 
     def _frame(self, stamp_ns: int) -> RecordedFrame:
         if self._writer is None:
-            raise Dropped("not_recording", "the recording has ended, or had not begun")
+            raise Dropped("not_recording", "no recording is open")
         return self._frames[stamp_ns]
 
     def _logged(self, frame: RecordedFrame) -> None:
@@ -198,7 +197,7 @@ class RecorderNode(PipelineNode):
     # ---- The log
 
     def _on_line(self, line: Log) -> None:
-        """Record a line of a node in this namespace."""
+        """Record a log line if it comes from a node in this namespace."""
         namespace, _, name = line.name.rpartition(".")
         if namespace == self.get_namespace().strip("/").replace("/", "."):
             self._lines.append((line.stamp.sec * 10**9 + line.stamp.nanosec, f"{name}: {line.msg}", int(line.level)))

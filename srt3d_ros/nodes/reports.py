@@ -1,6 +1,7 @@
-"""What nodes report on /diagnostics, as a reader sees it, and what became of the frames that a player sent."""
+"""Readers of /diagnostics: the newest reports of the nodes, and what became of a player's frames."""
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 
@@ -9,10 +10,10 @@ LEVELS = ("OK", "WARN", "ERROR", "STALE")        # by number
 
 
 class Reports(dict[str, Mapping[str, str]]):
-    """The newest report of each node of this package, by the node's full name without the first slash."""
+    """The newest report of each node of this package, by full name without the leading slash."""
 
     def add(self, message: DiagnosticArray) -> None:
-        """Take over what a message says; `level` and `message` beside the values."""
+        """Keep the values of a message's reports, with their `level` and `message`."""
         for status in message.status:
             if status.hardware_id == HARDWARE_ID:
                 self[status.name] = {pair.key: pair.value for pair in status.values} | {
@@ -20,15 +21,32 @@ class Reports(dict[str, Mapping[str, str]]):
 
 
 def in_a_line(reports: list[Mapping[str, str]]) -> str:
-    """How a pipeline does: clouds a second, points and latency, and what its nodes have dropped so far."""
-    dropped = sum(int(one["dropped"]) + int(one["message_lost"]) for one in reports)
-    said = [f"{float(one['rate_out_hz']):.1f} clouds/s, {float(one['points_per_s']):,.0f} points/s, "
-            f"{float(one['latency_p50_ms']):.0f} ms old" for one in reports if "reconstruct_ms" in one]
-    return f"{(said or ['no clouds yet'])[0]}; dropped so far: {dropped}"
+    """One line about a pipeline: clouds per second, points, latency, and all that its nodes have dropped."""
+    dropped = sum(int(report["dropped"]) + int(report["message_lost"]) for report in reports)
+    clouds = "no clouds yet"
+    for report in reports:
+        if "reconstruct_ms" in report:
+            clouds = (f"{float(report['rate_out_hz']):.1f} clouds/s, {float(report['points_per_s']):,.0f} points/s, "
+                      f"{float(report['latency_p50_ms']):.0f} ms old")
+    return f"{clouds}; dropped so far: {dropped}"
+
+
+class Outcome(NamedTuple):
+    """What became of the messages that a player sent.
+
+    Args:
+        under_way: messages that may still arrive or become clouds.
+        lost: messages lost if nothing more arrives, by place and cause.
+        arrived: messages that arrived, by node.
+    """
+
+    under_way: int
+    lost: dict[str, int]
+    arrived: dict[str, int]
 
 
 class Chain:
-    """The nodes behind a player, in the order in which frames pass them, by their reports.
+    """The nodes behind a player, in the order in which frames pass them, as they report themselves.
 
     Args:
         names: as in Reports.
@@ -39,44 +57,46 @@ class Chain:
         self._before: dict[str, Mapping[str, str]] = {}
 
     def missing(self, read_by: str) -> str:
-        """The nodes that are not ready for frames, each with the reason; `read_by`: who reads what the player sends."""
-        said = []
+        """The nodes that are not ready, with the reasons; empty if all are.
+
+        Args:
+            read_by: names of the player's subscribers, separated by ", ".
+        """
+        missing = []
         for name in self._names:
             report = self._reports.get(name)
             if report is None:
-                said.append(f"{name} (no report on /diagnostics)")
+                missing.append(f"{name} (no report on /diagnostics)")
             elif report["ready"] != "True":
-                said.append(f"{name} ({report.get('waiting_for') or report['message'] or report['state']})")
+                missing.append(f"{name} ({report.get('waiting_for') or report['message'] or report['state']})")
             elif name not in read_by.split(", "):
-                said.append(f"{name} (not connected to the node before it)")
+                missing.append(f"{name} (not connected to the node before it)")
             read_by = report["read_by"] if report else ""
-        return ", ".join(said)
+        return ", ".join(missing)
 
     def begin(self) -> None:
         """Count from now on."""
         self._before = {name: self._reports[name] for name in self._names}
 
-    def outcome(self, sent: int) -> tuple[int, dict[str, int], dict[str, int]]:
-        """Of the messages that the player sent since `begin`: those under way, those lost by where and why, if no more
-        comes, and how many came to each node.
-        """
-        under_way, lost, came = 0, {}, {}
+    def outcome(self, sent: int) -> Outcome:
+        """What became of `sent` messages since `begin`."""
+        under_way, lost, arrived = 0, {}, {}
         for name in self._names:
             new = self._new(name)
-            came[name] = new["clouds" if "clouds" in new else "messages_in"]
-            if (missing := sent - came[name]) > 0:
+            arrived[name] = new["clouds" if "clouds" in new else "messages_in"]
+            if (missing := sent - arrived[name]) > 0:
                 lost[f"on the way to {name}"] = missing
                 under_way += missing
-            if "clouds" not in new:     # a recorder reports itself what it lost beside clouds
-                lost |= {f"{key.removeprefix('dropped.')} in {name}": n for key, n in new.items()
-                         if n and key.startswith("dropped.")}
-                if (unfinished := came[name] - new.get("packets", new["frames_out"]) - new["dropped"]) > 0:
+            if "clouds" not in new:     # in a recorder's counters, clouds are mixed with images and sketches
+                lost |= {f"{key.removeprefix('dropped.')} in {name}": count for key, count in new.items()
+                         if count and key.startswith("dropped.")}
+                if (unfinished := arrived[name] - new.get("packets", new["frames_out"]) - new["dropped"]) > 0:
                     under_way += unfinished
                     lost[f"unfinished in {name}"] = unfinished
             sent = new["frames_out"]
-        return under_way, lost, came
+        return Outcome(under_way, lost, arrived)
 
     def _new(self, name: str) -> dict[str, int]:
-        """The counters of a node since `begin`."""
+        """A node's counters since `begin`."""
         before, report = self._before[name], self._reports[name]
         return {key: int(value) - int(before.get(key, 0)) for key, value in report.items() if value.isdecimal()}

@@ -1,4 +1,4 @@
-"""sketcher: `photons`, `gates` or `histograms` → `sketch`. Keeps m complex numbers a pixel instead of the photons."""
+"""sketcher: `photons`, `gates` or `histograms` → `sketch`, m complex numbers per pixel instead of the photons."""
 
 from dataclasses import replace
 from functools import partial
@@ -19,7 +19,7 @@ from srt3d_ros.messages import sensor_message, sketch_message
 from srt3d_ros.messages.cdr import check_frame_id
 from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import topics
-from srt3d_ros.nodes.base import PipelineNode, in_words
+from srt3d_ros.nodes.base import PipelineNode, sensor_summary
 from srt3d_ros.nodes.diagnostics import all_acknowledged
 from srt3d_ros.nodes.lifecycle import run
 from srt3d_ros.nodes.motion_input import MOTIONS, MotionInput, parse_extrinsics
@@ -73,27 +73,27 @@ SPEC = NodeSpec(
 
 
 def stream_options(values: dict[str, Value]) -> StreamOptions:
-    """What a SketchStream takes of the parameters; InvalidInput if they contradict each other."""
+    """The parameters that configure a SketchStream; InvalidInput if they contradict each other."""
     spec = values["frequencies"]
     return StreamOptions(values["gate"], spec, values["sketch_size"] if spec in RULES else None,
                          values["packets_per_frame"], round(values["frame_period_s"] * 1e9), values["window_frames"],
                          values["motion"] != OFF, parse_extrinsics(values["extrinsics"]), values["merge_when_busy"])
 
 
-LIKELY_PACKETS = 8          # of a period, before the first has ended
-BUSY = 2                    # sketches that readers have yet to acknowledge: one is on its way in any case
+LIKELY_PACKETS = 8          # assumed per frame_period_s until the first period has ended
+BUSY = 2                    # unacknowledged sketches: one is always on its way
 
 
 class SketcherNode(PipelineNode):
-    """Follows `sensor`, pushes packets into a SketchStream, and publishes the sketches that come out.
+    """Pushes packets into a SketchStream and publishes its sketches.
 
-    With a `sensor_file`, its sensor is in force, and what comes on `sensor` must say the same; else the last
-    description on `sensor` is. While that cannot be used, photons are dropped.
+    The sensor is that of `sensor_file`, with which a description on `sensor` must agree. Without a file, it is the last
+    description on `sensor`. While a description contradicts the file or cannot be used, photons are dropped.
     """
 
     spec = SPEC
     _file: SensorModel | None = None            # the sensor of `sensor_file`
-    _sensor: SensorModel | None = None          # that in force
+    _sensor: SensorModel | None = None          # of the photons
     _stream: SketchStream | None = None         # None while photons cannot be used
     _motion: MotionInput | None = None
 
@@ -117,16 +117,16 @@ class SketcherNode(PipelineNode):
         self.worker.messages_per_frame = max(self.parameters["packets_per_frame"],
                                              LIKELY_PACKETS if self.parameters["frame_period_s"] else 1)
         self._frame_id, self._described, self._unacknowledged = "", None, 0
-        self._wake_s = float("inf")             # when `_wake` is called, of the node's clock
-        self._sensor, self._problem = self._file, ""        # why `sensor` cannot be used
-        self._own_description = ""              # as published on `sensor`, from where it comes back
+        self._wake_s = float("inf")             # when `_wake` will be called, by the node's clock
+        self._sensor, self._problem = self._file, ""        # why the description on `sensor` cannot be used
+        self._own_description = ""              # published on `sensor`, and received from there
         self._topic, self._file_name = self.resolve_topic_name("sensor"), Path(self.parameters["sensor_file"]).name
         if self._file is None:
             self.hold_frames_for("a sensor description on sensor")
         else:
-            self.get_logger().info(f"sensor_file {self._file_name}: {in_words(self._file)}; a description on "
-                                   f"{self._topic} must say the same")
-            writer = f"{self.get_fully_qualified_name()} {self.now_ns()}"   # a driver's may say the same
+            self.get_logger().info(f"sensor_file {self._file_name}: {sensor_summary(self._file)}; a description on "
+                                   f"{self._topic} must agree")
+            writer = f"{self.get_fully_qualified_name()} {self.now_ns()}"   # distinguishes it from an equal one
             message = sensor_message.encode(self._file, x_writer=writer)
             self._file_publisher.publish(message)
             self._own_description = message.data
@@ -142,7 +142,7 @@ class SketcherNode(PipelineNode):
         self._sensor, self._stream, self._motion = self._file, None, None
 
     def _flush(self) -> None:
-        """Publish the frames that have ended, and begin a new frame and a new window."""
+        """Publish all frames that have ended, and begin a new frame and a new window."""
         if self._stream is not None:
             self._publish(self._stream.flush())
 
@@ -154,13 +154,13 @@ class SketcherNode(PipelineNode):
         try:
             self._use(sensor_message.from_json(message.data))
         except InvalidInput as problem:
-            if self._stream is not None:        # photons of the other sensor may be among those of the open frame
+            if self._stream is not None:        # the open frame may contain photons of the other sensor
                 self._publish(self._stream.reset())
             self._stream, self._problem = None, str(problem)
             raise
 
     def _use(self, described: SensorModel) -> None:
-        """Sketch photons of the sensor that `sensor` describes; InvalidInput if that is not possible."""
+        """Sketch photons of the sensor described on `sensor`; InvalidInput if it cannot be used."""
         self.check_size(described)
         before, topic = self._sensor, self._topic
         difference = first_difference(before, described) if before is not None else None
@@ -168,22 +168,22 @@ class SketcherNode(PipelineNode):
             if difference is not None:
                 key, ours, theirs = difference
                 raise InvalidInput(f"{key} on {topic}", theirs, f"{ours} as in sensor_file {self._file_name}; photons "
-                                   "are dropped until both say the same")
-            self._use_file(f"{topic} says the same again")
+                                   "are dropped until both agree")
+            self._use_file(f"{topic} agrees again")
             return
         if before is None:
-            self.get_logger().info(f"sensor on {topic}: {in_words(described)}")
+            self.get_logger().info(f"sensor on {topic}: {sensor_summary(described)}")
         elif not described.same_as(before):
             changed = "{} was {}, is {}".format(*difference) if difference else "numbers differ in their last digits"
-            self.get_logger().info(f"another sensor on {topic}: {in_words(described)}; {changed}")
-            self.drop_older()
+            self.get_logger().info(f"another sensor on {topic}: {sensor_summary(described)}; {changed}")
+            self.drop_older_frames()
         self._sensor = described
         self._apply()
         self._problem = ""
         self.diagnostics.unusable("")
 
     def _use_file(self, why: str) -> None:
-        """Use the sensor of the file again, if a description contradicted it."""
+        """Use the file's sensor again after a description has contradicted it."""
         if self._problem:
             self._problem = ""
             self.diagnostics.unusable("")
@@ -191,22 +191,22 @@ class SketcherNode(PipelineNode):
             self._apply()
 
     def _apply(self) -> None:
-        """Apply sensor and parameters from now on; a new frame begins if they change the sketches."""
+        """Apply sensor and parameters; if they change the sketches, begin a new frame."""
         sensor, stream = self._sensor, self._stream
-        if sensor is None or self.stopped_for:
+        if sensor is None or self.stop_cause:
             return
         options = stream_options(self.parameters.as_dict())
         if stream is not None and stream.sensor.same_as(sensor) and options == stream.options:
             return
         self._flush()
-        self._stream = None                     # if the next line fails
+        self._stream = None                     # stays so if the next line fails
         self._stream = SketchStream(sensor, options, self.diagnostics)
         self._describe(self._stream.sketch_sensor)
         self.diagnostics.show(**self._stream.facts)
         self.release_frames()
 
     def _check(self, values: dict[str, Value]) -> None:
-        """Refuse parameters with which the present sensor, or any, cannot be sketched."""
+        """Raise InvalidInput for parameters that do not suit the sensor; without one, that suit no sensor."""
         check_frame_id("frame_id", values["frame_id"])
         SketchStream(self._sensor or precompile.ANY_SENSOR, stream_options(values))
 
@@ -214,10 +214,10 @@ class SketcherNode(PipelineNode):
 
     def _on_packet(self, codec, raw: bytes) -> None:
         if self._problem and self._file is not None and self.count_publishers(self._topic) <= 1:
-            self._use_file(f"nobody else publishes {self._topic} any more")
+            self._use_file(f"{self._topic} has no other publisher any more")
         stream = self._stream
         if stream is None:
-            raise Dropped("no_sensor", self._problem or "there is no description of the sensor that can be used")
+            raise Dropped("no_sensor", self._problem or "no usable description of the sensor has arrived")
         header, photons = codec.decode_cdr(raw, stream.sensor)
         self._frame_id = header.frame_id or stream.sensor.frame_id
         if self._motion is not None:
@@ -228,8 +228,8 @@ class SketcherNode(PipelineNode):
             self._wake_later()
 
     def _on_motion(self) -> None:
-        """Look after frames that wait for the motion; in the executor's thread."""
-        stream = self._stream           # which the worker may replace meanwhile
+        """Have the worker poll if frames wait for motion; called in the executor's thread."""
+        stream = self._stream           # the worker may replace it at any time
         if stream is not None and stream.waits_for_motion:
             self.worker.call(self._poll)
 
@@ -241,7 +241,7 @@ class SketcherNode(PipelineNode):
             self._wake_later()
 
     def _wake_later(self) -> None:
-        """Have the worker poll when a frame may end or go on without another packet."""
+        """Schedule a poll for when a frame may end or be published without another packet."""
         wait_s = self._stream.wait_s
         if wait_s is not None and self._now_s() + wait_s < self._wake_s:
             self._wake_s = self._now_s() + wait_s
@@ -255,7 +255,7 @@ class SketcherNode(PipelineNode):
         return self.now_ns() * 1e-9
 
     def _is_busy(self) -> bool:
-        """Whether readers have yet to acknowledge two sketches."""
+        """Whether readers have not yet acknowledged the last sketches."""
         if self._unacknowledged >= BUSY and all_acknowledged(self._sketches):
             self._unacknowledged = 0
         return self._unacknowledged >= BUSY
@@ -268,7 +268,8 @@ class SketcherNode(PipelineNode):
             data = sketch_message.encode_cdr(sketch, sketch.sensor, values["frame_id"] or self._frame_id,
                                              values["layout"])
             self.publish_frame(self._sketches, data, sketch.stamp_ns)
-            self._unacknowledged += values["merge_when_busy"]
+            if values["merge_when_busy"]:
+                self._unacknowledged += 1
         if sketches:
             self.worker.messages_per_frame = stream.packets_per_frame
             self.diagnostics.show(**stream.facts)
@@ -278,12 +279,12 @@ class SketcherNode(PipelineNode):
             stream.warning = ""
 
     def _describe(self, sensor: SensorModel) -> None:
-        """Publish `sketch/sensor`, unless it says this already."""
+        """Publish a description on `sketch/sensor`, unless it is the last one published."""
         if self._described is None or not sensor.same_as(self._described):
             self._described = sensor
             self.publish(self._descriptions, sensor_message.encode(sensor))
             facts = self._stream.facts
-            self.get_logger().info(f"sketches of {in_words(sensor)}: gate {facts['gate']}, frequencies "
+            self.get_logger().info(f"sketches of {sensor_summary(sensor)}: gate {facts['gate']}, frequencies "
                                    f"{facts['frequencies']}")
 
 

@@ -1,4 +1,4 @@
-"""What the player plays: a photon file or the simulator, as messages that are due one after the other."""
+"""The sources of the player: a photon file or the simulator, as messages with the times at which they are due."""
 
 from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
@@ -24,8 +24,8 @@ from srt3d_ros.errors import require
 from srt3d_ros.messages import photons_message
 
 NS_PER_S = 1_000_000_000
-LATE_NS = NS_PER_S // 2     # a frame that is due for so long is skipped: a machine that stalls catches up
-Clock = Callable[[], int]   # nanoseconds since the first message was sent
+LATE_NS = NS_PER_S // 2     # frames that are later are skipped, so that the player catches up after a stall
+Clock = Callable[[], int]   # gives the nanoseconds since the first message was sent
 
 
 class Item(NamedTuple):
@@ -33,10 +33,10 @@ class Item(NamedTuple):
 
     Args:
         topic: "photons", or one of the source's `others`.
-        raw: serialised.
-        due_ns: when, from the beginning.
-        stamp_ns: from the beginning.
-        skipped: frames before this one that were due for too long to be made.
+        raw: the serialised message.
+        due_ns: when to send it, after the beginning.
+        stamp_ns: its stamp, after the beginning.
+        skipped: number of late frames that were left out before this one.
     """
 
     topic: str
@@ -47,13 +47,13 @@ class Item(NamedTuple):
 
 
 class Source(NamedTuple):
-    """What is played.
+    """The messages to play and their sensor.
 
     Args:
         sensor: of the photons.
-        items: the messages, in the order in which they are due; begins anew at each call. By the clock, it skips whole
-            frames that are late; their number stays the one asked for.
-        notes: a line for each assumption.
+        items: yields the messages in the order in which they are due, from the beginning at each call. It skips frames
+            that are late by the clock, whole ones, and still yields the number of frames asked for.
+        notes: one line for each assumption.
         others: topics of other messages, which report how the sensor moves.
     """
 
@@ -64,13 +64,14 @@ class Source(NamedTuple):
 
 
 def open_source(parameters: Mapping) -> Source:
-    """The source that the player's parameters describe; InvalidInput if it cannot be played."""
+    """The source for the player's parameters; InvalidInput if it cannot be played."""
     path, sensor_file = parameters["input"], parameters["sensor_file"]
-    require(not is_bag(path), "input", path, "a photon file or simulator: ros2 bag play plays bags")
-    require(path != SIMULATOR or not sensor_file, "sensor_file", sensor_file, "nothing, unless a photon file is played")
+    require(not is_bag(path), "input", problem=f"input {path} is a bag: play it with `ros2 bag play`.")
+    require(path != SIMULATOR or not sensor_file, "sensor_file",
+            problem=f"sensor_file {sensor_file}: the simulator has a sensor of its own; set input to a photon file.")
     rate_hz, frames = parameters["rate_hz"], parameters["frames"]
     if parameters["motion"] != "off":
-        require(path == SIMULATOR, "motion", parameters["motion"], "off, unless input is simulator")
+        require(path == SIMULATOR, "motion", parameters["motion"], "off, since input is a photon file")
         return _moving(parameters, PACKETS * rate_hz, PACKETS * frames)
     if path == SIMULATOR:
         simulator = Simulator(sensor=default_sensor().replace(cycles=parameters["cycles"] or None),
@@ -82,37 +83,40 @@ def open_source(parameters: Mapping) -> Source:
 
 
 def _photons(sensor: SensorModel, packet: Callable[[int], PhotonEvents], rate_hz: float, packets: int,
-             of_a_frame: int = 1) -> Callable[[Clock], Iterator[Item]]:
-    """The `items` of so many packets, 0 for no end: packet(k) is due k / rate_hz after the first.
+             packets_per_frame: int = 1) -> Callable[[Clock], Iterator[Item]]:
+    """The `items` of a source that sends only photons: packet(k) is due k / rate_hz after the first.
+
+    Args:
+        packets: their number; 0: no end.
 
     Raises:
         InvalidInput: the first packet cannot be sent.
     """
-    # Cached: the frame of a file, which repeats, is encoded once.
+    # The cache encodes the frame of a file, which repeats, only once.
     encode = lru_cache(1)(lambda events: photons_message.encode_cdr(events, sensor, sensor.frame_id))
     encode(packet(0))
-    period_ns = of_a_frame * NS_PER_S / rate_hz
+    period_ns = packets_per_frame * NS_PER_S / rate_hz
 
     def items(elapsed_ns: Clock) -> Iterator[Item]:
         k = sent = 0
         while not packets or sent < packets:
-            late_ns = elapsed_ns() - k * NS_PER_S / rate_hz if k % of_a_frame == 0 else 0
+            late_ns = elapsed_ns() - k * NS_PER_S / rate_hz if k % packets_per_frame == 0 else 0
             skipped = int(late_ns / period_ns) if late_ns > LATE_NS else 0
-            k += skipped * of_a_frame
+            k += skipped * packets_per_frame
             due_ns = round(k * NS_PER_S / rate_hz)
             yield Item("photons", encode(packet(k)), due_ns, due_ns, skipped)
             k, sent = k + 1, sent + 1
     return items
 
 
-PACKETS = 10            # of a frame
+PACKETS = 10            # per frame of the moving sensor
 ODOM_HZ = 100.0
-BEFORE_S, AFTER_S = 0.5, 0.2        # of the photons: odometry begins so much earlier and ends so much later
+BEFORE_S, AFTER_S = 0.5, 0.2        # odometry begins BEFORE_S before the photons and ends AFTER_S after them
 FIXED, BODY = "odom", "base_link"
 
 
 def _moving(parameters: Mapping, rate_hz: float, packets: int) -> Source:
-    """The simulator's room, seen from a body that moves: packets, sent when they are acquired, among odometry.
+    """The simulator's room seen by a moving sensor: packets, sent once they are acquired, and odometry.
 
     Args:
         rate_hz: of the packets, PACKETS a frame.
@@ -123,7 +127,7 @@ def _moving(parameters: Mapping, rate_hz: float, packets: int) -> Source:
     simulator = Simulator(MovingView(Room(), path, sensor, 1 / rate_hz), sensor, parameters["sbr"],
                           parameters["ppp"] / PACKETS, parameters["seed"], rate_hz)
     photons = _photons(sensor, lambda k: simulator.frame(k)[0], rate_hz, packets, PACKETS)
-    ahead_ns = round((BEFORE_S + 1 / rate_hz) * NS_PER_S)      # of when a packet is sent, its due time by itself
+    ahead_ns = round((BEFORE_S + 1 / rate_hz) * NS_PER_S)      # `photons` is due this much before `acquired` sends it
 
     def acquired(packet: Item) -> Item:
         begun_ns = packet.stamp_ns + round(BEFORE_S * NS_PER_S)
@@ -146,18 +150,18 @@ def _moving(parameters: Mapping, rate_hz: float, packets: int) -> Source:
         both = merge(reports, in_time(), key=lambda item: item.due_ns)
         return takewhile(lambda item: item.due_ns < end_ns, both)
 
-    note = (f"a frame comes in {PACKETS} packets (the sketcher's packets_per_frame); odom says where {BODY} is, and "
-            f"the sketcher needs extrinsics:='{extrinsics()}'")
+    note = (f"each frame has {PACKETS} packets and odom gives the pose of {BODY}: start the sketcher with motion:=odom "
+            f"packets_per_frame:={PACKETS} extrinsics:='{extrinsics()}'")
     return Source(sensor, items, (note,), ("odom",))
 
 
 def extrinsics() -> str:
-    """Where the sensor is on the body, as the sketcher's parameter says it."""
+    """The pose of the sensor on the body, as text for the sketcher's parameter."""
     return "0 0 0 " + " ".join(f"{number:g}" for number in OPTICAL.quaternion)
 
 
 def odometry(report: Measured) -> Odometry:
-    """The message of a report, not stamped."""
+    """The message of a report, without a stamp."""
     message = Odometry(child_frame_id=BODY)
     message.header.frame_id = FIXED
     at, turn = message.pose.pose.position, message.pose.pose.orientation

@@ -1,4 +1,4 @@
-"""The topics of the pipeline and their QoS, and the interface of a node as one table (`NodeSpec`)."""
+"""The topics of the pipeline with their QoS, and NodeSpec, the table of a node's interface."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -24,10 +24,10 @@ class Topic:
 
     Args:
         name: relative, so that namespaces and remappings apply.
-        type: of its messages, as `ros2 topic list -t` writes it.
-        about: what is in it, in a few words.
+        type: its message type, as `ros2 topic list -t` writes it.
+        about: its content, in a few words.
         latched: reliable and transient local: a late subscriber still gets the last message.
-        when: the condition under which it exists; always if empty.
+        when: the condition under which it exists; empty: always.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Topic:
         return DurabilityPolicy.TRANSIENT_LOCAL if self.latched else DurabilityPolicy.VOLATILE
 
     def load(self) -> type:
-        """The class of its messages; ModuleNotFoundError if their package is not installed."""
+        """The message class; ModuleNotFoundError if its package is not installed."""
         package, _, name = self.type.split("/")
         return getattr(import_module(f"{package}.msg"), name)
 
@@ -50,7 +50,7 @@ SENSOR = Topic("sensor", TEXT, "the sensor's description (JSON)", latched=True)
 PHOTONS = Topic("photons", CLOUD, "photons as events: row, col, time of arrival (ToA)")
 GATES = Topic("gates", IMAGE, "photons as the ToA words of a gated SPAD array")
 HISTOGRAMS = Topic("histograms", IMAGE, "photons as counts in bins, from a histogramming sensor")
-FRAMES = (PHOTONS, GATES, HISTOGRAMS)       # of which a driver publishes one
+FRAMES = (PHOTONS, GATES, HISTOGRAMS)       # a driver publishes one of them
 ODOM = Topic("odom", "nav_msgs/msg/Odometry", "where the robot is", when="`motion` is odom")
 IMU = Topic("imu", "sensor_msgs/msg/Imu", "how fast the robot turns", when="`motion` is imu")
 MOTION = (ODOM, IMU)
@@ -72,15 +72,15 @@ ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", "what the nodes log, kept fo
 
 
 AUTOSTART = Parameter("autostart", True, "true: configure and activate at the start. false: a lifecycle manager does.")
-# Twice the pixels of the largest SPAD cameras on robots, 512 × 512: by default a sketcher then takes 0.3 GB and a
-# reconstructor 0.7 GB, beside what they need in any case. Anyone on the network may describe a sensor.
+# A limit, since anyone on the network can publish a description. The default is twice the pixels of the largest SPAD
+# cameras on robots (512 × 512), for which a sketcher allocates 0.3 GB and a reconstructor 0.7 GB.
 MAX_PIXELS = Parameter("max_pixels", 2**19, "Largest sensor to take memory for, rows × cols. Descriptions of larger "
                        "ones are refused.", low=1, high=model.MAX_PIXELS)
 
 
 @dataclass(frozen=True)
 class NodeSpec:
-    """Everything that is public about a node, but for what every node has.
+    """The public interface of a node, without what every node has.
 
     Args:
         name: of the node and of its executable.
@@ -100,7 +100,7 @@ class NodeSpec:
 
 
 def qos_overrides(subscribed: Iterable[str], published: Iterable[str]) -> Iterator[Parameter]:
-    """The parameters `qos_overrides.…` of topics, by their final names. rclpy declares them and checks no value."""
+    """The parameters `qos_overrides.…` of topics with these final names. rclpy declares them, but checks no value."""
     for entity, topics in (("subscription", subscribed), ("publisher", published)):
         for topic in topics:
             prefix = f"qos_overrides.{topic}.{entity}."

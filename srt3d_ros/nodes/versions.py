@@ -1,4 +1,4 @@
-"""Versions of this package and of what it computes with."""
+"""Versions of this package and of the packages that it computes with."""
 
 import platform
 from contextlib import suppress
@@ -10,7 +10,7 @@ PACKAGES = {"numpy": "numpy", "scipy": "scipy", "numba": "numba", "torch": "torc
 
 
 def versions() -> dict[str, str]:
-    """Versions by name, of the packages that are installed."""
+    """Versions of the installed packages, by name."""
     found = {"srt3d_ros": __version__, "python": platform.python_version()}
     for name, package in PACKAGES.items():
         with suppress(PackageNotFoundError):

@@ -34,7 +34,7 @@ def test_nodes_that_do_not_get_ready_are_named_and_no_frame_is_sent(graph, photo
     player = graph.start(str(tmp_path / "player.py"), input=photon_file, wait_for="sketcher", frames=1)
     assert player.code() == 1 and frames == []
     name = f"{graph.namespace}/sketcher"[1:]
-    assert f"wait_for is sketcher: expected nodes that are ready within 1 s, not {name} (no report on" in player.text
+    assert f"Nodes of wait_for were not ready within 1 s: {name} (no report on" in player.text
 
 
 def test_a_frame_that_does_not_become_a_cloud_is_named_and_fails_the_run(graph, photon_file):

@@ -18,7 +18,7 @@ from srt3d_ros.recording.reader import RecordingReader
 
 @pytest.mark.parametrize("check, value, expected", [
     (checked_path, "a.mcap", "path is a.mcap: expected a path that ends with .rrd"),
-    (checked_path, "absent/a.rrd", "path is absent/a.rrd: expected a file in a folder that can be written"),
+    (checked_path, "absent/a.rrd", "path is absent/a.rrd: expected a file in a writable folder"),
     (checked_images, "depth,red", "images is depth,red: expected some of depth,intensity,background,photons, or none"),
 ])
 def test_parameters_that_cannot_be_used_are_one_line(check, value, expected):
@@ -100,7 +100,7 @@ def test_another_sensor_begins_another_recording(graph, speaker, sensor, tmp_pat
     assert [sensor_message.from_json(text).range_offset_m for text in recorded] == [0, 1]
 
 
-def test_what_a_halted_recorder_misses_it_counts_and_nobody_waits_for_it(graph, speaker, tmp_path):
+def test_what_a_stopped_recorder_misses_it_counts_and_nobody_waits_for_it(graph, speaker, tmp_path):
     recorder = graph.start("recorder", path=tmp_path / "a.rrd", images="none").ready()
     speaker.ready().frame()
     graph.reports("recorder", "clouds", 1)
@@ -126,7 +126,7 @@ from srt3d_ros.recording import writer
 sys.exit(recorder.main())
 """
 BUSY = """on_points = recorder.RecorderNode._on_points        # clouds wait for the end
-recorder.RecorderNode._on_points = lambda self, raw: self.halted.wait() and on_points(self, raw)"""
+recorder.RecorderNode._on_points = lambda self, raw: self.stopping.wait() and on_points(self, raw)"""
 
 
 def test_a_full_disk_ends_the_recording_with_one_error_and_not_the_node(graph, speaker, tmp_path):

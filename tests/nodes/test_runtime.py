@@ -149,8 +149,8 @@ QOS = "qos_overrides.{namespace}/in.subscription."
 
 @pytest.mark.parametrize("ros_args, line", [
     (["-p", QOS + "reliability:=nonsense"], QOS + "reliability is nonsense: expected system_default or reliable"),
-    (["-r", "in:=/rosout"], "topic of in is /rosout: expected one without another type than sensor_msgs"),
-    (["--", "-p", "x:=5"], "command line is --ros-args -r __ns:={namespace} -- -p x:=5: expected nothing but"),
+    (["-r", "in:=/rosout"], "Cannot use /rosout as in: the node already uses it with another type"),
+    (["--", "-p", "x:=5"], "-p x:=5: put --ros-args before arguments for ROS 2"),
 ])
 def test_arguments_that_cannot_be_used_are_one_line_and_exit_code_2(graph, start, ros_args, line):
     probe = start(*(arg.format(namespace=graph.namespace) for arg in ros_args))

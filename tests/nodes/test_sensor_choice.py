@@ -19,8 +19,8 @@ def test_a_driver_that_contradicts_the_file_is_an_error_as_long_as_it_does(graph
     process = graph.start("sketcher", sensor_file=path).ready()
     graph.wait(lambda: any(sensor_message.from_json(one.data).same_as(sensor) and "x_writer" in one.data
                            for one in published), "the sensor of the file")
-    problem = (f"rows on {topic} is 10: expected 16 as in sensor_file spad.json; photons are dropped until both say "
-               "the same")
+    problem = (f"rows on {topic} is 10: expected 16 as in sensor_file spad.json; photons are dropped until both "
+               "agree")
     process.says(problem)
     photons = graph.matched(graph.publisher(PointCloud2, "photons"))
     pixels = dataclasses.replace(events, pixel=events.pixel % other.pixels)
@@ -33,7 +33,7 @@ def test_a_driver_that_contradicts_the_file_is_an_error_as_long_as_it_does(graph
     assert (report["rows"], report["frames_out"], len(sketches)) == ("16", "0", 0)
 
     described.publish(sensor_message.encode(sensor))        # the driver is right now
-    process.says(f"sensor_file spad.json is used again: {topic} says the same again")
+    process.says(f"sensor_file spad.json is used again: {topic} agrees again")
     photons.publish(photons_message.encode_cdr(events, sensor, "spad"))
     graph.wait(lambda: sketches, "a sketch")
     assert (sketches[0].height, sketches[0].width) == (16, 12) and process.text.count("[ERROR]") == 1
@@ -45,7 +45,7 @@ def test_a_driver_that_contradicts_the_file_is_an_error_as_long_as_it_does(graph
     graph.wait(lambda: graph.node.count_publishers("sensor") == 1, "the driver to be gone")
     graph.known_to("sketcher")
     photons.publish(photons_message.encode_cdr(events, sensor, "spad"))
-    process.says(f"is used again: nobody else publishes {topic} any more")
+    process.says(f"is used again: {topic} has no other publisher any more")
     graph.wait(lambda: graph.report("sketcher")["level"] != DiagnosticStatus.ERROR, "the end of the error")
 
 
@@ -54,4 +54,4 @@ def test_a_sensor_of_more_than_max_pixels_is_refused_by_sketcher_and_reconstruct
     graph.latched("sketch/sensor").publish(sensor_message.encode(sensor))
     for name, most in (("sketcher", 2**19), ("reconstructor", 100)):
         graph.start(name, **({"max_pixels": most} if most == 100 else {})).says(
-            f"at most {most}, or a larger max_pixels, a parameter of {name}")
+            f"exceeds max_pixels of {name}, {most}: set a larger one")

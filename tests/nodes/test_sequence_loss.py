@@ -15,4 +15,4 @@ from srt3d_ros.nodes.base import SequenceLoss
 def test_gaps_between_the_numbers_of_one_publisher_are_misses(numbers, missed):
     for publishers, counted in ((1, missed), (2, [0] * len(missed))):       # numbers of two look alike
         gaps = SequenceLoss(lambda: publishers)
-        assert [gaps.after(number) for number in numbers] == counted
+        assert [gaps.missed_before(number) for number in numbers] == counted

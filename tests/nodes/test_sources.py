@@ -45,8 +45,8 @@ def test_cycles_of_a_simulated_frame_make_its_photons_pile_up(given, packets):
 
 @pytest.mark.parametrize("given, line", [
     ({"input": "nowhere.npz"}, "nowhere.npz"),
-    ({"sensor_file": "sensor.json"}, "sensor_file is sensor.json: expected nothing, unless a photon file is played"),
-    ({"input": "bag.mcap"}, "input is bag.mcap: expected a photon file or simulator: ros2 bag play plays bags"),
+    ({"sensor_file": "sensor.json"}, "sensor_file sensor.json: the simulator has a sensor of its own"),
+    ({"input": "bag.mcap"}, "input bag.mcap is a bag: play it with `ros2 bag play`"),
 ])
 def test_what_is_no_source_is_refused(given, line):
     with pytest.raises(InvalidInput, match=line):
