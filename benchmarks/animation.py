@@ -12,7 +12,7 @@ from PIL import Image
 
 from benchmarks.motion import FRAME_S, TOLERANCE_BINS, Views, methods, moving_frame
 from benchmarks.relief import trajectory
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.metrics import Metrics, evaluate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import choose
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
                "dae_bins": round(means[1], 3), "bytes": args.picture.stat().st_size}
 
 
-def shots(ppp: float, frames: int) -> Iterator[tuple[dict[str, PointCloud], dict[str, Metrics], SensorModel]]:
+def shots(ppp: float, frames: int) -> Iterator[tuple[dict[str, Cloud], dict[str, Metrics], SensorModel]]:
     """Of each frame: the clouds, and what they are worth, by method."""
     sensor = moving_sensor()
     view, frequencies = MovingView(Room(), walk, sensor), choose("auto", sensor)
@@ -66,7 +66,7 @@ def shots(ppp: float, frames: int) -> Iterator[tuple[dict[str, PointCloud], dict
                        for name, cloud in clouds.items()}, sensor
 
 
-def draw(clouds: dict[str, PointCloud], sensor: SensorModel) -> Image.Image:
+def draw(clouds: dict[str, Cloud], sensor: SensorModel) -> Image.Image:
     """The clouds side by side, seen from behind the sensor, at its right and above."""
     width, height = SIDE_PX * len(HEADINGS), SIDE_PX + TOP_PX
     figure = annotations.dark_figure(width, height)

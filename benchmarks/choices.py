@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.core import metrics
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.datasets import Photons, read
 from srt3d_ros.datasets.simulation.simulator import Simulator
@@ -23,7 +23,7 @@ GATE_SCENES = (("bust", 0.1, 10, 1, 1), ("net", 1.0, 10, 12, 2))
 TIME = np.arange(4613) / 4613
 SHAPES = {"flat": np.ones(4613), "ramp": 1 + 19 * TIME, "exp": np.exp(-20 * TIME) + 0.02,
           "fog": 30 * TIME * np.exp(-10 * TIME) + 0.1}
-Judge = Callable[[PointCloud, float], metrics.Metrics]     # a cloud, and the bins by which its bin 0 is later
+Judge = Callable[[Cloud, float], metrics.Metrics]     # a cloud, and the bins by which its bin 0 is later
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from srt3d_ros.core.motion.deskew import Deskewer
 from srt3d_ros.core.motion.trajectory import Pose, Trajectory
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.sketch import Sketch
@@ -33,7 +34,7 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
         seconds = k / 100
         trajectory.add(k * FRAME_NS // 10, Pose(Pose.turned([0, TURN_RAD_S * np.sin(seconds), 0]).rotation,
                                                 np.array([SPEED_M_S * np.sin(seconds), 0, 0])))
-    sketches = [_sketch(rng, side, frequencies) for _ in range(args.parts)]
+    sketches = [_sketch(rng, sensor, frequencies) for _ in range(args.parts)]
     range_m = np.broadcast_to(np.linspace(2, 3, side, dtype=np.float32), (side, side))
     deskewer = Deskewer(sensor, frequencies)
     moved_ms = []
@@ -46,10 +47,11 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
     yield {"size": f"{side}x{side}", "m": len(frequencies), "parts": args.parts, "move_ms": _times(moved_ms[WARM_UP:])}
 
 
-def _sketch(rng: np.random.Generator, side: int, frequencies: tuple[int, ...]) -> Sketch:
-    photons = 1 + rng.poisson(3, (side, side)).astype(np.uint32)
-    turns = rng.random((side, side, len(frequencies)))
-    return Sketch(frequencies, (photons[..., None] * np.exp(2j * np.pi * turns)).astype(np.complex64), photons)
+def _sketch(rng: np.random.Generator, sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:
+    photons = 1 + rng.poisson(3, (sensor.rows, sensor.cols)).astype(np.uint32)
+    turns = rng.random((*photons.shape, len(frequencies)))
+    sums = (photons[..., None] * np.exp(2j * np.pi * turns)).astype(np.complex64)
+    return Sketch(frequencies, sums, photons, sensor=sensor)
 
 
 def _times(ms: list[float]) -> dict:

@@ -22,7 +22,7 @@ from tqdm import tqdm
 
 from benchmarks.frames import PPP, PPPS, SIDE, SKETCH_SIZE, photons_of, sensor_of, timed
 from benchmarks.table1 import PAPER_MS
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.gpu_check import share_alike
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sensor.model import SensorModel
@@ -166,7 +166,7 @@ def _work(case: Case, device: str, connection: Connection) -> None:
     connection.send((line, clouds if case in COMPARED else (), by_photons))
 
 
-def _on_cpu(case: Case) -> PointCloud:
+def _on_cpu(case: Case) -> Cloud:
     reconstructor, frequencies = case.reconstructor("cpu")
     return reconstructor(_sketch(reconstructor.sensor, frequencies, PPP))
 
@@ -175,7 +175,7 @@ def _sketch(sensor: SensorModel, frequencies: tuple[int, ...], ppp: float) -> Sk
     return sketch_photons(photons_of(sensor, ppp), sensor, frequencies)
 
 
-def _agreement(case: Case, first: PointCloud, second: PointCloud, expected: PointCloud) -> dict:
+def _agreement(case: Case, first: Cloud, second: Cloud, expected: Cloud) -> dict:
     """Of two clouds with each other, and with the CPU's."""
     same = all(np.array_equal(getattr(first, field), getattr(second, field), equal_nan=True) for field in FIELDS)
     alike = share_alike(first, expected, sensor_of(case.side).num_bins)

@@ -19,7 +19,7 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.relief import hand, read_relief, trajectory
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.motion.moving_sketcher import MovingFrame, MovingSketcher
@@ -115,7 +115,7 @@ class Method:
     pooled: PooledStream
     known: Trajectory | None
 
-    def cloud(self, frame: MovingFrame) -> PointCloud:
+    def cloud(self, frame: MovingFrame) -> Cloud:
         """The cloud of the next frame."""
         return self.pooled(self.sketcher.finish(frame, self.known))
 

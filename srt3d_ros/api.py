@@ -5,15 +5,16 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from srt3d_ros import datasets
+from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.methods import DEFAULT_METHOD
+from srt3d_ros.core.reconstructor import Reconstructor
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching import sketch as core_sketch
 from srt3d_ros.core.sketching.gate import OFF
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
+from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.datasets.options import SensorOptions, gathered, sketch_with_options
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.results import Cloud, Reconstructor, Sketch
 
 __all__ = ["Cloud", "InvalidInput", "Photons", "Reconstructor", "Sensor", "Sketch", "from_counts", "from_events",
            "read", "reconstruct"]
@@ -47,9 +48,8 @@ def read(source: Any, frame: int = 0, *, photons_topic: str = "", sensor: Sensor
         return datasets.read(source, frame, photons_topic, sensor=sensor, **options)
     for name, value in (("frame", frame), ("photons_topic", photons_topic)):
         require(not value, name, value, "nothing, unless a file is read")
-    if isinstance(source, core_sketch.Sketch):
-        known = source if isinstance(source, Sketch) else Sketch(**vars(source) | {"sensor": source.sensor or sensor})
-        return sketch_with_options(known, gathered(options, sensor))
+    if isinstance(source, Sketch):
+        return sketch_with_options(source, gathered(options, sensor))
     if isinstance(source, Photons):
         return source.with_options(gathered(options, sensor))
     if isinstance(source, PhotonEvents | PhotonGates | PhotonHistograms):

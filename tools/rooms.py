@@ -16,7 +16,6 @@ ROOMS = {
     "pictures": (3, 2, 1, "drawn clouds, curves"),
     "datasets": (1, 3, 1, "files, bags, simulator"),
     "messages": (0, 4, 1, "ROS messages ⇄ NumPy"),
-    "results.py": (1, 4, 1, "Sketch, Cloud"),
     "core": (0, 5, 4, "sensor · sketching · motion · method · baselines · metrics"),
     "kernels": (0, 6, 4, "the work of every pixel: numba (cpu), torch (GPU, oracle)"),
 }

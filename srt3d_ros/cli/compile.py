@@ -38,9 +38,9 @@ def run(args: argparse.Namespace) -> int:
 def _for_gpu(sensor_file: str | None) -> int:
     """Reconstruct frames of the sensor, with which torch fills its cache on the disk."""
     from srt3d_ros import datasets
+    from srt3d_ros.core.reconstructor import Reconstructor
     from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE, choose
     from srt3d_ros.datasets.simulation.scene import default_sensor
-    from srt3d_ros.results import Reconstructor
 
     sensor, started = datasets.open_sensor(sensor_file) if sensor_file else default_sensor(), time.perf_counter()
     reconstructor = Reconstructor(sensor, choose("auto", sensor, DEFAULT_SKETCH_SIZE), device="cuda")

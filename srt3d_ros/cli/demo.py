@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.core.metrics import Metrics, evaluate
+from srt3d_ros.core.reconstructor import Reconstructor
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.sketching.stream import SketchStream
@@ -25,7 +26,6 @@ from srt3d_ros.errors import require
 from srt3d_ros.processes import children
 from srt3d_ros.processes.node_names import FRAMES_LOST
 from srt3d_ros.processes.private_network import join_private_network
-from srt3d_ros.results import Reconstructor
 
 LEAST_HZ, MOST_HZ = 2.0, 5.0            # half of what simulator, nodes and recorder do on two idle cores
 SHARE = 0.75                            # of the time between two frames, in which one process alone makes one

@@ -57,7 +57,11 @@ def run(args: argparse.Namespace) -> int:
     seen = api.read(args.input, args.frame, photons_topic=args.photons_topic, **common.overrides(args))
     cloud = api.reconstruct(seen, **options)
     cloud.save(args.output)
-    facts = cloud.facts | {"output": str(args.output)}
+    sensor = cloud.sensor
+    facts = {"method": cloud.method, "surfaces": cloud.surfaces, "device": cloud.device, "rows": sensor.rows,
+             "cols": sensor.cols, "num_bins": sensor.num_bins, "photons": cloud.photons,
+             "sketch_size": len(cloud.frequencies) or None, "frequencies": cloud.frequencies, "points": len(cloud),
+             "sketch_ms": cloud.sketch_ms, "reconstruct_ms": cloud.reconstruct_ms, "output": str(args.output)}
     common.print_notes(cloud.notes)     # only now: a mistake is one line
     sketched = (" → sketch of {sketch_size}" * bool(facts["frequencies"])
                 + " in {sketch_ms:.1f} ms" * (facts["sketch_ms"] is not None))

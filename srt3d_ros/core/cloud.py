@@ -1,62 +1,47 @@
-"""PointCloud: what a reconstruction returns."""
+"""Cloud: the points of a frame, what a reconstruction returns."""
 
-from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from dataclasses import KW_ONLY, dataclass, replace
+from importlib import import_module
+from numbers import Real
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from srt3d_ros.core.estimate import Estimate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole, Projection
-from srt3d_ros.core.sketching.sketch import Sketch
-from srt3d_ros.errors import require
+from srt3d_ros.errors import InvalidInput, quoted, require
 
-# Which point of a pixel comes first: the field that a pixel's points are sorted by, and its sign.
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# The point of a pixel that comes first: the field that its points are sorted by, and the sign.
 SURFACE_ORDERS = {"strongest": ("intensity", -1), "nearest": ("depth_bins", 1), "farthest": ("depth_bins", -1)}
+IMAGES = ("depth_bins", "intensity", "depth_std_bins")
+POINT_FIELDS = ("row", "col", *IMAGES, "xyz", "surface")
 
 
-class Estimate(NamedTuple):
-    """What a method makes of a frame; N points, sorted by pixel, the strongest of a pixel first.
-
-    Args:
-        state: float32 [rows', K, FIELDS, cols'] (`kernels.maps`) on the device, valid until the next frame starts;
-            None of baselines.
-        left: what the points leave unexplained (`unexplained` of the kernels); empty unless asked for.
-        rest: float32 [rows, cols], photons that are not the points', at least 0 in each pixel.
-        background: float32 [rows, cols], background photons.
-        row, col, rank: uint16, uint16, uint8 [N], the points' pixels, and their order within these.
-        values: float32 [3, N]: depth (bins), intensity (photons), standard deviation (bins).
-        xyz: float32 [N, 3], metres.
-    """
-
-    state: np.ndarray | None
-    left: np.ndarray
-    rest: np.ndarray
-    background: np.ndarray
-    row: np.ndarray
-    col: np.ndarray
-    rank: np.ndarray
-    values: np.ndarray
-    xyz: np.ndarray
-
-    @property
-    def misfit(self) -> float:
-        """Σ |z_l − what the points explain|², in units of the photons' noise."""
-        return float(self.left[-1])
-
-
-@dataclass(frozen=True, eq=False)
-class PointCloud:
-    """Points of one frame, sorted by pixel, the strongest of a pixel first, and the background of every pixel.
+@dataclass(frozen=True, eq=False, repr=False)
+class Cloud:
+    """The points of one frame, sorted by pixel, the strongest of a pixel first, and the background of every pixel.
 
     Args:
         row, col: uint16 [N].
         depth_bins: float32 [N], depth (see SensorModel), in [0, T).
         intensity: float32 [N], expected signal photons of that return in the frame.
-        depth_std_bins: float32 [N], of `depth_bins`: photon noise, edges, and relief in the pool; NaN of the baselines.
+        depth_std_bins: float32 [N], of `depth_bins`: photon noise, edges, and relief in the pool; NaN from the
+            baselines.
         xyz: float32 [N, 3], metres, sensor's frame.
         surface: uint8 [N], 0 for the first point of its pixel, 1 for the next, …
         background: float32 [rows, cols], expected background photons in the frame, over all T bins.
         stamp_ns: start of acquisition, passed through from the photons.
+        sensor: places the points: that of the photons, behind a gate if there is one.
+        notes: one line each for what was assumed, estimated or left out.
+        method, surfaces, device: what made the cloud: the method's name, the most surfaces in a pixel, "cpu" or "cuda".
+        photons: number of photons in the frame.
+        frequencies: the integers k_l of the sketch; none if the method works on photons.
+        sketch_ms, reconstruct_ms: how long sketching and reconstructing took, milliseconds; None if not measured.
     """
 
     row: np.ndarray
@@ -68,35 +53,54 @@ class PointCloud:
     surface: np.ndarray
     background: np.ndarray
     stamp_ns: int = 0
+    _: KW_ONLY
+    sensor: SensorModel
+    notes: tuple[str, ...] = ()
+    method: str = ""
+    surfaces: int = 1
+    device: str = "cpu"
+    photons: int = 0
+    frequencies: tuple[int, ...] = ()
+    sketch_ms: float | None = None
+    reconstruct_ms: float | None = None
+
+    @classmethod
+    def of(cls, estimate: Estimate, sensor: SensorModel, stamp_ns: int) -> Self:
+        """The cloud of an estimate."""
+        return cls(estimate.row, estimate.col, *estimate.values, estimate.xyz, estimate.rank, estimate.background,
+                   stamp_ns, sensor=sensor)
 
     @classmethod
     def from_layers(cls, sensor: SensorModel, depth: np.ndarray, intensity: np.ndarray, background: np.ndarray,
-                    stamp_ns: int) -> "PointCloud":
+                    stamp_ns: int) -> Self:
         """The cloud of K layers of surfaces, float32 [rows, K, cols]: depth in bins, intensity 0 = no point."""
-        (_, layers, cols), values = intensity.shape, intensity.swapaxes(1, 2)          # flat indices: fast ones
-        order = np.argsort(-values, axis=2, kind="stable")
-        place = np.flatnonzero(np.take_along_axis(values, order, axis=2) > 0)
+        (_, layers, cols), by_pixel = intensity.shape, intensity.swapaxes(1, 2)
+        order = np.argsort(-by_pixel, axis=2, kind="stable")
+        place = np.flatnonzero(np.take_along_axis(by_pixel, order, axis=2) > 0)
         (pixel, rank), layer = np.divmod(place, layers), order.take(place)
         row, col = np.divmod(pixel, cols)
-        depth, intensity = (each.take((row * layers + layer) * cols + col).astype(np.float32)
-                            for each in (depth, intensity))
+        depth, intensity = (values[row, layer, col].astype(np.float32) for values in (depth, intensity))
         depth = sensor.wrapped(depth)
         return cls(row.astype(np.uint16), col.astype(np.uint16), depth, intensity, np.full_like(depth, np.nan),
-                   sensor.xyz(row, col, depth), rank.astype(np.uint8), background.astype(np.float32), stamp_ns)
-
-    @classmethod
-    def of(cls, found: Estimate, sketch: Sketch) -> "PointCloud":
-        """The cloud of an estimate of a sketch."""
-        return cls(found.row, found.col, *found.values, found.xyz, found.rank, found.background, sketch.stamp_ns)
+                   sensor.xyz(row, col, depth), rank.astype(np.uint8), background.astype(np.float32), stamp_ns,
+                   sensor=sensor)
 
     def __len__(self) -> int:
         return len(self.row)
 
+    def __repr__(self) -> str:
+        range_m, notes = self._range_m(), f"; {len(self.notes)} notes" if self.notes else ""
+        where = f" at {range_m.min():.4g} to {range_m.max():.4g} m" if len(self) else ""
+        return (f"Cloud of {len(self):,} points{where}, from {self.photons:,} photons of "
+                f"{self.sensor.rows} × {self.sensor.cols} pixels{notes}")
+
     def image(self, field: str, surface: int = 0) -> np.ndarray:
         """One value per pixel of `depth_bins`, `intensity` or `depth_std_bins`; float32 [rows, cols], NaN = no point.
 
-        In metres: `range_image` and `depth_image`.
+        `surface` is 0 for the first point of each pixel. In metres: `range_image` and `depth_image`.
         """
+        require(field in IMAGES, "field", field, " or ".join(IMAGES))
+        require(isinstance(surface, int), "surface", quoted(surface), "an integer, 0 for the strongest")
         return self._image(getattr(self, field), surface)
 
     def range_image(self) -> np.ndarray:
@@ -123,11 +127,6 @@ class PointCloud:
         rank = np.arange(len(kept)) - np.repeat(begins, np.diff(begins, append=len(kept)))
         return replace(self._only(kept), surface=rank.astype(np.uint8))
 
-    def _only(self, kept: np.ndarray) -> Self:
-        """The points of these indices."""
-        return replace(self, **{name: getattr(self, name)[kept] for name in (
-            "row", "col", "depth_bins", "intensity", "depth_std_bins", "xyz", "surface")})
-
     def ordered(self, surface_order: str) -> Self:
         """The cloud with the `strongest`, `nearest` or `farthest` point of each pixel first; ties keep their order."""
         require(surface_order in SURFACE_ORDERS, "surface_order", surface_order, " or ".join(SURFACE_ORDERS))
@@ -138,11 +137,71 @@ class PointCloud:
         order = np.lexsort((key, np.cumsum(self.surface == 0)))
         return replace(self._only(order), surface=self.surface)
 
+    def save(self, path: str | Path) -> None:
+        """Write the cloud by the suffix: .npz (everything), .ply; or draw it: .png, .jpg.
+
+        Raises:
+            InvalidInput: another suffix, a path that cannot be written, or an .npz file there that is no cloud.
+        """
+        _imported("srt3d_ros.datasets.cloud_files").save(self, path)
+
+    def plot(self, ax: "Axes | None" = None, *, yaw_deg: float = -20, pitch_deg: float = 10) -> "Axes":
+        """Draw the cloud into axes of matplotlib: coloured by range, shaded by intensity, with a scale bar.
+
+        Args:
+            ax: to draw into; those of a new figure unless given.
+            yaw_deg, pitch_deg: from where it is seen: to the right of the sensor and above it.
+
+        Raises:
+            InvalidInput: matplotlib or Pillow is missing.
+        """
+        image = self.render(yaw_deg=yaw_deg, pitch_deg=pitch_deg)
+        if ax is None:
+            ax = _imported("matplotlib.pyplot").figure().add_axes((0, 0, 1, 1))
+        ax.imshow(image)
+        ax.set_axis_off()
+        return ax
+
+    def render(self, *, yaw_deg: float = -20, pitch_deg: float = 10, size_px: tuple[int, int] = (1200, 900)
+               ) -> np.ndarray:
+        """The cloud as a picture, uint8 [height, width, 3]; `save` writes one to a file.
+
+        Args:
+            yaw_deg, pitch_deg: as of `plot`.
+            size_px: width and height of the picture.
+
+        Raises:
+            InvalidInput: matplotlib or Pillow is missing.
+        """
+        for name, angle in (("yaw_deg", yaw_deg), ("pitch_deg", pitch_deg)):
+            require(isinstance(angle, Real), name, quoted(angle), "degrees")
+        fits = isinstance(size_px, tuple) and all(isinstance(side, int) and side > 0 for side in size_px)
+        require(fits and len(size_px) == 2, "size_px", quoted(size_px), "(width, height), above 0")
+        annotations = _imported("srt3d_ros.pictures.annotations")
+        return np.array(annotations.draw_cloud(self, self.sensor, yaw_deg, pitch_deg, size_px).convert("RGB"))
+
+    def _only(self, kept: np.ndarray) -> Self:
+        """The points of these indices."""
+        return replace(self, **{name: getattr(self, name)[kept] for name in POINT_FIELDS})
+
     def _range_m(self) -> np.ndarray:
-        return np.sqrt(np.einsum("ij,ij->i", self.xyz, self.xyz))       # several times faster than np.linalg.norm
+        return self.sensor.range_m(self.depth_bins).astype(np.float32)      # negative before the sensor
 
     def _image(self, values: np.ndarray, surface: int = 0) -> np.ndarray:
         chosen = self.surface == surface
-        out = np.full(self.background.shape, np.nan, np.float32)
-        out[self.row[chosen], self.col[chosen]] = values[chosen]
-        return out
+        image = np.full(self.background.shape, np.nan, np.float32)
+        image[self.row[chosen], self.col[chosen]] = values[chosen]
+        return image
+
+
+def _imported(module: str):
+    """A module that core may not import, for writing and drawing import Cloud; and that needs an extra.
+
+    Raises:
+        InvalidInput: a package that it needs is missing.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        problem = f"Cannot draw a cloud: {error.name} is missing (pip install 'srt3d_ros[review]')."
+        raise InvalidInput("picture", problem=problem) from None

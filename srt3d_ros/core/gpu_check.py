@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.devices import missing_for_cuda, say_once
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
@@ -54,10 +54,10 @@ def _frame(sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:
     spectrum = spectrum if spectrum.ndim == 1 else spectrum.reshape(phase.shape)
     noise = rng.normal(scale=(PHOTONS / 2)**0.5, size=(*phase.shape, 2)).view(complex)[..., 0]
     sums = PHOTONS / 2 * spectrum * phase + noise
-    return Sketch(frequencies, sums.astype(np.complex64), np.full(depth.shape, PHOTONS, np.uint32))
+    return Sketch(frequencies, sums.astype(np.complex64), np.full(depth.shape, PHOTONS, np.uint32), sensor=sensor)
 
 
-def _timed(reconstructor: Callable, frame: Sketch) -> tuple[PointCloud, float]:
+def _timed(reconstructor: Callable, frame: Sketch) -> tuple[Cloud, float]:
     """The cloud, and seconds, of a frame after the first, which compiles."""
     reconstructor(frame)
     reconstructor.forget()
@@ -65,7 +65,7 @@ def _timed(reconstructor: Callable, frame: Sketch) -> tuple[PointCloud, float]:
     return reconstructor(frame), time.perf_counter() - began
 
 
-def share_alike(found: PointCloud, wanted: PointCloud, num_bins: int) -> float:
+def share_alike(found: Cloud, wanted: Cloud, num_bins: int) -> float:
     """The share of the pixels with the same points."""
     alike = np.ones(wanted.background.shape, bool)
     for k in range(max(found.surface.max(initial=0), wanted.surface.max(initial=0)) + 1):

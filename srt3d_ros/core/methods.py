@@ -31,7 +31,7 @@ class Method:
     options: tuple[str, ...] = ()
 
     def build(self, sensor: SensorModel, frequencies=None, **options) -> Callable:
-        """A reconstructor: called with a Sketch, or with a PhotonFrame, it returns a PointCloud.
+        """A reconstructor: called with a Sketch, or with a PhotonFrame, it returns a Cloud.
 
         Args:
             sensor: geometry, IRF and calibration.

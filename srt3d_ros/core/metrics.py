@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.errors import require
 
 NAN = float("nan")
@@ -45,7 +45,7 @@ def circular_difference(a: np.ndarray, b: np.ndarray, period: float) -> np.ndarr
     return (a - b + period / 2) % period - period / 2
 
 
-def evaluate(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins: float, num_bins: int,
+def evaluate(cloud: Cloud, reference_depth_bins: np.ndarray, tolerance_bins: float, num_bins: int,
              reference_intensity: np.ndarray | None = None, counted: np.ndarray | None = None,
              complete: bool = False) -> Metrics:
     """Compare a cloud with the truth.
@@ -81,7 +81,7 @@ def evaluate(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins
         _mean(stds <= 1), _mean(stds <= 2))
 
 
-def median_offset(cloud: PointCloud, reference_depth_bins: np.ndarray, within_bins: float, num_bins: int) -> float:
+def median_offset(cloud: Cloud, reference_depth_bins: np.ndarray, within_bins: float, num_bins: int) -> float:
     """Median of cloud − reference, bins, over the pixels with a point so near; 0 if there is none.
 
     For a reference of one surface, [rows, cols], that was measured apart and has a zero of its own.
@@ -93,13 +93,13 @@ def median_offset(cloud: PointCloud, reference_depth_bins: np.ndarray, within_bi
     return float(np.median(difference[0, chosen])) if len(chosen) else 0.0
 
 
-def _errors(cloud: PointCloud, reference: np.ndarray, num_bins: int) -> np.ndarray:
+def _errors(cloud: Cloud, reference: np.ndarray, num_bins: int) -> np.ndarray:
     """Depth of each point minus each reference of its pixel, float64 [S, N]; ∞ where there is none."""
     error = circular_difference(cloud.depth_bins[None], reference[:, cloud.row, cloud.col], num_bins)
     return np.where(np.isnan(error), np.inf, error)
 
 
-def _nearest(cloud: PointCloud, shape: tuple[int, int, int], error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _nearest(cloud: Cloud, shape: tuple[int, int, int], error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of each reference [S, rows, cols] the least error, ∞ if none, and the index of the point that has it."""
     nearest, point = np.full(shape, np.inf), np.full(shape, -1)
     for surface, errors in enumerate(error):
@@ -110,7 +110,7 @@ def _nearest(cloud: PointCloud, shape: tuple[int, int, int], error: np.ndarray) 
     return nearest, point
 
 
-def _intensity_error(cloud: PointCloud, reference_intensity: np.ndarray, counts: np.ndarray, matched: np.ndarray,
+def _intensity_error(cloud: Cloud, reference_intensity: np.ndarray, counts: np.ndarray, matched: np.ndarray,
                      point: np.ndarray, near: np.ndarray, judged: np.ndarray) -> float:
     """Metrics.iae.
 
@@ -139,7 +139,7 @@ def _mean(values: np.ndarray) -> float:
     return float(values.mean()) if len(values) else NAN
 
 
-def _as_surfaces(field: str, values: np.ndarray, cloud: PointCloud) -> np.ndarray:
+def _as_surfaces(field: str, values: np.ndarray, cloud: Cloud) -> np.ndarray:
     values = np.asarray(values, dtype=np.float64)
     if values.ndim == 2:
         values = values[None]

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Unpack
 
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.datasets.bags.bag import is_bag
 from srt3d_ros.datasets.bags.frames import read_frame
 from srt3d_ros.datasets.options import SensorOptions, gathered
@@ -16,7 +17,6 @@ from srt3d_ros.files import json_text
 from srt3d_ros.files.array_files import read_errors, require_file
 from srt3d_ros.files.new_files import file_errors
 from srt3d_ros.messages import sensor_message
-from srt3d_ros.results import Sketch
 
 __all__ = ["SIMULATOR", "Photons", "open_sensor", "read"]
 

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.cloud import POINT_FIELDS, Cloud
 from srt3d_ros.errors import printable, require
 from srt3d_ros.files.new_files import atomic_write, check_place, check_replaceable, file_errors
 from srt3d_ros.pictures.colours import levels, percentile_range, range_table
@@ -19,7 +18,7 @@ _FLOATS = [(name, "<f4") for name in ("x", "y", "z", "intensity")]
 _BYTES = [(name, "u1") for name in ("red", "green", "blue")]
 
 
-def save(cloud: PointCloud, path: str | Path, *, frequencies: tuple[int, ...], sensor: SensorModel) -> None:
+def save(cloud: Cloud, path: str | Path) -> None:
     """Write a cloud in the format that the suffix of `path` names; the file appears whole, or not at all.
 
     .npz: row, col (uint16), depth_bins (float32: see SensorModel), intensity (expected signal
@@ -33,7 +32,7 @@ def save(cloud: PointCloud, path: str | Path, *, frequencies: tuple[int, ...], s
     """
     path = check(path)
     with file_errors("output", path), atomic_write(path) as part:
-        _WRITERS[path.suffix.lower()](cloud, part, frequencies, sensor)
+        _WRITERS[path.suffix.lower()](cloud, part)
 
 
 def check(path: str | Path) -> Path:
@@ -48,32 +47,33 @@ def check(path: str | Path) -> Path:
     return path
 
 
-def _save_npz(cloud: PointCloud, path: Path, frequencies: tuple[int, ...], sensor: SensorModel) -> None:
-    fields = {name: getattr(cloud, name) for name in PointCloud.__dataclass_fields__}
-    of_sensor = {name: getattr(sensor, name) for name in _SENSOR_FACTS}
+def _save_npz(cloud: Cloud, path: Path) -> None:
+    fields = {name: getattr(cloud, name) for name in (*POINT_FIELDS, "background", "stamp_ns")}
+    of_sensor = {name: getattr(cloud.sensor, name) for name in _SENSOR_FACTS}
     with open(path, "wb") as file:      # to a path of another case NumPy appends .npz
-        np.savez(file, **fields, frequencies=np.array(frequencies, np.int64), **of_sensor)
+        np.savez(file, **fields, frequencies=np.array(cloud.frequencies, np.int64), **of_sensor)
 
 
-def _save_ply(cloud: PointCloud, path: Path, _, sensor: SensorModel) -> None:
+def _save_ply(cloud: Cloud, path: Path) -> None:
     points = np.empty(len(cloud), _FLOATS + _BYTES)
     points["x"], points["y"], points["z"] = cloud.xyz.T
     points["intensity"] = cloud.intensity
     range_m = np.linalg.norm(cloud.xyz, axis=1)
     level = levels(range_m, *percentile_range(range_m) or (0, 1))
     points["red"], points["green"], points["blue"] = range_table()[level].T
-    header = ["ply", "format binary_little_endian 1.0", f"comment metres in the frame {printable(sensor.frame_id)}",
+    frame = printable(cloud.sensor.frame_id)
+    header = ["ply", "format binary_little_endian 1.0", f"comment metres in the frame {frame}",
               f"element vertex {len(points)}"]
     header += [f"property float {name}" for name, _ in _FLOATS] + [f"property uchar {name}" for name, _ in _BYTES]
     path.write_bytes("\n".join([*header, "end_header\n"]).encode() + points.tobytes())
 
 
-def _save_picture(cloud: PointCloud, path: Path, _, sensor: SensorModel) -> None:
+def _save_picture(cloud: Cloud, path: Path) -> None:
     from srt3d_ros.pictures.annotations import draw_cloud
 
-    draw_cloud(cloud, sensor).save(path, quality=_JPEG_QUALITY)
+    draw_cloud(cloud, cloud.sensor).save(path, quality=_JPEG_QUALITY)
 
 
-_WRITERS: dict[str, Callable[[PointCloud, Path, tuple[int, ...], SensorModel], None]] = {
+_WRITERS: dict[str, Callable[[Cloud, Path], None]] = {
     ".npz": _save_npz, ".ply": _save_ply,
 } | dict.fromkeys(PICTURES, _save_picture)

@@ -15,10 +15,10 @@ from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import SPEED_OF_LIGHT, SensorModel
 from srt3d_ros.core.sensor.projection import DEFAULT_FOV_DEG, Pinhole, Projection
 from srt3d_ros.core.sketching.gate import parse
+from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.values import array
 from srt3d_ros.errors import finite, quoted, require
-from srt3d_ros.results import Sketch
 
 BIN_OF_ONE_METRE_S = 2 / SPEED_OF_LIGHT      # the width of bins of which nothing is known
 ASSUMED_WIDTH = "bin width taken to be 2 / 299792458 s: x, y and z count bins, not metres (give bin_width_s)"

@@ -7,18 +7,20 @@ from typing import Any, Self, Unpack
 
 import numpy as np
 
+from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.methods import DEFAULT_METHOD, find
+from srt3d_ros.core.reconstructor import Reconstructor
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import design_for
 from srt3d_ros.core.sketching.gate import OFF, Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonHistograms
+from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.core.sketching.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets import arrays
 from srt3d_ros.datasets.options import SensorOptions, gathered, outside_note, redescribed
 from srt3d_ros.datasets.values import MAX_PHOTONS
 from srt3d_ros.errors import quoted, require
 from srt3d_ros.progress import compiling
-from srt3d_ros.results import Cloud, Reconstructor, Sketch
 
 NAME = "arrays"
 
@@ -131,7 +133,7 @@ class Photons:
             made, = stream.push(self.frame)
         outside = stream.counts.photons_dropped["gate"]
         notes = outside_note(outside, self.photons, found.first, found.last) if found else ()
-        return Sketch(**vars(made), notes=self.notes + notes)
+        return replace(made, notes=self.notes + notes)
 
     def reconstruct(self, *, method: str = DEFAULT_METHOD, sketch_size: int | None = None,
                     frequencies: str | Sequence[int] | None = None, gate: str | tuple[int, int] = OFF,
@@ -159,8 +161,7 @@ class Photons:
             started, used = time.perf_counter(), chosen.frequencies if frequencies is None else frequencies
             sketch = self.sketch(sketch_size, frequencies=used, gate=gate)
             sketch_ms = round((time.perf_counter() - started) * 1e3, 3)
-            cloud = sketch.reconstruct(**own)
-            return replace(cloud, facts=cloud.facts | {"sketch_ms": sketch_ms})
+            return replace(sketch.reconstruct(**own), sketch_ms=sketch_ms)
         for name, value in (("sketch_size", sketch_size), ("frequencies", frequencies)):
             require(value is None, name, value, f"nothing: {method} makes no sketch")
         found = design_for(self.sensor, gate, "consecutive", frame=self.frame).gate

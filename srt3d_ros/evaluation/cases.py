@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from srt3d_ros import datasets
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
@@ -43,14 +43,14 @@ class Observation:
     complete: bool = False
     held_out: PhotonEvents | None = None
 
-    def true_cloud(self, sensor: SensorModel) -> PointCloud | None:
+    def true_cloud(self, sensor: SensorModel) -> Cloud | None:
         """The cloud of a perfect reconstruction; None without any reference."""
         if self.depth_bins is None:
             return None
         depth = np.swapaxes(self.depth_bins, 0, 1)
         intensity = 1.0 if self.intensity is None else np.swapaxes(self.intensity, 0, 1)
-        return PointCloud.from_layers(sensor, depth, np.where(np.isfinite(depth), intensity, 0),
-                                      np.zeros((sensor.rows, sensor.cols)), 0)
+        return Cloud.from_layers(sensor, depth, np.where(np.isfinite(depth), intensity, 0),
+                                 np.zeros((sensor.rows, sensor.cols)), 0)
 
 
 @dataclass(frozen=True, eq=False)

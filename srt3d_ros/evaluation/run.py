@@ -9,7 +9,7 @@ import numpy as np
 from tqdm import tqdm
 
 from srt3d_ros import __version__
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.methods import Method
 from srt3d_ros.core.metrics import evaluate, median_offset
 from srt3d_ros.datasets.photons import Photons
@@ -54,7 +54,7 @@ class Outcome(NamedTuple):
     """What came of a job: its cloud, and its row of the results."""
 
     job: Job
-    cloud: PointCloud
+    cloud: Cloud
     row: dict
 
 
@@ -93,15 +93,15 @@ def judged(job: Job, observation: Observation) -> Outcome:
     return Outcome(job, cloud, row)
 
 
-def reconstruct(job: Job, observation: Observation) -> tuple[PointCloud, dict]:
+def reconstruct(job: Job, observation: Observation) -> tuple[Cloud, dict]:
     """A job's cloud, and the frequencies and times (milliseconds) of its reconstruction."""
     method, sensor = job.method, job.case.sensor
     cloud = Photons(sensor, observation.frame).reconstruct(method=method.name, sketch_size=job.sketch_size,
                                                            surfaces=job.case.surfaces)
-    return cloud, {name: cloud.facts[name] or None for name in ("frequencies", "sketch_ms", "reconstruct_ms")}
+    return cloud, {name: getattr(cloud, name) or None for name in ("frequencies", "sketch_ms", "reconstruct_ms")}
 
 
-def judge(cloud: PointCloud, case: Case, observation: Observation) -> dict:
+def judge(cloud: Cloud, case: Case, observation: Observation) -> dict:
     """The columns of the results that compare a cloud with the truth."""
     num_bins = case.sensor.num_bins
     reference, counted, offsets = aligned_reference(cloud, case, observation)
@@ -115,7 +115,7 @@ def judge(cloud: PointCloud, case: Case, observation: Observation) -> dict:
             "offset_bins": offsets or None}
 
 
-def aligned_reference(cloud: PointCloud, case: Case, observation: Observation):
+def aligned_reference(cloud: Cloud, case: Case, observation: Observation):
     """The references with `case.aligned` shifted by their median offset from the cloud; which count; the offsets.
 
     An aligned reference counts only where photons confirm it; points far from it do not count for its offset.

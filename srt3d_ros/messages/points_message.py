@@ -1,15 +1,15 @@
-"""`points`: PointCloud ⇄ PointCloud2 (msg_schemas/points.json)."""
+"""`points`: Cloud ⇄ PointCloud2 (msg_schemas/points.json)."""
 
 import numpy as np
 
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages.packing import pack_cloud, unpack_cloud
 from srt3d_ros.messages.schema_files import cloud_layouts
 
 
-def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: SensorModel | None = None
+def encode_cdr(cloud: Cloud, frame_id: str, layout: str = "xyzi", sensor: SensorModel | None = None
                ) -> bytes:
     """The serialised message of a cloud.
 

@@ -88,7 +88,7 @@ def decode(cloud: cdr.Cloud, sensor: SensorModel) -> Sketch:
     parts *= photons[..., None].astype(np.float32)
     cycles = int(_named(cloud, CYCLES, "cycles", "0"))
     before = points["before"].astype(np.uint32) if gated else None
-    return Sketch(frequencies, parts.view(np.complex64), photons, cloud.header.stamp_ns, sensor, cycles, before)
+    return Sketch(frequencies, parts.view(np.complex64), photons, cloud.header.stamp_ns, cycles, before, sensor=sensor)
 
 
 def decode_counts_cdr(raw: bytes) -> tuple[cdr.Header, tuple[int, ...], np.ndarray]:

@@ -7,11 +7,12 @@ import numpy as np
 from std_msgs.msg import String
 
 from srt3d_ros.core import precompile
-from srt3d_ros.core.cloud import SURFACE_ORDERS
+from srt3d_ros.core.cloud import SURFACE_ORDERS, Cloud
 from srt3d_ros.core.devices import DEVICES, kernels_for
 from srt3d_ros.core.method.background import BACKGROUNDS
 from srt3d_ros.core.method.pile_up import SATURATED, saturated
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
+from srt3d_ros.core.reconstructor import Reconstructor
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.core.thresholds import DEFAULT_FALSE_ALARM_RATE, MAX_FALSE_ALARM_RATE, MAX_SURFACES
@@ -26,7 +27,6 @@ from srt3d_ros.nodes.parameters import Parameter, Value
 from srt3d_ros.nodes.sketch_queue import QueuedSketch, SketchQueue
 from srt3d_ros.nodes.topics import NodeSpec
 from srt3d_ros.nodes.worker import Dropped
-from srt3d_ros.results import Cloud, Reconstructor
 
 PARAMETERS = (
     Parameter("method", DEFAULT_METHOD, "How to reconstruct. " + "; ".join(
@@ -180,9 +180,9 @@ class ReconstructorNode(PipelineNode):
         reconstructor = self._reconstructor(queued.digest, sketch)
         seen = reconstructor(sketch)
         self._warn_of_saturation(sketch)
-        light = seen.background.sum() + seen.intensity.sum() if sketch.cycles else seen.facts["photons"]
+        light = seen.background.sum() + seen.intensity.sum() if sketch.cycles else seen.photons
         share = float(seen.background.sum()) / max(light, 1)
-        self.diagnostics.show(reconstruct_ms=f"{seen.facts['reconstruct_ms']:.2f}", background_share=f"{share:.3f}",
+        self.diagnostics.show(reconstruct_ms=f"{seen.reconstruct_ms:.2f}", background_share=f"{share:.3f}",
                               background_unevenness=f"{reconstructor.uneven_background:.4f}")
         self._publish(seen, sketch, queued.message.header.frame_id or sensor.frame_id)
 
@@ -216,7 +216,7 @@ class ReconstructorNode(PipelineNode):
         data = points_message.encode_cdr(cloud, frame_id, settings["fields"], sketch.sensor)
         self.publish_frame(self._points, data, cloud.stamp_ns)
         self.diagnostics.count(points=len(cloud), points_out_of_range=len(seen) - len(cloud),
-                               photons=seen.facts["photons"])
+                               photons=seen.photons)
         self._newest = sketch
         try:
             self._publish_images(cloud, sketch.sensor, frame_id)

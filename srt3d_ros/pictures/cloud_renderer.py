@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.pictures.colours import BACKGROUND, levels, percentile_range, range_table
 from srt3d_ros.pictures.viewpoint import Viewpoint, point_radius_m
@@ -34,7 +34,7 @@ class CloudStyle:
     radius_m: float
 
     @classmethod
-    def of(cls, cloud: PointCloud, sensor: SensorModel) -> "CloudStyle":
+    def of(cls, cloud: Cloud, sensor: SensorModel) -> "CloudStyle":
         """The style that suits a cloud."""
         near_m, far_m = (percentile_range(np.linalg.norm(cloud.xyz, axis=1), 1, 99)
                          or sensor.range_m(np.array([0, sensor.num_bins])))
@@ -47,13 +47,13 @@ class CloudStyle:
         colour[(range_m < self.near_m - 0.2 * span_m) | (range_m > self.far_m + 0.2 * span_m)] = _OUTSIDE
         return colour
 
-    def shaded(self, cloud: PointCloud) -> np.ndarray:
+    def shaded(self, cloud: Cloud) -> np.ndarray:
         """Colours of a cloud's points by range, darker where the intensity is low, uint8 [N, 3]."""
         low, high = percentile_range(cloud.intensity) or (0, 1)
         bright = levels(cloud.intensity, low, high, root=True)[:, None] / np.float32(255)
         return (self.colour(cloud.xyz) * (0.7 + 0.3 * bright)).astype(np.uint8)
 
-    def draw(self, cloud: PointCloud, eye: Viewpoint, width: int, height: int) -> np.ndarray:
+    def draw(self, cloud: Cloud, eye: Viewpoint, width: int, height: int) -> np.ndarray:
         """A cloud seen from `eye`, uint8 [height, width, 3]."""
         return draw_surface(cloud.xyz, self.shaded(cloud), eye, width, height, self.radius_m, BACKGROUND, finer=2)
 

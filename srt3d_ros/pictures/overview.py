@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.files.new_files import file_errors
@@ -26,7 +26,7 @@ _SPARSE = 0.4                                   # photons per picture element be
 _MOST_PHOTONS = 1_000_000                       # drawn; of more, an even sample
 
 
-def draw_overview(path, cloud: PointCloud, sensor: SensorModel, photons: PhotonEvents | None, title: str,
+def draw_overview(path, cloud: Cloud, sensor: SensorModel, photons: PhotonEvents | None, title: str,
                   figures: dict) -> None:
     """Write a .png: photons, cloud and depth map side by side, with the same colours of the range.
 

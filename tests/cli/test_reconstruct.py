@@ -62,9 +62,13 @@ def reconstruct(photons, tmp_path, srt3d):
 def test_it_is_the_reconstruction_of_the_library(reconstruct, photons, options, given):
     facts, out = reconstruct(*options)
     cloud = srt3d_ros.reconstruct(photons[0], **given)
-    others = {"output", "sketch_ms", "reconstruct_ms"}
-    assert {name: facts[name] for name in facts.keys() - others} == {
-        name: cloud.facts[name] for name in cloud.facts.keys() - others}
+    assert list(facts) == ["method", "surfaces", "device", "rows", "cols", "num_bins", "photons", "sketch_size",
+                           "frequencies", "points", "sketch_ms", "reconstruct_ms", "output"]
+    for name in ("method", "surfaces", "device", "photons"):
+        assert facts[name] == getattr(cloud, name), name
+    assert facts["frequencies"] == list(cloud.frequencies) and facts["sketch_size"] == (len(cloud.frequencies) or None)
+    assert [facts[name] for name in ("rows", "cols", "num_bins", "points")] == [
+        cloud.sensor.rows, cloud.sensor.cols, cloud.sensor.num_bins, len(cloud)]
     assert facts["output"] == str(out) and facts["reconstruct_ms"] > 0 and facts["points"] > 100
     with np.load(out, allow_pickle=False) as file:
         for name in ("row", "col", "depth_bins", "intensity", "depth_std_bins", "xyz", "background"):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
@@ -41,7 +41,7 @@ def exact(sensor: SensorModel, depth_bins: np.ndarray, signal=20.0, frequencies=
     spectrum = irf_spectrum(sensor, frequencies)
     response = spectrum if spectrum.ndim == 1 else spectrum.reshape(turned.shape)
     sums = (gain * signal)[..., None] * response * turned
-    return Sketch(frequencies, sums.astype(np.complex64), np.rint(gain * signal).astype(np.uint32), 3)
+    return Sketch(frequencies, sums.astype(np.complex64), np.rint(gain * signal).astype(np.uint32), 3, sensor=sensor)
 
 
 def background_alone(sensor: SensorModel, ppp: float, seed: int = 0) -> PhotonEvents:
@@ -62,7 +62,7 @@ def with_photons(frame: PhotonEvents, pixel: np.ndarray, toa) -> PhotonEvents:
     return PhotonEvents(np.append(frame.pixel, pixel.astype(np.uint32)), np.append(frame.toa, toa))
 
 
-def reconstruct(name: str, frame: PhotonFrame, sensor: SensorModel, frequencies, **options) -> PointCloud:
+def reconstruct(name: str, frame: PhotonFrame, sensor: SensorModel, frequencies, **options) -> Cloud:
     """The cloud of photons by the method of this name, by way of their sketch if it needs no more."""
     method = METHODS[name].build(sensor, frequencies, **options)
     return method(sketch_photons(frame, sensor, frequencies) if METHODS[name].needs == "sketch" else frame)

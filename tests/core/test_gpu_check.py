@@ -9,11 +9,11 @@ from srt3d_ros.core import gpu_check
 from srt3d_ros.core.baselines import sketched
 from srt3d_ros.core.method import memory
 from srt3d_ros.core.method.memory import PooledStream
+from srt3d_ros.core.reconstructor import Reconstructor
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.kernels import cpu
 from srt3d_ros.kernels import torch as oracle
-from srt3d_ros.results import Reconstructor
 from tests.core.scenes import make_sensor
 
 SENSOR = make_sensor(12, 17)

@@ -6,7 +6,7 @@ import pytest
 from srt3d_ros.core.matched_frame import WEAKEST_PASSBAND, Matcher
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum
-from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch
 from srt3d_ros.errors import InvalidInput
 from tests.core import scenes
 
@@ -84,15 +84,15 @@ def test_what_a_pixels_irf_does_not_pass_is_not_blown_up():
     shapes[5] = 1                                       # sees every time alike: no signal passes
     sensor = make(irf=shapes)
     noise = Sketch(FREQUENCIES, np.full((ROWS, COLS, len(FREQUENCIES)), 10, np.complex64),
-                   np.full((ROWS, COLS), 100, np.uint32))
+                   np.full((ROWS, COLS), 100, np.uint32), sensor=sensor)
     seen = np.abs(complex_matched(Matcher(sensor, FREQUENCIES)(noise)))
     assert (seen[1, 1] <= 10 * np.sqrt(frame_energy(sensor)) / WEAKEST_PASSBAND).all()
 
 
 @pytest.mark.parametrize(("sketch", "named"), [
-    (Sketch((1, 2, 5, 9, 15), np.zeros((ROWS, COLS, 5), np.complex64), np.zeros((ROWS, COLS), np.uint32)),
+    (noise_sketch(make(), (1, 2, 5, 9, 15)),
      r"sketch frequencies is \[1, 2, 5, 9, 15\]: expected \[1, 2, 5, 9, 14\]"),
-    (Sketch(FREQUENCIES, np.zeros((COLS, ROWS, 5), np.complex64), np.zeros((COLS, ROWS), np.uint32)),
+    (noise_sketch(make(rows=COLS, cols=ROWS), FREQUENCIES),
      r"sketch size is \(4, 3\): expected rows × cols = \(3, 4\)")])
 def test_a_sketch_of_another_sensor_is_refused(sketch, named):
     with pytest.raises(InvalidInput, match=f"^{named}"):

@@ -3,22 +3,23 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.metrics import circular_difference, evaluate, median_offset
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput
 
 T = 100
 NAN = np.nan
 
 
-def cloud(*points: tuple) -> PointCloud:
+def cloud(*points: tuple) -> Cloud:
     """Points (row, col, depth[, intensity[, standard deviation]]) of an image."""
     full = np.array([(*point, *(1.0, 1.0)[len(point) - 3:]) for point in points]).reshape(-1, 5)
     row, col, depth, intensity, std = full.T
     n = len(points)
-    return PointCloud(row.astype(np.uint16), col.astype(np.uint16), depth.astype(np.float32),
-                      intensity.astype(np.float32), std.astype(np.float32), np.zeros((n, 3), np.float32),
-                      np.zeros(n, np.uint8), np.zeros((2, 3), np.float32))
+    return Cloud(row.astype(np.uint16), col.astype(np.uint16), depth.astype(np.float32),
+                 intensity.astype(np.float32), std.astype(np.float32), np.zeros((n, 3), np.float32),
+                 np.zeros(n, np.uint8), np.zeros((2, 3), np.float32), sensor=SensorModel(2, 3, T, 1e-10, [1.0]))
 
 
 def test_points_within_the_tolerance_are_true_and_the_others_false():

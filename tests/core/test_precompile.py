@@ -9,6 +9,7 @@ import numpy as np
 from srt3d_ros.core import precompile
 from srt3d_ros.core.motion.deskew import Deskewer
 from srt3d_ros.core.motion.trajectory import Pose, Trajectory
+from srt3d_ros.core.reconstructor import Reconstructor
 from srt3d_ros.core.sensor.model import GateWords
 from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.core.sketching.frame_sketcher import Sketcher
@@ -16,7 +17,6 @@ from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates
 from srt3d_ros.kernels.cpu import OTHER_METHODS
 from srt3d_ros.kernels.cpu.compiling import KERNELS
 from srt3d_ros.messages import gates_message, photons_message, sketch_message
-from srt3d_ros.results import Reconstructor
 from tests.core.scenes import make_sensor, ramp, simulate
 
 FREQUENCIES = (1, 2, 3, 5, 8)

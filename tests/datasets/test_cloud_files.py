@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ PLY_TYPES = {"float": "<f4", "uchar": "u1"}
 def saved(tmp_path, ball):
     """Save the ball under a name, return the path."""
     def save(name, cloud=ball[0]):
-        cloud_files.save(cloud, tmp_path / name, frequencies=FREQUENCIES, sensor=ball[1])
+        cloud_files.save(replace(cloud, frequencies=FREQUENCIES), tmp_path / name)
         return tmp_path / name
     return save
 
@@ -45,10 +46,10 @@ def test_npz_holds_every_field_with_its_type(saved, ball):
         assert (file["toa_offset_bins"], file["stamp_ns"]) == (100, 1_234_567_890)
 
 
-def test_a_frame_that_a_message_names_cannot_end_the_header(ball, tmp_path):
+def test_a_frame_that_a_message_names_cannot_end_the_header(saved, ball):
     (cloud, sensor), frame_id = ball, "rig\nelement vertex 1\nend_header\r\x1b\ud800"
-    cloud_files.save(cloud, tmp_path / "cloud.ply", frequencies=FREQUENCIES, sensor=sensor.replace(frame_id=frame_id))
-    assert len(read_ply(tmp_path / "cloud.ply")) == len(cloud)
+    path = saved("cloud.ply", replace(cloud, sensor=sensor.replace(frame_id=frame_id)))
+    assert len(read_ply(path)) == len(cloud)
 
 
 def test_ply_holds_the_points_and_their_colours(saved, ball):

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 import torch
 
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.devices import on_device
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.metrics import circular_difference
@@ -99,7 +99,7 @@ def make_sketch(sensor: SensorModel, seed: int, light: float = 1.0) -> Sketch:
         photons = photons + lit
     dead = rng.random(x.shape) < 0.1
     sums[dead], photons[dead] = 0, 0
-    return Sketch(frequencies, sums.astype(np.complex64), photons.astype(np.uint32))
+    return Sketch(frequencies, sums.astype(np.complex64), photons.astype(np.uint32), sensor=sensor)
 
 
 def layers(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -159,7 +159,8 @@ def exact_frame(depth: np.ndarray, signal: np.ndarray, background: float) -> Mat
     phase = np.exp(1j * angular_frequencies(frequencies, T) * depth[..., None])
     sums = irf_spectrum(sensor, frequencies) * (signal[..., None] * phase).sum(axis=0)
     photons = np.rint(signal.sum(axis=0) + background)
-    return Matcher(sensor, frequencies)(Sketch(frequencies, sums.astype(np.complex64), photons.astype(np.uint32)))
+    sketch = Sketch(frequencies, sums.astype(np.complex64), photons.astype(np.uint32), sensor=sensor)
+    return Matcher(sensor, frequencies)(sketch)
 
 
 def exact_state(depth: np.ndarray, intensity: np.ndarray) -> np.ndarray:
@@ -190,7 +191,7 @@ def assert_states_agree(fast: np.ndarray, slow: np.ndarray, shape: tuple[int, in
     assert here.sum() >= points and wrong.sum() <= here.sum() * SHARE_AT_TIES, np.argwhere(wrong)
 
 
-def assert_clouds_agree(one: PointCloud, other: PointCloud, surfaces: int, points: int):
+def assert_clouds_agree(one: Cloud, other: Cloud, surfaces: int, points: int):
     """But for ties."""
     for k in range(surfaces):
         depth = [cloud.image("depth_bins", k) for cloud in (one, other)]

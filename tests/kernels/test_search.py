@@ -49,7 +49,7 @@ def test_match_finds_the_highest_peak_wherever_it_lies(backend, size):
     depth = np.linspace(0, T, 600, endpoint=False)[None]
     frequencies = choose("auto", sensor, size)
     sums = 40 * irf_spectrum(sensor, frequencies) * np.exp(1j * angular_frequencies(frequencies, T) * depth[..., None])
-    sketch = Sketch(frequencies, sums.astype(np.complex64), np.full((1, 600), 40, np.uint32))
+    sketch = Sketch(frequencies, sums.astype(np.complex64), np.full((1, 600), 40, np.uint32), sensor=sensor)
     frame = Matcher(sensor, frequencies)(sketch)
     found, intensity = backend.match(frame, 1)
     # The parabola through a band-limited peak sampled 4 times a period: a small part of the peak's width.

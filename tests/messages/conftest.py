@@ -10,7 +10,7 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Image, PointCloud2
 
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
@@ -69,11 +69,11 @@ WORDS[0, 1] = 65_535
 SKETCH = Sketch(FREQUENCIES, np.array([1, 1j, -1, 0.5 - 0.5j] * 6, np.complex64).reshape(3, 4, 2) * np.float32(2),
                 np.full((3, 4), 2, np.uint32), STAMP_NS, sensor=SENSOR)
 SKETCH.photons[0, 0], SKETCH.sums[0, 0] = 0, 0
-CLOUD = PointCloud(row=np.array([0, 2], np.uint16), col=np.array([1, 3], np.uint16),
-                   depth_bins=np.array([10, 20.5], np.float32), intensity=np.array([3, 0.25], np.float32),
-                   depth_std_bins=np.array([1, 2], np.float32), xyz=np.array([[1, 2, 3], [-4, 5, 6]], np.float32),
-                   surface=np.array([0, 1], np.uint8), background=np.arange(12, dtype=np.float32).reshape(3, 4),
-                   stamp_ns=STAMP_NS)
+CLOUD = Cloud(row=np.array([0, 2], np.uint16), col=np.array([1, 3], np.uint16),
+              depth_bins=np.array([10, 20.5], np.float32), intensity=np.array([3, 0.25], np.float32),
+              depth_std_bins=np.array([1, 2], np.float32), xyz=np.array([[1, 2, 3], [-4, 5, 6]], np.float32),
+              surface=np.array([0, 1], np.uint8), background=np.arange(12, dtype=np.float32).reshape(3, 4),
+              stamp_ns=STAMP_NS, sensor=SENSOR)
 IMAGE = np.array([[1, np.nan], [0.5, -2], [3, 4]], np.float32)
 
 

@@ -29,7 +29,8 @@ def random_sketch(seed: int, rows: int, cols: int, m: int) -> tuple[Sketch, Sens
     seen = np.arange(4) < photons[..., None, None]
     frequencies = tuple(rng.permutation(np.arange(1, 50))[:m].tolist())
     sums = (np.exp(1j * phases) * seen).sum(axis=-1).astype(np.complex64)
-    return Sketch(frequencies, sums, photons, seed), SensorModel(rows, cols, 100, 1e-10, np.ones(3))
+    sensor = SensorModel(rows, cols, 100, 1e-10, np.ones(3))
+    return Sketch(frequencies, sums, photons, seed, sensor=sensor), sensor
 
 
 @settings(max_examples=100, deadline=None)

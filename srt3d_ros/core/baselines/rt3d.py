@@ -17,7 +17,7 @@ import numpy as np
 
 from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, without_faint
 from srt3d_ros.core.baselines.xcorr import XCORR, by_pixel
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.devices import kernels_for
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame
@@ -61,7 +61,7 @@ class RT3D:
         self._slope[:, 1:-1] = (irf[:, 2:] - irf[:, :-2]) / 2
         self._width_bins = _rms_width(self._irf.mean(axis=0))
 
-    def __call__(self, frame: PhotonFrame) -> PointCloud:
+    def __call__(self, frame: PhotonFrame) -> Cloud:
         """The point cloud of one frame."""
         sensor, photons, kernels = self.sensor, by_pixel(frame, self.sensor), self._kernels
         depth, intensity, background = self._start.peaks(photons)
@@ -76,7 +76,7 @@ class RT3D:
 
         scale = depth_scale_bins(sensor, kernels.median_depth(depth, intensity), self._width_bins)
         depth, intensity = plug_and_play(kernels, step, depth, intensity, seen, scale, sensor.num_bins)
-        return PointCloud.from_layers(sensor, depth, intensity, background * seen * sensor.num_bins, frame.stamp_ns)
+        return Cloud.from_layers(sensor, depth, intensity, background * seen * sensor.num_bins, frame.stamp_ns)
 
     def _likelihood(self, photons: PhotonEvents, ratio: float) -> Likelihood:
         """The likelihood of some photons amid a background per bin of `ratio` times the signal."""

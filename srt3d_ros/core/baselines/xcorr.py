@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame
 from srt3d_ros.core.thresholds import check_surfaces
@@ -37,11 +37,11 @@ class XCORR:
         self._weights = np.log1p(irf / (FLOOR * irf.max(axis=1, keepdims=True)))    # 0 outside it
         self._body, self._whole = (_window(irf.mean(axis=0), share) for share in (BODY, WHOLE))
 
-    def __call__(self, frame: PhotonFrame) -> PointCloud:
+    def __call__(self, frame: PhotonFrame) -> Cloud:
         """The point cloud of one frame."""
         depth, intensity, background = self.peaks(by_pixel(frame, self.sensor))
         background = background * self.sensor.exposure * self.sensor.num_bins
-        return PointCloud.from_layers(self.sensor, depth, intensity, background, frame.stamp_ns)
+        return Cloud.from_layers(self.sensor, depth, intensity, background, frame.stamp_ns)
 
     def peaks(self, photons: PhotonEvents) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The K highest peaks of every pixel's histogram, correlated with the IRF, from what `by_pixel` gives.

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from srt3d_ros.core.cloud import Estimate
+from srt3d_ros.core.estimate import Estimate, Unexplained
 from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.sketching.frequencies import angular_frequencies
 from srt3d_ros.core.sketching.sketch import Sketch
@@ -83,11 +83,11 @@ class Background:
         photons = sketch.photons if current.photons is None else current.photons
         return photons.astype(np.float32), current.mean.astype(np.complex64), self._clutter(current.mean)
 
-    def starts(self, sketch: Sketch) -> tuple[BackgroundEstimate, ...]:
-        """Two starts for a candidate, because each fails once: what the last cloud left, and all photons.
+    def candidates(self, sketch: Sketch) -> tuple[BackgroundEstimate, ...]:
+        """Uneven backgrounds to try on a frame: what the last cloud left, and the mean of all photons.
 
-        The first misses fog that was fitted as a surface; the second misses a wall that fills the view. None without a
-        candidate, or if both are as sharp as a surface.
+        Two, because each fails once: the first misses fog that was fitted as a surface; the second misses a wall that
+        fills the view. None unless the last frame was significantly uneven, or if both are as sharp as a surface.
         """
         candidate = self.current.candidate
         if candidate is None:
@@ -96,8 +96,8 @@ class Background:
         adds = (np.conj(passed) * self._matcher.equaliser * sketch.sums).sum(axis=(0, 1))
         weights = (np.abs(passed)**2 * used[..., None]).sum(axis=(0, 1))
         everything = BackgroundEstimate(adds / np.maximum(weights, TINY))
-        starts = BackgroundEstimate(candidate, self.current.photons), everything
-        return tuple(start for start in starts if not self._is_sharp(start.mean))
+        candidates = BackgroundEstimate(candidate, self.current.photons), everything
+        return tuple(each for each in candidates if not self._is_sharp(each.mean))
 
     def _is_sharp(self, mean: np.ndarray) -> bool:
         """Whether it has as much in the upper half of the frequencies as surfaces have."""
@@ -107,15 +107,14 @@ class Background:
     def learn(self, before: BackgroundEstimate, frame: Estimate) -> None:
         """Make the next frame's background that of this frame, corrected by what its points leave."""
         if not self.is_even:
-            self.current = self._corrected(before, frame)
+            self.current = self._corrected(before, frame.unexplained, frame.rest)
 
-    def _corrected(self, before: BackgroundEstimate, frame: Estimate) -> BackgroundEstimate:
-        m, sums, photons = len(self._omega), frame.left, frame.rest
-        left, seen = (sums[2 * m * k:][:m] + 1j * sums[2 * m * k + m:][:m] for k in (0, 1))
-        own, taken, noise = np.maximum(sums[4 * m:4 * m + 3].astype(np.float64), TINY)
-        mean = np.zeros(m) if before.mean is None else before.mean
-        uneven = left / np.maximum(self._matcher.energy, TINY) + taken * mean
-        chi2 = (np.abs(uneven)**2 / (noise + np.abs(WRONG_IRF * seen)**2)).mean()
+    def _corrected(self, before: BackgroundEstimate, sums: Unexplained, photons: np.ndarray) -> BackgroundEstimate:
+        """The background with the mean that the sums show, or an even one; `photons` are those left by the points."""
+        own, taken, noise = (np.maximum(number, TINY) for number in (sums.own, sums.taken, sums.noise))
+        mean = np.zeros(len(sums.left)) if before.mean is None else before.mean
+        uneven = sums.left / np.maximum(self._matcher.energy, TINY) + taken * mean
+        chi2 = (np.abs(uneven)**2 / (noise + np.abs(WRONG_IRF * sums.seen)**2)).mean()
         shown = uneven / own
         shown = shown / np.maximum(np.abs(shown), 1)        # no longer than 1, as a mean of unit vectors
         if before.mean is None:

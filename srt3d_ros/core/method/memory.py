@@ -5,8 +5,9 @@ from functools import cached_property
 
 import numpy as np
 
-from srt3d_ros.core.cloud import Estimate, PointCloud
+from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.devices import kernels_for
+from srt3d_ros.core.estimate import Estimate
 from srt3d_ros.core.gpu_check import device_for
 from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.method.background import PASSES, Background, BackgroundEstimate
@@ -53,71 +54,80 @@ class PooledStream:
         self._pooled = Pooled(self._matcher, surfaces, false_alarm_rate, self._kernels, not self._background.is_even)
         self._warm_start, self._surfaces, self._is_first = warm_start, None, True
 
-    def __call__(self, sketch: Sketch) -> PointCloud:
+    def __call__(self, sketch: Sketch) -> Cloud:
         """The point cloud of one frame's sketch.
 
-        A first frame is reconstructed as often as its background takes to settle, at most PASSES times. Each frame
-        takes a step towards its background, for the next ones; one that begins to take an uneven background out is
-        reconstructed from two starts, and the better is kept. Where the laser cycles are known, pile-up is corrected; a
-        first frame then says how much of the light is background, and is reconstructed again.
+        Where the laser cycles are known, pile-up is corrected. A first frame is then reconstructed twice: its first
+        cloud says how much of the light is background.
         """
         self._matcher.check(sketch)
         if not sketch.cycles:
-            return PointCloud.of(self._settled(sketch), sketch)
+            return self._cloud(sketch)
         if self._is_first:
             self._pile_up.forget()
             self._without_pile_up(sketch)
             self.forget()
         return self._without_pile_up(sketch)
 
-    def _without_pile_up(self, sketch: Sketch) -> PointCloud:
-        found = self._settled(self._pile_up.without_decay(sketch))
-        return self._pile_up.corrected(PointCloud.of(found, sketch), sketch)
+    def _without_pile_up(self, sketch: Sketch) -> Cloud:
+        return self._pile_up.corrected(self._cloud(self._pile_up.without_decay(sketch)), sketch)
 
-    def _settled(self, sketch: Sketch) -> Estimate:
-        """The estimate of a frame, of a first one with its background settled."""
-        passes, start = PASSES if self._is_first else 1, self._surfaces
+    def _cloud(self, sketch: Sketch) -> Cloud:
+        """The cloud of a frame; a first one is repeated until its background has converged, at most PASSES times."""
+        passes, start = (PASSES, None) if self._is_first else (1, self._surfaces)
         self._is_first = False
-        found = self._pass(sketch, start)
-        while passes > 1 and not self._background.current.converged:
-            passes -= 1
-            found = self._pass(sketch)
-            if self._background.current.mean is None:        # no start is a background
+        found = self._estimate(sketch, start)
+        for _ in range(passes - 1):
+            if self._background.current.converged:
                 break
-        return found
+            found = self._estimate(sketch)
+            if self._background.current.mean is None:       # the candidates explain the frame no better
+                break
+        return Cloud.of(found, self.sensor, sketch.stamp_ns)
 
-    def _pass(self, sketch: Sketch, start: np.ndarray | None = None) -> Estimate:
-        """The estimate of least misfit; the surfaces and the background of the next frame become what it shows."""
-        starts = self._background.starts(sketch)
-        if starts and self.surfaces > 1:        # further surfaces would take the background for themselves
-            self._single.forget()
-            self._single.allow(self.false_alarm_rate)
-            self._single(sketch)
-            even = self._single.uneven_background == 0
-            starts = starts[:1] if even else (self._single._background.current,)
-        if starts:
-            tried = [(self._estimate(sketch, None, background), background) for background in starts]
-            found, background = min(tried, key=lambda one: one[0].misfit)
+    def _estimate(self, sketch: Sketch, start: np.ndarray | None = None) -> Estimate:
+        """The estimate of least misfit. Surfaces and background of the next frame become what it shows."""
+        candidates = self._candidates(sketch)
+        if candidates:
+            tried = [(self._with_background(each, sketch), each) for each in candidates]
+            found, background = min(tried, key=lambda one: one[0].unexplained.misfit)
         else:
             background = self._background.current
-            found = self._estimate(sketch, start, background)
+            found = self._with_background(background, sketch, start)
         self._surfaces = found.state
         self._background.learn(background, found)
         return found
+
+    def _with_background(self, background: BackgroundEstimate, sketch: Sketch, start: np.ndarray | None = None
+                         ) -> Estimate:
+        """The estimate with a background. For a warm start its state is copied: the next call overwrites it."""
+        found = self._pooled(sketch, start, self._background.taken(background, sketch))
+        return found._replace(state=deepcopy(found.state) if self._warm_start else None)
+
+    def _candidates(self, sketch: Sketch) -> tuple[BackgroundEstimate, ...]:
+        """The backgrounds to try on a frame that seems to have an uneven one; none if the current one is used."""
+        candidates = self._background.candidates(sketch)
+        if not candidates or self.surfaces == 1:
+            return candidates
+        # Further surfaces would be fitted to the background, so one surface a pixel decides on it.
+        settled = self._one_surface.background_of(sketch, self.false_alarm_rate)
+        return candidates[:1] if settled.mean is None else (settled,)
+
+    def background_of(self, sketch: Sketch, false_alarm_rate: float) -> BackgroundEstimate:
+        """The background that a first frame converges to."""
+        self.forget()
+        self.allow(false_alarm_rate)
+        self._cloud(sketch)
+        return self._background.current
 
     @cached_property
     def _pile_up(self) -> PileUp:
         return PileUp(self._matcher)
 
     @cached_property
-    def _single(self) -> "PooledStream":
+    def _one_surface(self) -> "PooledStream":
         """The same with one surface a pixel."""
         return PooledStream(self.sensor, self._matcher.frequencies, 1, self.false_alarm_rate, self.device)
-
-    def _estimate(self, sketch: Sketch, start: np.ndarray | None, background: BackgroundEstimate) -> Estimate:
-        """The estimate with a background; its state is kept for a warm start alone."""
-        found = self._pooled(sketch, start, self._background.taken(background, sketch))
-        return found._replace(state=deepcopy(found.state) if self._warm_start else None)
 
     @property
     def uneven_background(self) -> float:
@@ -155,7 +165,7 @@ class PooledStream:
             if self._warm_start:
                 self._pooled(sketch, deepcopy(found.state), background)
         if self.surfaces > 1 and not self._background.is_even:
-            self._single.warm_up()
+            self._one_surface.warm_up()
 
 
 def _check_rate(false_alarm_rate: float) -> None:

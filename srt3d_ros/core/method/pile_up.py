@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.devices import kernels_for
 from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.sensor.model import SensorModel
@@ -62,7 +62,7 @@ class PileUp:
         taken = share * sketch.photons[..., None] * decay
         return replace(sketch, sums=(sketch.sums - taken).astype(np.complex64), cycles=0)
 
-    def corrected(self, cloud: PointCloud, sketch: Sketch) -> PointCloud:
+    def corrected(self, cloud: Cloud, sketch: Sketch) -> Cloud:
         """The cloud with intensities N λ, local means of N b, depths moved back, and std with the error of λ."""
         sensor, flux, at = self._sensor, _flux(sketch), (cloud.row, cloud.col)
         signal, background, error = self._fluxes(cloud, sketch, flux[at])
@@ -82,7 +82,7 @@ class PileUp:
                        depth_std_bins=np.hypot(cloud.depth_std_bins, error).astype(np.float32),
                        background=finalise.background(self._kernels, left, exposure))
 
-    def _fluxes(self, cloud: PointCloud, sketch: Sketch, flux: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _fluxes(self, cloud: Cloud, sketch: Sketch, flux: np.ndarray) -> tuple[np.ndarray, ...]:
         """λ of each point, b of its pixel, which has Λ in `flux`, and the standard deviation of λ, float64 [N] each."""
         sensor, at = self._sensor, (cloud.row, cloud.col)
         cycles, place = np.maximum(sketch.armed_cycles[at], 1), (np.cumsum(cloud.surface == 0) - 1, cloud.surface)

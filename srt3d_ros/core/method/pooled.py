@@ -14,7 +14,7 @@ from math import ceil
 
 import numpy as np
 
-from srt3d_ros.core.cloud import Estimate
+from srt3d_ros.core.estimate import Estimate, Unexplained
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.core.thresholds import continuation_threshold, score_threshold
@@ -65,7 +65,8 @@ class Pooled:
         """
         photons, kernels = sketch.photons.astype(np.float32), self._kernels
         state, left, rest, background, *points = self._run(photons, sketch.sums, start, self._enough, *background)
-        return Estimate(state, *map(kernels.numpy, (left, rest, background)), *kernels.unpack(*points))
+        unexplained = Unexplained.unpacked(kernels.numpy(left)) if self._explains else None
+        return Estimate(state, unexplained, kernels.numpy(rest), kernels.numpy(background), *kernels.unpack(*points))
 
     def _estimate(self, photons, sums, start, enough, background=None, mean=None, clutter=None) -> tuple:
         kernels, (weak, found, further, continued) = self._kernels, enough

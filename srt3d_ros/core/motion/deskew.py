@@ -80,8 +80,8 @@ class Deskewer:
         self.lost = max(came - round(float(photons.sum(dtype=np.float64))), 0)
         whole = np.minimum(np.floor(photons.astype(np.float64) + self._rounding), MAX_PHOTONS)
         sums *= self._phases(ranges) * (whole / np.maximum(photons, TINY)).astype(np.float32)[..., None]
-        return Sketch(self.frequencies, sums, whole.astype(np.uint32), to_ns, self.sensor,
-                      *added_cycles([sketch for _, sketch in parts]))
+        return Sketch(self.frequencies, sums, whole.astype(np.uint32), to_ns,
+                      *added_cycles([sketch for _, sketch in parts]), sensor=self.sensor)
 
     def ranges_m(self, parts: Parts) -> np.ndarray:
         """The range along each pixel's ray by the photons of it and its neighbours; float32 [rows, cols], metres."""

@@ -115,7 +115,7 @@ class Sketcher:
             longest = np.abs(sums).max(axis=1) * (1 - ROUNDING)
             photons = np.maximum(photons, np.ceil(longest).astype(np.uint32))
         return Sketch(self.frequencies, sums.reshape(rows, cols, m), photons.reshape(rows, cols), stamp_ns,
-                      self.sketch_sensor, 0 if self._subtracted else cycles, before)
+                      0 if self._subtracted else cycles, before, sensor=self.sketch_sensor)
 
     # ---- Forms of photons
 

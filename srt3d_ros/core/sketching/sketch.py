@@ -1,20 +1,26 @@
 """Sketch: what is kept of a frame's photons, and how sketches add."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import KW_ONLY, dataclass, replace
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from srt3d_ros.core.methods import DEFAULT_METHOD, SKETCH_METHODS, find
+from srt3d_ros.core.sensor.difference import first_difference
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.errors import require
+from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.kernels.constants import MAX_PHOTONS, MAX_SKETCH_SIZE
+
+if TYPE_CHECKING:
+    from srt3d_ros.core.cloud import Cloud
 
 
 def check_frequencies(frequencies: Sequence[int] | np.ndarray, num_bins: int) -> tuple[int, ...]:
     """The frequencies k_l as a tuple of different integers in [1, (T − 1) / 2], or InvalidInput.
 
-    k and T − k carry the same information (one is the other's conjugate), k = 0 none but the photon count.
+    k and T − k carry the same information (one is the other's conjugate); k = 0 carries the photon count only.
     """
     require(0 < len(frequencies) <= MAX_SKETCH_SIZE, "sketch size", len(frequencies),
             f"1 to {MAX_SKETCH_SIZE} frequencies")
@@ -26,61 +32,105 @@ def check_frequencies(frequencies: Sequence[int] | np.ndarray, num_bins: int) ->
     return tuple(int(k) for k in frequencies)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Sketch:
     """Per pixel, the sum over its photons of exp(i ω_l x_p), ω_l = 2π k_l / T, and their number.
 
-    The paper's sketch is the mean, z_l = sums_l / n (eq. 3). Sums of disjoint sets of photons add.
+    The paper's sketch is the mean, z_l = sums_l / n (eq. 3). Sketches of the same frequencies add. `sketch[10:40,
+    20:50]` is that of a window of pixels, with the sensor of these alone.
 
     Args:
         frequencies: the integers k_l.
         sums: complex64 [rows, cols, m].
         photons: uint32 [rows, cols], n; MAX_PHOTONS and the mean where there were more.
         stamp_ns: start of acquisition of the earliest photons; of a window, of its newest frame.
-        sensor: of the photons, behind the gate if there is one; None where it is not known.
         cycles: N, laser cycles that these photons are the first ones of; 0: not known, pile-up is not corrected.
         before: uint32 [rows, cols], photons that came before the gate, in cycles that were over with them; None: none.
+        sensor: of the photons, behind the gate if there is one.
+        notes: one line each for what was assumed, estimated or left out.
+
+    Raises:
+        InvalidInput: naming the argument that cannot be used.
     """
 
     frequencies: tuple[int, ...]
     sums: np.ndarray
     photons: np.ndarray
     stamp_ns: int = 0
-    sensor: SensorModel | None = None
     cycles: int = 0
     before: np.ndarray | None = None
+    _: KW_ONLY
+    sensor: SensorModel
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        require(self.sums.ndim == 3 and self.sums.shape[2] == len(self.frequencies), "sketch shape", self.sums.shape,
-                f"[rows, cols, {len(self.frequencies)}]")
-        require(self.photons.shape == self.sums.shape[:2], "photons shape", self.photons.shape,
-                f"[rows, cols] = {self.sums.shape[:2]}")
+        require(isinstance(self.sensor, SensorModel), "sensor", type(self.sensor).__name__, "a Sensor")
+        frequencies = check_frequencies(as_array("frequencies", self.frequencies, 1, "iuf"), self.sensor.num_bins)
+        sums, photons = as_array("sums", self.sums, 3, "c"), as_array("photons", self.photons, 2, "iuf")
+        if photons.dtype != np.uint32:
+            whole = ((photons >= 0) & (photons < 2**32) & (photons == np.floor(photons))).all()
+            require(bool(whole), "photons", "negative or fractional in places", "whole numbers")
+        pixels = self.sensor.rows, self.sensor.cols
+        require(photons.shape == pixels, "photons shape", photons.shape, f"{pixels}, the sensor's pixels")
+        require(sums.shape == (*pixels, len(frequencies)), "sums shape", sums.shape,
+                f"[rows, cols, {len(frequencies)}], rows and cols as of photons")
+        for name, value in (("frequencies", frequencies), ("sums", sums.astype(np.complex64, copy=False)),
+                            ("photons", photons.astype(np.uint32, copy=False))):
+            object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        (rows, cols, m), notes = self.sums.shape, f"; {len(self.notes)} notes" if self.notes else ""
+        return f"Sketch of {self.photons.sum():,} photons, {m} numbers in each of {rows} × {cols} pixels{notes}"
 
     @property
     def z(self) -> np.ndarray:
         """The paper's sketch, sums / n; complex64 [rows, cols, m], 0 where a pixel saw no photon."""
         each = 1 / np.maximum(self.photons, 1)[..., None].astype(np.float32)
-        # as real numbers: complex ones take four times as long to divide
+        # real numbers, because complex ones take four times as long to divide
         return (np.ascontiguousarray(self.sums).view(np.float32) * each).view(np.complex64)
 
     @property
     def armed_cycles(self) -> np.ndarray:
-        """Of the cycles, those in which a pixel could still see a photon in the sketch's bins; float64 [rows, cols]."""
+        """Cycles in which a pixel could still see a photon in the sketch's bins; float64 [rows, cols]."""
         before = np.zeros(self.photons.shape) if self.before is None else self.before
         return np.maximum(self.cycles - before, self.photons).astype(np.float64)
 
     def __add__(self, other: "Sketch") -> Self:
-        """The sketch of both sets of photons; InvalidInput unless frequencies and size agree."""
+        """The sketch of both sets of photons; InvalidInput unless frequencies and sensor are the same."""
         require(self.frequencies == other.frequencies, "frequencies", other.frequencies,
                 f"the same as {self.frequencies}")
-        require(self.photons.shape == other.photons.shape, "sketch size", other.photons.shape,
-                f"the same as {self.photons.shape}")
+        if not self.sensor.same_as(other.sensor):
+            difference = first_difference(self.sensor, other.sensor)
+            which = "{} {} and {}".format(*difference) if difference else "by rounding"
+            raise InvalidInput("sensor", problem=f"Cannot add sketches of different sensors ({which}).")
         sums, photons = self.sums + other.sums, self.photons.astype(np.uint64) + other.photons
         if photons.max(initial=0) > MAX_PHOTONS:
             sums = sums * (MAX_PHOTONS / np.maximum(photons, MAX_PHOTONS))[..., None].astype(np.float32)
         cycles, before = added_cycles((self, other))
         return replace(self, sums=sums, photons=np.minimum(photons, MAX_PHOTONS).astype(np.uint32),
                        stamp_ns=min(self.stamp_ns, other.stamp_ns), cycles=cycles, before=before)
+
+    def __radd__(self, nothing: int) -> Self:
+        """So that sum() adds sketches, which begins with 0."""
+        return self if nothing == 0 else NotImplemented
+
+    def __getitem__(self, pixels: slice | tuple[slice, slice]) -> Self:
+        """The sketch of a window of pixels; InvalidInput if none is in it."""
+        rows, cols = pixels if isinstance(pixels, tuple) and len(pixels) == 2 else (pixels, slice(None))
+        return replace(self, sums=self.sums[rows, cols], photons=self.photons[rows, cols],
+                       before=None if self.before is None else self.before[rows, cols],
+                       sensor=self.sensor.cropped(rows, cols))
+
+    def reconstruct(self, *, method: str = DEFAULT_METHOD, surfaces: int = 1, device: str = "auto",
+                    false_alarm_rate: float | None = None, background: str | None = None) -> "Cloud":
+        """The point cloud; arguments as of `Photons.reconstruct`, of a method on sketches."""
+        wanted = f"one that takes sketches: {', '.join(SKETCH_METHODS)}"
+        require(find(method).needs == "sketch", "method", method, wanted)
+        # loaded by name: the reconstructor imports Sketch
+        reconstructor = import_module("srt3d_ros.core.reconstructor").Reconstructor(
+            self.sensor, self.frequencies, method=method, surfaces=surfaces, device=device,
+            false_alarm_rate=false_alarm_rate, background=background)
+        return reconstructor(self)
 
 
 def added_cycles(sketches: Sequence[Sketch]) -> tuple[int, np.ndarray | None]:
@@ -94,4 +144,16 @@ def noise_sketch(sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:
     """A sketch that shows nothing."""
     rng = np.random.default_rng(0)
     sums = rng.normal(size=(sensor.rows, sensor.cols, len(frequencies), 2)).astype(np.float32)
-    return Sketch(frequencies, sums.view(np.complex64)[..., 0], np.full((sensor.rows, sensor.cols), 9, np.uint32))
+    photons = np.full((sensor.rows, sensor.cols), 9, np.uint32)
+    return Sketch(frequencies, sums.view(np.complex64)[..., 0], photons, sensor=sensor)
+
+
+def as_array(name: str, values: Any, sides: int, kinds: str) -> np.ndarray:
+    """Values as an array of so many dimensions, its dtype of one of these kinds; InvalidInput for others."""
+    expected = f"an array of {sides} dimensions of {'complex ' if kinds == 'c' else ''}numbers"
+    try:
+        found = np.asarray(values)
+    except ValueError:          # lists of different lengths
+        raise InvalidInput(name, type(values).__name__, expected) from None
+    require(found.ndim == sides and found.dtype.kind in kinds, name, f"{found.dtype} {found.shape}", expected)
+    return found

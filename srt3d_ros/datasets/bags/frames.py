@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from srt3d_ros.core.sketching.photon_frame import PhotonGates
+from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.datasets.bags.bag import Bag, BagTopic
 from srt3d_ros.datasets.options import ASSUMED_FOV, sketch_with_options
 from srt3d_ros.datasets.photons import Photons
@@ -13,7 +14,6 @@ from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.files import json_text
 from srt3d_ros.messages import cdr, sensor_message, sketch_message
 from srt3d_ros.messages.photon_frames import CODECS
-from srt3d_ros.results import Sketch
 
 CLOUD, IMAGE, TEXT = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Image", "std_msgs/msg/String"
 PHOTON_FIELDS = {"row", "col", "toa"}
@@ -87,7 +87,7 @@ def read_frame(path: str | Path, number: int, options: dict, photons_topic: str 
     sensor = sensor_message.decode_cdr(description)
     if topics.output == "sketch":
         found = sketch_message.decode_cdr(raw, sensor)[1]
-        return sketch_with_options(Sketch(**vars(found) | {"sensor": sensor}), options)
+        return sketch_with_options(found, options)
     photons = CODECS[topics.output].decode_cdr(raw, sensor)[1]
     if isinstance(photons, PhotonGates):
         sensor, photons = photons.counted(sensor), photons.to_events(sensor)

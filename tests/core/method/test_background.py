@@ -57,7 +57,7 @@ def test_nothing_is_left_of_the_expected_background(shape, changes):
     omega = 2 * np.pi * np.array(frequencies) / T
     one = np.exp(1j * np.outer(omega, BINS)) @ sensor.background_shape.astype(np.float64)
     sums = (50 * one * np.exp(1j * omega * late[..., None])).astype(np.complex64)
-    sketch = Sketch(frequencies, sums, np.full((8, 12), 50, np.uint32))
+    sketch = Sketch(frequencies, sums, np.full((8, 12), 50, np.uint32), sensor=sensor)
     matcher = Matcher(sensor, frequencies)
     background = Background(matcher, "sensor")
     photons, mean, clutter = background.taken(background.current, sketch)

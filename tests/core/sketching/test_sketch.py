@@ -5,15 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import MAX_PHOTONS, MAX_SKETCH_SIZE, Sketch, check_frequencies
 from srt3d_ros.errors import InvalidInput
 
 
-def make(rows=2, cols=3, frequencies=(1, 4), seed=0, stamp_ns=0) -> Sketch:
+def sensor(rows: int, cols: int, bin_width_s: float = 1e-10) -> SensorModel:
+    return SensorModel(rows, cols, 100, bin_width_s, [1.0])
+
+
+def make(rows=2, cols=3, frequencies=(1, 4), seed=0, stamp_ns=0, **changes) -> Sketch:
     rng = np.random.default_rng(seed)
     photons = rng.integers(0, 9, (rows, cols)).astype(np.uint32)
     phases = np.exp(1j * rng.uniform(0, 6, (rows, cols, len(frequencies))))
-    return Sketch(frequencies, (photons[..., None] * phases).astype(np.complex64), photons, stamp_ns)
+    return Sketch(frequencies, (photons[..., None] * phases).astype(np.complex64), photons, stamp_ns,
+                  sensor=sensor(rows, cols, **changes))
 
 
 @pytest.mark.parametrize(("frequencies", "named"), [
@@ -33,7 +39,8 @@ def test_the_highest_frequency_has_more_than_two_bins_a_turn(num_bins, most):
 
 
 def test_z_is_the_mean_over_the_photons_and_0_without_any():
-    sketch = Sketch((1, 2), np.array([[[4, 2j], [1, 1j], [0, 0]]], np.complex64), np.array([[4, 1, 0]], np.uint32))
+    sketch = Sketch((1, 2), np.array([[[4, 2j], [1, 1j], [0, 0]]], np.complex64), np.array([[4, 1, 0]], np.uint32),
+                    sensor=sensor(1, 3))
     assert sketch.z.dtype == np.complex64
     np.testing.assert_allclose(sketch.z, [[[1, 0.5j], [1, 1j], [0, 0]]])
 
@@ -57,22 +64,24 @@ def test_cycles_and_photons_before_a_gate_add_and_are_unknown_if_one_of_them_is(
 
 @pytest.mark.parametrize(("changes", "named"), [
     ({"frequencies": (1, 5)}, r"frequencies is \(1, 5\): expected the same as \(1, 4\)"),
-    ({"rows": 1}, r"sketch size is \(1, 3\): expected the same as \(2, 3\)")])
-def test_sketches_of_other_frequencies_or_sizes_do_not_add(changes, named):
+    ({"rows": 1}, r"Cannot add sketches of different sensors \(rows 2 and 1\)\."),
+    ({"bin_width_s": 1e-9}, r"Cannot add sketches of different sensors \(bin_width_s 1e-10 and 1e-09\)\.")])
+def test_sketches_of_other_frequencies_or_sensors_do_not_add(changes, named):
     with pytest.raises(InvalidInput, match=f"^{named}"):
         make() + make(**changes)
 
 
 def test_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean():
     photons = np.full((2, 2), 3_000_000_000, np.uint32)
-    sketch = Sketch((1,), ((0.6 + 0.8j) * photons[..., None]).astype(np.complex64), photons)
+    sketch = Sketch((1,), ((0.6 + 0.8j) * photons[..., None]).astype(np.complex64), photons, sensor=sensor(2, 2))
     total = sketch + sketch
     assert (total.photons == MAX_PHOTONS).all() and total.photons.dtype == np.uint32
     np.testing.assert_allclose(total.z, 0.6 + 0.8j, rtol=1e-6)
 
 
 @pytest.mark.parametrize(("sums", "photons", "named"), [
-    ((2, 3, 3), (2, 3), "sketch shape"), ((6, 2), (2, 3), "sketch shape"), ((2, 3, 2), (3, 2), "photons shape")])
+    ((2, 3, 3), (2, 3), "sums shape"), ((6, 2), (2, 3), "sums is"), ((2, 3, 2), (3, 2), "photons shape"),
+    ((3, 2, 2), (2, 3), "sums shape")])
 def test_shapes_that_disagree_are_refused(sums, photons, named):
     with pytest.raises(InvalidInput, match=f"^{named}"):
-        Sketch((1, 4), np.zeros(sums, np.complex64), np.zeros(photons, np.uint32))
+        Sketch((1, 4), np.zeros(sums, np.complex64), np.zeros(photons, np.uint32), sensor=sensor(2, 3))

@@ -1,0 +1,107 @@
+"""Reconstructor: clouds of the frames of one sensor by any method, on a GPU or, if that fails, on the CPU."""
+
+import logging
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from numbers import Real
+
+import numpy as np
+
+from srt3d_ros.core.cloud import Cloud
+from srt3d_ros.core.methods import DEFAULT_METHOD, find
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photon_frame import PhotonFrame
+from srt3d_ros.core.sketching.sketch import Sketch, as_array
+from srt3d_ros.errors import quoted, require
+from srt3d_ros.progress import compiling
+
+
+class Reconstructor:
+    """Reconstructs frames of one sensor, one after the other; `pooled` keeps a memory of them and of the background.
+
+    Args:
+        sensor: of the sketches, behind the gate if there is one.
+        frequencies: the integers k_l of the sketches; methods on photons need none.
+        method, surfaces, device, false_alarm_rate, background: as of `Photons.reconstruct`.
+        warm_start: begin with the last frame's surfaces where this one's photons support them (pooled).
+
+    Attributes:
+        device: "cpu" or "cuda", where it computes.
+        why: the reason, for people to read.
+
+    Raises:
+        InvalidInput: naming the argument that cannot be used.
+    """
+
+    def __init__(self, sensor: SensorModel, frequencies: Sequence[int] = (), *, method: str = DEFAULT_METHOD,
+                 surfaces: int = 1, device: str = "auto", false_alarm_rate: float | None = None,
+                 background: str | None = None, warm_start: bool = False):
+        require(isinstance(sensor, SensorModel), "sensor", type(sensor).__name__, "a Sensor")
+        require(false_alarm_rate is None or isinstance(false_alarm_rate, Real), "false_alarm_rate",
+                quoted(false_alarm_rate), "a probability")
+        self._frequencies = tuple(as_array("frequencies", frequencies, 1, "iuf").tolist())
+        options = {"surfaces": surfaces, "device": device, "false_alarm_rate": false_alarm_rate,
+                   "background": background, "warm_start": warm_start or None}
+        self._build = partial(find(method).build, sensor, self._frequencies,
+                              **{name: value for name, value in options.items() if value is not None})
+        self._name, self._surfaces, self._is_warm = method, surfaces, False
+        try:
+            self._method = self._build()
+        except RuntimeError as error:
+            self._fall_back(error)
+        else:
+            self.device = getattr(self._method, "device", "cpu")
+            self.why = getattr(self._method, "why", f"{method} runs on the CPU")
+
+    def __call__(self, seen: Sketch | PhotonFrame) -> Cloud:
+        """The cloud of a frame: of its sketch, or of the photons for a method on photons."""
+        wanted = Sketch if self._frequencies else PhotonFrame
+        require(isinstance(seen, wanted), "seen", type(seen).__name__,
+                "a Sketch" if self._frequencies else "a frame of photons (Photons.frame)")
+        self.warm_up()
+        started = time.perf_counter()
+        cloud = self._or_on_the_cpu(lambda: self._method(seen))
+        elapsed_ms = round((time.perf_counter() - started) * 1e3, 3)
+        return replace(cloud, notes=getattr(seen, "notes", ()), method=self._name, surfaces=self._surfaces,
+                       device=self.device, photons=int(np.sum(seen.photons)), reconstruct_ms=elapsed_ms,
+                       frequencies=seen.frequencies if self._frequencies else ())
+
+    @property
+    def uneven_background(self) -> float:
+        """How uneven the background of the next frame is taken to be (pooled); 0 if flat."""
+        return getattr(self._method, "uneven_background", 0.0)
+
+    def allow(self, false_alarm_rate: float) -> None:
+        """Use this false alarm rate from the next frame on (pooled)."""
+        self._build.keywords["false_alarm_rate"] = false_alarm_rate
+        self._method.allow(false_alarm_rate)
+
+    def forget(self) -> None:
+        """Begin the next frame as if it were the first."""
+        if hasattr(self._method, "forget"):
+            self._method.forget()
+
+    def warm_up(self) -> None:
+        """Compile what is not compiled yet, so that it does not count as time of a frame."""
+        if not self._is_warm:
+            with compiling():
+                self._or_on_the_cpu(lambda: self._method.warm_up())
+            self._is_warm = True
+
+    def _or_on_the_cpu(self, task: Callable):
+        """What a task returns; if a GPU fails in it, the CPU does it, and all that follows."""
+        try:
+            return task()
+        except RuntimeError as error:           # torch's: no memory, a kernel that failed, or does not compile
+            if self.device != "cuda":
+                raise
+            self._fall_back(error)
+            self._method.warm_up()
+            return task()
+
+    def _fall_back(self, error: RuntimeError) -> None:
+        self.device, self.why = "cpu", f"the GPU failed: {str(error).partition(chr(10))[0]}"
+        logging.getLogger(__name__).warning(f"{self.why}: computing on the CPU from now on")
+        self._method = self._build(device="cpu")
