@@ -94,7 +94,7 @@ def test_npy_cubes_of_any_type_and_order(tmp_path):
 @pytest.mark.parametrize(("array", "options", "said"), [
     (CUBE[0, 0], {"bin_width_s": 1e-10}, "a.npy counts is uint16"),
     (CUBE, {"bin_width_s": 1e-10, "rows": 5}, "rows is 5: expected 6"),
-    (np.full((2, 2, 9), np.nan), {"bin_width_s": 1e-10}, "a.npy counts is beyond")])
+    (np.full((2, 2, 9), np.nan), {"bin_width_s": 1e-10}, "a.npy: counts holds values beyond")])
 def test_what_cannot_be_used_is_said_in_one_line(tmp_path, array, options, said):
     np.save(tmp_path / "a.npy", array)
     with pytest.raises(InvalidInput) as refused:

@@ -110,7 +110,7 @@ def test_a_file_that_is_cut_off_or_of_matlab_7_3_is_refused(tmp_path):
     with pytest.raises(InvalidInput, match="^some name.mat is unreadable"):
         read(path, irf=IRF)
     path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(400))
-    with pytest.raises(InvalidInput, match="^some name.mat is unreadable .*: expected a MATLAB 5 .mat file"):
+    with pytest.raises(InvalidInput, match="^some name.mat is unreadable .*: expected a complete MATLAB 5 .mat file"):
         read(path, irf=IRF)
 
 

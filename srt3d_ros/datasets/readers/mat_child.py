@@ -1,4 +1,4 @@
-"""The process in which SciPy reads a .mat file: a damaged one may end it. A script, without anything of srt3d_ros."""
+"""Read a .mat file with SciPy in a process of its own, which a damaged file may kill. Imports nothing of srt3d_ros."""
 
 import json
 import resource
@@ -9,11 +9,14 @@ from pathlib import Path
 import numpy as np
 from scipy.io import loadmat, whosmat
 
-ALIGNMENT = 64      # bytes, of the arrays in the file that the caller maps
+ALIGNMENT = 64      # bytes, of each array in the file that the caller maps
 
 
 def main(path: str, file: str, most: str, *names: str) -> None:
-    """Write `variables` to an open file, with no more than `most` bytes for them, and what is where to stdout."""
+    """Write the arrays of `variables` to the open file descriptor `file`, and where they lie to stdout as JSON.
+
+    Memory is limited to `most` bytes more than the process has.
+    """
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
     limit = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + int(most)
@@ -30,15 +33,15 @@ def main(path: str, file: str, most: str, *names: str) -> None:
 
 
 def variables(path: str | Path, names: tuple[str, ...]) -> tuple[dict[str, np.ndarray], str]:
-    """The arrays of these names, and that of three dimensions if there is one; and all that there are, in words.
+    """The arrays of these names, and the only array of three dimensions; and a text that lists all arrays.
 
-    Of cells, what is in them one after the other, and NAME.lengths [rows, cols]. Of sparse arrays, the numbers that are
-    not 0, and NAME.row, NAME.col and NAME.shape.
+    Cells become NAME, their contents one after the other, and NAME.lengths [rows, cols]. Sparse arrays become NAME, the
+    numbers that are not 0, with NAME.row, NAME.col and NAME.shape.
     """
     warnings.simplefilter("ignore")
     try:
-        shapes = whosmat(path)      # before any values
-    except TypeError:               # at objects of classes, which loadmat leaves out
+        shapes = whosmat(path)      # reads no values
+    except TypeError:               # on objects of classes, which loadmat leaves out
         content = loadmat(path)
         shapes = [(name, one.shape, one.dtype) for name, one in content.items() if hasattr(one, "dtype")]
     else:
