@@ -88,5 +88,5 @@ def open_sensor(path: str | Path) -> SensorModel:
     require_file(path, "sensor file")
     with read_errors(path, "JSON in UTF-8"):
         size = path.stat().st_size
-        require(size <= json_text.MAX_BYTES, "", f"{size} bytes", f"at most {json_text.MAX_BYTES} bytes")
+        require(size <= json_text.MAX_JSON_BYTES, "", f"{size} bytes", f"at most {json_text.MAX_JSON_BYTES} bytes")
         return sensor_message.from_json(path.read_text(encoding="utf-8-sig"))

@@ -1,4 +1,4 @@
-"""Arrays in memory → a frame of photons and its sensor: row, col and ToA of each photon, or counts."""
+"""Turn arrays in memory (row, col and ToA of each photon, or counts) into a frame of photons and its sensor."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -17,18 +17,18 @@ from srt3d_ros.datasets.options import (
     refuse_channel,
     says_geometry,
 )
-from srt3d_ros.datasets.values import array, check_within, sendable
+from srt3d_ros.datasets.values import array, sendable
 from srt3d_ros.errors import InvalidInput, quoted, require
 
-MAX_KEPT = 2**24            # photons of a sample, 100 MB; of files, fewer become events
+MAX_KEPT = 2**24            # photons in a sample, 100 MB; files with fewer become events
 Described = tuple[SensorModel, PhotonEvents | PhotonHistograms, tuple[str, ...]]     # and notes
 
 
 def from_events(row: Any, col: Any, toa: Any, stamp_ns: int, options: dict) -> Described:
-    """The photons of one entry each; arguments as of `Photons.from_events`, options of `gathered`."""
-    row, col, toa = (array(name, values) for name, values in (("row", row), ("col", col), ("toa", toa)))
+    """Photons with one entry each; arguments as for `Photons.from_events`, options from `gathered`."""
+    row, col, toa = array("row", row), array("col", col), array("toa", toa)
     fits = row.ndim == 1 and row.shape == col.shape == toa.shape
-    require(fits, "row, col and toa shapes", f"{row.shape}, {col.shape}, {toa.shape}", "the same [N], one a photon")
+    require(fits, "row, col and toa shapes", f"{row.shape}, {col.shape}, {toa.shape}", "one entry a photon in each")
     require(isinstance(stamp_ns, int | np.integer), "stamp_ns", quoted(stamp_ns), "nanoseconds, an integer")
     sensor, notes = sensor_of(options)
     pixel = _indices("row", row, sensor.rows) * np.uint32(sensor.cols) + _indices("col", col, sensor.cols)
@@ -36,25 +36,25 @@ def from_events(row: Any, col: Any, toa: Any, stamp_ns: int, options: dict) -> D
 
 
 def from_pixels(pixel: np.ndarray, toa: np.ndarray, stamp_ns: int, options: dict) -> Described:
-    """The photons of one entry each, by the index of their pixel."""
+    """Photons with one entry each, by the index of their pixel."""
     sensor, notes = sensor_of(options)
     events = PhotonEvents(_indices("pixel", pixel, sensor.pixels), _times(toa, sensor), stamp_ns)
     return complete(events, sensor, options, notes)
 
 
 def from_counts(counts: Any, stamp_ns: int, options: dict) -> Described:
-    """The photons of histograms; arguments as of `Photons.from_counts`, options of `gathered`."""
+    """Photons counted in bins; arguments as for `Photons.from_counts`, options from `gathered`."""
     counts = array("counts", counts)
     require(counts.ndim == 3, "counts", f"{counts.dtype} {counts.shape}", "numbers [rows, cols, bins]")
     histograms = PhotonHistograms(np.ascontiguousarray(sendable(counts)), stamp_ns)
-    sizes = dict(zip(("rows", "cols", "num_bins"), counts.shape))
-    if options.get("histograms") is not None:
-        del sizes["num_bins"]
+    sizes = {"rows": counts.shape[0], "cols": counts.shape[1]}
+    if options.get("histograms") is None:
+        sizes["num_bins"] = counts.shape[2]
     sensor, notes = sensor_of(sizes | options)
     try:
         histograms.check(sensor)
     except InvalidInput as error:
-        field = error.field.removesuffix(" count").replace("histograms", "counts")      # as the argument is called
+        field = error.field.removesuffix(" count").replace("histograms", "counts")      # the name of the argument
         raise InvalidInput(field, error.value, error.expected, error.problem) from None
     return complete(histograms, sensor, options, notes + few_bins_note(counts.shape))
 
@@ -69,12 +69,11 @@ def from_frame(frame: PhotonFrame, options: dict) -> Described:
 
 
 def sensor_of(options: Mapping[str, Any]) -> tuple[SensorModel, tuple[str, ...]]:
-    """The sensor that the options describe, with an IRF of one bin if they have none; and a note on its bin width."""
-    for name, expected in (("rows", "(rows, cols), or sensor"), ("cols", "(rows, cols), or sensor"),
-                           ("num_bins", "T, bins of a laser period, or sensor")):
-        require(name in options, "shape" if name != "num_bins" else name, "missing", expected)
+    """The sensor that the options describe, with an IRF of one bin if they have none; and the note on its bin width."""
+    require({"rows", "cols"} <= options.keys(), "shape", problem="Give shape=(rows, cols), or sensor.")
+    require("num_bins" in options, "num_bins", problem="Give num_bins, the bins of a laser period, or sensor.")
     refuse_channel(options)
-    require("irf" in options or "irf_ref" not in options, "irf_ref", options.get("irf_ref"), "irf beside it")
+    require("irf" in options or "irf_ref" not in options, "irf_ref", problem="irf_ref needs irf.")
     width_s = options.get("bin_width_s", BIN_OF_ONE_METRE_S)
     plain = SensorModel(options["rows"], options["cols"], options["num_bins"], width_s, np.ones(1))
     return described(plain, options), () if "bin_width_s" in options else (ASSUMED_WIDTH,)
@@ -82,9 +81,9 @@ def sensor_of(options: Mapping[str, Any]) -> tuple[SensorModel, tuple[str, ...]]
 
 def complete(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, options: Mapping[str, Any],
              notes: tuple[str, ...]) -> Described:
-    """The frame and its sensor with, if the options have none, the IRF that the photons show (`irf.estimate`)."""
+    """The sensor and frame, the IRF estimated from the photons if the options have none; and all notes."""
     if "irf" not in options:
-        require(sensor.histograms is None, "irf", "missing", "the impulse response, as wide as these bins make it")
+        require(sensor.histograms is None, "irf", problem="Give irf, widened by these bins: histograms cannot show it.")
         sample = sampled(frame.counts) if isinstance(frame, PhotonHistograms) else frame
         seen = sample if sensor.mask is None else sample.part(sensor.mask.reshape(-1)[sample.pixel])
         irf, note = irfs.estimated(seen, sensor.num_bins, options.get("guess_irf", False))
@@ -98,36 +97,45 @@ def are_whole(counts: np.ndarray) -> bool:
 
 
 def sampled(counts: np.ndarray) -> PhotonEvents:
-    """The photons of every n-th pixel of counts [rows, cols, bins], n the power of two for at most MAX_KEPT of them.
+    """The photons of every n-th pixel of counts [rows, cols, bins], n the power of two that leaves at most MAX_KEPT.
 
-    Of a single pixel with more some of them; negative counts are none.
+    A single pixel with more keeps MAX_KEPT of them. Negative counts become 0.
     """
     photons = np.concatenate([np.maximum(row, 0).sum(axis=1, dtype=np.float64) for row in counts])
-    step, counts = 1, counts.reshape(len(photons), -1)
-    while (most := photons[::step].sum()) > MAX_KEPT and step < len(photons):
+    step = 1
+    while (kept := photons[::step].sum()) > MAX_KEPT and step < len(photons):
         step *= 2
-    counts = counts[::step] if most <= MAX_KEPT else np.floor(counts[::step] * (MAX_KEPT / most))
-    pixel, toa = np.nonzero(counts)
-    times = np.rint(np.maximum(counts[pixel, toa], 0)).astype(np.int64)
+    sample = counts.reshape(len(photons), -1)[::step]
+    if kept > MAX_KEPT:
+        sample = np.floor(sample * (MAX_KEPT / kept))
+    pixel, toa = np.nonzero(sample)
+    times = np.rint(np.maximum(sample[pixel, toa], 0)).astype(np.int64)
     return PhotonEvents((step * pixel).astype(np.uint32).repeat(times), toa.astype(np.uint16).repeat(times))
 
 
 def _indices(name: str, values: np.ndarray, end: int) -> np.ndarray:
-    """Whole numbers from 0 to below `end`, as uint32."""
-    check_within(name, values, end)
+    """Whole numbers from 0 to below `end`, as uint32; InvalidInput if others."""
+    _check_within(name, values, end)
     whole = values.astype(np.uint32, copy=False)
-    odd = np.flatnonzero(whole != values)
-    require(len(odd) == 0, name, values[odd[:1]].tolist(), "whole numbers")
+    fractional = values[whole != values]
+    require(len(fractional) == 0, name, fractional[:1].tolist(), "whole numbers")
     return whole
 
 
 def _times(toa: np.ndarray, sensor: SensorModel) -> np.ndarray:
-    """ToA in bins, uint16 or float32."""
-    check_within("toa", toa, sensor.num_bins)
+    """ToA in bins, uint16 or float32; InvalidInput outside the sensor's bins."""
+    _check_within("toa", toa, sensor.num_bins)
     if toa.dtype.kind != "f":
         return toa.astype(np.uint16, copy=False)
     in_seconds = toa.size > 1 and toa.max() < 1 and toa.any()
-    require(not in_seconds, "toa", "below 1 everywhere", "times in bins: divide seconds by bin_width_s")
-    if (toa == np.floor(toa)).all():        # means the same, and is faster to sketch
+    require(not in_seconds, "toa", problem="All toa are below 1. They count bins: divide seconds by bin_width_s.")
+    if (toa == np.floor(toa)).all():        # integers are faster to sketch
         return toa.astype(np.uint16)
     return np.minimum(toa.astype(np.float32), np.nextafter(np.float32(sensor.num_bins), np.float32(0)))
+
+
+def _check_within(name: str, values: np.ndarray, end: int) -> None:
+    """Raise InvalidInput unless all values are 0 or more, and below `end`."""
+    if values.size:
+        low, high = values.min().item(), values.max().item()        # a NaN makes both NaN
+        require(0 <= low and high < end, name, low if high < end else high, f"0 to below {end}")

@@ -10,7 +10,6 @@ from srt3d_ros.core.sketching.gate import AUTO, Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.datasets.photons import Photons
 
-HALF = 0.5                  # of the peak, where an IRF's width is measured
 WORD_BYTES = 4              # of each real number of a sketch, and of the count beside them
 
 
@@ -57,7 +56,7 @@ def describe(photons: Photons) -> Description:
 def _irf_width_bins(sensor: SensorModel) -> float:
     """Full width at half maximum of the mean IRF, by linear interpolation."""
     mean = np.pad(np.atleast_2d(sensor.irf).mean(axis=0), 1)
-    peak, half = int(mean.argmax()), HALF * mean.max()
+    peak, half = int(mean.argmax()), 0.5 * mean.max()
     left = peak - int(np.argmax(mean[peak::-1] <= half))
     right = peak + int(np.argmax(mean[peak:] <= half))
     before = left + (half - mean[left]) / (mean[left + 1] - mean[left])

@@ -21,9 +21,9 @@ PHOTONS_USED = 100_000      # to estimate an IRF from
 FEWEST_PHOTONS = 3          # in a pixel, for it to tell anything about the IRF
 STANDS_OUT = 1.5            # how much denser than by chance clusters must be (scores; background alone: 0.98 to 1.03)
 SHIFTS = 16                 # depths tried on either side of a cluster's centre
-REACH = 10                  # half length that an estimated IRF may have, in widths of the clusters
+MOST_WIDTHS = 10                  # half length that an estimated IRF may have, in widths of the clusters
 ROUNDS = 8
-FLOOR = 1e-2                # likelihood of a stray photon, so that one outlier does not rule a depth out
+STRAY_LIKELIHOOD = 1e-2                # likelihood of a stray photon, so that one outlier does not rule a depth out
 KEEP_ABOVE = 0.003          # of the peak, where the response is cut
 
 
@@ -94,7 +94,7 @@ def estimate(events: PhotonEvents, num_bins: int) -> np.ndarray:
     by_chance = _clusters(pixel, anywhere[np.lexsort((anywhere, pixel))], num_bins)[2]
     require(score > STANDS_OUT * by_chance, "photons", "spread like background",
             "returns that stand out, to estimate the IRF from: give irf")
-    reach = min(REACH * width, (num_bins - 1) // 4)
+    reach = min(MOST_WIDTHS * width, (num_bins - 1) // 4)
     near = np.abs(toa - centre) <= reach
     pixel, lag = pixel[near], (toa - centre)[near]
     start = np.flatnonzero(np.diff(pixel, prepend=-1))
@@ -105,7 +105,7 @@ def estimate(events: PhotonEvents, num_bins: int) -> np.ndarray:
     at = lag[:, None] - shifts + middle                     # the IRF bin of each photon, for each shift of its pixel
     irf = np.exp(-0.5 * (np.arange(-middle, middle + 1) / (0.4 * width + 0.5)) ** 2)
     for _ in range(ROUNDS):
-        score = np.log(irf / irf.sum() + FLOOR / len(irf)).astype(np.float32)[at]
+        score = np.log(irf / irf.sum() + STRAY_LIKELIHOOD / len(irf)).astype(np.float32)[at]
         others = np.repeat(np.add.reduceat(score, start), counts, axis=0) - score
         votes = np.exp(others - others.max(axis=1, keepdims=True))
         votes /= votes.sum(axis=1, keepdims=True)

@@ -25,8 +25,8 @@ ASSUMED_WIDTH = "bin width taken to be 2 / 299792458 s: x, y and z count bins, n
 ASSUMED_FOV = (f"geometry taken to be a pinhole of {DEFAULT_FOV_DEG:g}° across the larger side: give fov_deg "
                "(--fov-deg), or the projection")
 ASSUMPTIONS = {"projection": "geometry ", "irf": "IRF ", "bin_width_s": "bin width "}     # how notes on them begin
-OF_SENSOR = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols"))
-DEFAULTS = {field.name: field.default for field in fields(SensorModel)}
+SENSOR_OPTIONS = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols"))
+SENSOR_DEFAULTS = {field.name: field.default for field in fields(SensorModel)}
 MAPS = ("gain", "delay_bins", "mask", "background_shape")
 
 
@@ -75,7 +75,7 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None) -> dic
     options = {}
     if sensor is not None:
         require(isinstance(sensor, SensorModel), "sensor", type(sensor).__name__, "a Sensor")
-        options = {name: getattr(sensor, name) for name in ("rows", "cols", *OF_SENSOR)}
+        options = {name: getattr(sensor, name) for name in ("rows", "cols", *SENSOR_OPTIONS)}
     if "shape" in given:
         shape = array("shape", given.pop("shape"))
         require(shape.shape == (2,), "shape", shape.tolist(), "(rows, cols)")
@@ -99,7 +99,7 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None) -> dic
 
 def described(sensor: SensorModel, options: Mapping[str, Any]) -> SensorModel:
     """The sensor with options in place of its own values; those that do not describe it are left out."""
-    changes = {name: options[name] for name in OF_SENSOR if name in options}
+    changes = {name: options[name] for name in SENSOR_OPTIONS if name in options}
     if "irf" in changes:        # irf_ref belongs to the one that is replaced
         changes = {"irf_ref": None} | changes
     if "fov_deg" in options:
@@ -118,7 +118,7 @@ def redescribed(sensor: SensorModel, notes: tuple[str, ...], options: Mapping[st
     refuse_channel(options)
     check_same({name: getattr(sensor, name) for name in fixed}, options)
     changed = described(sensor, options)
-    own, now = ({name: getattr(one, name) for name in OF_SENSOR} for one in (sensor, changed))
+    own, now = ({name: getattr(one, name) for name in SENSOR_OPTIONS} for one in (sensor, changed))
     for name, begin in ASSUMPTIONS.items():
         left = tuple(note for note in notes if not note.startswith(begin))
         given = says_geometry(options) if name == "projection" else name in options
@@ -146,7 +146,7 @@ def says_geometry(options: Mapping[str, Any]) -> bool:
 
 def replaced_note(own: Mapping[str, Any], now: Mapping[str, Any]) -> tuple[str, ...]:
     """The note on values of a file that others replace, if there are any."""
-    said = {name: value for name, value in own.items() if not _same(value, DEFAULTS.get(name))}
+    said = {name: value for name, value in own.items() if not _same(value, SENSOR_DEFAULTS.get(name))}
     names = [name for name in said if name in now and not _same(said[name], now[name])
              and not (name == "irf_ref" and "irf" in said and not _same(said["irf"], now.get("irf")))]
     return (f"as given, not as in the file: {', '.join(names)}",) if names else ()

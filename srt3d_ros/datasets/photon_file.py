@@ -15,20 +15,20 @@ from srt3d_ros.datasets.arrays import from_pixels
 from srt3d_ros.datasets.options import MAPS
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers import cubes
-from srt3d_ros.datasets.values import MAX_PHOTONS
+from srt3d_ros.datasets.values import MAX_EVENTS
 from srt3d_ros.errors import require
 from srt3d_ros.files.array_files import read_errors, read_npz_arrays
 from srt3d_ros.files.new_files import atomic_write, check_replaceable, file_errors
 from srt3d_ros.messages.cdr import MAX_FRAME_ID
 from srt3d_ros.messages.sensor_message import PROJECTIONS
 
-NUMBERS = ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m",
+SCALARS = ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m",
            "cycles")
-OWN = (*NUMBERS, "irf", *MAPS, "frame_id")                          # arguments of SensorModel
+SENSOR_FIELDS = (*SCALARS, "irf", *MAPS, "frame_id")                          # arguments of SensorModel
 FIRST_REFERENCES = ("ref_depth_ml_bins", "ref_depth_bins")      # the better one first
-MAX_SURFACES = 8
-OTHER_REFERENCES = tuple(f"ref_depth_bins_{k}" for k in range(2, MAX_SURFACES + 1))
-KNOWN = (*OWN, "pixel", "toa", "stamp_ns", *FIRST_REFERENCES, *OTHER_REFERENCES, "fov_deg", "projection",
+MAX_REFERENCES = 8
+OTHER_REFERENCES = tuple(f"ref_depth_bins_{k}" for k in range(2, MAX_REFERENCES + 1))
+KNOWN = (*SENSOR_FIELDS, "pixel", "toa", "stamp_ns", *FIRST_REFERENCES, *OTHER_REFERENCES, "fov_deg", "projection",
          "projection_values", "distortion", "gate_words")
 REQUIRED = ("pixel", "toa", "rows", "cols", "num_bins")
 
@@ -52,7 +52,7 @@ def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame,
     events = frame if isinstance(frame, PhotonEvents) else frame.to_events(sensor)
     events.check(sensor)
     projection = sensor.projection
-    arrays = {name: getattr(sensor, name) for name in OWN} | {
+    arrays = {name: getattr(sensor, name) for name in SENSOR_FIELDS} | {
         "pixel": events.pixel, "toa": events.toa, "stamp_ns": np.int64(events.stamp_ns),
         "projection": projection.kind, "projection_values": astuple(projection)[:4],
         "gate_words": sensor.gates and np.array(astuple(sensor.gates), np.uint16)}
@@ -61,9 +61,9 @@ def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame,
     if reference_depth_bins is not None:
         surfaces = np.asarray(reference_depth_bins, np.float32)
         surfaces = surfaces[None] if surfaces.ndim == 2 else surfaces
-        fits = surfaces.shape[1:] == (sensor.rows, sensor.cols) and 1 <= len(surfaces) <= MAX_SURFACES
+        fits = surfaces.shape[1:] == (sensor.rows, sensor.cols) and 1 <= len(surfaces) <= MAX_REFERENCES
         require(fits, "reference_depth_bins shape", np.shape(reference_depth_bins),
-                f"[S, {sensor.rows}, {sensor.cols}], S from 1 to {MAX_SURFACES}")
+                f"[S, {sensor.rows}, {sensor.cols}], S from 1 to {MAX_REFERENCES}")
         arrays |= dict(zip((FIRST_REFERENCES[-1], *OTHER_REFERENCES), surfaces))
     with file_errors("photon file", path), atomic_write(path) as part, part.open("wb") as file:
         np.savez_compressed(file, **{name: values for name, values in arrays.items() if values is not None})
@@ -79,12 +79,12 @@ def read(path: Path, options: dict) -> Photons:
     if not {"pixel", "toa"} & arrays.keys():
         return cubes.read_npz(path, options)
     with read_errors(path):
-        values = {name: options[name] for name in OWN if name in options}
+        values = {name: options[name] for name in SENSOR_FIELDS if name in options}
         values |= {name: _value_of(name, array) for name, array in arrays.items()}
         for name in REQUIRED:
             require(name in values, name, "missing", f"the arrays {', '.join(REQUIRED)}, or options")
         pixel, toa = values["pixel"], values["toa"]
-        require(pixel.size <= MAX_PHOTONS, "photons", pixel.size, f"at most {MAX_PHOTONS}")
+        require(pixel.size <= MAX_EVENTS, "photons", pixel.size, f"at most {MAX_EVENTS}")
         sensor, events, notes = from_pixels(pixel, toa, int(values.get("stamp_ns", 0)), _of_sensor(values))
         reference = _reference(values, sensor)
     return Photons(sensor, events, reference, path.stem, notes).with_options(options)
@@ -92,7 +92,7 @@ def read(path: Path, options: dict) -> Photons:
 
 def _of_sensor(values: dict) -> dict:
     """What a file says of its sensor, as options."""
-    given = {name: values[name] for name in (*OWN, "fov_deg") if name in values}
+    given = {name: values[name] for name in (*SENSOR_FIELDS, "fov_deg") if name in values}
     if "gate_words" in values:
         given["gates"] = GateWords(*map(int, _numbers_of(GateWords, "gate_words", values)))
     if "projection" in values:
@@ -135,7 +135,7 @@ def _value_of(name: str, array: np.ndarray) -> np.ndarray | float | str:
         require(bool((codes <= sys.maxunicode).all()), name, "not text in places", "Unicode characters")
         return str(array.item())
     require(array.dtype.kind in "iufb", f"{name} dtype", str(array.dtype), "numbers")
-    if name not in (*NUMBERS, "fov_deg", "stamp_ns"):
+    if name not in (*SCALARS, "fov_deg", "stamp_ns"):
         return array
     require(array.size == 1, f"{name} shape", array.shape, "one number")
     return array.item()

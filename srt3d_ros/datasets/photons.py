@@ -18,11 +18,11 @@ from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.core.sketching.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets import arrays
 from srt3d_ros.datasets.options import SensorOptions, gathered, outside_note, redescribed
-from srt3d_ros.datasets.values import MAX_PHOTONS
+from srt3d_ros.datasets.values import MAX_EVENTS
 from srt3d_ros.errors import quoted, require
 from srt3d_ros.progress import compiling
 
-NAME = "arrays"
+IN_MEMORY = "arrays"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -41,7 +41,7 @@ class Photons:
     sensor: SensorModel
     frame: PhotonEvents | PhotonHistograms
     reference_depth_bins: np.ndarray | None = None
-    name: str = NAME
+    name: str = IN_MEMORY
     notes: tuple[str, ...] = ()
 
     @classmethod
@@ -89,7 +89,7 @@ class Photons:
     def _in_memory(cls, describe, arguments: tuple, sensor: SensorModel | None, options: dict) -> Self:
         options = gathered(options, sensor)
         sensor, frame, notes = describe(*arguments, options)
-        photons = cls(sensor, frame, None, NAME, notes)
+        photons = cls(sensor, frame, None, IN_MEMORY, notes)
         return photons.gated(*options["gate"]) if "gate" in options else photons
 
     def __repr__(self) -> str:
@@ -107,7 +107,7 @@ class Photons:
         """The photons one by one; InvalidInput for too many, and for histograms of negative or fractional counts."""
         if isinstance(self.frame, PhotonEvents):
             return self.frame
-        require(self.photons <= MAX_PHOTONS, f"{self.name} photons", self.photons, f"at most {MAX_PHOTONS} one by one; "
+        require(self.photons <= MAX_EVENTS, f"{self.name} photons", self.photons, f"at most {MAX_EVENTS} one by one; "
                 "methods on sketches take any number")
         return self.frame.to_events(self.sensor)
 

@@ -15,7 +15,7 @@ from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.files.new_files import file_errors
 
 # Of all arrays that are read from a file: 12 bytes for each of the most photons, or half of a smaller machine's memory.
-MAX_BYTES = min(3 * 2**30, os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2)
+MAX_ARRAY_BYTES = min(3 * 2**30, os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2)
 MAX_MEMBERS = 1000
 MAX_SIDES = 8
 # What a reader raises where it trusts a damaged file: their texts speak of its code, not of the file.
@@ -72,7 +72,7 @@ def read_npz_arrays(path: Path, names: tuple[str, ...], field: str = "photon fil
         and_cubes: also the arrays of three dimensions, whatever they are called.
 
     Raises:
-        InvalidInput: not a zip file, truncated, an array of objects, or arrays of more than MAX_BYTES together.
+        InvalidInput: not a zip file, truncated, an array of objects, or arrays of more than MAX_ARRAY_BYTES together.
     """
     require_file(path, field)
     with path.open("rb") as file, read_errors(path):
@@ -100,7 +100,7 @@ def _arrays(archive: zipfile.ZipFile, names: tuple[str, ...], and_cubes: bool) -
             if name in names or len(shape) == 3:
                 chosen.append(name)
                 size += math.prod(shape) * dtype.itemsize
-    require(size <= MAX_BYTES, "size", f"{size} bytes", f"at most {MAX_BYTES} bytes of arrays (an .npy may have more)")
+    require(size <= MAX_ARRAY_BYTES, "size", f"{size} bytes", f"at most {MAX_ARRAY_BYTES}; an .npy may have more")
     arrays = {}
     for name in chosen:
         with archive.open(members[name]) as stream:
@@ -108,7 +108,7 @@ def _arrays(archive: zipfile.ZipFile, names: tuple[str, ...], and_cubes: bool) -
     return arrays
 
 
-def map_npy(path: Path, field: str, most: int = MAX_BYTES) -> np.ndarray:
+def map_npy(path: Path, field: str, most: int = MAX_ARRAY_BYTES) -> np.ndarray:
     """The array of an .npy file, mapped into memory; InvalidInput if it is none, or of more than `most` bytes."""
     with path.open("rb") as stream:
         shape, _ = npy_header(stream, path.stat().st_size, field, most)
@@ -116,7 +116,7 @@ def map_npy(path: Path, field: str, most: int = MAX_BYTES) -> np.ndarray:
     return np.load(path, mmap_mode="c", allow_pickle=False)
 
 
-def npy_header(stream: BinaryIO, file_size: int, field: str, most: int = MAX_BYTES) -> tuple[tuple, np.dtype]:
+def npy_header(stream: BinaryIO, file_size: int, field: str, most: int = MAX_ARRAY_BYTES) -> tuple[tuple, np.dtype]:
     """Shape and type of the array after a header with which the file's size agrees.
 
     Raises:

@@ -10,7 +10,7 @@ import numpy as np
 
 from srt3d_ros.errors import InvalidInput, quoted, require
 
-MAX_BYTES = 64 * 2**20
+MAX_JSON_BYTES = 64 * 2**20
 MAX_VALUES = 2**20              # outside base64: a parsed number takes 32 bytes, a key with its value 150
 MAX_KEYS = 1000                 # of an object: a schema is checked key by key, 7 s a million
 MAX_NUMBER = 1e300
@@ -28,7 +28,7 @@ def parse(text: str, what: str) -> dict:
     Raises:
         InvalidInput: over 64 MiB, a million values (base64 is one) or 1000 keys; broken, no object, NaN, a key twice.
     """
-    require(len(text) <= MAX_BYTES, what, f"{len(text)} bytes", f"at most {MAX_BYTES} bytes")
+    require(len(text) <= MAX_JSON_BYTES, what, f"{len(text)} bytes", f"at most {MAX_JSON_BYTES} bytes")
     values = sum(text.count(mark) for mark in ",[{")
     require(values <= MAX_VALUES, what, f"some {values} values", f"at most {MAX_VALUES}; write large arrays in base64")
     try:

@@ -54,7 +54,7 @@ def test_a_gate_and_a_longer_period_are_those_of_the_events(npy, events, monkeyp
     assert np.sort(found.events.toa).tolist() == np.sort(events.toa[inside] - 60).tolist()
     assert "lie outside the gate" in found.notes[0]
     assert read(npy, num_bins=300, **GIVEN).events.photons == events.photons
-    monkeypatch.setattr(photons, "MAX_PHOTONS", 3000)
+    monkeypatch.setattr(photons, "MAX_EVENTS", 3000)
     with pytest.raises(InvalidInput, match="cube photons is .*at most 3000 one by one"):
         found.reconstruct(method="xcorr")
 

@@ -33,7 +33,7 @@ GIGABYTES = {
     "b.npz": (b"PK\3\4", "b.npz is truncated or damaged", ""),
     "c.mat": (b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM", "c.mat is unreadable", ""),
     "d.mcap": (b"\x89MCAP0\r\n", "bag d.mcap is unreadable", ""),
-    "bag/metadata.yaml": (b"", "bag bag is with a metadata.yaml of 6442450944 bytes: expected at most 16777216", ""),
+    "bag/metadata.yaml": (b"", "bag bag: metadata.yaml has 6442450944 bytes, more than 16777216", ""),
     "e.db3": (b"SQLite format 3\0", "bag e.db3 is unreadable", ""),
     "g.npy": (b"", "g.npy counts is unreadable", ""),
     "i.ptu": (b"PQTTTR\0\0001.0.00\0\0", "i.ptu is unreadable", "ptufile")}
@@ -57,8 +57,8 @@ SMALL = {
                    "shape.json mask.shape is [1, 1"),
     "frame.json": (PLAIN + ',"frame_id":"%s"}' % ("a" * 30_000_000), "frame.json frame_id is \"aaa"),
     "lists.json.gz": (lambda: gzip.compress(b'{"Result_Set":[' + b"[]," * 2**23 + b"[]]}", 1),
-                      "lists.json.gz size is more than 1048576 lists and objects: expected a shorter log"),
-    "spaces.json.gz": (lambda: gzip.compress(b" " * 2**28, 1), "spaces.json.gz size is more than 201326592 bytes"),
+                      "lists.json.gz: The log has more than 1048576 lists and objects: split it"),
+    "spaces.json.gz": (lambda: gzip.compress(b" " * 2**28, 1), "spaces.json.gz: The log has more than 201326592 bytes"),
     "zstd.mcap": (lambda: mcap(2**29), "bag zstd.mcap is unreadable (a chunk has 536870912 bytes, more"),
     "lies.mcap": (lambda: mcap(100), "bag lies.mcap is unreadable (Chunk size mismatch: expected 100 bytes")}
 

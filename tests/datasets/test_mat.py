@@ -18,7 +18,7 @@ PIXEL, TOA = [0, 0, 2, 3, 4, 4, 4], [12, 15, 10, 19, 13, 13, 14]
 @pytest.fixture(autouse=True)
 def in_this_process(monkeypatch):
     """Without the child, which takes as long as SciPy to start: test_mat_child.py is with it."""
-    monkeypatch.setattr(mat, "variables", lambda path: mat_child.variables(path, mat.NAMES))
+    monkeypatch.setattr(mat, "variables", lambda path: mat_child.variables(path, mat.VARIABLES))
 
 
 def cells(lists, dtype=np.uint16) -> np.ndarray:

@@ -51,7 +51,7 @@ def test_a_compressed_variable_that_takes_too_much_is_refused_before_memory_is_t
     whole = variable((1000, 1000, said // 10**6), b"photons", struct.pack("<II", 2, said), kind=9)
     packed = zlib.compress(whole)
     path = written(tmp_path / "a.mat", struct.pack("<II", 15, len(packed)) + packed)
-    monkeypatch.setattr(mat, "MAX_BYTES", most)
+    monkeypatch.setattr(mat, "MAX_ARRAY_BYTES", most)
     with pytest.raises(InvalidInput, match="^a.mat: The variables take more than .* bytes. .* as .npy"):
         read(path, irf=IRF)
 
@@ -60,7 +60,7 @@ def test_a_sparse_array_is_never_in_memory_in_full(tmp_path, monkeypatch):
     """20,000 × 20,000 numbers would be 3.2 GB."""
     counts = csc_matrix(([2.0, 1.0], ([3, 201], [5, 9])), (20_000, 20_000))
     savemat(tmp_path / "a.mat", {"spad": counts, "bin": np.ones((200, 100))}, do_compression=True)
-    monkeypatch.setattr(mat, "MAX_BYTES", 2**24)
+    monkeypatch.setattr(mat, "MAX_ARRAY_BYTES", 2**24)
     assert (tmp_path / "a.mat").stat().st_size < 1000
     found = read(tmp_path / "a.mat", irf=IRF)
     assert (found.frame.pixel.tolist(), found.frame.toa.tolist()) == ([101, 300, 300], [9, 5, 5])

@@ -143,8 +143,8 @@ def test_members_that_are_no_array_are_one_line(tmp_path, content, expected):
 
 def test_arrays_that_are_too_much_together_are_refused(tmp_path, monkeypatch):
     path = write(tmp_path, gain=np.ones((2, 3)), mask=np.ones((2, 3)))
-    monkeypatch.setattr(files, "MAX_BYTES", 120)
-    with pytest.raises(InvalidInput, match="^photons.npz size is .* bytes: expected at most 120 bytes of arrays"):
+    monkeypatch.setattr(files, "MAX_ARRAY_BYTES", 120)
+    with pytest.raises(InvalidInput, match="^photons.npz size is .* bytes: expected at most 120;"):
         read(path)
 
 

@@ -140,7 +140,7 @@ def test_long_texts_among_many_take_no_more_memory_than_the_message():
 
 def test_size_is_bounded_before_parsing(monkeypatch):
     monkeypatch.setattr(json_text.json, "loads", lambda *args, **kwargs: pytest.fail("parsed"))
-    assert "67108865 bytes" in str(refused(" " * (json_text.MAX_BYTES + 1)))
+    assert "67108865 bytes" in str(refused(" " * (json_text.MAX_JSON_BYTES + 1)))
     assert "base64" in str(refused("[" + "0," * 2**20 + "0]"))
 
 

@@ -1,1 +1,1 @@
-"""rosbag2 bags: reading, writing, and the photons or sketches in them."""
+"""Read rosbag2 bags, and the photons or sketches in them."""

@@ -1,4 +1,4 @@
-"""rosbag2 bags (mcap or sqlite3), read with rosbags: the topics they hold, and the messages as they were recorded."""
+"""Read the topics and serialised messages of rosbag2 bags (mcap or sqlite3) with rosbags."""
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
@@ -10,14 +10,14 @@ from pathlib import Path
 from srt3d_ros.errors import InvalidInput, require
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
-MAX_METADATA_BYTES = 2**24          # of metadata.yaml, which has a few hundred a topic and file
-MAX_CHUNK_BYTES = 2**28             # unpacked: a message lies in one chunk, and the largest have 180 MB
-EXPECTED = "a complete rosbag2 bag (docs/bags.md tells what to do about one that was cut off)"
+MAX_METADATA_BYTES = 2**24          # metadata.yaml has a few hundred bytes for each topic and file
+MAX_CHUNK_BYTES = 2**28             # unpacked; a chunk holds whole messages, and the largest have 180 MB
+COMPLETE_BAG = "a complete rosbag2 bag (docs/bags.md: how to repair one that was cut off)"
 
 
 @dataclass(frozen=True)
 class BagTopic:
-    """A topic of a bag: its name as recorded, its type such as "sensor_msgs/msg/PointCloud2", how many messages."""
+    """A topic of a bag: its recorded name, its type such as "sensor_msgs/msg/PointCloud2", its number of messages."""
 
     name: str
     type: str
@@ -25,41 +25,36 @@ class BagTopic:
 
 
 def is_bag(path: str | Path) -> bool:
-    """True if the name is that of a bag: a folder, or a storage file by its suffix."""
+    """Whether a path is a folder or ends in .mcap or .db3."""
     path = Path(path)
     return path.is_dir() or path.suffix.lower() in STORAGE_SUFFIXES
 
 
 class Bag:
-    """A bag that is open for reading; a context manager.
-
-    rosbags fails in many ways on bags that lie or were cut off. Here every failure is one InvalidInput, on opening or
-    at the message at which a bag breaks off.
+    """A bag open for reading; a context manager. `topics` lists its topics.
 
     Args:
         path: the folder of a bag, or one of its .mcap or .db3 files.
 
-    Attributes:
-        topics: that it has.
-
     Raises:
-        InvalidInput: there is no bag that can be read.
+        InvalidInput: the bag cannot be read, whatever rosbags raises.
     """
 
     def __init__(self, path: str | Path):
-        from rosbags.rosbag2 import Reader  # here: only bags need rosbags
+        from rosbags.rosbag2 import Reader  # imported here: only bags need it
 
         _limit_chunks()
         self.path = Path(path)
         with self._one_error(), ExitStack() as stack:
             readers = [stack.enter_context(Reader(file)) for file in self._storage_files()]
             for reader in readers:
-                if hasattr(reader.storage, "dbconn"):       # a column of a database may be computed
-                    reader.storage.dbconn.limit(0, MAX_CHUNK_BYTES)         # SQLITE_LIMIT_LENGTH, of a value
+                if hasattr(reader.storage, "dbconn"):       # SQLite may compute huge values: 0 is SQLITE_LIMIT_LENGTH
+                    reader.storage.dbconn.limit(0, MAX_CHUNK_BYTES)
             self._readers = sorted(readers, key=lambda reader: reader.start_time)
             counts = Counter()
-            for connection in (connection for reader in self._readers for connection in reader.connections):
-                counts[connection.topic, connection.msgtype] += connection.msgcount
+            for reader in readers:
+                for connection in reader.connections:
+                    counts[connection.topic, connection.msgtype] += connection.msgcount
             self._files = stack.pop_all()
         self.topics = tuple(BagTopic(*key, count) for key, count in counts.items())
 
@@ -70,42 +65,43 @@ class Bag:
         self._files.close()
 
     def messages(self, topics: Collection[BagTopic]) -> Iterator[tuple[str, bytes]]:
-        """Topic's name and serialised bytes of each message of these topics, in the order of their recording.
+        """Yield topic name and serialised bytes of each message on these topics, as recorded.
 
         Raises:
-            InvalidInput: at the message at which the bag breaks off.
+            InvalidInput: the next message cannot be read.
         """
         wanted = {(topic.name, topic.type) for topic in topics}
         with self._one_error():
             for reader in self._readers:
                 connections = [c for c in reader.connections if (c.topic, c.msgtype) in wanted]
-                if not connections:         # none would mean all
+                if not connections:         # rosbags takes an empty list for all
                     continue
                 for connection, _, raw in reader.messages(connections):
-                    if type(raw) is not bytes:      # SQLite keeps anything anywhere
+                    if type(raw) is not bytes:      # SQLite stores any type in any column
                         raise TypeError(f"a message on {connection.topic} is not bytes")
                     yield connection.topic, raw
 
     def content(self) -> str:
-        """The bag's topics in words, for messages."""
+        """The bag's topics in words, for errors."""
         words = [f"{topic.name} ({topic.type}, {topic.messages})" for topic in self.topics if topic.messages]
         return ", ".join(words) or "no messages"
 
     def _storage_files(self) -> list[Path]:
-        """The bag's files. rosbags' own reader of folders loses messages on topics whose QoS differs between files."""
-        require(self.path.exists(), "bag", str(self.path), "a folder or file that exists")
+        """The bag's files. rosbags' reader of folders loses messages if a topic's QoS differs between files."""
+        require(self.path.exists(), "bag", problem=f"{self.path}: no such bag.")
         if not self.path.is_dir():
-            require(self.path.suffix.lower() in STORAGE_SUFFIXES, "bag", str(self.path),
+            require(is_bag(self.path), "bag", str(self.path),
                     f"a bag's folder, or a file that ends in {' or '.join(STORAGE_SUFFIXES)}")
             return [self.path]
-        require((self.path / "metadata.yaml").is_file(), "bag", f"{self.path}, without metadata.yaml", EXPECTED)
+        metadata = self.path / "metadata.yaml"
+        require(metadata.is_file(), "bag", f"{self.path}, without metadata.yaml", COMPLETE_BAG)
+        size = metadata.stat().st_size
+        require(size <= MAX_METADATA_BYTES, "bag", problem=f"bag {self.path.name}: metadata.yaml has {size} bytes, "
+                f"more than {MAX_METADATA_BYTES}. `ros2 bag reindex` writes a new one.")
         files = [path for path in self.path.iterdir() if path.suffix.lower() in STORAGE_SUFFIXES]
-        size = (metadata := self.path / "metadata.yaml").stat().st_size
-        require(size <= MAX_METADATA_BYTES, f"bag {self.path.name}", f"with a metadata.yaml of {size} bytes",
-                f"at most {MAX_METADATA_BYTES}; `ros2 bag reindex` writes another")
-        packed = "compression_mode: message" in metadata.read_text(errors="replace").lower()
-        require(files and not packed, f"bag {self.path.name}", "compressed or without .mcap and .db3 files",
-                "messages as they are: `ros2 bag convert` unpacks them; .mcap files may compress their chunks")
+        compressed = "compression_mode: message" in metadata.read_text(errors="replace").lower()
+        require(files and not compressed, "bag", problem=f"bag {self.path.name}: its messages are compressed, or it "
+                "has no .mcap or .db3 file. `ros2 bag convert` unpacks messages; chunks may be compressed.")
         return files
 
     @contextmanager
@@ -114,13 +110,13 @@ class Bag:
             yield
         except (InvalidInput, ModuleNotFoundError):
             raise
-        except Exception as error:      # rosbags, its decompressors and SQLite have one each, at least
+        except Exception as error:      # of rosbags, of its decompressors, of SQLite
             why = f"{error}" or type(error).__name__
-            raise InvalidInput(f"bag {self.path.name}", f"unreadable ({why})", EXPECTED) from None
+            raise InvalidInput(f"bag {self.path.name}", f"unreadable ({why})", COMPLETE_BAG) from None
 
 
 def _limit_chunks() -> None:
-    """Have rosbags unpack no more of an .mcap file's chunk than it says that there is, nor than MAX_CHUNK_BYTES."""
+    """Make rosbags unpack no more of a chunk than its stated size, and at most MAX_CHUNK_BYTES."""
     from lz4.frame import LZ4FrameDecompressor
     from rosbags.rosbag2.storage_mcap import DECOMPRESSORS, zstd
 

@@ -1,4 +1,4 @@
-"""The photons or sketches in a bag: which of its topics they are on, and single frames of them."""
+"""Find the topics of photons or sketches in a bag, and read single frames."""
 
 import re
 from contextlib import suppress
@@ -15,70 +15,70 @@ from srt3d_ros.files import json_text
 from srt3d_ros.messages import cdr, sensor_message, sketch_message
 from srt3d_ros.messages.photon_frames import CODECS
 
-CLOUD, IMAGE, TEXT = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Image", "std_msgs/msg/String"
+CLOUD_TYPE, IMAGE_TYPE, STRING_TYPE = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Image", "std_msgs/msg/String"
 PHOTON_FIELDS = {"row", "col", "toa"}
 GATES_ENCODING = "16UC1"
 HISTOGRAMS_ENCODING = re.compile(r"(?:8U|16U|32S|32F)C(\d{1,5})")
-MOST_CAMERA_CHANNELS = 4        # of the images of cameras, whose encodings look alike
+MOST_CAMERA_CHANNELS = 4        # an image with more is a histogram: encodings look alike
 
 
 @dataclass(frozen=True)
 class PhotonTopics:
-    """Where the photons of a bag are, or its sketches, and their description, if there is one."""
+    """Where the photons or sketches of a bag are, and their description if there is one."""
 
-    output: str         # what the messages on `frames` are: a key of CODECS, or "sketch"
+    output: str         # kind of the messages on `frames`: a key of CODECS, or "sketch"
     frames: BagTopic
     sensor: BagTopic | None
 
 
 def find_photons(bag: Bag, photons_topic: str = "") -> PhotonTopics:
-    """The topics of the photons and of their sensor, whatever they were remapped to; of sketches if it has no photons.
+    """Topics of the photons and of their sensor, found by content; of sketches if the bag has no photons.
 
-    The photons are on the topic whose messages are photons; of several, on the one that is called as what it holds,
-    `photons`, `gates` or `histograms`, in whatever namespace. The sensor is described on the topic that does so; of
-    several, on `sensor` in the namespace of the photons. In the same way for `sketch` and `sketch/sensor`.
+    If several topics hold photons, the one named as its content counts: `photons`, `gates` or `histograms`, in any
+    namespace. If several describe a sensor, `sensor` beside the photons counts, or `sketch/sensor` beside the sketch.
 
     Args:
-        photons_topic: its name, where a bag has several that could be meant.
+        photons_topic: which topic to read, if several fit.
 
     Raises:
-        InvalidInput: there are none (of photons) or several; the line lists what is in the bag.
+        InvalidInput: no topic or several topics fit; the error lists the bag's topics.
     """
     contents = {topic: _content(bag, topic) for topic in bag.topics if topic.messages > 0}
-    frames = [topic for topic, content in contents.items()
-              if content in (*CODECS, "sketch") and photons_topic in ("", topic.name)]
-    frames = [topic for topic in frames if contents[topic] != "sketch"] or frames
-    named = [topic for topic in frames if topic.name.rsplit("/", 1)[-1] == contents[topic]]
-    require(frames or not photons_topic, "photons_topic", photons_topic,
+    readable = [topic for topic, content in contents.items()
+                if content in (*CODECS, "sketch") and photons_topic in ("", topic.name)]
+    require(readable or not photons_topic, "photons_topic", photons_topic,
             f"a topic of photons or sketches; {bag.path.name} has {bag.content()}")
+    frames = [topic for topic in readable if contents[topic] != "sketch"] or readable
+    named = [topic for topic in frames if topic.name.rsplit("/", 1)[-1] == contents[topic]]
     photons = _the_only(named or frames, "photons", bag)
     is_sketch = contents[photons] == "sketch"
     described = [topic for topic, content in contents.items() if content == "sensor"]
-    behind_gate = [topic for topic in described if topic.name.endswith("sketch/sensor")]
-    sensors = behind_gate or described if is_sketch else [topic for topic in described if topic not in behind_gate]
-    place = photons.name if is_sketch else photons.name.rsplit("/", 1)[0]
-    beside = [topic for topic in sensors if topic.name == f"{place}/sensor"]
+    of_sketches = [topic for topic in described if topic.name.endswith("sketch/sensor")]
+    if is_sketch:
+        sensors, namespace = of_sketches or described, photons.name
+    else:
+        sensors, namespace = [topic for topic in described if topic not in of_sketches], photons.name.rsplit("/", 1)[0]
+    beside = [topic for topic in sensors if topic.name == f"{namespace}/sensor"]
     sensor = _the_only(beside or sensors, "sensor", bag) if sensors else None
     return PhotonTopics(contents[photons], photons, sensor)
 
 
 def read_frame(path: str | Path, number: int, options: dict, photons_topic: str = "") -> Photons | Sketch:
-    """Photons or sketch of a message of a bag.
+    """Photons or sketch in message `number` of a bag's topic.
 
-    The sensor of photons is the last that was described before them, or at first the first; that of a sketch is the
-    one that it names.
+    Photons use the last description of the sensor before them, or the first one of the bag; a sketch the one it names.
 
     Args:
         options: options.gathered, in place of what the bag says.
-        photons_topic: as of `find_photons`.
+        photons_topic: as for `find_photons`.
 
     Raises:
-        InvalidInput: the bag cannot be read, or has no such frame or no sensor; an option that cannot be used.
+        InvalidInput: the bag cannot be read or has no such frame or no sensor, or an option cannot be used.
     """
     with Bag(path) as bag:
         topics = find_photons(bag, photons_topic)
-        require(topics.sensor is not None, f"bag {bag.path.name}", "without a sensor",
-                f"a description of the sensor beside {topics.frames.name}; it has {bag.content()}")
+        require(topics.sensor is not None, "bag", problem=f"bag {bag.path.name} has no description of the sensor "
+                f"beside {topics.frames.name}. It has {bag.content()}.")
         most = topics.frames.messages - 1
         require(0 <= number <= most, "frame", number, f"0 to {most}, the messages on {topics.frames.name}")
         raw, description = _frame(bag, topics, number)
@@ -96,7 +96,7 @@ def read_frame(path: str | Path, number: int, options: dict, photons_topic: str 
 
 
 def _frame(bag: Bag, topics: PhotonTopics, number: int) -> tuple[bytes, bytes]:
-    """Message `number` on the topic of the frames, and the description before it; InvalidInput if it is not there."""
+    """Message `number` of the frames, and the description before it."""
     described = next((raw for _, raw in bag.messages((topics.sensor,))), None)
     for topic, raw in bag.messages((topics.frames, topics.sensor)) if described else ():
         if topic == topics.sensor.name:
@@ -105,38 +105,42 @@ def _frame(bag: Bag, topics: PhotonTopics, number: int) -> tuple[bytes, bytes]:
             return raw, described
         else:
             number -= 1
-    raise InvalidInput(f"bag {bag.path.name}", "shorter than it says", "a complete bag")
+    raise InvalidInput("bag", problem=f"bag {bag.path.name} has fewer messages than it states.")
 
 
 def _named(bag: Bag, topic: BagTopic, digest: str, number: int) -> bytes:
-    """The description of this digest; InvalidInput if the bag does not have it."""
+    """The description with this digest."""
     for _, raw in bag.messages((topic,)):
         if sensor_message.digest(cdr.read_text(raw)) == digest:
             return raw
-    raise InvalidInput(f"sketch/sensor of frame {number}", "missing", f"the description sensor_{digest}")
+    raise InvalidInput("sketch/sensor",
+                       problem=f"Frame {number} needs the description sensor_{digest}, which is missing.")
 
 
 def _content(bag: Bag, topic: BagTopic) -> str:
-    """What the first message of a topic holds: a key of CODECS, "sketch", "sensor", or else ""."""
-    if topic.type not in (CLOUD, IMAGE, TEXT):
+    """Kind of a topic's first message: a key of CODECS, "sketch", "sensor", or else ""."""
+    if topic.type not in (CLOUD_TYPE, IMAGE_TYPE, STRING_TYPE):
         return ""
-    raw = next((raw for _, raw in bag.messages((topic,))), b"")    # a bag may lie about its messages
+    raw = next((raw for _, raw in bag.messages((topic,))), b"")    # the stated number of messages may be wrong
     with suppress(InvalidInput):
-        if topic.type == CLOUD:
+        if topic.type == CLOUD_TYPE:
             cloud = cdr.read_cloud(raw)
-            is_photons = PHOTON_FIELDS <= {field.name for field in cloud.fields}
-            return "photons" if is_photons else "sketch" if sketch_message.is_sketch(cloud) else ""
-        if topic.type == IMAGE:
+            if PHOTON_FIELDS <= {field.name for field in cloud.fields}:
+                return "photons"
+            return "sketch" if sketch_message.is_sketch(cloud) else ""
+        if topic.type == IMAGE_TYPE:
             encoding = cdr.read_image(raw).encoding
+            if encoding == GATES_ENCODING:
+                return "gates"
             bins = HISTOGRAMS_ENCODING.fullmatch(encoding)
-            is_histograms = bins is not None and int(bins[1]) > MOST_CAMERA_CHANNELS
-            return "gates" if encoding == GATES_ENCODING else "histograms" if is_histograms else ""
+            return "histograms" if bins is not None and int(bins[1]) > MOST_CAMERA_CHANNELS else ""
         sensor_message.decode_cdr(raw)
         return "sensor"
     return ""
 
 
 def _the_only(candidates: list[BagTopic], what: str, bag: Bag) -> BagTopic:
-    require(len(candidates) == 1, f"bag {bag.path.name}", f"with {len(candidates)} topics of {what}",
-            f"one (`srt3d reconstruct` takes --photons-topic); it has {bag.content()}")
+    number = len(candidates)
+    require(number == 1, "bag", problem=f"bag {bag.path.name} has {number} topics of {what}, not one: name one "
+            f"(--photons-topic). It has {bag.content()}.")
     return candidates[0]

@@ -15,12 +15,12 @@ from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, from_pixels
 from srt3d_ros.datasets.options import check_same, outside_note
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers.cubes import SENSOR_ARRAYS, cube, in_gate, only_cube
-from srt3d_ros.datasets.values import MAX_PHOTONS
+from srt3d_ros.datasets.values import MAX_EVENTS
 from srt3d_ros.errors import finite, require
-from srt3d_ros.files.array_files import MAX_BYTES, read_errors
+from srt3d_ros.files.array_files import MAX_ARRAY_BYTES, read_errors
 from srt3d_ros.processes.children import ending
 
-EXPECTED = "a complete MATLAB 5 .mat file (save -v7)"
+COMPLETE_MAT = "a complete MATLAB 5 .mat file (save -v7)"
 EDGE = 1e-6     # of a bin; added to a time before it is rounded down, so that an edge belongs to the bin it begins
 
 
@@ -59,7 +59,7 @@ LAYOUTS = (
 )
 WANTED = "; ".join([*(f"{one.variable} ({'[T, rows·cols] counts' if one.reference else '[rows, cols] cell'})"
                       for one in LAYOUTS), "any other numeric array [rows, cols, bins]"])
-NAMES = (*(name for one in LAYOUTS for name in (one.variable, one.reference, *one.window) if name), *SENSOR_ARRAYS)
+VARIABLES = (*(name for one in LAYOUTS for name in (one.variable, one.reference, *one.window) if name), *SENSOR_ARRAYS)
 CHILD = Path(__file__).with_name("mat_child.py")
 
 
@@ -69,7 +69,7 @@ def read(path: Path, options: dict) -> Photons:
     Raises:
         InvalidInput: naming the file, variable or option that cannot be used.
     """
-    with read_errors(path, EXPECTED):
+    with read_errors(path, COMPLETE_MAT):
         found, listed = variables(path)
     with read_errors(path):
         layout = next((one for one in LAYOUTS if one.fits(found)), None)
@@ -81,19 +81,19 @@ def read(path: Path, options: dict) -> Photons:
 
 
 def variables(path: Path) -> tuple[dict[str, np.ndarray], str]:
-    """Run `mat_child.variables` for NAMES in a process limited to MAX_BYTES; its arrays are mapped from a file."""
+    """Run `mat_child.variables` for VARIABLES in a process with limited memory; its arrays are mapped from a file."""
     modules = os.pathsep.join(map(os.path.abspath, sys.path))
     with tempfile.TemporaryFile() as file:
         # -P keeps this folder's modules from shadowing others. The caller's module path gives the child the same SciPy.
-        done = subprocess.run([sys.executable, "-P", CHILD, path, str(file.fileno()), str(MAX_BYTES), *NAMES],
+        done = subprocess.run([sys.executable, "-P", CHILD, path, str(file.fileno()), str(MAX_ARRAY_BYTES), *VARIABLES],
                               stdin=subprocess.DEVNULL, capture_output=True, pass_fds=(file.fileno(),),
                               env=os.environ | {"PYTHONPATH": modules, "OPENBLAS_NUM_THREADS": "1"})
         why = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
-        require("MemoryError" not in why, "", problem=f"The variables take more than {MAX_BYTES} bytes. Save counts as "
-                "uint8 or uint16, or as .npy, which may be larger than memory.")
+        require("MemoryError" not in why, "", problem=f"The variables take more than {MAX_ARRAY_BYTES} bytes. Save "
+                "counts as uint8 or uint16, or as .npy, which may be larger than memory.")
         if done.returncode < 0:
             why = f"its reader {ending(done)}"
-        require(done.returncode == 0, "", f"unreadable ({why})", EXPECTED)
+        require(done.returncode == 0, "", f"unreadable ({why})", COMPLETE_MAT)
         content = json.loads(done.stdout)
         arrays = {name: np.zeros(shape, kind) if 0 in shape else
                   np.memmap(file, kind, "c", place, tuple(shape), order)
@@ -131,7 +131,7 @@ def _of_cells(path: Path, layout: Layout, found: dict[str, np.ndarray], options:
     require(lengths.ndim == 2 and 0 < lengths.size <= MAX_PIXELS, f"{name} shape", lengths.shape,
             f"[rows, cols], 1 to {MAX_PIXELS} pixels")
     require(toa.dtype.kind in "iuf", f"{name} cells", str(toa.dtype), "lists of numbers")
-    require(toa.size <= MAX_PHOTONS, f"{name} photons", toa.size, f"at most {MAX_PHOTONS}")
+    require(toa.size <= MAX_EVENTS, f"{name} photons", toa.size, f"at most {MAX_EVENTS}")
     whole = layout.picoseconds or bool((toa == np.floor(toa)).all())
     require(whole, name, problem=f"{name} has times that are not whole bins.")
     unit = 1e-12 / _bin_width(layout, options)[0] if layout.picoseconds else 1

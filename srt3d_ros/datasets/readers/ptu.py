@@ -11,8 +11,8 @@ from srt3d_ros.datasets.readers.cubes import cube
 from srt3d_ros.errors import finite, require
 from srt3d_ros.files.array_files import read_errors
 
-COUNT = np.dtype(np.uint32)
-IN_MEMORY_BYTES, MAX_BYTES = 2**28, 2**34       # of counts; larger ones go to a temporary file, up to MAX_BYTES
+COUNT_DTYPE = np.dtype(np.uint32)
+IN_MEMORY_BYTES, MAX_COUNT_BYTES = 2**28, 2**34       # larger counts go to a temporary file
 MARKS = ("ImgHdr_LineStart", "ImgHdr_LineStop", "ImgHdr_Frame")
 SUMMED = slice(None, None, -1)          # ptufile adds up the photons along an axis with this index
 
@@ -40,11 +40,11 @@ def read(path: Path, options: dict) -> Photons:
         records = (path.stat().st_size - ptu.record_offset) // 4
         if records < ptu.number_records:
             notes += (f"cut off: {records} of {ptu.number_records} records are there",)
-        size = rows * cols * num_bins * COUNT.itemsize
+        size = rows * cols * num_bins * COUNT_DTYPE.itemsize
         free = shutil.disk_usage(tempfile.gettempdir()).free
-        require(size <= max(IN_MEMORY_BYTES, min(free, MAX_BYTES)), "size", f"{size} bytes of counts",
-                f"at most {MAX_BYTES}, and as much room in {tempfile.gettempdir()}")
-        counts = ptu.decode_image(frame=-1, channel=channel - ptu.active_channels[0], dtime=num_bins, dtype=COUNT,
+        require(size <= max(IN_MEMORY_BYTES, min(free, MAX_COUNT_BYTES)), "size", f"{size} bytes of counts",
+                f"at most {MAX_COUNT_BYTES}, and as much room in {tempfile.gettempdir()}")
+        counts = ptu.decode_image(frame=-1, channel=channel - ptu.active_channels[0], dtime=num_bins, dtype=COUNT_DTYPE,
                                   keepdims=False, out=None if size <= IN_MEMORY_BYTES else "memmap")
         counts = counts.reshape(rows, cols, num_bins).view(np.int32)       # int32 is sketched without a copy
     others = {name: value for name, value in options.items() if name != "channel"}
@@ -71,7 +71,7 @@ def _channel(ptu, options: dict) -> tuple[int, tuple[str, ...]]:
     if len(channels) == 1:
         return channels[0], ()
     kept_axis = len(ptu.shape) - 2
-    photons = ptu.decode_image((*[SUMMED] * kept_axis, None, SUMMED), dtype=COUNT).reshape(-1)
+    photons = ptu.decode_image((*[SUMMED] * kept_axis, None, SUMMED), dtype=COUNT_DTYPE).reshape(-1)
     chosen = channels[0] + int(np.argmax(photons))
     return chosen, (f"photons of channel {chosen}, which has the most, of channels {', '.join(map(str, channels))} "
                     "(--channel)",)

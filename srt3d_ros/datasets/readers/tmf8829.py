@@ -1,11 +1,10 @@
-"""ams TMF8829: JSON logs of ams' Python driver (https://github.com/ams-OSRAM/tmf8829_driver_python), maybe in gzip.
+"""Read JSON logs of the ams TMF8829's Python driver (https://github.com/ams-OSRAM/tmf8829_driver_python), also .gz.
 
-A measurement comes in parts: four reference histograms each, and those of half the zones (16 × 16), or of an eighth or
-a twelfth. The device's T bins end in one that is measured in part, which is left out.
+A measurement has several parts, each with four reference histograms and the histograms of half the zones (16 × 16), an
+eighth (32 × 32) or a twelfth (32 × 48). The device measures the last bin only in part; it is left out.
 
-Verified on a log of 26 frames of 16 × 16 zones: bin width, time zero, rays, the device's clock. From the driver's
-source only, for want of a device: 8 × 8, 32 × 32 and 48 × 32 zones, the reference pulse where bins are narrower than
-its own (8 × 8).
+Verified on a log of 26 frames of 16 × 16 zones: bin width, time zero, rays, clock. Taken from the driver's source
+without a device: the other modes, and the reference pulse where bins are narrower than its own (8 × 8).
 """
 
 import gzip
@@ -21,112 +20,129 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.datasets.photons import Photons
-from srt3d_ros.datasets.values import whole_counts
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.files.array_files import read_errors
 
-NAME = "tmf8829"
+FRAME_ID = "tmf8829"
 NOTE = "ranges count from the reference pulse"
-CONVERTER_S = 200e-12       # of its time-to-digital converter; histograms sum 2^bin_shift of these
-MEASURED = 218              # of these, unless the configuration says otherwise; messages do not tell it
+CONVERTER_S = 200e-12       # step of the time-to-digital converter; a bin has 2^bin_shift steps
+MEASURED = 218              # steps in a histogram unless the configuration says otherwise; messages do not tell
 REFERENCE_BINS = 64
 SIZES = {0: (8, 8), 1: (8, 8), 2: (16, 16), 3: (32, 32), 4: (32, 32), 5: (32, 48)}      # rows, columns by mode
-TICK_NS = 1000              # 26 frames of 33 ms are so far apart
-# Of a log, some 300 frames, below 0.5 GB: its text is there twice, a number takes up to 32 bytes, a list up to 250.
-MOST = {"bytes": 3 * 2**26, "values": 2**23, "lists and objects": 2**20}
+TICK_NS = 1000              # of the device's clock: 26 frames of 33 ms agree
+# Limits of a log, for about 300 frames in 0.5 GB: its text is in memory twice, a number takes 32 bytes, a list 250.
+LOG_LIMITS = {"bytes": 3 * 2**26, "values": 2**23, "lists and objects": 2**20}
 
 
 def frames(path: Path, options: dict) -> Iterator[Photons]:
-    """The frames of a log, stamped by the device's clock, with options (options.gathered) in place of what it says.
+    """Yield the frames of a log, stamped by the device's clock; `options` (options.gathered) override the log.
 
     Raises:
-        InvalidInput: no whole log, or at the frame that is broken.
+        InvalidInput: the log is incomplete, or the next frame is broken.
     """
-    name, (sets, configuration) = path.name, _read(path)
+    sets, configuration = _read(path)
     for k, frame in enumerate(sets):
+        name = f"{path.name} frame {k}"
         try:
-            photons = _of_log(frame, configuration, f"{name} frame {k}")
+            photons = _of_log(frame, configuration, name)
         except InvalidInput:
             raise
         except (LookupError, TypeError, AttributeError, ArithmeticError, ValueError) as error:
-            raise InvalidInput(f"{name} frame {k}", f"without {error}", "mp_histo and ref_histo") from None
+            raise InvalidInput(name, problem=f"{name} has no valid mp_histo and ref_histo ({error}).") from None
         yield replace(photons, name=path.stem).with_options(options)
 
 
 def _read(path: Path) -> tuple[list, dict]:
-    """The frames and the configuration that a log has."""
-    with read_errors(path, "a whole log in JSON"), (gzip.open if path.suffix == ".gz" else open)(path, "rb") as stream:
+    """The frames and the configuration of a log."""
+    opened = gzip.open if path.suffix == ".gz" else open
+    with read_errors(path, "a complete log in JSON"), opened(path, "rb") as stream:
         sizes, at = Counter(), 0
-        while part := stream.read(2**20):       # counted first: a text that grows takes twice the memory
+        while part := stream.read(2**20):       # counts first: a growing text takes twice the memory
             sizes.update({"bytes": len(part), "values": part.count(b","),
                           "lists and objects": part.count(b"[") + part.count(b"{")})
-            for what, most in MOST.items():
-                require(sizes[what] <= most, "size", f"more than {most} {what}", "a shorter log: split it")
+            for what, most in LOG_LIMITS.items():
+                require(sizes[what] <= most, "size", problem=f"The log has more than {most} {what}: split it.")
         raw = bytearray(sizes["bytes"])
         stream.seek(0)
         while part := stream.read(2**20):
             raw[at:at + len(part)] = part
             at += len(part)
-        log = json.loads(raw.decode("latin-1").removeprefix("\xef\xbb\xbf"))      # one byte a character, also of names
+        log = json.loads(raw.decode("latin-1").removeprefix("\xef\xbb\xbf"))      # one byte a character
     sets, configuration = (log.get(key) if isinstance(log, dict) else None for key in ("Result_Set", "configuration"))
-    require(isinstance(sets, list) and sets, f"{path.name} Result_Set", "absent or empty",
-            "a list of frames: log with combined_results and histograms")
+    require(isinstance(sets, list) and sets, f"{path.name} Result_Set",
+            problem=f"{path.name} has no frames in Result_Set: log with combined_results and histograms.")
     return sets, configuration if isinstance(configuration, dict) else {}
 
 
+def _whole_counts(field: str, rows: object, shape: tuple[int, ...]) -> np.ndarray:
+    """Nested lists as int32 counts of this shape, -1 for any length; InvalidInput if they are not."""
+    try:
+        values = np.array(rows, np.float64)
+    except (ValueError, TypeError, OverflowError):
+        values = np.empty(0)
+    fits = values.ndim == len(shape) and all(wanted in (-1, found) for wanted, found in zip(shape, values.shape))
+    sizes = " × ".join("n" if wanted < 0 else str(wanted) for wanted in shape)
+    require(fits and values.size > 0 and bool((np.abs(values) < 2**31).all()), field, f"{values.shape} values",
+            f"{sizes} whole numbers")
+    return values.astype(np.int32)
+
+
 def _of_log(frame: dict, configuration: dict, name: str) -> Photons:
-    zones = whole_counts(f"{name} mp_histo", [[zone["bin"] for zone in row] for row in frame["mp_histo"]], (-1, -1, -1))
-    references = whole_counts(f"{name} ref_histo", [one["bin"] for one in frame["ref_histo"]], (-1, REFERENCE_BINS))
+    histograms = [[zone["bin"] for zone in row] for row in frame["mp_histo"]]
+    zones = _whole_counts(f"{name} mp_histo", histograms, (-1, -1, -1))
+    pulses = [one["bin"] for one in frame["ref_histo"]]
+    references = _whole_counts(f"{name} ref_histo", pulses, (-1, REFERENCE_BINS))
     require(zones.shape[:2] in SIZES.values(), f"{name} mp_histo", zones.shape[:2], "8 × 8 to 32 × 48 zones")
     mode = next(mode for mode, size in SIZES.items() if size == zones.shape[:2])
     parts = parts_of(mode)
     require(len(references) == 4 * parts, f"{name} ref_histo", len(references), f"{4 * parts} histograms")
     info = frame.get("info", {})
     stamp_ns = min(int(info.get("systick_t0", 0)), int(info.get("systick_t1", 0))) * TICK_NS
-    steps, shift = int(configuration.get("histogram_bins", MEASURED)), configuration.get("bin_shift", shift_of(mode))
+    steps = int(configuration.get("histogram_bins", MEASURED))
+    shift = configuration.get("bin_shift", shift_of(mode))
     require(shift in range(3), f"{name} bin_shift", shift, "0, 1 or 2")
     photons = photons_of(zones, references.reshape(-1, 4, REFERENCE_BINS).sum(axis=1), mode, stamp_ns, shift, steps)
     if mode != 2 or not zones.any() or (zones != zones[:, :1]).any():
         return photons
-    # Seen in a log of the logger's version 4: all histograms of its row y are that of zone y of row 0.
+    # A fault of the logger, version 4: all histograms of row y are that of zone y of row 0.
     sensor = photons.sensor.replace(rows=1, irf=photons.sensor.irf[:zones.shape[1]])
     row = PhotonHistograms(photons.frame.counts[None, :, 0].copy(), stamp_ns)
-    return Photons(sensor, row, None, NAME, (NOTE, "a fault of the logger: the log has the histograms of row 0 only"))
+    return Photons(sensor, row, None, FRAME_ID, (NOTE, "the logger wrote only the histograms of row 0, a known fault"))
 
 
 def photons_of(zones: np.ndarray, references: np.ndarray, mode: int, stamp_ns: int, shift: int, steps: int) -> Photons:
-    """Zones [rows, cols, bins], each bin 2^shift steps wide, and the references [parts, 64] of their parts."""
+    """Photons of zones [rows, cols, bins], whose bins have 2^shift steps, and of references [parts, 64]."""
     rows, cols, bins = zones.shape
-    bins = min(steps >> shift, bins)        # the last whole one
+    bins = min(steps >> shift, bins)        # without the last, measured in part
     of_part = np.zeros((rows, cols), np.intp)
     for part in range(len(references)):
         of_part[zones_of(part, mode)] = part
-    pulses = np.repeat(references, 1 << (2 - shift), axis=1)[:, :bins]      # as wide as the zones' bins
+    pulses = np.repeat(references, 1 << (2 - shift), axis=1)[:, :bins]      # in the zones' bins
     peak = int(pulses.sum(axis=0).argmax())
     projection = Pinhole(0.75 * cols, rows, (cols - 1) / 2, (rows - 1) / 2)
     sensor = SensorModel(rows, cols, bins, CONVERTER_S * 2**shift, pulses[of_part.ravel()], peak,
-                         toa_offset_bins=-peak, projection=projection, frame_id=NAME)
+                         toa_offset_bins=-peak, projection=projection, frame_id=FRAME_ID)
     frame = PhotonHistograms(np.ascontiguousarray(zones[..., :bins]), stamp_ns)
-    return Photons(sensor, frame, None, NAME, (NOTE,))
+    return Photons(sensor, frame, None, FRAME_ID, (NOTE,))
 
 
 def shift_of(mode: int) -> int:
-    """log₂ of the converter's steps in a bin: 256 bins in the 8 × 8 modes, 64 in the others."""
+    """log₂ of the steps in a bin: the 8 × 8 modes have 256 bins, the others 64."""
     return 0 if mode < 2 else 2
 
 
 def _step(mode: int) -> int:
-    """Columns from one zone of a part to the next."""
+    """Distance in columns between neighbouring zones of a part."""
     return {3: 2, 4: 2, 5: 3}.get(mode, 1)
 
 
 def parts_of(mode: int) -> int:
-    """Histogram frames of a measurement."""
+    """Number of parts of a measurement."""
     return 2 * _step(mode) * max(SIZES[mode][0] // 16, 1)
 
 
 def zones_of(part: int, mode: int) -> tuple[slice, slice]:
-    """The zones of a part: in turn the left and the right half, then the columns between, then the rows between."""
+    """Rows and columns of a part's zones. Parts alternate left and right half, then shift columns, then rows."""
     (rows, cols), step = SIZES[mode], _step(mode)
     first = part % 2 * (cols // 2)
     return slice(part // (2 * step), None, max(rows // 16, 1)), slice(first + part // 2 % step, first + cols // 2, step)

@@ -8,7 +8,7 @@ import numpy as np
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.datasets.simulation.bust import HEAD, TORSO, Figure
 
-TINY = np.float32(1e-9)
+LEAST_RAY = np.float32(1e-9)
 SLOPE_M = 1e-3                  # over which the normal of a figure is measured
 Hits = tuple[np.ndarray, np.ndarray]
 
@@ -91,7 +91,7 @@ def _cast_box(box: Box, origin: np.ndarray, rays: np.ndarray, within: bool = Fal
     turn = Pose.turned([0, 0, np.radians(box.yaw_deg)]).rotation
     start = ((origin - box.middle) @ turn).astype(np.float32)[:, None]
     rays = rays if not box.yaw_deg else np.einsum("ji,jn->in", turn.astype(np.float32), rays)
-    inverse = 1 / np.where(np.abs(rays) < TINY, np.copysign(TINY, rays), rays)
+    inverse = 1 / np.where(np.abs(rays) < LEAST_RAY, np.copysign(LEAST_RAY, rays), rays)
     side = np.copysign(half, rays)
     leaves_at = (side - start) * inverse
     range_m = at = np.minimum(np.minimum(leaves_at[0], leaves_at[1]), leaves_at[2])
@@ -129,6 +129,6 @@ def _cast_figure(figure: Figure, pose: Pose, origin: np.ndarray, rays: np.ndarra
     here = figure.distance(points)
     steps = SLOPE_M * np.eye(3, dtype=np.float32)[:, :, None]
     slope = np.stack([figure.distance(points + step) - here for step in steps.astype(np.float32)])
-    cosine = np.abs((slope * rays).sum(axis=0)) / np.maximum(np.sqrt((slope**2).sum(axis=0)), TINY)
+    cosine = np.abs((slope * rays).sum(axis=0)) / np.maximum(np.sqrt((slope**2).sum(axis=0)), LEAST_RAY)
     reflectivity[seen] = figure.reflectivity(points) * (0.25 + 0.75 * cosine)
     return range_m, reflectivity

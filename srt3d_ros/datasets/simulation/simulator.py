@@ -6,7 +6,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets.simulation.bust import Bust
 from srt3d_ros.datasets.simulation.scene import Scene, default_sensor
-from srt3d_ros.datasets.values import MAX_PHOTONS
+from srt3d_ros.datasets.values import MAX_EVENTS
 from srt3d_ros.errors import require
 
 QUANTILES = 2**16
@@ -49,7 +49,7 @@ class Simulator:
         self._scene = Bust(self.sensor) if scene is None else scene
         self._seed, self._frame_rate_hz = int(seed), frame_rate_hz
         pixels = self.sensor.pixels
-        require(ppp * pixels <= MAX_PHOTONS, "ppp", ppp, f"at most {MAX_PHOTONS} photons in a frame of {pixels} pixels")
+        require(ppp * pixels <= MAX_EVENTS, "ppp", ppp, f"at most {MAX_EVENTS} photons in a frame of {pixels} pixels")
         self._gain = self.sensor.exposure.astype(np.float64)
         self._draw_irf = _IrfSampler(self.sensor.irf)
         _, relative = self._look(0)
