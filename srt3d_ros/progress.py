@@ -1,33 +1,33 @@
-"""Progress bars of what may take long."""
+"""Progress bars for long work."""
 
 import logging
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
-DELAY_S = 2.0           # what is done before needs none
+DELAY_S = 2.0           # shorter work shows no bar
 KERNELS = "srt3d_ros.kernels"
-OF_A_CLOUD = 17         # kernels that the first cloud compiles
+FIRST_KERNELS = 17      # kernels that the first cloud compiles
 
 
 def progress(steps: range, doing: str) -> Iterable[int]:
-    """The steps, one after the other; on a terminal with a bar if they take longer than DELAY_S."""
-    from tqdm import tqdm  # here: it takes a tenth of `import srt3d_ros`
+    """The steps one by one, with a bar on a terminal after DELAY_S."""
+    from tqdm import tqdm  # imported here: it takes a tenth of `import srt3d_ros`
 
     return tqdm(steps, doing, delay=DELAY_S, disable=None, leave=False)
 
 
 @contextmanager
 def compiling() -> Iterator[None]:
-    """Show a bar if kernels are compiled within the block; none where they log it themselves, as in nodes."""
-    from numba.core import event  # here: slow
+    """Show a bar while kernels compile in the block, unless their logger reports it, as in nodes."""
+    from numba.core import event  # imported here: slow
     from tqdm import tqdm
 
     class Bar(event.Listener):
-        bar, under_way = None, 0        # a kernel compiles what it calls within its own compilation
+        bar, under_way = None, 0        # compilations nest: a kernel compiles what it calls
 
         def on_start(self, event) -> None:
             if self.bar is None and event.data["dispatcher"].__module__.startswith(KERNELS):
-                self.bar = tqdm(total=OF_A_CLOUD, desc="compiling kernels (`srt3d compile` does it beforehand)",
+                self.bar = tqdm(total=FIRST_KERNELS, desc="compiling kernels (`srt3d compile` does it beforehand)",
                                 bar_format="{desc}: |{bar}| {n}/{total}", leave=False)
             self.under_way += 1
 

@@ -1,4 +1,4 @@
-"""Arrays of files that may be damaged or hostile: sizes are bounded before anything is loaded."""
+"""Read arrays from files that may be damaged or hostile: sizes are checked before anything is loaded."""
 
 import logging
 import math
@@ -14,32 +14,30 @@ import numpy as np
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.files.new_files import file_errors
 
-# Of all arrays that are read from a file: 12 bytes for each of the most photons, or half of a smaller machine's memory.
+# All arrays of a file together: 12 bytes for each of MAX_EVENTS photons, or half of a smaller machine's memory.
 MAX_ARRAY_BYTES = min(3 * 2**30, os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2)
 MAX_MEMBERS = 1000
 MAX_SIDES = 8
-# What a reader raises where it trusts a damaged file: their texts speak of its code, not of the file.
-OF_THE_READER = (NameError, TypeError, AttributeError, LookupError, AssertionError, ArithmeticError)
+# Errors of a reader that trusts a damaged file: their texts describe its code, not the file.
+READER_ERRORS = (NameError, TypeError, AttributeError, LookupError, AssertionError, ArithmeticError)
 ZIP_MARK = b"PK\x03\x04"      # begins each member of a zip file
 FORMATS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
 def require_file(path: Path, field: str) -> None:
     """Raise InvalidInput unless `path` is a file that can be opened."""
-    # A name too long is not absent, nor is what lies in a folder that may not be entered.
-    with file_errors(field, path, "read"):
-        require(path.is_file(), field, str(path), "a file that exists")
+    with file_errors(field, path, "read"):      # the name may be too long, or the folder closed
+        require(path.is_file(), field, problem=f"{path}: no such file.")
         path.open("rb").close()
 
 
 @contextmanager
 def read_errors(path: Path, expected: str = "", library: str = "") -> Iterator[None]:
-    """Put the name of the file before the field of any InvalidInput.
+    """Put the file's name in front of any InvalidInput.
 
     Args:
-        expected: what the file should be, in words: then whatever else a reader of others raises on a damaged file
-            becomes one InvalidInput.
-        library: the name of that reader's logger, which is kept silent.
+        expected: what the file should be, in words. If given, all other errors become InvalidInput, too.
+        library: name of the reader's logger, which is kept silent.
     """
     log = logging.getLogger(library or __name__)
     level = log.level
@@ -52,11 +50,11 @@ def read_errors(path: Path, expected: str = "", library: str = "") -> Iterator[N
         raise error.within(path.name) from None
     except ModuleNotFoundError:
         raise
-    except Exception as error:      # each library has its own, and Python's where it trusts the file
+    except Exception as error:      # libraries raise their own errors, or Python's on damaged files
         if not expected:
             raise
         why = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
-        if isinstance(error, OF_THE_READER):
+        if isinstance(error, READER_ERRORS):
             why = "its reader failed"
         raise InvalidInput(path.name, f"unreadable ({why})", expected) from None
     finally:
@@ -65,14 +63,14 @@ def read_errors(path: Path, expected: str = "", library: str = "") -> Iterator[N
 
 def read_npz_arrays(path: Path, names: tuple[str, ...], field: str = "photon file", and_cubes: bool = False
                     ) -> dict[str, np.ndarray]:
-    """Those of the arrays `names` that an .npz file has; no pickles, sizes checked against the headers.
+    """The arrays of an .npz file whose names are in `names`; no pickles.
 
     Args:
-        field: what the file is, to say that it is absent.
-        and_cubes: also the arrays of three dimensions, whatever they are called.
+        field: what the user calls the file, for errors.
+        and_cubes: also read the arrays of three dimensions, of any name.
 
     Raises:
-        InvalidInput: not a zip file, truncated, an array of objects, or arrays of more than MAX_ARRAY_BYTES together.
+        InvalidInput: not a zip file, damaged, an array of objects, or more than MAX_ARRAY_BYTES in all.
     """
     require_file(path, field)
     with path.open("rb") as file, read_errors(path):
@@ -82,10 +80,10 @@ def read_npz_arrays(path: Path, names: tuple[str, ...], field: str = "photon fil
                 return _arrays(archive, names, and_cubes)
         except InvalidInput:
             raise
-        except Exception as error:      # zipfile, zlib and NumPy have a dozen kinds for what is damaged
+        except Exception as error:      # zipfile, zlib and NumPy raise a dozen kinds
             why = f"unreadable ({error})"
-            if begins_as_zip:           # whose directory is at its end: without it, zipfile takes the file for no zip
-                why = "truncated or damaged" + ("" if isinstance(error, zipfile.BadZipFile) else f" ({error})")
+            if begins_as_zip:           # zipfile reports a cut-off file as no zip file: the directory is at its end
+                why = "damaged" if isinstance(error, zipfile.BadZipFile) else f"damaged ({error})"
             raise InvalidInput("", why, "a complete .npz file (a zip of arrays)") from None
 
 
@@ -109,22 +107,22 @@ def _arrays(archive: zipfile.ZipFile, names: tuple[str, ...], and_cubes: bool) -
 
 
 def map_npy(path: Path, field: str, most: int = MAX_ARRAY_BYTES) -> np.ndarray:
-    """The array of an .npy file, mapped into memory; InvalidInput if it is none, or of more than `most` bytes."""
+    """The array of an .npy file, mapped into memory; InvalidInput if it has no array or more than `most` bytes."""
     with path.open("rb") as stream:
         shape, _ = npy_header(stream, path.stat().st_size, field, most)
-    require(math.prod(shape) > 0, field, "empty", "an array with something in it")
+    require(math.prod(shape) > 0, field, problem=f"{path.name} has an empty array.")
     return np.load(path, mmap_mode="c", allow_pickle=False)
 
 
 def npy_header(stream: BinaryIO, file_size: int, field: str, most: int = MAX_ARRAY_BYTES) -> tuple[tuple, np.dtype]:
-    """Shape and type of the array after a header with which the file's size agrees.
+    """Shape and type in an .npy header.
 
     Raises:
-        InvalidInput: there is none, or one of Python objects or of more than `most` bytes.
+        InvalidInput: no header, Python objects, more than `most` bytes, or a file of another size.
     """
     try:
         shape, _, dtype = FORMATS[np.lib.format.read_magic(stream)](stream)
-    except Exception as error:      # a header is a Python literal, which can be wrong in many ways
+    except Exception as error:      # the header is a Python literal: many errors are possible
         raise InvalidInput(field, f"unreadable ({error})", "an array as NumPy writes it") from None
     require(dtype.kind in "biufcSU", f"{field} dtype", str(dtype), "numbers or text, not Python objects")
     fits = len(shape) <= MAX_SIDES and all(0 <= side < 2**63 for side in shape)

@@ -1,4 +1,4 @@
-"""Untrusted JSON: bounded and strict, checked by a JSON Schema, its arrays as lists or in base64."""
+"""Parse untrusted JSON with limits, check it by a JSON Schema, and convert its arrays (lists or base64)."""
 
 import base64
 import binascii
@@ -11,8 +11,8 @@ import numpy as np
 from srt3d_ros.errors import InvalidInput, quoted, require
 
 MAX_JSON_BYTES = 64 * 2**20
-MAX_VALUES = 2**20              # outside base64: a parsed number takes 32 bytes, a key with its value 150
-MAX_KEYS = 1000                 # of an object: a schema is checked key by key, 7 s a million
+MAX_VALUES = 2**20              # a parsed number takes 32 bytes, a key with its value 150; base64 is one value
+MAX_KEYS = 1000                 # in an object: the schema is checked key by key, 7 s a million
 MAX_NUMBER = 1e300
 IN_WORDS = {"integer": "an integer", "number": "a number", "string": "a string", "array": "a list"}
 
@@ -26,11 +26,11 @@ def parse(text: str, what: str) -> dict:
     """The object in a JSON text; errors call the text `what`.
 
     Raises:
-        InvalidInput: over 64 MiB, a million values (base64 is one) or 1000 keys; broken, no object, NaN, a key twice.
+        InvalidInput: no object, broken JSON, a repeated key, NaN, or more than the limits above.
     """
     require(len(text) <= MAX_JSON_BYTES, what, f"{len(text)} bytes", f"at most {MAX_JSON_BYTES} bytes")
     values = sum(text.count(mark) for mark in ",[{")
-    require(values <= MAX_VALUES, what, f"some {values} values", f"at most {MAX_VALUES}; write large arrays in base64")
+    require(values <= MAX_VALUES, what, f"about {values} values", f"at most {MAX_VALUES}; write large arrays in base64")
     try:
         content = json.loads(text, object_pairs_hook=_object, parse_constant=_no_constant)
     except InvalidInput:
@@ -42,27 +42,27 @@ def parse(text: str, what: str) -> dict:
 
 
 def check(content: dict, schema: dict) -> None:
-    """Raise InvalidInput for the first thing in a parsed object that a JSON Schema forbids."""
-    from jsonschema import Draft202012Validator  # here, as it takes 50 ms
+    """Raise InvalidInput for the first error that a JSON Schema finds in a parsed object."""
+    from jsonschema import Draft202012Validator  # imported here: takes 50 ms
 
     try:
         error = next(Draft202012Validator(schema).iter_errors(content), None)
     except RecursionError:
-        raise InvalidInput(schema["title"], "an object nested too deeply", "what its schema describes") from None
+        raise InvalidInput(schema["title"], problem=f"{schema['title']} is nested too deeply.") from None
     if error is not None:
         raise _in_one_line(error)
 
 
 def read_object(content: dict, properties: dict[str, dict], where: str = "") -> dict:
-    """The values of an object that was checked, by the properties of its schema: arrays, int, float, str and dict.
+    """Values of a checked object by the properties of its schema: arrays, int, float, str and dict.
 
-    Keys of the writer's own, which begin with `x_`, are left out. Errors put `where`, as "projection.", before names.
+    Skips keys that the schema does not list (`x_…`). Errors put `where`, such as "projection.", in front of names.
     """
     return {name: _value(content[name], schema, where + name) for name, schema in properties.items() if name in content}
 
 
 def write_object(value, properties: dict[str, dict]) -> dict:
-    """The attributes of an object that are not None, arrays in base64."""
+    """A dict of the attributes that are not None, with arrays in base64."""
     content = {}
     for name, schema in properties.items():
         part = getattr(value, name)
@@ -72,7 +72,7 @@ def write_object(value, properties: dict[str, dict]) -> dict:
 
 
 def _in_one_line(error) -> InvalidInput:
-    """What jsonschema found."""
+    """An error of jsonschema as InvalidInput."""
     where, keyword, schema = list(error.absolute_path), error.validator, error.schema
     value, expected = quoted(error.instance), _expected(schema)
     if keyword == "required":
@@ -83,12 +83,14 @@ def _in_one_line(error) -> InvalidInput:
         known, own = schema["properties"], "patternProperties" in schema
         unknown = next(key for key in error.instance if key not in known and not (own and key.startswith("x_")))
         where, value = [*where, "unknown key"], quoted(unknown)
-        expected = f"one of {', '.join(known)}{', or a name of your own that begins with x_' * own}"
+        expected = f"one of {', '.join(known)}"
+        if own:
+            expected += ", or a name of your own that begins with x_"
     return InvalidInput(".".join(map(str, where)), value, expected)
 
 
 def _expected(schema: dict) -> str:
-    """What a value must be, in words."""
+    """What a schema accepts, in words."""
     if "enum" in schema or "const" in schema:
         return " or ".join(map(str, schema.get("enum", [schema.get("const")])))
     if "x-dtype" in schema:
@@ -100,7 +102,7 @@ def _value(value, schema: dict, name: str):
     kind = schema.get("type")
     if "x-dtype" in schema and isinstance(value, (list, dict)):
         array = (_from_base64 if isinstance(value, dict) else _from_lists)(value, schema, name)
-        with np.errstate(over="ignore"):        # what float32 cannot hold becomes Inf, which SensorModel refuses
+        with np.errstate(over="ignore"):        # float32 overflows to Inf, which SensorModel refuses
             return array.astype(schema["x-dtype"])
     if isinstance(value, (int, float)):
         require(abs(value) < MAX_NUMBER, name, value, _expected(schema))
@@ -109,7 +111,7 @@ def _value(value, schema: dict, name: str):
 
 
 def _from_lists(value: list, schema: dict, name: str) -> np.ndarray:
-    # Checked one by one: NumPy would take "1.5" and true for numbers, and lists of long texts for gigabytes.
+    # Check types one by one: NumPy accepts "1.5" and true as numbers, and long texts would take gigabytes.
     kinds = (bool,) if schema["x-dtype"] == "bool" else (int, float)
     for row in value if all(isinstance(row, list) for row in value) else [value]:
         for number in row:
@@ -117,7 +119,7 @@ def _from_lists(value: list, schema: dict, name: str) -> np.ndarray:
     try:
         return np.array(value, bool if kinds == (bool,) else np.float64)
     except (ValueError, OverflowError):
-        raise InvalidInput(name, "lists of unequal lengths, or numbers too large", _expected(schema)) from None
+        raise InvalidInput(name, problem=f"{name} has lists of unequal length, or numbers too large.") from None
 
 
 def _from_base64(value: dict, schema: dict, name: str) -> np.ndarray:
@@ -131,7 +133,7 @@ def _from_base64(value: dict, schema: dict, name: str) -> np.ndarray:
     require(len(raw) == count * stored.itemsize, f"{name}.base64", f"{len(raw)} bytes",
             f"{count} numbers of {stored.itemsize} bytes for the shape {shape}")
     array = np.frombuffer(raw, stored).reshape(shape)
-    require(dtype != "bool" or bool((array <= 1).all()), name, "not 0 or 1 in places", "bytes 0 and 1")
+    require(dtype != "bool" or bool((array <= 1).all()), name, problem=f"{name} has bytes other than 0 and 1.")
     return array
 
 

@@ -67,4 +67,4 @@ def test_an_empty_file_has_figures_too(srt3d, tmp_path):
 
 def test_mistakes_are_one_line(refusal, wall):
     assert refusal("info", wall, "-o", "a.jpg").startswith("output is a.jpg")
-    assert refusal("info", wall, "-o", "absent/a.png").endswith(": expected a directory absent that exists\n")
+    assert refusal("info", wall, "-o", "absent/a.png").endswith(": there is no directory absent.\n")

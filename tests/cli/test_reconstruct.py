@@ -137,4 +137,4 @@ def test_no_file_that_is_read_is_replaced(photons, tmp_path, monkeypatch, refusa
     file.write_bytes(read)
     source, given = (file, ()) if option == "INPUT" else (photons[0], (option, file))
     said = refusal("reconstruct", source, "-o", "../" + tmp_path.name + "/a.npz", *given)
-    assert "expected another file than the input" in said and file.read_bytes() == read
+    assert "it is the input" in said and file.read_bytes() == read

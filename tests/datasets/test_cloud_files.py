@@ -80,15 +80,15 @@ def test_an_empty_cloud_is_a_valid_file(saved, ball):
 
 
 @pytest.mark.parametrize("name, expected", [
-    ("cloud.las", "a file name that ends in .npz, .ply, .png"),
-    ("cloud", "a file name that ends in"),
-    ("absent/cloud.ply", "a directory .*absent that exists"),
-    ("folder.ply", "a file, not a directory"),
-    (f"{300 * 'a'}.ply", "a file that can be written .File name too long"),
+    ("cloud.las", "output is .*cloud.las: expected a file name that ends in .npz, .ply, .png"),
+    ("cloud", "output is .*cloud: expected a file name that ends in"),
+    ("absent/cloud.ply", "Cannot write .*cloud.ply: there is no directory .*absent"),
+    ("folder.ply", "Cannot write .*folder.ply: it is a directory"),
+    (f"{300 * 'a'}.ply", "Cannot write .*a.ply .File name too long"),
 ])
 def test_a_path_that_cannot_be_used_is_refused_in_one_line(saved, tmp_path, name, expected):
     (tmp_path / "folder.ply").mkdir()
-    with pytest.raises(InvalidInput, match=f"output is .*{name[-20:]}: expected {expected}") as caught:
+    with pytest.raises(InvalidInput, match=f"^{expected}") as caught:
         saved(name)
     assert "\n" not in str(caught.value)
 
@@ -97,7 +97,7 @@ def test_a_path_that_cannot_be_used_is_refused_in_one_line(saved, tmp_path, name
 def test_a_failed_save_leaves_the_old_file_and_nothing_else(saved, tmp_path, full_disk, suffix):
     path = tmp_path / ("cloud" + suffix)
     path.write_text("old")
-    with pytest.raises(InvalidInput, match=r"File too large\)$"):
+    with pytest.raises(InvalidInput, match=r"File too large\).$"):
         saved(path.name)
     assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
 

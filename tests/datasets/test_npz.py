@@ -55,7 +55,7 @@ def test_a_name_in_capitals_is_kept_and_a_failed_save_leaves_the_old_file_and_no
     photon_file.save(path, SENSOR, EVENTS)
     before = path.read_bytes()
     request.getfixturevalue("full_disk")
-    with pytest.raises(InvalidInput, match="^photon file is .*A.NPZ"):
+    with pytest.raises(InvalidInput, match="^Cannot write .*A.NPZ"):
         photon_file.save(path, SENSOR.replace(gain=np.random.default_rng(0).random((2, 3)) + 1), EVENTS)
     assert [*tmp_path.iterdir()] == [path] and path.read_bytes() == before
 
@@ -110,8 +110,8 @@ def test_a_geometry_that_nobody_gives_is_said_to_be_assumed(tmp_path):
 
 
 @pytest.mark.parametrize(("damage", "said"), [
-    (lambda data: data[:20], r"is truncated or damaged: expected a complete \.npz file"),
-    (lambda data: data[:-1], r"is truncated or damaged: expected a complete \.npz file"),
+    (lambda data: data[:20], r"is damaged: expected a complete \.npz file"),
+    (lambda data: data[:-1], r"is damaged: expected a complete \.npz file"),
     (lambda data: b"no zip file at all", r"is unreadable \(File is not a zip file\): expected"),
     (lambda data: data.replace(b"\x93NUMPY", b"\x93NUMPI"), r"is unreadable \(Bad CRC-32")])
 def test_damaged_files_are_refused(tmp_path, damage, said):
@@ -149,11 +149,11 @@ def test_arrays_that_are_too_much_together_are_refused(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("name", "expected"), [
-    ("photons.npz.zip", "ends in .npz, .mat, .ptu"), ("absent.mat", "exists"), ("folder.npz", "exists"),
-    ("a" * 300 + ".npz", "can be read"), ("a" * 300 + ".mcap", "can be read")])
+    ("photons.npz.zip", "expected a file that ends in .npz, .mat, .ptu"), ("absent.mat", "no such file"),
+    ("folder.npz", "no such file"), ("a" * 300 + ".npz", "^Cannot read "), ("a" * 300 + ".mcap", "^Cannot read ")])
 def test_what_is_no_photon_file_is_named(tmp_path, name, expected):
     (tmp_path / "folder.npz").mkdir()
-    with pytest.raises(InvalidInput, match=f"^photon file is .*{name[-5:]}: expected a file that {expected}"):
+    with pytest.raises(InvalidInput, match=expected):
         read(tmp_path / name)
 
 
