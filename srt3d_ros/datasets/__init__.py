@@ -1,7 +1,6 @@
-"""Photon files, laboratories' files, bags and the simulator: all give `Photons`, a frame and its sensor."""
+"""Read photon files, published data, bags and the simulator: all give `Photons`, a frame with its sensor."""
 
 from importlib import import_module
-from itertools import islice
 from pathlib import Path
 from typing import Unpack
 
@@ -12,7 +11,7 @@ from srt3d_ros.datasets.bags.frames import read_frame
 from srt3d_ros.datasets.options import SensorOptions, gathered
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.simulation.simulator import Simulator
-from srt3d_ros.errors import quoted, require
+from srt3d_ros.errors import InvalidInput, quoted, require
 from srt3d_ros.files import json_text
 from srt3d_ros.files.array_files import read_errors, require_file
 from srt3d_ros.files.new_files import file_errors
@@ -21,20 +20,20 @@ from srt3d_ros.messages import sensor_message
 __all__ = ["SIMULATOR", "Photons", "open_sensor", "read"]
 
 SIMULATOR = "simulator"     # in place of a path
-# By suffix: a module with `read(path, options)`, or of files of several frames `frames(path, options)`. Both give
-# Photons. The options are those of options.gathered, and `guess_irf`.
+# Modules by suffix. `read(path, options)` gives Photons, `frames(path, options)` several; options as from
+# options.gathered, with `guess_irf`.
 READERS = {".npz": ".photon_file", ".mat": ".readers.mat", ".ptu": ".readers.ptu", ".npy": ".readers.cubes",
            ".json": ".readers.tmf8829", ".gz": ".readers.tmf8829"}
 
 
 def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: SensorModel | None = None,
          guess_irf: bool = False, **options: Unpack[SensorOptions]) -> Photons | Sketch:
-    """What `srt3d_ros.read` gives of a path: the photons of a file, or of a frame of a bag, with their sensor.
+    """Photons of a file, or photons or a sketch of a frame of a bag.
 
     Args:
-        path: also "simulator", for its moving head.
-        guess_irf: take an IRF of one bin where the file has none and none can be estimated, instead of refusing.
-        frame, photons_topic, sensor, options: as of `srt3d_ros.read`.
+        path: or "simulator" for its moving head.
+        guess_irf: use an IRF of one bin if the file has none and it cannot be estimated, instead of InvalidInput.
+        frame, photons_topic, sensor, options: as for `srt3d_ros.read`.
 
     Raises:
         InvalidInput: one line that names the file and field that cannot be used.
@@ -48,25 +47,27 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
         if path.suffix.lower() not in READERS:
             require(is_bag(path), "photon file", str(path), f"a file that ends in {', '.join(READERS)}, or a bag")
             return read_frame(path, frame, options, photons_topic)
-        require(not photons_topic, "photons_topic", quoted(photons_topic), "nothing: only bags have topics")
+        require(not photons_topic, "photons_topic", problem="Only bags have topics.")
         require_file(path, "photon file")
         return _of_file(path, frame, options | {"guess_irf": guess_irf})
 
 
 def _of_file(path: Path, frame: int, options: dict) -> Photons:
-    """The photons of a file; InvalidInput if it has no such frame."""
+    """Frame `frame` of a file; InvalidInput if it has fewer."""
     module = import_module(READERS[path.suffix.lower()], __name__)
     if not hasattr(module, "frames"):
-        require(frame == 0, "frame", frame, "0: a photon file has one frame")
+        require(frame == 0, "frame", frame, f"0, the only frame of {path.name}")
         return module.read(path, options)
     require(frame >= 0, "frame", frame, "0 or more")
-    found = next(islice(module.frames(path, options), frame, None), None)
-    require(found is not None, "frame", frame, f"less: {path.name} ends before")
-    return found
+    count = 0
+    for count, found in enumerate(module.frames(path, options), start=1):
+        if count > frame:
+            return found
+    raise InvalidInput("frame", problem=f"{path.name} has no frame {frame} (it has {count}).")
 
 
 def _simulated(frame: int, options: dict) -> Photons:
-    """A frame of the simulator's head, 10 photons a pixel, half of them background, with its true depths."""
+    """A frame of the simulator's head with its true depths: 10 photons a pixel, half of them background."""
     require(frame >= 0, "frame", frame, "0 or more")
     simulator = Simulator()
     events, depth_bins = simulator.frame(frame)
@@ -74,7 +75,7 @@ def _simulated(frame: int, options: dict) -> Photons:
 
 
 def open_sensor(path: str | Path) -> SensorModel:
-    """The sensor in a .json file, as on the `sensor` topic (config/sensors/ has some), or that of a photon file.
+    """The sensor of a .json file as on the `sensor` topic (config/sensors/ has examples), or of a photon file.
 
     Args:
         path: .json, or anything that `read` takes.

@@ -1,4 +1,4 @@
-"""Save a point cloud: .npz with everything, .ply for other programs; or draw it."""
+"""Save a point cloud as .npz with everything, as .ply for other programs, or as a picture."""
 
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -21,14 +21,14 @@ _BYTES = [(name, "u1") for name in ("red", "green", "blue")]
 def save(cloud: Cloud, path: str | Path) -> None:
     """Write a cloud in the format that the suffix of `path` names; the file appears whole, or not at all.
 
-    .npz: row, col (uint16), depth_bins (float32: see SensorModel), intensity (expected signal
-    photons), depth_std_bins, xyz (float32 [N, 3], metres), surface (uint8), background (float32 [rows, cols], expected
-    photons), stamp_ns, frequencies; of the sensor num_bins, bin_width_s, irf_ref, toa_offset_bins, range_offset_m.
+    .npz: row, col (uint16), depth_bins (float32: see SensorModel), intensity (expected signal photons),
+    depth_std_bins, xyz (float32 [N, 3], metres), surface (uint8), background (float32 [rows, cols], expected photons),
+    stamp_ns, frequencies; of the sensor num_bins, bin_width_s, irf_ref, toa_offset_bins, range_offset_m.
     .ply: binary, x y z intensity, and the range's colour as red green blue.
     .png, .jpg: a picture (needs matplotlib).
 
     Raises:
-        InvalidInput: if the suffix is another or the file cannot be written there.
+        InvalidInput: another suffix, or a file that cannot be written.
     """
     path = check(path)
     with file_errors("output", path), atomic_write(path) as part:
@@ -36,12 +36,12 @@ def save(cloud: Cloud, path: str | Path) -> None:
 
 
 def check(path: str | Path) -> Path:
-    """The path if a cloud could be saved there, as far as can be known before it is written; InvalidInput if not."""
+    """The path; InvalidInput if a cloud cannot be saved there, as far as is known before writing."""
     require(isinstance(path, str | Path), "output", type(path).__name__, "a path")
     path = Path(path)
     require(path.suffix.lower() in _WRITERS, "output", str(path), f"a file name that ends in {', '.join(_WRITERS)}")
-    require(path.suffix.lower() not in PICTURES or find_spec("matplotlib") is not None, "output", path.suffix,
-            "pip install 'srt3d_ros[review]' to have been run")
+    require(path.suffix.lower() not in PICTURES or find_spec("matplotlib") is not None, "output",
+            problem=f"Cannot write {path.name}: matplotlib is missing (pip install 'srt3d_ros[review]').")
     check_place(path)
     check_replaceable(path, "xyz")
     return path
@@ -50,7 +50,7 @@ def check(path: str | Path) -> Path:
 def _save_npz(cloud: Cloud, path: Path) -> None:
     fields = {name: getattr(cloud, name) for name in (*POINT_FIELDS, "background", "stamp_ns")}
     of_sensor = {name: getattr(cloud.sensor, name) for name in _SENSOR_FACTS}
-    with open(path, "wb") as file:      # to a path of another case NumPy appends .npz
+    with open(path, "wb") as file:      # NumPy would append .npz to .NPZ
         np.savez(file, **fields, frequencies=np.array(cloud.frequencies, np.int64), **of_sensor)
 
 

@@ -1,4 +1,4 @@
-"""What is in a photon file, in figures: its size, SBR, IRF, and what it would be sketched with."""
+"""Figures of a photon file: size, SBR, IRF width, and the gate and frequencies that suit it."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from srt3d_ros.core.sketching.gate import AUTO, Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.datasets.photons import Photons
 
-WORD_BYTES = 4              # of each real number of a sketch, and of the count beside them
+WORD_BYTES = 4              # of each real number and of the count in a sketch
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,8 +18,8 @@ class Description:
     """Figures of a photon file.
 
     Args:
-        facts: all figures by name; None where a value is unknown or infinite.
-        gate: the suggested one.
+        facts: figures by name; None if unknown or infinite.
+        gate: the suggested gate.
         histogram, counts: float64 [T] and [rows, cols], photons in each bin and in each pixel.
     """
 
@@ -30,13 +30,13 @@ class Description:
 
 
 def describe(photons: Photons) -> Description:
-    """Figures of photons."""
+    """Compute the figures of photons."""
     frame, sensor = photons.frame, photons.sensor
     gate, frequencies = design_for(sensor, AUTO, frame=frame)
     sbr = signal_to_background(histogram(frame, sensor), sensor)
     if isinstance(frame, PhotonHistograms):
-        of_bins = frame.on_axis(sensor)
-        toa, counts = of_bins.sum(axis=(0, 1), dtype=np.float64), of_bins.sum(axis=2, dtype=np.float64)
+        cube = frame.on_axis(sensor)
+        toa, counts = cube.sum(axis=(0, 1), dtype=np.float64), cube.sum(axis=2, dtype=np.float64)
     else:
         toa = np.bincount(sensor.toa_bins(frame.toa), minlength=sensor.num_bins).astype(np.float64)
         counts = np.bincount(frame.pixel, minlength=sensor.pixels).reshape(sensor.rows, sensor.cols).astype(np.float64)

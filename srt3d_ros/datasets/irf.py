@@ -1,5 +1,6 @@
-"""Instrument responses: drawn by a formula, read from a file, or estimated from photons."""
+"""Instrument response functions (IRFs): computed, read from a file, or estimated from photons."""
 
+import math
 import warnings
 from pathlib import Path
 
@@ -11,32 +12,32 @@ from srt3d_ros.datasets.values import array
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.files.array_files import map_npy, read_errors, read_npz_arrays, require_file
 
-MAX_TEXT_BYTES = 4 * 2**20      # 64 for each number of the longest response
+MAX_TEXT_BYTES = 4 * 2**20      # 64 for each number of the longest IRF
 TEXT_SUFFIXES = (".csv", ".txt")
 SUFFIXES = (".npy", ".npz", *TEXT_SUFFIXES)
 
 ESTIMATED = "IRF estimated from the photons, which makes it slightly broad: give irf (--irf)"
-# Of `estimate`.
-PHOTONS_USED = 100_000      # to estimate an IRF from
-FEWEST_PHOTONS = 3          # in a pixel, for it to tell anything about the IRF
-STANDS_OUT = 1.5            # how much denser than by chance clusters must be (scores; background alone: 0.98 to 1.03)
+# Constants of `estimate`.
+PHOTONS_USED = 100_000
+FEWEST_PHOTONS = 3          # a pixel with fewer tells nothing about the IRF
+STANDS_OUT = 1.5            # cluster score over that of uniform photons, at least; background alone has 0.98 to 1.03
 SHIFTS = 16                 # depths tried on either side of a cluster's centre
-MOST_WIDTHS = 10                  # half length that an estimated IRF may have, in widths of the clusters
+MOST_WIDTHS = 10            # longest half of an estimated IRF, in cluster widths
 ROUNDS = 8
-STRAY_LIKELIHOOD = 1e-2                # likelihood of a stray photon, so that one outlier does not rule a depth out
-KEEP_ABOVE = 0.003          # of the peak, where the response is cut
+STRAY_LIKELIHOOD = 1e-2     # likelihood of a photon anywhere, so that one outlier does not exclude a depth
+KEEP_ABOVE = 0.003          # of the peak; the IRF is cut where it falls below
 
 
 def spad(bin_width_s: float, fwhm_s: float = 55e-12, tail_s: float = 100e-12, tail_share: float = 0.3) -> np.ndarray:
-    """The response of a SPAD: a Gaussian, some of it (`tail_share`) delayed by an exponential diffusion tail.
+    """IRF of a SPAD: a Gaussian (laser, jitter), of which `tail_share` is delayed by an exponential diffusion tail.
 
     Args:
-        bin_width_s, fwhm_s, tail_s: seconds; `fwhm_s` is the Gaussian's (laser, jitter), `tail_s` the tail's 1/e time.
+        bin_width_s, fwhm_s, tail_s: seconds; full width at half maximum of the Gaussian, 1/e time of the tail.
 
     Returns:
         float32 [L], sum 1, cut where it falls below 10⁻⁴ of its peak.
     """
-    fine = 8                                            # steps a bin, so that narrow responses are integrated well
+    fine = 8                                            # steps a bin, to integrate narrow IRFs well
     step_s = bin_width_s / fine
     sigma_s = fwhm_s / np.sqrt(8 * np.log(2))
     lead = int(np.ceil(5 * sigma_s / bin_width_s)) * fine
@@ -51,16 +52,14 @@ def spad(bin_width_s: float, fwhm_s: float = 55e-12, tail_s: float = 100e-12, ta
 
 
 def gaussian(sigma_bins: float) -> np.ndarray:
-    """A Gaussian of this standard deviation, in bins; float64 [L], cut at 4 of them."""
+    """A Gaussian of this standard deviation in bins, cut at 4 of them; float64 [L]."""
     require(0 < sigma_bins < MAX_BINS / 8, "irf_sigma_bins", sigma_bins, "bins, above 0")
     reach = int(np.ceil(4 * sigma_bins))
     return np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma_bins) ** 2)
 
 
 def read(source: str | Path | np.ndarray | list) -> np.ndarray:
-    """An IRF given as an array or list, or as the path of a file; float64 [L] or [pixels, L], not yet normalised.
-
-    A file is .npy, .npz (its array `irf`), or .csv or .txt with one number to a line.
+    """An IRF from an array, a list or a file (.npy, .npz with `irf`, .csv or .txt); float64 [L] or [pixels, L].
 
     Raises:
         InvalidInput: the file or its content cannot be used.
@@ -74,35 +73,31 @@ def read(source: str | Path | np.ndarray | list) -> np.ndarray:
 
 
 def estimate(events: PhotonEvents, num_bins: int) -> np.ndarray:
-    """The IRF that explains the photons of many pixels best, each pixel at a depth of its own; float64 [L].
+    """Estimate the IRF from one frame, with an unknown depth for each pixel; float64 [L], slightly too broad.
 
-    The photons of a pixel cluster about its strongest surface, at an unknown depth. Expectation–maximisation over
-    these depths: every photon votes for the IRF bin it would fall into, weighted by how well the *other* photons of
-    its pixel agree with that depth (with its own vote it would pull the depth to itself and sharpen the estimate).
-    Then the baseline is removed. The result is slightly broader than the truth: depths are found to within some bins.
-
-    Args:
-        events: photons of one frame, any order.
+    The photons of a pixel cluster around its strongest surface. Expectation–maximisation over the pixels' depths: each
+    photon votes for the IRF bin it falls into, weighted by how well the other photons of its pixel agree with that
+    depth (its own vote would sharpen the estimate). Then the baseline is subtracted.
 
     Raises:
-        InvalidInput: the photons do not cluster, so that no IRF can be seen in them.
+        InvalidInput: the photons do not cluster.
     """
     pixel, toa = _fullest_pixels(events)
-    require(len(pixel) > 0, "photons", events.photons, "some pixels with enough to estimate the IRF from: give irf")
+    require(len(pixel) > 0, "photons", problem="Too few photons to estimate the IRF: give irf.")
     centre, width, score = _clusters(pixel, toa, num_bins)
     anywhere = np.random.default_rng(0).integers(0, num_bins, len(toa))
     by_chance = _clusters(pixel, anywhere[np.lexsort((anywhere, pixel))], num_bins)[2]
-    require(score > STANDS_OUT * by_chance, "photons", "spread like background",
-            "returns that stand out, to estimate the IRF from: give irf")
+    require(score > STANDS_OUT * by_chance, "photons",
+            problem="The photons are spread like background, so the IRF cannot be estimated: give irf.")
     reach = min(MOST_WIDTHS * width, (num_bins - 1) // 4)
     near = np.abs(toa - centre) <= reach
     pixel, lag = pixel[near], (toa - centre)[near]
     start = np.flatnonzero(np.diff(pixel, prepend=-1))
     counts = np.diff(start, append=len(pixel))
-    step = -(-width // SHIFTS)
+    step = math.ceil(width / SHIFTS)
     shifts = step * np.arange(-SHIFTS, SHIFTS + 1)
     middle = reach + step * SHIFTS
-    at = lag[:, None] - shifts + middle                     # the IRF bin of each photon, for each shift of its pixel
+    at = lag[:, None] - shifts + middle                     # IRF bin of each photon at each shift
     irf = np.exp(-0.5 * (np.arange(-middle, middle + 1) / (0.4 * width + 0.5)) ** 2)
     for _ in range(ROUNDS):
         score = np.log(irf / irf.sum() + STRAY_LIKELIHOOD / len(irf)).astype(np.float32)[at]
@@ -115,7 +110,7 @@ def estimate(events: PhotonEvents, num_bins: int) -> np.ndarray:
 
 
 def estimated(events: PhotonEvents, num_bins: int, guess: bool = False) -> tuple[np.ndarray, str]:
-    """An IRF for photons without one, and a note; InvalidInput if none can be seen, unless `guess` allows one bin."""
+    """The estimated IRF and a note. If the photons show none: one bin if `guess`, else InvalidInput."""
     try:
         return estimate(events, num_bins), ESTIMATED
     except InvalidInput:
@@ -125,26 +120,23 @@ def estimated(events: PhotonEvents, num_bins: int, guess: bool = False) -> tuple
 
 
 def _read_file(path: Path) -> np.ndarray:
-    require(path.suffix.lower() in SUFFIXES, "irf", str(path), f"a file {', '.join(SUFFIXES)}")
+    require(path.suffix.lower() in SUFFIXES, "irf", str(path), f"a file that ends in {', '.join(SUFFIXES)}")
     require_file(path, "irf")
     if path.suffix.lower() == ".npz":
         arrays = read_npz_arrays(path, ("irf",), "irf")
-        require("irf" in arrays, f"{path.name} array irf", "missing", "the impulse response")
+        require("irf" in arrays, "irf", problem=f"{path.name} has no array irf.")
         return arrays["irf"]
     if path.suffix.lower() == ".npy":
         return map_npy(path, f"irf file {path.name}")
     require(path.stat().st_size <= MAX_TEXT_BYTES, f"irf file {path.name}", f"{path.stat().st_size} bytes",
             f"at most {MAX_TEXT_BYTES} bytes of text")
     with read_errors(path, "numbers"), warnings.catch_warnings():
-        warnings.simplefilter("ignore")         # of a file without numbers, which the caller refuses
+        warnings.simplefilter("ignore")         # on a file without numbers, which the caller refuses
         return np.loadtxt(path, delimiter="," if path.suffix.lower() == ".csv" else None, ndmin=1)
 
 
 def _fullest_pixels(events: PhotonEvents) -> tuple[np.ndarray, np.ndarray]:
-    """The photons of the pixels with the most, sorted by pixel and ToA; each int64.
-
-    They are PHOTONS_USED, and a pixel's more; of many more, every n-th.
-    """
+    """About PHOTONS_USED photons of the fullest pixels, sorted by pixel and ToA; int64 each."""
     counts = np.bincount(events.pixel)
     by_count = np.argsort(-counts, kind="stable")
     enough = np.searchsorted(np.cumsum(counts[by_count]), PHOTONS_USED) + 1
@@ -158,12 +150,12 @@ def _fullest_pixels(events: PhotonEvents) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _clusters(pixel: np.ndarray, toa: np.ndarray, num_bins: int) -> tuple[np.ndarray, int, float]:
-    """The centre of the densest window of each photon's pixel; the windows' width, the same for all; their score.
+    """For each photon the centre of its pixel's densest window; the windows' common width; their score.
 
-    The width is the one at which the windows stand out most from a uniform background (a scan statistic).
+    The width is the one whose windows stand out most from a uniform background (a scan statistic).
     """
     total = np.bincount(pixel)[pixel]
-    line = pixel * (4 * num_bins) + toa                     # pixels so far apart that windows never reach the next
+    line = pixel * (4 * num_bins) + toa                     # far apart, so that no window reaches the next pixel
     start = np.flatnonzero(np.diff(pixel, prepend=-1))
     best = (toa, 1, -np.inf)
     width = 1.0
@@ -183,14 +175,14 @@ def _clusters(pixel: np.ndarray, toa: np.ndarray, num_bins: int) -> tuple[np.nda
 
 
 def _argmax_of_runs(values: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Index of the first largest value of each run; runs begin at `start`."""
+    """Index of the first maximum of each run; runs begin at `start`."""
     largest = np.repeat(np.maximum.reduceat(values, start), np.diff(start, append=len(values)))
     candidate = np.where(values == largest, np.arange(len(values)), len(values))
     return np.minimum.reduceat(candidate, start)
 
 
 def _cut_out(irf: np.ndarray) -> np.ndarray:
-    """The response about the peak in the middle, without baseline, cut where it falls to KEEP_ABOVE of the peak."""
+    """The IRF around its peak in the middle, without baseline, cut where it falls to KEEP_ABOVE of the peak."""
     edge = max(len(irf) // 8, 1)
     baseline = np.median(np.concatenate([irf[:edge], irf[-edge:]]))
     peak = len(irf) // 2

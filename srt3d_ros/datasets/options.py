@@ -1,7 +1,4 @@
-"""What the photons do not say of their sensor, or say wrongly: options and sensors of the caller.
-
-One rule: the caller wins over the file, and a note says which of the file's values went.
-"""
+"""Apply the caller's options and sensor to what a file says: the caller wins, and a note lists the replaced values."""
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
@@ -20,19 +17,19 @@ from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.values import array
 from srt3d_ros.errors import finite, quoted, require
 
-BIN_OF_ONE_METRE_S = 2 / SPEED_OF_LIGHT      # the width of bins of which nothing is known
+BIN_OF_ONE_METRE_S = 2 / SPEED_OF_LIGHT      # assumed if the bin width is unknown: x, y, z then count bins
 ASSUMED_WIDTH = "bin width taken to be 2 / 299792458 s: x, y and z count bins, not metres (give bin_width_s)"
 ASSUMED_FOV = (f"geometry taken to be a pinhole of {DEFAULT_FOV_DEG:g}° across the larger side: give fov_deg "
                "(--fov-deg), or the projection")
-ASSUMPTIONS = {"projection": "geometry ", "irf": "IRF ", "bin_width_s": "bin width "}     # how notes on them begin
+ASSUMPTIONS = {"projection": "geometry ", "irf": "IRF ", "bin_width_s": "bin width "}     # beginnings of their notes
 SENSOR_OPTIONS = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols"))
 SENSOR_DEFAULTS = {field.name: field.default for field in fields(SensorModel)}
 MAPS = ("gain", "delay_bins", "mask", "background_shape")
 
 
 class SensorOptions(TypedDict, total=False):
-    """What the photons do not say: `shape` is (rows, cols), `fov_deg` makes a pinhole, `irf_sigma_bins` a Gaussian IRF,
-    `gate` (first, last) keeps these bins; `channel` is one of a laboratory's file; the rest are of SensorModel."""
+    """Options that describe photons: `shape` is (rows, cols), `fov_deg` a pinhole's, `irf_sigma_bins` a Gaussian IRF's,
+    `gate` the (first, last) bin to keep, `channel` a detector of a .ptu file; the others are those of SensorModel."""
 
     shape: tuple[int, int]
     rows: int
@@ -58,20 +55,19 @@ class SensorOptions(TypedDict, total=False):
 
 
 def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None) -> dict[str, Any]:
-    """The options by name: those given, on top of the sensor's fields.
+    """The given options, on top of the sensor's fields; None counts as not given.
 
-    An `irf` becomes an array and replaces the `irf_ref` of another; `shape` becomes rows and cols. What is None counts
-    as not given.
+    `irf` becomes an array and replaces the sensor's irf_ref, too; `shape` becomes rows and cols.
 
     Raises:
-        InvalidInput: an unknown name, a value that cannot be used.
+        InvalidInput: an unknown name, or a value that cannot be used.
     """
     given = {name: value for name, value in given.items() if value is not None}
     for name in given:
         require(name in SensorOptions.__annotations__, "option name", quoted(name),
                 f"one of {', '.join(SensorOptions.__annotations__)}")
     for name, other in (("fov_deg", "projection"), ("irf_sigma_bins", "irf")):
-        require(not {name, other} <= given.keys(), name, given.get(name), f"{name} or {other}, not both")
+        require(not {name, other} <= given.keys(), name, problem=f"Give {name} or {other}, not both.")
     options = {}
     if sensor is not None:
         require(isinstance(sensor, SensorModel), "sensor", type(sensor).__name__, "a Sensor")
@@ -98,9 +94,9 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None) -> dic
 
 
 def described(sensor: SensorModel, options: Mapping[str, Any]) -> SensorModel:
-    """The sensor with options in place of its own values; those that do not describe it are left out."""
+    """The sensor with the options that describe a sensor in place of its own values."""
     changes = {name: options[name] for name in SENSOR_OPTIONS if name in options}
-    if "irf" in changes:        # irf_ref belongs to the one that is replaced
+    if "irf" in changes:        # irf_ref belongs to the replaced IRF
         changes = {"irf_ref": None} | changes
     if "fov_deg" in options:
         fov_deg = finite("fov_deg", options["fov_deg"], "an angle between 0 and 180 degrees")
@@ -110,42 +106,42 @@ def described(sensor: SensorModel, options: Mapping[str, Any]) -> SensorModel:
 
 def redescribed(sensor: SensorModel, notes: tuple[str, ...], options: Mapping[str, Any],
                 fixed: tuple[str, ...] = ("rows", "cols")) -> tuple[SensorModel, tuple[str, ...]]:
-    """The sensor of photons that are there with options in place of its own values, and the notes that then hold.
+    """The sensor of given photons with options in place of its own values, and the notes that then hold.
 
     Raises:
-        InvalidInput: an option would change a field that is `fixed`.
+        InvalidInput: an option would change a `fixed` field.
     """
     refuse_channel(options)
     check_same({name: getattr(sensor, name) for name in fixed}, options)
     changed = described(sensor, options)
-    own, now = ({name: getattr(one, name) for name in SENSOR_OPTIONS} for one in (sensor, changed))
-    for name, begin in ASSUMPTIONS.items():
-        left = tuple(note for note in notes if not note.startswith(begin))
+    before, after = ({name: getattr(one, name) for name in SENSOR_OPTIONS} for one in (sensor, changed))
+    for name, beginning in ASSUMPTIONS.items():
+        others = tuple(note for note in notes if not note.startswith(beginning))
         given = says_geometry(options) if name == "projection" else name in options
-        if given and left != notes:         # what was assumed is now known
-            notes = left
-            own = {key: value for key, value in own.items() if key not in (name, f"{name}_ref")}
-    return changed, notes + replaced_note(own, now)
+        if given and others != notes:       # an assumption is replaced, not a value of the file
+            notes = others
+            before = {key: value for key, value in before.items() if key not in (name, f"{name}_ref")}
+    return changed, notes + replaced_note(before, after)
 
 
 def sketch_with_options(sketch: Sketch, options: Mapping[str, Any]) -> Sketch:
-    """A sketch with options (`gathered`) in place of what its sensor says; a note says which.
+    """A sketch with options (`gathered`) in place of its sensor's values; a note lists them.
 
     Raises:
-        InvalidInput: an option that would have made another sketch.
+        InvalidInput: an option would have made another sketch.
     """
-    require("gate" not in options, "gate", options.get("gate"), "nothing: the sketch has been made without it")
+    require("gate" not in options, "gate", problem="A sketch cannot be gated: gate the photons.")
     sensor, notes = redescribed(sketch.sensor, sketch.notes, options, ("rows", "cols", "num_bins"))
     return replace(sketch, sensor=sensor, notes=notes, cycles=sketch.cycles or sensor.cycles or 0)
 
 
 def says_geometry(options: Mapping[str, Any]) -> bool:
-    """Whether the options have the angles of the pixels."""
+    """Whether the options state the pixels' angles."""
     return "fov_deg" in options or options.get("projection") is not None
 
 
 def replaced_note(own: Mapping[str, Any], now: Mapping[str, Any]) -> tuple[str, ...]:
-    """The note on values of a file that others replace, if there are any."""
+    """The note on values of a file that were replaced, if any."""
     said = {name: value for name, value in own.items() if not _same(value, SENSOR_DEFAULTS.get(name))}
     names = [name for name in said if name in now and not _same(said[name], now[name])
              and not (name == "irf_ref" and "irf" in said and not _same(said["irf"], now.get("irf")))]
@@ -153,18 +149,18 @@ def replaced_note(own: Mapping[str, Any], now: Mapping[str, Any]) -> tuple[str, 
 
 
 def check_same(own: Mapping[str, Any], options: Mapping[str, Any]) -> None:
-    """Raise InvalidInput if an option is not what the file has."""
+    """Raise InvalidInput if an option differs from the file."""
     for name, value in own.items():
         require(options.get(name, value) == value, name, quoted(options.get(name)), f"{value}, as in the file")
 
 
 def refuse_channel(options: Mapping[str, Any]) -> None:
-    """Raise InvalidInput if the options choose a channel, of photons that have none."""
-    require("channel" not in options, "channel", options.get("channel"), "nothing: only .ptu files have channels")
+    """Raise InvalidInput if the options choose a channel: these photons have none."""
+    require("channel" not in options, "channel", problem="Only .ptu files have channels.")
 
 
 def few_bins_note(shape: tuple[int, ...]) -> tuple[str, ...]:
-    """The note on counts whose first axis looks like that of the bins, [T, rows, cols]."""
+    """The note on counts that may be [bins, rows, cols], judged by their sides."""
     first, *others = shape
     suspicious = len(shape) == 3 and (first > max(others) or 1 < shape[2] < min(shape[:2]))
     note = (f"{' × '.join(map(str, shape))} taken for rows × cols × bins: if the first axis has the bins, load the "
@@ -173,13 +169,13 @@ def few_bins_note(shape: tuple[int, ...]) -> tuple[str, ...]:
 
 
 def outside_note(dropped: int, photons: int, first: int, last: int) -> tuple[str, ...]:
-    """The note on photons that a gate drops, if there are any."""
+    """The note on photons that a gate drops, if any."""
     note = f"{dropped} of {photons} photons lie outside the gate (bins {first} to {last}): dropped"
     return (note,) if dropped else ()
 
 
 def _same(one: Any, other: Any) -> bool:
-    if np.ndim(one) and np.ndim(other):         # an IRF as it was measured, and the same of sum 1
+    if np.ndim(one) and np.ndim(other):         # scaled to sum 1: IRFs are given in any unit
         one, other = (np.asarray(values, np.float64) / max(np.sum(values), 1e-300) for values in (one, other))
         return one.shape == other.shape and np.allclose(one, other, rtol=1e-5, atol=0)
     return np.array_equal(one, other)

@@ -1,4 +1,4 @@
-"""The npz photon file (docs/photon-file.md): photons of one frame, their sensor and, if known, the true depths."""
+"""Read and write .npz photon files (docs/photon-file.md): one frame, its sensor and, if known, the true depths."""
 
 import sys
 from dataclasses import astuple, fields, replace
@@ -24,7 +24,7 @@ from srt3d_ros.messages.sensor_message import PROJECTIONS
 
 SCALARS = ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m",
            "cycles")
-SENSOR_FIELDS = (*SCALARS, "irf", *MAPS, "frame_id")                          # arguments of SensorModel
+SENSOR_FIELDS = (*SCALARS, "irf", *MAPS, "frame_id")            # arguments of SensorModel
 FIRST_REFERENCES = ("ref_depth_ml_bins", "ref_depth_bins")      # the better one first
 MAX_REFERENCES = 8
 OTHER_REFERENCES = tuple(f"ref_depth_bins_{k}" for k in range(2, MAX_REFERENCES + 1))
@@ -35,15 +35,14 @@ REQUIRED = ("pixel", "toa", "rows", "cols", "num_bins")
 
 def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame,
          reference_depth_bins: np.ndarray | None = None) -> None:
-    """Write an npz photon file; one that is there is replaced when the new one is complete.
+    """Write an .npz photon file atomically.
 
     Args:
-        path: ends in .npz.
         frame: photons; gates are written as events.
         reference_depth_bins: [rows, cols] or [S, rows, cols], NaN = unknown or no surface.
 
     Raises:
-        InvalidInput: another suffix, photons outside the sensor, a reference of another shape, a path that cannot be
+        InvalidInput: another suffix, photons outside the sensor, a reference of another shape, or a path that cannot be
             written.
     """
     path = Path(path)
@@ -70,7 +69,7 @@ def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame,
 
 
 def read(path: Path, options: dict) -> Photons:
-    """The content of an npz photon file; arrays with other names are left alone.
+    """Photons of an .npz photon file; arrays with unknown names are ignored.
 
     Raises:
         InvalidInput: naming the file and the array that cannot be used.
@@ -91,7 +90,7 @@ def read(path: Path, options: dict) -> Photons:
 
 
 def _of_sensor(values: dict) -> dict:
-    """What a file says of its sensor, as options."""
+    """The options that describe a file's sensor."""
     given = {name: values[name] for name in (*SENSOR_FIELDS, "fov_deg") if name in values}
     if "gate_words" in values:
         given["gates"] = GateWords(*map(int, _numbers_of(GateWords, "gate_words", values)))
@@ -102,13 +101,13 @@ def _of_sensor(values: dict) -> dict:
         given.pop("fov_deg", None)
     if "distortion" in values:
         projection = given.get("projection")
-        require(isinstance(projection, Pinhole), "distortion", "there", "none: the projection is no pinhole")
+        require(isinstance(projection, Pinhole), "distortion", problem="Distortion needs a pinhole projection.")
         given["projection"] = replace(projection, distortion=PlumbBob(*_numbers_of(PlumbBob, "distortion", values)))
     return given
 
 
 def _numbers_of(kind: type, array: str, values: dict) -> list[float]:
-    """The numbers of an array for the fields of a class, but for a lens's distortion."""
+    """The numbers of an array with one entry for each field of a class (but `distortion`)."""
     names = [field.name for field in fields(kind) if field.name != "distortion"]
     expected = f"[{len(names)}]: {', '.join(names)}"
     require(array in values, array, "missing", expected)
@@ -117,22 +116,24 @@ def _numbers_of(kind: type, array: str, values: dict) -> list[float]:
 
 
 def _reference(values: dict, sensor: SensorModel) -> np.ndarray | None:
+    """Reference depths float32 [S, rows, cols], or None."""
     first = next((name for name in FIRST_REFERENCES if name in values), None)
     if first is None:
         return None
-    names, shape = [first, *takewhile(values.__contains__, OTHER_REFERENCES)], (sensor.rows, sensor.cols)
+    names = [first, *takewhile(values.__contains__, OTHER_REFERENCES)]
+    shape = (sensor.rows, sensor.cols)
     for name in names:
         require(values[name].shape == shape, f"{name} shape", values[name].shape, f"{shape}")
     return np.stack([values[name] for name in names]).astype(np.float32)
 
 
 def _value_of(name: str, array: np.ndarray) -> np.ndarray | float | str:
-    """An array as its name wants it: a text, one number, or an array of numbers."""
+    """The value of an array by its name: a text, one number, or the array."""
     if name in ("frame_id", "projection"):
         require(array.dtype.kind == "U" and array.size == 1 and array.itemsize <= 4 * MAX_FRAME_ID, f"{name} dtype",
                 str(array.dtype), f"one text of at most {MAX_FRAME_ID} characters")
         codes = array.reshape(1).astype(array.dtype.newbyteorder("=")).view(np.uint32)
-        require(bool((codes <= sys.maxunicode).all()), name, "not text in places", "Unicode characters")
+        require(bool((codes <= sys.maxunicode).all()), name, problem=f"{name} is not valid Unicode.")
         return str(array.item())
     require(array.dtype.kind in "iufb", f"{name} dtype", str(array.dtype), "numbers")
     if name not in (*SCALARS, "fov_deg", "stamp_ns"):

@@ -1,4 +1,4 @@
-"""Photons: what every file, bag, log and array gives, one frame with all that is known about it."""
+"""Photons: one frame of any file, bag, log or array, with its sensor."""
 
 import time
 from collections.abc import Sequence
@@ -27,15 +27,14 @@ IN_MEMORY = "arrays"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Photons:
-    """One frame of photons. Those of a large array of counts stay in its file, and are read when they are sketched.
+    """One frame of photons. A large array of counts stays in its file until it is sketched.
 
     Args:
-        sensor: the sensor that saw them.
         frame: the photons, as events or as histograms, inside the sensor's pixels and bins.
         reference_depth_bins: float32 [S, rows, cols], reference depths of S surfaces in the sensor's bins (see
             SensorModel), NaN = unknown or no surface; None if the file has none.
         name: the file's name without its suffix.
-        notes: one line each for what was assumed, estimated or left out on the way. Show them to the user.
+        notes: a line for each assumption, estimate or omission. Show them to the user.
     """
 
     sensor: SensorModel
@@ -47,14 +46,14 @@ class Photons:
     @classmethod
     def from_events(cls, row: Any, col: Any, toa: Any, *, sensor: SensorModel | None = None, stamp_ns: int = 0,
                     **options: Unpack[SensorOptions]) -> Self:
-        """Photons in memory: one entry of row, col and toa for each, in any order.
+        """Photons from one entry of row, col and toa each, in any order.
 
         Arrays and lists of any integer or float type, of NumPy or torch; tensors are copied from their device.
 
         Args:
             row, col: [N], the pixel of each photon.
             toa: [N], time of arrival in bins, 0 ≤ toa < T. Integers are whole bins, floats positions: see Sensor.
-            sensor: all that the photons do not say; or say it by options, which also win over what the sensor says.
+            sensor: describes the sensor; options override it.
             stamp_ns: start of acquisition, nanoseconds.
             options: shape=(rows, cols), num_bins, bin_width_s, irf or irf_sigma_bins, fov_deg or projection, and the
                 other arguments of Sensor. Without irf it is estimated from the photons, without fov_deg and projection
@@ -68,11 +67,11 @@ class Photons:
     @classmethod
     def from_counts(cls, counts: Any, *, sensor: SensorModel | None = None, stamp_ns: int = 0,
                     **options: Unpack[SensorOptions]) -> Self:
-        """Photons in memory, counted in bins; they say shape and num_bins themselves.
+        """Photons from counts in bins, whose array gives shape and num_bins.
 
         Args:
-            counts: [rows, cols, bins], photons in each bin. Negative where the sensor has subtracted ambient light.
-            sensor, stamp_ns, options: as of `from_events`.
+            counts: [rows, cols, bins], photons in each bin; negative where the sensor has subtracted ambient light.
+            sensor, stamp_ns, options: as for `from_events`.
 
         Raises:
             InvalidInput: naming the argument that is missing or cannot be used.
@@ -82,7 +81,7 @@ class Photons:
     @classmethod
     def from_frame(cls, frame: PhotonFrame, *, sensor: SensorModel | None = None, **options: Unpack[SensorOptions]
                    ) -> Self:
-        """A frame of srt3d_ros.core.sketching.photon_frame, with its sensor and options as of `from_events`."""
+        """Photons from a frame of srt3d_ros.core.sketching.photon_frame; sensor and options as for `from_events`."""
         return cls._in_memory(arrays.from_frame, (frame,), sensor, options)
 
     @classmethod
@@ -104,23 +103,22 @@ class Photons:
 
     @property
     def events(self) -> PhotonEvents:
-        """The photons one by one; InvalidInput for too many, and for histograms of negative or fractional counts."""
+        """The photons one by one; InvalidInput if there are too many, or counts that are negative or fractional."""
         if isinstance(self.frame, PhotonEvents):
             return self.frame
-        require(self.photons <= MAX_EVENTS, f"{self.name} photons", self.photons, f"at most {MAX_EVENTS} one by one; "
-                "methods on sketches take any number")
+        require(self.photons <= MAX_EVENTS, f"{self.name} photons", problem=f"{self.name} has {self.photons} photons, "
+                f"more than the {MAX_EVENTS} that can be listed. Methods on sketches take any number.")
         return self.frame.to_events(self.sensor)
 
     def sketch(self, sketch_size: int | None = None, *, frequencies: str | Sequence[int] = "auto",
                gate: str | tuple[int, int] = OFF) -> Sketch:
-        """The sketch: m complex numbers a pixel, whatever the number of photons.
+        """The sketch: m complex numbers a pixel for any number of photons.
 
         Args:
             sketch_size: m, 10 unless given.
-            frequencies: which numbers are kept: of least expected error for the IRF and these photons ("auto": other
-                photons may have others), "consecutive" from 1 to m, or the integers.
-            gate: keep the photons of the bins (first, last) only; or "auto": of those in which the histogram of all
-                photons shows a scene; or "off".
+            frequencies: "auto" (least expected error for the IRF and these photons), "consecutive" (1 to m), or the
+                integers to keep.
+            gate: keep only the photons of the bins (first, last), of those that show a scene ("auto"), or all ("off").
 
         Raises:
             InvalidInput: naming the argument that cannot be used.
@@ -143,13 +141,12 @@ class Photons:
 
         Args:
             method: "pooled", "srt3d", "smle", "xcorr" or "rt3d" (docs/algorithm.md).
-            sketch_size, frequencies, gate: as of `sketch`; frequencies are those that the method is published with
-                unless given.
+            sketch_size, frequencies, gate: as for `sketch`; by default the frequencies that the method was published
+                with.
             surfaces: K, the most surfaces in a pixel.
-            device: "cpu", "cuda", or "auto" for a GPU that does the same as the CPU, and faster.
-            false_alarm_rate: probability that a pixel with background alone shows a point, at most 0.4.
-            background: how it spreads over the bins (pooled): as the frame itself shows ("auto"), as the "sensor"
-                says, or "flat".
+            device: "cpu", "cuda", or "auto" for a GPU if it gives the same points faster.
+            false_alarm_rate: probability that a pixel with only background shows a point, at most 0.4.
+            background: its shape over the bins (pooled): estimated from the frame ("auto"), the "sensor"'s, or "flat".
 
         Raises:
             InvalidInput: naming the argument that cannot be used.
@@ -158,19 +155,20 @@ class Photons:
         own = {"method": method, "surfaces": surfaces, "device": device, "false_alarm_rate": false_alarm_rate,
                "background": background}
         if chosen.needs == "sketch":
-            started, used = time.perf_counter(), chosen.frequencies if frequencies is None else frequencies
+            started = time.perf_counter()
+            used = chosen.frequencies if frequencies is None else frequencies
             sketch = self.sketch(sketch_size, frequencies=used, gate=gate)
             sketch_ms = round((time.perf_counter() - started) * 1e3, 3)
             return replace(sketch.reconstruct(**own), sketch_ms=sketch_ms)
         for name, value in (("sketch_size", sketch_size), ("frequencies", frequencies)):
-            require(value is None, name, value, f"nothing: {method} makes no sketch")
+            require(value is None, name, problem=f"{method} works on all times of arrival and takes no {name}.")
         found = design_for(self.sensor, gate, "consecutive", frame=self.frame).gate
         seen = self if found is None else self.gated(found.first, found.last)
         cloud = Reconstructor(seen.sensor, **own)(seen.events)
         return replace(cloud, notes=seen.notes)
 
     def gated(self, first: int, last: int) -> Self:
-        """Only what is inside the bins from `first` to `last`; a note says how many photons are outside."""
+        """Keep the photons in the bins `first` to `last`; a note says how many were dropped."""
         gate, whole, reference = Gate(self.sensor, first, last), self.events, self.reference_depth_bins
         events = gate.photons(whole)
         if reference is not None:
@@ -178,13 +176,13 @@ class Photons:
             reference = np.where((moved >= 0) & (moved <= last - first), moved, np.float32(np.nan))
         note = outside_note(whole.photons - events.photons, whole.photons, first, last)
         if gate.sensor.cycles:
-            note += ("pile-up is not corrected: it takes the photons before the gate, too (give the gate to `sketch`)",)
-        # The words in which these photons may be sent still count from their own bin 0.
+            note += ("pile-up is not corrected: that needs the photons before the gate (give the gate to `sketch`)",)
+        # Gate words still count from the bin 0 of the whole period.
         return replace(self, sensor=gate.sensor.replace(gates=self.sensor.gates, cycles=None), frame=events,
                        reference_depth_bins=reference, notes=self.notes + note)
 
     def with_options(self, options: dict[str, Any]) -> Self:
-        """The same photons, with options (options.gathered) in place of what their sensor says; a note says which."""
+        """The same photons with options (options.gathered) in place of their sensor's values; a note lists them."""
         sensor, notes = redescribed(self.sensor, self.notes, options)
         self.frame.check(sensor)
         photons = replace(self, sensor=sensor, notes=notes)
@@ -192,5 +190,5 @@ class Photons:
 
 
 def _written(frequencies: str | Sequence[int]) -> str:
-    """Frequencies as the command line has them."""
+    """Frequencies as on the command line."""
     return str(frequencies) if np.ndim(frequencies) == 0 else ",".join(map(str, frequencies))

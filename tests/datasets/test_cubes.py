@@ -55,7 +55,7 @@ def test_a_gate_and_a_longer_period_are_those_of_the_events(npy, events, monkeyp
     assert "lie outside the gate" in found.notes[0]
     assert read(npy, num_bins=300, **GIVEN).events.photons == events.photons
     monkeypatch.setattr(photons, "MAX_EVENTS", 3000)
-    with pytest.raises(InvalidInput, match="cube photons is .*at most 3000 one by one"):
+    with pytest.raises(InvalidInput, match="cube has .* photons, more than the 3000 that can be listed"):
         found.reconstruct(method="xcorr")
 
 
