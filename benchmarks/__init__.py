@@ -1,1 +1,1 @@
-"""What only developers measure: it takes long, needs root, or answers no question of a user. See __main__.py."""
+"""Measurements for developers: they take long, need root or a GPU, or answer no question of a user. See __main__.py."""

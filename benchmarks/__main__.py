@@ -1,9 +1,10 @@
 """Run one of the developers' benchmarks: python -m benchmarks NAME [--help] [--out FILE] …
 
-Each measurement is a line of JSON with the machine that it was made on, printed and, with --out, appended to a file.
+Each measurement is printed as a line of JSON that also names the machine. --out appends the lines to a file.
 """
 
 import argparse
+import ast
 import json
 import os
 import platform
@@ -15,40 +16,30 @@ from pathlib import Path
 
 from srt3d_ros.nodes.versions import versions
 
-PURPOSES = {
-    "ablation": "quality and time with each constant of the method halved, doubled and off",
-    "accuracy": "true and false detections and depth error against photons, by method",
-    "animation": "clouds of a moving sensor as an animated picture: photons added, and moved first",
-    "calibration": "how often depth errors are within the standard deviations that points claim",
-    "choices": "what a gate and the background that is assumed change",
-    "deskew": "time to move the parts of a frame to one instant",
-    "false_alarms": "points where there is only background, beside the rate that was asked for",
-    "figure1": "time of a frame against its photons, by method: Figure 1 of the paper",
-    "gpu": "what only a GPU can show: the CPU's points, times, memory (eight minutes)",
-    "gpu_cost": "kernels and bytes of a frame on a GPU, counted without one, and the times that follow",
-    "motion": "depth error of a sensor that moves: at rest, and with photons added as they are, and moved first",
-    "pileup": "depth and intensity of a detector that sees the first photon of each laser cycle",
-    "ros": "latency and losses of frames through ROS 2 nodes, by rate",
-    "table1": "time and memory of a frame by size: Table 1 of the paper",
-    "two_machines": "sketches over links that are slow, lose packets or change: what passes, how late (root)",
-}
+NAMES = ("ablation", "accuracy", "calibration", "choices", "false_alarms", "figure1", "gpu", "gpu_cost", "motion",
+         "pileup", "ros", "table1", "two_machines")
 
 
 def machine() -> dict:
-    """Date, processor, number of its cores, load, and versions."""
+    """The date, processor, number of cores, load and versions that a line is measured with."""
     model = re.search(r"^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
     return {"date": date.today().isoformat(), "machine": model[1].strip() if model else platform.machine(),
             "cpus": len(os.sched_getaffinity(0)), "load_1min": round(os.getloadavg()[0], 2)} | versions()
 
 
+def purpose(name: str) -> str:
+    """The first line of a benchmark's docstring; the benchmark is not imported, for it may need torch."""
+    source = Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
+    return ast.get_docstring(ast.parse(source)).splitlines()[0]
+
+
 def main() -> None:
     if sys.argv[1:2] in ([], ["-h"], ["--help"]):
-        names = "\n".join(f"    {name:<14}{purpose}" for name, purpose in PURPOSES.items())
-        print(f"{__doc__}\n{names}")
+        print(__doc__, *(f"    {name:<14}{purpose(name)}" for name in NAMES), sep="\n")
         return
     name, *rest = sys.argv[1:]
-    if name not in PURPOSES:
-        sys.exit(f"{name}: expected {', '.join(PURPOSES)}")
+    if name not in NAMES:
+        sys.exit(f"{name}: expected {', '.join(NAMES)}")
     module = import_module(f"benchmarks.{name}")
     parser = argparse.ArgumentParser(prog=f"python -m benchmarks {name}", description=module.__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)

@@ -171,17 +171,14 @@ def steep(number: int) -> Iterator[Draw]:
 
 
 def moving(number: int) -> Iterator[Draw]:
-    from benchmarks import motion
+    from benchmarks.motion import Walk
 
-    drive, sensor = motion.drives(None)[0], motion.moving_sensor()
-    view, first_s = motion.MovingView(drive.world, drive.path, sensor), drive.first_s
-    views, frequencies = motion.Views(view, first_s), choose("auto", sensor, SKETCH_SIZE)
-    sketcher = MovingSketcher(sensor, frequencies)
-    known = motion.trajectory(drive.path, first_s, first_s + motion.FRAME_S)
-    depth = sensor.depth_bins(view.at(first_s + motion.FRAME_S / 2)[0])[None]
+    walk = Walk(frames=1)
+    sensor, views, (range_m, _) = walk.sensor, walk.views(0), walk.at_middle(0)
+    sketcher = MovingSketcher(sensor, walk.frequencies)
     for seed in range(number):
-        frame = motion.moving_frame(views, sensor, frequencies, first_s, 3, seed)
-        yield Draw(sketcher.finish(frame, known), sensor, 1, depth, 10, None, True)
+        sketch = sketcher.finish(walk.frame(0, views, 3, seed), walk.trajectory)
+        yield Draw(sketch, sensor, 1, sensor.depth_bins(range_m)[None], 10, None, True)
 
 
 def measure_apart(variant: dict, folder: str) -> dict[str, np.ndarray]:

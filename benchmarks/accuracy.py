@@ -1,6 +1,7 @@
-"""Accuracy against photons, by method: the simulated head, 141 × 141 pixels, m = 10, all methods on the same photons.
+"""True and false detections and depth error against photons per pixel, by method.
 
-Lines: true detections (TD) and false detections (FD) within 40 mm, %, and depth error (DAE), mm: docs/evaluation.md.
+The simulated head, 141 × 141 pixels, m = 10, all methods on the same photons. A line has the true and false detections
+(TD, FD; %) within 40 mm and the depth error (DAE, mm), as docs/evaluation.md defines them.
 """
 
 import argparse
@@ -10,7 +11,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from benchmarks.figure1 import PHOTONS, PPPS, SKETCH_SIZE, STYLES, write_table
+from benchmarks.figure1 import PHOTONS, STYLES, write_table
+from benchmarks.frames import PPPS, SKETCH_SIZE
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.evaluation.cases import simulated
 from srt3d_ros.evaluation.run import jobs_for
@@ -22,14 +24,13 @@ from srt3d_ros.pictures.figures import save_png
 METRICS = (Metric("td_percent", "true detections, %"),
            Metric("fd_percent", "false detections, %", "symlog", (-0.1, 110)),
            Metric("dae_mm", "depth error, mm", "log"))
-IN_TABLE = (1, 10, 100, 1000)       # photons a pixel
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--ppp", type=float, nargs="+", default=PPPS, help="photons a pixel")
+    parser.add_argument("--ppp", type=float, nargs="+", default=PPPS, help="photons per pixel")
     parser.add_argument("--sbr", type=float, default=1.0, help="signal over background (%(default)g)")
     parser.add_argument("--repeats", type=int, default=1, help="draws of the photons (%(default)d)")
-    parser.add_argument("--picture", type=Path, metavar="FILE", help="draw the lines; beside it the table, .md")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="draw the lines here, and write a table (.md) beside it")
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
@@ -43,13 +44,13 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
              for row in rows]
     if args.picture:
         draw(args.picture, lines)
-        write_table(args.picture, lines, IN_TABLE, "TD % / FD % / DAE mm",
+        write_table(args.picture, lines, "TD % / FD % / DAE mm",
                     "{td_percent:.1f} / {fd_percent:.1f} / {dae_mm:.2f}")
     yield from lines
 
 
 def draw(path: Path, lines: Sequence[dict]) -> None:
-    """A panel for each figure of merit, a line for each method."""
+    """Draw a panel for each metric, with a line for each method."""
     figure = Figure(figsize=(12, 3.8), dpi=150, layout="constrained")
     panels = figure.subplots(1, len(METRICS))
     for ax, metric in zip(panels, METRICS):

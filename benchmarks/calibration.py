@@ -1,7 +1,8 @@
-"""How often the depth error is within the standard deviation that a point claims: within 1 σ (68 %) and 2 σ (95 %).
+"""How often the depth error is within 1 σ (ideally 68 %) and 2 σ (95 %) of the `depth_std` that points claim.
 
-Planes, slopes and steps of squares of pixels, simulated here and not by the package: T = 1000, a Gaussian IRF of σ = 4
-bins, m = 10. A point more than three IRF σ off is false and does not count. docs/evaluation.md has the table.
+Planes, slopes and steps of squares of pixels, which this file simulates itself, independently of the package: T = 1000,
+a Gaussian IRF of σ = 4 bins, m = 10. A point that is off by more than three IRF σ is false and does not count.
+docs/evaluation.md has the table.
 """
 
 import argparse
@@ -13,17 +14,17 @@ import srt3d_ros
 
 NUM_BINS, IRF_SIGMA = 1000, 4.0
 NEAR = 3 * IRF_SIGMA        # bins
-DRAWS = {8: 200, 32: 40, 128: 4, 512: 1}        # frames for each size: pixels that share photons err alike
-FEWEST = 50                 # points that make a line
+DRAWS = {8: 200, 32: 40, 128: 4, 512: 1}        # frames by size: neighbours err alike, so small images need more
+FEWEST = 50                 # points; shares of fewer are None
 SHAPES = ("plane", "slope", "step")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--shapes", nargs="+", choices=SHAPES, default=SHAPES, help="what is seen (all)")
-    parser.add_argument("--sizes", type=int, nargs="+", choices=DRAWS, default=tuple(DRAWS), help="rows = cols (all)")
-    parser.add_argument("--ppp", type=float, nargs="+", default=(1, 10, 100), help="photons a pixel")
+    parser.add_argument("--shapes", nargs="+", choices=SHAPES, default=SHAPES, help="scenes (all)")
+    parser.add_argument("--sizes", type=int, nargs="+", choices=DRAWS, default=tuple(DRAWS), help="rows and columns (all)")
+    parser.add_argument("--ppp", type=float, nargs="+", default=(1, 10, 100), help="photons per pixel")
     parser.add_argument("--sbr", type=float, nargs="+", default=(10, 1, 0.1), help="signal over background")
-    parser.add_argument("--irf-sigma", type=float, default=IRF_SIGMA, help="of the IRF, bins (%(default)g)")
+    parser.add_argument("--irf-sigma", type=float, default=IRF_SIGMA, help="σ of the IRF, bins (%(default)g)")
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
@@ -37,7 +38,7 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
 
 
 def within(shape: str, size: int, ppp: float, sbr: float, irf_sigma: float, draws: int) -> dict:
-    """Share of points within 1 and 2 σ, %, RMS error, bins, and points a pixel; shares are None of too few points."""
+    """Shares of points within 1 and 2 σ, %, RMS error, bins, and points per 100 pixels."""
     ratio, error = (np.concatenate(parts) for parts in zip(*(
         errors(shape, size, ppp, sbr, irf_sigma, seed) for seed in range(draws))))
     line = {"points_percent": round(100 * len(ratio) / (draws * size**2), 1)}
@@ -50,7 +51,7 @@ def within(shape: str, size: int, ppp: float, sbr: float, irf_sigma: float, draw
 
 def errors(shape: str, size: int, ppp: float, sbr: float, irf_sigma: float,
            seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Depth errors of one frame's true points, over the claimed standard deviation and in bins."""
+    """Depth errors of the true points of one frame: divided by the claimed standard deviation, and in bins."""
     rng, truth = np.random.default_rng(seed), depth(shape, size)
     reach = max(int(6 * irf_sigma), 1)
     irf = np.exp(-np.arange(-reach, reach + 1)**2 / (2 * irf_sigma**2))
@@ -64,14 +65,14 @@ def errors(shape: str, size: int, ppp: float, sbr: float, irf_sigma: float,
 
 
 def depth(shape: str, size: int) -> np.ndarray:
-    """Depth, bins, [size, size]: 500.3; rising by 0.1 and 0.07 bins a pixel; or with a step of 60 bins."""
+    """Depth, bins, [size, size]: flat at 500.3; rising by 0.1 and 0.07 bins per pixel; or with a step of 60 bins."""
     down, right = np.mgrid[:size, :size] - size / 2
     return 500.3 + {"plane": 0 * right, "slope": 0.1 * right + 0.07 * down, "step": 60.0 * (right >= 0)}[shape]
 
 
 def photons(truth: np.ndarray, signal: float, background: float, irf: np.ndarray,
             rng: np.random.Generator) -> tuple[np.ndarray, ...]:
-    """Row, col and bin of Poisson photons; between bins the IRF is linear."""
+    """Row, col and bin of Poisson photons; the IRF is interpolated linearly between bins."""
     pixel = np.repeat(np.arange(truth.size), rng.poisson(signal, truth.size))
     late = truth.ravel()[pixel] + rng.choice(len(irf), len(pixel), p=irf) - len(irf) // 2
     seen = np.floor(late + rng.random(len(late))).astype(np.int64)

@@ -1,9 +1,9 @@
-"""How often `pooled` shows a point where there is only background, beside the `false_alarm_rate` that was asked for.
+"""Share of pixels in which `pooled` shows a point although there is only background, against `false_alarm_rate`.
 
     python -m benchmarks false_alarms           # five minutes on two cores
 
-Frames of 141 × 141 pixels see background alone, until PATCHES patches of false points have appeared. `share` is that of
-the pixels that show a point, `over_rate` that share over the rate that was asked for.
+Frames of 141 × 141 pixels of background are reconstructed until PATCHES patches of false points have appeared. `share`
+is the share of pixels with a point; `over_rate` is `share` over the `false_alarm_rate` that was set.
 """
 
 import argparse
@@ -21,17 +21,17 @@ from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import irf
 
 SIDE, SKETCH_SIZE = 141, 10
-# T, and the width of a bin, s, with an IRF of 0.3 ns.
+# T, and the width of a bin (s); the IRF is 0.3 ns wide.
 PERIODS = {586: 16e-12, 1024: 50e-12, 4613: 16e-12}
-PATCHES = 30            # that a rate is measured from, at least,
-FRAMES = 400            # unless so many frames show fewer
+PATCHES = 30            # end of a measurement, …
+FRAMES = 400            # … or after so many frames
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rates", type=float, nargs="+", default=[1e-2, 1e-3], help="false_alarm_rate")
-    parser.add_argument("--ppp", type=float, nargs="+", default=[1, 10, 100], help="photons a pixel")
+    parser.add_argument("--ppp", type=float, nargs="+", default=[1, 10, 100], help="photons per pixel")
     parser.add_argument("--surfaces", type=int, nargs="+", default=[1, 2])
-    parser.add_argument("--periods", type=int, nargs="+", default=list(PERIODS), help="T: bins")
+    parser.add_argument("--periods", type=int, nargs="+", default=list(PERIODS), help="T, bins")
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:

@@ -1,7 +1,7 @@
-"""Figure 1 of the SRT3D paper: the time of a frame against its photons, of methods on sketches and on all photons.
+"""Time of a frame against its photons, by method: Figure 1 of the SRT3D paper.
 
-141 × 141 pixels, m = 10. Times are those of the reconstruction alone: from photons or from a sketch in memory to a
-cloud in memory. Sketching, which goes on while the photons come, is timed beside it.
+141 × 141 pixels, m = 10. The time is that of the reconstruction alone, from photons or a sketch in memory to a cloud in
+memory. Sketching, which runs while photons arrive, has its own line.
 """
 
 import argparse
@@ -19,17 +19,17 @@ from srt3d_ros.pictures.curves import METHOD_COLOURS, Metric, format_axes
 from srt3d_ros.pictures.figures import save_png
 
 PHOTONS = "photons per pixel (mean, with background)"
-IN_TABLE = (1, 10, 100, 1000)       # photons a pixel
+IN_TABLE = (1, 10, 100, 1000)       # photons per pixel
 STYLES = {name: {"color": colour, "marker": marker, "markersize": 4.5, "linewidth": 3 if name == "pooled" else 1.6}
           for name, colour, marker in zip(METHODS, METHOD_COLOURS, "os^Dv")}
 STYLES["sketching"] = {"color": "#8a8f98", "marker": ".", "linestyle": "--"}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--ppp", type=float, nargs="+", default=PPPS, help="photons a pixel")
+    parser.add_argument("--ppp", type=float, nargs="+", default=PPPS, help="photons per pixel")
     parser.add_argument("--side", type=int, default=SIDE, help="rows and columns (%(default)d)")
-    parser.add_argument("--repeats", type=int, default=5, help="timed runs of each (%(default)d)")
-    parser.add_argument("--picture", type=Path, metavar="FILE", help="draw the lines; beside it the table, .md")
+    parser.add_argument("--repeats", type=int, default=5, help="timed runs of each method (%(default)d)")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="draw the lines here, and write a table (.md) beside it")
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
@@ -51,11 +51,11 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
             yield lines[-1]
     if args.picture:
         draw(args.picture, lines)
-        write_table(args.picture, lines, IN_TABLE, "ms", "{median_ms:.3g}")
+        write_table(args.picture, lines, "ms", "{median_ms:.3g}")
 
 
 def draw(path: Path, lines: Sequence[dict]) -> None:
-    """Median times against photons per pixel, with the range of all runs shaded."""
+    """Draw median times against photons per pixel, with the range of all runs shaded."""
     figure = Figure(figsize=(8, 5), dpi=200, layout="constrained")
     ax = figure.subplots()
     for name, style in STYLES.items():
@@ -69,15 +69,15 @@ def draw(path: Path, lines: Sequence[dict]) -> None:
     save_png(figure, path)
 
 
-def write_table(picture: Path, lines: Sequence[dict], ppps: Sequence[float], what: str, cell: str) -> None:
-    """A Markdown table beside the picture: a row for each method, a column for each number of photons.
+def write_table(picture: Path, lines: Sequence[dict], title: str, cell: str) -> None:
+    """Write a Markdown table beside the picture: a row for each method, a column for each number of photons.
 
     Args:
-        what: its cells hold.
-        cell: the format of a line in it.
+        title: heading of the first column: what the cells hold.
+        cell: format string that makes a cell from a line.
     """
     cells = {(line["method"], line["ppp"]): cell.format(**line) for line in lines}
-    columns = [ppp for ppp in ppps if any(ppp == of for _, of in cells)]
-    heading = [what, *(f"{ppp:,g} ppp" for ppp in columns)]
+    columns = [ppp for ppp in IN_TABLE if any(ppp == measured for _, measured in cells)]
+    heading = [title, *(f"{ppp:,g} ppp" for ppp in columns)]
     rows = [[name, *(cells[name, ppp] for ppp in columns)] for name in STYLES if (name, columns[0]) in cells]
     picture.with_suffix(".md").write_text(aligned([heading, *rows]) + "\n", encoding="utf-8")

@@ -1,7 +1,8 @@
-"""Frames through ROS 2, player, sketcher and reconstructor in processes of their own: from the stamp to the cloud.
+"""Latency and losses of frames through ROS 2 nodes, by frame rate.
 
-Each rate is played for some seconds; the nodes take the newest frame and drop what they cannot keep up with, as they do
-for a sensor. A subscriber (watch.py), which shares the cores with them, notes when each cloud comes.
+Player, sketcher and reconstructor run in a process each. Each rate is played for some seconds; the nodes drop what they
+cannot keep up with, as with a real sensor. tools/watch.py, on the same cores, notes when each cloud arrives. Latency is
+from the stamp of the photons to that arrival.
 """
 
 import argparse
@@ -20,12 +21,12 @@ from srt3d_ros.processes.private_network import join_private_network
 from tools.machines import WAIT_S, Watch, watch_command
 from tools.processes import Process, wait
 
-LAST_CLOUD_S = 2.0      # after the player's end: no more will come
+LAST_CLOUD_S = 2.0      # after the player's end: no more clouds will come
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--rates", type=float, nargs="+", default=(10, 20, 30, 40), help="frames a second")
-    parser.add_argument("--seconds", type=float, default=5.0, help="to play for, each (%(default)g)")
+    parser.add_argument("--rates", type=float, nargs="+", default=(10, 20, 30, 40), help="frames per second")
+    parser.add_argument("--seconds", type=float, default=5.0, help="playing time of each rate (%(default)g)")
     parser.add_argument("--side", type=int, default=141, help="rows and columns (%(default)d)")
 
 
@@ -45,7 +46,7 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
         for name in ("reconstructor", "sketcher"):
             start(node_command(name))
             wait(lambda: name in watch.reports, name, deadline_s=WAIT_S)
-        for rate_hz in (args.rates[0], *args.rates):        # the first time the nodes learn of the sensor, and compile
+        for rate_hz in (args.rates[0], *args.rates):        # the first round only compiles
             first, sent = len(watch.arrivals), round(rate_hz * args.seconds)
             start(node_command("player", input=str(photons), rate_hz=float(rate_hz), frames=sent)).code()
             time.sleep(LAST_CLOUD_S)

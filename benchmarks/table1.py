@@ -1,4 +1,4 @@
-"""Table 1 of the SRT3D paper, on the CPU: the time and memory of a frame against the size of image and sketch."""
+"""Time and memory of a frame on the CPU, by image and sketch size: Table 1 of the SRT3D paper."""
 
 import argparse
 from collections.abc import Iterator
@@ -14,11 +14,11 @@ PAPER_MS = {(141, 10): 7, (705, 10): 88, (282, 10): 18, (423, 10): 35, (564, 10)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--repeats", type=int, default=5, help="timed runs of each (%(default)d)")
+    parser.add_argument("--repeats", type=int, default=5, help="timed runs of each method (%(default)d)")
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
-    """A line for each size, sketch size and method."""
+    """A line for each image size, sketch size and method."""
     for side, m in PAPER_MS:
         sensor = sensor_of(side)
         photons = photons_of(sensor, PPP)
@@ -26,9 +26,9 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
             frequencies = choose(METHODS[name].frequencies, sensor, m)
             sketch = sketch_photons(photons, sensor, frequencies)
             reconstructor = METHODS[name].build(sensor, frequencies, device="cpu")
-            reconstructor.warm_up()         # its memory would count as the frame's
+            reconstructor.warm_up()         # allocates what would otherwise count as the frame's memory
             timing = timed(partial(reconstructor, sketch), args.repeats)
-            del reconstructor               # and as that of the next
+            del reconstructor               # its memory would count as the next frame's
             yield {"pixels": f"{side}x{side}", "m": m, "method": name, "paper_ms": PAPER_MS[side, m],
                    "median_ms": round(timing.median_ms, 1), "min_ms": round(min(timing.ms), 1),
                    "max_ms": round(max(timing.ms), 1), "growth_bytes": timing.growth_bytes}

@@ -1,8 +1,7 @@
-"""Sketches between two machines joined by 100 Mbit/s or 1 Gbit/s: what passes, how late, at what loss.
+"""Sketches over a link of 100 Mbit/s or 1 Gbit/s between two machines: how many arrive, and how late (needs root).
 
-The machines are network namespaces (machines.py): needs root and iproute2. `limits` sends sketches of all sizes over
-both links, `loss` over one that loses packets, with each Fast DDS profile of the sketcher; `degrade` over a link whose
-rate falls to a tenth and rises again, with and without merge_when_busy: a line a rate.
+The machines are network namespaces (tools/machines.py; needs iproute2). `limits` sends sketches of all sizes over both
+links; `loss` sends them over a link that loses packets, with each Fast DDS profile of the sketcher.
 """
 
 import argparse
@@ -22,41 +21,37 @@ OWN, PROFILES = "Fast DDS's own", ("Fast DDS's own", "default", "network")      
 OWN_PROFILE = """<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"><profiles>
 <participant profile_name="own"/></profiles></dds>"""
 SMALL, LARGE = 141, 512
-PHASES = ((8.0, 100.0), (15.0, 10.0), (17.0, 100.0))    # s, Mbit/s: of `degrade`, at 10 Hz
-SILENCE_S = 2.0         # after the last frame: no more will come
-SIZES = (               # pixels of a side, layout, m, frames a second
+SILENCE_S = 2.0         # without a message: no more will come
+SIZES = (               # rows and columns, layout, m, frames per second
     (SMALL, "int16", 5, 10.0), (SMALL, "int16", 10, 10.0), (SMALL, "int16", 5, 30.0), (SMALL, "float32", 10, 10.0),
     (LARGE, "int16", 5, 10.0), (LARGE, "float32", 10, 10.0))
-PARTS = {               # the options of `sketches` for each line
+PARTS = {               # options of `sketches`, a line each
     "limits": [{"mbit": 100, "case": SIZES[0], "reader": "reconstructor"},
                *({"mbit": mbit, "case": case, "profile": profile} for mbit, profile in (
                    (100, "default"), (1000, "default"), (1000, "network")) for case in SIZES)],
     "loss": [{"mbit": 100, "case": SIZES[0], "loss": loss, "profile": profile}
              for loss in (0, 0.001, 0.01) for profile in PROFILES],
 }
-DEGRADE = "degrade"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parts = [*PARTS, DEGRADE]
-    parser.add_argument("parts", nargs="*", default=parts, metavar="part", help=f"any of {', '.join(parts)}")
-    parser.add_argument("--seconds", type=float, default=10.0, help="to play for, each (%(default)g)")
+    parser.add_argument("parts", nargs="*", default=[*PARTS], choices=[*PARTS], metavar="part",
+                        help=f"any of {', '.join(PARTS)}")
+    parser.add_argument("--seconds", type=float, default=10.0, help="playing time of each line (%(default)g)")
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
     if reason := why_not():
-        sys.exit(f"no link can be made here: {reason}")
+        sys.exit(f"cannot make a link between two machines: {reason}")
     with tempfile.TemporaryDirectory(prefix="srt3d-two-machines-") as folder:
         for part in args.parts:
-            for options in PARTS.get(part, ()):
+            for options in PARTS[part]:
                 yield {"part": part, **sketches(Path(folder), args.seconds, **options)}
-            for merge in (True, False) if part == DEGRADE else ():
-                yield from ({"part": part, "merge_when_busy": merge, **line} for line in degrade(Path(folder), merge))
 
 
 def sketches(folder: Path, seconds: float, mbit: float, case: tuple, loss: float = 0, profile: str = "default",
              reader: str = "") -> dict:
-    """Sketches over a link, to a reader that only notes when they come or to a reconstructor; what came of it."""
+    """Send sketches over a link, to the node `reader` or, without one, to a subscriber that notes their arrival."""
     side, layout, size, rate_hz = case
     own, sent = folder / "own.xml", round(rate_hz * seconds)
     own.write_text(OWN_PROFILE)
@@ -90,25 +85,8 @@ def sketches(folder: Path, seconds: float, mbit: float, case: tuple, loss: float
                 "wire_bytes_per_frame": round(wire / max(arrived, 1))}
 
 
-def degrade(folder: Path, merge: bool) -> Iterator[dict]:
-    """What arrives while the rate of the link falls and rises; in each phase."""
-    with Link(PHASES[0][1]) as link, Machines(link, folder) as machines:
-        watch = machines.watch("sketch")
-        machines.start_on(SENSOR, "sketcher", NETWORK_PROFILE, layout="int16", sketch_size=5,
-                          merge_when_busy=merge)
-        machines.wait(lambda: "sketcher" in watch.reports, "the sketcher")
-        machines.start_on(SENSOR, "player", input=photon_file(folder, SMALL), rate_hz=10.0)
-        machines.wait(lambda: watch.arrivals, "the first sketch")
-        for seconds, mbit in PHASES:
-            link.carry(mbit)
-            arrived, sent = len(watch.arrivals), watch.total("sketcher", "packets")
-            time.sleep(seconds)
-            yield {"mbit": mbit, "seconds": seconds, "frames": watch.total("sketcher", "packets") - sent,
-                   "arrived": len(watch.arrivals) - arrived, "age_ms": percentiles(watch.arrivals[arrived:])}
-
-
 def photon_file(folder: Path, side: int) -> str:
-    """A file with a frame of the simulated head."""
+    """The path of a file with one frame of the simulated head."""
     path = folder / f"{side}.npz"
     if not path.exists():
         sensor = sensor_of(side)
@@ -117,6 +95,6 @@ def photon_file(folder: Path, side: int) -> str:
 
 
 def percentiles(arrivals: Sequence[Arrival]) -> dict[str, float]:
-    """p50, p95 and the largest latency, ms."""
+    """Median, 95th percentile and maximum of the latency, ms."""
     values = np.percentile([arrival.latency_ms for arrival in arrivals] or [np.nan], [50, 95, 100])
     return dict(zip(("p50", "p95", "max"), np.round(values, 1).tolist()))
