@@ -1,12 +1,12 @@
-"""What each constant of `pooled` is worth: quality with it halved, doubled and, where it can be, off.
+"""Accuracy of `pooled` with each of its constants halved, doubled and off.
 
     python -m benchmarks ablation                               # everything: half an hour on two cores
     python -m benchmarks ablation --constants VOTE,SPREAD --only "head*,room*"
 
-Every set is reconstructed from several draws of its photons: a scene of the simulator is drawn anew, of a photon file
-each photon is kept with the probability that `FILES` gives. All variants see the same draws, so their changes are
-paired. A line has, for each set, the mean change of true and false detections (points) and of the depth error (%),
-each with its standard error; the first line has the default's means.
+Each set of photons is drawn several times: a simulated scene with other seeds, a photon file by keeping each photon
+with the probability in `FILES`. All variants see the same draws, so changes are paired. The first line has the means
+with the default constants. Every other line has, for each set, the mean change of true and false detections (percentage
+points) and of the depth error (%), each with its standard error.
 """
 
 import argparse
@@ -42,25 +42,26 @@ from srt3d_ros.kernels import constants
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SKETCH_SIZE = 10
-# Share of a file's photons in a draw, and τ in bins. The heads are drawn from the file of 419 photons a pixel.
+# Probability of keeping a photon, and τ in bins. The file of the head has 419 photons per pixel.
 FILES = {"art_real_unif_ppp5_sbr0.1": (0.8, 10), "art_real_unif_ppp5_sbr1": (0.8, 10),
          "art_real_unif_ppp5_sbr10": (0.8, 10), "polystyrene_head_142_full, 1 ppp": (1 / 419, 10),
          "polystyrene_head_142_full, 10 ppp": (10 / 419, 10), "room_64_2_50": (0.8, 3), "room_64_10_50": (0.8, 3),
          "bowling_72x88_2_100": (0.8, 3), "reindeer_72x88_2_100": (0.8, 3), "two_layer_100": (0.8, 40)}
+# SBR, photons per pixel, whether there is fog.
 SCENES = {"bust, SBR 1, 1 ppp": (1, 1, False), "bust, SBR 0.1, 10 ppp": (0.1, 10, False),
           "bust in fog, SBR 1, 10 ppp": (1, 10, True)}
 HEAD_TOLERANCE_M = 40e-3
 NET, MOTION, STEEP = "net, SBR 1, 10 ppp", "room from a moving sensor, 3 ppp", "steep wall, SBR 0.1, 20 ppp"
-# Limits, what has to fit a margin, rounding, other methods, what `benchmarks false_alarms` measures.
+# Not varied: limits, margins, rounding, constants of other methods, and what `benchmarks false_alarms` measures.
 FIXED = ("MAX_SKETCH_SIZE", "MAX_PHOTONS", "REACH", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "VOTE_RADIUS",
          "SEEN_SCORE", "TINY", "EPSILON")
 OFF = {"START_SCALES": (0.0, 2.5), "WINDOWS": ((2.0, 4), (9.0, 4)), "LIKENESS": 1e6,
        "VOTE": 0, "MAX_VOTES": 1e6, "EMPTY_VOTES": 0, "SPREAD": 0, "WRONG_IRF": 0, "SHARP": 1}
-BACKGROUND = "srt3d_ros.core.method.background"         # has constants, too
+BACKGROUND = "srt3d_ros.core.method.background"         # has constants of the method, too
 
 
 class Draw(NamedTuple):
-    """One draw of a set's photons, and the truth."""
+    """A sketch of one draw of the photons, and the truth that its cloud is judged against."""
 
     sketch: Sketch
     sensor: object
@@ -78,9 +79,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--only", default="*", metavar="SET,…", help="only these sets; * and ? as in file names")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE[;NAME=VALUE]",
                         help="instead of all constants, one variant with these values; may be repeated")
-    parser.add_argument("--draws", type=int, default=10, metavar="N", help="of the photons of a set (%(default)s)")
+    parser.add_argument("--draws", type=int, default=10, metavar="N", help="draws of each set (%(default)s)")
     parser.add_argument("--jobs", type=int, default=2, metavar="N",
-                        help="processes at a time, of one thread each (%(default)s)")
+                        help="processes at a time, one thread each (%(default)s)")
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
@@ -104,12 +105,12 @@ def fits(name: str, patterns: str) -> bool:
 
 
 def parsed(text: str) -> dict:
-    """The constants of a variant, from the command line."""
+    """The constants of a variant from its text on the command line."""
     return {name: ast.literal_eval(value) for name, value in (pair.split("=") for pair in text.split(";"))}
 
 
 def halved_doubled_off(patterns: str) -> Iterator[dict]:
-    """The variants of each constant: a number halved, doubled and off; a table as OFF has it."""
+    """Variants of each constant: numbers halved, doubled and off; tables as in OFF."""
     for name, value in (vars(constants) | vars(import_module(BACKGROUND))).items():
         if not name.isupper() or name == "BACKGROUNDS" or fits(name, ",".join(FIXED)) or not fits(name, patterns):
             continue
@@ -120,12 +121,12 @@ def halved_doubled_off(patterns: str) -> Iterator[dict]:
 
 
 def half(number):
-    """Half of it; of an integer at least 1."""
+    """Half the number; for an integer, at least 1."""
     return max(1, round(number / 2)) if isinstance(number, int) else number / 2
 
 
 def draws(name: str, number: int, data: Path) -> Iterator[Draw]:
-    """The draws of a set."""
+    """Draw the photons of a set `number` times."""
     if name == MOTION:
         yield from moving(number)
     elif name == STEEP:
@@ -144,10 +145,11 @@ def draws(name: str, number: int, data: Path) -> Iterator[Draw]:
 
 
 def of_file(path: Path, share: float, tolerance: float, number: int) -> Iterator[Draw]:
+    """Draws of a photon file that keep each photon with the probability `share`."""
     photons = datasets.read(path)
     events, sensor, reference = photons.events, photons.sensor, photons.reference_depth_bins
     frequencies, counted = choose("auto", sensor, SKETCH_SIZE), None
-    if len(reference) > 1:          # the second was measured apart, and has a zero of its own
+    if len(reference) > 1:          # the second was measured separately, with another zero of depth
         from srt3d_ros.evaluation.cases import of_files
         from srt3d_ros.evaluation.run import aligned_reference
 
@@ -161,7 +163,7 @@ def of_file(path: Path, share: float, tolerance: float, number: int) -> Iterator
 
 
 def steep(number: int) -> Iterator[Draw]:
-    """A wall that rises by four standard deviations of the IRF from pixel to pixel, and falls by two downwards."""
+    """Draws of a wall whose depth changes by four σ of the IRF per column and by two per row."""
     sensor = SensorModel(40, 40, 1000, 1e-10, np.exp(-np.arange(-16, 17)**2 / 32))
     row, col = np.mgrid[:40, :40]
     depth, frequencies = 370.0 + 14.3 * col - 8.2 * row, choose("auto", sensor, SKETCH_SIZE)
@@ -171,6 +173,7 @@ def steep(number: int) -> Iterator[Draw]:
 
 
 def moving(number: int) -> Iterator[Draw]:
+    """Draws of one frame of a walk through the room, deskewed."""
     from benchmarks.motion import Walk
 
     walk = Walk(frames=1)
@@ -182,7 +185,7 @@ def moving(number: int) -> Iterator[Draw]:
 
 
 def measure_apart(variant: dict, folder: str) -> dict[str, np.ndarray]:
-    """TD and FD (%) and DAE (bins) of each set and draw, [draws, 3], from a process that compiles this variant."""
+    """TD and FD (%) and DAE (bins) of each set, [draws, 3], measured in a process that compiles this variant."""
     with TemporaryDirectory() as cache:
         environment = {"NUMBA_CACHE_DIR": cache, "NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
         done = subprocess.run([sys.executable, "-m", "benchmarks.ablation", repr(variant), folder], cwd=REPOSITORY,
@@ -191,9 +194,10 @@ def measure_apart(variant: dict, folder: str) -> dict[str, np.ndarray]:
 
 
 def measure(variant: dict, folder: str) -> dict[str, list]:
-    """What the process of a variant does: set the constants before any module reads them, then judge each draw.
+    """Set the constants, then judge each draw. This runs in the process of a variant.
 
-    So nothing that this file imports at its top may import `core.method.pooled` or the kernels.
+    Modules read the constants when they are imported, so this file must not import the kernels or
+    `core.method.pooled` at its top.
     """
     vars(constants).update(variant)
     vars(import_module(BACKGROUND)).update(variant)
@@ -210,7 +214,7 @@ def measure(variant: dict, folder: str) -> dict[str, list]:
 
 
 def changes(before: np.ndarray, after: np.ndarray) -> list[str]:
-    """Mean ± standard error of the changes: TD, FD in points, DAE in %."""
+    """Mean ± standard error of the changes of TD and FD (percentage points) and DAE (%)."""
     several = np.column_stack([(after - before)[:, :2], 100 * (after[:, 2] / before[:, 2] - 1)])
     error = several.std(0, ddof=1) / len(several)**0.5
     return [f"{mean:+.2f} ± {one:.2f}" for mean, one in zip(several.mean(0), error)]

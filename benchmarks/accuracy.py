@@ -30,7 +30,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ppp", type=float, nargs="+", default=PPPS, help="photons per pixel")
     parser.add_argument("--sbr", type=float, default=1.0, help="signal over background (%(default)g)")
     parser.add_argument("--repeats", type=int, default=1, help="draws of the photons (%(default)d)")
-    parser.add_argument("--picture", type=Path, metavar="FILE", help="draw the lines here, and write a table (.md) beside it")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="picture to draw; a table (.md) goes beside it")
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:

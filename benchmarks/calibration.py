@@ -1,4 +1,4 @@
-"""How often the depth error is within 1 σ (ideally 68 %) and 2 σ (95 %) of the `depth_std` that points claim.
+"""How often the depth error is within 1 σ (68 % expected) and 2 σ (95 %) of the `depth_std` of points.
 
 Planes, slopes and steps of squares of pixels, which this file simulates itself, independently of the package: T = 1000,
 a Gaussian IRF of σ = 4 bins, m = 10. A point that is off by more than three IRF σ is false and does not count.
@@ -21,7 +21,7 @@ SHAPES = ("plane", "slope", "step")
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--shapes", nargs="+", choices=SHAPES, default=SHAPES, help="scenes (all)")
-    parser.add_argument("--sizes", type=int, nargs="+", choices=DRAWS, default=tuple(DRAWS), help="rows and columns (all)")
+    parser.add_argument("--sizes", type=int, nargs="+", choices=DRAWS, default=[*DRAWS], help="rows and columns (all)")
     parser.add_argument("--ppp", type=float, nargs="+", default=(1, 10, 100), help="photons per pixel")
     parser.add_argument("--sbr", type=float, nargs="+", default=(10, 1, 0.1), help="signal over background")
     parser.add_argument("--irf-sigma", type=float, default=IRF_SIGMA, help="σ of the IRF, bins (%(default)g)")

@@ -1,7 +1,7 @@
-"""Compiles functions for a GPU on a machine without one: what torch.compile would launch there, and the bytes it moves.
+"""Compiles functions for a GPU on a machine without one, to count kernel launches and bytes.
 
-It needs torch's CUDA build and triton, and no GPU: tensors are fake, and it stops before kernels are compiled. It
-reaches into torch, so that it goes with the version that `make gpu-cost` installs.
+Needs torch's CUDA build and triton. Tensors are fake, and compiling stops once torch has generated the source of the
+kernels. This patches private parts of torch: it works with the version that `make gpu-cost` installs.
 """
 
 import types
@@ -27,11 +27,11 @@ H100 = types.SimpleNamespace(
     shared_memory_per_block=49152, shared_memory_per_block_optin=232448, shared_memory_per_multiprocessor=233472,
     max_threads_per_block=1024, clock_rate=1980000, memory_clock_rate=2619000, memory_bus_width=5120, uuid="",
     pci_bus_id=0, is_integrated=0)
-GENERATED: list[tuple[str, float]] = []     # a function's code, and how many bytes it moves
+GENERATED: list[tuple[str, float]] = []     # source of a function, and the bytes that it moves
 
 
 class Cost(NamedTuple):
-    """Of one call: kernels launched, products of matrices among them; bytes; operations of the products."""
+    """Cost of one call: kernel launches, matrix products among them, bytes, and operations of the products."""
 
     launches: int
     products: int
@@ -40,11 +40,11 @@ class Cost(NamedTuple):
 
 
 class Generated(Exception):
-    """No kernel is compiled."""
+    """Raised once the source of the kernels is known, so that torch does not compile it."""
 
 
 class _Driver:
-    """Triton's, as far as it is asked for the kind of GPU."""
+    """A driver of triton that only says which GPU there is."""
 
     get_current_target = staticmethod(lambda: GPUTarget("cuda", 90, 32))
     get_current_device = staticmethod(lambda: 0)
@@ -54,7 +54,7 @@ class _Driver:
 
 
 def pretend() -> None:
-    """Let torch and triton take this machine for one with an H100, for as long as nothing runs on it."""
+    """Make torch and triton believe that there is an H100. Nothing can run on it."""
     torch._C._ensureCUDADeviceGuardSet()
     answers = {"get_device_properties": H100, "get_device_capability": (9, 0), "current_device": 0, "device_count": 1,
                "synchronize": None}
@@ -70,7 +70,7 @@ def pretend() -> None:
     interface.Worker.get_device_properties = staticmethod(lambda *_: H100)
     has.has_triton = lambda *_: True
     triton.runtime.driver.set_active(_Driver())
-    for module, name in ((fake_tensor, "init_gpu_context"), (joint_graph, "lazy_init")):     # they run something there
+    for module, name in ((fake_tensor, "init_gpu_context"), (joint_graph, "lazy_init")):     # both run kernels
         setattr(module, name, lambda *_: None)
     generate = GraphLowering.codegen
 
@@ -83,13 +83,14 @@ def pretend() -> None:
 
 
 def cost(function: Callable, tensors: list) -> Cost:
-    """Of a function of fake tensors. Bytes are those that its kernels must read and write: each of a kernel's buffers
-    once (`GraphLowering.count_bytes`), so that what a cache would have to hold counts as held.
+    """The cost of a function of fake tensors.
+
+    Bytes are those that kernels must read and write: each buffer of a kernel counts once (`GraphLowering.count_bytes`).
     """
     with tensors[0].fake_mode, FlopCounterMode(display=False) as flops:
         function(*tensors)
     torch._dynamo.reset()
-    with _disable_current_modes():      # within one, torch.compile runs functions as they are
+    with _disable_current_modes():      # within a mode, torch.compile runs functions uncompiled
         try:
             Fused(function).compile(joint_graph_constant_folding=False)(*tensors)
         except Exception:

@@ -1,4 +1,4 @@
-"""Share of pixels in which `pooled` shows a point although there is only background, against `false_alarm_rate`.
+"""How often `pooled` shows a point where there is only background, against its `false_alarm_rate`.
 
     python -m benchmarks false_alarms           # five minutes on two cores
 

@@ -29,7 +29,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ppp", type=float, nargs="+", default=PPPS, help="photons per pixel")
     parser.add_argument("--side", type=int, default=SIDE, help="rows and columns (%(default)d)")
     parser.add_argument("--repeats", type=int, default=5, help="timed runs of each method (%(default)d)")
-    parser.add_argument("--picture", type=Path, metavar="FILE", help="draw the lines here, and write a table (.md) beside it")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="picture to draw; a table (.md) goes beside it")
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:

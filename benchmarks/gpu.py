@@ -1,18 +1,19 @@
-"""What only a machine with a GPU can show: the same points as on the CPU, twice the same ones, and what a frame costs.
+"""Points, times and memory of frames on a GPU, compared with the CPU's points (eight minutes).
 
-It needs torch with CUDA, numba and no ROS, and takes at most eight minutes. Each case compiles in a process of its own,
-as many at once as there are cores, and is measured when all have, alone; those that have not by then are left out. The
-lines become tables in benchmarks/results/gpu-NAME.md.
+Needs torch with CUDA and numba, but no ROS. Each case compiles in a process of its own, one per core at a time. The
+cases are then measured one after the other; those that have not compiled in time are left out. The lines are also
+written as tables to benchmarks/results/gpu-NAME.md.
 """
 
 import argparse
 import multiprocessing
 import os
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from multiprocessing.connection import Connection, wait
+from multiprocessing.pool import Pool
 from pathlib import Path
 from typing import NamedTuple
 
@@ -36,7 +37,7 @@ FIELDS = "row", "col", "depth_bins", "intensity", "depth_std_bins", "xyz"
 
 
 class Case(NamedTuple):
-    """What is compiled: a method for frames of side × side pixels, m frequencies and K surfaces."""
+    """A method for frames of side × side pixels, m frequencies and K surfaces."""
 
     method: str
     side: int
@@ -53,102 +54,96 @@ class Case(NamedTuple):
         return {"method": self.method, "pixels": f"{self.side}x{self.side}", "m": self.m, "surfaces": self.surfaces}
 
 
-USUAL = [Case(name, SIDE, SKETCH_SIZE, 1) for name in ("pooled", "srt3d")]         # of Figure 1, too
+USUAL = [Case(name, SIDE, SKETCH_SIZE, 1) for name in ("pooled", "srt3d")]         # also timed by photons
 COMPARED = [*USUAL, Case("smle", SIDE, SKETCH_SIZE, 1), *(case._replace(surfaces=2) for case in USUAL)]
 ALL = dict.fromkeys(COMPARED + [Case(name, side, m, 1) for name in ("pooled", "srt3d") for side, m in PAPER_MS])
+BUILT: dict[Case, tuple] = {}           # what Case.reconstructor gives, in the process of the case
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--device", default="cuda", help="cuda, or cpu to try the benchmark (%(default)s)")
-    parser.add_argument("--most-pixels", type=int, default=10**6, help="of a frame; larger ones are left out")
-    parser.add_argument("--minutes", type=float, default=7.5, help="for all of it (%(default)g)")
-    parser.add_argument("--name", help="of the GPU, in the name of the file of results; default: torch's")
+    parser.add_argument("--device", default="cuda", help="cuda, or cpu to try this script (%(default)s)")
+    parser.add_argument("--most-pixels", type=int, default=10**6, help="leave out larger frames (%(default)d)")
+    parser.add_argument("--minutes", type=float, default=7.5, help="time for everything (%(default)g)")
+    parser.add_argument("--name", help="name of the GPU in the results file (default: torch's)")
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
-    """A line for each measurement; behind them the file."""
+    """A line for each measurement; writes the results file at the end."""
     name = args.name or (torch.cuda.get_device_name() if args.device == "cuda" else "none")
     tables: dict[str, list[dict]] = {}
     try:
         for title, line in _measured(args):
             tables.setdefault(title, []).append(line)
             yield {"gpu": name} | line
-    finally:        # what was measured before an error, too
+    finally:        # keep what was measured before an error
         if args.device == "cuda":
+            RESULTS.mkdir(exist_ok=True)
             path = RESULTS / f"gpu-{name.replace(' ', '-')}.md"
             path.write_text(f"# {name}, torch {torch.__version__}\n\n" + "\n".join(map(_as_table, tables.items())))
             print(path)
 
 
 def _measured(args: argparse.Namespace) -> Iterator[tuple[str, dict]]:
-    """Lines, each with the title of its table."""
+    """The title of its table, and the line, of each measurement."""
     cases = [case for case in ALL if case.side**2 <= args.most_pixels]
     latest = time.monotonic() + 60 * args.minutes - MEASURING_S
     with tempfile.TemporaryDirectory() as cache:
         os.environ |= {"TORCHINDUCTOR_CACHE_DIR": cache, "TORCHINDUCTOR_COMPILE_THREADS": "1"}
-        with ThreadPoolExecutor(1) as beside:
-            expected = {case: beside.submit(_on_cpu, case) for case in COMPARED}
+        with ThreadPoolExecutor(1) as cpu:
+            expected = {case: cpu.submit(_on_cpu, case) for case in COMPARED}
             compiled = _compiled(cases, args.device, latest)
         for case in cases:
-            measured = _asked(compiled[case][1]) if case in compiled else None
-            if measured is None:
-                yield "Time by size", case.line() | {"left out": "no time, or failed: see above"}
+            if case not in compiled:
+                yield "Time by size", case.line() | {"left out": "not compiled in time, or failed: see above"}
                 continue
+            seconds, process = compiled[case]
+            with process:
+                measured = process.apply(_measure, (case, args.device))
             line, clouds, by_photons = measured
-            yield "Time by size", line | {"compiled_s": compiled[case][0]}
+            yield "Time by size", line | {"compiled_s": seconds}
             if case in COMPARED:
                 yield "The same points", case.line() | _agreement(case, *clouds, expected[case].result())
             for line in by_photons:
                 yield "Figure 1: time by photons", line
         again = _compiled(USUAL[:1], args.device, latest + MEASURING_S)
-        for seconds, _ in again.values():
+        for seconds, process in again.values():
+            process.terminate()
             yield "Start with the kernels on the disk", USUAL[0].line() | {"start_s": seconds}
 
 
-def _compiled(cases: list[Case], device: str, latest: float) -> dict[Case, tuple[float, Connection]]:
-    """For each case that is ready by then: in how many seconds, and what asks its process to measure."""
-    spawn, waiting, running, ready = multiprocessing.get_context("spawn"), list(cases), {}, {}
-    with tqdm(total=len(cases), desc="compiling", disable=None, leave=False) as bar:
-        while waiting or running:
-            while waiting and len(running) < len(os.sched_getaffinity(0)):
-                ours, theirs = spawn.Pipe()
-                process = spawn.Process(target=_work, args=(waiting[0], device, theirs), daemon=True)
-                process.start()
-                theirs.close()
-                running[ours] = waiting.pop(0), process
-            for connection in wait(list(running), max(0, latest - time.monotonic())):
-                (case, _), seconds = running.pop(connection), _received(connection)
-                if seconds is not None:
-                    ready[case] = seconds, connection
-                bar.update()
-            if time.monotonic() >= latest:
-                break
-    for _, process in running.values():
-        process.kill()          # it would disturb what is measured
-    return ready
+def _compiled(cases: list[Case], device: str, latest: float) -> dict[Case, tuple[float, Pool]]:
+    """Compile each case in a process of its own; the compile time in seconds, and the process.
+
+    Args:
+        latest: `time.monotonic()` at which those that still compile are killed and left out.
+    """
+    spawn = multiprocessing.get_context("spawn")
+
+    def compile_one(case: Case) -> tuple[float, Pool] | None:
+        process = spawn.Pool(1)
+        try:
+            return process.apply_async(_compile, (case, device)).get(max(0, latest - time.monotonic())), process
+        except Exception as error:      # of any case: the others are measured
+            process.terminate()
+            print(f"{case}: {error!r}", file=sys.stderr)
+            return None
+
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as starters:
+        done = list(tqdm(starters.map(compile_one, cases), "compiling", len(cases), disable=None, leave=False))
+    return {case: found for case, found in zip(cases, done) if found}
 
 
-def _asked(connection: Connection) -> tuple | None:
-    """What a case measures."""
-    connection.send("measure")
-    return _received(connection)
-
-
-def _received(connection: Connection):
-    """What a process sends; None if it has ended instead, and has printed why."""
-    try:
-        return connection.recv()
-    except EOFError:
-        return None
-
-
-def _work(case: Case, device: str, connection: Connection) -> None:
-    """The process of a case."""
+def _compile(case: Case, device: str) -> float:
+    """Compile a case, in its process; the seconds that this takes."""
     began = time.perf_counter()
-    reconstructor, frequencies = case.reconstructor(device)
-    reconstructor.warm_up()
-    connection.send(round(time.perf_counter() - began, 1))
-    connection.recv()
+    BUILT[case] = case.reconstructor(device)
+    BUILT[case][0].warm_up()
+    return round(time.perf_counter() - began, 1)
+
+
+def _measure(case: Case, device: str) -> tuple[dict, list[Cloud], list[dict]]:
+    """The line of a case, two clouds of the same sketch, and lines by photons per pixel; in the process of the case."""
+    reconstructor, frequencies = BUILT[case]
     clouds, by_photons, sketch = [], [], _sketch(reconstructor.sensor, frequencies, PPP)
     for _ in range(2):
         reconstructor.forget()
@@ -163,7 +158,7 @@ def _work(case: Case, device: str, connection: Connection) -> None:
         reconstructor.forget()
         by_photons.append(case.line() | {
             "ppp": ppp, "median_ms": round(timed(lambda sketch=sketch: reconstructor(sketch), REPEATS).median_ms, 2)})
-    connection.send((line, clouds if case in COMPARED else (), by_photons))
+    return line, clouds if case in COMPARED else [], by_photons
 
 
 def _on_cpu(case: Case) -> Cloud:
@@ -176,7 +171,7 @@ def _sketch(sensor: SensorModel, frequencies: tuple[int, ...], ppp: float) -> Sk
 
 
 def _agreement(case: Case, first: Cloud, second: Cloud, expected: Cloud) -> dict:
-    """Of two clouds with each other, and with the CPU's."""
+    """Whether two clouds have the same bits, and how many pixels are as in the CPU's cloud."""
     same = all(np.array_equal(getattr(first, field), getattr(second, field), equal_nan=True) for field in FIELDS)
     alike = share_alike(first, expected, sensor_of(case.side).num_bins)
     return {"points": len(first), "points of the CPU": len(expected), "twice the same bits": same,
@@ -184,7 +179,7 @@ def _agreement(case: Case, first: Cloud, second: Cloud, expected: Cloud) -> dict
 
 
 def _as_table(titled: tuple[str, list[dict]]) -> str:
-    """A Markdown section of lines."""
+    """A Markdown section with a title and a table of these lines."""
     title, lines = titled
     heading = list(dict.fromkeys(key for line in lines for key in line))
     rows = [[str(line.get(key, "")) for key in heading] for line in lines]

@@ -1,9 +1,9 @@
-"""What a frame costs on a GPU, counted without one: kernels launched and bytes moved, and the time that follows.
+"""Kernel launches and bytes of a frame on a GPU, counted without a GPU, and the time that they predict.
 
-Each step goes through `torch.compile` for an H100 that is not there, with fake tensors, up to the code of its kernels,
-once for each form in which a frame calls it. Bytes are compulsory: each buffer that a kernel reads or writes counts
-once. What is no step of the kernels counts as one launch an operation. All times are predicted: bytes at 70 % of the
-GPU's bandwidth, and 2 µs a launch in a CUDA graph. `make gpu-cost` installs what it needs.
+`torch.compile` generates the code of each step for a pretended H100, with fake tensors, once for each form in which a
+frame calls the step. Each buffer that a kernel reads or writes counts once, as if caches held it. An operation outside
+the steps counts as one launch. The predicted time is the bytes at 70 % of the GPU's bandwidth, plus 2 µs per launch (in
+a CUDA graph). `make gpu-cost` installs what this needs.
 """
 
 import argparse
@@ -30,16 +30,16 @@ from srt3d_ros.kernels.torch import FUNCTIONS
 from srt3d_ros.kernels.torch.device import Kernels
 from srt3d_ros.kernels.torch.fusing import Fused
 
-BANDWIDTH = {"H100": 3.0e12, "RTX 3070 laptop": 448e9, "Jetson Orin": 205e9}        # bytes/s, of the makers
+BANDWIDTH = {"H100": 3.0e12, "RTX 3070 laptop": 448e9, "Jetson Orin": 205e9}        # bytes/s, data sheets
 REACHED, LAUNCH_S = 0.7, 2e-6
-SIDE, M, SURFACES = 142, 10, 1          # of the last line
+SIDE, M, SURFACES = 142, 10, 1          # of the summary, the last line
 OUTSIDE = "outside"
 VIEWS = ("view", "expand", "slice", "select", "unsqueeze", "squeeze", "permute", "transpose", "as_strided", "detach",
          "alias", "unbind", "split", "unfold", "_unsafe_view", "narrow", "empty", "lift_fresh")
 
 
 class FakeKernels(Kernels):
-    """Kernels of arrays without values."""
+    """Kernels that work on fake arrays, which have shapes and no values."""
 
     def __init__(self, mode: FakeTensorMode):
         super().__init__(FUNCTIONS, "cuda", torch.float32)
@@ -52,10 +52,10 @@ class FakeKernels(Kernels):
 
 
 class Frame(TorchDispatchMode):
-    """Counts a frame while it runs: its fused functions by name, and what is dispatched outside them.
+    """Counts the cost of a frame while it runs: of its fused functions by name, and of all operations outside them.
 
     Args:
-        lowered: costs of the functions that have been lowered, by name and form.
+        lowered: costs of the functions that have been compiled already, by name and form; filled.
     """
 
     def __init__(self, lowered: dict, bar: tqdm):
@@ -73,7 +73,7 @@ class Frame(TorchDispatchMode):
         return super().__exit__(*reason)
 
     def fused(self, function: Fused, given: tuple, more: dict):
-        """Count a fused function's call, and run it for the shapes of what it returns."""
+        """Count a call of a fused function, and run the function for the shapes of its results."""
         if self._is_inside:
             return function.function(*given, **more)
         self._is_inside = True
@@ -107,7 +107,7 @@ class Frame(TorchDispatchMode):
 
 
 def steps_of(name: str, side: int, m: int, surfaces: int, bar: tqdm) -> dict[str, list[Cost]]:
-    """The costs of the calls of a frame's steps, by name."""
+    """The cost of each call in a frame, by the name of the step."""
     sensor, mode = sensor_of(side), FakeTensorMode()
     kernels, frequencies = FakeKernels(mode), choose(METHODS[name].frequencies, sensor, m)
     memory.kernels_for = sketched.kernels_for = lambda device: (device, kernels)
@@ -127,13 +127,13 @@ def total(costs: Iterable[Cost]) -> Cost:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--sides", type=int, nargs="+", default=[SIDE, 705], help="rows and columns (%(default)s)")
+    parser.add_argument("--sides", type=int, nargs="+", default=[SIDE, 705], help="image sizes (%(default)s)")
     parser.add_argument("--m", type=int, nargs="+", default=[M], help="sketch sizes (%(default)s)")
     parser.add_argument("--surfaces", type=int, nargs="+", default=[SURFACES], help="K (%(default)s)")
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
-    """A line for each method, size, m and K; then one of all methods at 142², m = 10, K = 1."""
+    """A line for each method, size, m and K; then a summary of 142², m = 10, K = 1."""
     pretend()
     Fused.compiles = lambda *_: False
     trees.register_dataclass(MatchedFrame)

@@ -1,4 +1,4 @@
-"""Depth and intensity of a detector that records the first photon of each laser cycle: with and without correction.
+"""Depth and intensity with pile-up (only the first photon of a laser cycle is recorded), corrected and not.
 
 64 × 64 pixels, T = 1000, a Gaussian IRF with σ = 4 bins, 100 photons per pixel (ppp) without pile-up; two slanted walls
 and a bowl, even or in a pattern of bright and dark tiles. Flux: photons per pixel and cycle. A line has the depth error
@@ -31,7 +31,8 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
     for sbr, flux, tiles in CASES:
         cycles, ideal = round(PPP / flux), SENSOR.replace(gain=light(tiles))
         real = ideal.replace(cycles=cycles)
-        for way, seen, known in (("not corrected", real, None), ("corrected", real, cycles), ("no pile-up", ideal, None)):
+        ways = {"not corrected": (real, None), "corrected": (real, cycles), "no pile-up": (ideal, None)}
+        for way, (seen, known) in ways.items():
             rows = []
             for seed in range(args.seeds):
                 simulator = Simulator(StaticScene(SENSOR.range_m(depth_bins())), seen, sbr, PPP, seed)

@@ -1,6 +1,6 @@
-"""Write docs and default parameters from the nodes' specs and the schemas.
+"""Write tables of docs/, the drawing of the rooms and config/srt3d.yaml from the code and the schemas.
 
-    python -m tools.generate_docs           # in the source tree, after every change of a spec or a schema
+    python -m tools.generate_docs       # in the source tree, after a change of a node's spec, a schema or an import
 """
 
 from pathlib import Path

@@ -1,8 +1,8 @@
-"""Two machines on one: network namespaces joined by a cable, whose rate and loss can be set and which can be pulled.
+"""Two machines simulated on one, for tests and benchmarks: network namespaces joined by a cable.
 
-The machines share the clock and the cores, and nothing else that nodes use: each has its own network interface, its own
-addresses and its own /dev/shm. Needs Linux, root, iproute2; one link at a time in a process. Machines starts nodes on
-them, and Watch holds what is seen of these there.
+The cable has a rate, can lose packets, and can be unplugged. The machines share the clock and the cores; each has its
+own network interface, address and /dev/shm. `Machines` starts nodes on them, and `Watch` keeps what the robot receives.
+Needs Linux, root and iproute2; one `Link` at a time in a process.
 """
 
 import json
@@ -20,26 +20,26 @@ from srt3d_ros.processes.node_arguments import node_command
 from srt3d_ros.processes.transport import PROFILE_VARIABLE
 from tools.processes import Process, wait
 
-SENSOR, ROBOT = "sensor", "robot"           # the machine beside the camera, and the one that reconstructs
+SENSOR, ROBOT = "sensor", "robot"           # the machine at the camera, and the one that reconstructs
 ADDRESSES = {SENSOR: "10.77.0.1", ROBOT: "10.77.0.2"}
 INTERFACE = "eth0"
-QUEUE = "50ms"                              # how long a packet may wait to be sent; longer, and it is dropped
+QUEUE = "50ms"                              # a packet that would wait longer to be sent is dropped
 PREFIX = "srt3d_"
 SHARED_MEMORY = Path("/dev/shm")
 TIMEOUT_S = 10
-RANDOM = 2**32 - 0x1000 + 56                # where a packet filter reads a random 32-bit number (SKF_AD_RANDOM)
+RANDOM = 2**32 - 0x1000 + 56                # address of a random 32-bit number in a BPF program (SKF_AD_RANDOM)
 NETWORK_PROFILE = str(Path(__file__).resolve().parents[1] / "config" / "fastdds_network.xml")
-WAIT_S = 180.0          # generous: nodes compile, and the machine may be busy
+WAIT_S = 180.0                              # generous: nodes compile, and the machine may be busy
 
 
 class Link:
-    """A context manager: the machines exist inside it.
+    """A context manager, inside which both machines and the cable exist.
 
     Args:
-        rate_mbit: what the cable carries each way, in Mbit/s, counted like `wire_bytes`.
+        rate_mbit: rate of the cable in each direction, Mbit/s, counted like `wire_bytes`.
 
     Raises:
-        RuntimeError: something that cannot be made here, with what `ip` or `tc` said about it.
+        RuntimeError: `ip` or `tc` failed; the message has its output.
     """
 
     def __init__(self, rate_mbit: float = 100):
@@ -62,42 +62,35 @@ class Link:
         shutil.rmtree(self.shared_memory, ignore_errors=True)
 
     def command(self, machine: str, command: Sequence[str]) -> list[str]:
-        """What runs `command` on that machine, in a process of the same number."""
+        """The command line that runs `command` on a machine (with exec, so that its process id is the same)."""
         enter = 'mount --bind "$0" /dev/shm && exec "$@"'
         return ["ip", "netns", "exec", self.names[machine], "sh", "-c", enter, str(self.shared_memory / machine),
                 *command]
 
     def lose(self, share: float) -> None:
-        """Lose this share of the packets each way, each by its own chance: netem's loss, which not every kernel has."""
+        """Drop this share of the packets in each direction at random. Kernels without netem can do this, too."""
         keep_below = round((1 - share) * (2**32 - 1))
-        program = f"4,32 0 0 {RANDOM},37 0 1 {keep_below},6 0 0 2,6 0 0 0"     # above it: drop (2), else pass (0)
+        program = f"4,32 0 0 {RANDOM},37 0 1 {keep_below},6 0 0 2,6 0 0 0"     # drop (2) above it, else pass (0)
         for name in self.names.values():
             _run("tc", "-n", name, "qdisc", "replace", "dev", INTERFACE, "clsact")
             _run("tc", "-n", name, "filter", "replace", "dev", INTERFACE, "ingress", "prio", "1", "handle", "1",
                  "bpf", "da", "bytecode", program)
 
-    def carry(self, rate_mbit: float) -> None:
-        """Carry so much each way from now on, Mbit/s."""
-        burst = max(int(rate_mbit * 1e6 / 8 * 1e-3), 4000)      # what a millisecond carries, at least two packets
-        for name in self.names.values():
-            _run("tc", "-n", name, "qdisc", "replace", "dev", INTERFACE, "root", "tbf", "rate", f"{rate_mbit}mbit",
-                 "burst", str(burst), "latency", QUEUE)
-
     def unplug(self) -> None:
-        """Pull the cable out of the robot."""
+        """Unplug the cable from the robot."""
         _run("ip", "-n", self.names[ROBOT], "link", "set", INTERFACE, "down")
 
     def plug(self) -> None:
-        """Put it in again, and wait until the network is up."""
+        """Plug the cable in again, and wait until the network is up."""
         _run("ip", "-n", self.names[ROBOT], "link", "set", INTERFACE, "up")
         self._wait_until_up(ROBOT)
 
     def wire_bytes(self) -> int:
-        """What the sensor's machine has sent, bytes of Ethernet frames (without preamble, checksum, gap: 24 each)."""
+        """Bytes of Ethernet frames that the sensor's machine has sent, without the 24 of preamble, checksum and gap."""
         return self._interface(SENSOR)["stats64"]["tx"]["bytes"]
 
     def _interface(self, machine: str) -> dict:
-        """What `ip` says about a machine's interface."""
+        """The state of a machine's interface, from `ip`."""
         return json.loads(_run("ip", "-n", self.names[machine], "-s", "-json", "link", "show", "dev", INTERFACE))[0]
 
     def _wait_until_up(self, machine: str) -> None:
@@ -112,21 +105,23 @@ class Link:
         for machine, name in self.names.items():
             _run("ip", "-n", name, "address", "add", f"{ADDRESSES[machine]}/24", "dev", INTERFACE)
             _run("ip", "-n", name, "link", "set", "lo", "up")
-            # packets of at most 1500 bytes leave, as from a network card, also where TCP would hand over 64 kB at once
+            # packets have at most 1500 bytes, as from a network card, even if TCP hands over 64 kB at once
             _run("ip", "-n", name, "link", "set", INTERFACE, "gso_max_segs", "1", "up")
-        self.carry(self._rate_mbit)
-        for machine in ADDRESSES:       # DDS never uses an interface that was not up when a node started
+            burst = max(int(self._rate_mbit * 1e6 / 8 * 1e-3), 4000)        # bytes of 1 ms, at least two packets
+            _run("tc", "-n", name, "qdisc", "replace", "dev", INTERFACE, "root", "tbf", "rate",
+                 f"{self._rate_mbit}mbit", "burst", str(burst), "latency", QUEUE)
+        for machine in ADDRESSES:       # DDS ignores an interface that is not up when a node starts
             self._wait_until_up(machine)
             _run(*self.command(machine, ["true"]))
 
 
 def watch_command(topic: str) -> list[str]:
-    """What runs tools/watch.py."""
+    """The command line that runs tools/watch.py for a topic."""
     return [sys.executable, str(Path(__file__).with_name("watch.py")), topic]
 
 
 def why_not() -> str:
-    """Why no link can be made here, in a line; empty if one can."""
+    """Why this machine cannot make a link, in one line; empty if it can."""
     try:
         with Link():
             return ""
@@ -135,7 +130,7 @@ def why_not() -> str:
 
 
 def _remove_orphans() -> None:
-    """Remove what killed processes left behind."""
+    """Remove the namespaces and folders of processes that were killed."""
     names = [line.split()[0] for line in _run("ip", "netns", "list").splitlines()]
     for name in (*names, *(path.name for path in SHARED_MEMORY.glob(PREFIX + "*"))):
         pid = name.removeprefix(PREFIX).partition("_")[0]
@@ -145,7 +140,7 @@ def _remove_orphans() -> None:
 
 
 def _run(*command: str, check: bool = True) -> str:
-    """What the command prints."""
+    """Run a command; its output."""
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S)
     except FileNotFoundError:
@@ -156,7 +151,7 @@ def _run(*command: str, check: bool = True) -> str:
 
 
 class Machines(dict[str, Process]):
-    """A context manager that ends all that it has started on the machines of a link; NAME.log of each in `folder`."""
+    """Starts nodes on the machines of a link, each with a log NAME.log in `folder`; ends them when the block ends."""
 
     def __init__(self, link: Link, folder: Path):
         super().__init__()
@@ -173,19 +168,19 @@ class Machines(dict[str, Process]):
             process.stop(signal.SIGINT)
 
     def start_on(self, machine: str, name: str, profile: str | None = None, **parameters) -> Process:
-        """Start a node there, with the Fast DDS profile that it chooses itself or with this one."""
+        """Start a node on a machine, with this Fast DDS profile or the one that it chooses itself."""
         log = partial(print, file=(self._folder / f"{name}.log").open("w"), flush=True)
         self[name] = Process(self._command(machine, profile, node_command(name, **parameters)), log)
         return self[name]
 
     def watch(self, topic: str, profile: str | None = None) -> "Watch":
-        """See at the robot what arrives on a topic, and all diagnostics."""
+        """Start to collect, at the robot, the arrivals on a topic and the diagnostics of all nodes."""
         seen = Watch()
         self["watch"] = Process(self._command(ROBOT, profile, watch_command(topic)), seen.on_line)
         return seen
 
     def wait(self, condition: Callable[[], object], what: str, timeout_s: float = WAIT_S):
-        """The condition's value once it is true; TimeoutError, with what the nodes have written, if it never is."""
+        """Wait for a condition and return its value. TimeoutError has the logs of the nodes."""
         def logs() -> str:
             return "\n".join(f"{path.name}: {path.read_text(errors='replace')}" for path in self._folder.glob("*.log"))
 
@@ -198,7 +193,7 @@ class Machines(dict[str, Process]):
 
 @dataclass(frozen=True)
 class Arrival:
-    """When a message arrived, and how many points it has."""
+    """A message that has arrived: when it was stamped and received, and its number of points."""
 
     stamp_ns: int
     received_ns: int
@@ -206,23 +201,23 @@ class Arrival:
 
     @property
     def latency_ms(self) -> float:
-        """From the photons' stamp to the arrival."""
+        """Time from the stamp of the photons to the arrival."""
         return (self.received_ns - self.stamp_ns) * 1e-6
 
 
 class Watch:
-    """What tools/watch.py prints: arrivals, and each node's newest diagnostics."""
+    """The output of tools/watch.py: all arrivals, and the newest diagnostics of each node."""
 
     def __init__(self):
         self.arrivals: list[Arrival] = []
         self.reports: dict[str, dict] = {}
 
     def total(self, name: str, key: str) -> int:
-        """A count of a node's newest diagnostics; 0 before the first."""
+        """A count from the newest diagnostics of a node; 0 before the first."""
         return int(self.reports.get(name, {}).get(key, 0))
 
     def on_line(self, line: str) -> None:
-        """Take a line; others than JSON are complaints of Fast DDS."""
+        """Take in a line of output. Lines that are not JSON are warnings of Fast DDS."""
         if line.startswith("{"):
             facts = json.loads(line)
             if "node" in facts:

@@ -1,4 +1,4 @@
-"""What is made from the specs of the nodes: the tables of docs/nodes.md, and config/srt3d.yaml."""
+"""Make the tables of docs/nodes.md and config/srt3d.yaml from the specs of the nodes."""
 
 import textwrap
 from collections.abc import Iterable
@@ -18,14 +18,14 @@ def nodes_tables(specs: Iterable[NodeSpec]) -> dict[str, str]:
 
 
 def parameters_table(spec: NodeSpec) -> str:
-    """The parameters of a node; `autostart`, which all have, is told once."""
+    """A table of the parameters of a node. `autostart`, which all nodes have, is left to the page."""
     return table(("parameter", "default", "may be", "live", "meaning"),
                  [(f"`{one.name}`", f"`{_yaml_value(one.default)}`", one.expected, "yes" if one.live else "",
                    one.description) for one in spec.parameters])
 
 
 def topics_table(specs: Iterable[NodeSpec]) -> str:
-    """Each topic once, with the nodes that publish it and those that subscribe to it."""
+    """A table of all topics, with the nodes that publish each and those that read it."""
     specs = list(specs)
     topics = {topic.name: topic for spec in specs for topic in (*spec.inputs, *spec.outputs)} | {
         DIAGNOSTICS.name: DIAGNOSTICS}
@@ -37,7 +37,7 @@ def topics_table(specs: Iterable[NodeSpec]) -> str:
 
 
 def _publishers(topic: Topic, specs: list[NodeSpec]) -> list[str]:
-    """The nodes that publish a topic, each with its condition, and who else does."""
+    """Who publishes a topic: drivers or the robot, then nodes, each with its condition."""
     own = [spec.name + (f" ({one.when})" if one.when else "") for spec in specs for one in spec.outputs
            if one.name == topic.name]
     if topic.name in OUTSIDE:
@@ -46,7 +46,7 @@ def _publishers(topic: Topic, specs: list[NodeSpec]) -> list[str]:
 
 
 def as_yaml(tables: dict[str, Iterable[Parameter]]) -> str:
-    """A parameter file with every default, commented, for nodes of these names in any namespace."""
+    """A commented parameter file with all defaults, for nodes of these names in any namespace."""
     lines = []
     for node, parameters in tables.items():
         lines += ["", f"/**/{node}:", "  ros__parameters:"]
@@ -63,4 +63,4 @@ def _yaml_value(value: Value) -> str:
     if isinstance(value, str):
         return f'"{value}"'
     text = repr(value)
-    return text.replace("e", ".0e") if "e" in text and "." not in text else text     # YAML's floats need the dot
+    return text.replace("e", ".0e") if "e" in text and "." not in text else text     # a float in YAML needs a dot

@@ -1,4 +1,4 @@
-"""Programs that tests start: their lines, their ends, and waiting for both."""
+"""Start programs, read what they print, wait for it, and end them: for tests and benchmarks."""
 
 import contextlib
 import os
@@ -11,13 +11,13 @@ from pathlib import Path
 
 import psutil
 
-DEADLINE_S = 120.0                      # generous: the machine may be busy; nothing waits longer than it has to
+DEADLINE_S = 120.0                      # generous, for busy machines; a wait ends as soon as it can
 POLL_S, LONGEST_POLL_S = 0.01, 0.1
 SOURCE_TREE = Path(__file__).resolve().parents[1]
 
 
 def wait_until(condition: Callable[[], object], timeout_s: float = DEADLINE_S):
-    """The condition's value once it is true, or as it is after `timeout_s`. It is asked less and less often."""
+    """Poll a condition, less and less often, until it is true or `timeout_s` has passed; its last value."""
     end, pause_s = time.monotonic() + timeout_s, POLL_S
     while not (value := condition()) and time.monotonic() < end:
         time.sleep(pause_s)
@@ -27,17 +27,17 @@ def wait_until(condition: Callable[[], object], timeout_s: float = DEADLINE_S):
 
 def wait(condition: Callable[[], object], what: str, describe: Callable[[], str] = str,
          deadline_s: float = DEADLINE_S):
-    """The condition's value once it is true; TimeoutError names `what` never came, with `describe()`."""
+    """Wait for a condition and return its value. TimeoutError names `what` and ends with `describe()`."""
     if not (value := wait_until(condition, deadline_s)):
         raise TimeoutError(f"waited {deadline_s:.0f} s for {what}\n{describe()}".rstrip())
     return value
 
 
 def nodes_of(pid: int) -> dict[str, psutil.Process]:
-    """The node processes that a program has started, by name."""
+    """The node processes below a process, by node name."""
     found = {}
     for child in psutil.Process(pid).children(recursive=True):
-        with contextlib.suppress(psutil.Error):         # it has just ended
+        with contextlib.suppress(psutil.Error):         # the child has just ended
             words = child.cmdline()
             if "node" in words:
                 found[words[words.index("node") + 1]] = child
@@ -45,15 +45,15 @@ def nodes_of(pid: int) -> dict[str, psutil.Process]:
 
 
 class Process:
-    """A program that runs. Ctrl-C in the terminal does not reach it: whoever started it ends it.
+    """A running program in a process group of its own: Ctrl-C in the terminal does not reach it.
 
     Args:
-        command: program and arguments. Python finds the srt3d_ros of this source tree.
-        say: called in a thread with each line that it writes; `lines` then holds only the last one.
+        command: program and arguments. Python imports srt3d_ros from this source tree.
+        say: called in a thread with each line that the program prints; `lines` then only keeps the last one.
 
     Attributes:
-        lines: what it has written so far, stdout and stderr.
-        killed: whether `kill` ended it.
+        lines: lines of stdout and stderr so far.
+        killed: whether `kill` has ended the program.
     """
 
     def __init__(self, command: list[str], say: Callable[[str], None] | None = None):
@@ -71,7 +71,7 @@ class Process:
 
     @property
     def text(self) -> str:
-        """All lines."""
+        """All lines so far."""
         return "\n".join(self.lines)
 
     @property
@@ -80,11 +80,11 @@ class Process:
 
     @property
     def returncode(self) -> int | None:
-        """The exit code, negative for the signal that killed it; None while it runs."""
+        """The exit code; negative: the signal that killed the program; None while it runs."""
         return self._process.poll()
 
     def says(self, text: str) -> "Process":
-        """Wait until it has written this; AssertionError if it ends without."""
+        """Wait until the program prints this text; AssertionError if it ends before."""
         wait(lambda: text in self.text or not self.running, f"{text!r} from {self.command}", lambda: self.text)
         if not self.running:
             self._reader.join(DEADLINE_S)
@@ -96,48 +96,46 @@ class Process:
         return self.says("ready")
 
     def code(self, deadline_s: float = DEADLINE_S) -> int:
-        """Wait until it has ended; its exit code."""
+        """Wait for the end; the exit code."""
         wait(lambda: not self.running, f"the end of {self.command}", lambda: self.text, deadline_s)
         self._reader.join(DEADLINE_S)
         return self.returncode
 
     def send(self, number: int) -> None:
-        """Send a signal, if it still runs."""
-        with contextlib.suppress(ProcessLookupError):       # its end may be known later than it comes
+        """Send a signal if the program still runs."""
+        with contextlib.suppress(ProcessLookupError):       # it may have ended since the last poll
             if self.running:
                 os.kill(self.pid, number)
 
-    def halt(self) -> None:
-        """SIGSTOP, and wait until none of its threads runs: until one of them has seen the signal, others go on."""
+    def pause(self) -> None:
+        """Send SIGSTOP and wait until every thread has stopped: threads run on until one has seen the signal."""
         self.send(signal.SIGSTOP)
-        wait(lambda: not self.running or self.halted, f"the halt of {self.command}")
+        wait(lambda: not self.running or self._paused(), f"the pause of {self.command}")
 
-    @property
-    def halted(self) -> bool:
-        """Whether it exists and none of its threads runs."""
+    def _paused(self) -> bool:
         try:
             stats = [stat.read_text() for stat in Path(f"/proc/{self.pid}/task").glob("*/stat")]
         except OSError:         # a thread has just ended
             return False
         return {stat.rpartition(")")[2].split()[0] for stat in stats} == {"T"}
 
-    def go_on(self) -> None:
-        """SIGCONT, after `halt`."""
+    def resume(self) -> None:
+        """Send SIGCONT, after `pause`."""
         self.send(signal.SIGCONT)
 
     def end(self, number: int) -> int:
-        """Send a signal and wait; the exit code."""
+        """Send a signal and wait for the end; the exit code."""
         self.send(number)
         return self.code()
 
     def kill(self) -> None:
-        """SIGKILL, and wait."""
+        """Send SIGKILL and wait for the end."""
         self.killed = True
         self.send(signal.SIGKILL)
         self.code()
 
     def stop(self, number: int = signal.SIGTERM) -> None:
-        """End it in order if it can, and read its last lines: a killed process leaves its shared memory behind."""
+        """Send a signal; kill the program, which leaves its shared memory behind, only if that does not end it."""
         self.send(number)
         if not wait_until(lambda: not self.running):
             self.kill()

@@ -1,4 +1,4 @@
-"""The tables of docs/messages.md, from the schemas; tools/generate_docs.py writes them."""
+"""Make the tables of docs/messages.md from the schemas (tools/generate_docs.py writes them)."""
 
 import json
 import re
@@ -7,16 +7,16 @@ from pathlib import Path
 
 SCHEMAS = Path(__file__).resolve().parents[1] / "msg_schemas"
 MARKED = re.compile(r"(<!-- tables of (\w+)(?:\.json)? -->\n).*?(<!-- end -->)", re.DOTALL)
-PIPE = "\\|"              # in a cell
+PIPE = "\\|"              # a | in a cell of a Markdown table
 
 
 def filled(page: Path, make: Callable[[str], str]) -> str:
-    """A page with what `make` makes of each name between its marks."""
+    """The text of a page, with make(name) between the marks of each name."""
     return MARKED.sub(lambda found: found[1] + make(found[2]) + found[3], page.read_text(encoding="utf-8"))
 
 
 def tables(name: str) -> str:
-    """All tables of one schema."""
+    """The description and tables of one schema."""
     schema = json.loads((SCHEMAS / f"{name}.json").read_text(encoding="utf-8"))
     layout = schema.get("x-layout", {})
     version = schema["x-version"] if layout else schema["properties"]["schema_version"]["const"]
@@ -28,7 +28,7 @@ def tables(name: str) -> str:
 
 
 def cloud_tables(topic: dict) -> str:
-    """The layouts of a PointCloud2 topic and one byte table of all, in which a field that several share is one row."""
+    """The layouts of a PointCloud2 topic and one table of their bytes; a field that layouts share is one row."""
     layouts = topic["layouts"]
     purposes = "".join(f"* **{name}**, `point_step` {layout['point_step']}: {layout['purpose']}\n"
                        for name, layout in layouts.items())
@@ -44,7 +44,7 @@ def cloud_tables(topic: dict) -> str:
 
 
 def image_tables(name: str, topic: dict) -> str:
-    """What an Image topic holds."""
+    """The shape, encodings and pixels of an Image topic."""
     topics = topic.get("topics", {name: topic["pixel"]})
     encodings = " or ".join(f"`{encoding}` ({kind})" for encoding, kind in topic["encodings"].items())
     return (f"`height` {topic['height']}; `width` {topic['width']}; `encoding` {encodings}.\n\n"
@@ -53,7 +53,7 @@ def image_tables(name: str, topic: dict) -> str:
 
 
 def json_tables(schema: dict) -> str:
-    """The keys of a JSON topic, then those of the objects in it, and what these objects are."""
+    """The keys of a JSON topic and of its objects, then what these objects are."""
     rows, notes = _keys("", schema), ""
     for kind, part in schema["$defs"].items():
         if "title" in part:

@@ -1,8 +1,8 @@
-"""Prints as JSON what a machine sees of the graph: the diagnostics of all nodes, and what arrives on one topic.
+"""Print, as lines of JSON, the diagnostics of all nodes and each message that arrives on one topic.
 
     PYTHONPATH=. python tools/watch.py sketch
 
-It reads the topic as the nodes do: reliable, and only the newest messages wait.
+It subscribes as the nodes do: reliable, with a short queue of the newest messages.
 """
 
 import contextlib

@@ -106,10 +106,10 @@ def test_what_a_stopped_recorder_misses_it_counts_and_nobody_waits_for_it(graph,
     graph.reports("recorder", "clouds", 1)
     reader, = graph.node.get_subscriptions_info_by_topic(f"{graph.namespace}/points")
     assert reader.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
-    recorder.halt()
+    recorder.pause()
     for _ in range(300):
         speaker.frame()
-    recorder.go_on()
+    recorder.resume()
     while not graph.total("recorder", "message_lost"):      # which the next that comes shows
         reports = len(graph.all_reports("recorder"))
         speaker.frame()

@@ -94,11 +94,11 @@ def test_photons_sent_before_the_description_in_force_are_dropped_and_counted(gr
     graph.matched(photons)
     for attempt in range(1, ATTEMPTS + 1):      # the node may read all before the description arrives
         describe(sensor)
-        node.halt()
+        node.pause()
         for _ in range(3):
             photons.publish(photons_at(STAMP_NS))
         describe(new, wait=False)
-        node.go_on()
+        node.resume()
         graph.reports("sketcher", "num_bins", new.num_bins)
         graph.reports("sketcher", "messages_in", 3 * attempt)
         report = graph.reports("sketcher", "under_way", 0)

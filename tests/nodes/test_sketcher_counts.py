@@ -119,11 +119,11 @@ def test_for_a_reader_that_halts_frames_are_merged_if_the_user_wants_it(graph, s
     raw = photons_message.encode_cdr(events, sensor, "")
     photons.publish(raw)
     graph.wait(lambda: sketches, "a sketch")
-    reader.halt()
+    reader.pause()
     for k in range(60):
         photons.publish(cdr.restamp(raw, events.stamp_ns + k * MS))
         time.sleep(0.02)
-    reader.go_on()
+    reader.resume()
     # A process that is halted may hold up the one that sends, which then loses photons.
     graph.wait(lambda: 61 == sum(graph.total("sketcher", name) for name in ("packets", "dropped", "message_lost")),
                "all that was sent")

@@ -78,9 +78,9 @@ def test_malformed_messages_stamps_that_leap_and_a_reader_that_stops_cost_no_lat
     pipeline.recovers()
     assert pipeline.graph.reports("sketcher", "dropped.malformed", 1)
     pipeline.recovers(after_ns=1_000_000_000)       # decades back
-    pipeline.processes["recorder"].halt()
+    pipeline.processes["recorder"].pause()
     pipeline.recovers(after_ns=time.time_ns())
-    pipeline.processes["recorder"].go_on()
+    pipeline.processes["recorder"].resume()
 
 
 def test_nothing_that_the_nodes_hold_grows(pipeline, rounds):
