@@ -98,8 +98,7 @@ def _measured(args: argparse.Namespace) -> Iterator[tuple[str, dict]]:
                 continue
             seconds, process = compiled[case]
             with process:
-                measured = process.apply(_measure, (case, args.device))
-            line, clouds, by_photons = measured
+                line, clouds, by_photons = process.apply(_measure, (case, args.device))
             yield "Time by size", line | {"compiled_s": seconds}
             if case in COMPARED:
                 yield "The same points", case.line() | _agreement(case, *clouds, expected[case].result())

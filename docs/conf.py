@@ -7,6 +7,7 @@ html_theme, html_title = "furo", f"srt3d_ros {version}"
 html_static_path, html_css_files, html_show_copyright = ["site.css"], ["site.css"], False
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton", "sphinx.ext.mathjax",
               "sphinx-mathjax-offline"]     # which brings MathJax, so that the site needs no network
+nitpicky = True                             # a reference to a name that the API page lacks is a warning
 nb_execution_mode = "off"                   # the notebook is stored with its output, and a test runs it
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3

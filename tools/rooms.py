@@ -1,25 +1,27 @@
-"""docs/images/rooms.svg: the folders of the package as boxes, their imports as arrows."""
+"""Draw docs/images/rooms.svg: the folders of the package as boxes, the imports between them as arrows."""
 
 import ast
 from collections.abc import Iterator
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parents[1] / "srt3d_ros"
-# Of each room: column, row, width in columns, and what is in it. Helpers that all rooms use are left out.
+# Of each room: column, row, width in columns, and its content. Left out: errors.py and progress.py, which all import.
 ROOMS = {
     "cli": (0, 0, 4, "the srt3d command"),
     "nodes": (0, 1, 1, "ROS 2 nodes"),
     "api.py": (1, 1, 1, "read, reconstruct"),
     "evaluation": (2, 1, 1, "methods against truth"),
     "review": (3, 1, 1, "report of a recording"),
-    "recording": (0, 2, 1, ".rrd, .ply files"),
-    "pictures": (3, 2, 1, "drawn clouds, curves"),
-    "datasets": (1, 3, 1, "files, bags, simulator"),
-    "messages": (0, 4, 1, "ROS messages ⇄ NumPy"),
-    "core": (0, 5, 4, "sensor · sketching · motion · method · baselines · metrics"),
-    "kernels": (0, 6, 4, "the work of every pixel: numba (cpu), torch (GPU, oracle)"),
+    "datasets": (1, 2, 1, "photon files, simulator"),
+    "recording": (2, 2, 1, ".rrd recordings"),
+    "messages": (1, 3, 1, "ROS messages ⇄ NumPy"),
+    "pictures": (2, 3, 1, "drawn clouds, curves"),
+    "processes": (3, 3, 1, "start and tune nodes"),
+    "core": (0, 4, 3, "sensor · sketching · motion · method · baselines · metrics"),
+    "files": (3, 4, 1, "safe reading and writing"),
+    "kernels": (0, 5, 3, "the work of every pixel: numba (cpu), torch (GPU, oracle)"),
 }
-WIDTH, HEIGHT, ACROSS, DOWN, MARGIN = 178, 46, 200, 82, 12      # of a box; from box to box; px
+WIDTH, HEIGHT, ACROSS, DOWN, MARGIN = 178, 46, 200, 82, 12      # px: of a box; from box to box; around all
 STYLE = """<style>text { font: 12px sans-serif; fill: #1f2a3a; text-anchor: middle }
 .name { font-weight: bold; font-size: 14px } rect { fill: #e8eff9; stroke: #4a6fa5; rx: 6px }
 line { stroke: #7488a8; stroke-width: 1.5; marker-end: url(#arrow) } path { fill: #7488a8 }</style>
@@ -28,7 +30,7 @@ line { stroke: #7488a8; stroke-width: 1.5; marker-end: url(#arrow) } path { fill
 
 
 def drawing() -> str:
-    """The SVG. An arrow is left out where others lead the same way."""
+    """The SVG. An import has no arrow where a chain of arrows leads to the same room."""
     uses = {room: set(_used(room)) for room in ROOMS}
     lines, boxes = [], []
     for room, (column, row, columns, about) in ROOMS.items():
@@ -39,26 +41,30 @@ def drawing() -> str:
                      f'<text class="name" x="{middle}" y="{top + 19}">{room}</text>'
                      f'<text x="{middle}" y="{top + 36}">{about}</text>')
         for other in sorted(uses[room] - {far for near in uses[room] for far in _below(near, uses)}):
-            ends = _middle(room, other), top + HEIGHT, _middle(other, room), MARGIN + ROOMS[other][1] * DOWN
+            ends = _touched(room, other), top + HEIGHT, _touched(other, room), MARGIN + ROOMS[other][1] * DOWN
             lines.append('<line x1="{}" y1="{}" x2="{}" y2="{}"/>'.format(*ends))
-    size = f"{2 * MARGIN + 3 * ACROSS + WIDTH} {2 * MARGIN + 6 * DOWN + HEIGHT}"
+    rows = max(row for _, row, *_ in ROOMS.values())
+    size = f"{2 * MARGIN + 3 * ACROSS + WIDTH} {2 * MARGIN + rows * DOWN + HEIGHT}"
     head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size}">'
     return "\n".join([head, STYLE, *lines, *boxes, "</svg>\n"])
 
 
-def _middle(room: str, other: str) -> float:
-    """Where an arrow between both touches a room: in its middle, or of a wide one above or below the other."""
+def _touched(room: str, other: str) -> float:
+    """The x at which the arrow between two rooms touches the first one; on a wide room, in line with the other."""
     (own, _, own_width, _), (its, _, its_width, _) = ROOMS[room], ROOMS[other]
-    column = its + (its_width - 1) / 2 if own_width > its_width else own + (own_width - 1) / 2
+    column = own + (own_width - 1) / 2
+    if own_width > its_width:
+        column = min(its + (its_width - 1) / 2, own + own_width - 1)
     return MARGIN + column * ACROSS + WIDTH / 2
 
 
 def _below(room: str, uses: dict[str, set[str]]) -> set[str]:
+    """All rooms that a room imports, directly or not."""
     return uses[room].union(*(_below(other, uses) for other in uses[room]))
 
 
 def _used(room: str) -> Iterator[str]:
-    """The rooms that a room imports; of what it imports on demand only, if it is the command."""
+    """The rooms that a room imports directly. Imports inside functions count for the commands only."""
     place = PACKAGE / room
     for file in place.rglob("*.py") if place.is_dir() else [place]:
         tree = ast.parse(file.read_text(encoding="utf-8"))

@@ -10,8 +10,6 @@ from markdown_it import MarkdownIt
 ROOT = Path(__file__).resolve().parents[2]
 PATHS = {ROOT / "README.md", *ROOT.glob("docs/*.md")} - {ROOT / "docs/RESULTS.md"}      # whose revisions are older
 PAGES = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in sorted(PATHS)}
-SOURCES = ("srt3d_ros/**/*.py", "benchmarks/*.py", "examples/*.*", "msg_schemas/*.json", "launch/*", "config/*.*")
-SOURCE = "\n".join(path.read_text(encoding="utf-8") for pattern in SOURCES for path in ROOT.glob(pattern))
 MARKDOWN = MarkdownIt().enable("table")
 
 

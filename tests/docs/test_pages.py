@@ -1,5 +1,7 @@
-"""The site builds, and what a page names exists: commands, options, parameters, topics, identifiers, files, extras."""
+"""The site builds, and pages name commands, options, parameters, files, extras, messages and figures that exist."""
 
+import contextlib
+import io
 import re
 import subprocess
 import sys
@@ -15,34 +17,34 @@ from srt3d_ros.errors import InvalidInput
 from srt3d_ros.nodes import all_specs
 from srt3d_ros.nodes.topics import NodeSpec
 
-from .pages import PAGES, ROOT, SOURCE, command_lines, inline
+from .pages import PAGES, ROOT, command_lines, inline
 
 FOLDERS = ("benchmarks", "config", "docs", "examples", "launch", "msg_schemas", "scripts", "tests", "tools",
            *(folder.name for folder in (ROOT / "srt3d_ros").iterdir() if folder.is_dir()))
-OF_OTHERS = {"octomap_server", "sensor_frame", "bond_timeout", "ROS_STATIC_PEERS", "sensor_model", "wait_for_all_acked",
-             "--show-args", "--ros-args", "use_sim_time", "__ns", "cloud_in", "max_range", "--system-site-packages"}
 PARSER = main.parser(main.COMMANDS)
-LIKE_CODE = re.compile(r"[a-z]_[a-z]|[A-Z]_[A-Z]|^[A-Z]\w+\.")
+PARAMETERS = {one.name for spec in all_specs().values() for one in spec.table} | {"use_sim_time"}     # of any ROS node
 
-# Figures of a page that are in docs/RESULTS.md, too.
+# Figures of a page that docs/RESULTS.md must have, too.
 REPEATED = (("README.md", r"^\| \S+, (?:this|the|its|a) .*$"),
             ("README.md", r"xcorr takes (\d+) times and rt3d (\d+) times"),
             ("docs/evaluation.md", r"^\| (?:pooled|srt3d|smle|xcorr|rt3d) .*$"))
-VARIABLE = (r'…|[\d.]+|/\w+|"\w+"|[:,;()]|\b(is|are|of|on|expected|no_sensor|malformed|queue|my_sensor.json)\b')
-PUT_TOGETHER = {"waiting for a sensor description", "waiting for a frame"}      # of words
+# Parts of a quoted message that differ from case to case.
+VARIABLE = (r'…|[\d.]+|/\w+|"\w+"|[:,;()]|waiting for'
+            r"|\b(is|are|of|on|expected|no_sensor|malformed|queue|my_sensor.json)\b")
 
 
-def names(code: str) -> Iterator[str]:
-    """What is set in a piece of code, the options of `srt3d` in it, or the identifiers that it is."""
-    yield from re.findall(r"(\w+):=", code)
-    if code.startswith(("--", "srt3d ")):
-        yield from re.findall(r"(?<!\S)--[a-z-]+", code)
-    elif re.fullmatch(r"(~/)?\w+(\.\w+)*", code) and LIKE_CODE.search(code):
-        yield from re.findall(r"\w+", re.sub("_per_s$|_2$", "", code))     # which the code puts behind words
+@pytest.fixture(scope="module")
+def options() -> set[str]:
+    """The options of all `srt3d` commands, from their help."""
+    with contextlib.redirect_stdout(io.StringIO()) as output:
+        for command in main.COMMANDS:
+            with contextlib.suppress(SystemExit):
+                main.main([command, "--help"])
+    return set(re.findall(r"--[a-z][a-z-]*", output.getvalue()))
 
 
 def wrong_commands(text: str) -> Iterator[str]:
-    """Commands that `srt3d` or a node does not take; also after ExecStart=, or in a container."""
+    """Commands that `srt3d` or a node refuses; also after ExecStart=, or in a container."""
     for line in command_lines(text):
         at = [k for k, word in enumerate(line) if Path(word).name == "srt3d" or word == "srt3d_ros"]
         words = ["node"] * (line[:2] == ["ros2", "run"]) + line[at[0] + 1:] if at else []
@@ -67,7 +69,7 @@ def check_settings(spec: NodeSpec, ros_args: list[str]) -> None:
 
 
 def wrong_files(text: str) -> Iterator[str]:
-    """Files, modules and extras that are not there."""
+    """Files, modules and extras that do not exist."""
     for path in re.findall(rf"(?<![\w/.~])((?:{'|'.join(FOLDERS)})/[\w./-]*)", text):
         if not (ROOT / path).exists() and not (ROOT / "srt3d_ros" / path).exists():
             yield path
@@ -79,32 +81,39 @@ def wrong_files(text: str) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_what_the_page_names_exists(page):
-    known = OF_OTHERS.union(re.findall(r"--[a-z-]+|\w+", SOURCE))
+def test_what_the_page_names_exists(page, options):
     codes = [*map(" ".join, command_lines(PAGES[page])), *inline(PAGES[page])]
-    assert {name for code in codes for name in names(code)} <= known
     assert [*wrong_commands(PAGES[page]), *wrong_files(" ".join(codes))] == []
-    links = re.findall(r"\]\((?!http)([^)#]+)", PAGES[page])
-    assert [link for link in links if not ((ROOT / page).parent / link).exists()] == []
+    named = {option for code in codes if code.startswith("srt3d ") for option in re.findall(r"(?<!\S)--[a-z-]+", code)}
+    assert named <= options
+    assert {name for code in inline(PAGES[page]) for name in re.findall(r"^(\w+):=", code)} <= PARAMETERS
+
+
+def test_the_files_that_the_readme_links_to_exist():
+    """The site's build checks the links of all other pages."""
+    links = re.findall(r"\]\((?!http)([^)#]+)", PAGES["README.md"])
+    assert links and [link for link in links if not (ROOT / link).exists()] == []
 
 
 @pytest.mark.parametrize("page, figures", REPEATED)
 def test_a_page_repeats_the_results(page, figures):
     results = (ROOT / "docs/RESULTS.md").read_text(encoding="utf-8")
-    said, measured = (set(re.findall(figures, text, re.MULTILINE)) for text in (PAGES[page], results))
-    assert said and said <= measured
+    quoted, measured = (set(re.findall(figures, text, re.MULTILINE)) for text in (PAGES[page], results))
+    assert quoted and quoted <= measured
 
 
-def test_the_tables_of_troubles_quote_the_source():
-    """tests/nodes has the causes: silence, clocks, contradictions, bad messages, losses, overload."""
-    source = re.sub(r'"\s*\n\s*f?"', "", SOURCE)          # literals of several lines
+def test_troubleshooting_quotes_the_messages_of_the_nodes():
+    """Each message in the tables has the words of the code; tests/nodes makes the nodes say them."""
+    sources = "\n".join(path.read_text(encoding="utf-8") for path in ROOT.glob("srt3d_ros/**/*.py"))
+    source = re.sub(r'"\s*\n\s*f?"', "", sources)          # join string literals of several lines
     quoted = [code for code in inline(PAGES["docs/troubleshooting.md"])
               if len(code.split()) > 2 and not code.startswith(("ros2", "srt3d"))]
     parts = {part.strip() for message in quoted for part in re.sub(VARIABLE, "\n", message).splitlines()}
-    assert len(quoted) > 15 and {part for part in parts if part not in source} == PUT_TOGETHER
+    assert len(quoted) > 15 and {part for part in parts if part not in source} == set()
 
 
 def test_the_site_builds_without_a_warning_and_reads_offline(tmp_path):
+    """Warnings: broken links, anchors and references between pages, and of the docstrings to names of the API."""
     build = [sys.executable, "-m", "sphinx", "-W", "-q", "-d", tmp_path / "tmp", "docs", tmp_path / "site"]
     done = subprocess.run(build, cwd=ROOT, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
