@@ -53,7 +53,7 @@ SCENES = {"bust, SBR 1, 1 ppp": (1, 1, False), "bust, SBR 0.1, 10 ppp": (0.1, 10
 HEAD_TOLERANCE_M = 40e-3
 NET, MOTION, STEEP = "net, SBR 1, 10 ppp", "room from a moving sensor, 3 ppp", "steep wall, SBR 0.1, 20 ppp"
 # Not varied: limits, margins, rounding, constants of other methods, and what `benchmarks false_alarms` measures.
-FIXED = ("MAX_SKETCH_SIZE", "MAX_PHOTONS", "REACH", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "VOTE_RADIUS",
+FIXED = ("MAX_SKETCH_SIZE", "MAX_PIXEL_PHOTONS", "REACH", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "VOTE_RADIUS",
          "SEEN_SCORE", "TINY", "EPSILON")
 OFF = {"START_SCALES": (0.0, 2.5), "WINDOWS": ((2.0, 4), (9.0, 4)), "LIKENESS": 1e6,
        "VOTE": 0, "MAX_VOTES": 1e6, "EMPTY_VOTES": 0, "SPREAD": 0, "WRONG_IRF": 0, "SHARP": 1}

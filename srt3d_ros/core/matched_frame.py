@@ -9,11 +9,11 @@ import numpy as np
 from srt3d_ros.core.devices import on_device
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum
-from srt3d_ros.core.sketching.sketch import MAX_PHOTONS, Sketch, check_frequencies
+from srt3d_ros.core.sketching.sketch import MAX_PIXEL_PHOTONS, Sketch, check_frequencies
 from srt3d_ros.errors import require
 from srt3d_ros.kernels import maps
 
-MAX_SUM = 1.001 * MAX_PHOTONS       # the rest is for rounding
+MAX_SUM = 1.001 * MAX_PIXEL_PHOTONS       # the rest is for rounding
 TABLE_STEPS = 256
 TOGETHER = 2**22            # numbers computed at once
 BETWEEN = 8                 # depths between two bins that stand for all

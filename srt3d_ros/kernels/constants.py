@@ -8,7 +8,7 @@ from math import ceil
 # ---- Limits
 
 MAX_SKETCH_SIZE = 64        # m: frequencies of a sketch
-MAX_PHOTONS = 2**32 - 1     # of a pixel; one that saw more counts as so many with the same mean
+MAX_PIXEL_PHOTONS = 2**32 - 1     # of a pixel; one that saw more counts as so many with the same mean
 
 # ---- Start: windows of the matched filter (`search`)
 

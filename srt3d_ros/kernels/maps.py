@@ -11,8 +11,16 @@ from functools import lru_cache
 
 import numpy as np
 
-BLOCK = 32          # columns that are worked on together
 MARGIN = 16         # pixels: the largest radius of a window
+
+# ---- Sizes that processors decide
+
+BLOCK = 32          # columns worked on together: four vector registers of float32 (AVX2), two cache lines
+ROW_LANES = 24      # int32 values of a part of a sketching row: three registers, enough for m = 11 and the photons
+UNIT = 2**23        # what counts as 1 in a sketching row: rounded to 2⁻²⁴, as float32 is
+MAX_ROWS = 255      # rows whose sum surely fits into 32 bits: below 2³¹ / UNIT
+
+# ---- Fields of states and terms
 
 DEPTH = 0           # t, bins, in [0, T)
 SLOPE_COL = 1       # tangent plane, bins per pixel to the right

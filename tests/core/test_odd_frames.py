@@ -11,7 +11,7 @@ from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import GAINS, SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.core.sketching.sketch import MAX_PHOTONS, Sketch
+from srt3d_ros.core.sketching.sketch import MAX_PIXEL_PHOTONS, Sketch
 from srt3d_ros.errors import InvalidInput
 from tests.core.scenes import assert_finite, simulate
 
@@ -24,7 +24,7 @@ def made(rows=9, cols=12, **changes) -> tuple[SensorModel, tuple[int, ...]]:
     return sensor, choose("auto", sensor)
 
 
-def garbage(sensor: SensorModel, frequencies, seed: int, photons=MAX_PHOTONS) -> Sketch:
+def garbage(sensor: SensorModel, frequencies, seed: int, photons=MAX_PIXEL_PHOTONS) -> Sketch:
     """Means of unit vectors that no photons had, of pixels with up to so many."""
     rng, shape = np.random.default_rng(seed), (sensor.rows, sensor.cols)
     numbers = rng.integers(0, photons, shape, endpoint=True).astype(np.uint32)
@@ -64,7 +64,7 @@ def test_after_garbage_a_warm_start_finds_the_scene_as_a_cold_one():
     sensor, frequencies = made()
     warm, cold = (PooledStream(sensor, frequencies, warm_start=warm) for warm in (True, False))
     for seed in range(5):
-        assert_finite(warm(garbage(sensor, frequencies, seed, photons=50 if seed % 2 else MAX_PHOTONS)), T)
+        assert_finite(warm(garbage(sensor, frequencies, seed, photons=50 if seed % 2 else MAX_PIXEL_PHOTONS)), T)
         sketch = plane(sensor, 120.0, seed)
         found, expected = warm(sketch), cold(sketch)
         assert len(found) == len(expected) == sensor.pixels

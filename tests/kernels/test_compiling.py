@@ -19,14 +19,14 @@ from srt3d_ros.kernels.cpu.compiling import KERNELS, Kernel
 
 PROGRAM = """
 import numpy as np
-from srt3d_ros.kernels.cpu import phase_sums
+from srt3d_ros.kernels.cpu.sketching import phase_sums
 phase_sums.read_sums(np.zeros((1, 3), np.int64), 1)
 print(sum(phase_sums._read_sums.compiled.stats.cache_hits.values()))
 """
 FORKED = """
 import multiprocessing, sys
 import numpy as np
-from srt3d_ros.kernels.cpu import phase_sums
+from srt3d_ros.kernels.cpu.sketching import phase_sums
 
 def read(_): return len(phase_sums.read_sums(np.zeros((1, 3), np.int64), 1))
 
@@ -45,7 +45,7 @@ def run(program: str, *arguments: str, **variables) -> subprocess.Popen:
 
 def test_no_kernel_is_compiled_with_fastmath():
     """With it the last bit of a cloud depends on whether its kernels were compiled just now or come from the cache."""
-    names = [module.name for module in pkgutil.iter_modules(cpu.__path__, f"{cpu.__name__}.")]
+    names = [module.name for module in pkgutil.walk_packages(cpu.__path__, f"{cpu.__name__}.")]
     modules = map(importlib.import_module, names)
     compiled = [value for module in modules for value in vars(module).values() if isinstance(value, Dispatcher)]
     compiled += [kernel.compiled for kernel in KERNELS.values()]
@@ -63,7 +63,7 @@ def test_a_change_in_another_file_has_a_kernel_compiled_anew(tmp_path):
         return int(run.stdout)
 
     assert [from_cache(), from_cache()] == [0, 1]       # kept
-    for source in (package / "kernels" / "cpu" / "rows.py", package / "kernels" / "maps.py"):
+    for source in (package / "kernels" / "cpu" / "sketching" / "rows.py", package / "kernels" / "maps.py"):
         source.write_text(source.read_text() + "\n# another constant, say\n")
         assert from_cache() == 0
 
@@ -73,7 +73,7 @@ def test_old_machine_code_is_removed_and_other_programs_keep_their_folder(tmp_pa
         (tmp_path / f"srt3d-kernels-{k}").mkdir()
         os.utime(tmp_path / f"srt3d-kernels-{k}", (k, k))
     (tmp_path / "others").mkdir()
-    program = "import numba; from srt3d_ros.kernels.cpu import phase_sums; print(numba.config.CACHE_DIR)"
+    program = "import numba; from srt3d_ros.kernels.cpu.sketching import phase_sums; print(numba.config.CACHE_DIR)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True,
                           env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)})
     left = {path.name for path in tmp_path.iterdir()}

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numba import njit
 
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import SensorModel
@@ -10,6 +11,7 @@ from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.kernels import cpu
 from srt3d_ros.kernels.cpu.sketching import phase_sums, rows
+from srt3d_ros.kernels.maps import MAX_ROWS
 
 PIXELS, T = 40, 50
 EACH = 2e-7         # how far a sum may be off for each photon: rows are rounded to 2⁻²⁴, and sums to float32
@@ -51,12 +53,12 @@ def assert_close(found, pixel, toa, frequencies):
 def test_sketch_sizes_of_every_width(ordered, frequencies):
     pixel, toa = draw(2_000, ordered=ordered)
     numbers = np.bincount(pixel, minlength=PIXELS)
-    assert numbers.max() > rows.MOST and (numbers == 0).any()
+    assert numbers.max() > MAX_ROWS and (numbers == 0).any()
     found = sketch("sketch_events", pixel, toa, ordered, frequencies=frequencies)
     assert_close(found, pixel, toa, frequencies)
 
 
-@pytest.mark.parametrize(("cycles", "pixels"), [(7, 1), (7, 130), (2 * phase_sums.CYCLES + 5, 3)])
+@pytest.mark.parametrize(("cycles", "pixels"), [(7, 1), (7, 130), (2 * phase_sums.TILE_CYCLES + 5, 3)])
 @pytest.mark.parametrize(("first_word", "no_detection"), [(0, 65_535), (10, 3), (0, 0), (65_480, 5)])
 def test_gates(cycles, pixels, first_word, no_detection):
     rng = np.random.default_rng(pixels)
@@ -71,14 +73,32 @@ def test_sums_are_the_same_bit_for_bit_in_any_order_split_and_form(monkeypatch):
     pixel, toa = draw(3_000)
     order = np.argsort(pixel, kind="stable")
     whole = sketch("sketch_events", pixel[order], toa[order], True, frequencies=(1, 3, 24))
-    monkeypatch.setattr(phase_sums, "PART", 50)
-    monkeypatch.setattr(phase_sums, "BLOCK", 900)
+    monkeypatch.setattr(phase_sums, "THREAD_PHOTONS", 50)
+    monkeypatch.setattr(phase_sums, "SORT_PHOTONS", 900)
     others = [sketch("sketch_events", pixel[order], toa[order], True, frequencies=(1, 3, 24)),
               sketch("sketch_events", pixel, toa, False, frequencies=(1, 3, 24)),
               sketch("sketch_events", pixel[::-1].copy(), toa[::-1].copy(), False, frequencies=(1, 3, 24))]
     for other in others:
         for one, two in zip(whole, other, strict=True):
             assert np.array_equal(one, two)
+
+
+@pytest.mark.parametrize("one_pixel", [True, False])
+def test_the_plain_loop_adds_as_the_registers_do(one_pixel):
+    pixel, toa = draw(200, ordered=True)
+    fixed = cpu.fixed_rows(phase_table(histogram_sensor(), (1, 3, 11), None))
+    found = []
+    for add in rows._add_in_loop, rows._add_in_registers:
+        kernel = njit(lambda rows, toa, pixel, first, last, sums: add(rows, toa, pixel, first, last, sums))
+        sums = np.ones(fixed.shape[2], np.int64)
+        found.append((kernel(fixed[0], toa, None if one_pixel else pixel, 20, 180, sums), *sums))
+    assert found[0] == found[1] and (found[0][0] == 180) == one_pixel
+
+
+def test_the_plain_loop_is_taken_if_the_registers_do_not_compile(monkeypatch, caplog):
+    assert rows._registers_work.__wrapped__()
+    monkeypatch.setattr(rows, "_add_in_registers", None)
+    assert not rows._registers_work.__wrapped__() and "as long with this llvmlite" in caplog.text
 
 
 def histogram_sensor(bins=None, **fields):

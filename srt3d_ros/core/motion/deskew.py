@@ -19,7 +19,7 @@ from srt3d_ros.core.devices import kernels_for
 from srt3d_ros.core.motion.trajectory import Trajectory
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import irf_spectrum
-from srt3d_ros.core.sketching.sketch import MAX_PHOTONS, Sketch, added_cycles, check_frequencies
+from srt3d_ros.core.sketching.sketch import MAX_PIXEL_PHOTONS, Sketch, added_cycles, check_frequencies
 
 TINY = 1e-9             # photons that are divided by at least
 FAR_M = 100.0           # range without frequency 1: its parallax in a frame is less than a pixel
@@ -78,7 +78,7 @@ class Deskewer:
                                       self._steepest, sums, photons)
             came += int(sketch.photons.sum(dtype=np.int64, where=self._used))
         self.lost = max(came - round(float(photons.sum(dtype=np.float64))), 0)
-        whole = np.minimum(np.floor(photons.astype(np.float64) + self._rounding), MAX_PHOTONS)
+        whole = np.minimum(np.floor(photons.astype(np.float64) + self._rounding), MAX_PIXEL_PHOTONS)
         sums *= self._phases(ranges) * (whole / np.maximum(photons, TINY)).astype(np.float32)[..., None]
         return Sketch(self.frequencies, sums, whole.astype(np.uint32), to_ns,
                       *added_cycles([sketch for _, sketch in parts]), sensor=self.sensor)

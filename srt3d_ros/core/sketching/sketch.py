@@ -11,7 +11,7 @@ from srt3d_ros.core.methods import DEFAULT_METHOD, SKETCH_METHODS, find
 from srt3d_ros.core.sensor.difference import first_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.kernels.constants import MAX_PHOTONS, MAX_SKETCH_SIZE
+from srt3d_ros.kernels.constants import MAX_PIXEL_PHOTONS, MAX_SKETCH_SIZE
 
 if TYPE_CHECKING:
     from srt3d_ros.core.cloud import Cloud
@@ -42,7 +42,7 @@ class Sketch:
     Args:
         frequencies: the integers k_l.
         sums: complex64 [rows, cols, m].
-        photons: uint32 [rows, cols], n; MAX_PHOTONS and the mean where there were more.
+        photons: uint32 [rows, cols], n; MAX_PIXEL_PHOTONS and the mean where there were more.
         stamp_ns: start of acquisition of the earliest photons; of a window, of its newest frame.
         cycles: N, laser cycles that these photons are the first ones of; 0: not known, pile-up is not corrected.
         before: uint32 [rows, cols], photons that came before the gate, in cycles that were over with them; None: none.
@@ -104,10 +104,10 @@ class Sketch:
             which = "{} {} and {}".format(*difference) if difference else "by rounding"
             raise InvalidInput("sensor", problem=f"Cannot add sketches of different sensors ({which}).")
         sums, photons = self.sums + other.sums, self.photons.astype(np.uint64) + other.photons
-        if photons.max(initial=0) > MAX_PHOTONS:
-            sums = sums * (MAX_PHOTONS / np.maximum(photons, MAX_PHOTONS))[..., None].astype(np.float32)
+        if photons.max(initial=0) > MAX_PIXEL_PHOTONS:
+            sums = sums * (MAX_PIXEL_PHOTONS / np.maximum(photons, MAX_PIXEL_PHOTONS))[..., None].astype(np.float32)
         cycles, before = added_cycles((self, other))
-        return replace(self, sums=sums, photons=np.minimum(photons, MAX_PHOTONS).astype(np.uint32),
+        return replace(self, sums=sums, photons=np.minimum(photons, MAX_PIXEL_PHOTONS).astype(np.uint32),
                        stamp_ns=min(self.stamp_ns, other.stamp_ns), cycles=cycles, before=before)
 
     def __radd__(self, nothing: int) -> Self:

@@ -28,7 +28,8 @@ from srt3d_ros.kernels.cpu.sketching.phase_sums import (
     sketch_gates,
     sketch_histograms,
 )
-from srt3d_ros.kernels.cpu.sketching.rows import UNIT, fixed_rows
+from srt3d_ros.kernels.cpu.sketching.rows import fixed_rows
+from srt3d_ros.kernels.maps import UNIT
 
 # Modules whose kernels a frame of the default method does not run.
 OTHER_METHODS, BEFORE_IT = ("apss", "gradients", "match"), ("phase_sums", "move_sketch")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.sketch import MAX_PHOTONS, MAX_SKETCH_SIZE, Sketch, check_frequencies
+from srt3d_ros.core.sketching.sketch import MAX_PIXEL_PHOTONS, MAX_SKETCH_SIZE, Sketch, check_frequencies
 from srt3d_ros.errors import InvalidInput
 
 
@@ -75,7 +75,7 @@ def test_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean():
     photons = np.full((2, 2), 3_000_000_000, np.uint32)
     sketch = Sketch((1,), ((0.6 + 0.8j) * photons[..., None]).astype(np.complex64), photons, sensor=sensor(2, 2))
     total = sketch + sketch
-    assert (total.photons == MAX_PHOTONS).all() and total.photons.dtype == np.uint32
+    assert (total.photons == MAX_PIXEL_PHOTONS).all() and total.photons.dtype == np.uint32
     np.testing.assert_allclose(total.z, 0.6 + 0.8j, rtol=1e-6)
 
 

@@ -10,7 +10,7 @@ from srt3d_ros.core.sketching import frame_sketcher as sketcher_module
 from srt3d_ros.core.sketching.frame_sketcher import Sketcher, sketch_photons
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
-from srt3d_ros.core.sketching.sketch import MAX_PHOTONS
+from srt3d_ros.core.sketching.sketch import MAX_PIXEL_PHOTONS
 from srt3d_ros.errors import InvalidInput
 
 SENSOR = SensorModel(3, 5, 100, 1e-10, [1, 2, 1])
@@ -97,7 +97,7 @@ def test_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean():
     sketcher.add(packet)
     many = sketcher._sums * 2_999_999               # as if it had come so often more
     sketcher.reset()
-    for seen in (3_000_000_000, MAX_PHOTONS, MAX_PHOTONS):
+    for seen in (3_000_000_000, MAX_PIXEL_PHOTONS, MAX_PIXEL_PHOTONS):
         sketcher.add(packet)
         sketcher._sums += many
         sketch = sketcher.end_frame()

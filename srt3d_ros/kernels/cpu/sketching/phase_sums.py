@@ -1,55 +1,66 @@
-"""Photons → sketch: rows of a table add up per pixel.
+"""Photons → sketch: sums_i = Σ_p exp(i ω_l x_p) over the photons p of pixel i, by adding table rows.
 
-Sums are int64 [pixels, lanes] in units of 1 / UNIT and exact (rows.py): of cosines and sines, and, in column 2m, of the
-photons themselves. The work is cut at borders between pixels, so that no two threads add to one pixel. Per photon of a
-sorted frame the kernels read 6 bytes (uint16 ToA) and one row, 96 bytes up to m = 11: 440 kB for T = 4,613, which stay
-in the second-level cache, 29 kB for T = 300, in the first.
+Sums are int64 [pixels, lanes] in units of 1 / UNIT, and exact (`rows`): cosines and sines, interleaved, then the number
+of photons in column 2m. The work is split between pixels, so no two threads add to the same pixel.
+
+Memory read per photon of a sorted frame: 2 bytes of ToA, 4 of pixel index, and one row, 96 bytes up to m = 11. All rows
+take 440 kB for T = 4,613 (they stay in the second-level cache) or 29 kB for T = 300 (in the first).
 """
 
 import numpy as np
 from numba import float32, get_num_threads, int32, int64, prange, uint16, uint32
 
-from srt3d_ros.kernels.constants import MAX_PHOTONS
+from srt3d_ros.kernels.constants import MAX_PIXEL_PHOTONS
 from srt3d_ros.kernels.cpu.arithmetic import F32
 from srt3d_ros.kernels.cpu.compiling import parallel, read_only
-from srt3d_ros.kernels.cpu.sketching.rows import LANES, UNIT, add_run
+from srt3d_ros.kernels.cpu.sketching.rows import add_run
+from srt3d_ros.kernels.maps import ROW_LANES, UNIT
 
-PART = 2**14        # photons that are worth a thread
-BLOCK = 2**21       # unsorted photons that are sorted together
-STRIPS = 8          # of a block, sorted in parallel, at most: each takes 4 bytes a pixel
-ROWS = 2**7         # histograms at a time: of 2⁵ to 2⁹ these were fastest for 4,613 bins
-WIDE, CYCLES = 64, 128      # pixels and cycles of a gated array that are read together, 16 kB
+THREAD_PHOTONS = 2**14      # fewer are not worth waking a thread
+SORT_PHOTONS = 2**21        # unsorted photons that are sorted at a time
+MAX_STRIPS = 8              # parts of these that threads sort at once: each takes 4 bytes a pixel
+HISTOGRAMS = 2**7           # multiplied at a time: the fastest of 2⁵ to 2⁹ for 4,613 bins
+TILE_PIXELS, TILE_CYCLES = 64, 128      # of a gated array, read at a time: 16 kB
 PIXELS, TOA, WORDS = map(read_only, (uint32[::1], uint16[::1], uint16[:, ::1]))
 
 
 def new_sums(pixels, rows):
-    """Empty sums of such rows for each pixel."""
-    return np.zeros((pixels, len(rows) * LANES), np.int64)
+    """Sums of 0, int64 [pixels, lanes], for rows of `fixed_rows`."""
+    return np.zeros((pixels, len(rows) * ROW_LANES), np.int64)
 
 
 @parallel
 def _read_sums(sums: int64[:, ::1], out: float32[:, ::1], numbers: uint32[::1]):
-    counts = out.shape[1]
+    columns = out.shape[1]
     for i in prange(len(out)):
-        number = max((sums[i, counts] + UNIT // 2) // UNIT, 0)      # of counts less a template there may be fractions
-        numbers[i] = min(number, MAX_PHOTONS)
-        scale = min(MAX_PHOTONS / max(number, 1), 1.0) / UNIT
-        for c in range(out.shape[1]):
+        number = max((sums[i, columns] + UNIT // 2) // UNIT, 0)     # rounded: counts minus a template have fractions
+        numbers[i] = min(number, MAX_PIXEL_PHOTONS)
+        scale = min(MAX_PIXEL_PHOTONS / max(number, 1), 1.0) / UNIT
+        for c in range(columns):
             out[i, c] = F32(sums[i, c] * scale)
 
 
 def read_sums(sums, m):
-    """Σ_p exp(i ω_l x_p) · min(1, MAX_PHOTONS / n), complex64 [pixels, m], and n, 0 to MAX_PHOTONS, uint32 [pixels]."""
+    """Sketches and photon counts of sums.
+
+    Returns:
+        Σ_p exp(i ω_l x_p) · min(1, MAX_PIXEL_PHOTONS / n), complex64 [pixels, m], and n, at most MAX_PIXEL_PHOTONS,
+        uint32 [pixels].
+    """
     out, numbers = np.empty((len(sums), 2 * m), np.float32), np.empty(len(sums), np.uint32)
     _read_sums(sums, out, numbers)
     return out.view(np.complex64), numbers
 
 
-# ---- Photons in any order: a counting sort first
+# ---- Photons in any order are sorted first
 
 @parallel
 def _sort(pixel: PIXELS, toa: TOA, place: uint32[:, ::1]):
-    """ToA by pixel. `place` [strips, pixels], 0: of a strip of photons how many are a pixel's, then where they end."""
+    """Times of arrival in the order of their pixels, by a counting sort.
+
+    `place` [strips, pixels], 0 before, counts each pixel's photons in each strip of photons, and at the end says where
+    they end in the result.
+    """
     number, strips = len(pixel), len(place)
     in_order = np.empty_like(toa)
     for strip in prange(strips):
@@ -70,7 +81,7 @@ def _sort(pixel: PIXELS, toa: TOA, place: uint32[:, ::1]):
     return in_order
 
 
-# ---- Events: a table row for each photon
+# ---- Events
 
 @parallel
 def _sketch_sorted(pixel: PIXELS, toa: TOA, borders: int64[::1], rows: int32[:, :, ::1], sums: int64[:, ::1]):
@@ -89,21 +100,21 @@ def _sketch_pixels(toa: uint16[::1], ends: uint32[::1], rows: int32[:, :, ::1], 
 
 
 def sketch_events(pixel, toa, rows, ordered, sums):
-    """sums[pixel_p] += rows[x_p], in place.
+    """Add the row of each photon to its pixel, in place: sums[pixel_p] += rows[x_p].
 
     Args:
         pixel: uint32 [N], below the number of pixels.
-        toa: uint16 [N], rows.
-        rows: of `fixed_rows`.
+        toa: uint16 [N], x_p, below the number of rows.
+        rows: int32 [parts, T, ROW_LANES] of `fixed_rows`.
         ordered: whether `pixel` never decreases.
     """
     if ordered:
-        number, parts = len(pixel), min(64, 1 + len(pixel) // PART)
+        number, parts = len(pixel), min(64, 1 + len(pixel) // THREAD_PHOTONS)
         before = pixel[np.arange(1, parts) * number // parts - 1]
         borders = np.array([0, *np.searchsorted(pixel, before, "right"), number])
         _sketch_sorted(pixel, toa, borders, rows, sums)
     else:
-        block, strips = max(BLOCK, 8 * len(sums)), min(get_num_threads(), STRIPS)
+        block, strips = max(SORT_PHOTONS, 8 * len(sums)), min(get_num_threads(), MAX_STRIPS)
         for first in range(0, len(pixel), block):
             place = np.zeros((strips, len(sums)), np.uint32)
             in_order = _sort(pixel[first:first + block], toa[first:first + block], place)
@@ -115,41 +126,44 @@ def sketch_events(pixel, toa, rows, ordered, sums):
 @parallel
 def _sketch_gates(words: WORDS, rows: int32[:, :, ::1], first_word: uint16, no_detection: uint16, sums: int64[:, ::1]):
     gates, pixels = words.shape
-    for strip in prange((pixels + WIDE - 1) // WIDE):
-        toa = np.empty(CYCLES, np.uint16)
-        for first in range(0, gates, CYCLES):           # words that stay in the cache while pixel after pixel is read
-            tile = words[first:first + CYCLES, strip * WIDE:(strip + 1) * WIDE]
-            for p in range(tile.shape[1]):
+    for strip in prange((pixels + TILE_PIXELS - 1) // TILE_PIXELS):
+        toa, first_pixel = np.empty(TILE_CYCLES, np.uint16), strip * TILE_PIXELS
+        for first in range(0, gates, TILE_CYCLES):      # a tile stays in the cache while its columns are read
+            tile = words[first:first + TILE_CYCLES, first_pixel:first_pixel + TILE_PIXELS]
+            for column in range(tile.shape[1]):
                 found = np.uint32(0)
-                for g in range(len(tile)):              # written always, kept if it is a photon: no branch to guess
-                    toa[found] = tile[g, p] - first_word
-                    found += np.uint32(tile[g, p] != no_detection)
-                add_run(rows, toa, None, 0, np.int64(found), sums[strip * WIDE + p])
+                for cycle in range(len(tile)):          # always written, overwritten if it is no photon: no branch
+                    toa[found] = tile[cycle, column] - first_word
+                    found += np.uint32(tile[cycle, column] != no_detection)
+                add_run(rows, toa, None, 0, np.int64(found), sums[first_pixel + column])
 
 
 def sketch_gates(words, rows, first_word, no_detection, sums):
-    """As `sketch_events`, for the photons x = word − `first_word` of all words that are not `no_detection`.
+    """Add the rows of a gated array's photons to their pixels, in place.
 
-    `words` are uint16 [G, pixels], a laser cycle a row, without stray ones.
+    A word is one pixel's result in one laser cycle: `no_detection`, or a photon x = word − `first_word`, below T.
+    `words` are uint16 [cycles, pixels].
     """
     _sketch_gates(words, rows, np.uint16(first_word), np.uint16(no_detection), sums)
 
 
-# ---- Histograms: a product of matrices, by BLAS, with its threads
+# ---- Histograms
 
 def sketch_histograms(counts, table, of_template, sums):
-    """sums_i += Σ_j counts_ij table_j − of_template, in float32: what it costs does not depend on the counts.
+    """Add histograms to their pixels, in place: sums_i += Σ_j counts_ij table_j − of_template.
+
+    A product of matrices in float32, computed by BLAS on its own threads: its cost does not depend on the counts.
 
     Args:
         counts: uint8, uint16, int32 or float32 [pixels, n].
-        table: float32 [n, 2m + 2] of exp(i ω_l b), re and im interleaved, then 1 and 0; zeros for bins that do not
-            count.
+        table: float32 [n, 2m + 2], exp(i ω_l b), real and imaginary parts interleaved, then 1 and 0; zeros for
+            bins that do not count.
         of_template: float32 [2m + 2] or [pixels, 2m + 2], or None.
     """
     pixels, n = counts.shape
-    as_float = np.empty((min(ROWS, pixels), n), np.float32)         # a part in the cache instead of a frame in memory
-    for first in range(0, pixels, ROWS):
-        part = slice(first, min(first + ROWS, pixels))
+    as_float = np.empty((min(HISTOGRAMS, pixels), n), np.float32)       # fits into the cache; a whole frame does not
+    for first in range(0, pixels, HISTOGRAMS):
+        part = slice(first, min(first + HISTOGRAMS, pixels))
         of_part = as_float[:part.stop - first]
         of_part[:] = counts[part]
         product = of_part @ table
