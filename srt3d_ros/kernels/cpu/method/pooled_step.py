@@ -1,12 +1,29 @@
-"""Pool data terms along every point's tangent plane, step to the top of their sum, fit the plane.
+"""Gauss-Newton step of every point on Σ_q w_q f_q, the data terms of its window moved along its tangent plane.
 
-A pool's BLOCK neighbouring columns go through each step together, in vector registers. What they need lies in one flat
-scratch array, at offsets known when compiling, and indices are unsigned: only so can the compiler see that the parts do
-not overlap, and that no index counts from the end.
+f_q(t_q + d) = v + s d − b d² / 2 are the terms of `expand` for the surface q of the neighbour (dx, dy) pixels away, at
+e = wrap(t_q − t − slopes · (dx, dy)) bins off the point's plane. With the weight
+
+    w = exp(−(dx² + dy²) / 2σ²) · (1 − e² / max_chi2 (std² + std_q²))₊²
+
+the pool of a point is the sum over its round window, dx² + dy² ≤ radius (radius + 1), of
+
+    V = Σ w (v − s e − b e² / 2),  S = Σ w (s + b e),  B = Σ w b,  N = Σ w² n,  p = Σ w n,  G = Σ w g.
+
+The plane is fitted to the depths of the window by least squares, with weights f = w / std_q² (`_fit_plane`). Its turn
+moves S by −turn · Σ w b (dx, dy). The point then steps by d = S / max(B, V₊ C / 2E), at most δ, to the top of the
+pooled data term, R = V + d S − d² B / 2, and gets intensity R₊ / (E G) and score p / √N · ρ(R₊ / p) (`_finish`).
+
+Neighbours within the square of `fine` pixels count one by one, farther ones in cells of CELL × CELL pixels: the same
+sums over the cell, with w = the second factor alone, along the plane of its middle point (`_coarsen`).
+
+BLOCK points that lie side by side go through each step together, in vector registers: x counts them. `kernels.torch`
+has the notation, and what the standard deviation and the residual are.
 """
 
+from typing import NamedTuple
+
 import numpy as np
-from numba import float32, int64, prange, types
+from numba import boolean, float32, int64, prange, types
 
 from srt3d_ros.kernels.constants import CELL, RIDGE
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TINY, ZERO, B, U, aligned
@@ -16,223 +33,254 @@ from srt3d_ros.kernels.cpu.method import field
 from srt3d_ros.kernels.cpu.method.field import agreement, rise, wrap
 from srt3d_ros.kernels.cpu.method.frame import FRAME, as_compiled
 from srt3d_ros.kernels.cpu.method.likelihood import evidence
-from srt3d_ros.kernels.maps import BLOCK, FIELDS, MARGIN, TERMS
+from srt3d_ros.kernels.maps import BLOCK, MARGIN
 
-# Offsets into the scratch array: points; neighbour; sums for the pool, the first six as in the terms; for the plane;
-# sums of the row of neighbours that is being added, each of 1, dx or dx².
-(T, SC, SR, TOLERANCE, W, E,
- V, G, C, S2, S1, X, CX, CY,
- P, PX, PY, PXX, PYY, PXY, PE, PXE, PYE, PEE,
- ROW_C, ROW_P, ROW_PX, ROW_PE) = (U(k * BLOCK) for k in range(28))
-BEND, LEVERAGE, OFF, SPREAD = P, PX, PE, PEE    # of the step and the plane, in place of sums they are made of
-SCRATCH = 28 * BLOCK
+POINTS = "depth", "slope_col", "slope_row", "tolerance"         # t, slopes, max_chi2 · std²
+NEIGHBOUR = "weight", "apart"                                   # w, e of the neighbours that are being added
+POOLED = "value", "gradient", "curvature", "squares", "photons", "exposure"     # V, S, B, N, p, G
+LEVER = "lever_col", "lever_row"                                # Σ w b dx, Σ w b dy
+# Σ f, Σ f dx, Σ f dy, Σ f dx², Σ f dy², Σ f dx dy, Σ f e, Σ f e dx, Σ f e dy, Σ f e²
+PLANE = "fit", "fit_x", "fit_y", "fit_xx", "fit_yy", "fit_xy", "fit_e", "fit_xe", "fit_ye", "fit_ee"
+# Of the row of neighbours that is being added: Σ w b, Σ f, Σ f dx, Σ f e
+ROW = "row_curvature", "row_fit", "row_fit_x", "row_fit_e"
+FITTED = "bend", "leverage", "off", "spread"                    # max(B, V₊ C / 2E), and three parts of the residual
+# One record: the compiler then knows that its arrays do not overlap, which it must to compute in vector registers.
+POOL = np.dtype([(name, np.float32, BLOCK) for name in POINTS + NEIGHBOUR + POOLED + LEVER + PLANE + ROW + FITTED])
+POOL_SIZE = POOL.itemsize // 4
+
+
+class Window(NamedTuple):
+    """Which surfaces a pool adds, and with which weights."""
+
+    weights: float32[::1]       # exp(−d² / 2σ²) for d = 0, 1, … pixels along a row or column
+    most: int64                 # dx² + dy² in the window, pixels²
+    max_chi2: float32
+    period: float32             # T, bins
+    fits_plane: boolean         # whether their depths are added, too
+
+
+class Maps(NamedTuple):
+    """The state and its terms, those of cells, and the next state, float32 [rows', K, …, cols']."""
+
+    state: float32[:, :, :, ::1]
+    terms: float32[:, :, :, ::1]
+    cells: float32[:, :, :, ::1]
+    out: float32[:, :, :, ::1]
+
+
+class Grid(NamedTuple):
+    """Every step-th row and column more than `beyond` and up to `reach` pixels away."""
+
+    reach: int
+    beyond: int
+    step: int
+
+
+class Place(NamedTuple):
+    """Neighbours in the columns from `col` on, dx and dy pixels from the points."""
+
+    col: int
+    dx: float
+    dy: float
+
+
+WINDOW = types.NamedTuple(tuple(Window.__annotations__.values()), Window)
+MAPS = types.NamedUniTuple(float32[:, :, :, ::1], 4, Maps)
 EVEN = np.ones(CELL // 2 + 1, np.float32)       # weights in a cell
-SHAPE = types.UniTuple(int64, 4)
 
 
 @inline
-def _begin(s, state, point, padded_cols, max_chi2):
-    """Load the points, and empty the sums of the window."""
+def _begin(pool, points, col, max_chi2):
+    """Load the points in the columns from `col` on, and set the sums of their windows to 0."""
     for x in range(B):
-        s[T + x] = state[point + field.DEPTH * padded_cols + x]
-        s[SC + x] = state[point + field.SLOPE_COL * padded_cols + x]
-        s[SR + x] = state[point + field.SLOPE_ROW * padded_cols + x]
-        std = state[point + field.STD * padded_cols + x]
-        s[TOLERANCE + x] = max_chi2 * std * std + TINY
-    for x in range(ROW_C - V):
-        s[V + x] = ZERO
+        std = points[field.STD, col + x]
+        pool.depth[x] = points[field.DEPTH, col + x]
+        pool.slope_col[x] = points[field.SLOPE_COL, col + x]
+        pool.slope_row[x] = points[field.SLOPE_ROW, col + x]
+        pool.tolerance[x] = max_chi2 * std * std + TINY
+        pool.value[x] = pool.gradient[x] = pool.curvature[x] = ZERO
+        pool.squares[x] = pool.photons[x] = pool.exposure[x] = pool.lever_col[x] = pool.lever_row[x] = ZERO
+        pool.fit[x] = pool.fit_x[x] = pool.fit_y[x] = pool.fit_xx[x] = pool.fit_yy[x] = pool.fit_xy[x] = ZERO
+        pool.fit_e[x] = pool.fit_xe[x] = pool.fit_ye[x] = pool.fit_ee[x] = ZERO
 
 
 @inline
-def _add(s, state, terms, at, term, padded_cols, dx, dy, near, max_chi2, period):
-    """Add the surfaces of the neighbours at (dx, dy) to the pools.
-
-    They count by distance and by agreement with the plane, e bins off which their data terms are moved along it:
-    f(t − e) = v − s e − b e² / 2, f′ = s + b e, −f″ = b.
-    """
-    v, g = term + field.VALUE * padded_cols, term + field.GRADIENT * padded_cols
-    c, squares = term + field.CURVATURE * padded_cols, term + field.SQUARES * padded_cols
-    counts, exposure = term + field.COUNTS * padded_cols, term + field.EXPOSURE * padded_cols
+def _add(pool, surfaces, terms, at, nearness, window):
+    """Add the data terms of neighbours; `nearness` is the first factor of their weight."""
     for x in range(B):
-        plane = s[T + x] + rise(s[SC + x], s[SR + x], dx, dy)
-        e = wrap(state[at + field.DEPTH * padded_cols + x] - plane, period)
-        std = state[at + field.STD * padded_cols + x]
-        same = agreement(e, s[TOLERANCE + x] + max_chi2 * std * std)
-        w = near * same * same
-        bend, slope = w * terms[c + x], w * terms[g + x]
+        plane = pool.depth[x] + rise(pool.slope_col[x], pool.slope_row[x], at.dx, at.dy)
+        e = wrap(surfaces[field.DEPTH, at.col + x] - plane, window.period)
+        std = surfaces[field.STD, at.col + x]
+        same = agreement(e, pool.tolerance[x] + window.max_chi2 * std * std)
+        w = nearness * same * same
+        bend = w * terms[field.CURVATURE, at.col + x]
+        slope = w * terms[field.GRADIENT, at.col + x]
         bend_e = bend * e
-        s[W + x], s[E + x] = w, e
-        s[V + x] += w * terms[v + x] - e * (slope + HALF * bend_e)
-        s[G + x] += slope + bend_e
-        s[ROW_C + x] += bend
-        s[CX + x] += bend * dx
-        s[S2 + x] += w * w * terms[squares + x]
-        s[S1 + x] += w * terms[counts + x]
-        s[X + x] += w * terms[exposure + x]
+        pool.weight[x], pool.apart[x] = w, e
+        pool.value[x] += w * terms[field.VALUE, at.col + x] - e * (slope + HALF * bend_e)
+        pool.gradient[x] += slope + bend_e
+        pool.row_curvature[x] += bend
+        pool.lever_col[x] += bend * at.dx
+        pool.squares[x] += w * w * terms[field.SQUARES, at.col + x]
+        pool.photons[x] += w * terms[field.COUNTS, at.col + x]
+        pool.exposure[x] += w * terms[field.EXPOSURE, at.col + x]
 
 
 @inline
-def _add_to_plane(s, state, at, padded_cols, dx, pixels):
-    """Add the neighbours' depths to the sums of the planes, each weighed by its variance and its number of pixels."""
+def _add_to_plane(pool, surfaces, at, pixels):
+    """Add the depths of neighbours, each of which stands for so many pixels, to the sums of the planes."""
     for x in range(B):
-        std = state[at + field.STD * padded_cols + x]
-        p = pixels * s[W + x] / (std * std + TINY) if state[at + field.INTENSITY * padded_cols + x] > ZERO else ZERO
-        off = p * s[E + x]
-        s[ROW_P + x] += p
-        s[ROW_PX + x] += p * dx
-        s[PXX + x] += p * (dx * dx)
-        s[ROW_PE + x] += off
-        s[PXE + x] += off * dx
-        s[PEE + x] += off * s[E + x]
+        std = surfaces[field.STD, at.col + x]
+        there = surfaces[field.INTENSITY, at.col + x] > ZERO
+        f = pixels * pool.weight[x] / (std * std + TINY) if there else ZERO
+        f_e = f * pool.apart[x]
+        pool.row_fit[x] += f
+        pool.row_fit_x[x] += f * at.dx
+        pool.fit_xx[x] += f * (at.dx * at.dx)
+        pool.row_fit_e[x] += f_e
+        pool.fit_xe[x] += f_e * at.dx
+        pool.fit_ee[x] += f_e * pool.apart[x]
 
 
 @inline
-def _end_row(s, dy):
+def _end_row(pool, dy):
     """Add the sums of a row of neighbours, dy below the points, to those of the window."""
     for x in range(B):
-        s[C + x] += s[ROW_C + x]
-        s[CY + x] += s[ROW_C + x] * dy
-        s[P + x] += s[ROW_P + x]
-        s[PX + x] += s[ROW_PX + x]
-        s[PY + x] += s[ROW_P + x] * dy
-        s[PYY + x] += s[ROW_P + x] * (dy * dy)
-        s[PXY + x] += s[ROW_PX + x] * dy
-        s[PE + x] += s[ROW_PE + x]
-        s[PYE + x] += s[ROW_PE + x] * dy
+        pool.curvature[x] += pool.row_curvature[x]
+        pool.lever_row[x] += pool.row_curvature[x] * dy
+        pool.fit[x] += pool.row_fit[x]
+        pool.fit_x[x] += pool.row_fit_x[x]
+        pool.fit_y[x] += pool.row_fit[x] * dy
+        pool.fit_yy[x] += pool.row_fit[x] * (dy * dy)
+        pool.fit_xy[x] += pool.row_fit_x[x] * dy
+        pool.fit_e[x] += pool.row_fit_e[x]
+        pool.fit_ye[x] += pool.row_fit_e[x] * dy
 
 
 @line
-def _add_grid(s, state, terms, i, j, padded_cols, surfaces, reach, step, nearest, most, weights, in_plane, max_chi2,
-              period):
-    """Add every step-th neighbour that is more than `nearest` and up to `reach` away, and dx² + dy² up to `most`."""
-    for dy in range(-reach, reach + 1, step):
-        for x in range(U(SCRATCH) - ROW_C):             # empty the sums of a row
-            s[ROW_C + x] = ZERO
-        for dx in range(-reach, reach + 1, step):
-            if max(abs(dx), abs(dy)) > nearest and dx * dx + dy * dy <= most:
-                near, right, down = weights[abs(dx)] * weights[abs(dy)], F32(dx), F32(dy)
-                pixel = ((i + dy) * surfaces) * padded_cols
-                at, term = U(pixel * FIELDS + j + dx), U(pixel * TERMS + j + dx)
-                for q in range(U(surfaces)):
-                    mine = at + q * U(FIELDS * padded_cols)
-                    _add(s, state, terms, mine, term + q * U(TERMS * padded_cols), U(padded_cols), right, down, near,
-                         max_chi2, period)
-                    if in_plane:
-                        _add_to_plane(s, state, mine, U(padded_cols), right, F32(step * step))
-        _end_row(s, F32(dy))
+def _add_grid(pool, row, col, grid, window, state, terms):
+    """Add the neighbours that are on the grid and in the window of the points at `row` and from `col` on."""
+    for dy in range(-grid.reach, grid.reach + 1, grid.step):
+        for x in range(B):
+            pool.row_curvature[x] = pool.row_fit[x] = pool.row_fit_x[x] = pool.row_fit_e[x] = ZERO
+        for dx in range(-grid.reach, grid.reach + 1, grid.step):
+            if max(abs(dx), abs(dy)) > grid.beyond and dx * dx + dy * dy <= window.most:
+                nearness = window.weights[abs(dx)] * window.weights[abs(dy)]
+                at = Place(U(col + dx), F32(dx), F32(dy))
+                for k in range(U(state.shape[1])):
+                    surfaces = state[U(row + dy), k]
+                    _add(pool, surfaces, terms[U(row + dy), k], at, nearness, window)
+                    if window.fits_plane:
+                        _add_to_plane(pool, surfaces, at, F32(grid.step * grid.step))
+        _end_row(pool, F32(dy))
 
 
 @inline
-def _fit_plane(s, total, curvature):
-    """Turn the planes to the least-squares fit, and the pooled slope with them; leave what `residual` is made of.
+def _fit_plane(pool, total, curvature):
+    """Turn the planes to the least-squares fit, and the pooled gradient with them; leave what `_finish` takes.
 
-    A slope is held to 0 as by one measurement with variance total / curvature.
+    The ridge holds a slope to 0 as one measurement of it with variance C / E would.
     """
     steepness = curvature / total
     for x in range(B):
-        p = s[P + x] + TINY
-        ridge = steepness / p + F32(RIDGE)
-        mx, my, me = s[PX + x] / p, s[PY + x] / p, s[PE + x] / p
-        cxx, cyy = s[PXX + x] / p - mx * mx + ridge, s[PYY + x] / p - my * my + ridge
-        cxy = s[PXY + x] / p - mx * my
-        # e is what a neighbour is off the plane so far; the ridge holds the whole slope, not its change.
-        cxe = s[PXE + x] / p - mx * me - ridge * s[SC + x]
-        cye = s[PYE + x] / p - my * me - ridge * s[SR + x]
+        f = pool.fit[x] + TINY
+        ridge = steepness / f + F32(RIDGE)
+        mx, my, me = pool.fit_x[x] / f, pool.fit_y[x] / f, pool.fit_e[x] / f
+        cxx, cyy = pool.fit_xx[x] / f - mx * mx + ridge, pool.fit_yy[x] / f - my * my + ridge
+        cxy = pool.fit_xy[x] / f - mx * my
+        # e is how far a neighbour is off the plane so far; the ridge holds the whole slope, not its change.
+        cxe = pool.fit_xe[x] / f - mx * me - ridge * pool.slope_col[x]
+        cye = pool.fit_ye[x] / f - my * me - ridge * pool.slope_row[x]
         det = cxx * cyy - cxy * cxy
         turn_col, turn_row = (cyy * cxe - cxy * cye) / det, (cxx * cye - cxy * cxe) / det
-        s[G + x] -= turn_col * s[CX + x] + turn_row * s[CY + x]
-        s[SC + x] += turn_col
-        s[SR + x] += turn_row
-        bend = max(s[C + x], HALF * max(s[V + x], ZERO) * steepness) + TINY
-        col, row = s[CX + x] / bend, s[CY + x] / bend
-        s[BEND + x] = bend
-        s[LEVERAGE + x] = (cyy * col * col - 2 * cxy * col * row + cxx * row * row) / det
-        s[OFF + x] = me - turn_col * mx - turn_row * my
-        s[SPREAD + x] = max(s[PEE + x] / p - me * me - turn_col * cxe - turn_row * cye, ZERO)
+        pool.gradient[x] -= turn_col * pool.lever_col[x] + turn_row * pool.lever_row[x]
+        pool.slope_col[x] += turn_col
+        pool.slope_row[x] += turn_row
+        bend = max(pool.curvature[x], HALF * max(pool.value[x], ZERO) * steepness) + TINY
+        col, row = pool.lever_col[x] / bend, pool.lever_row[x] / bend
+        pool.bend[x] = bend
+        pool.leverage[x] = (cyy * col * col - 2 * cxy * col * row + cxx * row * row) / det
+        pool.off[x] = me - turn_col * mx - turn_row * my
+        pool.spread[x] = max(pool.fit_ee[x] / f - me * me - turn_col * cxe - turn_row * cye, ZERO)
 
 
 @inline
-def _finish(s, state, point, out, padded_cols, max_chi2, frame):
+def _finish(pool, before, after, col, max_chi2, frame):
     """Step to the top of the pooled data term and write the next state."""
-    total, curvature, moments, period = frame.total_energy, frame.curvature, frame.moments, frame.period
+    total, curvature, period = frame.total_energy, frame.curvature, frame.period
+    by_signal, by_background, by_bins, of_bins = frame.moments[0], frame.moments[1], frame.moments[2], frame.moments[3]
     for x in range(B):
-        seen = state[point + field.INTENSITY * padded_cols + x] > ZERO
-        d = min(max(s[G + x] / s[BEND + x], -frame.resolution), frame.resolution)
-        value = s[V + x] + d * (s[G + x] - HALF * d * s[C + x])
-        t = s[T + x] + d
+        photons, squares, known = pool.photons[x], pool.squares[x], pool.tolerance[x] / max_chi2
+        seen = before[field.INTENSITY, col + x] > ZERO
+        d = min(max(pool.gradient[x] / pool.bend[x], -frame.resolution), frame.resolution)
+        value = pool.value[x] + d * (pool.gradient[x] - HALF * d * pool.curvature[x])
+        depth = pool.depth[x] + d
         strength = max(value, ZERO) / total
-        signal = min(strength, s[S1 + x])
-        variance = (signal * moments[0] + (s[S1 + x] - signal) * moments[1]) * s[S2 + x] / max(s[S1 + x], TINY)
+        signal = min(strength, photons)
+        variance = (signal * by_signal + (photons - signal) * by_background) * squares / max(photons, TINY)
         std = min(np.sqrt(variance) / max(signal * curvature, TINY), period)
-        out[point + field.DEPTH * padded_cols + x] = t - period * np.floor(t / period)
-        out[point + field.SLOPE_COL * padded_cols + x] = s[SC + x]
-        out[point + field.SLOPE_ROW * padded_cols + x] = s[SR + x]
-        out[point + field.INTENSITY * padded_cols + x] = max(strength / max(s[X + x], TINY), TINY) if seen else ZERO
-        out[point + field.STD * padded_cols + x] = std if signal > ZERO else period
-        off = s[OFF + x] - d
-        relief = max(s[SPREAD + x] + off * off - max(s[TOLERANCE + x] / max_chi2 - std * std, ZERO), ZERO)
+        off = pool.off[x] - d
+        relief = max(pool.spread[x] + off * off - max(known - std * std, ZERO), ZERO)
         bowl = relief * relief / (relief + std * std + TINY)
-        bins = moments[2] * s[S2 + x] / max(s[S1 + x] * signal * curvature * curvature, TINY) + moments[3]
-        residual = np.sqrt(std * std * s[LEVERAGE + x] + relief + bowl + bins)
-        out[point + field.RESIDUAL * padded_cols + x] = residual if signal > ZERO else ZERO
-        s[V + x] = value if seen else ZERO
-    for x in range(B):                  # apart: no vector register looks up a table
-        score = evidence(s[V + x], s[S1 + x], s[S2 + x], frame)
-        out[point + field.SCORE * padded_cols + x] = score
+        bins = by_bins * squares / max(photons * signal * curvature * curvature, TINY) + of_bins
+        residual = np.sqrt(std * std * pool.leverage[x] + relief + bowl + bins)
+        after[field.DEPTH, col + x] = depth - period * np.floor(depth / period)
+        after[field.SLOPE_COL, col + x] = pool.slope_col[x]
+        after[field.SLOPE_ROW, col + x] = pool.slope_row[x]
+        intensity = max(strength / max(pool.exposure[x], TINY), TINY)
+        after[field.INTENSITY, col + x] = intensity if seen else ZERO
+        after[field.STD, col + x] = std if signal > ZERO else period
+        after[field.RESIDUAL, col + x] = residual if signal > ZERO else ZERO
+        pool.value[x] = value if seen else ZERO
+    for x in range(B):                  # a loop of its own: a lookup in a table runs in no vector register
+        score = evidence(pool.value[x], pool.photons[x], pool.squares[x], frame)
+        after[field.SCORE, col + x] = score
 
 
 @parallel
-def _pooled_step(frame: FRAME, max_chi2: float32, radius: int64, fine: int64, weights: float32[::1], shape: SHAPE,
-                 state: float32[::1], terms: float32[::1], cells: float32[::1], out: float32[::1]):
-    padded_rows, surfaces, fields, padded_cols = shape
-    period, most = frame.period, radius * (radius + 1)
-    for row in prange(padded_rows - 2 * MARGIN):
-        i = row + MARGIN
-        s = aligned(SCRATCH)
-        for j in range(MARGIN, padded_cols - MARGIN, BLOCK):
+def _pooled_step(frame: FRAME, window: WINDOW, radius: int64, fine: int64, maps: MAPS):
+    rows, surfaces, _, cols = maps.state.shape
+    for turn in prange(rows - 2 * MARGIN):
+        scratch, row = aligned(POOL_SIZE).view(POOL), turn + MARGIN
+        for col in range(MARGIN, cols - MARGIN, BLOCK):
             for k in range(surfaces):
-                point = U((i * surfaces + k) * fields * padded_cols + j)
-                _begin(s, state, point, U(padded_cols), max_chi2)
-                # Near neighbours one by one, farther ones cell by cell.
-                _add_grid(s, state, terms, i, j, padded_cols, surfaces, min(radius, fine), 1, -1, most, weights, True,
-                          max_chi2, period)
+                pool = scratch[0]           # here, for a record does not keep the memory of its array
+                _begin(pool, maps.state[row, k], U(col), window.max_chi2)
+                _add_grid(pool, row, col, Grid(min(radius, fine), -1, 1), window, maps.state, maps.terms)
                 if radius > fine:
-                    _add_grid(s, state, cells, i, j, padded_cols, surfaces, radius // CELL * CELL, CELL, fine, most,
-                              weights, True, max_chi2, period)
-                _fit_plane(s, frame.total_energy, frame.curvature)
-                _finish(s, state, point, out, U(padded_cols), max_chi2, frame)
+                    _add_grid(pool, row, col, Grid(radius // CELL * CELL, fine, CELL), window, maps.state, maps.cells)
+                _fit_plane(pool, frame.total_energy, frame.curvature)
+                _finish(pool, maps.state[row, k], maps.out[row, k], U(col), window.max_chi2, frame)
 
 
 @parallel
-def _coarsen(num_bins: int64, max_chi2: float32, shape: SHAPE, state: float32[::1], terms: float32[::1],
-             cells: float32[::1]):
-    """The data terms of cells of CELL × CELL pixels, along the plane of the middle one's surface."""
-    padded_rows, surfaces, fields, padded_cols = shape
-    half = CELL // 2
-    for row in prange(padded_rows - 2 * MARGIN):
-        i = row + MARGIN
-        s = aligned(SCRATCH)
-        for j in range(MARGIN, padded_cols - MARGIN, BLOCK):
+def _coarsen(window: WINDOW, maps: MAPS):
+    """Write the terms of the cells around the points, pooled along their planes."""
+    rows, surfaces, _, cols = maps.state.shape
+    for turn in prange(rows - 2 * MARGIN):
+        scratch, row = aligned(POOL_SIZE).view(POOL), turn + MARGIN
+        for col in range(MARGIN, cols - MARGIN, BLOCK):
             for k in range(surfaces):
-                point = U((i * surfaces + k) * fields * padded_cols + j)
-                _begin(s, state, point, U(padded_cols), max_chi2)
-                _add_grid(s, state, terms, i, j, padded_cols, surfaces, half, 1, -1, 2 * half**2, EVEN, False,
-                          max_chi2, F32(num_bins))
-                into = U((i * surfaces + k) * TERMS * padded_cols + j)
-                for f in range(U(TERMS)):
-                    for x in range(B):
-                        seen = state[point + field.INTENSITY * U(padded_cols) + x] > ZERO
-                        cells[into + f * U(padded_cols) + x] = s[V + f * B + x] if seen else ZERO
+                pool, points, cells = scratch[0], maps.state[row, k], maps.cells[row, k]
+                _begin(pool, points, U(col), window.max_chi2)
+                _add_grid(pool, row, col, Grid(CELL // 2, -1, 1), window, maps.state, maps.terms)
+                for x in range(B):
+                    seen = points[field.INTENSITY, U(col) + x] > ZERO
+                    cells[field.VALUE, U(col) + x] = pool.value[x] if seen else ZERO
+                    cells[field.GRADIENT, U(col) + x] = pool.gradient[x] if seen else ZERO
+                    cells[field.CURVATURE, U(col) + x] = pool.curvature[x] if seen else ZERO
+                    cells[field.SQUARES, U(col) + x] = pool.squares[x] if seen else ZERO
+                    cells[field.COUNTS, U(col) + x] = pool.photons[x] if seen else ZERO
+                    cells[field.EXPOSURE, U(col) + x] = pool.exposure[x] if seen else ZERO
 
 
 def pooled_step(frame, state, terms, sigma, radius, fine, max_chi2):
     out = borrow("stepped", state.shape)
     out = borrow("stepped again", state.shape) if out is state else out
-    weights = np.exp(-np.arange(radius + 1)**2 / (2 * sigma**2)).astype(np.float32)
-    cells, flat = terms, (state.reshape(-1), terms.reshape(-1))
+    maps = Maps(state, terms, borrow("cells", terms.shape), out)
     if radius > fine:
-        cells = borrow("cells", terms.shape)
-        _coarsen(frame.num_bins, F32(max_chi2), state.shape, *flat, cells.reshape(-1))
-    _pooled_step(as_compiled(frame), F32(max_chi2), radius, fine, weights, state.shape, *flat, cells.reshape(-1),
-                 out.reshape(-1))
+        _coarsen(Window(EVEN, 2 * (CELL // 2)**2, F32(max_chi2), F32(frame.num_bins), False), maps)
+    weights = np.exp(-np.arange(radius + 1)**2 / (2 * sigma**2)).astype(np.float32)
+    window = Window(weights, radius * (radius + 1), F32(max_chi2), F32(frame.num_bins), True)
+    _pooled_step(as_compiled(frame), window, radius, fine, maps)
     return out
