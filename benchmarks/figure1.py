@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.frames import PPPS, SIDE, SKETCH_SIZE, photons_of, sensor_of, timed
 from srt3d_ros.core.methods import METHODS
-from srt3d_ros.core.sketching.frame_sketcher import Sketcher
+from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.evaluation.scores import aligned
 from srt3d_ros.pictures.curves import METHOD_COLOURS, Metric, format_axes
@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
         photons = photons_of(sensor, ppp)
         for name in STYLES:
             method = METHODS.get(name, METHODS["pooled"])
-            sketcher = Sketcher(sensor, choose(method.frequencies, sensor, SKETCH_SIZE))
+            sketcher = FrameSketcher(sensor, choose(method.frequencies, sensor, SKETCH_SIZE))
             sketcher.add(photons)
             frame = photons if method.needs == "photons" else sketcher.sketch()
             reconstructor = method.build(sensor, sketcher.frequencies, device="cpu")

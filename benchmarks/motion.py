@@ -21,7 +21,7 @@ from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.motion.moving_sketcher import MovingFrame, MovingSketcher
 from srt3d_ros.core.motion.trajectory import Trajectory
-from srt3d_ros.core.sketching.frame_sketcher import Sketcher, sketch_photons
+from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher, sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.datasets.simulation.motion_profiles import OPTICAL, measured, walk
 from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
@@ -74,7 +74,7 @@ class Walk:
     def frame(self, k: int, views: Views, ppp: float, seed: int) -> MovingFrame:
         """Frame k in parts, not yet moved, with `ppp` photons per pixel that `seed` draws from these views."""
         simulator = Simulator(views, self.sensor, SBR, ppp / PARTS / VIEWS, seed, 1 / VIEW_S)
-        sketcher, parts, first_s = Sketcher(self.sensor, self.frequencies), [], FIRST_S + k * FRAME_S
+        sketcher, parts, first_s = FrameSketcher(self.sensor, self.frequencies), [], FIRST_S + k * FRAME_S
         for part in range(PARTS):
             sketcher.reset()
             for view in range(VIEWS):

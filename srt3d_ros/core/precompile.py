@@ -11,7 +11,7 @@ from srt3d_ros.core.devices import kernels_for
 from srt3d_ros.core.motion.moving_sketcher import MovingSketcher
 from srt3d_ros.core.motion.trajectory import Pose, Trajectory
 from srt3d_ros.core.sensor.model import MAX_BINS, GateWords, SensorModel
-from srt3d_ros.core.sketching.frame_sketcher import Sketcher
+from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates
 
 ANY_SENSOR = SensorModel(rows=1, cols=2, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0], gates=GateWords())
@@ -45,7 +45,7 @@ def everything() -> None:
 
 def sketching() -> None:
     """Sketch photons in whole bins, in order and not, and gates."""
-    sketcher = Sketcher(ANY_SENSOR, (1,))
+    sketcher = FrameSketcher(ANY_SENSOR, (1,))
     sketcher.add(PhotonGates(np.zeros((1, 1, 2), np.uint16)))
     for pixels in ([0, 1], [1, 0]):
         sketcher.add(PhotonEvents(np.array(pixels, np.uint32), np.zeros(2, np.uint16)))

@@ -12,7 +12,7 @@ from srt3d_ros.core.motion.trajectory import Pose, Trajectory
 from srt3d_ros.core.reconstructor import Reconstructor
 from srt3d_ros.core.sensor.model import GateWords
 from srt3d_ros.core.sensor.projection import AngularScan
-from srt3d_ros.core.sketching.frame_sketcher import Sketcher
+from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates
 from srt3d_ros.kernels.cpu import OTHER_METHODS
 from srt3d_ros.kernels.cpu.compiling import KERNELS
@@ -24,7 +24,7 @@ FREQUENCIES = (1, 2, 3, 5, 8)
 
 def sketches(sensor) -> Iterator:
     """Of events in order and not, and of gates, as they come from messages: they cannot be written."""
-    sketcher, events = Sketcher(sensor, FREQUENCIES), simulate(ramp(20, 24, 150, 1, 1)[None], 20, 5, sensor, 1)
+    sketcher, events = FrameSketcher(sensor, FREQUENCIES), simulate(ramp(20, 24, 150, 1, 1)[None], 20, 5, sensor, 1)
     mixed = np.random.default_rng(1).permutation(events.photons)
     for seen in (events, PhotonEvents(events.pixel[mixed], events.toa[mixed])):
         raw = photons_message.encode_cdr(seen, sensor, "spad")

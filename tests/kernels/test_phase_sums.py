@@ -6,7 +6,7 @@ from numba import njit
 
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frame_sketcher import Sketcher, phase_table
+from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher, phase_table
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.kernels import cpu
@@ -118,7 +118,7 @@ def test_histograms(dtype, bins):
     rng = np.random.default_rng(2)
     counts = rng.integers(0, 200, (40, n)) - (30 if np.dtype(dtype).kind != "u" else 0)
     counts[7] = 0 if np.dtype(dtype).kind == "u" else -1        # below 0 there are no photons
-    table, of_template = Sketcher(sensor, frequencies).histogram_tables
+    table, of_template = FrameSketcher(sensor, frequencies).histogram_tables
     sums = cpu.new_sums(40, cpu.fixed_rows(table))
     for _ in range(2):
         cpu.sketch_histograms(counts.astype(dtype), table, of_template, sums)
@@ -139,7 +139,7 @@ def test_a_histogram_has_the_sketch_of_its_photons(bins, gate):
     n = T if bins is None else bins.num_bins
     histograms = PhotonHistograms(np.random.default_rng(1).poisson(0.4, (5, 8, n)).astype(np.uint16), stamp_ns=7)
     gate = gate and Gate(sensor, *gate)
-    of_counts, of_events = (Sketcher(sensor, (1, 2, 7), gate=gate) for _ in range(2))
+    of_counts, of_events = (FrameSketcher(sensor, (1, 2, 7), gate=gate) for _ in range(2))
     of_counts.add(histograms)
     of_events.add(histograms.to_events(sensor))
     found, wanted = of_counts.sketch(), of_events.sketch()

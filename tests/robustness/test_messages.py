@@ -9,7 +9,7 @@ from sensor_msgs.msg import Imu
 
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sketching.frame_sketcher import Sketcher
+from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.messages import gates_message as gates
 from srt3d_ros.messages import histograms_message as histograms
 from srt3d_ros.messages import images_message as images
@@ -31,7 +31,7 @@ def golden(*names: str) -> list[bytes]:
 
 def frame(codec):
     """Reads a message of photons in any form and sketches what it says."""
-    sketcher = Sketcher(SENSOR, FREQUENCIES)
+    sketcher = FrameSketcher(SENSOR, FREQUENCIES)
 
     def read(raw: bytes) -> None:
         header, decoded = codec.decode_cdr(raw, SENSOR)
@@ -39,6 +39,7 @@ def frame(codec):
         header, again = codec.decode_cdr(written, SENSOR)
         assert codec.encode_cdr(again, SENSOR, header.frame_id) == written
         sketcher.reset()
+        decoded.check(SENSOR)
         sketcher.add(decoded)
 
     return read

@@ -10,7 +10,7 @@ import numpy as np
 from srt3d_ros.core.motion.deskew import Deskewer, Parts
 from srt3d_ros.core.motion.trajectory import Trajectory
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frame_sketcher import Sketcher
+from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
 from srt3d_ros.core.sketching.sketch import Sketch
@@ -39,11 +39,11 @@ class MovingFrame:
         return sum(sketch.sums.nbytes for _, sketch in self.parts)
 
 
-class MovingSketcher(Sketcher):
+class MovingSketcher(FrameSketcher):
     """Sketches the parts of a frame alone; `finish` moves them to the middle of the frame and adds them up.
 
     A part is a packet, or as many with one stamp. Where packets are more than PARTS, parts are as long as the frame
-    before says. A packet lasts until the next one: its photons come in the middle. Arguments as of a Sketcher.
+    before says. A packet lasts until the next one: its photons come in the middle. Arguments as of a FrameSketcher.
 
     Attributes:
         lost: photons of the last frame finished that no pixel sees at its instant.
@@ -68,7 +68,7 @@ class MovingSketcher(Sketcher):
         return super().kept + sum(int(sketch.photons.sum()) for _, sketch in self._parts)
 
     def add(self, frame: PhotonFrame) -> None:
-        """Add the photons of a packet; InvalidInput, and none is added, if one is outside the sensor."""
+        """Add the photons of a packet that its `check` accepts."""
         if self._stamps and len(self._parts) < PARTS - 1 and self._ends_part(frame.stamp_ns):
             self._end_part()
         super().add(frame)
@@ -104,11 +104,10 @@ class MovingSketcher(Sketcher):
         return (stamp_ns - first_ns) // length_ns != (self._stamps[0] - first_ns) // length_ns
 
     def _end_part(self) -> None:
-        """End the open part, if it has a packet: the one that would have begun it may have been refused."""
-        if self._stamps:
-            self._parts.append((self._stamps, self.sketch()))
-            self._stamps = []
-            super().reset()
+        """Sketch the open part, which has a packet at least, and begin the next."""
+        self._parts.append((self._stamps, self.sketch()))
+        self._stamps = []
+        super().reset()
 
     def _packet_ns(self, stamps: list[int]) -> int:
         """The time that a packet takes: the median distance between stamps, also to the last of the frame before.

@@ -1,8 +1,8 @@
-"""Photons → sketch: the sums Σ_p exp(i ω_l x_p) of every pixel (SRT3D, ICASSP 2022, eq. 3), also of a sliding window.
+"""FrameSketcher: photons in, sketches out: the sums Σ_p exp(i ω_l x_p) of every pixel (SRT3D, ICASSP 2022, eq. 3).
 
-exp(i ω_l x) takes only T values for integer ToA, so a T × 2m table replaces every sine and cosine, and sketching is
-one table row added per photon. The sums are integers (kernels/cpu/sketching/rows.py): what a sketch is depends on its
-photons only, bit for bit, not on their order, their packets or the number of threads.
+exp(i ω_l x) has only T values for integer ToA. A table of T rows of 2m numbers replaces all sines and cosines, and
+each photon adds one row. The sums are integers (kernels/cpu/sketching/rows.py), so a sketch depends on its photons
+only, bit for bit: not on their order, their packets or the number of threads.
 """
 
 from collections import deque
@@ -18,23 +18,23 @@ from srt3d_ros.core.sketching.sketch import Sketch, check_frequencies
 from srt3d_ros.errors import require
 
 MAX_WINDOW_BYTES = 2**31
-ROUNDING = 1e-5         # relative, of float32 sums
-FAR = 4.0               # times its mean: where a template is higher, its noise would be taken for a surface
-STEPS = 16              # of a bin, for ToA with fractions
+ROUNDING = 1e-5         # relative error of float32 sums
+FAR = 4.0               # times a template's mean: the noise of higher bins would be reconstructed as a surface
+STEPS = 16              # steps of a bin to which ToA with fractions are rounded
 
 
-class Sketcher:
+class FrameSketcher:
     """Adds the photons of frames, in any split and any order, and gives the sketch of the newest W frames.
 
-    Photons add up without end; a window is what has been added since its first frame began. The sums are integers that
-    wrap around, so the difference is exact, however long this runs, and costs what one frame does, whatever W. Memory:
-    a table, and one set of sums a frame of the window.
+    Sums grow without end. A window is the sums now less those from before its first frame: integers wrap around, so
+    the difference is exact, and costs the same for any W. Memory: a table, and one set of sums for each frame of the
+    window.
 
     Args:
         sensor: pixels, T and gate words.
         frequencies: the integers k_l.
         window_frames: W, 1 or more; InvalidInput if the window would take more than MAX_WINDOW_BYTES.
-        gate: of this sensor. Photons outside are dropped: the sketch is one of `gate.sensor`.
+        gate: of this sensor. Photons outside are dropped; sketches are of `gate.sensor`.
     """
 
     def __init__(self, sensor: SensorModel, frequencies, window_frames: int = 1, gate: Gate | None = None):
@@ -43,7 +43,7 @@ class Sketcher:
         _, self._kernels = kernels_for("cpu")
         self._rows = self._kernels.fixed_rows(phase_table(sensor, self.frequencies, gate))
         self._sums = self._kernels.new_sums(sensor.pixels, self._rows)
-        self._subtracted = False            # whether counts may have been negative
+        self._subtracted = False            # counts may have been negative
         most = max(MAX_WINDOW_BYTES // self._sums.nbytes, 1)
         require(1 <= window_frames <= most, "window_frames", window_frames, f"1 to {most} for {sensor.rows} × "
                 f"{sensor.cols} pixels, which take {self._sums.nbytes / 1e6:.3g} MB a frame")
@@ -52,46 +52,46 @@ class Sketcher:
 
     @property
     def sketch_sensor(self) -> SensorModel:
-        """What the sketches are of: the sensor, or its gate."""
+        """The sensor of the sketches: that of the photons, or what the gate keeps of it."""
         return self.sensor if self.gate is None else self.gate.sensor
 
     def reset(self) -> None:
         """Forget all photons, of the open frame and of all before."""
         self._sums[:] = 0
-        self._stamp_ns: int | None = None       # of the open frame
-        self._cycles = 0                        # since then, if known
-        # Of the window's frames, the open one last: what had been added before each (None: nothing), its first stamp.
+        self._stamp_ns: int | None = None       # earliest of the open frame
+        self._cycles = 0                        # laser cycles since the reset, 0 if not known
+        # For each frame of the window, the open one last: the sums before it (None: zeros), and the cycles before it.
         self._before: deque[np.ndarray | None] = deque([None], maxlen=self.window_frames)
         self._cycles_before: deque[int] = deque([0], maxlen=self.window_frames)
         self._stamps_ns: deque[int] = deque(maxlen=self.window_frames)
 
     def add(self, frame: PhotonFrame) -> None:
-        """Add the photons of a frame or packet; InvalidInput, and none is added, if one is outside the sensor."""
+        """Add the photons of a frame or packet that its `check` accepts: others would be written outside the sums."""
         if isinstance(frame, PhotonHistograms):
             self._add_histograms(frame)
         elif isinstance(frame, PhotonGates):
             self._add_gates(frame)
-        elif frame.photons > 0:
+        elif len(frame.toa) > 0:
             self._add_events(frame)
         self._stamp_ns = frame.stamp_ns if self._stamp_ns is None else min(self._stamp_ns, frame.stamp_ns)
         self._cycles += len(frame.words) if isinstance(frame, PhotonGates) else self.sensor.cycles or 0
 
     @property
     def kept(self) -> int:
-        """Photons of the open frame inside the gate: more than all of them if there are negative counts outside."""
+        """Photons of the open frame inside the gate: more than came if counts outside are negative."""
         column, before = 2 * len(self.frequencies), self._before[-1]
         here = self._sums[:, column] - (0 if before is None else before[:, column])
         return round(int(here.sum()) / self._kernels.UNIT)
 
     def end_frame(self) -> Sketch:
-        """End the open frame; the sketch of the window of which it is the last, and its stamp."""
+        """End the open frame; the sketch of the window that ends with it."""
         self._stamps_ns.append(self._stamp_ns or 0)
         oldest = self._before[0]
-        if oldest is not None:                  # of a full window: not needed after this, so it takes the difference
+        if oldest is not None:                  # leaves the window now, so its memory takes the difference
             np.subtract(self._sums, oldest, out=oldest)
         sketch = self._sketch_of(self._sums if oldest is None else oldest, max(self._stamps_ns),
                                  self._cycles - self._cycles_before[0])
-        if self.window_frames == 1:             # cheaper than keeping what was added before
+        if self.window_frames == 1:             # cheaper than keeping the sums from before
             self.reset()
             return sketch
         self._stamp_ns = None
@@ -111,7 +111,7 @@ class Sketcher:
         if cycles and self.gate is not None:
             before = (sums[:, 2 * m + 1] // self._kernels.UNIT).astype(np.uint32).reshape(rows, cols)
         sums, photons = self._kernels.read_sums(sums, m)
-        if self._subtracted:    # the noise stays: n, near 0 in a pixel without a surface, is what the longest sum needs
+        if self._subtracted:        # subtraction can leave n < |sum|; raise n so that |z| ≤ 1
             longest = np.abs(sums).max(axis=1) * (1 - ROUNDING)
             photons = np.maximum(photons, np.ceil(longest).astype(np.uint32))
         return Sketch(self.frequencies, sums.reshape(rows, cols, m), photons.reshape(rows, cols), stamp_ns,
@@ -120,7 +120,6 @@ class Sketcher:
     # ---- Forms of photons
 
     def _add_events(self, events: PhotonEvents) -> None:
-        events.check(self.sensor)
         toa, rows = events.toa, self._rows
         if toa.dtype.kind == "f":
             steps, rows = self._fine_rows
@@ -129,10 +128,10 @@ class Sketcher:
 
     @cached_property
     def _fine_rows(self) -> tuple[np.float32, np.ndarray]:
-        """For ToA with fractions: the steps of a bin to which they are rounded, and a row for each step.
+        """For ToA with fractions: the steps s of a bin to which they are rounded, and a table row for each step.
 
-        STEPS, or as many as 16 bits can tell. Steps of 1/s bin add 1/(12 s²) bins² to a photon's variance: of 1/16,
-        0.03 % for a pulse with a standard deviation of 1 bin. They make z_l smaller by π² k_l² / (6 s² T²) at most.
+        s is STEPS, or as many as 16 bits can count. Rounding adds 1/(12 s²) bins² to a photon's variance: 0.03 % for
+        s = 16 and a pulse with a standard deviation of 1 bin. |z_l| falls by a share π² k_l² / (6 s² T²) at most.
         """
         steps = min(STEPS, MAX_BINS // self.sensor.num_bins)
         at = np.arange(steps * self.sensor.num_bins + 1) / steps
@@ -140,13 +139,11 @@ class Sketcher:
         return np.float32(steps), self._kernels.fixed_rows(table)
 
     def _add_gates(self, gates: PhotonGates) -> None:
-        gates.check(self.sensor)
         form = self.sensor.gates
         words = self._kernels.array(gates.words).reshape(len(gates.words), self.sensor.pixels)
         self._kernels.sketch_gates(words, self._rows, form.first_word, form.no_detection, self._sums)
 
     def _add_histograms(self, histograms: PhotonHistograms) -> None:
-        histograms.check(self.sensor)
         counts, (table, of_template) = histograms.counts, self.histogram_tables
         self._kernels.sketch_histograms(counts.reshape(-1, counts.shape[2]), table, of_template, self._sums)
         self._subtracted |= counts.dtype.kind != "u" or of_template is not None
@@ -155,9 +152,9 @@ class Sketcher:
     def histogram_tables(self) -> tuple[np.ndarray, np.ndarray | None]:
         """The phases of the bins of the sensor's histograms, and the phase sums of their template, or None.
 
-        float32 [n, 2m + 2]; and [2m + 2], or [rows · cols, 2m + 2] if pixels have templates of their own. Bins in which
-        the template is far above its mean are taken to hold the mean of the others inside the gate, whatever they
-        count: a uniform background still adds nothing.
+        float32 [n, 2m + 2]; and [2m + 2], or [rows · cols, 2m + 2] if pixels have templates of their own. A bin in
+        which the template is far above its mean counts as the mean of the other bins inside the gate: a uniform
+        background still adds nothing.
         """
         bins = self.sensor.histograms
         table = phase_table(self.sensor, self.frequencies, self.gate, None if bins is None else bins.centers())
@@ -172,23 +169,28 @@ class Sketcher:
 
 
 def sketch_photons(frame: PhotonFrame, sensor: SensorModel, frequencies, gate: Gate | None = None) -> Sketch:
-    """The sketch of one frame."""
-    sketcher = Sketcher(sensor, frequencies, gate=gate)
+    """The sketch of one frame; InvalidInput if a photon is outside the sensor."""
+    frame.check(sensor)
+    sketcher = FrameSketcher(sensor, frequencies, gate=gate)
     sketcher.add(frame)
     return sketcher.sketch()
 
 
 def phase_table(sensor: SensorModel, frequencies, gate: Gate | None, middles: np.ndarray | None = None) -> np.ndarray:
-    """exp(i ω_l x) for bins of a sensor, re and im interleaved, then 1, which counts, and 0; 0 outside the gate.
+    """exp(i ω_l x) for bins of a sensor: real and imaginary parts in turn, then a column of 1 that counts photons.
 
-    Before the gate, the last column is 1, and counts the laser cycles that are over there.
+    All are 0 outside the gate. The last column is 1 before the gate: it counts laser cycles that ended there.
 
-    float32 [n, 2m + 2] for n `middles` of bins, counted in the sensor's own; unless given, its own, 0.5, 1.5, …
+    Args:
+        middles: of n bins, counted in bins of the sensor; its own, 0.5, 1.5, …, unless given.
+
+    Returns:
+        float32 [n, 2m + 2].
     """
     middles = np.arange(sensor.num_bins) + 0.5 if middles is None else middles
     start, num_bins = (0, sensor.num_bins) if gate is None else (gate.start, gate.num_bins)
     from_start = (middles - start) % sensor.num_bins
-    # In half bins, so that k·x of the sensor's own is a whole number and the phase is exact for large k·x.
+    # Count in half bins: k·x is then a whole number for the sensor's own bins, and the phase exact for large k·x.
     half_bins, period = 2 * from_start - 1, 2 * num_bins
     turns = np.outer(half_bins, (*frequencies, 0)) % period / period
     inside = from_start < num_bins

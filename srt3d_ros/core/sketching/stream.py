@@ -9,7 +9,7 @@ from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.counts import Counts
 from srt3d_ros.core.sketching.design import design_for
-from srt3d_ros.core.sketching.frame_sketcher import Sketcher
+from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.core.sketching.framing import Framing, OpenFrame
 from srt3d_ros.core.sketching.gate import OFF, in_ranges
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
@@ -91,7 +91,7 @@ class SketchStream:
         self._framing = Framing(options.packets_per_frame, options.frame_period_ns)
         gate, frequencies = design_for(sensor, options.gate, options.frequencies, options.sketch_size)
         self._sketcher = MovingSketcher(sensor, frequencies, gate) if options.moving else \
-            Sketcher(sensor, frequencies, options.window_frames, gate)
+            FrameSketcher(sensor, frequencies, options.window_frames, gate)
         self._motion = SensorMotion(options.extrinsics) if options.moving else None
         self._ended: deque[_Ended] = deque()
         self._merged: _Ended | None = None          # frames that wait for readers, as one

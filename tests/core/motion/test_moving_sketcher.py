@@ -11,7 +11,6 @@ from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.errors import InvalidInput
 
 T, STEP = 100, 0.02
 SENSOR = SensorModel(3, 12, T, 1e-10, [1, 2, 1], projection=AngularScan(0.1, -STEP, 0.02, -STEP))
@@ -107,14 +106,6 @@ def test_photons_outside_the_gate_are_dropped_and_those_inside_counted():
     frame = sketcher.end_frame()
     assert sketcher.kept == 0
     assert sketcher.finish(frame, standing()).photons.sum() == 4
-
-
-def test_a_refused_packet_that_begins_a_part_leaves_the_frame_as_it_is():
-    sketcher = MovingSketcher(SENSOR, FREQUENCIES)
-    sketcher.add(photons(0))
-    with pytest.raises(InvalidInput):
-        sketcher.add(PhotonEvents(np.array([SENSOR.pixels], np.uint32), np.array([0], np.uint16), 10 * MS))
-    assert instants_ms(sketcher.end_frame()) == [0] and instants_ms(frame_of(sketcher, (100, 110))) == [105, 115]
 
 
 def test_after_a_reset_nothing_of_the_past_remains():

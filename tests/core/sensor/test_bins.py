@@ -6,7 +6,7 @@ import pytest
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import histogram
-from srt3d_ros.core.sketching.frame_sketcher import Sketcher
+from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.errors import InvalidInput
@@ -51,7 +51,7 @@ def test_the_histogram_of_a_scene_is_on_the_axis():
                                                         (np.int32, (30, 69), 2)])
 def test_what_is_left_of_subtracted_light_is_still_a_mean_of_unit_vectors(dtype, gate, window_frames):
     own = SensorModel(*SHAPE, 100, 1e-10, [1.0, 2, 1])
-    sketcher = Sketcher(own, (1, 2, 5), window_frames, gate=gate and Gate(own, *gate))
+    sketcher = FrameSketcher(own, (1, 2, 5), window_frames, gate=gate and Gate(own, *gate))
     for seed in range(3):
         noise = np.random.default_rng(seed).poisson(50, (*SHAPE, 100)) - 50
         sketcher.add(PhotonHistograms(noise.astype(dtype)))

@@ -86,9 +86,11 @@ def test_a_slow_sensor_does_not_begin_again_with_each_packet_but_with_a_leap(fra
 def test_silence_is_longer_the_slower_packets_come():
     framing = Framing(period_ns=8 * S)
     assert framing.silence_ns == 8 * S          # no step is known
+    stamp_ns = 0
     for steps_ns, expected in (([20 * MS] * 5, S // 2), ([2 * S] * 3, 20 * S)):
-        for step in steps_ns:
-            framing.place((framing._last_ns or 0) + step)
+        for step_ns in steps_ns:
+            stamp_ns += step_ns
+            framing.place(stamp_ns)
         assert framing.silence_ns == expected
 
 

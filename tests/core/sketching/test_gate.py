@@ -5,7 +5,7 @@ import pytest
 
 from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sketching.frame_sketcher import Sketcher, sketch_photons
+from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher, sketch_photons
 from srt3d_ros.core.sketching.gate import Gate, parse
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.errors import InvalidInput
@@ -100,7 +100,7 @@ def test_the_background_is_cut_and_one_without_photons_inside_is_even():
 
 def test_a_window_has_the_photons_inside_of_its_frames():
     gate = Gate(SENSOR, *GATE)
-    window, plain = Sketcher(SENSOR, FREQUENCIES, 3, gate), Sketcher(SENSOR, FREQUENCIES, gate=gate)
+    window, plain = FrameSketcher(SENSOR, FREQUENCIES, 3, gate), FrameSketcher(SENSOR, FREQUENCIES, gate=gate)
     for k in range(5):
         window.add(observe(depth=70 + k, stamp_ns=k))
         assert window.kept == gate.photons(observe(depth=70 + k)).photons

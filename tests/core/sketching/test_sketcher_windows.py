@@ -7,7 +7,7 @@ import pytest
 
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching import frame_sketcher as sketcher_module
-from srt3d_ros.core.sketching.frame_sketcher import Sketcher, sketch_photons
+from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher, sketch_photons
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sketching.sketch import MAX_PIXEL_PHOTONS
@@ -26,7 +26,7 @@ def frames(count: int) -> list[PhotonEvents]:
 
 def directly(of: list[PhotonEvents]):
     """The sketch of these frames' photons, stamped as their window is."""
-    sketcher = Sketcher(SENSOR, FREQUENCIES)
+    sketcher = FrameSketcher(SENSOR, FREQUENCIES)
     for frame in of:
         sketcher.add(frame)
     return dataclasses.replace(sketcher.sketch(), stamp_ns=of[-1].stamp_ns)
@@ -38,11 +38,11 @@ def assert_same(sketch, expected):
     assert sketch.stamp_ns == expected.stamp_ns
 
 
-def windows(width: int) -> Sketcher:
-    return Sketcher(SENSOR, FREQUENCIES, width)
+def windows(width: int) -> FrameSketcher:
+    return FrameSketcher(SENSOR, FREQUENCIES, width)
 
 
-def slide(sketcher: Sketcher, of: list[PhotonEvents]) -> list:
+def slide(sketcher: FrameSketcher, of: list[PhotonEvents]) -> list:
     sketches = []
     for frame in of:
         half = frame.photons // 2       # a frame may come in packets
@@ -62,9 +62,9 @@ def test_a_window_has_the_sketch_of_its_photons_to_the_bit(width):
 
 def test_a_window_has_the_cycles_of_its_packets_and_counts_those_of_gates():
     sensor = SENSOR.replace(cycles=100, gates=GateWords())
-    sketcher = Sketcher(sensor, FREQUENCIES, 3)
+    sketcher = FrameSketcher(sensor, FREQUENCIES, 3)
     assert [sketch.cycles for sketch in slide(sketcher, frames(5))] == [200, 400, 600, 600, 600]
-    sketcher = Sketcher(sensor, (1, 4), 2, Gate(sensor, 40, 60))
+    sketcher = FrameSketcher(sensor, (1, 4), 2, Gate(sensor, 40, 60))
     words = np.full((7, 3, 5), 65_535, np.uint16)
     words[:, 0, 0] = 20, 20, 39, 40, 50, 60, 61
     for cycles in (7, 14, 14):
@@ -107,8 +107,8 @@ def test_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean():
 
 def test_a_window_that_would_not_fit_into_memory_is_refused(monkeypatch):
     monkeypatch.setattr(sketcher_module, "MAX_WINDOW_BYTES", 20_000)
-    Sketcher(SENSOR, FREQUENCIES, 6)
+    FrameSketcher(SENSOR, FREQUENCIES, 6)
     with pytest.raises(InvalidInput, match="window_frames is 500: expected 1 to 6 for 3 × 5 pixels"):
-        Sketcher(SENSOR, FREQUENCIES, 500)
+        FrameSketcher(SENSOR, FREQUENCIES, 500)
     one = dataclasses.replace(SENSOR, rows=300, cols=500)
-    assert Sketcher(one, FREQUENCIES).window_frames == 1      # that one must always do
+    assert FrameSketcher(one, FREQUENCIES).window_frames == 1      # that one must always do

@@ -9,7 +9,7 @@ from srt3d_ros.core.motion.track import MotionReport
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching import stream as stream_module
-from srt3d_ros.core.sketching.frame_sketcher import Sketcher
+from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.sketching.stream import MERGE_S, MOTION_S, SketchStream, StreamOptions
@@ -28,7 +28,7 @@ def packet(ms: float, photons: int = 60) -> PhotonEvents:
 
 
 def directly(*ms: float, frequencies=(1, 4, 30), gate: Gate | None = None):
-    sketcher = Sketcher(SENSOR, frequencies, gate=gate)
+    sketcher = FrameSketcher(SENSOR, frequencies, gate=gate)
     for one in ms:
         sketcher.add(packet(one))
     return sketcher.sketch()
