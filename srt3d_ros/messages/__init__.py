@@ -1,4 +1,4 @@
-"""ROS messages ⇄ NumPy, one module for each topic of msg_schemas/. Message classes only: no nodes, no algorithm.
+"""ROS messages ⇄ NumPy, one module for each topic of msg_schemas/.
 
 Messages are serialised bytes, as raw subscriptions, bags and `publish` have them: every topic module has `encode_cdr`
 and `decode_cdr`. Descriptions and CameraInfo, which nodes receive or send as objects, have functions for those, too.

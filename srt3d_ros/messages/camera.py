@@ -11,14 +11,14 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.messages.cdr import NS_PER_S
 
-MODEL = "plumb_bob"     # of the five coefficients k1, k2, p1, p2, k3
+MODEL = "plumb_bob"     # five coefficients: k1, k2, p1, p2, k3
 
 
 def camera_info(sensor: SensorModel, stamp_ns: int, frame_id: str) -> CameraInfo | None:
-    """The camera beside an image of the sensor's pixels; None for a sensor that is no pinhole camera.
+    """The CameraInfo for images of the sensor's pixels; None if the sensor is no pinhole camera.
 
-    The images are as the sensor sees them, not rectified: D and K are the lens's; R is the identity and P is K, so that
-    a rectified image keeps the scale. What takes an image for rectified (RViz's depth cloud) is right but for D.
+    Images are not rectified: D and K are those of the lens, R is the identity, and P = K keeps the scale of a rectified
+    image. RViz's depth cloud, which assumes rectified images, ignores D.
     """
     lens = sensor.projection
     if not isinstance(lens, Pinhole):

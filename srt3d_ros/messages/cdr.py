@@ -1,9 +1,8 @@
-"""PointCloud2, Image and String as bytes: the CDR that DDS carries and bags keep (OMG DDS-XTypes 1.3, 7.4: plain CDR).
+"""PointCloud2, Image and String ⇄ bytes: the plain CDR of DDS and of bags (OMG DDS-XTypes 1.3, 7.4).
 
-Little-endian, as all machines are that ROS 2 supports.
-
-Reading copies nothing: `data` stays a view of the message. Every length is compared with the bytes that are there
-before it is used. Numbers are aligned to their size, counted from the end of the 4-byte CDR header.
+Little-endian only, as ROS 2 supports no other machines. Reading copies nothing: `data` is a view of the message. Every
+length is compared with the available bytes before it is used. Numbers are aligned to their size, from the end of the
+4-byte CDR header.
 """
 
 import struct
@@ -11,10 +10,10 @@ from dataclasses import dataclass
 
 from srt3d_ros.errors import InvalidInput, require
 
-CDR_HEADER, CDR_HEADER_BYTES = b"\x00\x01", 4        # of plain CDR, little-endian; then 2 bytes of options
-MAX_FIELDS = 256                # of a point: far above any real cloud, far below what takes time to read
-MAX_FRAME_ID = 255              # characters, which every message repeats
-MAX_TRAILING_BYTES = 3          # some middleware fills messages up to a multiple of 4
+CDR_HEADER, CDR_HEADER_BYTES = b"\x00\x01", 4        # plain CDR, little-endian; followed by 2 bytes of options
+MAX_FIELDS = 256                # per point: more than any real cloud has, and still read at once
+MAX_FRAME_ID = 255              # characters; every message repeats them
+MAX_TRAILING_BYTES = 3          # some middleware pads messages to a multiple of 4
 NS_PER_S = 1_000_000_000
 
 
@@ -23,7 +22,7 @@ class Header:
     """std_msgs/Header with the stamp as one number.
 
     Args:
-        stamp_ns: start of acquisition, nanoseconds of the sensor's clock; its seconds must fit 32 bits.
+        stamp_ns: start of acquisition, nanoseconds of the sensor's clock; the seconds must fit 32 bits.
         frame_id: the tf frame of the content.
     """
 
@@ -36,18 +35,18 @@ class Header:
 
 
 def check_stamp(stamp_ns: int) -> None:
-    """Raise InvalidInput unless a ROS header can carry the stamp."""
+    """Raise InvalidInput unless the stamp fits a ROS header."""
     require(-(2**31) <= stamp_ns // NS_PER_S < 2**31, "header.stamp", stamp_ns,
             "nanoseconds whose seconds fit 32 bits")
 
 
 def check_frame_id(field: str, frame_id: str) -> None:
-    """Raise InvalidInput unless a ROS string can carry `frame_id`, and every message."""
+    """Raise InvalidInput unless `frame_id` fits a ROS string and is short enough for every message."""
     require(len(frame_id) <= MAX_FRAME_ID, field, f"{len(frame_id)} characters", f"at most {MAX_FRAME_ID}")
     try:
         frame_id.encode()
     except UnicodeEncodeError:
-        raise InvalidInput(field, ascii(frame_id), "text that UTF-8 can carry") from None
+        raise InvalidInput(field, ascii(frame_id), "text that can be encoded in UTF-8") from None
     require("\0" not in frame_id, field, frame_id, "text without NUL characters")
 
 
@@ -90,7 +89,7 @@ class Image:
 
 
 def read_cloud(raw: bytes) -> Cloud:
-    """A serialised PointCloud2; InvalidInput names the field at which it breaks off or makes no sense."""
+    """Read a serialised PointCloud2; InvalidInput names the first field that is cut off or impossible."""
     reader = Reader(raw)
     header, height, width = reader.header(), reader.number("height"), reader.number("width")
     count = reader.number("fields")
@@ -104,7 +103,7 @@ def read_cloud(raw: bytes) -> Cloud:
 
 
 def write_cloud(cloud: Cloud) -> bytes:
-    """A PointCloud2 serialised in little-endian CDR, ready to publish."""
+    """Serialise a PointCloud2, ready to publish."""
     writer = _Writer()
     writer.header(cloud.header)
     writer.number(cloud.height)
@@ -122,7 +121,7 @@ def write_cloud(cloud: Cloud) -> bytes:
 
 
 def read_text(raw: bytes) -> str:
-    """A serialised std_msgs/String; InvalidInput if it breaks off or is no text."""
+    """Read a serialised std_msgs/String; InvalidInput if it is cut off or no text."""
     reader = Reader(raw)
     text = reader.text("data", len(raw))
     reader.end()
@@ -130,22 +129,22 @@ def read_text(raw: bytes) -> str:
 
 
 def write_text(text: str) -> bytes:
-    """A std_msgs/String serialised in little-endian CDR, ready to publish."""
+    """Serialise a std_msgs/String, ready to publish."""
     writer = _Writer()
     writer.text(text)
     return bytes(writer.raw)
 
 
 def restamp(raw: bytes, stamp_ns: int) -> bytes:
-    """A serialised message with another stamp: many times cheaper than to write its data again."""
+    """A copy of a serialised message with another stamp, many times cheaper than serialising its data again."""
     check_stamp(stamp_ns)
-    # The stamp comes first in every message with a header.
+    # In every message with a header, the stamp comes first.
     stamp = struct.pack("<iI", *divmod(stamp_ns, NS_PER_S))
     return b"".join((raw[:CDR_HEADER_BYTES], stamp, memoryview(raw)[CDR_HEADER_BYTES + len(stamp):]))
 
 
 def read_image(raw: bytes) -> Image:
-    """A serialised Image; InvalidInput names the field at which it breaks off or makes no sense."""
+    """Read a serialised Image; InvalidInput names the first field that is cut off or impossible."""
     reader = Reader(raw)
     image = Image(reader.header(), reader.number("height"), reader.number("width"), reader.text("encoding"),
                   reader.flag("is_bigendian"), reader.number("step"), reader.sequence("data"))
@@ -154,7 +153,7 @@ def read_image(raw: bytes) -> Image:
 
 
 def write_image(image: Image) -> bytes:
-    """An Image serialised in little-endian CDR, ready to publish."""
+    """Serialise an Image, ready to publish."""
     writer = _Writer()
     writer.header(image.header)
     writer.number(image.height)
@@ -166,7 +165,7 @@ def write_image(image: Image) -> bytes:
 
 
 class Reader:
-    """Reads the parts of a serialised message in turn; InvalidInput names the one at which it breaks off."""
+    """Reads the fields of a serialised message in order; InvalidInput names the field that is cut off or impossible."""
 
     def __init__(self, raw: bytes):
         self.raw = memoryview(raw)
@@ -182,13 +181,13 @@ class Reader:
         return self.raw[self.at - count:self.at]
 
     def number(self, field: str, code: str = "I") -> int:
-        """An integer of struct's type `code`."""
+        """An integer of the `struct` type `code`."""
         count = struct.calcsize(code)
         self.at += -(self.at - CDR_HEADER_BYTES) % count
         return struct.unpack("<" + code, self.take(field, count))[0]
 
     def doubles(self, field: str, count: int) -> tuple[float, ...]:
-        """So many float64."""
+        """`count` float64."""
         self.at += -(self.at - CDR_HEADER_BYTES) % 8
         return struct.unpack(f"<{count}d", self.take(field, 8 * count))
 

@@ -1,4 +1,4 @@
-"""`odom` and `imu` → MotionReport: nav_msgs/Odometry and sensor_msgs/Imu as bytes (cdr.py), of which little is read."""
+"""`odom` and `imu` → MotionReport: the few fields needed of serialised nav_msgs/Odometry and sensor_msgs/Imu."""
 
 import math
 
@@ -9,16 +9,16 @@ from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.errors import require
 from srt3d_ros.messages.cdr import Reader
 
-MAX_M = 1e9                 # of a position: far outside of any map, and its square is finite
+MAX_M = 1e9                 # largest coordinate: far outside of any map, and its square is finite
 COVARIANCE, ROTATION_COVARIANCE = 36, 9
-UNKNOWN = -1.0              # the first number of a covariance of what is not measured (sensor_msgs/Imu)
+UNKNOWN = -1.0              # first number of the covariance of a quantity that is not measured (sensor_msgs/Imu)
 
 
 def decode_odometry(raw: bytes) -> MotionReport:
-    """The report of a serialised Odometry; a twist that no robot has counts as none.
+    """The report of a serialised Odometry. An impossible twist is replaced by zero.
 
     Raises:
-        InvalidInput: it breaks off, or its pose is none.
+        InvalidInput: the message is cut off, or its pose is impossible.
     """
     reader = Reader(raw)
     stamp_ns = reader.header().stamp_ns
@@ -39,15 +39,16 @@ def decode_imu(raw: bytes) -> MotionReport:
     """The report of a serialised Imu: its rate of turn.
 
     Raises:
-        InvalidInput: it breaks off, measures no rate, or one that no gyroscope does.
+        InvalidInput: the message is cut off, or its rate is not measured or impossible.
     """
     reader = Reader(raw)
     header = reader.header()
     reader.doubles("orientation", 4 + ROTATION_COVARIANCE)
-    rate, (first, *_) = reader.doubles("angular_velocity", 3), reader.doubles("angular_velocity_covariance",
-                                                                             ROTATION_COVARIANCE)
+    rate = reader.doubles("angular_velocity", 3)
+    variance, *_ = reader.doubles("angular_velocity_covariance", ROTATION_COVARIANCE)
     reader.doubles("linear_acceleration", 3 + ROTATION_COVARIANCE)
     reader.end()
-    require(first != UNKNOWN, "angular_velocity_covariance", first, "an IMU that measures its rate of turn")
-    require(math.hypot(*rate) <= MAX_RAD_S, "angular_velocity", list(rate), f"at most {MAX_RAD_S:g} rad/s")    # nor NaN
+    require(variance != UNKNOWN, "angular_velocity_covariance", variance, "an IMU that measures its rate of turn")
+    # NaN fails this comparison, too.
+    require(math.hypot(*rate) <= MAX_RAD_S, "angular_velocity", list(rate), f"at most {MAX_RAD_S:g} rad/s")
     return MotionReport(header.stamp_ns, rate_rad_s=np.array(rate))

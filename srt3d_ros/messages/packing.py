@@ -1,4 +1,4 @@
-"""Clouds as structured arrays and images as planes: how the numbers lie in the bytes of `data`."""
+"""PointCloud2 ⇄ structured array, and Image ⇄ array: the layout of the numbers in `data`."""
 
 from collections.abc import Collection
 
@@ -11,11 +11,11 @@ from srt3d_ros.messages.schema_files import DATATYPES, encodings
 NAMES = {code: name for name, (code, _) in DATATYPES.items()}
 CODES = {np.dtype(stored): code for code, stored in DATATYPES.values()}
 STORED = {code: np.dtype(stored) for code, stored in DATATYPES.values()}
-MAX_POINT_STEP = 65_535         # bytes; the largest sketch has 516
+MAX_POINT_STEP = 65_535         # bytes; the largest sketch needs 516
 
 
 def pack_cloud(header: Header, points: np.ndarray, is_dense: bool = True) -> Cloud:
-    """A cloud of structured points [N] or [rows, cols] in the layout of their dtype."""
+    """The cloud of a structured array of points, [N] or [rows, cols], in the layout of its dtype."""
     height, width = points.shape if points.ndim == 2 else (1, len(points))
     fields = tuple(Field(name, points.dtype.fields[name][1], *_wire_type(points.dtype[name]))
                    for name in points.dtype.names)
@@ -24,22 +24,22 @@ def pack_cloud(header: Header, points: np.ndarray, is_dense: bool = True) -> Clo
 
 
 def unpack_cloud(cloud: Cloud, layouts: Collection[np.dtype]) -> np.ndarray:
-    """The points of a cloud: structured [height, width], a view of its bytes in their own order and places.
+    """The points of a cloud as a structured array [height, width], a view of its bytes.
 
-    Fields may come in any order and at any offset, with gaps, with others between and in big-endian bytes.
+    Fields may have any order, offset and byte order, with gaps and other fields between them.
 
     Args:
-        cloud: from anyone.
-        layouts: what is understood, of the same field names; each field must have the type it has in one of them.
+        cloud: any cloud.
+        layouts: accepted layouts, with the same field names; each field must have its type in one of them.
 
     Raises:
-        InvalidInput: a field is missing, doubled or of another type, or the sizes contradict each other.
+        InvalidInput: a field is missing, repeated or of another type, or the sizes contradict each other.
     """
     chosen = {name: _find(cloud, name, {_wire_type(layout[name]) for layout in layouts})
               for name in next(iter(layouts)).names}
     end = 0
     for field in sorted(chosen.values(), key=lambda field: field.offset):
-        require(field.offset >= end, f"{field.name} offset", field.offset, f"{end} or more: another field is there")
+        require(field.offset >= end, f"{field.name} offset", field.offset, f"{end} or more, behind the field before it")
         end = field.offset + _stored(field).itemsize
         require(end <= cloud.point_step, f"{field.name} offset", field.offset,
                 f"the field to end within point_step = {cloud.point_step}, not at {end}")
@@ -52,7 +52,7 @@ def unpack_cloud(cloud: Cloud, layouts: Collection[np.dtype]) -> np.ndarray:
 
 
 def pack_image(header: Header, pixels: np.ndarray, name: str) -> Image:
-    """An image of numbers [height, width, channels] in the encoding that the schema `name` has for their type."""
+    """The image of an array [height, width, channels], in the encoding of the schema `name` for its dtype."""
     height, width, channels = pixels.shape
     stored = pixels.dtype.newbyteorder("<")
     encoding, = (encoding for encoding, kind in encodings(name, channels).items() if kind == stored)
@@ -61,16 +61,17 @@ def pack_image(header: Header, pixels: np.ndarray, name: str) -> Image:
 
 
 def unpack_image(image: Image, name: str, channels: int = 1) -> np.ndarray:
-    """The numbers [height, width, channels] of an image of the schema `name`: a view of its bytes in their own order.
+    """The numbers of an image of the schema `name`, [height, width, channels], a view of its bytes.
 
     Raises:
-        InvalidInput: another encoding or number of channels, or the sizes contradict each other.
+        InvalidInput: the image has another encoding or number of channels, or the sizes contradict each other.
     """
     kinds = encodings(name, channels)
     require(image.encoding in kinds, "encoding", image.encoding, " or ".join(kinds))
     kind = kinds[image.encoding].newbyteorder(">" if image.is_bigendian else "<")
     pixel_bytes = channels * kind.itemsize
-    for other, wider in kinds.items():      # else every second byte would pass for a padded row
+    # Rows of a wider type would otherwise be read as padded rows.
+    for other, wider in kinds.items():
         require(wider.itemsize == kind.itemsize or image.step != image.width * channels * wider.itemsize, "encoding",
                 image.encoding, f"{other}, as a row has {image.step} bytes")
     _check_sizes(image.height, image.width * pixel_bytes, "step", image.step, len(image.data))
@@ -102,7 +103,7 @@ def _stored(field: Field) -> np.dtype:
 
 
 def _wire_type(kind: np.dtype) -> tuple[int, int]:
-    """The datatype code and the count of a PointField."""
+    """The datatype code and the count of a PointField for a dtype."""
     return CODES[kind.base], int(np.prod(kind.shape))
 
 

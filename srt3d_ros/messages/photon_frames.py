@@ -1,4 +1,4 @@
-"""The topics on which photons come, each with its codec."""
+"""CODECS: the module for each topic of photons."""
 
 from srt3d_ros.messages import gates_message, histograms_message, photons_message
 

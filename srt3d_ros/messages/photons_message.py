@@ -1,4 +1,4 @@
-"""`photons`: PhotonEvents ⇄ PointCloud2, one point a photon (msg_schemas/photons.json)."""
+"""`photons`: PhotonEvents ⇄ PointCloud2, one point per photon (msg_schemas/photons.json)."""
 
 import numpy as np
 

@@ -16,8 +16,8 @@ def encode_cdr(cloud: Cloud, frame_id: str, layout: str = "xyzi", sensor: Sensor
     Args:
         cloud: of one frame.
         frame_id: the tf frame of cloud.xyz.
-        layout: "xyzi", or "full" for depth_std, background, row, col and surface as well.
-        sensor: needed by "full" alone, which gives depth_std in metres.
+        layout: "xyzi", or "full", which adds depth_std, background, row, col and surface.
+        sensor: needed for "full" only, to give depth_std in metres.
     """
     points = np.zeros(len(cloud), cloud_layouts("points")[layout])
     points["x"], points["y"], points["z"] = cloud.xyz.T
@@ -34,14 +34,14 @@ def encode_cdr(cloud: Cloud, frame_id: str, layout: str = "xyzi", sensor: Sensor
 def decode_cdr(raw: bytes) -> tuple[cdr.Header, dict[str, np.ndarray]]:
     """The points of a serialised message in either layout, or of any cloud with x, y, z and intensity in float32.
 
-    Points whose x, y or z is not finite are left out: in organised clouds of others they stand for no point.
+    Points whose x, y or z is not finite are left out: in organised clouds they mark pixels without a point.
 
     Returns:
-        The header and the columns: xyz float32 [N, 3] in metres, intensity float32 [N], and where the message has
-        all of them depth_std, background, row, col and surface [N], in the units of the schema.
+        The header and the columns: xyz float32 [N, 3] in metres, intensity float32 [N], and if the message has all
+        of them, depth_std, background, row, col and surface [N], in the units of the schema.
 
     Raises:
-        InvalidInput: the message does not keep the schema.
+        InvalidInput: the message breaks the schema.
     """
     cloud, layouts = cdr.read_cloud(raw), cloud_layouts("points")
     present = {field.name for field in cloud.fields}

@@ -1,4 +1,4 @@
-"""The JSON Schemas in msg_schemas/: of JSON texts, and under `x-layout` of the bytes of clouds and images."""
+"""Reads the JSON Schemas in msg_schemas/, which also describe the bytes of clouds and images (`x-layout`)."""
 
 import json
 from functools import cache
@@ -7,14 +7,14 @@ import numpy as np
 
 from srt3d_ros.files import shared_files
 
-# sensor_msgs/PointField: names as in the schemas, codes as on the wire, and how the bytes are stored.
+# sensor_msgs/PointField: name in the schemas → code in messages, and dtype.
 DATATYPES = {"INT8": (1, "<i1"), "UINT8": (2, "<u1"), "INT16": (3, "<i2"), "UINT16": (4, "<u2"),
              "INT32": (5, "<i4"), "UINT32": (6, "<u4"), "FLOAT32": (7, "<f4"), "FLOAT64": (8, "<f8")}
 
 
 @cache
 def load(name: str) -> dict:
-    """The schema `msg_schemas/<name>.json` of the source tree or of share/srt3d_ros; do not change it."""
+    """The schema `msg_schemas/<name>.json` from the source tree or from share/srt3d_ros. Do not modify the result."""
     path = shared_files.find(f"msg_schemas/{name}.json")
     if path is None:
         raise FileNotFoundError(f"msg_schemas/{name}.json is in no folder above {__file__}: install srt3d_ros again")
@@ -23,7 +23,7 @@ def load(name: str) -> dict:
 
 @cache
 def cloud_layouts(name: str) -> dict[str, np.dtype]:
-    """The layouts of a PointCloud2 topic, each as the dtype of one point."""
+    """The layouts of a PointCloud2 topic by name, each as the dtype of a point."""
     return {key: np.dtype({
         "names": [field["name"] for field in layout["fields"]],
         "formats": [DATATYPES[field["datatype"]][1] for field in layout["fields"]],
@@ -34,6 +34,6 @@ def cloud_layouts(name: str) -> dict[str, np.dtype]:
 
 @cache
 def encodings(name: str, channels: int = 1) -> dict[str, np.dtype]:
-    """The encodings of an Image topic of so many channels, each with the type of its numbers."""
+    """The encodings of an Image topic with this number of channels, each with its dtype."""
     return {encoding.replace("Cn", f"C{channels}"): np.dtype(DATATYPES[kind][1])
             for encoding, kind in load(name)["x-layout"]["encodings"].items()}

@@ -1,4 +1,4 @@
-"""`sensor`: SensorModel ⇄ JSON in a String (msg_schemas/sensor.json)."""
+"""`sensor`: SensorModel ⇄ JSON text in a String (msg_schemas/sensor.json)."""
 
 import hashlib
 from functools import lru_cache
@@ -21,7 +21,7 @@ PROJECTIONS = {kind.kind: kind for kind in (Pinhole, AngularScan)}
 
 
 def encode(sensor: SensorModel, **own: str) -> "String":
-    """The message of a sensor, with keys of the writer's own that begin with `x_`."""
+    """The message of a sensor; `own` adds keys, whose names must begin with `x_`."""
     from std_msgs.msg import String
 
     return String(data=json_text.dump(to_object(sensor) | own))
@@ -49,10 +49,10 @@ def from_json(text: str) -> SensorModel:
 
 @lru_cache(maxsize=8)
 def digest(sensor: SensorModel | str) -> str:
-    """The first 8 hexadecimal digits of SHA-256 of a sensor's JSON text, by which sketches name its description.
+    """The first 8 hexadecimal digits of SHA-256 of a description's JSON text, by which sketches name the description.
 
     Args:
-        sensor: the text itself, of a description that was received; or a sensor, of the text that `encode` sends.
+        sensor: the text of a received description; or a sensor, for the text that `encode` sends.
     """
     text = sensor if isinstance(sensor, str) else to_json(sensor)
     return hashlib.sha256(text.encode()).hexdigest()[:8]
@@ -82,7 +82,7 @@ def from_object(content: dict) -> SensorModel:
 
 
 def _properties(name: str) -> dict[str, dict]:
-    """The properties of an object in the sensor's."""
+    """The schema's properties of an object inside the sensor's."""
     return load("sensor")["$defs"][name]["properties"]
 
 

@@ -1,4 +1,4 @@
-"""`sketch`: Sketch ⇄ PointCloud2 (msg_schemas/sketch.json), whose fields name frequencies, T and sensor."""
+"""`sketch`: Sketch ⇄ PointCloud2, whose field names give frequencies, T and description (msg_schemas/sketch.json)."""
 
 import re
 from dataclasses import replace
@@ -17,7 +17,7 @@ NUMBERS = {"float32": np.dtype("<f4"), "int16": np.dtype("<i2")}
 COUNTS, BEFORE = np.dtype([("photons", "<u4")]), np.dtype([("before", "<u4")])
 FREQUENCY, PERIOD, DESCRIPTION, CYCLES = map(re.compile, (
     r"k([1-9]\d{0,4})", r"T([1-9]\d{0,4})", r"sensor_([0-9a-f]{8})", r"cycles_([1-9]\d{0,14})"))
-MAX_MODULUS = 1.001     # a mean of unit vectors is at most 1 long; the rest is for rounding
+MAX_MODULUS = 1.001     # the mean of unit vectors has |z| ≤ 1; 0.001 allows for rounding
 
 
 def encode_cdr(sketch: Sketch, sensor: SensorModel, frame_id: str, layout: str = "float32") -> bytes:
@@ -30,7 +30,7 @@ def encode_cdr(sketch: Sketch, sensor: SensorModel, frame_id: str, layout: str =
         layout: "float32", or "int16" for half the bytes.
 
     Raises:
-        InvalidInput: the sketch is not one of photons: a mean longer than 1, or not a number.
+        InvalidInput: a mean is NaN or longer than 1, which no sketch of photons has.
     """
     number, m = NUMBERS[layout], len(sketch.frequencies)
     gated = [] if sketch.before is None else BEFORE.descr
@@ -45,7 +45,9 @@ def encode_cdr(sketch: Sketch, sensor: SensorModel, frame_id: str, layout: str =
     cloud = pack_cloud(cdr.Header(sketch.stamp_ns, frame_id), points)
     numbers = (cdr.Field(f"k{k}", COUNTS.itemsize + 2 * l * number.itemsize, CODES[number], 2)
                for l, k in enumerate(sketch.frequencies))
-    names = [f"T{sensor.num_bins}", f"sensor_{digest(sensor)}"] + [f"cycles_{sketch.cycles}"] * (sketch.cycles > 0)
+    names = [f"T{sensor.num_bins}", f"sensor_{digest(sensor)}"]
+    if sketch.cycles:
+        names.append(f"cycles_{sketch.cycles}")
     markers = (cdr.Field(name, 0, CODES[np.dtype("u1")], 1) for name in names)
     return cdr.write_cloud(replace(cloud, fields=(cloud.fields[0], *numbers, *cloud.fields[2:], *markers)))
 
@@ -92,34 +94,36 @@ def decode(cloud: cdr.Cloud, sensor: SensorModel) -> Sketch:
 
 
 def decode_counts_cdr(raw: bytes) -> tuple[cdr.Header, tuple[int, ...], np.ndarray]:
-    """Header, frequencies, and the photons of each pixel, uint32 [rows, cols], of a message, whose means are not read.
+    """Header, frequencies and photon counts, uint32 [rows, cols], of a message; its means are not read.
 
     Raises:
-        InvalidInput: the message is no cloud with photon counts.
+        InvalidInput: the message has no photon counts.
     """
     cloud = cdr.read_cloud(raw)
     return cloud.header, _frequencies(cloud), unpack_cloud(cloud, [COUNTS])["photons"]
 
 
 def is_sketch(cloud: cdr.Cloud) -> bool:
-    """Whether a cloud is a sketch, by its fields."""
+    """Whether a cloud has the fields of a sketch."""
     return any(DESCRIPTION.fullmatch(field.name) for field in cloud.fields)
 
 
 def _named(cloud: cdr.Cloud, pattern: re.Pattern, field: str, absent: str = "") -> str:
-    """What the only field of this pattern says; `absent`, if that may be, without one."""
-    found = [match[1] for field in cloud.fields if (match := pattern.fullmatch(field.name))] or [absent] * bool(absent)
+    """The group in the name of the only field that matches the pattern; `absent`, unless it is empty, if none does."""
+    found = [match[1] for field in cloud.fields if (match := pattern.fullmatch(field.name))]
+    if not found and absent:
+        return absent
     require(len(found) == 1, f"field {field}", " and ".join(found) or "absent", "one field that names it")
     return found[0]
 
 
 def _frequencies(cloud: cdr.Cloud) -> tuple[int, ...]:
-    """The frequencies that the fields name, unchecked."""
+    """The frequencies in the field names, unchecked."""
     return tuple(int(match[1]) for field in cloud.fields if (match := FREQUENCY.fullmatch(field.name)))
 
 
 def _parts(points: np.ndarray, names: list[str]) -> np.ndarray:
-    """The two numbers of each of these fields, [rows, cols, 2m]; a view where they lie side by side."""
+    """The two numbers of each of these fields, [rows, cols, 2m]; a view if the fields lie side by side."""
     offsets, pair = [points.dtype.fields[name][1] for name in names], points.dtype[names[0]]
     if offsets == [offsets[0] + l * pair.itemsize for l in range(len(names))]:
         block = {"names": ["z"], "formats": [(pair.base, 2 * len(names))], "offsets": offsets[:1],
