@@ -80,7 +80,7 @@ def test_a_node_that_dies_is_named_and_fails_the_demo(start, tmp_path, photon_fi
     nodes["recorder"].kill()
     assert demo.wait() == 1
     said = (tmp_path / "out.txt").read_text()
-    assert "srt3d demo: srt3d up: recorder was killed by SIGKILL: ending all nodes" in said
+    assert "srt3d demo: srt3d up: recorder was killed by SIGKILL: stopping all nodes" in said
     assert not any(node.is_running() for node in nodes.values())
 
 

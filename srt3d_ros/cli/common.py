@@ -1,4 +1,4 @@
-"""What several sub-commands have in common: options, and how results are printed."""
+"""Options and output shared by several sub-commands."""
 
 import argparse
 import json
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 
 def given(args: argparse.Namespace, names: Iterable[str]) -> dict[str, object]:
-    """The options of these names that were given, by name."""
+    """Those of the options `names` that were given on the command line."""
     return {name: getattr(args, name) for name in names if getattr(args, name) is not None}
 
 
@@ -15,34 +15,35 @@ SENSOR_OVERRIDES = ("num_bins", "bin_width_s", "irf", "irf_ref", "fov_deg", "row
 
 
 def add_photon_file(parser: argparse.ArgumentParser) -> None:
-    """INPUT, which frame of it, and options for what it does not say."""
+    """Add INPUT and the options that choose its frame and describe its sensor."""
     parser.add_argument("input", metavar="INPUT",
-                        help="photon file: .npz, .mat as published, a laboratory's (.ptu, .npy; "
-                             "docs/photon-file.md), a log of histograms, a bag (docs/bags.md), or: simulator")
-    parser.add_argument("--frame", type=int, default=0, metavar="N", help="message of a bag's photons, from 0 (0)")
+                        help="photon file (.npz, .mat, .ptu, .npy, a log of histograms: docs/photon-file.md), bag "
+                             "(docs/bags.md), or: simulator")
+    parser.add_argument("--frame", type=int, default=0, metavar="N",
+                        help="number of the photon message in a bag, from 0 (default: 0)")
     parser.add_argument("--photons-topic", default="", metavar="TOPIC",
-                        help="where a bag's photons are, if it has several topics of them")
-    sensor = parser.add_argument_group("what the file does not say")
-    sensor.add_argument("--num-bins", type=int, metavar="T", help="bins of a laser period")
+                        help="topic of the photons, if a bag has several")
+    sensor = parser.add_argument_group("sensor options (they override the file)")
+    sensor.add_argument("--num-bins", type=int, metavar="T", help="bins per laser period")
     sensor.add_argument("--bin-width-s", type=float, metavar="S", help="width of a bin, seconds")
     sensor.add_argument("--irf", metavar="FILE", help="impulse response: .npz, .npy, .csv or .txt")
-    sensor.add_argument("--irf-ref", type=int, metavar="INDEX", help="entry of the IRF that marks the depth (its peak)")
-    sensor.add_argument("--cycles", type=int, metavar="N", help="laser cycles of the frame, to correct pile-up: of a "
-                        "detector that records the first photon of each")
+    sensor.add_argument("--irf-ref", type=int, metavar="INDEX",
+                        help="entry of the IRF that marks the depth (default: its peak)")
+    sensor.add_argument("--cycles", type=int, metavar="N", help="laser cycles of the frame, to correct pile-up in a "
+                        "detector that records only the first photon of each cycle")
     sensor.add_argument("--fov-deg", type=float, metavar="DEG", help="field of view across the larger side, degrees")
-    sensor.add_argument("--rows", type=int, metavar="N", help="of photons in a file that does not say it")
-    sensor.add_argument("--cols", type=int, metavar="N", help="the same")
+    sensor.add_argument("--rows", type=int, metavar="N", help="rows of the sensor, if the file does not give them")
+    sensor.add_argument("--cols", type=int, metavar="N", help="columns of the sensor, likewise")
     sensor.add_argument("--channel", type=int, metavar="C",
-                        help="whose photons to take, of several detectors or data sets (that with the most)")
+                        help="detector channel or data set (default: the one with most photons)")
 
 
 def overrides(args: argparse.Namespace) -> dict[str, object]:
-    """The options of `datasets.read` that were given; `--gate auto` is none of them."""
+    """The given options that `datasets.read` takes. A gate of `auto` is left to the reconstruction."""
     from srt3d_ros.core.sketching.gate import AUTO, OFF, parse
 
-    bins = parse(args.gate)
-    found = given(args, SENSOR_OVERRIDES)
-    return found if bins in (OFF, AUTO) else found | {"gate": bins}
+    options, bins = given(args, SENSOR_OVERRIDES), parse(args.gate)
+    return options if bins in (OFF, AUTO) else options | {"gate": bins}
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
@@ -50,11 +51,11 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 
 
 def print_notes(notes: Iterable[str]) -> None:
-    """Print what the user should know beside the result, on stderr."""
+    """Print notes on stderr."""
     for note in notes:
         print(f"srt3d: {note}", file=sys.stderr)
 
 
 def print_facts(args: argparse.Namespace, facts: dict, words: str) -> None:
-    """Print the facts as JSON with --json, else in `words`."""
+    """Print `facts` as JSON with --json, otherwise `words`."""
     print(json.dumps(facts) if args.json else words)

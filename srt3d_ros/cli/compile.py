@@ -1,4 +1,4 @@
-"""`srt3d compile`: compile kernels before they are needed, so that the first start is as fast as any other."""
+"""`srt3d compile`: compile kernels ahead, so that the first start is as fast as any other."""
 
 import argparse
 import time
@@ -9,25 +9,25 @@ from srt3d_ros.errors import require
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
         "compile", help="compile the kernels of the default method ahead of the first start",
-        description="For this user and processor, those of the CPU. Kernels of other methods are compiled at their "
-                    "first use.")
-    parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="cuda: of the GPU, for frames of "
-                        "one sensor; default: %(default)s")
-    parser.add_argument("--sensor-file", metavar="FILE", help="sensor description, with --device cuda; default: the "
-                        "simulator's sensor")
+        description="Compile the CPU's kernels for this user and processor, or the GPU's for one sensor. Kernels of "
+                    "other methods are compiled at their first use.")
+    parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="default: %(default)s")
+    parser.add_argument("--sensor-file", metavar="FILE", help="sensor description, for --device cuda (default: the "
+                        "simulator's sensor)")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    require(args.device == "cuda" or not args.sensor_file, "--sensor-file", args.sensor_file, "--device cuda: kernels "
-            "of the CPU are for any sensor")
+    require(args.device == "cuda" or not args.sensor_file, "--sensor-file",
+            problem="--sensor-file needs --device cuda: the CPU's kernels suit every sensor.")
     if args.device == "cuda":
         return _for_gpu(args.sensor_file)
     from srt3d_ros.core import precompile
     from srt3d_ros.kernels.cpu.compiling import FOLDER, WHY_NONE
 
-    require(FOLDER is not None, *WHY_NONE, "a folder for kernels that only you may write to; NUMBA_CACHE_DIR names "
-            "another")
+    path, defect = WHY_NONE
+    require(FOLDER is not None, "NUMBA_CACHE_DIR", problem=f"Cannot keep kernels: {path} is {defect}. Set "
+            "NUMBA_CACHE_DIR to a folder that only you can write to.")
     started, before = time.perf_counter(), set(FOLDER.rglob("*.nbc"))
     precompile.everything()
     new = set(FOLDER.rglob("*.nbc")) - before
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _for_gpu(sensor_file: str | None) -> int:
-    """Reconstruct frames of the sensor, with which torch fills its cache on the disk."""
+    """Reconstruct a frame of the sensor on the GPU, so that torch compiles its kernels and caches them on disk."""
     from srt3d_ros import datasets
     from srt3d_ros.core.reconstructor import Reconstructor
     from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE, choose
@@ -44,8 +44,8 @@ def _for_gpu(sensor_file: str | None) -> int:
 
     sensor, started = datasets.open_sensor(sensor_file) if sensor_file else default_sensor(), time.perf_counter()
     reconstructor = Reconstructor(sensor, choose("auto", sensor, DEFAULT_SKETCH_SIZE), device="cuda")
-    print(f"compiling for frames of {sensor.rows} × {sensor.cols} pixels, for minutes the first time", flush=True)
+    print(f"compiling for frames of {sensor.rows} × {sensor.cols} pixels; the first time takes minutes", flush=True)
     reconstructor.warm_up()
-    require(reconstructor.device == "cuda", "--device", "cuda", f"cpu: {reconstructor.why}")
+    require(reconstructor.device == "cuda", "--device", problem=f"Cannot use --device cuda: {reconstructor.why}")
     print(f"compiled in {time.perf_counter() - started:.0f} s; torch keeps the kernels in TORCHINDUCTOR_CACHE_DIR")
     return 0

@@ -1,4 +1,4 @@
-"""`srt3d health`: what the nodes report on /diagnostics, as a table; also the line of `srt3d up`."""
+"""`srt3d health`: a table of the nodes' reports on /diagnostics; also the status line of `srt3d up`."""
 
 import argparse
 import os
@@ -9,19 +9,19 @@ from collections.abc import Mapping
 from srt3d_ros.processes import transport
 from srt3d_ros.processes.node_names import NODES
 
-HEAR_S = 10.0           # for the first reports
-ROUND_S = 2.5           # for all nodes, which report once a second
-LINE_S = 5.0            # between the lines of `srt3d up`
+HEAR_S = 10.0           # timeout for the first report
+ROUND_S = 2.5           # to hear all nodes, which report once a second
+LINE_S = 5.0            # between status lines of `srt3d up`
 COLUMNS = {"level": "level", "in/s": "rate_in_hz", "out/s": "rate_out_hz", "latency ms": "latency_p50_ms",
            "dropped": "dropped", "lost": "message_lost", "says": "message"}
 
 
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
-        "health", help="what every node reports on /diagnostics, as a table",
-        description="Print a line for each node: level, frames in and out a second, latency, frames dropped and lost "
-                    f"since its start, and what it says. Ends with 1 if no node reports within {HEAR_S:.0f} s.")
-    parser.add_argument("--watch", action="store_true", help="again and again, until Ctrl-C")
+        "health", help="print the state of every node, from /diagnostics",
+        description="Print a line for each node: level, frames per second in and out, latency, frames dropped and lost "
+                    f"since its start, and its message. Exits with 1 if no node reports within {HEAR_S:.0f} s.")
+    parser.add_argument("--watch", action="store_true", help="repeat until Ctrl-C")
     parser.set_defaults(run=run)
 
 
@@ -32,16 +32,16 @@ def run(args: argparse.Namespace) -> int:
         if not args.watch:
             return 0
         listener.reports.clear()
-    print(f"srt3d health: no node has reported on /diagnostics for {HEAR_S:.0f} s; ROS_DOMAIN_ID is "
-          f"{os.environ.get('ROS_DOMAIN_ID', 'not set')}, as it must be for the nodes", file=sys.stderr)
+    print(f"srt3d health: no node has reported on /diagnostics for {HEAR_S:.0f} s; ROS_DOMAIN_ID, here "
+          f"{os.environ.get('ROS_DOMAIN_ID', 'not set')}, must be that of the nodes", file=sys.stderr)
     return 1
 
 
 class Listener:
-    """Hears what nodes report on /diagnostics, in `reports`."""
+    """Subscribes to /diagnostics and keeps the newest reports in `reports`."""
 
     def __init__(self):
-        import rclpy  # here: slow
+        import rclpy  # only here, as it is slow
         from diagnostic_msgs.msg import DiagnosticArray
         from rclpy.signals import SignalHandlerOptions
 
@@ -55,7 +55,7 @@ class Listener:
         self._spin_once = lambda timeout_s: rclpy.spin_once(node, timeout_sec=timeout_s)
 
     def hear(self) -> bool:
-        """Listen for a first report, and then for those of the other nodes; whether any has come."""
+        """Listen for a first report, then for those of the other nodes; False if none arrives."""
         for seconds, enough in ((HEAR_S, self.reports), (ROUND_S, ())):
             end_s = time.monotonic() + seconds
             while not enough and (left_s := end_s - time.monotonic()) > 0:
@@ -65,7 +65,7 @@ class Listener:
         return True
 
     def print_line(self, names: list[str]) -> None:
-        """Print how the nodes of these names do, every LINE_S, if this is called often."""
+        """Print a status line of the named nodes if the last is older than LINE_S; call it often."""
         self._spin_once(0)
         if time.monotonic() - self._line_s > LINE_S:
             self._line_s = time.monotonic()
@@ -73,7 +73,7 @@ class Listener:
 
 
 def table(reports: Mapping[str, Mapping[str, str]]) -> str:
-    """A line for each node, as frames pass them."""
+    """The table: a line for each node, in the order in which frames pass them."""
     order = {name: number for number, name in enumerate(NODES)}
     names = sorted(reports, key=lambda name: order.get(name.rpartition("/")[2], len(order)))
     lines = [("node", *COLUMNS), *((name, *(reports[name].get(key, "") for key in COLUMNS.values())) for name in names)]

@@ -1,4 +1,4 @@
-"""`srt3d info`: what is in a photon file, in figures and as a picture."""
+"""`srt3d info`: print the content of a photon file in figures, or draw it."""
 
 import argparse
 from pathlib import Path
@@ -15,14 +15,14 @@ suggested: gate {gate_words}, frequencies {frequency_words}: a sketch of {sketch
 
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
-        "info", help="print what is in a photon file: size, SBR, IRF, suggested gate and frequencies",
-        description="Print size, photons per pixel, SBR, T, range, IRF width and notes of a file, and the gate and "
-                    "frequencies that suit it.")
+        "info", help="print size, SBR and IRF of a photon file, and a suitable gate and frequencies",
+        description="Print size, photons per pixel, SBR, T, range, IRF width and notes of a photon file, and a gate "
+                    "and frequencies that suit it.")
     common.add_photon_file(parser)
     parser.add_argument("--gate", default="off", metavar="FIRST-LAST",
-                        help="keep the photons of bins FIRST to LAST only (off)")
+                        help="use only the photons in bins FIRST to LAST (default: off)")
     parser.add_argument("-o", "--output", metavar="INFO.png", type=Path,
-                        help="draw the histogram of the photons, their number in each pixel, and the IRF")
+                        help="also draw the histogram of the photons, the photons of each pixel, and the IRF")
     common.add_json(parser)
     parser.set_defaults(run=run)
 
@@ -44,7 +44,10 @@ def run(args: argparse.Namespace) -> int:
 
         draw_histogram(args.output, found.histogram, found.counts, photons.sensor, gate, Path(args.input).name)
         facts["output"] = str(args.output)
-    sbr = "infinite" if facts["sbr"] is None else f"{facts['sbr']:.3g}" if facts["sbr"] else "too low to be seen"
+    if facts["sbr"] is None:
+        sbr = "infinite"
+    else:
+        sbr = f"{facts['sbr']:.3g}" if facts["sbr"] else "too low to measure"
     words = {"bin_ps": facts["bin_width_s"] * 1e12, "irf_ps": facts["irf_width_s"] * 1e12, "sbr_words": sbr,
              "nearest": facts["range_m"][0], "farthest": facts["range_m"][1], "gate_words": in_ranges(gate),
              "frequency_words": ",".join(map(str, facts["frequencies"]))}

@@ -1,4 +1,4 @@
-"""`srt3d`: finds the sub-command, runs it, and turns what goes wrong into one line and an exit code."""
+"""`srt3d`: runs a sub-command, and turns errors into one line and an exit code."""
 
 import argparse
 import importlib
@@ -8,13 +8,12 @@ import sys
 from srt3d_ros import __version__
 from srt3d_ros.errors import InvalidInput, printable
 
-# Modules here with add_parser(subparsers), which sets run(args) -> int. Only the one asked for is imported, all for
-# `srt3d --help`: they import what is slow (torch, ROS) in run().
-COMMANDS = ("reconstruct", "info", "evaluate", "up", "health", "play", "node", "review", "demo",
-            "compile")
-MODULES = {"play": "node"}      # those that are not called as their command
+# Each has a module here with add_parser(subparsers), which sets run(args) -> int. `srt3d --help` imports all of them,
+# so slow packages (torch, ROS) are imported in run().
+COMMANDS = ("reconstruct", "info", "evaluate", "up", "health", "play", "node", "review", "demo", "compile")
+MODULES = {"play": "node"}      # modules that have another name than their command
 
-# Optional packages: how to get what a command turns out to need.
+# The extra of this package that installs each optional package.
 EXTRAS = {"rclpy": "ros", "std_msgs": "ros", "diagnostic_msgs": "ros", "sensor_msgs": "ros", "nav_msgs": "ros",
           "rerun": "record", "matplotlib": "review", "PIL": "review",
           "jinja2": "review", "rosbags": "bags", "torch": "gpu", "ptufile": "lab"}
@@ -27,14 +26,14 @@ BROKEN_PIPE = 141
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """An ArgumentParser that says what is wrong in one line; `srt3d … --help` shows the usage."""
+    """An ArgumentParser whose errors are one line, without the usage."""
 
     def error(self, message: str):
         self.exit(BAD_INPUT, f"srt3d: error: {printable(message)} (see {self.prog} --help)\n")
 
 
 def parser(commands: tuple[str, ...]) -> argparse.ArgumentParser:
-    """The command line of `srt3d` with these sub-commands."""
+    """The parser of `srt3d` with these sub-commands."""
     top = OneLineParser(prog="srt3d", description="3D point clouds from single-photon lidar.")
     top.add_argument("--version", action="version", version=f"srt3d {__version__}")
     subparsers = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
@@ -44,9 +43,10 @@ def parser(commands: tuple[str, ...]) -> argparse.ArgumentParser:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run `srt3d` with these arguments, the command line's unless given; returns the exit code.
+    """Run `srt3d` with `argv` (default: the command line).
 
-    0 done, 1 failed, 2 bad input, 130 interrupted.
+    Returns:
+        The exit code: 0 done, 1 failed, 2 bad input, 130 interrupted.
     """
     argv = sys.argv[1:] if argv is None else argv
     named = argv[0] if argv and argv[0] in COMMANDS else ""
@@ -54,13 +54,13 @@ def main(argv: list[str] | None = None) -> int:
         top = parser((named,) if named else COMMANDS)
         args, unknown = top.parse_known_args(argv)
         if unknown:
-            top.prog = f"{top.prog} {named}"        # whose help is the one to see
+            top.prog = f"{top.prog} {named}"        # the error refers to the sub-command's help
             top.error(f"unrecognized arguments: {' '.join(unknown)}")
         code = args.run(args)
         sys.stdout.flush()
         return code
     except BrokenPipeError:
-        # The reader, `head` say, has seen enough. Python flushes once more at exit: into nothing.
+        # The reader, `head` say, has closed the pipe. Let Python's flush at exit write to nowhere.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return BROKEN_PIPE
     except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""`srt3d node NAME`, and `srt3d play`: a node in this process, `play` with ordinary options.
+"""`srt3d node NAME`: run a node in this process; `srt3d play`: run the player with ordinary options.
 
 The executables in lib/srt3d_ros, which `ros2 run` starts, call `srt3d node`.
 """
@@ -12,7 +12,7 @@ import sys
 from srt3d_ros.processes.node_arguments import namespace_arguments, parameter_arguments
 from srt3d_ros.processes.node_names import NODES, PLAYER
 
-NO_PARAMETERS = ("run", "namespace", "ros_args")       # all other options are the node's parameters
+NO_PARAMETERS = ("run", "namespace", "ros_args")       # all other options are parameters of the player
 
 
 def add_parser(subparsers) -> None:
@@ -22,19 +22,18 @@ def add_parser(subparsers) -> None:
     parser.set_defaults(run=lambda args: start(args.name, args.ros_args))
     parser = subparsers.add_parser(
         "play", help="publish photons over ROS 2, from a photon file or the simulator",
-        description="Publish the photons of a file, again and again, or of the simulator's moving scene, as a sensor's "
-                    "driver would. What is left out keeps the default of the player node.")
+        description="Publish the photons of a file again and again, or those of the simulator's moving scene, as a "
+                    "sensor's driver does. Defaults: those of the player node.")
     parser.add_argument("input", metavar="INPUT", help="photon file (docs/photon-file.md), or: simulator")
-    parser.add_argument("--frames", type=int, metavar="N", help="stop after this many frames")
-    parser.add_argument("--sensor-file", metavar="FILE",
-                        help="what a photon file lacks of its sensor: JSON as on `sensor`, or another photon file")
-    parser.add_argument("--rate-hz", type=float, metavar="HZ", help="frames a second")
+    parser.add_argument("--frames", type=int, metavar="N", help="stop after this number of frames")
+    parser.add_argument("--sensor-file", metavar="FILE", help="sensor description, for a photon file without a "
+                        "complete one: JSON as on `sensor`, or another photon file")
+    parser.add_argument("--rate-hz", type=float, metavar="HZ", help="frames per second")
     parser.add_argument("--motion", metavar="HOW",
-                        help="walk: the simulator's sensor moves, and odom says where it is "
-                             "(docs/motion.md)")
-    parser.add_argument("--namespace", metavar="NS", help="of the node and its topics")
+                        help="walk: move the simulator's sensor and publish its pose on `odom` (docs/motion.md)")
+    parser.add_argument("--namespace", metavar="NS", help="namespace of the node and its topics")
     parser.add_argument("--ros-args", nargs=argparse.REMAINDER, default=[], metavar="…",
-                        help="the rest goes to ROS 2: remapping, parameters, …")
+                        help="all following arguments go to ROS 2: remappings, parameters, …")
     parser.set_defaults(run=_play)
 
 
@@ -47,20 +46,18 @@ def _play(args: argparse.Namespace) -> int:
 def start(name: str, ros_args: list[str]) -> int:
     """Run a node in this process until it ends; returns its exit code."""
     exit_at_once_on_signals()
-    # Read when NumPy is loaded. Its threads wait for each other at work: beside other processes a product of matrices
-    # took up to 12 times the CPU time with two of them, and alone four fifths of the time.
+    # Read when NumPy is loaded. Threads of OpenBLAS wait for each other busily: with two, a matrix product took four
+    # fifths of the time alone, but up to 12 times the CPU time next to other processes.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.argv = [name, *ros_args]
     return importlib.import_module(f"srt3d_ros.nodes.{name}").main()
 
 
-
-
 def exit_at_once_on_signals() -> None:
-    """Have SIGINT and SIGTERM end the process while modules are imported, until the nodes set handlers of their own.
+    """Let SIGINT and SIGTERM end the process at once until the node sets handlers of its own.
 
-    Nothing needs an orderly end yet. The kernel does it, as Python's handlers only run between two bytecodes: not while
-    a library waits or compiles. KeyboardInterrupt in an extension module's import can become any exception.
+    Python's handlers only run between two bytecodes, not while a library waits or compiles, and KeyboardInterrupt in
+    the import of an extension module can become any exception.
     """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_DFL)

@@ -1,4 +1,4 @@
-"""`srt3d reconstruct`: a photon file, or a frame of a bag, to a point cloud file, without ROS."""
+"""`srt3d reconstruct`: reconstruct a photon file or a frame of a bag, without ROS, and save the point cloud."""
 
 import argparse
 
@@ -16,31 +16,31 @@ METHOD_OPTIONS = ("method", "sketch_size", "frequencies", "surfaces", "device", 
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
         "reconstruct", help="reconstruct a photon file or a frame of a bag and save the point cloud",
-        description="Sketch the photons of a file, reconstruct them and save the cloud. A published .mat file may lack "
+        description="Sketch the photons of a file, reconstruct them and save the cloud. Some published .mat files lack "
                     "bin width, IRF or gate: give them as options.",
         epilog="Methods. " + " ".join(f"{method.name}: {method.about}." for method in METHODS.values())
-               + " docs/algorithm.md says more.")
+               + " Details: docs/algorithm.md.")
     parser.add_argument("-o", "--output", "--out", metavar="OUT", required=True,
                         help="cloud file: .npz (everything), .ply; or a picture of it: .png, .jpg")
     parser.add_argument("--sketch-size", type=int, metavar="M",
-                        help=f"complex numbers kept of a pixel ({DEFAULT_SKETCH_SIZE})")
+                        help=f"complex numbers per pixel (default: {DEFAULT_SKETCH_SIZE})")
     parser.add_argument("--frequencies", metavar="auto|consecutive|k1,k2,…",
-                        help="which they are: least expected error for the IRF and the photons (auto), 1 … M "
-                             "(consecutive), or a list; unless given what the method is published with, else auto")
-    parser.add_argument("--surfaces", type=int, default=1, metavar="K", help="most surfaces in a pixel (1)")
+                        help="frequencies to keep: auto (best for the IRF), consecutive (1 … M), or a list (default: "
+                             "those with which the method was published; pooled: auto)")
+    parser.add_argument("--surfaces", type=int, default=1, metavar="K", help="most surfaces per pixel (default: 1)")
     parser.add_argument("--method", default=DEFAULT_METHOD, metavar="NAME",
-                        help=f"how to reconstruct: {', '.join(METHODS)} ({DEFAULT_METHOD})")
+                        help=f"{', '.join(METHODS)} (default: {DEFAULT_METHOD})")
     parser.add_argument("--device", default="auto", choices=DEVICES,
-                        help="where to compute (auto: a GPU that does the same as the CPU, and faster)")
+                        help="where to compute (default: auto, a GPU if it passes a check)")
     parser.add_argument("--false-alarm-rate", type=float, metavar="P",
-                        help=f"probability that a pixel with background alone shows a point (pooled: "
+                        help="pooled: fraction of the pixels without a surface that may show a false point (default: "
                              f"{DEFAULT_FALSE_ALARM_RATE:g})")
     parser.add_argument("--background", choices=BACKGROUNDS,
-                        help="how it spreads over the bins (pooled): as the frame itself shows, if that is "
-                             "significantly uneven (auto, the default); as the file says (sensor); evenly (flat)")
+                        help="pooled: distribution of the background over the bins: auto (default; measured in the "
+                             "frame, flat unless significantly uneven), sensor (from the file), or flat")
     parser.add_argument("--gate", default=OFF, metavar="FIRST-LAST|auto|off",
-                        help="keep the photons of bins FIRST to LAST only, or of those in which the histogram of all "
-                             "photons shows a scene (auto); T becomes their number (off)")
+                        help="use only the photons in bins FIRST to LAST, or where the histogram of all photons "
+                             "shows a scene (auto); T becomes the number of these bins (default: off)")
     common.add_json(parser)
     common.add_photon_file(parser)
     parser.set_defaults(run=run)
@@ -62,9 +62,12 @@ def run(args: argparse.Namespace) -> int:
              "cols": sensor.cols, "num_bins": sensor.num_bins, "photons": cloud.photons,
              "sketch_size": len(cloud.frequencies) or None, "frequencies": cloud.frequencies, "points": len(cloud),
              "sketch_ms": cloud.sketch_ms, "reconstruct_ms": cloud.reconstruct_ms, "output": str(args.output)}
-    common.print_notes(cloud.notes)     # only now: a mistake is one line
-    sketched = (" → sketch of {sketch_size}" * bool(facts["frequencies"])
-                + " in {sketch_ms:.1f} ms" * (facts["sketch_ms"] is not None))
+    common.print_notes(cloud.notes)     # only now, so that an error is a single line
+    sketched = ""
+    if facts["frequencies"]:
+        sketched = " → sketch of {sketch_size}"
+    if facts["sketch_ms"] is not None:
+        sketched += " in {sketch_ms:.1f} ms"
     words = ("{photons:,} photons of {rows} × {cols} pixels, T = {num_bins} bins" + sketched
              + " → {points:,} points in {reconstruct_ms:.1f} ms by {method} on {device}\n{output}")
     common.print_facts(args, facts, words.format(**facts))

@@ -1,4 +1,4 @@
-"""`srt3d review`: what a recording holds, without a viewer or a screen."""
+"""`srt3d review`: the content of a recording in figures and as a report, without a viewer."""
 
 import argparse
 import json
@@ -10,11 +10,11 @@ from srt3d_ros.errors import require
 
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
-        "review", help="what a recording holds: figures, and a report with pictures and plots",
+        "review", help="print the figures of a recording and write a report with pictures and plots",
         description="Print the figures of a recording (.rrd) and write a report with pictures and plots that opens in "
                     "any browser.")
     parser.add_argument("recording", metavar="RECORDING", type=Path, help="the .rrd file")
-    parser.add_argument("-o", "--output", metavar="OUT", type=Path, help="the report (RECORDING.html)")
+    parser.add_argument("-o", "--output", metavar="OUT", type=Path, help="the report (default: RECORDING.html)")
     parser.add_argument("--no-report", action="store_true", help="print the figures only")
     common.add_json(parser)
     parser.set_defaults(run=run)
@@ -26,8 +26,9 @@ def run(args: argparse.Namespace) -> int:
     from srt3d_ros.review.summary import format_summary, summarise
 
     report = args.output or args.recording.with_suffix(".html")
-    require(args.output is None or not args.no_report, "-o", str(args.output), "a report, without --no-report")
-    require(report.suffix.lower() in (".html", ".htm"), "output", str(report), "a file name that ends in .html, .htm")
+    require(args.output is None or not args.no_report, "-o",
+            problem="-o and --no-report contradict each other: leave one out.")
+    require(report.suffix.lower() in (".html", ".htm"), "-o", str(report), "a file name that ends in .html or .htm")
     if not args.no_report:
         check_not_input(report, args.recording)
         check_place(report)

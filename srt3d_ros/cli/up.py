@@ -1,4 +1,4 @@
-"""`srt3d up`: the whole pipeline by one command; launch/srt3d.launch.py starts the same nodes."""
+"""`srt3d up`: run the whole pipeline; launch/srt3d.launch.py starts the same nodes."""
 
 import argparse
 import difflib
@@ -18,51 +18,49 @@ from srt3d_ros.processes.node_arguments import namespace_arguments
 from srt3d_ros.processes.node_names import PLAYER
 from srt3d_ros.processes.supervisor import supervise
 
-# Which parameter of which node an option sets.
+# The node and the parameter that an option sets.
 OPTIONS = {"sensor_file": ("sketcher", "sensor_file"), "device": ("reconstructor", "device"),
            "input": ("player", "input"), "record": ("recorder", "path")}
 OF_EVERY_NODE = ("use_sim_time", "qos_overrides.")
 LEVELS = ("debug", "info", "warn", "error", "fatal")
 ABOUT = """\
-Run sketcher and reconstructor, and what is asked for beside them, as ROS 2
-nodes in processes of their own: photons in, point clouds out. A driver
-publishes `sensor` and `photons`, `gates` or `histograms`; or --input plays
-them. Ctrl-C ends all, the source first and the recorder last. If a node ends,
-all end."""
+Run sketcher and reconstructor, with --input the player and with --record the
+recorder, each as a process. Photons come from --input, or from a driver that
+publishes `sensor` and `photons`, `gates` or `histograms`. Ctrl-C stops the
+nodes in order, the recorder last. If one node ends, the others are stopped."""
 EXAMPLES = """\
 examples:
   a moving scene, no sensor needed:
     srt3d up --input simulator --record run.rrd
-  a driver of yours:
+  your own driver:
     srt3d up -r photons:=/spad/raw -r sensor:=/spad/sensor
-  a driver that publishes gates and nothing else:
+  a driver that publishes only gates:
     srt3d up --config spad_32x32_gates --sensor-file my.json
-  parameters of the nodes, in a namespace:
+  a namespace and a parameter of a node:
     srt3d up --namespace front -p sketcher.sketch_size:=5
 
--p goes before the other options, they before --config, the last --config before
-the others; config/srt3d.yaml lists every parameter. Exit code: 0 after Ctrl-C,
-or when a node is done (a player at its end); 3 if frames that a player sent up
-to its end were lost; else the failed node's."""
+precedence: -p, other options, --config (the last first). config/srt3d.yaml
+lists every parameter. Exit code: 0 after Ctrl-C or at the player's end, 3 if
+frames of the player were lost, otherwise that of the node that failed."""
 
 
 def add_parser(subparsers) -> None:
-    parser = subparsers.add_parser("up", help="photons in, point clouds out: the pipeline by one command",
+    parser = subparsers.add_parser("up", help="run the whole pipeline",
                                    description=ABOUT, epilog=EXAMPLES,
                                    formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
     add("--input", metavar="INPUT", help="photon file to play, or: simulator")
-    add("--sensor-file", metavar="FILE", help="description of the sensor (.json), if the driver publishes none")
+    add("--sensor-file", metavar="FILE", help="sensor description (.json), if the driver publishes none")
     add("--config", metavar="FILE", action="append", default=[],
-        help="parameter file, or the name of one that comes with the package; may be repeated")
+        help="parameter file, or the name of one in the package; may be repeated")
     add("--device", metavar="DEVICE", help="where to reconstruct: auto, cpu or cuda")
     add("--record", metavar="FILE", help="recording to write (.rrd)")
-    add("--namespace", metavar="NS", help="of all nodes and topics")
+    add("--namespace", metavar="NS", help="namespace of all nodes and topics")
     add("-r", dest="remap", metavar="TOPIC:=NAME", action="append", default=[],
-        help="another name for a topic; may be repeated")
+        help="rename a topic; may be repeated")
     add("-p", dest="set", metavar="NODE.PARAMETER:=VALUE", action="append", default=[],
-        help="a parameter of a node; may be repeated")
-    add("--log-level", choices=LEVELS, help="what the nodes log")
+        help="set a parameter of a node; may be repeated")
+    add("--log-level", choices=LEVELS, help="lowest level that the nodes log")
     parser.set_defaults(run=run)
 
 
@@ -80,21 +78,21 @@ def run(args: argparse.Namespace) -> int:
 
 
 def full_names(args: argparse.Namespace, specs: list) -> list[str]:
-    """The nodes' names with the namespace, as frames pass them."""
+    """The nodes' names with the namespace, in the order in which frames pass them."""
     return [f"{(args.namespace or '').strip('/')}/{spec.name}".strip("/") for spec in reversed(specs)]
 
 
 def node_specs(args: argparse.Namespace) -> list:
-    """The specs of the nodes asked for, subscribers first; ModuleNotFoundError for what one of them lacks."""
+    """The specs of the nodes to run, subscribers first; ModuleNotFoundError if a node's packages are missing."""
     asked = {"recorder": args.record, "reconstructor": True, "sketcher": True, PLAYER: args.input}
     return [importlib.import_module(f"srt3d_ros.nodes.{name}").SPEC for name, wanted in asked.items() if wanted]
 
 
 def parameters_yaml(args: argparse.Namespace, specs: list) -> str:
-    """A parameter file of the options and of -p: ROS 2's own `-p NODE:NAME:=VALUE` knows no node in a namespace.
+    """A parameter file with the options and -p, since ROS 2's `-p NODE:NAME:=VALUE` finds no node in a namespace.
 
     Raises:
-        InvalidInput: a -p that is none, or names what these nodes do not have.
+        InvalidInput: a -p has another form, or names an unknown node or parameter.
     """
     import yaml  # comes with rclpy
 
@@ -109,14 +107,15 @@ def parameters_yaml(args: argparse.Namespace, specs: list) -> str:
         name, _, parameter = where.partition(".")
         require(assigned and parameter and name in values and "\n" not in value, "-p", setting,
                 f"NODE.PARAMETER:=VALUE, NODE one of {', '.join(values)}")
-        try:        # ROS 2 would name a line of the temporary file
+        try:        # ROS 2 would refer to a line of the temporary file
             yaml.safe_load(value)
         except yaml.YAMLError:
             raise InvalidInput("-p", setting, "NODE.PARAMETER:=VALUE, VALUE as in a YAML file") from None
         known = [one.name for spec in specs if spec.name == name for one in spec.table]
         if parameter not in known and not parameter.startswith(OF_EVERY_NODE):
-            near = difflib.get_close_matches(parameter, known, n=1) or [f"one of {', '.join(known)}"]
-            raise InvalidInput(f"parameter of {name}", parameter, near[0])
+            near = difflib.get_close_matches(parameter, known, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(known)}."
+            raise InvalidInput("-p", problem=f"{name} has no parameter {parameter}: {hint}")
         values[name][parameter] = value
     lines = []
     for name, given in values.items():
@@ -126,11 +125,11 @@ def parameters_yaml(args: argparse.Namespace, specs: list) -> str:
 
 
 def ros_arguments(args: argparse.Namespace, specs: list, own_file: str) -> list[str]:
-    """The options as arguments of ROS 2; `own_file` is that of `parameters_yaml`."""
+    """The options as arguments for ROS 2; `own_file`: the path of the file from `parameters_yaml`."""
     out = ["--ros-args"]
     for config in args.config:
         path = shared_files.find(f"config/{config}.yaml") or Path(config)
-        require(isfile(path), "--config", config, "a parameter file, or the name of one that comes with the package")
+        require(isfile(path), "--config", config, "a parameter file, or the name of one in the package")
         out += ["--params-file", str(path)]
     out += ["--params-file", own_file]
     topics = {topic.name for spec in specs for topic in (*spec.inputs, *spec.outputs)
@@ -138,7 +137,7 @@ def ros_arguments(args: argparse.Namespace, specs: list, own_file: str) -> list[
     for rule in args.remap:
         topic, assigned, name = rule.partition(":=")
         require(assigned and name, "-r", rule, "TOPIC:=NAME")
-        plain = re.fullmatch(r"[a-z]\w*(/\w+)*", topic)        # ROS 2 would not say that nothing has this topic
+        plain = re.fullmatch(r"[a-z]\w*(/\w+)*", topic)        # ROS 2 ignores a rule for an unknown topic
         require(not plain or topic in topics, "-r", rule, f"TOPIC:=NAME, TOPIC one of {', '.join(sorted(topics))}")
         out += ["-r", rule]
     if args.namespace:
@@ -149,11 +148,10 @@ def ros_arguments(args: argparse.Namespace, specs: list, own_file: str) -> list[
 
 
 def overview(args: argparse.Namespace, specs: list) -> str:
-    """The nodes that are started, and what to do next."""
+    """What `srt3d up` prints: the nodes that it starts, and useful commands."""
     nodes = ", ".join(f"/{name}" for name in full_names(args, specs))
-    lines = [f"srt3d {__version__}: starts {nodes}; Ctrl-C ends them",
+    lines = [f"srt3d {__version__}: starts {nodes}; Ctrl-C stops them",
              "  topics    ros2 topic list -t", "  health    srt3d health --watch"]
     if not args.input:
-        lines.append("  waiting   for a driver: sensor, then photons, gates or histograms; docs/quickstart.md "
-                     "writes one")
+        lines.append("  waiting   for a driver: sensor, then photons, gates or histograms (docs/quickstart.md)")
     return "\n".join(lines)

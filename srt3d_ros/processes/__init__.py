@@ -1,1 +1,1 @@
-"""Starts, tunes and ends processes: the nodes, their transport, and the network that they share."""
+"""Starts, tunes and ends the processes of the nodes."""

@@ -1,4 +1,4 @@
-"""Child processes: how they are started and ended."""
+"""Starts and ends child processes."""
 
 import ctypes
 import os
@@ -8,20 +8,20 @@ import sys
 import time
 from collections.abc import Iterable
 
-STOP_TIMEOUT_S = 60.0       # for a recording and a bag to be written
-HAND_OVER_S = 0.3           # for a node's last messages to reach the next, before that ends as well
+STOP_TIMEOUT_S = 60.0       # to write the rest of a recording or a bag
+HAND_OVER_S = 0.3           # for a node's last messages to reach the next node before that ends, too
 LIBC, PR_SET_PDEATHSIG = ctypes.CDLL(None), 1       # linux/prctl.h
 
 
 def start(command: list[str], **options) -> subprocess.Popen:
-    """Start a child that Ctrl-C in the terminal does not reach, and that gets SIGTERM when this process ends."""
+    """Start a child that Ctrl-C in the terminal does not reach, and that receives SIGTERM when this process ends."""
     return subprocess.Popen(command, stdin=subprocess.DEVNULL, process_group=0,
                             preexec_fn=lambda: LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGTERM), **options)
 
 
 def stop(process: subprocess.Popen, timeout_s: float = STOP_TIMEOUT_S) -> None:
-    """Ask a process to end, unless it has; kill it after `timeout_s`."""
-    process.terminate()         # SIGINT would be a traceback while Python starts
+    """Terminate a process; kill it after `timeout_s`."""
+    process.terminate()         # not SIGINT, which gives a traceback while Python starts
     try:
         process.wait(timeout_s)
     except subprocess.TimeoutExpired:
@@ -30,7 +30,7 @@ def stop(process: subprocess.Popen, timeout_s: float = STOP_TIMEOUT_S) -> None:
 
 
 def stop_in_order(processes: Iterable[subprocess.Popen]) -> None:
-    """End processes, each after the one before it has finished its work."""
+    """Stop processes one after the other, each after the one before it has ended."""
     for process in processes:
         if process.poll() is None:
             stop(process)
@@ -38,7 +38,7 @@ def stop_in_order(processes: Iterable[subprocess.Popen]) -> None:
 
 
 def end_at_once(code: int) -> None:
-    """End this process; as an exit handler, without those that were registered before and may wait for ever."""
+    """End this process without running the other exit handlers, which may wait for ever."""
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)

@@ -1,4 +1,4 @@
-"""The command line of a node, as ROS 2 reads it."""
+"""Command lines of nodes, with arguments for ROS 2."""
 
 import json
 import re
@@ -8,7 +8,7 @@ from srt3d_ros.errors import require
 
 
 def parameter_arguments(parameters: dict[str, object]) -> list[str]:
-    """Parameters as command-line arguments of a node. Values are YAML there, of which JSON is a part."""
+    """The command-line arguments that set parameters of a node. ROS 2 reads values as YAML, which includes JSON."""
     arguments = ["--ros-args"]
     for name, value in parameters.items():
         arguments += ["-p", f"{name}:={json.dumps(value, ensure_ascii=False, default=str)}"]
@@ -16,14 +16,14 @@ def parameter_arguments(parameters: dict[str, object]) -> list[str]:
 
 
 def node_command(name: str, *ros_args: str, **parameters) -> list[str]:
-    """The command that runs a node with these parameters, and other arguments of ROS 2."""
-    # -P: in a clone, Python would import its srt3d_ros instead of the one that is installed and compiled.
+    """The command that runs a node with these parameters and further arguments for ROS 2."""
+    # Without -P, Python in a clone imports the clone's srt3d_ros instead of the installed and compiled one.
     return [sys.executable, "-P", "-m", "srt3d_ros.cli.main", "node", name, *parameter_arguments(parameters), *ros_args]
 
 
 def namespace_arguments(namespace: str) -> list[str]:
-    """A namespace as arguments of ROS 2, after `--ros-args`; InvalidInput if it cannot be one."""
+    """The arguments after `--ros-args` that set a namespace; InvalidInput if the name is not allowed."""
     plain = namespace.strip("/")
     require(re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", plain, re.ASCII), "--namespace", namespace,
-            "letters, digits and _, beginning with a letter, with / between")
+            "names of letters, digits and _, joined by /")
     return ["-r", f"__ns:=/{plain}"]

@@ -1,21 +1,21 @@
-"""A ROS domain of a program's own, so that programs on one machine do not hear each other."""
+"""A ROS domain for one program, so that programs on a machine do not receive each other's messages."""
 
 import os
 import random
 import signal
 import socket
 
-FIRST_PORT, PORTS = 7400, 250       # of domain 0, and those that DDS reserves for each (RTPS 2.5, 9.6.2.3)
-USED_PORT = 10                      # of these, bound by the first program in a domain
-MOST = 100                          # the highest domain whose ports no operating system hands out by itself
+FIRST_PORT, PORTS = 7400, 250       # first UDP port of domain 0, and ports per domain (RTPS 2.5, 9.6.2.3)
+USED_PORT = 10                      # offset of the port that the first program in a domain binds
+MOST = 100                          # highest domain below the ports that operating systems assign to any program
 
 _claims: list[socket.socket] = []       # open as long as this process lives
 
 
 def claim_domain() -> int:
-    """A ROS domain, 1 to MOST, that no program on this machine uses or has claimed; kept until this process ends.
+    """Claim a ROS domain, 1 to MOST, that no program on this machine uses or has claimed, until this process ends.
 
-    The claim is the domain's last UDP port, bound and never read. Raises OSError where none is free.
+    The claim is the domain's last UDP port, which stays bound. Raises OSError if no domain is free.
     """
     for domain in random.SystemRandom().sample(range(1, MOST + 1), MOST):
         first_port = FIRST_PORT + PORTS * domain
@@ -33,9 +33,9 @@ def claim_domain() -> int:
 
 
 def join_private_network() -> None:
-    """Keep to this machine and clear of any other ROS 2 on it. The nodes inherit it; set before rclpy is imported.
+    """Restrict this process and its children to this machine and to a ROS domain of their own.
 
-    SIGTERM and SIGHUP then end this process as Ctrl-C does, so that the nodes are ended in order.
+    Call it before rclpy is imported. SIGTERM and SIGHUP then act as Ctrl-C, so that the nodes are stopped in order.
     """
     os.environ["ROS_DOMAIN_ID"] = str(claim_domain())
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"

@@ -1,7 +1,7 @@
-"""Settings that a process needs for large messages: a shared-memory profile for Fast DDS, and memory that is kept.
+"""Settings of a process for large messages: a shared-memory profile for Fast DDS, and reuse of freed memory.
 
-With the defaults, an 8 MB message takes 25 ms between two processes and a best-effort one rarely arrives at all; with
-both settings it takes 4 ms and none is lost.
+By default, an 8 MB message takes 25 ms between two processes, and with best effort it rarely arrives. With both
+settings it takes 4 ms, and none is lost.
 """
 
 import contextlib
@@ -17,24 +17,24 @@ from pathlib import Path
 from srt3d_ros.files import shared_files
 from srt3d_ros.processes.private_network import FIRST_PORT, PORTS
 
-PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"      # read by Fast DDS 2; its FASTDDS_ name does nothing there
+PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"      # Fast DDS 2 ignores the newer name FASTDDS_…
 PROFILE = "config/fastdds_shm.xml"
 SEGMENT = "fastrtps_"   # prefix of Fast DDS's files in /dev/shm
 SHARED_MEMORY = Path("/dev/shm")
-SEGMENT_BYTES = 64 << 20        # of PROFILE: holds several of the largest messages, 8 to 25 MB
-LEAST_SEGMENT_BYTES = 4 << 20   # below, Fast DDS's own 0.5 MB is no worse for a message that fits neither
-PROCESSES = 4           # that must find room: each allocates its whole segment when it starts
-LEAK_AGE_S = 10.0       # older than any segment whose process is still starting
+SEGMENT_BYTES = 64 << 20        # in PROFILE: several of the largest messages, 8 to 25 MB each
+LEAST_SEGMENT_BYTES = 4 << 20   # a smaller segment is no better than Fast DDS's default of 0.5 MB
+PROCESSES = 4           # that need a segment; each allocates all of it when it starts
+LEAK_AGE_S = 10.0       # a younger segment may belong to a process that is still starting
 
 M_TRIM_THRESHOLD, M_TOP_PAD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -2, -3, -8     # glibc's malloc.h
 
-_held: list = []        # sockets and files that stay open as long as this process lives
+_held: list = []        # sockets and files that stay open until this process ends
 
 
 def prepare_process() -> None:
-    """Prepare this process for large messages. Call it before rclpy.init and before any thread starts.
+    """Prepare this process for large messages; call it before rclpy.init and before any thread starts.
 
-    A profile that the user chose is kept.
+    A profile that the user has set is kept.
     """
     remove_leaked_segments()
     reserve_stale_ports()
@@ -44,27 +44,27 @@ def prepare_process() -> None:
 
 
 def remove_leaked_segments(shared_memory: Path = SHARED_MEMORY) -> None:
-    """Remove the shared memory of killed processes, up to 64 MB each, which nobody else removes."""
+    """Remove the shared memory of killed processes, up to 64 MB each, which Fast DDS does not remove."""
     for lock in shared_memory.glob(SEGMENT + "[0-9a-f]" * 16 + "_el"):
         _remove(lock.with_name(lock.name.removesuffix("_el")))
 
 
 def reserve_stale_ports(shared_memory: Path = SHARED_MEMORY) -> None:
-    """Keep Fast DDS from giving this process a port of shared memory that others still send to for a killed one.
+    """Keep Fast DDS from giving this process a shared-memory port to which others still send for a killed process.
 
-    They find out one after the other, and each makes the port anew: a reader that opens it meanwhile may be left with
-    one that nobody writes to, or wait for ever. Fast DDS takes the first ports whose numbers are free on UDP, too. So
-    this process holds those of the killed. It removes what nobody sends to any more.
+    Each sender notices the killed process at another time, and then creates the port again. A process that opens the
+    port meanwhile may read from one that has no writer, or wait for ever. Fast DDS only takes ports whose numbers are
+    free on UDP, too, so this process binds the UDP ports of killed processes. It removes ports without senders.
     """
     domain = os.environ.get("ROS_DOMAIN_ID", "")
-    first = FIRST_PORT + PORTS * (int(domain) if domain.isdecimal() else 0)      # what is none, rcl refuses
+    first = FIRST_PORT + PORTS * (int(domain) if domain.isdecimal() else 0)      # rcl refuses other values
     names = {f"{SEGMENT}port{port}": port for port in range(first + 1, first + PORTS)}
-    there = names.keys() & {path.name for path in shared_memory.glob(f"{SEGMENT}port*[0-9]")}
-    if not there:
+    existing = names.keys() & {path.name for path in shared_memory.glob(f"{SEGMENT}port*[0-9]")}
+    if not existing:
         return
     mapped = names.keys() & _mapped(shared_memory)
-    for name in there | mapped:
-        bound = _bind(names[name] - 1, names[name])     # of one participant: discovery, and data
+    for name in existing | mapped:
+        bound = _bind(names[name] - 1, names[name])     # a participant's ports for discovery and data
         if name in mapped:
             _held.extend(bound)
         elif bound:
@@ -74,9 +74,9 @@ def reserve_stale_ports(shared_memory: Path = SHARED_MEMORY) -> None:
 
 
 def _remove(path: Path) -> None:
-    """Remove a file of shared memory and the one beside it on which the process that reads there holds a lock."""
+    """Remove a file of shared memory and its lock file, unless a process holds the lock."""
     lock = path.with_name(f"{path.name}_el")
-    with contextlib.suppress(OSError):      # in use, another user's, or removed by another process just now
+    with contextlib.suppress(OSError):      # in use, another user's, or already removed
         times = [one.stat().st_mtime for one in (path, lock) if one.exists()]
         if not times or time.time() - max(times) < LEAK_AGE_S:
             return
@@ -87,17 +87,17 @@ def _remove(path: Path) -> None:
 
 
 def _mapped(folder: Path) -> set[str]:
-    """Names of the files of a folder that any process of this user has in memory."""
+    """Names of the files in a folder that any process of this user has mapped."""
     found = set()
     line = re.compile(rf" {re.escape(str(folder))}/(\S+)(?: \(deleted\))?$", re.MULTILINE)
     for process in filter(str.isdigit, os.listdir("/proc")):
-        with contextlib.suppress(OSError):      # it has ended, or is another user's
+        with contextlib.suppress(OSError):      # the process has ended, or is another user's
             found.update(line.findall(Path("/proc", process, "maps").read_text(errors="replace")))
     return found
 
 
 def _bind(*ports: int) -> list[socket.socket]:
-    """UDP sockets at these ports; none if one of them is in use."""
+    """UDP sockets bound to these ports; an empty list if one of the ports is in use."""
     with contextlib.ExitStack() as opened:
         bound = [opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in ports]
         for one, port in zip(bound, ports):
@@ -110,9 +110,9 @@ def _bind(*ports: int) -> list[socket.socket]:
 
 
 def shared_memory_profile(shared_memory: Path = SHARED_MEMORY) -> Path | None:
-    """A Fast DDS profile whose segment fits PROCESSES times into free shared memory, or None if there is no room.
+    """A Fast DDS profile whose segment fits PROCESSES times into free shared memory; None if memory is too short.
 
-    That is config/fastdds_shm.xml where 64 MB fit, else a copy with a smaller segment, removed when this process ends.
+    It is config/fastdds_shm.xml if 64 MB fit, else a temporary copy with a smaller segment.
     """
     try:
         room = os.statvfs(shared_memory)
@@ -132,9 +132,9 @@ def shared_memory_profile(shared_memory: Path = SHARED_MEMORY) -> Path | None:
 
 
 def _keep_freed_memory() -> None:
-    """Stop glibc from returning every large buffer to the system and faulting it in again for the next message."""
+    """Let glibc reuse large buffers, instead of returning each to the system and faulting in the next message's."""
     mallopt = ctypes.CDLL(None).mallopt
     mallopt(M_MMAP_THRESHOLD, 1 << 30)
     mallopt(M_TRIM_THRESHOLD, 1 << 30)
     mallopt(M_TOP_PAD, 64 << 20)
-    mallopt(M_ARENA_MAX, 1)         # those of threads return every buffer above 64 MB, whatever the thresholds
+    mallopt(M_ARENA_MAX, 1)         # arenas of threads return buffers above 64 MB whatever the thresholds

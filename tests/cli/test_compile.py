@@ -58,6 +58,5 @@ def test_where_nothing_can_be_written_it_says_what_to_set(installed, tmp_path):
     nowhere.write_text("")
     done = srt3d(installed, "compile", HOME=str(nowhere), XDG_CACHE_HOME=str(nowhere))
     assert (done.returncode, done.stdout) == (2, "")
-    said = ("~/.cache is not writable: expected a folder for kernels that only you may write to; NUMBA_CACHE_DIR "
-            "names another")
-    assert done.stderr == f"srt3d: error: {said}\n"
+    assert done.stderr == ("srt3d: error: Cannot keep kernels: ~/.cache is not writable. "
+                           "Set NUMBA_CACHE_DIR to a folder that only you can write to.\n")

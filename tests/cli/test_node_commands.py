@@ -27,4 +27,4 @@ def test_options_become_parameters(monkeypatch, srt3d, command, expected):
 
 
 def test_a_namespace_is_checked(refusal):
-    assert refusal("play", "simulator", "--namespace", "a-b").startswith("--namespace is a-b: expected letters")
+    assert refusal("play", "simulator", "--namespace", "a-b").startswith("--namespace is a-b: expected names")

@@ -31,12 +31,12 @@ def test_what_is_nearer_to_the_command_line_wins(tmp_path):
 
 @pytest.mark.parametrize("options, line", [
     (["-p", "sketch_size:=5"], "-p is sketch_size:=5: expected NODE.PARAMETER:=VALUE, NODE one of recorder"),
-    (["-p", "sketcher.sketchsize:=5"], "parameter of sketcher is sketchsize: expected sketch_size"),
+    (["-p", "sketcher.sketchsize:=5"], "sketcher has no parameter sketchsize: did you mean sketch_size?"),
     (["-p", "sketcher.sketch_size:=[1"], "-p is sketcher.sketch_size:=[1: expected NODE.PARAMETER:=VALUE, VALUE as in"),
     (["-p", "driver.path:=a"], "-p is driver.path:=a: expected NODE.PARAMETER:=VALUE, NODE one of"),
     (["-r", "photon:=/x"], "-r is photon:=/x: expected TOPIC:=NAME, TOPIC one of background, camera_info"),
     (["-r", "photons=/x"], "-r is photons=/x: expected TOPIC:=NAME"),
-    (["--namespace", "a-b"], "--namespace is a-b: expected letters"),
+    (["--namespace", "a-b"], "--namespace is a-b: expected names of letters"),
     (["--config", "nothing"], "--config is nothing: expected a parameter file"),
     (["--config", 300 * "a"], f"--config is {38 * 'a'}..."),
 ])

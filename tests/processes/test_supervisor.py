@@ -34,7 +34,7 @@ def runs(node: psutil.Process) -> bool:
 def test_the_nodes_end_from_the_source_to_the_recorder_and_the_recording_is_whole(start, tmp_path):
     recording = tmp_path / "run.rrd"
     up = start(UP, "--input", "simulator", "--record", recording, "--namespace", "front", "-r", "points:=/robot/cloud")
-    up.says("starts /front/player, /front/sketcher, /front/reconstructor, /front/recorder; Ctrl-C ends them")
+    up.says("starts /front/player, /front/sketcher, /front/reconstructor, /front/recorder; Ctrl-C stops them")
     up.says(f"[front.recorder]: recording to {recording}")
     for name in ("player", "sketcher", "reconstructor"):
         up.says(f"[front.{name}]: ready")
@@ -48,7 +48,7 @@ def test_a_node_that_dies_ends_all(start):
     up = start(UP, "-p", "sketcher.autostart:=false").says("unconfigured")
     nodes_of(up.pid)["sketcher"].kill()
     assert up.code() == 128 + signal.SIGKILL
-    assert "srt3d up: sketcher was killed by SIGKILL: ending all nodes" in up.lines
+    assert "srt3d up: sketcher was killed by SIGKILL: stopping all nodes" in up.lines
 
 
 def test_no_node_outlives_a_killed_parent(start):
@@ -66,4 +66,4 @@ def test_no_node_outlives_a_killed_parent(start):
 def test_a_player_that_ends_or_cannot_start_ends_all_with_its_code(start, options, code, line):
     up = start(UP, *options)
     assert up.code() == code and (not line or line in up.lines)
-    assert f"srt3d up: player ended with exit code {code}: ending all nodes" in up.lines
+    assert f"srt3d up: player ended with exit code {code}: stopping all nodes" in up.lines
