@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.frames import PPP, photons_of, sensor_of
 from srt3d_ros.datasets import photon_file
-from srt3d_ros.processes.node_arguments import node_command
+from srt3d_ros.processes.node_command import node_command
 from srt3d_ros.processes.private_network import join_private_network
 from tools.machines import WAIT_S, Watch, watch_command
 from tools.processes import Process, wait

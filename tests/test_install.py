@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import srt3d_ros
-from srt3d_ros.processes.node_names import NODES
+from srt3d_ros.processes.node_command import NODES
 
 NOT_SOURCE = shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "build", "install", "log", "dist", "demo-out")
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from srt3d_ros.processes.node_arguments import node_command
+from srt3d_ros.processes.node_command import node_command
 from srt3d_ros.processes.transport import PROFILE_VARIABLE
 from tools.processes import Process, wait
 

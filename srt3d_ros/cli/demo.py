@@ -25,7 +25,7 @@ from srt3d_ros.datasets.simulation.room import Room
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import require
 from srt3d_ros.processes import children
-from srt3d_ros.processes.node_names import FRAMES_LOST
+from srt3d_ros.processes.node_command import FRAMES_LOST
 from srt3d_ros.processes.private_network import join_private_network
 
 LEAST_HZ, MOST_HZ = 2.0, 5.0            # MOST_HZ: half of what two idle cores can stream and record

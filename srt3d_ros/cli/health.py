@@ -7,7 +7,7 @@ import time
 from collections.abc import Mapping
 
 from srt3d_ros.processes import transport
-from srt3d_ros.processes.node_names import NODES
+from srt3d_ros.processes.node_command import NODES
 
 HEAR_S = 10.0           # timeout for the first report
 ROUND_S = 2.5           # to hear all nodes, which report once a second

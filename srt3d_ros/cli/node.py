@@ -9,8 +9,7 @@ import os
 import signal
 import sys
 
-from srt3d_ros.processes.node_arguments import namespace_arguments, parameter_arguments
-from srt3d_ros.processes.node_names import NODES, PLAYER
+from srt3d_ros.processes.node_command import NODES, PLAYER, namespace_arguments, parameter_arguments
 
 NO_PARAMETERS = ("run", "namespace", "ros_args")       # all other options are parameters of the player
 

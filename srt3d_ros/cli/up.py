@@ -14,8 +14,7 @@ from srt3d_ros import __version__
 from srt3d_ros.cli import health, node
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.files import shared_files
-from srt3d_ros.processes.node_arguments import namespace_arguments
-from srt3d_ros.processes.node_names import PLAYER
+from srt3d_ros.processes.node_command import PLAYER, namespace_arguments
 from srt3d_ros.processes.supervisor import supervise
 
 # The node and the parameter that an option sets.

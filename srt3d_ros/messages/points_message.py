@@ -3,27 +3,24 @@
 import numpy as np
 
 from srt3d_ros.core.cloud import Cloud
-from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages.packing import pack_cloud, unpack_cloud
 from srt3d_ros.messages.schema_files import cloud_layouts
 
 
-def encode_cdr(cloud: Cloud, frame_id: str, layout: str = "xyzi", sensor: SensorModel | None = None
-               ) -> bytes:
+def encode_cdr(cloud: Cloud, frame_id: str, layout: str = "xyzi") -> bytes:
     """The serialised message of a cloud.
 
     Args:
         cloud: of one frame.
         frame_id: the tf frame of cloud.xyz.
         layout: "xyzi", or "full", which adds depth_std, background, row, col and surface.
-        sensor: needed for "full" only, to give depth_std in metres.
     """
     points = np.zeros(len(cloud), cloud_layouts("points")[layout])
     points["x"], points["y"], points["z"] = cloud.xyz.T
     points["intensity"] = cloud.intensity
     if layout == "full":
-        points["depth_std"] = cloud.depth_std_bins * sensor.bin_width_m
+        points["depth_std"] = cloud.depth_std_bins * cloud.sensor.bin_width_m
         points["background"] = cloud.background[cloud.row, cloud.col]
         for name in ("row", "col", "surface"):
             points[name] = getattr(cloud, name)

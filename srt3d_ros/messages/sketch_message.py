@@ -20,12 +20,11 @@ FREQUENCY, PERIOD, DESCRIPTION, CYCLES = map(re.compile, (
 MAX_MODULUS = 1.001     # the mean of unit vectors has |z| ≤ 1; 0.001 allows for rounding
 
 
-def encode_cdr(sketch: Sketch, sensor: SensorModel, frame_id: str, layout: str = "float32") -> bytes:
+def encode_cdr(sketch: Sketch, frame_id: str, layout: str = "float32") -> bytes:
     """The serialised message of a sketch.
 
     Args:
-        sketch: of one frame or window.
-        sensor: of its photons, as described on `sketch/sensor`.
+        sketch: of one frame or window; its sensor is described on `sketch/sensor`.
         frame_id: the sensor's tf frame.
         layout: "float32", or "int16" for half the bytes.
 
@@ -45,7 +44,7 @@ def encode_cdr(sketch: Sketch, sensor: SensorModel, frame_id: str, layout: str =
     cloud = pack_cloud(cdr.Header(sketch.stamp_ns, frame_id), points)
     numbers = (cdr.Field(f"k{k}", COUNTS.itemsize + 2 * l * number.itemsize, CODES[number], 2)
                for l, k in enumerate(sketch.frequencies))
-    names = [f"T{sensor.num_bins}", f"sensor_{digest(sensor)}"]
+    names = [f"T{sketch.sensor.num_bins}", f"sensor_{digest(sketch.sensor)}"]
     if sketch.cycles:
         names.append(f"cycles_{sketch.cycles}")
     markers = (cdr.Field(name, 0, CODES[np.dtype("u1")], 1) for name in names)

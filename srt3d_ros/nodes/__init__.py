@@ -2,7 +2,7 @@
 
 from importlib import import_module
 
-from srt3d_ros.processes.node_names import NODES
+from srt3d_ros.processes.node_command import NODES
 
 
 def all_specs() -> dict:

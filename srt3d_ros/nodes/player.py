@@ -18,7 +18,7 @@ from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.reports import Chain, Reports
 from srt3d_ros.nodes.sources import PACKETS, open_source
 from srt3d_ros.nodes.topics import NodeSpec
-from srt3d_ros.processes.node_names import FRAMES_LOST
+from srt3d_ros.processes.node_command import FRAMES_LOST
 
 ACKNOWLEDGE_S = 5.0
 READY_S = 600.0         # timeout for the nodes of `wait_for`: on a busy machine, kernels compile for minutes

@@ -213,7 +213,7 @@ class ReconstructorNode(PipelineNode):
         settings = self._settings
         near = seen.within(settings["min_range_m"], settings["max_range_m"] or np.inf)
         cloud = near.ordered(settings["surface_order"])
-        data = points_message.encode_cdr(cloud, frame_id, settings["fields"], sketch.sensor)
+        data = points_message.encode_cdr(cloud, frame_id, settings["fields"])
         self.publish_frame(self._points, data, cloud.stamp_ns)
         self.diagnostics.count(points=len(cloud), points_out_of_range=len(seen) - len(cloud),
                                photons=seen.photons)

@@ -265,8 +265,7 @@ class SketcherNode(PipelineNode):
         values, stream = self.parameters, self._stream
         for sketch in sketches:
             self._describe(sketch.sensor)
-            data = sketch_message.encode_cdr(sketch, sketch.sensor, values["frame_id"] or self._frame_id,
-                                             values["layout"])
+            data = sketch_message.encode_cdr(sketch, values["frame_id"] or self._frame_id, values["layout"])
             self.publish_frame(self._sketches, data, sketch.stamp_ns)
             if values["merge_when_busy"]:
                 self._unacknowledged += 1

@@ -6,8 +6,7 @@ import time
 from collections.abc import Callable
 
 from srt3d_ros.processes import children
-from srt3d_ros.processes.node_arguments import node_command
-from srt3d_ros.processes.node_names import FRAMES_LOST, PLAYER
+from srt3d_ros.processes.node_command import FRAMES_LOST, PLAYER, node_command
 
 POLL_S = 0.05           # longest time until a signal or the end of a node is noticed
 SIGNALLED = 128         # plus the signal's number: a shell's exit code for a process ended by a signal

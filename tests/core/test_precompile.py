@@ -49,7 +49,7 @@ def run_as_nodes_do() -> set[str]:
                 reconstruct = Reconstructor(sensor, FREQUENCIES, surfaces=surfaces, background=background,
                                             warm_start=True, device="cpu")
                 for made in sketches(sensor):
-                    raw = sketch_message.encode_cdr(made, sensor, "spad")
+                    raw = sketch_message.encode_cdr(made, "spad")
                     seen = sketch_message.decode_cdr(raw, sensor)[1]
                     reconstruct(Deskewer(sensor, FREQUENCIES)([(10**8, seen)], trajectory, 2 * 10**8))
                     reconstruct(seen)

@@ -183,7 +183,7 @@ def test_photons_are_read_with_the_last_description_before_them(tmp_path, kind):
 
 def sketch_of(sensor, frequencies: tuple[int, ...] = (1,), stamp_ns: int = 0) -> bytes:
     seen = PhotonEvents(np.zeros(3, np.uint32), np.zeros(3, np.uint16), stamp_ns)
-    return sketches.encode_cdr(sketch_photons(seen, sensor, frequencies), sensor, "lidar")
+    return sketches.encode_cdr(sketch_photons(seen, sensor, frequencies), "lidar")
 
 
 SKETCH = sketch_of(SENSOR)

@@ -95,10 +95,10 @@ CODECS = {
     "histograms_16UC5": _histograms(np.uint16, 990),
     "histograms_32SC5": _histograms(np.int32, -10),
     "histograms_32FC5": _histograms(np.float32, -10),
-    "sketch_float32": _codec(sketch, PointCloud2, SKETCH, (SENSOR, "lidar"), (SENSOR,)),
-    "sketch_int16": _codec(sketch, PointCloud2, SKETCH, (SENSOR, "lidar", "int16"), (SENSOR,)),
+    "sketch_float32": _codec(sketch, PointCloud2, SKETCH, ("lidar",), (SENSOR,)),
+    "sketch_int16": _codec(sketch, PointCloud2, SKETCH, ("lidar", "int16"), (SENSOR,)),
     "points_xyzi": _codec(points, PointCloud2, CLOUD, ("lidar",), ()),
-    "points_full": _codec(points, PointCloud2, CLOUD, ("lidar", "full", SENSOR), ()),
+    "points_full": _codec(points, PointCloud2, CLOUD, ("lidar", "full"), ()),
     "image_32FC1": _codec(images, Image, IMAGE, (STAMP_NS, "lidar"), ()),
 }
 

@@ -129,6 +129,6 @@ def test_content_that_breaks_the_contract_is_not_written(codecs, small_sensor):
             (gates.encode_cdr, codecs["gates"].content, (small_sensor.replace(num_bins=23), "lidar"), "^gates word is"),
             (histograms.encode_cdr, codecs["histograms_8UC5"].content, (small_sensor.replace(histograms=None), "lidar"),
              "^histograms shape"),
-            (sketch.encode_cdr, nan, (small_sensor, "lidar"), "^sketch is nan")):
+            (sketch.encode_cdr, nan, ("lidar",), "^sketch is nan")):
         with pytest.raises(InvalidInput, match=said):
             encode(content, *options)

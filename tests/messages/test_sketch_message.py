@@ -39,7 +39,7 @@ def random_sketch(seed: int, rows: int, cols: int, m: int) -> tuple[Sketch, Sens
 def test_any_sketch_makes_the_trip(seed, rows, cols, m, layout):
     content, sensor = random_sketch(seed, rows, cols, m)
     rounding = {"float32": 1e-6, "int16": 0.5 / 32_767 + 1e-6}[layout] * content.photons
-    raw = sketch.encode_cdr(content, sensor, "spad", layout)
+    raw = sketch.encode_cdr(content, "spad", layout)
     header, back = sketch.decode_cdr(raw, sensor)
     assert (header.stamp_ns, header.frame_id, back.stamp_ns) == (seed, "spad", seed)
     assert back.frequencies == content.frequencies and (back.photons == content.photons).all()
@@ -57,7 +57,7 @@ def test_cycles_and_the_photons_before_a_gate_make_the_trip_where_they_are_known
     before = np.arange(12, dtype=np.uint32).reshape(3, 4)
     for known in ({"cycles": 1504}, {"cycles": 1504, "before": before}):
         sent = dataclasses.replace(content, **known)
-        back = sketch.decode_cdr(sketch.encode_cdr(sent, sensor, "spad", layout), sensor)[1]
+        back = sketch.decode_cdr(sketch.encode_cdr(sent, "spad", layout), sensor)[1]
         assert back.cycles == 1504 and (back.before is None) == ("before" not in known)
     np.testing.assert_array_equal(back.before, before, strict=True)
     assert back.armed_cycles.min() == 1504 - 11

@@ -26,7 +26,7 @@ from std_msgs.msg import String
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.messages import sensor_message
-from srt3d_ros.processes.node_arguments import parameter_arguments
+from srt3d_ros.processes.node_command import parameter_arguments
 from tests.nodes.eager_node import EagerNode
 from tools.processes import Process, wait
 

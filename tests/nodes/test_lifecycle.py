@@ -30,7 +30,7 @@ def test_without_autostart_a_node_waits_for_its_manager_and_works_while_it_is_ac
     assert sketches.get_subscription_count() == 0
     for round_ in (1, 2):
         assert graph.change("reconstructor", "activate")
-        graph.matched(sketches).publish(sketch_message.encode_cdr(sketch, sensor, "spad"))
+        graph.matched(sketches).publish(sketch_message.encode_cdr(sketch, "spad"))
         graph.wait(lambda: len(clouds) == round_, "a cloud")
         assert graph.change("reconstructor", "deactivate") and state(graph, "reconstructor") == "inactive"
         graph.wait(lambda: sketches.get_subscription_count() == 0, "nobody on sketch")

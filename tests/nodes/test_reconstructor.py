@@ -11,8 +11,8 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.messages import cdr, points_message, sensor_message, sketch_message
 from srt3d_ros.messages import images_message as image_message
-from srt3d_ros.messages import points_message, sensor_message, sketch_message
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.reconstructor import PARAMETERS
 from tests.nodes.conftest import Graph
@@ -45,7 +45,6 @@ class Reconstructor:
         self.describe(sensor)
 
     def describe(self, sensor: SensorModel) -> None:
-        self._sensor = sensor
         self._description.publish(sensor_message.encode(sensor))
         self.graph.matched(self._sketches)
         self.graph.wait(lambda: [self.graph.report("reconstructor").get(key) for key in ("rows", "num_bins")]
@@ -53,7 +52,7 @@ class Reconstructor:
 
     def send(self, *sketches: Sketch | bytes) -> None:
         for sketch in sketches:
-            data = sketch if isinstance(sketch, bytes) else sketch_message.encode_cdr(sketch, self._sensor, "spad")
+            data = sketch if isinstance(sketch, bytes) else sketch_message.encode_cdr(sketch, "spad")
             self._sketches.publish(data)
 
     def __call__(self, *sketches: Sketch) -> list[tuple]:
@@ -97,9 +96,10 @@ def lies_at(points: dict, sensor: SensorModel, depth: float) -> bool:
 
 def test_a_cloud_keeps_stamp_and_frame_and_bad_sketches_are_survived(reconstructor, sensor, sketch):
     reconstructor.begin(sensor, sketch)
-    small = dataclasses.replace(sketch, sums=sketch.sums[:8], photons=sketch.photons[:8])
-    cut = sketch_message.encode_cdr(sketch, sensor, "spad")[:200]
-    reconstructor.send(cut, sketch_message.encode_cdr(small, sensor, "spad"))
+    raw = sketch_message.encode_cdr(sketch, "spad")
+    whole = cdr.read_cloud(raw)
+    small = dataclasses.replace(whole, height=8, data=whole.data[:8 * whole.row_step])
+    reconstructor.send(raw[:200], cdr.write_cloud(small))
     (header, points), = reconstructor(sketch)
     assert (header.stamp_ns, header.frame_id) == (STAMP_NS, "spad")
     assert len(points["xyz"]) > 0.9 * sensor.pixels and lies_at(points, sensor, 50)
@@ -175,17 +175,16 @@ def test_sketches_are_read_with_the_descriptions_that_they_name_and_wait_for_the
         reconstructor, sensor, events, sketch):
     """The same rows and columns, but another T: read with the other description they would be at other depths."""
     wide = sensor.replace(num_bins=128)
-    fewer = sketch_photons(events, sensor, sketch.frequencies[:7])
+    of_wide, fewer = dataclasses.replace(sketch, sensor=wide), sketch_photons(events, sensor, sketch.frequencies[:7])
     reconstructor.begin(sensor, sketch)
     before = len(reconstructor.clouds)
-    reconstructor.send(*(sketch_message.encode_cdr(sent, one, "spad") for sent, one in (
-        (sketch, wide), (sketch, sensor), (fewer, sensor), (sketch, wide))))
+    reconstructor.send(of_wide, sketch, fewer, of_wide)
     reconstructor.graph.wait(lambda: len(reconstructor.clouds) == before + 2, "the clouds of what is described")
     reconstructor.graph.wait(lambda: reconstructor.graph.report("reconstructor").get("waiting_for", "").endswith(
         f"sketch/sensor, sensor_{sensor_message.digest(wide)}"), "a report of what the others wait for")
     reconstructor.graph.reports("reconstructor", "under_way", 2)
     reconstructor.describe(wide)
-    reconstructor.send(sketch_message.encode_cdr(sketch, sensor, "spad"))
+    reconstructor.send(sketch)
     reconstructor.graph.wait(lambda: len(reconstructor.clouds) == before + 5, "all clouds")
     clouds = [points_message.decode_cdr(raw)[1] for raw in reconstructor.clouds[before:]]
     assert [lies_at(points, sensor, 50) for points in clouds] == [True, True, False, False, True]

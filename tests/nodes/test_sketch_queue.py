@@ -16,8 +16,7 @@ DIGESTS = [sensor_message.digest(text) for text in TEXTS]
 
 def sketch(k: int) -> bytes:
     """A sketch of sensor k."""
-    seen = noise_sketch(SENSORS[k], (1, 2))
-    return sketch_message.encode_cdr(seen, SENSORS[k], "lidar")
+    return sketch_message.encode_cdr(noise_sketch(SENSORS[k], (1, 2)), "lidar")
 
 
 @pytest.fixture

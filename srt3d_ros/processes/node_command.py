@@ -1,10 +1,14 @@
-"""Command lines of nodes, with arguments for ROS 2."""
+"""Names, exit codes and command lines of the nodes, without importing ROS 2."""
 
 import json
 import re
 import sys
 
 from srt3d_ros.errors import require
+
+PLAYER = "player"
+NODES = ("sketcher", "reconstructor", "recorder", PLAYER)
+FRAMES_LOST = 3     # exit code of a player if some of its frames did not become clouds
 
 
 def parameter_arguments(parameters: dict[str, object]) -> list[str]:
