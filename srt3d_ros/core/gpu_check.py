@@ -13,7 +13,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum
 from srt3d_ros.core.sketching.sketch import Sketch
 
-ALIKE = 0.999           # of the pixels must have the same points,
+SHARE_ALIKE = 0.999     # of the pixels must have the same points,
 SIGMAS = 0.1            # within so many standard deviations, or, as baselines have none,
 ROUNDING = 2.0**-19     # of T: some steps of float32
 PHOTONS = 40            # of a pixel of the frame that is tried; half of them signal
@@ -37,7 +37,7 @@ def device_for(device: str, sensor: SensorModel, frequencies: tuple[int, ...], b
         refused = str(error).partition("\n")[0]
     else:
         alike = share_alike(found, wanted, sensor.num_bins)
-        refused = f"{100 * alike:.1f} % of its pixels are as on the CPU" if alike < ALIKE else \
+        refused = f"{100 * alike:.1f} % of its pixels are as on the CPU" if alike < SHARE_ALIKE else \
             f"{1e3 * gpu_s:.0f} ms a frame instead of {1e3 * cpu_s:.0f}" if gpu_s >= cpu_s else ""
     if refused:
         logging.getLogger(__name__).warning(f"the GPU is not used ({refused}): computing on the CPU")

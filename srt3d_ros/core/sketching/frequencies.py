@@ -31,7 +31,7 @@ LEAST_PASSED = 0.1          # |ĥ| of the highest frequency that may be taken
 LADDER = 1.05               # ratio of one highest frequency that is tried to the next
 ROOM = 2**0.5               # by which a design for many photons must be free to exceed that for few, to be worth it
 ENOUGH = 3.0                # the search ends when the highest frequency is this much above the best so far
-ALIKE = 0.02                # differences of log error that hardly matter
+LOG_ERROR_SCALE = 0.02      # designs whose log errors differ by less count as about equally good
 OVERSAMPLING = 4            # cells of the depth grid for each period of the highest frequency
 IRFS_COMPARED = 64
 
@@ -108,8 +108,8 @@ def expected_error_bins(spectrum: np.ndarray, num_bins: int, frequencies, signal
                         background: np.ndarray) -> np.ndarray:
     """The bound on E|t̂ − t| (see above) of frequencies k, for several photon counts.
 
-    The integral is that of P's Gaussian part, Q(d / 2σ), in closed form, and of the difference on a grid: σ may be far
-    smaller than the grid's cells, where the sandwich variance is right; other peaks are as wide as several cells.
+    P(d) is summed on a grid of depths, but for its Gaussian part Q(d / 2σ), σ the sandwich standard deviation: σ may be
+    far smaller than a cell, so that part is integrated in closed form, √(2/π) σ. Other peaks are several cells wide.
 
     Args:
         spectrum: complex [T // 2 + 1], Σ_x h(x) exp(i ω_k x) for k = 0, 1, …
@@ -121,31 +121,48 @@ def expected_error_bins(spectrum: np.ndarray, num_bins: int, frequencies, signal
         float64 [N], bins; infinite where the IRF passes none of the frequencies.
     """
     k = np.asarray(frequencies)
-    cells = 2**int(np.floor(np.log2(OVERSAMPLING * k.max())) + 1)          # above, as q² reaches twice as high
-    step = num_bins / cells
     omega = 2 * np.pi * k / num_bins
-    energy = np.abs(spectrum[k])**2
-    curvature = (omega**2 * energy).sum()
+    curvature = (omega**2 * np.abs(spectrum[k])**2).sum()
     if curvature < 1e-12:
         return np.full(len(signal), np.inf)
-    response, slope, gain = (np.zeros(cells // 2 + 1, complex) for _ in range(3))
-    response[k], slope[k], gain[k] = np.conj(spectrum[k]) / 2, 1j * omega * np.conj(spectrum[k]) / 2, energy / 2
-    irf = np.zeros(cells // 2 + 1, complex)
-    passed = min(len(irf), len(spectrum))
-    irf[:passed] = spectrum[:passed]
-    q, score, share = (_on_grid(part) for part in (response, slope, np.conj(irf) / cells))      # share of h in a cell
-    alike = _on_grid(np.conj(response * np.conj(np.fft.rfft(share * q))))       # Σ h(x) q(x) q(x − d)
-    apart = _on_grid(np.conj(np.fft.rfft(q * q) / cells * irf))                 # Σ h(x) q(x − d)²
-    half = slice(1, cells // 2 + 1)
-    drop = np.maximum(energy.sum() - _on_grid(gain)[half], 0)       # rounding may leave less
-    scatter = np.maximum(apart[0] - 2 * alike[half] + apart[half], 0)
+    drop, scatter, score_variance = _preferences(spectrum, k, omega)
     s, b = np.asarray(signal, np.float64)[:, None], np.asarray(background, np.float64)[:, None]
-    sigma = np.sqrt(np.maximum(s * (share * score**2).sum() + b * curvature / 2, 1e-12)) / (s * curvature)
-    distance = np.arange(1, cells // 2 + 1) * step
-    wrong = _tail(s * drop / np.sqrt(s * scatter + b * drop + 1e-12))
-    wrong = np.maximum.accumulate(wrong[:, ::-1], axis=1)[:, ::-1]
-    rest = wrong - _tail(distance / (2 * sigma))
-    return np.maximum(np.sqrt(2 / np.pi) * sigma[:, 0] + rest.sum(axis=1) * step, 0.1 * sigma[:, 0])
+    sigma = np.sqrt(np.maximum(s * score_variance + b * curvature / 2, 1e-12)) / (s * curvature)
+    step = num_bins / (2 * len(drop))
+    distance = np.arange(1, len(drop) + 1) * step
+    wrong = _tail(s * drop / np.sqrt(s * scatter + b * drop + 1e-12))           # P(d)
+    wrong = np.maximum.accumulate(wrong[:, ::-1], axis=1)[:, ::-1]              # max{P(d'): d' ≥ d}
+    beside_gaussian = (wrong - _tail(distance / (2 * sigma))).sum(axis=1) * step
+    sigma = sigma[:, 0]
+    return np.maximum(np.sqrt(2 / np.pi) * sigma + beside_gaussian, 0.1 * sigma)
+
+
+def _preferences(spectrum: np.ndarray, k: np.ndarray, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """D(d) and V(d) on the grid of depths 0 < d ≤ T/2, float64 [cells / 2] each; and Σ_x h(x) q′(x)².
+
+    With Fourier series: those of q and of its slope q′ have the coefficients conj(ĥ_l) / 2 and i ω_l conj(ĥ_l) / 2.
+    """
+    cells = 2**int(np.floor(np.log2(OVERSAMPLING * k.max())) + 1)       # above 2 k_max: q² reaches twice as high
+    passed, energy = spectrum[k], np.abs(spectrum[k])**2
+
+    def series(coefficients: np.ndarray) -> np.ndarray:
+        """The Fourier series with these coefficients at k."""
+        every = np.zeros(cells // 2 + 1, complex)
+        every[k] = coefficients
+        return every
+
+    of_q = series(np.conj(passed) / 2)
+    q, slope = _on_grid(of_q), _on_grid(series(1j * omega * np.conj(passed) / 2))
+    of_irf = np.zeros(cells // 2 + 1, complex)
+    kept = min(len(of_irf), len(spectrum))
+    of_irf[:kept] = spectrum[:kept]
+    irf = _on_grid(np.conj(of_irf) / cells)                             # share of h in each cell
+    products = _on_grid(np.conj(of_q * np.conj(np.fft.rfft(irf * q))))          # Σ h(x) q(x) q(x − d)
+    squares = _on_grid(np.conj(np.fft.rfft(q * q) / cells * of_irf))            # Σ h(x) q(x − d)²
+    half = slice(1, cells // 2 + 1)
+    drop = np.maximum(energy.sum() - _on_grid(series(energy / 2))[half], 0)     # rounding may leave less than 0
+    scatter = np.maximum(squares[0] - 2 * products[half] + squares[half], 0)
+    return drop, scatter, float((irf * slope**2).sum())
 
 
 def nominal_photons(sketch_size: int, most: float = SCORES[1]) -> tuple[np.ndarray, np.ndarray]:
@@ -173,7 +190,7 @@ def _design(irf: bytes, num_bins: int, sketch_size: int, most: float = SCORES[1]
         return progression(sketch_size, sketch_size)
     # Side peaks that fall low by rounding, for one K and not the next, are luck that tilted surfaces and two depths do
     # not share: so not the best K, but the mean of the good ones.
-    weights = np.exp((np.min(errors) - np.array(errors)) / ALIKE)
+    weights = np.exp((np.min(errors) - np.array(errors)) / LOG_ERROR_SCALE)
     return progression(round(np.exp(np.average(np.log(tops), weights=weights))), sketch_size, bend)
 
 
