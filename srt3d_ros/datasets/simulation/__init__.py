@@ -1,1 +1,1 @@
-"""Simulated scenes, motions and photons, with the truth attached."""
+"""Simulate scenes, motions and photons, with the truth."""

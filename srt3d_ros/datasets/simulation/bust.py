@@ -1,4 +1,4 @@
-"""A head and shoulders before a wall, turning, nodding and swaying: the scene of the demo, made of ellipsoids."""
+"""The demo's scene: a head and shoulders of ellipsoids in front of a wall, turning, nodding and swaying."""
 
 from dataclasses import dataclass
 
@@ -14,10 +14,10 @@ WALL_M = 2.42                           # depth of the wall, camera frame
 STRIPES_PER_M = 28.0
 
 MARCH_STEPS = 24
-MIN_CLOSING = 0.3                       # so that a secant step never jumps over something thin
+MIN_CLOSING = 0.3                       # limits the secant step, which would jump over thin parts
 HIT_M = 1e-4
-NEARLY_M = 1e-3                         # grazing rays that come this close and no closer also hit
-TEXTURE_BLEND_M = 0.0015                # reflectivity passes from one part to the next over about this length
+NEARLY_M = 1e-3                         # grazing rays that end this close also hit
+TEXTURE_BLEND_M = 0.0015                # width of the transition of reflectivity between two parts
 CM = 0.01
 
 
@@ -26,11 +26,11 @@ class Part:
     """One ellipsoid of a figure, in the figure's own frame: x right, y down, z away from the viewer.
 
     Args:
-        centre_cm, radii_cm: of the axes; a part off the middle plane (`centre_cm[0]` ≠ 0) has a mirror image at −x.
+        centre_cm, radii_cm: along the axes; a part with `centre_cm[0]` ≠ 0 has a mirror image at −x.
         reflectivity: in [0, 1].
         seam_cm: width of the rounded seam to the parts before it.
-        carve: True if the part is taken away from the parts before it.
-        tilt_deg: turned about x, then y, then z.
+        carve: whether to carve the part from the parts before it instead of adding it.
+        tilt_deg: rotation about x, then y, then z.
     """
 
     centre_cm: tuple[float, float, float]
@@ -75,17 +75,16 @@ TORSO = (
 
 
 class Bust:
-    """A person from the shoulders up who looks left and right, nods and sways, seen by `sensor`.
+    """A head and shoulders seen by `sensor`: a scene (scene.Scene) of one surface, 2 to 2.5 m away, in every pixel.
 
-    A scene (scene.Scene) of one surface, 2 to 2.5 m away, that fills the 11° of `scene.default_sensor()`; every pixel
-    sees something. Periods: 8 s to look left and right, 4 s to nod, 5 s to sway.
+    It fills the 11° of `scene.default_sensor()`. It looks left and right in 8 s, nods in 4 s and sways in 5 s.
 
     Args:
         sensor: any with a pinhole projection and at least 2×2 pixels.
     """
 
     def __init__(self, sensor: SensorModel):
-        require(isinstance(sensor.projection, Pinhole), "projection", sensor.projection.kind, "pinhole, for this scene")
+        require(isinstance(sensor.projection, Pinhole), "projection", sensor.projection.kind, "pinhole")
         require(min(sensor.rows, sensor.cols) >= 2, "rows × cols", f"{sensor.rows} × {sensor.cols}", "2 × 2 or more")
         self._shape = (sensor.rows, sensor.cols)
         self._rays = np.ascontiguousarray(sensor.rays.reshape(-1, 3).T, dtype=np.float32)
@@ -122,7 +121,7 @@ class Bust:
 
 
 def _pose(t_s: float) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-    """Rotation and place of the head's and the torso's frames in the camera's frame."""
+    """Rotation and position of the head's and the torso's frames in the camera's frame."""
     sway, breath = np.sin(2 * np.pi * t_s / 5.0), np.sin(2 * np.pi * t_s / 3.5)
     body = rotation(0, 4 * sway, 1.5 * sway)
     at = AT_M + (0.012 * sway, 0.002 * breath, 0.006 * breath)
@@ -135,7 +134,7 @@ def _stripes(points: np.ndarray) -> np.ndarray:
 
 
 def _slope(points: np.ndarray, axis: int) -> np.ndarray:
-    """The smaller of the differences to the two neighbours along an axis, so that depth edges give no false slope."""
+    """The smaller difference to the two neighbours along an axis, so that depth edges give no false slope."""
     step = np.diff(points, axis=axis)
     first, last = step.take([0], axis=axis), step.take([-1], axis=axis)
     before, after = np.concatenate([first, step], axis=axis), np.concatenate([step, last], axis=axis)
@@ -144,7 +143,7 @@ def _slope(points: np.ndarray, axis: int) -> np.ndarray:
 
 
 class Figure:
-    """The surface of a table of parts, each added to or carved from the ones before it; symmetric about x = 0."""
+    """The surface of parts that are added or carved in turn; symmetric about x = 0."""
 
     def __init__(self, parts: tuple[Part, ...]):
         self._parts = parts
@@ -158,13 +157,13 @@ class Figure:
         self._inverse_radii2 = (1 / radii**2).T.astype(np.float32)
         self._solid = np.array([not part.carve for part in parts])
         self._reflectivity = np.array([part.reflectivity for part in parts], dtype=np.float32)[self._solid]
-        reach = np.sqrt(np.einsum("pij,pj->pi", turns**2, radii**2))                # half sides of each part's box
+        reach = np.sqrt(np.einsum("pij,pj->pi", turns**2, radii**2))                # half sides of the boxes
         self._low = (centres - reach).min(axis=0).astype(np.float32)
         self._high = (centres + reach).max(axis=0).astype(np.float32)
         self._low[0] = -self._high[0]
 
     def march(self, origin: np.ndarray, rays: np.ndarray) -> np.ndarray:
-        """Distance from `origin`, outside the figure, along unit vectors float32 [3, N] to the first hit, or +inf."""
+        """Distance from `origin` (outside) along unit vectors float32 [3, N] to the first hit, +inf without one."""
         hit_at = np.full(rays.shape[1], np.inf, np.float32)
         t, leave = self._through_box(origin, rays)
         active = np.flatnonzero(t < leave)
@@ -172,7 +171,7 @@ class Figure:
         step = gap = None
         for _ in range(MARCH_STEPS):
             before, gap = gap, self.distance(origin[:, None] + t * rays)
-            # Sphere tracing crawls along grazing surfaces; dividing by how fast the gap closes (a secant) does not.
+            # Sphere tracing is slow at grazing incidence: divide by the closing speed of the gap (a secant step).
             closing = 1 if before is None else np.clip((before - gap) / step, MIN_CLOSING, 1)
             step = gap / closing
             t = t + step
@@ -204,11 +203,11 @@ class Figure:
         return np.einsum("p,pn->n", self._reflectivity, weight) / weight.sum(axis=0)
 
     def _distances(self, points: np.ndarray) -> np.ndarray:
-        """About the distance to each part, [P, N]: u (u − 1) / |∇(u²/2)| of u, the radius in units of the part's."""
+        """Approximate distance to each part, [P, N]: u (u − 1) / |∇(u²/2)|, u the radius in units of the part's."""
         homogeneous = np.ones((4, points.shape[1]), np.float32)
         np.abs(points[0], out=homogeneous[0])
         homogeneous[1:3] = points[1:]
-        # einsum, not @: threaded BLAS is many times slower than one thread while others use the cores.
+        # einsum instead of @: threaded BLAS is many times slower while other processes use the cores.
         squares = np.einsum("ij,jn->in", self._affine, homogeneous).reshape(3, len(self._parts), -1)
         squares *= squares
         u = np.sqrt(squares.sum(axis=0))
@@ -216,7 +215,7 @@ class Figure:
         return u * (u - 1) / np.maximum(slope, 1e-6)
 
     def _through_box(self, origin: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where rays enter and leave the figure's box; enter ≥ leave: they miss it."""
+        """Distances at which rays enter and leave the bounding box; enter ≥ leave if they miss it."""
         safe = np.where(np.abs(rays) < 1e-9, np.float32(1e-9), rays)
         one = (self._low - origin)[:, None] / safe
         other = (self._high - origin)[:, None] / safe
@@ -233,7 +232,7 @@ def rotation(x_deg: float, y_deg: float, z_deg: float) -> np.ndarray:
 
 
 def _rounded_min(a: np.ndarray, b: np.ndarray, seam_m: float) -> np.ndarray:
-    """min(a, b), lowered by up to seam/4 where they nearly meet, which rounds the seam of two bodies."""
+    """min(a, b), lowered by up to seam/4 where a ≈ b, which rounds the seam between two bodies."""
     corner = np.abs(a - b)
     np.subtract(np.float32(seam_m), corner, out=corner)
     np.maximum(corner, 0, out=corner)

@@ -1,7 +1,7 @@
-"""How a simulated sensor moves: poses over time, and odometry.
+"""Simulated motions of a sensor inside `room.Room`, smooth and endless, and their odometry.
 
-Frames follow REP-103 and REP-105: `odom` is fixed, x and y level, z up, the origin in the middle of the floor; the body
-moves in it, x forward, y left, z up. A motion is smooth and goes on for ever inside `room.Room`.
+Frames follow REP-103 and REP-105: `odom` is fixed, z up, the origin in the middle of the floor; the body has x forward,
+y left, z up.
 """
 
 from collections.abc import Callable, Iterator
@@ -15,27 +15,28 @@ from srt3d_ros.core.motion.trajectory import Pose
 Path = Callable[[float], Pose]          # the pose at a time, s
 
 SPEED_M_S, TURN_RAD_S = 1.0, np.radians(30)
-WALK_RADIUS_M = SPEED_M_S / TURN_RAD_S  # of the circle on which both hold: 1.9 m
+WALK_RADIUS_M = SPEED_M_S / TURN_RAD_S  # 1.9 m
 EYE_M = 1.5                             # above the floor
 STEPS_HZ = 1.8                          # of a walking person
-OPTICAL = Pose(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))     # of a camera that looks ahead, in the body's frame
+OPTICAL = Pose(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))     # of a camera looking ahead, in the body's frame
 
 
 def walk(t_s: float) -> Pose:
-    """A person who walks round in a circle at 1 m/s, so turns at 30°/s, looks a little down, and bobs."""
+    """Walk in a circle at 1 m/s and 30°/s, looking slightly down and bobbing."""
     angle, step = TURN_RAD_S * t_s, 2 * np.pi * STEPS_HZ * t_s
     place = np.array([WALK_RADIUS_M * np.cos(angle), WALK_RADIUS_M * np.sin(angle), EYE_M + 0.02 * np.sin(step)])
-    left, down, right = (Pose.turned(vector) for vector in (
-        [0, 0, angle + np.pi / 2], [0, np.radians(8 + 0.5 * np.sin(step)), 0], [np.radians(np.sin(step / 2)), 0, 0]))
-    return Pose((left @ down @ right).rotation, place)
+    yaw = Pose.turned([0, 0, angle + np.pi / 2])
+    pitch = Pose.turned([0, np.radians(8 + 0.5 * np.sin(step)), 0])
+    roll = Pose.turned([np.radians(np.sin(step / 2)), 0, 0])
+    return Pose((yaw @ pitch @ roll).rotation, place)
 
 
 MOTIONS: dict[str, Path] = {"walk": walk}       # of a body in the room
 
 
 class Measured(NamedTuple):
-    """What odometry says: when, s; the body's pose in the fixed frame; its velocity and its rate of turn until the next
-    report, in the body's frame, float64 [3] each."""
+    """An odometry report: time in s, pose of the body in the fixed frame, velocity and turn rate until the next report
+    in the body's frame, float64 [3] each."""
 
     at_s: float
     pose: Pose
@@ -44,7 +45,7 @@ class Measured(NamedTuple):
 
 
 def measured(path: Path, rate_hz: float = 100.0, start_s: float = 0.0) -> Iterator[Measured]:
-    """The poses of a path as exact odometry gives them, so many a second from start_s on, without end."""
+    """Yield exact odometry of a path at `rate_hz` from start_s, without end."""
     for at_s, next_s in pairwise(start_s + k / rate_hz for k in count()):
         pose = path(at_s)
         moved = pose.inverse() @ path(next_s)

@@ -1,4 +1,4 @@
-"""What a moving sensor sees: a furnished room with two busts. Rays are cast from any pose."""
+"""Cast rays from any pose in a furnished room with two busts."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -9,19 +9,19 @@ from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.datasets.simulation.bust import HEAD, TORSO, Figure
 
 LEAST_RAY = np.float32(1e-9)
-SLOPE_M = 1e-3                  # over which the normal of a figure is measured
+SLOPE_M = 1e-3                  # step over which the normal of a figure is measured
 Hits = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
 class Box:
-    """A body with level edges: its middle and size in metres, turned to the left by yaw."""
+    """A box on level ground: middle and size in metres, turned to the left by yaw."""
 
     middle: tuple[float, float, float]
     size: tuple[float, float, float]
     yaw_deg: float = 0.0
     reflectivity: float = 0.5
-    check_m: float = 0.2        # side of the squares of its texture
+    check_m: float = 0.2        # side of the texture's squares
 
 
 WALLS = Box((0, 0, 1.4), (7.0, 6.0, 2.8), reflectivity=0.45, check_m=0.5)       # seen from within
@@ -40,7 +40,7 @@ FURNITURE = (
     Box((-3.2, 0.3, 0.92), (0.4, 0.4, 0.36), reflectivity=0.7),
     Box((0, 0, 0.35), (0.6, 0.6, 0.7), 45, 0.55),                               # table in the middle
 )
-BUSTS = ((0.0, -2.7, 1.5, 80.0), (-3.2, 0.3, 1.5, -15.0))                       # x, y, z of the head; where it looks to
+BUSTS = ((0.0, -2.7, 1.5, 80.0), (-3.2, 0.3, 1.5, -15.0))                       # x, y, z of the head; yaw of its gaze
 
 
 class Room:
@@ -50,14 +50,11 @@ class Room:
         self._head, self._torso = Figure(HEAD), Figure(TORSO)
 
     def cast(self, origin: np.ndarray, rays: np.ndarray) -> Hits:
-        """What rays from a point meet first.
+        """Metres along rays to the first hit, and its reflectivity; float32 [N] each.
 
         Args:
-            origin: float [3], metres, inside the room and outside of what is in it.
+            origin: float [3], metres, in the free space of the room.
             rays: float32 [3, N], unit vectors.
-
-        Returns:
-            Metres along the rays and reflectivity; float32 [N] each.
         """
         origin = np.asarray(origin, np.float64)
         range_m, reflectivity = _cast_box(WALLS, origin, rays, within=True)
@@ -77,7 +74,7 @@ class Room:
 
 
 def _near(way: np.ndarray, radius_m: float, rays: np.ndarray) -> np.ndarray:
-    """Indices of the rays that meet a ball whose middle lies so from where they begin."""
+    """Indices of the rays that hit a ball whose centre is `way` from their origin."""
     distance = float(np.linalg.norm(way))
     if distance <= radius_m:
         return np.arange(rays.shape[1])
@@ -86,34 +83,42 @@ def _near(way: np.ndarray, radius_m: float, rays: np.ndarray) -> np.ndarray:
 
 
 def _cast_box(box: Box, origin: np.ndarray, rays: np.ndarray, within: bool = False) -> Hits:
-    """Where rays enter a box, +inf if they miss it; or from within, where they leave it."""
+    """Where rays enter a box, +inf if they miss it; with `within`, where they leave it."""
     half = (np.array(box.size) / 2).astype(np.float32)[:, None]
     turn = Pose.turned([0, 0, np.radians(box.yaw_deg)]).rotation
     start = ((origin - box.middle) @ turn).astype(np.float32)[:, None]
     rays = rays if not box.yaw_deg else np.einsum("ji,jn->in", turn.astype(np.float32), rays)
     inverse = 1 / np.where(np.abs(rays) < LEAST_RAY, np.copysign(LEAST_RAY, rays), rays)
     side = np.copysign(half, rays)
-    leaves_at = (side - start) * inverse
-    range_m = at = np.minimum(np.minimum(leaves_at[0], leaves_at[1]), leaves_at[2])
-    if not within:
-        leaves_at, last = (-side - start) * inverse, at         # where rays come through the planes of the near faces
-        range_m = at = np.maximum(np.maximum(leaves_at[0], leaves_at[1]), leaves_at[2])
-        hit = np.flatnonzero((at > 0) & (at < last))
-        range_m, rays, leaves_at, at = np.full(len(at), np.inf, np.float32), rays[:, hit], leaves_at[:, hit], at[hit]
-        range_m[hit] = at
-    squares = np.floor((start + at * rays) * np.float32(1 / box.check_m) + np.float32(0.25))
-    face = leaves_at == at                                      # the other two coordinates are within the face
-    odd = (squares.sum(axis=0) - (squares * face).sum(axis=0)) % 2
-    cosine = np.abs(rays * face).max(axis=0)
-    shade = box.reflectivity * (1.2 - 0.5 * odd) * (0.25 + 0.75 * cosine)
-    reflectivity = shade.astype(np.float32) if within else np.zeros(len(range_m), np.float32)
-    if not within:
-        reflectivity[hit] = shade
+    far_at = (side - start) * inverse
+    leave_at = np.minimum(np.minimum(far_at[0], far_at[1]), far_at[2])
+    if within:
+        return leave_at, _shade(box, start, rays, far_at, leave_at).astype(np.float32)
+    near_at = (-side - start) * inverse
+    enter_at = np.maximum(np.maximum(near_at[0], near_at[1]), near_at[2])
+    hit = np.flatnonzero((enter_at > 0) & (enter_at < leave_at))
+    range_m, reflectivity = np.full(len(enter_at), np.inf, np.float32), np.zeros(len(enter_at), np.float32)
+    range_m[hit] = enter_at[hit]
+    reflectivity[hit] = _shade(box, start, rays[:, hit], near_at[:, hit], enter_at[hit])
     return range_m, reflectivity
 
 
+def _shade(box: Box, start: np.ndarray, rays: np.ndarray, faces_at: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Reflectivity where rays meet a box: a checked texture, darker at grazing incidence.
+
+    Args:
+        faces_at: [3, N], distance along the rays to the planes of the faces.
+        at: [N], distance to the hit.
+    """
+    squares = np.floor((start + at * rays) * np.float32(1 / box.check_m) + np.float32(0.25))
+    face = faces_at == at
+    odd = (squares.sum(axis=0) - (squares * face).sum(axis=0)) % 2      # of the two coordinates within the face
+    cosine = np.abs(rays * face).max(axis=0)
+    return box.reflectivity * (1.2 - 0.5 * odd) * (0.25 + 0.75 * cosine)
+
+
 def _facing(middle: np.ndarray, yaw: float) -> Pose:
-    """Of a figure's frame (x right, y down, z away from the viewer) that looks to `yaw`."""
+    """Pose of a figure's frame (x right, y down, z away from the viewer) that looks towards `yaw`."""
     away, down = -np.array([np.cos(yaw), np.sin(yaw), 0]), np.array([0.0, 0, -1])
     return Pose(np.stack([np.cross(down, away), down, away], axis=1), middle)
 

@@ -1,4 +1,4 @@
-"""Scenes to simulate: what every pixel of a sensor sees at a time. The default one is `bust.Bust`."""
+"""Scenes to simulate: the surfaces that each pixel sees. `bust.Bust` is the default scene."""
 
 from typing import Protocol
 
@@ -11,24 +11,23 @@ from srt3d_ros.errors import require
 
 
 class Scene(Protocol):
-    """What a simulator needs of a scene."""
+    """The interface of a scene."""
 
     def frame(self, t_s: float) -> tuple[np.ndarray, np.ndarray]:
         """The scene at time `t_s`.
 
         Returns:
-            range_m: float [S, rows, cols], metres along each pixel's ray; NaN = no surface. A pixel may see several
-                surfaces; their order is free.
-            reflectivity: float [S, rows, cols], of 0 or more: relative strength of the returns.
+            range_m: float [S, rows, cols], metres along each pixel's ray to its surfaces in any order; NaN = none.
+            reflectivity: float [S, rows, cols], 0 or more, relative strength of the returns.
         """
 
 
 class StaticScene:
-    """A scene that does not move, such as a measured depth map.
+    """A static scene, such as a measured depth map.
 
     Args:
         range_m: [rows, cols] or [S, rows, cols], metres along the rays; NaN = no surface.
-        reflectivity: the same shape, 0 or more; or one number for all.
+        reflectivity: same shape, 0 or more; or one number for all.
     """
 
     def __init__(self, range_m: np.ndarray, reflectivity: np.ndarray | float = 1.0):
@@ -40,7 +39,7 @@ class StaticScene:
         self._reflectivity = np.broadcast_to(reflectivity, range_m.shape).reshape(self._range_m.shape)
 
     def frame(self, t_s: float) -> tuple[np.ndarray, np.ndarray]:
-        """The same at every time; see Scene."""
+        """Range and reflectivity, the same at any time; see Scene."""
         return self._range_m, self._reflectivity
 
 

@@ -1,4 +1,4 @@
-"""Photons of a simulated scene, by the observation model of the SRT3D paper, with the truth attached."""
+"""Simulate photons of a scene by the observation model of the SRT3D paper, with the true depths."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ QUANTILES = 2**16
 
 
 class Simulator:
-    """A sensor that looks at a scene; frame k starts at k / frame_rate_hz.
+    """A sensor looking at a scene; frame k starts at k / frame_rate_hz.
 
     The photons of pixel (i, j) are a Poisson process over the T bins (Tachella, Sheehan and Davies, ICASSP 2022,
     eq. 1 and 2, with the gain of RT3D): Σ_k r_ijk h(x − t_ijk) + b, times the pixel's gain, wrapped modulo T, with
@@ -21,19 +21,19 @@ class Simulator:
     interpolation. r is the scene's reflectivity times a constant; the background b is uniform over pixels, and over
     bins unless the sensor has a background_shape.
 
-    That constant and b are set once, on frame 0, over the pixels that the sensor's mask leaves in:
+    That constant and b are set on frame 0, over the pixels inside the sensor's mask:
         ppp = mean over pixels of the expected photons per frame, signal and background together;
         sbr = expected signal photons / expected background photons, summed over all pixels and bins.
-    A scene that moves nearer or brighter later gives more photons later, as it would with a real sensor.
+    A scene that later moves nearer or brightens gives more photons, as with a real sensor.
 
-    If the sensor has `cycles`, each photon comes in one of these, and pixels see only the first of a cycle: fewer than
-    `ppp`.
+    If the sensor has `cycles`, each photon falls into a random one, and a pixel detects only the first photon of a
+    cycle: fewer than `ppp`.
 
     Args:
-        scene: `Bust`, the moving head and shoulders, unless given.
-        sensor: `default_sensor()` unless given; pixels that its mask leaves out give no photons.
+        scene: by default `Bust`, the moving head and shoulders.
+        sensor: by default `default_sensor()`. Masked pixels give no photons.
         sbr: above 0, or infinite for no background.
-        seed: frame k depends on the arguments and on k only, not on what was asked before.
+        seed: with the other arguments and k, it determines frame k.
 
     Raises:
         InvalidInput: naming the argument that cannot be used.
@@ -56,15 +56,14 @@ class Simulator:
         used = max(np.count_nonzero(self._gain), 1)
         background_share = 1 / (1 + sbr)
         mean_signal = (relative * self._gain).sum() / used
-        require(mean_signal > 0 or ppp == 0, "scene", "dark", "some reflectivity in frame 0")
+        require(mean_signal > 0 or ppp == 0, "scene", problem="The scene reflects nothing in frame 0.")
         self._brightness = ppp * (1 - background_share) / mean_signal if ppp else 0.0
         self._background = ppp * background_share * used / max(self._gain.sum(), 1e-30)
 
     def frame(self, k: int) -> tuple[PhotonEvents, np.ndarray]:
-        """Photons of frame k, sorted by pixel, stamped k / frame_rate_hz; and the true depths.
+        """Photons of frame k, sorted by pixel and stamped k / frame_rate_hz, and the true depths.
 
-        Returns:
-            The photons, and float32 [S, rows, cols]: the depth of each surface, bins in [0, T), NaN = no surface.
+        Depths are float32 [S, rows, cols], bins in [0, T), NaN = no surface.
         """
         depth, signal, background = self.expected(k)
         random = np.random.default_rng([self._seed, k])
@@ -75,11 +74,7 @@ class Simulator:
         return PhotonEvents(*events, stamp_ns), depth
 
     def expected(self, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What frame k is drawn from: depths as from `frame`, expected photons of each return, and of the background.
-
-        Returns:
-            float32 [S, rows, cols] in bins; float [S, rows, cols]; float [rows, cols], over all bins.
-        """
+        """Depths as from `frame`, expected photons of each return [S, rows, cols], of the background [rows, cols]."""
         depth, relative = self._look(k)
         return depth, relative * self._gain * self._brightness, self._gain * self._background
 
@@ -93,17 +88,17 @@ class Simulator:
         seen = np.isfinite(range_m)
         along_m = np.where(seen, range_m, np.nan).astype(np.float64)
         depth = sensor.wrapped(sensor.depth_bins(along_m))
-        require(bool((reflectivity[seen] >= 0).all()), "reflectivity", "negative or NaN in places", "0 or more")
+        require(bool((reflectivity[seen] >= 0).all()), "reflectivity", problem="Some reflectivity is negative or NaN.")
         return depth, np.where(seen, reflectivity, 0)
 
     def _draw(self, depth: np.ndarray, signal: np.ndarray, background: np.ndarray,
               random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """pixel and ToA of one frame; within a pixel first the photons of its surfaces, then its background."""
+        """Pixel and ToA of a frame's photons, sorted by pixel, then by surface, background last."""
         sensor, surfaces = self.sensor, len(depth)
         rates = np.concatenate([signal, background[None]]).reshape(surfaces + 1, -1).T
         counts = random.poisson(rates)
         pixel = np.repeat(np.arange(sensor.pixels, dtype=np.uint32), counts.sum(axis=1))
-        # ToA = floor(where the IRF would start + a draw from it); a background photon may start anywhere.
+        # ToA = floor(start of the IRF + a draw from it); background photons start at NaN and are drawn below.
         late = 0 if sensor.delay_bins is None else sensor.delay_bins
         starts = np.full((sensor.pixels, surfaces + 1), np.nan, np.float32)
         starts[:, :surfaces] = (depth + late - sensor.irf_ref).reshape(surfaces, -1).T
@@ -117,7 +112,7 @@ class Simulator:
         return pixel, bins.astype(np.uint16)
 
     def _draw_background(self, pixel: np.ndarray, random: np.random.Generator) -> np.ndarray:
-        """Bins of background photons, not yet wrapped."""
+        """ToA of background photons in bins, not yet wrapped."""
         sensor = self.sensor
         if sensor.background_shape is None:
             return random.integers(0, sensor.num_bins, len(pixel))
@@ -129,7 +124,7 @@ class Simulator:
 
 def _first_of_cycle(pixel: np.ndarray, toa: np.ndarray, cycles: int, random: np.random.Generator
                     ) -> tuple[np.ndarray, np.ndarray]:
-    """The photons that a pixel sees if it is blind after the first of a laser cycle, sorted by pixel."""
+    """The photons of pixels that detect only the first one in each laser cycle, sorted by pixel."""
     cycle = random.integers(0, cycles, len(pixel))
     order = np.lexsort((toa, cycle, pixel))
     pixel, toa, cycle = pixel[order], toa[order], cycle[order]
@@ -138,18 +133,18 @@ def _first_of_cycle(pixel: np.ndarray, toa: np.ndarray, cycles: int, random: np.
 
 
 class _IrfSampler:
-    """Draws times, in bins from the beginning of an IRF, from the density that is irf[j] over [j, j + 1)."""
+    """Draw times in bins from the density irf[j] over [j, j + 1)."""
 
     def __init__(self, irf: np.ndarray):
         cumulative = np.cumsum(irf, axis=-1, dtype=np.float64)
         cumulative /= cumulative[..., -1:]
         self._quantiles = None
-        if irf.ndim == 1:       # a table is several times faster than a search; it is exact to 2⁻¹⁶ of the photons
+        if irf.ndim == 1:       # a table is several times faster than a search, and exact to 2⁻¹⁶ of the photons
             edges = np.concatenate([[0.0], cumulative])
             quantile = np.interp(np.linspace(0, 1, QUANTILES + 1), edges, np.arange(len(edges)))
             self._quantiles, self._steps = quantile[:-1].astype(np.float32), np.diff(quantile).astype(np.float32)
         else:
-            self._cumulative = cumulative + np.arange(len(irf))[:, None]        # that of pixel p lies in (p, p + 1]
+            self._cumulative = cumulative + np.arange(len(irf))[:, None]        # of pixel p in (p, p + 1]
 
     def __call__(self, pixel: np.ndarray, random: np.random.Generator) -> np.ndarray:
         """One draw for every entry of `pixel`, float32."""
