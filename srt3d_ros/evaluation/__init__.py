@@ -1,1 +1,1 @@
-"""What `srt3d evaluate` does: every method on simulated scenes and photon files, compared with the truth."""
+"""Run every method on simulated scenes and photon files, and compare its clouds with the truth."""

@@ -1,4 +1,4 @@
-"""Cases: photons with a known truth, from the simulator or from files, made when they are needed."""
+"""Cases to evaluate: photons of the simulator or of files with their truth, made when needed."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,22 +19,22 @@ from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.evaluation import held_out
 from srt3d_ros.evaluation.scenes import NetScene, net_sensor
 
-# Of each scene: what is seen, by which sensor; unless asked otherwise, tolerance and most surfaces in a pixel.
+# Scene, sensor, and default tolerance and surfaces a pixel.
 SCENES = {"bust": (Bust, default_sensor, "40mm", 1), "net": (NetScene, net_sensor, "3", 2)}
 FILE_TOLERANCE = "10"
-SEEN_PHOTONS, SEEN_BINS = 8, 60.0       # an aligned reference counts in pixels with so many photons so near
+SEEN_PHOTONS, SEEN_BINS = 8, 60.0       # an aligned reference counts in pixels with 8 photons within 60 bins
 
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """Photons and their truth, as far as it is known.
+    """Photons and their truth, if known.
 
     Args:
         frame: the photons.
-        depth_bins: float [S, rows, cols], NaN = unknown or no surface; None without any reference.
+        depth_bins: float [S, rows, cols], NaN = unknown or no surface; None without a reference.
         intensity: float [S, rows, cols], expected signal photons, or None.
-        complete: pixels without a depth have no surface; otherwise, their truth is unknown.
-        held_out: photons kept from `frame`, which judge the clouds, or None.
+        complete: whether pixels without a depth have no surface; otherwise their truth is unknown.
+        held_out: photons that are kept from `frame` to judge the clouds, or None.
     """
 
     frame: PhotonEvents
@@ -44,7 +44,7 @@ class Observation:
     held_out: PhotonEvents | None = None
 
     def true_cloud(self, sensor: SensorModel) -> Cloud | None:
-        """The cloud of a perfect reconstruction; None without any reference."""
+        """The cloud of a perfect reconstruction; None without a reference."""
         if self.depth_bins is None:
             return None
         depth = np.swapaxes(self.depth_bins, 0, 1)
@@ -61,12 +61,12 @@ class Case:
         source: name of the scene or file.
         observe: makes the photons.
         surfaces: K, most surfaces in a pixel.
-        tolerance_bins: τ: the largest depth error of a true detection.
-        sbr, ppp: of the simulation: signal over background, mean photons per pixel; None for a file.
-        repeat: which of several draws of the same photons, from 1.
-        aligned: numbers, from 0, of the references that are shifted by their median offset from the cloud.
+        tolerance_bins: τ, the largest depth error of a true detection.
+        sbr, ppp: signal over background and mean photons per pixel of a simulation; None for a file.
+        repeat: number of the random draw, from 1.
+        aligned: indices of the references to shift by their median offset from the cloud.
         notes: for the user.
-        held_out: share of the photons that judges the clouds of the others, or None.
+        held_out: share of the photons that judges the cloud of the others, or None.
     """
 
     source: str
@@ -83,17 +83,15 @@ class Case:
 
     @property
     def title(self) -> str:
-        """Source, SBR and photons per pixel, for messages."""
+        """Source, SBR and photons per pixel."""
         return self.source if self.sbr is None else f"{self.source}, SBR {self.sbr:g}, {self.ppp:g} ppp"
 
 
 def simulated(scene: str, sbrs: Sequence[float], ppps: Sequence[float], repeats: int = 1, tolerance: str | None = None,
               surfaces: int | None = None) -> list[Case]:
-    """A scene at every signal-to-background ratio and number of photons per pixel.
+    """A scene of SCENES at every signal-to-background ratio and number of photons per pixel.
 
-    Args:
-        scene: one of SCENES.
-        tolerance: as for `tolerance_bins`.
+    `tolerance` is as for `tolerance_bins`.
     """
     for sbr in sbrs:
         require(0 < sbr < np.inf, "--sbr", sbr, "ratios above 0")
@@ -115,10 +113,10 @@ def simulated(scene: str, sbrs: Sequence[float], ppps: Sequence[float], repeats:
 
 def of_files(files: list[str], tolerance: str | None = None, surfaces: int | None = None,
              aligned: Sequence[int] = (), held_out_share: float | None = 0) -> list[Case]:
-    """Photon files; `surfaces` is by default the number of a file's references.
+    """A case for each photon file; `surfaces` is by default the number of its references.
 
     Args:
-        held_out_share: of the photons, or 0 for none; None: the usual share of a file that has no reference.
+        held_out_share: of the photons; 0 for none, None for USUAL_SHARE of files without a reference.
     """
     cases = []
     for photons in map(datasets.read, files):
@@ -131,18 +129,19 @@ def of_files(files: list[str], tolerance: str | None = None, surfaces: int | Non
                           surfaces or max(references, 1), within, aligned=tuple(k for k in aligned if k < references),
                           notes=tuple(f"{photons.name}: {note}" for note in (*photons.notes, *more)), held_out=share))
     names = [case.source for case in cases]
-    require(len(set(names)) == len(names), "files", max(names, key=names.count, default=""), "each file name once")
+    for name in names:
+        require(names.count(name) == 1, "files", problem=f"Two files are called {name}: rename one.")
     return cases
 
 
 def _held_out_share(photons: Photons, asked: float | None, references: int) -> tuple[float | None, tuple[str, ...]]:
-    """The share of a file's photons that is held out, None without any; and what the user did not ask for."""
+    """The share of a file's photons to hold out, or None; and a note if the user did not ask for it."""
     share = held_out.USUAL_SHARE if asked is None and references == 0 else asked
     if not share:
         return None, ()
     least, number = held_out.LEAST_PHOTONS / min(share, 1 - share), photons.frame.photons
-    require(number >= least or asked is None, photons.name, f"{number} photons",
-            f"{np.ceil(least):.0f} or more for --held-out-photons {share:g}")
+    require(number >= least or asked is None, photons.name, problem=f"{photons.name} has {number} photons: "
+            f"--held-out-photons {share:g} needs {np.ceil(least):.0f} or more.")
     if number < least:
         return None, (f"no reference, and too few photons to hold some out ({number}): nothing judges the clouds",)
     note = (f"no reference: clouds of {1 - share:.0%} of the photons are judged by how well they predict the others "
@@ -151,7 +150,7 @@ def _held_out_share(photons: Photons, asked: float | None, references: int) -> t
 
 
 def tolerance_bins(text: str, sensor: SensorModel) -> float:
-    """τ in bins, from "10" bins or "40mm" of range."""
+    """τ in bins from a text such as "10" (bins) or "40mm" (of range)."""
     expected = "bins such as 10, or millimetres such as 40mm, above 0"
     try:
         value = float(text.removesuffix("mm"))
@@ -162,12 +161,14 @@ def tolerance_bins(text: str, sensor: SensorModel) -> float:
 
 
 def photons_near(frame: PhotonEvents, depth_bins: np.ndarray, bins: float, sensor: SensorModel) -> np.ndarray:
-    """How many photons of each pixel lie within `bins` of a depth, int [rows, cols]; 0 where the depth is NaN."""
+    """Number of photons within `bins` of the depth, int [rows, cols]; 0 where the depth is NaN."""
     position = frame.toa.astype(np.float64)
     apart = np.abs(circular_difference(position, depth_bins.ravel()[frame.pixel], sensor.num_bins))
     return np.bincount(frame.pixel[apart <= bins], minlength=sensor.pixels).reshape(sensor.rows, sensor.cols)
 
 
 def _observed(photons: Photons, held_out_share: float | None) -> Observation:
-    frame, kept = (photons.events, None) if held_out_share is None else held_out.split(photons.events, held_out_share)
+    if held_out_share is None:
+        return Observation(photons.events, photons.reference_depth_bins)
+    frame, kept = held_out.split(photons.events, held_out_share)
     return Observation(frame, photons.reference_depth_bins, held_out=kept)

@@ -1,4 +1,4 @@
-"""The figures of an evaluation: metrics and clouds. Needs matplotlib."""
+"""Draw an evaluation's metrics and clouds. Needs matplotlib."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,13 +9,13 @@ from srt3d_ros.evaluation.run import Outcome
 from srt3d_ros.pictures.curves import draw_metrics
 from srt3d_ros.pictures.panels import Panel, Strip, draw_clouds
 
-STRIPS = 10         # most rows of a picture that is still readable
+MOST_STRIPS = 10    # rows in a picture; more are not readable
 
 
 def draw(folder: Path, rows: Sequence[dict], shown: Sequence[Outcome]) -> None:
-    """Draw the metrics of averaged rows against photons per pixel, scene by scene, and the clouds that are shown.
+    """Draw metrics of averaged rows against photons per pixel for each scene, and the clouds of `shown`.
 
-    Clouds lie side by side in a picture of each scene and of all files together.
+    There is a picture of clouds for each scene, and one for all files.
     """
     for source in dict.fromkeys(row["source"] for row in rows if row["sbr"]):
         chosen = [row for row in rows if row["source"] == source]
@@ -28,7 +28,7 @@ def draw(folder: Path, rows: Sequence[dict], shown: Sequence[Outcome]) -> None:
         case = outcome.job.case
         of_picture.setdefault("files" if case.sbr is None else case.source, {}).setdefault(case, []).append(outcome)
     for source, of_case in of_picture.items():
-        strips = [_strip(case, outcomes) for case, outcomes in list(of_case.items())[:STRIPS]]
+        strips = [_strip(case, outcomes) for case, outcomes in list(of_case.items())[:MOST_STRIPS]]
         draw_clouds(folder / f"reconstructions_{source}.png", strips, f"{source}: reconstructions, coloured by range")
 
 

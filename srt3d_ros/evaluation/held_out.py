@@ -1,4 +1,4 @@
-"""How well a cloud predicts photons that were kept from its reconstruction; docs/evaluation.md has the equations."""
+"""Measure how well a cloud predicts held-out photons (equations: docs/evaluation.md)."""
 
 import numpy as np
 
@@ -7,28 +7,28 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 
 SEED = 7
-USUAL_SHARE = 0.4           # of the photons of a file without a reference: docs/evaluation.md
-LEAST_PHOTONS = 100         # of each part of a file
-LEAST_BACKGROUND = 0.02     # photons of a pixel of gain 1
-EVEN_BACKGROUND = 0.01      # share of a known background that is spread evenly, for bins where it has none
-WINDOW = 5                  # pixels along the side of the square over which the background is averaged
+USUAL_SHARE = 0.4           # of the photons of a file without a reference (docs/evaluation.md)
+LEAST_PHOTONS = 100         # in each part of a file
+SMALLEST_BACKGROUND = 0.02     # photons of a pixel with gain 1
+EVEN_BACKGROUND = 0.01      # share of a known background that is spread evenly, because its shape may be 0 in bins
+WINDOW = 5                  # side of the square over which the background is averaged, pixels
 
 
 def split(frame: PhotonEvents, share: float) -> tuple[PhotonEvents, PhotonEvents]:
-    """The photons to reconstruct, and those held out: each with the probability `share`, the same ones every time."""
+    """Photons to reconstruct, and photons held out: each with probability `share`, the same ones every time."""
     seen = np.random.default_rng(SEED).random(frame.photons) < 1 - share
     return frame.part(seen), frame.part(~seen)
 
 
 def gain(cloud: Cloud, sensor: SensorModel, seen: PhotonEvents, held_out: PhotonEvents, share: float) -> dict:
-    """Log-likelihood of the held-out photons under the cloud, over that under "background only"; nats / 100 pixels.
+    """Log-likelihood ratio of the held-out photons: cloud over "background only", nats / 100 pixels.
 
     Args:
         cloud: reconstructed from the photons `seen`.
-        share: of all photons that is held out.
+        share: share of held-out photons.
 
     Returns:
-        held_out_nats and held_out_std, its standard error, over all pixels that are not masked.
+        held_out_nats and its standard error held_out_std, over the pixels that are not masked.
     """
     seen_by = sensor.exposure.reshape(-1).astype(np.float64)
     signal, background, without = _rates(cloud, sensor, seen, seen_by)
@@ -45,18 +45,21 @@ def gain(cloud: Cloud, sensor: SensorModel, seen: PhotonEvents, held_out: Photon
 
 
 def _rates(cloud: Cloud, sensor: SensorModel, seen: PhotonEvents, seen_by: np.ndarray):
-    """Signal, background, and background if there is no signal; photons of a pixel at gain 1, float [pixels] each."""
+    """Signal, background, and background without signal; photons of a pixel at gain 1, float [pixels] each."""
     intensity = np.maximum(cloud.intensity.astype(np.float64), 0)
     signal = np.bincount(_pixel(cloud, sensor), intensity, minlength=sensor.pixels)
     photons = np.bincount(seen.pixel, minlength=sensor.pixels) * (seen_by > 0)
-    exposed = _around(seen_by, sensor)
-    return signal, *(np.maximum(_around(part, sensor) / np.maximum(exposed, 1e-9), LEAST_BACKGROUND)
-                     for part in (np.maximum(photons - seen_by * signal, 0), photons))
+    exposed = np.maximum(_around(seen_by, sensor), 1e-9)
+
+    def background(part: np.ndarray) -> np.ndarray:
+        return np.maximum(_around(part, sensor) / exposed, SMALLEST_BACKGROUND)
+
+    return signal, background(np.maximum(photons - seen_by * signal, 0)), background(photons)
 
 
 def _log_ratio(cloud: Cloud, sensor: SensorModel, pixel: np.ndarray, toa: np.ndarray, background: np.ndarray,
                without: np.ndarray) -> np.ndarray:
-    """log(λ / λ₀) of each photon."""
+    """log(λ / λ₀) of each photon: rate with the cloud over rate without."""
     bins, of_point = sensor.num_bins, _pixel(cloud, sensor)
     position = toa.astype(np.float64)
     if sensor.delay_bins is not None:
@@ -76,7 +79,7 @@ def _log_ratio(cloud: Cloud, sensor: SensorModel, pixel: np.ndarray, toa: np.nda
 
 
 def _irf_at(sensor: SensorModel, pixel: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """The IRF between its entries, modulo T, of the pixel of each photon."""
+    """The pixel's IRF at `place`, interpolated between entries, modulo T."""
     irf = np.atleast_2d(sensor.irf)
     low, between = np.divmod(place, 1)
 
@@ -93,6 +96,6 @@ def _pixel(cloud: Cloud, sensor: SensorModel) -> np.ndarray:
 
 
 def _around(values: np.ndarray, sensor: SensorModel) -> np.ndarray:
-    """The sum over the window around each pixel, those of the border repeated outside; float [pixels]."""
+    """Sum over the window around each pixel, with the border repeated outside; float [pixels]."""
     padded = np.pad(values.reshape(sensor.rows, sensor.cols), WINDOW // 2, mode="edge")
     return np.lib.stride_tricks.sliding_window_view(padded, (WINDOW, WINDOW)).sum(axis=(2, 3)).reshape(-1)

@@ -1,4 +1,4 @@
-"""Run methods on cases and compare their clouds with the truth."""
+"""Run methods on cases, and compare their clouds with the truth."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ class Job:
 
     @property
     def settings(self) -> dict:
-        """The columns of the results that say what is done."""
+        """Columns of results.csv that describe the job."""
         case = self.case
         return {"source": case.source, "sbr": case.sbr, "ppp": case.ppp, "repeat": case.repeat,
                 "method": self.method.name, "sketch_size": self.sketch_size, "surfaces": case.surfaces,
@@ -51,7 +51,7 @@ class Job:
 
 
 class Outcome(NamedTuple):
-    """What came of a job: its cloud, and its row of the results."""
+    """The cloud of a job, and its row of results.csv."""
 
     job: Job
     cloud: Cloud
@@ -59,28 +59,28 @@ class Outcome(NamedTuple):
 
 
 def jobs_for(cases: Iterable[Case], methods: Iterable[Method], sketch_sizes: Iterable[int]) -> list[Job]:
-    """Every method on every case: on sketches once for each size, on photons once."""
+    """Every method on every case; methods on sketches once for each size."""
     return [Job(case, method, size) for case in cases for method in methods
             for size in (sketch_sizes if method.needs == "sketch" else (None,))]
 
 
 def run(jobs: Sequence[Job], notes: list[str], bar: tqdm) -> Iterator[Outcome]:
-    """The outcome of each job; `notes` gets a line for each that failed with InvalidInput instead."""
+    """Yield the outcome of each job; one that fails with InvalidInput adds a line to `notes` instead."""
     for case, of_case in groupby(jobs, key=lambda job: job.case):
         bar.set_description(f"{case.title}: photons")
         observation = case.observe()
         for job in of_case:
             bar.set_description(job.title)
             try:
-                yield judged(job, observation)
+                yield outcome(job, observation)
             except InvalidInput as error:
                 notes.append(f"{job.title}: {error}")
             bar.update()
-        del observation         # before the next is made: it may be large
+        del observation         # frees its memory before the next one
 
 
-def judged(job: Job, observation: Observation) -> Outcome:
-    """Run a job on its photons, and compare its cloud with what is known of the truth."""
+def outcome(job: Job, observation: Observation) -> Outcome:
+    """Run a job, and compare its cloud with the known truth."""
     case, sensor = job.case, job.case.sensor
     cloud, facts = reconstruct(job, observation)
     row = job.settings | facts | {
@@ -94,7 +94,7 @@ def judged(job: Job, observation: Observation) -> Outcome:
 
 
 def reconstruct(job: Job, observation: Observation) -> tuple[Cloud, dict]:
-    """A job's cloud, and the frequencies and times (milliseconds) of its reconstruction."""
+    """A job's cloud, and its frequencies and times (milliseconds)."""
     method, sensor = job.method, job.case.sensor
     cloud = Photons(sensor, observation.frame).reconstruct(method=method.name, sketch_size=job.sketch_size,
                                                            surfaces=job.case.surfaces)
@@ -102,7 +102,7 @@ def reconstruct(job: Job, observation: Observation) -> tuple[Cloud, dict]:
 
 
 def judge(cloud: Cloud, case: Case, observation: Observation) -> dict:
-    """The columns of the results that compare a cloud with the truth."""
+    """Columns of results.csv that compare a cloud with the truth."""
     num_bins = case.sensor.num_bins
     reference, counted, offsets = aligned_reference(cloud, case, observation)
     found = evaluate(cloud, reference, case.tolerance_bins, num_bins, observation.intensity, counted,
@@ -116,15 +116,15 @@ def judge(cloud: Cloud, case: Case, observation: Observation) -> dict:
 
 
 def aligned_reference(cloud: Cloud, case: Case, observation: Observation):
-    """The references with `case.aligned` shifted by their median offset from the cloud; which count; the offsets.
+    """References with `case.aligned` shifted by their median offset from the cloud; where they count; the offsets.
 
-    An aligned reference counts only where photons confirm it; points far from it do not count for its offset.
+    An aligned reference counts only where photons confirm it. Points far from it are left out of the offset.
     """
     reference = np.array(observation.depth_bins, dtype=np.float64)
     counted, offsets = np.isfinite(reference), []
     for surface in case.aligned:
         offset = 0.0
-        for _ in range(2):              # the second time with the photons near its new position
+        for _ in range(2):              # again with the photons near the new position
             moved = (reference[surface] + offset) % case.sensor.num_bins
             near = photons_near(observation.frame, moved, SEEN_BINS, case.sensor) >= SEEN_PHOTONS
             offset += median_offset(cloud, np.where(near, moved, np.nan), SEEN_BINS, case.sensor.num_bins)

@@ -1,4 +1,4 @@
-"""The scene that is simulated beside the bust: a net."""
+"""A simulated scene with two surfaces a pixel: a net in front of a plane."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from srt3d_ros.datasets import irf
 
 
 class NetScene:
-    """A camouflage net that waves before a plane: two surfaces in most pixels, one where the net is dense or open."""
+    """A camouflage net waving in front of a plane: two surfaces in most pixels, one where it is dense or open."""
 
     net_m, plane_m = 2.0, 3.2           # along the optical axis
 
@@ -16,7 +16,7 @@ class NetScene:
         self._rays = sensor.rays.astype(np.float64)
 
     def frame(self, t_s: float) -> tuple[np.ndarray, np.ndarray]:
-        """Net and plane at time `t_s`; see Scene."""
+        """Range and reflectivity of net and plane at time `t_s`; see Scene."""
         x, y, z = np.moveaxis(self._rays, -1, 0)
         u, v = x / z * self.net_m, y / z * self.net_m                 # where the ray meets the net
         wave = 0.08 * np.sin(2 * np.pi * (1.3 * u + 0.7 * v - 0.4 * t_s))

@@ -1,4 +1,4 @@
-"""results.csv, a row for each reconstruction, and the table that is printed of it."""
+"""Write results.csv, one row a reconstruction, and the table that summarises it."""
 
 import csv
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -13,7 +13,7 @@ FIGURES = ("frequencies", "num_bins", "bin_width_mm", "photons_per_pixel", "poin
            "true_detections_by_surface_percent", "false_detections_percent", "dae_bins", "dae_mm", "iae",
            "within_1_std_percent", "within_2_std_percent", "offset_bins", "held_out_nats",
            "held_out_std", "sketch_ms", "reconstruct_ms", "version")
-COLUMNS = SETTINGS + FIGURES
+RESULT_COLUMNS = SETTINGS + FIGURES
 _MEANS = ("photons_per_pixel", "points", "true_detections_percent", "false_detections_percent", "dae_bins", "dae_mm",
           "iae", "within_1_std_percent", "within_2_std_percent", "held_out_nats", "held_out_std", "sketch_ms",
           "reconstruct_ms")
@@ -27,13 +27,13 @@ _DECIMALS = {"false_detections_percent": 1, "dae_bins": 2, "dae_mm": 2, "iae": 3
 
 @contextmanager
 def table_of_rows(path: Path) -> Iterator[Callable[[dict], None]]:
-    """Write a results.csv by calling what this gives with each row; a row is on the disk when that returns."""
+    """Give a function that appends a row to results.csv and flushes it to the disk."""
     with open(path, "w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        writer = csv.DictWriter(file, RESULT_COLUMNS, lineterminator="\n")
         writer.writeheader()
 
         def write(row: dict) -> None:
-            writer.writerow({name: _as_text(row.get(name)) for name in COLUMNS})
+            writer.writerow({name: _as_text(row.get(name)) for name in RESULT_COLUMNS})
             file.flush()
 
         yield write
@@ -42,11 +42,11 @@ def table_of_rows(path: Path) -> Iterator[Callable[[dict], None]]:
 def is_table(path: Path) -> bool:
     """Whether a file begins like a results.csv."""
     with open(path, "rb") as file:
-        return file.readline().decode("utf-8", "replace").strip() == ",".join(COLUMNS)
+        return file.readline().decode("utf-8", "replace").strip() == ",".join(RESULT_COLUMNS)
 
 
 def _as_text(value) -> str:
-    """A value as in the file: floats with 6 digits, missing values and NaN empty, lists with semicolons."""
+    """A value in the file: floats with 6 digits, None and NaN empty, lists with semicolons."""
     if value is None or value != value:
         return ""
     if isinstance(value, (tuple, list)):
@@ -55,13 +55,16 @@ def _as_text(value) -> str:
 
 
 def averaged(rows: Iterable[dict]) -> list[dict]:
-    """One row for all repeats, in the order of the first, with the means of the figures, NaN without data."""
+    """One row for all repeats with the means of the figures, NaN without data."""
     groups: dict[tuple, list[dict]] = {}
     for row in rows:
         groups.setdefault(tuple(row.get(name) for name in SETTINGS if name != "repeat"), []).append(row)
-    return [dict.fromkeys(COLUMNS) | group[0] | {name: _mean([row.get(name) for row in group]) for name in _MEANS}
-            | {_BY_SURFACE: tuple(map(_mean, zip(*(row.get(_BY_SURFACE) or () for row in group))))}
-            for group in groups.values()]
+    averages = []
+    for group in groups.values():
+        means = {name: _mean([row.get(name) for row in group]) for name in _MEANS}
+        shares = zip(*(row.get(_BY_SURFACE) or () for row in group))
+        averages.append(dict.fromkeys(RESULT_COLUMNS) | group[0] | means | {_BY_SURFACE: tuple(map(_mean, shares))})
+    return averages
 
 
 def _mean(values: Iterable[float | None]) -> float:
@@ -70,9 +73,10 @@ def _mean(values: Iterable[float | None]) -> float:
 
 
 def markdown(rows: list[dict]) -> str:
-    """A table of averaged rows, without columns in which none has anything."""
+    """A table of averaged rows without empty columns."""
     lines = [HEADINGS, *map(_cells, rows)]
-    return aligned(list(zip(*(column for column in zip(*lines) if set(column[1:]) != {NOTHING}))))
+    filled = [column for column in zip(*lines) if set(column[1:]) != {NOTHING}]
+    return aligned(list(zip(*filled)))
 
 
 def _cells(row: dict) -> list[str]:
@@ -90,7 +94,7 @@ def _shown(value: float, digits: int) -> str:
 
 
 def aligned(lines: Sequence[Sequence[str]]) -> str:
-    """A markdown table of cells with aligned columns; the first line is the heading."""
+    """A markdown table with aligned columns; the first line is the heading."""
     widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
     text = ["| " + " | ".join(cell.ljust(width) for cell, width in zip(line, widths)) + " |" for line in lines]
     return "\n".join([text[0], "|" + "|".join("-" * (width + 2) for width in widths) + "|", *text[1:]])

@@ -1,1 +1,1 @@
-"""Pictures of clouds, drawn without a screen. matplotlib and Pillow only here."""
+"""Draw pictures of clouds without a screen, with matplotlib and Pillow."""

@@ -1,4 +1,4 @@
-"""Texts, scale bar and range colours on dark pictures of clouds."""
+"""Draw texts, scale bars and colour bars on dark pictures of clouds."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,20 +12,20 @@ from srt3d_ros.pictures.colours import BACKGROUND, range_table
 from srt3d_ros.pictures.figures import DPI, as_image
 from srt3d_ros.pictures.viewpoint import Viewpoint, look_at
 
-TEXT, DIM = "#e8eaed", "#8b939e"
-BEHIND = tuple(np.divide(BACKGROUND, 255))      # the background of clouds, as matplotlib takes colours
-_BAR_SHARE = 0.2                        # longest scale bar, of the picture's width
-_RANGE_BAR = 0.16, 0.012                # width and height, of the picture's
-_RANGE_BAR_PX = 120                     # least width, for the numbers at its ends
+TEXT_COLOUR, DIM_COLOUR = "#e8eaed", "#8b939e"
+BEHIND = tuple(np.divide(BACKGROUND, 255))      # in matplotlib's form
+_BAR_SHARE = 0.2                        # longest scale bar over the picture's width
+_RANGE_BAR = 0.16, 0.012                # width and height over the picture's
+_RANGE_BAR_PX = 120                     # least width: the numbers at its ends need room
 
 
 def dark_figure(width_px: int, height_px: int) -> Figure:
-    """A figure of this size on the background of clouds."""
+    """A figure of this size with the dark background of clouds."""
     return Figure((width_px / DPI, height_px / DPI), dpi=DPI, facecolor=BEHIND)
 
 
 def image_axes(figure: Figure, box: tuple[float, float, float, float], image: np.ndarray) -> Axes:
-    """Axes at (left, bottom, width, height) of the figure, filled by an image."""
+    """Axes at (left, bottom, width, height) of the figure, filled with an image."""
     axes = figure.add_axes(box)
     axes.set_axis_off()
     axes.imshow(image, interpolation="nearest", aspect="auto")
@@ -33,35 +33,35 @@ def image_axes(figure: Figure, box: tuple[float, float, float, float], image: np
 
 
 def write_line(figure: Figure, height: float, text: str, size: float, colour: str, **style) -> None:
-    """Write a line of text at this height, smaller if it would be too long; $ is not markup."""
+    """Write a line of text, smaller if it is too long for the figure; $ is not markup."""
     size = min(size, figure.get_figwidth() * DPI / max(len(text), 1))
     figure.text(0.02, height, text, size=size, color=colour, va="center", parse_math=False, **style)
 
 
 def scale_bar(axes: Axes, eye: Viewpoint, size: float = 13) -> None:
-    """Draw a bar of 1, 2 or 5 · 10ⁿ metres at the lower right; its length holds at the eye's target."""
+    """Draw a bar of 1, 2 or 5 · 10ⁿ metres, measured at the eye's target, at the lower right."""
     height, width = axes.images[0].get_array().shape[:2]
     px_per_m = focal_px(eye, width, height) / np.linalg.norm(eye.target - eye.position)
     exponent = np.floor(np.log10(_BAR_SHARE * width / px_per_m))
     length_m = max(step * 10**exponent for step in (1, 2, 5) if step * 10**exponent * px_per_m <= _BAR_SHARE * width)
     end, line = width - 0.02 * width, height - 0.03 * height
-    axes.plot([end - length_m * px_per_m, end], [line, line], color=DIM, linewidth=2, solid_capstyle="butt")
-    axes.text(end, line - 0.015 * height, length_text(length_m), color=DIM, size=size, ha="right", va="bottom")
+    axes.plot([end - length_m * px_per_m, end], [line, line], color=DIM_COLOUR, linewidth=2, solid_capstyle="butt")
+    axes.text(end, line - 0.015 * height, length_text(length_m), color=DIM_COLOUR, size=size, ha="right", va="bottom")
 
 
 def range_bar(axes: Axes, style: CloudStyle, size: float = 13) -> None:
-    """Draw the colours of the range at the lower left, with the metres at their ends."""
+    """Draw the colours of the range with the metres at their ends, at the lower left."""
     share, height = _RANGE_BAR
     share = max(share, _RANGE_BAR_PX / axes.images[0].get_array().shape[1])
     bar = axes.inset_axes((0.02, 0.03, share, height))
     bar.set_axis_off()
     bar.imshow(range_table()[None], aspect="auto")
     for x, metres, side in ((0, style.near_m, "left"), (1, style.far_m, "right")):
-        bar.text(x, 2, f"{metres:.3g} m", transform=bar.transAxes, color=DIM, size=size, ha=side, va="bottom")
+        bar.text(x, 2, f"{metres:.3g} m", transform=bar.transAxes, color=DIM_COLOUR, size=size, ha=side, va="bottom")
 
 
 def annotated(image: np.ndarray, style: CloudStyle, eye: Viewpoint) -> Image.Image:
-    """A drawn cloud, uint8 [height, width, 3] as seen from `eye`, with scale bar and range colours."""
+    """A picture of a cloud, uint8 [height, width, 3] seen from `eye`, with scale bar and colour bar."""
     height, width = image.shape[:2]
     figure = dark_figure(width, height)
     axes, size = image_axes(figure, (0, 0, 1, 1), image), max(width / 100, 9)
@@ -72,7 +72,7 @@ def annotated(image: np.ndarray, style: CloudStyle, eye: Viewpoint) -> Image.Ima
 
 def draw_cloud(cloud: Cloud, sensor: SensorModel, yaw_deg: float = -20, pitch_deg: float = 10,
                size_px: tuple[int, int] = (1200, 900)) -> Image.Image:
-    """A cloud coloured by range, shaded by intensity, with a scale bar, from the right of the sensor and above it."""
+    """A cloud seen from above right of the sensor, coloured by range, shaded by intensity, with scale bar."""
     width, height = size_px
     eye = look_at(cloud.xyz, sensor.projection, yaw_deg, pitch_deg, aspect=width / height)
     style = CloudStyle.of(cloud, sensor)
@@ -80,14 +80,14 @@ def draw_cloud(cloud: Cloud, sensor: SensorModel, yaw_deg: float = -20, pitch_de
 
 
 def length_text(length_m: float) -> str:
-    """A length in the unit that makes it short: 2 m, 50 cm, 5 mm."""
+    """A length in a suitable unit: 2 m, 50 cm, 5 mm."""
     if length_m >= 1:
         return f"{length_m:g} m"
     return f"{length_m * 100:g} cm" if length_m >= 0.01 else f"{length_m * 1000:g} mm"
 
 
 def caption(figures: dict) -> str:
-    """Figures in one line, numbers as 19,871 or 0.569."""
+    """Figures in one line, with numbers such as 19,871 or 0.569."""
     def text(value) -> str:
         if isinstance(value, (int, np.integer)):
             return f"{value:,}"

@@ -1,8 +1,8 @@
-"""Draw clouds: perspective, nearest points on top, coloured by range, shaded by intensity, edges darkened. NumPy only.
+"""Render clouds in perspective with NumPy only, coloured by range and shaded by intensity.
 
-Points are drawn as discs from far to near. Edges are then darkened from the depth of each picture element (eye-dome
-lighting: Boucheny, Interactive Scientific Visualization of Large Datasets: Towards a Perceptive-Based Approach, thesis,
-Grenoble 2009), which shows shape without normals.
+Points are drawn as discs from far to near. Then edges are darkened by the depth around each pixel (eye-dome lighting:
+Boucheny, Interactive Scientific Visualization of Large Datasets: Towards a Perceptive-Based Approach, thesis, Grenoble
+2009), which shows shape without normals.
 """
 
 from dataclasses import dataclass
@@ -15,19 +15,19 @@ from srt3d_ros.pictures.colours import BACKGROUND, levels, percentile_range, ran
 from srt3d_ros.pictures.viewpoint import Viewpoint, point_radius_m
 
 _OUTSIDE = (96, 104, 116)
-_RADIUS_FACTOR = 1.2            # larger points than in the viewer: no gaps in oblique surfaces
-_NEAREST = 1e-3                 # of the distance to the target: closer points are not drawn
+_RADIUS_FACTOR = 1.2            # points larger than in the viewer close gaps in oblique surfaces
+_NEAREST = 1e-3                 # of the distance to the target; closer points are not drawn
 _SMALLEST_RADIUS_PX, _LARGEST_RADIUS_PX = 0.75, 24.0
-_BLOCK_ELEMENTS = 4_000_000     # picture elements of discs that are computed at once, for memory's sake
-_EDGE_REACHES = (0.004, 0.015)  # distances at which the edge shading compares depths, of the picture's height
-_EDGE_SLOPE = 0.7               # depth over reach at which an edge has two thirds of the greatest darkening
-_DEEPEST_EDGE = 0.02            # of the distance between eye and target: deeper edges are not darker
+_BLOCK_ELEMENTS = 4_000_000     # pixels of discs computed at once, to limit memory
+_EDGE_REACHES = (0.004, 0.015)  # distances at which edge shading compares depths, over the picture's height
+_EDGE_SLOPE = 0.7               # depth over reach at which an edge has 63 % of the greatest darkening
+_DEEPEST_EDGE = 0.02            # of the distance between eye and target; deeper edges are not darker
 _DARKEST_EDGE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class CloudStyle:
-    """What the panels of a picture share: the ranges in metres at the ends of the colours, and the points' radius."""
+    """Style shared by the panels of a picture: the ranges at the two ends of the colours, and the points' radius."""
 
     near_m: float
     far_m: float
@@ -41,14 +41,14 @@ class CloudStyle:
         return cls(float(near_m), float(far_m), _RADIUS_FACTOR * point_radius_m(cloud.xyz, sensor))
 
     def colour(self, xyz: np.ndarray) -> np.ndarray:
-        """Colours of points by range, uint8 [N, 3]; grey far outside the ranges of the style."""
+        """Colours of points by range, uint8 [N, 3]; grey far outside near_m to far_m."""
         range_m, span_m = np.linalg.norm(xyz, axis=1), self.far_m - self.near_m
         colour = range_table()[levels(range_m, self.near_m, self.far_m)]
         colour[(range_m < self.near_m - 0.2 * span_m) | (range_m > self.far_m + 0.2 * span_m)] = _OUTSIDE
         return colour
 
     def shaded(self, cloud: Cloud) -> np.ndarray:
-        """Colours of a cloud's points by range, darker where the intensity is low, uint8 [N, 3]."""
+        """Colours of points by range, darker at low intensity, uint8 [N, 3]."""
         low, high = percentile_range(cloud.intensity) or (0, 1)
         bright = levels(cloud.intensity, low, high, root=True)[:, None] / np.float32(255)
         return (self.colour(cloud.xyz) * (0.7 + 0.3 * bright)).astype(np.uint8)
@@ -63,11 +63,11 @@ def draw_surface(xyz: np.ndarray, colour: np.ndarray, eye: Viewpoint, width: int
     """Draw points as opaque discs; uint8 [height, width, 3].
 
     Args:
-        xyz: float [N, 3], metres; points that are not finite are left out.
+        xyz: float [N, 3], metres; NaN and Inf are skipped.
         colour: uint8 [N, 3].
-        radius_m: of the discs; they are at least one picture element.
-        background: colour without points.
-        finer: supersampling: 2 gives smooth edges for four times the work.
+        radius_m: radius of the discs, which cover at least one pixel.
+        background: colour where there are no points.
+        finer: supersampling; 2 gives smooth edges for four times the work.
     """
     width, height = width * finer, height * finer
     x, y, depth = project(xyz, eye, width, height)
@@ -76,7 +76,7 @@ def draw_surface(xyz: np.ndarray, colour: np.ndarray, eye: Viewpoint, width: int
     x, y, depth = x[seen], y[seen], depth[seen]
     radius_px = radius_m * focal_px(eye, width, height) / depth
     radius_px = np.clip(radius_px, _SMALLEST_RADIUS_PX, _LARGEST_RADIUS_PX * finer)
-    top = _last_disc(x, y, radius_px, width, height)        # sorted from far to near: the nearest
+    top = _last_disc(x, y, radius_px, width, height)        # the nearest disc
     covered = top >= 0
     image = np.empty((width * height, 3), np.float32)
     image[:] = background
@@ -90,12 +90,12 @@ def draw_surface(xyz: np.ndarray, colour: np.ndarray, eye: Viewpoint, width: int
 
 def draw_fog(xyz: np.ndarray, colour: np.ndarray, eye: Viewpoint, width: int, height: int, opacity: float,
              size_px: int = 1, background: tuple[int, int, int] = (0, 0, 0)) -> np.ndarray:
-    """Draw points as translucent squares: lines of sight with many points glow; uint8 [height, width, 3].
+    """Draw points as translucent squares, brighter where many overlap; uint8 [height, width, 3].
 
     Args:
         xyz, colour, eye, width, height, background: as for draw_surface.
         opacity: of one point, 0 … 1.
-        size_px: side of its square.
+        size_px: side of a point's square.
     """
     x, y, _ = project(xyz, eye, width, height)
     steps = np.mgrid[:size_px, :size_px].reshape(2, -1, 1) - (size_px - 1) / 2
@@ -111,7 +111,7 @@ def draw_fog(xyz: np.ndarray, colour: np.ndarray, eye: Viewpoint, width: int, he
 
 
 def project(xyz: np.ndarray, eye: Viewpoint, width: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Project points [N, 3]: x and y in pixels, and distance along the line of sight in metres (NaN: not in view)."""
+    """Project points [N, 3] to x and y in pixels and the depth in metres; NaN = behind the eye."""
     with np.errstate(invalid="ignore", divide="ignore"):
         right, down, forward = ((np.asarray(xyz, np.float32) - eye.position.astype(np.float32))
                                 @ eye.axes().T.astype(np.float32)).T
@@ -122,12 +122,12 @@ def project(xyz: np.ndarray, eye: Viewpoint, width: int, height: int) -> tuple[n
 
 
 def focal_px(eye: Viewpoint, width: int, height: int) -> float:
-    """Focal length in pixels; fov_deg spans the smaller side of the picture."""
+    """Focal length in pixels: fov_deg spans the smaller side of the picture."""
     return min(width, height) / 2 / np.tan(np.radians(eye.fov_deg) / 2)
 
 
 def _last_disc(x: np.ndarray, y: np.ndarray, radius: np.ndarray, width: int, height: int) -> np.ndarray:
-    """The last of the points whose disc covers a picture element, int32 [height · width], −1 = none."""
+    """Index of the last point whose disc covers each pixel, int32 [height · width], −1 = none."""
     top = np.full(height * width, -1, np.int32)
     reaches = np.ceil(radius).astype(np.int32)
     for reach in np.unique(reaches):
@@ -140,13 +140,13 @@ def _last_disc(x: np.ndarray, y: np.ndarray, radius: np.ndarray, width: int, hei
             down[(rows < 0) | (rows >= height)] = np.inf
             inside = down[:, :, None] + across[:, None] <= radius[k, None, None]**2
             element = (rows[:, :, None] * width + cols[:, None])[inside]
-            # Of equal elements, NumPy keeps the last assignment; the maximum keeps those of other reaches.
+            # For repeated elements NumPy keeps the last assignment; np.maximum keeps those of other reaches.
             top[element] = np.maximum(top[element], np.repeat(k, inside.sum(axis=(1, 2))))
     return top
 
 
 def _edge_shade(depth: np.ndarray, distance: float) -> np.ndarray:
-    """1 on smooth surfaces, less beside something nearer; float32 like `depth`, inf = background."""
+    """Brightness float32: 1 on smooth surfaces, less beside something nearer. In `depth`, inf = background."""
     light = np.ones_like(depth)
     rows, cols = depth.shape
     for reach in _EDGE_REACHES:

@@ -1,27 +1,27 @@
-"""Values to colours, for everything that shows a cloud: recordings, pictures, .ply files. NumPy only."""
+"""Map values to colours, for recordings, pictures and .ply files. NumPy only."""
 
 from functools import cache
 
 import numpy as np
 
-# Perceptually even, readable with any colour vision. Every 15th colour of the 256 of the maps of these names by
-# van der Walt, Smith and Firing, CC0.
+# Every 15th of 256 colours of the maps by van der Walt, Smith and Firing (CC0): perceptually even, readable with any
+# colour vision.
 _ANCHORS = {
     "viridis": "440154 481769 472a7a 433d84 3d4e8a 355e8d 2e6d8e 297b8e 23898e "
                "1f978b 21a585 2eb37c 46c06f 65cb5e 89d548 b0dd2f d8e219 fde725",
     "inferno": "000004 0a0722 1e0c45 380962 510e6c 69166e 801f6c 982766 b0315b "
                "c63d4d d94d3d e9612b f47918 fa9407 fcb014 f8cd37 f2ea69 fcffa4",
 }
-RANGE_MAP, PHOTON_MAP = "viridis", "inferno"      # one for each quantity, wherever it is shown
-BACKGROUND = (13, 16, 21)       # of pictures and views, and where there is nothing: as good as black
-_LEAST_BRIGHT = 132     # of 255: the brightest channel of the darkest colour that is visible on a dark background
+RANGE_MAP, PHOTON_MAP = "viridis", "inferno"
+BACKGROUND = (13, 16, 21)       # almost black; also where there is no value
+_LEAST_BRIGHT = 132     # brightest channel of the darkest colour that is visible on BACKGROUND
 _RANGE_SAMPLES = 4096
-_RANGE_RATE = 0.1       # share of the way towards a frame's own range that AdaptiveRange takes per frame
+_RANGE_RATE = 0.1       # share of the way to a new frame's range that AdaptiveRange moves
 
 
 @cache
 def colour_table(name: str) -> np.ndarray:
-    """One of the colour maps as uint8 [256, 3], read-only."""
+    """A colour map as uint8 [256, 3], read-only."""
     anchors = np.array([list(bytes.fromhex(colour)) for colour in _ANCHORS[name].split()], dtype=float)
     position = np.linspace(0, 255, len(anchors))
     table = np.stack([np.interp(np.arange(256), position, anchors[:, c]) for c in range(3)], axis=1)
@@ -32,8 +32,7 @@ def colour_table(name: str) -> np.ndarray:
 
 @cache
 def range_table() -> np.ndarray:
-    """The colours of ranges, the same wherever a cloud or its depth map is shown: near is bright, and the darkest is
-    visible on a dark background. uint8 [256, 3]."""
+    """The colours of ranges, uint8 [256, 3]: near is bright, far still visible on BACKGROUND."""
     table = colour_table(RANGE_MAP)
     first = int(np.argmax(table.max(axis=1) >= _LEAST_BRIGHT))
     return table[np.rint(np.linspace(255, first, 256)).astype(int)]
@@ -46,9 +45,9 @@ def packed(colours: np.ndarray) -> np.ndarray:
 
 
 def levels(values: np.ndarray, low: float, high: float, root: bool = False) -> np.ndarray:
-    """Indices into a colour table, uint8 like `values`: `low` and below give 0, `high` and above 255, NaN 0.
+    """Indices into a colour table, uint8: up to `low` and NaN give 0, from `high` on 255.
 
-    With `root` the square roots are spread evenly: photon counts then differ by equal noise, not by equal number.
+    With `root`, square roots are spread evenly, so that equal steps of photon counts mean equal noise.
     """
     values, ends = np.asarray(values, np.float32), np.array([low, high], np.float32)
     if root:
@@ -59,7 +58,7 @@ def levels(values: np.ndarray, low: float, high: float, root: bool = False) -> n
 
 
 def percentile_range(values: np.ndarray, low: float = 2, high: float = 98) -> tuple[float, float] | None:
-    """Percentiles of the finite values (of a sample if there are many); None if there are none."""
+    """Percentiles of the finite values, sampled if there are many; None without any."""
     values = np.asarray(values).ravel()
     values = values[:: max(len(values) // _RANGE_SAMPLES, 1)]
     values = values[np.isfinite(values)]
@@ -70,13 +69,13 @@ def percentile_range(values: np.ndarray, low: float = 2, high: float = 98) -> tu
 
 
 class AdaptiveRange:
-    """The range a colour map is spread over: follows the data slowly, so that a film does not flicker."""
+    """The range of a colour map, which follows the data slowly to avoid flicker."""
 
     def __init__(self):
         self._range: tuple[float, float] | None = None
 
     def update(self, values: np.ndarray) -> tuple[float, float]:
-        """Take a frame's values in; the (low, high) to use for it. (0, 1) until a finite value was seen."""
+        """Adapt to a frame's values and give its (low, high); (0, 1) before the first finite value."""
         seen = percentile_range(values)
         if seen is not None:
             old = self._range or seen

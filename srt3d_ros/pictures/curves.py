@@ -1,4 +1,4 @@
-"""Curves: metrics against photons per pixel."""
+"""Draw metrics against photons per pixel."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
 from srt3d_ros.pictures.figures import save_png, titled_figure
 
-# Okabe and Ito's colours (2008), distinct for any colour vision. Markers and dashes differ as well.
+# Okabe and Ito (2008): distinct for any colour vision. Markers and dashes differ, too.
 METHOD_COLOURS = ("#d55e00", "#0072b2", "#009e73", "#000000", "#cc79a7", "#56b4e9", "#e69f00")
 _STYLES = (("o", "-"), ("v", ":"), ("^", "--"), ("D", (0, (5, 1, 1, 1))), ("P", (0, (1, 1))))
 _GRID = "#d9dce0"
@@ -17,44 +17,41 @@ _GRID = "#d9dce0"
 
 @dataclass(frozen=True)
 class Metric:
-    """A row of panels: a column of the results, the label and limits of its axis."""
+    """A row of panels: a column of the results, and its axis."""
 
     column: str
     label: str
-    scale: str = "linear"       # or log, or symlog: linear up to 1, logarithmic above
+    scale: str = "linear"       # or "log", or "symlog": linear up to 1, logarithmic above
     limits: tuple[float, float] | None = None
 
 
-METRICS = (Metric("true_detections_percent", "true detections, %", limits=(-3, 103)),
+PLOTTED_METRICS = (Metric("true_detections_percent", "true detections, %", limits=(-3, 103)),
            Metric("false_detections_percent", "false detections, %", "symlog", (-0.1, 110)),
            Metric("dae_mm", "depth error (DAE), mm", "log"),
            Metric("iae", "intensity error (IAE), share", "log"))
 
 
 def draw_metrics(path: Path, rows: Sequence[dict], title: str, methods: Sequence[str]) -> None:
-    """Draw the METRICS of one scene against photons per pixel.
-
-    There is a column of panels for each SBR and a line for each method and sketch size.
+    """Draw the PLOTTED_METRICS of a scene: a column of panels for each SBR, a line for each method and sketch size.
 
     Args:
-        rows: with `sbr`, `ppp`, `method`, `sketch_size` and the columns of METRICS.
-        methods: all names, whose order gives the colours.
+        rows: with `sbr`, `ppp`, `method`, `sketch_size` and the columns of PLOTTED_METRICS.
+        methods: all method names; their order gives the colours.
     """
     sbrs = sorted({row["sbr"] for row in rows}, reverse=True)
-    figure = titled_figure(3.5 * len(sbrs) + 0.6, 2.3 * len(METRICS) + 1.2, title)
-    axes = figure.subplots(len(METRICS), len(sbrs), squeeze=False, sharex="all", sharey="row")
+    figure = titled_figure(3.5 * len(sbrs) + 0.6, 2.3 * len(PLOTTED_METRICS) + 1.2, title)
+    axes = figure.subplots(len(PLOTTED_METRICS), len(sbrs), squeeze=False, sharex="all", sharey="row")
     lines = _lines(rows, methods)
     for k, sbr in enumerate(sbrs):
         axes[0, k].set_title(f"SBR {sbr:g}", size=12)
         axes[-1, k].set_xlabel("photons per pixel (mean, with background)")
-        for ax, metric in zip(axes[:, k], METRICS):
+        for ax, metric in zip(axes[:, k], PLOTTED_METRICS):
             for _, style, of_line in lines:
-                points = sorted((row["ppp"], row[metric.column]) for row in of_line
-                                if row["sbr"] == sbr)
+                points = sorted((row["ppp"], row[metric.column]) for row in of_line if row["sbr"] == sbr)
                 if points:
                     ax.plot(*zip(*points), **style)
             format_axes(ax, metric)
-    for ax, metric in zip(axes[:, 0], METRICS):
+    for ax, metric in zip(axes[:, 0], PLOTTED_METRICS):
         ax.set_ylabel(metric.label)
     handles = [axes[0, 0].plot([], [], label=label, **style)[0] for label, style, _ in lines]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 5), frameon=False)
@@ -62,7 +59,7 @@ def draw_metrics(path: Path, rows: Sequence[dict], title: str, methods: Sequence
 
 
 def _lines(rows: Sequence[dict], methods: Sequence[str]) -> list[tuple[str, dict, list[dict]]]:
-    """(label, style, rows) of each method and sketch size: its colour is the method's, its marker the size's."""
+    """(label, style, rows) of each method and sketch size: colour by method, marker by size."""
     sizes = sorted({row["sketch_size"] for row in rows if row["sketch_size"]}, key=lambda m: (m != 10, m))
     lines = []
     for k, method in enumerate(methods):
@@ -77,7 +74,7 @@ def _lines(rows: Sequence[dict], methods: Sequence[str]) -> list[tuple[str, dict
 
 
 def format_axes(ax: Axes, metric: Metric) -> None:
-    """Scales, ticks, limits and a grid; photons per pixel across, logarithmic."""
+    """Set scales, ticks, limits and grid; x is photons per pixel, logarithmic."""
     ax.set_xscale("log")
     if metric.scale == "log":
         ax.set_yscale("log")

@@ -1,5 +1,6 @@
-"""The picture of a run: the photons, the cloud reconstructed from them, and its depth map."""
+"""Draw photons, the cloud reconstructed from them, and its depth map side by side."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -12,39 +13,36 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.files.new_files import file_errors
 from srt3d_ros.pictures import annotations
-from srt3d_ros.pictures.annotations import DIM, TEXT
+from srt3d_ros.pictures.annotations import DIM_COLOUR, TEXT_COLOUR
 from srt3d_ros.pictures.cloud_renderer import CloudStyle, draw_fog
 from srt3d_ros.pictures.colours import BACKGROUND, range_table
 from srt3d_ros.pictures.figures import DPI, as_image
 from srt3d_ros.pictures.viewpoint import Viewpoint, look_at, pixel_pitch_rad, sensor_axes
 
-_WIDTH_PX, _HEIGHT_PX = 2000, 900              # as texts and lines are sized
-_FINER = 2                                      # picture elements for each of these
+_WIDTH_PX, _HEIGHT_PX = 2000, 900              # for the sizes of texts and lines
+_FINER = 2                                      # pixels of the file for each of these
 _BOTTOM, _TOP = 0.09, 0.80                      # of the panels, shares of the height
-_PHOTON_OPACITY, _FADE = 0.6, 0.08              # of a photon; width of the faded border, of the panel
-_SPARSE = 0.4                                   # photons per picture element below which they are drawn larger
-_MOST_PHOTONS = 1_000_000                       # drawn; of more, an even sample
+_PHOTON_OPACITY, _FADE = 0.6, 0.08              # _FADE: width of the faded border over the panel's
+_SPARSE = 0.4                                   # photons per pixel below which they are drawn larger
+_MOST_PHOTONS = 1_000_000                       # more are sampled evenly
 
 
 def draw_overview(path, cloud: Cloud, sensor: SensorModel, photons: PhotonEvents | None, title: str,
                   figures: dict) -> None:
-    """Write a .png: photons, cloud and depth map side by side, with the same colours of the range.
+    """Write a .png with photons, cloud and depth map in the same range colours.
 
     Args:
-        path: of the picture; its directory must exist.
-        cloud: may be empty: the picture says so.
-        photons: of the cloud's frame; None leaves their panel out.
-        title: of the picture.
+        photons: of the cloud's frame; None omits their panel.
         figures: shown below, in order: {"photons per pixel": 10.0, "points": 19_871, "reconstruction": "35 ms"}.
 
     Raises:
-        InvalidInput: if the picture cannot be written there.
+        InvalidInput: the picture cannot be written.
     """
     style = CloudStyle.of(cloud, sensor)
     figure = annotations.dark_figure(_WIDTH_PX, _HEIGHT_PX)
     figure.set_dpi(_FINER * DPI)
-    annotations.write_line(figure, 0.94, title, 25, TEXT, weight="bold")
-    annotations.write_line(figure, 0.045, annotations.caption(figures), 15, DIM)
+    annotations.write_line(figure, 0.94, title, 25, TEXT_COLOUR, weight="bold")
+    annotations.write_line(figure, 0.045, annotations.caption(figures), 15, DIM_COLOUR)
     left, framed = 0.02, cloud.xyz
     if photons is not None:
         xyz = _positions(photons, sensor)
@@ -57,7 +55,7 @@ def draw_overview(path, cloud: Cloud, sensor: SensorModel, photons: PhotonEvents
     axes = _panel(figure, left, 0.69 - left, style.draw(cloud, eye, *size), f"{len(cloud):,} points",
                   "coloured by range, shaded by intensity")
     if len(cloud) == 0:
-        axes.text(0.5, 0.5, "no points", color=DIM, size=20, ha="center", transform=axes.transAxes)
+        axes.text(0.5, 0.5, "no points", color=DIM_COLOUR, size=20, ha="center", transform=axes.transAxes)
     else:
         annotations.scale_bar(axes, eye)
     _depth_map(figure, 0.71, 0.235, cloud.range_image(), style)
@@ -66,8 +64,8 @@ def draw_overview(path, cloud: Cloud, sensor: SensorModel, photons: PhotonEvents
 
 
 def _positions(photons: PhotonEvents, sensor: SensorModel) -> np.ndarray:
-    """A position for each photon, float32 [N, 3] metres, random within its pixel and bin to avoid moiré."""
-    chosen = slice(None, None, max(-(-photons.photons // _MOST_PHOTONS), 1))
+    """Positions of photons, float32 [N, 3] metres, random within pixel and bin to avoid moiré."""
+    chosen = slice(None, None, max(math.ceil(photons.photons / _MOST_PHOTONS), 1))
     rng = np.random.default_rng(0)
     row, col = np.divmod(photons.pixel[chosen], sensor.cols)
     xyz = sensor.xyz(row, col, photons.toa[chosen] + rng.uniform(-0.5, 0.5, len(row)))
@@ -77,7 +75,7 @@ def _positions(photons: PhotonEvents, sensor: SensorModel) -> np.ndarray:
 
 
 def _draw_photons(xyz: np.ndarray, style: CloudStyle, eye: Viewpoint, width: int, height: int) -> np.ndarray:
-    """The photons as a fog that fades at the borders, so that no edge is visible where the panel ends."""
+    """Photons as fog, faded at the borders of the panel."""
     size_px = _FINER if len(xyz) > _SPARSE * width * height / _FINER**2 else 2 * _FINER
     fog = draw_fog(xyz, style.colour(xyz), eye, width, height, _PHOTON_OPACITY, size_px, BACKGROUND)
     inside = [np.clip(np.minimum(np.arange(n), n - 1 - np.arange(n)) / (_FADE * n), 0, 1) for n in (height, width)]
@@ -86,7 +84,7 @@ def _draw_photons(xyz: np.ndarray, style: CloudStyle, eye: Viewpoint, width: int
 
 
 def _view(xyz: np.ndarray, sensor: SensorModel, width: float) -> tuple[Viewpoint, tuple[int, int]]:
-    """The eye, and the picture elements across and down, of a panel that takes `width` of the figure's."""
+    """The eye and the size in pixels of a panel with this share of the figure's width."""
     across, down = _FINER * width * _WIDTH_PX, _FINER * (_TOP - _BOTTOM) * _HEIGHT_PX
     return look_at(xyz, sensor.projection, aspect=across / down), (round(across), round(down))
 
@@ -106,9 +104,9 @@ def _depth_map(figure: Figure, left: float, width: float, range_m: np.ndarray, s
     bar = figure.colorbar(image, cax=axes.inset_axes((1.034, 0, 0.03, 1)))
     bar.outline.set_visible(False)
     bar.ax.invert_yaxis()
-    bar.ax.tick_params(colors=DIM, labelsize=13, length=0)
+    bar.ax.tick_params(colors=DIM_COLOUR, labelsize=13, length=0)
 
 
 def _heading(figure: Figure, left: float, heading: str, note: str) -> None:
-    figure.text(left, _TOP + 0.055, heading, color=TEXT, size=17, va="bottom")
-    figure.text(left, _TOP + 0.02, note, color=DIM, size=13, va="bottom")
+    figure.text(left, _TOP + 0.055, heading, color=TEXT_COLOUR, size=17, va="bottom")
+    figure.text(left, _TOP + 0.02, note, color=DIM_COLOUR, size=13, va="bottom")

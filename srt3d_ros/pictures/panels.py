@@ -1,4 +1,4 @@
-"""Reconstructions side by side: clouds of the same scene by several methods."""
+"""Draw clouds of the same scene by several methods side by side."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,11 +12,11 @@ from srt3d_ros.pictures.figures import save_png, titled_figure
 from srt3d_ros.pictures.viewpoint import look_at
 
 _PANEL_IN, _ROW_IN, _TITLE_IN = 2.5, 3.2, 0.4
-_CLOUD_PX = 480                 # side of a drawn cloud, which matplotlib makes smaller: smooth edges
+_CLOUD_PX = 480                 # side of a drawn cloud; matplotlib shrinks it, which smooths edges
 
 
 class Panel(NamedTuple):
-    """One cloud: `heading` names the method, `caption` gives the figures of merit."""
+    """One cloud, with the method's name as heading and its metrics as caption."""
 
     heading: str
     cloud: Cloud
@@ -24,7 +24,7 @@ class Panel(NamedTuple):
 
 
 class Strip(NamedTuple):
-    """A row of panels: one observation. The first panel (the truth if it is known) sets viewpoint and colours."""
+    """A row of panels for one observation. The first panel (the truth if known) sets viewpoint and colours."""
 
     label: str
     sensor: SensorModel
@@ -32,7 +32,7 @@ class Strip(NamedTuple):
 
 
 def draw_clouds(path: Path, strips: Sequence[Strip], title: str) -> None:
-    """Draw the clouds, one viewpoint for each row, coloured by range, shaded by intensity."""
+    """Draw clouds coloured by range and shaded by intensity, with one viewpoint a row."""
     columns = max(len(strip.panels) for strip in strips)
     figure = titled_figure(_PANEL_IN * max(columns, 2), _ROW_IN * len(strips) + _TITLE_IN, title)
     for row, strip in zip(figure.subfigures(len(strips), 1, squeeze=False)[:, 0], strips):

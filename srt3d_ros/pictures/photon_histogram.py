@@ -1,5 +1,6 @@
-"""The picture of `srt3d info`: when a file's photons came, in which pixels, and the IRF."""
+"""The picture of `srt3d info`: histograms of photons over time and pixels, and the IRF."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,9 @@ from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.pictures.colours import PHOTON_MAP
 from srt3d_ros.pictures.figures import save_png, titled_figure
 
-_MOST_STEPS = 1200              # of the drawn histogram: its panel is about as many picture elements wide
+_MOST_STEPS = 1200              # steps in the drawn histogram, about its width in pixels
 _PHOTONS, _GATE, _IRF = "#0072b2", "#f3d9a4", "#d55e00"
-_IRF_SHOWN = 2e-3                # of its peak, from which on the IRF is shown: its tails may span the period
+_IRF_SHOWN = 2e-3                # of its peak; the IRF's tails below it, which may span the period, are not shown
 
 
 def draw_histogram(path: Path, histogram: np.ndarray, counts: np.ndarray, sensor: SensorModel, gate: Gate | None,
@@ -19,15 +20,15 @@ def draw_histogram(path: Path, histogram: np.ndarray, counts: np.ndarray, sensor
     """Draw the histogram of all photons with the suggested gate, photons per pixel, and the IRF.
 
     Args:
-        path: of a .png.
+        path: a .png file.
         histogram, counts: [T] and [rows, cols].
 
     Raises:
-        InvalidInput: the picture cannot be written there.
+        InvalidInput: the picture cannot be written.
     """
     figure = titled_figure(13, 4.6, title)
     times, pixels, response = figure.subplots(1, 3, width_ratios=(2.4, 1.3, 1))
-    width = -(-len(histogram) // _MOST_STEPS)       # bins that are drawn as one
+    width = math.ceil(len(histogram) / _MOST_STEPS)       # bins in a step
     starts = np.arange(0, len(histogram), width)
     heights = np.add.reduceat(histogram, starts) / np.diff(starts, append=len(histogram))
     edges = np.append(starts, len(histogram)) - 0.5

@@ -1,4 +1,4 @@
-"""How to look at a cloud: the eye that recordings open with and pictures are drawn from, the size of its points."""
+"""Choose the viewpoint of a cloud and the size of its points, for recordings and pictures."""
 
 from dataclasses import dataclass
 
@@ -7,16 +7,16 @@ import numpy as np
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan, Projection
 
-_PERCENTILES = (0.5, 99.5)      # of the points: what lies outside is taken for an outlier
-_FITTING_STEPS = 4              # each leaves a few per cent of the error of the one before
+_PERCENTILES = (0.5, 99.5)      # points outside count as outliers
+_FITTING_STEPS = 4              # each step leaves a few per cent of the error
 _SHORTEST_M = 1e-3
-_SAMPLES = 8192
-_RADIUS_PER_PITCH = 0.6         # discs of neighbouring pixels then just overlap
+_MOST_POINTS = 8192
+_RADIUS_PER_PITCH = 0.6         # discs of neighbouring pixels just overlap
 
 
 @dataclass(frozen=True, eq=False)
 class Viewpoint:
-    """An eye at `position` looking at `target`, `up` upwards on the screen; metres, sensor's frame, float64 [3] each.
+    """An eye at `position` that looks at `target`, with `up` on the screen; metres, sensor's frame, float64 [3] each.
 
     Args:
         fov_deg: angle of view across the picture's smaller side.
@@ -28,7 +28,7 @@ class Viewpoint:
     fov_deg: float
 
     def axes(self) -> np.ndarray:
-        """Unit vectors right, down and forward of the picture as the rows of [3, 3]."""
+        """Unit vectors right, down and forward as rows of [3, 3]."""
         forward = self.target - self.position
         forward = forward / np.linalg.norm(forward)
         right = np.cross(forward, self.up)
@@ -37,7 +37,7 @@ class Viewpoint:
 
 
 def sensor_axes(projection: Projection | None) -> np.ndarray:
-    """The sensor's forward, right and up directions in its own frame, rows of [3, 3]: optical frame, or REP-103."""
+    """Forward, right and up in the sensor's frame (optical, or REP-103 for a scan) as rows of [3, 3]."""
     if isinstance(projection, AngularScan):
         return np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, 1]])
     return np.array([[0.0, 0, 1], [1, 0, 0], [0, -1, 0]])
@@ -45,16 +45,15 @@ def sensor_axes(projection: Projection | None) -> np.ndarray:
 
 def look_at(xyz: np.ndarray, projection: Projection | None = None, yaw_deg: float = -20, pitch_deg: float = 10,
             fov_deg: float = 30, aspect: float = 1.0, margin: float = 1.1) -> Viewpoint:
-    """The eye from which the cloud just fills the view, turned about its middle away from the sensor's line of sight.
+    """An eye for which the cloud fills the view, turned around its middle from the sensor's line of sight.
 
     Args:
-        xyz: float [N, 3], metres, sensor's frame; points that are not finite are left out, outliers may be out of view.
-        projection: the sensor's, which says where up is; an optical frame if None.
-        yaw_deg: to the right of the sensor if positive.
-        pitch_deg: above the sensor if positive.
+        xyz: float [N, 3], metres, sensor's frame; NaN and Inf are skipped, outliers may be out of view.
+        projection: the sensor's, which defines up; an optical frame if None.
+        yaw_deg, pitch_deg: positive to the right of and above the sensor.
         fov_deg: the eye's angle of view.
-        aspect: the view's width over its height.
-        margin: size of the view relative to the cloud in it.
+        aspect: width over height of the view.
+        margin: size of the view over that of the cloud.
     """
     forward, right, up = sensor_axes(projection)
     yaw, pitch = np.radians(yaw_deg), np.radians(pitch_deg)
@@ -72,27 +71,27 @@ def look_at(xyz: np.ndarray, projection: Projection | None = None, yaw_deg: floa
 
 
 def _tangents(xyz: np.ndarray, eye: Viewpoint) -> np.ndarray:
-    """Tangents of the angles right and down at which `eye` sees points, [N, 2]; those beside or behind it at 45°."""
+    """Tangents of the angles right and down of points seen from `eye`, [N, 2], limited to 45° beside or behind it."""
     right, down, forward = ((xyz - eye.position) @ eye.axes().T).T
     return np.stack([right, down], axis=1) / np.maximum(forward, np.hypot(right, down))[:, None]
 
 
 def _some_points(xyz: np.ndarray, forward: np.ndarray) -> np.ndarray:
-    """Enough of the finite points to frame the cloud by, float64; for an empty cloud two that frame a metre ahead."""
-    xyz = np.asarray(xyz, np.float64)[:: max(len(xyz) // _SAMPLES, 1)]
+    """A sample of the finite points, float64; two points a metre ahead for an empty cloud."""
+    xyz = np.asarray(xyz, np.float64)[:: max(len(xyz) // _MOST_POINTS, 1)]
     xyz = xyz[np.isfinite(xyz).all(axis=1)]
     return xyz if len(xyz) else np.stack([forward - 0.5, forward + 0.5])
 
 
 def pixel_pitch_rad(sensor: SensorModel) -> float:
-    """Angle between the rays of neighbouring pixels in the middle of the array, the larger of the two directions."""
+    """Angle between neighbouring pixels in the middle of the array, the larger of the two directions."""
     across, along = sensor.rays[sensor.rows // 2], sensor.rays[:, sensor.cols // 2]
     return max((float(np.linalg.norm(np.diff(line, axis=0), axis=1).mean()) for line in (across, along)
                 if len(line) > 1), default=0.0)
 
 
 def point_radius_m(xyz: np.ndarray, sensor: SensorModel) -> float:
-    """Radius of points with which a surface at the cloud's median distance closes up; 0 for an empty cloud."""
+    """Radius of points that closes a surface at the cloud's median range; 0 for an empty cloud."""
     if len(xyz) == 0:
         return 0.0
     return _RADIUS_PER_PITCH * pixel_pitch_rad(sensor) * float(np.nanmedian(np.linalg.norm(xyz, axis=1)))

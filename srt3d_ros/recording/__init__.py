@@ -1,5 +1,5 @@
-"""Recordings (.rrd): written off-screen while the pipeline runs, read back without a viewer. rerun only here."""
+"""Write and read recordings (.rrd) without a viewer. No other room imports rerun."""
 
 import os
 
-os.environ.setdefault("RERUN_TELEMETRY", "0")       # before rerun is first imported: nothing is sent anywhere
+os.environ.setdefault("RERUN_TELEMETRY", "0")       # set before rerun is imported: send no telemetry

@@ -1,4 +1,4 @@
-"""The rerun blueprints that recordings open with: a large 3D view; images, plots and the nodes' log beside it."""
+"""The rerun blueprint of recordings: a large 3D view; images, plots and the nodes' log beside it."""
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -9,7 +9,7 @@ from srt3d_ros.pictures.viewpoint import Viewpoint
 from srt3d_ros.recording import entities
 from srt3d_ros.recording.entities import STAMP, metric_path
 
-# Of each metric: the name in the legend and the colour (Okabe and Ito's, for any colour vision).
+# Legend and colour of each metric (Okabe and Ito's colours, for any colour vision).
 SERIES = {
     "latency_ms": ("end to end", (240, 228, 66)),
     "latency_sketch_ms": ("sketch", (0, 158, 115)),
@@ -19,7 +19,7 @@ SERIES = {
     "ppp": ("photons per pixel", (0, 158, 115)),
     "frame_rate_hz": ("clouds/s", (230, 159, 0)),
 }
-# The plots, in the order shown, and their metrics.
+# Plots and their metrics, from top to bottom.
 PLOTS = {
     "Latency [ms]": ("latency_ms", "latency_sketch_ms", "latency_reconstruct_ms"),
     "Points": ("points",),
@@ -28,11 +28,11 @@ PLOTS = {
 }
 IMAGE_TITLES = {entities.DEPTH: "Depth", entities.INTENSITY_IMAGE: "Intensity", entities.BACKGROUND: "Background",
                 entities.PHOTONS: "Photons"}
-_WIDE = 2.0                         # columns over rows from which images are stacked rather than set side by side
+_WIDE = 2.0                         # columns over rows above which images are stacked
 
 
 def cloud_view(eye: Viewpoint) -> rrb.Spatial3DView:
-    """The 3D view of the cloud and the sensor from `eye`, which orbits about its target."""
+    """The 3D view of the cloud and the sensor, orbiting about the target of `eye`."""
     controls = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=eye.position, look_target=eye.target,
                                  eye_up=eye.up)
     return rrb.Spatial3DView(origin="/", name="Point cloud", contents=[entities.POINTS, entities.SENSOR_PATH],
@@ -40,7 +40,7 @@ def cloud_view(eye: Viewpoint) -> rrb.Spatial3DView:
 
 
 def film_blueprint(eye: Viewpoint, sensor: SensorModel, images: tuple[str, ...]) -> rrb.Blueprint:
-    """Blueprint of a recording that plays by itself: cloud and log on the left, images and plots on the right."""
+    """Blueprint that plays the recording in a loop: cloud and log on the left, images and plots on the right."""
     pictures = [_image_view(path) for path in IMAGE_TITLES if path in images]
     wide = sensor.cols > _WIDE * sensor.rows
     plots = rrb.Vertical(*(_plot(title, names) for title, names in PLOTS.items()))
@@ -59,7 +59,7 @@ def film_blueprint(eye: Viewpoint, sensor: SensorModel, images: tuple[str, ...])
 
 
 def plot_styles() -> dict[str, rr.SeriesLines]:
-    """The static style of each plotted metric, by entity path."""
+    """Style of each plotted metric by entity path."""
     return {metric_path(name): rr.SeriesLines(colors=colour, names=title, widths=1.5)
             for name, (title, colour) in SERIES.items()}
 

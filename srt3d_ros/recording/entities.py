@@ -1,4 +1,4 @@
-"""What a recording holds: names of entities and components, and how values become rerun archetypes and back."""
+"""Names of a recording's entities and components, and the rerun archetypes of its values."""
 
 from collections.abc import Mapping
 
@@ -16,40 +16,39 @@ APPLICATION_ID = "srt3d_ros"
 STAMP, FRAME = "stamp", "frame"                     # timelines
 POINTS, DEPTH, METRICS, LOG, SENSOR_PATH = "/points", "/depth", "/metrics", "/log", "/sensor"
 NO_DEPTH = f"{DEPTH}/none"                          # drawn over the depth image
-IMAGES = INTENSITY_IMAGE, BACKGROUND, PHOTONS = "/intensity", "/background", "/photons"     # all in photons
-INTENSITY = "intensity"                             # component beside the points: photons
-OF_FULL_CLOUDS = ("depth_std", "row", "col", "surface")     # components of clouds that have them
+IMAGES = INTENSITY_IMAGE, BACKGROUND, PHOTONS = "/intensity", "/background", "/photons"     # in photons
+INTENSITY = "intensity"                             # component of points, in photons
+OF_FULL_CLOUDS = ("depth_std", "row", "col", "surface")     # optional components of points
 RUN, SENSOR, VERSIONS = "run", "sensor", "versions"      # properties
-PROPERTIES = "/__properties"                        # rerun's entity path of properties
+PROPERTIES = "/__properties"                        # rerun's entity path for properties
 
-_DARK = 45 / 210        # dark colours that colours.range_table leaves out, over those that it has
+_DARK = 45 / 210        # number of dark colours that colours.range_table leaves out, over those that it keeps
 _LEAST_SPAN = 1e-6
 _FRUSTUM = (110, 120, 140)
 
 
 def points(columns: Mapping[str, np.ndarray], colour: np.ndarray, radius_m: float) -> list:
-    """The archetypes of a cloud. rerun does not copy the arrays: they must not change afterwards.
+    """Archetypes of a cloud. rerun does not copy the arrays: they must not change afterwards.
 
     Args:
         columns: xyz float32 [N, 3], contiguous, metres; intensity float32 [N]; and any of OF_FULL_CLOUDS.
         colour: uint32 [N], 0xRRGGBBAA.
-        radius_m: of the discs; 0 for a size on the screen.
+        radius_m: radius of the points; 0 for a fixed size on the screen.
     """
-    # As Arrow arrays: rerun cannot infer the type of an empty NumPy array here, and warns.
+    # Arrow arrays, because rerun cannot infer the type of an empty NumPy array and warns.
     values = {name: pa.array(column) for name, column in columns.items() if name == INTENSITY or name in OF_FULL_CLOUDS}
     radius = radius_m or rr.Radius.ui_points(1.5)
     return [rr.Points3D(columns["xyz"], colors=colour, radii=radius), rr.AnyValues(**values)]
 
 
 def image(path: str, values: np.ndarray, low: float, high: float) -> dict[str, list]:
-    """The archetypes, by entity path, of an image [rows, cols], NaN = none, coloured from `low` to `high`.
+    """Archetypes by entity path of an image [rows, cols], NaN = none, coloured from `low` to `high`.
 
-    DEPTH in metres, in the colours of ranges, with a mask over it that makes pixels without depth black: its map has a
-    colour for any value. Others in photons, integers in the fewest bytes; as DepthImage, too, because rerun colours
-    only these by a map and shows their values.
+    DEPTH is in metres, with a mask that makes pixels without depth black. The others are in photons; they are
+    DepthImages, too, because rerun applies colour maps only to these.
     """
     if path == DEPTH:
-        ends = high + _DARK * (high - low), low     # the far end first: rerun then turns the map round
+        ends = high + _DARK * (high - low), low     # the far end first, which reverses the colour map
         mask = rr.SegmentationImage((~np.isfinite(values)).astype(np.uint8), opacity=1, draw_order=1)
         return {DEPTH: [rr.DepthImage(values, meter=1, colormap=RANGE_MAP, depth_range=ends)], NO_DEPTH: [mask]}
     if values.dtype.kind == "u":
@@ -58,16 +57,16 @@ def image(path: str, values: np.ndarray, low: float, high: float) -> dict[str, l
 
 
 def no_depth_colour() -> rr.AnnotationContext:
-    """The static colours of the mask NO_DEPTH."""
+    """Colours of the mask NO_DEPTH."""
     return rr.AnnotationContext([(0, None, (0, 0, 0, 0)), (1, "no point", (*BLACK, 255))])
 
 
 def field_of_view(sensor: SensorModel, xyz: np.ndarray) -> list:
-    """The archetypes that show the sensor's position and its frustum, as far as the points [N, 3] of a cloud reach."""
+    """Archetypes of the sensor's position and its frustum, up to the 99th percentile range of points [N, 3]."""
     length_m = float(np.percentile(np.linalg.norm(xyz, axis=1), 99)) if len(xyz) else 1.0
     origin = rr.Transform3D(translation=[0, 0, 0])
     if isinstance(lens := sensor.projection, Pinhole):
-        # rerun's pixels have their corner at (0, 0), ours their centre.
+        # (0, 0) is the corner of rerun's first pixel and the centre of ours.
         return [origin, rr.Pinhole(focal_length=[lens.fx, lens.fy], principal_point=[lens.cx + 0.5, lens.cy + 0.5],
                                    resolution=[sensor.cols, sensor.rows], camera_xyz=rr.ViewCoordinates.RDF,
                                    image_plane_distance=length_m, color=_FRUSTUM, line_width=rr.Radius.ui_points(1))]
@@ -78,21 +77,18 @@ def field_of_view(sensor: SensorModel, xyz: np.ndarray) -> list:
 
 
 def view_coordinates(sensor: SensorModel) -> rr.ViewCoordinates:
-    """Which way the axes of the sensor's frame point: FLU for a scanner, else RDF."""
+    """Axes of the sensor's frame: FLU for a scanner, else RDF."""
     forward = sensor_axes(sensor.projection)[0]
     return rr.ViewCoordinates.FLU if forward[0] else rr.ViewCoordinates.RDF
 
 
 def metric_path(name: str) -> str:
-    """The entity path of a time series: /metrics/latency_ms for `latency_ms`."""
+    """Entity path of a time series: /metrics/latency_ms for `latency_ms`."""
     return f"{METRICS}/{name}"
 
 
 def log_properties(stream: rr.RecordingStream, name: str, facts: Mapping) -> None:
-    """Set facts of one of the recording's properties: numbers, strings and lists as they are, the rest as strings.
-
-    None and empty lists are left out: rerun cannot infer their types, and warns.
-    """
+    """Set facts of a property: numbers, strings and lists as they are, others as strings; None and [] are skipped."""
     kept = (bool, int, float, str, list, tuple, np.generic, np.ndarray)
     values = {name: value if isinstance(value, kept) else str(value) for name, value in facts.items()
               if value is not None and np.size(value)}

@@ -1,20 +1,15 @@
-"""FrameIndex: the frames of a recording by stamp, with their numbers."""
+"""FrameIndex: number the frames of a recording by their stamps."""
 
 from collections import deque
 from dataclasses import dataclass
 
 STAMPS_KEPT = 256
-RATE_FRAMES = 10        # over which the rate is taken
+RATE_FRAMES = 10        # frames over which the rate is averaged
 
 
 @dataclass
 class RecordedFrame:
-    """A frame and what has come of it.
-
-    Args:
-        number: in the order in which stamps were first seen.
-        sketch_ns: when its sketch came.
-    """
+    """A frame, numbered in the order in which stamps were first seen; `sketch_ns` is when its sketch arrived."""
 
     stamp_ns: int
     number: int
@@ -22,6 +17,8 @@ class RecordedFrame:
 
 
 class FrameIndex:
+    """The newest STAMPS_KEPT frames, and the rate of clouds."""
+
     def __init__(self):
         self._frames: dict[int, RecordedFrame] = {}
         self._seen = 0
@@ -29,7 +26,7 @@ class FrameIndex:
         self.newest: RecordedFrame | None = None
 
     def __getitem__(self, stamp_ns: int) -> RecordedFrame:
-        """The frame with this stamp, which may be new."""
+        """The frame with this stamp, added if new."""
         if stamp_ns not in self._frames:
             self._frames[stamp_ns] = RecordedFrame(stamp_ns, self._seen)
             self._seen += 1
@@ -40,7 +37,7 @@ class FrameIndex:
         return self._frames[stamp_ns]
 
     def cloud_came(self, frame: RecordedFrame) -> float | None:
-        """Count a frame's cloud; the clouds a second by their stamps, or None if it is the first."""
+        """Count a frame's cloud; clouds per second by their stamps, None for the first."""
         self._clouds.append(frame.stamp_ns)
         seconds = (self._clouds[-1] - self._clouds[0]) * 1e-9
         return (len(self._clouds) - 1) / seconds if seconds > 0 else None

@@ -1,4 +1,4 @@
-"""Read a recording without a viewer: clouds, images, time series, log lines, properties."""
+"""Read a recording's clouds, images, time series, log lines and properties without a viewer."""
 
 import os
 from collections.abc import Container, Iterator
@@ -18,16 +18,16 @@ from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.recording import entities
 
 _ROW_ID = "rerun.controls.RowId"
-# An .rrd file is a header of 12 bytes (RRF2, version of rerun, compression and encoding), messages, and a footer, an
-# index of the messages, which is written when the file is closed.
+# An .rrd file has a header of 12 bytes (RRF2, version of rerun, compression, encoding), messages, and a footer with an
+# index, which is written when the file is closed.
 _HEADER_BYTES = 12
 _MARK, _ANY_MARK = b"RRF2", b"RRF"
-_FOOTER_BYTES, _FOOTER_MARK = 12, b"RRF2FOOT"   # of the footer's end: the mark, and the number of indices
+_FOOTER_BYTES, _FOOTER_MARK = 12, b"RRF2FOOT"   # the footer ends in the mark and the number of indices
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedCloud:
-    """A recorded cloud; None: not recorded."""
+    """A cloud of a recording; None = not recorded."""
 
     stamp_ns: int
     frame_index: int
@@ -37,13 +37,13 @@ class RecordedCloud:
     depth_std_m: np.ndarray | None = None   # float32 [N]
     row: np.ndarray | None = None           # uint16 [N]
     col: np.ndarray | None = None           # uint16 [N]
-    surface: np.ndarray | None = None       # uint8 [N], which of its pixel's
+    surface: np.ndarray | None = None       # uint8 [N], number within the pixel
 
     def __len__(self) -> int:
         return len(self.xyz)
 
     def placed(self, sensor: SensorModel) -> Cloud:
-        """The Cloud of one that was recorded with all columns; its background is not with it: NaN."""
+        """The Cloud, for clouds recorded with all columns; its background is NaN."""
         depth_bins = sensor.depth_bins(np.linalg.norm(self.xyz.astype(np.float64), axis=1)).astype(np.float32)
         return Cloud(self.row, self.col, depth_bins, self.intensity,
                      self.depth_std_m / np.float32(sensor.bin_width_m), self.xyz, self.surface,
@@ -60,7 +60,7 @@ class Series:
 
 @dataclass(frozen=True, eq=False)
 class CloudIndex:
-    """All clouds sorted by stamp: int64 [N] frame indices, stamps in nanoseconds, numbers of points."""
+    """All clouds sorted by stamp: int64 [N] frame indices, stamps in nanoseconds and numbers of points."""
 
     frame_index: np.ndarray
     stamp_ns: np.ndarray
@@ -72,7 +72,7 @@ class CloudIndex:
 
 @dataclass(frozen=True)
 class LogLine:
-    """A line of a node's log: its stamp, level (INFO, WARN, …) and text."""
+    """A line of a node's log; `level` is INFO, WARN, …"""
 
     stamp_ns: int
     level: str
@@ -83,7 +83,7 @@ class RecordingReader:
     """An .rrd file written by RecordingWriter.
 
     Raises:
-        InvalidInput: if there is no such file, it is no recording, a newer rerun wrote it, or it is cut off.
+        InvalidInput: no such file, no recording, a recording of a newer rerun, or one that is cut off.
     """
 
     def __init__(self, path):
@@ -94,11 +94,11 @@ class RecordingReader:
             entries = self._reader.recordings()
         except (RuntimeError, ValueError) as e:
             raise self._unreadable(e) from None
-        require(len(entries) > 0, "recording", str(path), "an .rrd file that holds a recording")
-        self._store = entries[0]        # rerun warns of a choice that it makes by itself
+        require(len(entries) > 0, "recording", problem=f"{path} holds no recording.")
+        self._store = entries[0]        # rerun warns if it chooses by itself
 
     def cloud_index(self) -> CloudIndex:
-        """Stamp, frame index and number of points of every cloud; shows a bar after 2 s."""
+        """Stamp, frame index and number of points of every cloud; shows a progress bar after 2 s."""
         rows = tqdm(self._rows(entities.POINTS, entities.FRAME, entities.STAMP, "Points3D:positions"), "reading",
                     delay=2, leave=False, unit="chunk")
         parts = [(frames, stamps, xyz.value_lengths().fill_null(0).to_numpy(zero_copy_only=False).astype(np.int64))
@@ -108,7 +108,7 @@ class RecordingReader:
         return CloudIndex(frames[order], stamps[order], points[order])
 
     def clouds(self, only: Container[int] | None = None) -> Iterator[RecordedCloud]:
-        """The clouds, in the order they were logged; `only` those with these frame indices."""
+        """Yield clouds in the order logged; `only` those with these frame indices."""
         for chunk, stamps, frames, xyz, intensity, colour in self._rows(
                 entities.POINTS, entities.STAMP, entities.FRAME, "Points3D:positions", entities.INTENSITY,
                 "Points3D:colors"):
@@ -121,9 +121,9 @@ class RecordingReader:
                                         _array(intensity[k]), _array(colour[k]), *more)
 
     def images(self, path: str, only: Container[int] | None = None) -> Iterator[tuple[int, int, np.ndarray]]:
-        """(stamp_ns, frame_index, image [rows, cols]) of an entity path, NaN = none, in the order they were logged.
+        """Yield (stamp_ns, frame_index, image [rows, cols]) of an entity path in the order logged, NaN = none.
 
-        Depth images in metres, float32; images in photons as recorded: integers or float32.
+        Depth is float32 in metres; other images are in photons, integers or float32 as recorded.
         """
         for chunk, stamps, frames, buffers, formats in self._rows(
                 path, entities.STAMP, entities.FRAME, "DepthImage:buffer", "DepthImage:format"):
@@ -135,7 +135,7 @@ class RecordingReader:
                     yield int(stamps[k]), int(frames[k]), image
 
     def series(self) -> dict[str, Series]:
-        """Every time series, by the name it was logged under."""
+        """All time series by name."""
         parts: dict[str, list] = {}
         for chunk, stamps, values in self._rows(f"{entities.METRICS}/**", entities.STAMP, "Scalars:scalars"):
             name = chunk.entity_path.removeprefix(f"{entities.METRICS}/")
@@ -148,14 +148,14 @@ class RecordingReader:
         return found
 
     def log_lines(self) -> list[LogLine]:
-        """The log lines of the nodes, in the order they were recorded."""
+        """The nodes' log lines in the order recorded."""
         return [LogLine(int(stamp), (level.as_py() or [""])[0], (text.as_py() or [""])[0])
                 for _, *columns in self._rows(f"{entities.LOG}/**", entities.STAMP, "TextLog:level", "TextLog:text")
                 for stamp, level, text in zip(*columns)]
 
     def properties(self) -> dict[str, dict]:
-        """The latest facts of each property: {"run": {…}, "sensor": {…}}; lists of values as arrays."""
-        latest: dict[tuple[str, str], tuple[bytes, pa.Scalar]] = {}     # a fact may be set several times
+        """The newest facts of each property: {"run": {…}, "sensor": {…}}; lists as arrays."""
+        latest: dict[tuple[str, str], tuple[bytes, pa.Scalar]] = {}     # facts may be set again
         for chunk in self._chunks(f"{entities.PROPERTIES}/**", static=True):
             batch, name = chunk.to_record_batch(), chunk.entity_path.removeprefix(entities.PROPERTIES).strip("/")
             row_ids = batch.column(_ROW_ID).to_pylist()
@@ -170,52 +170,52 @@ class RecordingReader:
         return found
 
     def _rows(self, content: str, *names: str) -> Iterator[tuple]:
-        """(chunk, a column for each of `names`) for every chunk at the entity paths, columns as `_column` gives."""
+        """Yield (chunk, column of each name) for the chunks at entity paths; columns as from `_column`."""
         for chunk in self._chunks(content):
             columns = [_column(chunk, name) for name in names]
             missing = [name for name, column in zip(names, columns) if column is None]
-            require(not missing, "recording", str(self.path), f"{chunk.entity_path} with {missing and missing[0]}")
+            require(not missing, "recording", problem=f"{self.path}: {chunk.entity_path} has no {', '.join(missing)}.")
             yield chunk, *columns
 
     def _chunks(self, content: str, static: bool = False) -> Iterator[Chunk]:
-        try:        # with the footer's index, rerun reads only the chunks asked for
+        try:        # rerun reads only these chunks, by the index in the footer
             yield from self._reader.store(store=self._store).stream().filter(content=content, is_static=static)
         except (RuntimeError, ValueError) as e:
             raise self._unreadable(e) from None
 
     def _unreadable(self, error: Exception) -> InvalidInput:
         why = " ".join(str(error).removeprefix(f"Failed to read RRD file at {self.path}: ").split())
-        return InvalidInput("recording", str(self.path), f"an .rrd file that can be read ({why})")
+        return InvalidInput("recording", problem=f"Cannot read recording {self.path} ({why}).")
 
 
 def _check_ends(path: Path) -> None:
     """Raise InvalidInput unless a file has the header and the footer of a recording."""
-    require(path.is_file(), "recording", str(path), "an .rrd file that exists")
+    require(path.is_file(), "recording", problem=f"{path}: no such file.")
     with open(path, "rb") as file:
         header, size = file.read(_HEADER_BYTES), file.seek(0, os.SEEK_END)
-        require(size > 0, "recording", str(path), "an .rrd file that is not empty")
-        require(header.startswith(_ANY_MARK), "recording", str(path), "an .rrd file, as the recorder writes it")
-        installed, of = version("rerun-sdk"), list(header[4:7])
-        readable = header.startswith(_MARK) and of[:2] <= [int(part) for part in installed.split(".")[:2]]
-        require(readable, "recording", str(path), f"a file of rerun 0.23 to {installed}; it is of "
-                f"{'.'.join(map(str, of))}: pip install -U rerun-sdk, or `rerun rrd migrate`")
+        require(size > 0, "recording", problem=f"{path} is empty.")
+        require(header.startswith(_ANY_MARK), "recording", problem=f"{path} is no recording (.rrd).")
+        installed, writer = version("rerun-sdk"), list(header[4:7])
+        readable = header.startswith(_MARK) and writer[:2] <= [int(part) for part in installed.split(".")[:2]]
+        require(readable, "recording", problem=f"{path} was written by rerun {'.'.join(map(str, writer))}; rerun "
+                f"{installed} reads 0.23 to {installed}: pip install -U rerun-sdk, or `rerun rrd migrate`.")
         file.seek(max(size - _FOOTER_BYTES, 0))
-        require(file.read().startswith(_FOOTER_MARK), "recording", str(path), "an .rrd file that was not cut off; "
-                f"`rerun rrd filter --continue-on-error -o saved.rrd {path.name}` saves what can be read")
+        require(file.read().startswith(_FOOTER_MARK), "recording", problem=f"{path} is cut off. "
+                f"`rerun rrd filter --continue-on-error -o saved.rrd {path.name}` saves what can be read.")
 
 
 def _column(chunk: Chunk, name: str):
-    """A column of a chunk: times as int64 [rows], all else as an Arrow list for each row; None if missing."""
+    """A column of a chunk: times as int64 [rows], others as Arrow lists; None if missing."""
     batch = chunk.to_record_batch()
     if name not in batch.schema.names:
         return None
     column = batch.column(name)
-    # Times as a copy: a view would keep the whole chunk in memory.
+    # Copy times: a view would keep the whole chunk in memory.
     return np.array(column.cast(pa.int64())) if name in (entities.STAMP, entities.FRAME) else column
 
 
 def _array(item: pa.Scalar) -> np.ndarray:
-    """The values of one row of one column, flat."""
+    """The values of a row in a column, flat."""
     values = item.values
     while pa.types.is_list(values.type) or pa.types.is_fixed_size_list(values.type):
         values = values.flatten()

@@ -1,4 +1,4 @@
-"""RecordingWriter: log clouds, images, scalars and log lines to an .rrd file."""
+"""Record clouds, images, scalars and log lines in an .rrd file."""
 
 import atexit
 import shutil
@@ -20,42 +20,42 @@ from srt3d_ros.processes.children import end_at_once
 from srt3d_ros.recording import entities, rerun_streams
 from srt3d_ros.recording.blueprint import film_blueprint, plot_styles
 
-FLUSH_PERIOD_S = 0.4        # without a flush, large clouds keep small scalars from being written at all
-FLUSH_TIMEOUT_S = 20.0      # after which a disk is taken to hang
-END_TIMEOUT_S = 10.0        # for the end of a file, after what was logged
-LEAST_FREE_BYTES = 500_000_000      # of the disk, below which a recording ends: its end, and other programs, need room
-_LEVELS = {10: "DEBUG", 20: "INFO", 30: "WARN", 40: "ERROR", 50: "CRITICAL"}      # of rcl_interfaces/Log
-_TYPES = {"row": np.uint16, "col": np.uint16, "surface": np.uint8}      # of columns that are not float32
+FLUSH_PERIOD_S = 0.4        # without regular flushes, large clouds keep rerun from writing scalars
+FLUSH_TIMEOUT_S = 20.0      # a slower disk counts as hanging
+END_TIMEOUT_S = 10.0        # for the footer, after all else is written
+LEAST_FREE_BYTES = 500_000_000      # stop recording below this: the footer and other programs need room
+_LOG_LEVELS = {10: "DEBUG", 20: "INFO", 30: "WARN", 40: "ERROR", 50: "CRITICAL"}      # of rcl_interfaces/Log
+_TYPES = {"row": np.uint16, "col": np.uint16, "surface": np.uint8}      # other columns are float32
 _RADIUS_SAMPLES = 4096
-_VIEWER_FOV_DEG, _VIEW_ASPECT = 55, 1.2     # of the viewer's 3D view, on a wide screen
+_VIEWER_FOV_DEG, _VIEW_ASPECT = 55, 1.2     # the viewer's 3D view on a wide screen
 
 
 class RecordingFailed(Exception):
-    """A file that cannot be written any more, or a disk that is nearly full, in one line."""
+    """The file cannot be written any more, or the disk is nearly full."""
 
 
 class RecordingWriter:
-    """Records clouds, images, scalars and log lines on the timelines `stamp` and `frame`. Not thread-safe.
+    """Writes an .rrd file with the timelines `stamp` and `frame`. Not thread-safe. Copies arrays.
 
-    rerun writes in threads of its own; every 0.4 s, a log_… method waits for them. Arrays are copied.
+    rerun writes in its own threads; every 0.4 s, a log_… method waits for them.
 
     Args:
-        path: the .rrd file; where there is one already, the first of NAME_2.rrd, NAME_3.rrd, … that is free.
+        path: the .rrd file; if it exists, NAME_2.rrd, NAME_3.rrd, … instead.
         sensor: sets the axes and the size of the points.
         properties: of the recording, {"run": {…}, …}: numbers, strings, lists of them.
-        images: entity paths of the images that will be logged, for the blueprint.
+        images: entity paths of the images to show in the blueprint.
 
     Raises:
-        RecordingFailed: the file cannot be written, or the disk has less than 500 MB left. Methods raise it, too; the
-            file is then finished, as far as that is possible, and the writer cannot be used again.
+        RecordingFailed: the file cannot be written, or the disk has less than 500 MB left. Methods raise it, too; then
+            the file is finished if possible, and the writer cannot be used again.
     """
 
     def __init__(self, path, sensor: SensorModel, properties: Mapping[str, Mapping] | None = None, *,
                  images: tuple[str, ...] = (entities.DEPTH,)):
         self.path, self._sensor, self._images = free(Path(path)), sensor, images
-        self._ranges: dict[str, AdaptiveRange] = {}         # of the colours, by entity path
+        self._ranges: dict[str, AdaptiveRange] = {}         # of colours, by entity path
         self._has_view = False
-        self._stream: rr.RecordingStream | None = None      # None: finished
+        self._stream: rr.RecordingStream | None = None      # None once finished
         try:
             self._check_disk()
             self._create_file()
@@ -63,14 +63,14 @@ class RecordingWriter:
             raise self._failure(error) from None
         self._stream = rr.RecordingStream(entities.APPLICATION_ID, recording_id=str(uuid.uuid4()))
         self._stream.save(self.path)
-        # Before rerun's own exit handler, which can deadlock with a thread that still logs.
+        # Runs before rerun's exit handler, which can deadlock with a thread that still logs.
         atexit.register(self.close)
         self._flushed_s = time.monotonic()
         self._log_static(properties or {})
 
     def log_cloud(self, stamp_ns: int, frame_index: int, xyz: np.ndarray, intensity: np.ndarray, **more) -> None:
         """Log a cloud: `xyz` [N, 3] in metres, `intensity` [N] in photons; `more`: entities.OF_FULL_CLOUDS."""
-        # Copies: rerun reads the arrays later, when the caller may have filled them with the next frame.
+        # Copies, because rerun reads the arrays later.
         columns = {name: np.array(values, _TYPES.get(name, np.float32), order="C")
                    for name, values in {"xyz": xyz, "intensity": intensity, **more}.items()}
         xyz = columns["xyz"]
@@ -83,39 +83,36 @@ class RecordingWriter:
         self._log(stamp_ns, frame_index, {entities.POINTS: entities.points(columns, colours, radius_m)})
 
     def log_image(self, path: str, stamp_ns: int, frame_index: int, image: np.ndarray) -> None:
-        """Log an image [rows, cols], NaN = none: entities.DEPTH in metres, or one of entities.IMAGES in photons."""
+        """Log an image [rows, cols], NaN = none: entities.DEPTH in metres, entities.IMAGES in photons."""
         whole = np.asarray(image).dtype.kind in "iu"
         image = np.array(image, np.uint32 if whole else np.float32, order="C")
         self._log(stamp_ns, frame_index, entities.image(path, image, *self._range(path, image)))
 
     def log_scalars(self, stamp_ns: int, values: Mapping[str, float], frame_index: int | None = None) -> None:
-        """Log one value for each of several time series: {"latency_ms": 35.1, "points": 19_871}."""
+        """Log a value of each time series: {"latency_ms": 35.1, "points": 19_871}; None is skipped."""
         self._log(stamp_ns, frame_index, {entities.metric_path(name): [rr.Scalars(float(value))]
                                           for name, value in values.items() if value is not None})
 
     def log_line(self, stamp_ns: int, text: str, level: int = 20, frame_index: int | None = None) -> None:
-        """Log a line of a node's log; the level as in rcl_interfaces/Log."""
-        self._log(stamp_ns, frame_index, {entities.LOG: [rr.TextLog(text, level=_LEVELS.get(level, "INFO"))]})
+        """Log a line of a node's log; `level` as in rcl_interfaces/Log."""
+        self._log(stamp_ns, frame_index, {entities.LOG: [rr.TextLog(text, level=_LOG_LEVELS.get(level, "INFO"))]})
 
     def set_properties(self, name: str, facts: Mapping) -> None:
-        """Set facts of one of the recording's properties."""
+        """Set facts of a property of the recording."""
         entities.log_properties(self._stream, name, facts)
 
     def flush(self) -> None:
-        """Wait until everything logged before is in the file."""
+        """Wait until the file has everything that was logged."""
         try:
             self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
             self._check_disk()
-        except (OSError, RuntimeError, ValueError) as error:        # of the disk, or of rerun
+        except (OSError, RuntimeError, ValueError) as error:        # from the disk or rerun
             self._finish()
             raise self._failure(error) from None
         self._flushed_s = time.monotonic()
 
     def close(self) -> None:
-        """Write what was logged and finish the file. Idempotent.
-
-        If the disk hangs, this process ends with exit code 1 when it ends: rerun would wait for the disk for ever.
-        """
+        """Finish the file. Idempotent. If the disk hangs, this process will exit with code 1: rerun would never end."""
         if self._stream is not None:
             if not self._has_view:
                 self._send_view(np.empty((0, 3)))
@@ -129,7 +126,7 @@ class RecordingWriter:
         self.close()
 
     def _log(self, stamp_ns: int, frame_index: int | None, archetypes: Mapping[str, list]) -> None:
-        """Log archetypes by entity path."""
+        """Log archetypes, given by entity path."""
         self._stream.reset_time()
         self._stream.set_time(entities.STAMP, timestamp=np.datetime64(int(stamp_ns), "ns"))
         if frame_index is not None:
@@ -140,7 +137,7 @@ class RecordingWriter:
             self.flush()
 
     def _log_static(self, properties: Mapping[str, Mapping]) -> None:
-        """Log what holds for all frames."""
+        """Log what is the same for all frames."""
         self._stream.log("/", entities.view_coordinates(self._sensor), static=True)
         self._stream.log(entities.NO_DEPTH, entities.no_depth_colour(), static=True)
         for path, style in plot_styles().items():
@@ -153,18 +150,18 @@ class RecordingWriter:
         self.set_properties(entities.SENSOR, {"description": description})
 
     def _send_view(self, xyz: np.ndarray) -> None:
-        """Log the sensor's field of view and the blueprint, whose eye has the cloud in view."""
+        """Log the sensor's field of view and the blueprint with an eye on the cloud."""
         self._has_view = True
         self._stream.log(entities.SENSOR_PATH, *entities.field_of_view(self._sensor, xyz), static=True)
         eye = look_at(xyz, self._sensor.projection, fov_deg=_VIEWER_FOV_DEG, aspect=_VIEW_ASPECT)
         rerun_streams.send_blueprint(self._stream, film_blueprint(eye, self._sensor, self._images))
 
     def _range(self, path: str, values: np.ndarray) -> tuple[float, float]:
-        """The values at the ends of the colours."""
+        """The values at the two ends of an entity's colours."""
         return self._ranges.setdefault(path, AdaptiveRange()).update(values)
 
     def _create_file(self) -> None:
-        """Create the file: where that fails, rerun would wait for ever. Its header is written over the byte."""
+        """Create the file to raise OSError here: rerun would wait for ever. Its header overwrites the byte."""
         with self.path.open("xb") as file:
             file.write(b"R")
 
@@ -178,13 +175,13 @@ class RecordingWriter:
         return RecordingFailed(f"recording {self.path}: {why}")
 
     def _finish(self) -> None:
-        """Have rerun write the file's footer and end its threads."""
+        """Make rerun write the footer and end its threads."""
         atexit.unregister(self.close)
         ending = threading.Thread(target=self._stream.disconnect, daemon=True)
         self._stream = None
         ending.start()
         ending.join(END_TIMEOUT_S)
         if ending.is_alive():
-            atexit.register(end_at_once, 1)     # what is registered last is called first, before rerun's handler
+            atexit.register(end_at_once, 1)     # called before rerun's handler: last registered, first called
         else:
             rerun_streams.free_ended()

@@ -1,4 +1,4 @@
-"""The pictures of a report: notable clouds, a strip over time, and the images of the typical frame."""
+"""The pictures of a report: notable clouds, clouds over time, and the images of a typical frame."""
 
 import base64
 import io
@@ -24,7 +24,7 @@ _IMAGES = {entities.DEPTH: ("depth", "m"), entities.INTENSITY_IMAGE: ("intensity
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture for the report, as a data: URI."""
+    """A picture of the report, as a data: URI."""
 
     title: str
     caption: str
@@ -32,11 +32,11 @@ class Picture:
 
 
 def make_gallery(recorded: Recorded) -> dict:
-    """Choose, read and draw the clouds, all from one viewpoint.
+    """Choose, read and draw clouds from one viewpoint.
 
     Returns:
-        typical, a Picture of a typical cloud; ends, of the clouds with the fewest and the most points; strip, of clouds
-        evenly spaced over the recording; images, those recorded with the typical cloud.
+        `typical`, a Picture of a typical cloud; `ends`, of those with the fewest and the most points; `strip`,
+        of clouds spaced evenly in time; `images`, those recorded with the typical cloud.
     """
     index = recorded.index
     typical, fewest, most = notable_frames(recorded)
@@ -60,12 +60,15 @@ def make_gallery(recorded: Recorded) -> dict:
 
 
 def _cloud_picture(recorded: Recorded, position: int, title: str, image: Image.Image) -> Picture:
-    index, found = recorded.index, [f"{recorded.index.points[position]:,} points"]
+    index = recorded.index
+    figures = [f"{index.points[position]:,} points"]
     photons, latency_ms = (recorded.at_clouds(name)[position] for name in ("photons", "latency_ms"))
-    found += [f"{photons:,.0f} photons"] * bool(np.isfinite(photons))
-    found += [f"latency {latency_ms:.0f} ms"] * bool(np.isfinite(latency_ms))
+    if np.isfinite(photons):
+        figures.append(f"{photons:,.0f} photons")
+    if np.isfinite(latency_ms):
+        figures.append(f"latency {latency_ms:.0f} ms")
     stamp = iso_time(index.stamp_ns[position]).replace("T", " ").replace("Z", " UTC")
-    return Picture(title, f"Frame {index.frame_index[position]}, {stamp}: {', '.join(found)}",
+    return Picture(title, f"Frame {index.frame_index[position]}, {stamp}: {', '.join(figures)}",
                    _uri(image, "jpeg", **_JPEG))
 
 
@@ -79,12 +82,14 @@ def _images(recorded: Recorded, frame: int) -> list[Picture]:
     for path, (title, unit) in _IMAGES.items():
         for _, _, values in recorded.reader.images(path, {frame}):
             low, high = percentile_range(values) or (0.0, 1.0)
-            table = range_table() if unit == "m" else colour_table(PHOTON_MAP)
+            if unit == "m":
+                table = range_table()
+                ends = " … ".join(length_text(float(f"{end:.3g}")) for end in (low, high))
+            else:
+                table, ends = colour_table(PHOTON_MAP), f"{low:.3g} … {high:.3g} {unit}"
             colours = table[levels(values, low, high)]
             colours[~np.isfinite(values)] = BACKGROUND
-            ends = " … ".join(length_text(float(f"{end:.3g}")) if unit == "m" else f"{end:.3g}" for end in (low, high))
-            picture = _uri(Image.fromarray(colours), "png", optimize=True)
-            pictures.append(Picture(title, ends if unit == "m" else f"{ends} {unit}", picture))
+            pictures.append(Picture(title, ends, _uri(Image.fromarray(colours), "png", optimize=True)))
     return pictures
 
 

@@ -1,4 +1,4 @@
-"""The plots of a recording's report, as SVG. Text and axes take the page's text colour, for dark and light pages."""
+"""Plots of a recording as SVG, with text and axes in the page's text colour, for dark and light pages."""
 
 import io
 from collections.abc import Callable, Sequence
@@ -10,22 +10,23 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from srt3d_ros.pictures.figures import DPI
 from srt3d_ros.recording.reader import Series
 from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.summary import find_gaps
 
 TIME = "seconds since the first cloud"
-# Of Okabe and Ito (2008), distinct for any colour vision, visible on white and on black.
-COLOURS = ("#e69f00", "#0072b2", "#009e73", "#cc79a7", "#56b4e9")
+# Okabe and Ito (2008): distinct for any colour vision, visible on white and on black.
+LINE_COLOURS = ("#e69f00", "#0072b2", "#009e73", "#cc79a7", "#56b4e9")
 _GAP_COLOUR = "#d55e00"
-_PAGE_COLOUR = "#010203"            # stands for the page's text colour
-_SIZE_IN, _DPI = (5.2, 2.35), 100
-_MOST_PARTS = 600                   # of a line: of more values, the median and range of each part are drawn
-_MOST_GAPS = 200
+_PAGE_COLOUR = "#010203"            # placeholder of the page's text colour
+_SIZE_IN = (5.2, 2.35)
+_MOST_PARTS = 600                   # longer lines are drawn as median and range of so many parts
+_MOST_DRAWN_GAPS = 200
 
 
 def draw_plots(recorded: Recorded) -> list[tuple[str, str]]:
-    """(title, <svg> element) of the plots for which the recording has values; gaps are shaded."""
+    """(title, <svg> element) of each plot with values; gaps are shaded."""
     latencies = {stage.replace("total", "end to end"): series for stage, series in recorded.latencies().items()}
     plots = [("Latency", "latency, ms", latencies),
              ("Points a frame", "points", {"points": Series(recorded.index.stamp_ns, recorded.index.points)}),
@@ -42,11 +43,11 @@ def _chosen(recorded: Recorded, name: str) -> dict[str, Series]:
 
 def _draw_lines(lines: dict[str, tuple[np.ndarray, np.ndarray]], label: str, gaps: Sequence[tuple[float, float]]
                 ) -> str:
-    """Lines of (seconds, values) by name; values that are not finite are left out, gaps are shaded."""
+    """Draw lines of (seconds, values) by name without NaN and Inf, and shade gaps; gives the <svg> element."""
     def draw(axes: Axes) -> None:
-        for first, last in gaps[:_MOST_GAPS]:
+        for first, last in gaps[:_MOST_DRAWN_GAPS]:
             axes.axvspan(first, last, color=_GAP_COLOUR, alpha=0.3, linewidth=1)
-        for (name, (x, y)), colour in zip(lines.items(), COLOURS):
+        for (name, (x, y)), colour in zip(lines.items(), LINE_COLOURS):
             finite = np.isfinite(y)
             _draw_line(axes, x[finite], y[finite], color=colour, label=name, linewidth=1.3)
         if len(lines) > 1:
@@ -55,7 +56,7 @@ def _draw_lines(lines: dict[str, tuple[np.ndarray, np.ndarray]], label: str, gap
         axes.set(xlabel=TIME, ylabel=label)
         axes.margins(x=0.01)
         low, high = axes.get_ylim()
-        if low <= 0 or high - low > 0.3 * high:         # from zero, unless that hides the changes
+        if low <= 0 or high - low > 0.3 * high:         # start at 0 unless that hides the changes
             axes.set_ylim(0, max(high, 1e-9) if high > 0.1 else 1)
     return _svg(draw)
 
@@ -72,13 +73,13 @@ def _draw_line(axes: Axes, x: np.ndarray, y: np.ndarray, **style) -> None:
 
 
 def _svg(draw: Callable[[Axes], None]) -> str:
-    """The <svg> element of the plot that draw(axes) makes."""
+    """The <svg> element of a plot that `draw` fills."""
     ink = dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color", "grid.color"),
                         _PAGE_COLOUR)
     style = {"svg.fonttype": "none", "font.size": 10, "axes.spines.top": False, "axes.spines.right": False,
              "grid.alpha": 0.18, "axes.grid": True, "axes.axisbelow": True}
     with rc_context(ink | style):
-        figure = Figure(_SIZE_IN, dpi=_DPI, layout="constrained")
+        figure = Figure(_SIZE_IN, dpi=DPI, layout="constrained")
         axes = figure.add_subplot()
         for patch in (figure.patch, axes.patch):
             patch.set_visible(False)

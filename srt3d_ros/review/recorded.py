@@ -1,4 +1,4 @@
-"""A recording without its clouds and images, in memory: the index of clouds, time series, log, properties."""
+"""A recording in memory without its clouds and images: index, time series, log and properties."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,7 @@ _LATENCIES = {"total": "latency_ms", "reconstruct": "latency_reconstruct_ms", "s
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """The contents of a recording; `reader` reads its clouds and images."""
+    """Contents of a recording; `reader` reads its clouds and images on demand."""
 
     path: Path
     sensor: SensorModel         # all pixels with the same IRF
@@ -28,19 +28,19 @@ class Recorded:
 
     @classmethod
     def read(cls, path) -> "Recorded":
-        """Read a recording; InvalidInput if the file is none, or has no cloud or no description of its sensor."""
+        """Read a recording; InvalidInput if the file is no recording or has no clouds or no sensor."""
         reader = RecordingReader(path)
         index = reader.cloud_index()
-        require(len(index) > 0, "recording", str(path), "a recording with clouds at /points")
+        require(len(index) > 0, "recording", problem=f"{path} has no clouds at /points.")
         properties = reader.properties()
         description = properties.get(entities.SENSOR, {}).get("description")
-        require(description is not None, "recording", str(path), "a recording with the description of its sensor")
+        require(description is not None, "recording", problem=f"{path} has no description of its sensor.")
         return cls(Path(path), sensor_message.from_json(description), reader, index, reader.series(),
                    reader.log_lines(), properties)
 
     @property
     def seconds(self) -> np.ndarray:
-        """Seconds of each cloud since the first; float64 [N]."""
+        """Time of each cloud in seconds since the first; float64 [N]."""
         return self.since_first(self.index.stamp_ns)
 
     def since_first(self, stamp_ns: np.ndarray) -> np.ndarray:
@@ -48,7 +48,7 @@ class Recorded:
         return (np.asarray(stamp_ns) - self.index.stamp_ns[0]) * 1e-9
 
     def at_clouds(self, name: str) -> np.ndarray:
-        """A series' value at each cloud's stamp, float64 [N], NaN = missing."""
+        """A series' values at the clouds' stamps, float64 [N], NaN = missing."""
         stamps, values = self.index.stamp_ns, np.full(len(self.index), np.nan)
         series = self.series.get(name)
         if series is not None and len(series.stamp_ns):
@@ -58,5 +58,5 @@ class Recorded:
         return values
 
     def latencies(self) -> dict[str, Series]:
-        """The series of latencies in milliseconds: `total`, and each stage's by its name."""
+        """The latency series in milliseconds: `total`, and one for each stage."""
         return {stage: self.series[name] for stage, name in _LATENCIES.items() if name in self.series}

@@ -1,4 +1,4 @@
-"""The report: a recording's figures, pictures and plots as one HTML file."""
+"""Write a recording's figures, pictures and plots as one HTML file."""
 
 from pathlib import Path
 
@@ -6,7 +6,6 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from srt3d_ros import __version__
-from srt3d_ros.errors import require
 from srt3d_ros.files.new_files import atomic_write, file_errors
 from srt3d_ros.review.gallery import make_gallery
 from srt3d_ros.review.plots import draw_plots
@@ -14,19 +13,15 @@ from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.summary import log_counts, rows
 
 _MOST_LOG_LINES = 500
-_LONGEST_LIST = 24          # values; of a longer list (an IRF), only the length is shown
+_LONGEST_LIST = 24          # longer lists (an IRF) are shown as their length
 
 
 def write_report(recorded: Recorded, summary: dict, path: Path) -> None:
-    """Write the report as an .html file, whole or not at all.
-
-    Args:
-        summary: from `summarise`.
+    """Write the report of a recording and its `summarise` figures as an .html file, atomically.
 
     Raises:
-        InvalidInput: if the file cannot be written there.
+        InvalidInput: the file cannot be written.
     """
-    require(not path.is_dir(), "report", str(path), "a file, not a directory")     # before the pictures are drawn
     html = _page(recorded, summary)
     with file_errors("report", path), atomic_write(path) as part:
         part.write_text(html, encoding="utf-8")
@@ -44,7 +39,7 @@ def _page(recorded: Recorded, summary: dict) -> str:
 
 
 def _log(recorded: Recorded) -> list[dict]:
-    """The last lines of the log, with the seconds since the first cloud."""
+    """The last lines of the log, with seconds since the first cloud."""
     return [{"at": f"{recorded.since_first(line.stamp_ns):+.2f} s", "level": line.level, "text": line.text}
             for line in recorded.log[-_MOST_LOG_LINES:]]
 

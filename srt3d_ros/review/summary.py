@@ -1,4 +1,4 @@
-"""The figures of a recording: as a dictionary for JSON, and as text for the terminal and the report."""
+"""Compute the figures of a recording, for JSON, the terminal and the report."""
 
 from collections import Counter
 from datetime import UTC, datetime
@@ -10,14 +10,14 @@ from srt3d_ros.messages import sensor_message
 from srt3d_ros.recording import entities
 from srt3d_ros.review.recorded import Recorded
 
-GAP_PERIODS = 1.5               # frames farther apart than this many median periods have a gap between them
-_MOST_GAPS = 100                # in the list; gap_count has all
-_DECIMALS = 3
+GAP_PERIODS = 1.5               # median periods; frames farther apart have a gap between them
+_MOST_LISTED_GAPS = 100                # in the list; gap_count has all
+_DIGITS = 3
 _SPREADS = {"points": "points a frame", "photons": "photons a frame", "ppp": "photons per pixel"}
 
 
 def summarise(recorded: Recorded) -> dict:
-    """All figures of a recording; None for those without data.
+    """All figures of a recording; None without data.
 
     frames, duration_s, frame_rate_hz (mean), period_ms (median), gaps (after_frame, at_s, seconds, missing frames),
     missing_frames, latency_ms (p50, p95, max for each stage), points, photons and ppp where recorded (median, min,
@@ -31,10 +31,10 @@ def summarise(recorded: Recorded) -> dict:
     typical, fewest, most = notable_frames(recorded)
     summary = {
         "recording": str(recorded.path), "started": iso_time(index.stamp_ns[0]),
-        "frames": frames, "duration_s": round(duration, _DECIMALS),
+        "frames": frames, "duration_s": round(duration, _DIGITS),
         "frame_rate_hz": _rounded((frames - 1) / duration) if duration > 0 else None,
         "period_ms": _rounded(period * 1e3) if period else None,
-        "gaps": gaps[:_MOST_GAPS], "gap_count": len(gaps), "missing_frames": sum(gap["missing"] for gap in gaps),
+        "gaps": gaps[:_MOST_LISTED_GAPS], "gap_count": len(gaps), "missing_frames": sum(gap["missing"] for gap in gaps),
         "latency_ms": {stage: latency(series.values) for stage, series in recorded.latencies().items()},
         "points": spread(index.points), "photons": _spread(recorded, "photons"), "ppp": _spread(recorded, "ppp"),
         "bytes": size, "bytes_per_point": _rounded(size / max(int(index.points.sum()), 1)),
@@ -48,20 +48,20 @@ def summarise(recorded: Recorded) -> dict:
 
 
 def find_gaps(recorded: Recorded) -> tuple[list[dict], float]:
-    """The gaps, where frames are missing, and the median period in seconds (0 for a single frame)."""
+    """Gaps where frames are missing, and the median period in seconds (0 for a single frame)."""
     seconds, frames = recorded.seconds, recorded.index.frame_index
     steps = np.diff(seconds)
     period = float(np.median(steps)) if len(steps) else 0.0
     positions = np.flatnonzero(steps > GAP_PERIODS * period) if period > 0 else ()
-    return [{"after_frame": int(frames[k]), "at_s": round(float(seconds[k]), _DECIMALS),
-             "seconds": round(float(steps[k]), _DECIMALS), "missing": max(round(float(steps[k]) / period) - 1, 1)}
+    return [{"after_frame": int(frames[k]), "at_s": round(float(seconds[k]), _DIGITS),
+             "seconds": round(float(steps[k]), _DIGITS), "missing": max(round(float(steps[k]) / period) - 1, 1)}
             for k in positions], period
 
 
 def notable_frames(recorded: Recorded) -> tuple[int, int, int]:
-    """Positions in the index of a typical cloud, of that with the fewest points and of that with the most.
+    """Positions in the index of a typical cloud, and of those with the fewest and the most points.
 
-    The typical cloud has the number of points nearest to the median; of several, it is nearest to the middle.
+    The typical cloud is nearest to the median number of points; among equals, nearest to the middle of the recording.
     """
     points = recorded.index.points
     off_middle = np.abs(np.arange(len(points)) - (len(points) - 1) / 2) / len(points)
@@ -71,13 +71,13 @@ def notable_frames(recorded: Recorded) -> tuple[int, int, int]:
 
 
 def latency(values: np.ndarray) -> dict[str, float]:
-    """Percentiles of latencies."""
+    """Median, 95th percentile and maximum of latencies."""
     p50, p95, most = np.percentile(values, (50, 95, 100))
     return {"p50": _rounded(p50), "p95": _rounded(p95), "max": _rounded(most)}
 
 
 def spread(values: np.ndarray) -> dict[str, float] | None:
-    """Median, minimum and maximum of the finite values; None without any."""
+    """Median, minimum and maximum of the finite values, or None."""
     values = np.asarray(values, np.float64)
     values = values[np.isfinite(values)]
     if len(values) == 0:
@@ -98,12 +98,12 @@ def format_summary(summary: dict) -> str:
 
 
 def align(lines: list[tuple[str, str]]) -> str:
-    """(name, text) in two columns."""
+    """Lines of (name, text) in two columns."""
     return "\n".join(f"  {name:<26}{text}" for name, text in lines)
 
 
 def rows(summary: dict) -> list[tuple[str, str]]:
-    """(name, figure with unit) of the figures that have data."""
+    """(name, figure with unit) of each figure with data."""
     s = summary
     rate = f", {s['frame_rate_hz']:.3g} Hz" if s["frame_rate_hz"] else ""
     found = [("recorded", f"{s['started'].replace('T', ' ')}, {_duration(s['duration_s'])}, {_size(s['bytes'])}"),
@@ -132,18 +132,18 @@ def _spread(recorded: Recorded, name: str) -> dict | None:
 
 
 def _rounded(value: float) -> float:
-    return round(float(value), _DECIMALS)
+    return round(float(value), _DIGITS)
 
 
 def _facts(sensor: SensorModel) -> dict:
-    """What a description says, but for its arrays; the lens as its own facts."""
+    """The sensor's description without arrays, with the projection's entries as its own."""
     content = sensor_message.to_object(sensor)
     content |= content["projection"]
     return {name: value for name, value in content.items() if not isinstance(value, dict)}
 
 
 def _plain(value):
-    """A property for JSON; numbers that are not finite as strings."""
+    """A property for JSON; NaN and Inf as strings."""
     value = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
     if isinstance(value, list):
         return [_plain(one) for one in value]
@@ -152,7 +152,7 @@ def _plain(value):
 
 
 def _origin(summary: dict) -> list[tuple[str, str]]:
-    """Sensor, frequencies and version, as far as they are recorded."""
+    """Sensor, frequencies and version, if recorded."""
     sensor, run, versions = (summary.get(name, {}) for name in ("sensor", "run", "versions"))
     found = [("sensor", f"{sensor['rows']} × {sensor['cols']} pixels, {sensor['num_bins']:,} bins of "
                         f"{sensor['bin_width_s'] * 1e12:.4g} ps, {sensor['kind']}")]

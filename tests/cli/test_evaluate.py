@@ -140,7 +140,7 @@ def test_scenes_of_the_paper_are_the_default(monkeypatch, tmp_path, capsys):
     (["bare.npz", "--held-out-photons", "nan"], "--held-out-photons is nan"),
     (["bare.npz", "--scene", "net", "--held-out-photons", "0.4"], "works with photon files only"),
     (["few.npz", "--held-out-photons", "0.4"],
-     "few is 240 photons: expected 250 or more for --held-out-photons 0.4"),
+     "few has 240 photons: --held-out-photons 0.4 needs 250 or more"),
     (["bare.npz", "--out", "."], "results.csv was not written by srt3d evaluate"),
 ])
 def test_a_mistake_is_one_line_and_exit_code_2(folder, tmp_path, monkeypatch, capsys, arguments, named):

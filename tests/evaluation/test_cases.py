@@ -43,7 +43,7 @@ def test_held_out_photons_are_no_longer_in_the_frame(layers):
 
 
 def test_files_of_one_name_are_refused(layers):
-    with pytest.raises(InvalidInput, match="^files is layers: expected each file name once"):
+    with pytest.raises(InvalidInput, match="^Two files are called layers: rename one"):
         of_files([str(layers), str(layers)])
 
 

@@ -8,7 +8,7 @@ from srt3d_ros.core.methods import METHODS, Method
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.evaluation.cases import of_files, simulated
 from srt3d_ros.evaluation.run import aligned_reference, jobs_for, judge, run
-from srt3d_ros.evaluation.scores import COLUMNS
+from srt3d_ros.evaluation.scores import RESULT_COLUMNS
 
 POOLED = METHODS["pooled"]
 
@@ -29,7 +29,7 @@ def test_methods_on_photons_run_once_and_those_on_sketches_for_each_size():
 def test_a_simulated_scene_is_judged_in_every_respect():
     (outcome,), notes = outcomes(simulated("bust", [10], [100]))
     row = outcome.row
-    assert not notes and len(outcome.cloud) == row["points"] and set(row) <= set(COLUMNS)
+    assert not notes and len(outcome.cloud) == row["points"] and set(row) <= set(RESULT_COLUMNS)
     assert row["true_detections_percent"] > 99 and row["false_detections_percent"] < 1
     assert 0 < row["dae_mm"] < 1
     assert row["dae_mm"] == pytest.approx(row["dae_bins"] * 0.3, rel=1e-3)

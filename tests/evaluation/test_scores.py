@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 
-from srt3d_ros.evaluation.scores import COLUMNS, HEADINGS, averaged, is_table, markdown, table_of_rows
+from srt3d_ros.evaluation.scores import HEADINGS, RESULT_COLUMNS, averaged, is_table, markdown, table_of_rows
 
 ROW = {"source": "bust", "sbr": 1.0, "ppp": 10.0, "repeat": 1, "method": "pooled", "sketch_size": 10,
        "photons_per_pixel": 9.9, "points": 100}
@@ -18,12 +18,12 @@ def test_a_row_is_on_the_disk_at_once_and_found_by_any_program(tmp_path):
         with open(path, newline="") as file:
             row, = csv.DictReader(file)
     wanted = {"dae_mm": "0.333333", "points": "19881", "iae": "", "frequencies": "1;2;5", "aligned": "", "sbr": "0.1"}
-    assert tuple(row) == COLUMNS and {name: row[name] for name in wanted} == wanted
+    assert tuple(row) == RESULT_COLUMNS and {name: row[name] for name in wanted} == wanted
 
 
 def test_a_table_is_known_by_its_columns(tmp_path):
     path = tmp_path / "results.csv"
-    for content in (b"", b"a,b\n1,2\n", ",".join((*COLUMNS, "format")).encode(), b"\xff\xfe\x00"):
+    for content in (b"", b"a,b\n1,2\n", ",".join((*RESULT_COLUMNS, "format")).encode(), b"\xff\xfe\x00"):
         path.write_bytes(content)
         assert not is_table(path)
     with table_of_rows(path):

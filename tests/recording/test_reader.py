@@ -44,18 +44,18 @@ def with_version(data, minor):
 
 
 @pytest.mark.parametrize("damage, expected", [
-    (lambda data: data[:7], "that was not cut off"),
+    (lambda data: data[:7], "bad.rrd is cut off"),
     (lambda data: data[:-1000], "`rerun rrd filter --continue-on-error -o saved.rrd bad.rrd` saves what can be read"),
-    (lambda data: with_version(data, 250), "a file of rerun 0.23 to 0.41.*; it is of 0.250.0"),
+    (lambda data: with_version(data, 250), "was written by rerun 0.250.0; rerun 0.41.* reads 0.23 to 0.41"),
     (lambda data: b"RRF3" + data[4:], "pip install -U rerun-sdk, or `rerun rrd migrate`"),
-    (lambda data: data[:500] + bytes(len(data) - 600) + data[-100:], "can be read"),
+    (lambda data: data[:500] + bytes(len(data) - 600) + data[-100:], "^Cannot read recording .*bad.rrd"),
 ])
 def test_a_damaged_foreign_or_newer_file_gives_one_line(tmp_path, whole, damage, expected):
     path = tmp_path / "bad.rrd"
     path.write_bytes(damage(whole.read_bytes()))
     with pytest.raises(InvalidInput, match=expected) as caught:
         list(RecordingReader(path).clouds())
-    assert str(caught.value).startswith("recording is ") and "\n" not in str(caught.value)
+    assert "bad.rrd" in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_optional_components_images_logs_and_properties_are_read_where_they_are(tmp_path):
@@ -92,5 +92,5 @@ def test_clouds_of_another_program_without_intensities_give_one_line(tmp_path):
     stream.set_time("frame", sequence=0)
     stream.log("/points", rr.Points3D(np.ones((3, 3), np.float32), colors=np.zeros(3, np.uint32)))
     stream.disconnect()
-    with pytest.raises(InvalidInput, match="/points with intensity"):
+    with pytest.raises(InvalidInput, match="/points has no intensity"):
         list(RecordingReader(tmp_path / "other.rrd").clouds())

@@ -66,14 +66,14 @@ def test_a_recording_without_a_sensor_is_one_line(tmp_path):
     stream.set_time("frame", sequence=0)
     stream.log("/points", rr.Points3D(np.ones((4, 3))))
     stream.disconnect()
-    with pytest.raises(InvalidInput, match="a recording with the description of its sensor"):
+    with pytest.raises(InvalidInput, match="a.rrd has no description of its sensor"):
         Recorded.read(tmp_path / "a.rrd")
 
 
 def test_a_recording_without_clouds_is_one_line(tmp_path, ball):
     with RecordingWriter(tmp_path / "a.rrd", ball[1]) as writer:
         writer.log_scalars(0, {"points": 1}, 0)
-    with pytest.raises(InvalidInput, match="a recording with clouds at /points"):
+    with pytest.raises(InvalidInput, match="a.rrd has no clouds at /points"):
         Recorded.read(tmp_path / "a.rrd")
 
 
