@@ -1,4 +1,4 @@
-"""Damaged input for whatever reads bytes, and the graph of real nodes."""
+"""Damaged input for readers of bytes, and the graph of real nodes."""
 
 import re
 from collections.abc import Callable
@@ -17,7 +17,7 @@ NUMBER_AS_TEXT = re.compile(rb"-?\d[\d.]*(?:[eE][+-]?\d+)?")
 
 @pytest.fixture(scope="session")
 def rounds(pytestconfig) -> int:
-    """How many inputs to try (--rounds)."""
+    """The number of inputs to try (--rounds)."""
     return pytestconfig.getoption("rounds")
 
 
@@ -50,9 +50,9 @@ def damaged(draw, examples: list[bytes]) -> bytes:
 
 
 def read_or_refused(read: Callable[[bytes], object], examples: list[bytes], rounds: int) -> None:
-    """Give `read` the examples, which it must read, and damaged ones, which it may refuse in one line.
+    """Check that `read` reads the examples, and reads or refuses in one line what has been damaged.
 
-    Any other exception fails, and hypothesis shows the smallest input that raises it.
+    Any other exception fails; hypothesis then shows the smallest input that raises it.
     """
     for example in examples:
         read(example)

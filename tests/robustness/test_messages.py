@@ -30,7 +30,7 @@ def golden(*names: str) -> list[bytes]:
 
 
 def frame(codec):
-    """Reads a message of photons in any form and sketches what it says."""
+    """A reader that decodes photons, encodes them again without change, and sketches them."""
     sketcher = FrameSketcher(SENSOR, FREQUENCIES)
 
     def read(raw: bytes) -> None:

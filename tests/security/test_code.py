@@ -1,4 +1,4 @@
-"""Nothing that comes from outside is unpickled or evaluated: what the rules S of `make lint` do not know."""
+"""No code unpickles input in a way that the rules S of `make lint` miss."""
 
 import re
 

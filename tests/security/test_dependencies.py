@@ -1,4 +1,4 @@
-"""Every dependency has a lower bound, below which nothing was tried, and an upper one, above which nobody knows."""
+"""Every dependency has a lower and an upper bound, and is pinned between them."""
 
 import importlib.metadata
 import re
@@ -14,14 +14,14 @@ import srt3d_ros
 
 
 def bounded(requirement: Requirement) -> bool:
-    """True for an exact version, and for a range with both ends."""
+    """Whether a requirement is an exact version or a range with both ends."""
     operators = {specifier.operator for specifier in requirement.specifier}
     return "==" in operators or {">=", "<"} <= operators
 
 
 @pytest.fixture(scope="module")
 def requirements() -> dict[str, Requirement]:
-    """Those of the installed package, its extras' too, as setup.py gave them."""
+    """The requirements of the installed package and its extras, by their text in setup.py."""
     return {text: Requirement(text) for text in importlib.metadata.requires(srt3d_ros.__name__)}
 
 

@@ -1,10 +1,10 @@
-"""What the network may ask of a node names no file: paths are set by who starts the node."""
+"""No one on the network can make a node open a file: only who starts a node sets paths."""
 
 import pytest
 
 from srt3d_ros.nodes import all_specs
 
-WORDS = {"frequencies", "frame_id", "gate"}     # live texts without choices; none is ever a path
+WORDS = {"frequencies", "frame_id", "gate"}     # live strings without choices; none is a path
 
 
 @pytest.mark.parametrize("name", all_specs())

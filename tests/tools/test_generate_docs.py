@@ -1,4 +1,4 @@
-"""Generated files are up to date, and the nodes' page names all topics of the specs."""
+"""Generated files are up to date, and docs/nodes.md has every topic of the nodes."""
 
 import re
 
