@@ -16,8 +16,8 @@ from pathlib import Path
 
 from srt3d_ros.nodes.versions import versions
 
-NAMES = ("ablation", "accuracy", "calibration", "choices", "false_alarms", "figure1", "gpu", "gpu_cost", "motion",
-         "pileup", "ros", "table1", "two_machines")
+NAMES = ("ablation", "accuracy", "calibration", "false_alarms", "figure1", "gpu", "gpu_cost", "motion", "pileup", "ros",
+         "table1", "two_machines")
 
 
 def machine() -> dict:

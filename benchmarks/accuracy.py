@@ -5,25 +5,19 @@ The simulated head, 141 × 141 pixels, m = 10, all methods on the same photons. 
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
-from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from benchmarks.figure1 import PHOTONS, STYLES, write_table
+from benchmarks.figure1 import write_table
 from benchmarks.frames import PPPS, SKETCH_SIZE
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.evaluation.cases import simulated
 from srt3d_ros.evaluation.run import jobs_for
 from srt3d_ros.evaluation.run import run as run_jobs
 from srt3d_ros.evaluation.scores import averaged
-from srt3d_ros.pictures.curves import Metric, format_axes
-from srt3d_ros.pictures.figures import save_png
-
-METRICS = (Metric("td_percent", "true detections, %"),
-           Metric("fd_percent", "false detections, %", "symlog", (-0.1, 110)),
-           Metric("dae_mm", "depth error, mm", "log"))
+from srt3d_ros.pictures.curves import draw_metrics
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -43,21 +37,7 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
               "fd_percent": round(row["false_detections_percent"], 2), "dae_mm": round(row["dae_mm"], 3)}
              for row in rows]
     if args.picture:
-        draw(args.picture, lines)
+        draw_metrics(args.picture, rows, "Simulated head, 141 × 141 pixels", list(METHODS))
         write_table(args.picture, lines, "TD % / FD % / DAE mm",
                     "{td_percent:.1f} / {fd_percent:.1f} / {dae_mm:.2f}")
     yield from lines
-
-
-def draw(path: Path, lines: Sequence[dict]) -> None:
-    """Draw a panel for each metric, with a line for each method."""
-    figure = Figure(figsize=(12, 3.8), dpi=150, layout="constrained")
-    panels = figure.subplots(1, len(METRICS))
-    for ax, metric in zip(panels, METRICS):
-        for name in METHODS:
-            ppp, values = zip(*[(line["ppp"], line[metric.column]) for line in lines if line["method"] == name])
-            ax.plot(ppp, values, label=name, **STYLES[name])
-        format_axes(ax, metric)
-        ax.set(xlabel=PHOTONS, ylabel=metric.label)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center", frameon=False)
-    save_png(figure, path)

@@ -1,8 +1,7 @@
 """How often the depth error is within 1 σ (68 % expected) and 2 σ (95 %) of the `depth_std` of points.
 
-Planes, slopes and steps of squares of pixels, which this file simulates itself, independently of the package: T = 1000,
-a Gaussian IRF of σ = 4 bins, m = 10. A point that is off by more than three IRF σ is false and does not count.
-docs/evaluation.md has the table.
+Simulated planes, slopes and steps, square, with T = 1000, a Gaussian IRF of σ = 4 bins and m = 10. A point that is off
+by more than three IRF σ is false and does not count. docs/RESULTS.md has the table.
 """
 
 import argparse
@@ -11,6 +10,9 @@ from collections.abc import Iterator
 import numpy as np
 
 import srt3d_ros
+from srt3d_ros.core.sensor.projection import Pinhole
+from srt3d_ros.datasets.simulation.scene import StaticScene
+from srt3d_ros.datasets.simulation.simulator import Simulator
 
 NUM_BINS, IRF_SIGMA = 1000, 4.0
 NEAR = 3 * IRF_SIGMA        # bins
@@ -52,13 +54,11 @@ def within(shape: str, size: int, ppp: float, sbr: float, irf_sigma: float, draw
 def errors(shape: str, size: int, ppp: float, sbr: float, irf_sigma: float,
            seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Depth errors of the true points of one frame: divided by the claimed standard deviation, and in bins."""
-    rng, truth = np.random.default_rng(seed), depth(shape, size)
-    reach = max(int(6 * irf_sigma), 1)
+    reach, truth = max(int(6 * irf_sigma), 1), depth(shape, size)
     irf = np.exp(-np.arange(-reach, reach + 1)**2 / (2 * irf_sigma**2))
-    row, col, toa = photons(truth, ppp * sbr / (1 + sbr), ppp / (1 + sbr), irf / irf.sum(), rng)
-    cloud = srt3d_ros.from_events(
-        row, col, toa, rows=size, cols=size, num_bins=NUM_BINS, bin_width_s=1e-10, irf=irf, irf_ref=reach,
-        fov_deg=20.0).reconstruct(device="cpu")
+    sensor = srt3d_ros.Sensor(size, size, NUM_BINS, 1e-10, irf, projection=Pinhole.from_fov(size, size, 20.0))
+    photons, _ = Simulator(StaticScene(sensor.range_m(truth)), sensor, sbr, ppp, seed).frame(0)
+    cloud = srt3d_ros.reconstruct(photons, sensor=sensor, device="cpu")
     error = cloud.depth_bins - truth[cloud.row, cloud.col]
     found = np.abs(error) <= NEAR
     return (np.abs(error) / cloud.depth_std_bins)[found], error[found]
@@ -68,14 +68,3 @@ def depth(shape: str, size: int) -> np.ndarray:
     """Depth, bins, [size, size]: flat at 500.3; rising by 0.1 and 0.07 bins per pixel; or with a step of 60 bins."""
     down, right = np.mgrid[:size, :size] - size / 2
     return 500.3 + {"plane": 0 * right, "slope": 0.1 * right + 0.07 * down, "step": 60.0 * (right >= 0)}[shape]
-
-
-def photons(truth: np.ndarray, signal: float, background: float, irf: np.ndarray,
-            rng: np.random.Generator) -> tuple[np.ndarray, ...]:
-    """Row, col and bin of Poisson photons; the IRF is interpolated linearly between bins."""
-    pixel = np.repeat(np.arange(truth.size), rng.poisson(signal, truth.size))
-    late = truth.ravel()[pixel] + rng.choice(len(irf), len(pixel), p=irf) - len(irf) // 2
-    seen = np.floor(late + rng.random(len(late))).astype(np.int64)
-    even = np.repeat(np.arange(truth.size), rng.poisson(background, truth.size))
-    pixel, toa = np.append(pixel, even), np.append(seen, rng.integers(0, NUM_BINS, len(even)))
-    return pixel // truth.shape[1], pixel % truth.shape[1], toa % NUM_BINS

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
+from scipy.ndimage import label
 from tqdm import tqdm
 
 from srt3d_ros.core.method.memory import PooledStream
@@ -50,13 +51,7 @@ def measured(num_bins: int, ppp: float, surfaces: int, rate: float) -> dict:
         toa = rng.integers(0, num_bins, len(pixel)).astype(np.uint16)
         cloud = pooled(sketch_photons(PhotonEvents(pixel, toa), sensor, frequencies))
         shown = np.isfinite(cloud.image("depth_bins"))
-        points, patches, frames = points + int(shown.sum()), patches + number_of_patches(shown), frames + 1
+        points, patches, frames = points + int(shown.sum()), patches + label(shown)[1], frames + 1
     share = points / (frames * SIDE**2)
     return {"num_bins": num_bins, "ppp": ppp, "surfaces": surfaces, "false_alarm_rate": rate, "frames": frames,
             "patches": patches, "share": float(f"{share:.3g}"), "over_rate": round(share / rate, 2)}
-
-
-def number_of_patches(shown: np.ndarray) -> int:
-    from scipy.ndimage import label
-
-    return label(shown)[1]

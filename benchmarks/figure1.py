@@ -45,9 +45,8 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
             reconstructor = method.build(sensor, sketcher.frequencies, device="cpu")
             timing = timed((lambda: sketcher.add(photons)) if name == "sketching" else lambda: reconstructor(frame),
                            args.repeats)
-            lines.append({"method": name, "ppp": ppp, "photons": photons.photons, "min_ms": round(min(timing.ms), 2),
-                          "median_ms": round(timing.median_ms, 2), "max_ms": round(max(timing.ms), 2),
-                          "growth_bytes": timing.growth_bytes})
+            lines.append({"method": name, "ppp": ppp, "photons": photons.photons} | timing.summary()
+                         | {"growth_bytes": timing.growth_bytes})
             yield lines[-1]
     if args.picture:
         draw(args.picture, lines)

@@ -1,17 +1,17 @@
-"""Shared by the benchmarks: frames of the simulated head, times and memory of calls, and mean scores."""
+"""Shared by the benchmarks: frames of the simulated head, and the times and memory of calls."""
 
 import ctypes
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from srt3d_ros.core.metrics import Metrics
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
+from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
 
@@ -28,9 +28,10 @@ class Timing(NamedTuple):
     ms: list[float]
     growth_bytes: int | None
 
-    @property
-    def median_ms(self) -> float:
-        return float(np.median(self.ms))
+    def summary(self) -> dict[str, float]:
+        """Median, least and greatest time of a run, ms."""
+        return {"median_ms": round(float(np.median(self.ms)), 2), "min_ms": round(min(self.ms), 2),
+                "max_ms": round(max(self.ms), 2)}
 
 
 def timed(call: Callable[[], object], repeats: int) -> Timing:
@@ -67,10 +68,12 @@ def photons_of(sensor: SensorModel, ppp: float) -> PhotonEvents:
     return Simulator(sensor=sensor, sbr=SBR, ppp=ppp, seed=SEED).frame(0)[0]
 
 
-def mean_scores(found: Sequence[Metrics]) -> dict[str, float]:
-    """Mean true and false detections, %, and depth error, bins, of several clouds."""
-    td, fd, dae = np.mean([(one.true_detections, one.false_detections, one.dae_bins) for one in found], axis=0)
-    return {"td_percent": round(100 * td, 2), "fd_percent": round(100 * fd, 2), "dae_bins": round(dae, 3)}
+def save_frame(folder: Path, side: int) -> str:
+    """Write a photon file with one frame of the simulated head, side × side pixels, unless it exists; its path."""
+    path, sensor = folder / f"{side}.npz", sensor_of(side)
+    if not path.exists():
+        photon_file.save(path, sensor, photons_of(sensor, PPP))
+    return str(path)
 
 
 def _status_bytes(name: str) -> int:

@@ -13,6 +13,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from multiprocessing.pool import Pool
 from pathlib import Path
 from typing import NamedTuple
@@ -147,16 +148,13 @@ def _measure(case: Case, device: str) -> tuple[dict, list[Cloud], list[dict]]:
     for _ in range(2):
         reconstructor.forget()
         clouds.append(reconstructor(sketch))
-    times = timed(lambda: reconstructor(sketch), REPEATS)
-    line = case.line() | {
-        "paper_ms": PAPER_MS.get((case.side, case.m)) if case.surfaces == 1 else None,
-        "median_ms": round(times.median_ms, 2), "min_ms": round(min(times.ms), 2), "max_ms": round(max(times.ms), 2),
-        "gpu_MB": round(torch.cuda.max_memory_reserved() / 1e6) if device == "cuda" else None}
+    line = case.line() | {"paper_ms": PAPER_MS.get((case.side, case.m)) if case.surfaces == 1 else None}
+    line |= timed(partial(reconstructor, sketch), REPEATS).summary()
+    line["gpu_MB"] = round(torch.cuda.max_memory_reserved() / 1e6) if device == "cuda" else None
     for ppp in PPPS if case in USUAL else ():
         sketch = _sketch(reconstructor.sensor, frequencies, ppp)
         reconstructor.forget()
-        by_photons.append(case.line() | {
-            "ppp": ppp, "median_ms": round(timed(lambda sketch=sketch: reconstructor(sketch), REPEATS).median_ms, 2)})
+        by_photons.append(case.line() | {"ppp": ppp} | timed(partial(reconstructor, sketch), REPEATS).summary())
     return line, clouds if case in COMPARED else [], by_photons
 
 

@@ -7,7 +7,6 @@ a CUDA graph). `make gpu-cost` installs what this needs.
 """
 
 import argparse
-import json
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 
@@ -32,7 +31,6 @@ from srt3d_ros.kernels.torch.fusing import Fused
 
 BANDWIDTH = {"H100": 3.0e12, "RTX 3070 laptop": 448e9, "Jetson Orin": 205e9}        # bytes/s, data sheets
 REACHED, LAUNCH_S = 0.7, 2e-6
-SIDE, M, SURFACES = 142, 10, 1          # of the summary, the last line
 OUTSIDE = "outside"
 VIEWS = ("view", "expand", "slice", "select", "unsqueeze", "squeeze", "permute", "transpose", "as_strided", "detach",
          "alias", "unbind", "split", "unfold", "_unsafe_view", "narrow", "empty", "lift_fresh")
@@ -127,17 +125,16 @@ def total(costs: Iterable[Cost]) -> Cost:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--sides", type=int, nargs="+", default=[SIDE, 705], help="image sizes (%(default)s)")
-    parser.add_argument("--m", type=int, nargs="+", default=[M], help="sketch sizes (%(default)s)")
-    parser.add_argument("--surfaces", type=int, nargs="+", default=[SURFACES], help="K (%(default)s)")
+    parser.add_argument("--sides", type=int, nargs="+", default=[142, 705], help="image sizes (%(default)s)")
+    parser.add_argument("--m", type=int, nargs="+", default=[10], help="sketch sizes (%(default)s)")
+    parser.add_argument("--surfaces", type=int, nargs="+", default=[1], help="K (%(default)s)")
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
-    """A line for each method, size, m and K; then a summary of 142², m = 10, K = 1."""
+    """A line for each method, size, m and K."""
     pretend()
     Fused.compiles = lambda *_: False
     trees.register_dataclass(MatchedFrame)
-    last = {}
     for side, m, surfaces in ((side, m, k) for side in args.sides for m in args.m for k in args.surfaces):
         for name in ("pooled", "srt3d"):
             with tqdm(disable=None, leave=False, bar_format="{n} {desc}") as bar:
@@ -153,6 +150,3 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
                    "launches": frame.launches, "gigabytes": round(frame.bytes / 1e9, 3),
                    "products_gflop": round(frame.flops / 1e9, 2), "paper_ms": PAPER_MS.get((side - side % 141, m)),
                    "predicted_ms": {gpu: round(time, 2) for gpu, time in times.items()}}
-            if (side, m, surfaces) == (SIDE, M, SURFACES):
-                last[name] = {"launches": frame.launches, "gigabytes": round(frame.bytes / 1e9, 3)}
-    print(json.dumps(last), flush=True)

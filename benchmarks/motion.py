@@ -16,7 +16,7 @@ from collections.abc import Iterator
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.frames import SKETCH_SIZE, mean_scores
+from benchmarks.frames import SKETCH_SIZE
 from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.motion.moving_sketcher import MovingFrame, MovingSketcher
@@ -110,4 +110,6 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
                 if k >= WARM_UP:
                     found[ppp, way].append(evaluate(cloud, truth, TOLERANCE_BINS, sensor.num_bins))
     for (ppp, way), metrics in found.items():
-        yield {"scene": "room", "ppp": ppp, "method": way} | mean_scores(metrics) | {"frames": len(metrics)}
+        td, fd, dae = np.mean([(one.true_detections, one.false_detections, one.dae_bins) for one in metrics], axis=0)
+        yield {"scene": "room", "ppp": ppp, "method": way, "td_percent": round(100 * td, 2),
+               "fd_percent": round(100 * fd, 2), "dae_bins": round(dae, 3), "frames": len(metrics)}

@@ -14,8 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.frames import PPP, photons_of, sensor_of
-from srt3d_ros.datasets import photon_file
+from benchmarks.frames import PPP, save_frame
 from srt3d_ros.processes.node_command import node_command
 from srt3d_ros.processes.private_network import join_private_network
 from tools.machines import WAIT_S, Watch, watch_command
@@ -40,15 +39,14 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
             started.callback(process.stop)
             return process
 
-        sensor, photons = sensor_of(args.side), Path(folder) / "frame.npz"
-        photon_file.save(photons, sensor, photons_of(sensor, PPP))
+        photons = save_frame(Path(folder), args.side)
         start(watch_command("points"), watch.on_line)
         for name in ("reconstructor", "sketcher"):
             start(node_command(name))
             wait(lambda: name in watch.reports, name, deadline_s=WAIT_S)
         for rate_hz in (args.rates[0], *args.rates):        # the first round only compiles
             first, sent = len(watch.arrivals), round(rate_hz * args.seconds)
-            start(node_command("player", input=str(photons), rate_hz=float(rate_hz), frames=sent)).code()
+            start(node_command("player", input=photons, rate_hz=float(rate_hz), frames=sent)).code()
             time.sleep(LAST_CLOUD_S)
             latencies = [arrival.latency_ms for arrival in watch.arrivals[first:]]
             if first and latencies:

@@ -30,5 +30,4 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
             timing = timed(partial(reconstructor, sketch), args.repeats)
             del reconstructor               # its memory would count as the next frame's
             yield {"pixels": f"{side}x{side}", "m": m, "method": name, "paper_ms": PAPER_MS[side, m],
-                   "median_ms": round(timing.median_ms, 1), "min_ms": round(min(timing.ms), 1),
-                   "max_ms": round(max(timing.ms), 1), "growth_bytes": timing.growth_bytes}
+                   **timing.summary(), "growth_bytes": timing.growth_bytes}

@@ -13,8 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.frames import photons_of, sensor_of
-from srt3d_ros.datasets.photon_file import save
+from benchmarks.frames import save_frame
 from tools.machines import NETWORK_PROFILE, ROBOT, SENSOR, Arrival, Link, Machines, why_not
 
 OWN, PROFILES = "Fast DDS's own", ("Fast DDS's own", "default", "network")      # of the sketcher; docs/deployment.md
@@ -65,7 +64,7 @@ def sketches(folder: Path, seconds: float, mbit: float, case: tuple, loss: float
         for name in filter(None, ("sketcher", reader)):
             machines.wait(lambda: name in watch.reports, name)
         before = link.wire_bytes()
-        machines.start_on(SENSOR, "player", input=photon_file(folder, side), rate_hz=rate_hz, frames=sent)
+        machines.start_on(SENSOR, "player", input=save_frame(folder, side), rate_hz=rate_hz, frames=sent)
         machines.wait(lambda: watch.total("player", "frames_out") >= sent, "the player", 10 * seconds + SILENCE_S)
         arrived = -1
         while arrived < len(watch.arrivals):
@@ -82,15 +81,6 @@ def sketches(folder: Path, seconds: float, mbit: float, case: tuple, loss: float
                     side**2 * (4 + size * {"int16": 4, "float32": 8}[layout]) * 8e-6 * rate_hz, 1),
                 "wire_mbit": round(wire * 8e-6 / ((last_ns - first_ns) * 1e-9 + 1 / rate_hz), 1),
                 "wire_bytes_per_frame": round(wire / max(arrived, 1))}
-
-
-def photon_file(folder: Path, side: int) -> str:
-    """The path of a file with one frame of the simulated head."""
-    path = folder / f"{side}.npz"
-    if not path.exists():
-        sensor = sensor_of(side)
-        save(path, sensor, photons_of(sensor, 10))
-    return str(path)
 
 
 def percentiles(arrivals: Sequence[Arrival]) -> dict[str, float]:

@@ -10,15 +10,8 @@ import struct
 import numpy as np
 
 from srt3d_ros.datasets.photons import Photons
-from srt3d_ros.datasets.readers.tmf8829 import (
-    MEASURED,
-    REFERENCE_BINS,
-    SIZES,
-    parts_of,
-    photons_of,
-    shift_of,
-    zones_of,
-)
+from srt3d_ros.datasets.readers import tmf8829
+from srt3d_ros.datasets.readers.tmf8829 import REFERENCE_BINS, SIZES, parts_of, shift_of
 from srt3d_ros.errors import require
 
 MAGIC, CONTAINER, BEFORE, HEADER, FOOTER, REFERENCE = 0xFE5E1234, 84, 5, 16, 12, 60   # bytes
@@ -55,10 +48,10 @@ def _assembled(found: dict[int, bytes], mode: int, stamp_ns: int) -> Photons:
     zones = np.zeros((*SIZES[mode], 256 >> shift_of(mode)), np.int32)
     references = np.zeros((len(found), REFERENCE_BINS), np.int32)
     for part, data in found.items():
-        into = zones[zones_of(part, mode)]
+        into = zones[tmf8829.zones_of(part, mode)]
         wanted = 3 * (4 * REFERENCE_BINS + into.size)
         require(len(data) == wanted, "message histograms", f"{len(data)} bytes", f"{wanted} bytes")
         values = np.frombuffer(data, np.uint8).reshape(-1, 3) @ np.array([1, 1 << 8, 1 << 16], np.int32)
         references[part] = values[:4 * REFERENCE_BINS].reshape(4, -1).sum(axis=0)
         into[:] = values[4 * REFERENCE_BINS:].reshape(into.shape)
-    return photons_of(zones, references, mode, stamp_ns, shift_of(mode), MEASURED)
+    return tmf8829.photons_of(zones, references, mode, stamp_ns, shift_of(mode), tmf8829.MEASURED)

@@ -1,8 +1,8 @@
 """The whole pipeline: `ros2 launch srt3d_ros srt3d.launch.py --show-args` lists what can be set.
 
-An argument that is not given changes nothing: the parameter file, or else the node's own default, decides.
-NODE.PARAMETER:=VALUE, such as sketcher.sketch_size:=5, sets any parameter of a node. Ends with 1 if a node fails or a
-player says that frames were lost, and with 0 when a player has sent its last frame.
+An argument that is not given leaves the value to the parameter file, or else to the node's default.
+NODE.PARAMETER:=VALUE, such as sketcher.sketch_size:=5, sets any parameter of a node. The exit code is 1 if a node fails
+or the player reports lost frames, and 0 after the player's last frame.
 `srt3d up` starts the same nodes without the launch package.
 """
 
@@ -19,9 +19,9 @@ from launch import Action, LaunchDescription
 
 PACKAGE = "srt3d_ros"
 TOPICS = ("photons", "gates", "histograms", "sensor", "points")
-BAD_INPUT = 2       # a node's exit code for what will not become right by another try
-ASKED = (0, -signal.SIGINT, -signal.SIGTERM)        # of a node that was asked to end, also before it had started
-END_S = "60"        # after Ctrl-C, for a recording to be written; launch would end the nodes after 5 s
+BAD_INPUT = 2       # exit code of a node with bad input: a restart would not help
+ASKED = (0, -signal.SIGINT, -signal.SIGTERM)        # exit codes of a node that was asked to end
+END_S = "60"        # time to write a recording after Ctrl-C; the default of launch is 5 s
 
 ARGUMENTS = {
     "config": "Parameter file: a path, or the name of one that comes with the package, such as scanner_141x141.",
@@ -43,27 +43,27 @@ CHOICES = {"device": ("", "auto", "cpu", "cuda"), "autostart": ("", "true", "fal
            "use_sim_time": ("", "true", "false"),
            "log_level": ("info", "debug", "warn", "error", "fatal")}       # the first is the default
 
-# Of each node: which parameter an argument sets. The player comes last, so that all listen when it starts.
+# The parameters of each node that arguments set. The player comes last: all others then listen when it starts.
 NODES = {
     "recorder": {"path": "record"},
     "reconstructor": {"device": "device"},
     "sketcher": {"sensor_file": "sensor_file"},
     "player": {"input": "input"},
 }
-RESTARTED = ("sketcher", "reconstructor")       # they keep nothing that a new process would lack
+RESTARTED = ("sketcher", "reconstructor")       # a new process continues where they ended
 MOST_RESTARTS = 5
 ONLY_WITH = {"recorder": "record", "player": "input"}
 
 
 def generate_launch_description() -> LaunchDescription:
-    """What `ros2 launch` runs."""
+    """The description that `ros2 launch` runs."""
     arguments = [DeclareLaunchArgument(name, default_value=CHOICES.get(name, ("",))[0], description=about,
                                        choices=CHOICES.get(name)) for name, about in ARGUMENTS.items()]
     return LaunchDescription([*arguments, OpaqueFunction(function=pipeline)])
 
 
 def pipeline(context) -> list[Action]:
-    """The nodes, by what was given."""
+    """The nodes that the given arguments ask for."""
     given = {name: value for name in ARGUMENTS if (value := context.launch_configurations[name])}
     files = [ParameterFile(config_file(given["config"]))] if "config" in given else []
     remappings = [(topic, given[topic]) for topic in TOPICS if topic in given]
@@ -81,31 +81,30 @@ def pipeline(context) -> list[Action]:
 
 
 def own(configurations: dict[str, str], node: str) -> dict:
-    """The parameters of a node that were given as NODE.PARAMETER:=VALUE; values as in a YAML file."""
+    """The parameters of a node given as NODE.PARAMETER:=VALUE, with values as in YAML."""
     return {name.partition(".")[2]: yaml.safe_load(value) for name, value in configurations.items()
             if name.partition(".")[0] == node}
 
 
 def texts(given: dict[str, str], parameters: dict[str, str]) -> dict[str, ParameterValue]:
-    """Parameters that are texts, whatever they look like: a file may be called 1.0."""
+    """Parameters that are strings even if they look like numbers: a file may be called 1.0."""
     return {parameter: ParameterValue(given[argument], value_type=str)
             for parameter, argument in parameters.items() if argument in given}
 
 
 def config_file(config: str) -> str:
-    """The path of a parameter file, given so or by its name in share/srt3d_ros/config."""
+    """The path of a parameter file from its path or its name in share/srt3d_ros/config."""
     shipped = Path(get_package_share_directory(PACKAGE), "config", f"{config}.yaml")
     if not shipped.is_file() and not Path(config).is_file():
-        raise RuntimeError(f"config is {config}: expected a parameter file, or the name of one of the package's")
+        raise RuntimeError(f"config \"{config}\": no such parameter file, neither here nor in the package")
     return str(shipped) if shipped.is_file() else config
 
 
 class Ended:
-    """Called when a node has ended: a pipeline in which one fails, and is not started again, is of no use.
+    """Called when a node has ended: ends the launch if the node failed for good, or if it was the player.
 
-    A player ends by itself when the others have finished its last frame. The launch then ends, too.
-
-    What is raised here ends the launch with 1; the action Shutdown would end it with 0.
+    The player ends when the others have finished its last frame. An exception ends the launch with exit code 1, the
+    action Shutdown with 0.
     """
 
     def __init__(self, restarts: int, is_player: bool):

@@ -1,8 +1,8 @@
 """Two machines simulated on one, for tests and benchmarks: network namespaces joined by a cable.
 
-The cable has a rate, can lose packets, and can be unplugged. The machines share the clock and the cores; each has its
-own network interface, address and /dev/shm. `Machines` starts nodes on them, and `Watch` keeps what the robot receives.
-Needs Linux, root and iproute2; one `Link` at a time in a process.
+The cable has a rate, can lose packets, and can be unplugged for a moment. The machines share the clock and the cores;
+each has its own network interface, address and /dev/shm. `Machines` starts nodes on them, and `Watch` keeps what the
+robot receives. Needs Linux, root and iproute2; one `Link` at a time in a process.
 """
 
 import json
@@ -76,13 +76,10 @@ class Link:
             _run("tc", "-n", name, "filter", "replace", "dev", INTERFACE, "ingress", "prio", "1", "handle", "1",
                  "bpf", "da", "bytecode", program)
 
-    def unplug(self) -> None:
-        """Unplug the cable from the robot."""
-        _run("ip", "-n", self.names[ROBOT], "link", "set", INTERFACE, "down")
-
-    def plug(self) -> None:
-        """Plug the cable in again, and wait until the network is up."""
-        _run("ip", "-n", self.names[ROBOT], "link", "set", INTERFACE, "up")
+    def replug(self) -> None:
+        """Unplug the cable from the robot, plug it in again, and wait until the network is up."""
+        for state in ("down", "up"):
+            _run("ip", "-n", self.names[ROBOT], "link", "set", INTERFACE, state)
         self._wait_until_up(ROBOT)
 
     def wire_bytes(self) -> int:
@@ -193,11 +190,10 @@ class Machines(dict[str, Process]):
 
 @dataclass(frozen=True)
 class Arrival:
-    """A message that has arrived: when it was stamped and received, and its number of points."""
+    """A message that has arrived: when it was stamped and received."""
 
     stamp_ns: int
     received_ns: int
-    points: int
 
     @property
     def latency_ms(self) -> float:

@@ -31,8 +31,7 @@ def main() -> None:
 
 
 def _on_message(raw: bytes) -> None:
-    cloud = cdr.read_cloud(raw)
-    _print(received_ns=time.time_ns(), stamp_ns=cloud.header.stamp_ns, points=cloud.height * cloud.width)
+    _print(received_ns=time.time_ns(), stamp_ns=cdr.read_cloud(raw).header.stamp_ns)
 
 
 def _on_diagnostics(message: DiagnosticArray) -> None:

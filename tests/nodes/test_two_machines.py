@@ -48,8 +48,7 @@ def test_every_sketch_passes_over_a_bad_link_once_and_to_a_robot_that_comes_back
 
     reconstructor.kill()
     machines.link.lose(0)
-    machines.link.unplug()
-    machines.link.plug()
+    machines.link.replug()
     del watch.reports["reconstructor"]
     machines.start_on(ROBOT, "reconstructor")
     machines.wait(lambda: watch.total("reconstructor", "cols") == SIDE, "sketch/sensor")
