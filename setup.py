@@ -1,10 +1,8 @@
-"""How srt3d_ros is installed: by pip, by colcon (build type ament_python) and by `make demo`.
+"""Install srt3d_ros with pip, colcon (build type ament_python) or `make demo`.
 
-ROS itself is an extra: on a machine with ROS 2 from apt, rclpy and the messages come from there (package.xml, rosdep),
-and pip must not put a second copy beside them. There: `colcon build`, or `pip install .` in a virtual environment made
-with --system-site-packages. Anywhere else `pip install '.[ros]'` brings ROS 2 Jazzy as wheels.
-
-torch is needed on an NVIDIA GPU only (the extra `gpu`): its CUDA builds are gigabytes.
+ROS is an extra. With ROS 2 from apt, rclpy and the messages come from apt (package.xml, rosdep), and pip must not add a
+second copy: use `colcon build`, or `pip install .` in a virtual environment made with --system-site-packages. Elsewhere
+`pip install '.[ros]'` brings ROS 2 Jazzy. Only NVIDIA GPUs need torch (extra `gpu`): its CUDA builds are gigabytes.
 """
 
 import re
@@ -16,15 +14,15 @@ from setuptools import find_packages, setup
 NAME = "srt3d_ros"
 VERSION = re.search(r'__version__ = "(.+)"', Path(__file__).with_name(NAME).joinpath("__init__.py").read_text())[1]
 
-# rerun-sdk asks for NumPy 2. It is not a core requirement because the apt packages of Ubuntu 24.04 use NumPy 1.26.
+# rerun-sdk needs NumPy 2. The core does not require it, because apt packages of Ubuntu 24.04 use NumPy 1.26.
 RERUN = "rerun-sdk>=0.41,<0.42"
 PICTURES = ["matplotlib>=3.8,<4", "Pillow>=10.2,<14"]
 TORCH = "torch>=2.9,<3"
 PYZMQ = "pyzmq>=25,<28"
 ROSBAGS = "rosbags>=0.11.9,<0.12"
-# It changes its interface from year to year.
+# ptufile changes its interface every year.
 LAB = ["ptufile>=2026.2,<2027"]
-# The site, as ROS 2 packages make theirs; sphinx-mathjax-offline brings MathJax, so that it reads without a network.
+# Sphinx makes the site, as for other ROS 2 packages; sphinx-mathjax-offline lets it be read without a network.
 DOCS = ["sphinx>=7.2,<10", "myst-nb>=1.1,<2", "furo>=2024.5,<2027", "sphinx-copybutton>=0.5,<1",
         "sphinx-mathjax-offline>=0.0.2,<0.1"]
 EXTRAS = {
@@ -43,7 +41,7 @@ EXTRAS = {
 
 
 def under(folder):
-    """The files of a top-level folder, as (destination in share/, files)."""
+    """(destination in share/, files) of a top-level folder."""
     return f"share/{NAME}/{folder}", sorted(path for path in glob(f"{folder}/*") if Path(path).is_file())
 
 
@@ -68,7 +66,7 @@ setup(
         under("config"),
         under("config/sensors"),
         under("examples"),
-        # Where `ros2 run` looks. They are not console scripts, which pip would put on PATH under names like `player`.
+        # `ros2 run` looks here. Console scripts would be on PATH under names like `player`.
         (f"lib/{NAME}", sorted(glob("scripts/nodes/*"))),
     ],
     zip_safe=False,

@@ -1,4 +1,4 @@
-"""The least that a driver of a histogramming sensor does: `sensor` once, latched, and `histograms` for ever."""
+"""A minimal driver of a histogramming sensor: publishes `sensor` once, latched, and `histograms` at a fixed rate."""
 import contextlib
 import json
 from array import array
@@ -21,7 +21,7 @@ expected = 2 + 50 * shape + SENSOR["histograms"]["template"]            # photon
 
 
 def read_histograms() -> np.ndarray:
-    """Call your SDK here: photons in each bin, uint8, uint16, int32 or float32 [ROWS, COLS, BINS]. Made up."""
+    """Replace this by your SDK: photons per bin, uint8, uint16, int32 or float32 [ROWS, COLS, BINS]."""
     return rng.poisson(expected, (ROWS, COLS, BINS)).astype(np.uint16)
 
 
@@ -31,7 +31,7 @@ def publish() -> None:
     started = node.get_clock().now().nanoseconds - round(PERIOD_S * 1e9)
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(started, 10**9)
     message.header.frame_id = SENSOR["frame_id"]
-    message.data = array("B", counts.tobytes())                         # NumPy itself would take 100 times as long
+    message.data = array("B", counts.tobytes())                         # a NumPy array takes 100 times as long
     histograms.publish(message)
 
 

@@ -1,4 +1,4 @@
-"""The least that a driver of a gated SPAD array does: `sensor` once, latched, and `gates` for ever."""
+"""A minimal driver of a gated SPAD array: publishes `sensor` once, latched, and `gates` at a fixed rate."""
 import contextlib
 import json
 from array import array
@@ -19,7 +19,7 @@ rng = np.random.default_rng(0)
 
 
 def read_cycles() -> np.ndarray:
-    """Call your SDK here: ToA words, uint16 [CYCLES, ROWS, COLS]. Made up: 20 photons a pixel, half of them noise."""
+    """Replace this by your SDK: ToA words, uint16 [CYCLES, ROWS, COLS]; here 20 photons per pixel, half of them noise."""
     words, photons = np.full((CYCLES, ROWS, COLS), NOTHING, np.uint16), 20 * ROWS * COLS
     toa = np.where(rng.random(photons) < 0.5, rng.normal(80, 1.2, photons).round(), rng.integers(0, 153, photons))
     words.reshape(-1)[rng.integers(0, words.size, photons)] = toa       # bin 80: everything is 3 m away
@@ -31,7 +31,7 @@ def publish() -> None:
     started = node.get_clock().now().nanoseconds - round(PERIOD_S * 1e9)
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(started, 10**9)
     message.header.frame_id = SENSOR["frame_id"]
-    message.data = array("B", read_cycles().tobytes())                  # NumPy itself would take 100 times as long
+    message.data = array("B", read_cycles().tobytes())                  # a NumPy array takes 100 times as long
     gates.publish(message)
 
 

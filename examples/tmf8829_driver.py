@@ -1,4 +1,4 @@
-"""A driver of the ams TMF8829: from the ZeroMQ publisher of ams' Python driver to `sensor` and `histograms`.
+"""A driver of the ams TMF8829: republishes the ZeroMQ messages of ams' Python driver as `sensor` and `histograms`.
 
     python tmf8829_driver.py tcp://169.254.0.2:5558         # set `histograms` to 1 in the device's configuration
 """
@@ -19,7 +19,7 @@ try:
     import zmq
 except ModuleNotFoundError:
     sys.exit("tmf8829_driver: zmq is not installed: pip install pyzmq")
-MOVED = 0.02        # Σ |h − h'| of two reference pulses of sum 1: the pulse has moved by 0.04 bins; noise makes 0.01
+MOVED = 0.02        # Σ |h − h'| of two reference pulses of sum 1 if the pulse has moved by 0.04 bins; noise gives 0.01
 
 
 def publish() -> None:
@@ -50,8 +50,8 @@ sensor = node.create_publisher(String, "sensor", QoSProfile(depth=1, durability=
 histograms = node.create_publisher(Image, "histograms", QoSProfile(depth=5))
 socket = zmq.Context().socket(zmq.SUB)          # reconnects by itself when the device comes back
 socket.setsockopt(zmq.SUBSCRIBE, b"")
-socket.setsockopt(zmq.RCVHWM, 4)                # older measurements are of no use
-socket.setsockopt(zmq.HEARTBEAT_IVL, 1000)      # ms; a device without power closes no connection
+socket.setsockopt(zmq.RCVHWM, 4)                # drop older measurements
+socket.setsockopt(zmq.HEARTBEAT_IVL, 1000)      # ms; a device that loses power does not close the connection
 socket.connect(address)
 node.create_timer(0.005, publish)
 with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):

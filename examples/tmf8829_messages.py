@@ -1,9 +1,9 @@
-"""Messages of the ZeroMQ publisher in ams' Python driver of the TMF8829 (port 5558).
+"""Decode the messages that ams' Python driver of the TMF8829 publishes with ZeroMQ (port 5558).
 
     https://github.com/ams-OSRAM/tmf8829_driver_python: tmf8829/zeromq/TMF8829_zeromq_protocol.md
 
-A message is a container header of 84 bytes and frames: 5 bytes from the host, a header of 16, data, a footer of 12.
-Bins have 24 bits. From the driver's source only, for want of a device; of dual mode the frames that come last are used.
+A message is a container header of 84 bytes, then frames: 5 bytes of the host, 16 of a header, data, 12 of a footer. Bins
+have 24 bits. Written from the driver's source, not tried with a device. In dual mode, the last frames are used.
 """
 import struct
 
@@ -19,10 +19,10 @@ HISTOGRAMS, REFERENCE_SPADS = 0x20, 0x30
 
 
 def decode(message: bytes, stamp_ns: int) -> Photons | None:
-    """The histograms in a message of the publisher, stamped so; None if it has results only.
+    """The histograms in a message, with this stamp; None if the message has results only.
 
     Raises:
-        InvalidInput: no such message, or one without all histograms of its measurement.
+        InvalidInput: not a message of the publisher, or histograms of the measurement are missing.
     """
     require(len(message) >= CONTAINER and struct.unpack_from("<I", message)[0] == MAGIC, "message",
             f"{len(message)} bytes", "a container of the TMF8829 publisher (0xFE5E1234, 84 bytes, frames)")

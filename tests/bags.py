@@ -1,4 +1,4 @@
-"""Bags that tests write, as `ros2 bag record` does."""
+"""Write bags as `ros2 bag record` does."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ STORAGES = ("mcap", "sqlite3")
 
 
 def write_bag(path: Path, messages: list[tuple], storage: str = "mcap", first: int = 0) -> Path:
-    """A bag of (topic, type, bytes), or (topic, type, bytes, ms); by default a ms after each other, `first` on."""
+    """Write a bag of (topic, type, bytes[, ms]); without ms, messages are 1 ms apart, from `first` on."""
     types, connections = get_typestore(Stores.ROS2_JAZZY), {}
     with Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()]) as writer:
         for k, (topic, message_type, raw, *at_ms) in enumerate(messages, first):

@@ -1,4 +1,4 @@
-"""What all tests share: ROS 2 kept to this machine and to a domain of its own, and the photon data if present."""
+"""Shared by all tests: ROS 2 on this machine alone, in a domain of its own, and the photon data if present."""
 
 import os
 import resource
@@ -10,18 +10,18 @@ import pytest
 
 from srt3d_ros.processes.private_network import claim_domain
 
-# Before anything imports rclpy; the nodes that tests start inherit it. Each worker of pytest-xdist has its own.
+# Set before anything imports rclpy, and inherited by nodes. Each worker of pytest-xdist claims another domain.
 os.environ["ROS_DOMAIN_ID"] = str(claim_domain())
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["RERUN_TELEMETRY"] = "0"
 
-# Programs that tests start are ended with Ctrl-C: a shell that starts the tests in the background has it ignored.
+# Tests end programs with SIGINT, which a shell ignores in what it starts in the background.
 if threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 MAX_WORKERS = 4
-# They begin first: begun last, one would keep a single worker busy at the end. Those that wait alternate with those
-# that compute.
+# These start first, so that none keeps a single worker busy at the end. Files that wait alternate with files that
+# compute.
 LONG = ("tests/test_demo.py", "tests/docs/test_commands.py", "tests/nodes/test_sketcher_counts.py",
         "tests/kernels/test_reconstruction.py", "tests/processes/test_supervisor.py",
         "tests/robustness/test_pipeline.py", "tests/nodes/test_two_machines.py", "tests/kernels/test_compiling.py",
@@ -34,12 +34,12 @@ def pytest_addoption(parser):
 
 
 def pytest_xdist_auto_num_workers(config) -> int:
-    """One more than processors: tests of nodes spend a fifth of their time waiting for them."""
+    """One more worker than processors: tests of nodes wait for a fifth of their time."""
     return min(len(os.sched_getaffinity(0)) + 1, MAX_WORKERS)
 
 
 def pytest_collection_modifyitems(items):
-    """Long files first, all others as they are; pytest-xdist takes them in this order (--no-loadscope-reorder)."""
+    """Sort long files first. pytest-xdist keeps this order (--no-loadscope-reorder)."""
     first = [REPOSITORY / path for path in LONG]
     assert all(path.exists() for path in first)
     items.sort(key=lambda item: first.index(item.path) if item.path in first else len(first))
@@ -53,7 +53,7 @@ def repository() -> Path:
 
 @pytest.fixture(scope="session")
 def ros():
-    """rclpy, initialised once for all tests of a process."""
+    """Initialise rclpy once for all tests of a process."""
     import rclpy
 
     from srt3d_ros.processes import transport
@@ -75,7 +75,7 @@ def shared_data() -> Path:
 
 @pytest.fixture
 def full_disk():
-    """No file takes more than 1000 bytes, as on a disk with so much room; the error is "File too large"."""
+    """Limit every file to 1000 bytes, as a full disk would; the error is "File too large"."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
     yield

@@ -1,4 +1,4 @@
-"""Photons in the other forms in which sensors send them."""
+"""Convert photon events to the other forms in which sensors send photons."""
 
 import numpy as np
 

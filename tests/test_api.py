@@ -1,4 +1,4 @@
-"""`import srt3d_ros`: three lines from arrays, counts, files or sketches to a cloud that is drawn and saved."""
+"""The library: from arrays, counts, files or sketches to a cloud that is drawn and saved."""
 
 import inspect
 import subprocess
@@ -16,9 +16,7 @@ from srt3d_ros.core.sensor.model import GateWords
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.design import design_for
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
-from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.datasets import photon_file
-from srt3d_ros.datasets.readers import cubes
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from tests.photon_forms import as_gates
@@ -67,8 +65,9 @@ def test_every_form_of_the_same_photons_gives_the_same_cloud(cloud, tmp_path):
     same(srt3d_ros.reconstruct(gates, sensor=words), srt3d_ros.reconstruct(PHOTONS, cycles=len(gates.words)))
 
 
-@pytest.mark.parametrize("suffix", ["npz", "npy", "mat"])
-def test_the_callers_sensor_wins_over_every_file_and_a_note_says_so(tmp_path, suffix):
+@pytest.mark.parametrize("suffix, replaced", [
+    ("npz", [" num_bins, toa_offset_bins, range_offset_m, projection"]), ("npy", []), ("mat", [" bin_width_s"])])
+def test_the_callers_sensor_wins_over_every_file_and_a_note_says_so(tmp_path, suffix, replaced):
     from scipy.io import savemat
 
     path = tmp_path / f"photons.{suffix}"
@@ -81,9 +80,7 @@ def test_the_callers_sensor_wins_over_every_file_and_a_note_says_so(tmp_path, su
         savemat(path, {"counts": COUNTS, "bin_width_s": 9e-11})
     read = srt3d_ros.read(path, sensor=mine)
     assert read.sensor.same_as(mine) and np.array_equal(np.sort(read.events.toa), np.sort(FRAME.toa))
-    assert [note.split(":")[1] for note in read.notes] == {
-        "npz": [" num_bins, toa_offset_bins, range_offset_m, projection"], "npy": [], "mat": [" bin_width_s"]}[suffix]
-    assert srt3d_ros.read(path, sensor=mine, toa_offset_bins=5).sensor.same_as(mine.replace(toa_offset_bins=5))
+    assert [note.split(":")[1] for note in read.notes] == replaced
 
 
 def test_what_a_photon_file_lacks_can_be_given(tmp_path):
@@ -102,19 +99,6 @@ def test_what_a_photon_file_lacks_can_be_given(tmp_path):
     np.savez(tmp_path / "a.npz", rows=12, cols=20, num_bins=300, pixel=FRAME.pixel, toa=FRAME.toa * 5e-11, stamp_ns=7)
     with pytest.raises(srt3d_ros.InvalidInput, match="^a.npz: All toa are below 1.*divide seconds"):
         srt3d_ros.read(tmp_path / "a.npz", bin_width_s=5e-11)
-
-
-def test_counts_of_many_photons_stay_histograms(cloud, tmp_path, monkeypatch):
-    monkeypatch.setattr(cubes, "MAX_KEPT", 3_000)
-    np.save(tmp_path / "counts.npy", COUNTS.astype(np.uint16))
-    opened = srt3d_ros.read(tmp_path / "counts.npy", bin_width_s=5e-11, irf=SENSOR.irf, fov_deg=30)
-    assert isinstance(opened.frame, PhotonHistograms)
-    same(srt3d_ros.reconstruct(opened, toa_offset_bins=1000, frequencies=FREQUENCIES), cloud)
-    gated = srt3d_ros.read(opened, mask=np.eye(12, 20) == 0).sketch(gate=(60, 130))
-    assert gated.photons.sum() == np.count_nonzero((FRAME.toa >= 60) & (FRAME.toa <= 130)) and len(gated.notes) == 1
-    assert np.array_equal(gated.sensor.mask, np.eye(12, 20) == 0)
-    with pytest.raises(srt3d_ros.InvalidInput, match="^histograms shape is "):
-        srt3d_ros.reconstruct(opened, num_bins=50)
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -224,15 +208,11 @@ def test_a_window_of_a_sketch_sees_its_part_of_the_scene(cloud):
 
 # ---- What a cloud can do
 
-def test_a_cloud_is_saved_in_every_format(cloud, tmp_path):
-    for suffix in ("npz", "ply"):
-        cloud.save(tmp_path / f"cloud.{suffix}")
-        assert (tmp_path / f"cloud.{suffix}").stat().st_size > 2000
-    cloud.save(tmp_path / "cloud.npz")          # over the one before
+def test_a_cloud_is_saved_with_its_frequencies_over_the_one_before(cloud, tmp_path):
+    for _ in range(2):
+        cloud.save(tmp_path / "cloud.npz")
     with np.load(tmp_path / "cloud.npz") as file:
         assert np.array_equal(file["xyz"], cloud.xyz) and file["frequencies"].tolist() == list(FREQUENCIES)
-    with pytest.raises(srt3d_ros.InvalidInput, match="^output is .*cloud.las: expected a file name that ends in"):
-        cloud.save(tmp_path / "cloud.las")
 
 
 def test_no_result_is_written_over_photons_or_another_kind_of_file(cloud, tmp_path):
@@ -251,11 +231,9 @@ def test_ranges_before_the_sensor_are_negative():
     assert np.nanmax(behind.range_image()) < -2
 
 
-def test_a_cloud_is_drawn(cloud, tmp_path):
+def test_a_cloud_is_drawn(cloud):
     from matplotlib.figure import Figure
 
-    cloud.save(tmp_path / "cloud.png")
-    assert (tmp_path / "cloud.png").read_bytes().startswith(b"\x89PNG")
     image = cloud.render()
     assert (image.shape, image.dtype) == ((900, 1200, 3), np.uint8)
     assert len(np.unique(image.reshape(-1, 3), axis=0)) > 100
@@ -269,7 +247,7 @@ def test_a_cloud_is_drawn(cloud, tmp_path):
 
 
 def test_the_first_call_shows_that_it_compiles(repository):
-    """One small kernel, never on the disk, stands for all."""
+    """A small kernel that is never on the disk stands for all kernels."""
     code = ("from srt3d_ros.progress import compiling\n"
             "def kernel(x): return x + 1\nkernel.__module__ = 'srt3d_ros.kernels.cpu.made_up'\n"
             "kernel = __import__('numba').njit(kernel)\nwith compiling(): kernel(1)\n")

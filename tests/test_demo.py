@@ -1,4 +1,4 @@
-"""`srt3d demo`, as `make demo` runs it: real nodes in real processes."""
+"""`srt3d demo`, as `make demo` runs it, with real nodes in processes."""
 
 import json
 import os
@@ -20,7 +20,7 @@ NODES = {"player", "sketcher", "reconstructor", "recorder"}
 
 @pytest.fixture(scope="module")
 def photon_file(tmp_path_factory) -> Path:
-    """Photons of a small simulated sensor, with reference."""
+    """A photon file of a small simulated sensor, with a reference."""
     sensor = SensorModel(rows=32, cols=32, num_bins=300, bin_width_s=1e-10, irf=[1, 4, 2, 1])
     events, truth = Simulator(sensor=sensor, ppp=20).frame(0)
     path = tmp_path_factory.mktemp("photons") / "a bust, 32².npz"
@@ -31,7 +31,7 @@ def photon_file(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def start(tmp_path, repository):
-    """Start `srt3d demo`, with its output in out.txt; whatever happens, it and its nodes are gone afterwards."""
+    """Starts `srt3d demo` with its output in out.txt, and ends it and its nodes after the test."""
     started = []
 
     def start(*options) -> psutil.Popen:
@@ -92,7 +92,7 @@ def test_ctrl_c_ends_the_demo_and_its_nodes_quietly(start, tmp_path, photon_file
     assert set(nodes) == NODES
     demo.send_signal(signal.SIGINT)
     assert demo.wait() == 130
-    # A player that started in the moment of the signal is ended by the kernel, after the demo.
+    # The kernel ends a player that was just starting, after the demo has ended.
     wait(lambda: not any(node.is_running() for node in nodes.values()), "the nodes' end")
     assert "Traceback" not in said.read_text()
 

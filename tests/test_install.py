@@ -1,4 +1,4 @@
-"""The package installs by pip (from an sdist) and by colcon, and is then found as ROS 2 tools look for it."""
+"""The package installs with pip (from an sdist) and with colcon, and ROS 2's tools then find it."""
 
 import os
 import re
@@ -43,7 +43,7 @@ def by_pip(source, tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def by_colcon(source, tmp_path_factory) -> Path:
-    """The prefix of `colcon build`, which prints nothing on stderr."""
+    """The prefix of a `colcon build`, which must print nothing on stderr."""
     if " " in sys.executable:
         pytest.skip("the scripts that setuptools writes for colcon do not start if the path of Python has a space")
     colcon = Path(sys.executable).parent / "colcon"
@@ -63,7 +63,7 @@ def prefix(request) -> Path:
 
 @pytest.fixture
 def environment(prefix) -> dict[str, str]:
-    """The variables under which the installed package is used, not the source tree."""
+    """Variables with which Python and ROS 2 use the installed package instead of the source tree."""
     base = {"base": str(prefix), "platbase": str(prefix)}
     return {"AMENT_PREFIX_PATH": str(prefix), "PYTHONPATH": sysconfig.get_path("purelib", vars=base)}
 
@@ -93,7 +93,7 @@ def test_shared_files_and_package_data_are_installed(prefix, environment, reposi
 
 @pytest.fixture
 def ros2(prefix, repository, tmp_path):
-    """Runs `ros2 …` with the installed package: (exit code, what it said). Kernels are the source tree's, compiled."""
+    """Run `ros2 …` with the installed package, but with the source tree's compiled kernels: (exit code, output)."""
     pytest.importorskip("ros2launch")
 
     def run_ros2(*arguments, until: str = "") -> tuple[int, str]:

@@ -1,6 +1,6 @@
-"""The launch file starts what there is: every node, parameters and topics that exist, arguments that say what they do.
+"""The launch file starts every node, with parameters and topics that exist.
 
-It is read here, not run: the launch package comes with ROS 2 alone. tests/test_install.py runs it where there is one.
+This reads the file, since pip does not install the launch package. tests/test_install.py runs it where ROS 2 is.
 """
 
 import ast

@@ -1,4 +1,4 @@
-"""The Makefile's commands: what they install, and what an old Python is told."""
+"""What the Makefile's commands install, and their message for an old Python."""
 
 import os
 import shlex

@@ -1,4 +1,4 @@
-"""What takes long shows on a terminal how far it is, and nowhere else."""
+"""Long work shows a progress bar on a terminal, and nothing elsewhere."""
 
 import io
 import sys

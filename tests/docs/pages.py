@@ -1,4 +1,4 @@
-"""What a page of the documentation holds: sections, blocks, commands, inline code."""
+"""Parse the pages of the documentation: sections, code blocks, commands and inline code."""
 
 import re
 import shlex
@@ -30,7 +30,7 @@ def indented(text: str) -> list[str]:
 
 
 def command_lines(text: str) -> list[list[str]]:
-    """The words of each shell command in the page's blocks, without comments; not of lines that no shell can read."""
+    """The words of each shell command in the page's blocks, without comments; skips lines that no shell can parse."""
     commands: list[list[str]] = []
     for line in "\n".join(indented(text)).replace("\\\n", " ").splitlines():
         for command in re.split(r"&&|;|\|", re.sub(r"(^|\s)#.*", "", line)):
@@ -40,6 +40,6 @@ def command_lines(text: str) -> list[list[str]]:
 
 
 def inline(text: str) -> list[str]:
-    """What stands in single backticks, also across a line's end."""
+    """All inline code, also across the end of a line."""
     parts = [part for token in MARKDOWN.parse(text) for part in token.children or ()]
     return [part.content for part in parts if part.type == "code_inline"]

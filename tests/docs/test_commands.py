@@ -1,6 +1,6 @@
-"""The code and the commands of every page run, where the files are that pages take as given.
+"""The code and the commands of every page run, in a folder with the files that they read.
 
-Real nodes run for the quick start's camera alone; test_pages.py checks the options and parameters of all others.
+Real nodes run only for the camera of the quick start; test_pages.py checks the options and parameters of all others.
 """
 
 import json
@@ -27,9 +27,9 @@ from .conftest import HEAD, HOT, TRUE
 from .pages import PAGES, ROOT, command_lines, fenced, indented, inline, section
 
 LONG = r"evaluate (?!head.npz --methods)|--device cuda"
-ELSEWHERE = ("IncludeLaunchDescription", "my_sensor.json")      # code of test_launch.py, and of the quick start
+ELSEWHERE = ("IncludeLaunchDescription", "my_sensor.json")      # a launch file; run by the test of the quick start
 QUICKSTART = PAGES["docs/quickstart.md"]
-ran: set[str] = set()       # commands of pages
+ran: set[str] = set()       # commands that pages have run
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def graph(ros):
 
 
 def run(page: str) -> None:
-    """Run the Python of a page, then its commands that take files, but for long ones and those of earlier pages."""
+    """Run the Python of a page, then its commands on files, except long ones and those of earlier pages."""
     events, _ = HEAD.frame(0)
     row, col = np.divmod(events.pixel, 141)
     cube = np.random.default_rng(0).poisson(0.01, (24, 20, 4613)).astype(np.uint8)
@@ -83,21 +83,21 @@ def test_the_notebook_prints_what_is_stored(here, capsys):
 
 
 def terminal(step: str, text: str) -> Process:
-    """A shell in which the step's block that has this text is typed; signals reach the last line's program."""
+    """Run the block of a step that has this text in a shell; signals reach the program of its last line."""
     (block,) = [block for block in indented(section(QUICKSTART, step)) if text in block]
     *before, last = block.splitlines()
     return Process(["bash", "-ec", "\n".join([*before, f"exec {last}"])])
 
 
 def record(graph: Graph, topic: str, at_least: int, bag: Path) -> None:
-    """Write what `ros2 bag record`, which has no wheel, would write: `sensor` and this topic."""
+    """Record `sensor` and a topic as `ros2 bag record` would, which pip cannot install."""
     frames, described = graph.collect(Image, topic, raw=True), graph.collect_latched(String, "/sensor")
     graph.wait(lambda: len(frames) >= at_least and described, f"{at_least} frames")
     write_bag(bag, [("/sensor", TEXT, cdr.write_text(described[0].data)), *((topic, IMAGE, raw) for raw in frames)])
 
 
-def said(pattern: str) -> list[float]:
-    """The numbers that the quick start names."""
+def numbers(pattern: str) -> list[float]:
+    """The numbers in the quick start that match a pattern."""
     return [float(number) for group in re.search(pattern, QUICKSTART).groups() for number in group.split(", ")]
 
 
@@ -117,11 +117,11 @@ def test_the_camera_from_the_description_to_the_measured_irf(graph, here):
     assert ["ros2", "bag", "record", "-o", "wall", "/gates", "/sensor"] in command_lines(section(QUICKSTART, "4."))
     record(graph, "/gates", 50, here / "wall")
     assert driver.end(signal.SIGINT) == 0 and not any("Traceback" in one.text for one in (up, driver)), driver.text
-    range_said, bin_said = said(r"are ([\d.]+) m away, which\s+is bin (\d+)")
-    off_m = np.linalg.norm(points_message.decode_cdr(serialize_message(clouds[-1]))[1]["xyz"], axis=1) - range_said
+    range_named, bin_named = numbers(r"are ([\d.]+) m away, which\s+is bin (\d+)")
+    off_m = np.linalg.norm(points_message.decode_cdr(serialize_message(clouds[-1]))[1]["xyz"], axis=1) - range_named
     assert len(off_m) > 0.9 * 32 * 32 and abs(np.median(off_m)) < 0.01 and np.percentile(np.abs(off_m), 95) < 0.05
-    assert range_said == pytest.approx(bin_said * 250e-12 * 299_792_458 / 2, abs=0.005)
-    found = said(r"finds ((?:[\d.]+, )+[\d.]+\d)")
+    assert range_named == pytest.approx(bin_named * 250e-12 * 299_792_458 / 2, abs=0.005)
+    found = numbers(r"finds ((?:[\d.]+, )+[\d.]+\d)")
     exec(fenced(section(QUICKSTART, "4."), "python")[0], {})
     sensor = json.loads(Path("my_sensor.json").read_text())
     assert sensor["irf"][sensor["irf_ref"] - len(found) // 2:][:len(found)] == pytest.approx(found, abs=0.01)
@@ -133,4 +133,4 @@ def test_the_driver_of_histograms_sees_the_scene_where_the_page_says(graph, here
     record(graph, "/histograms", 1, here / "zones")
     cloud = srt3d_ros.reconstruct("zones")
     assert len(cloud) > 0.9 * 32 * 48
-    assert abs(np.nanmedian(cloud.range_image()) - said(r"scene is ([\d.]+) m away")[0]) < 0.01
+    assert abs(np.nanmedian(cloud.range_image()) - numbers(r"scene is ([\d.]+) m away")[0]) < 0.01
