@@ -13,9 +13,8 @@ from tqdm import tqdm
 from benchmarks.figure1 import write_table
 from benchmarks.frames import PPPS, SKETCH_SIZE
 from srt3d_ros.core.methods import METHODS
+from srt3d_ros.evaluation import run as evaluation
 from srt3d_ros.evaluation.cases import simulated
-from srt3d_ros.evaluation.run import jobs_for
-from srt3d_ros.evaluation.run import run as run_jobs
 from srt3d_ros.evaluation.scores import averaged
 from srt3d_ros.pictures.curves import draw_metrics
 
@@ -29,9 +28,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
     """A line for each number of photons and method."""
-    jobs = jobs_for(simulated("bust", [args.sbr], args.ppp, args.repeats), METHODS.values(), [SKETCH_SIZE])
+    jobs = evaluation.jobs_for(simulated("bust", [args.sbr], args.ppp, args.repeats), METHODS.values(), [SKETCH_SIZE])
     with tqdm(total=len(jobs), unit="cloud") as bar:
-        rows = averaged([outcome.row for outcome in run_jobs(jobs, [], bar)])
+        rows = averaged([outcome.row for outcome in evaluation.run(jobs, [], bar)])
     lines = [{"method": row["method"], "sbr": row["sbr"], "ppp": row["ppp"],
               "td_percent": round(row["true_detections_percent"], 2),
               "fd_percent": round(row["false_detections_percent"], 2), "dae_mm": round(row["dae_mm"], 3)}

@@ -19,7 +19,7 @@ rng = np.random.default_rng(0)
 
 
 def read_cycles() -> np.ndarray:
-    """Replace this by your SDK: ToA words, uint16 [CYCLES, ROWS, COLS]; here 20 photons per pixel, half of them noise."""
+    """Replace this by your SDK: ToA words, uint16 [CYCLES, ROWS, COLS]; here 20 photons per pixel, half noise."""
     words, photons = np.full((CYCLES, ROWS, COLS), NOTHING, np.uint16), 20 * ROWS * COLS
     toa = np.where(rng.random(photons) < 0.5, rng.normal(80, 1.2, photons).round(), rng.integers(0, 153, photons))
     words.reshape(-1)[rng.integers(0, words.size, photons)] = toa       # bin 80: everything is 3 m away

@@ -2,8 +2,8 @@
 
     https://github.com/ams-OSRAM/tmf8829_driver_python: tmf8829/zeromq/TMF8829_zeromq_protocol.md
 
-A message is a container header of 84 bytes, then frames: 5 bytes of the host, 16 of a header, data, 12 of a footer. Bins
-have 24 bits. Written from the driver's source, not tried with a device. In dual mode, the last frames are used.
+A message is a container header of 84 bytes, then frames: 5 bytes of the host, a header of 16, data, a footer of 12.
+Bins have 24 bits. Written from the driver's source, not tried with a device. In dual mode, the last frames are used.
 """
 import struct
 

@@ -30,7 +30,7 @@ HEAD = Simulator(ppp=5)
 
 @pytest.fixture(scope="module")
 def here(tmp_path_factory, ball) -> Path:
-    """Work in a folder with config/, examples/ and files that pages read; `python` and `srt3d` are those of the tests."""
+    """Work in a folder with config/, examples/ and files that pages read; `python` and `srt3d` are the tests' own."""
     folder = tmp_path_factory.mktemp("given")
     face = np.s_[30:60, 40:70]
     small = Simulator(StaticScene(HEAD.sensor.range_m(HEAD.frame(0)[1][0][face])), HEAD.sensor.cropped(*face), ppp=5)
