@@ -52,7 +52,6 @@ class Deskewer:
         rows, cols = self._shape = sensor.rows, sensor.cols
         self._late = np.zeros(self._shape, np.float32) if sensor.delay_bins is None else sensor.delay_bins
         self._used = np.ones(self._shape, bool) if sensor.mask is None else sensor.mask
-        self._lens = sensor.projection.lens
         self._bin_frequencies = (np.array(self.frequencies) / sensor.num_bins).astype(np.float32)
         apart = np.linalg.norm(np.diff(sensor.rays, axis=1), axis=-1)
         self._steepest = STEEPEST * float(np.median(apart)) if apart.size else 0.0
@@ -70,12 +69,13 @@ class Deskewer:
         ranges, back, came = self.ranges_m(parts) if range_m is None else range_m, trajectory.at(to_ns).inverse(), 0
         sums = np.zeros((*self._shape, len(self.frequencies)), np.complex64)
         photons = np.zeros(self._shape, np.float32)
+        scene = self._kernels.Scene(self._used, self.sensor.rays, ranges, self._late, self._bin_frequencies,
+                                    self.sensor.bin_width_m, self._steepest)
         for instant_ns, sketch in parts:
-            motion = back @ trajectory.at(instant_ns)
-            self._kernels.move_sketch(sketch.sums, sketch.photons.astype(np.float32), self._used, self.sensor.rays,
-                                      ranges, motion.rotation.astype(np.float32), motion.translation.astype(np.float32),
-                                      self._lens, self._bin_frequencies, self._late, self.sensor.bin_width_m,
-                                      self._steepest, sums, photons)
+            pose = back @ trajectory.at(instant_ns)
+            motion = self._kernels.Motion(pose.rotation.astype(np.float32), pose.translation.astype(np.float32))
+            self._kernels.move_sketch(sketch.sums, sketch.photons.astype(np.float32), scene,
+                                      self.sensor.projection.lens, motion, sums, photons)
             came += int(sketch.photons.sum(dtype=np.int64, where=self._used))
         self.lost = max(came - round(float(photons.sum(dtype=np.float64))), 0)
         whole = np.minimum(np.floor(photons.astype(np.float64) + self._rounding), MAX_PIXEL_PHOTONS)

@@ -63,6 +63,13 @@ def read_only(array: types.Array) -> types.Array:
     return array.copy(readonly=True)
 
 
+def compiled_type(annotation):
+    """The type that an annotation means: that of a NamedTuple's fields for its class, others as they are."""
+    if not isinstance(annotation, type):
+        return annotation
+    return types.NamedTuple(tuple(annotation.__annotations__.values()), annotation)
+
+
 class Kernel:
     """A compiled function of arguments of the types that annotate it; arrays of other types are a TypeError.
 
@@ -78,7 +85,8 @@ class Kernel:
             self.compiled = njit(cache=FOLDER is not None, error_model="numpy", nogil=True, **options)(function)
         finally:
             config.CACHE_DIR = theirs
-        choices = (of if isinstance(of, tuple) else (of,) for of in function.__annotations__.values())
+        types_of = map(compiled_type, function.__annotations__.values())
+        choices = (of if isinstance(of, tuple) else (of,) for of in types_of)
         self.signatures, self.is_ready = list(product(*choices)), False
         update_wrapper(self, function)
         KERNELS[self.name] = self

@@ -105,24 +105,21 @@ def _registers_work() -> bool:
     return ends == [4, 5] and np.array_equal(found - 1, [rows[toa[1:4]].sum(axis=0), rows[toa].sum(axis=0)])
 
 
-def _add(rows, toa, pixel, first, last, sums):
-    """The faster of the two that works."""
-
-
-@overload(_add, jit_options={"forceinline": True, "error_model": "numpy"})
-def _choose(rows, toa, pixel, first, last, sums):
-    """Chosen when a kernel is compiled, so that reading kernels from the disk compiles nothing."""
-    add = _add_in_registers if _registers_work() else _add_in_loop
-    return lambda rows, toa, pixel, first, last, sums: add(rows, toa, pixel, first, last, sums)
-
-
-@inline
 def add_run(rows, toa, pixel, first, last, sums):
     """Add up rows[toa[p]] of one pixel's photons from `first` on, in place; returns where the run ends.
 
     A run ends where `pixel` changes, after MAX_ROWS photons, or at `last`. `pixel` is None if all photons are of one.
     """
-    last = min(first + MAX_ROWS, last)
-    for part in range(len(rows)):
-        last = _add(rows[part], toa, pixel, first, last, sums[part * ROW_LANES:(part + 1) * ROW_LANES])
-    return last
+
+
+@overload(add_run, jit_options={"forceinline": True, "error_model": "numpy"})
+def _add_run(rows, toa, pixel, first, last, sums):
+    """Chosen when a kernel is compiled, so that reading kernels from the disk compiles nothing."""
+    add = _add_in_registers if _registers_work() else _add_in_loop
+
+    def run(rows, toa, pixel, first, last, sums):
+        last = min(first + MAX_ROWS, last)
+        for part in range(len(rows)):
+            last = add(rows[part], toa, pixel, first, last, sums[part * ROW_LANES:(part + 1) * ROW_LANES])
+        return last
+    return run
