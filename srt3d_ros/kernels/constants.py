@@ -32,12 +32,13 @@ SAME_SURFACE = 4.1      # standard deviations within which depths may be one sur
 
 # ---- Iterations: the birth/death update (`birth_death`)
 
-# Nats that a neighbour's surface adds before its own photons count. A neighbour with fewer speaks as much against a
-# further one; a new surface needs as much, and so does a depth that is to replace the last frame's; a pixel without
-# photons, which may be dead, says no more.
-VOTE = 0.45
-MAX_VOTES = 1.5         # times VOTE, that a neighbour adds at most: a bright one is still one neighbour
-EMPTY_VOTES = 0.5       # times VOTE, by which one without a surface speaks against a new one, at most
+VOTE = 0.45             # nats that a neighbour's surface adds to its log-likelihood ratio, as a vote
+BIRTH_COST = VOTE       # nats that a new surface needs
+FEWER_COST = VOTE       # nats by which a neighbour with fewer surfaces votes against a further one
+DEAD_LIMIT = VOTE       # nats by which a pixel without photons speaks against a surface, at most: it may be dead
+MOVE_COST = VOTE        # nats by which another depth has to be better than the last frame's (`search`)
+MAX_VOTES = 1.5         # times VOTE that a neighbour adds, at most: a bright one is still one neighbour
+EMPTY_VOTES = 0.5       # times VOTE by which a neighbour without a surface votes against a new one, at most
 NEAR_SIGMA = 1.2        # σ of the neighbourhood that votes, and that tells how far pixels' intensities differ, pixels
 VOTE_RADIUS = ceil(REACH * NEAR_SIGMA)
 LIKENESS = 2.0          # factor by which neighbours' intensities may differ; its square where surfaces share pixels

@@ -1,11 +1,27 @@
-"""Birth/death update: each pixel's surfaces are chosen anew among its neighbourhood's.
+"""Birth/death update: each pixel takes the surfaces of its neighbourhood with the highest log-likelihood ratio, or none.
 
-LANES of the pixels in which something is to be decided are judged together, in vector registers. What they need lies in
-flat scratch arrays, at offsets known when compiling (`pooled_step`).
+The surfaces q within VOTE_RADIUS vote. Each is carried to the pixel along its plane, to t_q − slopes · offset, and may
+be off by v_q = max_chi2 · std² + δ². A candidate c is one of those of the 3 × 3 pixels in the middle. It agrees with q
+by a_qc = (1 − e² / (v_q + v_c))₊, where e = wrap(t_q − t_c). Its depth and intensity are those of the pixel's own
+surface that agrees, else the means of all that agree, weighted by w_q a_qc with w = exp(−distance² / 2 NEAR_SIGMA²).
+The pixel's surface k is the candidate with the highest
+
+    ratio of the pixel's photons + Σ_q w_q a_qc clip(VOTE + ratio_q, 0, MAX_VOTES · VOTE)
+        − Σ FEWER_COST w (k > 0: neighbours with a surface, but no more than k)
+        − Σ EMPTY_VOTES · VOTE · w · (1 − exp(−g r)) (no surface yet: neighbours without surface or photons)
+
+if that is above what it needs: BIRTH_COST, and EMPTY_VOTES · VOTE · w more for each neighbour that has photons but no
+surface; nothing for the first surface of a pixel that has one. Then the photons that it explains, and the surfaces that
+agree with it, are left out, and the next one is chosen. `kernels.torch` has the notation and all rules.
+
+The pixels in which something is to be decided (`undecided`) are taken TOGETHER at a time, in vector registers: x counts
+them.
 """
 
+from typing import NamedTuple
+
 import numpy as np
-from numba import boolean, float32, int32, int64, prange
+from numba import boolean, float32, int32, prange, types
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.constants import NEAR_SIGMA, SPREAD, VOTE_RADIUS
@@ -19,257 +35,285 @@ from srt3d_ros.kernels.cpu.method.likelihood import LIKENESS, SHARED_LIKENESS, l
 from srt3d_ros.kernels.cpu.method.undecided import list_undecided
 from srt3d_ros.kernels.maps import FIELDS, INTENSITY
 
-VOTE, MAX_VOTE, EMPTY_VOTE = (F32(votes * constants.VOTE) for votes in (1, constants.MAX_VOTES, constants.EMPTY_VOTES))
+VOTE, BIRTH_COST, FEWER_COST = F32(constants.VOTE), F32(constants.BIRTH_COST), F32(constants.FEWER_COST)
+MAX_VOTE, EMPTY_VOTE = F32(constants.MAX_VOTES * constants.VOTE), F32(constants.EMPTY_VOTES * constants.VOTE)
 NEVER = F32(-1e30)
 SIDE = 2 * VOTE_RADIUS + 1
-PLACES, MIDDLE = SIDE * SIDE, VOTE_RADIUS * (SIDE + 1)
-# Of each place of the neighbourhood: the weight of its surfaces, and that of their votes.
+PLACES, MIDDLE = SIDE * SIDE, VOTE_RADIUS * (SIDE + 1)      # of the neighbourhood, row by row; the pixel itself
 ROW, COL = np.indices((SIDE, SIDE)).reshape(2, -1) - VOTE_RADIUS
-WEIGHTS = np.exp(-(ROW**2 + COL**2) / (2 * NEAR_SIGMA**2)).astype(np.float32)
-VOTING = np.where(np.arange(PLACES) == MIDDLE, ZERO, WEIGHTS)
+WEIGHTS = np.exp(-(ROW**2 + COL**2) / (2 * NEAR_SIGMA**2)).astype(np.float32)   # w of each place
+VOTING = np.where(np.arange(PLACES) == MIDDLE, ZERO, WEIGHTS)                   # w of its votes: the pixel has none
 CLOSE_BY = tuple(MIDDLE + row * SIDE + col for row in (-1, 0, 1) for col in (-1, 0, 1))
 
-LANES = 16
-L = U(LANES)
-# Offsets in a voter: a surface of the neighbourhood, carried to the pixel. WEIGHT is 0 if there is none, or none left;
-# COUNT, of its pixel's surfaces, is in the first of them.
-AT, TOLERANCE, LIGHT, WEIGHT, ADDS, COUNT = (U(k * LANES) for k in range(6))
-VOTER = U(6 * LANES)
-# Offsets in the scratch of `_judge`: of the pixel, of the candidate, of the best so far.
-(PHOTONS, GAIN, LEAST, DARK, AGAINST, LIMIT, VOTES, SHIFT, SHARE, SIGNAL, PLACE, RATIO, MINE, RESPONSE,
- MOST, BEST, BEST_AT, BEST_RATIO, BEST_MINE, BEST_RESPONSE) = (U(k * LANES) for k in range(20))
-SCRATCH = 20 * LANES
+TOGETHER = 16
+L = U(TOGETHER)
+
+
+def of_pixels(*names):
+    """The type of a record with an array of TOGETHER numbers for each name.
+
+    The compiler knows that arrays of one record do not overlap, which it must to compute in vector registers.
+    """
+    return np.dtype([(name, np.float32, TOGETHER) for name in names])
+
+
+# A surface of the neighbourhood, carried to the pixel: t, v, r, w, what it votes at full agreement (nats), and how many
+# surfaces its pixel has. The weight is 0 where there is none, or where it has been taken.
+VOTER = of_pixels("depth", "tolerance", "intensity", "weight", "vote", "count")
+# The pixels' matched sketches z at a frequency, less what the surfaces found so far explain.
+REST = of_pixels("real", "imaginary")
+# Of the pixels, of the candidate that is being judged, and of the best one so far.
+PIXELS = of_pixels(
+    "photons", "exposure", "needed", "dark", "against",
+    "votes", "weight", "shift", "depth", "intensity", "own", "response", "ratio",
+    "most", "best", "best_depth", "best_own", "best_response", "best_ratio")
+VOTER_SIZE, REST_SIZE, PIXELS_SIZE = VOTER.itemsize // 4, REST.itemsize // 4, PIXELS.itemsize // 4
+
+
+class Chosen(NamedTuple):
+    """What the listed pixels have chosen, and where something has changed."""
+
+    points: float32[:, :, ::1]      # [pixels, K, FIELDS]
+    ratios: float32[:, ::1]         # [pixels, K], nats
+    near: boolean[:, ::1]           # [rows', cols'], pixels that have a changed one in their neighbourhood
+
+
+CHOSEN = types.NamedTuple(tuple(Chosen.__annotations__.values()), Chosen)
 
 
 @line
-def _gather(pixel, frame, state, own, surfaces, max_chi2, v, s, z):
-    """Write the voters of LANES pixels, place by place, what the pixels have seen, and what a surface needs.
-
-    A first one needs more, by the places around without any.
-    """
-    padded_cols, counts, exposure = frame.counts.shape[1], frame.counts.reshape(-1), frame.exposure.reshape(-1)
-    cols, blur2, m = U(padded_cols), frame.resolution * frame.resolution, frame.matched.shape[1]
-    depth, ratio = np.empty(LANES, np.int64), np.empty(LANES, np.int64)         # of the pixels: where they are
+def _load(at, frame, pixels, rest):
+    """Load what the pixels, at rows and columns `at`, have seen."""
+    m = U(len(rest))
     for x in range(L):
-        row, col = pixel[x] // padded_cols, pixel[x] % padded_cols
-        depth[x], ratio[x] = row * surfaces * FIELDS * padded_cols + col, row * surfaces * padded_cols + col
-        s[PHOTONS + x], s[GAIN + x], s[LEAST + x], s[DARK + x] = counts[pixel[x]], exposure[pixel[x]], VOTE, ZERO
-        for c in range(m):
-            z[U(c) * L + x] = frame.matched[row, c, col]
-    n = U(0)
+        row, col = at[0, x], at[1, x]
+        pixels.photons[x], pixels.exposure[x] = frame.counts[row, col], frame.exposure[row, col]
+        for l in range(m):
+            rest[l].real[x], rest[l].imaginary[x] = frame.matched[row, l, col], frame.matched[row, m + l, col]
+
+
+@line
+def _gather(at, frame, state, own, max_chi2, pixels, voters):
+    """Load the voters, place by place, and sum up what a surface of the pixels needs."""
+    surfaces, blur2 = state.shape[1], frame.resolution * frame.resolution
+    for x in range(L):
+        pixels.needed[x], pixels.dark[x], pixels.against[x], pixels.best[x] = BIRTH_COST, ZERO, ZERO, -ONE
     for place in range(PLACES):
-        di, dj, first = place // SIDE - VOTE_RADIUS, place % SIDE - VOTE_RADIUS, n
+        dy, dx, first = place // SIDE - VOTE_RADIUS, place % SIDE - VOTE_RADIUS, U(place * surfaces)
+        counted = voters[first]
         for x in range(L):
-            v[first + COUNT + x] = ZERO
-        for k in range(surfaces):
-            row = (di * surfaces + k) * padded_cols
+            counted.count[x] = ZERO
+        for k in range(U(surfaces)):
+            voter = voters[first + k]
             for x in range(L):
-                here = U(depth[x] + row * FIELDS + dj)
-                std, intensity = state[here + field.STD * cols], state[here + field.INTENSITY * cols]
+                row, col = U(at[0, x] + dy), U(at[1, x] + dx)
+                std, intensity = state[row, k, field.STD, col], state[row, k, field.INTENSITY, col]
                 there = ONE if is_surface(intensity, std, frame.max_std) else ZERO
-                v[first + COUNT + x] += there
-                v[n + AT + x] = state[here] - rise(state[here + field.SLOPE_COL * cols],
-                                                   state[here + field.SLOPE_ROW * cols], F32(dj), F32(di))
-                v[n + TOLERANCE + x] = max_chi2 * std * std + blur2
-                v[n + LIGHT + x] = intensity
-                v[n + WEIGHT + x] = there * WEIGHTS[place]
-                vote = min(max(VOTE + own[U(ratio[x] + row + dj)], ZERO), MAX_VOTE)
-                v[n + ADDS + x] = there * VOTING[place] * vote
-            n += VOTER
+                counted.count[x] += there
+                voter.depth[x] = state[row, k, field.DEPTH, col] - rise(
+                    state[row, k, field.SLOPE_COL, col], state[row, k, field.SLOPE_ROW, col], F32(dx), F32(dy))
+                voter.tolerance[x] = max_chi2 * std * std + blur2
+                voter.intensity[x] = intensity
+                voter.weight[x] = there * WEIGHTS[place]
+                voter.vote[x] = there * VOTING[place] * min(max(VOTE + own[row, k, col], ZERO), MAX_VOTE)
         for x in range(L):
-            there = pixel[x] + di * padded_cols + dj
-            gap = EMPTY_VOTE * VOTING[place] if v[first + COUNT + x] == ZERO else ZERO
-            s[LEAST + x] += gap if counts[there] > ZERO else ZERO
-            s[DARK + x] += gap if (counts[there] <= ZERO) & (exposure[there] > ZERO) else ZERO
+            row, col = U(at[0, x] + dy), U(at[1, x] + dx)
+            gap = EMPTY_VOTE * VOTING[place] if counted.count[x] == ZERO else ZERO
+            has_photons = frame.counts[row, col] > ZERO
+            pixels.needed[x] += gap if has_photons else ZERO
+            pixels.dark[x] += gap if (not has_photons) & (frame.exposure[row, col] > ZERO) else ZERO
     for x in range(L):
-        had = v[U(MIDDLE * surfaces) * VOTER + COUNT + x] > ZERO
-        s[MOST + x] = NEVER if had else s[LEAST + x]
-        s[LEAST + x] = VOTE if had else s[LEAST + x]
-        s[DARK + x], s[AGAINST + x], s[BEST + x] = ZERO if had else s[DARK + x], ZERO, -ONE
+        has_surface = voters[U(MIDDLE * surfaces)].count[x] > ZERO
+        pixels.most[x] = NEVER if has_surface else pixels.needed[x]
+        pixels.needed[x] = BIRTH_COST if has_surface else pixels.needed[x]
+        pixels.dark[x] = ZERO if has_surface else pixels.dark[x]
 
 
 @inline
-def _support(s, v, c, voters, surfaces, period):
-    """Votes (nats) for the candidate at c, the depth and intensity of what agrees, and which of the pixel's own."""
+def _support(c, pixels, voters, surfaces, period):
+    """Sum up the votes for voter c, and find its depth and intensity in the pixels, and which surface of theirs it is."""
+    candidate = voters[c]
     for x in range(L):
-        s[LIMIT + x] = v[c + TOLERANCE + x]
-        s[VOTES + x], s[SHIFT + x], s[SHARE + x], s[SIGNAL + x], s[MINE + x] = ZERO, ZERO, ZERO, ZERO, -ONE
-    for q in range(U(0), voters, VOTER):
+        pixels.votes[x] = pixels.weight[x] = pixels.shift[x] = pixels.intensity[x] = ZERO
+        pixels.own[x] = -ONE
+    for q in range(U(len(voters))):
+        voter = voters[q]
         for x in range(L):
-            e = wrap(v[q + AT + x] - v[c + AT + x], period)
-            same = agreement(e, v[q + TOLERANCE + x] + s[LIMIT + x])
-            w = same * v[q + WEIGHT + x]
-            s[VOTES + x] += same * v[q + ADDS + x]
-            s[SHARE + x] += w
-            s[SHIFT + x] += w * e
-            s[SIGNAL + x] += w * v[q + LIGHT + x]
+            e = wrap(voter.depth[x] - candidate.depth[x], period)
+            same = agreement(e, voter.tolerance[x] + candidate.tolerance[x])
+            weight = same * voter.weight[x]
+            pixels.votes[x] += same * voter.vote[x]
+            pixels.weight[x] += weight
+            pixels.shift[x] += weight * e
+            pixels.intensity[x] += weight * voter.intensity[x]
     for x in range(L):
-        share = max(s[SHARE + x], TINY)
-        s[PLACE + x] = v[c + AT + x] + s[SHIFT + x] / share
-        s[SIGNAL + x] /= share
+        weight = max(pixels.weight[x], TINY)
+        pixels.depth[x] = candidate.depth[x] + pixels.shift[x] / weight
+        pixels.intensity[x] /= weight
     for k in range(U(surfaces)):
-        q = (U(MIDDLE * surfaces) + k) * VOTER
+        voter = voters[U(MIDDLE * surfaces) + k]
         for x in range(L):
-            e = wrap(v[q + AT + x] - v[c + AT + x], period)
-            mine = (e * e < v[q + TOLERANCE + x] + s[LIMIT + x]) & (v[q + WEIGHT + x] > ZERO)
-            s[MINE + x] = F32(k) if mine else s[MINE + x]
-            s[PLACE + x] = v[q + AT + x] if mine else s[PLACE + x]
-            s[SIGNAL + x] = v[q + LIGHT + x] if mine else s[SIGNAL + x]
+            e = wrap(voter.depth[x] - candidate.depth[x], period)
+            is_own = (e * e < voter.tolerance[x] + candidate.tolerance[x]) & (voter.weight[x] > ZERO)
+            pixels.own[x] = F32(k) if is_own else pixels.own[x]
+            pixels.depth[x] = voter.depth[x] if is_own else pixels.depth[x]
+            pixels.intensity[x] = voter.intensity[x] if is_own else pixels.intensity[x]
 
 
 @inline
-def _respond(s, z, bin_frequencies):
+def _respond(pixels, rest, bin_frequencies):
     """The responses of the pixels' photons at the candidate's depths."""
-    m = U(len(bin_frequencies))
     for x in range(L):
-        s[RESPONSE + x] = ZERO
-    for l in range(m):
+        pixels.response[x] = ZERO
+    for l in range(U(len(rest))):
         for x in range(L):
-            sine, cosine = sincos(bin_frequencies[l] * s[PLACE + x])
-            s[RESPONSE + x] += z[l * L + x] * cosine + z[(m + l) * L + x] * sine
+            sine, cosine = sincos(bin_frequencies[l] * pixels.depth[x])
+            pixels.response[x] += rest[l].real[x] * cosine + rest[l].imaginary[x] * sine
 
 
 @line
-def _choose(k, s, v, z, voters, surfaces, frame):
-    """Of the candidates, the surfaces of the 3 × 3 places in the middle, that with the highest log-likelihood ratio.
-
-    It is the best as surface k if that is above what s has from MOST on. A candidate loses the nats from DARK on times
-    the probability that a pixel sees any of its photons.
-    """
-    likeness, any_dark = SHARED_LIKENESS if k > 0 else LIKENESS, s[DARK:DARK + L].max() > ZERO
+def _choose(k, pixels, voters, rest, surfaces, frame):
+    """Find the candidate with the highest log-likelihood ratio as surface k; `best` is −1 if none reaches `most`."""
+    likeness, any_dark = SHARED_LIKENESS if k > 0 else LIKENESS, pixels.dark.max() > ZERO
     for place in CLOSE_BY:
         for q in range(surfaces):
-            c = U(place * surfaces + q) * VOTER
-            if v[c + WEIGHT:c + WEIGHT + L].max() == ZERO:
+            c = U(place * surfaces + q)
+            candidate = voters[c]
+            if candidate.weight.max() == ZERO:
                 continue
-            _support(s, v, c, voters, surfaces, frame.period)
-            _respond(s, z, frame.bin_frequencies)
+            _support(c, pixels, voters, surfaces, frame.period)
+            _respond(pixels, rest, frame.bin_frequencies)
             for x in range(L):
-                s[RATIO + x] = score_of(s[RESPONSE + x], s[PHOTONS + x], frame)
+                pixels.ratio[x] = score_of(pixels.response[x], pixels.photons[x], frame)
             for x in range(L):
-                s[RATIO + x] = llr(s[RATIO + x], s[RESPONSE + x], s[PHOTONS + x], s[SIGNAL + x] * s[GAIN + x], likeness,
-                                   frame)
+                expected = pixels.intensity[x] * pixels.exposure[x]
+                pixels.ratio[x] = llr(pixels.ratio[x], pixels.response[x], pixels.photons[x], expected, likeness, frame)
             for x in range(L if any_dark else U(0)):
-                s[VOTES + x] -= s[DARK + x] * (ONE - np.exp(-s[SIGNAL + x] * s[GAIN + x]))
+                shows = ONE - np.exp(-pixels.intensity[x] * pixels.exposure[x])
+                pixels.votes[x] -= pixels.dark[x] * shows
             for x in range(L):
-                value = s[RATIO + x] + (s[VOTES + x] - s[AGAINST + x])
-                better = (v[c + WEIGHT + x] > ZERO) & (value > s[MOST + x])
-                s[MOST + x] = value if better else s[MOST + x]
-                s[BEST + x] = F32(c) if better else s[BEST + x]
-                for f in range(U(4)):           # place, ratio, own surface, response
-                    now, best = s[PLACE + f * L + x], s[BEST_AT + f * L + x]
-                    s[BEST_AT + f * L + x] = now if better else best
+                value = pixels.ratio[x] + (pixels.votes[x] - pixels.against[x])
+                better = (candidate.weight[x] > ZERO) & (value > pixels.most[x])
+                pixels.most[x] = value if better else pixels.most[x]
+                pixels.best[x] = F32(c) if better else pixels.best[x]
+                pixels.best_depth[x] = pixels.depth[x] if better else pixels.best_depth[x]
+                pixels.best_own[x] = pixels.own[x] if better else pixels.best_own[x]
+                pixels.best_response[x] = pixels.response[x] if better else pixels.best_response[x]
+                pixels.best_ratio[x] = pixels.ratio[x] if better else pixels.best_ratio[x]
 
 
 @line
-def _begin_further(k, s, v, surfaces):
-    """Neighbours with no more than k surfaces speak against one more, unless they show it, and no longer for any."""
+def _begin_further(k, pixels, voters, surfaces):
+    """Let the neighbours with no more than k surfaces vote against one more, except against those that they show."""
     for x in range(L):
-        s[MOST + x], s[BEST + x], s[AGAINST + x] = s[LEAST + x], -ONE, ZERO
+        pixels.most[x], pixels.best[x], pixels.against[x] = pixels.needed[x], -ONE, ZERO
     for place in range(PLACES):
-        first = U(place * surfaces) * VOTER
+        first = U(place * surfaces)
         for x in range(L):
-            count = v[first + COUNT + x]
-            s[AGAINST + x] += VOTE * VOTING[place] if (count > ZERO) & (count <= F32(k)) else ZERO
-            for q in range(first, first + U(surfaces) * VOTER, VOTER):
-                shown = VOTE * VOTING[place] if v[q + WEIGHT + x] > ZERO else ZERO
-                v[q + ADDS + x] = shown if count <= F32(k) else v[q + ADDS + x]
+            count = voters[first].count[x]
+            pixels.against[x] += FEWER_COST * VOTING[place] if (count > ZERO) & (count <= F32(k)) else ZERO
+            for q in range(first, first + U(surfaces)):
+                shown = FEWER_COST * VOTING[place] if voters[q].weight[x] > ZERO else ZERO
+                voters[q].vote[x] = shown if count <= F32(k) else voters[q].vote[x]
 
 
 @line
-def _join(x, i, j, s, v, state, record, period):
-    """Write the mean of the voters of lane x, pixel (i, j), that agree with the best candidate into `record`."""
-    surfaces, c = state.shape[1], U(s[BEST + x])
-    record[:] = ZERO
-    weight, q = ZERO, U(0)
+def _average(x, row, col, pixels, voters, state, point, period):
+    """Write the mean of the voters of pixel x, at (row, col), that agree with the best candidate into `point`."""
+    surfaces, candidate, sum_of_weights, q = state.shape[1], voters[U(pixels.best[x])], ZERO, U(0)
+    point[:] = ZERO
     for place in range(PLACES):
-        row, col = i + place // SIDE - VOTE_RADIUS, j + place % SIDE - VOTE_RADIUS
+        there = state[row + place // SIDE - VOTE_RADIUS, :, :, col + place % SIDE - VOTE_RADIUS]
         for k in range(surfaces):
-            e = wrap(v[q + AT + x] - v[c + AT + x], period)
-            w = v[q + WEIGHT + x] * agreement(e, v[q + TOLERANCE + x] + v[c + TOLERANCE + x])
-            if w > ZERO:
-                weight += w
+            voter = voters[q]
+            e = wrap(voter.depth[x] - candidate.depth[x], period)
+            weight = voter.weight[x] * agreement(e, voter.tolerance[x] + candidate.tolerance[x])
+            if weight > ZERO:
+                sum_of_weights += weight
                 for f in range(FIELDS):
-                    record[f] += w * state[row, k, f, col]
-            q += VOTER
+                    point[f] += weight * there[k, f]
+            q += U(1)
     for f in range(FIELDS):
-        record[f] /= weight
-    record[field.DEPTH] = s[BEST_AT + x] - period * np.floor(s[BEST_AT + x] / period)
-    record[field.SCORE] = ZERO                                            # for its pool to say
+        point[f] /= sum_of_weights
+    depth = pixels.best_depth[x]
+    point[field.DEPTH] = depth - period * np.floor(depth / period)
+    point[field.SCORE] = ZERO               # its pool gives it one
 
 
 @line
-def _take(x, depth, voters, s, v, z, frame):
-    """Take the best candidate's photons, and what agrees with it, out of lane x for the surfaces that follow."""
-    m, c = U(len(frame.energy)), U(s[BEST + x])
-    at, limit, signal = v[c + AT + x], v[c + TOLERANCE + x], max(s[BEST_RESPONSE + x], ZERO) / frame.total_energy
-    s[PHOTONS + x] = left(s[PHOTONS + x], signal)
-    for l in range(m):
+def _take(x, depth, pixels, voters, rest, frame):
+    """Leave out the photons that the best candidate explains in pixel x, at `depth`, and the voters that agree with it."""
+    candidate, signal = voters[U(pixels.best[x])], max(pixels.best_response[x], ZERO) / frame.total_energy
+    at, tolerance = candidate.depth[x], candidate.tolerance[x]
+    pixels.photons[x] = left(pixels.photons[x], signal)
+    for l in range(U(len(rest))):
         sine, cosine = sincos(frame.bin_frequencies[l] * depth)
-        z[l * L + x] -= signal * frame.energy[l] * cosine
-        z[(m + l) * L + x] -= signal * frame.energy[l] * sine
-    for q in range(U(0), voters, VOTER):
-        e = wrap(v[q + AT + x] - at, frame.period)
-        if e * e < v[q + TOLERANCE + x] + limit:
-            v[q + WEIGHT + x], v[q + ADDS + x] = ZERO, ZERO
+        rest[l].real[x] -= signal * frame.energy[l] * cosine
+        rest[l].imaginary[x] -= signal * frame.energy[l] * sine
+    for q in range(U(len(voters))):
+        voter = voters[q]
+        e = wrap(voter.depth[x] - at, frame.period)
+        if e * e < voter.tolerance[x] + tolerance:
+            voter.weight[x], voter.vote[x] = ZERO, ZERO
 
 
 @parallel
-def _judge(pixels: int32[::1], number: int64, frame: FRAME, state: float32[:, :, :, ::1], own: float32[:, :, ::1],
-           max_chi2: float32, points: float32[:, :, ::1], ratios: float32[:, ::1], near: boolean[:, ::1]):
-    """Write what `number` pixels choose, points [N, K, FIELDS] and ratios [N, K], and what is near a change."""
-    surfaces, cols = state.shape[1], state.shape[3]
-    voters = U(PLACES * surfaces) * VOTER
-    for part in prange(-(-number // LANES)):
-        first = part * LANES
-        pixel = np.empty(LANES, np.int64)
-        for x in range(LANES):                  # a last part has more of its last pixel, whose results nobody takes
-            pixel[x] = pixels[min(first + x, number - 1)]
-        s, v, z = aligned(SCRATCH), aligned(int(voters)), aligned(2 * len(frame.energy) * LANES)
-        _gather(pixel, frame, state.reshape(-1), own.reshape(-1), surfaces, max_chi2, v, s, z)
+def _judge(undecided: int32[::1], frame: FRAME, state: float32[:, :, :, ::1], own: float32[:, :, ::1],
+           max_chi2: float32, chosen: CHOSEN):
+    """Write what each of the undecided pixels, indices of padded maps, chooses; `own` are the points' ratios."""
+    points, ratios, near = chosen
+    surfaces, cols, number = state.shape[1], state.shape[3], len(undecided)
+    for part in prange(-(-number // TOGETHER)):
+        first = part * TOGETHER
+        at = np.empty((2, TOGETHER), np.int64)
+        for x in range(TOGETHER):               # the last part repeats its last pixel, whose results are dropped
+            pixel = undecided[min(first + x, number - 1)]
+            at[0, x], at[1, x] = pixel // cols, pixel % cols
+        voters, rest = aligned(PLACES * surfaces * VOTER_SIZE).view(VOTER), aligned(len(frame.energy) * REST_SIZE).view(REST)
+        scratch = aligned(PIXELS_SIZE).view(PIXELS)
+        _load(at, frame, scratch[0], rest)
+        _gather(at, frame, state, own, max_chi2, scratch[0], voters)
         for k in range(surfaces):
+            pixels = scratch[0]                 # here, for a record does not keep the memory of its array
             if k > 0:
-                _begin_further(k, s, v, surfaces)
-            _choose(k, s, v, z, voters, surfaces, frame)
-            for x in range(min(LANES, number - first)):
-                lane, i, j, point = U(x), pixel[x] // cols, pixel[x] % cols, points[first + x, k]
-                found, mine = s[BEST + lane] >= ZERO, int(s[BEST_MINE + lane])
-                if mine != k if found else state[i, k, INTENSITY, j] > ZERO:
-                    near[i - VOTE_RADIUS:i + VOTE_RADIUS + 1, j - VOTE_RADIUS:j + VOTE_RADIUS + 1] = True
+                _begin_further(k, pixels, voters, surfaces)
+            _choose(k, pixels, voters, rest, surfaces, frame)
+            for x in range(U(min(TOGETHER, number - first))):
+                row, col, point = at[0, x], at[1, x], points[first + int(x), k]
+                found, one = pixels.best[x] >= ZERO, int(pixels.best_own[x])
+                if one != k if found else state[row, k, INTENSITY, col] > ZERO:
+                    near[row - VOTE_RADIUS:row + VOTE_RADIUS + 1, col - VOTE_RADIUS:col + VOTE_RADIUS + 1] = True
                 if not found:
-                    point[INTENSITY], ratios[first + x, k] = ZERO, own[i, k, j]
+                    point[INTENSITY], ratios[first + int(x), k] = ZERO, own[row, k, col]
                     continue
-                ratios[first + x, k] = s[BEST_RATIO + lane]
-                if mine < 0:
-                    _join(lane, i, j, s, v, state, point, frame.period)
+                ratios[first + int(x), k] = pixels.best_ratio[x]
+                if one < 0:
+                    _average(x, row, col, pixels, voters, state, point, frame.period)
                 else:
                     for f in range(FIELDS):
-                        point[f] = state[i, mine, f, j]
+                        point[f] = state[row, one, f, col]
                 if k + 1 < surfaces:
-                    _take(lane, point[field.DEPTH], voters, s, v, z, frame)
+                    _take(x, point[field.DEPTH], pixels, voters, rest, frame)
 
 
 @serial
-def _write(pixels: int32[::1], number: int64, points: float32[:, :, ::1], ratios: float32[:, ::1],
-           state: float32[:, :, :, ::1], own: float32[:, :, ::1]):
-    for n in range(number):
-        i, j = pixels[n] // state.shape[3], pixels[n] % state.shape[3]
-        for k in range(state.shape[1]):
-            own[i, k, j] = ratios[n, k]
-            for f in range(FIELDS):
-                state[i, k, f, j] = points[n, k, f]
+def _write(undecided: int32[::1], chosen: CHOSEN, state: float32[:, :, :, ::1], own: float32[:, :, ::1]):
+    for n in range(len(undecided)):
+        row, col = undecided[n] // state.shape[3], undecided[n] % state.shape[3]
+        own[row, :, col] = chosen.ratios[n]
+        state[row, :, :, col] = chosen.points[n]
 
 
 def birth_death(frame, state, terms, max_chi2):
     """A step of spreading looks only where the last step has changed something: elsewhere it would decide as before."""
     own, compiled, size = log_likelihood_ratio(frame, state, terms), as_compiled(frame), frame.counts.size
-    points, ratios = borrow("chosen", (size, *state.shape[1:3])), borrow("chosen ratios", (size, state.shape[1]))
-    near = np.ones(frame.counts.shape, bool)
+    chosen = Chosen(borrow("chosen", (size, *state.shape[1:3])), borrow("chosen ratios", (size, state.shape[1])),
+                    np.ones(frame.counts.shape, bool))
     for spreads in range(1 + SPREAD):
-        pixels, number = list_undecided(compiled, state, F32(max_chi2), near, spreads > 0)
-        near[:] = False
-        _judge(pixels, number, compiled, state, own, F32(max_chi2), points, ratios, near)
-        _write(pixels, number, points, ratios, state, own)
-        if not near.any():
+        undecided = list_undecided(compiled, state, F32(max_chi2), chosen.near, spreads > 0)
+        chosen.near[:] = False
+        _judge(undecided, compiled, state, own, F32(max_chi2), chosen)
+        _write(undecided, chosen, state, own)
+        if not chosen.near.any():
             break
     return state

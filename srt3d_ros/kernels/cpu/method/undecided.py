@@ -111,4 +111,4 @@ def list_undecided(frame, state, max_chi2, near, grows):
     cols, number = np.empty(near.shape, np.int32), np.zeros(len(near), np.int32)
     pixels = np.empty(near.size, np.int32)
     _list_rows(frame, state, max_chi2, near, grows, cols, number)
-    return pixels, _join_rows(cols, number, pixels)
+    return pixels[:_join_rows(cols, number, pixels)]
