@@ -1,4 +1,4 @@
-"""The library in Python: arrays of photons, photon files and sketches to point clouds. `import srt3d_ros` shows it."""
+"""The Python library, `import srt3d_ros`: from photon files, arrays and sketches to point clouds."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,29 +25,28 @@ from_events, from_counts = Photons.from_events, Photons.from_counts
 
 def read(source: Any, frame: int = 0, *, photons_topic: str = "", sensor: SensorModel | None = None,
          **options: Unpack[SensorOptions]) -> Photons | Sketch:
-    """The photons of a file, bag, log or array, with their sensor and what is known of the truth.
+    """The photons of a file, bag, log or array, with their sensor and the truth, if known.
 
     Args:
         source: the path of a file (.npz, .mat, a laboratory's .ptu, …: docs/photon-file.md), of a log of
             histograms or of a bag (docs/bags.md); "simulator", for its moving head; counts [rows, cols, bins]; or
-            photons that are there already.
-        frame: which message of a bag's photons or sketches, or frame of a log, from 0.
-        photons_topic: where a bag's photons or sketches are, if it has several topics of them.
-        sensor: replaces all that the source says of its sensor.
-        options: what the source does not say, or says wrongly: num_bins, bin_width_s, irf, irf_ref, fov_deg, gate
-            (first and last bin, both kept), rows, cols, …. They win over `sensor` and over the file; a note
-            says so.
+            Photons or a Sketch.
+        frame: number of the message in a bag, or of the frame in a log, from 0.
+        photons_topic: topic of the photons or sketches, if a bag has several.
+        sensor: replaces the source's sensor.
+        options: what the source lacks or has wrong: num_bins, bin_width_s, irf, irf_ref, fov_deg, gate (first and last
+            bin, both kept), rows, cols, …. They win over `sensor` and the source; a note says so.
 
     Returns:
         Photons, which stay in the file if they are too many to keep; the Sketch of a bag of sketches.
 
     Raises:
-        InvalidInput: naming the file and what cannot be used.
+        InvalidInput: the file or an option cannot be used.
     """
     if isinstance(source, str | Path):
         return datasets.read(source, frame, photons_topic, sensor=sensor, **options)
     for name, value in (("frame", frame), ("photons_topic", photons_topic)):
-        require(not value, name, value, "nothing, unless a file is read")
+        require(not value, name, problem=f"{name} {value}: only a bag or a log has one.")
     if isinstance(source, Sketch):
         return sketch_with_options(source, gathered(options, sensor))
     if isinstance(source, Photons):
@@ -71,7 +70,7 @@ def reconstruct(source: Any, *, sensor: SensorModel | None = None, method: str =
             `Photons.reconstruct`.
 
     Raises:
-        InvalidInput: naming the argument that is missing or cannot be used.
+        InvalidInput: an argument is missing or cannot be used.
     """
     seen = read(source, sensor=sensor, **options)
     own = {"method": method, "surfaces": surfaces, "device": device, "false_alarm_rate": false_alarm_rate,
@@ -80,5 +79,5 @@ def reconstruct(source: Any, *, sensor: SensorModel | None = None, method: str =
         return seen.reconstruct(sketch_size=sketch_size, frequencies=frequencies, gate=gate, **own)
     made_with = {"sketch_size": sketch_size, "frequencies": frequencies, "gate": None if gate == OFF else gate}
     for name, value in made_with.items():
-        require(value is None, name, value, "nothing: the sketch has been made without it")
+        require(value is None, name, problem=f"{name} {value}: the sketch is already made; give it to `sketch`.")
     return seen.reconstruct(**own)

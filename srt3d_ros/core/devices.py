@@ -1,4 +1,4 @@
-"""Selects the kernels by the name of a device; no other module knows which there are."""
+"""Selects the kernels of a device by its name."""
 
 import ctypes
 import logging
@@ -17,9 +17,9 @@ DRIVER = "libcuda.so.1"
 
 
 def kernels_for(device: str) -> tuple:
-    """The device, "cpu" or "cuda", and its kernels; InvalidInput if there is none, or it lacks something.
+    """The device, "cpu" or "cuda", and its kernels; InvalidInput if something for it is missing.
 
-    "auto" is the CPU, unless `method.gpu_check` has been asked before.
+    "auto" is the CPU here; `gpu_check.device_for` tries a GPU.
     """
     require(device in DEVICES, "device", device, "auto, cpu or cuda")
     if device != "cuda":
@@ -30,14 +30,14 @@ def kernels_for(device: str) -> tuple:
 
 
 def on_device(fields: dict, kernels) -> dict:
-    """The same fields, NumPy arrays among them on the kernels' device."""
+    """The fields with their NumPy arrays on the kernels' device."""
     return {name: kernels.array(value) if isinstance(value, np.ndarray) else value for name, value in fields.items()}
 
 
 def missing_for_cuda() -> str:
-    """The first thing that is missing to compute on a GPU; empty if nothing."""
+    """What is missing to compute on a GPU; "" if nothing is."""
     try:
-        ctypes.CDLL(DRIVER)     # before torch, whose import takes long
+        ctypes.CDLL(DRIVER)     # first: importing torch takes long
     except OSError:
         return "no CUDA device"
     if not find_spec("torch"):
@@ -54,5 +54,5 @@ def missing_for_cuda() -> str:
 
 @lru_cache
 def say_once(text: str) -> None:
-    """Python's log says why the CPU computes."""
+    """Log why the CPU computes."""
     logging.getLogger(__name__).info(f"{text}: computing on the CPU")

@@ -1,4 +1,4 @@
-"""`device: auto`: a GPU computes if it gives what the CPU gives, and sooner."""
+"""`device: auto`: uses a GPU if its results agree with the CPU's, and it is faster."""
 
 import logging
 import time
@@ -13,17 +13,16 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum
 from srt3d_ros.core.sketching.sketch import Sketch
 
-SHARE_ALIKE = 0.999     # of the pixels must have the same points,
-SIGMAS = 0.1            # within so many standard deviations, or, as baselines have none,
-ROUNDING = 2.0**-19     # of T: some steps of float32
-PHOTONS = 40            # of a pixel of the frame that is tried; half of them signal
+SHARE_ALIKE = 0.999             # of the pixels must have the same points
+SIGMAS = 0.1                    # depths agree within so many standard deviations,
+FLOAT32_STEPS = 2.0**-19        # or, as baselines have none, within this share of T
+TRIED_PHOTONS = 40              # in each pixel of the frame that is tried, half of them signal
 
 
 def device_for(device: str, sensor: SensorModel, frequencies: tuple[int, ...], build: Callable) -> tuple[str, str]:
-    """The device that is asked for, and why; of "auto", the log says so, too.
+    """The device to use, and why. "auto" tries a frame of this sensor on both, and logs if it refuses the GPU.
 
-    That is "cuda" if a frame of this sensor comes out as on the CPU and faster, else "cpu". `build` makes the
-    reconstructor that will take the frames, of a device's name.
+    `build` makes the reconstructor of the frames from the name of a device.
     """
     if device != "auto":
         return device, "asked for"
@@ -45,20 +44,20 @@ def device_for(device: str, sensor: SensorModel, frequencies: tuple[int, ...], b
 
 
 def _frame(sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:
-    """Slanted walls with a step, with the noise of photons, before an even background."""
+    """A frame to try: slanted walls with a step, an even background, and photon noise."""
     rng, (row, col) = np.random.default_rng(0), np.mgrid[:sensor.rows, :sensor.cols]
     depth = sensor.num_bins * (0.3 + 0.2 * col / sensor.cols + 0.2 * (2 * row > sensor.rows))
     late = 0 if sensor.delay_bins is None else sensor.delay_bins
     phase = np.exp(1j * (depth + late)[..., None] * angular_frequencies(frequencies, sensor.num_bins))
     spectrum = irf_spectrum(sensor, frequencies)
     spectrum = spectrum if spectrum.ndim == 1 else spectrum.reshape(phase.shape)
-    noise = rng.normal(scale=(PHOTONS / 2)**0.5, size=(*phase.shape, 2)).view(complex)[..., 0]
-    sums = PHOTONS / 2 * spectrum * phase + noise
-    return Sketch(frequencies, sums.astype(np.complex64), np.full(depth.shape, PHOTONS, np.uint32), sensor=sensor)
+    noise = rng.normal(scale=(TRIED_PHOTONS / 2)**0.5, size=(*phase.shape, 2)).view(complex)[..., 0]
+    sums = TRIED_PHOTONS / 2 * spectrum * phase + noise
+    return Sketch(frequencies, sums.astype(np.complex64), np.full(depth.shape, TRIED_PHOTONS, np.uint32), sensor=sensor)
 
 
 def _timed(reconstructor: Callable, frame: Sketch) -> tuple[Cloud, float]:
-    """The cloud, and seconds, of a frame after the first, which compiles."""
+    """The cloud of a frame and the seconds it takes, after a first run that compiles."""
     reconstructor(frame)
     reconstructor.forget()
     began = time.perf_counter()
@@ -70,7 +69,7 @@ def share_alike(found: Cloud, wanted: Cloud, num_bins: int) -> float:
     alike = np.ones(wanted.background.shape, bool)
     for k in range(max(found.surface.max(initial=0), wanted.surface.max(initial=0)) + 1):
         depth, expected = (cloud.image("depth_bins", k) for cloud in (found, wanted))
-        most = np.fmax(SIGMAS * wanted.image("depth_std_bins", k), ROUNDING * num_bins)
+        most = np.fmax(SIGMAS * wanted.image("depth_std_bins", k), FLOAT32_STEPS * num_bins)
         near = np.abs(circular_difference(depth, expected, num_bins)) <= most
         alike &= near | (np.isnan(depth) & np.isnan(expected))
     return float(alike.mean())

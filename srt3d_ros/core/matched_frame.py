@@ -1,4 +1,4 @@
-"""MatchedFrame: a sketch with delay, gain and IRF of its pixels taken out, which is what the iterations work on."""
+"""MatchedFrame: a sketch without delay and IRF of its pixels, on which the iterations work."""
 
 import math
 from collections.abc import Callable
@@ -13,41 +13,40 @@ from srt3d_ros.core.sketching.sketch import MAX_PIXEL_PHOTONS, Sketch, check_fre
 from srt3d_ros.errors import require
 from srt3d_ros.kernels import maps
 
-MAX_SUM = 1.001 * MAX_PIXEL_PHOTONS       # the rest is for rounding
-TABLE_STEPS = 256
-TOGETHER = 2**22            # numbers computed at once
-BETWEEN = 8                 # depths between two bins that stand for all
-BLIND = 0.01                # |ĥ| below which a frequency tells nothing of the depth
-WEAKEST_PASSBAND = 0.25     # a pixel's |ĥ| is not equalised further than this, against the mean of the pixels
+MAX_SUM = 1.001 * MAX_PIXEL_PHOTONS       # leaves room for rounding
+TABLE_STEPS = 256           # of the background table
+TOGETHER = 2**22            # numbers computed at once, to bound memory
+BETWEEN = 8                 # depths between two bins, to average over
+BLIND = 0.01                # |ĥ| below which a frequency says nothing about the depth
+WEAKEST_PASSBAND = 0.25     # equalise a pixel's |ĥ| only where it is more than this times the mean of the pixels
 
 
 @dataclass(frozen=True, eq=False)
 class MatchedFrame:
     """The sufficient statistics of Σ_l |sums_l − r ĥ_l exp(i ω_l t)|² for every pixel, and constants of the sensor.
 
-    That data term depends on a pixel's photons only through conj(ĥ_l) · sums_l; the statistics of several pixels that
-    see one surface add up. A gain g makes g times as many photons, signal and background, so it acts as an exposure
-    time.
+    That data term depends on a pixel's photons only through conj(ĥ_l) · sums_l; the statistics of pixels that see one
+    surface add up. A gain g multiplies signal and background photons alike, so it acts as an exposure time.
 
     Args:
         matched: float32 [rows, 2m, cols], conj(ĥ_l) · sums_l, real parts before imaginary ones; 0 in masked pixels.
-        counts: float32 [rows, cols], photons: twice the variance of each part of `matched` / ĥ_l, background alone;
-            0 in masked pixels.
+        counts: float32 [rows, cols], photons; of background alone, twice the variance of each part of
+            `matched` / ĥ_l; 0 in masked pixels.
         exposure: float32 [rows, cols], g; 0 in masked pixels.
         energy: float32 [m], |ĥ_l|².
         bin_frequencies: float32 [m], k_l / T.
         filters: [cells, 2m], cos(2π k_l c / cells) before sin: the matched filters of `match`, on its grid of depths.
         num_bins: T.
-        moments: float32 [4], variance of the depth score that one signal photon, one background photon adds; what
-            bins add to that of a signal photon; and the mean square error of the depth by bins, bins².
-        intensity_moments: float32 [2], variance of the intensity score, in the same way.
-        max_response: of a photon to a matched filter.
-        background_table: float32 [n], what mean responses of 0 … max_response are worth against "background
-            alone", standard deviations per √photon.
+        moments: float32 [4], variance of the depth score by one signal photon, and by one background photon; what the
+            width of bins adds to the first; and the mean square error of the depth by bins, bins².
+        intensity_moments: float32 [2], variance of the intensity score by one signal and one background photon.
+        max_response: the highest response of a photon to a matched filter.
+        background_table: float32 [n], for mean responses of 0 … max_response the standard deviations per √photon by
+            which they exceed "background alone".
         total_energy: Σ|ĥ_l|², the curvature of the data term in intensity.
         curvature: Σ ω_l² |ĥ_l|², bins⁻²: times r², the curvature of the data term in depth.
-        clutter: float32 [T], standard deviation of matched filters at each bin over that in an even background, 1 or
-            more; None if the background is even.
+        clutter: float32 [T], 1 or more: standard deviation of matched filters at each bin, relative to an even
+            background; None if the background is even.
         size: rows, cols if the maps are padded (`kernels.maps`): float32 [rows', 2m, cols'] and [rows', cols'].
     """
 
@@ -74,15 +73,15 @@ class MatchedFrame:
 
     @property
     def resolution_bins(self) -> float:
-        """Width of the matched filter's peak: closer depths are hardly resolved."""
+        """Width of the matched filter's peak, bins; closer depths are hardly resolved."""
         return math.sqrt(self.total_energy / self.curvature)
 
 
 class Matcher:
-    """Makes the MatchedFrame of a sketch; what depends on sensor and frequencies alone is computed once.
+    """Makes MatchedFrames of sketches; computes once what depends on sensor and frequencies alone.
 
     Raises:
-        InvalidInput: frequencies that mean nothing, or of which the IRF passes none.
+        InvalidInput: impossible frequencies, or the IRF passes none of them.
     """
 
     def __init__(self, sensor: SensorModel, frequencies):
@@ -95,7 +94,7 @@ class Matcher:
                 f"some that the sensor's IRF passes (|ĥ| above {BLIND})")
         weakest = np.maximum(np.abs(spectrum)**2, energy * WEAKEST_PASSBAND**2)
         equaliser = np.conj(spectrum) * energy / weakest
-        self.passed = self._map(equaliser)      # of a background photon, which is as late as its pixel
+        self.passed = self._map(equaliser)      # before delays: background does not depend on them
         if sensor.delay_bins is not None:
             equaliser = equaliser * np.exp(-1j * np.outer(sensor.delay_bins.reshape(-1), omega))
         if sensor.mask is not None:
@@ -127,7 +126,7 @@ class Matcher:
         return MatchedFrame(matched, photons * self.used, **self._constants)
 
     def on(self, kernels) -> Callable[..., MatchedFrame]:
-        """Function from photons, float32 [rows, cols], and sums, the kernels' arrays, to their MatchedFrame."""
+        """A function from photons, float32 [rows, cols], and sums, both arrays of the kernels, to a MatchedFrame."""
         if kernels.ON_HOST:
             return self._matched
         constants, equaliser, used = on_device(self._constants, kernels), *map(kernels.array, (
@@ -139,13 +138,13 @@ class Matcher:
         return matched
 
     def padded_on(self, kernels) -> Callable[..., MatchedFrame]:
-        """Function from padded `matched` and `counts`, and `clutter`, to a MatchedFrame on the kernels' device."""
+        """A function from padded `matched` and `counts`, and `clutter`, to a MatchedFrame on the kernels' device."""
         exposure = self.sensor.exposure
         constants = on_device({**self._constants, "exposure": maps.pad(exposure), "size": exposure.shape}, kernels)
         return lambda matched, counts, clutter=None: MatchedFrame(matched, counts, clutter=clutter, **constants)
 
     def check(self, sketch: Sketch) -> None:
-        """Raise InvalidInput unless the sketch was taken with this sensor and these frequencies, and is of numbers."""
+        """Raise InvalidInput unless the sketch has this size and these frequencies, and sums that photons can give."""
         shape = (self.sensor.rows, self.sensor.cols)
         require(sketch.frequencies == self.frequencies, "sketch frequencies", list(sketch.frequencies),
                 f"{list(self.frequencies)}")
@@ -153,7 +152,7 @@ class Matcher:
         parts = np.ascontiguousarray(sketch.sums, np.complex64).view(np.float32)
         flat = parts.ravel()
         with np.errstate(over="ignore"):
-            longest = float(np.sqrt(flat @ flat))   # at most, in one pass; NaN if one is
+            longest = float(np.sqrt(flat @ flat))   # an upper bound in one pass; NaN if any number is
         if not longest <= MAX_SUM:
             longest = float(max(parts.max(), -parts.min()))
         require(longest <= MAX_SUM, "sketch", longest, "sums of unit vectors, as many as photons, everywhere")
@@ -166,15 +165,15 @@ class Matcher:
 
 def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
                    energy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Variances that a signal photon and a background photon add to the scores for depth and for intensity; bins' own.
+    """Variances that each expected signal and background photon adds to the scores for depth and intensity.
 
-    The scores are Σ_l ω_l Im and Σ_l Re of f_l exp(i ω_l b) for a photon b bins from its surface, f_l the filters
-    (conj(ĥ_l) of a matched filter): the gradients of the data term in t and r. Their mean square over the IRF, and over
-    all bins, is the variance that a Poisson number of photons has for each one expected; the sandwich formula makes the
-    estimates' variances of it, whatever the distribution of the photons over the bins.
+    The scores are Σ_l ω_l Im and Σ_l Re of f_l exp(i ω_l b) for a photon b bins from its surface, with filters f_l
+    (matched: conj(ĥ_l)): the gradients of the data term in t and r. For Poisson numbers of photons, each expected one
+    adds the mean square of its score, over the IRF or over all bins. The sandwich formula turns that into the variances
+    of the estimates, for any distribution of the photons over the bins.
 
-    Of an IRF per pixel the mean counts. Between bins it is linear, so a pulse below a bin looks wider and not just
-    shifted there: means over such depths say how much.
+    Sensors with an IRF per pixel use the mean IRF. Between bins the IRF counts as linear, so pulses narrower than a bin
+    look wider there; means over BETWEEN depths tell how much.
 
     Returns:
         For depth and for intensity, float32 [4] and [2]: `MatchedFrame.moments` and `intensity_moments`.
@@ -192,14 +191,14 @@ def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
 
 
 def _background_table(spectrum: np.ndarray, frequencies: tuple[int, ...]) -> tuple[float, np.ndarray]:
-    """How improbable it is that background photons respond to a matched filter as signal does.
+    """How many standard deviations a mean response of background photons to a matched filter is worth.
 
-    The mean response of n of them reaches u with a probability of at most exp(−n I(u)), I(u) = max_λ λu − K(λ), where
-    K(λ) is the logarithm of the mean of exp(λ · response) over all bins (Chernoff's bound).
+    The mean response of n photons reaches u with probability exp(−n I(u)) at most, I(u) = max_λ λu − K(λ), where K(λ)
+    is the logarithm of the mean of exp(λ · response) over all bins (Chernoff's bound).
 
     Returns:
-        The greatest response, and √(2 I(u)) for u from 0 to it. For small u that is u / √(Σ|ĥ_l|² / 2), as of a normal
-        distribution, for large u far less: a few photons often agree by chance.
+        The greatest response, and √(2 I(u)) for u from 0 to it: u / √(Σ|ĥ_l|² / 2) for small u, as for a normal
+        distribution, and far less for large u, because a few photons often agree by chance.
     """
     cells = 16 * max(frequencies)
     coefficients = np.zeros(cells // 2 + 1, complex)

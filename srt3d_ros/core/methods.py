@@ -1,4 +1,4 @@
-"""The methods by name: ours and the ones that the SRT3D paper compares."""
+"""The reconstruction methods by name: ours, and those that the SRT3D paper compares."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,15 +12,15 @@ DEFAULT_METHOD = "pooled"
 
 @dataclass(frozen=True)
 class Method:
-    """One way to reconstruct.
+    """A reconstruction method.
 
     Args:
-        name: what a user writes.
+        name: as users write it.
         about: one line for help texts and tables.
-        needs: "sketch", or "photons" for methods that need every time of arrival.
+        needs: "sketch", or "photons" if it needs every time of arrival.
         where: module:class.
-        frequencies: those of its sketches unless the user says, as for `frequencies.choose`.
-        options: what it takes beside `surfaces`.
+        frequencies: default for `frequencies.choose`.
+        options: those besides `surfaces`.
     """
 
     name: str
@@ -31,22 +31,22 @@ class Method:
     options: tuple[str, ...] = ()
 
     def build(self, sensor: SensorModel, frequencies=None, **options) -> Callable:
-        """A reconstructor: called with a Sketch, or with a PhotonFrame, it returns a Cloud.
+        """A callable from a Sketch, or from a PhotonFrame, to a Cloud.
 
         Args:
             sensor: geometry, IRF and calibration.
             frequencies: the integers k_l of the sketches; methods on photons ignore them.
-            options: surfaces, those that `self.options` names, and the device "auto" or "cpu" for any.
+            options: `surfaces`, those of `self.options`, and device="auto" or "cpu" for any method.
 
         Raises:
-            InvalidInput: an option that the method does not take, or a value that it cannot use.
+            InvalidInput: an unknown option, or a value that cannot be used.
         """
         known = ("surfaces", *self.options)
         if "device" not in known:
             device = options.pop("device", "auto")
             require(device in ("auto", "cpu"), "device", device, f"cpu or auto: {self.name} runs on the CPU")
         for option, value in options.items():
-            require(option in known, option, value, f"nothing: {self.name} takes {', '.join(known)}")
+            require(option in known, option, problem=f"{option} {value}: {self.name} takes only {', '.join(known)}.")
         module, name = self.where.split(":")
         chosen = getattr(import_module(module), name)
         return chosen(sensor, frequencies, **options) if self.needs == "sketch" else chosen(sensor, **options)
@@ -70,6 +70,6 @@ SKETCH_METHODS = tuple(method.name for method in METHODS.values() if method.need
 
 
 def find(name: str) -> Method:
-    """The method of this name, or InvalidInput that lists them."""
+    """The method of this name; InvalidInput lists all of them."""
     require(name in METHODS, "method", name, " or ".join(METHODS))
     return METHODS[name]

@@ -1,7 +1,4 @@
-"""How good a cloud is against a reference, as the papers on RT3D and SRT3D count it (`core.baselines`).
-
-docs/evaluation.md has the equations.
-"""
+"""Compares clouds with a reference as the papers on RT3D and SRT3D do (equations: docs/evaluation.md)."""
 
 from dataclasses import dataclass
 
@@ -15,17 +12,17 @@ NAN = float("nan")
 
 @dataclass(frozen=True)
 class Metrics:
-    """How one cloud compares with the truth; NaN where there is nothing to compare.
+    """Figures of merit of one cloud; NaN where there is nothing to compare.
 
     Args:
         true_detections: share of the reference surfaces with a point within the tolerance.
         false_detections: points farther than the tolerance from every reference of their pixel, over the number of
-            reference surfaces; points in pixels without any reference are not judged, unless it is complete.
+            reference surfaces; points in pixels without a reference count only if the reference is complete.
         dae_bins: mean absolute depth error over the matched reference surfaces, bins (DAE).
         points: points in the cloud.
         by_surface: true_detections of each reference surface alone.
-        iae: normalised intensity absolute error (IAE): over all references, abs(r − r̂) of those that are matched, r of
-            those that are missed, and r̂ of the points that match none, summed and divided by Σ r.
+        iae: normalised intensity absolute error (IAE): the sum of abs(r − r̂) of matched references, r of missed ones,
+            and r̂ of points that match none, divided by Σ r over all references.
         within_1_std, within_2_std: share of the judged points whose error from the nearest reference of their pixel is
             at most 1 or 2 times their own `depth_std_bins`.
     """
@@ -56,9 +53,9 @@ def evaluate(cloud: Cloud, reference_depth_bins: np.ndarray, tolerance_bins: flo
         tolerance_bins: τ; a point within it of a surface of its pixel is a true detection.
         num_bins: T, the period of the depths.
         reference_intensity: the same shape, expected signal photons; gives `iae`.
-        counted: bool, the same shape as the depths: references that count. The others are neither missed nor found,
-            and points of their pixels are not false. All unless given.
-        complete: pixels without a reference are known to see no surface, as in a simulation: points there are false.
+        counted: bool, the same shape as the depths: references that count; all unless given. Others are neither
+            missed nor found, and points of their pixels are not false.
+        complete: pixels without a reference see no surface, as in a simulation: points there are false.
     """
     reference = _as_surfaces("reference shape", reference_depth_bins, cloud)
     known = np.isfinite(reference)
@@ -82,9 +79,9 @@ def evaluate(cloud: Cloud, reference_depth_bins: np.ndarray, tolerance_bins: flo
 
 
 def median_offset(cloud: Cloud, reference_depth_bins: np.ndarray, within_bins: float, num_bins: int) -> float:
-    """Median of cloud − reference, bins, over the pixels with a point so near; 0 if there is none.
+    """Median of cloud − reference, bins, over the pixels with a point within `within_bins`; 0 if there is none.
 
-    For a reference of one surface, [rows, cols], that was measured apart and has a zero of its own.
+    For a reference of one surface, [rows, cols], that was measured separately, with another zero.
     """
     reference = _as_surfaces("reference shape", reference_depth_bins, cloud)
     difference = _errors(cloud, reference, num_bins)
@@ -100,7 +97,7 @@ def _errors(cloud: Cloud, reference: np.ndarray, num_bins: int) -> np.ndarray:
 
 
 def _nearest(cloud: Cloud, shape: tuple[int, int, int], error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of each reference [S, rows, cols] the least error, ∞ if none, and the index of the point that has it."""
+    """The least error of each reference, [S, rows, cols], ∞ if none, and the index of its point."""
     nearest, point = np.full(shape, np.inf), np.full(shape, -1)
     for surface, errors in enumerate(error):
         order = np.argsort(-errors, kind="stable")          # the nearest is written last
@@ -115,10 +112,10 @@ def _intensity_error(cloud: Cloud, reference_intensity: np.ndarray, counts: np.n
     """Metrics.iae.
 
     Args:
-        counts, matched, point: [S, rows, cols], which references count, have a point within the tolerance, and the
-            index of their nearest point.
-        near: [S, N], the point lies within the tolerance of the reference.
-        judged: [N], the truth about the point's pixel is known.
+        counts, matched, point: [S, rows, cols], whether a reference counts, whether it has a point within the
+            tolerance, and the index of its nearest point.
+        near: [S, N], whether a point lies within the tolerance of a reference.
+        judged: [N], whether the truth in the point's pixel is known.
     """
     intensity = _as_surfaces("intensity shape", reference_intensity, cloud)
     require(intensity.shape == counts.shape, "intensity shape", intensity.shape, f"{counts.shape}")
@@ -130,7 +127,7 @@ def _intensity_error(cloud: Cloud, reference_intensity: np.ndarray, counts: np.n
     apart = np.abs(intensity[matched] - cloud.intensity[point[matched]]).sum()
     used = np.zeros(len(cloud), bool)
     used[point[matched]] = True
-    excused = (near & ~counts[:, cloud.row, cloud.col]).any(axis=0)         # near one that does not count
+    excused = (near & ~counts[:, cloud.row, cloud.col]).any(axis=0)         # near a reference that does not count
     surplus = judged & ~used & ~excused
     return float((apart + intensity[missed].sum() + cloud.intensity[surplus].sum()) / total)
 

@@ -1,4 +1,4 @@
-"""Compiles the CPU kernels, or reads them from the disk, before a frame needs them."""
+"""Compiles the CPU kernels, or loads them from the disk, ahead of the first frame."""
 
 import os
 import signal
@@ -16,19 +16,19 @@ from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates
 
 ANY_SENSOR = SensorModel(rows=1, cols=2, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0], gates=GateWords())
 LONGEST = ("search._search", "birth_death._judge", "pooled_step._pooled_step", "move_sketch._find_targets",
-           "undecided._list_rows")         # to compile: begun first, they end with the rest
-PROCESS_BYTES = 2**29       # that a process which compiles takes
+           "undecided._list_rows")         # begun first, they end with the rest
+PROCESS_BYTES = 2**29       # memory of a process that compiles
 
 
 def names() -> list[str]:
-    """The kernels of sketching, deskewing and the default method, those that take longest to compile first."""
+    """The kernels of sketching, deskewing and the default method, slowest to compile first."""
     _, kernels = kernels_for("cpu")
     needed = (name for name in kernels.KERNELS if name.partition(".")[0] not in kernels.OTHER_METHODS)
     return list(dict.fromkeys([*LONGEST, *needed]))
 
 
 def everything() -> None:
-    """Compile them, as many at once as there are cores, in at most half of the memory."""
+    """Compile all of `names`, one process a core, in at most half of the memory."""
     from tqdm import tqdm  # here: slow
 
     (_, kernels), left = kernels_for("cpu"), names()
@@ -44,7 +44,7 @@ def everything() -> None:
 
 
 def sketching() -> None:
-    """Sketch photons in whole bins, in order and not, and gates."""
+    """Warm up sketching: gates, and events in whole bins, sorted and not."""
     sketcher = FrameSketcher(ANY_SENSOR, (1,))
     sketcher.add(PhotonGates(np.zeros((1, 1, 2), np.uint16)))
     for pixels in ([0, 1], [1, 0]):
@@ -53,7 +53,7 @@ def sketching() -> None:
 
 
 def deskewing() -> None:
-    """Move a frame of a sensor that moves."""
+    """Warm up deskewing: move a frame."""
     sketcher, trajectory = MovingSketcher(ANY_SENSOR, (1,)), Trajectory()
     trajectory.add(0, Pose())
     sketcher.add(PhotonEvents(np.array([0, 1], np.uint32), np.zeros(2, np.uint16)))

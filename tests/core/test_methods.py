@@ -200,7 +200,7 @@ def test_photons_outside_the_sensor_are_refused():
 @every_method
 def test_options_that_a_method_does_not_take_are_named(name):
     for option in {"false_alarm_rate", "background", "sharpness"} - set(METHODS[name].options):
-        with pytest.raises(InvalidInput, match=f"^{option} is 0.1: expected nothing: {name} takes surfaces"):
+        with pytest.raises(InvalidInput, match=f"^{option} 0.1: {name} takes only surfaces"):
             METHODS[name].build(make_sensor(4, 5), (1, 2, 3), **{option: 0.1})
 
 

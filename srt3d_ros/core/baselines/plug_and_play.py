@@ -1,4 +1,4 @@
-"""The loop of RT3D and SRT3D: gradient steps on the photons, in turn with a denoiser of the point cloud."""
+"""The loop of RT3D and SRT3D: gradient steps on the photons alternate with a denoiser of the point cloud."""
 
 from collections.abc import Callable
 
@@ -8,9 +8,9 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.progress import progress
 
 ITERATIONS = 25
-RATE = 0.25                 # of the full step in depth; against a half, less error wherever photons are few
-FAINTEST = 0.01             # of the mean intensity: points below are removed
-DEPTHS_PER_PITCH = 6.0      # pixel pitches in depth that smooth like one pixel across
+RATE = 0.25                 # share of the full step in depth; a half has more error where photons are few
+FAINTEST = 0.01             # of the mean intensity: weaker points are removed
+DEPTHS_PER_PITCH = 6.0      # pixel pitches of depth that count as one pixel across
 
 
 def plug_and_play(kernels, step: Callable, depth, intensity, exposure, scale_bins, num_bins: int) -> tuple:
@@ -19,8 +19,8 @@ def plug_and_play(kernels, step: Callable, depth, intensity, exposure, scale_bin
     Args:
         step: from depth and intensity to those after a gradient step and the hard threshold, `without_faint`.
         depth, intensity: the start, float32 [rows, K, cols]; intensity 0 = no point.
-        exposure: float32 [rows, cols], 0 where no point may be.
-        scale_bins: bins that count as one pixel, see `depth_scale_bins`.
+        exposure: float32 [rows, cols], 0 where points are not allowed.
+        scale_bins: bins of depth that count as one pixel, from `depth_scale_bins`.
     """
     depth, intensity, normal = kernels.apss(depth, intensity, None, exposure, scale_bins, num_bins)
     for iteration in progress(range(ITERATIONS + 1), "reconstructing"):
@@ -36,13 +36,13 @@ def without_faint(intensity, usual):
 
 
 def depth_scale_bins(sensor: SensorModel, median_depth, peak_bins: float):
-    """Bins of depth that count as one pixel: six times the distance of neighbouring rays at the scene.
+    """Bins of depth that count as one pixel: six times the distance of neighbouring rays at the scene, as in RT3D.
 
-    That is what RT3D's authors use. Limited to half to twice the width of a return's peak: closer depths cannot be told
-    apart, and over more, surfaces would merge where the field of view is not known.
+    Limited to half to twice the width of a return's peak: closer depths cannot be resolved, and a larger scale merges
+    surfaces where the field of view is not known.
 
     Args:
-        median_depth: of the scene, bins: a number, or one on a device.
+        median_depth: of the scene, bins: a number, perhaps on a device.
         peak_bins: width of the matched filter's peak.
     """
     rays = sensor.rays

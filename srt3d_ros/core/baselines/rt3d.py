@@ -4,10 +4,11 @@
     3D reconstruction from single-photon lidar data using plug-and-play point cloud denoisers", Nature Communications
     10, 2019.
 
-It maximises the Poisson likelihood of the photons, Σ_k g r_k h(x − t_k) + g b expected at x, by gradient steps on
-depths and log-intensities and an expectation step on the background, in turn with denoisers: APSS and a hard threshold
-for the points, a moving average for the background. The matched filter starts. The paper's step sizes are tuned; here
-they are half the inverse curvature in log-intensity, a quarter in depth, that at the mean intensity for weaker points.
+It maximises the Poisson likelihood of the photons, of which Σ_k g r_k h(x − t_k) + g b are expected at x. Gradient
+steps on depths and log-intensities and an expectation step on the background alternate with denoisers: APSS and a hard
+threshold for the points, a moving average for the background. It starts from the matched filter. The paper tunes its
+step sizes; here they are half the inverse curvature in log-intensity and a quarter in depth, and for points below the
+mean intensity those at the mean.
 """
 
 from collections.abc import Callable
@@ -21,20 +22,20 @@ from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.devices import kernels_for
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame
+from srt3d_ros.kernels.constants import TINY
 
 BACKGROUND_WINDOW = 1.5         # σ of the moving average, pixels
-LEAST = 1e-12                   # information of an IRF without slopes, and light of a bin without any
-LEAST_BACKGROUND = 0.01         # photons in a pixel: a photon off every surface must have come from somewhere
+BACKGROUND_FLOOR = 0.01         # photons in a pixel: photons away from every surface need some probability
 
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """Everything in the likelihood but the unknowns.
+    """The likelihood's data and constants.
 
     Args:
-        starts: int64 [rows · cols + 1], toa: float32 [N]: the photons by pixel, delays taken out.
-        irf, slope: float32 [1 or rows · cols, L + 2], h and h′, this between neighbouring bins; 0 at both ends.
-        ref: index into them that marks the depth.
+        starts: int64 [rows · cols + 1], toa: float32 [N]: the photons by pixel, without delays.
+        irf, slope: float32 [1 or rows · cols, L + 2], h and its slope h′; 0 at both ends.
+        ref: index into both that marks the depth.
         information: Σ h′² / (h + b / r), Fisher's, of a signal photon on the depth, bins⁻².
         num_bins: T.
         exposure: float32 [rows, cols], g; 0 where masked.
@@ -79,19 +80,19 @@ class RT3D:
         return Cloud.from_layers(sensor, depth, intensity, background * seen * sensor.num_bins, frame.stamp_ns)
 
     def _likelihood(self, photons: PhotonEvents, ratio: float) -> Likelihood:
-        """The likelihood of some photons amid a background per bin of `ratio` times the signal."""
+        """The likelihood of photons with a background per bin of `ratio` times the signal."""
         sensor, toa = self.sensor, photons.toa
         if sensor.delay_bins is not None:
             toa = toa - sensor.delay_bins.ravel()[photons.pixel]
         mean, slope = (values[:, 1:-1].mean(axis=0, dtype=np.float64) for values in (self._irf, self._slope))
-        information = max(float((slope**2 / np.maximum(mean + ratio, LEAST)).sum()), LEAST)
+        information = max(float((slope**2 / np.maximum(mean + ratio, TINY)).sum()), TINY)
         starts = np.searchsorted(photons.pixel, np.arange(sensor.pixels + 1, dtype=np.uint32))
         return Likelihood(starts, toa, self._irf, self._slope, sensor.irf_ref + 1, information, sensor.num_bins,
                           sensor.exposure)
 
     def _smoother(self, seen: np.ndarray) -> Callable:
-        """Function from background photons to background per bin at a gain of 1, window means, float32 [rows, cols]."""
-        blur, least = self._kernels.blur, LEAST_BACKGROUND * seen[:, None]
+        """A function from background photons to their local mean per bin at a gain of 1, float32 [rows, cols]."""
+        blur, least = self._kernels.blur, BACKGROUND_FLOOR * seen[:, None]
         bins = np.maximum(blur(seen[:, None], BACKGROUND_WINDOW)[:, 0] * self.sensor.num_bins, 1e-6)
         return lambda stray: blur(stray[:, None] + least, BACKGROUND_WINDOW)[:, 0] / bins
 
@@ -101,7 +102,7 @@ class RT3D:
 
 
 def _rms_width(irf: np.ndarray) -> float:
-    """Standard deviation of a photon's time, bins; at least one bin's."""
+    """Standard deviation of a photon's time, bins; at least that of one bin, 1/√12."""
     bins = np.arange(len(irf))
     mean = (irf * bins).sum() / irf.sum()
     return float(np.sqrt(max((irf * (bins - mean)**2).sum() / irf.sum(), 1 / 12)))

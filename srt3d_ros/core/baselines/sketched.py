@@ -1,12 +1,12 @@
-"""The methods of the papers on sketches, pixel by pixel: SMLE, and SRT3D as published.
+"""The published methods on sketches: SMLE and SRT3D.
 
     M. P. Sheehan, J. Tachella, M. E. Davies, "A sketching framework for reduced data transfer in photon counting
     lidar", IEEE Transactions on Computational Imaging 7, 2021 (SMLE).
     J. Tachella, M. P. Sheehan, M. E. Davies, "Sketched RT3D: how to reconstruct billions of photons per second",
     ICASSP 2022 (SRT3D).
 
-Both minimise n (z − Ψ_θ)ᵀ W (z − Ψ_θ), SRT3D with a regularisation ρ(θ) over all pixels: a matched filter on each
-pixel's sketch starts, gradient steps scaled by the inverse curvature follow.
+Both minimise n (z − Ψ_θ)ᵀ W (z − Ψ_θ) for each pixel, SRT3D with a regularisation ρ(θ) over all pixels: by gradient
+steps scaled by the inverse curvature, from a matched filter on each pixel's sketch.
 """
 
 from functools import partial
@@ -25,18 +25,18 @@ from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch
 from srt3d_ros.core.thresholds import check_surfaces
 
 SMLE_STEPS = 10
-SMLE_RATE = 0.5         # each step halves what is left of the error
+SMLE_RATE = 0.5         # each step halves the remaining error
 STEPS_BEFORE = 5        # of SRT3D, before the denoiser
 
 
 class SMLE:
-    """Reconstructs frames of one sensor from their sketches; as in the paper all pixels that saw photons show a point.
+    """Reconstructs frames of one sensor from their sketches; as in the paper, every pixel with photons shows a point.
 
-    The sketch of n photons is normally distributed around Ψ_θ with covariance Σ_θ / n, so W = Σ_θ⁻¹ is maximum
-    likelihood but for the determinant, which n outweighs. Arguments and attributes as of `PooledStream`.
+    The sketch of n photons is normally distributed around Ψ_θ with covariance Σ_θ / n. So W = Σ_θ⁻¹ is maximum
+    likelihood, except for the determinant, which n outweighs. Arguments and attributes as of `PooledStream`.
     """
 
-    precise = True          # whether W of the data term is the inverse covariance of the sketch, else the identity
+    precise = True          # W is the inverse covariance of the sketch, else the identity
 
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, device: str = "auto"):
         check_surfaces(surfaces)
@@ -84,9 +84,9 @@ class SMLE:
 class SRT3D(SMLE):
     """As in the paper: 5 gradient steps, then 25 times [gradient step, hard threshold on intensity, APSS].
 
-    Frequencies 1 … m and W = identity are the paper's. Its step sizes are tuned for each data set; here they are half
-    the inverse curvature of the data term in intensity and a quarter of it in depth, there that at the mean intensity
-    for weaker points, as if one step size held for all pixels.
+    Frequencies 1 … m and W = identity are the paper's. It tunes step sizes for each data set. Here they are half the
+    inverse curvature of the data term in intensity, and a quarter in depth, where points below the mean intensity use
+    that at the mean, as one step size for all pixels would.
     """
 
     precise = False

@@ -1,8 +1,8 @@
-"""The weighting W of the sketched data term (SRT3D, ICASSP 2022, eq. 6), as what a gradient step needs of it.
+"""Tabulates gradient steps with the weighting W of the sketched data term (SRT3D, ICASSP 2022, eq. 6).
 
 The data term is n (z − Ψ_θ)ᵀ W (z − Ψ_θ), real and imaginary parts stacked, with W the identity or Σ_θ⁻¹, the inverse
-covariance of one photon's sketch. Turned back by exp(−i ω_l t), residual and covariance no longer depend on the depth
-but on the share α of signal among the photons alone. So W is tabulated over α, and a weighted step costs no more.
+covariance of one photon's sketch. Turned back by exp(−i ω_l t), residual and covariance depend on the share α of signal
+photons only, not on the depth. So steps are tabulated over α, and weighting costs no time.
 """
 
 import numpy as np
@@ -10,22 +10,22 @@ import numpy as np
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum
 
-LEVELS = 65             # shares α from 0 to 1
-RIDGE = 1e-3            # of the mean variance: for IRFs so short that all photons of a surface have one sketch
+SHARES = 65             # values of α from 0 to 1
+COVARIANCE_RIDGE = 1e-3     # of the mean variance: short IRFs give all photons of a surface the same sketch
 
 
 def weighted_steps(sensor: SensorModel, frequencies, precise: bool) -> np.ndarray:
-    """A = (Uᵀ W U)⁻¹ Uᵀ W for every share α: turns a residual into the errors of r · t and r.
+    """A = (Uᵀ W U)⁻¹ Uᵀ W for every share α, which turns a residual into the errors of r · t and r.
 
-    U are the derivatives of the expected sketch: i ω_l ĥ_l for a shift, ĥ_l for a change of intensity. A is the
+    U has the derivatives of the expected sketch: i ω_l ĥ_l for a shift, ĥ_l for a change of intensity. A is the
     Gauss-Newton step on the data term: its gradient, divided by its curvature.
 
     Args:
-        precise: whether W is the inverse covariance, else the identity.
+        precise: W is the inverse covariance, else the identity.
 
     Returns:
-        float32 [LEVELS, or 1 for the identity, 4, m], for r · t, then for r, the weights of real and of imaginary parts
-        of the residual of `MatchedFrame.matched`, conj(ĥ_l) · sums_l.
+        float32 [SHARES, or 1 for the identity, 4, m]: weights of the real and the imaginary parts of the residual of
+        `MatchedFrame.matched`, conj(ĥ_l) · sums_l, for r · t and then for r.
     """
     energy = (np.abs(np.atleast_2d(irf_spectrum(sensor, frequencies)))**2).mean(axis=0)
     zero = np.zeros_like(energy)
@@ -39,19 +39,19 @@ def weighted_steps(sensor: SensorModel, frequencies, precise: bool) -> np.ndarra
 
 
 def _covariances(sensor: SensorModel, frequencies) -> np.ndarray:
-    """Σ of one photon's matched sketch, turned back by its surface's depth, for LEVELS shares of signal.
+    """Σ of one photon's matched sketch, turned back by its surface's depth, for SHARES shares of signal.
 
-    A photon is signal with probability α, else uniform over the bins, so E exp(i ω x) = α ĥ(ω) for ω ≠ 0 and 1 for 0;
-    products of cosines and sines are sums of those at ω_l ± ω_n. Of sensors with an IRF per pixel the mean IRF counts.
+    A photon is signal with probability α, else uniform over the bins, so E exp(i ω x) = α ĥ(ω) for ω ≠ 0 and 1 for 0.
+    Products of cosines and sines are sums of those at ω_l ± ω_n. Sensors with an IRF per pixel use the mean IRF.
 
     Returns:
-        float64 [LEVELS, 2m, 2m], real parts first.
+        float64 [SHARES, 2m, 2m], real parts first.
     """
     if sensor.irf.ndim > 1:
         sensor = sensor.replace(irf=sensor.irf.mean(axis=0))
     k = np.asarray(frequencies)
     spectrum = irf_spectrum(sensor, k)
-    share = np.linspace(0, 1, LEVELS)[:, None, None]
+    share = np.linspace(0, 1, SHARES)[:, None, None]
     plus, minus = (np.where(pairs % sensor.num_bins == 0, 1,
                             share * irf_spectrum(sensor, pairs.ravel()).reshape(pairs.shape))
                    for pairs in (k[:, None] + k, k[:, None] - k))
@@ -63,6 +63,6 @@ def _covariances(sensor: SensorModel, frequencies) -> np.ndarray:
     imaginary = (minus - plus).real / 2
     mixed = (plus - minus).imag / 2                     # E Re u_l · Im u_n
     covariance = np.block([[real, mixed], [mixed.swapaxes(1, 2), imaginary]])
-    scale = np.tile(np.abs(spectrum), 2) + 1e-6         # as for the sketch itself, else weak frequencies drown
+    scale = np.tile(np.abs(spectrum), 2) + 1e-6         # relative to each frequency, else weak ones vanish
     mean = np.diagonal(covariance, axis1=1, axis2=2) @ (1 / scale**2) / len(scale)
-    return covariance + np.maximum(RIDGE * mean, RIDGE**2)[:, None, None] * np.diag(scale**2)
+    return covariance + np.maximum(COVARIANCE_RIDGE * mean, COVARIANCE_RIDGE**2)[:, None, None] * np.diag(scale**2)

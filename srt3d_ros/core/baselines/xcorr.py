@@ -1,9 +1,9 @@
 """XCORR: the classical matched filter on every pixel's histogram, which also starts RT3D.
 
 t̂ = arg max_t Σ_b y_b log(h(b − t) + ε): maximum likelihood for one surface over a faint background, by FFT over the T
-bins, with a parabola through the peak; further surfaces one by one, after the photons under the IRF of those before are
-taken out. Signal is what a window around the peak holds above the background outside. As in the papers every pixel that
-saw photons shows a point.
+bins, with a parabola through the peak. Further surfaces follow one by one, after the photons under the IRF of the
+former ones are removed. The signal is what a window around the peak holds above the background outside. As in the
+papers, every pixel with photons shows a point.
 """
 
 from dataclasses import replace
@@ -16,26 +16,26 @@ from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame
 from srt3d_ros.core.thresholds import check_surfaces
 from srt3d_ros.progress import progress
 
-CELLS = 2**22           # of the histograms that are filtered together: 16 MB an array
-FLOOR = 0.01            # ε, of the IRF's peak: against h itself, this finds more surfaces at any SBR from 0.1 to 50
-TIE = 1e-4              # peaks that differ less are equal, but for the rounding of the FFT
-BODY = 0.9              # share of the IRF in the window that signal photons are counted in
-WHOLE = 0.99            # share of the IRF in the window that is taken out for the next surface
+CELLS = 2**22           # bins of the histograms that are filtered together: 16 MB an array
+FLOOR = 0.01            # ε, relative to the IRF's peak: finds more surfaces than ε = 0 at any SBR from 0.1 to 50
+TIE = 1e-4              # peaks that differ by less are equal: the FFT rounds
+BODY_SHARE = 0.9        # of the IRF, in the window in which signal photons are counted
+WHOLE_SHARE = 0.99      # of the IRF, in the window that is removed for the next surface
 
 
 class XCORR:
     """Reconstructs frames of one sensor from their photons; arguments as of `PooledStream`."""
 
     def __init__(self, sensor: SensorModel, surfaces: int = 1):
-        from scipy.fft import next_fast_len  # here and below: it takes a while, and core is imported for more
+        from scipy.fft import next_fast_len  # here and below: importing SciPy is slow, and few need it
 
         check_surfaces(surfaces)
         self.sensor, self.surfaces = sensor, surfaces
         irf = np.atleast_2d(sensor.irf)
-        self._overlap = irf.shape[1] - 1                # bins after the last one, where the IRF of late returns goes on
+        self._overlap = irf.shape[1] - 1                # bins after the last one, for the IRF of late returns
         self._size = next_fast_len(sensor.num_bins + self._overlap, real=True)
-        self._weights = np.log1p(irf / (FLOOR * irf.max(axis=1, keepdims=True)))    # 0 outside it
-        self._body, self._whole = (_window(irf.mean(axis=0), share) for share in (BODY, WHOLE))
+        self._weights = np.log1p(irf / (FLOOR * irf.max(axis=1, keepdims=True)))    # 0 outside the IRF
+        self._body, self._whole = (_window(irf.mean(axis=0), share) for share in (BODY_SHARE, WHOLE_SHARE))
 
     def __call__(self, frame: PhotonFrame) -> Cloud:
         """The point cloud of one frame."""
@@ -44,11 +44,11 @@ class XCORR:
         return Cloud.from_layers(self.sensor, depth, intensity, background, frame.stamp_ns)
 
     def peaks(self, photons: PhotonEvents) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The K highest peaks of every pixel's histogram, correlated with the IRF, from what `by_pixel` gives.
+        """The K highest peaks of every pixel's histogram, correlated with the IRF; `photons` from `by_pixel`.
 
         Returns:
-            Depths, bins in [0, T) with the pixels' delays taken out, and signal photons, 0 = no peak, float32
-            [rows, K, cols]; background photons per bin, float32 [rows, cols]. Both are expected, at a gain of 1.
+            Depths, bins in [0, T) without the pixels' delays, and signal photons, 0 = no peak, float32
+            [rows, K, cols]; background photons per bin, float32 [rows, cols]. Photon numbers are for a gain of 1.
         """
         sensor, (rows, cols) = self.sensor, self.sensor.exposure.shape
         several = max(CELLS // sensor.num_bins, 1)
@@ -64,10 +64,10 @@ class XCORR:
         return depth, signal, (background / seen).reshape(rows, cols).astype(np.float32)
 
     def warm_up(self) -> None:
-        """Do nothing: there is nothing to compile."""
+        """Does nothing: there is nothing to compile."""
 
     def _peaks_of(self, photons: PhotonEvents, first: int, last: int):
-        """Depth and signal photons, [K, pixels], and background per bin [pixels], of some pixels."""
+        """Depth and signal photons, [K, pixels], and background per bin [pixels], of a range of pixels."""
         num_bins = self.sensor.num_bins
         part = slice(*np.searchsorted(photons.pixel, np.array([first, last], np.uint32)))
         bins = np.rint(photons.toa[part]).astype(np.int64) % num_bins
@@ -75,7 +75,7 @@ class XCORR:
         found = []
         for _ in range(self.surfaces):
             begin, shift = self._highest(pixel, bins, slice(first, last))
-            place = (bins - begin[pixel]) % num_bins                                # of each photon in the IRF
+            place = (bins - begin[pixel]) % num_bins                                # of each photon within the IRF
             body, whole = ((place >= low) & (place < high) for low, high in (self._body, self._whole))
             found.append((begin + self.sensor.irf_ref + shift, np.bincount(pixel[body], minlength=last - first)))
             pixel, bins = pixel[~whole], bins[~whole]
@@ -83,10 +83,10 @@ class XCORR:
         background = np.bincount(pixel, minlength=last - first) / outside
         depth, near = map(np.stack, zip(*found))
         width = self._body[1] - self._body[0]
-        return depth, np.maximum(near - background * width, 0) / BODY, background
+        return depth, np.maximum(near - background * width, 0) / BODY_SHARE, background
 
     def _highest(self, pixel: np.ndarray, bins: np.ndarray, pixels: slice):
-        """The bin where the IRF begins at the highest peak of each pixel, and the peak's distance from a whole bin."""
+        """The bin at which the IRF begins for the highest peak of each pixel, and the peak's offset, −½ … ½ bin."""
         from scipy.fft import irfft, rfft
 
         count, num_bins = pixels.stop - pixels.start, self.sensor.num_bins
@@ -98,7 +98,7 @@ class XCORR:
         spectrum = rfft(histogram, workers=-1)
         spectrum *= rfft(weights, n=self._size, workers=-1).conj()
         response = irfft(spectrum, n=self._size, overwrite_x=True, workers=-1)[:, :num_bins]
-        # Photons that lie alone are equally high peaks: every second pixel takes the last one, not to favour depths.
+        # Single photons give equal peaks: every second pixel takes the last one, so that no depth is favoured.
         high = response >= (1 - TIE) * response.max(axis=1, keepdims=True)
         first, last = high.argmax(axis=1), num_bins - 1 - high[:, ::-1].argmax(axis=1)
         begin = np.where(np.arange(count) % 2 == 0, first, last)
@@ -109,9 +109,9 @@ class XCORR:
 
 
 def by_pixel(frame: PhotonFrame, sensor: SensorModel) -> PhotonEvents:
-    """The photons of a frame sorted by pixel, without those of masked pixels; InvalidInput unless they fit the sensor.
+    """The photons of a frame sorted by pixel, without masked pixels; InvalidInput unless they fit the sensor.
 
-    ToA are positions on the axis of depths, float32; the pixels' delays are still in them.
+    ToA become float32 positions on the axis of bins, with the pixels' delays.
     """
     events = frame if isinstance(frame, PhotonEvents) else frame.to_events(sensor)
     events.check(sensor)
@@ -123,7 +123,7 @@ def by_pixel(frame: PhotonFrame, sensor: SensorModel) -> PhotonEvents:
 
 
 def _window(irf: np.ndarray, share: float) -> tuple[int, int]:
-    """The shortest stretch of the IRF that holds this share of it: first entry, and one past the last."""
+    """The shortest window with this share of the IRF: first entry, and one past the last."""
     total = np.concatenate([[0], np.cumsum(irf, dtype=np.float64)])
     last = np.searchsorted(total, total + share * total[-1] * (1 - 1e-9))
     length = np.where(last < len(total), last - np.arange(len(total)), len(total))

@@ -1,8 +1,8 @@
-"""Backgrounds that do not spread evenly over the bins: known, or what the last cloud leaves unexplained.
+"""Background: learns how background photons spread over the bins, and removes them from sketches.
 
-A background photon at bin x adds exp(i ω_l x) to its pixel's sums: β̂_l on average, 0 if the background spreads evenly.
-Fog before the scene, a dead time, or a gate that opens slowly give others. B background photons are then taken out of a
-frame as B·β̂_l before it is reconstructed. What its cloud leaves corrects β̂ and B for the next frame.
+A background photon at bin x adds exp(i ω_l x) to its pixel's sums: β̂_l on average, 0 if the background is even. Fog
+before the scene, a dead time, or a gate that opens slowly make it uneven. B background photons are removed from a frame
+as B·β̂_l before it is reconstructed. What its cloud leaves unexplained corrects β̂ and B for the next frame.
 """
 
 from dataclasses import dataclass
@@ -15,19 +15,19 @@ from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.sketching.frequencies import angular_frequencies
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.errors import require
+from srt3d_ros.kernels.constants import EPSILON
 
 BACKGROUNDS = ("auto", "sensor", "flat")
-# Share of the IRF that may be wrong: an unexplained rest as small is no background. Measured IRFs were wrong by 2 to
-# 5 % (four real scenes). Fog leaves more than 25 % where it does harm, up to an SBR of 3; above, surfaces stand out.
+# A residual smaller than this share of the surfaces is blamed on the IRF. Measured IRFs were wrong by 2 to 5 % (four
+# real scenes). Fog that does harm, up to an SBR of 3, leaves more than 25 %; above, surfaces stand out.
 WRONG_IRF = 0.1
-# χ² per degree of freedom that begins to count: with 2 m = 20, noise exceeds it in one of 10⁵ frames. Even backgrounds
-# measured 0.0 to 0.4, wrong IRFs 1.7 and 2.4, a real uneven background 4.8, fog at an SBR of 1 or less 24 to 100.
+# χ² per degree of freedom from which a background is uneven: with 2 m = 20, noise exceeds it in one of 10⁵ frames. Even
+# backgrounds measured 0.0 to 0.4, wrong IRFs 1.7 and 2.4, a real uneven background 4.8, fog at an SBR ≤ 1 24 to 100.
 SIGNIFICANT = 3.0
-# Of a surface's signal at the upper half of the frequencies: what has more there is surfaces that many pixels share,
-# not background. Measured 0.0 to 0.25 in fog, and 0.47 to 0.69 for two walls of which one may be shown.
+# Share of a surface's signal in the upper half of the frequencies, above which a residual is surfaces that many pixels
+# share, not background. Measured 0.0 to 0.25 in fog, and 0.47 to 0.69 for two walls of which one may be shown.
 SHARP = 0.33
 PASSES = 8              # over a first frame, at most
-TINY = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,10 +35,10 @@ class BackgroundEstimate:
     """The background of the next frame.
 
     Args:
-        mean: complex [m], β̂; None: it is even.
-        photons: float32 [rows, cols], background photons of a cloud; None: all photons of the frame.
-        converged: the next pass over the same frame would estimate the same, but for its noise.
-        candidate: complex [m], β̂ of an even background's frame that is significantly uneven; else None.
+        mean: complex [m], β̂; None: even.
+        photons: float32 [rows, cols], background photons of the last cloud; None: all photons of the frame.
+        converged: another pass over the same frame would change it by less than noise.
+        candidate: complex [m], β̂ to try if the last frame, taken for even, was significantly uneven; else None.
     """
 
     mean: np.ndarray | None = None
@@ -52,8 +52,8 @@ class Background:
 
     Args:
         matcher: of the frames.
-        kind: "auto": as the last cloud shows, evenly as long as nothing significant speaks against it, from the
-            sensor's background_shape on if there is one; "sensor": as that says, evenly without; "flat": evenly.
+        kind: "auto": from the last cloud, even unless significantly uneven, starting with the sensor's
+            background_shape if it has one; "sensor": that shape, or even; "flat": even.
     """
 
     def __init__(self, matcher: Matcher, kind: str = "auto"):
@@ -69,15 +69,15 @@ class Background:
 
     @property
     def is_even(self) -> bool:
-        """Whether it is even for good: nothing to take, nothing to learn."""
+        """Whether it is always even: nothing to remove or to learn."""
         return self._first.mean is None and not self._learns
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Begin again, as before the first frame."""
         self.current = self._first
 
     def taken(self, current: BackgroundEstimate, sketch: Sketch) -> tuple:
-        """What a frame needs to take it out: photons [rows, cols], β̂ complex64 [m], clutter float32 [T]; or ()."""
+        """What removes it from a frame: photons [rows, cols], β̂ complex64 [m], clutter float32 [T]; () if even."""
         if current.mean is None:
             return ()
         photons = sketch.photons if current.photons is None else current.photons
@@ -95,25 +95,25 @@ class Background:
         passed, used = self._matcher.passed, sketch.photons * self._matcher.used
         adds = (np.conj(passed) * self._matcher.equaliser * sketch.sums).sum(axis=(0, 1))
         weights = (np.abs(passed)**2 * used[..., None]).sum(axis=(0, 1))
-        everything = BackgroundEstimate(adds / np.maximum(weights, TINY))
+        everything = BackgroundEstimate(adds / np.maximum(weights, EPSILON))
         candidates = BackgroundEstimate(candidate, self.current.photons), everything
         return tuple(each for each in candidates if not self._is_sharp(each.mean))
 
     def _is_sharp(self, mean: np.ndarray) -> bool:
-        """Whether it has as much in the upper half of the frequencies as surfaces have."""
+        """Whether its upper half of frequencies is as strong as that of surfaces."""
         upper = np.argsort(self._matcher.frequencies)[len(mean) // 2:]
         return bool((np.abs(mean[upper])**2).sum() > SHARP**2 * self._matcher.energy[upper].sum())
 
     def learn(self, before: BackgroundEstimate, frame: Estimate) -> None:
-        """Make the next frame's background that of this frame, corrected by what its points leave."""
+        """Correct the background that was removed from a frame by what its points leave, for the next frame."""
         if not self.is_even:
             self.current = self._corrected(before, frame.unexplained, frame.rest)
 
     def _corrected(self, before: BackgroundEstimate, sums: Unexplained, photons: np.ndarray) -> BackgroundEstimate:
         """The background with the mean that the sums show, or an even one; `photons` are those left by the points."""
-        own, taken, noise = (np.maximum(number, TINY) for number in (sums.own, sums.taken, sums.noise))
+        own, taken, noise = (np.maximum(number, EPSILON) for number in (sums.own, sums.taken, sums.noise))
         mean = np.zeros(len(sums.left)) if before.mean is None else before.mean
-        uneven = sums.left / np.maximum(self._matcher.energy, TINY) + taken * mean
+        uneven = sums.left / np.maximum(self._matcher.energy, EPSILON) + taken * mean
         chi2 = (np.abs(uneven)**2 / (noise + np.abs(WRONG_IRF * sums.seen)**2)).mean()
         shown = uneven / own
         shown = shown / np.maximum(np.abs(shown), 1)        # no longer than 1, as a mean of unit vectors
@@ -135,14 +135,14 @@ class Background:
 
     @cached_property
     def _responses(self) -> tuple[np.ndarray, np.ndarray, float]:
-        """Spectra of a photon's response to the matched filter by distance, and of its square; its variance if even."""
+        """Spectra over distance of a photon's response to the matched filter and of its square; variance if even."""
         spectrum = self._matcher.spectrum
         response = (np.exp(1j * np.outer(np.arange(self._sensor.num_bins), self._omega)) @ np.conj(spectrum)).real
         response, square = (np.conj(np.fft.rfft(values)) for values in (response, response**2))
         return response, square, np.square(np.abs(spectrum)).sum() / 2
 
     def _between(self, mean: np.ndarray) -> np.ndarray:
-        """β̂ at all k, complex [T // 2 + 1]: turned back to where most of it is, it changes slowly with k."""
+        """β̂ interpolated to all k, complex [T // 2 + 1]; turned back by its mean depth, it varies slowly."""
         order, wanted = np.argsort(self._matcher.frequencies), np.arange(self._sensor.num_bins // 2 + 1)
         k, mean = np.array([0, *np.array(self._matcher.frequencies)[order]]), np.concatenate([[1], mean[order]])
         turn = np.angle(mean[1]) / k[1]

@@ -1,4 +1,4 @@
-"""A stream of frames by the default method: what `pooled` needs from the frames before."""
+"""PooledStream: frames by the default method, and what it remembers from one to the next."""
 
 from copy import deepcopy
 from functools import cached_property
@@ -20,24 +20,24 @@ from srt3d_ros.errors import require
 
 
 class PooledStream:
-    """Reconstructs frames of one sensor, one after the other; keeps their background and, for a warm start, surfaces.
+    """Reconstructs frames of one sensor in turn; remembers their background and, for a warm start, their surfaces.
 
     Args:
         sensor: geometry, IRF and calibration.
         frequencies: the integers k_l of the sketches.
         surfaces: K, the most surfaces in a pixel, 1 … 4.
-        false_alarm_rate: share of the pixels that show a point where there is only background, at most 0.4.
-        device: "cpu", "cuda", or "auto": a GPU that has passed `gpu_check`, else the CPU.
-        background: how it spreads over the bins: as the "sensor" says, "flat", or "auto": what the last cloud leaves
-            unexplained, if that is significant.
-        warm_start: begin with the last frame's surfaces where this one's photons still support them, and search for
-            the others: less depth error while the scene goes on. For frames that follow each other.
+        false_alarm_rate: share of the pixels with background alone that show a point, at most 0.4.
+        device: "cpu", "cuda", or "auto": a GPU that passes `gpu_check`, else the CPU.
+        background: how it spreads over the bins: "sensor": by its background_shape; "flat"; or "auto": what the last
+            cloud leaves unexplained, if significant.
+        warm_start: begin with the last frame's surfaces where the photons support them: less depth error in a steady
+            scene. For consecutive frames.
 
     Attributes:
         device, why: where it computes, and the reason, for people to read.
 
     Raises:
-        InvalidInput: for a parameter that cannot be used.
+        InvalidInput: a parameter that cannot be used.
     """
 
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1,
@@ -131,7 +131,7 @@ class PooledStream:
 
     @property
     def uneven_background(self) -> float:
-        """Mean |β̂_l| of the background that is taken out of the next frame; 0 while it is even."""
+        """Mean |β̂_l| of the background that is removed from the next frame; 0 while it is even."""
         mean = self._background.current.mean
         return 0.0 if mean is None else float(np.abs(mean).mean())
 
@@ -141,7 +141,7 @@ class PooledStream:
         self._background.forget()
 
     def allow(self, false_alarm_rate: float) -> None:
-        """Take this rate from the next frame on."""
+        """Use this false alarm rate from the next frame on."""
         _check_rate(false_alarm_rate)
         self.false_alarm_rate = false_alarm_rate
         self._pooled.allow(false_alarm_rate)
@@ -149,7 +149,7 @@ class PooledStream:
     def warm_up(self) -> None:
         """Compile the kernels, or load them from the disk: on a CPU for frames of any size, on a GPU for this one.
 
-        A GPU records each kind of frame that there may be: with and without a background and surfaces to start from.
+        A GPU records each kind of frame: with and without a background, and with and without a start.
         """
         self._kernels.load()
         if self._kernels.ON_HOST:

@@ -1,12 +1,12 @@
-"""Pile-up of detectors that record only the first photon of each laser cycle, corrected where the cycles are known.
+"""PileUp: corrects detectors that record only the first photon of each laser cycle, if the cycles are known.
 
-A pixel of N cycles gets λ photons per cycle from a surface at depth t with the pulse h (its integral is H), and b from
-the background. Of the surface it records
+In N cycles a pixel receives λ photons per cycle from a surface at depth t with the pulse h (with integral H), and b
+from the background. Of the surface it records
 
     r / N = exp(−b t / T − Σ_nearer λ_j) (1 − exp(−λ)),   with the pulse λ h exp(−λ H),
 
-which is dim and too near. Behind the surface, exp(−λ) of the background is left: a step down that moves it, too.
-Behind a gate, t counts from its first bin, and N are the cycles without a photon before it.
+which is dim and too near. Behind the surface, exp(−λ) of the background is left: the step down moves the peak, too.
+With a gate, t counts from its first bin, and N are the cycles without a photon before it.
 """
 
 from dataclasses import replace
@@ -20,24 +20,24 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.kernels import finalise
+from srt3d_ros.kernels.constants import EPSILON
 
-SATURATED = 0.95        # of the cycles with a photon: the few others say little of the flux
-STEPS = 8               # Newton's, from λ = r / N: they approach the root from below
-FLUXES = np.concatenate([[0], np.geomspace(0.01, 8, 49)])       # λ of the table
-TINY = 1e-6
+SATURATED = 0.95        # share of cycles with a photon, above which the others say little about the flux
+NEWTON_STEPS = 8        # from λ = r / N, they approach the root from below
+FLUXES = np.concatenate([[0], np.geomspace(0.01, 8, 49)])       # λ of the tables of shifts
 
 
 def saturated(sketch: Sketch, sensor: SensorModel) -> np.ndarray:
-    """Whether a pixel saw a photon in nearly every cycle, bool [rows, cols]; False where masked or not known."""
-    crowded = (sketch.photons > SATURATED * sketch.armed_cycles) & (sketch.cycles > 0)
-    return crowded if sensor.mask is None else crowded & sensor.mask
+    """Whether a pixel saw a photon in nearly every cycle, bool [rows, cols]; False if masked or not known."""
+    full = (sketch.photons > SATURATED * sketch.armed_cycles) & (sketch.cycles > 0)
+    return full if sensor.mask is None else full & sensor.mask
 
 
 class PileUp:
-    """Takes pile-up out of one sensor's sketches and clouds.
+    """Corrects pile-up in one sensor's sketches and clouds.
 
     Attributes:
-        background_share: the background's share of the photons of the last cloud.
+        background_share: share of background in the photons of the last cloud.
     """
 
     def __init__(self, matcher: Matcher):
@@ -48,14 +48,14 @@ class PileUp:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew, with all photons from the background."""
+        """Begin again: count all photons as background."""
         self.background_share = 1.0
 
     def without_decay(self, sketch: Sketch) -> Sketch:
-        """The sketch without the decay of the background: less n_b β̂(b), with each pixel's own b.
+        """The sketch without the decay of its background: minus n_b β̂(b), with each pixel's own b.
 
-        Pile-up makes a background decay as exp(−b x / T): β̂_l(b) = b / (b − i ω_l T). n_b and b are taken to be the
-        same share of all photons everywhere.
+        Pile-up makes the background decay as exp(−b x / T): β̂_l(b) = b / (b − i ω_l T). The same share of all photons
+        counts as background everywhere.
         """
         share, flux = self.background_share, (self.background_share * _flux(sketch))[..., None]
         decay = flux / (flux - 1j * self._omega * self._sensor.num_bins)
@@ -63,11 +63,11 @@ class PileUp:
         return replace(sketch, sums=(sketch.sums - taken).astype(np.complex64), cycles=0)
 
     def corrected(self, cloud: Cloud, sketch: Sketch) -> Cloud:
-        """The cloud with intensities N λ, local means of N b, depths moved back, and std with the error of λ."""
+        """The cloud with intensities N λ, background N b (local means), depths moved back, std with λ's error."""
         sensor, flux, at = self._sensor, _flux(sketch), (cloud.row, cloud.col)
         signal, background, error = self._fluxes(cloud, sketch, flux[at])
         share, seen = np.ones(flux.shape), sketch.photons * self._used
-        share[at] = background / np.maximum(flux[at], TINY)
+        share[at] = background / np.maximum(flux[at], EPSILON)
         self.background_share = float((share * seen).sum() / max(seen.sum(), 1))
         left = flux.copy()
         np.subtract.at(left, at, signal)
@@ -83,7 +83,7 @@ class PileUp:
                        background=finalise.background(self._kernels, left, exposure))
 
     def _fluxes(self, cloud: Cloud, sketch: Sketch, flux: np.ndarray) -> tuple[np.ndarray, ...]:
-        """λ of each point, b of its pixel, which has Λ in `flux`, and the standard deviation of λ, float64 [N] each."""
+        """λ of each point, b of its pixel, and the standard deviation of λ, float64 [N] each; `flux` is Λ."""
         sensor, at = self._sensor, (cloud.row, cloud.col)
         cycles, place = np.maximum(sketch.armed_cycles[at], 1), (np.cumsum(cloud.surface == 0) - 1, cloud.surface)
         shape = place[0].max(initial=-1) + 1, cloud.surface.max(initial=0) + 1          # pixels with points, K
@@ -94,12 +94,12 @@ class PileUp:
         total[place[0], 0], most[place[0], 0] = flux, np.log(2 * cycles)
         nearer = since[:, None] < since[:, :, None]             # [pixels, K, K]: of each surface, those before it
         signal = recorded
-        for _ in range(STEPS):
+        for _ in range(NEWTON_STEPS):
             background = np.maximum(total - signal.sum(axis=1, keepdims=True), 0)
             seen = recorded * np.exp(background * since + (nearer * signal[:, None]).sum(axis=2))
             slope = np.exp(-signal) + since * seen * (background > 0)
             signal = np.clip(signal + (seen + np.expm1(-signal)) / slope, 0, most)
-        std = (since * seen / slope)[place] * np.sqrt(np.expm1(flux) / cycles)      # from Λ; r, pooled, is sure
+        std = (since * seen / slope)[place] * np.sqrt(np.expm1(flux) / cycles)      # by Λ; r is pooled, hence sure
         return signal[place], background[place[0], 0], std
 
 
@@ -109,7 +109,7 @@ def _flux(sketch: Sketch) -> np.ndarray:
 
 
 def _shifts(matcher: Matcher, omega: np.ndarray, step: float) -> np.ndarray:
-    """How far a matched filter's peak lies from t for λ of FLUXES and a background of `step` photons a bin, bins.
+    """How far the matched filter's peak lies from t, bins, for each λ of FLUXES and `step` background photons a bin.
 
     The spectrum of λ h exp(−λ H) − step (1 − exp(−λ H)) is that of its first part times 1 + step / (i ω_l).
     """

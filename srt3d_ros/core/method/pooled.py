@@ -1,12 +1,12 @@
-"""One frame of the default method: the paper's data term, pooled along surfaces. docs/algorithm.md has the equation.
+"""Pooled: one frame of the default method: the paper's data term, pooled along surfaces (docs/algorithm.md).
 
     J. Tachella, M. P. Sheehan, M. E. Davies, "Sketched RT3D: how to reconstruct billions of photons per second",
     ICASSP 2022.
 
-Like the paper's, it takes Gauss-Newton steps on the depth t and the intensity r of every point, in turn with a step
-that creates and removes points. Unlike the paper's denoiser, which smooths depths, a point here climbs the sum of the
-data terms of the pixels around it, each weighted by how surely it sees the same surface: photons are shared, not
-depths. `core.baselines.sketched.SRT3D` is the paper's own, step by step.
+As in the paper, Gauss-Newton steps on the depth t and the intensity r of every point alternate with a step that creates
+and removes points. The paper then smooths depths with a denoiser. Here a point climbs the sum of the data terms of the
+pixels around it instead, each weighted by how surely it sees the same surface: photons are shared, not depths.
+`core.baselines.sketched.SRT3D` is the paper's method, step by step.
 """
 
 from functools import partial
@@ -21,18 +21,18 @@ from srt3d_ros.core.thresholds import continuation_threshold, score_threshold
 from srt3d_ros.kernels import constants, maps
 from srt3d_ros.kernels.finalise import averaged, finalise, nearness, unexplained, without_weak
 
-STAYING = 0.5           # share of false points that the iterations leave (`python -m benchmarks false_alarms`)
+STAYING = 0.5           # share of false points that survive the iterations (`python -m benchmarks false_alarms`)
 
 
 class Pooled:
-    """A sketch, a start and a background in, an estimate out: nothing is kept from frame to frame.
+    """Reconstructs one frame from its sketch, a start and a background; keeps nothing from frame to frame.
 
     Args:
         matcher: of the sensor and the frequencies.
         surfaces: K, the most surfaces in a pixel.
         false_alarm_rate: of `memory.PooledStream`.
-        kernels: where it computes.
-        explains: whether to add up what the points leave unexplained.
+        kernels: of the device.
+        explains: fill `Estimate.unexplained`.
     """
 
     def __init__(self, matcher: Matcher, surfaces: int, false_alarm_rate: float, kernels, explains: bool):
@@ -42,7 +42,7 @@ class Pooled:
         self._equaliser, self._passed, self._used, self._rays = map(array, (
             matcher.equaliser, matcher.passed, matcher.used, sensor.rays))
         self._near = nearness(kernels, self._used)
-        # A GPU then compiles one form of each step, not two.
+        # On a GPU an even background has a clutter of ones, so that each step is compiled once, not twice.
         self._even = None if kernels.ON_HOST else array(np.ones(sensor.num_bins, np.float32))
         self._average, self._finalise, self._left, self._drop_weak = (
             kernels.fused(partial(each, kernels)) for each in (averaged, finalise, unexplained, without_weak))
@@ -50,7 +50,7 @@ class Pooled:
         self.allow(false_alarm_rate)
 
     def allow(self, false_alarm_rate: float) -> None:
-        """Take this rate from the next frame on."""
+        """Use this false alarm rate from the next frame on."""
         started = false_alarm_rate / STAYING
         found = score_threshold(started, self._highest, constants.WIDE_SCALE)
         self._enough = np.array([score_threshold(started, self._highest), found, max(found, constants.START_SCORE),
@@ -71,12 +71,12 @@ class Pooled:
     def _estimate(self, photons, sums, start, enough, background=None, mean=None, clutter=None) -> tuple:
         kernels, (weak, found, further, continued) = self._kernels, enough
 
-        # Match: take delay, gain, IRF and known background out of each pixel's sketch.
+        # Match: remove delay, IRF and background from each pixel's sketch.
         taken = None if background is None else self._average(background, self._used, self._near)
         matched, counts = kernels.prepare(sums, photons, self._equaliser, self._used, taken, self._passed, mean)
         frame = self._matched(matched, counts, self._even if clutter is None else clutter)
 
-        # Start with surfaces that are sure, let them spread, and search the pixels that are still open more widely.
+        # Start with sure surfaces, let them spread, and search the pixels without one in wider windows.
         state = kernels.no_surfaces(frame, self._surfaces)
         sure = constants.START_SCORE
         self._search(frame, state, constants.START_SCALES, sure, sure, start, continued)
@@ -100,11 +100,11 @@ class Pooled:
             self._sensor.num_bins)
 
     def _search(self, frame: MatchedFrame, state, scales, enough, further, start=None, confirmed=0.0) -> None:
-        """Matched filter on sketches pooled at growing scales; the first scale at which a pixel is sure decides.
+        """Search by matched filters on sketches pooled at growing scales; a pixel takes the first sure surface.
 
-        A scale pools the pixels that are still open. At the last one a score of `enough` decides, at others and for
-        further surfaces, searched for in what those before leave unexplained, one of `further`. Those of `start` need
-        `confirmed`.
+        Each scale pools the pixels that are still open. A first surface needs a score of `enough` at the last scale and
+        of `further` before. Further surfaces, in what the former ones leave unexplained, need `further`; those of
+        `start` need `confirmed`.
         """
         kernels = self._kernels
         for layer in range(self._surfaces):

@@ -1,4 +1,4 @@
-"""MovingSketcher: frames of a sensor that moves, in parts that are each sketched alone, and moved to one instant."""
+"""MovingSketcher: sketches a moving sensor's frames in parts, and moves these to one instant."""
 
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -15,7 +15,7 @@ from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
 from srt3d_ros.core.sketching.sketch import Sketch
 
-PARTS = 10          # of a frame, at most: within one, 1 m/s and 100 ms smear by 1 cm; moving each takes about 1 ms
+PARTS = 10          # of a frame, at most: at 1 m/s and 100 ms, a part smears by 1 cm; moving it takes about 1 ms
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,8 +24,8 @@ class MovingFrame:
 
     Args:
         parts: instants, ns, and sketches, in order of time.
-        first_ns, last_ns: the time over which its trajectory has to be known.
-        stamp_ns: the instant that it is moved to, the middle of its acquisition.
+        first_ns, last_ns: the time that its trajectory must cover.
+        stamp_ns: the instant to move to, the middle of its acquisition.
     """
 
     parts: Parts
@@ -35,36 +35,36 @@ class MovingFrame:
 
     @property
     def nbytes(self) -> int:
-        """Memory that its sketches take, about."""
+        """Memory of its sketches, about."""
         return sum(sketch.sums.nbytes for _, sketch in self.parts)
 
 
 class MovingSketcher(FrameSketcher):
-    """Sketches the parts of a frame alone; `finish` moves them to the middle of the frame and adds them up.
+    """Sketches the parts of a frame one by one; `finish` moves them to the middle of the frame and adds them up.
 
-    A part is a packet, or as many with one stamp. Where packets are more than PARTS, parts are as long as the frame
-    before says. A packet lasts until the next one: its photons come in the middle. Arguments as of a FrameSketcher.
+    A part has the packets of one stamp; in frames of more than PARTS packets, those of 1 / PARTS of the last frame's
+    length. A packet lasts until the next one, so its photons count as in the middle. Arguments as of FrameSketcher.
 
     Attributes:
-        lost: photons of the last frame finished that no pixel sees at its instant.
+        lost: photons of the last finished frame that left the array.
     """
 
     def __init__(self, sensor: SensorModel, frequencies, gate: Gate | None = None):
         super().__init__(sensor, frequencies, gate=gate)
         self.lost = 0
         self._deskewer = Deskewer(self.sketch_sensor, self.frequencies)
-        self._part_ns = 0                           # the length of a part; 0: each stamp has its own
+        self._part_ns = 0                           # length of a part; 0: one part a stamp
 
     def reset(self) -> None:
         """Forget all photons, and when they came."""
         super().reset()
-        self._parts: list[tuple[list[int], Sketch]] = []        # of the open frame, with the stamps of their packets
+        self._parts: list[tuple[list[int], Sketch]] = []        # packets' stamps and sketch
         self._stamps: list[int] = []                # of the packets of the open part
         self._previous_ns: int | None = None        # the last stamp of the frame before
 
     @property
     def kept(self) -> int:
-        """Photons of the open frame that are inside the gate, which there has to be."""
+        """Photons of the open frame inside the gate."""
         return super().kept + sum(int(sketch.photons.sum()) for _, sketch in self._parts)
 
     def add(self, frame: PhotonFrame) -> None:
@@ -75,7 +75,7 @@ class MovingSketcher(FrameSketcher):
         self._stamps.append(frame.stamp_ns)
 
     def end_frame(self) -> MovingFrame:
-        """End the open frame, which has a packet at least."""
+        """End the open frame, which needs a packet."""
         self._end_part()
         stamps = sorted({stamp_ns for of_part, _ in self._parts for stamp_ns in of_part})
         packet_ns = self._packet_ns(stamps)
@@ -84,12 +84,12 @@ class MovingSketcher(FrameSketcher):
         parts = sorted(((round(mean(of_part)) + packet_ns // 2, sketch) for of_part, sketch in self._parts),
                        key=lambda part: part[0])
         instants = [to_ns, *(instant_ns for instant_ns, _ in parts)]
-        self._part_ns = -(-length_ns // PARTS) if len(stamps) > PARTS else 0
+        self._part_ns = (length_ns + PARTS - 1) // PARTS if len(stamps) > PARTS else 0
         self._parts, self._previous_ns = [], stamps[-1]
         return MovingFrame(parts, min(instants), max(instants), to_ns)
 
     def finish(self, frame: MovingFrame, trajectory: Trajectory | None) -> Sketch:
-        """The sketch of a frame at `frame.stamp_ns`, by a trajectory that covers it; without one, parts just add up."""
+        """The sketch of a frame at `frame.stamp_ns`; without a trajectory, the sum of its parts as they are."""
         if trajectory is not None:
             sketch = self._deskewer(frame.parts, trajectory, frame.stamp_ns)
             self.lost = self._deskewer.lost
@@ -98,7 +98,7 @@ class MovingSketcher(FrameSketcher):
         return replace(reduce(add, (sketch for _, sketch in frame.parts)), stamp_ns=frame.stamp_ns)
 
     def _ends_part(self, stamp_ns: int) -> bool:
-        """Whether a packet with this stamp belongs to another part than the open one."""
+        """Whether a packet with this stamp begins another part."""
         first_ns = self._parts[0][0][0] if self._parts else self._stamps[0]
         length_ns = max(self._part_ns, 1)
         return (stamp_ns - first_ns) // length_ns != (self._stamps[0] - first_ns) // length_ns
@@ -110,9 +110,9 @@ class MovingSketcher(FrameSketcher):
         super().reset()
 
     def _packet_ns(self, stamps: list[int]) -> int:
-        """The time that a packet takes: the median distance between stamps, also to the last of the frame before.
+        """How long a packet lasts: the median step between stamps, from the last one of the frame before.
 
-        Of two, the shorter: a pause between frames is no packet's.
+        Of two steps, the shorter: the other may be a pause between frames.
         """
         before = [] if self._previous_ns is None or self._previous_ns >= stamps[0] else [self._previous_ns]
         distances_ns = np.diff([*before, *stamps]).tolist()

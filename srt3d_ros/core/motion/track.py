@@ -1,4 +1,4 @@
-"""SensorMotion: the trajectory of a sensor by what its robot reports. What no robot does begins another one."""
+"""SensorMotion: the trajectory of a sensor from its robot's reports. An impossible jump starts a new trajectory."""
 
 from dataclasses import dataclass, field
 
@@ -7,22 +7,22 @@ import numpy as np
 from srt3d_ros.core.motion.trajectory import Pose, Trajectory
 from srt3d_ros.errors import require
 
-GAP_NS = 500_000_000        # between reports: over it, an even motion is off by 3 cm at 1 m/s² (a t² / 8)
-MAX_RAD_S = 35.0            # 2000 degrees a second, which common gyroscopes measure
-MAX_M_S = 50.0              # where no twist says how fast the robot is
-JITTER_S = 0.05             # of stamps: what the robot's own speed explains beside the time between them
-SLACK_M, SLACK_RAD = 0.1, 0.1   # noise of poses. A smaller jump smears a frame less than a walk does without deskewing
+GAP_NS = 500_000_000        # between reports, at most: uniform motion over it errs by 3 cm at 1 m/s² (a t² / 8)
+MAX_RAD_S = 35.0            # 2000 degrees a second, the range of common gyroscopes
+MAX_M_S = 50.0              # if no twist gives the robot's speed
+JITTER_S = 0.05             # of stamps: added to the time that the robot had to move
+SLACK_M, SLACK_RAD = 0.1, 0.1   # noise of poses: smaller jumps smear a frame less than walking does undeskewed
 
 
 @dataclass(frozen=True, eq=False)
 class MotionReport:
-    """Where a body was, or how fast it turned.
+    """A body's pose, or how fast it turned.
 
     Args:
         stamp_ns: when.
-        pose: from the body's frame to a fixed one; None of an IMU.
-        speed_m_s: 0 where it is not known.
-        rate_rad_s: float64 [3], of the turn, in the body's frame.
+        pose: from the body's frame to a fixed one; None from an IMU.
+        speed_m_s: 0 if not known.
+        rate_rad_s: float64 [3], angular velocity in the body's frame.
     """
 
     stamp_ns: int
@@ -32,12 +32,12 @@ class MotionReport:
 
 
 class SensorMotion:
-    """The trajectory of a sensor that is fixed to the body that is reported on.
+    """The trajectory of a sensor that is fixed to the reported body.
 
-    It begins again, so that no frame is moved over what is not known or not true, where
-    - nothing came for GAP_NS, or stamps fell back by more: lost odometry, a bag or a clock that began again;
-    - the body moved or turned by more than its twist explains (a correction by a SLAM, a kidnapped robot), or, where
-      no speed or no rate is ever given, faster than MAX_M_S or MAX_RAD_S.
+    A new trajectory starts, so that no frame is moved across the break, if
+    - no report came for GAP_NS, or stamps fell back by more: lost odometry, a bag or a clock that began again;
+    - the body moved or turned by more than its twist explains (a correction by SLAM, a robot that was carried), or, if
+      reports never have a speed or a rate, faster than MAX_M_S or MAX_RAD_S.
 
     Args:
         extrinsics: the pose of the sensor in the body's frame.
@@ -47,10 +47,10 @@ class SensorMotion:
         self._extrinsics = extrinsics or Pose()
         self.trajectory, self._former = Trajectory(), Trajectory()
         self._last: MotionReport | None = None
-        self._has_speed = self._has_rate = False        # a robot at rest reports 0, as do those that never fill it in
+        self._has_speed = self._has_rate = False        # 0 may mean "at rest" or "not filled in"
 
     def add(self, report: MotionReport) -> str:
-        """Follow a report; why the trajectory begins again with it, or nothing. InvalidInput if it is out of order."""
+        """Add a report; returns why it starts a new trajectory, or "". InvalidInput if it is out of order."""
         self._has_speed |= report.speed_m_s > 0
         self._has_rate |= bool(report.rate_rad_s.any())
         last, why = self._last, ""
@@ -70,25 +70,28 @@ class SensorMotion:
         return why
 
     def over(self, first_ns: int, last_ns: int, late: bool) -> tuple[Trajectory | None, str]:
-        """The trajectory over a time; None, and why, if there is none or, unless it is `late`, one may still come."""
+        """The trajectory over a time, and ""; or None and why there is none; or None and "" while reports may come.
+
+        `late` gives up waiting.
+        """
         for known in (self.trajectory, self._former):
             if known.covers(first_ns, last_ns):
                 return known, ""
         newest_ns = self.trajectory.newest_ns
         if newest_ns is not None and newest_ns >= last_ns:
-            return None, "the reports of motion begin later, or anew within it"
+            return None, "the reports of motion begin or jump within the frame"
         if not late:
             return None, ""
         if newest_ns is None:
             return None, "no motion was reported"
-        return None, f"the newest report of motion is {(last_ns - newest_ns) / 1e6:.0f} ms older than its end"
+        return None, f"the newest report of motion is {(last_ns - newest_ns) / 1e6:.0f} ms older than the frame's end"
 
     def _break(self, last: MotionReport, report: MotionReport, elapsed_s: float) -> str:
-        """Why the body cannot have moved evenly from the last report to this one; empty if it can."""
+        """Why the motion from the last report to this one is impossible; "" if it is possible."""
         if elapsed_s < 0:
             return f"stamps fell back by {-elapsed_s:.3f} s"
         if elapsed_s * 1e9 > GAP_NS:
-            return f"none came for {elapsed_s:.3f} s of stamps"
+            return f"no report for {elapsed_s:.3f} s of stamps"
         if last.pose is None or report.pose is None:
             return ""
         moved = last.pose.inverse() @ report.pose
@@ -100,4 +103,4 @@ class SensorMotion:
             most_rad = max(map(np.linalg.norm, (last.rate_rad_s, report.rate_rad_s))) * (elapsed_s + JITTER_S)
         if distance_m <= most_m + SLACK_M and turn_rad <= most_rad + SLACK_RAD:
             return ""
-        return f"it jumped by {distance_m:.2f} m and {np.degrees(turn_rad):.0f}° in {elapsed_s:.3f} s"
+        return f"the body jumped by {distance_m:.2f} m and {np.degrees(turn_rad):.0f}° in {elapsed_s:.3f} s"

@@ -1,4 +1,4 @@
-"""Where a sensor was, and when: rigid motions, and trajectories that interpolate them."""
+"""Pose and Trajectory: rigid motions, and their interpolation over time."""
 
 import math
 from bisect import bisect_left, bisect_right
@@ -9,9 +9,9 @@ import numpy as np
 
 from srt3d_ros.errors import require
 
-KEPT_NS = 10 * 10**9        # of a trajectory: longer than any frame waits for it, or any window is likely to be
-SMOOTH_NS = 150_000_000     # before and after. Stamps off by up to 20 ms: 4 mm at 1 m/s; a hand's shaking: 1 mm lost
-FEWEST = 6                  # poses that a parabola is drawn through
+KEPT_NS = 10 * 10**9        # of a trajectory: longer than frames wait for motion
+SMOOTH_NS = 150_000_000     # each way: stamps off by 20 ms err by 4 mm at 1 m/s; 1 mm of a hand's tremor is lost
+FEWEST = 6                  # poses that a parabola is fitted to
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +28,12 @@ class Pose:
 
     @classmethod
     def from_quaternion(cls, xyzw, translation=(0, 0, 0)) -> Self:
-        """The pose of a quaternion (x, y, z, w), as ROS has it; InvalidInput unless finite and of length 1 to 1 %."""
+        """The pose of a quaternion (x, y, z, w), as in ROS; InvalidInput unless finite and of length 1 ± 1 %."""
         quaternion = np.asarray(xyzw, np.float64)
         translation = np.asarray(translation, np.float64)
         require(bool(np.isfinite(translation).all()), "position", translation.tolist(), "finite metres")
         length = math.hypot(*quaternion)
-        require(abs(length - 1) < 0.01, "orientation", quaternion.tolist(), "a quaternion of length 1")    # NaN fails
+        require(abs(length - 1) < 0.01, "orientation", quaternion.tolist(), "a quaternion of length 1")    # refuses NaN
         return cls(_rotations().from_quat(quaternion).as_matrix(), translation)
 
     @classmethod
@@ -48,11 +48,11 @@ class Pose:
 
     @property
     def quaternion(self) -> tuple[float, ...]:
-        """The rotation as (x, y, z, w), as ROS writes it, w ≥ 0: the inverse of `from_quaternion`."""
+        """The rotation as (x, y, z, w), w ≥ 0, as in ROS: the inverse of `from_quaternion`."""
         return tuple(_rotations().from_matrix(self.rotation).as_quat(canonical=True).tolist())
 
     def inverse(self) -> Self:
-        """The motion back."""
+        """The inverse motion."""
         return type(self)(self.rotation.T, -self.rotation.T @ self.translation)
 
     def __matmul__(self, other: Self) -> Self:
@@ -65,10 +65,10 @@ class Pose:
 
 
 class Trajectory:
-    """Poses of a sensor in one fixed frame, in order of time; between them it moves evenly. Keeps the last seconds.
+    """Poses of a sensor in one fixed frame, in order of time, of the last KEPT_NS; interpolated in between.
 
-    Poses and stamps are noisy: where FEWEST poses are within SMOOTH_NS, that of an instant lies on a parabola through
-    them (local quadratic regression: Cleveland, JASA 74, 1979, with weights 1 − u²).
+    Poses and stamps are noisy. Where FEWEST poses lie within SMOOTH_NS of an instant, its pose is that of a parabola
+    fitted to them (local quadratic regression: Cleveland, JASA 74, 1979, with weights 1 − u²).
     """
 
     def __init__(self) -> None:
@@ -81,12 +81,12 @@ class Trajectory:
             require(stamp_ns > self._stamps_ns[-1], "stamp", stamp_ns, f"later than the last, {self._stamps_ns[-1]} ns")
         self._stamps_ns.append(stamp_ns)
         self._poses.append(pose)
-        if self._stamps_ns[0] < stamp_ns - 2 * KEPT_NS:         # in large steps: cheap on average
+        if self._stamps_ns[0] < stamp_ns - 2 * KEPT_NS:         # rarely, so cheap on average
             old = bisect_left(self._stamps_ns, stamp_ns - KEPT_NS)
             del self._stamps_ns[:old], self._poses[:old]
 
     def add_turn(self, stamp_ns: int, rate_rad_s: np.ndarray) -> None:
-        """Append the pose after a turn at this rate, in the sensor's frame, since the last one; as an IMU measures."""
+        """Append the last pose, turned since at this rate in the sensor's frame, as an IMU measures it."""
         if not self._stamps_ns:
             return self.add(stamp_ns, Pose())
         elapsed_s = (stamp_ns - self._stamps_ns[-1]) / 1e9
@@ -94,7 +94,7 @@ class Trajectory:
 
     @property
     def newest_ns(self) -> int | None:
-        """The stamp of the last pose; None if there is none."""
+        """The stamp of the last pose; None without poses."""
         return self._stamps_ns[-1] if self._stamps_ns else None
 
     def covers(self, first_ns: int, last_ns: int) -> bool:
@@ -102,10 +102,10 @@ class Trajectory:
         return bool(self._stamps_ns) and self._stamps_ns[0] <= first_ns and last_ns <= self._stamps_ns[-1]
 
     def at(self, stamp_ns: int) -> Pose:
-        """The pose at an instant that it covers; InvalidInput at another."""
+        """The pose at an instant; InvalidInput unless the trajectory covers it."""
         stamps = self._stamps_ns
         require(self.covers(stamp_ns, stamp_ns), "stamp", stamp_ns,
-                f"within the trajectory, {stamps[0]} to {stamps[-1]} ns" if stamps else "none: no pose has come yet")
+                f"within the trajectory, {stamps[0]} to {stamps[-1]} ns" if stamps else "none: there is no pose yet")
         if fitted := self._fitted(stamp_ns):
             return fitted
         after = bisect_left(stamps, stamp_ns)
@@ -118,7 +118,7 @@ class Trajectory:
                     (1 - share) * before.translation + share * then.translation)
 
     def _fitted(self, stamp_ns: int) -> Pose | None:
-        """The pose on a parabola through those around; None if they are too few, or the instant is in a gap."""
+        """The pose on a parabola fitted to the poses around; None if these are too few, or in a gap."""
         after = bisect_left(self._stamps_ns, stamp_ns)
         gap_ns = self._stamps_ns[after] - self._stamps_ns[max(after - 1, 0)]
         first = bisect_left(self._stamps_ns, stamp_ns - SMOOTH_NS)
@@ -129,13 +129,13 @@ class Trajectory:
         near = self._poses[first:end]
         powers = away ** np.arange(3)[:, None]
         weighted = powers * (1 - away**2 + 1e-9)
-        share = np.linalg.solve(weighted @ powers.T, weighted)[0]        # of what is known, at the instant
+        share = np.linalg.solve(weighted @ powers.T, weighted)[0]        # weight of each pose at the instant
         middle = near[int(np.abs(away).argmin())].rotation
         turn = share @ _rotations().from_matrix(middle.T @ np.stack([pose.rotation for pose in near])).as_rotvec()
         return Pose(middle @ Pose.turned(turn).rotation, share @ np.stack([pose.translation for pose in near]))
 
 
 def _rotations():
-    from scipy.spatial.transform import Rotation  # here: it takes a tenth of a second, and only moving sensors need it
+    from scipy.spatial.transform import Rotation  # here: takes 0.1 s, and only moving sensors need it
 
     return Rotation

@@ -1,4 +1,4 @@
-"""HistogramBins: where the bins of a histogramming sensor lie, and what is in them that the scene did not send."""
+"""HistogramBins: where the bins of a histogramming sensor lie, and the photons in them that are not of the scene."""
 
 from dataclasses import dataclass, replace
 
@@ -6,23 +6,23 @@ import numpy as np
 
 from srt3d_ros.errors import finite, require
 
-HALF_BIN = 0.5              # by which rounding may put the last bin's end beyond the axis
+HALF_BIN = 0.5              # tolerance for the end of the last bin, against rounding
 
 
 @dataclass(frozen=True, eq=False)
 class HistogramBins:
-    """Bin j of each pixel's histogram spans the bins from `first_bin` + j · `bin_width` of the sensor's axis.
+    """Bin j of each pixel's histogram spans `bin_width` bins of the sensor's axis from `first_bin` + j · `bin_width`.
 
-    Without it a histogram has the sensor's T bins. Where pixels' bins begin apart, `delay_bins` says so. Photons are
-    taken to lie in the middle of their bin, so give an IRF that is as wide as these bins make it.
+    Without it a histogram has the sensor's T bins. `delay_bins` describes pixels whose bins begin later. Photons count
+    as in the middle of their bin, so give an IRF that includes the width of these bins.
 
     Args:
         num_bins: n, bins of a histogram.
         first_bin: where bin 0 begins, in bins of the axis from the beginning of its bin 0; 0 or more.
         bin_width: bins of the axis in one bin of the histogram.
-        template: float32 [n], or [rows · cols, n]: photons in each bin of every message that do not come from the scene
-            (crosstalk, the pulse of a cover glass), which are subtracted; 0 or more. Bins far above its mean are left
-            out of a sketch, as their noise stays. None for none.
+        template: float32 [n], or [rows · cols, n], 0 or more: photons in each bin of every message that are not from
+            the scene (crosstalk, the pulse of a cover glass). They are subtracted. Bins far above the template's mean
+            are left out of sketches, because subtraction does not remove noise.
     """
 
     num_bins: int
@@ -52,7 +52,7 @@ class HistogramBins:
                     "negative or not finite in places", "photons, 0 or more")
 
     def centers(self) -> np.ndarray:
-        """Where the middle of every bin lies on the axis; float64 [n]."""
+        """The middle of every bin on the axis; float64 [n]."""
         return self.first_bin + (np.arange(self.num_bins) + 0.5) * self.bin_width
 
     def cropped(self, rows: slice, cols: slice, shape: tuple[int, int]) -> "HistogramBins":

@@ -1,18 +1,18 @@
-"""In which key two descriptions of a sensor differ."""
+"""Finds the first key in which two descriptions of a sensor differ."""
 
 from dataclasses import fields, is_dataclass
 
 import numpy as np
 
-RTOL = 1e-5             # drivers print floats to six digits
+RTOL = 1e-5             # drivers print floats with six digits
 Difference = tuple[str, object, object]
 
 
 def first_difference(one, other, name: str = "") -> Difference | None:
-    """The first key, in the order of the schema, that two sensors describe differently, and both values; None if none.
+    """The first key, in the order of the schema, in which two sensors differ, and both values; None if none.
 
-    Numbers are the same to a relative RTOL. Of an array the key names the first element that differs, as in
-    "irf[3]", or "irf shape". A value that is left out is "absent". Given a `name`, its values are compared.
+    Numbers agree within a relative RTOL. In an array the key names the first element that differs, such as "irf[3]",
+    or "irf shape". A missing value is "absent". `name` is the key of `one` and `other`, for parts of a sensor.
     """
     if one is None or other is None:
         return None if one is other else (name, _shown(one), _shown(other))

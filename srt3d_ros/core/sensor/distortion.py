@@ -1,4 +1,4 @@
-"""PlumbBob: how a lens bends what a pinhole would show, and the inverse."""
+"""PlumbBob: lens distortion, and its inverse."""
 
 from dataclasses import astuple, dataclass
 
@@ -7,15 +7,15 @@ import numpy as np
 from srt3d_ros.errors import InvalidInput, finite
 from srt3d_ros.kernels.lens import distorted
 
-STEPS = 4                   # from the middle of the image to the pixel, so that Newton's method keeps to one solution
-ITERATIONS = 30             # in each; Newton's method needs 3 to 6 where there is a solution
+PATH_STEPS = 4              # from the image centre to a pixel: keeps Newton's method on one branch
+NEWTON_ITERATIONS = 30      # in each step, at most; 3 to 6 suffice where there is a solution
 PRECISION = 1e-12           # of the solution, relative to the focal length
-SAMPLES = 64                # from the middle to a pixel, where the model must not fold
+SAMPLES = 64                # between the centre and a pixel, at which the model must be invertible
 
 
 @dataclass(frozen=True)
 class PlumbBob:
-    """Radial and tangential distortion, as sensor_msgs/CameraInfo's `plumb_bob` and OpenCV have it; none by default.
+    """Radial and tangential distortion, as `plumb_bob` of sensor_msgs/CameraInfo and OpenCV; none by default.
 
     A ray (x, y, 1) is seen at (fx · x' + cx, fy · y' + cy), where with r² = x² + y²
 
@@ -36,29 +36,29 @@ class PlumbBob:
             finite(f"projection.distortion.{name}", value)
 
     def __bool__(self) -> bool:
-        """True if it bends anything."""
+        """True if any coefficient is not 0."""
         return any(astuple(self))
 
     @property
     def reach(self) -> float:
-        """x² + y² of the rays at which the model turns back: what it says of wider ones is no place in an image."""
-        roots = np.roots([7 * self.k3, 5 * self.k2, 3 * self.k1, 1])        # of the radius' growth, in x² + y²
+        """x² + y² of the rays at which the radial model turns back; it does not hold for wider rays."""
+        roots = np.roots([7 * self.k3, 5 * self.k2, 3 * self.k1, 1])        # of d radius' / d radius, in x² + y²
         return float(min(roots[(roots.imag == 0) & (roots.real > 0)].real, default=np.inf))
 
     def undistorted(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The (x, y) of the rays (x, y, 1) that are seen at these (x', y'), float64; InvalidInput where none is."""
         at_x, at_y = np.zeros(np.shape(x)), np.zeros(np.shape(y))
-        with np.errstate(all="ignore"):         # what diverges is refused below
-            for share in np.arange(1, STEPS + 1) / STEPS:
+        with np.errstate(all="ignore"):         # diverging rays are refused below
+            for share in np.arange(1, PATH_STEPS + 1) / PATH_STEPS:
                 at_x, at_y, left = self._newton(at_x, at_y, x * share, y * share)
         self._refuse(left, x, y)
         return at_x, at_y
 
     def check(self, x: np.ndarray, y: np.ndarray) -> None:
-        """Raise InvalidInput unless each (x', y') [N], and all between it and (0, 0), is where one ray is seen.
+        """Raise InvalidInput unless the model is invertible between (0, 0) and each (x', y') [N].
 
-        Past the radius at which the model turns back, as polynomials do outside the image they were fitted to, two
-        rays are seen at the same place and Newton's method may find either.
+        Polynomials turn back outside the image that they were fitted to. Two rays then share a place, and Newton's
+        method may find either.
         """
         at_x, at_y = self.undistorted(x, y)
         share = np.linspace(0, 1, SAMPLES)[:, None]
@@ -67,15 +67,15 @@ class PlumbBob:
             self._refuse(~((xx * yy > xy * xy) & (xx + yy > 0)).all(axis=0), x, y)
 
     def _newton(self, x: np.ndarray, y: np.ndarray, wanted_x: np.ndarray, wanted_y: np.ndarray):
-        """From (x, y) to the solution by Newton's method; and where there is none yet."""
-        for _ in range(ITERATIONS):
+        """The solution by Newton's method from (x, y), and a mask of where it did not converge."""
+        for _ in range(NEWTON_ITERATIONS):
             seen_x, seen_y = distorted(x, y, *astuple(self))
             off_x, off_y = wanted_x - seen_x, wanted_y - seen_y
             xx, xy, yy = self._slopes(x, y)
             scale = 1 / (xx * yy - xy * xy)
             step_x, step_y = (yy * off_x - xy * off_y) * scale, (xx * off_y - xy * off_x) * scale
             x, y = x + step_x, y + step_y
-            left = ~(np.maximum(abs(step_x), abs(step_y)) <= PRECISION * (1 + abs(x) + abs(y)))     # also where NaN
+            left = ~(np.maximum(abs(step_x), abs(step_y)) <= PRECISION * (1 + abs(x) + abs(y)))     # NaN too
             if not left.any():
                 break
         return x, y, left

@@ -1,4 +1,4 @@
-"""SensorModel: everything about a single-photon lidar that its photons do not say."""
+"""SensorModel: geometry, timing and calibration of a single-photon lidar."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,15 +16,15 @@ MAX_SIDE = 65_536
 MAX_PIXELS = 2**24
 MAX_BINS = 65_535
 BIN_WIDTHS_S = 1e-18, 1.0
-MAX_RANGE_M = 1e12          # float32 holds its square
+MAX_RANGE_M = 1e12          # its square fits into float32
 GAINS = 1e-4, 1e4
 MAX_CYCLES = 10**9
-MAX_DELAY_BINS = 1e6        # float32 still tells an eighth of a bin
+MAX_DELAY_BINS = 1e6        # float32 still resolves an eighth of a bin
 
 
 @dataclass(frozen=True)
 class GateWords:
-    """How a gated SPAD array writes its ToA words: bin = word − `first_word`; `no_detection` = nothing seen."""
+    """The ToA words of a gated SPAD array: bin = word − `first_word`; `no_detection` = no photon."""
 
     first_word: int = 0
     no_detection: int = 65_535
@@ -44,7 +44,7 @@ class SensorModel:
 
     Args:
         rows, cols: pixels; row 0 is the top row, pixel = row · cols + col.
-        num_bins: T, bins of one laser period (or of the gate that wraps like one).
+        num_bins: T, bins of one laser period, or of a gate.
         bin_width_s: seconds, 1e-18 … 1.
         irf: float32 [L] for all pixels, or [rows · cols, L] for each; L ≤ T, 0 or more, normalised to sum 1 here.
         irf_ref: index into `irf` that marks the depth; the peak unless given.
@@ -58,8 +58,8 @@ class SensorModel:
         projection: Pinhole or AngularScan; a pinhole of 30° across the larger side unless given.
         gates: ToA words of a gated array, for the `gates` topic.
         histograms: bins of a histogramming sensor, for the `histograms` topic; T bins from bin 0 on if absent.
-        cycles: laser cycles in a message of photons or histograms, of a detector that records the first photon of each:
-            pile-up is then corrected. Those of `gates` messages are counted. None: not known, no correction.
+        cycles: laser cycles in a message of photons or histograms, if the detector records the first photon of each:
+            pile-up is then corrected. `gates` messages have their number of cycles. None: not known, no correction.
         frame_id: the sensor's frame in tf.
 
     Raises:
@@ -160,7 +160,7 @@ class SensorModel:
 
     @cached_property
     def exposure(self) -> np.ndarray:
-        """How many photons each pixel sees against one of gain 1; 0 where masked. float32 [rows, cols]."""
+        """Photons of each pixel relative to one of gain 1: its gain, or 0 if masked. float32 [rows, cols]."""
         gain = np.ones((self.rows, self.cols), np.float32) if self.gain is None else self.gain
         return gain if self.mask is None else gain * self.mask
 
@@ -170,7 +170,7 @@ class SensorModel:
         return SPEED_OF_LIGHT / 2 * self.bin_width_s
 
     def toa_bins(self, toa: np.ndarray) -> np.ndarray:
-        """The bin that each ToA lies in, integers [N] in [0, T); integer ToA are that already."""
+        """The bin of each ToA, integers [N] in [0, T); integer ToA are bins."""
         return np.floor(toa + np.float32(0.5)).astype(np.int64) % self.num_bins if toa.dtype.kind == "f" else toa
 
     def range_m(self, depth_bins: ArrayLike) -> np.ndarray:
@@ -179,11 +179,11 @@ class SensorModel:
         return offset_bins * self.bin_width_m + self.range_offset_m
 
     def depth_bins(self, range_m: np.ndarray) -> np.ndarray:
-        """Depths in bins, not wrapped, of ranges along the ray, metres: the inverse of `range_m`."""
+        """Depths in bins of ranges along the ray in metres, not wrapped; the inverse of `range_m`."""
         return (range_m - self.range_offset_m) / self.bin_width_m - self.toa_offset_bins
 
     def wrapped(self, depth_bins: np.ndarray) -> np.ndarray:
-        """Depths within a period: float32 in [0, T), also where rounding made it T."""
+        """Depths modulo T: float32 in [0, T), where rounding to T becomes 0."""
         depth = np.mod(depth_bins, self.num_bins).astype(np.float32)
         depth[depth >= self.num_bins] = 0
         return depth
@@ -195,14 +195,14 @@ class SensorModel:
         return (rays * self.range_m(depth_bins)[:, None]).astype(np.float32)
 
     def replace(self, **changes: Any) -> "SensorModel":
-        """A copy with some fields changed and checked."""
+        """A copy with some fields changed; they are checked."""
         return replace(self, **changes)
 
     def cropped(self, rows: slice, cols: slice = slice(None)) -> "SensorModel":
-        """The sensor of some pixels alone, which see the same: those of the rows and columns, such as slice(10, 40).
+        """The sensor of a window of rows and columns, such as slice(10, 40); rays and calibration stay the same.
 
         Raises:
-            InvalidInput: no pixel is left, or some between are left out.
+            InvalidInput: the window is empty or has a step.
         """
         shape = self.rows, self.cols
         (first_row, row_count), (first_col, col_count) = _span("rows", rows, self.rows), _span("cols", cols, self.cols)
@@ -215,26 +215,26 @@ class SensorModel:
                             projection=self.projection.cropped(first_row, first_col))
 
     def same_as(self, other: "SensorModel | None") -> bool:
-        """True if both describe the same sensor. None is compared with itself: an IRF per pixel takes 10 ms."""
+        """True if both describe the same sensor. Skips values that are one object: an IRF per pixel takes 10 ms."""
         pairs = ((getattr(self, name), getattr(other, name, None)) for name in self.__dataclass_fields__)
         return self is other or other is not None and all(mine is its or np.array_equal(mine, its)
                                                           for mine, its in pairs)
 
 
 def _span(name: str, part: slice, side: int) -> tuple[int, int]:
-    """The first of the pixels along a side that a slice keeps, and how many."""
+    """The first pixel along a side that a slice keeps, and the number of pixels."""
     first, end, step = part.indices(side) if isinstance(part, slice) else (0, 0, 1)
     require(step == 1 and first < end, name, part, f"a slice with some of 0:{side} in it, in steps of 1")
     return first, end - first
 
 
 def _normalised(name: str, density: np.ndarray, wanted: str) -> np.ndarray:
-    """float32 densities along the last axis, of sum 1."""
+    """float32 densities with sum 1 along the last axis."""
     require(bool(((density >= 0) & (density <= np.finfo(np.float32).max)).all()), name,
             "negative or not finite in places", wanted)
     total = density.sum(axis=-1, keepdims=True)
     require(bool((total > 0).all()), name, "all zero", f"{wanted}, not all 0")
-    if not np.allclose(total, 1, rtol=0, atol=1e-6):        # else already ours: a copy stays the same to the bit
+    if not np.allclose(total, 1, rtol=0, atol=1e-6):        # a copy of a sensor keeps its bits
         density = density / total
     return np.ascontiguousarray(density, dtype=np.float32)
 
@@ -247,7 +247,7 @@ def _integer(name: str, value) -> int:
 
 def _array(name: str, value, dtype) -> np.ndarray:
     try:
-        with np.errstate(over="ignore"):        # what float32 does not hold becomes infinite, and is refused
+        with np.errstate(over="ignore"):        # values too large for float32 become infinite and are refused
             return np.ascontiguousarray(value, dtype=dtype)
     except (TypeError, ValueError, OverflowError):
         raise InvalidInput(name, quoted(value), f"an array of {np.dtype(dtype).name}") from None

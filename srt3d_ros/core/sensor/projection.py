@@ -8,7 +8,7 @@ from srt3d_ros.core.sensor.distortion import PlumbBob
 from srt3d_ros.errors import require
 
 DEFAULT_FOV_DEG = 30.0
-FOCAL_LENGTHS = 1e-6, 1e100     # pixels; these and MAX_CENTRE keep squares of a ray's coordinates finite
+FOCAL_LENGTHS = 1e-6, 1e100     # pixels; this range and MAX_CENTRE keep squares of a ray's coordinates finite
 MAX_CENTRE = 1e9                # pixels
 MAX_ANGLE_RAD = 1e6
 
@@ -20,7 +20,7 @@ class Pinhole:
     Args:
         fx, fy: focal lengths, pixels.
         cx, cy: principal point, pixels; the centre of pixel (0, 0) is at (0, 0).
-        distortion: of the lens; it is taken off the pixels' places before they become rays.
+        distortion: of the lens; removed from pixel positions before they become rays.
     """
 
     fx: float
@@ -44,9 +44,9 @@ class Pinhole:
         return cls(focal, focal, (cols - 1) / 2, (rows - 1) / 2)
 
     def check(self, rows: int, cols: int) -> None:
-        """Raise InvalidInput unless the distortion can be taken off everywhere in an image of this size."""
+        """Raise InvalidInput unless the distortion is invertible in all of an image of this size."""
         if self.distortion:
-            x, y = self._places(rows, cols)     # checks border and lines to the middle: all of it
+            x, y = self._places(rows, cols)     # the border suffices: `check` follows lines from the centre
             self.distortion.check(*(np.concatenate([v[0], v[-1], v[:, 0], v[:, -1]]) for v in (x, y)))
 
     def rays(self, rows: int, cols: int) -> np.ndarray:
@@ -68,7 +68,7 @@ class Pinhole:
         return replace(self, cx=self.cx - first_col, cy=self.cy - first_row)
 
     def _places(self, rows: int, cols: int) -> tuple[np.ndarray, np.ndarray]:
-        """Where the pixels' centres are, in focal lengths from the principal point; float64 [rows, cols] each."""
+        """x and y of the pixels' centres, in focal lengths from the principal point; float64 [rows, cols] each."""
         x = (np.arange(cols) - self.cx) / self.fx
         y = (np.arange(rows) - self.cy) / self.fy
         return np.broadcast_to(x, (rows, cols)), np.broadcast_to(y[:, None], (rows, cols))
@@ -102,7 +102,7 @@ class AngularScan:
     @property
     def lens(self) -> np.ndarray:
         """As kernels read it (`kernels.lens`), float32 [4]."""
-        # A line has no step across, and sees as far to both sides as along; a beam, 1 rad.
+        # A line scan has no step across: use the step along it. A single beam: use 1 rad.
         azimuth_step = self.azimuth_step_rad or abs(self.elevation_step_rad) or 1.0
         elevation_step = self.elevation_step_rad or abs(self.azimuth_step_rad) or 1.0
         return np.array([self.azimuth_start_rad, azimuth_step, self.elevation_start_rad, elevation_step], np.float32)

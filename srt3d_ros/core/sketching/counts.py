@@ -1,16 +1,16 @@
-"""Counts: what came, what was published, and what was dropped for which cause."""
+"""Counts: how many packets and photons came, were published, and were dropped, by cause."""
 
 import threading
 from collections import Counter
 
 
 class Counts:
-    """Totals that count from the start and never fall, from any thread."""
+    """Totals since the start; may be counted from any thread."""
 
     def __init__(self) -> None:
         self._lock = threading.RLock()
         self.totals: Counter[str] = Counter()
-        self.dropped: Counter[str] = Counter()              # packets, or frames where nothing smaller comes, by cause
+        self.dropped: Counter[str] = Counter()              # packets or frames, by cause
         self.photons_dropped: Counter[str] = Counter()
 
     def count(self, **amounts: int) -> None:

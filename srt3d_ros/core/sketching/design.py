@@ -1,5 +1,6 @@
-"""The gate and the frequencies of a sketch, from what a user writes; the gate "auto" is where a frame shows a scene."""
+"""Gate and frequencies of a sketch from a user's options; the gate "auto" surrounds what a histogram shows."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -11,10 +12,10 @@ from srt3d_ros.core.sketching.light import measure
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
 from srt3d_ros.errors import require
 
-SURE = 4.5              # σ at which bins are more than background; one of 3000 frames deviates so much by chance
-MARGIN = 1 / 8          # of what is seen, on each side; Art, SBR 0.1: TD 92.2 % (0: 92.2, 1/2: 91.5, no gate: 88.0)
-WORTHWHILE = 1 / 10     # of the photons that a gate drops at least: TD falls by 0.1 points at SBR 52, 1 photon a pixel
-REACH = 4               # times the highest frequency of "auto" for few photons, that one for many may have
+SEEN_SIGMAS = 4.5       # σ at which bins hold more than background; exceeded by chance in one of 3000 frames
+GATE_MARGIN = 1 / 8     # of the occupied bins, per side. Art, SBR 0.1: TD 92.2 % (0: 92.2, 1/2: 91.5, no gate: 88.0)
+WORTHWHILE = 1 / 10     # of the photons; a gate that drops fewer costs TD: 0.1 points at SBR 52 and 1 photon a pixel
+HIGHER = 4              # frequencies for many photons reach at most so many times the highest one for few
 
 
 class SketchDesign(NamedTuple):
@@ -29,31 +30,31 @@ def design_for(sensor: SensorModel, gate: str | tuple[int, int] = OFF, frequenci
     """The design for a sensor.
 
     Args:
-        gate: off, the first and the last bin, or auto: around the depths that stand out in the histogram of `frame`.
+        gate: off, (first, last) bin, or auto: the bins that stand out in the histogram of `frame`, and a margin.
         frequencies, sketch_size: as of `choose`; "auto" follows the photons of `frame`.
 
     Raises:
-        InvalidInput: a gate, frequencies or photons that do not fit the sensor, or auto without a frame.
+        InvalidInput: gate, frequencies or photons do not fit the sensor, or auto has no frame.
     """
     bins = parse(gate)
     if bins == AUTO:
         require(frame is not None, "gate", gate, FORM)
         chosen = choose(frequencies, sensor, sketch_size)
-        highest = len(chosen) if frequencies in RULES else max(chosen)          # the others follow T
+        highest = len(chosen) if frequencies in RULES else max(chosen)      # rules choose again for the gate's T
         bins = _bins_of(histogram(frame, sensor), sensor, 2 * highest + 1)
     found = None if bins == OFF else Gate(sensor, *bins)
     within = sensor if found is None else found.sensor
     chosen = choose(frequencies, within, sketch_size)
     if frequencies == AUTO and frame is not None:
-        highest = min(REACH * chosen[-1], max((within.num_bins - 1) // 2, 1))
+        highest = min(HIGHER * chosen[-1], max((within.num_bins - 1) // 2, 1))
         chosen = design(within, len(chosen), *measure(frame, sensor, found, highest))
     return SketchDesign(found, chosen)
 
 
 def histogram(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel) -> np.ndarray:
-    """Photons of the pixels in use by the bin in which they came, less their pixel's delay; int64 [T].
+    """Photons of all unmasked pixels in each bin, without the pixels' delays; int64 [T], negative sums as 0.
 
-    0 where the counts that were subtracted outweigh the photons. Raises InvalidInput for photons of another sensor.
+    Raises InvalidInput if the photons do not fit the sensor.
     """
     frame.check(sensor)
     late, used = np.zeros(sensor.pixels, np.int64), np.ones(sensor.pixels, bool)
@@ -73,20 +74,20 @@ def histogram(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel) -> np
 
 
 def occupied(counts: np.ndarray, least_bins: int) -> tuple[int, int] | None:
-    """The first and the last bin of a histogram [T] that show more than its emptiest quarter does; None if none does.
+    """The first and the last bin of a histogram [T] above the level of its emptiest quarter; None if none is.
 
-    That quarter shows the level of an even background, and less of another: fog is taken for a part of the scene.
+    The quarter gives the level of an even background. Other backgrounds, such as fog, count as part of the scene.
 
-    Windows of `least_bins`, about the width of a pulse, and then of twice, four times, … as many, beside what
-    narrower ones have found, are tested by the likelihood ratio of two Poisson numbers (T.-P. Li & Y.-Q. Ma, ApJ
-    272, 1983, eq. 17), which holds for few photons too and knows how well the level is known.
+    Windows of `least_bins`, about the width of a pulse, and of twice, four times, … as many outside of what was found,
+    are tested by the likelihood ratio of two Poisson numbers (T.-P. Li & Y.-Q. Ma, ApJ 272, 1983, eq. 17). It holds
+    for few photons, and includes the uncertainty of the level.
     """
     quarter = max(len(counts) // 4, 1)
     off = int(_sums(counts, quarter).min())
     first, last = len(counts), -1
     width = least_bins
     while width <= quarter:
-        sure = np.flatnonzero(_deviations(_sums(counts, width), off, width / quarter) > SURE)
+        sure = np.flatnonzero(_deviations(_sums(counts, width), off, width / quarter) > SEEN_SIGMAS)
         beside = sure[(sure + width <= first) | (sure > last)]
         if len(beside):
             first, last = min(first, int(beside[0])), max(last, int(beside[-1]) + width - 1)
@@ -95,7 +96,7 @@ def occupied(counts: np.ndarray, least_bins: int) -> tuple[int, int] | None:
 
 
 def signal_to_background(counts: np.ndarray, sensor: SensorModel) -> float:
-    """SBR by a histogram [T] whose emptiest quarter shows background alone; 0 if nothing stands out of it."""
+    """SBR of a histogram [T] whose emptiest quarter is background alone; 0 if nothing stands out."""
     if occupied(counts, _pulse_bins(sensor)) is None:
         return 0.0
     quarter = max(len(counts) // 4, 1)
@@ -104,14 +105,15 @@ def signal_to_background(counts: np.ndarray, sensor: SensorModel) -> float:
 
 
 def _bins_of(counts: np.ndarray, sensor: SensorModel, least: int) -> tuple[int, int] | str:
-    """What a histogram shows and a margin, of `least` bins or more and the IRF's length; OFF if it drops little."""
+    """The occupied bins and a margin, at least `least` bins and the IRF's length; OFF if that drops few photons."""
     pulse, most = _pulse_bins(sensor), sensor.num_bins - 1
     seen = occupied(counts, pulse)
     if seen is None:
         return OFF
     first, last = seen
+    length = last - first + 1
     least = max(sensor.irf.shape[-1], least)
-    margin = max(pulse, round(MARGIN * (last - first + 1)), -(-(least - (last - first + 1)) // 2))
+    margin = max(pulse, round(GATE_MARGIN * length), math.ceil((least - length) / 2))
     first, last = max(min(first - margin, most + 1 - least), 0), min(max(last + margin, least - 1), most)
     inside = counts[first:last + 1].sum() / counts.sum()
     return (first, last) if last - first + 1 >= least and inside <= 1 - WORTHWHILE else OFF
@@ -123,13 +125,13 @@ def _pulse_bins(sensor: SensorModel) -> int:
 
 
 def _sums(counts: np.ndarray, width: int) -> np.ndarray:
-    """Photons of every `width` bins that follow each other."""
+    """Photons in each window of `width` bins; int64 [T − width + 1]."""
     total = np.concatenate([[0], np.cumsum(counts)])
     return total[width:] - total[:-width]
 
 
 def _deviations(on: np.ndarray, off: int, share: float) -> np.ndarray:
-    """By how many standard deviations `on` photons exceed the share of `off` that chance would bring; 0 if less."""
+    """By how many standard deviations `on` exceeds its expectation `share` · `off`; 0 if it does not."""
     both = np.maximum(on + off, 1)
     with np.errstate(divide="ignore", invalid="ignore"):
         nats = np.where(on > 0, on * np.log((1 + share) / share * on / both), 0.0)

@@ -1,16 +1,16 @@
-"""Which frequencies a sketch keeps: those that make its expected depth error least (docs/algorithm.md), or a user's.
+"""Chooses the frequencies of a sketch: those of least expected depth error (docs/algorithm.md), or a user's.
 
-A matched filter on the sketch of one surface errs in two ways: it misses the top of the right peak a little, or it
-takes another peak. Both are in the Ziv–Zakai bound with valley filling (J. Ziv and M. Zakai, IEEE Trans. Inf. Theory
-15, 1969; S. Bellini and G. Tartara, IEEE Trans. Commun. 22, 1974), here for the mean absolute error:
+A matched filter on the sketch of one surface errs in two ways: it misses the top of the right peak a little, or takes
+another peak. The Ziv–Zakai bound with valley filling has both (J. Ziv and M. Zakai, IEEE Trans. Inf. Theory 15, 1969;
+S. Bellini and G. Tartara, IEEE Trans. Commun. 22, 1974), here for the mean absolute error:
 
     E|t̂ − t| ≥ ∫ max{P(d'): d' ≥ d} dd over 0 < d < T/2,   P(d) = Q(s·D(d) / √(s·V(d) + b·D(d)))
 
-P(d) is the probability that s signal and b background photons favour depth t + d over t. With a photon's
-response q(x) = Σ_l Re conj(ĥ_l) exp(i ω_l x) at x bins from a surface, D(d) = Σ_l |ĥ_l|² (1 − cos ω_l d) is by how much
-a signal photon prefers the truth on average, b·D(d) the variance that the background adds to the preference, and
-V(d) = Σ_x h(x) (q(x) − q(x − d))² what a signal photon adds. For small d that is the sandwich variance of the estimator
-that we use (`MatchedFrame`), not that of an ideal one.
+P(d) is the probability that s signal and b background photons favour depth t + d over t. A photon x bins from a
+surface responds with q(x) = Σ_l Re conj(ĥ_l) exp(i ω_l x). D(d) = Σ_l |ĥ_l|² (1 − cos ω_l d) is how much more a
+signal photon favours the truth on average. The variance of this is b·D(d) from the background and
+V(d) = Σ_x h(x) (q(x) − q(x − d))² from each signal photon; for small d, the sandwich variance of the estimator that
+`MatchedFrame` serves, not that of an ideal one.
 """
 
 import math
@@ -23,17 +23,17 @@ from srt3d_ros.core.sketching.sketch import MAX_SKETCH_SIZE, check_frequencies
 from srt3d_ros.errors import InvalidInput, require
 
 DEFAULT_SKETCH_SIZE = 10
-SBRS = (0.1, 1.0, 10.0)     # ratios of signal to background that are designed for
-SCORES = (7.0, 10.0)        # σ at which the photons stand out of the background: the start is sure at 7
-BEND = 0.75                 # of the progression
-BEND_OF_MANY = 0.5          # and of one for many photons: up to 10 % less depth error; with few, detections are lost
-LEAST_PASSED = 0.1          # |ĥ| of the highest frequency that may be taken
-LADDER = 1.05               # ratio of one highest frequency that is tried to the next
-ROOM = 2**0.5               # by which a design for many photons must be free to exceed that for few, to be worth it
-ENOUGH = 3.0                # the search ends when the highest frequency is this much above the best so far
+SBRS = (0.1, 1.0, 10.0)     # signal to background ratios that a design is for
+SCORES = (7.0, 10.0)        # σ by which the photons exceed the background; the start is sure at 7 (START_SCORE)
+BEND = 0.75                 # of the progression: 0 even, 1 geometric
+BEND_OF_MANY = 0.5          # for many photons: up to 10 % less depth error; with few photons it loses detections
+LEAST_PASSED = 0.1          # |ĥ| that a frequency must have to be the highest
+LADDER = 1.05               # ratio of successive highest frequencies that are tried
+ROOM = 2**0.5               # ratio of highest frequencies, many photons to few, above which a second design pays
+ENOUGH = 3.0                # stop trying at this ratio to the best highest frequency so far
 LOG_ERROR_SCALE = 0.02      # designs whose log errors differ by less count as about equally good
-OVERSAMPLING = 4            # cells of the depth grid for each period of the highest frequency
-IRFS_COMPARED = 64
+OVERSAMPLING = 4            # cells of the depth grid per period of the highest frequency
+IRFS_COMPARED = 64          # IRFs, of one per pixel, among which the typical one is chosen
 
 
 def angular_frequencies(frequencies, num_bins: int) -> np.ndarray:
@@ -54,8 +54,8 @@ def irf_spectrum(sensor: SensorModel, frequencies) -> np.ndarray:
 def design(sensor: SensorModel, sketch_size: int, score: float = 0.0, confirmed: int = 0) -> tuple[int, ...]:
     """The m frequencies, 1 … (T − 1) / 2, of a smooth progression from 1 with the least expected depth error.
 
-    Of an IRF per pixel, the most typical one counts. `score` and `confirmed` are of the photons (`light.measure`): with
-    many, higher frequencies are better, up to `confirmed`.
+    Many photons profit from higher frequencies, up to `confirmed`; `score` and `confirmed` come from `light.measure`.
+    Sensors with an IRF per pixel use the most typical one.
     """
     irf = _typical_irf(sensor).tobytes(), sensor.num_bins, sketch_size
     few, most = _design(*irf), score * math.sqrt(sketch_size)
@@ -67,7 +67,7 @@ RULES = {"auto": design, "consecutive": lambda _, sketch_size: range(1, sketch_s
 
 
 def choose(spec: str, sensor: SensorModel, sketch_size: int | None = None) -> tuple[int, ...]:
-    """Frequencies from what a user writes.
+    """Frequencies from a user's option.
 
     Args:
         spec: "auto" (`design`), "consecutive" (1 … m, as in the paper's experiments), or a list such as "1,2,5".
@@ -75,7 +75,7 @@ def choose(spec: str, sensor: SensorModel, sketch_size: int | None = None) -> tu
         sketch_size: m; DEFAULT_SKETCH_SIZE unless given. With a list it must be the list's length, or None.
 
     Raises:
-        InvalidInput: if m is too large for T, or the list has a frequency that means nothing.
+        InvalidInput: m is too large for T, or the list has an impossible frequency.
     """
     if spec in RULES:
         most = max(min((sensor.num_bins - 1) // 2, MAX_SKETCH_SIZE), 1)
@@ -94,7 +94,7 @@ def choose(spec: str, sensor: SensorModel, sketch_size: int | None = None) -> tu
 def progression(top: int, sketch_size: int, bend: float = BEND) -> tuple[int, ...]:
     """m increasing integers from 1 to `top` ≥ m, between evenly spaced and geometric.
 
-    k(u) = 1 + (top − 1) · (aᵘ − 1) / (a − 1), a = top^bend, u = 0 … 1; rounded, and moved up where two would coincide.
+    k(u) = 1 + (top − 1) · (aᵘ − 1) / (a − 1), a = top^bend, u = 0 … 1; rounded, then raised where two coincide.
     """
     u = np.linspace(0, 1, sketch_size)
     a = float(top)**bend
@@ -166,9 +166,9 @@ def _preferences(spectrum: np.ndarray, k: np.ndarray, omega: np.ndarray) -> tupl
 
 
 def nominal_photons(sketch_size: int, most: float = SCORES[1]) -> tuple[np.ndarray, np.ndarray]:
-    """Signal and background photons that a design is for, float [N] each.
+    """Signal and background photons that a design is for, float [N] each: at each of SBRS, two scores.
 
-    If the IRF passed all m frequencies, their score s √(2m / (s + b)) would be SCORES[0] and `most` at each of SBRS.
+    The score s √(2m / (s + b)) is that of an IRF that passes all m frequencies: SCORES[0], then `most`.
     """
     sbr, score = np.repeat(SBRS, 2), np.tile((SCORES[0], most), len(SBRS))
     signal = score**2 * (1 + 1 / sbr) / (2 * sketch_size)
@@ -188,14 +188,14 @@ def _design(irf: bytes, num_bins: int, sketch_size: int, most: float = SCORES[1]
         top = max(round(top * LADDER), top + 1)
     if not np.isfinite(np.min(errors)):
         return progression(sketch_size, sketch_size)
-    # Side peaks that fall low by rounding, for one K and not the next, are luck that tilted surfaces and two depths do
-    # not share: so not the best K, but the mean of the good ones.
+    # Take the mean of the good tops, not the best: rounding gives one top low side peaks by luck, which tilted surfaces
+    # and two depths do not share.
     weights = np.exp((np.min(errors) - np.array(errors)) / LOG_ERROR_SCALE)
     return progression(round(np.exp(np.average(np.log(tops), weights=weights))), sketch_size, bend)
 
 
 def _typical_irf(sensor: SensorModel) -> np.ndarray:
-    """The IRF whose |ĥ| is nearest to the mean over the pixels, float32 [L]; wherever on the axis it begins."""
+    """The IRF whose |ĥ| is nearest to the mean over the pixels, float32 [L]; delays do not matter."""
     if sensor.irf.ndim == 1:
         return sensor.irf
     irfs = sensor.irf[np.linspace(0, len(sensor.irf) - 1, min(len(sensor.irf), IRFS_COMPARED)).astype(int)]
@@ -204,11 +204,11 @@ def _typical_irf(sensor: SensorModel) -> np.ndarray:
 
 
 def _on_grid(coefficients: np.ndarray) -> np.ndarray:
-    """Σ over positive and negative frequencies of a real function's Fourier coefficients, on the grid of depths."""
+    """A real function of depth on a grid, from its Fourier coefficients at the frequencies 0 … cells / 2."""
     cells = 2 * (len(coefficients) - 1)
     return np.fft.irfft(coefficients, cells) * cells
 
 
 def _tail(z: np.ndarray) -> np.ndarray:
     """Q(z), the probability that a standard normal number exceeds z ≥ 0."""
-    return np.vectorize(math.erfc, otypes=[float])(z / math.sqrt(2)) / 2       # scipy.special takes longer to import
+    return np.vectorize(math.erfc, otypes=[float])(z / math.sqrt(2)) / 2       # importing scipy.special takes longer

@@ -1,4 +1,4 @@
-"""Gate: the bins in which photons are kept. T becomes their number, and background from elsewhere is gone."""
+"""Gate: keeps the photons of some bins. T becomes the number of these, and background elsewhere is dropped."""
 
 import re
 from collections.abc import Sequence
@@ -15,20 +15,20 @@ FORM = "off, first and last bin such as 100-400, or for a file auto"
 
 
 class Gate:
-    """The depths from bin `first` to bin `last` of a sensor, and the ToA in which their photons come.
+    """The depths from bin `first` to bin `last` of a sensor, and the ToA of their photons.
 
-    Pixels' delays widen the gate by their spread: each ToA is kept that is inside for one of the pixels. What is left
-    is a circle of its own, like every period: a surface whose pulse crosses an end may appear at the other, so leave
-    the length of a pulse at both ends. Ranges stay what they were.
+    Pixels' delays widen the gate by their spread: a ToA is kept if it is inside for any pixel. The bins that are left
+    wrap around like a period. A surface whose pulse crosses one end may appear at the other, so leave the length of a
+    pulse at both ends. Ranges do not change.
 
     Args:
-        source: the sensor whose photons come in.
-        first, last: bins of depth, both inside; InvalidInput unless in order and as many as the IRF has.
+        source: the sensor of the photons.
+        first, last: bins of depth, both kept; InvalidInput unless in order and at least as many as the IRF has.
 
     Attributes:
-        num_bins: T of what is kept: last − first + 1, and the spread of the delays; that of `source` at most.
-        start: the first bin of ToA that is kept. From there the bins go on, in the end around the circle of `source`.
-        sensor: describes what is kept.
+        num_bins: T of the gate: last − first + 1 plus the spread of the delays, at most that of `source`.
+        start: the first bin of ToA that is kept; the gate may wrap around the end of the period of `source`.
+        sensor: describes the photons that are kept.
     """
 
     def __init__(self, source: SensorModel, first: int, last: int):
@@ -40,7 +40,7 @@ class Gate:
         used = late if late is None or source.mask is None or not source.mask.any() else late[source.mask]
         least, greatest = (0, 0) if late is None else (int(np.floor(used.min())), int(np.ceil(used.max())))
         self.num_bins = last - first + 1 + greatest - least
-        if self.num_bins >= source.num_bins:        # all bins: the circle of the source
+        if self.num_bins >= source.num_bins:        # keeps every bin
             self.start, self.num_bins, self.sensor = 0, source.num_bins, source
             return
         self.start = (first + least) % source.num_bins
@@ -57,18 +57,18 @@ class Gate:
 
     def photons(self, events: PhotonEvents) -> PhotonEvents:
         """The photons inside, in the bins of `self.sensor`."""
-        # A bin b of float ToA begins at b − ½, which may be around the circle.
+        # Float ToA of bin b begin at b − ½, which may wrap around.
         half, wide = (0.5, np.float64) if events.toa.dtype.kind == "f" else (0, np.int32)
         from_start = (events.toa.astype(wide) + half - self.start) % self.source.num_bins
         inside = np.flatnonzero(from_start < self.num_bins)
         toa = ((from_start[inside] - half) % self.num_bins).astype(events.toa.dtype)
-        if half:                                                # what rounding made T
+        if half:                                                # rounding may have made T
             toa = np.minimum(toa, np.nextafter(np.float32(self.num_bins), np.float32(0)))
         return replace(events.part(inside), toa=toa)
 
 
 def in_ranges(gate: Gate | None) -> str:
-    """The bins of a gate and the ranges to which they belong, in words."""
+    """The bins of a gate and their ranges, for people to read."""
     if gate is None:
         return OFF
     nearest, farthest = gate.source.range_m([gate.first, gate.last])
@@ -76,10 +76,7 @@ def in_ranges(gate: Gate | None) -> str:
 
 
 def parse(spec: str | Sequence[int]) -> tuple[int, int] | str:
-    """First and last bin, OFF or AUTO; InvalidInput for anything else.
-
-    Words may be 100-400, 100:400 or [100, 400] (20:45 is a number of YAML).
-    """
+    """First and last bin, OFF or AUTO, from 100-400, 100:400, [100, 400], off or auto; InvalidInput for others."""
     if isinstance(spec, str) and spec in (OFF, AUTO):
         return spec
     text = spec if isinstance(spec, str) or np.ndim(spec) != 1 else ",".join(map(str, spec))

@@ -8,9 +8,9 @@ import numpy as np
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import require
 
-CHUNK = 2**16           # photons compared together, so that they stay in the cache
+CHUNK = 2**16           # counts of at most 16 bits whose sum fits into 32 bits
 TOA_DTYPES = (np.uint16, np.float32)
-MAX_OF_PIXEL = 2**32    # photons in a histogram: sums of phases and counts stay within their integers
+MAX_OF_PIXEL = 2**32    # photons in a pixel's histogram: keeps sums of phases and counts within their integers
 COUNT_DTYPES = (np.uint8, np.uint16, np.int32, np.float32)
 
 
@@ -41,11 +41,11 @@ class PhotonEvents:
 
     @cached_property
     def is_sorted(self) -> bool:
-        """True if `pixel` never decreases, which makes sketching several times faster."""
+        """True if `pixel` never decreases: sketching is then several times faster."""
         return bool((self.pixel[1:] >= self.pixel[:-1]).all())
 
     def part(self, which: np.ndarray) -> "PhotonEvents":
-        """The photons that an index or a mask [N] chooses."""
+        """The photons that an index, slice or mask [N] selects."""
         return replace(self, pixel=self.pixel[which], toa=self.toa[which])
 
     def check(self, sensor: SensorModel) -> None:
@@ -56,7 +56,7 @@ class PhotonEvents:
         require(worst < sensor.pixels, "pixel", worst,
                 f"an index below {sensor.rows} × {sensor.cols} = {sensor.pixels}")
         low = self.toa.min() if self.toa.dtype.kind == "f" else self.toa.dtype.type(0)
-        high = self.toa.max()                           # a NaN makes both NaN
+        high = self.toa.max()                           # a NaN makes low and high NaN
         require(bool(low >= 0 and high < sensor.num_bins), "toa", (low if high < sensor.num_bins else high).item(),
                 f"bins in [0, {sensor.num_bins})")
 
@@ -80,7 +80,7 @@ class PhotonGates:
         require(self.words.ndim == 3, "gates shape", self.words.shape, "[cycles, rows, cols]")
 
     def check(self, sensor: SensorModel) -> None:
-        """Raise InvalidInput unless the gates have the sensor's pixels, and words that it gives a meaning."""
+        """Raise InvalidInput unless the gates have the sensor's pixels, and words that are bins or `no_detection`."""
         shape = sensor.rows, sensor.cols
         require(self.words.shape[1:] == shape, "gates shape", self.words.shape, f"[cycles, rows, cols] with {shape}")
         require(sensor.gates is not None, "sensor.gates", "missing", "first_word and no_detection, to read gates")
@@ -89,7 +89,7 @@ class PhotonGates:
         require(len(stray) == 0, "gates word", int(stray.max(initial=0)), word_wanted(sensor))
 
     def counted(self, sensor: SensorModel) -> SensorModel:
-        """The sensor with the number of these cycles, for the same photons as events."""
+        """The sensor with `cycles` = G, which events of the same photons no longer tell."""
         return sensor.replace(cycles=len(self.words) or None)
 
     def to_events(self, sensor: SensorModel) -> PhotonEvents:
@@ -105,7 +105,7 @@ class PhotonGates:
 
 @dataclass(frozen=True, eq=False)
 class PhotonHistograms:
-    """Photons counted by the bins in which they came, as histogramming sensors send them.
+    """Photons counted by bin, as histogramming sensors send them.
 
     Args:
         counts: uint8, uint16, int32 or float32 [rows, cols, n], photons in each bin; negative ones, of int32 and
@@ -127,20 +127,20 @@ class PhotonHistograms:
         flat = self.counts.reshape(-1)
         if self.counts.dtype.kind != "u":
             return max(round(float(flat.sum(dtype=np.float64))), 0)
-        # twice as fast as to add up in 64 bits, and exact: a part's sum fits into 32
+        # Sum parts in 32 bits: exact, and twice as fast as in 64 bits.
         return sum(int(flat[first:first + CHUNK].sum(dtype=np.uint32)) for first in range(0, len(flat), CHUNK))
 
     def check(self, sensor: SensorModel) -> None:
-        """Raise InvalidInput unless the histograms have the sensor's pixels and bins, and counts that can be added."""
+        """Raise InvalidInput unless the histograms have the sensor's pixels and bins, and finite counts in range."""
         wanted = sensor.rows, sensor.cols, bins_of(sensor)
         require(self.counts.shape == wanted, "histograms shape", self.counts.shape, f"[rows, cols, bins] = {wanted}")
         if self.counts.dtype.kind != "u":
             low, high, most = self.counts.min(), self.counts.max(), MAX_OF_PIXEL // wanted[2]
             require(bool(-most <= low and high <= most), "histograms count", (high if high > most else low).item(),
-                    f"{-most} to {most}, photons in a bin")     # a NaN makes both NaN
+                    f"{-most} to {most}, photons in a bin")     # a NaN makes low and high NaN
 
     def on_axis(self, sensor: SensorModel) -> np.ndarray:
-        """The counts in the bins of the sensor's axis, each in the one in which its middle lies; [rows, cols, T]."""
+        """The counts in the sensor's T bins, each in the bin that holds its middle; [rows, cols, T]."""
         bins, pixels = sensor.histograms, sensor.pixels
         if bins is None:
             return self.counts
@@ -150,12 +150,12 @@ class PhotonHistograms:
         return out.reshape(sensor.rows, sensor.cols, -1)
 
     def _of_the_scene(self, sensor: SensorModel) -> np.ndarray:
-        """The counts less the sensor's template, [rows · cols, n]."""
+        """The counts minus the sensor's template, [rows · cols, n]."""
         counts, bins = self.counts.reshape(sensor.pixels, -1), sensor.histograms
         return counts if bins is None or bins.template is None else counts - bins.template
 
     def to_events(self, sensor: SensorModel) -> PhotonEvents:
-        """The same photons as events sorted by pixel; InvalidInput unless they are the sensor's, and whole photons."""
+        """The same photons as events sorted by pixel; InvalidInput unless they fit the sensor and are whole numbers."""
         self.check(sensor)
         bins, counts = sensor.histograms, self._of_the_scene(sensor).reshape(-1)
         at = np.flatnonzero(counts)
@@ -172,17 +172,17 @@ class PhotonHistograms:
 
 
 def bins_of(sensor: SensorModel) -> int:
-    """Bins of a sensor's histograms."""
+    """The number of bins of a sensor's histograms."""
     return sensor.num_bins if sensor.histograms is None else sensor.histograms.num_bins
 
 
 def last_word(sensor: SensorModel) -> int:
-    """The highest word that a photon can have: that of the last bin, or of 16 bits."""
+    """The highest word of a photon: that of the last bin, at most 65535."""
     return min(sensor.gates.first_word + sensor.num_bins, 65_536) - 1
 
 
 def word_wanted(sensor: SensorModel) -> str:
-    """Which words gates may have, as an expectation."""
+    """The words that gates may have, for an error message."""
     return f"{sensor.gates.first_word} to {last_word(sensor)}, or {sensor.gates.no_detection} for no detection"
 
 

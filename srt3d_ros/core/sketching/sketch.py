@@ -42,10 +42,10 @@ class Sketch:
     Args:
         frequencies: the integers k_l.
         sums: complex64 [rows, cols, m].
-        photons: uint32 [rows, cols], n; MAX_PIXEL_PHOTONS and the mean where there were more.
-        stamp_ns: start of acquisition of the earliest photons; of a window, of its newest frame.
-        cycles: N, laser cycles that these photons are the first ones of; 0: not known, pile-up is not corrected.
-        before: uint32 [rows, cols], photons that came before the gate, in cycles that were over with them; None: none.
+        photons: uint32 [rows, cols], n; pixels with more than MAX_PIXEL_PHOTONS keep so many and the same mean.
+        stamp_ns: start of acquisition of the earliest photons; for a window, of its newest frame.
+        cycles: N, the laser cycles, if the photons are the first of each; 0: not known, pile-up is not corrected.
+        before: uint32 [rows, cols], photons before the gate, each of which ended its cycle; None: none.
         sensor: of the photons, behind the gate if there is one.
         notes: one line each for what was assumed, estimated or left out.
 
@@ -111,7 +111,7 @@ class Sketch:
                        stamp_ns=min(self.stamp_ns, other.stamp_ns), cycles=cycles, before=before)
 
     def __radd__(self, nothing: int) -> Self:
-        """So that sum() adds sketches, which begins with 0."""
+        """For sum(), which begins with 0."""
         return self if nothing == 0 else NotImplemented
 
     def __getitem__(self, pixels: slice | tuple[slice, slice]) -> Self:
@@ -134,14 +134,14 @@ class Sketch:
 
 
 def added_cycles(sketches: Sequence[Sketch]) -> tuple[int, np.ndarray | None]:
-    """`cycles` and `before` of a sum of sketches; the cycles are known if all of theirs are."""
+    """`cycles` and `before` of a sum of sketches; cycles are 0 (not known) if any sketch has 0."""
     cycles = [sketch.cycles for sketch in sketches]
     counted = [sketch.before for sketch in sketches if sketch.before is not None]
     return sum(cycles) if all(cycles) else 0, sum(counted[1:], counted[0]) if counted else None
 
 
 def noise_sketch(sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:
-    """A sketch that shows nothing."""
+    """A sketch of noise alone, for warming up."""
     rng = np.random.default_rng(0)
     sums = rng.normal(size=(sensor.rows, sensor.cols, len(frequencies), 2)).astype(np.float32)
     photons = np.full((sensor.rows, sensor.cols), 9, np.uint32)

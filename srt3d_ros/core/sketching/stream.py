@@ -1,4 +1,4 @@
-"""SketchStream: from packets of photons to sketches of frames. Nodes, library, bags and evaluation push into it."""
+"""SketchStream: packets of photons in, sketches of frames out, for nodes, library, bags and evaluation."""
 
 from collections import deque
 from dataclasses import dataclass, field, replace
@@ -16,11 +16,10 @@ from srt3d_ros.core.sketching.photon_frame import PhotonFrame
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.errors import require
 
-MERGE_S = 0.4           # longest wait for an acknowledgement: a reader that was killed gives none for 20 s
-MERGE_POLL_S = 0.01     # until a frame that waits for an acknowledgement is tried again: 1 % of a core while one does
-MOTION_S = 1.0          # longest wait for the motion: odometry comes 10 to 100 ms late; after a second it has stopped
-# Frames that wait for the motion whatever memory they take, and the memory that more of them may take.
-MOST_FRAMES, MOST_BYTES = 4, 2**28
+MERGE_S = 0.4           # longest wait for an acknowledgement: a killed reader sends none for 20 s
+MERGE_POLL_S = 0.01     # between tries to send a merged frame: costs 1 % of a core while one waits
+MOTION_S = 1.0          # longest wait for motion: odometry comes 10 to 100 ms late; after a second it has stopped
+MOST_FRAMES, MOST_BYTES = 4, 2**28      # more frames may wait for motion only if all take less memory than this
 
 
 @dataclass(frozen=True)
@@ -31,9 +30,9 @@ class StreamOptions:
         gate, frequencies, sketch_size: as of `design_for`.
         packets_per_frame, frame_period_ns: as of Framing.
         window_frames: frames in the sliding window of a sketch.
-        moving: move the packets of a frame to the sensor's pose in its middle, by the motion that `add_motion` reports.
-        extrinsics: the pose of the sensor in the frame of the body that is reported on.
-        merge_when_busy: while readers are busy, add frames to the one that waits.
+        moving: deskew: move the packets of a frame to the sensor's pose in its middle, by the reports to `add_motion`.
+        extrinsics: the pose of the sensor in the frame of the reported body.
+        merge_when_busy: while readers are busy, add new frames to the one that waits.
     """
 
     gate: str = OFF
@@ -55,7 +54,7 @@ class StreamOptions:
 
 @dataclass(eq=False)
 class _Ended:
-    """A frame that has ended: its packets and photons, those of its photons that are inside the gate, its sketch."""
+    """A frame that ended at `since_s`: packets and photons, `kept` photons inside the gate, and the sketch."""
 
     content: OpenFrame
     kept: int
@@ -69,17 +68,17 @@ class _Ended:
 
 
 class SketchStream:
-    """Sketches the frames of one sensor. One thread at a time may call it; it never waits.
+    """Sketches the frames of one sensor. Calls never block; one thread at a time.
 
-    Every packet and photon is in a sketch that came out, in a frame that is open or waits, or dropped for a cause.
+    Every packet and photon is in a returned sketch, in an open or waiting frame, or counted as dropped for a cause.
 
     Args:
         sensor: of the photons that come in.
-        counts: what they are counted in: totals `photons_in`, `packets` and `photons` that came out, drops by cause.
+        counts: receives totals `photons_in`, `packets` and `photons` (of returned sketches), and drops by cause.
 
     Attributes:
         packets_per_frame: of the last frame that ended.
-        warning: why frames went on undeskewed since this was last set to an empty text.
+        warning: why frames were not deskewed; callers reset it to "".
 
     Raises:
         InvalidInput: options that contradict each other or do not suit the sensor.
@@ -94,23 +93,23 @@ class SketchStream:
             FrameSketcher(sensor, frequencies, options.window_frames, gate)
         self._motion = SensorMotion(options.extrinsics) if options.moving else None
         self._ended: deque[_Ended] = deque()
-        self._merged: _Ended | None = None          # frames that wait for readers, as one
+        self._merged: _Ended | None = None          # sum of the frames that wait for readers
         self._came_s = self._sent_s = -float("inf")
         self.packets_per_frame = options.packets_per_frame
 
-    # ---- What goes in
+    # ---- Input
 
     def push(self, packet: PhotonFrame, now_s: float = 0.0, busy: bool = False) -> list[Sketch]:
-        """Add a packet; the sketches that come out.
+        """Add a packet; returns the sketches that are finished.
 
         Args:
-            now_s: the time, of any clock that `poll` is told of, too.
-            busy: whether readers have yet to take sketches that came out.
+            now_s: the time, of the same clock as for `poll`.
+            busy: whether readers still have to take earlier sketches.
 
         Raises:
             InvalidInput: photons outside the sensor. The packet changes nothing.
         """
-        packet.check(self.sensor)       # before its stamp can end a frame
+        packet.check(self.sensor)       # first: a bad packet's stamp must not end a frame
         self.counts.count(photons_in=packet.photons)
         self._came_s = now_s
         placed = self._framing.place(packet.stamp_ns)
@@ -126,25 +125,25 @@ class SketchStream:
         return self.poll(now_s, busy)
 
     def add_motion(self, report: MotionReport) -> str:
-        """Follow a report of the sensor's motion, as of `SensorMotion.add`."""
+        """Add a report of motion; see `SensorMotion.add`."""
         return self._motion.add(report)
 
-    # ---- What comes out
+    # ---- Output
 
     def poll(self, now_s: float = 0.0, busy: bool = False) -> list[Sketch]:
-        """The sketches that come out by now: of frames that end by silence, and of those that need not wait longer."""
+        """The sketches finished by now: of frames that end by silence, and of those that need not wait longer."""
         if self.options.frame_period_ns and now_s - self._came_s > self._framing.silence_ns * 1e-9:
             self._end_frame(self._framing.flush(), now_s)
         return self._take(now_s, busy)
 
     @property
     def waits_for_motion(self) -> bool:
-        """Whether frames that have ended wait for reports of motion."""
+        """Whether ended frames wait for reports of motion."""
         return bool(self._ended)
 
     @property
     def wait_s(self) -> float | None:
-        """When to poll next if nothing is pushed, in seconds from now; None while nothing waits."""
+        """Seconds until the next `poll` is due if nothing is pushed; None while nothing waits."""
         if self._merged is not None:
             return MERGE_POLL_S
         if self._ended:
@@ -154,17 +153,17 @@ class SketchStream:
         return None
 
     def reset(self) -> list[Sketch]:
-        """Drop the open frame (`incomplete`) and begin a new window; the sketches of the frames that ended."""
+        """Drop the open frame as `incomplete` and begin a new window; returns the sketches of ended frames."""
         sketches = self._take(at_once=True)
         self._forget(self._framing.clear())
         return sketches
 
     def flush(self) -> list[Sketch]:
-        """End the open frame, unless its number of packets is not complete, and let all come out."""
+        """End the open frame, unless it waits for its number of packets; returns all sketches."""
         self._end_frame(self._framing.flush(), self._came_s)
         return self.reset()
 
-    # ---- What is in force
+    # ---- State
 
     @property
     def frame(self) -> OpenFrame:
@@ -173,12 +172,12 @@ class SketchStream:
 
     @property
     def sketch_sensor(self) -> SensorModel:
-        """What the next sketches are of: the sensor, or what its gate keeps."""
+        """The sensor of the next sketches: that of the photons, or what the gate keeps of it."""
         return self._sketcher.sketch_sensor
 
     @property
     def facts(self) -> dict[str, object]:
-        """What the next sketches are of, for a user to read."""
+        """Size, gate and frequencies of the next sketches, for people to read."""
         sensor = self.sketch_sensor
         return {"rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins,
                 "window_frames": self.options.window_frames, "gate": in_ranges(self._sketcher.gate),
@@ -187,20 +186,20 @@ class SketchStream:
     # ---- Frames
 
     def _forget(self, frame: OpenFrame | None) -> None:
-        """Begin a new window without the open frame, which had these packets if any."""
+        """Begin a new window; counts the open frame, if any, as dropped."""
         if frame is not None:
             self.counts.drop("incomplete", *frame)
         self._sketcher.reset()
 
     def _end_frame(self, frame: OpenFrame | None, now_s: float) -> None:
-        """End a frame, if there is one."""
+        """Sketch a frame that ended, if any."""
         if frame is not None:
             self.packets_per_frame, sketcher = frame.packets, self._sketcher
             kept = frame.photons if sketcher.gate is None else min(sketcher.kept, frame.photons)
             self._ended.append(_Ended(frame, kept, sketcher.end_frame(), now_s))
 
     def _take(self, now_s: float = 0.0, busy: bool = False, at_once: bool = False) -> list[Sketch]:
-        """Take out the frames that need not wait, in their order."""
+        """The sketches of the frames that need not wait longer, in order."""
         sketches = []
         while self._ended and self._finish(self._ended[0], now_s, at_once):
             frame = self._ended.popleft()
@@ -213,18 +212,20 @@ class SketchStream:
         return sketches
 
     def _release(self, frame: _Ended, now_s: float) -> Sketch:
+        """Count a frame as out; returns its sketch."""
         self._merged, self._sent_s = None, now_s
         self.counts.count(packets=frame.content.packets, photons=frame.kept)
         self.counts.drop("gate", frames=0, photons=frame.content.photons - frame.kept)
         return frame.sketch
 
     def _finish(self, frame: _Ended, now_s: float, at_once: bool) -> bool:
-        """Whether a frame need not wait any longer; its sketch is then deskewed, where its motion is known."""
+        """Whether a frame need not wait longer for motion; deskews its sketch then, if the motion is known."""
         if self._motion is None:
             return True
         moving, sketcher = frame.sketch, self._sketcher
-        crowded = len(self._ended) > MOST_FRAMES and sum(ended.sketch.nbytes for ended in self._ended) > MOST_BYTES
-        late = at_once or crowded or not 0 <= now_s - frame.since_s < MOTION_S
+        nbytes = sum(ended.sketch.nbytes for ended in self._ended)
+        exceeds_memory = len(self._ended) > MOST_FRAMES and nbytes > MOST_BYTES
+        late = at_once or exceeds_memory or not 0 <= now_s - frame.since_s < MOTION_S
         trajectory, cause = self._motion.over(moving.first_ns, moving.last_ns, late)
         if trajectory is None and not cause:
             return False
@@ -235,5 +236,7 @@ class SketchStream:
         self.counts.drop("out_of_view", frames=0, photons=lost)
         if trajectory is None:
             self.warning = cause
-        self.counts.count(frames_deskewed=trajectory is not None, frames_undeskewed=trajectory is None)
+            self.counts.count(frames_undeskewed=1)
+        else:
+            self.counts.count(frames_deskewed=1)
         return True

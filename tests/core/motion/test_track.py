@@ -59,7 +59,7 @@ def test_stamps_that_are_not_later_are_refused_and_the_trajectory_goes_on(stamps
     (report(20, 1.0), "jumped by 1.00 m and 0°"),
     (report(20, 0.02, turn=0.5), "jumped by 0.02 m and 29°"),
     (report(-60_000, 0), "fell back by 60.000 s"),
-    (report(GAP_NS / MS + 1, 0.5), "none came for 0.501 s"),
+    (report(GAP_NS / MS + 1, 0.5), "no report for 0.501 s"),
 ])
 def test_after_a_jump_a_leap_or_a_gap_it_begins_again(then, why):
     track, (*_, said) = followed(report(-20, -0.02, rate=0.1), report(0, 0), then)

@@ -188,8 +188,9 @@ def test_frames_wait_for_the_motion_and_go_on_in_their_order():
 
 
 @pytest.mark.parametrize(("reports", "why"), [
-    ((), "no motion was reported"), (range(-20, 40, 10), "the newest report of motion is 58 ms older than its end"),
-    (range(40, 120, 10), "the reports of motion begin later, or anew within it")])
+    ((), "no motion was reported"),
+    (range(-20, 40, 10), "the newest report of motion is 58 ms older than the frame's end"),
+    (range(40, 120, 10), "the reports of motion begin or jump within the frame")])
 def test_without_its_motion_a_frame_goes_on_undeskewed_and_says_why(reports, why):
     stream = SketchStream(SENSOR, MOVING)
     for ms in reports:
