@@ -17,6 +17,7 @@ from srt3d_ros.kernels.constants import SLANT, SLANTED_SCORE, START_SCALES, STEE
 from .frames import (
     DEPTH_TOLERANCE,
     FAINT,
+    FARTHEST_AT_TIES,
     ORACLE,
     RELATIVE,
     SHAPES,
@@ -64,6 +65,7 @@ def test_match(backend, shape, surfaces, light):
     seen = (frame.counts > 0)[:, None] & (expected[1] > 0)
     apart = np.abs(circular_difference(found[0], expected[0], T))
     wrong = apart > surfaces * DEPTH_TOLERANCE      # each is found in what those before leave
+    assert apart[seen].max() <= FARTHEST_AT_TIES * DEPTH_TOLERANCE
     wrong |= np.abs(found[1] - expected[1]) > RELATIVE * np.abs(expected[1]) + 1e-5
     assert seen.sum() > 20 and (wrong & seen).sum() <= seen.sum() * SHARE_AT_TIES
     assert (found[1][(frame.counts == 0)[:, None].repeat(surfaces, 1)] == 0).all()
