@@ -70,6 +70,16 @@ def test_a_word_below_the_first_is_named_not_wrapped():
         PhotonGates(np.ones((1, 2, 3), np.uint16)).to_events(sensor)
 
 
+@pytest.mark.parametrize(("shape", "word", "named"), [
+    ((1, 3, 4), 110, "gates word is 110: expected 10 to 109, or 5 for no detection$"),
+    ((1, 3, 4), 9, "gates word is 9: "), ((1, 4, 3), 10, r"gates shape is \(1, 4, 3\)")])
+def test_gates_that_do_not_fit_the_sensor_are_refused(shape, word, named):
+    words = np.full(shape, 10, np.uint16)
+    words[0, 2, 2] = word
+    with pytest.raises(InvalidInput, match=f"^{named}"):
+        PhotonGates(words).check(SENSOR)
+
+
 def histograms(counts, dtype=np.uint16, **fields):
     return PhotonHistograms(np.asarray(counts, dtype), **fields)
 
