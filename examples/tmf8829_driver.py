@@ -48,7 +48,7 @@ node = rclpy.create_node("tmf8829_driver")
 address, described = rclpy.utilities.remove_ros_args(sys.argv)[-1], None
 sensor = node.create_publisher(String, "sensor", QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
 histograms = node.create_publisher(Image, "histograms", QoSProfile(depth=5))
-socket = zmq.Context().socket(zmq.SUB)          # reconnects by itself when the device comes back
+socket = zmq.Context().socket(zmq.SUB)          # reconnects when the device comes back
 socket.setsockopt(zmq.SUBSCRIBE, b"")
 socket.setsockopt(zmq.RCVHWM, 4)                # drop older measurements
 socket.setsockopt(zmq.HEARTBEAT_IVL, 1000)      # ms; a device that loses power does not close the connection

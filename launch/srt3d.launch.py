@@ -1,4 +1,4 @@
-"""The whole pipeline: `ros2 launch srt3d_ros srt3d.launch.py --show-args` lists what can be set.
+"""Launches the whole pipeline: `ros2 launch srt3d_ros srt3d.launch.py --show-args` lists the arguments.
 
 An argument that is not given leaves the value to the parameter file, or else to the node's default.
 NODE.PARAMETER:=VALUE, such as sketcher.sketch_size:=5, sets any parameter of a node. The exit code is 1 if a node fails
@@ -24,20 +24,20 @@ ASKED = (0, -signal.SIGINT, -signal.SIGTERM)        # exit codes of a node that 
 END_S = "60"        # time to write a recording after Ctrl-C; the default of launch is 5 s
 
 ARGUMENTS = {
-    "config": "Parameter file: a path, or the name of one that comes with the package, such as scanner_141x141.",
+    "config": "Parameter file: a path, or the name of one in the package, such as scanner_141x141.",
     "namespace": "Namespace of all nodes and topics.",
-    "sensor_file": "Description of the sensor (.json), for a driver that publishes none.",
+    "sensor_file": "Sensor description (.json), if the driver publishes none.",
     "photons": "Topic of the photons, as events.",
     "gates": "Topic of the photons, as gates.",
     "histograms": "Topic of the photons, as histograms.",
     "sensor": "Topic of the sensor's description.",
     "points": "Topic of the clouds.",
     "device": "Where to reconstruct.",
-    "input": "Photon file to play, or: simulator. Without, a driver publishes the photons.",
+    "input": "Photon file to play, or: simulator. Default: a driver publishes the photons.",
     "record": "Recording (.rrd) to write.",
-    "autostart": "Whether the nodes configure and activate themselves; false: a lifecycle manager does.",
-    "use_sim_time": "Whether the clock is the topic /clock.",
-    "log_level": "What the nodes log.",
+    "autostart": "true: the nodes configure and activate themselves. false: a lifecycle manager does it.",
+    "use_sim_time": "Whether the nodes use the clock of the topic /clock.",
+    "log_level": "Lowest level that the nodes log.",
 }
 CHOICES = {"device": ("", "auto", "cpu", "cuda"), "autostart": ("", "true", "false"),
            "use_sim_time": ("", "true", "false"),

@@ -18,13 +18,13 @@ INT16, FLOAT64 = 3, 8         # of PointField's datatypes
 def change(message, what: str, value) -> None:
     """Change "attribute" of a message, "field.attribute" of one of its fields, or a field's number in the first point.
 
-    "field.times" is how often the field is there; "data.end" how many bytes are cut off, "data.begin" other first ones.
+    "field.times" is how often the field is there, "data.end" how many bytes are cut off.
     """
     name, _, attribute = what.partition(".")
     field = next((field for field in getattr(message, "fields", ()) if field.name == name), None)
     data = bytes(message.data)
     if name == "data":
-        message.data = data[:-value] if attribute == "end" else value + data[len(value):]
+        message.data = data[:-value]
     elif attribute == "times":
         message.fields = [other for other in message.fields if other is not field] + value * [field]
     elif attribute == "number":
@@ -47,22 +47,15 @@ def change(message, what: str, value) -> None:
     ("photons_uint16", "data.end", 1, "data"),
     ("photons_uint16", "row.number", np.uint16(3), "row"),
     ("photons_uint16", "col.number", np.uint16(4), "col"),
-    ("photons_uint16", "toa.number", np.uint16(100), "toa"),
-    ("photons_float32", "toa.number", np.float32(np.nan), "toa"),
-    ("photons_float32", "toa.number", np.float32(100), "toa"),
     ("gates", "encoding", "mono8", "encoding"),
     ("gates", "is_bigendian", 2, "is_bigendian"),
     ("gates", "width", 3, "width"),
     ("gates", "height", 5, "height"),
-    ("gates", "data.begin", b"\x09\x00", "gates word"),
-    ("gates", "data.begin", b"\x6e\x00", "gates word"),
     ("histograms_16UC5", "encoding", "16UC6", "encoding"),
     ("histograms_16UC5", "encoding", "8UC5", "encoding"),
     ("histograms_16UC5", "width", 5, "width"),
     ("histograms_16UC5", "step", 2**32 - 1, "data"),
     ("histograms_16UC5", "data.end", 1, "data"),
-    ("histograms_32FC5", "data.begin", np.float32(np.nan).tobytes(), "histograms count"),
-    ("histograms_32SC5", "data.begin", np.int32(-2**30).tobytes(), "histograms count"),
     ("sketch_float32", "k3.datatype", FLOAT64, "k3 datatype"),
     ("sketch_float32", "k3.count", 1, "k3 count"),
     ("sketch_float32", "height", 4, "height"),
@@ -71,12 +64,11 @@ def change(message, what: str, value) -> None:
     ("points_xyzi", "intensity.times", 0, "intensity"),
     ("image_32FC1", "encoding", "64FC1", "encoding"),
 ], indirect=["codec_name"])
-def test_malformed_message_gives_one_error_that_names_the_field(codec, small_sensor, what, value, named):
+def test_malformed_message_gives_one_error_that_names_the_field(codec, what, value, named):
     message = codec.message()
     change(message, what, value)
     with pytest.raises(InvalidInput) as caught:
-        content = codec.decode(message)[1]
-        content.check(small_sensor)         # as `SketchStream.push` does with photons
+        codec.decode(message)
     assert caught.value.field in (named, f"field {named}")
     assert len(str(caught.value).splitlines()) == 1 and ": expected " in str(caught.value)
 

@@ -11,7 +11,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sketching.photon_frame import CHUNK, PhotonEvents, PhotonGates
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr, photons_message
 from srt3d_ros.messages import gates_message as gates
@@ -76,24 +76,14 @@ def test_other_order_padding_and_further_fields_are_read(small_sensor, order, co
     assert found.toa.dtype == np.float32
 
 
-def test_a_wrong_word_is_found_wherever_it_is():
-    sensor = SensorModel(rows=2, cols=3, num_bins=50, bin_width_s=1e-10, irf=np.ones(1), gates=GateWords(10, 0))
-    raw = gates.encode_cdr(PhotonGates(np.zeros((CHUNK // 3, 2, 3), np.uint16)), sensor, "spad")
-    start = len(raw) - 2 * (CHUNK // 3 * 6)
-    for at in (0, CHUNK - 1, CHUNK, 2 * CHUNK - 3):
-        broken = bytearray(raw)
-        broken[start + 2 * at:start + 2 * at + 2] = (60).to_bytes(2, "little")
-        with pytest.raises(InvalidInput, match="gates word is 60: expected 10 to 59, or 0"):
-            gates.decode_cdr(bytes(broken), sensor)[1].check(sensor)
-
-
-def test_a_word_that_would_wrap_around_16_bits_is_refused(codecs, small_sensor):
-    sensor = small_sensor.replace(gates=GateWords(first_word=65_500, no_detection=0))
-    header = codecs["gates"].encode_cdr()[:-48]
-    full, wrapped = (header + np.full(24, word, "<u2").tobytes() for word in (65_535, 63))
-    assert gates.decode_cdr(full, sensor)[1].words[0, 0, 0] == 65_535
-    with pytest.raises(InvalidInput, match="^gates word is 63: expected 65500 to 65535"):
-        gates.decode_cdr(wrapped, sensor)[1].check(sensor)           # (63 − 65500) mod 2¹⁶ = 99, a bin if one forgot
+@pytest.mark.parametrize("form, word, expected", [
+    (GateWords(10, 0), 110, "10 to 109, or 0"),
+    (GateWords(65_500, 0), 63, "65500 to 65535, or 0")])       # (63 − 65500) mod 2¹⁶ = 99 would be a bin
+def test_a_word_that_is_no_bin_is_refused(small_sensor, form, word, expected):
+    sensor, words = small_sensor.replace(gates=form), np.zeros((2, 3, 4), np.uint16)
+    words[1, 2, 3] = word
+    with pytest.raises(InvalidInput, match=f"^gates word is {word}: expected {expected}"):
+        gates.encode_cdr(PhotonGates(words), sensor, "spad")
 
 
 def test_a_frame_that_does_not_fit_the_description_says_what_would(codecs, small_sensor):
