@@ -106,17 +106,14 @@ def write_cloud(cloud: Cloud) -> bytes:
     """Serialise a PointCloud2, ready to publish."""
     writer = _Writer()
     writer.header(cloud.header)
-    writer.number(cloud.height)
-    writer.number(cloud.width)
-    writer.number(len(cloud.fields))
+    writer.numbers("I", cloud.height, cloud.width, len(cloud.fields))
     for field in cloud.fields:
         writer.text(field.name)
-        writer.number(field.offset)
-        writer.number(field.datatype, "B")
-        writer.number(field.count)
-    writer.number(cloud.is_bigendian, "B")
-    writer.number(cloud.point_step)
-    writer.number(cloud.row_step)
+        writer.numbers("I", field.offset)
+        writer.numbers("B", field.datatype)
+        writer.numbers("I", field.count)
+    writer.numbers("B", cloud.is_bigendian)
+    writer.numbers("I", cloud.point_step, cloud.row_step)
     return writer.finish(cloud.data, bytes([cloud.is_dense]))
 
 
@@ -156,11 +153,10 @@ def write_image(image: Image) -> bytes:
     """Serialise an Image, ready to publish."""
     writer = _Writer()
     writer.header(image.header)
-    writer.number(image.height)
-    writer.number(image.width)
+    writer.numbers("I", image.height, image.width)
     writer.text(image.encoding)
-    writer.number(image.is_bigendian, "B")
-    writer.number(image.step)
+    writer.numbers("B", image.is_bigendian)
+    writer.numbers("I", image.step)
     return writer.finish(image.data)
 
 
@@ -225,19 +221,20 @@ class _Writer:
 
     def header(self, header: Header) -> None:
         sec, nanosec = divmod(header.stamp_ns, NS_PER_S)
-        self.number(sec, "i")
-        self.number(nanosec)
+        self.numbers("i", sec)
+        self.numbers("I", nanosec)
         self.text(header.frame_id)
 
-    def number(self, value: int, code: str = "I") -> None:
+    def numbers(self, code: str, *values: int) -> None:
+        """Append integers of the `struct` type `code`."""
         self.raw += bytes(-(len(self.raw) - CDR_HEADER_BYTES) % struct.calcsize(code))
-        self.raw += struct.pack("<" + code, value)
+        self.raw += struct.pack(f"<{len(values)}{code}", *values)
 
     def text(self, value: str) -> None:
         encoded = value.encode() + b"\0"
-        self.number(len(encoded))
+        self.numbers("I", len(encoded))
         self.raw += encoded
 
     def finish(self, data: memoryview, tail: bytes = b"") -> bytes:
-        self.number(len(data))
+        self.numbers("I", len(data))
         return b"".join((self.raw, data, tail))

@@ -152,38 +152,43 @@ class SketcherNode(PipelineNode):
         if message.data == self._own_description:
             return
         try:
-            self._use(sensor_message.from_json(message.data))
+            described = self.check_size(sensor_message.from_json(message.data))
+            if self._file is None:
+                self._update_sensor(described)
+            else:
+                self._compare_with_file(described)
         except InvalidInput as problem:
             if self._stream is not None:        # the open frame may contain photons of the other sensor
                 self._publish(self._stream.reset())
             self._stream, self._problem = None, str(problem)
             raise
 
-    def _use(self, described: SensorModel) -> None:
-        """Sketch photons of the sensor described on `sensor`; InvalidInput if it cannot be used."""
-        self.check_size(described)
-        before, topic = self._sensor, self._topic
-        difference = first_difference(before, described) if before is not None else None
-        if self._file is not None:
-            if difference is not None:
-                key, ours, theirs = difference
-                raise InvalidInput(f"{key} on {topic}", theirs, f"{ours} as in sensor_file {self._file_name}; photons "
-                                   "are dropped until both agree")
-            self._use_file(f"{topic} agrees again")
-            return
+    def _update_sensor(self, described: SensorModel) -> None:
+        """Sketch photons of the described sensor from now on; InvalidInput if the parameters do not suit it."""
+        before = self._sensor
         if before is None:
-            self.get_logger().info(f"sensor on {topic}: {sensor_summary(described)}")
+            self.get_logger().info(f"sensor on {self._topic}: {sensor_summary(described)}")
         elif not described.same_as(before):
+            difference = first_difference(before, described)
             changed = "{} was {}, is {}".format(*difference) if difference else "numbers differ in their last digits"
-            self.get_logger().info(f"another sensor on {topic}: {sensor_summary(described)}; {changed}")
+            self.get_logger().info(f"another sensor on {self._topic}: {sensor_summary(described)}; {changed}")
             self.drop_older_frames()
         self._sensor = described
         self._apply()
         self._problem = ""
         self.diagnostics.unusable("")
 
+    def _compare_with_file(self, described: SensorModel) -> None:
+        """Use the file's sensor if the description agrees with it; InvalidInput if it does not."""
+        difference = first_difference(self._file, described)
+        if difference is not None:
+            key, ours, theirs = difference
+            raise InvalidInput(f"{key} on {self._topic}", theirs, f"{ours} as in sensor_file {self._file_name}; "
+                               "photons are dropped until both agree")
+        self._use_file(f"{self._topic} agrees again")
+
     def _use_file(self, why: str) -> None:
-        """Use the file's sensor again after a description has contradicted it."""
+        """Use the file's sensor again if a description has contradicted it."""
         if self._problem:
             self._problem = ""
             self.diagnostics.unusable("")
