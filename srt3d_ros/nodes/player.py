@@ -28,23 +28,23 @@ LOG_EVERY_S = 60.0      # at most, a line about skipped frames
 PARAMETERS = (
     Parameter("input", SIMULATOR, "Photon file (docs/photon-file.md), whose frame is repeated, or the simulator's "
               "moving scene.", form="a path or simulator"),
-    Parameter("sensor_file", "", "File: what it lacks of its sensor's description, and tf frame and lens: JSON as on "
-              "`sensor`, or another photon file. If empty, the file is complete.",
+    Parameter("sensor_file", "", "Photon file: sensor description for what the file leaves out, and for tf frame and "
+              "lens: JSON as on `sensor`, or another photon file. If empty, the file must be complete.",
               form="a path"),
     Parameter("rate_hz", 10.0, "Frames per second.", "Hz", 1e-3, 10_000),
     Parameter("frames", 0, "Exit after this number of frames; 0: no limit.", low=0, high=10**9),
     Parameter("ppp", 15.0, "Simulator: mean photons per pixel and frame.", low=0, high=10**6),
     Parameter("sbr", 1.0, "Simulator: signal-to-background ratio.", low=1e-6, high=10**6),
-    Parameter("cycles", 0, "Simulator: laser cycles per frame, of a detector that records the first photon of each "
-              "(pile-up); 0: of one that records all.", low=0, high=10**9),
+    Parameter("cycles", 0, "Simulator: laser cycles per frame. The detector then records only the first photon of each "
+              "cycle (pile-up); 0: it records all photons.", low=0, high=10**9),
     Parameter("seed", 0, "Simulator: the same seed gives the same photons.", low=0, high=10**9),
-    Parameter("motion", "off", "Simulator: how the sensor moves through a furnished room: like a person who walks. "
-              f"A frame comes in {PACKETS} packets, and `odom` says where its body is.",
+    Parameter("motion", "off", "Simulator: walk moves the sensor through a furnished room as a walking person would. "
+              f"A frame then has {PACKETS} packets, and `odom` gives the pose of the body.",
               choices=("off", *MOTIONS), loose=True),
     Parameter("wait_for", "", "Nodes in the order in which frames pass them, such as sketcher reconstructor recorder: "
-              f"begin when all are ready, within {READY_S:.0f} s; after `frames`, wait until they have finished, say "
-              f"which frames were lost and where, and then exit with {FRAMES_LOST}. If empty: begin when anybody reads "
-              "`photons`.", form="names of nodes"),
+              f"begin when all are ready, within {READY_S:.0f} s; after `frames`, wait until they have finished; if "
+              f"frames were lost, log where and exit with {FRAMES_LOST}. If empty: begin when `photons` has a "
+              "subscriber.", form="names of nodes"),
 )
 
 SPEC = NodeSpec(

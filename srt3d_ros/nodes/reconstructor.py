@@ -33,14 +33,14 @@ PARAMETERS = (
         f"{name}: {METHODS[name].about}" for name in SKETCH_METHODS) + ". All but pooled are published with the "
         "sketcher's `frequencies` consecutive.", choices=SKETCH_METHODS, live=True),
     Parameter("surfaces", 1, "Most surfaces per pixel.", low=1, high=MAX_SURFACES, live=True),
-    Parameter("surface_order", "strongest", "Which surface of a pixel comes first in `points`. Images show only "
-              "that one. With `surfaces` of 2 or more, nearest shows a net or fog, and farthest what is behind it.",
+    Parameter("surface_order", "strongest", "The surface of a pixel that comes first in `points`; images show only the "
+              "first. With `surfaces` of 2 or more, nearest shows a net or fog, and farthest the scene behind it.",
               choices=tuple(SURFACE_ORDERS), live=True),
     Parameter("false_alarm_rate", DEFAULT_FALSE_ALARM_RATE, "pooled: fraction of the pixels without a surface "
               "that may show a false point.", low=1e-12, high=MAX_FALSE_ALARM_RATE, live=True),
-    Parameter("background", BACKGROUNDS[0], "pooled: distribution of the background over the bins. auto: what the "
-              "last clouds left unexplained, or even while that is not significant. sensor: the sensor's "
-              "background_shape, or even without one. flat: even.", choices=BACKGROUNDS, live=True),
+    Parameter("background", BACKGROUNDS[0], "pooled: distribution of the background over the bins. auto: estimated "
+              "from the photons that the last clouds do not explain; even until that is significant. sensor: the "
+              "sensor's background_shape, or even without one. flat: even.", choices=BACKGROUNDS, live=True),
     Parameter("warm_start", False, "pooled: start from the last frame's surfaces where the photons confirm them. This "
               "reduces the error while the scene changes little.", live=True),
     Parameter("device", "auto", "Where to compute. auto: on a GPU if it passes a check.", choices=DEVICES, live=True),

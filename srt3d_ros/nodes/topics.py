@@ -51,31 +51,31 @@ PHOTONS = Topic("photons", CLOUD, "photons as events: row, col, time of arrival 
 GATES = Topic("gates", IMAGE, "photons as the ToA words of a gated SPAD array")
 HISTOGRAMS = Topic("histograms", IMAGE, "photons as counts in bins, from a histogramming sensor")
 FRAMES = (PHOTONS, GATES, HISTOGRAMS)       # a driver publishes one of them
-ODOM = Topic("odom", "nav_msgs/msg/Odometry", "where the robot is", when="`motion` is odom")
-IMU = Topic("imu", "sensor_msgs/msg/Imu", "how fast the robot turns", when="`motion` is imu")
+ODOM = Topic("odom", "nav_msgs/msg/Odometry", "pose and twist of the robot", when="`motion` is odom")
+IMU = Topic("imu", "sensor_msgs/msg/Imu", "angular velocity of the robot", when="`motion` is imu")
 MOTION = (ODOM, IMU)
 SKETCH_SENSOR = Topic("sketch/sensor", TEXT, "the sensor of the sketches, behind the gate (JSON)", latched=True)
-SKETCH = Topic("sketch", CLOUD, "of each pixel, the number of photons and m complex numbers; names its frequencies and "
+SKETCH = Topic("sketch", CLOUD, "photon count and m complex numbers per pixel; the field names give frequencies and "
                "description")
-POINTS = Topic("points", CLOUD, "the surfaces' points, metres, in the sensor's frame")
-WATCHED = "while somebody subscribes"
+POINTS = Topic("points", CLOUD, "points on the surfaces, metres, in the sensor's frame")
+WATCHED = "while it has subscribers"
 IMAGES = (
-    Topic("depth", IMAGE, "metres to the first point (`surface_order`) of each pixel: z of a pinhole sensor, range of "
-          "a scanner", when=WATCHED),
-    Topic("intensity", IMAGE, "signal photons of the first point of each pixel", when=WATCHED),
+    Topic("depth", IMAGE, "depth of each pixel's first point (`surface_order`), metres: z for a pinhole sensor, range "
+          "for a scanner", when=WATCHED),
+    Topic("intensity", IMAGE, "signal photons of each pixel's first point", when=WATCHED),
     Topic("background", IMAGE, "background photons of each pixel", when=WATCHED),
 )
-CAMERA_INFO = Topic("camera_info", CAMERA, "the camera of the images", when=f"{WATCHED}, of a pinhole sensor")
+CAMERA_INFO = Topic("camera_info", CAMERA, "the camera of the images", when=f"{WATCHED}, pinhole sensors only")
 DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray",
                     "rates, latency, photons, points, drops by cause, last error")
-ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", "what the nodes log, kept for 10 s", latched=True)
+ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", "log lines of the nodes, kept for 10 s", latched=True)
 
 
-AUTOSTART = Parameter("autostart", True, "true: configure and activate at the start. false: a lifecycle manager does.")
+AUTOSTART = Parameter("autostart", True, "true: configure and activate at the start. false: leave it to a manager.")
 # A limit, since anyone on the network can publish a description. The default is twice the pixels of the largest SPAD
 # cameras on robots (512 × 512), for which a sketcher allocates 0.3 GB and a reconstructor 0.7 GB.
-MAX_PIXELS = Parameter("max_pixels", 2**19, "Largest sensor to take memory for, rows × cols. Descriptions of larger "
-                       "ones are refused.", low=1, high=model.MAX_PIXELS)
+MAX_PIXELS = Parameter("max_pixels", 2**19, "Largest sensor, rows × cols, for which the node allocates memory. "
+                       "Descriptions of larger ones are refused.", low=1, high=model.MAX_PIXELS)
 
 
 @dataclass(frozen=True)
