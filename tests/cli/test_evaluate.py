@@ -2,19 +2,16 @@
 
 import csv
 import sys
-from itertools import product
 
 import numpy as np
 import pytest
 
-from srt3d_ros.cli import main
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
-from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation import run as evaluation
 from srt3d_ros.evaluation.run import reconstruct
 
@@ -35,71 +32,64 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture
-def run(folder, tmp_path, monkeypatch, capsys):
-    """Run `srt3d evaluate` in the folder of the files; returns exit code, what was printed, and the output folder."""
+def run(folder, tmp_path, monkeypatch, srt3d):
+    """Run `srt3d evaluate` in the folder of the files; returns exit code, stdout, stderr and the rows of the table."""
     monkeypatch.chdir(folder)
 
     def call(*options):
-        code = main.main(["evaluate", *options, "--out", str(tmp_path / "out")])
-        return code, capsys.readouterr(), tmp_path / "out"
+        done = srt3d("evaluate", *options, "--out", tmp_path / "out")
+        with open(tmp_path / "out" / "results.csv", newline="", encoding="utf-8") as file:
+            return *done, list(csv.DictReader(file))
     return call
 
 
-def rows_of(out):
-    with open(out / "results.csv", newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
-def test_every_method_is_held_against_a_file(run):
-    code, printed, out = run("layers.npz")
-    rows = {row["method"]: row for row in rows_of(out)}
+def test_every_method_is_held_against_a_file(run, tmp_path):
+    code, out, _, rows = run("layers.npz")
+    rows = {row["method"]: row for row in rows}
     assert code == 0 and list(rows) == list(METHODS)
     ours = rows["pooled"]
     assert float(ours["true_detections_percent"]) > 99 and ours["surfaces"] == "2" and ours["sketch_size"] == "10"
-    assert sum(line.startswith("| ") for line in printed.out.splitlines()) == 1 + len(METHODS)
-    assert "reconstructions_files.png" in {path.name for path in out.iterdir()}
+    assert sum(line.startswith("| ") for line in out.splitlines()) == 1 + len(METHODS)
+    assert (tmp_path / "out" / "reconstructions_files.png").exists()
 
 
 def test_held_out_photons_judge_files_and_do_so_by_themselves_where_there_is_no_reference(run):
-    code, printed, out = run("bare.npz", "few.npz", "layers.npz", "--methods", "pooled", "--surfaces", "2")
-    rows = {row["source"]: row for row in rows_of(out)}
+    code, out, err, rows = run("bare.npz", "few.npz", "layers.npz", "--methods", "pooled", "--surfaces", "2")
+    rows = {row["source"]: row for row in rows}
     bare = rows["bare"]
     assert code == 0 and [rows[name]["held_out"] for name in ("bare", "few", "layers")] == ["0.4", "", ""]
     assert float(bare["held_out_nats"]) > 10 * float(bare["held_out_std"]) > 0
     assert float(bare["photons_per_pixel"]) == pytest.approx(36, rel=0.05) and not bare["true_detections_percent"]
     shown = f"| {float(bare['held_out_nats']):.1f} ± {float(bare['held_out_std']):.1f}"
-    assert shown in printed.out
-    assert "bare: no reference: clouds of 60% of the photons are judged by how well" in printed.err
-    assert "| – ± –" not in printed.out and "nan" not in printed.out
-    assert "few: no reference, and too few photons" in printed.err and "layers: no" not in printed.err
-    code, _, out = run("layers.npz", "--methods", "pooled", "--held-out-photons", "0.4")
-    (row,) = rows_of(out)           # those of before are replaced
+    assert shown in out and "| – ± –" not in out and "nan" not in out
+    assert "bare: no reference: clouds of 60% of the photons are judged by how well" in err
+    assert "few: no reference, and too few photons" in err and "layers: no" not in err
+    code, _, _, (row,) = run("layers.npz", "--methods", "pooled", "--held-out-photons", "0.4")  # replaces the others
     assert code == 0 and row["held_out"] == "0.4" and row["true_detections_percent"]
 
 
-def test_a_scene_is_simulated_at_every_setting(run):
-    code, printed, out = run("--scene", "net", "--sbr", "10", "1", "--ppp", "3", "30", "--sketch-size", "4", "10",
+def test_a_scene_is_simulated_at_every_setting(run, tmp_path):
+    code, out, _, rows = run("--scene", "net", "--sbr", "10", "1", "--ppp", "3", "30", "--sketch-size", "4", "10",
                              "--methods", "pooled", "--repeats", "2", "--tolerance", "75mm")
-    rows = rows_of(out)
     assert code == 0 and len(rows) == 2 * 2 * 2 * 2
     assert {(row["source"], row["sbr"], row["ppp"], row["sketch_size"], row["repeat"]) for row in rows} == {
         ("net", sbr, ppp, m, repeat) for sbr in ("10", "1") for ppp in ("3", "30") for m in ("4", "10")
         for repeat in ("1", "2")}
     assert [float(row["tolerance_bins"]) for row in rows] == pytest.approx([2] * len(rows), rel=0.01)
-    assert sum(line.startswith("| net") for line in printed.out.splitlines()) == 8          # repeats averaged
-    names = {path.name for path in out.glob("*.png")}
+    assert sum(line.startswith("| net") for line in out.splitlines()) == 8          # repeats averaged
+    names = {path.name for path in (tmp_path / "out").glob("*.png")}
     assert names == {f"{name}_net.png" for name in ("metrics", "reconstructions")}
 
 
-def test_without_matplotlib_there_are_the_table_and_a_note(run, monkeypatch):
+def test_without_matplotlib_there_are_the_table_and_a_note(run, monkeypatch, tmp_path):
     for name in [name for name in sys.modules if name.startswith(("srt3d_ros.pictures", "srt3d_ros.evaluation.draw"))]:
         monkeypatch.delitem(sys.modules, name)
     for name in [name for name in sys.modules if name.partition(".")[0] == "matplotlib"]:
         monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    code, printed, out = run("layers.npz", "--methods", "pooled")
-    assert code == 0 and "| layers " in printed.out and "no figures: matplotlib is missing" in printed.err
-    assert [path.name for path in out.iterdir()] == ["results.csv"]
+    code, out, err, _ = run("layers.npz", "--methods", "pooled")
+    assert code == 0 and "| layers " in out and "no figures: matplotlib is missing" in err
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["results.csv"]
 
 
 def test_an_interrupted_evaluation_leaves_its_rows_and_the_next_one_starts_anew(run, monkeypatch):
@@ -111,24 +101,10 @@ def test_an_interrupted_evaluation_leaves_its_rows_and_the_next_one_starts_anew(
     command = ("--scene", "net", "--sbr", "10", "--ppp", "3", "30", "--methods", "pooled")
     with monkeypatch.context() as patch:
         patch.setattr(evaluation, "reconstruct", stopped)
-        code, _, out = run(*command)
-    assert code == 130 and [row["ppp"] for row in rows_of(out)] == ["3"]
-    assert run(*command)[0] == 0 and [row["ppp"] for row in rows_of(out)] == ["3", "30"]
-
-
-def test_scenes_of_the_paper_are_the_default(monkeypatch, tmp_path, capsys):
-    seen = []
-
-    def refuse(job, observation):
-        seen.append((job.case.source, job.case.sensor.rows, job.case.sbr, job.case.ppp, job.sketch_size))
-        raise InvalidInput("method", "tired", "another")
-
-    monkeypatch.setattr(evaluation, "reconstruct", refuse)
-    monkeypatch.setattr(Simulator, "frame", lambda simulator, k: (None, None))
-    assert main.main(["evaluate", "--methods", "pooled", "--out", str(tmp_path)]) == 0
-    assert sorted(seen) == sorted((*scene, sbr, ppp, 10) for scene, sbr, ppp in product(
-        [("bust", 141), ("net", 32)], (10, 1, 0.1), (1, 10, 100)))
-    assert capsys.readouterr().err.count("method is tired") == len(seen)            # each refusal is said
+        code, _, _, rows = run(*command)
+    assert code == 130 and [row["ppp"] for row in rows] == ["3"]
+    code, _, _, rows = run(*command)
+    assert code == 0 and [row["ppp"] for row in rows] == ["3", "30"]
 
 
 @pytest.mark.parametrize(("arguments", "named"), [
@@ -143,13 +119,7 @@ def test_scenes_of_the_paper_are_the_default(monkeypatch, tmp_path, capsys):
      "few has 240 photons: --held-out-photons 0.4 needs 250 or more"),
     (["bare.npz", "--out", "."], "results.csv was not written by srt3d evaluate"),
 ])
-def test_a_mistake_is_one_line_and_exit_code_2(folder, tmp_path, monkeypatch, capsys, arguments, named):
+def test_a_mistake_is_one_line_and_exit_code_2(folder, tmp_path, monkeypatch, refusal, arguments, named):
     monkeypatch.chdir(folder)
-    try:
-        code = main.main(["evaluate", "--out", str(tmp_path / "out"), *arguments])
-    except SystemExit as stopped:
-        code = stopped.code
-    printed = capsys.readouterr()
-    assert (code, printed.out) == (2, "")
-    assert printed.err.startswith("srt3d: error: ") and printed.err.count("\n") == 1 and named in printed.err
+    assert named in refusal("evaluate", "--out", tmp_path / "out", *arguments)
     assert not (tmp_path / "out").exists()

@@ -36,7 +36,6 @@ def test_what_is_nearer_to_the_command_line_wins(tmp_path):
     (["-p", "driver.path:=a"], "-p is driver.path:=a: expected NODE.PARAMETER:=VALUE, NODE one of"),
     (["-r", "photon:=/x"], "-r is photon:=/x: expected TOPIC:=NAME, TOPIC one of background, camera_info"),
     (["-r", "photons=/x"], "-r is photons=/x: expected TOPIC:=NAME"),
-    (["--namespace", "a-b"], "--namespace is a-b: expected names of letters"),
     (["--config", "nothing"], "--config is nothing: expected a parameter file"),
     (["--config", 300 * "a"], f"--config is {38 * 'a'}..."),
 ])
