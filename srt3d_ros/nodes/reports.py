@@ -23,11 +23,9 @@ class Reports(dict[str, Mapping[str, str]]):
 def in_a_line(reports: list[Mapping[str, str]]) -> str:
     """One line about a pipeline: clouds per second, points, latency, and all that its nodes have dropped."""
     dropped = sum(int(report["dropped"]) + int(report["message_lost"]) for report in reports)
-    clouds = "no clouds yet"
-    for report in reports:
-        if "reconstruct_ms" in report:
-            clouds = (f"{float(report['rate_out_hz']):.1f} clouds/s, {float(report['points_per_s']):,.0f} points/s, "
-                      f"{float(report['latency_p50_ms']):.0f} ms old")
+    clouds = next((f"{float(report['rate_out_hz']):.1f} clouds/s, {float(report['points_per_s']):,.0f} points/s, "
+                   f"{float(report['latency_p50_ms']):.0f} ms old" for report in reports if "reconstruct_ms" in report),
+                  "no clouds yet")
     return f"{clouds}; dropped so far: {dropped}"
 
 

@@ -72,8 +72,8 @@ ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", "log lines of the nodes, kep
 
 
 AUTOSTART = Parameter("autostart", True, "true: configure and activate at the start. false: leave it to a manager.")
-# A limit, since anyone on the network can publish a description. The default is twice the pixels of the largest SPAD
-# cameras on robots (512 × 512), for which a sketcher allocates 0.3 GB and a reconstructor 0.7 GB.
+# A limit, since anyone on the network can publish a description. With the default, twice the pixels of the largest SPAD
+# cameras on robots (512 × 512), a sketcher allocates at most 0.3 GB and a reconstructor 0.7 GB.
 MAX_PIXELS = Parameter("max_pixels", 2**19, "Largest sensor, rows × cols, for which the node allocates memory. "
                        "Descriptions of larger ones are refused.", low=1, high=model.MAX_PIXELS)
 
