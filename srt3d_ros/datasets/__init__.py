@@ -21,7 +21,7 @@ __all__ = ["SIMULATOR", "Photons", "open_sensor", "read"]
 
 SIMULATOR = "simulator"     # in place of a path
 # Modules by suffix. `read(path, options)` gives Photons, `frames(path, options)` several; options as from
-# options.gathered, with `guess_irf`.
+# options.gathered, with `guess_irf`. They raise InvalidInput, naming the file and what in it cannot be used.
 READERS = {".npz": ".photon_file", ".mat": ".readers.mat", ".ptu": ".readers.ptu", ".npy": ".readers.cubes",
            ".json": ".readers.tmf8829", ".gz": ".readers.tmf8829"}
 
@@ -75,10 +75,7 @@ def _simulated(frame: int, options: dict) -> Photons:
 
 
 def open_sensor(path: str | Path) -> SensorModel:
-    """The sensor of a .json file as on the `sensor` topic (config/sensors/ has examples), or of a photon file.
-
-    Args:
-        path: .json, or anything that `read` takes.
+    """The sensor of a .json file as on the `sensor` topic (config/sensors/ has examples), or of what `read` takes.
 
     Raises:
         InvalidInput: one line that names the file and field that cannot be used.

@@ -15,18 +15,12 @@ WORD_BYTES = 4              # of each real number and of the count in a sketch
 
 @dataclass(frozen=True, eq=False)
 class Description:
-    """Figures of a photon file.
+    """Figures of a photon file."""
 
-    Args:
-        facts: figures by name; None if unknown or infinite.
-        gate: the suggested gate.
-        histogram, counts: float64 [T] and [rows, cols], photons in each bin and in each pixel.
-    """
-
-    facts: dict
-    gate: Gate | None
-    histogram: np.ndarray
-    counts: np.ndarray
+    facts: dict                 # by name; None if unknown or infinite
+    gate: Gate | None           # suggested
+    histogram: np.ndarray       # photons in each bin, float64 [T]
+    counts: np.ndarray          # photons in each pixel, float64 [rows, cols]
 
 
 def describe(photons: Photons) -> Description:

@@ -59,11 +59,7 @@ def gaussian(sigma_bins: float) -> np.ndarray:
 
 
 def read(source: str | Path | np.ndarray | list) -> np.ndarray:
-    """An IRF from an array, a list or a file (.npy, .npz with `irf`, .csv or .txt); float64 [L] or [pixels, L].
-
-    Raises:
-        InvalidInput: the file or its content cannot be used.
-    """
+    """An IRF from an array, a list or a file (.npy, .npz with `irf`, .csv or .txt); float64 [L] or [pixels, L]."""
     values = _read_file(Path(source)) if isinstance(source, (str, Path)) else source
     irf = array("irf", values).astype(np.float64)
     irf = irf.squeeze() if irf.ndim == 2 and 1 in irf.shape else irf

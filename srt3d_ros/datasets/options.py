@@ -106,11 +106,7 @@ def described(sensor: SensorModel, options: Mapping[str, Any]) -> SensorModel:
 
 def redescribed(sensor: SensorModel, notes: tuple[str, ...], options: Mapping[str, Any],
                 fixed: tuple[str, ...] = ("rows", "cols")) -> tuple[SensorModel, tuple[str, ...]]:
-    """The sensor of given photons with options in place of its own values, and the notes that then hold.
-
-    Raises:
-        InvalidInput: an option would change a `fixed` field.
-    """
+    """The sensor of given photons with options in place of its own values (but `fixed` ones), and the new notes."""
     refuse_channel(options)
     check_same({name: getattr(sensor, name) for name in fixed}, options)
     changed = described(sensor, options)
@@ -125,11 +121,7 @@ def redescribed(sensor: SensorModel, notes: tuple[str, ...], options: Mapping[st
 
 
 def sketch_with_options(sketch: Sketch, options: Mapping[str, Any]) -> Sketch:
-    """A sketch with options (`gathered`) in place of its sensor's values; a note lists them.
-
-    Raises:
-        InvalidInput: an option would have made another sketch.
-    """
+    """A sketch with options in place of its sensor's values; InvalidInput if they would have made another sketch."""
     require("gate" not in options, "gate", problem="A sketch cannot be gated: gate the photons.")
     sensor, notes = redescribed(sketch.sensor, sketch.notes, options, ("rows", "cols", "num_bins"))
     return replace(sketch, sensor=sensor, notes=notes, cycles=sketch.cycles or sensor.cycles or 0)

@@ -69,11 +69,7 @@ def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame,
 
 
 def read(path: Path, options: dict) -> Photons:
-    """Photons of an .npz photon file; arrays with unknown names are ignored.
-
-    Raises:
-        InvalidInput: naming the file and the array that cannot be used.
-    """
+    """Photons of an .npz photon file; arrays with unknown names are ignored."""
     arrays = read_npz_arrays(path, KNOWN)
     if not {"pixel", "toa"} & arrays.keys():
         return cubes.read_npz(path, options)

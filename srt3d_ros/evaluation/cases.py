@@ -27,21 +27,13 @@ SEEN_PHOTONS, SEEN_BINS = 8, 60.0       # an aligned reference counts in pixels 
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """Photons and their truth, if known.
-
-    Args:
-        frame: the photons.
-        depth_bins: float [S, rows, cols], NaN = unknown or no surface; None without a reference.
-        intensity: float [S, rows, cols], expected signal photons, or None.
-        complete: whether pixels without a depth have no surface; otherwise their truth is unknown.
-        held_out: photons that are kept from `frame` to judge the clouds, or None.
-    """
+    """Photons and their truth, if known."""
 
     frame: PhotonEvents
-    depth_bins: np.ndarray | None
-    intensity: np.ndarray | None = None
-    complete: bool = False
-    held_out: PhotonEvents | None = None
+    depth_bins: np.ndarray | None               # float [S, rows, cols], NaN = unknown or no surface
+    intensity: np.ndarray | None = None         # float [S, rows, cols], expected signal photons
+    complete: bool = False                      # pixels without a depth have no surface, instead of an unknown one
+    held_out: PhotonEvents | None = None        # kept from `frame` to judge the clouds
 
     def true_cloud(self, sensor: SensorModel) -> Cloud | None:
         """The cloud of a perfect reconstruction; None without a reference."""
@@ -55,31 +47,19 @@ class Observation:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One observation on which all methods are evaluated.
+    """One observation on which all methods are evaluated."""
 
-    Args:
-        source: name of the scene or file.
-        observe: makes the photons.
-        surfaces: K, most surfaces in a pixel.
-        tolerance_bins: τ, the largest depth error of a true detection.
-        sbr, ppp: signal over background and mean photons per pixel of a simulation; None for a file.
-        repeat: number of the random draw, from 1.
-        aligned: indices of the references to shift by their median offset from the cloud.
-        notes: for the user.
-        held_out: share of the photons that judges the cloud of the others, or None.
-    """
-
-    source: str
+    source: str                                 # name of the scene or file
     sensor: SensorModel
-    observe: Callable[[], Observation]
-    surfaces: int
-    tolerance_bins: float
-    sbr: float | None = None
-    ppp: float | None = None
-    repeat: int = 1
-    aligned: tuple[int, ...] = ()
-    notes: tuple[str, ...] = ()
-    held_out: float | None = None
+    observe: Callable[[], Observation]          # makes the photons
+    surfaces: int                               # K, most surfaces in a pixel
+    tolerance_bins: float                       # τ, the largest depth error of a true detection
+    sbr: float | None = None                    # signal over background of a simulation
+    ppp: float | None = None                    # mean photons per pixel of a simulation
+    repeat: int = 1                             # number of the random draw, from 1
+    aligned: tuple[int, ...] = ()               # references to shift by their median offset from the cloud
+    notes: tuple[str, ...] = ()                 # for the user
+    held_out: float | None = None               # share of the photons that judges the cloud of the others
 
     @property
     def title(self) -> str:

@@ -20,15 +20,11 @@ from srt3d_ros.evaluation.cases import SEEN_BINS, SEEN_PHOTONS, Case, Observatio
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """One method on one case.
-
-    Args:
-        sketch_size: m; None for a method on photons.
-    """
+    """One method on one case."""
 
     case: Case
     method: Method
-    sketch_size: int | None
+    sketch_size: int | None         # m; None for a method on photons
 
     @property
     def label(self) -> str:
@@ -95,9 +91,8 @@ def outcome(job: Job, observation: Observation) -> Outcome:
 
 def reconstruct(job: Job, observation: Observation) -> tuple[Cloud, dict]:
     """A job's cloud, and its frequencies and times (milliseconds)."""
-    method, sensor = job.method, job.case.sensor
-    cloud = Photons(sensor, observation.frame).reconstruct(method=method.name, sketch_size=job.sketch_size,
-                                                           surfaces=job.case.surfaces)
+    cloud = Photons(job.case.sensor, observation.frame).reconstruct(
+        method=job.method.name, sketch_size=job.sketch_size, surfaces=job.case.surfaces)
     return cloud, {name: getattr(cloud, name) or None for name in ("frequencies", "sketch_ms", "reconstruct_ms")}
 
 

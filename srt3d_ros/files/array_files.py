@@ -63,14 +63,9 @@ def read_errors(path: Path, expected: str = "", library: str = "") -> Iterator[N
 
 def read_npz_arrays(path: Path, names: tuple[str, ...], field: str = "photon file", and_cubes: bool = False
                     ) -> dict[str, np.ndarray]:
-    """The arrays of an .npz file whose names are in `names`; no pickles.
+    """The arrays `names` of an .npz file (called `field` in errors), with `and_cubes` also all of three dimensions.
 
-    Args:
-        field: what the user calls the file, for errors.
-        and_cubes: also read the arrays of three dimensions, of any name.
-
-    Raises:
-        InvalidInput: not a zip file, damaged, an array of objects, or more than MAX_ARRAY_BYTES in all.
+    InvalidInput if it is no zip file, damaged, or has objects or more than MAX_ARRAY_BYTES in these arrays.
     """
     require_file(path, field)
     with path.open("rb") as file, read_errors(path):
@@ -115,11 +110,7 @@ def map_npy(path: Path, field: str, most: int = MAX_ARRAY_BYTES) -> np.ndarray:
 
 
 def npy_header(stream: BinaryIO, file_size: int, field: str, most: int = MAX_ARRAY_BYTES) -> tuple[tuple, np.dtype]:
-    """Shape and type in an .npy header.
-
-    Raises:
-        InvalidInput: no header, Python objects, more than `most` bytes, or a file of another size.
-    """
+    """Shape and type in an .npy header; InvalidInput for objects, more than `most` bytes, or another file size."""
     try:
         shape, _, dtype = FORMATS[np.lib.format.read_magic(stream)](stream)
     except Exception as error:      # the header is a Python literal: many errors are possible

@@ -23,11 +23,7 @@ def dump(content: dict) -> str:
 
 
 def parse(text: str, what: str) -> dict:
-    """The object in a JSON text; errors call the text `what`.
-
-    Raises:
-        InvalidInput: no object, broken JSON, a repeated key, NaN, or more than the limits above.
-    """
+    """The object in a JSON text called `what`; InvalidInput if it is broken, too large, or repeats a key."""
     require(len(text) <= MAX_JSON_BYTES, what, f"{len(text)} bytes", f"at most {MAX_JSON_BYTES} bytes")
     values = sum(text.count(mark) for mark in ",[{")
     require(values <= MAX_VALUES, what, f"about {values} values", f"at most {MAX_VALUES}; write large arrays in base64")

@@ -17,15 +17,7 @@ _IRF_SHOWN = 2e-3                # of its peak; the IRF's tails below it, which 
 
 def draw_histogram(path: Path, histogram: np.ndarray, counts: np.ndarray, sensor: SensorModel, gate: Gate | None,
                    title: str) -> None:
-    """Draw the histogram of all photons with the suggested gate, photons per pixel, and the IRF.
-
-    Args:
-        path: a .png file.
-        histogram, counts: [T] and [rows, cols].
-
-    Raises:
-        InvalidInput: the picture cannot be written.
-    """
+    """Write a .png with the histogram [T] of all photons and a gate, the counts [rows, cols] of pixels, and the IRF."""
     figure = titled_figure(13, 4.6, title)
     times, pixels, response = figure.subplots(1, 3, width_ratios=(2.4, 1.3, 1))
     width = math.ceil(len(histogram) / _MOST_STEPS)       # bins in a step

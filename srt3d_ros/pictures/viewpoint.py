@@ -16,16 +16,12 @@ _RADIUS_PER_PITCH = 0.6         # discs of neighbouring pixels just overlap
 
 @dataclass(frozen=True, eq=False)
 class Viewpoint:
-    """An eye at `position` that looks at `target`, with `up` on the screen; metres, sensor's frame, float64 [3] each.
-
-    Args:
-        fov_deg: angle of view across the picture's smaller side.
-    """
+    """An eye at `position` that looks at `target`, `up` on the screen; metres, sensor's frame, float64 [3] each."""
 
     position: np.ndarray
     target: np.ndarray
     up: np.ndarray
-    fov_deg: float
+    fov_deg: float          # across the picture's smaller side
 
     def axes(self) -> np.ndarray:
         """Unit vectors right, down and forward as rows of [3, 3]."""

@@ -80,11 +80,7 @@ class LogLine:
 
 
 class RecordingReader:
-    """An .rrd file written by RecordingWriter.
-
-    Raises:
-        InvalidInput: no such file, no recording, a recording of a newer rerun, or one that is cut off.
-    """
+    """An .rrd file of RecordingWriter; InvalidInput if it is absent, no recording, of a newer rerun, or cut off."""
 
     def __init__(self, path):
         self.path = Path(path)

@@ -6,6 +6,7 @@ import threading
 import time
 import uuid
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +35,7 @@ class RecordingFailed(Exception):
     """The file cannot be written any more, or the disk is nearly full."""
 
 
-class RecordingWriter:
+class RecordingWriter(AbstractContextManager):
     """Writes an .rrd file with the timelines `stamp` and `frame`. Not thread-safe. Copies arrays.
 
     rerun writes in its own threads; every 0.4 s, a log_… method waits for them.
@@ -118,9 +119,6 @@ class RecordingWriter:
                 self._send_view(np.empty((0, 3)))
             self.flush()
             self._finish()
-
-    def __enter__(self) -> "RecordingWriter":
-        return self
 
     def __exit__(self, *_) -> None:
         self.close()

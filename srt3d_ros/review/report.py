@@ -17,11 +17,7 @@ _LONGEST_LIST = 24          # longer lists (an IRF) are shown as their length
 
 
 def write_report(recorded: Recorded, summary: dict, path: Path) -> None:
-    """Write the report of a recording and its `summarise` figures as an .html file, atomically.
-
-    Raises:
-        InvalidInput: the file cannot be written.
-    """
+    """Write the report of a recording and its `summarise` figures as an .html file, or raise InvalidInput."""
     html = _page(recorded, summary)
     with file_errors("report", path), atomic_write(path) as part:
         part.write_text(html, encoding="utf-8")

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -30,7 +30,7 @@ def is_bag(path: str | Path) -> bool:
     return path.is_dir() or path.suffix.lower() in STORAGE_SUFFIXES
 
 
-class Bag:
+class Bag(AbstractContextManager):
     """A bag open for reading; a context manager. `topics` lists its topics.
 
     Args:
@@ -58,18 +58,11 @@ class Bag:
             self._files = stack.pop_all()
         self.topics = tuple(BagTopic(*key, count) for key, count in counts.items())
 
-    def __enter__(self) -> "Bag":
-        return self
-
     def __exit__(self, *exc) -> None:
         self._files.close()
 
     def messages(self, topics: Collection[BagTopic]) -> Iterator[tuple[str, bytes]]:
-        """Yield topic name and serialised bytes of each message on these topics, as recorded.
-
-        Raises:
-            InvalidInput: the next message cannot be read.
-        """
+        """Yield topic name and bytes of each message on these topics; InvalidInput where the bag breaks off."""
         wanted = {(topic.name, topic.type) for topic in topics}
         with self._one_error():
             for reader in self._readers:

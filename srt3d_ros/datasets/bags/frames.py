@@ -32,16 +32,11 @@ class PhotonTopics:
 
 
 def find_photons(bag: Bag, photons_topic: str = "") -> PhotonTopics:
-    """Topics of the photons and of their sensor, found by content; of sketches if the bag has no photons.
+    """Topics of the photons (of sketches if there are none) and of their sensor, found by content.
 
     If several topics hold photons, the one named as its content counts: `photons`, `gates` or `histograms`, in any
     namespace. If several describe a sensor, `sensor` beside the photons counts, or `sketch/sensor` beside the sketch.
-
-    Args:
-        photons_topic: which topic to read, if several fit.
-
-    Raises:
-        InvalidInput: no topic or several topics fit; the error lists the bag's topics.
+    InvalidInput lists the bag's topics if none or several fit.
     """
     contents = {topic: _content(bag, topic) for topic in bag.topics if topic.messages > 0}
     readable = [topic for topic, content in contents.items()
@@ -67,13 +62,7 @@ def read_frame(path: str | Path, number: int, options: dict, photons_topic: str 
     """Photons or sketch in message `number` of a bag's topic.
 
     Photons use the last description of the sensor before them, or the first one of the bag; a sketch the one it names.
-
-    Args:
-        options: options.gathered, in place of what the bag says.
-        photons_topic: as for `find_photons`.
-
-    Raises:
-        InvalidInput: the bag cannot be read or has no such frame or no sensor, or an option cannot be used.
+    `options` (options.gathered) override the bag. InvalidInput if there is no such frame or sensor.
     """
     with Bag(path) as bag:
         topics = find_photons(bag, photons_topic)

@@ -26,21 +26,13 @@ EDGE = 1e-6     # of a bin; added to a time before it is rounded down, so that a
 
 class Layout(NamedTuple):
     """Where a published kind of file has its photons: in [rows, cols] cells of ToA lists, or in [T, rows · cols]
-    counts, whose pixels are in MATLAB's column-major order.
+    counts, whose pixels are in MATLAB's column-major order."""
 
-    Args:
-        variable: array of photons.
-        bin_width_s: bin width that the authors state, or that follows from their description.
-        reference: array [rows, cols] of reference depths, counted from 1; counts only.
-        picoseconds: whether ToA are in picoseconds instead of bins.
-        window: the two scalars with the first and last ToA of the measured window.
-    """
-
-    variable: str
-    bin_width_s: float
-    reference: str = ""
-    picoseconds: bool = False
-    window: tuple[str, ...] = ()
+    variable: str               # array of photons
+    bin_width_s: float          # that the authors state, or that follows from their description
+    reference: str = ""         # array [rows, cols] of reference depths, counted from 1; with counts only
+    picoseconds: bool = False   # ToA are in picoseconds instead of bins
+    window: tuple[str, ...] = ()        # scalars with the first and last ToA of the measured window
 
     def fits(self, found: dict[str, np.ndarray]) -> bool:
         """Whether a file has its photons in this layout."""
@@ -64,11 +56,7 @@ CHILD = Path(__file__).with_name("mat_child.py")
 
 
 def read(path: Path, options: dict) -> Photons:
-    """Photons of a .mat file. The bins are those of the file's window, or those that have photons.
-
-    Raises:
-        InvalidInput: naming the file, variable or option that cannot be used.
-    """
+    """Photons of a .mat file. The bins are those of the file's window, or those that have photons."""
     with read_errors(path, COMPLETE_MAT):
         found, listed = variables(path)
     with read_errors(path):

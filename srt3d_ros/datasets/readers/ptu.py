@@ -18,12 +18,7 @@ SUMMED = slice(None, None, -1)          # ptufile adds up the photons along an a
 
 
 def read(path: Path, options: dict) -> Photons:
-    """Photons of a .ptu file, all its frames added up; of `channel`, or else of the channel with the most.
-
-    Raises:
-        InvalidInput: naming the file and what in it cannot be used.
-        ModuleNotFoundError: ptufile is not installed.
-    """
+    """Photons of a .ptu file, all frames added up, of `channel` or the channel with the most. Needs ptufile."""
     import ptufile
 
     with read_errors(path, "a complete PicoQuant .ptu file", "ptufile"), ptufile.PtuFile(path) as ptu:

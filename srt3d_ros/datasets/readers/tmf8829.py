@@ -35,11 +35,7 @@ LOG_LIMITS = {"bytes": 3 * 2**26, "values": 2**23, "lists and objects": 2**20}
 
 
 def frames(path: Path, options: dict) -> Iterator[Photons]:
-    """Yield the frames of a log, stamped by the device's clock; `options` (options.gathered) override the log.
-
-    Raises:
-        InvalidInput: the log is incomplete, or the next frame is broken.
-    """
+    """Yield the frames of a log, stamped by the device's clock; `options` override the log."""
     sets, configuration = _read(path)
     for k, frame in enumerate(sets):
         name = f"{path.name} frame {k}"

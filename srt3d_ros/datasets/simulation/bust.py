@@ -23,22 +23,14 @@ CM = 0.01
 
 @dataclass(frozen=True)
 class Part:
-    """One ellipsoid of a figure, in the figure's own frame: x right, y down, z away from the viewer.
+    """One ellipsoid of a figure, in the figure's own frame: x right, y down, z away from the viewer."""
 
-    Args:
-        centre_cm, radii_cm: along the axes; a part with `centre_cm[0]` ≠ 0 has a mirror image at −x.
-        reflectivity: in [0, 1].
-        seam_cm: width of the rounded seam to the parts before it.
-        carve: whether to carve the part from the parts before it instead of adding it.
-        tilt_deg: rotation about x, then y, then z.
-    """
-
-    centre_cm: tuple[float, float, float]
+    centre_cm: tuple[float, float, float]               # with x ≠ 0, the part has a mirror image at −x
     radii_cm: tuple[float, float, float]
-    reflectivity: float = 0.0
-    seam_cm: float = 1.0
-    carve: bool = False
-    tilt_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    reflectivity: float = 0.0                           # in [0, 1]
+    seam_cm: float = 1.0                                # width of the rounded seam to the parts before it
+    carve: bool = False                                 # from the parts before it, instead of adding
+    tilt_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)      # rotation about x, then y, then z
 
 
 SKIN, LIP, HAIR, BROW, EYE, IRIS, JERSEY = 0.62, 0.4, 0.17, 0.22, 0.66, 0.1, 0.5
@@ -233,9 +225,5 @@ def rotation(x_deg: float, y_deg: float, z_deg: float) -> np.ndarray:
 
 def _rounded_min(a: np.ndarray, b: np.ndarray, seam_m: float) -> np.ndarray:
     """min(a, b), lowered by up to seam/4 where a ≈ b, which rounds the seam between two bodies."""
-    corner = np.abs(a - b)
-    np.subtract(np.float32(seam_m), corner, out=corner)
-    np.maximum(corner, 0, out=corner)
-    corner *= corner
-    corner *= np.float32(0.25 / max(seam_m, 1e-6))
-    return np.minimum(a, b) - corner
+    overlap = np.maximum(np.float32(seam_m) - np.abs(a - b), 0)
+    return np.minimum(a, b) - overlap * overlap * np.float32(0.25 / max(seam_m, 1e-6))

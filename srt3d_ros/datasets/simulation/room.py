@@ -104,12 +104,7 @@ def _cast_box(box: Box, origin: np.ndarray, rays: np.ndarray, within: bool = Fal
 
 
 def _shade(box: Box, start: np.ndarray, rays: np.ndarray, faces_at: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Reflectivity where rays meet a box: a checked texture, darker at grazing incidence.
-
-    Args:
-        faces_at: [3, N], distance along the rays to the planes of the faces.
-        at: [N], distance to the hit.
-    """
+    """Reflectivity of a box at distance `at` [N], where faces_at [3, N] is that of its planes: checks, and shading."""
     squares = np.floor((start + at * rays) * np.float32(1 / box.check_m) + np.float32(0.25))
     face = faces_at == at
     odd = (squares.sum(axis=0) - (squares * face).sum(axis=0)) % 2      # of the two coordinates within the face
@@ -133,7 +128,7 @@ def _cast_figure(figure: Figure, pose: Pose, origin: np.ndarray, rays: np.ndarra
     points, rays = start[:, None] + range_m[seen] * rays[:, seen], rays[:, seen]
     here = figure.distance(points)
     steps = SLOPE_M * np.eye(3, dtype=np.float32)[:, :, None]
-    slope = np.stack([figure.distance(points + step) - here for step in steps.astype(np.float32)])
+    slope = np.stack([figure.distance(points + step) - here for step in steps])
     cosine = np.abs((slope * rays).sum(axis=0)) / np.maximum(np.sqrt((slope**2).sum(axis=0)), LEAST_RAY)
     reflectivity[seen] = figure.reflectivity(points) * (0.25 + 0.75 * cosine)
     return range_m, reflectivity
