@@ -27,14 +27,15 @@ class FrameIndex:
 
     def __getitem__(self, stamp_ns: int) -> RecordedFrame:
         """The frame with this stamp, added if new."""
-        if stamp_ns not in self._frames:
-            self._frames[stamp_ns] = RecordedFrame(stamp_ns, self._seen)
+        frame = self._frames.get(stamp_ns)
+        if frame is None:
+            frame = self._frames[stamp_ns] = RecordedFrame(stamp_ns, self._seen)
             self._seen += 1
             if len(self._frames) > STAMPS_KEPT:
                 del self._frames[next(iter(self._frames))]
             if self.newest is None or stamp_ns > self.newest.stamp_ns:
-                self.newest = self._frames[stamp_ns]
-        return self._frames[stamp_ns]
+                self.newest = frame
+        return frame
 
     def cloud_came(self, frame: RecordedFrame) -> float | None:
         """Count a frame's cloud; clouds per second by their stamps, None for the first."""

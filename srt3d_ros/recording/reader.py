@@ -105,30 +105,22 @@ class RecordingReader:
 
     def clouds(self, only: Container[int] | None = None) -> Iterator[RecordedCloud]:
         """Yield clouds in the order logged; `only` those with these frame indices."""
-        for chunk, stamps, frames, xyz, intensity, colour in self._rows(
-                entities.POINTS, entities.STAMP, entities.FRAME, "Points3D:positions", entities.INTENSITY,
-                "Points3D:colors"):
-            optional = [_column(chunk, name) for name in entities.OF_FULL_CLOUDS]
-            for k in range(len(stamps)):
-                if only is None or int(frames[k]) in only:
-                    more = (None if column is None or not column[k].is_valid else _array(column[k])
-                            for column in optional)
-                    yield RecordedCloud(int(stamps[k]), int(frames[k]), _array(xyz[k]).reshape(-1, 3),
-                                        _array(intensity[k]), _array(colour[k]), *more)
+        names = ("Points3D:positions", entities.INTENSITY, "Points3D:colors")
+        for stamp, frame, xyz, intensity, colour, *more in self._selected(
+                entities.POINTS, only, names, optional=entities.OF_FULL_CLOUDS):
+            yield RecordedCloud(stamp, frame, _array(xyz).reshape(-1, 3), _array(intensity), _array(colour),
+                                *(_array(item) if item is not None and item.is_valid else None for item in more))
 
     def images(self, path: str, only: Container[int] | None = None) -> Iterator[tuple[int, int, np.ndarray]]:
         """Yield (stamp_ns, frame_index, image [rows, cols]) of an entity path in the order logged, NaN = none.
 
         Depth is float32 in metres; other images are in photons, integers or float32 as recorded.
         """
-        for chunk, stamps, frames, buffers, formats in self._rows(
-                path, entities.STAMP, entities.FRAME, "DepthImage:buffer", "DepthImage:format"):
-            for k in range(len(stamps)):
-                if only is None or int(frames[k]) in only:
-                    buffer, image_format = _array(buffers[k]), formats[k].as_py()[0]
-                    dtype = ChannelDatatype(image_format["channel_datatype"]).to_np_dtype()
-                    image = buffer.view(dtype).reshape(image_format["height"], image_format["width"])
-                    yield int(stamps[k]), int(frames[k]), image
+        names = ("DepthImage:buffer", "DepthImage:format")
+        for stamp, frame, buffer, formats in self._selected(path, only, names):
+            image_format = formats.as_py()[0]
+            dtype = ChannelDatatype(image_format["channel_datatype"]).to_np_dtype()
+            yield stamp, frame, _array(buffer).view(dtype).reshape(image_format["height"], image_format["width"])
 
     def series(self) -> dict[str, Series]:
         """All time series by name."""
@@ -164,6 +156,15 @@ class RecordingReader:
             values = item.as_py()
             found.setdefault(name, {})[field] = values[0] if len(values) == 1 else np.array(values)
         return found
+
+    def _selected(self, path: str, only: Container[int] | None, names: tuple[str, ...], optional: tuple[str, ...] = ()
+                  ) -> Iterator[tuple]:
+        """Yield (stamp_ns, frame_index, item of each column) for the frame indices in `only`; None: no such column."""
+        for chunk, stamps, frames, *columns in self._rows(path, entities.STAMP, entities.FRAME, *names):
+            columns += [_column(chunk, name) for name in optional]
+            for row, (stamp, frame) in enumerate(zip(stamps.tolist(), frames.tolist())):
+                if only is None or frame in only:
+                    yield stamp, frame, *(None if column is None else column[row] for column in columns)
 
     def _rows(self, content: str, *names: str) -> Iterator[tuple]:
         """Yield (chunk, column of each name) for the chunks at entity paths; columns as from `_column`."""

@@ -5,6 +5,7 @@ import shutil
 import threading
 import time
 import uuid
+from collections import defaultdict
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -54,7 +55,7 @@ class RecordingWriter(AbstractContextManager):
     def __init__(self, path, sensor: SensorModel, properties: Mapping[str, Mapping] | None = None, *,
                  images: tuple[str, ...] = (entities.DEPTH,)):
         self.path, self._sensor, self._images = free(Path(path)), sensor, images
-        self._ranges: dict[str, AdaptiveRange] = {}         # of colours, by entity path
+        self._ranges: dict[str, AdaptiveRange] = defaultdict(AdaptiveRange)        # of colours, by entity path
         self._has_view = False
         self._stream: rr.RecordingStream | None = None      # None once finished
         try:
@@ -80,14 +81,14 @@ class RecordingWriter(AbstractContextManager):
         sample = xyz[:: max(len(xyz) // _RADIUS_SAMPLES, 1)]
         radius_m = point_radius_m(sample, self._sensor)
         range_m = np.linalg.norm(xyz, axis=1)
-        colours = packed(range_table())[levels(range_m, *self._range(entities.POINTS, range_m))]
+        colours = packed(range_table())[levels(range_m, *self._ranges[entities.POINTS].update(range_m))]
         self._log(stamp_ns, frame_index, {entities.POINTS: entities.points(columns, colours, radius_m)})
 
     def log_image(self, path: str, stamp_ns: int, frame_index: int, image: np.ndarray) -> None:
         """Log an image [rows, cols], NaN = none: entities.DEPTH in metres, entities.IMAGES in photons."""
         whole = np.asarray(image).dtype.kind in "iu"
         image = np.array(image, np.uint32 if whole else np.float32, order="C")
-        self._log(stamp_ns, frame_index, entities.image(path, image, *self._range(path, image)))
+        self._log(stamp_ns, frame_index, entities.image(path, image, *self._ranges[path].update(image)))
 
     def log_scalars(self, stamp_ns: int, values: Mapping[str, float], frame_index: int | None = None) -> None:
         """Log a value of each time series: {"latency_ms": 35.1, "points": 19_871}; None is skipped."""
@@ -153,10 +154,6 @@ class RecordingWriter(AbstractContextManager):
         self._stream.log(entities.SENSOR_PATH, *entities.field_of_view(self._sensor, xyz), static=True)
         eye = look_at(xyz, self._sensor.projection, fov_deg=_VIEWER_FOV_DEG, aspect=_VIEW_ASPECT)
         rerun_streams.send_blueprint(self._stream, film_blueprint(eye, self._sensor, self._images))
-
-    def _range(self, path: str, values: np.ndarray) -> tuple[float, float]:
-        """The values at the two ends of an entity's colours."""
-        return self._ranges.setdefault(path, AdaptiveRange()).update(values)
 
     def _create_file(self) -> None:
         """Create the file to raise OSError here: rerun would wait for ever. Its header overwrites the byte."""

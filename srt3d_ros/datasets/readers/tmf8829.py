@@ -70,28 +70,22 @@ def _read(path: Path) -> tuple[list, dict]:
     return sets, configuration if isinstance(configuration, dict) else {}
 
 
-def _whole_counts(field: str, rows: object, shape: tuple[int, ...]) -> np.ndarray:
-    """Nested lists as int32 counts of this shape, -1 for any length; InvalidInput if they are not."""
-    try:
-        values = np.array(rows, np.float64)
-    except (ValueError, TypeError, OverflowError):
-        values = np.empty(0)
-    fits = values.ndim == len(shape) and all(wanted in (-1, found) for wanted, found in zip(shape, values.shape))
-    sizes = " × ".join("n" if wanted < 0 else str(wanted) for wanted in shape)
-    require(fits and values.size > 0 and bool((np.abs(values) < 2**31).all()), field, f"{values.shape} values",
-            f"{sizes} whole numbers")
+def _whole_counts(field: str, lists: list, axes: int) -> np.ndarray:
+    """Nested lists as int32 counts; ValueError for lists of unequal length, InvalidInput for other counts of axes."""
+    values = np.array(lists, np.float64)
+    require(values.ndim == axes and values.size > 0 and bool((np.abs(values) < 2**31).all()), field,
+            f"{values.shape} values", f"whole numbers in {axes} dimensions")
     return values.astype(np.int32)
 
 
 def _of_log(frame: dict, configuration: dict, name: str) -> Photons:
-    histograms = [[zone["bin"] for zone in row] for row in frame["mp_histo"]]
-    zones = _whole_counts(f"{name} mp_histo", histograms, (-1, -1, -1))
-    pulses = [one["bin"] for one in frame["ref_histo"]]
-    references = _whole_counts(f"{name} ref_histo", pulses, (-1, REFERENCE_BINS))
+    zones = _whole_counts(f"{name} mp_histo", [[zone["bin"] for zone in row] for row in frame["mp_histo"]], axes=3)
+    references = _whole_counts(f"{name} ref_histo", [pulse["bin"] for pulse in frame["ref_histo"]], axes=2)
     require(zones.shape[:2] in SIZES.values(), f"{name} mp_histo", zones.shape[:2], "8 × 8 to 32 × 48 zones")
     mode = next(mode for mode, size in SIZES.items() if size == zones.shape[:2])
     parts = parts_of(mode)
-    require(len(references) == 4 * parts, f"{name} ref_histo", len(references), f"{4 * parts} histograms")
+    require(references.shape == (4 * parts, REFERENCE_BINS), f"{name} ref_histo", references.shape,
+            f"{4 * parts} histograms of {REFERENCE_BINS} bins")
     info = frame.get("info", {})
     stamp_ns = min(int(info.get("systick_t0", 0)), int(info.get("systick_t1", 0))) * TICK_NS
     steps = int(configuration.get("histogram_bins", MEASURED))
