@@ -27,7 +27,7 @@ def compiling() -> Iterator[None]:
 
         def on_start(self, event) -> None:
             if self.bar is None and event.data["dispatcher"].__module__.startswith(KERNELS):
-                self.bar = tqdm(total=FIRST_KERNELS, desc="compiling kernels (`srt3d compile` does it beforehand)",
+                self.bar = tqdm(total=FIRST_KERNELS, desc="compiling kernels (`srt3d compile` does it in advance)",
                                 bar_format="{desc}: |{bar}| {n}/{total}", leave=False)
             self.under_way += 1
 

@@ -77,7 +77,7 @@ def read(path: Path, options: dict) -> Photons:
         values = {name: options[name] for name in SENSOR_FIELDS if name in options}
         values |= {name: _value_of(name, array) for name, array in arrays.items()}
         for name in REQUIRED:
-            require(name in values, name, "missing", f"the arrays {', '.join(REQUIRED)}, or options")
+            require(name in values, name, problem=f"The file has no {name}: give it as an option or array.")
         pixel, toa = values["pixel"], values["toa"]
         require(pixel.size <= MAX_EVENTS, "photons", pixel.size, f"at most {MAX_EVENTS}")
         sensor, events, notes = from_pixels(pixel, toa, int(values.get("stamp_ns", 0)), _of_sensor(values))
@@ -106,7 +106,7 @@ def _numbers_of(kind: type, array: str, values: dict) -> list[float]:
     """The numbers of an array with one entry for each field of a class (but `distortion`)."""
     names = [field.name for field in fields(kind) if field.name != "distortion"]
     expected = f"[{len(names)}]: {', '.join(names)}"
-    require(array in values, array, "missing", expected)
+    require(array in values, array, problem=f"The file has no {array} {expected}.")
     require(values[array].shape == (len(names),), f"{array} shape", values[array].shape, expected)
     return values[array].astype(np.float64).tolist()
 

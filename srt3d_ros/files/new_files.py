@@ -15,7 +15,7 @@ from srt3d_ros.errors import InvalidInput, require
 def atomic_write(path: Path) -> Iterator[Path]:
     """Give a new file beside `path` to write to, which replaces `path` if the block succeeds and is removed if not.
 
-    Its random name must be unused, so that nobody can place a link there for us to write through.
+    Its random name must be unused, so that no link placed there can redirect the file.
     """
     part = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.part{path.suffix}")
     part.open("x").close()

@@ -74,16 +74,15 @@ def in_gate(depth: np.ndarray | None, first: int, bins: int) -> np.ndarray | Non
     return np.where((depth >= 0) & (depth < bins), depth, np.float32(np.nan))[None]
 
 
-def only_cube(path: Path, arrays: dict[str, np.ndarray], options: dict, field: str = "arrays",
-              wanted: str = "one of numbers [rows, cols, bins]", listed: str = "") -> Photons:
+def only_cube(path: Path, arrays: dict[str, np.ndarray], options: dict,
+              wanted: str = "one numeric array [rows, cols, bins]", listed: str = "") -> Photons:
     """Photons of the only numeric array of three dimensions; SENSOR_ARRAYS beside it describe the sensor.
 
-    Args:
-        field, wanted, listed: what an error says of the file: the kind of arrays, what was expected, what is there.
+    An error says what is `wanted`, and what the file has: `listed`, or else `arrays`.
     """
     cubes = [values for values in arrays.values() if values.ndim == 3 and values.dtype.kind in "iufb"]
     there = ", ".join(f"{name} ({'×'.join(map(str, one.shape))} {one.dtype})" for name, one in arrays.items())
-    require(len(cubes) == 1, field, listed or there or "none", wanted)
+    require(len(cubes) == 1, "counts", problem=f"The file needs {wanted}. It has {listed or there or 'no arrays'}.")
     stated = {}
     for name in filter(arrays.__contains__, SENSOR_ARRAYS):
         value = arrays[name]

@@ -62,7 +62,7 @@ def read(path: Path, options: dict) -> Photons:
     with read_errors(path):
         layout = next((one for one in LAYOUTS if one.fits(found)), None)
         if layout is None:
-            return only_cube(path, found, options, "variables", f"one of {WANTED}", listed)
+            return only_cube(path, found, options, f"one of {WANTED}", listed)
         for name in found.keys() & {*layout.window, layout.reference}:
             require(found[name].dtype.kind in "iuf", name, str(found[name].dtype), "numbers")
         return (_of_counts if layout.reference else _of_cells)(path, layout, found, options)
@@ -96,7 +96,8 @@ def _of_counts(path: Path, layout: Layout, found: dict[str, np.ndarray], options
     require(are_whole(np.atleast_2d(photons)), name, problem=f"{name} has negative or fractional counts.")
     bins, pixels = photons.shape if photons.ndim == 2 else found[f"{name}.shape"][::-1].tolist()
     _check_bins(options, bins)
-    require(layout.reference in found, layout.reference, "missing", "reference depths [rows, cols]")
+    require(layout.reference in found, layout.reference,
+            problem=f"{name} needs the reference depths {layout.reference} [rows, cols].")
     reference = found[layout.reference].astype(np.float32) - np.float32(1)
     require(reference.ndim == 2 and reference.size == pixels <= MAX_PIXELS, f"{layout.reference} shape",
             reference.shape, f"the {pixels} pixels of {name}, {MAX_PIXELS} at most")
