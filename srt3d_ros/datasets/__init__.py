@@ -22,7 +22,7 @@ __all__ = ["SIMULATOR", "Photons", "open_sensor", "read"]
 SIMULATOR = "simulator"     # in place of a path
 # Modules by suffix. `read(path, options)` gives Photons, `frames(path, options)` several; options as from
 # options.gathered, with `guess_irf`. They raise InvalidInput, naming the file and what in it cannot be used.
-READERS = {".npz": ".photon_file", ".mat": ".readers.mat", ".ptu": ".readers.ptu", ".npy": ".readers.cubes",
+FILE_READERS = {".npz": ".photon_file", ".mat": ".readers.mat", ".ptu": ".readers.ptu", ".npy": ".readers.cubes",
            ".json": ".readers.tmf8829", ".gz": ".readers.tmf8829"}
 
 
@@ -44,8 +44,8 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
     path = Path(path)
     with file_errors("photon file", path, "read"):
         options = gathered(options, sensor)
-        if path.suffix.lower() not in READERS:
-            require(is_bag(path), "photon file", str(path), f"a file that ends in {', '.join(READERS)}, or a bag")
+        if path.suffix.lower() not in FILE_READERS:
+            require(is_bag(path), "photon file", str(path), f"a file that ends in {', '.join(FILE_READERS)}, or a bag")
             return read_frame(path, frame, options, photons_topic)
         require(not photons_topic, "photons_topic", problem="Only bags have topics.")
         require_file(path, "photon file")
@@ -54,7 +54,7 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
 
 def _of_file(path: Path, frame: int, options: dict) -> Photons:
     """Frame `frame` of a file; InvalidInput if it has fewer."""
-    module = import_module(READERS[path.suffix.lower()], __name__)
+    module = import_module(FILE_READERS[path.suffix.lower()], __name__)
     if not hasattr(module, "frames"):
         require(frame == 0, "frame", frame, f"0, the only frame of {path.name}")
         return module.read(path, options)

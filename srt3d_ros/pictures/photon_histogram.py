@@ -11,7 +11,7 @@ from srt3d_ros.pictures.colours import PHOTON_MAP
 from srt3d_ros.pictures.figures import save_png, titled_figure
 
 _MOST_STEPS = 1200              # steps in the drawn histogram, about its width in pixels
-_PHOTONS, _GATE, _IRF = "#0072b2", "#f3d9a4", "#d55e00"
+_PHOTON_COLOUR, _GATE_COLOUR, _IRF_COLOUR = "#0072b2", "#f3d9a4", "#d55e00"
 _IRF_SHOWN = 2e-3                # of its peak; the IRF's tails below it, which may span the period, are not shown
 
 
@@ -24,9 +24,9 @@ def draw_histogram(path: Path, histogram: np.ndarray, counts: np.ndarray, sensor
     starts = np.arange(0, len(histogram), width)
     heights = np.add.reduceat(histogram, starts) / np.diff(starts, append=len(histogram))
     edges = np.append(starts, len(histogram)) - 0.5
-    times.stairs(heights, edges, fill=True, color=_PHOTONS)
+    times.stairs(heights, edges, fill=True, color=_PHOTON_COLOUR)
     if gate is not None:
-        times.axvspan(gate.first, gate.last, color=_GATE, zorder=0, label=f"gate {gate}")
+        times.axvspan(gate.first, gate.last, color=_GATE_COLOUR, zorder=0, label=f"gate {gate}")
         times.legend(loc="upper right")
     times.set(xlim=(edges[0], edges[-1]), xlabel="time of arrival, bins", ylabel="photons in a bin, all pixels")
     if (heights > 0).any():
@@ -37,7 +37,7 @@ def draw_histogram(path: Path, histogram: np.ndarray, counts: np.ndarray, sensor
     pixels.set(title="photons in a pixel", xlabel="column", ylabel="row")
     figure.colorbar(image, ax=pixels, shrink=0.8, extend="max")
     irf = np.atleast_2d(sensor.irf).mean(axis=0)
-    response.stairs(irf, np.arange(len(irf) + 1) - sensor.irf_ref - 0.5, fill=True, color=_IRF)
+    response.stairs(irf, np.arange(len(irf) + 1) - sensor.irf_ref - 0.5, fill=True, color=_IRF_COLOUR)
     shown = np.flatnonzero(irf > _IRF_SHOWN * irf.max())
     response.set_xlim(shown[0] - sensor.irf_ref - 1.5, shown[-1] - sensor.irf_ref + 1.5)
     response.set(title="IRF" if sensor.irf.ndim == 1 else "IRF, mean of all pixels", xlabel="bins from the depth",

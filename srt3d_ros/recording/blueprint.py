@@ -28,7 +28,7 @@ PLOTS = {
 }
 IMAGE_TITLES = {entities.DEPTH: "Depth", entities.INTENSITY_IMAGE: "Intensity", entities.BACKGROUND: "Background",
                 entities.PHOTONS: "Photons"}
-_WIDE = 2.0                         # columns over rows above which images are stacked
+_WIDE_ASPECT = 2.0                         # columns over rows above which images are stacked
 
 
 def cloud_view(eye: Viewpoint) -> rrb.Spatial3DView:
@@ -42,7 +42,7 @@ def cloud_view(eye: Viewpoint) -> rrb.Spatial3DView:
 def film_blueprint(eye: Viewpoint, sensor: SensorModel, images: tuple[str, ...]) -> rrb.Blueprint:
     """Blueprint that plays the recording in a loop: cloud and log on the left, images and plots on the right."""
     pictures = [_image_view(path) for path in IMAGE_TITLES if path in images]
-    wide = sensor.cols > _WIDE * sensor.rows
+    wide = sensor.cols > _WIDE_ASPECT * sensor.rows
     plots = rrb.Vertical(*(_plot(title, names) for title, names in PLOTS.items()))
     log = rrb.TextLogView(origin=entities.LOG, name="Log of the nodes",
                           columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"]))

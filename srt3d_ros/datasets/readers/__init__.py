@@ -1,1 +1,1 @@
-"""One module for each file format; `srt3d_ros.datasets.READERS` lists them by suffix."""
+"""One module for each file format; `srt3d_ros.datasets.FILE_READERS` lists them by suffix."""
