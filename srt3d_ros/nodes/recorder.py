@@ -29,7 +29,7 @@ from srt3d_ros.recording import entities
 from srt3d_ros.recording.frame_index import FrameIndex, RecordedFrame
 from srt3d_ros.recording.writer import RecordingFailed, RecordingWriter
 
-IMAGES = tuple(path.strip("/") for path in (entities.DEPTH, *entities.IMAGES))
+IMAGES = tuple(path.strip("/") for path in (entities.DEPTH_PATH, *entities.PHOTON_IMAGES))
 ALL_IMAGES, NO_IMAGES = ",".join(IMAGES), "none"
 WHICH_IMAGES = f"some of {ALL_IMAGES}, or {NO_IMAGES}"
 PARAMETERS = (
@@ -178,8 +178,8 @@ class RecorderNode(PipelineNode):
         series = {"latency_sketch_ms": (self.received_ns - frame.stamp_ns) * 1e-6, "photons": photons,
                   "ppp": photons / max(counts.size, 1)}
         self._writer.log_scalars(frame.stamp_ns, series, frame.number)
-        if entities.PHOTONS in self._images:
-            self._writer.log_image(entities.PHOTONS, frame.stamp_ns, frame.number, counts)
+        if entities.PHOTONS_PATH in self._images:
+            self._writer.log_image(entities.PHOTONS_PATH, frame.stamp_ns, frame.number, counts)
         self.diagnostics.count(photons=photons)
         self._logged(frame)
 

@@ -26,16 +26,16 @@ PLOTS = {
     "Photons per pixel": ("ppp",),
     "Rate [Hz]": ("frame_rate_hz",),
 }
-IMAGE_TITLES = {entities.DEPTH: "Depth", entities.INTENSITY_IMAGE: "Intensity", entities.BACKGROUND: "Background",
-                entities.PHOTONS: "Photons"}
-_WIDE_ASPECT = 2.0                         # columns over rows above which images are stacked
+IMAGE_TITLES = {entities.DEPTH_PATH: "Depth", entities.INTENSITY_PATH: "Intensity",
+                entities.BACKGROUND_PATH: "Background", entities.PHOTONS_PATH: "Photons"}
+_WIDE_ASPECT = 2.0                  # columns over rows above which images are stacked
 
 
 def cloud_view(eye: Viewpoint) -> rrb.Spatial3DView:
     """The 3D view of the cloud and the sensor, orbiting about the target of `eye`."""
     controls = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=eye.position, look_target=eye.target,
                                  eye_up=eye.up)
-    return rrb.Spatial3DView(origin="/", name="Point cloud", contents=[entities.POINTS, entities.SENSOR_PATH],
+    return rrb.Spatial3DView(origin="/", name="Point cloud", contents=[entities.POINTS_PATH, entities.SENSOR_PATH],
                              background=BACKGROUND, line_grid=False, eye_controls=controls)
 
 
@@ -44,7 +44,7 @@ def film_blueprint(eye: Viewpoint, sensor: SensorModel, images: tuple[str, ...])
     pictures = [_image_view(path) for path in IMAGE_TITLES if path in images]
     wide = sensor.cols > _WIDE_ASPECT * sensor.rows
     plots = rrb.Vertical(*(_plot(title, names) for title, names in PLOTS.items()))
-    log = rrb.TextLogView(origin=entities.LOG, name="Log of the nodes",
+    log = rrb.TextLogView(origin=entities.LOG_PATH, name="Log of the nodes",
                           columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"]))
     right = plots
     if pictures:
@@ -66,7 +66,7 @@ def plot_styles() -> dict[str, rr.SeriesLines]:
 
 def _plot(title: str, names: tuple[str, ...]) -> rrb.TimeSeriesView:
     corner = rrb.PlotLegend(rrb.Corner2D.LeftTop) if len(names) > 1 else rrb.PlotLegend(visible=False)
-    return rrb.TimeSeriesView(origin=entities.METRICS, contents=[metric_path(name) for name in names], name=title,
+    return rrb.TimeSeriesView(origin=entities.METRICS_PATH, contents=[metric_path(name) for name in names], name=title,
                               plot_legend=corner)
 
 

@@ -13,13 +13,13 @@ from srt3d_ros.pictures.colours import PHOTON_MAP, RANGE_MAP
 from srt3d_ros.pictures.viewpoint import sensor_axes
 
 APPLICATION_ID = "srt3d_ros"
-STAMP, FRAME = "stamp", "frame"                     # timelines
-POINTS, DEPTH, METRICS, LOG, SENSOR_PATH = "/points", "/depth", "/metrics", "/log", "/sensor"
-NO_DEPTH = f"{DEPTH}/none"                          # drawn over the depth image
-IMAGES = INTENSITY_IMAGE, BACKGROUND, PHOTONS = "/intensity", "/background", "/photons"     # in photons
-INTENSITY = "intensity"                             # component of points, in photons
+STAMP, FRAME_INDEX = "stamp", "frame"               # timelines
+POINTS_PATH, DEPTH_PATH, METRICS_PATH, LOG_PATH, SENSOR_PATH = "/points", "/depth", "/metrics", "/log", "/sensor"
+NO_DEPTH = f"{DEPTH_PATH}/none"                     # drawn over the depth image
+PHOTON_IMAGES = INTENSITY_PATH, BACKGROUND_PATH, PHOTONS_PATH = "/intensity", "/background", "/photons"     # photons
+INTENSITY_COMPONENT = "intensity"                   # component of points, in photons
 OF_FULL_CLOUDS = ("depth_std", "row", "col", "surface")     # optional components of points
-RUN, SENSOR, VERSIONS = "run", "sensor", "versions"      # properties
+RUN, SENSOR_PROPERTY, VERSIONS = "run", "sensor", "versions"      # properties
 PROPERTIES = "/__properties"                        # rerun's entity path for properties
 
 _DARK = 45 / 210        # number of dark colours that colours.range_table leaves out, over those that it keeps
@@ -36,7 +36,8 @@ def points(columns: Mapping[str, np.ndarray], colour: np.ndarray, radius_m: floa
         radius_m: radius of the points; 0 for a fixed size on the screen.
     """
     # Arrow arrays, because rerun cannot infer the type of an empty NumPy array and warns.
-    values = {name: pa.array(column) for name, column in columns.items() if name == INTENSITY or name in OF_FULL_CLOUDS}
+    values = {name: pa.array(column) for name, column in columns.items()
+              if name == INTENSITY_COMPONENT or name in OF_FULL_CLOUDS}
     radius = radius_m or rr.Radius.ui_points(1.5)
     return [rr.Points3D(columns["xyz"], colors=colour, radii=radius), rr.AnyValues(**values)]
 
@@ -44,13 +45,13 @@ def points(columns: Mapping[str, np.ndarray], colour: np.ndarray, radius_m: floa
 def image(path: str, values: np.ndarray, low: float, high: float) -> dict[str, list]:
     """Archetypes by entity path of an image [rows, cols], NaN = none, coloured from `low` to `high`.
 
-    DEPTH is in metres, with a mask that makes pixels without depth black. The others are in photons; they are
+    DEPTH_PATH is in metres, with a mask that makes pixels without depth black. The others are in photons; they are
     DepthImages, too, because rerun applies colour maps only to these.
     """
-    if path == DEPTH:
+    if path == DEPTH_PATH:
         ends = high + _DARK * (high - low), low     # the far end first, which reverses the colour map
         mask = rr.SegmentationImage((~np.isfinite(values)).astype(np.uint8), opacity=1, draw_order=1)
-        return {DEPTH: [rr.DepthImage(values, meter=1, colormap=RANGE_MAP, depth_range=ends)], NO_DEPTH: [mask]}
+        return {DEPTH_PATH: [rr.DepthImage(values, meter=1, colormap=RANGE_MAP, depth_range=ends)], NO_DEPTH: [mask]}
     if values.dtype.kind == "u":
         values = values.astype(np.min_scalar_type(values.max(initial=0)))
     return {path: [rr.DepthImage(values, colormap=PHOTON_MAP, depth_range=(low, max(high, low + _LEAST_SPAN)))]}
@@ -84,7 +85,7 @@ def view_coordinates(sensor: SensorModel) -> rr.ViewCoordinates:
 
 def metric_path(name: str) -> str:
     """Entity path of a time series: /metrics/latency_ms for `latency_ms`."""
-    return f"{METRICS}/{name}"
+    return f"{METRICS_PATH}/{name}"
 
 
 def log_properties(stream: rr.RecordingStream, name: str, facts: Mapping) -> None:

@@ -95,19 +95,19 @@ class RecordingReader:
 
     def cloud_index(self) -> CloudIndex:
         """Stamp, frame index and number of points of every cloud; shows a progress bar after 2 s."""
-        rows = tqdm(self._rows(entities.POINTS, entities.FRAME, entities.STAMP, "Points3D:positions"), "reading",
-                    delay=2, leave=False, unit="chunk")
+        rows = self._rows(entities.POINTS_PATH, entities.FRAME_INDEX, entities.STAMP, "Points3D:positions")
+        bar = tqdm(rows, "reading", delay=2, leave=False, unit="chunk")
         parts = [(frames, stamps, xyz.value_lengths().fill_null(0).to_numpy(zero_copy_only=False).astype(np.int64))
-                 for _, frames, stamps, xyz in rows]
+                 for _, frames, stamps, xyz in bar]
         frames, stamps, points = (np.concatenate(part) for part in zip(*parts)) if parts else [np.empty(0, int)] * 3
         order = np.argsort(stamps, kind="stable")
         return CloudIndex(frames[order], stamps[order], points[order])
 
     def clouds(self, only: Container[int] | None = None) -> Iterator[RecordedCloud]:
         """Yield clouds in the order logged; `only` those with these frame indices."""
-        names = ("Points3D:positions", entities.INTENSITY, "Points3D:colors")
+        names = ("Points3D:positions", entities.INTENSITY_COMPONENT, "Points3D:colors")
         for stamp, frame, xyz, intensity, colour, *more in self._selected(
-                entities.POINTS, only, names, optional=entities.OF_FULL_CLOUDS):
+                entities.POINTS_PATH, only, names, optional=entities.OF_FULL_CLOUDS):
             yield RecordedCloud(stamp, frame, _array(xyz).reshape(-1, 3), _array(intensity), _array(colour),
                                 *(_array(item) if item is not None and item.is_valid else None for item in more))
 
@@ -125,8 +125,8 @@ class RecordingReader:
     def series(self) -> dict[str, Series]:
         """All time series by name."""
         parts: dict[str, list] = {}
-        for chunk, stamps, values in self._rows(f"{entities.METRICS}/**", entities.STAMP, "Scalars:scalars"):
-            name = chunk.entity_path.removeprefix(f"{entities.METRICS}/")
+        for chunk, stamps, values in self._rows(f"{entities.METRICS_PATH}/**", entities.STAMP, "Scalars:scalars"):
+            name = chunk.entity_path.removeprefix(f"{entities.METRICS_PATH}/")
             parts.setdefault(name, []).append((stamps, values.flatten().to_numpy()))
         found = {}
         for name, of_name in parts.items():
@@ -137,9 +137,9 @@ class RecordingReader:
 
     def log_lines(self) -> list[LogLine]:
         """The nodes' log lines in the order recorded."""
+        rows = self._rows(f"{entities.LOG_PATH}/**", entities.STAMP, "TextLog:level", "TextLog:text")
         return [LogLine(int(stamp), (level.as_py() or [""])[0], (text.as_py() or [""])[0])
-                for _, *columns in self._rows(f"{entities.LOG}/**", entities.STAMP, "TextLog:level", "TextLog:text")
-                for stamp, level, text in zip(*columns)]
+                for _, *columns in rows for stamp, level, text in zip(*columns)]
 
     def properties(self) -> dict[str, dict]:
         """The newest facts of each property: {"run": {…}, "sensor": {…}}; lists as arrays."""
@@ -160,7 +160,7 @@ class RecordingReader:
     def _selected(self, path: str, only: Container[int] | None, names: tuple[str, ...], optional: tuple[str, ...] = ()
                   ) -> Iterator[tuple]:
         """Yield (stamp_ns, frame_index, item of each column) for the frame indices in `only`; None: no such column."""
-        for chunk, stamps, frames, *columns in self._rows(path, entities.STAMP, entities.FRAME, *names):
+        for chunk, stamps, frames, *columns in self._rows(path, entities.STAMP, entities.FRAME_INDEX, *names):
             columns += [_column(chunk, name) for name in optional]
             for row, (stamp, frame) in enumerate(zip(stamps.tolist(), frames.tolist())):
                 if only is None or frame in only:
@@ -208,7 +208,7 @@ def _column(chunk: Chunk, name: str):
         return None
     column = batch.column(name)
     # Copy times: a view would keep the whole chunk in memory.
-    return np.array(column.cast(pa.int64())) if name in (entities.STAMP, entities.FRAME) else column
+    return np.array(column.cast(pa.int64())) if name in (entities.STAMP, entities.FRAME_INDEX) else column
 
 
 def _array(item: pa.Scalar) -> np.ndarray:

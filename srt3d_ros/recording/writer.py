@@ -53,7 +53,7 @@ class RecordingWriter(AbstractContextManager):
     """
 
     def __init__(self, path, sensor: SensorModel, properties: Mapping[str, Mapping] | None = None, *,
-                 images: tuple[str, ...] = (entities.DEPTH,)):
+                 images: tuple[str, ...] = (entities.DEPTH_PATH,)):
         self.path, self._sensor, self._images = free(Path(path)), sensor, images
         self._ranges: dict[str, AdaptiveRange] = defaultdict(AdaptiveRange)        # of colours, by entity path
         self._has_view = False
@@ -81,11 +81,11 @@ class RecordingWriter(AbstractContextManager):
         sample = xyz[:: max(len(xyz) // _RADIUS_SAMPLES, 1)]
         radius_m = point_radius_m(sample, self._sensor)
         range_m = np.linalg.norm(xyz, axis=1)
-        colours = packed(range_table())[levels(range_m, *self._ranges[entities.POINTS].update(range_m))]
-        self._log(stamp_ns, frame_index, {entities.POINTS: entities.points(columns, colours, radius_m)})
+        colours = packed(range_table())[levels(range_m, *self._ranges[entities.POINTS_PATH].update(range_m))]
+        self._log(stamp_ns, frame_index, {entities.POINTS_PATH: entities.points(columns, colours, radius_m)})
 
     def log_image(self, path: str, stamp_ns: int, frame_index: int, image: np.ndarray) -> None:
-        """Log an image [rows, cols], NaN = none: entities.DEPTH in metres, entities.IMAGES in photons."""
+        """Log an image [rows, cols], NaN = none: entities.DEPTH_PATH in metres, entities.PHOTON_IMAGES in photons."""
         whole = np.asarray(image).dtype.kind in "iu"
         image = np.array(image, np.uint32 if whole else np.float32, order="C")
         self._log(stamp_ns, frame_index, entities.image(path, image, *self._ranges[path].update(image)))
@@ -97,7 +97,7 @@ class RecordingWriter(AbstractContextManager):
 
     def log_line(self, stamp_ns: int, text: str, level: int = 20, frame_index: int | None = None) -> None:
         """Log a line of a node's log; `level` as in rcl_interfaces/Log."""
-        self._log(stamp_ns, frame_index, {entities.LOG: [rr.TextLog(text, level=_LOG_LEVELS.get(level, "INFO"))]})
+        self._log(stamp_ns, frame_index, {entities.LOG_PATH: [rr.TextLog(text, level=_LOG_LEVELS.get(level, "INFO"))]})
 
     def set_properties(self, name: str, facts: Mapping) -> None:
         """Set facts of a property of the recording."""
@@ -129,7 +129,7 @@ class RecordingWriter(AbstractContextManager):
         self._stream.reset_time()
         self._stream.set_time(entities.STAMP, timestamp=np.datetime64(int(stamp_ns), "ns"))
         if frame_index is not None:
-            self._stream.set_time(entities.FRAME, sequence=int(frame_index))
+            self._stream.set_time(entities.FRAME_INDEX, sequence=int(frame_index))
         for path, of_path in archetypes.items():
             self._stream.log(path, *of_path)
         if time.monotonic() - self._flushed_s > FLUSH_PERIOD_S:
@@ -146,7 +146,7 @@ class RecordingWriter(AbstractContextManager):
         # An IRF per pixel would take hundreds of megabytes.
         mean_irf = np.atleast_2d(self._sensor.irf).mean(axis=0, dtype=float)
         description = sensor_message.to_json(self._sensor.replace(irf=mean_irf))
-        self.set_properties(entities.SENSOR, {"description": description})
+        self.set_properties(entities.SENSOR_PROPERTY, {"description": description})
 
     def _send_view(self, xyz: np.ndarray) -> None:
         """Log the sensor's field of view and the blueprint with an eye on the cloud."""

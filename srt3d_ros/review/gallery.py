@@ -18,8 +18,9 @@ from srt3d_ros.review.summary import iso_time, notable_frames
 _LARGE_PX, _SMALL_PX = (1200, 700), (320, 240)
 _STRIP = 12
 _JPEG = {"quality": 88, "subsampling": 0}
-_IMAGES = {entities.DEPTH: ("depth", "m"), entities.INTENSITY_IMAGE: ("intensity", "photons"),
-           entities.BACKGROUND: ("background", "photons"), entities.PHOTONS: ("photons as they came", "photons")}
+_TITLES_AND_UNITS = {
+    entities.DEPTH_PATH: ("depth", "m"), entities.INTENSITY_PATH: ("intensity", "photons"),
+    entities.BACKGROUND_PATH: ("background", "photons"), entities.PHOTONS_PATH: ("photons as they came", "photons")}
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ def _thumbnail(recorded: Recorded, position: int, image: np.ndarray) -> Picture:
 
 def _images(recorded: Recorded, frame: int) -> list[Picture]:
     pictures = []
-    for path, (title, unit) in _IMAGES.items():
+    for path, (title, unit) in _TITLES_AND_UNITS.items():
         for _, _, values in recorded.reader.images(path, {frame}):
             low, high = percentile_range(values) or (0.0, 1.0)
             if unit == "m":

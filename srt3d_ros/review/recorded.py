@@ -33,7 +33,7 @@ class Recorded:
         index = reader.cloud_index()
         require(len(index) > 0, "recording", problem=f"{path} has no clouds at /points.")
         properties = reader.properties()
-        description = properties.get(entities.SENSOR, {}).get("description")
+        description = properties.get(entities.SENSOR_PROPERTY, {}).get("description")
         require(description is not None, "recording", problem=f"{path} has no description of its sensor.")
         return cls(Path(path), sensor_message.from_json(description), reader, index, reader.series(),
                    reader.log_lines(), properties)

@@ -42,7 +42,7 @@ def summarise(recorded: Recorded) -> dict:
         "typical_frame": int(index.frame_index[typical]), "fewest_points_frame": int(index.frame_index[fewest]),
         "most_points_frame": int(index.frame_index[most]),
     }
-    properties = recorded.properties | {entities.SENSOR: _facts(recorded.sensor)}
+    properties = recorded.properties | {entities.SENSOR_PROPERTY: _facts(recorded.sensor)}
     return summary | {name: {key: _plain(value) for key, value in facts.items()}
                       for name, facts in properties.items() if name not in summary}
 

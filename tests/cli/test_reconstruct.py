@@ -113,11 +113,11 @@ OUT = ("-o", "a.npz")
     (("notes.txt", *OUT), "notes.txt"), (("broken.npz", *OUT), "broken.npz"),
     (("\x1b[2Jno\nfile.npz", *OUT), "\\x1b[2Jno file.npz"),
     (("FILE", *OUT, "--frame", "1"), "frame is 1"), (("FILE",), "-o"),
-    (("FILE", "-o", "cloud.las"), "output is cloud.las"), (("FILE", "-o", "absent/a.npz"), "there is no directory absent"),
+    (("FILE", "-o", "cloud.las"), "output is cloud.las"), (("FILE", "-o", "absent/a.npz"), "no directory absent"),
     (("FILE", *OUT, "--surfaces", "5"), "surfaces is 5"), (("FILE", *OUT, "--surfaces", "two"), "--surfaces"),
     (("FILE", *OUT, "--method", "magic"), "method is magic"),
     (("FILE", *OUT, "--gate", "5"), "gate is 5: expected off, first and last bin such as 100-400"),
-    (("FILE", *OUT, "--irf", "absent.npy"), "absent.npy: no such file"), (("FILE", *OUT, "--num-bins", "100"), "toa is"),
+    (("FILE", *OUT, "--irf", "absent.npy"), "absent.npy: no such"), (("FILE", *OUT, "--num-bins", "100"), "toa is"),
     (("FILE", *OUT, "--method", "xcorr", "--sketch-size", "5"),
      "xcorr works on all times of arrival and takes no sketch_size"),
 ], ids=lambda value: None)

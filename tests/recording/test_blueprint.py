@@ -23,19 +23,19 @@ def blueprint_columns(path):
     return found
 
 
-def record(path, cloud, sensor, images=(entities.DEPTH, *entities.IMAGES)):
+def record(path, cloud, sensor, images=(entities.DEPTH_PATH, *entities.PHOTON_IMAGES)):
     with RecordingWriter(path, sensor, images=images) as writer:
         for k in range(3):
             writer.log_cloud(k * 10**8, k, cloud.xyz, cloud.intensity)
-            writer.log_image(entities.DEPTH, k * 10**8, k, cloud.range_image())
-            for path in entities.IMAGES:
+            writer.log_image(entities.DEPTH_PATH, k * 10**8, k, cloud.range_image())
+            for path in entities.PHOTON_IMAGES:
                 writer.log_image(path, k * 10**8, k, cloud.image("intensity"))
             writer.log_line(k * 10**8, "sketcher: ready", 20, k)
             writer.log_scalars(k * 10**8, {"latency_ms": 30 + k, "points": len(cloud), "ppp": 9}, k)
 
 
 def test_film_opens_on_cloud_images_plots_and_log_with_the_eye_on_the_cloud(tmp_path, ball):
-    record(tmp_path / "a.rrd", *ball, images=(entities.DEPTH, entities.BACKGROUND))
+    record(tmp_path / "a.rrd", *ball, images=(entities.DEPTH_PATH, entities.BACKGROUND_PATH))
     columns = blueprint_columns(tmp_path / "a.rrd")
     origins = {origin for (origin,) in columns["ViewBlueprint:space_origin"]}
     assert origins == {"/", "/depth", "/background", "/metrics", "/log"}         # views of the recorded images only

@@ -63,15 +63,15 @@ def test_images_are_kept_as_they_are(tmp_path):
     image[3, 4] = np.nan
     counts = [rng.poisson(9, (30, 40)), np.full((30, 40), 70_000)]
     with RecordingWriter(tmp_path / "a.rrd", SENSOR) as writer:
-        writer.log_image(entities.DEPTH, 0, 0, image)
-        writer.log_image(entities.INTENSITY_IMAGE, 0, 0, image)
+        writer.log_image(entities.DEPTH_PATH, 0, 0, image)
+        writer.log_image(entities.INTENSITY_PATH, 0, 0, image)
         for k, count in enumerate(counts):
-            writer.log_image(entities.PHOTONS, k, k, count)
+            writer.log_image(entities.PHOTONS_PATH, k, k, count)
     reader = RecordingReader(tmp_path / "a.rrd")
-    for path in (entities.DEPTH, entities.INTENSITY_IMAGE):
+    for path in (entities.DEPTH_PATH, entities.INTENSITY_PATH):
         ((_, _, read),) = reader.images(path)
         assert np.array_equal(read, image, equal_nan=True)
-    read = sorted((image for image in reader.images(entities.PHOTONS)), key=lambda image: image[1])
+    read = sorted((image for image in reader.images(entities.PHOTONS_PATH)), key=lambda image: image[1])
     assert all(np.array_equal(image, count) for (_, _, image), count in zip(read, counts, strict=True))
 
 
@@ -81,7 +81,7 @@ def test_arrays_may_be_reused_after_logging_and_need_not_be_contiguous(tmp_path)
         for k in range(2):
             records[:], image[:] = k, k
             writer.log_cloud(k, k, records[:, :3], records[:, 3])
-            writer.log_image(entities.DEPTH, k, k, image)
+            writer.log_image(entities.DEPTH_PATH, k, k, image)
         records[:], image[:] = 99, 99
     reader = RecordingReader(tmp_path / "a.rrd")
     assert [bool((cloud.xyz == k).all() and (cloud.intensity == k).all()) for k, cloud in enumerate(reader.clouds())
@@ -92,11 +92,11 @@ def test_arrays_may_be_reused_after_logging_and_need_not_be_contiguous(tmp_path)
 def test_depth_is_yellow_when_near_and_black_where_there_is_none(tmp_path, ball):
     """The viewer turns its map round for a range that falls, and draws one image over the other."""
     depth_m = ball[0].depth_image(ball[1].projection)
-    drawn = entities.image(entities.DEPTH, depth_m, 1.0, 1.5)[entities.DEPTH][0]
+    drawn = entities.image(entities.DEPTH_PATH, depth_m, 1.0, 1.5)[entities.DEPTH_PATH][0]
     far, near = drawn.depth_range.as_arrow_array()[0].as_py()
     assert (far, near) == pytest.approx((1.5 + 0.5 * 45 / 210, 1.0))
-    with RecordingWriter(tmp_path / "a.rrd", ball[1], images=(entities.DEPTH,)) as writer:
-        writer.log_image(entities.DEPTH, 0, 0, depth_m)
+    with RecordingWriter(tmp_path / "a.rrd", ball[1], images=(entities.DEPTH_PATH,)) as writer:
+        writer.log_image(entities.DEPTH_PATH, 0, 0, depth_m)
     stream = RrdReader(tmp_path / "a.rrd").stream()
     batches = [chunk.to_record_batch() for chunk in stream.filter(content=entities.NO_DEPTH)]
     columns = {name.split(":")[-1]: batch.column(name) for batch in batches for name in batch.schema.names}
