@@ -219,9 +219,9 @@ def test_no_result_is_written_over_photons_or_another_kind_of_file(cloud, tmp_pa
     photon_file.save(tmp_path / "photons.npz", SENSOR, FRAME)
     seen, content = srt3d_ros.read(tmp_path / "photons.npz"), (tmp_path / "photons.npz").read_bytes()
     cloud.save(tmp_path / "cloud.npz")
-    with pytest.raises(srt3d_ros.InvalidInput, match="^output is .*photons.npz: expected another name"):
+    with pytest.raises(srt3d_ros.InvalidInput, match="^Cannot write .*photons.npz: that file holds something else"):
         seen.reconstruct().save(tmp_path / "photons.npz")
-    with pytest.raises(srt3d_ros.InvalidInput, match="^output is .*cloud.npz: expected another name"):
+    with pytest.raises(srt3d_ros.InvalidInput, match="^Cannot write .*cloud.npz: that file holds something else"):
         photon_file.save(tmp_path / "cloud.npz", SENSOR, FRAME)
     assert (tmp_path / "photons.npz").read_bytes() == content
 
