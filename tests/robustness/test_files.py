@@ -1,4 +1,4 @@
-"""Damaged files of every format: read, or refused in one line."""
+"""Damaged files are read, or refused in one line; tests/datasets/test_mat_child.py has .mat files."""
 
 import io
 import zipfile
@@ -15,6 +15,7 @@ from srt3d_ros.datasets.bags.bag import Bag
 from srt3d_ros.messages import cdr, photons_message
 from srt3d_ros.messages import sensor_message as sensor
 from tests.bags import CLOUD, TEXT, write_bag
+from tests.datasets.made_logs import tmf8829_log, zones_16
 from tests.robustness.conftest import read_or_refused
 from tests.robustness.test_messages import CODECS, SENSOR
 
@@ -47,6 +48,10 @@ def ptu_bytes(folder: Path) -> bytes:
     return saved(ptufile.imwrite, counts()[None, :, :, None], 2e-9, 1e-10)
 
 
+def log_bytes(folder: Path) -> bytes:
+    return tmf8829_log(folder / "made.json", [zones_16(1.0)]).read_bytes()
+
+
 # Name of the file, its reader, and what makes an example.
 FILES = {
     "npz": ("a.npz", datasets.read, photon_bytes),
@@ -56,6 +61,7 @@ FILES = {
     "npy_counts": ("c.npy", partial(datasets.read, irf=IRF, bin_width_s=1e-10),
                    lambda folder: saved(np.save, counts())),
     "ptu": ("b.ptu", partial(datasets.read, irf=IRF), ptu_bytes),
+    "tmf8829": ("log.json", datasets.read, log_bytes),
 }
 
 
