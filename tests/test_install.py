@@ -144,21 +144,7 @@ def test_versions_agree(repository):
     assert f"\n{srt3d_ros.__version__}\n" in (repository / "CHANGELOG.rst").read_text()
 
 
-WITHOUT_TORCH = """
-import importlib, sys
-from importlib.abc import MetaPathFinder
-
-class NoTorch(MetaPathFinder):
-    def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] == "torch":
-            raise ImportError(f"{name} is imported")
-
-sys.meta_path.insert(0, NoTorch())
-"""
-
-
-def test_every_method_runs_on_the_cpu_without_torch(repository):
-    photons_to_clouds = WITHOUT_TORCH + """
+EVERY_METHOD = """
 import numpy as np, srt3d_ros
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
@@ -167,27 +153,26 @@ from srt3d_ros.nodes.versions import versions
 sensor = SensorModel(2, 3, 100, 1e-10, [1, 2, 1])
 frame = PhotonEvents(np.repeat(np.arange(6, dtype=np.uint32), 40), np.full(240, 50, np.uint16))
 for name in METHODS:
-    print(len(srt3d_ros.reconstruct(frame, sensor=sensor, method=name, device="cpu")))
+    assert len(srt3d_ros.reconstruct(frame, sensor=sensor, method=name, device="cpu")) == 6
 versions()
 """
-    assert run([sys.executable, "-c", photons_to_clouds], repository).split() == ["6"] * 5
-
-
-def test_nodes_and_commands_are_imported_without_torch(repository):
-    pytest.importorskip("rclpy")
-    imports = WITHOUT_TORCH + f"""
+NODES_AND_COMMANDS = f"""
+import importlib
 from srt3d_ros.cli.main import COMMANDS, parser
 parser(COMMANDS)
 for name in {NODES}:
     importlib.import_module(f"srt3d_ros.nodes.{{name}}")
 """
-    run([sys.executable, "-c", imports], repository)
+CORE = """
+import importlib, pkgutil, srt3d_ros.core as core
+for module in pkgutil.walk_packages(core.__path__, "srt3d_ros.core."):
+    importlib.import_module(module.name)
+"""
+HEAVY = {"torch", "numba", "rclpy", "rerun", "scipy", "matplotlib", "PIL", "sensor_msgs", "rosbags"}
 
 
-def test_core_imports_no_more_than_numpy(repository):
-    heavy = ["torch", "numba", "rclpy", "rerun", "scipy", "matplotlib", "PIL", "sensor_msgs", "rosbags"]
-    imports = ("import importlib, pkgutil, sys, srt3d_ros.core as core\n"
-               "for module in pkgutil.walk_packages(core.__path__, 'srt3d_ros.core.'): "
-               "importlib.import_module(module.name)\n"
-               f"print(*(name for name in {heavy} if name in sys.modules))")
-    assert run([sys.executable, "-c", imports], repository).split() == []
+@pytest.mark.parametrize("code, unused", [
+    (EVERY_METHOD, {"torch"}), (NODES_AND_COMMANDS, {"torch"}), (CORE, HEAVY)], ids=["methods", "nodes", "core"])
+def test_packages_that_are_not_needed_are_not_imported(repository, code, unused):
+    imported = run([sys.executable, "-c", f"{code}\nimport sys\nprint(*sys.modules)"], repository).split()
+    assert "srt3d_ros" in imported and unused & set(imported) == set()
