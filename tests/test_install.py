@@ -168,11 +168,13 @@ import importlib, pkgutil, srt3d_ros.core as core
 for module in pkgutil.walk_packages(core.__path__, "srt3d_ros.core."):
     importlib.import_module(module.name)
 """
-HEAVY = {"torch", "numba", "rclpy", "rerun", "scipy", "matplotlib", "PIL", "sensor_msgs", "rosbags"}
+LIBRARY = "import sys, srt3d_ros\nassert 'numpy' not in sys.modules\nsrt3d_ros.reconstruct"
+HEAVY = {"torch", "numba", "rclpy", "rerun", "scipy", "matplotlib", "PIL", "sensor_msgs", "std_msgs", "rosbags"}
 
 
 @pytest.mark.parametrize("code, unused", [
-    (EVERY_METHOD, {"torch"}), (NODES_AND_COMMANDS, {"torch"}), (CORE, HEAVY)], ids=["methods", "nodes", "core"])
+    (EVERY_METHOD, {"torch"}), (NODES_AND_COMMANDS, {"torch"}), (CORE, HEAVY), (LIBRARY, HEAVY)],
+    ids=["methods", "nodes", "core", "library"])
 def test_packages_that_are_not_needed_are_not_imported(repository, code, unused):
     imported = run([sys.executable, "-c", f"{code}\nimport sys\nprint(*sys.modules)"], repository).split()
     assert "srt3d_ros" in imported and unused & set(imported) == set()
