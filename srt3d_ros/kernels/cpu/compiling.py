@@ -85,8 +85,9 @@ class Kernel:
             self.compiled = njit(cache=FOLDER is not None, error_model="numpy", nogil=True, **options)(function)
         finally:
             config.CACHE_DIR = theirs
-        types_of = map(compiled_type, function.__annotations__.values())
-        choices = (of if isinstance(of, tuple) else (of,) for of in types_of)
+        annotations = list(function.__annotations__.values())
+        choices = (of if isinstance(of, tuple) else (of,) for of in map(compiled_type, annotations))
+        self._converters = {at: of.of for at, of in enumerate(annotations) if hasattr(of, "of")}
         self.signatures, self.is_ready = list(product(*choices)), False
         update_wrapper(self, function)
         KERNELS[self.name] = self
@@ -117,6 +118,10 @@ class Kernel:
         if _forked_after_use:
             raise RuntimeError("kernels cannot run in a process that was forked after another kernel had run: "
                                "call multiprocessing.set_start_method(\"spawn\") first")
+        if self._converters:
+            arguments = list(arguments)
+            for at, convert in self._converters.items():
+                arguments[at] = convert(arguments[at])
         return self.compiled(*arguments)
 
 

@@ -1,16 +1,16 @@
-"""A MatchedFrame as compiled code takes it: arrays, and numbers in single precision."""
+"""A `MatchedFrame` as compiled code takes it: arrays, and numbers in single precision."""
 
 from typing import NamedTuple
 
 import numpy as np
-from numba import float32, types
+from numba import float32
 
 from srt3d_ros.kernels.cpu.arithmetic import F32
 from srt3d_ros.kernels.maps import MAX_STD
 
 
 class Frame(NamedTuple):
-    """The fields of `MatchedFrame` that kernels read, and two lengths; `clutter` is [1] if the background is even."""
+    """The fields of `MatchedFrame` that kernels read, and two lengths. An even background has `clutter` of size 1."""
 
     matched: float32[:, :, ::1]
     counts: float32[:, ::1]
@@ -28,15 +28,17 @@ class Frame(NamedTuple):
     resolution: float32         # bins
     max_std: float32            # bins
 
+    @classmethod
+    def of(cls, frame) -> "Frame":
+        """The fields of a MatchedFrame. Compiled code takes writable, contiguous arrays only: others are copied."""
+        if isinstance(frame, cls):
+            return frame
+        clutter = np.ones(1, np.float32) if frame.clutter is None else frame.clutter
+        arrays = (frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, frame.moments,
+                  frame.intensity_moments, frame.background_table, clutter)
+        return cls(*(one if one.flags.carray else one.copy() for one in arrays), F32(frame.max_response),
+                   F32(frame.total_energy), F32(frame.curvature), F32(frame.num_bins), F32(frame.resolution_bins),
+                   F32(MAX_STD * frame.num_bins))
 
-FRAME = types.NamedTuple(tuple(Frame.__annotations__.values()), Frame)
 
-
-def as_compiled(frame) -> Frame:
-    """The same frame for compiled code, which takes writable, contiguous arrays only: others are copied."""
-    clutter = np.ones(1, np.float32) if frame.clutter is None else frame.clutter
-    arrays = (frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, frame.moments,
-              frame.intensity_moments, frame.background_table, clutter)
-    return Frame(*(one if one.flags.carray else one.copy() for one in arrays), F32(frame.max_response),
-                 F32(frame.total_energy), F32(frame.curvature), F32(frame.num_bins), F32(frame.resolution_bins),
-                 F32(MAX_STD * frame.num_bins))
+FRAME, as_compiled = Frame, Frame.of

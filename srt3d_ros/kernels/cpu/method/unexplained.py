@@ -5,12 +5,12 @@ from numba import float32, prange
 
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, ONE, TINY, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import parallel
-from srt3d_ros.kernels.cpu.method.frame import FRAME, as_compiled
+from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.maps import DEPTH, MARGIN
 
 
 @parallel
-def _unexplained(frame: FRAME, state: float32[:, :, :, ::1], intensity: float32[:, :, ::1], own: float32[:, ::1],
+def _unexplained(frame: Frame, state: float32[:, :, :, ::1], intensity: float32[:, :, ::1], own: float32[:, ::1],
                  taken: float32[:, ::1], background: float32[:, ::1], photons: float32[:, ::1],
                  passed: float32[:, :, ::1], out: float32[:, ::1]):
     rows, surfaces, cols = intensity.shape
@@ -50,5 +50,5 @@ def _unexplained(frame: FRAME, state: float32[:, :, :, ::1], intensity: float32[
 
 def unexplained(frame, state, intensity, own, taken, background, photons, passed):
     sums = np.zeros((len(intensity), 4 * len(frame.energy) + 4), np.float32)
-    _unexplained(as_compiled(frame), state, intensity, own, taken, background, photons, passed.view(np.float32), sums)
+    _unexplained(frame, state, intensity, own, taken, background, photons, passed.view(np.float32), sums)
     return sums.sum(axis=0, dtype=np.float64).astype(np.float32)
