@@ -52,9 +52,10 @@ SCENES = {"bust, SBR 1, 1 ppp": (1, 1, False), "bust, SBR 0.1, 10 ppp": (0.1, 10
           "bust in fog, SBR 1, 10 ppp": (1, 10, True)}
 HEAD_TOLERANCE_M = 40e-3
 NET, MOTION, STEEP = "net, SBR 1, 10 ppp", "room from a moving sensor, 3 ppp", "steep wall, SBR 0.1, 20 ppp"
-# Not varied: limits, margins, rounding, constants of other methods, and what `benchmarks false_alarms` measures.
+# Not varied: limits, margins, what equals VOTE, rounding, constants of other methods, what `false_alarms` measures.
 FIXED = ("MAX_SKETCH_SIZE", "MAX_PIXEL_PHOTONS", "REACH", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "VOTE_RADIUS",
-         "SEEN_SCORE", "TINY", "EPSILON")
+         "SEEN_SCORE", "TINY", "EPSILON", "BIRTH_COST", "FEWER_COST", "DEAD_LIMIT", "MOVE_COST")
+VOTES = "VOTE", "BIRTH_COST", "FEWER_COST", "DEAD_LIMIT", "MOVE_COST"       # equal, and varied together
 OFF = {"START_SCALES": (0.0, 2.5), "WINDOWS": ((2.0, 4), (9.0, 4)), "LIKENESS": 1e6,
        "VOTE": 0, "MAX_VOTES": 1e6, "EMPTY_VOTES": 0, "SPREAD": 0, "WRONG_IRF": 0, "SHARP": 1}
 BACKGROUND = "srt3d_ros.core.method.background"         # has constants of the method, too
@@ -117,7 +118,8 @@ def halved_doubled_off(patterns: str) -> Iterator[dict]:
         tried = [] if isinstance(value, tuple) else [half(value), 2 * value]
         if name in OFF:
             tried.append(type(value)(OFF[name]))
-        yield from ({name: new} for new in dict.fromkeys(tried) if new != value)
+        names = VOTES if name == "VOTE" else (name,)
+        yield from (dict.fromkeys(names, new) for new in dict.fromkeys(tried) if new != value)
 
 
 def half(number):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import LIKENESS, VOTE
+from srt3d_ros.kernels.constants import DEAD_LIMIT, LIKENESS
 from srt3d_ros.kernels.cpu.arithmetic import log
 from srt3d_ros.kernels.cpu.method.frame import as_compiled
 from srt3d_ros.kernels.cpu.method.likelihood import llr as kernel
@@ -36,7 +36,7 @@ def test_a_pixel_without_photons_speaks_against_a_surface_but_may_be_dead():
         signal = expected / 2 * FRAME.intensity_moments[0]
         assert llr(0, 0, expected) == pytest.approx(-expected / 2 * signal / (signal + background), rel=1e-5)
     # It may be dead: it speaks no more against the surface than a birth needs. A pixel that has seen photons is not.
-    assert llr(0, 0, 2.5) == llr(0, 0, 1e6) == pytest.approx(-VOTE)
+    assert llr(0, 0, 2.5) == llr(0, 0, 1e6) == pytest.approx(-DEAD_LIMIT)
     assert llr(0, 1, 1000) == pytest.approx(-500, rel=1e-5)
 
 

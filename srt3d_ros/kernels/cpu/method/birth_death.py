@@ -1,4 +1,4 @@
-"""Birth/death update: each pixel takes the surfaces of its neighbourhood with the highest log-likelihood ratio, or none.
+"""Birth/death update: each pixel takes the neighbouring surfaces with the highest log-likelihood ratio, or none.
 
 The surfaces q within VOTE_RADIUS vote. Each is carried to the pixel along its plane, to t_q − slopes · offset, and may
 be off by v_q = max_chi2 · std² + δ². A candidate c is one of those of the 3 × 3 pixels in the middle. It agrees with q
@@ -24,114 +24,51 @@ import numpy as np
 from numba import boolean, float32, int32, prange, types
 
 from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.constants import NEAR_SIGMA, SPREAD, VOTE_RADIUS
+from srt3d_ros.kernels.constants import SPREAD, VOTE_RADIUS
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO, U, aligned, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel, serial
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.method import field
-from srt3d_ros.kernels.cpu.method.field import agreement, is_surface, rise, wrap
+from srt3d_ros.kernels.cpu.method.field import agreement, wrap
 from srt3d_ros.kernels.cpu.method.frame import FRAME, as_compiled
 from srt3d_ros.kernels.cpu.method.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio, score_of
 from srt3d_ros.kernels.cpu.method.undecided import list_undecided
+from srt3d_ros.kernels.cpu.method.voters import (
+    CLOSE_BY,
+    MIDDLE,
+    PIXELS,
+    PIXELS_SIZE,
+    PLACES,
+    REST,
+    REST_SIZE,
+    SIDE,
+    TOGETHER,
+    VOTER,
+    VOTER_SIZE,
+    VOTING,
+    L,
+    gather_voters,
+    load_pixels,
+)
 from srt3d_ros.kernels.maps import FIELDS, INTENSITY
 
-VOTE, BIRTH_COST, FEWER_COST = F32(constants.VOTE), F32(constants.BIRTH_COST), F32(constants.FEWER_COST)
-MAX_VOTE, EMPTY_VOTE = F32(constants.MAX_VOTES * constants.VOTE), F32(constants.EMPTY_VOTES * constants.VOTE)
-NEVER = F32(-1e30)
-SIDE = 2 * VOTE_RADIUS + 1
-PLACES, MIDDLE = SIDE * SIDE, VOTE_RADIUS * (SIDE + 1)      # of the neighbourhood, row by row; the pixel itself
-ROW, COL = np.indices((SIDE, SIDE)).reshape(2, -1) - VOTE_RADIUS
-WEIGHTS = np.exp(-(ROW**2 + COL**2) / (2 * NEAR_SIGMA**2)).astype(np.float32)   # w of each place
-VOTING = np.where(np.arange(PLACES) == MIDDLE, ZERO, WEIGHTS)                   # w of its votes: the pixel has none
-CLOSE_BY = tuple(MIDDLE + row * SIDE + col for row in (-1, 0, 1) for col in (-1, 0, 1))
-
-TOGETHER = 16
-L = U(TOGETHER)
-
-
-def of_pixels(*names):
-    """The type of a record with an array of TOGETHER numbers for each name.
-
-    The compiler knows that arrays of one record do not overlap, which it must to compute in vector registers.
-    """
-    return np.dtype([(name, np.float32, TOGETHER) for name in names])
-
-
-# A surface of the neighbourhood, carried to the pixel: t, v, r, w, what it votes at full agreement (nats), and how many
-# surfaces its pixel has. The weight is 0 where there is none, or where it has been taken.
-VOTER = of_pixels("depth", "tolerance", "intensity", "weight", "vote", "count")
-# The pixels' matched sketches z at a frequency, less what the surfaces found so far explain.
-REST = of_pixels("real", "imaginary")
-# Of the pixels, of the candidate that is being judged, and of the best one so far.
-PIXELS = of_pixels(
-    "photons", "exposure", "needed", "dark", "against",
-    "votes", "weight", "shift", "depth", "intensity", "own", "response", "ratio",
-    "most", "best", "best_depth", "best_own", "best_response", "best_ratio")
-VOTER_SIZE, REST_SIZE, PIXELS_SIZE = VOTER.itemsize // 4, REST.itemsize // 4, PIXELS.itemsize // 4
+FEWER_COST = F32(constants.FEWER_COST)
 
 
 class Chosen(NamedTuple):
-    """What the listed pixels have chosen, and where something has changed."""
+    """What the listed pixels have chosen: points [N, K, FIELDS], ratios [N, K], and what is near a change, a map."""
 
-    points: float32[:, :, ::1]      # [pixels, K, FIELDS]
-    ratios: float32[:, ::1]         # [pixels, K], nats
-    near: boolean[:, ::1]           # [rows', cols'], pixels that have a changed one in their neighbourhood
+    points: float32[:, :, ::1]
+    ratios: float32[:, ::1]
+    near: boolean[:, ::1]
 
 
 CHOSEN = types.NamedTuple(tuple(Chosen.__annotations__.values()), Chosen)
 
 
-@line
-def _load(at, frame, pixels, rest):
-    """Load what the pixels, at rows and columns `at`, have seen."""
-    m = U(len(rest))
-    for x in range(L):
-        row, col = at[0, x], at[1, x]
-        pixels.photons[x], pixels.exposure[x] = frame.counts[row, col], frame.exposure[row, col]
-        for l in range(m):
-            rest[l].real[x], rest[l].imaginary[x] = frame.matched[row, l, col], frame.matched[row, m + l, col]
-
-
-@line
-def _gather(at, frame, state, own, max_chi2, pixels, voters):
-    """Load the voters, place by place, and sum up what a surface of the pixels needs."""
-    surfaces, blur2 = state.shape[1], frame.resolution * frame.resolution
-    for x in range(L):
-        pixels.needed[x], pixels.dark[x], pixels.against[x], pixels.best[x] = BIRTH_COST, ZERO, ZERO, -ONE
-    for place in range(PLACES):
-        dy, dx, first = place // SIDE - VOTE_RADIUS, place % SIDE - VOTE_RADIUS, U(place * surfaces)
-        counted = voters[first]
-        for x in range(L):
-            counted.count[x] = ZERO
-        for k in range(U(surfaces)):
-            voter = voters[first + k]
-            for x in range(L):
-                row, col = U(at[0, x] + dy), U(at[1, x] + dx)
-                std, intensity = state[row, k, field.STD, col], state[row, k, field.INTENSITY, col]
-                there = ONE if is_surface(intensity, std, frame.max_std) else ZERO
-                counted.count[x] += there
-                voter.depth[x] = state[row, k, field.DEPTH, col] - rise(
-                    state[row, k, field.SLOPE_COL, col], state[row, k, field.SLOPE_ROW, col], F32(dx), F32(dy))
-                voter.tolerance[x] = max_chi2 * std * std + blur2
-                voter.intensity[x] = intensity
-                voter.weight[x] = there * WEIGHTS[place]
-                voter.vote[x] = there * VOTING[place] * min(max(VOTE + own[row, k, col], ZERO), MAX_VOTE)
-        for x in range(L):
-            row, col = U(at[0, x] + dy), U(at[1, x] + dx)
-            gap = EMPTY_VOTE * VOTING[place] if counted.count[x] == ZERO else ZERO
-            has_photons = frame.counts[row, col] > ZERO
-            pixels.needed[x] += gap if has_photons else ZERO
-            pixels.dark[x] += gap if (not has_photons) & (frame.exposure[row, col] > ZERO) else ZERO
-    for x in range(L):
-        has_surface = voters[U(MIDDLE * surfaces)].count[x] > ZERO
-        pixels.most[x] = NEVER if has_surface else pixels.needed[x]
-        pixels.needed[x] = BIRTH_COST if has_surface else pixels.needed[x]
-        pixels.dark[x] = ZERO if has_surface else pixels.dark[x]
-
-
 @inline
 def _support(c, pixels, voters, surfaces, period):
-    """Sum up the votes for voter c, and find its depth and intensity in the pixels, and which surface of theirs it is."""
+    """Sum up the votes for voter c; find its depth and intensity in the pixels, and which of their surfaces it is."""
     candidate = voters[c]
     for x in range(L):
         pixels.votes[x] = pixels.weight[x] = pixels.shift[x] = pixels.intensity[x] = ZERO
@@ -166,9 +103,10 @@ def _respond(pixels, rest, bin_frequencies):
     for x in range(L):
         pixels.response[x] = ZERO
     for l in range(U(len(rest))):
+        wave, frequency = rest[l], bin_frequencies[l]
         for x in range(L):
-            sine, cosine = sincos(bin_frequencies[l] * pixels.depth[x])
-            pixels.response[x] += rest[l].real[x] * cosine + rest[l].imaginary[x] * sine
+            sine, cosine = sincos(frequency * pixels.depth[x])
+            pixels.response[x] += wave.real[x] * cosine + wave.imaginary[x] * sine
 
 
 @line
@@ -242,7 +180,7 @@ def _average(x, row, col, pixels, voters, state, point, period):
 
 @line
 def _take(x, depth, pixels, voters, rest, frame):
-    """Leave out the photons that the best candidate explains in pixel x, at `depth`, and the voters that agree with it."""
+    """Leave out what the best candidate, at `depth`, explains of the photons of pixel x, and the voters that agree."""
     candidate, signal = voters[U(pixels.best[x])], max(pixels.best_response[x], ZERO) / frame.total_energy
     at, tolerance = candidate.depth[x], candidate.tolerance[x]
     pixels.photons[x] = left(pixels.photons[x], signal)
@@ -261,7 +199,7 @@ def _take(x, depth, pixels, voters, rest, frame):
 def _judge(undecided: int32[::1], frame: FRAME, state: float32[:, :, :, ::1], own: float32[:, :, ::1],
            max_chi2: float32, chosen: CHOSEN):
     """Write what each of the undecided pixels, indices of padded maps, chooses; `own` are the points' ratios."""
-    points, ratios, near = chosen
+    points, ratios, near = chosen       # numba drops what a parallel loop writes to a slice of `chosen.near`
     surfaces, cols, number = state.shape[1], state.shape[3], len(undecided)
     for part in prange(-(-number // TOGETHER)):
         first = part * TOGETHER
@@ -269,10 +207,10 @@ def _judge(undecided: int32[::1], frame: FRAME, state: float32[:, :, :, ::1], ow
         for x in range(TOGETHER):               # the last part repeats its last pixel, whose results are dropped
             pixel = undecided[min(first + x, number - 1)]
             at[0, x], at[1, x] = pixel // cols, pixel % cols
-        voters, rest = aligned(PLACES * surfaces * VOTER_SIZE).view(VOTER), aligned(len(frame.energy) * REST_SIZE).view(REST)
-        scratch = aligned(PIXELS_SIZE).view(PIXELS)
-        _load(at, frame, scratch[0], rest)
-        _gather(at, frame, state, own, max_chi2, scratch[0], voters)
+        scratch, voters = aligned(PIXELS_SIZE).view(PIXELS), aligned(PLACES * surfaces * VOTER_SIZE).view(VOTER)
+        rest = aligned(len(frame.energy) * REST_SIZE).view(REST)
+        load_pixels(at, frame, scratch[0], rest)
+        gather_voters(at, frame, state, own, max_chi2, scratch[0], voters)
         for k in range(surfaces):
             pixels = scratch[0]                 # here, for a record does not keep the memory of its array
             if k > 0:
@@ -289,9 +227,8 @@ def _judge(undecided: int32[::1], frame: FRAME, state: float32[:, :, :, ::1], ow
                 ratios[first + int(x), k] = pixels.best_ratio[x]
                 if one < 0:
                     _average(x, row, col, pixels, voters, state, point, frame.period)
-                else:
-                    for f in range(FIELDS):
-                        point[f] = state[row, one, f, col]
+                for f in range(FIELDS if one >= 0 else 0):
+                    point[f] = state[row, one, f, col]
                 if k + 1 < surfaces:
                     _take(x, point[field.DEPTH], pixels, voters, rest, frame)
 
@@ -300,8 +237,10 @@ def _judge(undecided: int32[::1], frame: FRAME, state: float32[:, :, :, ::1], ow
 def _write(undecided: int32[::1], chosen: CHOSEN, state: float32[:, :, :, ::1], own: float32[:, :, ::1]):
     for n in range(len(undecided)):
         row, col = undecided[n] // state.shape[3], undecided[n] % state.shape[3]
-        own[row, :, col] = chosen.ratios[n]
-        state[row, :, :, col] = chosen.points[n]
+        for k in range(state.shape[1]):
+            own[row, k, col] = chosen.ratios[n, k]
+            for f in range(FIELDS):
+                state[row, k, f, col] = chosen.points[n, k, f]
 
 
 def birth_death(frame, state, terms, max_chi2):

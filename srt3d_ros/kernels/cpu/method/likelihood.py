@@ -10,7 +10,7 @@ from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.method.frame import FRAME, as_compiled
 from srt3d_ros.kernels.maps import INTENSITY, VALUE
 
-VOTE, LIKENESS = F32(constants.VOTE), F32(constants.LIKENESS)
+DEAD_LIMIT, LIKENESS = F32(constants.DEAD_LIMIT), F32(constants.LIKENESS)
 SHARED_LIKENESS = LIKENESS * LIKENESS
 
 
@@ -56,7 +56,7 @@ def llr(score, response, photons, expected, likeness, frame):
     signal = likely * frame.intensity_moments[0]
     background = max(max(photons, HALF) - likely, ZERO) * frame.intensity_moments[1]
     ratio = HALF * score * score - deviance * signal / (signal + background)
-    return max(ratio, -VOTE) if photons <= ZERO else ratio
+    return max(ratio, -DEAD_LIMIT) if photons <= ZERO else ratio
 
 
 @parallel

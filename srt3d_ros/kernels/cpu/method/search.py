@@ -15,7 +15,7 @@ import numpy as np
 from numba import boolean, float32, int64, prange
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import SEEN_SCORE, SLANT, SLANTED_SCORE, STEEPER, SURE_SCORE, VOTE
+from srt3d_ros.kernels.constants import MOVE_COST, SEEN_SCORE, SLANT, SLANTED_SCORE, STEEPER, SURE_SCORE
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, aligned
 from srt3d_ros.kernels.cpu.compiling import line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
@@ -99,7 +99,7 @@ def _measure(depth, slopes, signal, score, cell, frame, point):
 def _stays(response, score, cell, confirmed, old, frame, point):
     """Keep a pixel's surface of the last frame if its score is confirmed, and the new one not better by VOTE nats."""
     known = _score(response, old[DEPTH], cell, frame)
-    if known <= confirmed or score * score - known * known >= TWO * F32(VOTE):
+    if known <= confirmed or score * score - known * known >= TWO * F32(MOVE_COST):
         return False
     slopes = old[SLOPE_COL], old[SLOPE_ROW]
     _measure(old[DEPTH], slopes, response / frame.total_energy, known, cell, frame, point)

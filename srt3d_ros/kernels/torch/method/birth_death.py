@@ -9,7 +9,7 @@ from typing import NamedTuple
 import torch
 
 from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.constants import SPREAD, TINY, VOTE, VOTE_RADIUS
+from srt3d_ros.kernels.constants import BIRTH_COST, FEWER_COST, SPREAD, TINY, VOTE, VOTE_RADIUS
 from srt3d_ros.kernels.maps import DEPTH, FIELDS, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD
 from srt3d_ros.kernels.torch.arithmetic import agreement, has_depth, pad, waves, wrap
 from srt3d_ros.kernels.torch.fusing import fused
@@ -27,12 +27,12 @@ def birth_death(frame, state, terms, max_chi2):
     The pixel's surface k is the candidate c of its 3 × 3 neighbourhood with the highest
 
         ratio of the pixel's photons + Σ_q w_q a_qc clip(VOTE + ratio_q, 0, MAX_VOTES · VOTE)
-            − Σ_q w_q VOTE / count_q
+            − Σ_q w_q FEWER_COST / count_q
 
-    (see `log_likelihood_ratio`), w = exp(−distance² / 2 VOTE_SIGMA²). The last sum, for k > 0, is over the surfaces
-    of neighbours that have no more than k. For these, the vote of what they show is w VOTE, so that they speak neither
-    for nor against it: a pixel that truly sees two surfaces keeps both, and edges show few double points. A candidate
-    needs VOTE, unless it is for the first surface of a pixel that has one; in a pixel without surfaces,
+    (see `log_likelihood_ratio`), w = exp(−distance² / 2 NEAR_SIGMA²). The last sum, for k > 0, is over the surfaces
+    of neighbours that have no more than k. For these, the vote of what they show is w FEWER_COST, so that they speak
+    neither for nor against it: a pixel that truly sees two surfaces keeps both, and edges show few double points. A
+    candidate needs BIRTH_COST, unless it is for the first surface of a pixel that has one; in a pixel without surfaces,
     EMPTY_VOTES · VOTE · w more for each used neighbour without a surface, of those without photons times
     1 − exp(−g r), the probability that it would show there. The pixel keeps its own point if that agrees with the best,
     else it takes the mean of what agrees, weighted by w a, with score 0. What agrees and the photons it explains are
@@ -171,8 +171,8 @@ def _best(k, around, free, before, rest, photons, light, frame) -> Best:
     votes, against = around.vote * (free & around.other), 0
     if k > 0:
         fewer = around.there & around.other & (around.count <= k)
-        votes = torch.where(fewer, around.weight * (VOTE * free), votes)        # no vote against what they show
-        against = (around.weight * VOTE / around.count.clamp(min=1) * fewer).sum(0)
+        votes = torch.where(fewer, around.weight * (FEWER_COST * free), votes)        # no vote against what they show
+        against = (around.weight * FEWER_COST / around.count.clamp(min=1) * fewer).sum(0)
     votes = (close * votes).sum(1)
 
     number = torch.arange(1, len(before) + 1, device=free.device, dtype=torch.int8)[:, None, None]
@@ -189,7 +189,7 @@ def _best(k, around, free, before, rest, photons, light, frame) -> Best:
     best = score.argmax(0, keepdim=True)
     score, ratio, response, depth, own, at, tolerance = (values.gather(0, best)[0] for values in (
         score, ratio, response, depth, own, at, tolerance))
-    least = VOTE + around.blank
+    least = BIRTH_COST + around.blank
     least = least.masked_fill(around.had > 0, -torch.inf) if k == 0 else least
     close, = around.apart(at[None], tolerance[None])[0]
     weight = weight * close

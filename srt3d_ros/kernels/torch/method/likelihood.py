@@ -4,7 +4,7 @@ import math
 
 import torch
 
-from srt3d_ros.kernels.constants import EPSILON, LIKENESS, RIM, SPREAD, VOTE, VOTE_RADIUS
+from srt3d_ros.kernels.constants import DEAD_LIMIT, EPSILON, LIKENESS, RIM, SPREAD, VOTE_RADIUS
 from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, VALUE
 from srt3d_ros.kernels.torch.arithmetic import has_depth, noise_ratio, waves
 from srt3d_ros.kernels.torch.fusing import fused
@@ -61,7 +61,7 @@ def llr(response, photons, expected, likeness, frame):
     by_signal = likely * frame.intensity_moments[0]
     by_background = (n - likely).clamp(min=0) * frame.intensity_moments[1]
     ratio = evidence(value, n, n, frame)**2 / 2 - deviance * by_signal / (by_signal + by_background)
-    return torch.where(photons <= 0, ratio.clamp(min=-VOTE), ratio)
+    return torch.where(photons <= 0, ratio.clamp(min=-DEAD_LIMIT), ratio)
 
 
 @fused
@@ -71,7 +71,7 @@ def log_likelihood_ratio(frame, state, terms):
     v ≥ 0 is the response of `expand`. p is n less the photons of the pixel's other surfaces, at least 1/2.
     μ is s = v / E, clipped to within a factor LIKENESS of g r (its square if there are other surfaces);
     D = μ − s + s ln(s / μ) is half the deviance of a Poisson number. A pixel with n = 0
-    gives at least −VOTE.
+    gives at least −DEAD_LIMIT.
 
     Returns:
         float32 [rows', K, cols'], nats; 0 where there is no point.

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import torch
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import EPSILON, SEEN_SCORE, SLANT, SLANTED_SCORE, STEEPER, SURE_SCORE, VOTE
+from srt3d_ros.kernels.constants import EPSILON, MOVE_COST, SEEN_SCORE, SLANT, SLANTED_SCORE, STEEPER, SURE_SCORE
 from srt3d_ros.kernels.maps import INTENSITY, RESIDUAL, SCORE, crop, state_shape
 from srt3d_ros.kernels.torch.arithmetic import noise_ratio, pad, product, waves
 from srt3d_ros.kernels.torch.fusing import fused
@@ -113,7 +113,7 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
         step: pixels along the side of a cell.
         enough: standard deviations.
         carried: the state of the frame before. Its depth and slopes stay, measured anew at that depth, where the
-            score there is above `confirmed`, and the new one is not better by VOTE: (score² − score_old²) / 2.
+            score there is above `confirmed`, and the new one is not better by MOVE_COST: (score² − score_old²) / 2.
         confirmed: standard deviations.
         slanted: for a sigma above 0, without `carried`.
     """
@@ -229,7 +229,7 @@ def _kept(frame, found, score, old, step, wanted, pools, confirmed):
     slopes = old[:, maps.SLOPE_COL], old[:, maps.SLOPE_ROW]
     kept = _shown(frame, old[:, maps.DEPTH], (re * cosine + im * sine).sum(dim=1), slopes, pools)
     stays = wanted & (old[:, INTENSITY] > 0) & (kept[:, SCORE] > confirmed) & (
-        score**2 - kept[:, SCORE]**2 < 2 * VOTE)
+        score**2 - kept[:, SCORE]**2 < 2 * MOVE_COST)
     return _where(stays, kept, found)
 
 
