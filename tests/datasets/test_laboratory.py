@@ -87,8 +87,7 @@ def test_npz_cubes_may_describe_their_sensor(tmp_path, name, array):
 
 def test_npy_cubes_of_any_type_and_order(tmp_path):
     np.save(tmp_path / "a.npy", np.asfortranarray(CUBE.astype(">u2")))
-    photons = read(tmp_path / "a.npy", irf=IRF, bin_width_s=1e-10)
-    assert np.array_equal(counts_of(photons), CUBE)
+    assert np.array_equal(counts_of(read(tmp_path / "a.npy", irf=IRF, bin_width_s=1e-10)), CUBE)
 
 
 @pytest.mark.parametrize(("array", "options", "said"), [

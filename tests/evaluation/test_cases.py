@@ -9,7 +9,7 @@ from srt3d_ros.datasets import read
 from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation.cases import of_files, photons_near, simulated, tolerance_bins
-from srt3d_ros.evaluation.scenes import net_sensor
+from srt3d_ros.evaluation.scenes import NetScene, net_sensor
 
 
 def test_every_setting_is_a_case_of_the_photons_it_says():
@@ -23,6 +23,13 @@ def test_every_setting_is_a_case_of_the_photons_it_says():
         assert seen.depth_bins.shape == (2, 32, 32) and case.source == "net" and case.surfaces == 2
     assert not np.array_equal(cases[0].observe().frame.toa, cases[1].observe().frame.toa)       # another draw
     assert np.array_equal(cases[0].observe().frame.toa, cases[0].observe().frame.toa)
+
+
+def test_the_net_waves_before_the_plane():
+    (net, plane), (later, same) = (NetScene(net_sensor()).frame(t_s)[0] for t_s in (0.0, 1.0))
+    both = np.isfinite(net) & np.isfinite(plane)
+    assert 0.5 < both.mean() < 1 and (plane[both] - net[both]).min() > 0.8
+    assert np.nanmax(np.abs(later - net)) > 0.05 and np.array_equal(same, plane, equal_nan=True)
 
 
 def test_a_file_has_as_many_surfaces_as_references(layers):

@@ -93,8 +93,10 @@ class Bust:
             seen = np.flatnonzero(hit_at < range_m)
             points = origin[:, None] + hit_at[seen] * rays[:, seen]
             range_m[seen] = hit_at[seen]
-            stripes = _stripes(points) if figure is self._torso else 1.0
-            reflectivity[seen] = figure.reflectivity(points) * stripes
+            reflectivity[seen] = figure.reflectivity(points)
+            if figure is self._torso:
+                light = np.sin(2 * np.pi * STRIPES_PER_M * points[1]) > 0
+                reflectivity[seen] *= np.where(light, np.float32(1.4), np.float32(0.5))
         range_m = range_m.reshape(self._shape)
         shade = 0.25 + 0.75 * self._cosine(range_m)
         return range_m[None], (reflectivity.reshape(self._shape) * shade)[None]
@@ -119,10 +121,6 @@ def _pose(t_s: float) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
     at = AT_M + (0.012 * sway, 0.002 * breath, 0.006 * breath)
     head = body @ rotation(7 * np.sin(2 * np.pi * t_s / 4.0), 30 * np.sin(2 * np.pi * t_s / 8.0), 0)
     return (head, at + body @ PIVOT_M - head @ PIVOT_M), (body, at)
-
-
-def _stripes(points: np.ndarray) -> np.ndarray:
-    return np.where(np.sin(2 * np.pi * STRIPES_PER_M * points[1]) > 0, np.float32(1.4), np.float32(0.5))
 
 
 def _slope(points: np.ndarray, axis: int) -> np.ndarray:
