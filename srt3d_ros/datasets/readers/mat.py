@@ -111,7 +111,7 @@ def _of_counts(path: Path, layout: Layout, found: dict[str, np.ndarray], options
     order = np.lexsort((toa, row * cols + col))
     pixel, toa = (values[order].repeat(photons[order].astype(np.int64)) for values in (row * cols + col, toa))
     window = (0, _num_bins(options, bins))
-    return _of_events(path, layout, pixel, toa, reference.shape, window, options, reference)
+    return _of_events(path, layout, (pixel, toa), reference.shape, window, options, reference)
 
 
 def _of_cells(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Photons:
@@ -128,12 +128,14 @@ def _of_cells(path: Path, layout: Layout, found: dict[str, np.ndarray], options:
             problem=f"{name} has times of arrival below 0 or beyond 2³² bins.")
     bins = np.floor(toa * unit + EDGE).astype(np.int64)
     pixel = np.arange(lengths.size).repeat(lengths.ravel())
-    return _of_events(path, layout, pixel, bins, lengths.shape, _window(layout, found, unit, bins, options), options)
+    window = _window(layout, found, unit, bins, options)
+    return _of_events(path, layout, (pixel, bins), lengths.shape, window, options)
 
 
-def _of_events(path: Path, layout: Layout, pixel: np.ndarray, toa: np.ndarray, shape: tuple[int, int],
+def _of_events(path: Path, layout: Layout, photons: tuple[np.ndarray, np.ndarray], shape: tuple[int, int],
                window: tuple[int, int], options: dict, reference: np.ndarray | None = None) -> Photons:
-    """Photons inside the gate, or else inside `window` = (first bin, number of bins)."""
+    """Photons (pixel, bin) inside the gate, or else inside `window` = (first bin, number of bins)."""
+    pixel, toa = photons
     width_s, notes = _bin_width(layout, options)
     first, last = options.get("gate", (window[0], sum(window) - 1))
     num_bins = last - first + 1
