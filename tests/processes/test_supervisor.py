@@ -62,7 +62,7 @@ def test_no_node_outlives_a_killed_parent(start):
 @pytest.mark.parametrize("options, code, line", [
     (["--input", "simulator", "-p", "player.frames:=2"], 0, ""),
     (["--input", "no such file.npz"], 2,
-     "srt3d: error: no such file.npz: no such file")])
+     "srt3d: error: no such file.npz: no such file.")])
 def test_a_player_that_ends_or_cannot_start_ends_all_with_its_code(start, options, code, line):
     up = start(UP, *options)
     assert up.code() == code and (not line or line in up.lines)
