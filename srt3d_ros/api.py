@@ -65,7 +65,7 @@ def reconstruct(source: Any, *, sensor: SensorModel | None = None, method: str =
     """The point cloud of photons or of their sketch.
 
     Args:
-        source, sensor, options: as of `read`.
+        source, sensor, options: see `read`.
         method, sketch_size, frequencies, gate, surfaces, device, false_alarm_rate, background: as of
             `Photons.reconstruct`.
 

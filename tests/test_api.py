@@ -208,17 +208,13 @@ def test_a_window_of_a_sketch_sees_its_part_of_the_scene(cloud):
 
 # ---- What a cloud can do
 
-def test_a_cloud_is_saved_with_its_frequencies_over_the_one_before(cloud, tmp_path):
-    for _ in range(2):
-        cloud.save(tmp_path / "cloud.npz")
-    with np.load(tmp_path / "cloud.npz") as file:
-        assert np.array_equal(file["xyz"], cloud.xyz) and file["frequencies"].tolist() == list(FREQUENCIES)
-
-
 def test_no_result_is_written_over_photons_or_another_kind_of_file(cloud, tmp_path):
     photon_file.save(tmp_path / "photons.npz", SENSOR, FRAME)
     seen, content = srt3d_ros.read(tmp_path / "photons.npz"), (tmp_path / "photons.npz").read_bytes()
-    cloud.save(tmp_path / "cloud.npz")
+    for _ in range(2):                          # a cloud may replace a cloud
+        cloud.save(tmp_path / "cloud.npz")
+    with np.load(tmp_path / "cloud.npz") as file:
+        assert np.array_equal(file["xyz"], cloud.xyz) and file["frequencies"].tolist() == list(FREQUENCIES)
     with pytest.raises(srt3d_ros.InvalidInput, match="^Cannot write .*photons.npz: that file holds something else"):
         seen.reconstruct().save(tmp_path / "photons.npz")
     with pytest.raises(srt3d_ros.InvalidInput, match="^Cannot write .*cloud.npz: that file holds something else"):

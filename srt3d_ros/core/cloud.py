@@ -167,7 +167,7 @@ class Cloud:
         """The cloud as a picture, uint8 [height, width, 3]; `save` writes one to a file.
 
         Args:
-            yaw_deg, pitch_deg: as of `plot`.
+            yaw_deg, pitch_deg: see `plot`.
             size_px: width and height of the picture.
 
         Raises:

@@ -24,7 +24,7 @@ class Reconstructor:
     Args:
         sensor: of the sketches, behind the gate if there is one.
         frequencies: the integers k_l of the sketches; methods on photons need none.
-        method, surfaces, device, false_alarm_rate, background: as of `Photons.reconstruct`.
+        method, surfaces, device, false_alarm_rate, background: see `Photons.reconstruct`.
         warm_start: begin with the last frame's surfaces where this one's photons support them (pooled).
 
     Attributes:

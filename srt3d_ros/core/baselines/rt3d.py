@@ -52,7 +52,7 @@ class Likelihood:
 
 
 class RT3D:
-    """Reconstructs frames of one sensor from their photons; arguments as of `PooledStream`."""
+    """Reconstructs frames of one sensor from their photons; arguments as for `PooledStream`."""
 
     def __init__(self, sensor: SensorModel, surfaces: int = 1):
         self.sensor, (_, self._kernels) = sensor, kernels_for("cpu")

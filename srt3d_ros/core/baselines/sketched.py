@@ -33,7 +33,7 @@ class SMLE:
     """Reconstructs frames of one sensor from their sketches; as in the paper, every pixel with photons shows a point.
 
     The sketch of n photons is normally distributed around Ψ_θ with covariance Σ_θ / n. So W = Σ_θ⁻¹ is maximum
-    likelihood, except for the determinant, which n outweighs. Arguments and attributes as of `PooledStream`.
+    likelihood, except for the determinant, which n outweighs. Arguments and attributes as for `PooledStream`.
     """
 
     precise = True          # W is the inverse covariance of the sketch, else the identity

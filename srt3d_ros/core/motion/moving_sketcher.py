@@ -43,7 +43,7 @@ class MovingSketcher(FrameSketcher):
     """Sketches the parts of a frame one by one; `finish` moves them to the middle of the frame and adds them up.
 
     A part has the packets of one stamp; in frames of more than PARTS packets, those of 1 / PARTS of the last frame's
-    length. A packet lasts until the next one, so its photons count as in the middle. Arguments as of FrameSketcher.
+    length. A packet lasts until the next one, so its photons count as in the middle. Arguments as for `FrameSketcher`.
 
     Attributes:
         lost: photons of the last finished frame that left the array.

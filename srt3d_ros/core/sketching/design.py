@@ -31,7 +31,7 @@ def design_for(sensor: SensorModel, gate: str | tuple[int, int] = OFF, frequenci
 
     Args:
         gate: off, (first, last) bin, or auto: the bins that stand out in the histogram of `frame`, and a margin.
-        frequencies, sketch_size: as of `choose`; "auto" follows the photons of `frame`.
+        frequencies, sketch_size: see `choose`; "auto" follows the photons of `frame`.
 
     Raises:
         InvalidInput: gate, frequencies or photons do not fit the sensor, or auto has no frame.

@@ -123,7 +123,7 @@ class Sketch:
 
     def reconstruct(self, *, method: str = DEFAULT_METHOD, surfaces: int = 1, device: str = "auto",
                     false_alarm_rate: float | None = None, background: str | None = None) -> "Cloud":
-        """The point cloud; arguments as of `Photons.reconstruct`, of a method on sketches."""
+        """The point cloud; arguments as for `Photons.reconstruct`, of a method on sketches."""
         wanted = f"one that takes sketches: {', '.join(SKETCH_METHODS)}"
         require(find(method).needs == "sketch", "method", method, wanted)
         # loaded by name: the reconstructor imports Sketch

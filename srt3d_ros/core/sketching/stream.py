@@ -27,7 +27,7 @@ class StreamOptions:
     """How packets become frames, and frames sketches.
 
     Args:
-        gate, frequencies, sketch_size: as of `design_for`.
+        gate, frequencies, sketch_size: see `design_for`.
         packets_per_frame, frame_period_ns: as of Framing.
         window_frames: frames in the sliding window of a sketch.
         moving: deskew: move the packets of a frame to the sensor's pose in its middle, by the reports to `add_motion`.
