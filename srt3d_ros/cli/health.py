@@ -56,13 +56,13 @@ class Listener:
 
     def hear(self) -> bool:
         """Listen for a first report, then for those of the other nodes; False if none arrives."""
-        for seconds, enough in ((HEAR_S, self.reports), (ROUND_S, ())):
-            end_s = time.monotonic() + seconds
-            while not enough and (left_s := end_s - time.monotonic()) > 0:
-                self._spin_once(left_s)
-            if not self.reports:
-                return False
-        return True
+        end_s = time.monotonic() + HEAR_S
+        while not self.reports and (left_s := end_s - time.monotonic()) > 0:
+            self._spin_once(left_s)
+        end_s = time.monotonic() + ROUND_S
+        while self.reports and (left_s := end_s - time.monotonic()) > 0:
+            self._spin_once(left_s)
+        return bool(self.reports)
 
     def print_line(self, names: list[str]) -> None:
         """Print a status line of the named nodes if the last is older than LINE_S; call it often."""

@@ -56,7 +56,8 @@ class PipelineNode(ManagedNode):
             raise
         self.parameters.on_failure = self.failed
         frames = [self.resolve_topic_name(topic.name) for topic in self.spec.outputs if not topic.latched]
-        self.diagnostics = Diagnostics(self, (*frames, "")[0], self.reliability == ReliabilityPolicy.BEST_EFFORT)
+        self.diagnostics = Diagnostics(self, frames[0] if frames else "",
+                                       self.reliability == ReliabilityPolicy.BEST_EFFORT)
         self.finished = threading.Event()       # set by a node that is done: its process may end
         self.stopping = threading.Event()       # set while the node stops: ends every wait of the worker
         self.exit_code = 0
