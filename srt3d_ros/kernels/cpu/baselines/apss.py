@@ -1,7 +1,14 @@
-"""Algebraic point set surfaces (APSS); lengths are in pixels here: (column, row, depth / scale)."""
+"""Algebraic point set surfaces (APSS): project each point onto the surface that fits the points of its 3 × 3 pixels.
+
+The points near in depth form surfaces; for each of the K strongest of a pixel, its point moves along the line of sight
+onto a plane or sphere, fitted with weights (1 − distance² / APSS_REACH²)₊². Lengths are in pixels here: (column, row,
+depth / scale). `torch.baselines.apss` has the details.
+"""
+
+from typing import NamedTuple
 
 import numpy as np
-from numba import boolean, float32, prange
+from numba import boolean, float32, prange, types
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, TWO, ZERO
@@ -13,17 +20,31 @@ REACH, SAME_SURFACE, STILL, SHARED, RIDGE = (F32(value) for value in (
     constants.APSS_RIDGE))
 ENOUGH, PROJECTIONS = constants.APSS_ENOUGH, constants.APSS_PROJECTIONS
 CENTRE_FIRST = 4, 0, 1, 2, 3, 5, 6, 7, 8        # pixels of 3 × 3, row by row
-X, Y, Z, NX, NY, NZ = range(6)      # of a point: where it is, pixels, and its normal
-# Of a surface: its points, their mean depth, its intensity in the pixel itself, points and intensity in the others.
+# Rows of two tables. Of a point: its position, pixels, and its normal.
+X, Y, Z, NX, NY, NZ = range(6)
+# Of a surface: how many points it has, their mean depth, its intensity in the pixel itself, and its points and their
+# intensity in the other pixels.
 COUNT, MEAN, OWN, NEIGHBOURS, OTHERS = range(5)
 
 
-@inline
-def _gather(i, j, depth, intensity, normal, scale, period, points, surfaces):
-    """Collect the points of the 3 × 3 neighbourhood, those of pixel (i, j) first, and join them to surfaces by depth.
+class Cloud(NamedTuple):
+    """Depths (bins) and intensities [rows, K, cols], and x and y of the normals [2, rows, K, cols]."""
 
-    Depths count from the first point's. Returns how many points, surfaces and pixels there are, and that depth, bins.
+    depth: float32[:, :, ::1]
+    intensity: float32[:, :, ::1]
+    normal: float32[:, :, :, ::1]
+
+
+CLOUD = types.NamedTuple(tuple(Cloud.__annotations__.values()), Cloud)
+
+
+@inline
+def _gather(i, j, cloud, scale, period, points, surfaces):
+    """Collect the points of the 3 × 3 pixels, those of pixel (i, j) first, and join them to surfaces by depth.
+
+    Returns how many points, surfaces and pixels there are, and the first point's depth, bins, from which depths count.
     """
+    depth, intensity, normal = cloud
     rows, layers, cols = depth.shape
     found, clusters, pixels, origin = 0, 0, 0, ZERO
     for at in CENTRE_FIRST:
@@ -59,7 +80,7 @@ def _gather(i, j, depth, intensity, normal, scale, period, points, surfaces):
 
 @inline
 def _fit(at, found, points, spheres):
-    """The surface through the points near depth `at`: how far it is from there, and x and y of its normal.
+    """Fit the surface through the points near depth `at`: its distance from there, and x and y of its normal.
 
     A plane z = c + sx x + sy y by weighted least squares; or an algebraic sphere c + l·p + q p² = 0 whose gradient
     fits the points' normals.
@@ -111,16 +132,15 @@ def _fit(at, found, points, spheres):
 
 
 @parallel
-def _apss(depth: float32[:, :, ::1], intensity: float32[:, :, ::1], normal: float32[:, :, :, ::1],
-          exposure: float32[:, ::1], scale: float32, period: float32, spheres: boolean, new_depth: float32[:, :, ::1],
-          new_intensity: float32[:, :, ::1], new_normal: float32[:, :, :, ::1]):
-    rows, layers, cols = depth.shape
+def _apss(cloud: CLOUD, exposure: float32[:, ::1], scale: float32, period: float32, spheres: boolean, after: CLOUD):
+    new_depth, new_intensity, new_normal = after
+    rows, layers, cols = cloud.depth.shape
     for i in prange(rows):
         points, surfaces = np.empty((6, 9 * layers), np.float32), np.empty((5, 9 * layers), np.float32)
         for j in range(cols):
             if exposure[i, j] <= ZERO:
                 continue
-            found, clusters, pixels, origin = _gather(i, j, depth, intensity, normal, scale, period, points, surfaces)
+            found, clusters, pixels, origin = _gather(i, j, cloud, scale, period, points, surfaces)
             strength = surfaces[OWN]
             for c in range(clusters):
                 if surfaces[COUNT, c] >= F32(min(ENOUGH, pixels)):
@@ -148,6 +168,6 @@ def _apss(depth: float32[:, :, ::1], intensity: float32[:, :, ::1], normal: floa
 
 def apss(depth, intensity, normal, exposure, scale, num_bins):
     known = np.zeros((2, *depth.shape), np.float32) if normal is None else normal
-    out = np.zeros_like(depth), np.zeros_like(intensity), np.zeros_like(known)
-    _apss(depth, intensity, known, exposure, F32(scale), F32(num_bins), normal is not None, *out)
-    return out
+    after = Cloud(np.zeros_like(depth), np.zeros_like(intensity), np.zeros_like(known))
+    _apss(Cloud(depth, intensity, known), exposure, F32(scale), F32(num_bins), normal is not None, after)
+    return tuple(after)

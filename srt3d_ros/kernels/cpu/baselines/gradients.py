@@ -1,7 +1,14 @@
-"""The baselines' gradient steps, on each pixel's sketch and on the Poisson likelihood of its times of arrival."""
+"""The baselines' gradient steps, on each pixel's sketch and on the Poisson likelihood of its times of arrival.
+
+`pixelwise`: with d_l = (z_l − g Σ_k r_k |ĥ_l|² exp(i ω_l t_k)) exp(−i ω_l t), rows a of the table give
+Δ_rt = a₀ · Re d + a₁ · Im d and Δ_r = a₂ · Re d + a₃ · Im d; t += rate Δ_rt s / max(s, usual g)², at most δ, and
+r += INTENSITY_RATE Δ_r / g, at least 0, with s = g max(r, the new r).
+"""
+
+from typing import NamedTuple
 
 import numpy as np
-from numba import float32, int64, prange
+from numba import float32, int64, prange, types
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, sincos
@@ -80,11 +87,26 @@ def _between(place, values):
     return values[low] + (place - F32(low)) * (values[low + 1] - values[low])
 
 
+class Photons(NamedTuple):
+    """The fields of a `Likelihood` of `core.baselines.rt3d`, numbers in single precision."""
+
+    starts: int64[::1]
+    toa: float32[::1]
+    irf: float32[:, ::1]
+    slope: float32[:, ::1]
+    exposure: float32[:, ::1]
+    ref: float32
+    information: float32
+    num_bins: float32
+
+
+PHOTONS = types.NamedTuple(tuple(Photons.__annotations__.values()), Photons)
+
+
 @parallel
-def _poisson(starts: int64[::1], toa: float32[::1], irf: float32[:, ::1], slope: float32[:, ::1], ref: float32,
-             information: float32, num_bins: float32, exposure: float32[:, ::1], background: float32[:, ::1],
-             rate: float32, usual: float32, depth: float32[:, :, ::1], intensity: float32[:, :, ::1],
-             stray: float32[:, ::1]):
+def _poisson(photons: PHOTONS, background: float32[:, ::1], rate: float32, usual: float32, depth: float32[:, :, ::1],
+             intensity: float32[:, :, ::1], stray: float32[:, ::1]):
+    starts, toa, irf, slope, exposure, ref, information, num_bins = photons
     rows, surfaces, cols = depth.shape
     reach = ONE / np.sqrt(information)
     for i in prange(rows):
@@ -141,6 +163,7 @@ def poisson(frame, background, rate, usual, depth, intensity):
         float32 [rows, cols], Σ_p b / (Σ r h + b): photons of the background.
     """
     stray = np.zeros_like(background)
-    _poisson(frame.starts, frame.toa, frame.irf, frame.slope, F32(frame.ref), F32(frame.information),
-             F32(frame.num_bins), frame.exposure, background, F32(rate), F32(usual), depth, intensity, stray)
+    photons = Photons(frame.starts, frame.toa, frame.irf, frame.slope, frame.exposure, F32(frame.ref),
+                      F32(frame.information), F32(frame.num_bins))
+    _poisson(photons, background, F32(rate), F32(usual), depth, intensity, stray)
     return stray
