@@ -1,4 +1,4 @@
-"""A state's fields: their indices, unsigned, so that no index counts from the end, and what depths have in common."""
+"""Fields of a state and of its terms, as unsigned indices (none counts from the end), and how depths compare."""
 
 import numpy as np
 
@@ -18,17 +18,17 @@ def wrap(difference, period):
 
 @inline
 def rise(slope_col, slope_row, dx, dy):
-    """How much deeper a tangent plane is at (dx, dy) pixels, bins."""
+    """How much deeper a tangent plane is dx pixels to the right and dy down, bins."""
     return slope_col * dx + slope_row * dy
 
 
 @inline
 def agreement(e, tolerance):
-    """How far two depths e bins apart are one surface's: 1 at e = 0, 0 from e² = tolerance on."""
+    """(1 − e² / tolerance)₊: how well two depths e bins apart agree, from 1 at e = 0 to 0 at e² = tolerance."""
     return max(ONE - e * e / tolerance, ZERO)
 
 
 @inline
 def is_surface(intensity, std, max_std):
-    """Whether there is a surface, at a depth that means anything."""
+    """Whether there is a surface whose depth is known."""
     return (intensity > ZERO) & (std < max_std)

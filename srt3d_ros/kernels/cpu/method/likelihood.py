@@ -1,4 +1,11 @@
-"""How much more likely a pixel's own photons are with a surface than without; `torch.likelihood` has the equations."""
+"""Log-likelihood ratio of a pixel's own photons, "surface" against "background alone", nats.
+
+    ℓ = p ρ(v / p)² / 2 − D μ I₁ / (μ I₁ + (p − μ)₊ I₀),   D = μ − s + s ln(s / μ),   s = v / E
+
+v ≥ 0 is the response at the surface's depth; p the photons that other surfaces leave, at least 1/2; μ is s, clipped to
+within a factor LIKENESS of the expected g r, or its square where the pixel has other surfaces. Without any photons, ℓ
+is at least −DEAD_LIMIT.
+"""
 
 import numpy as np
 from numba import float32, prange
@@ -26,7 +33,7 @@ def noise_at(frame, depth):
 
 @inline
 def evidence(response, photons, squares, frame):
-    """The score of a response."""
+    """The score p / √N · ρ(V₊ / p) of a response V, of p = Σ w n photons with N = Σ w² n, standard deviations."""
     table, steps, photons = frame.background_table, len(frame.background_table) - 1, max(photons, EPSILON)
     at = min(max(response / (photons * frame.max_response), ZERO), ONE) * F32(steps)
     low = min(int(at), steps - 1)
@@ -36,20 +43,20 @@ def evidence(response, photons, squares, frame):
 
 @inline
 def score_of(response, photons, frame):
-    """The evidence of a pixel's photons, at least half of one."""
+    """The score of a pixel's response, as of at least half a photon."""
     photons = max(photons, HALF)
     return evidence(max(response, ZERO), photons, photons, frame)
 
 
 @inline
 def left(photons, explained):
-    """The photons of a pixel without those that are explained, at least 1/2; 0 if it has seen none at all."""
+    """The photons of a pixel less those that are explained, at least 1/2; 0 if the pixel has none."""
     return max(photons - explained, HALF) if photons > ZERO else ZERO
 
 
 @inline
 def llr(score, response, photons, expected, likeness, frame):
-    """Log-likelihood ratio, nats; `score_of` goes first, in a pass of its own: no vector register looks up a table."""
+    """ℓ, nats. `score` is `score_of`, computed in a loop before: a lookup in a table runs in no vector register."""
     seen = max(response, ZERO) / frame.total_energy
     likely = min(max(seen, expected / likeness), expected * likeness)
     deviance = likely - seen + (seen * log(seen / likely) if seen > ZERO else ZERO)

@@ -1,4 +1,9 @@
-"""Trims outlines: the points of rims that their own photons do not pay for are removed."""
+"""Trim outlines: remove the points of a rim that the photons of the rim do not show.
+
+A pixel with a surface is at the rim if RIM of the 8 around are used (g > 0) and have none. Over the rim within
+VOTE_RADIUS, V = Σ v, p = Σ n and μ = Σ g r are pooled. Its points go if √p ρ(V₊ / p) ≤ enough · c(t) and the
+log-likelihood ratio of V, p and μ is below 0. That is done SPREAD times: surfaces grow by as many pixels an iteration.
+"""
 
 import numpy as np
 from numba import boolean, float32, prange
@@ -12,11 +17,13 @@ from srt3d_ros.kernels.cpu.method.frame import FRAME, as_compiled
 from srt3d_ros.kernels.cpu.method.likelihood import llr, noise_at, score_of
 from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, MARGIN, STD, VALUE
 
+RESPONSE, PHOTONS, EXPECTED = range(3)      # rows of `rim`: v, n, g r
+
 
 @parallel
 def _mark(frame: FRAME, state: float32[:, :, :, ::1], terms: float32[:, :, :, ::1], blank: float32[:, ::1],
           rim: float32[:, :, ::1]):
-    """Write response, photons and expected photons of the pixels at rims, 0 elsewhere; 1 in `blank` where none is."""
+    """Write v, n and g r of the pixels at rims, 0 elsewhere, and 1 in `blank` where a used pixel has no surface."""
     padded_rows, surfaces, _, padded_cols = state.shape
     for i in prange(padded_rows):
         for j in range(padded_cols):
@@ -27,7 +34,7 @@ def _mark(frame: FRAME, state: float32[:, :, :, ::1], terms: float32[:, :, :, ::
     for turn in prange(padded_rows - 2 * MARGIN):
         i = turn + MARGIN
         for j in range(MARGIN, padded_cols - MARGIN):
-            rim[i, 0, j], rim[i, 1, j], rim[i, 2, j], empty = ZERO, ZERO, ZERO, ZERO
+            rim[i, RESPONSE, j] = rim[i, PHOTONS, j] = rim[i, EXPECTED, j] = empty = ZERO
             for a in range(i - 1, i + 2):
                 empty += blank[a, j - 1] + blank[a, j] + blank[a, j + 1]
             if blank[i, j] > ZERO or empty < F32(RIM):
@@ -35,13 +42,14 @@ def _mark(frame: FRAME, state: float32[:, :, :, ::1], terms: float32[:, :, :, ::
             for k in range(surfaces):
                 intensity = state[i, k, INTENSITY, j]
                 if intensity > ZERO:
-                    rim[i, 0, j] += terms[i, k, VALUE, j]
-                    rim[i, 1, j] += terms[i, k, COUNTS, j]
-                    rim[i, 2, j] += terms[i, k, EXPOSURE, j] * intensity
+                    rim[i, RESPONSE, j] += terms[i, k, VALUE, j]
+                    rim[i, PHOTONS, j] += terms[i, k, COUNTS, j]
+                    rim[i, EXPECTED, j] += terms[i, k, EXPOSURE, j] * intensity
 
 
 @parallel
 def _drop(rim: float32[:, :, ::1], frame: FRAME, enough: float32, state: float32[:, :, :, ::1], dropped: boolean[::1]):
+    """Remove the points that the rim does not show; `dropped` are the rows that lose some."""
     padded_rows, surfaces, _, padded_cols = state.shape
     for turn in prange(padded_rows - 2 * MARGIN):
         i = turn + MARGIN
@@ -49,18 +57,18 @@ def _drop(rim: float32[:, :, ::1], frame: FRAME, enough: float32, state: float32
         rows = np.empty((3, padded_cols), np.float32)
         for c in range(3):
             for j in range(padded_cols):
-                total_of_rows = ZERO
+                total = ZERO
                 for a in range(i - VOTE_RADIUS, i + VOTE_RADIUS + 1):
-                    total_of_rows += rim[a, c, j]
-                rows[c, j] = total_of_rows
+                    total += rim[a, c, j]
+                rows[c, j] = total
         for j in range(MARGIN, padded_cols - MARGIN):
-            if rim[i, 2, j] <= ZERO:
+            if rim[i, EXPECTED, j] <= ZERO:
                 continue
             response, photons, expected = ZERO, ZERO, ZERO
             for b in range(j - VOTE_RADIUS, j + VOTE_RADIUS + 1):
-                response += rows[0, b]
-                photons += rows[1, b]
-                expected += rows[2, b]
+                response += rows[RESPONSE, b]
+                photons += rows[PHOTONS, b]
+                expected += rows[EXPECTED, b]
             score = score_of(response, photons, frame)
             ratio = llr(score, response, photons, expected, ONE, frame)
             for k in range(surfaces):
