@@ -45,9 +45,9 @@ def apss(depth, intensity, normal, exposure, scale, num_bins):
 
 @fused
 def _joined(depth, intensity, exposure, scale, num_bins) -> tuple:
-    """The surfaces to project onto: where their depths count from, [rows, cols], strengths [K, rows, cols], and `onto`.
+    """Join the points to surfaces: the depth they count from [rows, cols], strengths [K, rows, cols], and `onto`.
 
-    That is [4, K, rows, cols]: depth, x and y of the normal, and whether the point has moved much (1 or 0).
+    `onto` is [4, K, rows, cols]: depth, x and y of the normal, and whether the last move was above APSS_STILL (1 or 0).
     """
     points, layers = _around(intensity), depth.shape[1]
     there, at = points > 0, torch.arange(len(points), device=depth.device)[:, None, None]
@@ -107,7 +107,7 @@ def _surfaces(z, intensity, there, surface, layers, exposure):
 
 @fused
 def _projected(onto, depth, intensity, normal, origin, scale, num_bins):
-    """`onto`, where the line of sight through its depths meets the surface that is fitted around there."""
+    """Move `onto` along the lines of sight to the surfaces that are fitted around its depths."""
     at, *slopes, moves = onto
     place, there = torch.arange(9, device=at.device).repeat_interleave(depth.shape[1]), _around(intensity) > 0
     x, y = ((side - 1).to(at.dtype)[:, None, None, None] for side in (place % 3, place // 3))

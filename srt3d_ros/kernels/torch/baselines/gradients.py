@@ -1,4 +1,4 @@
-"""The baselines' gradient step on each pixel's sketch: `pixelwise`; and what their start shows of the scene."""
+"""The baselines' gradient step on each pixel's sketch (`pixelwise`), and the scene's usual intensity and depth."""
 
 import torch
 

@@ -1,7 +1,7 @@
-"""Creation, competition and removal of points: `birth_death`.
+"""Birth/death update: creates and removes points (`birth_death`).
 
-Images are the last axes. Before them: V, the surfaces around a pixel, which vote, in the order of their places; C,
-those of its 3 × 3 neighbourhood, among which it chooses. What depends on both is made anew in each sum over V.
+Images are the last axes. Before them: V, the surfaces around a pixel, which vote, place by place; C, those of its
+3 × 3 neighbourhood, the candidates. What depends on both is computed anew in each sum over V: it is not worth storing.
 """
 
 from typing import NamedTuple
@@ -54,7 +54,7 @@ def birth_death(frame, state, terms, max_chi2):
 
 @fused
 def _round(frame, state, own, may_choose, max_chi2) -> tuple:
-    """The next state, its points' ratios, and which pixels may choose next: all choose from the state before."""
+    """Let all pixels choose from one state: the next state, the ratios of its points, and which pixels choose next."""
     before, ratios = images(inner(frame, state)), images(inner(frame, own))
     around = _around(frame, state, own, max_chi2)
     chooses = inner(frame, may_choose) & around.undecided
@@ -82,25 +82,25 @@ def _round(frame, state, own, may_choose, max_chi2) -> tuple:
 
 
 def _close_by(voters):
-    """The candidates among the voters."""
+    """The voters in the 3 × 3 neighbourhood, which are the candidates."""
     places = voters.unflatten(0, (SIDE, SIDE, -1))[VOTE_RADIUS - 1:VOTE_RADIUS + 2, VOTE_RADIUS - 1:VOTE_RADIUS + 2]
     return places.flatten(0, 2)
 
 
 class Around(NamedTuple):
-    """The voters of each pixel, carried there along their planes: images [V, rows, cols], unless said otherwise."""
+    """The voters of each pixel, carried there along their planes: images [V, rows, cols], or as each says."""
 
     record: torch.Tensor        # their fields, [V, FIELDS, rows, cols]
     at: torch.Tensor            # depths,
-    tolerance: torch.Tensor     # squares of what these may be off,
+    tolerance: torch.Tensor     # squares of how far these may be off,
     vote: torch.Tensor          # and nats
-    there: torch.Tensor         # which there are
-    count: torch.Tensor         # how many the pixel of each has
+    there: torch.Tensor         # whether there is a surface
+    count: torch.Tensor         # how many surfaces its pixel has
     weight: torch.Tensor        # by their distance, [V, 1, 1]
-    other: torch.Tensor         # which are other pixels', [V, 1, 1]
-    had: torch.Tensor           # how many the pixel has itself, [rows, cols]
-    blank: torch.Tensor         # what a first surface of a pixel needs more, [rows, cols],
-    dark: torch.Tensor          # and loses where dark, by the pixels around that have none
+    other: torch.Tensor         # whether it is another pixel's, [V, 1, 1]
+    had: torch.Tensor           # how many surfaces the pixel has, [rows, cols]
+    blank: torch.Tensor         # nats that a first surface needs for neighbours with photons but no surface
+    dark: torch.Tensor          # and loses, if bright, for neighbours without photons, [rows, cols]
     undecided: torch.Tensor     # pixels whose 3 × 3 neighbourhood does not agree with them, [rows, cols]
     period: int
 
@@ -142,7 +142,7 @@ def _around(frame, state, own, max_chi2) -> Around:
 
 
 def _undecided(around):
-    """Where a candidate is not the pixel's, or of a pixel with fewer; where there is one, if the pixel has none."""
+    """Pixels that lack a candidate, or have more surfaces than a neighbour; of empty ones, those with a candidate."""
     known = (around.like_own() * around.of_pixel(around.there)).amax(1) > 0
     there, fewer = _close_by(around.there), _close_by(around.count) < around.had
     return torch.where(around.had > 0, (there & (~known | fewer)).any(0), there.any(0))
@@ -151,17 +151,17 @@ def _undecided(around):
 class Best(NamedTuple):
     """The candidate for the pixels' surface k with the highest log-likelihood ratio; images [rows, cols]."""
 
-    found: torch.Tensor         # whether that is enough
+    found: torch.Tensor         # whether the ratio is high enough
     point: torch.Tensor         # the pixel's own, or the mean of what agrees, [FIELDS, rows, cols]
     own: torch.Tensor           # which of its own, or −1
     agree: torch.Tensor         # voters, with the candidate, [V, rows, cols]
     depth: torch.Tensor
-    ratio: torch.Tensor         # of the pixel's photons,
-    response: torch.Tensor      # and what they show
+    ratio: torch.Tensor         # of the pixel's own photons, nats
+    response: torch.Tensor      # of these photons at the depth
 
 
 def _best(k, around, free, before, rest, photons, light, frame) -> Best:
-    """The best of the candidates that are free."""
+    """The best of the candidates that no earlier surface has taken."""
     at, tolerance, candidates = _close_by(around.at), _close_by(around.tolerance), _close_by(free)
     weight = around.weight * free
     close, apart = around.apart(at, tolerance)

@@ -1,4 +1,4 @@
-"""What a pixel's own photons say of its surfaces: `expand`, `log_likelihood_ratio` and `trim`."""
+"""Evidence of a pixel's own photons for its surfaces: `expand`, `log_likelihood_ratio` and `trim`."""
 
 import math
 
@@ -66,7 +66,9 @@ def llr(response, photons, expected, likeness, frame):
 
 @fused
 def log_likelihood_ratio(frame, state, terms):
-    """Of each point's own photons, against "background alone": p ρ(v / p)² / 2 − D μ I₁ / (μ I₁ + (p − μ)₊ I₀).
+    """Log-likelihood ratio of each point's own photons against "background alone", nats.
+
+        p ρ(v / p)² / 2 − D μ I₁ / (μ I₁ + (p − μ)₊ I₀)
 
     v ≥ 0 is the response of `expand`. p is n less the photons of the pixel's other surfaces, at least 1/2.
     μ is s = v / E, clipped to within a factor LIKENESS of g r (its square if there are other surfaces);
@@ -86,14 +88,14 @@ def log_likelihood_ratio(frame, state, terms):
 
 
 def trim(frame, state, terms, enough):
-    """r = 0 for the points of rims that the photons of the rim do not pay for; in place.
+    """Remove the points of rims that the photons of the rim do not show: r = 0, in place.
 
     A pixel with a surface is at the rim if RIM of the 8 around are used (g > 0) and have none. What the pixels of
     the rim within VOTE_RADIUS (a square) show is pooled: V = Σ v, p = Σ n, μ = Σ g r, over their points. A point of
-    the pixel goes if these photons do not show a surface of any intensity, √p ρ(V₊ / p) / c(t) ≤ `enough`, and speak
-    for none rather than for one as bright as the pools of `pooled_step` make it: with this V, p and μ the ratio of
-    `log_likelihood_ratio` is below 0. What lies behind is the rim then: SPREAD rounds, as far as surfaces grow in an
-    iteration. `terms` are `expand` of the state.
+    the pixel goes if these photons do not show a surface of any intensity, √p ρ(V₊ / p) / c(t) ≤ `enough`, and are
+    less likely with a surface as bright as the pools of `pooled_step` make it than with none: for this V, p and μ the
+    ratio of `log_likelihood_ratio` is below 0. The pixels behind are the next rim: SPREAD rounds, as many as surfaces
+    grow by in an iteration. `terms` are `expand` of the state.
     """
     for _ in range(SPREAD):
         _trim_once(frame, state, terms, enough)

@@ -63,7 +63,7 @@ def _coarsen(frame, state, terms, max_chi2):
 
 @fused
 def _step(frame, state, parts, sigma, radius, max_chi2):
-    """The next state, by the neighbours of `parts`: terms, and places up to, beyond, and in steps of so many pixels."""
+    """The next state. Each of `parts` has terms of neighbours: up to, beyond, and in steps of how many pixels."""
     own, pooled, plane = images(inner(frame, state)), 0, 0
     for terms, reach, beyond, step in parts:
         dy, dx = (d[:, None, None] for d in offsets(reach, state, step))
@@ -92,7 +92,7 @@ def _over(values):
 
 
 def _weigh(frame, own, state, max_chi2, reach, step):
-    """Weights of neighbours' surfaces by how far they lie on each point's plane, distances from it, and variances."""
+    """Weights of neighbours' surfaces by how well they agree with each point's plane, distances e, and variances."""
     dy, dx = (d[:, None] for d in offsets(reach, state, step))
     depth, std, intensity = (neighbours(frame, state[:, :, field], reach, step)[:, None] for field in (
         DEPTH, STD, INTENSITY))
@@ -110,13 +110,13 @@ def _pool(weight, e, shown) -> list:
 
 
 def _moments(f, e, dy, dx):
-    """Of the planes: the sums by f of 1, dx, dy, dx², dy², dx dy, e, e dx, e dy and e²."""
+    """Sums of f times 1, dx, dy, dx², dy², dx dy, e, e dx, e dy and e², to which planes are fitted."""
     one = torch.ones_like(dx)
     return torch.stack([_over(f * by) for by in (one, dx, dy, dx**2, dy**2, dx * dy, e, e * dx, e * dy, e**2)])
 
 
 def _fit(sums, slope_col, slope_row, steepness, col, row):
-    """How planes turn to the least-squares fit; their leverage at (col, row); mean and variance of what they leave."""
+    """The turn of planes to the least-squares fit, their leverage at (col, row), mean and variance of residuals."""
     total = sums[0] + TINY
     x, y, xx, yy, xy, rise, x_rise, y_rise, rise2 = sums[1:] / total
     ridge = steepness / total + RIDGE
