@@ -1,1 +1,1 @@
-"""The work that is done for every pixel: in torch (the contract, and what a GPU runs), and in numba for the CPU."""
+"""Work per pixel: kernels in torch (the contract, and what runs on a GPU) and in numba (for the CPU)."""

@@ -1,6 +1,6 @@
-"""Constants of the method and limits of what kernels take, shared by all kernel backends.
+"""Constants of the method and limits of the inputs, shared by all kernel backends.
 
-docs/algorithm.md has a table of what each constant of the method does: `python -m benchmarks ablation` makes it.
+`python -m benchmarks ablation` makes the table in docs/algorithm.md of what each constant of the method does.
 """
 
 from math import ceil
@@ -8,27 +8,27 @@ from math import ceil
 # ---- Limits
 
 MAX_SKETCH_SIZE = 64        # m: frequencies of a sketch
-MAX_PIXEL_PHOTONS = 2**32 - 1     # of a pixel; one that saw more counts as so many with the same mean
+MAX_PIXEL_PHOTONS = 2**32 - 1     # of a pixel; more photons count as so many with the same mean
 
 # ---- Start: windows of the matched filter (`search`)
 
-START_SCALES = 0.0, 1.0, 2.5    # σ, pixels: a pixel takes the first that is sure
-WIDE_SCALE = 6.0        # and that for what is still open after the first iteration
-START_SCORE = 7.0       # a lower one starts more wrong surfaces, which survive beside right ones
-SLANT = 1.75            # times δ / σ: the rise of slanted windows, bins per pixel: theirs and the flat one's overlap
-SLANTED_SCORE = 6.0     # starts a slanted surface: slopes are rare, but what a flat window smears is lost otherwise
-STEEPER = 1.3           # times the flat window's nats, which a slanted one needs: across an edge, some plane fits
-SEEN_SCORE = SLANTED_SCORE / 2**0.5     # of a flat window, half the nats: below, no slanted window will have enough
-SURE_SCORE = 10.0       # of a flat window, from which no slanted ones are tried: most of a bright frame
+START_SCALES = 0.0, 1.0, 2.5    # σ, pixels: a pixel takes the first whose score is enough
+WIDE_SCALE = 6.0        # σ, pixels, for pixels still open after the first iteration
+START_SCORE = 7.0       # σ; lower starts more wrong surfaces, which survive next to right ones
+SLANT = 1.75            # times δ / σ: slope of slanted windows, bins per pixel; they overlap with the flat one
+SLANTED_SCORE = 6.0     # σ; starts a slanted surface, which a flat window smears
+STEEPER = 1.3           # times the flat window's nats: what a slanted one needs, for some plane fits across any edge
+SEEN_SCORE = SLANTED_SCORE / 2**0.5     # of a flat window, half the nats; below, no slanted window reaches enough
+SURE_SCORE = 10.0       # of a flat window; above, no slanted one is tried: most of a bright frame
 
 # ---- Iterations: the pool (`pooled_step`)
 
-REACH = 1.5             # σ of a window up to which pixels are in it
-# σ of each iteration's, and up to where neighbours count one by one, pixels: each about twice as wide as the one
+REACH = 1.5             # σ; half the width of a window
+# Of each iteration: σ, and the distance up to which neighbours count one by one, pixels. Each σ is about twice the one
 # before, because depths are known better.
 WINDOWS = (2.0, 4), (4.5, 1), (2 * 4.5, 4)
-FIRST_STEPS = 2         # steps of the first iteration: the start lies on a grid, up to a peak's width from the top
-SAME_SURFACE = 4.1      # standard deviations within which depths may be one surface's: less shares fewer photons
+FIRST_STEPS = 2         # steps of the first iteration: the start is up to a peak's width from the top
+SAME_SURFACE = 4.1      # standard deviations by which depths of one surface may differ; less shares fewer photons
 
 # ---- Iterations: the birth/death update (`birth_death`)
 
@@ -46,17 +46,17 @@ SPREAD = 4              # pixels by which surfaces may grow into empty ones in e
 
 # ---- End (`trim`, `finalise`)
 
-RIM = 3                 # of the 8 pixels around that see no surface: enough to make a point one of the rim
+RIM = 3                 # pixels without a surface, of the 8 around, that make a point one of the rim
 
 # ---- Geometry and numerics of the pool, not the method's
 
-RIDGE = 1e-3            # pixels²: keeps the plane finite where rounding is all that tells a support from a line
-CELL = 3                # pixels along the side of the cells by which farther ones are added; odd
-TINY, EPSILON = 1e-12, 1e-6     # photons: added nothing, divided by at least this
+RIDGE = 1e-3            # pixels²: keeps the plane finite where the support is a line but for rounding
+CELL = 3                # pixels along the side of the cells that sum farther neighbours; odd
+TINY, EPSILON = 1e-12, 1e-6     # photons: added where 0 must not be divided by; the least divisor
 
 # ---- Gradient steps of the baselines (`pixelwise`, `poisson`)
 
-INTENSITY_RATE = 0.5    # of the full step: the points of a pixel change together
+INTENSITY_RATE = 0.5    # of the full step, because the points of a pixel change together
 
 # ---- The baselines' denoiser (`apss`). Lengths are in pixels, also along the depth.
 

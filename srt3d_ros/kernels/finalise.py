@@ -1,9 +1,12 @@
-"""Which points the photons speak for, how bright and how sure each is: written once, for the arrays of all kernels."""
+"""The end of a frame: keep points with enough evidence, and estimate intensity, error and background.
+
+Written once, for the arrays of all kernel backends.
+"""
 
 from srt3d_ros.kernels.constants import EPSILON, TINY, WINDOWS
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, STD, VALUE, crop
 
-LOCAL_SIGMA = WINDOWS[0][0]     # of the window that tells how far pixels differ, pixels
+LOCAL_SIGMA = WINDOWS[0][0]     # pixels, of the window over which pixels are compared
 
 
 def finalise(kernels, frame, photons, state, terms, enough):
@@ -12,7 +15,7 @@ def finalise(kernels, frame, photons, state, terms, enough):
     own = R(z, t) / (g E) is the intensity by the point's own pixel, r that of its pool. v = (g r I₁ + (n − g r)₊
     I₀) / (E g)² is the variance of own by photon noise, s² the mean square of own − r, both averaged with a
     Gaussian of σ = 2 pixels, the first of WINDOWS: s² − v is how far the pixels themselves differ (James and Stein's
-    estimator). A point whose own photons say less than none keeps an intensity above 0.
+    estimator). A point whose own photons give a negative intensity keeps one above 0.
 
     `photons` are n, masked pixels included, float32 [rows, cols]. Returns intensity (0: no point) and standard
     deviation, bins, float32 [rows, K, cols], and (n − g Σ_k r_k)₊ and background photons, float32 [rows, cols].
@@ -33,10 +36,10 @@ def finalise(kernels, frame, photons, state, terms, enough):
 
 
 def background(kernels, left, exposure):
-    """Background photons, [rows, cols], of `left`, what the points leave of the photons, [rows, 1, cols] as `exposure`.
+    """Background photons, [rows, cols], from the photons that the points leave, `left`, [rows, 1, cols] as `exposure`.
 
-    g times the local mean of `left` over that of g, at least 0: where it is less than a photon, the clipped noise of
-    single pixels would be several times as much.
+    g times the local mean of `left` over that of g, at least 0. Clipping single pixels instead would turn their noise
+    into several times as much background where there is less than a photon.
     """
     used = exposure > 0
     rate = kernels.blur(left * used, LOCAL_SIGMA) / kernels.blur(exposure + EPSILON, LOCAL_SIGMA)
@@ -44,7 +47,7 @@ def background(kernels, left, exposure):
 
 
 def without_weak(kernels, state, enough) -> None:
-    """r = 0 for points with a score below `enough`; in place."""
+    """Remove points with a score below `enough`, in place: r = 0."""
     state[:, :, INTENSITY] *= state[:, :, SCORE] >= enough
 
 
@@ -54,12 +57,12 @@ def nearness(kernels, used):
 
 
 def averaged(kernels, values, used, near):
-    """Local means, as in `finalise`, over the used pixels of an array [rows, cols]; 0 in others."""
+    """Local means over the used pixels of an array [rows, cols], with the window of `finalise`; 0 in other pixels."""
     return kernels.blur((values * used)[:, None], LOCAL_SIGMA)[:, 0] * near
 
 
 def unexplained(kernels, frame, state, intensity, rest, taken, used, near, passed):
-    """`unexplained` with averages over the same window."""
+    """The kernel `unexplained`, with averages over the window of `finalise`."""
     own, seen = rest * used, crop(frame.counts, *frame.shape)
     return kernels.unexplained(frame, state, intensity, own, own if taken is None else taken,
                                averaged(kernels, own, used, near), averaged(kernels, seen, used, near), passed)

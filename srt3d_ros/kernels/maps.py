@@ -1,9 +1,9 @@
-"""How a reconstruction's maps lie in memory, for all kernels.
+"""The layout in memory of a reconstruction's maps, for all kernels.
 
 Maps are padded with MARGIN empty pixels on every side, so that a window needs no bounds checks, and on the right up
 to a whole number of BLOCKs. They are planar: [rows', …, cols'], the columns of one row and channel beside each other.
 
-The state is one map [rows', K, FIELDS, cols'], K surfaces a pixel, with these fields:
+The state is one map [rows', K, FIELDS, cols']: K surfaces a pixel, with the fields DEPTH … RESIDUAL.
 """
 
 import math
@@ -28,7 +28,7 @@ SLOPE_ROW = 2       # and downwards
 INTENSITY = 3       # r, expected signal photons; 0 = no surface
 STD = 4             # standard deviation of the depth, bins
 SCORE = 5           # evidence against "background alone", standard deviations
-RESIDUAL = 6        # what the plane adds to the depth's standard deviation: its own noise, and relief beside it, bins
+RESIDUAL = 6        # what the plane adds to the depth's standard deviation: its noise, and relief beside it, bins
 FIELDS = 7
 
 VALUE = 0           # v, the data term of a pixel's photons at the depth of its surface
@@ -38,7 +38,7 @@ SQUARES = 3         # Σ w² n
 COUNTS = 4          # Σ w n
 EXPOSURE = 5        # Σ w g
 TERMS = 6
-MAX_STD = 0.125     # of T: a point with a larger standard deviation says nothing of the depth
+MAX_STD = 0.125     # of T; a point with a larger standard deviation has no known depth
 
 
 def padded_shape(rows: int, cols: int) -> tuple[int, int]:

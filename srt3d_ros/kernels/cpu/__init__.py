@@ -1,8 +1,7 @@
-"""The CPU kernels, in numba: the kernels of `torch` on NumPy arrays, compiled at first use, cached on disk.
+"""The kernels on the CPU, in numba: those of `torch` for NumPy arrays, compiled at first use and cached on disk.
 
-Rows run in parallel, and inside a row BLOCK neighbouring columns run in vector registers. The cost of a frame does not
-depend on its photons, and results do not depend on the number of threads: no sum runs across threads
-(`arithmetic.total_of`).
+Rows run in parallel; within a row, BLOCK neighbouring columns run in vector registers. The time for a frame does not
+depend on its photons, and results do not depend on the number of threads: no sum runs across threads.
 """
 
 from srt3d_ros.kernels.cpu.baselines.apss import apss
@@ -31,7 +30,7 @@ from srt3d_ros.kernels.cpu.sketching.phase_sums import (
 from srt3d_ros.kernels.cpu.sketching.rows import fixed_rows
 from srt3d_ros.kernels.maps import UNIT
 
-# Modules whose kernels a frame of the default method does not run.
+# Modules whose kernels no frame of the default method needs
 OTHER_METHODS, BEFORE_IT = ("apss", "gradients", "match"), ("phase_sums", "move_sketch")
 
 

@@ -1,4 +1,4 @@
-"""What the CPU kernels share: constants, functions that run in vector registers, scratch memory, depths of surfaces."""
+"""What the CPU kernels share: constants, functions that run in vector registers, scratch memory, sums."""
 
 import numpy as np
 
@@ -9,10 +9,10 @@ F32, U = np.float32, np.uint64
 HALF, ONE, TWO, ZERO = F32(0.5), F32(1), F32(2), F32(0)
 TINY, EPSILON = F32(constants.TINY), F32(constants.EPSILON)
 
-B = U(maps.BLOCK)           # unsigned, so that the compiler generates no wrap-around for negative indices
+B = U(maps.BLOCK)           # unsigned: numba checks indices of signed types for being negative
 
-# sin(2πx) / x and cos(2πx) as polynomials in x² on |x| ≤ 1/2, largest error 7e-7 (Chebyshev interpolation): unlike
-# calls of libm they run in vector registers.
+# sin(2πx) / x and cos(2πx) as polynomials in x² on |x| ≤ 1/2, largest error 7e-7 (Chebyshev interpolation). They run in
+# vector registers; calls of libm do not.
 _SIN = tuple(F32(c) for c in (6.28318548, -41.3417015, 81.6051331, -76.7030029, 42.0258522, -14.8995781, 3.23778009))
 _COS = tuple(F32(c) for c in (1.0, -19.7392082, 64.9393921, -85.4566574, 60.2421265, -26.4046307, 7.80002213,
                              -1.45298743))
@@ -48,7 +48,7 @@ def log(value):
 
 @inline
 def aligned(size):
-    """Scratch of `size` float32 that begins with a cache line: vectors across two lines cost several times as much."""
+    """Scratch memory of `size` float32, from the start of a cache line: vectors across two lines are slow."""
     memory = np.empty(size + 16, np.float32)
     first = (-(memory.ctypes.data // 4)) % 16
     return memory[first:first + size]
@@ -56,7 +56,7 @@ def aligned(size):
 
 @line
 def any_of(values):
-    """Whether a number of a map is not 0; what numba makes of `values.any()` takes several times as long to compile."""
+    """Whether any number of a map is not 0. Takes a fraction of the time of `values.any()` to compile."""
     for row in range(values.shape[0]):
         for col in range(values.shape[1]):
             if values[row, col] != 0:
@@ -66,7 +66,7 @@ def any_of(values):
 
 @line
 def total_of(values):
-    """Σ values, float32, one after the other: in a kernel `values.sum()` would be split over however many threads."""
+    """Σ values, float32, in their order: in a kernel, `values.sum()` would depend on the number of threads."""
     total = ZERO
     for value in values:
         total += value

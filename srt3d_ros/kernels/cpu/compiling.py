@@ -1,4 +1,4 @@
-"""How numba compiles the kernels, and where it keeps the machine code."""
+"""Compile kernels with numba, and keep the machine code on disk."""
 
 import fcntl
 import hashlib
@@ -16,20 +16,20 @@ from pathlib import Path
 from numba import __version__, config, njit, types
 from numba.core import event
 
-# OpenMP lets several threads of one process (those of somebody's own program, say) call kernels at once; numba's own
-# work queue would abort. An explicit choice in the environment wins.
+# With OpenMP several threads of a process may call kernels at once; numba's own work queue would abort. A choice in the
+# environment wins.
 if "NUMBA_THREADING_LAYER" not in os.environ:
     config.THREADING_LAYER = "omp"
 LOG = logging.getLogger(__name__)
-KEPT = 6            # newest folders that stay: those of a few checkouts and of the version before
+KEPT = 6            # newest folders kept: a few checkouts, and the version before
 
 
 def _folder() -> tuple[Path | None, tuple[str, str]]:
-    """Where machine code is kept, in NUMBA_CACHE_DIR or ~/.cache/srt3d_ros; or None, and which path is what instead.
+    """The folder of the machine code, in NUMBA_CACHE_DIR or ~/.cache/srt3d_ros; or None, with a path and its problem.
 
-    It is named after all that goes into a kernel. Numba looks at the file of the function alone, and would run
-    yesterday's code after a change of a constant or an inlined function elsewhere. Numba unpickles what it finds there,
-    so nobody else may write to it.
+    Its name is a hash of all sources of kernels. Numba itself compares the function's own file only, and would run old
+    code after a change of a constant or of an inlined function elsewhere. Numba unpickles the files of the folder, so
+    nobody else may write to it.
     """
     own, digest = Path(__file__).parent, hashlib.sha256(__version__.encode())
     for file in (*sorted(own.parent.glob("*.py")), *sorted(own.rglob("*.py"))):
@@ -59,24 +59,27 @@ _one_thread = threading.Lock()
 
 
 def read_only(array: types.Array) -> types.Array:
-    """The type of arrays that may be read-only, as those in a message are."""
+    """The type of an array that may be read-only, such as one in a message."""
     return array.copy(readonly=True)
 
 
 def compiled_type(annotation):
-    """The type that an annotation means: that of a NamedTuple's fields for its class, others as they are."""
+    """The numba type of an annotation, which is one itself or a NamedTuple class annotated with them."""
     if not isinstance(annotation, type):
         return annotation
-    return types.NamedTuple(tuple(annotation.__annotations__.values()), annotation)
+    fields = tuple(annotation.__annotations__.values())
+    if len(set(fields)) == 1:       # what numba makes of such a tuple
+        return types.NamedUniTuple(fields[0], len(fields), annotation)
+    return types.NamedTuple(fields, annotation)
 
 
 class Kernel:
-    """A compiled function of arguments of the types that annotate it; arrays of other types are a TypeError.
+    """A function compiled for the types in its annotations; arrays of other types are a TypeError.
 
-    So what is compiled follows from the source alone. Numba by itself would compile anew for an array that is
-    contiguous, or read-only, where the first was not. It casts numbers: integers are int64, and whoever calls a kernel
-    makes the float32 ones. A tuple of types has the function compiled for each. The first call compiles, or reads the
-    machine code from FOLDER.
+    So the sources alone decide what is compiled. Numba by itself would compile again for an array that is contiguous or
+    read-only where the first was not. A tuple of types compiles the function for each. A NamedTuple class with a method
+    `of` converts its arguments. Numbers are cast; callers pass np.float32 for float32. The first call compiles, or
+    reads the machine code from FOLDER.
     """
 
     def __init__(self, function: Callable, **options):
@@ -94,18 +97,18 @@ class Kernel:
 
     @property
     def name(self) -> str:
-        """Its module's name and its own."""
+        """Module and function, such as search._search."""
         return f"{self.__module__.rpartition('.')[2]}.{self.__name__}"
 
     def compile(self) -> None:
-        """Compile it for its types, or read it from the disk, unless that has been done."""
+        """Compile it, or read it from the disk, unless that has been done."""
         with _alone(self.name):
             if self.is_ready:
                 return
             for signature in self.signatures:
                 try:
                     self.compiled.compile(signature)
-                except OSError as error:        # of the disk: it is compiled all the same, unless reading failed
+                except OSError as error:        # the disk failed: it is compiled all the same, unless reading failed
                     LOG.warning(f"compiled kernels cannot be kept in {FOLDER}: {error.strerror}")
                     if signature not in self.compiled.overloads:
                         raise
@@ -127,22 +130,22 @@ class Kernel:
 
 @contextmanager
 def _alone(name: str) -> Iterator[None]:
-    """Let no other thread or program compile this kernel: numba's index of the files of a kernel has no lock."""
+    """Keep other threads and programs from compiling this kernel: numba's index of its files has no lock."""
     with _one_thread, ExitStack() as lock:
         if FOLDER:
-            with suppress(OSError):         # of the disk: who cannot make a file keeps no machine code either
+            with suppress(OSError):         # a disk without room for a lock has none for machine code
                 fcntl.flock(lock.enter_context(open(FOLDER / f"{name}.lock", "w")), fcntl.LOCK_EX)
         yield
 
 
 def compile_by_name(name: str) -> str:
-    """Compile a kernel in whatever process this is; returns the name."""
+    """Compile a kernel in this process; returns its name."""
     KERNELS[name].compile()
     return name
 
 
 class _Watch(event.Listener):
-    """Says once that kernels are being compiled, not read from the disk."""
+    """Log once that kernels are being compiled, not read from the disk."""
 
     said = False
 
@@ -160,7 +163,7 @@ class _Watch(event.Listener):
 
 event.register("numba:compile", _Watch())
 
-# OpenMP ends a process that was forked after its threads had begun, and leaves the parent waiting for it.
+# OpenMP kills a process that was forked after its threads had started, and the parent waits for ever.
 _forked_after_use = False
 
 
@@ -171,9 +174,9 @@ def _on_fork() -> None:
 
 os.register_at_fork(after_in_child=_on_fork)
 
-# No fastmath, which would be 5 % faster: the last bit would depend on what the compiler makes of a kernel, and that
-# differs between one just compiled and the same one from the cache.
+# Without fastmath, which is 5 % faster: with it, the last bit differs between a kernel just compiled and the same
+# kernel from the cache.
 parallel = partial(Kernel, parallel=True)
-serial = Kernel                                         # for so little work that waking threads would cost more
-line = njit(error_model="numpy")                        # called for a line of pixels or cells
-inline = njit(forceinline=True, error_model="numpy")    # by LLVM: numba's own inlining compiles a fifth longer
+serial = Kernel                                         # too little work for waking threads
+line = njit(error_model="numpy")                        # called once for a line of pixels or cells
+inline = njit(forceinline=True, error_model="numpy")    # by LLVM: numba's own inlining takes a fifth longer to compile

@@ -1,4 +1,4 @@
-"""Arrays on the device, which is this machine's memory, and the threads of a frame."""
+"""The CPU as a device: arrays stay in memory, and small frames run on one thread."""
 
 import threading
 from collections.abc import Callable
@@ -7,13 +7,13 @@ import numba
 import numpy as np
 
 ON_HOST = True
-# Pixels of a frame that one thread does as fast as two, which wake each other for every kernel: 2.7 against 3.4 ms for
-# 32 × 32, 6.5 against 7.2 ms for 64 × 64, and the other core is free for other nodes.
+# Up to so many pixels one thread is at least as fast as two, which wake each other for every kernel (2.7 against 3.4 ms
+# for 32 × 32, 6.5 against 7.2 ms for 64 × 64), and leaves the other core to other nodes.
 SERIAL_PIXELS = 64 * 64
 
 
 class _Memory(threading.local):
-    """Of a thread's frames: arrays by name, and whether a frame is being computed."""
+    """Each thread's arrays by name, and whether it is computing a frame."""
 
     def __init__(self):
         self.arrays: dict[str, np.ndarray] = {}
@@ -24,9 +24,9 @@ _memory = _Memory()
 
 
 def borrow(name: str, shape: tuple, zero: bool = False) -> np.ndarray:
-    """Within a `recorded` frame the array that the last frame had by this name, else a new one; new ones are 0.
+    """An array of 0; within a `recorded` frame the one that the last frame had by this name, with its values.
 
-    To ask the system for memory again would cost more than some steps.
+    Asking the system for memory again would take longer than some steps. `zero` clears the values.
     """
     found = _memory.arrays.get(name) if _memory.in_frame else None
     if found is None or found.shape != shape:

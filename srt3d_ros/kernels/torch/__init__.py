@@ -1,10 +1,10 @@
-"""The contract of the kernels, and what it means: written in torch, to be read. `cpu` has the same names.
+"""The kernels in torch, written to be read: the contract that `cpu` fulfils under the same names.
 
-`on` gives the functions for tensors of one type on one device. In double precision on the CPU they are the tests'
-oracle: `cpu` differs by its own rounding only. In single precision they are what a GPU runs: each `fused` function is
-compiled, and no step of a frame looks at a value, so that one graph holds them all.
+`on` returns the functions for tensors of one type on one device. In double precision on the CPU they are the tests'
+oracle, from which `cpu` differs by rounding only. In single precision they run on a GPU: each `fused` function is
+compiled, and no step of a frame branches on a value, so that one CUDA graph holds a whole frame.
 
-What photons and sketches of photons go through before a reconstruction runs on the CPU alone: `cpu.sketching`.
+Sketching and moving sketches run on the CPU alone (`cpu.sketching`).
 
 Notation:
     T            bins of a period (`num_bins`); depths are bins on a circle of T
@@ -18,19 +18,19 @@ Notation:
     δ            √(E / C), width of a matched filter's peak, bins (`resolution_bins`)
     R(z, t)      response to the matched filter, Σ_l Re(z_l exp(−i ω_l t))
     M₁, M₀       variance of dR/dt that a signal, a background photon adds (`moments`); I₁, I₀ of R itself
-    M₂, M₃       what bins add: to M₁ for a depth between two of them, and to the depth's variance, bins²
+    M₂, M₃       added by the width of bins: to M₁ for a depth between two bins, and to the depth's variance, bins²
     (·)₊, wrap   the positive part; a difference of depths on the circle, in [−T/2, T/2]
-    ρ(u)         what a mean response u of background photons is worth, standard deviations per √photon
+    ρ(u)         evidence of a mean response u of background photons, standard deviations per √photon
                  (`background_table`, Chernoff's bound)
-    c(t)         by how much scores at a depth exceed standard deviations (`clutter`)
+    c(t)         factor by which scores at a depth exceed standard deviations (`clutter`)
     CAPITALS     constants of `kernels.constants` and `kernels.maps`
 
 A frame is a `MatchedFrame` of `core.method.matched_frame`, padded unless said otherwise. Maps of complex numbers are
 float32 [rows, 2m, cols], real parts before imaginary ones. Maps with rows', cols' are padded, and states are float32
 [rows', K, FIELDS, cols'] (`kernels.maps`).
-What a kernel returns within a `recorded` frame lasts until the next one. Types are those of `cpu`, but that complex
-arrays are pairs of reals on a GPU, [..., 2]. Arrays lie on the kernels' device unless said to be NumPy's: ON_HOST says
-whether they are.
+Results of a kernel within a `recorded` frame are valid until the next frame. Types are those of `cpu`, except that
+complex arrays are pairs of reals on a GPU, [..., 2]. Arrays are on the kernels' device unless said to be NumPy's;
+ON_HOST is True if that is the same.
 """
 
 import torch
@@ -52,5 +52,5 @@ FUNCTIONS = {function.__name__: function for function in (
 
 
 def on(device: str, dtype: torch.dtype = torch.float32) -> Kernels:
-    """The kernels on a device, by torch's name of it, for real numbers of this type."""
+    """The kernels for real numbers of this type on a device, named as in torch."""
     return Kernels(FUNCTIONS, device, dtype)

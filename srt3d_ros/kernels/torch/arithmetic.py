@@ -1,4 +1,4 @@
-"""What the steps share: waves, a pixel's statistics as pairs of reals, and what makes depths one surface's."""
+"""What the torch kernels share: waves, complex products, padding, and whether depths belong to one surface."""
 
 import math
 
@@ -15,7 +15,7 @@ def waves(frame, depth):
 
 
 def product(a, b):
-    """Of complex numbers as pairs of reals [..., 2]: its real and its imaginary parts."""
+    """Real and imaginary parts of the product of complex numbers, which are pairs of reals [..., 2]."""
     (a_re, a_im), (b_re, b_im) = a.unbind(-1), b.unbind(-1)
     return a_re * b_re - a_im * b_im, a_re * b_im + a_im * b_re
 
@@ -27,20 +27,20 @@ def pad(image):
 
 
 def noise_ratio(frame, depth):
-    """By how much scores at these depths exceed standard deviations: `clutter` at the nearest bin."""
+    """c(t), by which scores at these depths exceed standard deviations: `clutter` at the nearest bin."""
     return 1.0 if frame.clutter is None else frame.clutter[depth.round().long() % frame.num_bins]
 
 
 def wrap(difference, period):
-    """The difference of two depths on a circle."""
+    """A difference of depths on the circle, in [−period / 2, period / 2]."""
     return difference - period * (difference / period).round()
 
 
 def agreement(difference, variance):
-    """How far depths are one surface's, 0 … 1; `variance`, above 0, is the sum of what each may be off, squared."""
+    """How well depths fit one surface, 0 … 1; `variance`, above 0, is the sum of the squares that each may be off."""
     return (1 - difference**2 / variance).clamp(min=0)
 
 
 def has_depth(record, period):
-    """Which of some surfaces [FIELDS, …] exist, at depths that mean anything."""
+    """Which of these surfaces, [FIELDS, …], exist and have a known depth."""
     return (record[INTENSITY] > 0) & (record[STD] < MAX_STD * period)

@@ -1,4 +1,4 @@
-"""Where the kernels compute, and in which type: `Kernels` has them, and takes arrays there and back."""
+"""`Kernels`: the torch kernels on one device in one type, and copies of arrays to it and back."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,12 +10,12 @@ from srt3d_ros.kernels.torch.fusing import fused
 
 
 class Kernels:
-    """The kernels on one device: what `cpu` has as a module.
+    """The kernels on one device, as attributes: the names that the module `cpu` has.
 
     Args:
         functions: by name.
-        device: torch's name of it.
-        dtype: of all real numbers.
+        device: named as in torch.
+        dtype: the type of all real numbers.
     """
 
     ON_HOST = False             # arrays are not NumPy's
@@ -26,10 +26,10 @@ class Kernels:
         self.device, self.dtype, self._is_gpu = device, dtype, device == "cuda"
 
     def load(self):
-        """Nothing waits to be compiled."""
+        """Do nothing: kernels are compiled when a frame is recorded."""
 
     def array(self, values):
-        """A copy of the values of a NumPy array on the device, contiguous; nothing waits for it to arrive."""
+        """Copy a NumPy array to the device, contiguous, without waiting for it to arrive."""
         if np.iscomplexobj(values):
             values = np.ascontiguousarray(values).view(values.real.dtype).reshape(*values.shape, 2)
         dtype = torch.from_numpy(np.empty(0, values.dtype)).dtype
@@ -39,21 +39,21 @@ class Kernels:
         return ours.to(self.device, non_blocking=True)
 
     def numpy(self, values):
-        """The NumPy array of an array on the device; waits for the kernels that write it."""
+        """Copy an array from the device to NumPy; waits for the kernels that write it."""
         dtype = torch.float32 if values.is_floating_point() else values.dtype
         return torch.empty(values.shape, dtype=dtype, pin_memory=self._is_gpu).copy_(values).numpy()
 
     def unpack(self, values, xyz, number) -> tuple:
-        """The points of `collect`, which have room for all that there can be: what `Estimate` has from `row` on."""
+        """The first `number` points of `collect`: the values of `Estimate` from `row` on."""
         there = slice(int(number))
         values, xyz = self.numpy(values[:, there]).astype(np.float32, copy=False), self.numpy(xyz[there])
         row, col, rank = values[3:]
         return row.astype(np.uint16), col.astype(np.uint16), rank.astype(np.uint8), values[:3], xyz
 
     def recorded(self, function: Callable) -> Callable:
-        """A function of arrays, the first [rows, cols], that a GPU records in a graph and replays for each frame.
+        """Let a GPU record a function of arrays, the first [rows, cols], in a graph, and replay it for each frame.
 
-        It takes NumPy arrays, arrays on the device, or None; what it returns stays there, until the next frame.
+        It takes NumPy arrays, arrays on the device, or None. Its results stay on the device until the next frame.
         """
         frames: dict[tuple, Callable] = {}
         pool = torch.cuda.graph_pool_handle() if self._is_gpu else None
@@ -70,9 +70,9 @@ class Kernels:
 
 
 def _recorded(function: Callable, arrays: list, pool) -> Callable:
-    """The function, recorded in a CUDA graph with copies of these arrays, into which the next ones are copied.
+    """Record the function in a CUDA graph with copies of these arrays, into which later arrays are copied.
 
-    It first runs as it is, which compiles what is fused. Graphs of one pool share the memory of what does not last.
+    The function first runs unrecorded, which compiles its fused parts. Graphs of one pool share temporary memory.
     """
     inputs = [None if each is None else each.clone() for each in arrays]
     with exact_products():
@@ -97,7 +97,7 @@ def _recorded(function: Callable, arrays: list, pool) -> Callable:
 
 @contextmanager
 def exact_products() -> Iterator[None]:
-    """Products of float32 matrices are float32's inside, whatever the user has set, and has again behind it."""
+    """Multiply float32 matrices in float32 within the context; the user's setting returns afterwards."""
     products = torch.backends.cuda.matmul
     before, products.fp32_precision = products.fp32_precision, "ieee"
     try:

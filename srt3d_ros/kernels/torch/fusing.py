@@ -1,4 +1,4 @@
-"""What a GPU runs as few kernels: `fused` marks the functions that are compiled, each as one graph."""
+"""`fused`: mark functions that torch compiles for a GPU, each into few kernels."""
 
 import warnings
 from collections.abc import Callable
@@ -7,28 +7,28 @@ from functools import partial, update_wrapper
 import torch
 from torch._dynamo import config
 
-# Sums over neighbours read what they need where they need it: nothing of [neighbours × pixels] is stored, unless more
-# than 10 arrays go into it, as compiling would take minutes. Those over a pixel's surfaces, of which there are at most
-# four, are written out; those over frequencies are loops.
+# Sums over neighbours read their inputs in place, so that nothing of [neighbours × pixels] is stored unless it has more
+# than 10 inputs: compiling would take minutes. Sums over a pixel's surfaces, at most four, are unrolled; sums over
+# frequencies are loops.
 OPTIONS = {"realize_reads_threshold": 1000, "realize_opcount_threshold": 1000, "realize_acc_reads_threshold": 10,
            "unroll_reductions_threshold": 5}
-MOST_FORMS = 10**6      # that a function is compiled in, one for each shape and scale: torch takes more for a mistake
-warnings.filterwarnings("ignore", "TensorFloat32 tensor cores")         # products are exact to the type on purpose
+MAX_FORMS = 10**6       # of a function, one for each shape and scale: torch's own limit takes many for a mistake
+warnings.filterwarnings("ignore", "TensorFloat32 tensor cores")         # exact products are on purpose
 
 
 class Fused:
-    """A function that is compiled where its arrays are on a GPU, and elsewhere runs step by step."""
+    """A function that is compiled for arrays on a GPU, and runs step by step elsewhere."""
 
     def __init__(self, function: Callable):
         self.function, self._compiled = function, None
         update_wrapper(self, function.func if isinstance(function, partial) else function)
 
     def compiles(self, array) -> bool:
-        """Whether an array asks for it."""
+        """Whether the function is compiled for this array."""
         return array.is_cuda
 
     def compile(self, **options) -> Callable:
-        """The function, compiled for each new combination of shapes and of what is no array."""
+        """The function, compiled for each new combination of shapes and other arguments."""
         return torch.compile(self.function, fullgraph=True, dynamic=False, options=OPTIONS | options)
 
     def __call__(self, *arguments, **more):
@@ -36,7 +36,7 @@ class Fused:
             return self.function(*arguments, **more)
         if self._compiled is None:
             self._compiled = self.compile()
-        with config.patch(recompile_limit=MOST_FORMS, accumulated_recompile_limit=MOST_FORMS):
+        with config.patch(recompile_limit=MAX_FORMS, accumulated_recompile_limit=MAX_FORMS):
             return self._compiled(*arguments, **more)
 
 

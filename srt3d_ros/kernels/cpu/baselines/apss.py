@@ -8,7 +8,7 @@ depth / scale). `torch.baselines.apss` has the details.
 from typing import NamedTuple
 
 import numpy as np
-from numba import boolean, float32, prange, types
+from numba import boolean, float32, prange
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, TWO, ZERO
@@ -27,15 +27,12 @@ X, Y, Z, NX, NY, NZ = range(6)
 COUNT, MEAN, OWN, NEIGHBOURS, OTHERS = range(5)
 
 
-class Cloud(NamedTuple):
+class Points(NamedTuple):
     """Depths (bins) and intensities [rows, K, cols], and x and y of the normals [2, rows, K, cols]."""
 
     depth: float32[:, :, ::1]
     intensity: float32[:, :, ::1]
     normal: float32[:, :, :, ::1]
-
-
-CLOUD = types.NamedTuple(tuple(Cloud.__annotations__.values()), Cloud)
 
 
 @inline
@@ -132,7 +129,7 @@ def _fit(at, found, points, spheres):
 
 
 @parallel
-def _apss(cloud: CLOUD, exposure: float32[:, ::1], scale: float32, period: float32, spheres: boolean, after: CLOUD):
+def _apss(cloud: Points, exposure: float32[:, ::1], scale: float32, period: float32, spheres: boolean, after: Points):
     new_depth, new_intensity, new_normal = after
     rows, layers, cols = cloud.depth.shape
     for i in prange(rows):
@@ -168,6 +165,6 @@ def _apss(cloud: CLOUD, exposure: float32[:, ::1], scale: float32, period: float
 
 def apss(depth, intensity, normal, exposure, scale, num_bins):
     known = np.zeros((2, *depth.shape), np.float32) if normal is None else normal
-    after = Cloud(np.zeros_like(depth), np.zeros_like(intensity), np.zeros_like(known))
-    _apss(Cloud(depth, intensity, known), exposure, F32(scale), F32(num_bins), normal is not None, after)
+    after = Points(np.zeros_like(depth), np.zeros_like(intensity), np.zeros_like(known))
+    _apss(Points(depth, intensity, known), exposure, F32(scale), F32(num_bins), normal is not None, after)
     return tuple(after)

@@ -8,18 +8,18 @@ r += INTENSITY_RATE Δ_r / g, at least 0, with s = g max(r, the new r).
 from typing import NamedTuple
 
 import numpy as np
-from numba import float32, int64, prange, types
+from numba import float32, int64, prange
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, parallel
-from srt3d_ros.kernels.cpu.method.frame import FRAME, as_compiled
+from srt3d_ros.kernels.cpu.method.frame import Frame
 
 RATE = F32(constants.INTENSITY_RATE)
 
 
 @parallel
-def _pixelwise(frame: FRAME, table: float32[:, :, ::1], rate: float32, usual: float32, depth: float32[:, :, ::1],
+def _pixelwise(frame: Frame, table: float32[:, :, ::1], rate: float32, usual: float32, depth: float32[:, :, ::1],
                intensity: float32[:, :, ::1]):
     rows, surfaces, cols = depth.shape
     m, levels = len(frame.energy), len(table)
@@ -64,7 +64,7 @@ def _pixelwise(frame: FRAME, table: float32[:, :, ::1], rate: float32, usual: fl
 
 def pixelwise(frame, table, rate, usual, depth, intensity):
     points = depth.copy(), intensity.copy()
-    _pixelwise(as_compiled(frame), table, F32(rate), F32(usual), *points)
+    _pixelwise(frame, table, F32(rate), F32(usual), *points)
     return points
 
 
@@ -87,7 +87,7 @@ def _between(place, values):
     return values[low] + (place - F32(low)) * (values[low + 1] - values[low])
 
 
-class Photons(NamedTuple):
+class TimesOfArrival(NamedTuple):
     """The fields of a `Likelihood` of `core.baselines.rt3d`, numbers in single precision."""
 
     starts: int64[::1]
@@ -100,11 +100,8 @@ class Photons(NamedTuple):
     num_bins: float32
 
 
-PHOTONS = types.NamedTuple(tuple(Photons.__annotations__.values()), Photons)
-
-
 @parallel
-def _poisson(photons: PHOTONS, background: float32[:, ::1], rate: float32, usual: float32, depth: float32[:, :, ::1],
+def _poisson(photons: TimesOfArrival, background: float32[:, ::1], rate: float32, usual: float32, depth: float32[:, :, ::1],
              intensity: float32[:, :, ::1], stray: float32[:, ::1]):
     starts, toa, irf, slope, exposure, ref, information, num_bins = photons
     rows, surfaces, cols = depth.shape
@@ -163,7 +160,7 @@ def poisson(frame, background, rate, usual, depth, intensity):
         float32 [rows, cols], Σ_p b / (Σ r h + b): photons of the background.
     """
     stray = np.zeros_like(background)
-    photons = Photons(frame.starts, frame.toa, frame.irf, frame.slope, frame.exposure, F32(frame.ref),
+    photons = TimesOfArrival(frame.starts, frame.toa, frame.irf, frame.slope, frame.exposure, F32(frame.ref),
                       F32(frame.information), F32(frame.num_bins))
     _poisson(photons, background, F32(rate), F32(usual), depth, intensity, stray)
     return stray

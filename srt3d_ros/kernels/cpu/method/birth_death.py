@@ -21,7 +21,7 @@ them.
 from typing import NamedTuple
 
 import numpy as np
-from numba import boolean, float32, int32, prange, types
+from numba import boolean, float32, int32, prange
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.constants import SPREAD, VOTE_RADIUS
@@ -30,7 +30,7 @@ from srt3d_ros.kernels.cpu.compiling import inline, line, parallel, serial
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.method import field
 from srt3d_ros.kernels.cpu.method.field import agreement, wrap
-from srt3d_ros.kernels.cpu.method.frame import FRAME, as_compiled
+from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio, score_of
 from srt3d_ros.kernels.cpu.method.undecided import list_undecided
 from srt3d_ros.kernels.cpu.method.voters import (
@@ -61,9 +61,6 @@ class Chosen(NamedTuple):
     points: float32[:, :, ::1]
     ratios: float32[:, ::1]
     near: boolean[:, ::1]
-
-
-CHOSEN = types.NamedTuple(tuple(Chosen.__annotations__.values()), Chosen)
 
 
 @inline
@@ -196,8 +193,8 @@ def _take(x, depth, pixels, voters, rest, frame):
 
 
 @parallel
-def _judge(undecided: int32[::1], frame: FRAME, state: float32[:, :, :, ::1], own: float32[:, :, ::1],
-           max_chi2: float32, chosen: CHOSEN):
+def _judge(undecided: int32[::1], frame: Frame, state: float32[:, :, :, ::1], own: float32[:, :, ::1],
+           max_chi2: float32, chosen: Chosen):
     """Write what each of the undecided pixels, indices of padded maps, chooses; `own` are the points' ratios."""
     points, ratios, near = chosen       # numba drops what a parallel loop writes to a slice of `chosen.near`
     surfaces, cols, number = state.shape[1], state.shape[3], len(undecided)
@@ -234,7 +231,7 @@ def _judge(undecided: int32[::1], frame: FRAME, state: float32[:, :, :, ::1], ow
 
 
 @serial
-def _write(undecided: int32[::1], chosen: CHOSEN, state: float32[:, :, :, ::1], own: float32[:, :, ::1]):
+def _write(undecided: int32[::1], chosen: Chosen, state: float32[:, :, :, ::1], own: float32[:, :, ::1]):
     for n in range(len(undecided)):
         row, col = undecided[n] // state.shape[3], undecided[n] % state.shape[3]
         for k in range(state.shape[1]):
@@ -245,7 +242,7 @@ def _write(undecided: int32[::1], chosen: CHOSEN, state: float32[:, :, :, ::1], 
 
 def birth_death(frame, state, terms, max_chi2):
     """A step of spreading looks only where the last step has changed something: elsewhere it would decide as before."""
-    own, compiled, size = log_likelihood_ratio(frame, state, terms), as_compiled(frame), frame.counts.size
+    own, compiled, size = log_likelihood_ratio(frame, state, terms), Frame.of(frame), frame.counts.size
     chosen = Chosen(borrow("chosen", (size, *state.shape[1:3])), borrow("chosen ratios", (size, state.shape[1])),
                     np.ones(frame.counts.shape, bool))
     for spreads in range(1 + SPREAD):

@@ -1,4 +1,4 @@
-"""Sums over cells of pixels, and Gaussian sums over windows, rows first, then columns."""
+"""Sums over cells of pixels, and Gaussian sums Σ_ab w_a w_b · values[i + a, c, j + b]: over rows, then columns."""
 
 import numpy as np
 from numba import boolean, float32, int64, prange
@@ -12,7 +12,7 @@ from srt3d_ros.kernels.maps import MARGIN, window_weights
 @parallel
 def _bin_cells(matched: float32[:, :, ::1], counts: float32[:, ::1], exposure: float32[:, ::1],
                is_open: float32[:, ::1], step: int64, near: boolean[::1], out: float32[:, :, ::1]):
-    """Sums over the open pixels of cells of a padded sketch, of counts and of exposure; rows of pixels first.
+    """Sum a padded sketch, counts and exposure over the open pixels of each cell: its rows, then its columns.
 
     Rows of cells that are not `near` stay as they are.
     """
@@ -44,7 +44,7 @@ def _bin_cells(matched: float32[:, :, ::1], counts: float32[:, ::1], exposure: f
 
 @line
 def _add_rows(values, c, weights, i, into):
-    """Sum a window's rows of channel c, with a margin of zeros at both ends."""
+    """Write the sums over a window's rows of channel c, with zeros as a margin at both ends."""
     radius, cols = len(weights) // 2, values.shape[2]
     into[:] = ZERO
     image = into[radius:]
@@ -59,7 +59,7 @@ def _add_rows(values, c, weights, i, into):
 @parallel
 def _blur(values: float32[:, :, ::1], weights: float32[::1], squares: float32[::1], squared: int64,
           needed: boolean[::1], out: float32[:, :, ::1]):
-    """Windows of cells, of the rows that are `needed`; channel `squared` with the weights' squares."""
+    """Write the windows in the rows that are `needed`; those of channel `squared` have `squares` as weights."""
     for i in prange(out.shape[0]):
         if not needed[i]:
             continue
@@ -82,19 +82,19 @@ def blur(values, sigma):
 
 
 def rows_of_pools(wanted, weights, step):
-    """Which rows of cells have a wanted pixel, and which are within their windows; bool [cells] each."""
+    """Which rows of cells have a wanted pixel, and which are within the windows around these; bool [cells] each."""
     needed = np.logical_or.reduceat(wanted.any(axis=1), np.arange(0, len(wanted), step))
     around = np.pad(needed, len(weights) // 2)
     return needed, np.lib.stride_tricks.sliding_window_view(around, len(weights)).any(axis=1)
 
 
 def pool(frame, matched, wanted, weights, step):
-    """Cells, and windows of them, of the wanted pixels' sketch, of counts (windows by squared weights) and of exposure.
+    """Sums over the wanted pixels of cells, and windows of these: of the sketch, counts and exposure.
 
-    Rows whose windows have no wanted pixel mean nothing.
+    Windows of counts are weighted by squares. Rows of windows without a wanted pixel hold no values.
 
     Returns:
-        float32 [cells, 2m + 2, cells], twice.
+        float32 [cells, 2m + 2, cells] each.
     """
     (rows, cols), channels = wanted.shape, matched.shape[1]
     cells = borrow("cells of pools", (-(-rows // step), channels + 2, -(-cols // step)))

@@ -1,4 +1,4 @@
-"""Expand: the data terms of every point, and their derivatives."""
+"""Data terms of every point: v = Σ_l Re(z_l exp(−i ω_l t)), its slope and its curvature, less the other surfaces."""
 
 import numpy as np
 from numba import float32, prange
@@ -54,7 +54,7 @@ def _expand(matched: float32[:, :, ::1], counts: float32[:, ::1], exposure: floa
 
 
 def expand(frame, state):
-    """Whole rows in vector registers: numba does not vectorise loops that start at a margin."""
+    """As the contract; rows are computed with their margins, since numba does not vectorise loops that begin there."""
     padded_rows, surfaces, _, padded_cols = state.shape
     terms = borrow("terms", (padded_rows, surfaces, TERMS, padded_cols))
     _expand(frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, state, terms)

@@ -41,4 +41,3 @@ class Frame(NamedTuple):
                    F32(MAX_STD * frame.num_bins))
 
 
-FRAME, as_compiled = Frame, Frame.of

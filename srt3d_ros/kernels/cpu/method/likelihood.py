@@ -14,7 +14,7 @@ from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, ZERO, log
 from srt3d_ros.kernels.cpu.compiling import inline, parallel
 from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.cpu.method.frame import FRAME, as_compiled
+from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.maps import INTENSITY, VALUE
 
 DEAD_LIMIT, LIKENESS = F32(constants.DEAD_LIMIT), F32(constants.LIKENESS)
@@ -67,7 +67,7 @@ def llr(score, response, photons, expected, likeness, frame):
 
 
 @parallel
-def _log_likelihood_ratio(frame: FRAME, state: float32[:, :, :, ::1], terms: float32[:, :, :, ::1],
+def _log_likelihood_ratio(frame: Frame, state: float32[:, :, :, ::1], terms: float32[:, :, :, ::1],
                           out: float32[:, :, ::1]):
     padded_rows, surfaces, _, padded_cols = state.shape
     for i in prange(padded_rows):
@@ -92,5 +92,5 @@ def _log_likelihood_ratio(frame: FRAME, state: float32[:, :, :, ::1], terms: flo
 
 def log_likelihood_ratio(frame, state, terms):
     out = borrow("log_likelihood_ratio", state[:, :, 0].shape)
-    _log_likelihood_ratio(as_compiled(frame), state, terms, out)
+    _log_likelihood_ratio(frame, state, terms, out)
     return out

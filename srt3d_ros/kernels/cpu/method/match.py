@@ -17,8 +17,8 @@ from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.maps import BLOCK
 
 GROUP = U(16)       # cells whose sums are in the first-level cache together, 8 kB
-FOUR = U(4)
-EVEN_COS, EVEN_SIN, ODD_COS, ODD_SIN, SUMS = (U(k) * GROUP * B for k in range(5))   # where in a group's sums each begins
+FOUR = U(4)         # cells that are added to at once
+EVEN_COS, EVEN_SIN, ODD_COS, ODD_SIN, SUMS = (U(k) * GROUP * B for k in range(5))   # where each sum begins
 
 
 class Steering(NamedTuple):

@@ -23,7 +23,7 @@ has the notation, and what the standard deviation and the residual are.
 from typing import NamedTuple
 
 import numpy as np
-from numba import boolean, float32, int64, prange, types
+from numba import boolean, float32, int64, prange
 
 from srt3d_ros.kernels.constants import CELL, RIDGE
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TINY, ZERO, B, U, aligned
@@ -31,7 +31,7 @@ from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.method import field
 from srt3d_ros.kernels.cpu.method.field import agreement, rise, wrap
-from srt3d_ros.kernels.cpu.method.frame import FRAME, as_compiled
+from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import evidence
 from srt3d_ros.kernels.maps import BLOCK, MARGIN
 
@@ -82,10 +82,6 @@ class Place(NamedTuple):
     col: int
     dx: float
     dy: float
-
-
-WINDOW = types.NamedTuple(tuple(Window.__annotations__.values()), Window)
-MAPS = types.NamedUniTuple(float32[:, :, :, ::1], 4, Maps)
 EVEN = np.ones(CELL // 2 + 1, np.float32)       # weights in a cell
 
 
@@ -238,7 +234,7 @@ def _finish(pool, before, after, col, max_chi2, frame):
 
 
 @parallel
-def _pooled_step(frame: FRAME, window: WINDOW, radius: int64, fine: int64, maps: MAPS):
+def _pooled_step(frame: Frame, window: Window, radius: int64, fine: int64, maps: Maps):
     rows, surfaces, _, cols = maps.state.shape
     for turn in prange(rows - 2 * MARGIN):
         scratch, row = aligned(POOL_SIZE).view(POOL), turn + MARGIN
@@ -254,7 +250,7 @@ def _pooled_step(frame: FRAME, window: WINDOW, radius: int64, fine: int64, maps:
 
 
 @parallel
-def _coarsen(window: WINDOW, maps: MAPS):
+def _coarsen(window: Window, maps: Maps):
     """Write the terms of the cells around the points, pooled along their planes."""
     rows, surfaces, _, cols = maps.state.shape
     for turn in prange(rows - 2 * MARGIN):
@@ -282,5 +278,5 @@ def pooled_step(frame, state, terms, sigma, radius, fine, max_chi2):
         _coarsen(Window(EVEN, 2 * (CELL // 2)**2, F32(max_chi2), F32(frame.num_bins), False), maps)
     weights = np.exp(-np.arange(radius + 1)**2 / (2 * sigma**2)).astype(np.float32)
     window = Window(weights, radius * (radius + 1), F32(max_chi2), F32(frame.num_bins), True)
-    _pooled_step(as_compiled(frame), window, radius, fine, maps)
+    _pooled_step(frame, window, radius, fine, maps)
     return out

@@ -1,4 +1,7 @@
-"""Sketches as the iterations want them, one plane for each part of each frequency, and what known surfaces leave."""
+"""Matched sketches, z_l = equaliser_l · sums_l − taken · passed_l β_l, and what is left of them beside known surfaces.
+
+`residual` is z_l − Σ_{k ≠ layer} (v_k / E)₊ |ĥ_l|² exp(i ω_l t_k).
+"""
 
 import numpy as np
 from numba import complex64, float32, int64, prange
@@ -20,7 +23,7 @@ def _prepare(sums: SUMS, photons: float32[:, ::1], equaliser: complex64[:, :, ::
     off_by_row, off_by_col = min(len(shown) - 1, 1), min(shown.shape[1] - 1, 1)
     for i in prange(rows):
         for l in range(m):
-            for j in range(cols):           # parts by themselves: products of complex numbers differ by processors
+            for j in range(cols):           # by parts: processors round complex products differently
                 z, e = sums[i, j, l], equaliser[i * by_row, j * by_col, l]
                 off = shown[i * off_by_row, j * off_by_col, l]
                 matched[i, l, j] = z.real * e.real - z.imag * e.imag - taken[i, j] * off.real

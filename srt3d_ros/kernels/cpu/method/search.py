@@ -17,7 +17,7 @@ from numba import boolean, float32, int64, prange
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import MOVE_COST, SEEN_SCORE, SLANT, SLANTED_SCORE, STEEPER, SURE_SCORE
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, aligned
-from srt3d_ros.kernels.cpu.compiling import line, parallel
+from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.method.blur import pool
 from srt3d_ros.kernels.cpu.method.frame import Frame
@@ -149,7 +149,7 @@ def _search_row(i, sketch, slopes, places, row, inputs):
             _fill_cell((i, j), (x, score, enough), slopes, cell, row, scale, frame)
 
 
-@line
+@inline
 def _fill_cell(at, match, slopes, cell, row, scale, frame):
     """Give the open pixels of a cell the surface that its window shows, or the last frame's."""
     (i, j), (x, score, enough), (slope_col, slope_row) = at, match, slopes

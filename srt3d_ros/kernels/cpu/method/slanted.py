@@ -1,4 +1,4 @@
-"""Sums of cells along planes that fall, stay and rise, for the slanted windows of `search`: Σ w z exp(−i ω_l slope · d).
+"""Sums of cells along planes that fall, stay and rise, Σ w z exp(−i ω_l slope · d), for the windows of `search`.
 
 A window is separable: rows are summed downwards (`pool_down`), and the sums to the right (`pool_across`). At distance d
 before and after a cell, a slope turns phases by φ and −φ: one sum over w cos φ (z₊ + z₋) and one over w sin φ (z₊ − z₋)

@@ -13,7 +13,7 @@ from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO
 from srt3d_ros.kernels.cpu.compiling import parallel
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.method.field import is_surface
-from srt3d_ros.kernels.cpu.method.frame import FRAME, as_compiled
+from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import llr, noise_at, score_of
 from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, MARGIN, STD, VALUE
 
@@ -21,7 +21,7 @@ RESPONSE, PHOTONS, EXPECTED = range(3)      # rows of `rim`: v, n, g r
 
 
 @parallel
-def _mark(frame: FRAME, state: float32[:, :, :, ::1], terms: float32[:, :, :, ::1], blank: float32[:, ::1],
+def _mark(frame: Frame, state: float32[:, :, :, ::1], terms: float32[:, :, :, ::1], blank: float32[:, ::1],
           rim: float32[:, :, ::1]):
     """Write v, n and g r of the pixels at rims, 0 elsewhere, and 1 in `blank` where a used pixel has no surface."""
     padded_rows, surfaces, _, padded_cols = state.shape
@@ -48,7 +48,7 @@ def _mark(frame: FRAME, state: float32[:, :, :, ::1], terms: float32[:, :, :, ::
 
 
 @parallel
-def _drop(rim: float32[:, :, ::1], frame: FRAME, enough: float32, state: float32[:, :, :, ::1], dropped: boolean[::1]):
+def _drop(rim: float32[:, :, ::1], frame: Frame, enough: float32, state: float32[:, :, :, ::1], dropped: boolean[::1]):
     """Remove the points that the rim does not show; `dropped` are the rows that lose some."""
     padded_rows, surfaces, _, padded_cols = state.shape
     for turn in prange(padded_rows - 2 * MARGIN):
@@ -78,9 +78,9 @@ def _drop(rim: float32[:, :, ::1], frame: FRAME, enough: float32, state: float32
 
 def trim(frame, state, terms, enough):
     rim, blank = borrow("rim", (len(state), 3, state.shape[3])), borrow("blank", frame.counts.shape)
-    compiled, dropped = as_compiled(frame), np.zeros(len(state), np.bool_)
+    dropped = np.zeros(len(state), np.bool_)
     for _ in range(SPREAD):
-        _mark(compiled, state, terms, blank, rim)
-        _drop(rim, compiled, F32(enough), state, dropped)
+        _mark(frame, state, terms, blank, rim)
+        _drop(rim, frame, F32(enough), state, dropped)
         if not dropped.any():
             break

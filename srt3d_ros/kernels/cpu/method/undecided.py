@@ -11,7 +11,7 @@ from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, B, U, aligned, any_
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel, serial
 from srt3d_ros.kernels.cpu.method import field
 from srt3d_ros.kernels.cpu.method.field import is_surface, rise, wrap
-from srt3d_ros.kernels.cpu.method.frame import FRAME
+from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.maps import BLOCK, MARGIN
 
 # Of BLOCK pixels: their surfaces, whether something is to be decided (1 or 0), and the surfaces of a neighbour; of the
@@ -82,7 +82,7 @@ def _find(pixels, state, row, col, max_chi2, frame, grows):
 
 
 @parallel
-def _list_rows(frame: FRAME, state: float32[:, :, :, ::1], max_chi2: float32, near: boolean[:, ::1], grows: boolean,
+def _list_rows(frame: Frame, state: float32[:, :, :, ::1], max_chi2: float32, near: boolean[:, ::1], grows: boolean,
                cols: int32[:, ::1], number: int32[::1]):
     """List the columns of each row's undecided pixels, and how many they are."""
     rows, surfaces, _, padded_cols = state.shape

@@ -1,4 +1,9 @@
-"""What a reconstruction leaves of its frame, added up: the background's estimate is made of it."""
+"""Sums over the pixels of what the points do not explain, from which the background is estimated.
+
+With y_l = g Σ_k r_k exp(i ω_l t_k) and w = b̄ / n̄: of w conj(q_l) (z_l − |ĥ_l|² y_l), of w y_l (real parts before
+imaginary ones), of w · own, w · taken, w² n and Σ_l |z_l − |ĥ_l|² y_l|² / |ĥ_l|² n̄. Rows are summed in float32, their
+sums in float64.
+"""
 
 import numpy as np
 from numba import float32, prange

@@ -1,6 +1,6 @@
 """The end of a reconstruction: `collect` and `unexplained`.
 
-How many points there are only the device knows, so their list has room for all that there can be.
+Only the device knows the number of points, so their list has room for K in every pixel.
 """
 
 import torch
@@ -13,7 +13,7 @@ from srt3d_ros.kernels.torch.fusing import fused
 
 @fused
 def collect(depth, intensity, std, rays, metres_per_bin, metres, num_bins):
-    """The points as `unpack` reads them, by pixel, the strongest first: xyz = ray · (metres_per_bin · t + metres).
+    """The list of points that `unpack` reads, by pixel, the strongest first: xyz = ray · (metres_per_bin · t + metres).
 
     Depth (bins, [0, T]), intensity (photons; 0 = no point) and standard deviation (bins) are float32 [rows, K, cols],
     `rays` unit vectors, float32 [rows, cols, 3].
@@ -29,7 +29,7 @@ def collect(depth, intensity, std, rays, metres_per_bin, metres, num_bins):
     end = number.flatten().cumsum(0)
     place = ((end.view(rows, cols) - number)[:, None] + rank).masked_fill(~there, intensity.numel()).flatten()
 
-    depth = depth.masked_fill(depth >= num_bins, 0)         # where rounding made it T
+    depth = depth.masked_fill(depth >= num_bins, 0)         # rounded up to T
     xyz = rays[:, None] * (depth * metres_per_bin + metres)[..., None]
     where = (values.expand_as(depth).to(depth.dtype) for values in (row[:, None, None], col, rank))
     values = torch.stack([depth, intensity, std, *where]).flatten(1)
@@ -40,7 +40,7 @@ def collect(depth, intensity, std, rays, metres_per_bin, metres, num_bins):
 
 @fused
 def unexplained(frame, state, intensity, own, taken, background, photons, passed):
-    """What points leave of a frame, as far as it may be background; y = g Σ_k r_k exp(i ω_l t_k), w = b̄ / n̄.
+    """Sums over the pixels of what the points do not explain; y_l = g Σ_k r_k exp(i ω_l t_k), w = b̄ / n̄.
 
     Args:
         intensity: of `finalise`, r.

@@ -51,7 +51,7 @@ def match(frame, surfaces):
 
 
 def _peak(z, frame):
-    """Where the responses R(z, t) of pixels are highest, bins, and how high; [..., cols] each of z [..., 2m, cols]."""
+    """Place (bins) and height of the highest peak of R(z, t), [..., cols] each, of z [..., 2m, cols]."""
     cells, sketches = len(frame.filters), z.movedim(-2, 0)
     response = (frame.filters @ sketches.flatten(1)).unflatten(1, sketches.shape[1:])
     peak, top = response.max(dim=0, keepdim=True)
@@ -64,10 +64,9 @@ def _peak(z, frame):
 
 @fused
 def residual(frame, state, terms, layer):
-    """z_l − Σ_{k ≠ layer} (v_k / E)₊ |ĥ_l|² exp(i ω_l t_k): each surface as strong as its own pixel shows it.
+    """z_l − Σ_{k ≠ layer} (v_k / E)₊ |ĥ_l|² exp(i ω_l t_k): each surface with the intensity by its own pixel.
 
-    With the intensities of pools too much would be taken from some pixels, and the filter would respond half a
-    period away.
+    Intensities of pools would take too much from some pixels, and the filter would respond half a period away.
     """
     signal = terms[:, :, maps.VALUE].clamp(min=0) / frame.total_energy
     others = torch.arange(state.shape[1], device=state.device)[:, None] != layer
@@ -81,7 +80,7 @@ def no_surfaces(frame, surfaces):
 
 
 class Pools(NamedTuple):
-    """What cells' windows add up to: sketches [rows, 2m, cols], and photons and exposure."""
+    """Windows of cells: sums of sketches [rows, 2m, cols], of photons and of exposure."""
 
     z: torch.Tensor
     counts: torch.Tensor
@@ -92,9 +91,9 @@ class Pools(NamedTuple):
 def search(frame, matched, state, layer, sigma, step, enough, carried=None, confirmed=0.0, slanted=False):
     """Give open pixels the surface that one scale shows: score = p / √N · ρ(S E / p) / c(t) > `enough`.
 
-    Open is a used pixel without surface `layer`, but with the one before. Of the open pixels around each cell
-    z̄ = Σ w z, N = Σ w² n and G = Σ w g are pooled, as by `blur_cells` with σ / step; with other pixels, surfaces would
-    grow over those that see background alone. t and S are `match` of z̄. q = Σ w² / Σ w is 1 for one pixel, 1/2 for
+    A used pixel is open if it has no surface `layer`, but the one before. The open pixels around each cell are pooled:
+    z̄ = Σ w z, N = Σ w² n and G = Σ w g, with σ / step. Other pixels do not count, or surfaces would grow over pixels
+    that see background alone. t and S are `match` of z̄. q = Σ w² / Σ w is 1 for one pixel, 1/2 for
     a Gaussian; p = N / q. Since S E ≤ Σ_l |z̄_l|, most cells that are not sure need no filter.
 
     If `slanted`, windows along planes follow that rise or fall by SLANT · δ / σ to the right, downwards, or both: the
@@ -127,7 +126,7 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
 
 @fused
 def _search_flat(frame, matched, state, layer, sigma, step, enough, carried, confirmed, slanted):
-    """What flat windows show; and for slanted ones cells, pools, open pixels and the cells' scores."""
+    """Search with flat windows; returns cells, pools, open pixels and scores for the slanted ones."""
     view = crop(state, *frame.shape)
     point, used = view[:, layer], crop(frame.exposure, *frame.shape) > 0
     is_open = used & (point[:, INTENSITY] == 0)
@@ -146,7 +145,7 @@ def _search_flat(frame, matched, state, layer, sigma, step, enough, carried, con
 
 
 def _pooled(matched, counts, exposure, is_open, sigma, step) -> tuple:
-    """The windows of a search, and the cells that they add up."""
+    """The windows of a search, and the cells that they sum."""
     z, photons = matched, torch.stack([counts, exposure], 1)
     if sigma == 0:
         return Pools(z, photons[:, 0], photons[:, 1], 1.0), z
@@ -174,7 +173,7 @@ def _pool_down(frame, cells, sigma, step):
 
 @fused
 def _search_across(frame, line, rise, rises, pools, sigma, step):
-    """What the best of three planes shows, which rise downwards alike and fall, stay or rise to the right."""
+    """The best of three planes that rise alike downwards, and fall, stay or rise to the right."""
     col = torch.arange(line.shape[-1], device=line.device)
     cosine, sine = waves(frame, step * rises[:, None, None] * col)
     z = across_sums(_turned(line, (cosine, sine)), gaussian(sigma / step, line))
@@ -183,14 +182,14 @@ def _search_across(frame, line, rise, rises, pools, sigma, step):
 
 
 def _best_of(shown):
-    """What has the highest score of [planes, rows, SCORE + 1, cols]."""
+    """The surface with the highest score, of [planes, rows, SCORE + 1, cols]."""
     best = shown[:, :, SCORE].argmax(dim=0)
     return shown.gather(0, best[None, :, None].expand(1, *shown.shape[1:]))[0]
 
 
 @fused
 def _take_planes(frame, state, layer, step, is_open, flat, *planes):
-    """Give doubtful pixels the best plane, if it is enough better than what the flat window shows."""
+    """Give doubtful pixels the best plane, if its score exceeds the flat window's by enough."""
     point = crop(state, *frame.shape)[:, layer]
     plane, flat = _best_of(torch.stack(planes)), flat[:, None]
     least = (STEEPER**0.5 * flat).clamp(min=SLANTED_SCORE)
@@ -204,7 +203,7 @@ def _shown(frame, depth, signal, slopes, pools):
     depth, signal = depth % frame.num_bins, signal / frame.total_energy
     photons, light = pools.counts / pools.share, pools.exposure.clamp(min=EPSILON)
     score = evidence(signal * frame.total_energy, photons, pools.counts, frame) / noise_ratio(frame, depth)
-    slopes = (0 * depth + slope for slope in slopes)        # in the same launch; a constant would take one more
+    slopes = (0 * depth + slope for slope in slopes)        # a constant would take another launch
     return torch.stack([depth, *slopes, signal / light, _std(frame, signal, photons, pools.share), score], dim=-2)
 
 
@@ -215,7 +214,7 @@ def _of_cells(frame, step, values):
 
 
 def _in_pixels(frame, step, shown):
-    """What cells show in each of their pixels, by their slopes: [rows, SCORE + 1, cols]."""
+    """The surfaces of cells at each of their pixels, by their slopes: [rows, SCORE + 1, cols]."""
     row, col = (torch.arange(size, device=shown.device) for size in frame.shape)
     depth, *more = _of_cells(frame, step, shown).unbind(1)
     right, down = (place % step - (step - 1) / 2 for place in (col, row[:, None]))
@@ -223,7 +222,7 @@ def _in_pixels(frame, step, shown):
 
 
 def _kept(frame, found, score, old, step, wanted, pools, confirmed):
-    """The points found, or the last frame's where this one's photons confirm them, and new ones score no better."""
+    """The points found, or the last frame's where this frame confirms them and the new score is no better."""
     pools = Pools(*(_of_cells(frame, step, values) for values in pools[:-1]), pools.share)
     (cosine, sine), (re, im) = waves(frame, old[:, maps.DEPTH]), pools.z.chunk(2, dim=1)
     slopes = old[:, maps.SLOPE_COL], old[:, maps.SLOPE_ROW]
@@ -239,7 +238,7 @@ def _where(condition, new, point):
 
 
 def _std(frame, signal, photons, share):
-    """Standard deviation of a depth found in a pool, bins."""
+    """Standard deviation of the depth of a pool, bins."""
     signal = signal.clamp(min=EPSILON)
     background = (photons - signal).clamp(min=0)
     spread = share * (signal * frame.moments[0] + background * frame.moments[1])

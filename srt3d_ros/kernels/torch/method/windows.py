@@ -1,6 +1,6 @@
-"""Windows of maps: the places around a pixel are axes of a view, over which sums are taken where they are needed.
+"""Windows of maps: views whose extra axes are the places around a pixel, and sums over them.
 
-Nothing of [places × rows × cols] is stored once these are compiled: every sum reads its neighbours itself.
+Once compiled, nothing of [places × rows × cols] is stored: every sum reads its neighbours in place.
 """
 
 import torch
