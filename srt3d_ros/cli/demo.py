@@ -35,9 +35,9 @@ SCENE = {"ppp": 15.0, "sbr": 1.0, "seed": 1}
 # Largest depth error of a true detection; 40 mm as for the head in RT3D's paper.
 SIMULATED_TOLERANCE_M, MOVING_TOLERANCE_M, FILE_TOLERANCE_BINS = 0.04, 0.1, 10.0
 JUDGED_FRAMES = 40                      # compared with the truth: more would take longer than the streaming
-RESULTS = RECORDING, PICTURE, SUMMARY, LOG = "recording.rrd", "cloud.png", "summary.json", "nodes.log"
+RESULTS = RECORDING, PICTURE, SUMMARY, LOG_NAME = "recording.rrd", "cloud.png", "summary.json", "nodes.log"
 FIRST_FRAME = "the first frame's stamp is"      # in the player's log
-POLL_S = 0.1
+POLL_NODES_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
     join_private_network()
     code, problem = _play(played, frames, rate_hz, args.out)
     if problem:
-        _say(f"srt3d demo: {problem} ({args.out / LOG})")
+        _say(f"srt3d demo: {problem} ({args.out / LOG_NAME})")
         return 1
     _report(played, frames, rate_hz, args.out)
     return code
@@ -158,18 +158,18 @@ def _play(played: Played, frames: int, rate_hz: float, out: Path) -> tuple[int, 
                "--input", played.player["input"],
                *(f"-p{name}:={json.dumps(value)}" for name, value in settings.items())]
     _say("starting the nodes")
-    with (out / LOG).open("w") as log:
+    with (out / LOG_NAME).open("w") as log:
         nodes, streaming = children.start(command, stdout=log, stderr=log), False
         try:
             while nodes.poll() is None:
-                time.sleep(POLL_S)
-                if not streaming and (streaming := FIRST_FRAME in (out / LOG).read_text()):
+                time.sleep(POLL_NODES_S)
+                if not streaming and (streaming := FIRST_FRAME in (out / LOG_NAME).read_text()):
                     _say(f"streaming the {played.title} at {rate_hz:g} Hz for {frames / rate_hz:.3g} s")
         finally:
             children.stop(nodes)
     if nodes.returncode in (0, FRAMES_LOST):
         return nodes.returncode, ""
-    errors = re.findall("^srt3d.*", (out / LOG).read_text(), re.MULTILINE)
+    errors = re.findall("^srt3d.*", (out / LOG_NAME).read_text(), re.MULTILINE)
     return 1, errors[-1] if errors else children.ending(nodes)
 
 
@@ -180,7 +180,7 @@ def _report(played: Played, frames: int, rate_hz: float, out: Path) -> None:
     from srt3d_ros.review.summary import align, rows, summarise
 
     recorded, sensor = Recorded.read(out / RECORDING), played.sensor
-    first_ns = int(re.search(rf"{FIRST_FRAME} (\d+)", (out / LOG).read_text())[1])
+    first_ns = int(re.search(rf"{FIRST_FRAME} (\d+)", (out / LOG_NAME).read_text())[1])
     step = math.ceil(frames / JUDGED_FRAMES)
     judged = set(recorded.index.frame_index[::step].tolist())
     clouds = [cloud.placed(sensor) for cloud in recorded.reader.clouds(judged)]
@@ -198,7 +198,7 @@ def _report(played: Played, frames: int, rate_hz: float, out: Path) -> None:
     draw_overview(out / PICTURE, clouds[drawn], sensor, expected[drawn][0], played.title, figures)
     (out / SUMMARY).write_text(json.dumps(summary | facts, indent=2) + "\n")
     _say("\n" + align([*rows(summary), *((name.replace("_", " "), str(value)) for name, value in facts.items())]))
-    _say(f"\n{out}/  {PICTURE}  {RECORDING} (open it with `rerun`)  {SUMMARY}  {LOG}")
+    _say(f"\n{out}/  {PICTURE}  {RECORDING} (open it with `rerun`)  {SUMMARY}  {LOG_NAME}")
 
 
 def _accuracy(metrics: list[Metrics], tolerance_bins: float, bin_mm: float) -> dict[str, float]:

@@ -6,7 +6,7 @@ from pathlib import Path
 from srt3d_ros.cli import common
 from srt3d_ros.errors import require
 
-WORDS = """\
+INFO_LINES = """\
 {rows} × {cols} pixels, T = {num_bins} bins of {bin_ps:.4g} ps: ranges from {nearest:.4g} to {farthest:.4g} m
 {photons:,} photons, {photons_per_pixel:.4g} a pixel, at most {most_photons_in_a_pixel:,}; {empty_pixels:,} pixels empty
 SBR {sbr_words}; IRF {irf_width_bins:.3g} bins wide ({irf_ps:.3g} ps, full width at half maximum)
@@ -53,5 +53,5 @@ def run(args: argparse.Namespace) -> int:
              "frequency_words": ",".join(map(str, facts["frequencies"]))}
     if not args.json:
         common.print_notes(photons.notes)
-    common.print_facts(args, facts, WORDS.format(**facts, **words))
+    common.print_facts(args, facts, INFO_LINES.format(**facts, **words))
     return 0

@@ -18,10 +18,10 @@ from srt3d_ros.processes.node_command import PLAYER, namespace_arguments
 from srt3d_ros.processes.supervisor import supervise
 
 # The node and the parameter that an option sets.
-OPTIONS = {"sensor_file": ("sketcher", "sensor_file"), "device": ("reconstructor", "device"),
+NODE_OPTIONS = {"sensor_file": ("sketcher", "sensor_file"), "device": ("reconstructor", "device"),
            "input": ("player", "input"), "record": ("recorder", "path")}
 OF_EVERY_NODE = ("use_sim_time", "qos_overrides.")
-LEVELS = ("debug", "info", "warn", "error", "fatal")
+LOG_LEVELS = ("debug", "info", "warn", "error", "fatal")
 ABOUT = """\
 Run sketcher and reconstructor, with --input the player and with --record the
 recorder, each as a process. Photons come from --input, or from a driver that
@@ -59,7 +59,7 @@ def add_parser(subparsers) -> None:
         help="rename a topic; may be repeated")
     add("-p", dest="set", metavar="NODE.PARAMETER:=VALUE", action="append", default=[],
         help="set a parameter of a node; may be repeated")
-    add("--log-level", choices=LEVELS, help="lowest level that the nodes log")
+    add("--log-level", choices=LOG_LEVELS, help="lowest level that the nodes log")
     parser.set_defaults(run=run)
 
 
@@ -96,7 +96,7 @@ def parameters_yaml(args: argparse.Namespace, specs: list) -> str:
     import yaml  # comes with rclpy
 
     values: dict[str, dict[str, str]] = {spec.name: {} for spec in specs}
-    for option, (name, parameter) in OPTIONS.items():
+    for option, (name, parameter) in NODE_OPTIONS.items():
         if getattr(args, option):
             values[name][parameter] = json.dumps(getattr(args, option), ensure_ascii=False)
     if PLAYER in values:

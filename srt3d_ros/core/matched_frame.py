@@ -15,7 +15,7 @@ from srt3d_ros.kernels import maps
 
 MAX_SUM = 1.001 * MAX_PIXEL_PHOTONS       # leaves room for rounding
 TABLE_STEPS = 256           # of the background table
-TOGETHER = 2**22            # numbers computed at once, to bound memory
+TILTS_TOGETHER = 2**22            # numbers computed at once, to bound memory
 BETWEEN = 8                 # depths between two bins, to average over
 BLIND = 0.01                # |ĥ| below which a frequency says nothing about the depth
 WEAKEST_PASSBAND = 0.25     # equalise a pixel's |ĥ| only where it is more than this times the mean of the pixels
@@ -207,7 +207,7 @@ def _background_table(spectrum: np.ndarray, frequencies: tuple[int, ...]) -> tup
     greatest = response.max()
     tilts = np.geomspace(1e-3, 100, 200) / greatest
     known, table = [0.0], [0.0]
-    for tilt in np.array_split(tilts, 1 + len(tilts) * len(response) // TOGETHER):
+    for tilt in np.array_split(tilts, 1 + len(tilts) * len(response) // TILTS_TOGETHER):
         weights = np.exp(tilt[:, None] * (response - greatest))
         mean = weights @ response / weights.sum(axis=1)
         nats = tilt * (mean - greatest) - np.log(weights.mean(axis=1))

@@ -24,7 +24,7 @@ ASSUMED_FOV = (f"geometry taken to be a pinhole of {DEFAULT_FOV_DEG:g}° across 
 ASSUMPTIONS = {"projection": "geometry ", "irf": "IRF ", "bin_width_s": "bin width "}     # beginnings of their notes
 SENSOR_OPTIONS = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols"))
 SENSOR_DEFAULTS = {field.name: field.default for field in fields(SensorModel)}
-MAPS = ("gain", "delay_bins", "mask", "background_shape")
+PIXEL_MAPS = ("gain", "delay_bins", "mask", "background_shape")
 
 
 class SensorOptions(TypedDict, total=False):
@@ -79,7 +79,7 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None) -> dic
     if "gate" in given:
         given["gate"] = gate = parse(given["gate"])
         require(not isinstance(gate, str), "gate", quoted(gate), "first and last bin, both kept")
-    for name in MAPS:
+    for name in PIXEL_MAPS:
         if name in given:
             given[name] = array(name, given[name])
     if "irf_sigma_bins" in given:

@@ -12,7 +12,7 @@ from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame
 from srt3d_ros.datasets.arrays import from_pixels
-from srt3d_ros.datasets.options import MAPS
+from srt3d_ros.datasets.options import PIXEL_MAPS
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers import cubes
 from srt3d_ros.datasets.values import MAX_EVENTS
@@ -24,7 +24,7 @@ from srt3d_ros.messages.sensor_message import PROJECTIONS
 
 SCALARS = ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m",
            "cycles")
-SENSOR_FIELDS = (*SCALARS, "irf", *MAPS, "frame_id")            # arguments of SensorModel
+SENSOR_FIELDS = (*SCALARS, "irf", *PIXEL_MAPS, "frame_id")            # arguments of SensorModel
 FIRST_REFERENCES = ("ref_depth_ml_bins", "ref_depth_bins")      # the better one first
 MAX_REFERENCES = 8
 OTHER_REFERENCES = tuple(f"ref_depth_bins_{k}" for k in range(2, MAX_REFERENCES + 1))

@@ -119,7 +119,7 @@ def _held_out_share(photons: Photons, asked: float | None, references: int) -> t
     share = held_out.USUAL_SHARE if asked is None and references == 0 else asked
     if not share:
         return None, ()
-    least, number = held_out.LEAST_PHOTONS / min(share, 1 - share), photons.frame.photons
+    least, number = held_out.LEAST_HELD_OUT / min(share, 1 - share), photons.frame.photons
     require(number >= least or asked is None, photons.name, problem=f"{photons.name} has {number} photons: "
             f"--held-out-photons {share:g} needs {np.ceil(least):.0f} or more.")
     if number < least:

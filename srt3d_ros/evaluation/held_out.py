@@ -8,10 +8,10 @@ from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 
 SEED = 7
 USUAL_SHARE = 0.4           # of the photons of a file without a reference (docs/evaluation.md)
-LEAST_PHOTONS = 100         # in each part of a file
+LEAST_HELD_OUT = 100         # in each part of a file
 SMALLEST_BACKGROUND = 0.02     # photons of a pixel with gain 1
 EVEN_BACKGROUND = 0.01      # share of a known background that is spread evenly, because its shape may be 0 in bins
-WINDOW = 5                  # side of the square over which the background is averaged, pixels
+NEIGHBOURHOOD = 5                  # side of the square over which the background is averaged, pixels
 
 
 def split(frame: PhotonEvents, share: float) -> tuple[PhotonEvents, PhotonEvents]:
@@ -97,5 +97,5 @@ def _pixel(cloud: Cloud, sensor: SensorModel) -> np.ndarray:
 
 def _around(values: np.ndarray, sensor: SensorModel) -> np.ndarray:
     """Sum over the window around each pixel, with the border repeated outside; float [pixels]."""
-    padded = np.pad(values.reshape(sensor.rows, sensor.cols), WINDOW // 2, mode="edge")
-    return np.lib.stride_tricks.sliding_window_view(padded, (WINDOW, WINDOW)).sum(axis=(2, 3)).reshape(-1)
+    padded = np.pad(values.reshape(sensor.rows, sensor.cols), NEIGHBOURHOOD // 2, mode="edge")
+    return np.lib.stride_tricks.sliding_window_view(padded, (NEIGHBOURHOOD, NEIGHBOURHOOD)).sum(axis=(2, 3)).reshape(-1)

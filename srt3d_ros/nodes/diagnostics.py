@@ -26,10 +26,10 @@ from srt3d_ros.nodes.reports import HARDWARE_ID
 PERIOD_S = 1.0
 LATENCIES_KEPT = 200    # newest frames, for the percentiles
 LAST_REPORT_S = 5.0     # timeout for the last report: DDS sends a lost one again after its heartbeat of 3 s
-POLL_S = 0.01
+POLL_READERS_S = 0.01
 MOST_DROPPED = 0.5      # share of the frames since the last report; more is an error
 PATIENCE_S = 2.0        # without a frame before a warning
-LOG_EVERY_S = 10.0      # at most, a line about what the node waits for
+WAITING_EVERY_S = 10.0      # at most, a line about what the node waits for
 LOG_LOSS_EVERY_S = 60.0     # at most, a line about losses or about two nodes of one name
 DOUBLE_S = 25.0         # before a warning of a second node or publisher: a killed one stays in the graph for 20 s
 ENDING = ("inactive", "shutdown")       # causes of drops that are not logged
@@ -137,7 +137,7 @@ class Diagnostics(Counts):
         self._log_loss(last=True)
         deadline = time.monotonic() + LAST_REPORT_S
         while not all_acknowledged(self.publisher) and time.monotonic() < deadline:
-            time.sleep(POLL_S)
+            time.sleep(POLL_READERS_S)
 
     def _status(self) -> DiagnosticStatus:
         with self._lock:
@@ -159,7 +159,7 @@ class Diagnostics(Counts):
                 values |= {"waiting_for": waiting_for, "waiting_s": f"{now - since:.1f}"}
                 waiting_for = f"waiting for {waiting_for} for {now - since:.0f} s"
                 if self._node.state == "active" and now - since >= PATIENCE_S:
-                    self._node.get_logger().info(waiting_for, throttle_duration_sec=LOG_EVERY_S)
+                    self._node.get_logger().info(waiting_for, throttle_duration_sec=WAITING_EVERY_S)
             level, message = self._judge(new, new_drops, waiting_for, self._doubled(now))
             self._log_loss()
             self._warning = ""

@@ -10,7 +10,7 @@ from srt3d_ros.messages import odometry
 from srt3d_ros.nodes.base import LOG_EVERY_S, QUEUE_DEPTH, PipelineNode
 
 READERS = {"odom": odometry.decode_odometry, "imu": odometry.decode_imu}
-MOTIONS = ("off", *READERS)
+MOTION_SOURCES = ("off", *READERS)
 INBOX = 10_000              # reports queued for a busy worker: 10 s of a fast IMU
 
 

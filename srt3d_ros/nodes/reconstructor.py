@@ -46,19 +46,19 @@ PARAMETERS = (
     Parameter("device", "auto", "Where to compute. auto: on a GPU if it passes a check.", choices=DEVICES, live=True),
     Parameter("fields", "xyzi", "Fields of `points`. xyzi: x, y, z, intensity. full: also depth_std, background, row, "
               "col and surface.", choices=("xyzi", "full"), live=True),
-    topics.MAX_PIXELS,
+    topics.MAX_PIXELS_PARAMETER,
     Parameter("min_range_m", 0.0, "Omit points nearer than this along their pixel's ray, from `points` and images; 0 "
               "= no limit.", "m", low=0.0, live=True),
     Parameter("max_range_m", 0.0, "Omit points farther than this; 0 = no limit.", "m", low=0.0, live=True),
 )
 DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
-OPTIONS = tuple(sorted({name for method in SKETCH_METHODS for name in METHODS[method].options}))
+METHOD_OPTIONS = tuple(sorted({name for method in SKETCH_METHODS for name in METHODS[method].options}))
 
 
 def check_together(values: dict[str, Value]) -> None:
     """Raise InvalidInput for values that contradict each other."""
     method, nearest, farthest = METHODS[values["method"]], values["min_range_m"], values["max_range_m"]
-    for name in OPTIONS:
+    for name in METHOD_OPTIONS:
         require(name in method.options or values[name] == DEFAULTS[name], name, values[name],
                 f"{DEFAULTS[name]}, since {method.name} does not have this option")
     require(farthest == 0 or nearest < farthest, "min_range_m", nearest, f"less than max_range_m, {farthest:g} m")
@@ -88,13 +88,13 @@ def on_the_cpu(described: tuple[SensorModel, tuple[int, ...]] | None, values: di
 SPEC = NodeSpec(
     "reconstructor",
     inputs=(topics.SKETCH_SENSOR, topics.SKETCH),
-    outputs=(topics.POINTS, *topics.IMAGES, topics.CAMERA_INFO),
+    outputs=(topics.POINTS, *topics.IMAGE_TOPICS, topics.CAMERA_INFO),
     parameters=PARAMETERS,
 )
 
 
 BUILT_KEPT = 2      # reconstructors: sketches for the previous one may still arrive after the first for a new one
-DESCRIPTION = "the sketch's description on sketch/sensor"
+WAITED_FOR = "the sketch's description on sketch/sensor"
 
 
 class ReconstructorNode(PipelineNode):
@@ -116,11 +116,11 @@ class ReconstructorNode(PipelineNode):
         check_together(self._settings)
         on_the_cpu(None, self._settings).warm_up()      # a GPU's kernels depend on the sensor
         self._points = self.advertise("points")
-        self._images = {topic.name: self.advertise(topic.name) for topic in topics.IMAGES}
+        self._images = {topic.name: self.advertise(topic.name) for topic in topics.IMAGE_TOPICS}
         self._camera_info = self.advertise("camera_info")
 
     def activate(self) -> None:
-        self.diagnostics.wait_for(DESCRIPTION)
+        self.diagnostics.wait_for(WAITED_FOR)
         # Subscribe to the description last: a publisher that has found this reader has found that of `sketch`, too.
         self.subscribe("sketch", self._on_sketch)
         self.follow("sketch/sensor", self._on_sensor)
@@ -172,8 +172,8 @@ class ReconstructorNode(PipelineNode):
             except Exception as error:
                 self.failed(error, frames=1)
         for queued in dropped:
-            self.failed(Dropped("no_sensor", f"{DESCRIPTION}, sensor_{queued.digest}, did not arrive"), frames=1)
-        self.diagnostics.wait_for(f"{DESCRIPTION}, sensor_{self._queue.missing}" if self._queue else "")
+            self.failed(Dropped("no_sensor", f"{WAITED_FOR}, sensor_{queued.digest}, did not arrive"), frames=1)
+        self.diagnostics.wait_for(f"{WAITED_FOR}, sensor_{self._queue.missing}" if self._queue else "")
 
     def _reconstruct(self, sensor: SensorModel, queued: QueuedSketch) -> None:
         sketch = sketch_message.decode(queued.message, self.check_size(sensor))

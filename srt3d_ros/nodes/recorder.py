@@ -29,8 +29,8 @@ from srt3d_ros.recording import entities
 from srt3d_ros.recording.frame_index import FrameIndex, RecordedFrame
 from srt3d_ros.recording.writer import RecordingFailed, RecordingWriter
 
-IMAGES = tuple(path.strip("/") for path in (entities.DEPTH_PATH, *entities.PHOTON_IMAGES))
-ALL_IMAGES, NO_IMAGES = ",".join(IMAGES), "none"
+RECORDED_IMAGES = tuple(path.strip("/") for path in (entities.DEPTH_PATH, *entities.PHOTON_IMAGES))
+ALL_IMAGES, NO_IMAGES = ",".join(RECORDED_IMAGES), "none"
 WHICH_IMAGES = f"some of {ALL_IMAGES}, or {NO_IMAGES}"
 PARAMETERS = (
     Parameter("path", "", "Path of the recording; if empty, recording_<UTC time>.rrd in the working directory. No file "
@@ -52,18 +52,18 @@ def checked_images(text: str) -> tuple[str, ...]:
     """The entities of the images that the parameter lists; InvalidInput if one does not exist."""
     names = [] if text == NO_IMAGES else [name.strip() for name in text.split(",")]
     for name in names:
-        require(name in IMAGES, "images", text, WHICH_IMAGES)
-    return tuple(f"/{name}" for name in IMAGES if name in names)
+        require(name in RECORDED_IMAGES, "images", text, WHICH_IMAGES)
+    return tuple(f"/{name}" for name in RECORDED_IMAGES if name in names)
 
 
 QUEUE = 128             # messages that wait for the disk
-QUEUE_DEPTH = 32        # messages of each topic that the middleware keeps: six topics, sketches of 2 MB
+RECORDED_DEPTH = 32        # messages of each topic that the middleware keeps: six topics, sketches of 2 MB
 LINES_KEPT = 1000       # log lines from before the first frame
 NEAR_NS = 60 * 10**9    # log lines farther from the frames, as in a replay, get the stamp of the newest frame
 
 SPEC = NodeSpec(
     "recorder",
-    inputs=(topics.SKETCH_SENSOR, topics.POINTS, *topics.IMAGES, topics.SKETCH, topics.ROSOUT),
+    inputs=(topics.SKETCH_SENSOR, topics.POINTS, *topics.IMAGE_TOPICS, topics.SKETCH, topics.ROSOUT),
     parameters=PARAMETERS,
 )
 
@@ -74,7 +74,7 @@ class RecorderNode(PipelineNode):
     spec = SPEC
     drain_s = 15.0          # queued messages are still written
     finish_s = 45.0         # drain_s and the 30 s after which the writer gives up a disk; `srt3d up` waits for 60 s
-    queue_depth = QUEUE_DEPTH
+    queue_depth = RECORDED_DEPTH
     niceness = 10           # gets a tenth of another node's share of a busy core
     reliability = ReliabilityPolicy.BEST_EFFORT     # publishers never wait for it; it counts the messages it misses
 
@@ -98,7 +98,7 @@ class RecorderNode(PipelineNode):
         self.hold_frames_for("the sketch's description on sketch/sensor")
         self.diagnostics.count(clouds=0)
         # Publishers discover these readers in this order: images before points, and the description last.
-        for topic in topics.IMAGES:
+        for topic in topics.IMAGE_TOPICS:
             if f"/{topic.name}" in self._images:
                 self.subscribe(topic.name, lambda raw, path=f"/{topic.name}": self._on_image(path, raw))
         self.subscribe("sketch", self._on_sketch)       # before `points`: of a backlog, sketches are read first

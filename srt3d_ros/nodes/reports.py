@@ -6,7 +6,7 @@ from typing import NamedTuple
 from diagnostic_msgs.msg import DiagnosticArray
 
 HARDWARE_ID = "srt3d_ros"
-LEVELS = ("OK", "WARN", "ERROR", "STALE")        # by number
+STATUS_LEVELS = ("OK", "WARN", "ERROR", "STALE")        # by number
 
 
 class Reports(dict[str, Mapping[str, str]]):
@@ -17,7 +17,7 @@ class Reports(dict[str, Mapping[str, str]]):
         for status in message.status:
             if status.hardware_id == HARDWARE_ID:
                 self[status.name] = {pair.key: pair.value for pair in status.values} | {
-                    "level": LEVELS[ord(status.level)], "message": status.message}
+                    "level": STATUS_LEVELS[ord(status.level)], "message": status.message}
 
 
 def in_a_line(reports: list[Mapping[str, str]]) -> str:

@@ -22,7 +22,7 @@ from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode, sensor_summary
 from srt3d_ros.nodes.diagnostics import all_acknowledged
 from srt3d_ros.nodes.lifecycle import run
-from srt3d_ros.nodes.motion_input import MOTIONS, MotionInput, parse_extrinsics
+from srt3d_ros.nodes.motion_input import MOTION_SOURCES, MotionInput, parse_extrinsics
 from srt3d_ros.nodes.parameters import Parameter, Value
 from srt3d_ros.nodes.topics import NodeSpec
 from srt3d_ros.nodes.worker import Dropped
@@ -51,7 +51,7 @@ PARAMETERS = (
               "a window of 3 frames covers 6 messages. With motion: 1.", low=1, high=1000, live=True),
     Parameter("motion", "off", "Source of the sensor's motion. Photons of a frame of several packets are moved to the "
               "sensor's pose in the middle of the frame, which becomes the stamp, before they are added. odom: "
-              "nav_msgs/Odometry. imu: rotation only.", choices=MOTIONS, loose=True),
+              "nav_msgs/Odometry. imu: rotation only.", choices=MOTION_SOURCES, loose=True),
     Parameter("extrinsics", "", "With motion: pose of the sensor in an Odometry's child_frame_id or an Imu's frame. "
               "If empty, the sensor is assumed to coincide with that frame.",
               form="x y z qx qy qz qw in metres, or nothing", loose=True),
@@ -60,7 +60,7 @@ PARAMETERS = (
     Parameter("merge_when_busy", False, "While readers have not acknowledged two sketches, for at most 0.4 s, add the "
               "next frame to the one that waits: a slow link then gets fewer sketches, with all photons. Not with "
               "motion or windows of several frames.", live=True),
-    topics.MAX_PIXELS,
+    topics.MAX_PIXELS_PARAMETER,
     Parameter("frame_id", "", "tf frame of the published messages; if empty, that of the received ones.", live=True),
 )
 

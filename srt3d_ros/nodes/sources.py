@@ -22,8 +22,8 @@ from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import require
 from srt3d_ros.messages import photons_message
+from srt3d_ros.messages.cdr import NS_PER_S
 
-NS_PER_S = 1_000_000_000
 LATE_NS = NS_PER_S // 2     # frames that are later are skipped, so that the player catches up after a stall
 Clock = Callable[[], int]   # gives the nanoseconds since the first message was sent
 

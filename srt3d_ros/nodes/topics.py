@@ -59,7 +59,7 @@ SKETCH = Topic("sketch", CLOUD, "photon count and m complex numbers per pixel; t
                "description")
 POINTS = Topic("points", CLOUD, "points on the surfaces, metres, in the sensor's frame")
 WATCHED = "while it has subscribers"
-IMAGES = (
+IMAGE_TOPICS = (
     Topic("depth", IMAGE, "depth of each pixel's first point (`surface_order`), metres: z for a pinhole sensor, range "
           "for a scanner", when=WATCHED),
     Topic("intensity", IMAGE, "signal photons of each pixel's first point", when=WATCHED),
@@ -74,8 +74,9 @@ ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", "log lines of the nodes, kep
 AUTOSTART = Parameter("autostart", True, "true: configure and activate at the start. false: leave it to a manager.")
 # A limit, since anyone on the network can publish a description. With the default, twice the pixels of the largest SPAD
 # cameras on robots (512 × 512), a sketcher allocates at most 0.3 GB and a reconstructor 0.7 GB.
-MAX_PIXELS = Parameter("max_pixels", 2**19, "Largest sensor, rows × cols, for which the node allocates memory. "
-                       "Descriptions of larger ones are refused.", low=1, high=model.MAX_PIXELS)
+MAX_PIXELS_PARAMETER = Parameter(
+    "max_pixels", 2**19, "Largest sensor, rows × cols, for which the node allocates memory. Descriptions of larger "
+    "ones are refused.", low=1, high=model.MAX_PIXELS)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from srt3d_ros.processes import children
 from srt3d_ros.processes.node_command import FRAMES_LOST, PLAYER, node_command
 
-POLL_S = 0.05           # longest time until a signal or the end of a node is noticed
+POLL_CHILDREN_S = 0.05           # longest time until a signal or the end of a node is noticed
 SIGNALLED = 128         # plus the signal's number: a shell's exit code for a process ended by a signal
 
 
@@ -18,7 +18,7 @@ def supervise(names: list[str], ros_args: list[str], on_poll: Callable[[], objec
     Args:
         names: the nodes, subscribers first; they are stopped in the reverse order.
         ros_args: arguments for ROS 2, the same for all nodes.
-        on_poll: called every POLL_S while the nodes run.
+        on_poll: called every POLL_CHILDREN_S while the nodes run.
 
     Returns:
         0, or the exit code of the node that failed.
@@ -28,7 +28,7 @@ def supervise(names: list[str], ros_args: list[str], on_poll: Callable[[], objec
         signal.signal(number, lambda number, frame: signals.append(number))
     nodes = {name: children.start(node_command(name, *ros_args)) for name in names}
     while not signals and ended is None:
-        time.sleep(POLL_S)
+        time.sleep(POLL_CHILDREN_S)
         on_poll()
         ended = next((name for name, node in nodes.items() if node.poll() is not None), None)
     if ended is not None:

@@ -32,7 +32,7 @@ class Reconstructor:
 
     def watch_images(self) -> None:
         """Subscribe to the images, which are published from now on."""
-        self._images = {topic.name: self.graph.collect(Image, topic.name, raw=True) for topic in topics.IMAGES}
+        self._images = {topic.name: self.graph.collect(Image, topic.name, raw=True) for topic in topics.IMAGE_TOPICS}
         self.cameras = self.graph.collect(CameraInfo, "camera_info")
         self.graph.known_to("reconstructor")
 

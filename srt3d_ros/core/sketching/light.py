@@ -11,12 +11,12 @@ from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import irf_spectrum, progression
 
 RUNGS = 20      # frequencies at which photons and IRF are compared
-POOLED = 4      # pixels that count as one: a reconstruction pools the photons around each point
+POOLED_PIXELS = 4      # pixels that count as one: a reconstruction pools the photons around each point
 MOST_OFF = 0.08     # relative difference of |ĥ|² by photons and by IRF; frequencies above it add to the depth error
 
 
 def measure(frame, sensor, gate, highest: int) -> tuple[float, int]:
-    """The score p √(2n) of n photons, of POOLED pixels in the gate; and the k ≤ highest up to which the IRF agrees."""
+    """The score p √(2n) of the n photons of POOLED_PIXELS in the gate; and the highest k up to which the IRF agrees."""
     sketch = sketch_photons(frame, sensor, progression(highest, min(RUNGS, highest)), gate)
     within, mask = sketch.sensor, True if sensor.mask is None else sensor.mask
     passed = np.square(np.abs(np.atleast_2d(irf_spectrum(within, sketch.frequencies)))).mean(axis=0)
@@ -28,5 +28,5 @@ def measure(frame, sensor, gate, highest: int) -> tuple[float, int]:
     error = np.sqrt((n / (n - 1)).sum()) / max(n.sum(), 1)
     share2 = max(pairs @ passed / (passed @ passed), 1e-12)
     wrong = np.append(np.abs(pairs / share2 - passed) + error / share2 > MOST_OFF * passed, True)
-    score = np.sqrt(2 * POOLED * min(share2, 1) * sketch.photons.mean(where=mask))
+    score = np.sqrt(2 * POOLED_PIXELS * min(share2, 1) * sketch.photons.mean(where=mask))
     return float(score), (0, *sketch.frequencies)[wrong.argmax()]

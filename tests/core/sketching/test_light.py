@@ -7,7 +7,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import design_for
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.core.sketching.light import POOLED, measure
+from srt3d_ros.core.sketching.light import POOLED_PIXELS, measure
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from tests.photon_forms import as_histograms
 
@@ -29,7 +29,7 @@ def frame(signal: float, background: float, irf=TAIL, seed=0) -> PhotonEvents:
 @pytest.mark.parametrize(("signal", "background"), [(20, 10), (3, 6), (40, 0)])
 def test_pairs_of_photons_tell_the_signal_at_whatever_depth(signal, background):
     photons = signal + background
-    expected = signal / photons * np.sqrt(2 * POOLED * photons)
+    expected = signal / photons * np.sqrt(2 * POOLED_PIXELS * photons)
     for form in (frame(signal, background), as_histograms(frame(signal, background), SENSOR)):
         assert measure(form, SENSOR, None, 60)[0] == pytest.approx(expected, rel=0.05)
 

@@ -101,8 +101,8 @@ class TimesOfArrival(NamedTuple):
 
 
 @parallel
-def _poisson(photons: TimesOfArrival, background: float32[:, ::1], rate: float32, usual: float32, depth: float32[:, :, ::1],
-             intensity: float32[:, :, ::1], stray: float32[:, ::1]):
+def _poisson(photons: TimesOfArrival, background: float32[:, ::1], rate: float32, usual: float32,
+             depth: float32[:, :, ::1], intensity: float32[:, :, ::1], stray: float32[:, ::1]):
     starts, toa, irf, slope, exposure, ref, information, num_bins = photons
     rows, surfaces, cols = depth.shape
     reach = ONE / np.sqrt(information)
