@@ -68,13 +68,14 @@ def _support(c, pixels, voters, surfaces, period):
     """Sum up the votes for voter c; find its depth and intensity in the pixels, and which of their surfaces it is."""
     candidate = voters[c]
     for x in range(L):
+        pixels.at[x], pixels.tolerance[x] = candidate.depth[x], candidate.tolerance[x]
         pixels.votes[x] = pixels.weight[x] = pixels.shift[x] = pixels.intensity[x] = ZERO
         pixels.own[x] = -ONE
     for q in range(U(len(voters))):
         voter = voters[q]
         for x in range(L):
-            e = wrap(voter.depth[x] - candidate.depth[x], period)
-            same = agreement(e, voter.tolerance[x] + candidate.tolerance[x])
+            e = wrap(voter.depth[x] - pixels.at[x], period)
+            same = agreement(e, voter.tolerance[x] + pixels.tolerance[x])
             weight = same * voter.weight[x]
             pixels.votes[x] += same * voter.vote[x]
             pixels.weight[x] += weight
@@ -82,13 +83,13 @@ def _support(c, pixels, voters, surfaces, period):
             pixels.intensity[x] += weight * voter.intensity[x]
     for x in range(L):
         weight = max(pixels.weight[x], TINY)
-        pixels.depth[x] = candidate.depth[x] + pixels.shift[x] / weight
+        pixels.depth[x] = pixels.at[x] + pixels.shift[x] / weight
         pixels.intensity[x] /= weight
     for k in range(U(surfaces)):
         voter = voters[U(MIDDLE * surfaces) + k]
         for x in range(L):
-            e = wrap(voter.depth[x] - candidate.depth[x], period)
-            is_own = (e * e < voter.tolerance[x] + candidate.tolerance[x]) & (voter.weight[x] > ZERO)
+            e = wrap(voter.depth[x] - pixels.at[x], period)
+            is_own = (e * e < voter.tolerance[x] + pixels.tolerance[x]) & (voter.weight[x] > ZERO)
             pixels.own[x] = F32(k) if is_own else pixels.own[x]
             pixels.depth[x] = voter.depth[x] if is_own else pixels.depth[x]
             pixels.intensity[x] = voter.intensity[x] if is_own else pixels.intensity[x]
@@ -158,7 +159,7 @@ def _average(x, row, col, pixels, voters, state, point, period):
     surfaces, candidate, sum_of_weights, q = state.shape[1], voters[U(pixels.best[x])], ZERO, U(0)
     point[:] = ZERO
     for place in range(PLACES):
-        there = state[row + place // SIDE - VOTE_RADIUS, :, :, col + place % SIDE - VOTE_RADIUS]
+        its_row, its_col = row + place // SIDE - VOTE_RADIUS, col + place % SIDE - VOTE_RADIUS
         for k in range(surfaces):
             voter = voters[q]
             e = wrap(voter.depth[x] - candidate.depth[x], period)
@@ -166,7 +167,7 @@ def _average(x, row, col, pixels, voters, state, point, period):
             if weight > ZERO:
                 sum_of_weights += weight
                 for f in range(FIELDS):
-                    point[f] += weight * there[k, f]
+                    point[f] += weight * state[its_row, k, f, its_col]
             q += U(1)
     for f in range(FIELDS):
         point[f] /= sum_of_weights

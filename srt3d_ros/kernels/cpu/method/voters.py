@@ -35,7 +35,7 @@ VOTER = of_pixels("depth", "tolerance", "intensity", "weight", "vote", "count")
 REST = of_pixels("real", "imaginary")
 # Of the pixels, of the candidate that is being judged, and of the best one so far.
 PIXELS = of_pixels("photons", "exposure", "needed", "dark", "against",
-                   "votes", "weight", "shift", "depth", "intensity", "own", "response", "ratio",
+                   "at", "tolerance", "votes", "weight", "shift", "depth", "intensity", "own", "response", "ratio",
                    "most", "best", "best_depth", "best_own", "best_response", "best_ratio")
 VOTER_SIZE, REST_SIZE, PIXELS_SIZE = (record.itemsize // 4 for record in (VOTER, REST, PIXELS))
 
