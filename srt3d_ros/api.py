@@ -7,7 +7,7 @@ from typing import Any, Unpack
 from srt3d_ros import datasets
 from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.methods import DEFAULT_METHOD
-from srt3d_ros.core.reconstructor import Reconstructor
+from srt3d_ros.core.reconstruction import Reconstructor
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.gate import OFF
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms

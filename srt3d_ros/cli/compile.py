@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
 def _for_gpu(sensor_file: str | None) -> int:
     """Reconstruct a frame of the sensor on the GPU, so that torch compiles its kernels and caches them on disk."""
     from srt3d_ros import datasets
-    from srt3d_ros.core.reconstructor import Reconstructor
+    from srt3d_ros.core.reconstruction import Reconstructor
     from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE, choose
     from srt3d_ros.datasets.simulation.scene import default_sensor
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.core.metrics import Metrics, evaluate
-from srt3d_ros.core.reconstructor import Reconstructor
+from srt3d_ros.core.reconstruction import Reconstructor
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.sketching.stream import SketchStream

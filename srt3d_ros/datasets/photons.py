@@ -9,7 +9,7 @@ import numpy as np
 
 from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.methods import DEFAULT_METHOD, find
-from srt3d_ros.core.reconstructor import Reconstructor
+from srt3d_ros.core.reconstruction import Reconstructor
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import design_for
 from srt3d_ros.core.sketching.gate import OFF, Gate

@@ -61,7 +61,7 @@ class Field:
 
 
 @dataclass(frozen=True, slots=True)
-class Cloud:
+class CloudMessage:
     """sensor_msgs/PointCloud2."""
 
     header: Header
@@ -88,7 +88,7 @@ class Image:
     data: memoryview
 
 
-def read_cloud(raw: bytes) -> Cloud:
+def read_cloud(raw: bytes) -> CloudMessage:
     """Read a serialised PointCloud2; InvalidInput names the first field that is cut off or impossible."""
     reader = Reader(raw)
     header, height, width = reader.header(), reader.number("height"), reader.number("width")
@@ -96,13 +96,13 @@ def read_cloud(raw: bytes) -> Cloud:
     require(count <= MAX_FIELDS, "fields", f"a sequence of {count}", f"at most {MAX_FIELDS} fields")
     fields = tuple(Field(reader.text("fields.name"), reader.number("fields.offset"),
                          reader.number("fields.datatype", "B"), reader.number("fields.count")) for _ in range(count))
-    cloud = Cloud(header, height, width, fields, reader.flag("is_bigendian"), reader.number("point_step"),
+    cloud = CloudMessage(header, height, width, fields, reader.flag("is_bigendian"), reader.number("point_step"),
                   reader.number("row_step"), reader.sequence("data"), reader.flag("is_dense"))
     reader.end()
     return cloud
 
 
-def write_cloud(cloud: Cloud) -> bytes:
+def write_cloud(cloud: CloudMessage) -> bytes:
     """Serialise a PointCloud2, ready to publish."""
     writer = _Writer()
     writer.header(cloud.header)

@@ -5,7 +5,7 @@ from collections.abc import Collection
 import numpy as np
 
 from srt3d_ros.errors import require
-from srt3d_ros.messages.cdr import Cloud, Field, Header, Image
+from srt3d_ros.messages.cdr import CloudMessage, Field, Header, Image
 from srt3d_ros.messages.schema_files import DATATYPES, encodings
 
 NAMES = {code: name for name, (code, _) in DATATYPES.items()}
@@ -14,16 +14,16 @@ STORED = {code: np.dtype(stored) for code, stored in DATATYPES.values()}
 MAX_POINT_STEP = 65_535         # bytes; the largest sketch needs 516
 
 
-def pack_cloud(header: Header, points: np.ndarray, is_dense: bool = True) -> Cloud:
+def pack_cloud(header: Header, points: np.ndarray, is_dense: bool = True) -> CloudMessage:
     """The cloud of a structured array of points, [N] or [rows, cols], in the layout of its dtype."""
     height, width = points.shape if points.ndim == 2 else (1, len(points))
     fields = tuple(Field(name, points.dtype.fields[name][1], *_wire_type(points.dtype[name]))
                    for name in points.dtype.names)
     step = points.dtype.itemsize
-    return Cloud(header, height, width, fields, False, step, width * step, _bytes(points), is_dense)
+    return CloudMessage(header, height, width, fields, False, step, width * step, _bytes(points), is_dense)
 
 
-def unpack_cloud(cloud: Cloud, layouts: Collection[np.dtype]) -> np.ndarray:
+def unpack_cloud(cloud: CloudMessage, layouts: Collection[np.dtype]) -> np.ndarray:
     """The points of a cloud as a structured array [height, width], a view of its bytes.
 
     Fields may have any order, offset and byte order, with gaps and other fields between them.
@@ -79,7 +79,7 @@ def unpack_image(image: Image, name: str, channels: int = 1) -> np.ndarray:
                       strides=(image.step, pixel_bytes, kind.itemsize))
 
 
-def _find(cloud: Cloud, name: str, types: set[tuple[int, int]]) -> Field:
+def _find(cloud: CloudMessage, name: str, types: set[tuple[int, int]]) -> Field:
     found = [field for field in cloud.fields if field.name == name]
     kinds = " or ".join(sorted(NAMES[code] for code, _ in types))
     require(len(found) == 1, f"field {name}", f"there {len(found)} times" if found else "absent",

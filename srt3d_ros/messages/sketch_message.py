@@ -51,7 +51,7 @@ def encode_cdr(sketch: Sketch, frame_id: str, layout: str = "float32") -> bytes:
     return cdr.write_cloud(replace(cloud, fields=(cloud.fields[0], *numbers, *cloud.fields[2:], *markers)))
 
 
-def description_of(cloud: cdr.Cloud) -> str:
+def description_of(cloud: cdr.CloudMessage) -> str:
     """The digest (`sensor_message.digest`) of the description that a sketch names; InvalidInput if it names none."""
     return _named(cloud, DESCRIPTION, "sensor_DIGEST")
 
@@ -62,7 +62,7 @@ def decode_cdr(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, Sketch]:
     return cloud.header, decode(cloud, sensor)
 
 
-def decode(cloud: cdr.Cloud, sensor: SensorModel) -> Sketch:
+def decode(cloud: cdr.CloudMessage, sensor: SensorModel) -> Sketch:
     """The sketch of a message in any layout.
 
     Args:
@@ -102,12 +102,12 @@ def decode_counts_cdr(raw: bytes) -> tuple[cdr.Header, tuple[int, ...], np.ndarr
     return cloud.header, _frequencies(cloud), unpack_cloud(cloud, [COUNTS])["photons"]
 
 
-def is_sketch(cloud: cdr.Cloud) -> bool:
+def is_sketch(cloud: cdr.CloudMessage) -> bool:
     """Whether a cloud has the fields of a sketch."""
     return any(DESCRIPTION.fullmatch(field.name) for field in cloud.fields)
 
 
-def _named(cloud: cdr.Cloud, pattern: re.Pattern, field: str, absent: str = "") -> str:
+def _named(cloud: cdr.CloudMessage, pattern: re.Pattern, field: str, absent: str = "") -> str:
     """The group in the name of the only field that matches the pattern; `absent`, unless it is empty, if none does."""
     found = [match[1] for field in cloud.fields if (match := pattern.fullmatch(field.name))]
     if not found and absent:
@@ -116,7 +116,7 @@ def _named(cloud: cdr.Cloud, pattern: re.Pattern, field: str, absent: str = "") 
     return found[0]
 
 
-def _frequencies(cloud: cdr.Cloud) -> tuple[int, ...]:
+def _frequencies(cloud: cdr.CloudMessage) -> tuple[int, ...]:
     """The frequencies in the field names, unchecked."""
     return tuple(int(match[1]) for field in cloud.fields if (match := FREQUENCY.fullmatch(field.name)))
 

@@ -12,7 +12,7 @@ from srt3d_ros.core.devices import DEVICES, kernels_for
 from srt3d_ros.core.method.background import BACKGROUNDS
 from srt3d_ros.core.method.pile_up import SATURATED, saturated
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
-from srt3d_ros.core.reconstructor import Reconstructor
+from srt3d_ros.core.reconstruction import Reconstructor
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.core.thresholds import DEFAULT_FALSE_ALARM_RATE, MAX_FALSE_ALARM_RATE, MAX_SURFACES

@@ -29,7 +29,7 @@ def in_a_line(reports: list[Mapping[str, str]]) -> str:
     return f"{clouds}; dropped so far: {dropped}"
 
 
-class Outcome(NamedTuple):
+class Delivery(NamedTuple):
     """What became of the messages that a player sent.
 
     Args:
@@ -76,7 +76,7 @@ class Chain:
         """Count from now on."""
         self._before = {name: self._reports[name] for name in self._names}
 
-    def outcome(self, sent: int) -> Outcome:
+    def outcome(self, sent: int) -> Delivery:
         """What became of `sent` messages since `begin`."""
         under_way, lost, arrived = 0, {}, {}
         for name in self._names:
@@ -92,7 +92,7 @@ class Chain:
                     under_way += unfinished
                     lost[f"unfinished in {name}"] = unfinished
             sent = new["frames_out"]
-        return Outcome(under_way, lost, arrived)
+        return Delivery(under_way, lost, arrived)
 
     def _new(self, name: str) -> dict[str, int]:
         """A node's counters since `begin`."""

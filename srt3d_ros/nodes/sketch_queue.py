@@ -14,7 +14,7 @@ class QueuedSketch(NamedTuple):
     """A sketch message, the digest of the description that it names, and the time at which it arrived."""
 
     digest: str
-    message: cdr.Cloud
+    message: cdr.CloudMessage
     arrived_s: float
 
 

@@ -9,7 +9,7 @@ from srt3d_ros.core import gpu_check
 from srt3d_ros.core.baselines import sketched
 from srt3d_ros.core.method import memory
 from srt3d_ros.core.method.memory import PooledStream
-from srt3d_ros.core.reconstructor import Reconstructor
+from srt3d_ros.core.reconstruction import Reconstructor
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.kernels import cpu

@@ -9,7 +9,7 @@ import numpy as np
 from srt3d_ros.core import precompile
 from srt3d_ros.core.motion.deskew import Deskewer
 from srt3d_ros.core.motion.trajectory import Pose, Trajectory
-from srt3d_ros.core.reconstructor import Reconstructor
+from srt3d_ros.core.reconstruction import Reconstructor
 from srt3d_ros.core.sensor.model import GateWords
 from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher

@@ -33,7 +33,7 @@ def arguments(lens, seed: int, shape=(13, 21)) -> dict:
 
 def move(given: dict, moved: np.ndarray, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What the kernel adds to these."""
-    scene = cpu.Scene(*(given[name] for name in cpu.Scene._fields))
+    scene = cpu.SeenScene(*(given[name] for name in cpu.SeenScene._fields))
     motion = cpu.Motion(given["rotation"], given["offset"])
     cpu.move_sketch(given["sums"], given["photons"], scene, given["lens"], motion, moved, numbers)
     return moved, numbers

@@ -69,7 +69,7 @@ class Deskewer:
         ranges, back, came = self.ranges_m(parts) if range_m is None else range_m, trajectory.at(to_ns).inverse(), 0
         sums = np.zeros((*self._shape, len(self.frequencies)), np.complex64)
         photons = np.zeros(self._shape, np.float32)
-        scene = self._kernels.Scene(self._used, self.sensor.rays, ranges, self._late, self._bin_frequencies,
+        scene = self._kernels.SeenScene(self._used, self.sensor.rays, ranges, self._late, self._bin_frequencies,
                                     self.sensor.bin_width_m, self._steepest)
         for instant_ns, sketch in parts:
             pose = back @ trajectory.at(instant_ns)

@@ -127,7 +127,7 @@ class Sketch:
         wanted = f"one that takes sketches: {', '.join(SKETCH_METHODS)}"
         require(find(method).needs == "sketch", "method", method, wanted)
         # loaded by name: the reconstructor imports Sketch
-        reconstructor = import_module("srt3d_ros.core.reconstructor").Reconstructor(
+        reconstructor = import_module("srt3d_ros.core.reconstruction").Reconstructor(
             self.sensor, self.frequencies, method=method, surfaces=surfaces, device=device,
             false_alarm_rate=false_alarm_rate, background=background)
         return reconstructor(self)

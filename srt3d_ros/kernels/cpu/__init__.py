@@ -19,7 +19,7 @@ from srt3d_ros.kernels.cpu.method.prepare import prepare, residual
 from srt3d_ros.kernels.cpu.method.search import no_surfaces, search
 from srt3d_ros.kernels.cpu.method.trim import trim
 from srt3d_ros.kernels.cpu.method.unexplained import unexplained
-from srt3d_ros.kernels.cpu.sketching.move_sketch import Motion, Scene, move_sketch
+from srt3d_ros.kernels.cpu.sketching.move_sketch import Motion, SeenScene, move_sketch
 from srt3d_ros.kernels.cpu.sketching.phase_sums import (
     new_sums,
     read_sums,

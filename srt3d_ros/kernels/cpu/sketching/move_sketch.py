@@ -31,7 +31,7 @@ NOWHERE = F32(-1e9)
 _distorted = inline(distorted)
 
 
-class Scene(NamedTuple):
+class SeenScene(NamedTuple):
     """A sensor's pixels and the surfaces that they see after the motion; [rows, cols] is one axis in compiled code."""
 
     used: boolean[::1]              # [rows, cols]; photons of other pixels are left out
@@ -154,13 +154,13 @@ def _find_row(i, photons, scene, lens, motion, targets):
 
 
 @parallel
-def _find_targets(photons: float32[:, ::1], scene: Scene, lens: LENSES, motion: Motion, targets: Targets):
+def _find_targets(photons: float32[:, ::1], scene: SeenScene, lens: LENSES, motion: Motion, targets: Targets):
     for i in prange(len(photons)):      # its body in a function: numba drops what a loop writes to a tuple's arrays
         _find_row(i, photons, scene, lens, motion, targets)
 
 
 @parallel
-def _collect(sums: float32[:, ::1], photons: float32[:, ::1], scene: Scene, targets: Targets, moved: float32[:, ::1],
+def _collect(sums: float32[:, ::1], photons: float32[:, ::1], scene: SeenScene, targets: Targets, moved: float32[:, ::1],
              numbers: float32[::1]):
     (rows, cols), twice, reached, bin_frequencies = photons.shape, sums.shape[1], targets.reached, scene.bin_frequencies
     for band in prange((rows + BAND - 1) // BAND):
@@ -194,13 +194,13 @@ def move_sketch(sums, photons, scene, lens, motion, moved, numbers):
     """Add the photons of one instant to `moved` and `numbers`, where they would be seen from after a motion; in place.
 
     Phases are relative to each pixel's own surface: a sketch of photons is moved · exp(i ω_l (ρ'_i / metres_per_bin +
-    late)). A pixel that lies outside of the array, or on another surface (`Scene.steepest`), leaves its share to the
+    late)). A pixel that lies outside of the array, or on another surface (`SeenScene.steepest`), leaves its share to the
     nearest of the four. Photons that no pixel would see are left out.
 
     Args:
         sums: complex64 [rows, cols, m], Σ_p exp(i ω_l x_p).
         photons: float32 [rows, cols], n, also parts of photons.
-        scene: `Scene`.
+        scene: `SeenScene`.
         lens: of `kernels.lens`.
         motion: `Motion`.
         moved: complex64 [rows, cols, m].
@@ -210,7 +210,7 @@ def move_sketch(sums, photons, scene, lens, motion, moved, numbers):
     size, bin_frequencies = rows * cols, np.zeros(-(-m // WIDTH) * WIDTH, np.float32)
     bin_frequencies[:m] = scene.bin_frequencies
     flat = (values.reshape(size, *values.shape[2:]) for values in scene[:4])
-    scene = Scene(*flat, bin_frequencies, F32(scene.metres_per_bin), F32(scene.steepest))
+    scene = SeenScene(*flat, bin_frequencies, F32(scene.metres_per_bin), F32(scene.steepest))
     targets = Targets(np.empty((size, 4), np.int32), np.empty((size, 4), np.float32), np.empty(size, np.float32),
                       np.empty((rows, 2), np.int64))
     _find_targets(photons, scene, tuple(lens), motion, targets)
