@@ -17,7 +17,7 @@ from numba import boolean, float32, int64, prange
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import MOVE_COST, SEEN_SCORE, SLANT, SLANTED_SCORE, STEEPER, SURE_SCORE
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, aligned
-from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
+from srt3d_ros.kernels.cpu.compiling import line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.method.blur import pool
 from srt3d_ros.kernels.cpu.method.frame import Frame
@@ -60,9 +60,9 @@ class Row(NamedTuple):
 
 
 @line
-def _list_cells(sketch, places, photons, share, row, frame):
+def _list_cells(sketch, places, needs, frame, bound, listed):
     """List which of the cells at these places may reach their least score; returns how many."""
-    found, m, least, bound, listed = 0, len(frame.energy), row.least, row.bound, row.listed
+    found, m, (photons, share, least) = 0, len(frame.energy), needs
     bound[:] = ZERO
     for l in range(m):
         re, im = sketch[l], sketch[m + l]
@@ -96,8 +96,12 @@ def _measure(depth, slopes, signal, score, cell, frame, point):
 
 
 @line
-def _stays(response, score, cell, confirmed, old, frame, point):
+def _stays(sketch, score, cell, confirmed, old, frame, point):
     """Keep a pixel's surface of the last frame if its score is confirmed, and the new one not better by VOTE nats."""
+    if old[INTENSITY] == ZERO:
+        return False
+    z, x = sketch
+    response = response_at(z, x, BLOCK, frame.bin_frequencies, old[DEPTH])
     known = _score(response, old[DEPTH], cell, frame)
     if known <= confirmed or score * score - known * known >= TWO * F32(MOVE_COST):
         return False
@@ -129,49 +133,41 @@ def _search_row(i, sketch, slopes, places, row, inputs):
 
     `sketch` [2m, ≥ places] is theirs. Flat windows write their scores to `row.flat`.
     """
-    (frame, scale, steering), (place, height), z = inputs, row.peaks, row.z
-    period, m, is_flat = frame.period, len(frame.energy), slopes[0] == ZERO and slopes[1] == ZERO
+    (frame, scale, steering), (slope_col, slope_row) = inputs, slopes
+    least, flat, bound, listed, z, (place, height), scratch = row
+    wanted, state, carried, layer, step = scale.wanted, scale.state, scale.carried, scale.layer, scale.step
+    (rows, cols), warm, period, m = wanted.shape, len(carried) > 0, frame.period, len(frame.energy)
+    is_flat = slope_col == ZERO and slope_row == ZERO
     photons, light = scale.pools[i, 2 * m], scale.pools[i, 2 * m + 1]
-    found = _list_cells(sketch, places, photons, scale.share, row, frame)
+    found = _list_cells(sketch, places, (photons, scale.share, least), frame, bound, listed)
     for first in range(0, found, BLOCK):
         block = min(BLOCK, found - first)
         for c in range(2 * m):
             for x in range(BLOCK):
-                z[c * BLOCK + x] = sketch[c, row.listed[first + x]] if x < block else ZERO
-        peaks(z, steering, period, row.scratch, place, height)
+                z[c * BLOCK + x] = sketch[c, listed[first + x]] if x < block else ZERO
+        peaks(z, steering, period, scratch, place, height)
         for x in range(block):
-            j = places[row.listed[first + x]]
+            j = places[listed[first + x]]
             cell = photons[j], scale.share, max(light[j], EPSILON)
             score = _score(height[x], place[x] - period * np.floor(place[x] / period), cell, frame)
-            enough = scale.enough if is_flat else row.least[j]
+            enough = scale.enough if is_flat else least[j]
             if is_flat:
-                row.flat[j] = score
-            _fill_cell((i, j), (x, score, enough), slopes, cell, row, scale, frame)
-
-
-@inline
-def _fill_cell(at, match, slopes, cell, row, scale, frame):
-    """Give the open pixels of a cell the surface that its window shows, or the last frame's."""
-    (i, j), (x, score, enough), (slope_col, slope_row) = at, match, slopes
-    (rows, cols), step, period, (place, height) = scale.wanted.shape, scale.step, frame.period, row.peaks
-    for a in range(i * step, min((i + 1) * step, rows)):
-        for b in range(j * step, min((j + 1) * step, cols)):
-            if not scale.wanted[a, b]:
-                continue
-            point = scale.state[a + MARGIN, scale.layer, :, b + MARGIN]
-            if len(scale.carried) > 0:
-                old = scale.carried[a + MARGIN, scale.layer, :, b + MARGIN]
-                if old[INTENSITY] != ZERO:
-                    response = response_at(row.z, x, BLOCK, frame.bin_frequencies, old[DEPTH])
-                    if _stays(response, score, cell, scale.confirmed, old, frame, point):
+                flat[j] = score
+            for a in range(i * step, min((i + 1) * step, rows)):
+                for b in range(j * step, min((j + 1) * step, cols)):
+                    if not wanted[a, b]:
                         continue
-            known = point[SCORE] if point[INTENSITY] > ZERO else ZERO
-            if score > max(enough, known):
-                right = F32(b - j * step) - HALF * F32(step - 1)
-                down = F32(a - i * step) - HALF * F32(step - 1)
-                t = place[x] + slope_col * right + slope_row * down
-                depth = t - period * np.floor(t / period)
-                _measure(depth, slopes, height[x] / frame.total_energy, score, cell, frame, point)
+                    point = state[a + MARGIN, layer, :, b + MARGIN]
+                    if warm and _stays((z, x), score, cell, scale.confirmed,
+                                       carried[a + MARGIN, layer, :, b + MARGIN], frame, point):
+                        continue
+                    known = point[SCORE] if point[INTENSITY] > ZERO else ZERO
+                    if score > max(enough, known):
+                        right = F32(b - j * step) - HALF * F32(step - 1)
+                        down = F32(a - i * step) - HALF * F32(step - 1)
+                        t = place[x] + slope_col * right + slope_row * down
+                        _measure(t - period * np.floor(t / period), slopes, height[x] / frame.total_energy, score, cell,
+                                 frame, point)
 
 
 @line
