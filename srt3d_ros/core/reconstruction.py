@@ -9,11 +9,11 @@ from numbers import Real
 
 import numpy as np
 
+from srt3d_ros.core.array_checks import as_array
 from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.methods import DEFAULT_METHOD, find
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
-from srt3d_ros.core.sketching.sketch import Sketch, as_array
 from srt3d_ros.errors import quoted, require
 from srt3d_ros.progress import compiling
 
@@ -55,11 +55,12 @@ class Reconstructor:
             self.device = getattr(self._method, "device", "cpu")
             self.why = getattr(self._method, "why", f"{method} runs on the CPU")
 
-    def __call__(self, seen: Sketch | PhotonFrame) -> Cloud:
-        """The cloud of a frame: of its sketch, or of the photons for a method on photons."""
-        wanted = Sketch if self._frequencies else PhotonFrame
-        require(isinstance(seen, wanted), "seen", type(seen).__name__,
-                "a Sketch" if self._frequencies else "a frame of photons (Photons.frame)")
+    def __call__(self, seen) -> Cloud:
+        """The cloud of a frame: of its Sketch, or of the PhotonFrame for a method on photons."""
+        if self._frequencies:
+            require(hasattr(seen, "sums"), "seen", type(seen).__name__, "a Sketch")      # whose module imports this one
+        else:
+            require(isinstance(seen, PhotonFrame), "seen", type(seen).__name__, "a frame of photons (Photons.frame)")
         self.warm_up()
         started = time.perf_counter()
         cloud = self._or_on_the_cpu(lambda: self._method(seen))

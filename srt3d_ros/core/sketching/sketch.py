@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from srt3d_ros.core.array_checks import as_array
 from srt3d_ros.core.methods import DEFAULT_METHOD, SKETCH_METHODS, find
 from srt3d_ros.core.sensor.difference import first_difference
 from srt3d_ros.core.sensor.model import SensorModel
@@ -146,14 +147,3 @@ def noise_sketch(sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:
     sums = rng.normal(size=(sensor.rows, sensor.cols, len(frequencies), 2)).astype(np.float32)
     photons = np.full((sensor.rows, sensor.cols), 9, np.uint32)
     return Sketch(frequencies, sums.view(np.complex64)[..., 0], photons, sensor=sensor)
-
-
-def as_array(name: str, values: Any, sides: int, kinds: str) -> np.ndarray:
-    """Values as an array of so many dimensions, its dtype of one of these kinds; InvalidInput for others."""
-    expected = f"an array of {sides} dimensions of {'complex ' if kinds == 'c' else ''}numbers"
-    try:
-        found = np.asarray(values)
-    except ValueError:          # lists of different lengths
-        raise InvalidInput(name, type(values).__name__, expected) from None
-    require(found.ndim == sides and found.dtype.kind in kinds, name, f"{found.dtype} {found.shape}", expected)
-    return found

@@ -160,8 +160,8 @@ def _find_targets(photons: float32[:, ::1], scene: SeenScene, lens: LENSES, moti
 
 
 @parallel
-def _collect(sums: float32[:, ::1], photons: float32[:, ::1], scene: SeenScene, targets: Targets, moved: float32[:, ::1],
-             numbers: float32[::1]):
+def _collect(sums: float32[:, ::1], photons: float32[:, ::1], scene: SeenScene, targets: Targets,
+             moved: float32[:, ::1], numbers: float32[::1]):
     (rows, cols), twice, reached, bin_frequencies = photons.shape, sums.shape[1], targets.reached, scene.bin_frequencies
     for band in prange((rows + BAND - 1) // BAND):
         begin, end = band * BAND * cols, min((band + 1) * BAND * cols, rows * cols)
@@ -194,7 +194,7 @@ def move_sketch(sums, photons, scene, lens, motion, moved, numbers):
     """Add the photons of one instant to `moved` and `numbers`, where they would be seen from after a motion; in place.
 
     Phases are relative to each pixel's own surface: a sketch of photons is moved · exp(i ω_l (ρ'_i / metres_per_bin +
-    late)). A pixel that lies outside of the array, or on another surface (`SeenScene.steepest`), leaves its share to the
+    late)). A pixel outside of the array, or on another surface (`SeenScene.steepest`), leaves its share to the
     nearest of the four. Photons that no pixel would see are left out.
 
     Args:
