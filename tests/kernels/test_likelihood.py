@@ -6,13 +6,13 @@ import pytest
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import DEAD_LIMIT, LIKENESS
 from srt3d_ros.kernels.cpu.arithmetic import log
-from srt3d_ros.kernels.cpu.method.frame import as_compiled
+from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import llr as kernel
 from srt3d_ros.kernels.cpu.method.likelihood import score_of
 
 from .frames import FAINT, ORACLE, T, make_frame, make_state, make_terms, padded
 
-FRAME = as_compiled(make_frame((6, 40), seed=0))
+FRAME = Frame.of(make_frame((6, 40), seed=0))
 
 
 def llr(response: float, photons: float, expected: float, likeness=LIKENESS) -> float:

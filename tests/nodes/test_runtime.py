@@ -6,7 +6,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import PointCloud2
 
-from srt3d_ros.messages.cdr import Cloud, Header, write_cloud
+from srt3d_ros.messages.cdr import CloudMessage, Header, write_cloud
 
 SCRIPT = """
 import sys, time
@@ -53,7 +53,7 @@ sys.exit(run(ProbeNode))
 
 
 def message(width: int) -> bytes:
-    return write_cloud(Cloud(Header(10**18, "x"), 1, width, (), False, 0, 0, memoryview(b""), True))
+    return write_cloud(CloudMessage(Header(10**18, "x"), 1, width, (), False, 0, 0, memoryview(b""), True))
 
 
 @pytest.fixture

@@ -82,6 +82,8 @@ class Place(NamedTuple):
     col: int
     dx: float
     dy: float
+
+
 EVEN = np.ones(CELL // 2 + 1, np.float32)       # weights in a cell
 
 
