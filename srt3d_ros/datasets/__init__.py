@@ -32,7 +32,7 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
 
     Args:
         path: or "simulator" for its moving head.
-        guess_irf: use an IRF of one bin if the file has none and it cannot be estimated, instead of InvalidInput.
+        guess_irf: if the file has no IRF and none can be estimated, use one bin instead of raising InvalidInput.
         frame, photons_topic, sensor, options: as for `srt3d_ros.read`.
 
     Raises:
@@ -75,7 +75,7 @@ def _simulated(frame: int, options: dict) -> Photons:
 
 
 def open_sensor(path: str | Path) -> SensorModel:
-    """The sensor of a .json file as on the `sensor` topic (config/sensors/ has examples), or of what `read` takes.
+    """The sensor from a .json file, in the format of the `sensor` topic (config/sensors/), or from what `read` takes.
 
     Raises:
         InvalidInput: one line that names the file and field that cannot be used.

@@ -12,10 +12,10 @@ LOCAL_SIGMA = WINDOWS[0][0]     # pixels, of the window over which pixels are co
 def finalise(kernels, frame, photons, state, terms, enough):
     """Points with score / c(t) > `enough`: r + (own − r) (1 − v / s²)₊, √(std² + residual²); and the background.
 
-    own = R(z, t) / (g E) is the intensity by the point's own pixel, r that of its pool. v = (g r I₁ + (n − g r)₊
+    own = R(z, t) / (g E) is the intensity from the point's own pixel alone, r from its pool. v = (g r I₁ + (n − g r)₊
     I₀) / (E g)² is the variance of own by photon noise, s² the mean square of own − r, both averaged with a
     Gaussian of σ = 2 pixels, the first of WINDOWS: s² − v is how far the pixels themselves differ (James and Stein's
-    estimator). A point whose own photons give a negative intensity keeps one above 0.
+    estimator). Intensities are kept above 0.
 
     `photons` are n, masked pixels included, float32 [rows, cols]. Returns intensity (0: no point) and standard
     deviation, bins, float32 [rows, K, cols], and (n − g Σ_k r_k)₊ and background photons, float32 [rows, cols].

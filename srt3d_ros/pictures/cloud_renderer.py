@@ -15,12 +15,12 @@ from srt3d_ros.pictures.colours import BACKGROUND, levels, percentile_range, ran
 from srt3d_ros.pictures.viewpoint import Viewpoint, point_radius_m
 
 _OUTSIDE = (96, 104, 116)
-_RADIUS_FACTOR = 1.2            # points larger than in the viewer close gaps in oblique surfaces
+_RADIUS_FACTOR = 1.2            # times the viewer's radius, to leave no gaps in oblique surfaces
 _NEAREST = 1e-3                 # of the distance to the target; closer points are not drawn
 _SMALLEST_RADIUS_PX, _LARGEST_RADIUS_PX = 0.75, 24.0
 _BLOCK_ELEMENTS = 4_000_000     # pixels of discs computed at once, to limit memory
-_EDGE_REACHES = (0.004, 0.015)  # distances at which edge shading compares depths, over the picture's height
-_EDGE_SLOPE = 0.7               # depth over reach at which an edge has 63 % of the greatest darkening
+_EDGE_REACHES = (0.004, 0.015)  # distances of edge shading, as a fraction of the picture's height
+_EDGE_SLOPE = 0.7               # ratio of depth step to reach that gives 63 % of the greatest darkening
 _DEEPEST_EDGE = 0.02            # of the distance between eye and target; deeper edges are not darker
 _DARKEST_EDGE = 0.5
 

@@ -22,13 +22,13 @@ OF_FULL_CLOUDS = ("depth_std", "row", "col", "surface")     # optional component
 RUN, SENSOR_PROPERTY, VERSIONS = "run", "sensor", "versions"      # properties
 PROPERTIES = "/__properties"                        # rerun's entity path for properties
 
-_DARK = 45 / 210        # number of dark colours that colours.range_table leaves out, over those that it keeps
+_DARK = 45 / 210        # ratio of dark colours that colours.range_table leaves out to those that it keeps
 _LEAST_SPAN = 1e-6
 _FRUSTUM = (110, 120, 140)
 
 
 def points(columns: Mapping[str, np.ndarray], colour: np.ndarray, radius_m: float) -> list:
-    """Archetypes of a cloud. rerun does not copy the arrays: they must not change afterwards.
+    """Archetypes of a cloud. rerun does not copy the arrays: do not change them afterwards.
 
     Args:
         columns: xyz float32 [N, 3], contiguous, metres; intensity float32 [N]; and any of OF_FULL_CLOUDS.

@@ -1,13 +1,13 @@
 """Deskewer: moves sketches of a moving sensor to its pose at one instant, and adds them up.
 
 A surface at range ρ along a pixel's ray d lies at X = ρ R d + p in the sensor's frame at the other instant. The pixels
-that look at X see it there, farther by |X| − ρ, which is exactly a factor exp(i ω_l Δ) of the sums for Δ bins. Photons
-are pushed to X, not pulled by each pixel: so none is lost but those that leave the array, none counts twice, and a
-surface behind another does not shine through. The four pixels around X share them (depth errors are 15 to 25 % larger
-if the nearest takes all), each as if it had seen the surface at its own place: along the surface, not across its edges.
+that look at X see it |X| − ρ farther away: a shift of Δ bins multiplies the sums by exp(i ω_l Δ). Photons are pushed to
+X, not pulled by each pixel. So photons are lost only where they leave the array, none counts twice, and a surface
+behind another does not shine through. They are split among the four pixels around X (depth errors are 15 to 25 % larger
+if the nearest takes all). Each pixel gets the depth that the surface has there; none are split across an edge.
 
-The range ρ comes from the photons: the phase of the lowest frequency, to which an even background adds nothing, as a
-mean over so many pixels that noise does not part the ranges, and so the photons, of neighbours.
+The range ρ comes from the photons: the phase of the lowest frequency, to which an even background adds nothing. It is
+averaged over enough pixels that noise does not give neighbours different ranges, which would scatter their photons.
 """
 
 import math
@@ -24,7 +24,7 @@ from srt3d_ros.core.sketching.sketch import MAX_PIXEL_PHOTONS, Sketch, added_cyc
 LEAST_PHOTONS = 1e-9    # avoids division by 0
 FAR_M = 100.0           # range used without frequency 1: its parallax within a frame is less than a pixel
 NEAREST_M = 0.3         # lower limit of ranges, against noise and second surfaces
-RANGE_NOISE = 0.05      # allowed noise of ranges between pixels, of the pulse width; half or twice changes < 1 %
+RANGE_NOISE = 0.05      # noise allowed between ranges, as a fraction of the pulse width; half or double changes < 1 %
 STEEPEST = 6.0          # tangent of the incidence angle, 80°, beyond which neighbouring pixels see two surfaces
 # Ordered dither (Bayer, ICC 1973): fractions of photons round up in as many of 4 × 4 pixels as down, however few.
 DITHER = (np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]], np.float32) + 0.5) / 16
@@ -34,8 +34,8 @@ Parts = Sequence[tuple[int, Sketch]]
 class Deskewer:
     """Moves sketches of one sensor.
 
-    Masked pixels give no photons, and delays are corrected. `gain` and IRFs per pixel are not: where pixels differ
-    much, intensities are those of a mixture.
+    Masked pixels give no photons, and delays are corrected. Gain and IRFs per pixel are not: where they differ,
+    intensities are mixed.
 
     Args:
         sensor: of the sketches: `gate.sensor` if there is a gate.

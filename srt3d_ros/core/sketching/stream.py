@@ -16,10 +16,10 @@ from srt3d_ros.core.sketching.photon_frame import PhotonFrame
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.errors import require
 
-MERGE_S = 0.4           # longest wait for an acknowledgement: a killed reader sends none for 20 s
+MERGE_S = 0.4           # longest wait for an acknowledgement; a killed reader would block for 20 s
 MERGE_POLL_S = 0.01     # between tries to send a merged frame: costs 1 % of a core while one waits
 MOTION_S = 1.0          # longest wait for motion: odometry comes 10 to 100 ms late; after a second it has stopped
-MOST_FRAMES, MOST_BYTES = 4, 2**28      # more frames may wait for motion only if all take less memory than this
+MOST_FRAMES, MOST_BYTES = 4, 2**28      # frames that may wait for motion; more while all take less memory than this
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class StreamOptions:
         gate, frequencies, sketch_size: see `design_for`.
         packets_per_frame, frame_period_ns: as of Framing.
         window_frames: frames in the sliding window of a sketch.
-        moving: deskew: move the packets of a frame to the sensor's pose in its middle, by the reports to `add_motion`.
+        moving: deskew each frame to the sensor's pose in its middle, with the reports given to `add_motion`.
         extrinsics: the pose of the sensor in the frame of the reported body.
         merge_when_busy: while readers are busy, add new frames to the one that waits.
     """

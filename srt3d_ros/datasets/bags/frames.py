@@ -34,9 +34,9 @@ class PhotonTopics:
 def find_photons(bag: Bag, photons_topic: str = "") -> PhotonTopics:
     """Topics of the photons (of sketches if there are none) and of their sensor, found by content.
 
-    If several topics hold photons, the one named as its content counts: `photons`, `gates` or `histograms`, in any
-    namespace. If several describe a sensor, `sensor` beside the photons counts, or `sketch/sensor` beside the sketch.
-    InvalidInput lists the bag's topics if none or several fit.
+    If several topics hold photons, take the one whose name is its kind: `photons`, `gates` or `histograms`, in any
+    namespace. If several describe a sensor, take `sensor` beside the photons, or `sketch/sensor` beside the sketch.
+    Raises InvalidInput, which lists the bag's topics, unless exactly one fits.
     """
     contents = {topic: _content(bag, topic) for topic in bag.topics if topic.messages > 0}
     readable = [topic for topic, content in contents.items()
@@ -130,6 +130,7 @@ def _content(bag: Bag, topic: BagTopic) -> str:
 
 def _the_only(candidates: list[BagTopic], what: str, bag: Bag) -> BagTopic:
     number = len(candidates)
-    require(number == 1, "bag", problem=f"bag {bag.path.name} has {number} topics of {what}, not one: name one "
-            f"(--photons-topic). It has {bag.content()}.")
+    advice = ": name one (--photons-topic)" if number > 1 and what == "photons" else ""
+    require(number == 1, "bag", problem=f"bag {bag.path.name} has {number or 'no'} topics of {what}{advice}. "
+            f"It has {bag.content()}.")
     return candidates[0]

@@ -7,12 +7,12 @@ from functools import partial, update_wrapper
 import torch
 from torch._dynamo import config
 
-# Sums over neighbours read their inputs in place, so that nothing of [neighbours × pixels] is stored unless it has more
-# than 10 inputs: compiling would take minutes. Sums over a pixel's surfaces, at most four, are unrolled; sums over
-# frequencies are loops.
+# Sums over neighbours read their inputs in place: no array [neighbours × pixels] is stored. One of more than 10 inputs
+# is, because fusing it would take minutes to compile. Sums over a pixel's surfaces, at most four, are unrolled; sums
+# over frequencies are loops.
 OPTIONS = {"realize_reads_threshold": 1000, "realize_opcount_threshold": 1000, "realize_acc_reads_threshold": 10,
            "unroll_reductions_threshold": 5}
-MAX_FORMS = 10**6       # of a function, one for each shape and scale: torch's own limit takes many for a mistake
+MAX_FORMS = 10**6       # of a function, one for each shape and scale; torch's default limit treats many as a mistake
 warnings.filterwarnings("ignore", "TensorFloat32 tensor cores")         # exact products are on purpose
 
 

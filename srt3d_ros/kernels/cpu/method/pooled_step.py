@@ -9,15 +9,17 @@ the pool of a point is the sum over its round window, dx² + dy² ≤ radius (ra
 
     V = Σ w (v − s e − b e² / 2),  S = Σ w (s + b e),  B = Σ w b,  N = Σ w² n,  p = Σ w n,  G = Σ w g.
 
-The plane is fitted to the depths of the window by least squares, with weights f = w / std_q² (`_fit_plane`). Its turn
-moves S by −turn · Σ w b (dx, dy). The point then steps by d = S / max(B, V₊ C / 2E), at most δ, to the top of the
-pooled data term, R = V + d S − d² B / 2, and gets intensity R₊ / (E G) and score p / √N · ρ(R₊ / p) (`_finish`).
+The plane is fitted to the depths of the window by least squares, with weights f = w / std_q², CELL² times as much for a
+cell (`_fit_plane`). Its turn moves S by −turn · Σ w b (dx, dy). The point then steps by d = S / max(B, V₊ C / 2E), at
+most δ, to the top of the pooled data term, R = V + d S − d² B / 2, and gets intensity R₊ / (E G) and score
+p / √N · ρ(R₊ / p) (`_finish`). A pool of value V has a curvature of V C / E on average: half of it keeps a B that noise
+made small from causing a long step.
 
 Neighbours within the square of `fine` pixels count one by one, farther ones in cells of CELL × CELL pixels: the same
 sums over the cell, with w = the second factor alone, along the plane of its middle point (`_coarsen`).
 
 BLOCK points that lie side by side go through each step together, in vector registers: x counts them. `kernels.torch`
-has the notation, and what the standard deviation and the residual are.
+has the notation; `kernels.torch.method.pooled_step` explains the standard deviation and the residual.
 """
 
 from typing import NamedTuple

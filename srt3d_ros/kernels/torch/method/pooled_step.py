@@ -40,6 +40,7 @@ def pooled_step(frame, state, terms, sigma, radius, fine, max_chi2):
     from the point at edges; X is the covariance of the offsets in the fit, with the ridge. q is how far the surface
     leaves the plane: Q is the mean square distance of the fitted depths from the new plane, of which their own noise
     makes std_before² − std². In the middle of a bowl the error² is twice that. Where S' = 0 nothing is known: T and 0.
+    Of pixels without a point only intensity and score, both 0, mean anything.
 
     Args:
         sigma, radius: of the window, pixels; radius at most MARGIN.
