@@ -87,7 +87,8 @@ class Bag(AbstractContextManager):
                     f"a bag's folder, or a file that ends in {' or '.join(STORAGE_SUFFIXES)}")
             return [self.path]
         metadata = self.path / "metadata.yaml"
-        require(metadata.is_file(), "bag", f"{self.path}, without metadata.yaml", COMPLETE_BAG)
+        require(metadata.is_file(), "bag", problem=f"{self.path}: not a whole bag, as it has no metadata.yaml. "
+                "`ros2 bag reindex` writes one (docs/bags.md).")
         size = metadata.stat().st_size
         require(size <= MAX_METADATA_BYTES, "bag", problem=f"bag {self.path.name}: metadata.yaml has {size} bytes, "
                 f"more than {MAX_METADATA_BYTES}. `ros2 bag reindex` writes a new one.")
