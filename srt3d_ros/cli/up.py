@@ -19,7 +19,7 @@ from srt3d_ros.processes.supervisor import supervise
 
 # The node and the parameter that an option sets.
 NODE_OPTIONS = {"sensor_file": ("sketcher", "sensor_file"), "device": ("reconstructor", "device"),
-           "input": ("player", "input"), "record": ("recorder", "path")}
+                "input": ("player", "input"), "record": ("recorder", "path")}
 OF_EVERY_NODE = ("use_sim_time", "qos_overrides.")
 LOG_LEVELS = ("debug", "info", "warn", "error", "fatal")
 ABOUT = """\

@@ -144,7 +144,8 @@ class Matcher:
         return lambda matched, counts, clutter=None: MatchedFrame(matched, counts, clutter=clutter, **constants)
 
     def check(self, sketch: Sketch) -> None:
-        """Raise InvalidInput unless the sketch has this size and these frequencies, and sums that photons can give."""
+        """Raise InvalidInput unless it is a Sketch of this size, these frequencies, and sums that photons can give."""
+        require(isinstance(sketch, Sketch), "seen", type(sketch).__name__, "a Sketch")
         shape = (self.sensor.rows, self.sensor.cols)
         require(sketch.frequencies == self.frequencies, "sketch frequencies", list(sketch.frequencies),
                 f"{list(self.frequencies)}")

@@ -57,10 +57,8 @@ class Reconstructor:
 
     def __call__(self, seen) -> Cloud:
         """The cloud of a frame: of its Sketch, or of the PhotonFrame for a method on photons."""
-        if self._frequencies:
-            require(hasattr(seen, "sums"), "seen", type(seen).__name__, "a Sketch")      # whose module imports this one
-        else:
-            require(isinstance(seen, PhotonFrame), "seen", type(seen).__name__, "a frame of photons (Photons.frame)")
+        require(bool(self._frequencies) or isinstance(seen, PhotonFrame), "seen", type(seen).__name__,
+                "a frame of photons (Photons.frame)")       # `Matcher.check` asks for a Sketch
         self.warm_up()
         started = time.perf_counter()
         cloud = self._or_on_the_cpu(lambda: self._method(seen))

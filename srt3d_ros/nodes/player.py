@@ -23,7 +23,7 @@ from srt3d_ros.processes.node_command import FRAMES_LOST
 ACKNOWLEDGE_S = 5.0
 READY_S = 600.0         # timeout for the nodes of `wait_for`: on a busy machine, kernels compile for minutes
 SETTLE_S = 30.0         # without progress, after which the last frames count as lost
-PROGRESS_EVERY_S = 60.0      # at most, a line about skipped frames
+SKIPPED_EVERY_S = 60.0      # at most, a line about skipped frames
 
 PARAMETERS = (
     Parameter("input", SIMULATOR, "Photon file (docs/photon-file.md), whose frame is repeated, or the simulator's "
@@ -142,7 +142,7 @@ class PlayerNode(PipelineNode):
                 late = f"late: skipped {skipped} frames so far; use a lower rate_hz on this machine"
                 self.diagnostics.count(skipped=item.skipped)
                 self.diagnostics.warn(late)
-                self.get_logger().warning(late, throttle_duration_sec=PROGRESS_EVERY_S)
+                self.get_logger().warning(late, throttle_duration_sec=SKIPPED_EVERY_S)
             stamp_ns = first_ns + item.stamp_ns
             data = cdr.restamp(item.raw, stamp_ns)
             if item.topic in self._others:

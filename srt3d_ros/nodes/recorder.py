@@ -57,7 +57,7 @@ def checked_images(text: str) -> tuple[str, ...]:
 
 
 QUEUE = 128             # messages that wait for the disk
-RECORDED_DEPTH = 32        # messages of each topic that the middleware keeps: six topics, sketches of 2 MB
+RECORDED_DEPTH = 32     # messages of each topic that the middleware keeps: six topics, sketches of 2 MB
 LINES_KEPT = 1000       # log lines from before the first frame
 NEAR_NS = 60 * 10**9    # log lines farther from the frames, as in a replay, get the stamp of the newest frame
 

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.errors import require
 
 CHUNK = 2**16           # counts of at most 16 bits whose sum fits into 32 bits
@@ -83,9 +83,9 @@ class PhotonGates:
         """Raise InvalidInput unless the gates have the sensor's pixels, and words that are bins or `no_detection`."""
         shape = sensor.rows, sensor.cols
         require(self.words.shape[1:] == shape, "gates shape", self.words.shape, f"[cycles, rows, cols] with {shape}")
-        require(sensor.gates is not None, "sensor.gates", "missing", "first_word and no_detection, to read gates")
-        outside = (self.words < sensor.gates.first_word) | (self.words > last_word(sensor))
-        stray = self.words[outside & (self.words != sensor.gates.no_detection)]
+        form = gate_words(sensor)
+        outside = (self.words < form.first_word) | (self.words > last_word(sensor))
+        stray = self.words[outside & (self.words != form.no_detection)]
         require(len(stray) == 0, "gates word", int(stray.max(initial=0)), word_wanted(sensor))
 
     def counted(self, sensor: SensorModel) -> SensorModel:
@@ -174,6 +174,12 @@ class PhotonHistograms:
 def bins_of(sensor: SensorModel) -> int:
     """The number of bins of a sensor's histograms."""
     return sensor.num_bins if sensor.histograms is None else sensor.histograms.num_bins
+
+
+def gate_words(sensor: SensorModel) -> GateWords:
+    """How the sensor's gates say ToA; InvalidInput if it has none."""
+    require(sensor.gates is not None, "sensor.gates", "missing", "first_word and no_detection, to read gates")
+    return sensor.gates
 
 
 def last_word(sensor: SensorModel) -> int:
