@@ -19,22 +19,26 @@ RERUN = "rerun-sdk>=0.41,<0.42"
 PICTURES = ["matplotlib>=3.8,<4", "Pillow>=10.2,<14"]
 TORCH = "torch>=2.9,<3"
 PYZMQ = "pyzmq>=25,<28"
-ROSBAGS = "rosbags>=0.11.9,<0.12"
-# ptufile changes its interface every year.
-LAB = ["ptufile>=2026.2,<2027"]
+# mcap reads what is left of a bag whose recording broke off.
+BAGS = ["rosbags>=0.11.9,<0.12", "mcap>=1.2,<2"]
+# ptufile and sdtfile change their interfaces every year.
+LAB = ["ptufile>=2026.2,<2027", "sdtfile>=2026.2,<2027", "h5py>=3.10,<4"]
+CLUSTER = ["distributed>=2025.1,<2027"]
 # Sphinx makes the site, as for other ROS 2 packages; sphinx-mathjax-offline lets it be read without a network.
 DOCS = ["sphinx>=7.2,<10", "myst-nb>=1.1,<2", "furo>=2024.5,<2027", "sphinx-copybutton>=0.5,<1",
         "sphinx-mathjax-offline>=0.0.2,<0.1"]
 EXTRAS = {
     "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1,<8", "ros-jazzy-common-interfaces>=5.3,<6",
             "ros-jazzy-rmw-fastrtps-cpp>=8.4,<9"],
+    "pictures": [*PICTURES],
     "record": [RERUN],
     "review": [RERUN, *PICTURES, "Jinja2>=3.1,<4"],
-    "bags": [ROSBAGS],
+    "bags": [*BAGS],
+    "cluster": [*CLUSTER],
     "gpu": [TORCH],
     "docs": [*DOCS],
     "lab": [*LAB],
-    "test": [ROSBAGS, PYZMQ, *LAB, *DOCS, "pytest>=8,<10", "pytest-xdist>=3.6,<4",
+    "test": [*BAGS, *CLUSTER, PYZMQ, *LAB, *DOCS, "pytest>=8,<10", "pytest-xdist>=3.6,<4",
              "hypothesis>=6.100,<7", "psutil>=5.9,<8",
              "colcon-common-extensions>=0.3,<0.4", "ruff>=0.6,<0.18", TORCH],
 }

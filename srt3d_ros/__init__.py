@@ -17,7 +17,7 @@ if "OMP_WAIT_POLICY" not in os.environ:
     os.environ["OMP_WAIT_POLICY"] = "passive"
     os.environ.setdefault("GOMP_SPINCOUNT", "1000")
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = ["Cloud", "InvalidInput", "Photons", "Reconstructor", "Sensor", "Sketch", "from_counts", "from_events",
            "read", "reconstruct"]

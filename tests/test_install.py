@@ -141,7 +141,7 @@ def test_a_parameter_file_that_is_not_there_is_refused(ros2):
 
 def test_versions_agree(repository):
     assert re.search("<version>(.+)</version>", (repository / "package.xml").read_text())[1] == srt3d_ros.__version__
-    assert f"\n{srt3d_ros.__version__}\n" in (repository / "CHANGELOG.rst").read_text()
+    assert f"\n{srt3d_ros.__version__} (" in (repository / "CHANGELOG.rst").read_text()
 
 
 EVERY_METHOD = """

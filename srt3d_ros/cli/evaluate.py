@@ -11,7 +11,7 @@ from srt3d_ros.core.thresholds import MAX_SURFACES
 from srt3d_ros.errors import require
 from srt3d_ros.evaluation.cases import SCENES, Case, of_files, simulated
 
-NO_FIGURES = "no figures: matplotlib is missing (pip install 'srt3d_ros[review]')"
+NO_FIGURES = "no figures: matplotlib is missing (pip install '.[pictures]' in the clone)"
 
 
 def add_parser(subparsers) -> None:

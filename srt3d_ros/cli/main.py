@@ -15,8 +15,9 @@ MODULES = {"play": "node"}      # modules that have another name than their comm
 
 # The extra of this package that installs each optional package.
 EXTRAS = {"rclpy": "ros", "std_msgs": "ros", "diagnostic_msgs": "ros", "sensor_msgs": "ros", "nav_msgs": "ros",
-          "rerun": "record", "matplotlib": "review", "PIL": "review",
-          "jinja2": "review", "rosbags": "bags", "torch": "gpu", "ptufile": "lab"}
+          "rerun": "record", "matplotlib": "pictures", "PIL": "pictures",
+          "jinja2": "review", "rosbags": "bags", "mcap": "bags", "torch": "gpu", "ptufile": "lab", "sdtfile": "lab",
+          "h5py": "lab", "distributed": "cluster"}
 DRAWING = ("demo", "review")        # commands that need all of `review`, which includes `record`
 
 FAILED = 1
@@ -75,8 +76,8 @@ def main(argv: list[str] | None = None) -> int:
         if error.name not in EXTRAS:
             raise
         ros = "source a ROS 2 installation, or " if EXTRAS[error.name] == "ros" else ""
-        extra = "review" if error.name == "rerun" and named in DRAWING else EXTRAS[error.name]
-        return _say(f"{error.name} is not installed: {ros}pip install 'srt3d_ros[{extra}]'", FAILED)
+        extra = "review" if named in DRAWING and EXTRAS[error.name] in ("record", "pictures") else EXTRAS[error.name]
+        return _say(f"{error.name} is not installed: {ros}pip install '.[{extra}]' in the clone", FAILED)
 
 
 def _say(message: str, code: int) -> int:

@@ -203,5 +203,5 @@ def _imported(module: str):
     try:
         return import_module(module)
     except ImportError as error:
-        problem = f"Cannot draw a cloud: {error.name} is missing (pip install 'srt3d_ros[review]')."
+        problem = f"Cannot draw a cloud: {error.name} is missing (pip install '.[pictures]' in the clone)."
         raise InvalidInput("picture", problem=problem) from None

@@ -41,7 +41,7 @@ def missing_for_cuda() -> str:
     except OSError:
         return "no CUDA device"
     if not find_spec("torch"):
-        return "torch not installed: pip install 'srt3d_ros[gpu]'"
+        return "torch not installed: pip install '.[gpu]' in the clone"
     import torch
     if torch.version.cuda is None:
         return f"torch {torch.__version__} is built without CUDA"

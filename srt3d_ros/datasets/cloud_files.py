@@ -41,7 +41,7 @@ def check(path: str | Path) -> Path:
     path = Path(path)
     require(path.suffix.lower() in _WRITERS, "output", str(path), f"a file name that ends in {', '.join(_WRITERS)}")
     require(path.suffix.lower() not in PICTURES or find_spec("matplotlib") is not None, "output",
-            problem=f"Cannot write {path.name}: matplotlib is missing (pip install 'srt3d_ros[review]').")
+            problem=f"Cannot write {path.name}: matplotlib is missing (pip install '.[pictures]' in the clone).")
     check_place(path)
     check_replaceable(path, "xyz")
     return path

@@ -21,10 +21,12 @@ def failing_with(error: BaseException):
     (InvalidInput("toa", -1, "bins in [0, 10)"), 2, "srt3d: error: toa is -1: expected bins in [0, 10)\n"),
     (PermissionError(13, "Permission denied", "a.npz"), 2, "srt3d: error: a.npz: Permission denied\n"),
     (KeyboardInterrupt(), 130, ""),
-    (ModuleNotFoundError(name="rerun"), 1, "srt3d: error: rerun is not installed: pip install 'srt3d_ros[record]'\n"),
-    (ModuleNotFoundError(name="ptufile"), 1, "srt3d: error: ptufile is not installed: pip install 'srt3d_ros[lab]'\n"),
+    (ModuleNotFoundError(name="rerun"), 1,
+     "srt3d: error: rerun is not installed: pip install '.[record]' in the clone\n"),
+    (ModuleNotFoundError(name="ptufile"), 1,
+     "srt3d: error: ptufile is not installed: pip install '.[lab]' in the clone\n"),
     (ModuleNotFoundError(name="rclpy"), 1,
-     "srt3d: error: rclpy is not installed: source a ROS 2 installation, or pip install 'srt3d_ros[ros]'\n"),
+     "srt3d: error: rclpy is not installed: source a ROS 2 installation, or pip install '.[ros]' in the clone\n"),
 ])
 def test_what_goes_wrong_is_one_line_and_an_exit_code(monkeypatch, srt3d, error, code, line):
     monkeypatch.setattr(node, "start", failing_with(error))
@@ -33,7 +35,7 @@ def test_what_goes_wrong_is_one_line_and_an_exit_code(monkeypatch, srt3d, error,
 
 def test_review_asks_once_for_all_that_it_needs(monkeypatch, srt3d):
     monkeypatch.setattr("srt3d_ros.cli.review.run", failing_with(ModuleNotFoundError(name="rerun")))
-    expected = "srt3d: error: rerun is not installed: pip install 'srt3d_ros[review]'\n"
+    expected = "srt3d: error: rerun is not installed: pip install '.[review]' in the clone\n"
     assert srt3d("review", "a.rrd") == (1, "", expected)
 
 
@@ -76,7 +78,7 @@ sys.path.insert(0, {str(repository)!r})
 import os; os.chdir({str(tmp_path)!r})
 sys.exit(main.main({command.split()}))""")
     assert done.returncode == 1 and list(tmp_path.iterdir()) == []
-    assert done.stderr.endswith("is not installed: source a ROS 2 installation, or pip install 'srt3d_ros[ros]'\n")
+    assert done.stderr.endswith("is not installed: source a ROS 2 installation, or pip install '.[ros]' in the clone\n")
     assert len(done.stderr.splitlines()) == 1
 
 

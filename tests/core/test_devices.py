@@ -31,7 +31,7 @@ def missing(monkeypatch):
 
 LACKS = [({"driver": "libnone.so"}, "no CUDA device"),
          ({"gpu": False}, "no CUDA device"),
-         ({"absent": ["torch"]}, "torch not installed: pip install 'srt3d_ros[gpu]'"),
+         ({"absent": ["torch"]}, "torch not installed: pip install '.[gpu]' in the clone"),
          ({"cuda": None}, f"torch {torch.__version__} is built without"),
          ({"absent": ["triton"]}, "triton, which compiles torch's kernels, not installed: pip install triton"),
          ({"gcc": ""}, "no C compiler, which triton needs")]
