@@ -8,6 +8,7 @@ from pathlib import Path
 from srt3d_ros.core.methods import METHODS, find
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.core.thresholds import MAX_SURFACES
+from srt3d_ros.datasets import SIMULATOR
 from srt3d_ros.errors import require
 from srt3d_ros.evaluation.cases import SCENES, Case, of_files, simulated
 
@@ -20,7 +21,9 @@ def add_parser(subparsers) -> None:
         description="Reconstruct simulated scenes (or the photon files given) with every method and compare the "
                     "clouds with the truth: a table, DIR/results.csv, and pictures in DIR. "
                     "docs/evaluation.md explains the figures.")
-    parser.add_argument("files", nargs="*", metavar="FILE", help="photon files (default: the simulated scenes)")
+    parser.add_argument("files", nargs="*", metavar="FILE",
+                        help="photon files, or: simulator, its head with SBR 1 and 10 photons per pixel (default: the "
+                             "simulated scenes)")
     parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder for the results")
     parser.add_argument("--methods", nargs="+", default=METHODS, metavar="METHOD",
                         help=f"methods to run: {', '.join(METHODS)} (default: all)")
@@ -33,9 +36,9 @@ def add_parser(subparsers) -> None:
     simulated_scenes = parser.add_argument_group("simulated scenes")
     simulated_scenes.add_argument("--scene", nargs="+", choices=tuple(SCENES), metavar="SCENE",
                                   help=f"scenes to simulate: {', '.join(SCENES)} (default: all)")
-    simulated_scenes.add_argument("--sbr", nargs="+", type=float, default=[10.0, 1.0, 0.1], metavar="R",
+    simulated_scenes.add_argument("--sbr", nargs="+", type=float, metavar="R",
                                   help="signal-to-background ratios (default: 10 1 0.1)")
-    simulated_scenes.add_argument("--ppp", nargs="+", type=float, default=[1.0, 10.0, 100.0], metavar="N",
+    simulated_scenes.add_argument("--ppp", nargs="+", type=float, metavar="N",
                                   help="mean photons per pixel (default: 1 10 100)")
     simulated_scenes.add_argument("--repeats", type=int, default=1, metavar="N",
                                   help="random draws of each setting, averaged (default: 1)")
@@ -84,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
         bar.set_description("done")
     for note in notes:
         print(f"srt3d: {note}", file=sys.stderr)
-    print(f"{scores.markdown(means)}\n\n{folder}/  results.csv  *.png")
+    print(f"{_within(cases)}\n\n{scores.markdown(means)}\n\n{folder}/  results.csv  *.png")
     return 0
 
 
@@ -98,10 +101,29 @@ def _cases(args: argparse.Namespace) -> list[Case]:
     require(share is None or 0 <= share < 1, "--held-out-photons", share, "a share of the photons, 0 to below 1")
     require(share is None or args.files and not args.scene, "--held-out-photons",
             problem="--held-out-photons works with photon files only: simulated scenes are compared with the truth.")
-    cases = of_files(args.files, args.tolerance, args.surfaces, [number - 1 for number in args.align], share)
-    for scene in dict.fromkeys(args.scene or (() if args.files else SCENES)):
-        cases += simulated(scene, args.sbr, args.ppp, args.repeats, args.tolerance, args.surfaces)
+    files = [name for name in args.files if name != SIMULATOR]
+    scenes = args.scene or (() if args.files else SCENES)
+    for option, value in (("--sbr", args.sbr), ("--ppp", args.ppp)):
+        require(value is None or scenes or len(files) < len(args.files), option,
+                problem=f"{option} is for simulated scenes: a file has its own photons.")
+    cases = of_files(files, args.tolerance, args.surfaces, [number - 1 for number in args.align], share)
+    if len(files) < len(args.files):
+        cases += simulated("bust", args.sbr or [1.0], args.ppp or [10.0], args.repeats, args.tolerance, args.surfaces)
+    for scene in dict.fromkeys(scenes):
+        cases += simulated(scene, args.sbr or [10.0, 1.0, 0.1], args.ppp or [1.0, 10.0, 100.0], args.repeats,
+                           args.tolerance, args.surfaces)
     return cases
+
+
+def _within(cases: Sequence[Case]) -> str:
+    """The line on how near a point must be, by scene or file."""
+    near = {}
+    for case in cases:
+        tolerance_mm = case.tolerance_bins * case.sensor.bin_width_m * 1e3
+        near[case.source] = f"{tolerance_mm:.4g} mm ({case.tolerance_bins:.4g} bins)"
+    shared = set(near.values())
+    words = shared.pop() if len(shared) == 1 else ", ".join(f"{bins} in {source}" for source, bins in near.items())
+    return f"A surface counts as found within {words}."
 
 
 def _cases_to_draw(cases: Sequence[Case]) -> set[Case]:

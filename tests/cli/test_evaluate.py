@@ -81,6 +81,13 @@ def test_a_scene_is_simulated_at_every_setting(run, tmp_path):
     assert names == {f"{name}_net.png" for name in ("metrics", "reconstructions")}
 
 
+def test_the_simulator_is_judged_as_its_scene_is(run):
+    code, out, _, (row,) = run("simulator", "--methods", "pooled")
+    assert code == 0 and out.startswith("A surface counts as found within 40 mm (133.3 bins).\n")
+    assert (row["source"], row["sbr"], row["ppp"]) == ("bust", "1", "10")
+    assert float(row["true_detections_percent"]) > 99 and float(row["dae_mm"]) < 0.7
+
+
 def test_without_matplotlib_there_are_the_table_and_a_note(run, monkeypatch, tmp_path):
     for name in [name for name in sys.modules if name.startswith(("srt3d_ros.pictures", "srt3d_ros.evaluation.draw"))]:
         monkeypatch.delitem(sys.modules, name)
@@ -111,7 +118,8 @@ def test_an_interrupted_evaluation_leaves_its_rows_and_the_next_one_starts_anew(
     (["absent.npz"], "absent.npz"), (["results.csv"], "results.csv"),
     (["--scene", "head"], "argument --scene: invalid choice: 'head'"),
     (["layers.npz", "--methods", "magic"], "method is magic"), (["--sbr", "high"], "--sbr"),
-    (["--ppp", "-1"], "--ppp is -1"),
+    (["--ppp", "-1"], "--ppp is -1"), (["simulator", "--ppp", "-1"], "--ppp is -1"),
+    (["layers.npz", "--ppp", "3"], "--ppp is for simulated scenes"),
     (["--sketch-size", "0"], "--sketch-size is 0"), (["layers.npz", "--tolerance", "near"], "--tolerance is near"),
     (["bare.npz", "--held-out-photons", "nan"], "--held-out-photons is nan"),
     (["bare.npz", "--scene", "net", "--held-out-photons", "0.4"], "works with photon files only"),
