@@ -37,23 +37,32 @@ test: $(VENV)/test-ready
 test-newest:
 	@$(MAKE) --no-print-directory test VENV=.venv-newest CONSTRAINTS=
 
-docs: $(VENV)/demo-ready
-	@$(pip) --no-build-isolation --editable '.[docs]'
+docs: $(VENV)/docs-ready
 	@$(VENV)/bin/python -m sphinx -W --quiet docs build/docs && echo build/docs/index.html
 
 lint: $(VENV)/test-ready
 	@$(VENV)/bin/ruff check .
 
-$(VENV)/demo-ready: $(installed_from)
+# What every environment starts with.
+$(VENV)/made:
 	@'$(PYTHON)' -c 'import sys; v = sys.version_info; sys.exit(f"srt3d_ros needs Python 3.11 or newer and this is {v[0]}.{v[1]}: try make PYTHON=python3.12" if v < (3, 11) else 0)'
-	@echo '[1/3] installing ROS 2 Jazzy, numba, rerun and the rest into $(VENV): 1.4 GB, one or two minutes'
 	@'$(PYTHON)' -m venv $(VENV)
 	@$(pip) 'setuptools>=77.0.3,<80'
+	@touch $@
+
+$(VENV)/demo-ready: $(installed_from) | $(VENV)/made
+	@echo '[1/3] installing ROS 2 Jazzy, numba, rerun and the rest into $(VENV): 1.4 GB, one or two minutes'
 	@$(pip) --no-build-isolation --editable '.[ros,record,review$(addprefix $(comma),$(gpu))]'
 	@echo '[2/3] placing the executables of the nodes'
 	@$(VENV)/bin/python -W ignore setup.py --quiet install_data --install-dir $(VENV)
 	@echo '[3/3] compiling the kernels for this processor: a minute'
 	@$(VENV)/bin/srt3d compile
+	@touch $@
+
+# Neither ROS 2 nor compiled kernels: the site shows stored results.
+$(VENV)/docs-ready: $(installed_from) | $(VENV)/made
+	@echo '[docs] installing Sphinx and the library into $(VENV): 0.6 GB, a minute'
+	@$(pip) --no-build-isolation --editable '.[docs]'
 	@touch $@
 
 # PyPI's torch brings 3 GB of CUDA: without a GPU, its own index of CPU builds is tried first.

@@ -1,6 +1,7 @@
 """What the Makefile's commands install, and their message for an old Python."""
 
 import os
+import re
 import shlex
 import subprocess
 import sys
@@ -27,10 +28,11 @@ def test_an_old_python_is_told_what_to_do_in_one_line_and_nothing_is_made(reposi
     assert done.stderr.startswith("srt3d_ros needs Python 3.11 or newer and this is 3.10: try make PYTHON=python3.12\n")
 
 
-@pytest.mark.parametrize(("target", "tools", "pinned"), [
-    ("demo", False, True), ("test", True, True), ("test-newest", True, False)])
-def test_the_demo_installs_no_test_tools_and_all_but_newest_are_pinned(repository, tmp_path, target, tools, pinned):
+@pytest.mark.parametrize(("target", "extras", "pinned"), [
+    ("demo", ["ros,record,review"], True), ("docs", ["docs"], True),
+    ("test", ["ros,record,review", "test"], True), ("test-newest", ["ros,record,review", "test"], False)])
+def test_a_target_installs_and_compiles_no_more_than_it_needs(repository, tmp_path, target, extras, pinned):
     commands = make(repository, "--dry-run", "--always-make", f"VENV={tmp_path / 'venv'}", target).stdout
-    assert (".[test]" in commands) == tools
+    assert [found.removesuffix(",gpu") for found in re.findall(r"'\.\[(.+)\]'", commands)] == extras
     assert ("-c constraints.txt" in commands) == pinned
-    assert ".[ros,record,review" in commands
+    assert ("srt3d compile" in commands) == ("ros,record,review" in extras)
