@@ -12,7 +12,10 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = "srt3d_ros"
-VERSION = re.search(r'__version__ = "(.+)"', Path(__file__).with_name(NAME).joinpath("__init__.py").read_text())[1]
+ROOT = Path(__file__).parent
+VERSION = re.search(r'__version__ = "(.+)"', (ROOT / NAME / "__init__.py").read_text())[1]
+URL = "https://github.com/srt3d-ros/srt3d_ros"
+MAINTAINERS, EMAIL = "srt3d_ros maintainers", "maintainers@srt3d-ros.org"
 
 # rerun-sdk needs NumPy 2. The core does not require it, because apt packages of Ubuntu 24.04 use NumPy 1.26.
 RERUN = "rerun-sdk>=0.41,<0.42"
@@ -53,9 +56,20 @@ setup(
     name=NAME,
     version=VERSION,
     description="Real-time 3D point clouds from single-photon lidar, as ROS 2 nodes and a library",
+    long_description=(ROOT / "README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
+    keywords=["single-photon lidar", "SPAD", "point cloud", "3D reconstruction", "ROS 2", "SRT3D"],
+    classifiers=["Development Status :: 4 - Beta", "Intended Audience :: Science/Research",
+                 "Operating System :: POSIX :: Linux", "Topic :: Scientific/Engineering :: Image Processing",
+                 *(f"Programming Language :: Python :: 3.{minor}" for minor in (11, 12, 13)), "Typing :: Typed"],
+    url=URL,
+    project_urls={"Documentation": f"{URL}/tree/main/docs", "Changelog": f"{URL}/blob/main/CHANGELOG.rst",
+                  "Issues": f"{URL}/issues"},
     license="Apache-2.0",
-    maintainer="srt3d_ros maintainers",
-    maintainer_email="maintainers@srt3d-ros.org",
+    author=MAINTAINERS,
+    author_email=EMAIL,
+    maintainer=MAINTAINERS,
+    maintainer_email=EMAIL,
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={NAME: ["py.typed"], f"{NAME}.review": ["report.html"]},
     python_requires=">=3.11",

@@ -7,9 +7,11 @@ import signal
 import subprocess
 import sys
 import sysconfig
+import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
+import yaml
 
 import srt3d_ros
 from srt3d_ros.processes.node_command import NODES
@@ -139,9 +141,19 @@ def test_a_parameter_file_that_is_not_there_is_refused(ros2):
     assert 'config "nothing": no such parameter file' in said and "process started" not in said, said
 
 
-def test_versions_agree(repository):
-    assert re.search("<version>(.+)</version>", (repository / "package.xml").read_text())[1] == srt3d_ros.__version__
-    assert f"\n{srt3d_ros.__version__} (" in (repository / "CHANGELOG.rst").read_text()
+def test_versions_addresses_and_dates_agree(repository):
+    """Of setup.py, package.xml, CITATION.cff, README.md, the newest entry of the changelog, and ruff's pins."""
+    changelog = pytest.importorskip("catkin_pkg.changelog").get_changelog_from_path(repository / "CHANGELOG.rst")
+    *_, (released, date, _) = changelog.foreach_version()
+    package = ElementTree.parse(repository / "package.xml").getroot()
+    cited = yaml.safe_load((repository / "CITATION.cff").read_text())
+    assert {released, package.findtext("version"), cited["version"]} == {srt3d_ros.__version__}
+    assert str(cited["date-released"]) == f"{date:%Y-%m-%d}"
+    url = re.search('^URL = "(.+)"', (repository / "setup.py").read_text(), re.MULTILINE)[1]
+    cloned = re.findall(r"git clone (\S+?)(?:\.git)?\s", (repository / "README.md").read_text())
+    assert {cited["repository-code"], *cloned, *(node.text for node in package.iter("url"))} == {url, f"{url}/issues"}
+    pinned = re.search("^ruff==(.+)", (repository / "constraints.txt").read_text(), re.MULTILINE)[1]
+    assert f"rev: v{pinned}\n" in (repository / ".pre-commit-config.yaml").read_text()
 
 
 EVERY_METHOD = """
