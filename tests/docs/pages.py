@@ -8,7 +8,7 @@ from pathlib import Path
 from markdown_it import MarkdownIt
 
 ROOT = Path(__file__).resolve().parents[2]
-PATHS = {ROOT / "README.md", *ROOT.glob("docs/*.md")} - {ROOT / "docs/RESULTS.md"}      # whose revisions are older
+PATHS = {*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")} - {ROOT / "docs/RESULTS.md"}      # whose revisions are older
 PAGES = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in sorted(PATHS)}
 MARKDOWN = MarkdownIt().enable("table")
 
