@@ -3,6 +3,7 @@
 import difflib
 from array import array
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -53,14 +54,18 @@ class Parameter:
         return f"{words} {self.unit}".rstrip()
 
     def check(self, value: Value) -> Value:
-        """The value in the parameter's type, or InvalidInput. Integers are accepted for numbers, numbers for texts."""
+        """The value in the parameter's type, or InvalidInput. Numbers are accepted for texts.
+
+        For numbers, integers and texts such as 1e-4 are accepted: YAML reads `ros2 param set` so.
+        """
         kind = type(self.default)
         if self.loose and value is False:
             value = "off"
         elif self.loose and isinstance(value, (array, list, tuple)):
             value = ",".join(map(str, value))
-        if kind is float and type(value) is int or kind is str and type(value) in (int, float):
-            value = kind(value)
+        if kind is float and type(value) in (int, str) or kind is str and type(value) in (int, float):
+            with suppress(ValueError):
+                value = kind(value)
         require(type(value) is kind, self.name, quoted(value), self.expected)
         if kind in (int, float):
             inside = (self.low is None or value >= self.low) and (self.high is None or value <= self.high)
@@ -72,7 +77,7 @@ class Parameter:
         """The description that `ros2 param describe` shows and from which tools make sliders."""
         unit = f" [{self.unit}]" if self.unit else ""
         out = ParameterDescriptor(description=self.description + unit, read_only=not self.live,
-                                  additional_constraints=self.expected, dynamic_typing=self.loose)
+                                  additional_constraints=self.expected, dynamic_typing=True)
         if self.low is not None and self.high is not None:
             if type(self.default) is int:
                 out.integer_range = [IntegerRange(from_value=int(self.low), to_value=int(self.high), step=0)]

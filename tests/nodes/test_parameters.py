@@ -50,6 +50,15 @@ def test_a_loose_text_may_be_what_yaml_makes_of_it_also_live(declare, value, tex
     assert node.set_parameters([RosParameter("range", value=value)])[0].successful and parameters["range"] == text
 
 
+@pytest.mark.parametrize("value", [20, "20", "2e1", 20.0])
+def test_a_number_may_be_what_yaml_makes_of_it_also_live(declare, value):
+    node, parameters = declare(rate_hz=value)
+    assert parameters["rate_hz"] == 20.0 and node.set_parameters([RosParameter("rate_hz", value=5)])[0].successful
+    assert node.set_parameters([RosParameter("rate_hz", value=value)])[0].successful and parameters["rate_hz"] == 20.0
+    refused = [node.set_parameters([RosParameter("rate_hz", value=bad)])[0].reason for bad in (2000, "fast", True)]
+    assert refused == [f"rate_hz is {bad}: expected a number from 0 to 1000 Hz" for bad in (2000.0, '"fast"', True)]
+
+
 @pytest.mark.parametrize("name, value, line", [
     ("range", True, "range is True: expected off or two numbers"),
     ("size", 2.5, "size is 2.5: expected an integer from 1 to 100 pixels"),
