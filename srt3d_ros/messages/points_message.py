@@ -8,13 +8,14 @@ from srt3d_ros.messages.packing import pack_cloud, unpack_cloud
 from srt3d_ros.messages.schema_files import cloud_layouts
 
 
-def encode_cdr(cloud: Cloud, frame_id: str, layout: str = "xyzi") -> bytes:
+def encode_cdr(cloud: Cloud, frame_id: str, layout: str = "xyzi", organised: bool = False) -> bytes:
     """The serialised message of a cloud.
 
     Args:
         cloud: of one frame.
         frame_id: the tf frame of cloud.xyz.
         layout: "xyzi", or "full", which adds depth_std, background, row, col and surface.
+        organised: rows × cols points, the first of each pixel; without one, x, y, z, intensity and depth_std are NaN.
     """
     points = np.zeros(len(cloud), cloud_layouts("points")[layout])
     points["x"], points["y"], points["z"] = cloud.xyz.T
@@ -24,7 +25,9 @@ def encode_cdr(cloud: Cloud, frame_id: str, layout: str = "xyzi") -> bytes:
         points["background"] = cloud.background[cloud.row, cloud.col]
         for name in ("row", "col", "surface"):
             points[name] = getattr(cloud, name)
-    dense = all(bool(np.isfinite(points[axis]).all()) for axis in "xyz")
+    dense = not organised and all(bool(np.isfinite(points[axis]).all()) for axis in "xyz")
+    if organised:
+        points = _image(points, cloud)
     return cdr.write_cloud(pack_cloud(cdr.Header(cloud.stamp_ns, frame_id), points, dense))
 
 
@@ -49,3 +52,17 @@ def decode_cdr(raw: bytes) -> tuple[cdr.Header, dict[str, np.ndarray]]:
         columns[name] = points[name].astype(layout[name])
     placed = np.isfinite(columns["xyz"]).all(axis=1)
     return cloud.header, columns if placed.all() else {name: values[placed] for name, values in columns.items()}
+
+
+def _image(points: np.ndarray, cloud: Cloud) -> np.ndarray:
+    """The first point of each pixel, [rows, cols]; a pixel without one keeps row, col and background."""
+    image = np.zeros(cloud.background.shape, points.dtype)
+    for name in image.dtype.names:
+        if image.dtype[name].kind == "f":
+            image[name] = np.nan
+    if "row" in image.dtype.names:
+        image["row"], image["col"] = np.indices(image.shape)
+        image["background"] = cloud.background
+    first = cloud.surface == 0
+    image[cloud.row[first], cloud.col[first]] = points[first]
+    return image

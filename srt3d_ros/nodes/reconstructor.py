@@ -46,6 +46,8 @@ PARAMETERS = (
     Parameter("device", "auto", "Where to compute. auto: on a GPU if it passes a check.", choices=DEVICES, live=True),
     Parameter("fields", "xyzi", "Fields of `points`. xyzi: x, y, z, intensity. full: also depth_std, background, row, "
               "col and surface.", choices=("xyzi", "full"), live=True),
+    Parameter("organised", False, "Publish `points` as an image of rows × cols: the first point of each pixel by "
+              "`surface_order`, NaN where there is none. false: all points, in a list.", live=True),
     topics.MAX_PIXELS_PARAMETER,
     Parameter("min_range_m", 0.0, "Omit points nearer than this along their pixel's ray, from `points` and images; 0 "
               "= no limit.", "m", low=0.0, live=True),
@@ -213,10 +215,11 @@ class ReconstructorNode(PipelineNode):
         settings = self._settings
         near = seen.within(settings["min_range_m"], settings["max_range_m"] or np.inf)
         cloud = near.ordered(settings["surface_order"])
-        data = points_message.encode_cdr(cloud, frame_id, settings["fields"])
+        organised = settings["organised"]
+        data = points_message.encode_cdr(cloud, frame_id, settings["fields"], organised)
         self.publish_frame(self._points, data, cloud.stamp_ns)
-        self.diagnostics.count(points=len(cloud), points_out_of_range=len(seen) - len(cloud),
-                               photons=seen.photons)
+        published = np.count_nonzero(cloud.surface == 0) if organised else len(cloud)
+        self.diagnostics.count(points=published, points_out_of_range=len(seen) - len(cloud), photons=seen.photons)
         self._newest = sketch
         try:
             self._publish_images(cloud, sketch.sensor, frame_id)

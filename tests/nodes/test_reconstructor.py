@@ -146,6 +146,11 @@ def test_points_and_images_agree_on_what_is_within_the_limits(reconstructor, sen
     for image, column in ((images["depth"], near["xyz"][:, 2]), (images["intensity"], near["intensity"])):
         assert np.isfinite(image).sum() == len(column) and (image[near["row"], near["col"]] == column).all()
     reconstructor.totals(points_out_of_range=before + int(seen.sum()) - len(near["xyz"]))
+    assert reconstructor.graph.set("reconstructor", organised=True) == ""
+    organised, _ = reconstructor.frame(sketch)
+    message = cdr.read_cloud(reconstructor.clouds[-1])
+    assert (message.height, message.width, message.is_dense) == (16, 12, False)
+    assert organised.keys() == near.keys() and all(np.array_equal(organised[name], near[name]) for name in near)
 
 
 def test_parameters_are_refused_with_the_reason_or_change_between_frames(reconstructor, sensor, sketch):
