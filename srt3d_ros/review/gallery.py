@@ -46,7 +46,7 @@ def make_gallery(recorded: Recorded) -> dict:
     by_frame = {cloud.frame_index: cloud for cloud in recorded.reader.clouds(set(frames.values()))}
     clouds = {position: by_frame[frame] for position, frame in frames.items()}
     framed, style = clouds[typical], CloudStyle.of(clouds[typical], recorded.sensor)
-    titles = {fewest: "Fewest points", most: "Most points", typical: "A typical cloud"}
+    titles = {fewest: "fewest points", most: "most points", typical: "typical"}
     near, far = (look_at(framed.xyz, recorded.sensor.projection, aspect=width / height)
                  for width, height in (_LARGE_PX, _SMALL_PX))
     large = {position: _cloud_picture(recorded, position, title,
@@ -69,7 +69,7 @@ def _cloud_picture(recorded: Recorded, position: int, title: str, image: Image.I
     if np.isfinite(latency_ms):
         figures.append(f"latency {latency_ms:.0f} ms")
     stamp = iso_time(index.stamp_ns[position]).replace("T", " ").replace("Z", " UTC")
-    return Picture(title, f"Frame {index.frame_index[position]}, {stamp}: {', '.join(figures)}",
+    return Picture(f"Frame {index.frame_index[position]}: {title}", ", ".join([*figures, stamp]),
                    _uri(image, "jpeg", **_JPEG))
 
 

@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from srt3d_ros.pictures.figures import DPI
 from srt3d_ros.recording.reader import Series
 from srt3d_ros.review.recorded import Recorded
-from srt3d_ros.review.summary import find_gaps
+from srt3d_ros.review.summary import find_gaps, longest_gaps
 
 TIME = "seconds since the first cloud"
 # Okabe and Ito (2008): distinct for any colour vision, visible on white and on black.
@@ -22,17 +22,16 @@ _GAP_COLOUR = "#d55e00"
 _PAGE_COLOUR = "#010203"            # placeholder of the page's text colour
 _SIZE_IN = (5.2, 2.35)
 _MOST_PARTS = 600                   # longer lines are drawn as median and range of so many parts
-_MOST_DRAWN_GAPS = 200
 
 
 def draw_plots(recorded: Recorded) -> list[tuple[str, str]]:
-    """(title, <svg> element) of each plot with values; gaps are shaded."""
+    """(title, <svg> element) of each plot with values; the longest gaps are shaded."""
     latencies = {stage.replace("total", "end to end"): series for stage, series in recorded.latencies().items()}
     plots = [("Latency", "latency, ms", latencies),
              ("Points a frame", "points", {"points": Series(recorded.index.stamp_ns, recorded.index.points)}),
              ("Photons a frame", "photons", _chosen(recorded, "photons")),
              ("Frame rate", "frames a second", _chosen(recorded, "frame_rate_hz"))]
-    gaps = [(gap["at_s"], gap["at_s"] + gap["seconds"]) for gap in find_gaps(recorded)[0]]
+    gaps = [(gap["at_s"], gap["at_s"] + gap["seconds"]) for gap in longest_gaps(find_gaps(recorded)[0])]
     return [(title, _draw_lines({name: (recorded.since_first(s.stamp_ns), s.values) for name, s in lines.items()},
                                 label, gaps)) for title, label, lines in plots if lines]
 
@@ -45,7 +44,7 @@ def _draw_lines(lines: dict[str, tuple[np.ndarray, np.ndarray]], label: str, gap
                 ) -> str:
     """Draw lines of (seconds, values) by name without NaN and Inf, and shade gaps; gives the <svg> element."""
     def draw(axes: Axes) -> None:
-        for first, last in gaps[:_MOST_DRAWN_GAPS]:
+        for first, last in gaps:
             axes.axvspan(first, last, color=_GAP_COLOUR, alpha=0.3, linewidth=1)
         for (name, (x, y)), colour in zip(lines.items(), LINE_COLOURS):
             finite = np.isfinite(y)
@@ -56,8 +55,9 @@ def _draw_lines(lines: dict[str, tuple[np.ndarray, np.ndarray]], label: str, gap
         axes.set(xlabel=TIME, ylabel=label)
         axes.margins(x=0.01)
         low, high = axes.get_ylim()
-        if low <= 0 or high - low > 0.3 * high:         # start at 0 unless that hides the changes
-            axes.set_ylim(0, max(high, 1e-9) if high > 0.1 else 1)
+        # Start at 0, unless that hides changes of 1 % or more; smaller ones would look large.
+        if low <= 0 or not 0.01 * high < high - low < 0.3 * high:
+            axes.set_ylim(0, 1.05 * max(high, 1e-9) if high > 0.1 else 1)
     return _svg(draw)
 
 

@@ -12,7 +12,7 @@ from srt3d_ros.review.plots import draw_plots
 from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.summary import log_counts, rows
 
-_MOST_LOG_LINES = 500
+_MOST_LOG_LINES = 500       # different ones
 _LONGEST_LIST = 24          # longer lists (an IRF) are shown as their length
 
 
@@ -35,9 +35,12 @@ def _page(recorded: Recorded, summary: dict) -> str:
 
 
 def _log(recorded: Recorded) -> list[dict]:
-    """The last lines of the log, with seconds since the first cloud."""
-    return [{"at": f"{recorded.since_first(line.stamp_ns):+.2f} s", "level": line.level, "text": line.text}
-            for line in recorded.log[-_MOST_LOG_LINES:]]
+    """The last lines of the log by the time at which they came first, in seconds since the first cloud."""
+    times: dict[tuple[str, str], list[str]] = {}
+    for line in sorted(recorded.log, key=lambda line: line.stamp_ns):
+        times.setdefault((line.level, line.text), []).append(f"{recorded.since_first(line.stamp_ns):+.2f} s")
+    return [{"at": at[0], "level": level, "text": text, "times": len(at), "last": at[-1]}
+            for (level, text), at in list(times.items())[-_MOST_LOG_LINES:]]
 
 
 def _tables(summary: dict) -> list[tuple[str, list[tuple[str, str]]]]:

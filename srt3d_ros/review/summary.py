@@ -11,7 +11,7 @@ from srt3d_ros.recording import entities
 from srt3d_ros.review.recorded import Recorded
 
 GAP_PERIODS = 1.5               # median periods; frames farther apart have a gap between them
-_MOST_LISTED_GAPS = 100                # in the list; gap_count has all
+_LISTED_GAPS = 10               # the longest; gap_count has all
 _DIGITS = 3
 _SPREADS = {"points": "points a frame", "photons": "photons a frame", "ppp": "photons per pixel"}
 
@@ -19,10 +19,10 @@ _SPREADS = {"points": "points a frame", "photons": "photons a frame", "ppp": "ph
 def summarise(recorded: Recorded) -> dict:
     """All figures of a recording; None without data.
 
-    frames, duration_s, frame_rate_hz (mean), period_ms (median), gaps (after_frame, at_s, seconds, missing frames),
-    missing_frames, latency_ms (p50, p95, max for each stage), points, photons and ppp where recorded (median, min,
-    max), bytes and bytes_per_point, log (lines of each level), typical_frame, fewest_points_frame, most_points_frame,
-    and the properties; the sensor without its arrays.
+    frames, duration_s, frame_rate_hz (mean), period_ms (median), gaps (the longest: after_frame, at_s, seconds, missing
+    frames), gap_count, missing_frames, latency_ms (p50, p95, max for each stage), points, photons and ppp where
+    recorded (median, min, max), bytes and bytes_per_point, log (lines of each level), typical_frame,
+    fewest_points_frame, most_points_frame, and the properties; the sensor without its arrays.
     """
     index, seconds = recorded.index, recorded.seconds
     frames, duration = len(index), float(seconds[-1])
@@ -34,7 +34,7 @@ def summarise(recorded: Recorded) -> dict:
         "frames": frames, "duration_s": round(duration, _DIGITS),
         "frame_rate_hz": _rounded((frames - 1) / duration) if duration > 0 else None,
         "period_ms": _rounded(period * 1e3) if period else None,
-        "gaps": gaps[:_MOST_LISTED_GAPS], "gap_count": len(gaps), "missing_frames": sum(gap["missing"] for gap in gaps),
+        "gaps": longest_gaps(gaps), "gap_count": len(gaps), "missing_frames": sum(gap["missing"] for gap in gaps),
         "latency_ms": {stage: latency(series.values) for stage, series in recorded.latencies().items()},
         "points": spread(index.points), "photons": _spread(recorded, "photons"), "ppp": _spread(recorded, "ppp"),
         "bytes": size, "bytes_per_point": _rounded(size / max(int(index.points.sum()), 1)),
@@ -56,6 +56,12 @@ def find_gaps(recorded: Recorded) -> tuple[list[dict], float]:
     return [{"after_frame": int(frames[k]), "at_s": round(float(seconds[k]), _DIGITS),
              "seconds": round(float(steps[k]), _DIGITS), "missing": max(round(float(steps[k]) / period) - 1, 1)}
             for k in positions], period
+
+
+def longest_gaps(gaps: list[dict]) -> list[dict]:
+    """The ten longest gaps, or all if they are fewer, in order of time."""
+    longest = sorted(gaps, key=lambda gap: -gap["seconds"])[:_LISTED_GAPS]
+    return sorted(longest, key=lambda gap: gap["at_s"])
 
 
 def notable_frames(recorded: Recorded) -> tuple[int, int, int]:
@@ -168,8 +174,8 @@ def _gaps(summary: dict) -> str:
     if not summary["gap_count"]:
         return "none"
     longest = max(summary["gaps"], key=lambda gap: gap["seconds"])
-    return (f"{summary['gap_count']}, about {summary['missing_frames']} frames; the longest {longest['seconds']:.3g} s "
-            f"after frame {longest['after_frame']}")
+    return (f"{summary['gap_count']:,}, about {summary['missing_frames']:,} frames; the longest "
+            f"{longest['seconds']:.3g} s, at {longest['at_s']:.1f} s, after frame {longest['after_frame']}")
 
 
 def _number(value: float) -> str:

@@ -26,7 +26,7 @@ def test_it_prints_the_figures_and_writes_the_report_beside_the_recording(srt3d,
     code, out, err = srt3d("review", recording)
     assert code == 0 and err == ""
     assert "6, 10 Hz" in out and "median 32.5 ms" in out and out.endswith(f"{recording.with_suffix('.html')}\n")
-    assert "A typical cloud" in recording.with_suffix(".html").read_text()
+    assert ": typical" in recording.with_suffix(".html").read_text()
 
 
 def test_json_is_one_line(srt3d, recording):
