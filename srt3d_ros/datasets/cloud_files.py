@@ -16,6 +16,10 @@ _JPEG_QUALITY = 90
 _SENSOR_FACTS = ("num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m")
 _FLOATS = [(name, "<f4") for name in ("x", "y", "z", "intensity")]
 _BYTES = [(name, "u1") for name in ("red", "green", "blue")]
+# Properties that CloudCompare shows as the scalar fields depth_std, ….
+_SCALARS = [("scalar_depth_std", "<f4"), ("scalar_background", "<f4"), ("scalar_row", "<u2"), ("scalar_col", "<u2"),
+            ("scalar_surface", "u1")]
+_PLY_TYPES = {"<f4": "float", "<u2": "ushort", "u1": "uchar"}
 
 
 def save(cloud: Cloud, path: str | Path) -> None:
@@ -26,6 +30,7 @@ def save(cloud: Cloud, path: str | Path) -> None:
     stamp_ns, frequencies; of the sensor num_bins, bin_width_s, irf_ref, toa_offset_bins, range_offset_m.
     .ply: binary, x y z intensity, and the range's colour as red green blue.
     .png, .jpg: a picture (needs matplotlib).
+    A .ply also has scalar_depth_std (metres), scalar_background (photons), scalar_row, scalar_col and scalar_surface.
 
     Raises:
         InvalidInput: another suffix, or a file that cannot be written.
@@ -55,16 +60,21 @@ def _save_npz(cloud: Cloud, path: Path) -> None:
 
 
 def _save_ply(cloud: Cloud, path: Path) -> None:
-    points = np.empty(len(cloud), _FLOATS + _BYTES)
+    properties = _FLOATS + _BYTES + _SCALARS
+    points = np.empty(len(cloud), properties)
     points["x"], points["y"], points["z"] = cloud.xyz.T
     points["intensity"] = cloud.intensity
     range_m = np.linalg.norm(cloud.xyz, axis=1)
     level = levels(range_m, *percentile_range(range_m) or (0, 1))
     points["red"], points["green"], points["blue"] = range_table()[level].T
+    points["scalar_depth_std"] = cloud.depth_std_bins * cloud.sensor.bin_width_m
+    points["scalar_background"] = cloud.background[cloud.row, cloud.col]
+    for name in ("row", "col", "surface"):
+        points[f"scalar_{name}"] = getattr(cloud, name)
     frame = printable(cloud.sensor.frame_id)
     header = ["ply", "format binary_little_endian 1.0", f"comment metres in the frame {frame}",
               f"element vertex {len(points)}"]
-    header += [f"property float {name}" for name, _ in _FLOATS] + [f"property uchar {name}" for name, _ in _BYTES]
+    header += [f"property {_PLY_TYPES[kind]} {name}" for name, kind in properties]
     path.write_bytes("\n".join([*header, "end_header\n"]).encode() + points.tobytes())
 
 

@@ -13,7 +13,7 @@ from srt3d_ros.datasets import cloud_files
 from srt3d_ros.errors import InvalidInput
 
 FREQUENCIES = (1, 2, 5)
-PLY_TYPES = {"float": "<f4", "uchar": "u1"}
+PLY_TYPES = {"float": "<f4", "uchar": "u1", "ushort": "<u2"}
 
 
 @pytest.fixture
@@ -52,9 +52,15 @@ def test_a_frame_that_a_message_names_cannot_end_the_header(saved, ball):
     assert len(read_ply(path)) == len(cloud)
 
 
-def test_ply_holds_the_points_and_their_colours(saved, ball):
-    points = read_ply(saved("cloud.PLY"))
-    assert points.dtype.names == ("x", "y", "z", "intensity", "red", "green", "blue")
+def test_ply_holds_the_points_their_colours_and_what_cloudcompare_shows_as_scalar_fields(saved, ball):
+    points, cloud = read_ply(saved("cloud.PLY")), ball[0]
+    assert points.dtype.names[:7] == ("x", "y", "z", "intensity", "red", "green", "blue")
+    scalars = {"depth_std": cloud.depth_std_bins * np.float32(cloud.sensor.bin_width_m),
+               "background": cloud.background[cloud.row, cloud.col]}
+    scalars |= {name: getattr(cloud, name) for name in ("row", "col", "surface")}
+    assert points.dtype.names[7:] == tuple(f"scalar_{name}" for name in scalars)
+    for name, values in scalars.items():
+        assert np.allclose(points[f"scalar_{name}"], values, rtol=1e-6), name
     assert np.array_equal(np.stack([points[axis] for axis in "xyz"], axis=1), ball[0].xyz)
     assert np.array_equal(points["intensity"], ball[0].intensity)
     near, far = (points[at(np.linalg.norm(ball[0].xyz, axis=1))] for at in (np.argmin, np.argmax))
