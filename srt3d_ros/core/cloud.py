@@ -138,14 +138,14 @@ class Cloud:
         return replace(self._only(order), surface=self.surface)
 
     def save(self, path: str | Path) -> None:
-        """Write the cloud by the suffix: .npz (everything), .ply; or draw it: .png, .jpg.
+        """Write the cloud by the suffix: .npz (everything), .ply, .rrd (for rerun); or draw it: .png, .jpg.
 
         Raises:
             InvalidInput: another suffix, a path that cannot be written, or an .npz file there that is no cloud.
         """
         _imported("srt3d_ros.datasets.cloud_files").save(self, path)
 
-    def plot(self, ax: "Axes | None" = None, *, yaw_deg: float = -20, pitch_deg: float = 10) -> "Axes":
+    def plot(self, ax: "Axes | None" = None, *, yaw_deg: float = 15, pitch_deg: float = 10) -> "Axes":
         """Draw the cloud into axes of matplotlib: coloured by range, shaded by intensity, with a scale bar.
 
         Args:
@@ -162,7 +162,7 @@ class Cloud:
         ax.set_axis_off()
         return ax
 
-    def render(self, *, yaw_deg: float = -20, pitch_deg: float = 10, size_px: tuple[int, int] = (1200, 900)
+    def render(self, *, yaw_deg: float = 15, pitch_deg: float = 10, size_px: tuple[int, int] = (1200, 900)
                ) -> np.ndarray:
         """The cloud as a picture, uint8 [height, width, 3]; `save` writes one to a file.
 

@@ -70,7 +70,7 @@ def annotated(image: np.ndarray, style: CloudStyle, eye: Viewpoint) -> Image.Ima
     return as_image(figure)
 
 
-def draw_cloud(cloud: Cloud, sensor: SensorModel, yaw_deg: float = -20, pitch_deg: float = 10,
+def draw_cloud(cloud: Cloud, sensor: SensorModel, yaw_deg: float = 15, pitch_deg: float = 10,
                size_px: tuple[int, int] = (1200, 900)) -> Image.Image:
     """A cloud seen from above right of the sensor, coloured by range, shaded by intensity, with scale bar."""
     width, height = size_px

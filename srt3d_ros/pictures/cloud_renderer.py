@@ -11,7 +11,7 @@ import numpy as np
 
 from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.pictures.colours import BACKGROUND, levels, percentile_range, range_table
+from srt3d_ros.pictures.colours import BACKGROUND, levels, percentile_range, range_table, shaded
 from srt3d_ros.pictures.viewpoint import Viewpoint, point_radius_m
 
 _OUTSIDE = (96, 104, 116)
@@ -36,7 +36,7 @@ class CloudStyle:
     @classmethod
     def of(cls, cloud: Cloud, sensor: SensorModel) -> "CloudStyle":
         """The style that suits a cloud."""
-        near_m, far_m = (percentile_range(np.linalg.norm(cloud.xyz, axis=1), 1, 99)
+        near_m, far_m = (percentile_range(np.linalg.norm(cloud.xyz, axis=1))
                          or sensor.range_m(np.array([0, sensor.num_bins])))
         return cls(float(near_m), float(far_m), _RADIUS_FACTOR * point_radius_m(cloud.xyz, sensor))
 
@@ -50,8 +50,7 @@ class CloudStyle:
     def shaded(self, cloud: Cloud) -> np.ndarray:
         """Colours of points by range, darker at low intensity, uint8 [N, 3]."""
         low, high = percentile_range(cloud.intensity) or (0, 1)
-        bright = levels(cloud.intensity, low, high, root=True)[:, None] / np.float32(255)
-        return (self.colour(cloud.xyz) * (0.7 + 0.3 * bright)).astype(np.uint8)
+        return shaded(self.colour(cloud.xyz), levels(cloud.intensity, low, high, root=True))
 
     def draw(self, cloud: Cloud, eye: Viewpoint, width: int, height: int) -> np.ndarray:
         """A cloud seen from `eye`, uint8 [height, width, 3]."""

@@ -15,6 +15,7 @@ _ANCHORS = {
 RANGE_MAP, PHOTON_MAP = "viridis", "inferno"
 BACKGROUND = (13, 16, 21)       # almost black; also where there is no value
 _LEAST_BRIGHT = 132     # brightest channel of the darkest colour that is visible on BACKGROUND
+_DARKEST = 0.5          # brightness of the points with the lowest intensity: their range can still be told
 _RANGE_SAMPLES = 4096
 _RANGE_RATE = 0.1       # share of the way to a new frame's range that AdaptiveRange moves
 
@@ -55,6 +56,17 @@ def levels(values: np.ndarray, low: float, high: float, root: bool = False) -> n
     span = max(float(ends[1] - ends[0]), 1e-12)
     scaled = (values - ends[0]) * np.float32(255 / span)
     return np.nan_to_num(np.clip(scaled, 0, 255), nan=0.0).astype(np.uint8)
+
+
+def shaded(colours: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """Colours uint8 [..., 3] at an intensity's level, uint8 [...] from `levels`: unchanged at 255, darkest at 0."""
+    return (colours * (_DARKEST + (1 - _DARKEST) * level[..., None] / np.float32(255))).astype(np.uint8)
+
+
+@cache
+def point_table() -> np.ndarray:
+    """Colours of points by the levels of range and intensity, uint32 [256, 256], 0xRRGGBBAA."""
+    return packed(shaded(range_table()[:, None], np.arange(256)).reshape(-1, 3)).reshape(256, 256)
 
 
 def percentile_range(values: np.ndarray, low: float = 2, high: float = 98) -> tuple[float, float] | None:

@@ -53,7 +53,7 @@ def draw_overview(path, cloud: Cloud, sensor: SensorModel, photons: PhotonEvents
         left = 0.31
     eye, size = _view(framed, sensor, 0.69 - left)
     axes = _panel(figure, left, 0.69 - left, style.draw(cloud, eye, *size), f"{len(cloud):,} points",
-                  "coloured by range, shaded by intensity")
+                  "coloured by range, shaded by intensity; black: hidden from the sensor")
     if len(cloud) == 0:
         axes.text(0.5, 0.5, "no points", color=DIM_COLOUR, size=20, ha="center", transform=axes.transAxes)
     else:

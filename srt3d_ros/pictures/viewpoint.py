@@ -39,7 +39,7 @@ def sensor_axes(projection: Projection | None) -> np.ndarray:
     return np.array([[0.0, 0, 1], [1, 0, 0], [0, -1, 0]])
 
 
-def look_at(xyz: np.ndarray, projection: Projection | None = None, yaw_deg: float = -20, pitch_deg: float = 10,
+def look_at(xyz: np.ndarray, projection: Projection | None = None, yaw_deg: float = 15, pitch_deg: float = 10,
             fov_deg: float = 30, aspect: float = 1.0, margin: float = 1.1) -> Viewpoint:
     """An eye for which the cloud fills the view, turned around its middle from the sensor's line of sight.
 

@@ -11,6 +11,7 @@ from srt3d_ros.pictures.colours import (
     levels,
     packed,
     percentile_range,
+    point_table,
     range_table,
 )
 
@@ -41,6 +42,8 @@ def test_the_colours_of_ranges_are_yellow_when_near_and_blue_when_far_and_none_i
     near, far = range_table()[[0, 255]].astype(int)
     assert range_table().max(axis=1).min() >= 132
     assert near[0] > 200 and near[1] > 200 and near[2] < 60 and far[2] > 1.5 * max(far[:2])
+    assert point_table()[[0, 255], 255].tolist() == packed(range_table()[[0, 255]]).tolist()
+    assert int(point_table()[0, 0]) >> 24 == int(0.5 * near[0])        # weak points are darker
 
 
 def test_percentile_range_ignores_outliers_and_gaps():
