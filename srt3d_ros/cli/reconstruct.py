@@ -21,7 +21,7 @@ def add_parser(subparsers) -> None:
         epilog="Methods. " + " ".join(f"{method.name}: {method.about}." for method in METHODS.values())
                + " Details: docs/algorithm.md.")
     parser.add_argument("-o", "--output", "--out", metavar="OUT", required=True,
-                        help="cloud file: .npz (everything), .ply; or a picture of it: .png, .jpg")
+                        help="cloud file: .npz (everything), .ply, .rrd (for rerun); or a picture of it: .png, .jpg")
     parser.add_argument("--sketch-size", type=int, metavar="M",
                         help=f"complex numbers per pixel (default: {DEFAULT_SKETCH_SIZE})")
     parser.add_argument("--frequencies", metavar="auto|consecutive|k1,k2,…",

@@ -1,4 +1,4 @@
-"""Save a point cloud as .npz with everything, as .ply for other programs, or as a picture."""
+"""Save a point cloud as .npz with everything, as .ply for other programs, as a recording, or as a picture."""
 
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -12,6 +12,7 @@ from srt3d_ros.files.new_files import atomic_write, check_place, check_replaceab
 from srt3d_ros.pictures.colours import levels, percentile_range, range_table
 
 PICTURES = (".png", ".jpg", ".jpeg")
+_NEEDED = {".rrd": ("rerun", "record")} | dict.fromkeys(PICTURES, ("matplotlib", "pictures"))   # package and extra
 _JPEG_QUALITY = 90
 _SENSOR_FACTS = ("num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m")
 _FLOATS = [(name, "<f4") for name in ("x", "y", "z", "intensity")]
@@ -29,6 +30,7 @@ def save(cloud: Cloud, path: str | Path) -> None:
     depth_std_bins, xyz (float32 [N, 3], metres), surface (uint8), background (float32 [rows, cols], expected photons),
     stamp_ns, frequencies; of the sensor num_bins, bin_width_s, irf_ref, toa_offset_bins, range_offset_m.
     .ply: binary, x y z intensity, and the range's colour as red green blue.
+    .rrd: a recording of one frame, for `rerun` (needs rerun-sdk).
     .png, .jpg: a picture (needs matplotlib).
     A .ply also has scalar_depth_std (metres), scalar_background (photons), scalar_row, scalar_col and scalar_surface.
 
@@ -45,8 +47,9 @@ def check(path: str | Path) -> Path:
     require(isinstance(path, str | Path), "output", type(path).__name__, "a path")
     path = Path(path)
     require(path.suffix.lower() in _WRITERS, "output", str(path), f"a file name that ends in {', '.join(_WRITERS)}")
-    require(path.suffix.lower() not in PICTURES or find_spec("matplotlib") is not None, "output",
-            problem=f"Cannot write {path.name}: matplotlib is missing (pip install '.[pictures]' in the clone).")
+    package, extra = _NEEDED.get(path.suffix.lower(), (None, None))
+    require(package is None or find_spec(package) is not None, "output",
+            problem=f"Cannot write {path.name}: {package} is missing (pip install '.[{extra}]' in the clone).")
     check_place(path)
     check_replaceable(path, "xyz")
     return path
@@ -78,6 +81,13 @@ def _save_ply(cloud: Cloud, path: Path) -> None:
     path.write_bytes("\n".join([*header, "end_header\n"]).encode() + points.tobytes())
 
 
+def _save_recording(cloud: Cloud, path: Path) -> None:
+    from srt3d_ros.recording.still import record_cloud
+
+    path.unlink()       # a recording replaces no file
+    record_cloud(cloud, path)
+
+
 def _save_picture(cloud: Cloud, path: Path) -> None:
     from srt3d_ros.pictures.annotations import draw_cloud
 
@@ -86,4 +96,4 @@ def _save_picture(cloud: Cloud, path: Path) -> None:
 
 _WRITERS: dict[str, Callable[[Cloud, Path], None]] = {
     ".npz": _save_npz, ".ply": _save_ply,
-} | dict.fromkeys(PICTURES, _save_picture)
+} | dict.fromkeys(PICTURES, _save_picture) | {".rrd": _save_recording}

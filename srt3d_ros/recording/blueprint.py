@@ -1,4 +1,4 @@
-"""The rerun blueprint of recordings: a large 3D view; images, plots and the nodes' log beside it."""
+"""The rerun blueprint of recordings: a large 3D view; images, and tabs of plots and the nodes' log beside it."""
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -7,7 +7,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.pictures.colours import BACKGROUND
 from srt3d_ros.pictures.viewpoint import Viewpoint
 from srt3d_ros.recording import entities
-from srt3d_ros.recording.entities import STAMP, metric_path
+from srt3d_ros.recording.entities import FRAME_INDEX, metric_path
 
 # Legend and colour of each metric (Okabe and Ito's colours, for any colour vision).
 SERIES = {
@@ -19,15 +19,15 @@ SERIES = {
     "ppp": ("photons per pixel", (0, 158, 115)),
     "frame_rate_hz": ("clouds/s", (230, 159, 0)),
 }
-# Plots and their metrics, from top to bottom.
+# Plots and their metrics, from the first tab to the last.
 PLOTS = {
     "Latency [ms]": ("latency_ms", "latency_sketch_ms", "latency_reconstruct_ms"),
     "Points": ("points",),
     "Photons per pixel": ("ppp",),
     "Rate [Hz]": ("frame_rate_hz",),
 }
-IMAGE_TITLES = {entities.DEPTH_PATH: "Depth", entities.INTENSITY_PATH: "Intensity",
-                entities.BACKGROUND_PATH: "Background", entities.PHOTONS_PATH: "Photons"}
+IMAGE_TITLES = {entities.DEPTH_PATH: "Depth", entities.PHOTONS_PATH: "Photons",
+                entities.INTENSITY_PATH: "Intensity", entities.BACKGROUND_PATH: "Background"}
 _WIDE_ASPECT = 2.0                  # columns over rows above which images are stacked
 
 
@@ -39,23 +39,24 @@ def cloud_view(eye: Viewpoint) -> rrb.Spatial3DView:
                              background=BACKGROUND, line_grid=False, eye_controls=controls)
 
 
-def film_blueprint(eye: Viewpoint, sensor: SensorModel, images: tuple[str, ...]) -> rrb.Blueprint:
-    """Blueprint that plays the recording in a loop: cloud and log on the left, images and plots on the right."""
-    pictures = [_image_view(path) for path in IMAGE_TITLES if path in images]
+def film_blueprint(eye: Viewpoint, sensor: SensorModel, images: tuple[str, ...], rate_hz: float | None
+                   ) -> rrb.Blueprint:
+    """Blueprint that plays all frames in a loop: the cloud on the left; images, plots and log on the right.
+
+    With None for `rate_hz`, the frames per second, it shows a single frame: without plots and log.
+    """
+    panes = _image_panes([path for path in IMAGE_TITLES if path in images])
     wide = sensor.cols > _WIDE_ASPECT * sensor.rows
-    plots = rrb.Vertical(*(_plot(title, names) for title, names in PLOTS.items()))
-    log = rrb.TextLogView(origin=entities.LOG_PATH, name="Log of the nodes",
-                          columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"]))
-    right = plots
-    if pictures:
-        right = rrb.Vertical(rrb.Grid(*pictures, grid_columns=1 if wide else min(len(pictures), 2)), plots,
-                             row_shares=[1, 1])
-    left = rrb.Vertical(cloud_view(eye), log, row_shares=[5, 1])
-    return rrb.Blueprint(
-        rrb.Horizontal(left, right, column_shares=[3, 2]), rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=STAMP, play_state="playing", loop_mode="all"),
-        auto_views=False, auto_layout=False)
+    right = [rrb.Grid(*panes, grid_columns=1 if wide or rate_hz is None else len(panes))] if panes else []
+    if rate_hz is not None:
+        log = rrb.TextLogView(origin=entities.LOG_PATH, name="Log",
+                              columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"]))
+        right.append(rrb.Tabs(*(_plot(title, names) for title, names in PLOTS.items()), log, active_tab=0))
+    # By frames: on the timeline of stamps, log lines come seconds before the first frame.
+    time = rrb.TimePanel(state="collapsed", timeline=FRAME_INDEX, fps=rate_hz, play_state="playing", loop_mode="all")
+    return rrb.Blueprint(rrb.Horizontal(cloud_view(eye), rrb.Vertical(*right), column_shares=[3, 2]),
+                         rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed"), time,
+                         auto_views=False, auto_layout=False)
 
 
 def plot_styles() -> dict[str, rr.SeriesLines]:
@@ -70,5 +71,9 @@ def _plot(title: str, names: tuple[str, ...]) -> rrb.TimeSeriesView:
                               plot_legend=corner)
 
 
-def _image_view(path: str) -> rrb.Spatial2DView:
-    return rrb.Spatial2DView(origin=path, name=IMAGE_TITLES[path], background=BACKGROUND)
+def _image_panes(paths: list[str]) -> list[rrb.Spatial2DView | rrb.Tabs]:
+    """The depth, and the images of photons on tabs."""
+    views = [rrb.Spatial2DView(origin=path, name=IMAGE_TITLES[path], background=BACKGROUND) for path in paths]
+    depth = views[:1] if entities.DEPTH_PATH in paths else []
+    photons = views[len(depth):]
+    return [*depth, rrb.Tabs(*photons, active_tab=0)] if photons else depth

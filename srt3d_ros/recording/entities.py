@@ -24,7 +24,7 @@ PROPERTIES = "/__properties"                        # rerun's entity path for pr
 
 _DARK = 45 / 210        # ratio of dark colours that colours.range_table leaves out to those that it keeps
 _LEAST_SPAN = 1e-6
-_FRUSTUM = (110, 120, 140)
+_FRUSTUM, _FRUSTUM_WIDTH = (60, 66, 77), rr.Radius.ui_points(0.4)      # dim and thin, behind the points
 
 
 def points(columns: Mapping[str, np.ndarray], colour: np.ndarray, radius_m: float) -> list:
@@ -70,11 +70,11 @@ def field_of_view(sensor: SensorModel, xyz: np.ndarray) -> list:
         # (0, 0) is the corner of rerun's first pixel and the centre of ours.
         return [origin, rr.Pinhole(focal_length=[lens.fx, lens.fy], principal_point=[lens.cx + 0.5, lens.cy + 0.5],
                                    resolution=[sensor.cols, sensor.rows], camera_xyz=rr.ViewCoordinates.RDF,
-                                   image_plane_distance=length_m, color=_FRUSTUM, line_width=rr.Radius.ui_points(1))]
+                                   image_plane_distance=length_m, color=_FRUSTUM, line_width=_FRUSTUM_WIDTH)]
     border = np.concatenate([sensor.rays[0], sensor.rays[:, -1], sensor.rays[-1, ::-1], sensor.rays[::-1, 0]])
     corners = sensor.rays[[0, 0, -1, -1], [0, -1, -1, 0]]
     lines = [length_m * border, *(length_m * np.stack([np.zeros(3), corner]) for corner in corners)]
-    return [origin, rr.LineStrips3D(lines, colors=_FRUSTUM, radii=rr.Radius.ui_points(1))]
+    return [origin, rr.LineStrips3D(lines, colors=_FRUSTUM, radii=_FRUSTUM_WIDTH)]
 
 
 def view_coordinates(sensor: SensorModel) -> rr.ViewCoordinates:

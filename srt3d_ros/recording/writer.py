@@ -5,7 +5,7 @@ import shutil
 import threading
 import time
 import uuid
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -16,7 +16,7 @@ import rerun as rr
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.files.new_files import free
 from srt3d_ros.messages import sensor_message
-from srt3d_ros.pictures.colours import AdaptiveRange, levels, packed, range_table
+from srt3d_ros.pictures.colours import AdaptiveRange, levels, point_table
 from srt3d_ros.pictures.viewpoint import look_at, point_radius_m
 from srt3d_ros.processes.children import end_at_once
 from srt3d_ros.recording import entities, rerun_streams
@@ -29,11 +29,17 @@ LEAST_FREE_BYTES = 500_000_000      # stop recording below this: the footer and 
 _LOG_LEVELS = {10: "DEBUG", 20: "INFO", 30: "WARN", 40: "ERROR", 50: "CRITICAL"}      # of rcl_interfaces/Log
 _TYPES = {"row": np.uint16, "col": np.uint16, "surface": np.uint8}      # other columns are float32
 _RADIUS_SAMPLES = 4096
+_RATE_CLOUDS = 10           # whose stamps give the playing speed; the view waits for them, or for the end
+_USUAL_RATE_HZ = 10.0       # if stamps do not grow
 _VIEWER_FOV_DEG, _VIEW_ASPECT = 55, 1.2     # the viewer's 3D view on a wide screen
 
 
 class RecordingFailed(Exception):
-    """The file cannot be written any more, or the disk is nearly full."""
+    """The file cannot be written any more, or the disk is nearly full; `why` says so without the path."""
+
+    def __init__(self, path: Path, why: str):
+        super().__init__(f"recording {path}: {why}")
+        self.why = why
 
 
 class RecordingWriter(AbstractContextManager):
@@ -46,6 +52,7 @@ class RecordingWriter(AbstractContextManager):
         sensor: sets the axes and the size of the points.
         properties: of the recording, {"run": {…}, …}: numbers, strings, lists of them.
         images: entity paths of the images to show in the blueprint.
+        still: show a single frame, without plots and log.
 
     Raises:
         RecordingFailed: the file cannot be written, or the disk has less than 500 MB left. Methods raise it, too; then
@@ -53,9 +60,11 @@ class RecordingWriter(AbstractContextManager):
     """
 
     def __init__(self, path, sensor: SensorModel, properties: Mapping[str, Mapping] | None = None, *,
-                 images: tuple[str, ...] = (entities.DEPTH_PATH,)):
-        self.path, self._sensor, self._images = free(Path(path)), sensor, images
-        self._ranges: dict[str, AdaptiveRange] = defaultdict(AdaptiveRange)        # of colours, by entity path
+                 images: tuple[str, ...] = (entities.DEPTH_PATH,), still: bool = False):
+        self.path, self._sensor, self._images, self._still = free(Path(path)), sensor, images, still
+        self._ranges: dict[str, AdaptiveRange] = defaultdict(AdaptiveRange)        # of colours, by entity path or name
+        self._stamps_ns: deque[int] = deque(maxlen=_RATE_CLOUDS)
+        self._framed = np.empty((0, 3), np.float32)         # points that the view is to show
         self._has_view = False
         self._stream: rr.RecordingStream | None = None      # None once finished
         try:
@@ -76,12 +85,15 @@ class RecordingWriter(AbstractContextManager):
         columns = {name: np.array(values, _TYPES.get(name, np.float32), order="C")
                    for name, values in {"xyz": xyz, "intensity": intensity, **more}.items()}
         xyz = columns["xyz"]
-        if len(xyz) and not self._has_view:
-            self._send_view(xyz)
+        if not self._has_view:
+            self._stamps_ns.append(stamp_ns)
+            self._framed = xyz if len(xyz) else self._framed
+            if len(self._framed) and len(self._stamps_ns) == _RATE_CLOUDS:
+                self._send_view()
         sample = xyz[:: max(len(xyz) // _RADIUS_SAMPLES, 1)]
         radius_m = point_radius_m(sample, self._sensor)
         range_m = np.linalg.norm(xyz, axis=1)
-        colours = packed(range_table())[levels(range_m, *self._ranges[entities.POINTS_PATH].update(range_m))]
+        colours = point_table()[self._levels("range", range_m), self._levels("intensity", columns["intensity"], True)]
         self._log(stamp_ns, frame_index, {entities.POINTS_PATH: entities.points(columns, colours, radius_m)})
 
     def log_image(self, path: str, stamp_ns: int, frame_index: int, image: np.ndarray) -> None:
@@ -117,7 +129,7 @@ class RecordingWriter(AbstractContextManager):
         """Finish the file. Idempotent. If the disk hangs, this process will exit with code 1: rerun would never end."""
         if self._stream is not None:
             if not self._has_view:
-                self._send_view(np.empty((0, 3)))
+                self._send_view()
             self.flush()
             self._finish()
 
@@ -135,6 +147,10 @@ class RecordingWriter(AbstractContextManager):
         if time.monotonic() - self._flushed_s > FLUSH_PERIOD_S:
             self.flush()
 
+    def _levels(self, name: str, values: np.ndarray, root: bool = False) -> np.ndarray:
+        """Levels of a colour map between ends that follow the data."""
+        return levels(values, *self._ranges[name].update(values), root)
+
     def _log_static(self, properties: Mapping[str, Mapping]) -> None:
         """Log what is the same for all frames."""
         self._stream.log("/", entities.view_coordinates(self._sensor), static=True)
@@ -148,12 +164,18 @@ class RecordingWriter(AbstractContextManager):
         description = sensor_message.to_json(self._sensor.replace(irf=mean_irf))
         self.set_properties(entities.SENSOR_PROPERTY, {"description": description})
 
-    def _send_view(self, xyz: np.ndarray) -> None:
-        """Log the sensor's field of view and the blueprint with an eye on the cloud."""
+    def _send_view(self) -> None:
+        """Log the sensor's field of view and the blueprint with an eye on the newest cloud that has points."""
         self._has_view = True
-        self._stream.log(entities.SENSOR_PATH, *entities.field_of_view(self._sensor, xyz), static=True)
-        eye = look_at(xyz, self._sensor.projection, fov_deg=_VIEWER_FOV_DEG, aspect=_VIEW_ASPECT)
-        rerun_streams.send_blueprint(self._stream, film_blueprint(eye, self._sensor, self._images))
+        self._stream.log(entities.SENSOR_PATH, *entities.field_of_view(self._sensor, self._framed), static=True)
+        eye = look_at(self._framed, self._sensor.projection, fov_deg=_VIEWER_FOV_DEG, aspect=_VIEW_ASPECT)
+        blueprint = film_blueprint(eye, self._sensor, self._images, None if self._still else self._rate_hz())
+        rerun_streams.send_blueprint(self._stream, blueprint)
+
+    def _rate_hz(self) -> float:
+        """Clouds per second of sensor time, whatever frames were lost."""
+        step_ns = float(np.median(np.diff(self._stamps_ns))) if len(self._stamps_ns) > 1 else 0.0
+        return 1e9 / step_ns if step_ns > 0 else _USUAL_RATE_HZ
 
     def _create_file(self) -> None:
         """Create the file to raise OSError here: rerun would wait for ever. Its header overwrites the byte."""
@@ -167,7 +189,7 @@ class RecordingWriter(AbstractContextManager):
 
     def _failure(self, error: Exception) -> RecordingFailed:
         why = " ".join(str(getattr(error, "strerror", None) or error or type(error).__name__).split())
-        return RecordingFailed(f"recording {self.path}: {why}")
+        return RecordingFailed(self.path, why)
 
     def _finish(self) -> None:
         """Make rerun write the footer and end its threads."""

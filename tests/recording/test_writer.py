@@ -9,7 +9,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.pictures.colours import packed, range_table
+from srt3d_ros.pictures.colours import point_table
 from srt3d_ros.recording import entities
 from srt3d_ros.recording import writer as writer_module
 from srt3d_ros.recording.reader import RecordingReader
@@ -45,16 +45,20 @@ def test_clouds_are_kept_as_they_are(tmp_path, ball):
         assert np.array_equal(found, wanted) and found.dtype == wanted.dtype, name
 
 
-def test_near_points_are_yellow_and_far_ones_blue(tmp_path):
-    xyz, intensity = random_cloud(1000)
+def test_near_points_are_yellow_far_ones_blue_and_weak_ones_darker(tmp_path):
+    xyz, _ = random_cloud(1000)
+    intensity = np.where(np.arange(1000) % 2, 50, 5)
     with RecordingWriter(tmp_path / "a.rrd", SENSOR) as writer:
         writer.log_cloud(0, 0, xyz, intensity)
     (cloud,) = RecordingReader(tmp_path / "a.rrd").clouds()
-    table, range_m = packed(range_table()), np.linalg.norm(xyz, axis=1)
+    range_m = np.linalg.norm(xyz, axis=1)
     near, far = np.percentile(range_m, (2, 98))
-    assert set(cloud.colour[range_m < near]) == {table[0]} and set(cloud.colour[range_m > far]) == {table[255]}
-    rank = np.argsort(table)[np.searchsorted(np.sort(table), cloud.colour)]
-    assert (np.diff(rank[np.argsort(range_m)]) >= 0).all() and len(set(rank)) > 30
+    for level, weak in ((255, False), (0, True)):
+        shown, its_m = cloud.colour[(intensity < 9) == weak], range_m[(intensity < 9) == weak]
+        table = point_table()[:, level]
+        assert set(shown[its_m < near]) == {table[0]} and set(shown[its_m > far]) == {table[255]}
+        rank = np.argsort(table)[np.searchsorted(np.sort(table), shown)]
+        assert (np.diff(rank[np.argsort(its_m)]) >= 0).all() and len(set(rank)) > 30
 
 
 def test_images_are_kept_as_they_are(tmp_path):
