@@ -11,7 +11,8 @@ def add_parser(subparsers) -> None:
         "compile", help="compile the kernels of the default method ahead of the first start",
         description="Compile the CPU's kernels for this user and processor, or the GPU's for one sensor. Kernels of "
                     "other methods are compiled at their first use.")
-    parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="default: %(default)s")
+    parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu",
+                        help="compile for it (default: %(default)s)")
     parser.add_argument("--sensor-file", metavar="FILE", help="sensor description, for --device cuda (default: the "
                         "simulator's sensor)")
     parser.set_defaults(run=run)

@@ -70,10 +70,11 @@ def add_parser(subparsers) -> None:
     source.add_argument("--photons", metavar="FILE", help="photon file to stream instead of the simulated scene")
     source.add_argument("--motion", choices=tuple(MOTIONS),
                         help="simulate a sensor that moves through a room, and deskew its frames by odometry")
-    add("--out", metavar="DIR", type=Path, default=Path("demo-out"), help="default: %(default)s")
+    add("--out", metavar="DIR", type=Path, default=Path("demo-out"),
+        help="folder for the results (default: %(default)s)")
     add("--rate-hz", metavar="HZ", type=float,
-        help=f"default: {LEAST_HZ:g} to {MOST_HZ:g}, depending on the speed of this machine")
-    add("--duration-s", metavar="S", type=float, default=20.0, help="default: %(default)g")
+        help=f"frames per second (default: {LEAST_HZ:g} to {MOST_HZ:g}, depending on the speed of this machine)")
+    add("--duration-s", metavar="S", type=float, default=20.0, help="seconds to play (default: %(default)g)")
     parser.set_defaults(run=run)
 
 

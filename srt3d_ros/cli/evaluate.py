@@ -44,8 +44,8 @@ def add_parser(subparsers) -> None:
                                   help="random draws of each setting, averaged (default: 1)")
     photon_files = parser.add_argument_group("photon files")
     photon_files.add_argument("--align", nargs="+", type=int, default=[], metavar="S",
-                              help="numbers, from 1, of references that were measured separately: shift them by their "
-                                   "median offset from the cloud")
+                              help="references, numbered from 1, that were measured with another zero: shift each by "
+                                   "its median offset from the cloud")
     photon_files.add_argument("--held-out-photons", type=float, metavar="SHARE",
                               help="keep this share of the photons out of the reconstruction and score how well the "
                                    "cloud predicts them (default: 0.4 for a file without a reference, else 0)")

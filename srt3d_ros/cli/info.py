@@ -16,7 +16,7 @@ suggested: gate {gate_words}, frequencies {frequency_words}: a sketch of {sketch
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
         "info", help="print size, SBR and IRF of a photon file, and a suitable gate and frequencies",
-        description="Print size, photons per pixel, SBR, T, range, IRF width and notes of a photon file, and a gate "
+        description="Print size, photons per pixel, SBR, bins, range, IRF width and notes of a photon file, and a gate "
                     "and frequencies that suit it.")
     common.add_photon_file(parser)
     parser.add_argument("--gate", default="off", metavar="FIRST-LAST",

@@ -35,7 +35,8 @@ class OneLineParser(argparse.ArgumentParser):
 
 def parser(commands: tuple[str, ...]) -> argparse.ArgumentParser:
     """The parser of `srt3d` with these sub-commands."""
-    top = OneLineParser(prog="srt3d", description="3D point clouds from single-photon lidar.")
+    top = OneLineParser(prog="srt3d", description="3D point clouds from single-photon lidar.",
+                        epilog="Try srt3d reconstruct simulator -o cloud.png, and srt3d COMMAND --help.")
     top.add_argument("--version", action="version", version=f"srt3d {__version__}")
     subparsers = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for module in dict.fromkeys(MODULES.get(name, name) for name in commands):
@@ -53,6 +54,9 @@ def main(argv: list[str] | None = None) -> int:
     named = argv[0] if argv and argv[0] in COMMANDS else ""
     try:
         top = parser((named,) if named else COMMANDS)
+        if not argv:
+            top.print_help()
+            return BAD_INPUT
         args, unknown = top.parse_known_args(argv)
         if unknown:
             top.prog = f"{top.prog} {named}"        # the error refers to the sub-command's help

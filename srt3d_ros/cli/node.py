@@ -15,10 +15,16 @@ NO_PARAMETERS = ("run", "namespace", "ros_args")       # all other options are p
 
 
 def add_parser(subparsers) -> None:
-    parser = subparsers.add_parser("node", help="run one ROS 2 node, as `ros2 run srt3d_ros NAME` does")
-    parser.add_argument("name", choices=NODES)
-    parser.add_argument("ros_args", nargs=argparse.REMAINDER, metavar="--ros-args …", help="arguments for ROS 2")
-    parser.set_defaults(run=lambda args: start(args.name, args.ros_args))
+    node = subparsers.add_parser(
+        "node", help="run one ROS 2 node, as `ros2 run srt3d_ros NAME` does",
+        description="Run one node until Ctrl-C, as `ros2 run srt3d_ros NAME` does. docs/nodes.md lists the topics and "
+                    "parameters of each.", epilog="example: srt3d node sketcher --ros-args -p sketch_size:=5")
+    node.add_argument("name", choices=NODES, metavar="NAME", help=", ".join(NODES))
+    node.add_argument("ros_args", nargs=argparse.REMAINDER, metavar="--ros-args …",
+                      help="all following arguments go to ROS 2: remappings, parameters, …")
+    # REMAINDER also takes the --help after a name.
+    node.set_defaults(run=lambda args: node.parse_args(["-h"]) if args.ros_args[:1] in (["-h"], ["--help"])
+                      else start(args.name, args.ros_args))
     parser = subparsers.add_parser(
         "play", help="publish photons over ROS 2, from a photon file or the simulator",
         description="Publish the photons of a file again and again, or those of the simulator's moving scene, as a "

@@ -23,8 +23,8 @@ NODE_OPTIONS = {"sensor_file": ("sketcher", "sensor_file"), "device": ("reconstr
 OF_EVERY_NODE = ("use_sim_time", "qos_overrides.")
 LOG_LEVELS = ("debug", "info", "warn", "error", "fatal")
 ABOUT = """\
-Run sketcher and reconstructor, with --input the player and with --record the
-recorder, each as a process. Photons come from --input, or from a driver that
+Run the sketcher and the reconstructor, each as a process; --input adds the
+player, --record the recorder. Photons come from --input, or from a driver that
 publishes `sensor` and `photons`, `gates` or `histograms`. Ctrl-C stops the
 nodes in order, the recorder last. If one node ends, the others are stopped."""
 EXAMPLES = """\

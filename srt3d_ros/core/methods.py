@@ -53,8 +53,8 @@ class Method:
 
 
 METHODS = {method.name: method for method in (
-    Method("pooled", "SRT3D's data term, regularised by sharing photons (each pixel's data term is pooled along the "
-           "surface) instead of smoothing depths with APSS afterwards", "sketch",
+    Method("pooled", "SRT3D's data term, summed over the neighbours on the same surface, where SRT3D smooths depths "
+           "with APSS afterwards", "sketch",
            "srt3d_ros.core.method.memory:PooledStream",
            options=("device", "false_alarm_rate", "background", "warm_start")),
     Method("srt3d", "SRT3D as published, gradient steps on pixels' sketches and an APSS denoiser", "sketch",

@@ -46,8 +46,19 @@ def test_a_defect_of_ours_is_not_disguised_as_bad_input(monkeypatch, error):
         main.main(["node", "sketcher"])
 
 
+@pytest.mark.parametrize("argv, code, expected", [
+    ([], 2, [" reconstruct ", " compile ", "Try srt3d "]), (["node", "sketcher", "--help"], 0, ["docs/nodes.md"])])
+def test_who_asks_for_nothing_or_for_help_sees_the_help(capsys, argv, code, expected):
+    try:
+        found = main.main(argv)
+    except SystemExit as end:
+        found = end.code
+    text = capsys.readouterr().out
+    assert found == code and [words for words in expected if words not in text] == []
+
+
 @pytest.mark.parametrize("argv, expected", [
-    ([], "required: COMMAND"), (["no-such-command"], "no-such-command"), (["node", "no-such-node"], "no-such-node"),
+    (["no-such-command"], "no-such-command"), (["node", "no-such-node"], "no-such-node"),
     (["--no-such-option"], "required: COMMAND"),
     (["info", "a.npz", "--no-such-option"], "unrecognized arguments: --no-such-option (see srt3d info --help)")])
 def test_a_wrong_command_line_is_one_line_and_exit_code_2(refusal, argv, expected):
