@@ -1,6 +1,7 @@
 """Turn arrays in memory (row, col and ToA of each photon, or counts) into a frame of photons and its sensor."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -32,14 +33,43 @@ def from_events(row: Any, col: Any, toa: Any, stamp_ns: int, options: dict) -> D
     require(isinstance(stamp_ns, int | np.integer), "stamp_ns", quoted(stamp_ns), "nanoseconds, an integer")
     sensor, notes = sensor_of(options)
     pixel = _indices("row", row, sensor.rows) * np.uint32(sensor.cols) + _indices("col", col, sensor.cols)
-    return complete(PhotonEvents(pixel, _times(toa, sensor), stamp_ns), sensor, options, notes)
+    pixel, toa, stray = without_strays(pixel, toa, sensor.num_bins)
+    return complete(PhotonEvents(pixel, _times(toa, sensor), stamp_ns), sensor, options, notes + stray)
 
 
 def from_pixels(pixel: np.ndarray, toa: np.ndarray, stamp_ns: int, options: dict) -> Described:
     """Photons with one entry each, by the index of their pixel."""
     sensor, notes = sensor_of(options)
-    events = PhotonEvents(_indices("pixel", pixel, sensor.pixels), _times(toa, sensor), stamp_ns)
-    return complete(events, sensor, options, notes)
+    require(pixel.ndim == 1 and pixel.shape == toa.shape, "pixel and toa shapes", f"{pixel.shape} and {toa.shape}",
+            "the same [N]")
+    pixel, toa, stray = without_strays(_indices("pixel", pixel, sensor.pixels), toa, sensor.num_bins)
+    return complete(PhotonEvents(pixel, _times(toa, sensor), stamp_ns), sensor, options, notes + stray)
+
+
+def without_strays(pixel: np.ndarray, toa: np.ndarray, num_bins: int
+                   ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Drop the photons whose ToA is not in 0 ≤ toa < T; pixel and ToA of the others, and a note if there were any.
+
+    Raises:
+        InvalidInput: most photons would be dropped.
+    """
+    if not toa.size or 0 <= toa.min() and toa.max() < num_bins:     # a NaN makes both NaN
+        return pixel, toa, ()
+    inside = (toa >= 0) & (toa < num_bins)
+    kept = int(np.count_nonzero(inside))
+    stray = f"{len(toa) - kept:,} of {len(toa):,} photons lie outside 0 to below {num_bins} bins"
+    require(2 * kept >= len(toa), "toa", problem=f"{stray}: num_bins is probably wrong, or toa counts no bins.")
+    return pixel[inside], toa[inside], (f"{stray}: dropped",)
+
+
+def fitted(frame: PhotonFrame, sensor: SensorModel) -> tuple[PhotonFrame, tuple[str, ...]]:
+    """The frame `without_strays` and the note on them; InvalidInput if it does not fit the sensor otherwise."""
+    notes = ()
+    if isinstance(frame, PhotonEvents):
+        pixel, toa, notes = without_strays(frame.pixel, frame.toa, sensor.num_bins)
+        frame = replace(frame, pixel=pixel, toa=toa) if notes else frame
+    frame.check(sensor)
+    return frame, notes
 
 
 def from_counts(counts: Any, stamp_ns: int, options: dict) -> Described:
@@ -62,10 +92,10 @@ def from_counts(counts: Any, stamp_ns: int, options: dict) -> Described:
 def from_frame(frame: PhotonFrame, options: dict) -> Described:
     """A frame of photons; gates become events."""
     sensor, notes = sensor_of(options)
-    frame.check(sensor)
+    frame, stray = fitted(frame, sensor)
     if isinstance(frame, PhotonGates):
         sensor, frame = frame.counted(sensor), frame.to_events(sensor)
-    return complete(frame, sensor, options, notes)
+    return complete(frame, sensor, options, notes + stray)
 
 
 def sensor_of(options: Mapping[str, Any]) -> tuple[SensorModel, tuple[str, ...]]:
@@ -115,7 +145,9 @@ def sampled(counts: np.ndarray) -> PhotonEvents:
 
 def _indices(name: str, values: np.ndarray, end: int) -> np.ndarray:
     """Whole numbers from 0 to below `end`, as uint32; InvalidInput if others."""
-    _check_within(name, values, end)
+    if values.size:
+        low, high = values.min().item(), values.max().item()        # a NaN makes both NaN
+        require(0 <= low and high < end, name, low if high < end else high, f"0 to below {end}")
     whole = values.astype(np.uint32, copy=False)
     fractional = values[whole != values]
     require(len(fractional) == 0, name, fractional[:1].tolist(), "whole numbers")
@@ -123,8 +155,7 @@ def _indices(name: str, values: np.ndarray, end: int) -> np.ndarray:
 
 
 def _times(toa: np.ndarray, sensor: SensorModel) -> np.ndarray:
-    """ToA in bins, uint16 or float32; InvalidInput outside the sensor's bins."""
-    _check_within("toa", toa, sensor.num_bins)
+    """ToA inside the sensor's bins as uint16 or float32; InvalidInput if they are seconds."""
     if toa.dtype.kind != "f":
         return toa.astype(np.uint16, copy=False)
     in_seconds = toa.size > 1 and toa.max() < 1 and toa.any()
@@ -132,10 +163,3 @@ def _times(toa: np.ndarray, sensor: SensorModel) -> np.ndarray:
     if (toa == np.floor(toa)).all():        # integers are faster to sketch
         return toa.astype(np.uint16)
     return np.minimum(toa.astype(np.float32), np.nextafter(np.float32(sensor.num_bins), np.float32(0)))
-
-
-def _check_within(name: str, values: np.ndarray, end: int) -> None:
-    """Raise InvalidInput unless all values are 0 or more, and below `end`."""
-    if values.size:
-        low, high = values.min().item(), values.max().item()        # a NaN makes both NaN
-        require(0 <= low and high < end, name, low if high < end else high, f"0 to below {end}")

@@ -80,8 +80,10 @@ def read(path: Path, options: dict) -> Photons:
             require(name in values, name, problem=f"The file has no {name}: give it as an option or array.")
         pixel, toa = values["pixel"], values["toa"]
         require(pixel.size <= MAX_EVENTS, "photons", pixel.size, f"at most {MAX_EVENTS}")
-        sensor, events, notes = from_pixels(pixel, toa, int(values.get("stamp_ns", 0)), _of_sensor(values))
-        reference = _reference(values, sensor)
+        own = _of_sensor(values)
+        used = own | {"num_bins": options.get("num_bins", own["num_bins"])}     # so that no photon is dropped below it
+        sensor, events, notes = from_pixels(pixel, toa, int(values.get("stamp_ns", 0)), used)
+        sensor, reference = sensor.replace(num_bins=own["num_bins"]), _reference(values, sensor)
     return Photons(sensor, events, reference, path.stem, notes).with_options(options)
 
 

@@ -52,7 +52,8 @@ class Photons:
 
         Args:
             row, col: [N], the pixel of each photon.
-            toa: [N], time of arrival in bins, 0 ≤ toa < T. Integers are whole bins, floats positions: see Sensor.
+            toa: [N], time of arrival in bins, 0 ≤ toa < T; others, NaN too, are dropped and counted in a note.
+                Integers are whole bins, floats positions: see Sensor.
             sensor: describes the sensor; options override it.
             stamp_ns: start of acquisition, nanoseconds.
             options: shape=(rows, cols), num_bins, bin_width_s, irf or irf_sigma_bins, fov_deg or projection, and the
@@ -184,8 +185,8 @@ class Photons:
     def with_options(self, options: dict[str, Any]) -> Self:
         """The same photons with options (options.gathered) in place of their sensor's values; a note lists them."""
         sensor, notes = redescribed(self.sensor, self.notes, options)
-        self.frame.check(sensor)
-        photons = replace(self, sensor=sensor, notes=notes)
+        frame, stray = arrays.fitted(self.frame, sensor)
+        photons = replace(self, sensor=sensor, frame=frame, notes=notes + stray)
         return photons.gated(*options["gate"]) if "gate" in options else photons
 
 

@@ -58,6 +58,13 @@ def test_times_between_bins_stay_and_one_below_t_stays_below_it():
     assert found.dtype == np.float32 and found[:3].tolist() == [0.25, 1, 2.5] and 49.9 < found[3] < 50
 
 
+@pytest.mark.parametrize("stray", [[50, -1], [np.nan, -0.5], [np.inf, -np.inf]])
+def test_photons_outside_the_bins_are_dropped_and_counted(stray):
+    found = events(toa=[49, stray[0], 7, stray[1]])
+    assert found.frame.pixel.tolist() == [3, 5] and found.frame.toa.tolist() == [49, 7]
+    assert found.notes == ("2 of 4 photons lie outside 0 to below 50 bins: dropped",)
+
+
 @pytest.mark.parametrize(("values", "dtype"), [((0, 256), np.uint16), ((-1, 9), np.int32), ((0, 70_000), np.int32)])
 def test_counts_get_the_smallest_type_that_holds_them(values, dtype):
     large = np.zeros((3, 4, 50), np.int64)
@@ -107,7 +114,7 @@ def test_a_cube_that_may_be_turned_is_noted():
     ({"row": [0, 1, 2, 3]}, "row is 3: expected 0 to below 3"), ({"col": [0, 1, 2, -1]}, "col is -1: expected 0 to"),
     ({"row": [0, 1.5, 2, 2]}, r"row is \[1.5\]: expected whole numbers"), ({"col": [0, 1, 2, 2**32]}, "col is 4294"),
     ({"col": [[0], [1, 2]]}, r"col is list \(setting an array element"), ({"toa": [1j] * 4}, "toa dtype is complex128"),
-    ({"toa": [0, 1, 2, 50]}, "toa is 50: expected 0 to below 50"), ({"toa": [0, 1, 2, np.nan]}, "toa is nan: "),
+    ({"toa": [0, 50, 51, 70_000]}, "3 of 4 photons lie outside 0 to below 50 bins: num_bins is probably wrong"),
     ({"shape": None}, r"Give shape=\(rows, cols\), or sensor"), ({"shape": 12}, "shape is 12: "),
     ({"num_bins": None}, "Give num_bins, the bins of a laser period"),
     ({"toa": [1e-9, 2e-9, 3e-9, 1e-10]}, "All toa are below 1. They count bins: divide seconds by"),

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from srt3d_ros import api
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import photon_file, read
@@ -32,6 +33,18 @@ def test_options_win_over_the_sensor_and_over_the_file(path):
     assert other.notes == ("as given, not as in the file: num_bins, irf",)      # it has no gain
 
 
+def test_num_bins_of_the_caller_decides_which_photons_are_outside(path):
+    shorter = read(path, num_bins=40)
+    assert shorter.frame.toa.tolist() == [0, 7] and shorter.sensor.num_bins == 40
+    replaced = "as given, not as in the file: num_bins"
+    assert {replaced, "1 of 3 photons lie outside 0 to below 40 bins: dropped"} == {*shorter.notes}
+    arrays = dict(np.load(path)) | {"num_bins": 20}
+    np.savez(path, **arrays)
+    assert read(path).frame.toa.tolist() == [0, 7]
+    assert read(path, num_bins=50).frame.toa.tolist() == [49, 0, 7] and read(path, num_bins=50).notes == (replaced,)
+    assert api.read(read(path, num_bins=50), num_bins=40).frame.toa.tolist() == [0, 7]
+
+
 def test_a_gate_moves_toa_offset_and_reference_together(path):
     photons = read(path, gate=[5, 24])
     assert photons.frame.toa.tolist() == [2] and photons.frame.pixel.tolist() == [3]
@@ -45,9 +58,10 @@ def test_a_gate_moves_toa_offset_and_reference_together(path):
 
 @pytest.mark.parametrize(("field", "options"), [
     ("gate", {"gate": (40, 20)}), ("gate", {"gate": (3,)}), ("gate", {"gate": (-1, 20)}), ("gate", {"gate": (0.5, 20)}),
-    ("toa", {"num_bins": 40}), ("rows", {"rows": 3}), ("option name", {"width": 3}), ("irf", {"irf": "response.bin"}),
+    ("a.npz toa", {"num_bins": 7}), ("rows", {"rows": 3}), ("option name", {"width": 3}),
+    ("irf", {"irf": "response.bin"}),
     ("irf dtype", {"irf": ["a"]}), ("irf shape", {"irf": np.ones((2, 2, 2))}), ("fov_deg", {"fov_deg": "wide"}),
-    ("channel", {"channel": 1}), ("frame", {"frame": 1}), ("num_bins", {"num_bins": "many"}),
+    ("channel", {"channel": 1}), ("frame", {"frame": 1}), ("a.npz num_bins", {"num_bins": "many"}),
     ("fov_deg", {"fov_deg": 10**400}), ("gate", {"gate": (10**400, 2)}), ("irf dtype", {"irf": [10**400]}),
     ("irf", {"irf": "a" * 300 + ".npy"}), ("irf", {"irf": "absent.npy"}), ("gate", {"gate": 3}),
     ("gate", {"gate": "off"}), ("irf_sigma_bins", {"irf_sigma_bins": "w"}), ("irf_sigma_bins", {"irf_sigma_bins": 0})])
