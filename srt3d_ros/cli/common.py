@@ -26,7 +26,7 @@ def add_photon_file(parser: argparse.ArgumentParser) -> None:
     sensor = parser.add_argument_group("sensor options (they override the file)")
     sensor.add_argument("--num-bins", type=int, metavar="T", help="bins per laser period")
     sensor.add_argument("--bin-width-s", type=float, metavar="S", help="width of a bin, seconds")
-    sensor.add_argument("--irf", metavar="FILE", help="impulse response: .npz, .npy, .csv or .txt")
+    sensor.add_argument("--irf", metavar="FILE", help="impulse response: .npz, .npy, .mat, .csv or .txt")
     sensor.add_argument("--irf-ref", type=int, metavar="INDEX",
                         help="entry of the IRF that marks the depth (default: its peak)")
     sensor.add_argument("--cycles", type=int, metavar="N", help="laser cycles of the frame, to correct pile-up in a "

@@ -85,7 +85,7 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None) -> dic
     if "irf_sigma_bins" in given:
         given["irf"] = irfs.gaussian(finite("irf_sigma_bins", given.pop("irf_sigma_bins"), "bins, above 0"))
     elif "irf" in given:
-        given["irf"] = irfs.read(given["irf"])
+        given["irf"], options["irf_times"] = irfs.read_timed(given["irf"])
     if "irf" in given:
         options.pop("irf_ref", None)
     if "fov_deg" in given:
@@ -101,7 +101,10 @@ def described(sensor: SensorModel, options: Mapping[str, Any]) -> SensorModel:
     if "fov_deg" in options:
         fov_deg = finite("fov_deg", options["fov_deg"], "an angle between 0 and 180 degrees")
         changes["projection"] = Pinhole.from_fov(sensor.rows, sensor.cols, fov_deg)
-    return sensor.replace(**changes) if changes else sensor
+    found = sensor.replace(**changes) if changes else sensor
+    if options.get("irf_times"):
+        options["irf_times"].check(found.bin_width_s)
+    return found
 
 
 def redescribed(sensor: SensorModel, notes: tuple[str, ...], options: Mapping[str, Any],

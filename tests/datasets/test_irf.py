@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.datasets import irf
+from srt3d_ros.datasets import Photons, irf
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
@@ -23,21 +24,46 @@ def test_the_spad_response_has_its_width_in_time_and_decays_with_the_tail(bin_wi
     assert late[round(100e-12 / bin_width_s)] / late[0] == pytest.approx(1 / np.e, rel=1e-3)
 
 
-@pytest.mark.parametrize("name", ["a.npy", "a.npz", "a.csv", "a.txt", "column.csv"])
+@pytest.mark.parametrize("name", ["a.npy", "a.npz", "a.csv", "a.txt", "column.csv", "named.mat", "only.mat"])
 def test_every_kind_of_file_is_read(tmp_path, name):
     values = np.array([0.0, 1.5, 3.0, 0.5])
     np.save(tmp_path / "a.npy", values)
     np.savez(tmp_path / "a.npz", irf=values, other=np.ones(2))
     (tmp_path / "a.csv").write_text("0,1.5,3,0.5\n")
     (tmp_path / "a.txt").write_text("# a response\n0\n1.5\n3\n0.5\n")
-    (tmp_path / "column.csv").write_text("0\n1.5\n3\n0.5\n")
+    (tmp_path / "column.csv").write_text("counts\n0\n1.5\n3\n0.5\n")
+    savemat(tmp_path / "named.mat", {"irf": values, "t": np.arange(4.0)})
+    savemat(tmp_path / "only.mat", {"h": values[:, None], "name": "laser", "rate": 5.0, "image": np.ones((2, 3))})
     np.testing.assert_array_equal(irf.read(tmp_path / name), values)
     np.testing.assert_array_equal(irf.read(str(tmp_path / name)), values)
 
 
+@pytest.mark.parametrize(("name", "header", "times", "bin_width_s", "refused"), [
+    ("a.csv", "time_ns,counts", "0.00 0.03 0.07 0.10", 1e-10 / 3, ""),                  # rounded
+    ("a.csv", "Laser diode\nTime (s),Amplitude", "1e-9 1.1e-9 1.2e-9 1.3e-9", 1e-10, ""),
+    ("a.txt", "# t [ps] counts", "0 50 100 150", 1e-10, "line every 50 ps, but a bin has 100 ps"),
+    ("a.txt", "", "0 0.1 0.2 0.3", 1e-10, ""), ("a.csv", "", "0 0.2 0.4 0.6", 1e-10, "line every 0.2, but a bin"),
+    ("a.csv", "bin,counts", "7 8 9 10", 1e-10, ""), ("a.csv", "ps,counts", "7 8 9 10", 1e-10, "line every 1 ps"),
+    ("a.csv", "", "0 1 2 9", 1e-10, "must be an even time axis"), ("a.csv", "", "3 2 1 0", 1e-10, "must be an even"),
+    ("a.csv", "", "0 nan 2 3", 1e-10, "must be an even")])
+def test_the_second_of_two_columns_is_the_irf_and_the_first_must_count_its_bins(tmp_path, name, header, times,
+                                                                               bin_width_s, refused):
+    separator, values = "," if name == "a.csv" else " ", [0, 1.5, 3, 0.5]
+    lines = [f"{time}{separator}{value}" for time, value in zip(times.split(), values)]
+    (tmp_path / name).write_text("\n".join([header, *lines]))
+    def found():
+        return Photons.from_events([0], [0], [9], shape=(1, 1), num_bins=50, bin_width_s=bin_width_s,
+                                   irf=tmp_path / name).sensor
+    if refused:
+        with pytest.raises(InvalidInput, match=refused):
+            found()
+    else:
+        np.testing.assert_allclose(found().irf, np.array(values) / 5)
+
+
 @pytest.mark.parametrize(("name", "content"), [
     ("a.npy", b""), ("a.npz", b"not a zip"), ("a.csv", b"one,two\n"), ("a.txt", b"\xff\xfe\x80"), ("a.doc", b"1\n"),
-    ("a.npy", b"\x93NUMPY\x01\0\x02\0{("), ("a.txt", b"# nothing\n"),
+    ("a.npy", b"\x93NUMPY\x01\0\x02\0{("), ("a.txt", b"# nothing\n"), ("a.mat", b"MATLAB"), ("a.csv", b"1\n2,3\n"),
 ])
 @pytest.mark.filterwarnings("error")
 def test_broken_files_are_one_line(tmp_path, name, content):
@@ -47,10 +73,13 @@ def test_broken_files_are_one_line(tmp_path, name, content):
     assert "\n" not in str(caught.value)
 
 
-def test_an_npz_without_a_response_is_refused(tmp_path):
+def test_a_file_without_an_irf_is_refused(tmp_path):
     np.savez(tmp_path / "many.npz", first=np.ones(2), second=np.ones(3))
     with pytest.raises(InvalidInput, match="^many.npz has no array irf"):
         irf.read(tmp_path / "many.npz")
+    savemat(tmp_path / "many.mat", {"a": np.arange(3.0), "b": np.arange(4.0)})
+    with pytest.raises(InvalidInput, match=r"^many.mat: The file needs a variable irf .* It has a \(1×3 double\), b"):
+        irf.read(tmp_path / "many.mat")
 
 
 def test_an_estimate_comes_close_to_the_irf_that_made_the_photons():

@@ -68,12 +68,12 @@ def read(path: Path, options: dict) -> Photons:
         return (_of_counts if layout.reference else _of_cells)(path, layout, found, options)
 
 
-def variables(path: Path) -> tuple[dict[str, np.ndarray], str]:
-    """Run `mat_child.variables` for VARIABLES in a process with limited memory; its arrays are mapped from a file."""
+def variables(path: Path, names: tuple[str, ...] = VARIABLES) -> tuple[dict[str, np.ndarray], str]:
+    """Run `mat_child.variables` for these names in a process with limited memory; its arrays are mapped from a file."""
     modules = os.pathsep.join(map(os.path.abspath, sys.path))
     with tempfile.TemporaryFile() as file:
         # -P keeps this folder's modules from shadowing others. The caller's module path gives the child the same SciPy.
-        done = subprocess.run([sys.executable, "-P", CHILD, path, str(file.fileno()), str(MAX_ARRAY_BYTES), *VARIABLES],
+        done = subprocess.run([sys.executable, "-P", CHILD, path, str(file.fileno()), str(MAX_ARRAY_BYTES), *names],
                               stdin=subprocess.DEVNULL, capture_output=True, pass_fds=(file.fileno(),),
                               env=os.environ | {"PYTHONPATH": modules, "OPENBLAS_NUM_THREADS": "1"})
         why = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
