@@ -26,12 +26,13 @@ def encode_cdr(events: PhotonEvents, sensor: SensorModel, frame_id: str) -> byte
 def decode_cdr(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, PhotonEvents]:
     """The header and the photons of a serialised message, in its order and with its type of ToA, which is unchecked.
 
+    The cloud may be organised (rows of points, joined here) and padded.
+
     Raises:
         InvalidInput: the message breaks the schema, or a photon lies outside the sensor's pixels.
     """
     cloud = cdr.read_cloud(raw)
-    require(cloud.height == 1, "height", cloud.height, "1")
-    points = unpack_cloud(cloud, list(cloud_layouts("photons").values()))[0]
+    points = unpack_cloud(cloud, list(cloud_layouts("photons").values())).reshape(-1)
     row, col = points["row"].astype(np.uint32), points["col"].astype(np.uint32)
     for name, index, count in (("row", row, sensor.rows), ("col", col, sensor.cols)):
         largest = int(index.max(initial=0))

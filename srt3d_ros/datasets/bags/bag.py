@@ -7,12 +7,15 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from srt3d_ros.datasets.bags.copies import PACKED, journals_of, readable
+from srt3d_ros.datasets.bags.cut_mcap import CutMcap, is_cut
 from srt3d_ros.errors import InvalidInput, require
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
-MAX_METADATA_BYTES = 2**24          # metadata.yaml has a few hundred bytes for each topic and file
 MAX_CHUNK_BYTES = 2**28             # unpacked; a chunk holds whole messages, and the largest have 180 MB
-COMPLETE_BAG = "a complete rosbag2 bag (docs/bags.md: how to repair one that was cut off)"
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"    # begins a packed message; others begin with 00
+SQLITE_LIMIT_LENGTH = 0             # SQLite's number of this limit
+COMPLETE_BAG = "a rosbag2 bag (docs/bags.md says what is read of a damaged one)"
 
 
 @dataclass(frozen=True)
@@ -25,16 +28,18 @@ class BagTopic:
 
 
 def is_bag(path: str | Path) -> bool:
-    """Whether a path is a folder or ends in .mcap or .db3."""
+    """Whether a path is a folder, or ends in .mcap or .db3, or in these and .zstd."""
     path = Path(path)
-    return path.is_dir() or path.suffix.lower() in STORAGE_SUFFIXES
+    return path.is_dir() or Path(path.name.removesuffix(PACKED)).suffix.lower() in STORAGE_SUFFIXES
 
 
 class Bag(AbstractContextManager):
-    """A bag open for reading; a context manager. `topics` lists its topics.
+    """A bag open for reading; a context manager. `topics` lists its topics, `notes` what is missing of its files.
+
+    What is there of an .mcap file that was cut off is read. metadata.yaml is not needed.
 
     Args:
-        path: the folder of a bag, or one of its .mcap or .db3 files.
+        path: the folder of a bag, or one of its .mcap or .db3 files, also packed (.zstd).
 
     Raises:
         InvalidInput: the bag cannot be read, whatever rosbags raises.
@@ -45,11 +50,19 @@ class Bag(AbstractContextManager):
 
         _limit_chunks()
         self.path = Path(path)
+        self.notes = ()
         with self._one_error(), ExitStack() as stack:
-            readers = [stack.enter_context(Reader(file)) for file in self._storage_files()]
-            for reader in readers:
-                if hasattr(reader.storage, "dbconn"):       # SQLite may compute huge values: 0 is SQLITE_LIMIT_LENGTH
-                    reader.storage.dbconn.limit(0, MAX_CHUNK_BYTES)
+            readers = []
+            for file in self._storage_files():
+                if journals := journals_of(file):
+                    self.notes += (f"{file.name} was not closed: read with {journals[0].name}",)
+                copy = stack.enter_context(readable(file))
+                cut = is_cut(copy)
+                readers.append(stack.enter_context(CutMcap(copy) if cut else Reader(copy)))
+                if cut:
+                    self.notes += (readers[-1].note,)
+                elif hasattr(readers[-1].storage, "dbconn"):    # SQLite may compute huge values
+                    readers[-1].storage.dbconn.limit(SQLITE_LIMIT_LENGTH, MAX_CHUNK_BYTES)
             self._readers = sorted(readers, key=lambda reader: reader.start_time)
             counts = Counter()
             for reader in readers:
@@ -63,21 +76,25 @@ class Bag(AbstractContextManager):
 
     def messages(self, topics: Collection[BagTopic]) -> Iterator[tuple[str, bytes]]:
         """Yield topic name and bytes of each message on these topics; InvalidInput where the bag breaks off."""
+        return ((topic, raw) for topic, _, raw in self.timed_messages(topics))
+
+    def timed_messages(self, topics: Collection[BagTopic]) -> Iterator[tuple[str, int, bytes]]:
+        """As `messages`, with the time of recording in nanoseconds before the bytes."""
         wanted = {(topic.name, topic.type) for topic in topics}
         with self._one_error():
             for reader in self._readers:
                 connections = [c for c in reader.connections if (c.topic, c.msgtype) in wanted]
                 if not connections:         # rosbags takes an empty list for all
                     continue
-                for connection, _, raw in reader.messages(connections):
+                for connection, time_ns, raw in reader.messages(connections):
                     if type(raw) is not bytes:      # SQLite stores any type in any column
                         raise TypeError(f"a message on {connection.topic} is not bytes")
-                    yield connection.topic, raw
+                    yield connection.topic, time_ns, _unpacked(raw) if raw.startswith(ZSTD_MAGIC) else raw
 
     def content(self) -> str:
         """The bag's topics in words, for errors."""
         words = [f"{topic.name} ({topic.type}, {topic.messages})" for topic in self.topics if topic.messages]
-        return ", ".join(words) or "no messages"
+        return "; ".join([", ".join(words) or "no messages", *self.notes])
 
     def _storage_files(self) -> list[Path]:
         """The bag's files. rosbags' reader of folders loses messages if a topic's QoS differs between files."""
@@ -86,16 +103,11 @@ class Bag(AbstractContextManager):
             require(is_bag(self.path), "bag", str(self.path),
                     f"a bag's folder, or a file that ends in {' or '.join(STORAGE_SUFFIXES)}")
             return [self.path]
-        metadata = self.path / "metadata.yaml"
-        require(metadata.is_file(), "bag", problem=f"{self.path}: not a whole bag, as it has no metadata.yaml. "
-                "`ros2 bag reindex` writes one (docs/bags.md).")
-        size = metadata.stat().st_size
-        require(size <= MAX_METADATA_BYTES, "bag", problem=f"bag {self.path.name}: metadata.yaml has {size} bytes, "
-                f"more than {MAX_METADATA_BYTES}. `ros2 bag reindex` writes a new one.")
-        files = [path for path in self.path.iterdir() if path.suffix.lower() in STORAGE_SUFFIXES]
-        compressed = "compression_mode: message" in metadata.read_text(errors="replace").lower()
-        require(files and not compressed, "bag", problem=f"bag {self.path.name}: its messages are compressed, or it "
-                "has no .mcap or .db3 file. `ros2 bag convert` unpacks messages; chunks may be compressed.")
+        files = sorted(path for path in self.path.iterdir() if is_bag(path) and path.is_file())
+        # While a recorder packs a file, both are there.
+        files = [path for path in files if path.suffix != PACKED or path.with_suffix("") not in files]
+        require(files, "bag", problem=f"{self.path}: no bag, as it has no file that ends in "
+                f"{' or '.join(STORAGE_SUFFIXES)}.")
         return files
 
     @contextmanager
@@ -120,3 +132,14 @@ def _limit_chunks() -> None:
         return begin().decompress(data, size + 1)
 
     DECOMPRESSORS.update(lz4=partial(unpack, LZ4FrameDecompressor), zstd=partial(unpack, zstd.ZstdDecompressor))
+
+
+def _unpacked(message: bytes) -> bytes:
+    """A message that was packed by itself."""
+    from rosbags.rosbag2.storage_mcap import zstd
+
+    unpacker = zstd.ZstdDecompressor()
+    raw = unpacker.decompress(message, MAX_CHUNK_BYTES)
+    if not unpacker.eof:
+        raise ValueError(f"a packed message is cut off, or has more than {MAX_CHUNK_BYTES} bytes")
+    return raw

@@ -2,11 +2,12 @@
 
 import re
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from srt3d_ros.core.sketching.photon_frame import PhotonGates
 from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.datasets import arrays
 from srt3d_ros.datasets.bags.bag import Bag, BagTopic
 from srt3d_ros.datasets.options import ASSUMED_FOV, sketch_with_options
 from srt3d_ros.datasets.photons import Photons
@@ -62,33 +63,52 @@ def read_frame(path: str | Path, number: int, options: dict, photons_topic: str 
     """Photons or sketch in message `number` of a bag's topic.
 
     Photons use the last description of the sensor before them, or the first one of the bag; a sketch the one it names.
-    `options` (options.gathered) override the bag. InvalidInput if there is no such frame or sensor.
+    `options` (options.gathered) override the bag, or describe the sensor of a bag without a description.
+    InvalidInput if there is no such frame or sensor.
     """
     with Bag(path) as bag:
         topics = find_photons(bag, photons_topic)
-        require(topics.sensor is not None, "bag", problem=f"bag {bag.path.name} has no description of the sensor "
-                f"beside {topics.frames.name}. It has {bag.content()}.")
         most = topics.frames.messages - 1
-        require(0 <= number <= most, "frame", number, f"0 to {most}, the messages on {topics.frames.name}")
+        require(0 <= number <= most, "frame", number,
+                "; ".join([f"0 to {most}, the messages on {topics.frames.name}", *bag.notes]))
         raw, description = _frame(bag, topics, number)
+        name, notes = f"{bag.path.stem}_{number}", bag.notes
+        if description is None:
+            require({"rows", "cols", "num_bins"} <= options.keys(), "bag", problem=f"bag {bag.path.name} has no "
+                    f"description of the sensor beside {topics.frames.name}: give a file with one (--sensor-file, in "
+                    f"Python sensor=), or rows, cols and num_bins. It has {bag.content()}.")
+            return _with_given_sensor(topics.output, raw, options, name, notes)
         if topics.output == "sketch":
             description = _named(bag, topics.sensor, sketch_message.description_of(cdr.read_cloud(raw)), number)
     sensor = sensor_message.decode_cdr(description)
     if topics.output == "sketch":
         found = sketch_message.decode_cdr(raw, sensor)[1]
-        return sketch_with_options(found, options)
+        return sketch_with_options(replace(found, notes=notes), options)
     photons = CODECS[topics.output].decode_cdr(raw, sensor)[1]
     if isinstance(photons, PhotonGates):
         sensor, photons = photons.counted(sensor), photons.to_events(sensor)
-    notes = () if "projection" in json_text.parse(cdr.read_text(description), "sensor") else (ASSUMED_FOV,)
-    return Photons(sensor, photons, None, f"{bag.path.stem}_{number}", notes).with_options(options)
+    if "projection" not in json_text.parse(cdr.read_text(description), "sensor"):
+        notes += (ASSUMED_FOV,)
+    return Photons(sensor, photons, None, name, notes).with_options(options)
 
 
-def _frame(bag: Bag, topics: PhotonTopics, number: int) -> tuple[bytes, bytes]:
-    """Message `number` of the frames, and the description before it."""
-    described = next((raw for _, raw in bag.messages((topics.sensor,))), None)
-    for topic, raw in bag.messages((topics.frames, topics.sensor)) if described else ():
-        if topic == topics.sensor.name:
+def _with_given_sensor(kind: str, raw: bytes, options: dict, name: str, notes: tuple[str, ...]) -> Photons | Sketch:
+    """The photons or sketch in a message of this kind, of the sensor that the options describe."""
+    sensor, _ = arrays.sensor_of(options)
+    if kind == "sketch":
+        require("irf" in options, "irf", problem="Give irf, or sensor: sketches do not show it.")
+        return replace(sketch_message.decode_cdr(raw, sensor)[1], notes=notes)
+    sensor, frame, own = arrays.from_frame(CODECS[kind].decode_cdr(raw, sensor)[1], options)
+    photons = Photons(sensor, frame, None, name, notes + own)
+    return photons.gated(*options["gate"]) if "gate" in options else photons
+
+
+def _frame(bag: Bag, topics: PhotonTopics, number: int) -> tuple[bytes, bytes | None]:
+    """Message `number` of the frames, and the description before it, if the bag has one."""
+    sensors = () if topics.sensor is None else (topics.sensor,)
+    described = next((raw for _, raw in bag.messages(sensors)), None)
+    for topic, raw in bag.messages((topics.frames, *sensors)):
+        if topic != topics.frames.name:
             described = raw
         elif number == 0:
             return raw, described
