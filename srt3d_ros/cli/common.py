@@ -24,6 +24,7 @@ def add_photon_file(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--photons-topic", default="", metavar="TOPIC",
                         help="topic of the photons, if a bag has several")
     sensor = parser.add_argument_group("sensor options (they override the file)")
+    add_sensor_file(sensor)
     sensor.add_argument("--num-bins", type=int, metavar="T", help="bins per laser period")
     sensor.add_argument("--bin-width-s", type=float, metavar="S", help="width of a bin, seconds")
     sensor.add_argument("--irf", metavar="FILE", help="impulse response: .npz, .npy, .mat, .csv or .txt")
@@ -38,11 +39,24 @@ def add_photon_file(parser: argparse.ArgumentParser) -> None:
                         help="detector channel or data set (default: the one with most photons)")
 
 
+def add_sensor_file(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--sensor-file", metavar="FILE",
+                       help="description of the sensor: .json as in config/sensors/, or a photon file; the other "
+                            "options override it")
+
+
+def given_sensor(args: argparse.Namespace) -> dict[str, object]:
+    """`sensor` for `datasets.read`, if there is a --sensor-file."""
+    from srt3d_ros.datasets import open_sensor
+
+    return {} if args.sensor_file is None else {"sensor": open_sensor(args.sensor_file)}
+
+
 def overrides(args: argparse.Namespace) -> dict[str, object]:
     """The given options that `datasets.read` takes. A gate of `auto` is left to the reconstruction."""
     from srt3d_ros.core.sketching.gate import AUTO, OFF, parse
 
-    options, bins = given(args, SENSOR_OVERRIDES), parse(args.gate)
+    options, bins = given_sensor(args) | given(args, SENSOR_OVERRIDES), parse(args.gate)
     return options if bins in (OFF, AUTO) else options | {"gate": bins}
 
 

@@ -5,13 +5,16 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from srt3d_ros.cli import common
 from srt3d_ros.core.methods import METHODS, find
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.core.thresholds import MAX_SURFACES
 from srt3d_ros.datasets import SIMULATOR
-from srt3d_ros.errors import require
+from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.evaluation.cases import SCENES, Case, of_files, simulated
 
+SCENE_DEFAULTS = {"sbr": [10.0, 1.0, 0.1], "ppp": [1.0, 10.0, 100.0], "repeats": 1}
+HEAD_DEFAULTS = {"sbr": [1.0], "ppp": [10.0], "repeats": 1}         # of `simulator`
 NO_FIGURES = "no figures: matplotlib is missing (pip install '.[pictures]' in the clone)"
 
 
@@ -40,10 +43,11 @@ def add_parser(subparsers) -> None:
                                   help="signal-to-background ratios (default: 10 1 0.1)")
     simulated_scenes.add_argument("--ppp", nargs="+", type=float, metavar="N",
                                   help="mean photons per pixel (default: 1 10 100)")
-    simulated_scenes.add_argument("--repeats", type=int, default=1, metavar="N",
+    simulated_scenes.add_argument("--repeats", type=int, metavar="N",
                                   help="random draws of each setting, averaged (default: 1)")
     photon_files = parser.add_argument_group("photon files")
-    photon_files.add_argument("--align", nargs="+", type=int, default=[], metavar="S",
+    common.add_sensor_file(photon_files)
+    photon_files.add_argument("--align", nargs="+", type=int, metavar="S",
                               help="references, numbered from 1, that were measured with another zero: shift each by "
                                    "its median offset from the cloud")
     photon_files.add_argument("--held-out-photons", type=float, metavar="SHARE",
@@ -93,25 +97,31 @@ def run(args: argparse.Namespace) -> int:
 
 def _cases(args: argparse.Namespace) -> list[Case]:
     """The cases that the options ask for; InvalidInput for an option that cannot be used."""
-    require(args.repeats >= 1, "--repeats", args.repeats, "1 or more")
-    require(min(args.align, default=1) >= 1, "--align", min(args.align, default=1), "references, numbered from 1")
+    files = [name for name in args.files if name != SIMULATOR]
+    scenes = {scene: dict(SCENE_DEFAULTS) for scene in args.scene or (() if args.files else SCENES)}
+    if len(files) < len(args.files):
+        scenes.setdefault("bust", dict(HEAD_DEFAULTS))
+    unused = (() if scenes else SCENE_DEFAULTS, () if files else ("align", "sensor_file"))
+    for names, inputs in zip(unused, ("simulated scenes: add --scene", "photon files")):
+        for name in common.given(args, names):
+            option = f"--{name.replace('_', '-')}"
+            raise InvalidInput(option, problem=f"{option} works only with {inputs}.")
+    align = args.align or ()
+    require(args.repeats is None or args.repeats >= 1, "--repeats", args.repeats, "1 or more")
+    require(min(align, default=1) >= 1, "--align", min(align, default=1), "references, numbered from 1")
     require(args.surfaces is None or 1 <= args.surfaces <= MAX_SURFACES, "--surfaces", args.surfaces,
             f"1 to {MAX_SURFACES}")
     share = args.held_out_photons
     require(share is None or 0 <= share < 1, "--held-out-photons", share, "a share of the photons, 0 to below 1")
-    require(share is None or args.files and not args.scene, "--held-out-photons",
+    require(share is None or files and not scenes, "--held-out-photons",
             problem="--held-out-photons works with photon files only: simulated scenes are compared with the truth.")
-    files = [name for name in args.files if name != SIMULATOR]
-    scenes = args.scene or (() if args.files else SCENES)
-    for option, value in (("--sbr", args.sbr), ("--ppp", args.ppp)):
-        require(value is None or scenes or len(files) < len(args.files), option,
-                problem=f"{option} is for simulated scenes: a file has its own photons.")
-    cases = of_files(files, args.tolerance, args.surfaces, [number - 1 for number in args.align], share)
-    if len(files) < len(args.files):
-        cases += simulated("bust", args.sbr or [1.0], args.ppp or [10.0], args.repeats, args.tolerance, args.surfaces)
-    for scene in dict.fromkeys(scenes):
-        cases += simulated(scene, args.sbr or [10.0, 1.0, 0.1], args.ppp or [1.0, 10.0, 100.0], args.repeats,
-                           args.tolerance, args.surfaces)
+    cases = of_files(files, args.tolerance, args.surfaces, [number - 1 for number in align], share,
+                     **common.given_sensor(args))
+    for number in align:
+        require(any(number - 1 in case.aligned for case in cases), "--align", number, "a reference of a file")
+    for scene, settings in scenes.items():
+        settings |= common.given(args, settings)
+        cases += simulated(scene, settings["sbr"], settings["ppp"], settings["repeats"], args.tolerance, args.surfaces)
     return cases
 
 

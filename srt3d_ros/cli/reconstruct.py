@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     from srt3d_ros.datasets import cloud_files
     from srt3d_ros.files.new_files import check_not_input
 
-    check_not_input(args.output, args.input, args.irf)
+    check_not_input(args.output, args.input, args.irf, args.sensor_file)
     cloud_files.check(args.output)
     options = common.given(args, METHOD_OPTIONS) | {"gate": args.gate if args.gate == AUTO else OFF}
     seen = api.read(args.input, args.frame, photons_topic=args.photons_topic, **common.overrides(args))

@@ -40,7 +40,7 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
     """
     require(isinstance(frame, int), "frame", quoted(frame), "an integer")
     if str(path) == SIMULATOR:
-        return _simulated(frame, gathered(options, sensor))
+        return _simulated(frame, sensor, gathered(options))
     path = Path(path)
     with file_errors("photon file", path, "read"):
         options = gathered(options, sensor)
@@ -66,10 +66,10 @@ def _of_file(path: Path, frame: int, options: dict) -> Photons:
     raise InvalidInput("frame", problem=f"{path.name} has no frame {frame} (it has {count}).")
 
 
-def _simulated(frame: int, options: dict) -> Photons:
-    """A frame of the simulator's head with its true depths: 10 photons a pixel, half of them background."""
+def _simulated(frame: int, sensor: SensorModel | None, options: dict) -> Photons:
+    """A frame of the head with its true depths, as this sensor sees it: 10 photons a pixel, half of them background."""
     require(frame >= 0, "frame", frame, "0 or more")
-    simulator = Simulator()
+    simulator = Simulator(sensor=sensor)
     events, depth_bins = simulator.frame(frame)
     return Photons(simulator.sensor, events, depth_bins, SIMULATOR).with_options(options)
 

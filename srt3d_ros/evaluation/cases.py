@@ -92,20 +92,22 @@ def simulated(scene: str, sbrs: Sequence[float], ppps: Sequence[float], repeats:
 
 
 def of_files(files: list[str], tolerance: str | None = None, surfaces: int | None = None,
-             aligned: Sequence[int] = (), held_out_share: float | None = 0) -> list[Case]:
+             aligned: Sequence[int] = (), held_out_share: float | None = 0, sensor: SensorModel | None = None
+             ) -> list[Case]:
     """A case for each photon file; `surfaces` is by default the number of its references.
 
     Args:
         held_out_share: of the photons; 0 for none, None for USUAL_SHARE of files without a reference.
+        sensor: replaces that of the files.
     """
     cases = []
-    for photons in map(datasets.read, files):
+    for photons in (datasets.read(file, sensor=sensor) for file in files):
         references = 0 if photons.reference_depth_bins is None else len(photons.reference_depth_bins)
         within = tolerance_bins(tolerance or FILE_TOLERANCE, photons.sensor)
         share, more = _held_out_share(photons, held_out_share, references)
         # Held-out photons are judged as they were recorded, with pile-up.
-        sensor = photons.sensor if share is None else photons.sensor.replace(cycles=None)
-        cases.append(Case(photons.name, sensor, partial(_observed, photons, share),
+        described = photons.sensor if share is None else photons.sensor.replace(cycles=None)
+        cases.append(Case(photons.name, described, partial(_observed, photons, share),
                           surfaces or max(references, 1), within, aligned=tuple(k for k in aligned if k < references),
                           notes=tuple(f"{photons.name}: {note}" for note in (*photons.notes, *more)), held_out=share))
     names = [case.source for case in cases]

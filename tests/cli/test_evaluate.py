@@ -14,6 +14,7 @@ from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.evaluation import run as evaluation
 from srt3d_ros.evaluation.run import reconstruct
+from srt3d_ros.messages import sensor_message
 
 SENSOR = SensorModel(12, 20, 300, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2), toa_offset_bins=1_000)
 
@@ -53,7 +54,7 @@ def test_every_method_is_held_against_a_file(run, tmp_path):
     assert (tmp_path / "out" / "reconstructions_files.png").exists()
 
 
-def test_held_out_photons_judge_files_and_do_so_by_themselves_where_there_is_no_reference(run):
+def test_held_out_photons_judge_files_and_do_so_by_themselves_where_there_is_no_reference(run, tmp_path):
     code, out, err, rows = run("bare.npz", "few.npz", "layers.npz", "--methods", "pooled", "--surfaces", "2")
     rows = {row["source"]: row for row in rows}
     bare = rows["bare"]
@@ -64,8 +65,11 @@ def test_held_out_photons_judge_files_and_do_so_by_themselves_where_there_is_no_
     assert shown in out and "| – ± –" not in out and "nan" not in out
     assert "bare: no reference: clouds of 60% of the photons are judged by how well" in err
     assert "few: no reference, and too few photons" in err and "layers: no" not in err
-    code, _, _, (row,) = run("layers.npz", "--methods", "pooled", "--held-out-photons", "0.4")  # replaces the others
+    (tmp_path / "wider.json").write_text(sensor_message.to_json(SENSOR.replace(bin_width_s=1e-10)))
+    code, _, err, (row,) = run("layers.npz", "--methods", "pooled", "--held-out-photons", "0.4",  # replaces the others
+                               "--sensor-file", tmp_path / "wider.json", "--tolerance", "75mm")
     assert code == 0 and row["held_out"] == "0.4" and row["true_detections_percent"]
+    assert float(row["tolerance_bins"]) == pytest.approx(5, rel=0.01) and "not as in the file: bin_width_s" in err
 
 
 def test_a_scene_is_simulated_at_every_setting(run, tmp_path):
@@ -119,12 +123,14 @@ def test_an_interrupted_evaluation_leaves_its_rows_and_the_next_one_starts_anew(
     (["--scene", "head"], "argument --scene: invalid choice: 'head'"),
     (["layers.npz", "--methods", "magic"], "method is magic"), (["--sbr", "high"], "--sbr"),
     (["--ppp", "-1"], "--ppp is -1"), (["simulator", "--ppp", "-1"], "--ppp is -1"),
-    (["layers.npz", "--ppp", "3"], "--ppp is for simulated scenes"),
+    (["layers.npz", "--ppp", "3"], "--ppp works only with simulated scenes"),
     (["--sketch-size", "0"], "--sketch-size is 0"), (["layers.npz", "--tolerance", "near"], "--tolerance is near"),
     (["bare.npz", "--held-out-photons", "nan"], "--held-out-photons is nan"),
     (["bare.npz", "--scene", "net", "--held-out-photons", "0.4"], "works with photon files only"),
     (["few.npz", "--held-out-photons", "0.4"],
      "few has 240 photons: --held-out-photons 0.4 needs 250 or more"),
+    (["--scene", "net", "--sensor-file", "a.json"], "--sensor-file works only with photon files"),
+    (["layers.npz", "--align", "3"], "--align is 3: expected a reference of a file"),
     (["bare.npz", "--out", "."], "results.csv was not written by srt3d evaluate"),
 ])
 def test_a_mistake_is_one_line_and_exit_code_2(folder, tmp_path, monkeypatch, refusal, arguments, named):

@@ -10,6 +10,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.datasets import photon_file, read
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
+from srt3d_ros.messages import sensor_message
 
 SENSOR = SensorModel(12, 20, 600, 5e-11, np.exp(-np.linspace(-2, 2, 21)**2), toa_offset_bins=1_000)
 FWHM_BINS = 2 * np.sqrt(np.log(2)) / 0.2        # of exp(−x²) with steps of 0.2
@@ -54,6 +55,26 @@ def test_words_say_the_same_and_what_was_assumed(srt3d, cube):
     assert code == 0 and words.count("\n") == 4 and "12 × 20 pixels, T = 600 bins of 50 ps" in words
     assert "IRF estimated" in err and "geometry taken to be a pinhole of 30°" in err
     assert "SBR 4" in words or "SBR 3" in words
+
+
+def test_a_sensor_file_describes_arrays_files_and_the_simulator(srt3d, wall, cube, tmp_path):
+    def info(source, *options):
+        code, printed, err = srt3d("info", source, "--sensor-file", tmp_path / "other.json", "--json", *options)
+        assert (code, err) == (0, "")
+        return json.loads(printed)
+
+    other = SENSOR.replace(num_bins=640, bin_width_s=1e-10, irf_ref=0)
+    (tmp_path / "other.json").write_text(sensor_message.to_json(other))
+    photons, facts = read(wall).frame, info(wall)
+    assert (facts["num_bins"], facts["bin_width_s"]) == (640, 1e-10)
+    assert facts["notes"] == ["as given, not as in the file: num_bins, bin_width_s, irf_ref"]
+    assert info(wall, "--bin-width-s", "5e-11")["range_m"][0] == pytest.approx(7.4948, abs=1e-3)
+    assert info(cube)["notes"] == []
+    np.savez(tmp_path / "bare.npz", pixel=photons.pixel, toa=photons.toa)
+    bare = info(tmp_path / "bare.npz")
+    assert (bare["rows"], bare["cols"], bare["photons"], bare["notes"]) == (12, 20, photons.photons, [])
+    head = info("simulator")
+    assert (head["rows"], head["num_bins"], head["notes"]) == (12, 640, []) and 2000 < head["photons"] < 2800
 
 
 def test_an_empty_file_has_figures_too(srt3d, tmp_path):
