@@ -17,6 +17,8 @@ from srt3d_ros.core.sketching.photon_frame import PhotonFrame
 from srt3d_ros.errors import quoted, require
 from srt3d_ros.progress import compiling
 
+NO_PHOTONS = "the frame has no photons, so its cloud has no points"
+
 
 class Reconstructor:
     """Reconstructs frames of one sensor, one after the other; `pooled` keeps a memory of them and of the background.
@@ -63,8 +65,11 @@ class Reconstructor:
         started = time.perf_counter()
         cloud = self._or_on_the_cpu(lambda: self._method(seen))
         elapsed_ms = round((time.perf_counter() - started) * 1e3, 3)
-        return replace(cloud, notes=getattr(seen, "notes", ()), method=self._name, surfaces=self._surfaces,
-                       device=self.device, photons=int(np.sum(seen.photons)), reconstruct_ms=elapsed_ms,
+        photons, notes = int(np.sum(seen.photons)), getattr(seen, "notes", ())
+        if not photons and not len(cloud):
+            notes += (NO_PHOTONS,)
+        return replace(cloud, notes=notes, method=self._name, surfaces=self._surfaces,
+                       device=self.device, photons=photons, reconstruct_ms=elapsed_ms,
                        frequencies=seen.frequencies if self._frequencies else ())
 
     @property

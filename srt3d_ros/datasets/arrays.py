@@ -74,6 +74,7 @@ def fitted(frame: PhotonFrame, sensor: SensorModel) -> tuple[PhotonFrame, tuple[
 
 def from_counts(counts: Any, stamp_ns: int, options: dict) -> Described:
     """Photons counted in bins; arguments as for `Photons.from_counts`, options from `gathered`."""
+    counts, options, masked = _unmasked(counts, options)
     counts = array("counts", counts)
     require(counts.ndim == 3, "counts", f"{counts.dtype} {counts.shape}", "numbers [rows, cols, bins]")
     histograms = PhotonHistograms(np.ascontiguousarray(sendable(counts)), stamp_ns)
@@ -86,7 +87,7 @@ def from_counts(counts: Any, stamp_ns: int, options: dict) -> Described:
     except InvalidInput as error:
         field = error.field.removesuffix(" count").replace("histograms", "counts")      # the name of the argument
         raise InvalidInput(field, error.value, error.expected, error.problem) from None
-    return complete(histograms, sensor, options, notes + few_bins_note(counts.shape))
+    return complete(histograms, sensor, options, masked + notes + few_bins_note(counts.shape))
 
 
 def from_frame(frame: PhotonFrame, options: dict) -> Described:
@@ -111,7 +112,16 @@ def sensor_of(options: Mapping[str, Any]) -> tuple[SensorModel, tuple[str, ...]]
 
 def complete(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, options: Mapping[str, Any],
              notes: tuple[str, ...]) -> Described:
-    """The sensor and frame, the IRF estimated from the photons if the options have none; and all notes."""
+    """The sensor and frame, the IRF estimated from the photons if the options have none; and all notes.
+
+    Raises:
+        InvalidInput: the IRF cannot be estimated, or no count is positive and some are negative.
+    """
+    if isinstance(frame, PhotonHistograms) and not frame.photons and frame.counts.size:
+        low, high = frame.counts.min(), frame.counts.max()
+        require(high > 0 or low == 0, "counts", problem="No count is above 0: give -counts if the signal is inverted.")
+        if low < 0:
+            notes += ("negative counts outweigh the positive ones: was too much background subtracted?",)
     if "irf" not in options:
         require(sensor.histograms is None, "irf", problem="Give irf, widened by these bins: histograms cannot show it.")
         sample = sampled(frame.counts) if isinstance(frame, PhotonHistograms) else frame
@@ -119,6 +129,17 @@ def complete(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, option
         irf, note = irfs.estimated(seen, sensor.num_bins, options.get("guess_irf", False))
         sensor, notes = sensor.replace(irf=irf, irf_ref=None), (*notes, note)
     return sensor, frame, notes if says_geometry(options) else (*notes, ASSUMED_FOV)
+
+
+def _unmasked(counts: Any, options: dict) -> tuple[Any, dict, tuple[str, ...]]:
+    """Masked counts [rows, cols, bins] as 0, and pixels with nothing else in the sensor's mask; and a note."""
+    if not np.ma.is_masked(counts):
+        return counts, options, ()
+    hidden = np.ma.getmaskarray(counts)
+    note = f"{np.count_nonzero(hidden):,} masked counts taken to be 0"
+    if hidden.ndim == 3 and options.get("mask") is None:
+        options = options | {"mask": ~hidden.all(axis=2)}
+    return counts.filled(0), options, (note,)
 
 
 def are_whole(counts: np.ndarray) -> bool:

@@ -18,6 +18,7 @@ from srt3d_ros.datasets.values import array
 from srt3d_ros.errors import finite, quoted, require
 
 BIN_OF_ONE_METRE_S = 2 / SPEED_OF_LIGHT      # assumed if the bin width is unknown: x, y, z then count bins
+MAX_PERIOD_M = 1e6      # no laser waits 7 ms for its echoes
 ASSUMED_WIDTH = "bin width taken to be 2 / 299792458 s: x, y and z count bins, not metres (give bin_width_s)"
 ASSUMED_FOV = (f"geometry taken to be a pinhole of {DEFAULT_FOV_DEG:g}° across the larger side: give fov_deg "
                "(--fov-deg), or the projection")
@@ -102,6 +103,11 @@ def described(sensor: SensorModel, options: Mapping[str, Any]) -> SensorModel:
         fov_deg = finite("fov_deg", options["fov_deg"], "an angle between 0 and 180 degrees")
         changes["projection"] = Pinhole.from_fov(sensor.rows, sensor.cols, fov_deg)
     found = sensor.replace(**changes) if changes else sensor
+    if "mask" in options and found.mask is not None:
+        require(bool(found.mask.any()), "mask", problem="mask is False everywhere: True marks the pixels to use.")
+    period_m = found.num_bins * found.bin_width_m
+    require(period_m <= MAX_PERIOD_M, "bin_width_s", problem=f"{found.num_bins} bins of {found.bin_width_s:g} s reach "
+            f"{period_m:.3g} m: give bin_width_s in seconds, 1e-10 for 100 ps.")
     if options.get("irf_times"):
         options["irf_times"].check(found.bin_width_s)
     return found

@@ -132,6 +132,9 @@ class Photons:
             made, = stream.push(self.frame)
         outside = stream.counts.photons_dropped["gate"]
         notes = outside_note(outside, self.photons, found.first, found.last) if found else ()
+        numbers, mean = 2 * len(chosen), self.photons / self.sensor.pixels
+        if sketch_size is not None and numbers > mean:
+            notes += (f"the sketch is longer than its photons: {numbers} numbers a pixel for {mean:.3g} photons",)
         return replace(made, notes=self.notes + notes)
 
     def reconstruct(self, *, method: str = DEFAULT_METHOD, sketch_size: int | None = None,
@@ -166,7 +169,7 @@ class Photons:
         found = design_for(self.sensor, gate, "consecutive", frame=self.frame).gate
         seen = self if found is None else self.gated(found.first, found.last)
         cloud = Reconstructor(seen.sensor, **own)(seen.events)
-        return replace(cloud, notes=seen.notes)
+        return replace(cloud, notes=seen.notes + cloud.notes)
 
     def gated(self, first: int, last: int) -> Self:
         """Keep the photons in the bins `first` to `last`; a note says how many were dropped."""

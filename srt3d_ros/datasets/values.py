@@ -12,6 +12,7 @@ MAX_EVENTS = 2**28         # of a frame, one by one
 
 def array(name: str, values: Any) -> np.ndarray:
     """Values as a NumPy array of numbers; a tensor is copied from its device. Errors call it `name`."""
+    require(not np.ma.is_masked(values), name, problem=f"{name} has masked values: fill them or leave them out.")
     try:
         found = np.asarray(values.detach().cpu() if hasattr(values, "detach") else values)
     except (TypeError, ValueError, OverflowError) as error:

@@ -108,6 +108,29 @@ def test_a_cube_that_may_be_turned_is_noted():
         assert note.startswith(f"{shape[0]} × {shape[1]} × {shape[2]} taken for rows × cols × bins")
 
 
+def test_masked_counts_are_zero_and_pixels_without_others_are_masked():
+    masked = np.ma.masked_array(cube(), np.zeros((3, 4, 50), bool))
+    assert counts(masked).notes == () and counts(masked).sensor.mask is None
+    masked[0, 3], masked[1, 1, 7] = np.ma.masked, np.ma.masked
+    found = counts(masked)
+    assert found.frame.photons == 2 and found.notes == ("51 masked counts taken to be 0",)
+    assert np.argwhere(~found.sensor.mask).tolist() == [[0, 3]]
+
+
+@pytest.mark.parametrize("method", ["pooled", "xcorr"])
+def test_an_empty_frame_gives_an_empty_cloud_and_a_note(method):
+    cloud = events([], [], []).reconstruct(method=method)
+    assert len(cloud) == 0 and cloud.notes == ("the frame has no photons, so its cloud has no points",)
+
+
+def test_what_is_unlikely_to_be_meant_is_noted():
+    sparse = counts(12 * cube())                                        # 4 photons a pixel
+    assert sparse.sketch().notes == sparse.sketch(2).notes == ()
+    assert sparse.sketch(3).notes == ("the sketch is longer than its photons: 6 numbers a pixel for 4 photons",)
+    note, = counts(2 * cube(np.int32) - 1).notes
+    assert note.startswith("negative counts outweigh the positive ones")
+
+
 @pytest.mark.parametrize(("changes", "said"), [
     ({"row": None}, "row dtype is object: expected numbers"),
     ({"toa": TOA[:3]}, r"row, col and toa shapes is \(4,\), \(4,\), \(3,\): expected one entry a photon"),
@@ -115,6 +138,9 @@ def test_a_cube_that_may_be_turned_is_noted():
     ({"row": [0, 1.5, 2, 2]}, r"row is \[1.5\]: expected whole numbers"), ({"col": [0, 1, 2, 2**32]}, "col is 4294"),
     ({"col": [[0], [1, 2]]}, r"col is list \(setting an array element"), ({"toa": [1j] * 4}, "toa dtype is complex128"),
     ({"toa": [0, 50, 51, 70_000]}, "3 of 4 photons lie outside 0 to below 50 bins: num_bins is probably wrong"),
+    ({"toa": np.ma.masked_equal(TOA, 7)}, "toa has masked values: fill them or leave them out"),
+    ({"bin_width_s": 0.1}, "50 bins of 0.1 s reach 7.49e[+]08 m: give bin_width_s in seconds"),
+    ({"mask": np.zeros((3, 4), bool)}, "mask is False everywhere"),
     ({"shape": None}, r"Give shape=\(rows, cols\), or sensor"), ({"shape": 12}, "shape is 12: "),
     ({"num_bins": None}, "Give num_bins, the bins of a laser period"),
     ({"toa": [1e-9, 2e-9, 3e-9, 1e-10]}, "All toa are below 1. They count bins: divide seconds by"),
@@ -131,6 +157,7 @@ def test_a_mistake_is_one_line_that_names_it(changes, said):
 
 @pytest.mark.parametrize(("values", "changes", "said"), [
     (np.ones((3, 4)), {}, r"counts is float64 \(3, 4\): expected numbers \[rows, cols, bins\]"),
+    (-cube(np.int32), {}, "No count is above 0: give -counts"),
     (np.full((3, 4, 50), np.nan), {}, "counts is nan: expected "),
     (np.full((3, 4, 50), 2**40), {}, "counts is 1099511627776: expected 32-bit numbers"),
     (np.ones((3, 4, 50)), {"num_bins": 60}, r"counts shape is \(3, 4, 50\): expected .* = \(3, 4, 60\)"),
