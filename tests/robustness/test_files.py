@@ -57,6 +57,8 @@ FILES = {
     "npz": ("a.npz", datasets.read, photon_bytes),
     "irf": ("irf.npy", lambda path: datasets.read(path.with_name("made.npz"), irf=path),
             lambda folder: photon_bytes(folder) and saved(np.save, np.array([1, 3, 1.5]))),
+    "irf_text": ("irf.csv", lambda path: datasets.read(path.with_name("made.npz"), irf=path, bin_width_s=1e-10),
+                 lambda folder: photon_bytes(folder) and b"time_ns,counts\n0.1,1\n0.2,3\n0.3,1.5\n"),
     "sensor_file": ("s.json", open_sensor, lambda folder: CODECS["sensor"][1][0]),
     "npy_counts": ("c.npy", partial(datasets.read, irf=IRF, bin_width_s=1e-10),
                    lambda folder: saved(np.save, counts())),
