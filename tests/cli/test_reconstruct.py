@@ -109,7 +109,7 @@ def test_a_frame_of_a_bag_is_reconstructed_as_from_a_file(photons, reconstruct, 
 OUT = ("-o", "a.npz")
 
 @pytest.mark.parametrize(("arguments", "expected"), [
-    (("absent.npz", *OUT), "absent.npz"), ((".", *OUT), ".: not a whole bag, as it has no metadata.yaml"),
+    (("absent.npz", *OUT), "absent.npz"), ((".", *OUT), ".: no bag, as it has no file that ends in .mcap or .db3"),
     (("notes.txt", *OUT), "notes.txt"), (("broken.npz", *OUT), "broken.npz"),
     (("\x1b[2Jno\nfile.npz", *OUT), "\\x1b[2Jno file.npz"),
     (("FILE", *OUT, "--frame", "1"), "frame is 1"), (("FILE",), "-o"),

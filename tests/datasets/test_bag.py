@@ -1,14 +1,17 @@
 """Bags as they are read: what is in them, and bags that are broken."""
 
+import shutil
 import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from mcap.writer import CompressionType
 
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
@@ -16,7 +19,7 @@ from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
 from srt3d_ros.datasets import read
 from srt3d_ros.datasets.bags.bag import Bag
 from srt3d_ros.datasets.bags.frames import find_photons
-from srt3d_ros.datasets.options import ASSUMED_FOV
+from srt3d_ros.datasets.options import ASSUMED_FOV, ASSUMED_WIDTH
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.files import json_text
 from srt3d_ros.messages import cdr, photons_message, sensor_message
@@ -24,7 +27,7 @@ from srt3d_ros.messages import gates_message as gates
 from srt3d_ros.messages import histograms_message as histograms
 from srt3d_ros.messages import sketch_message as sketches
 from srt3d_ros.messages.sensor_message import digest
-from tests.bags import CLOUD, IMAGE, START_NS, STORAGES, TEXT, write_bag
+from tests.bags import CLOUD, IMAGE, START_NS, STORAGES, TEXT, write_bag, write_mcap
 from tests.photon_forms import as_gates, as_histograms
 
 SENSOR = SensorModel(rows=2, cols=3, num_bins=50, bin_width_s=1e-10, irf=[1, 2, 1], gates=GateWords(), frame_id="spad")
@@ -83,24 +86,65 @@ def test_several_files_are_read_in_the_order_of_their_times(tmp_path):
     assert [read(bag, number).frame.toa[0] for number in range(4)] == [0, 1, 2, 7]
 
 
-def write_compressed(path: Path, storage: str, mode: str, messages: list[tuple[str, str, bytes]]) -> Path:
-    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
+@pytest.mark.parametrize("storage, mode", [
+    ("mcap", "STORAGE"), *((storage, mode) for storage in STORAGES for mode in ("FILE", "MESSAGE"))])
+def test_packed_bags_are_read_in_place_within_a_limit(tmp_path, storage, mode, monkeypatch):
+    bag = write_bag(tmp_path / "bag", RECORDED, storage, compressed=mode)
+    files, said = sorted(bag.iterdir()), "bag is unreadable .*(more than 100|too big)"
+    assert [read(bag, number).frame.toa[0] for number in range(3)] == [0, 1, 2] and sorted(bag.iterdir()) == files
+    if mode == "FILE":
+        assert read(next(bag.glob("*.zstd"))).notes == ()
+        monkeypatch.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(free=1000))
+        said = "temporary copy takes more than half of the free space"
+    else:
+        monkeypatch.setattr("srt3d_ros.datasets.bags.bag.MAX_CHUNK_BYTES", 100)
+    with pytest.raises(InvalidInput, match=said):
+        read(bag)
 
-    writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()])
-    writer.set_compression(CompressionMode[mode], CompressionFormat.ZSTD)
-    with writer:
-        for k, (topic, message_type, raw) in enumerate(messages):
-            types = get_typestore(Stores.ROS2_JAZZY)
-            writer.write(writer.add_connection(topic, message_type, typestore=types), START_NS + k, raw)
-    return path
+
+@pytest.mark.parametrize("chunks", [
+    {"use_chunking": False}, *({"chunk_size": 1, "compression": kind} for kind in CompressionType)])
+def test_the_whole_messages_of_a_file_that_was_cut_off_are_read(tmp_path, chunks):
+    whole = write_mcap(tmp_path / "whole.mcap", RECORDED, **chunks).read_bytes()
+    cut, expected, counts = tmp_path / "cut.mcap", [(topic, raw) for topic, _, raw in RECORDED], set()
+    # What a disk may show of blocks that were not written. Only chunks have a checksum.
+    tails = (b"", bytes(500), b"\xa5" * 500)[:3 if "chunk_size" in chunks else 1]
+    for end in range(8, len(whole), 7):
+        tail = tails[end % len(tails)]
+        cut.write_bytes(whole[:end] + tail)
+        with Bag(cut) as bag:
+            found = list(bag.messages(bag.topics))
+            assert f"cut.mcap was cut off: its {len(found)} whole messages are read" in bag.notes[0]
+        assert found == expected[:len(found)] and len(found) >= max(counts, default=0)
+        counts.add(len(found))
+    assert counts == {0, 1, 2, 3, 4}
+    frame = read(cut, 2)
+    assert frame.frame.toa[0] == 2 and frame.notes == bag.notes
+    with pytest.raises(InvalidInput, match="frame is 3: expected 0 to 2, .*was cut off: its 4 whole messages"):
+        read(cut, 3)
 
 
-@pytest.mark.parametrize("storage, mode", [("mcap", "FILE"), ("sqlite3", "MESSAGE")])
-def test_compressed_bags_are_refused_and_compressed_chunks_are_read(tmp_path, storage, mode):
-    assert read(write_compressed(tmp_path / "chunks", "mcap", "STORAGE", RECORDED[:2])).frame.toa.tolist() == [0, 7, 9]
-    with pytest.raises(InvalidInput, match="its messages are compressed, .*ros2 bag convert"):
-        read(write_compressed(tmp_path / "packed", storage, mode, RECORDED[:2]))
+@pytest.mark.parametrize("mode, frames", [("WAL", 4), ("DELETE", 3)])
+def test_a_database_that_was_not_closed_is_read_and_left_as_it_is(tmp_path, mode, frames):
+    """Copied while a transaction was in the write-ahead log, or half in the file and to be rolled back."""
+    path, bag = storage_file(write_bag(tmp_path / "recording", RECORDED, "sqlite3")), tmp_path / "bag"
+    with closing(sqlite3.connect(path, isolation_level=None)) as database:
+        database.execute(f"PRAGMA journal_mode = {mode}")
+        database.execute("PRAGMA cache_size = 1")
+        database.execute("BEGIN")
+        database.execute("INSERT INTO messages SELECT 99, topic_id, timestamp + 9, data FROM messages WHERE id = 4")
+        if mode == "WAL":
+            database.execute("COMMIT")
+        else:
+            database.execute("UPDATE messages SET data = zeroblob(90000)")
+        shutil.copytree(path.parent, bag)
+    (bag / "metadata.yaml").unlink()
+    before = {file.name: file.read_bytes() for file in bag.iterdir()}
+    assert len(before) > 1
+    with Bag(bag) as opened:
+        assert {topic.name: topic.messages for topic in opened.topics} == {"/sensor": 1, "/photons": frames}
+    assert "was not closed: read with" in read(bag, frames - 1).notes[0]
+    assert before == {file.name: file.read_bytes() for file in bag.iterdir()}
 
 
 def test_open_photons_gives_the_frame_that_is_asked_for(bag):
@@ -238,9 +282,18 @@ def test_a_message_that_a_database_computes_takes_no_gigabyte(tmp_path):
         read(tmp_path / "bag")
 
 
-def test_photons_without_a_sensor_cannot_be_reconstructed(tmp_path):
-    with pytest.raises(InvalidInput, match="bag has no description of the sensor beside /photons"):
-        read(write_bag(tmp_path / "bag", RECORDED[1:]))
+@pytest.mark.parametrize("kind", ["photons", "gates", "histograms", "sketch"])
+def test_a_bag_without_a_description_takes_the_given_sensor(tmp_path, kind):
+    bag = with_topics(tmp_path / "bag", {f"/{kind}": kind})
+    described = with_topics(tmp_path / "described", {f"/{kind}": kind, "/sensor": "sensor"})
+    given, recorded = read(bag, sensor=SENSOR), read(described)
+    assert given.notes == () and given.sensor.same_as(recorded.sensor)
+    assert given.reconstruct().xyz.tolist() == recorded.reconstruct().xyz.tolist()
+    with pytest.raises(InvalidInput, match=f"no description of the sensor beside /{kind}: .*--sensor-file.*sensor="):
+        read(bag)
+    if kind == "photons":
+        seen = read(bag, shape=(2, 3), num_bins=50, irf=[1, 2, 1], gate=(5, 49))
+        assert seen.notes[:2] == (ASSUMED_WIDTH, ASSUMED_FOV) and seen.events.toa.tolist() == [2, 4]
 
 
 def rewritten(name: str, change: Callable[[bytes], bytes | None]) -> Callable[[Path], Path]:
@@ -257,8 +310,8 @@ def rewritten(name: str, change: Callable[[bytes], bytes | None]) -> Callable[[P
 
 
 BROKEN = {
-    "cut off": rewritten("", lambda data: data[:-200]), "empty": rewritten("", lambda data: b""),
-    "no storage file": rewritten("", lambda data: None), "not ended": rewritten("metadata.yaml", lambda data: None),
+    "garbage": rewritten("", lambda data: data[200:]), "empty": rewritten("", lambda data: b""),
+    "no storage file": rewritten("", lambda data: None),
     "not there": lambda bag: bag.with_name("no such folder"),
 }
 

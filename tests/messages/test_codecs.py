@@ -45,6 +45,16 @@ def test_padded_rows_are_read(codec):
     assert same(codec.decode(message), codec.decode_cdr(codec.encode_cdr()))
 
 
+@pytest.mark.parametrize("codec_name", ["photons_uint16", "photons_float32"], indirect=True)
+def test_photons_in_an_organised_and_padded_cloud_are_read(codec):
+    """A row for each photon, and bytes behind each point and each row."""
+    message = codec.message()
+    points = np.frombuffer(message.data, np.uint8).reshape(message.width, message.point_step)
+    message.height, message.width, message.data = message.width, 1, np.pad(points, ((0, 0), (0, 10))).tobytes()
+    message.point_step, message.row_step = message.point_step + 4, message.point_step + 10
+    assert same(codec.decode(message), codec.decode_cdr(codec.encode_cdr()))
+
+
 def test_trailing_bytes_of_other_middleware_are_allowed_up_to_alignment(codec):
     raw = codec.encode_cdr()
     assert same(codec.decode_cdr(raw + b"\0\0\0"), codec.decode_cdr(raw))

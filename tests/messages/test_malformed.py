@@ -43,7 +43,7 @@ def change(message, what: str, value) -> None:
     ("photons_uint16", "toa.offset", 2**32 - 2, "toa offset"),
     ("photons_uint16", "point_step", 2**32 - 1, "point_step"),
     ("photons_uint16", "row_step", 17, "row_step"),
-    ("photons_uint16", "height", 2, "height"),
+    ("photons_uint16", "height", 2, "data"),
     ("photons_uint16", "data.end", 1, "data"),
     ("photons_uint16", "row.number", np.uint16(3), "row"),
     ("photons_uint16", "col.number", np.uint16(4), "col"),

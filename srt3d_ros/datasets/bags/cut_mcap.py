@@ -29,7 +29,7 @@ def is_cut(path: Path) -> bool:
         return False
     with path.open("rb") as file:
         begin = file.read(len(MAGIC))
-        file.seek(max(path.stat().st_size - len(MAGIC), 0))
+        file.seek(max(path.stat().st_size - len(MAGIC), len(MAGIC)))
         return MAGIC.startswith(begin) and file.read() != MAGIC
 
 
