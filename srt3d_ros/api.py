@@ -24,8 +24,8 @@ from_events, from_counts = Photons.from_events, Photons.from_counts
 
 
 def read(source: Any, frame: int = 0, *, photons_topic: str = "", sensor: SensorModel | None = None,
-         **options: Unpack[SensorOptions]) -> Photons | Sketch:
-    """The photons of a file, bag, log or array, with their sensor and the truth, if known.
+         **options: Unpack[SensorOptions]) -> Photons | Sketch | Cloud:
+    """The photons of a file, bag, log or array, with their sensor and the truth, if known; or what `save` wrote.
 
     Args:
         source: the path of a file (.npz, .mat, a laboratory's .ptu, …: docs/photon-file.md), of a log of
@@ -38,7 +38,8 @@ def read(source: Any, frame: int = 0, *, photons_topic: str = "", sensor: Sensor
             bin, both kept), rows, cols, …. They win over `sensor` and the source; a note says so.
 
     Returns:
-        Photons, which stay in the file if they are too many to keep; the Sketch of a bag of sketches.
+        Photons, which stay in the file if they are too many to keep; the Sketch of a bag of sketches; or the Photons,
+        Sketch or Cloud that `save` wrote as .npz.
 
     Raises:
         InvalidInput: the file or an option cannot be used.
@@ -72,7 +73,8 @@ def reconstruct(source: Any, *, sensor: SensorModel | None = None, method: str =
     Raises:
         InvalidInput: an argument is missing or cannot be used.
     """
-    seen = read(source, sensor=sensor, **options)
+    seen = source if isinstance(source, Cloud) else read(source, sensor=sensor, **options)
+    require(not isinstance(seen, Cloud), "source", problem="A cloud cannot be reconstructed: give photons or a sketch.")
     own = {"method": method, "surfaces": surfaces, "device": device, "false_alarm_rate": false_alarm_rate,
            "background": background}
     if isinstance(seen, Photons):

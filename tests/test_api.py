@@ -306,9 +306,9 @@ def test_the_package_shows_its_names():
 
 DOCUMENTED = {
     "Cloud": ("plot", "render", "save", "range_image", "depth_image", "image", "within", "ordered"),
-    "Sketch": ("reconstruct",), "Reconstructor": ("forget",),
+    "Sketch": ("reconstruct", "save"), "Reconstructor": ("forget",),
     "Sensor": ("replace", "cropped", "range_m", "xyz"),
-    "Photons": ("sketch", "reconstruct", "from_events", "from_counts", "gated")}
+    "Photons": ("sketch", "reconstruct", "save", "from_events", "from_counts", "gated")}
 
 
 def test_every_argument_of_the_library_has_a_type(repository):

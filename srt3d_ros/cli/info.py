@@ -29,14 +29,14 @@ def add_parser(subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from srt3d_ros.core.sketching.gate import in_ranges
-    from srt3d_ros.datasets import read
+    from srt3d_ros.datasets import read_photons
     from srt3d_ros.datasets.description import describe
     from srt3d_ros.files.new_files import check_place
 
     if args.output is not None:
         require(args.output.suffix.lower() == ".png", "output", args.output.name, "a name that ends in .png")
         check_place(args.output)
-    photons = read(args.input, args.frame, args.photons_topic, guess_irf=True, **common.overrides(args))
+    photons = read_photons(args.input, args.frame, args.photons_topic, guess_irf=True, **common.overrides(args))
     found = describe(photons)
     facts, gate = found.facts, found.gate
     if args.output is not None:

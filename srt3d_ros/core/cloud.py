@@ -11,6 +11,7 @@ import numpy as np
 from srt3d_ros.core.estimate import Estimate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole, Projection
+from srt3d_ros.core.shown import SIZE_PX, as_html, notes_text
 from srt3d_ros.errors import InvalidInput, quoted, require
 
 if TYPE_CHECKING:
@@ -89,10 +90,15 @@ class Cloud:
         return len(self.row)
 
     def __repr__(self) -> str:
-        range_m, notes = self._range_m(), f"; {len(self.notes)} notes" if self.notes else ""
+        range_m = self._range_m()
         where = f" at {range_m.min():.4g} to {range_m.max():.4g} m" if len(self) else ""
         return (f"Cloud of {len(self):,} points{where}, from {self.photons:,} photons of "
-                f"{self.sensor.rows} × {self.sensor.cols} pixels{notes}")
+                f"{self.sensor.rows} × {self.sensor.cols} pixels{notes_text(self.notes)}")
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        return as_html(repr(self), lambda: import_module("srt3d_ros.pictures.annotations").draw_cloud(
+            self, self.sensor, size_px=SIZE_PX))
 
     def image(self, field: str, surface: int = 0) -> np.ndarray:
         """One value per pixel of `depth_bins`, `intensity` or `depth_std_bins`; float32 [rows, cols], NaN = no point.

@@ -49,6 +49,7 @@ class Reconstructor:
         self._build = partial(find(method).build, sensor, self._frequencies,
                               **{name: value for name, value in options.items() if value is not None})
         self._name, self._surfaces, self._is_warm = method, surfaces, False
+        self._on_photons = find(method).needs == "photons"
         try:
             self._method = self._build()
         except RuntimeError as error:
@@ -58,19 +59,24 @@ class Reconstructor:
             self.why = getattr(self._method, "why", f"{method} runs on the CPU")
 
     def __call__(self, seen) -> Cloud:
-        """The cloud of a frame: of its Sketch, or of the PhotonFrame for a method on photons."""
-        require(bool(self._frequencies) or isinstance(seen, PhotonFrame), "seen", type(seen).__name__,
-                "a frame of photons (Photons.frame)")       # `Matcher.check` asks for a Sketch
+        """The cloud of a frame: of its Sketch, or of its Photons or PhotonFrame for a method on photons."""
+        frame = getattr(seen, "events", seen) if self._on_photons else seen
+        require(not self._on_photons or isinstance(frame, PhotonFrame), "seen", type(seen).__name__,
+                "Photons, or their frame")       # `Matcher.check` asks for a Sketch
         self.warm_up()
         started = time.perf_counter()
-        cloud = self._or_on_the_cpu(lambda: self._method(seen))
+        cloud = self._or_on_the_cpu(lambda: self._method(frame))
         elapsed_ms = round((time.perf_counter() - started) * 1e3, 3)
         photons, notes = int(np.sum(seen.photons)), getattr(seen, "notes", ())
         if not photons and not len(cloud):
             notes += (NO_PHOTONS,)
         return replace(cloud, notes=notes, method=self._name, surfaces=self._surfaces,
                        device=self.device, photons=photons, reconstruct_ms=elapsed_ms,
-                       frequencies=seen.frequencies if self._frequencies else ())
+                       frequencies=() if self._on_photons else seen.frequencies)
+
+    def __reduce__(self):
+        """For pickle and copy: made again from its arguments, without its memory; it chooses its device anew."""
+        return partial(type(self), method=self._name, **self._build.keywords), self._build.args
 
     @property
     def uneven_background(self) -> float:

@@ -2,8 +2,9 @@
 
 from importlib import import_module
 from pathlib import Path
-from typing import Unpack
+from typing import Any, Unpack
 
+from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.datasets.bags.bag import is_bag
@@ -17,7 +18,7 @@ from srt3d_ros.files.array_files import read_errors, require_file
 from srt3d_ros.files.new_files import file_errors
 from srt3d_ros.messages import sensor_message
 
-__all__ = ["SIMULATOR", "Photons", "open_sensor", "read"]
+__all__ = ["SIMULATOR", "Photons", "open_sensor", "read", "read_photons"]
 
 SIMULATOR = "simulator"     # in place of a path
 # Modules by suffix. `read(path, options)` gives Photons, `frames(path, options)` several; options as from
@@ -27,8 +28,8 @@ FILE_READERS = {".npz": ".photon_file", ".mat": ".readers.mat", ".ptu": ".reader
 
 
 def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: SensorModel | None = None,
-         guess_irf: bool = False, **options: Unpack[SensorOptions]) -> Photons | Sketch:
-    """Photons of a file, or photons or a sketch of a frame of a bag.
+         guess_irf: bool = False, **options: Unpack[SensorOptions]) -> Photons | Sketch | Cloud:
+    """Photons of a file, photons or a sketch of a frame of a bag, or what `save` wrote.
 
     Args:
         path: or "simulator" for its moving head.
@@ -52,7 +53,15 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
         return _of_file(path, frame, options | {"guess_irf": guess_irf})
 
 
-def _of_file(path: Path, frame: int, options: dict) -> Photons:
+def read_photons(path: str | Path, *arguments: Any, **options: Any) -> Photons:
+    """`read`, for those that need photons: InvalidInput for a sketch or a cloud."""
+    found = read(path, *arguments, **options)
+    what = f"{path} holds a {type(found).__name__.lower()}, no photons."
+    require(isinstance(found, Photons), "photon file", problem=what)
+    return found
+
+
+def _of_file(path: Path, frame: int, options: dict) -> Photons | Sketch | Cloud:
     """Frame `frame` of a file; InvalidInput if it has fewer."""
     module = import_module(FILE_READERS[path.suffix.lower()], __name__)
     if not hasattr(module, "frames"):

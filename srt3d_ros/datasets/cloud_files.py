@@ -1,4 +1,4 @@
-"""Save a point cloud as .npz with everything, as .ply for other programs, as a recording, or as a picture."""
+"""Save a point cloud as .npz, which `read` reads; as .ply for other programs; as a recording; or as a picture."""
 
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -6,15 +6,20 @@ from pathlib import Path
 
 import numpy as np
 
+from srt3d_ros.core.array_checks import as_array
 from srt3d_ros.core.cloud import POINT_FIELDS, Cloud
+from srt3d_ros.datasets.sensor_arrays import read_saved, sensor_arrays
 from srt3d_ros.errors import printable, require
+from srt3d_ros.files.array_files import read_errors
 from srt3d_ros.files.new_files import atomic_write, check_place, check_replaceable, file_errors
 from srt3d_ros.pictures.colours import levels, percentile_range, range_table
 
 PICTURES = (".png", ".jpg", ".jpeg")
 _NEEDED = {".rrd": ("rerun", "record")} | dict.fromkeys(PICTURES, ("matplotlib", "pictures"))   # package and extra
 _JPEG_QUALITY = 90
-_SENSOR_FACTS = ("num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m")
+_TYPES = dict(zip(POINT_FIELDS, (np.uint16, np.uint16, *[np.float32] * 4, np.uint8))) | {"background": np.float32}
+_FACTS = {"stamp_ns": "stamp_ns", "method": "method", "surfaces": "surfaces", "device": "device",
+          "photons": "photons_in_all", "frequencies": "frequencies"}       # fields of Cloud: names in the file
 _FLOATS = [(name, "<f4") for name in ("x", "y", "z", "intensity")]
 _BYTES = [(name, "u1") for name in ("red", "green", "blue")]
 # Properties that CloudCompare shows as the scalar fields depth_std, ….
@@ -28,7 +33,8 @@ def save(cloud: Cloud, path: str | Path) -> None:
 
     .npz: row, col (uint16), depth_bins (float32: see SensorModel), intensity (expected signal photons),
     depth_std_bins, xyz (float32 [N, 3], metres), surface (uint8), background (float32 [rows, cols], expected photons),
-    stamp_ns, frequencies; of the sensor num_bins, bin_width_s, irf_ref, toa_offset_bins, range_offset_m.
+    stamp_ns, frequencies, notes, method, surfaces, device; and the sensor, as in a photon file. Not the times that it
+    took: the same cloud gives the same file.
     .ply: binary, x y z intensity, and the range's colour as red green blue.
     .rrd: a recording of one frame, for `rerun` (needs rerun-sdk).
     .png, .jpg: a picture (needs matplotlib).
@@ -56,10 +62,33 @@ def check(path: str | Path) -> Path:
 
 
 def _save_npz(cloud: Cloud, path: Path) -> None:
-    fields = {name: getattr(cloud, name) for name in (*POINT_FIELDS, "background", "stamp_ns")}
-    of_sensor = {name: getattr(cloud.sensor, name) for name in _SENSOR_FACTS}
+    facts = {name: np.array(getattr(cloud, field)) for field, name in _FACTS.items()}
+    facts["frequencies"] = facts["frequencies"].astype(np.int64)        # none would be floats
     with open(path, "wb") as file:      # NumPy would append .npz to .NPZ
-        np.savez(file, **fields, frequencies=np.array(cloud.frequencies, np.int64), **of_sensor)
+        np.savez(file, kind="cloud", **{name: getattr(cloud, name) for name in _TYPES}, **facts,
+                 **sensor_arrays(cloud.sensor, cloud.notes))
+
+
+def read(path: Path, options: dict) -> Cloud:
+    """A cloud that `save` wrote as .npz; InvalidInput if it is damaged, or for options: its points are final."""
+    fixed = options.keys() <= {"guess_irf"}
+    require(fixed, path.name, problem=f"{path.name} holds a cloud: no option can change it.")
+    sensor, values = read_saved(path, (*_TYPES, *_FACTS.values()))
+    with read_errors(path):
+        points, pixels = len(values["xyz"]), (sensor.rows, sensor.cols)
+        shapes = dict.fromkeys(_TYPES, (points,)) | {"xyz": (points, 3), "background": pixels}
+        for name, dtype in _TYPES.items():
+            array = values[name]
+            require(array.shape == shapes[name] and array.dtype == dtype, name, f"{array.dtype} {array.shape}",
+                    f"{np.dtype(dtype)} {shapes[name]}")
+            require(name == "depth_std_bins" or bool(np.isfinite(array).all()), name, "not finite in places", "numbers")
+        for name, side in zip(("row", "col"), pixels):
+            last = int(values[name].max(initial=0))
+            require(last < side, name, last, f"below {side}")
+        facts = {field: values[name] for field, name in _FACTS.items()}
+        facts |= {field: int(facts[field]) for field in ("stamp_ns", "surfaces", "photons")}
+        facts["frequencies"] = tuple(as_array("frequencies", facts["frequencies"], 1, "iu").tolist())
+        return Cloud(**{name: values[name] for name in _TYPES}, **facts, sensor=sensor, notes=values["notes"])
 
 
 def _save_ply(cloud: Cloud, path: Path) -> None:

@@ -3,6 +3,8 @@
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
 from typing import Any, Self, Unpack
 
 import numpy as np
@@ -11,6 +13,7 @@ from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.methods import DEFAULT_METHOD, find
 from srt3d_ros.core.reconstruction import Reconstructor
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.shown import notes_text
 from srt3d_ros.core.sketching.design import design_for
 from srt3d_ros.core.sketching.gate import OFF, Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonHistograms
@@ -93,9 +96,9 @@ class Photons:
         return photons.gated(*options["gate"]) if "gate" in options else photons
 
     def __repr__(self) -> str:
-        sensor, notes = self.sensor, f"; {len(self.notes)} notes" if self.notes else ""
+        sensor = self.sensor
         return (f"Photons of {self.name}: {self.photons:,} in {sensor.rows} × {sensor.cols} pixels and "
-                f"{sensor.num_bins} bins{notes}")
+                f"{sensor.num_bins} bins{notes_text(self.notes)}")
 
     @property
     def photons(self) -> int:
@@ -168,8 +171,16 @@ class Photons:
             require(value is None, name, problem=f"{method} works on all times of arrival and takes no {name}.")
         found = design_for(self.sensor, gate, "consecutive", frame=self.frame).gate
         seen = self if found is None else self.gated(found.first, found.last)
-        cloud = Reconstructor(seen.sensor, **own)(seen.events)
-        return replace(cloud, notes=seen.notes + cloud.notes)
+        return Reconstructor(seen.sensor, **own)(seen)
+
+    def save(self, path: str | Path) -> None:
+        """Write an .npz photon file with the sensor, true depths and notes, which `srt3d_ros.read` reads again.
+
+        Raises:
+            InvalidInput: another suffix, a path that cannot be written, or an .npz file there that is none of photons.
+        """
+        import_module("srt3d_ros.datasets.photon_file").save(       # by name: it imports Photons
+            path, self.sensor, self.frame, self.reference_depth_bins, self.notes)
 
     def gated(self, first: int, last: int) -> Self:
         """Keep the photons in the bins `first` to `last`; a note says how many were dropped."""

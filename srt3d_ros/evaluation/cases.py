@@ -101,7 +101,7 @@ def of_files(files: list[str], tolerance: str | None = None, surfaces: int | Non
         sensor: replaces that of the files.
     """
     cases = []
-    for photons in (datasets.read(file, sensor=sensor) for file in files):
+    for photons in (datasets.read_photons(file, sensor=sensor) for file in files):
         references = 0 if photons.reference_depth_bins is None else len(photons.reference_depth_bins)
         within = tolerance_bins(tolerance or FILE_TOLERANCE, photons.sensor)
         share, more = _held_out_share(photons, held_out_share, references)

@@ -77,7 +77,7 @@ def open_source(parameters: Mapping) -> Source:
         simulator = Simulator(sensor=default_sensor().replace(cycles=parameters["cycles"] or None),
                               ppp=parameters["ppp"], sbr=parameters["sbr"], seed=parameters["seed"])
         return Source(simulator.sensor, _photons(simulator.sensor, lambda k: simulator.frame(k)[0], rate_hz, frames))
-    photons = datasets.read(path, sensor=datasets.open_sensor(sensor_file) if sensor_file else None)
+    photons = datasets.read_photons(path, sensor=datasets.open_sensor(sensor_file) if sensor_file else None)
     events = photons.events
     return Source(photons.sensor, _photons(photons.sensor, lambda k: events, rate_hz, frames), photons.notes)
 

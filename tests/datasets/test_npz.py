@@ -158,7 +158,7 @@ def test_what_is_no_photon_file_is_named(tmp_path, name, expected):
 
 
 @pytest.mark.parametrize(("field", "arguments"), [
-    ("photon file", ("a.txt", SENSOR, EVENTS)), ("photon file", ("absent/a.npz", SENSOR, EVENTS)),
+    ("output", ("a.txt", SENSOR, EVENTS)), ("output", ("absent/a.npz", SENSOR, EVENTS)),
     ("toa", ("a.npz", SENSOR.replace(num_bins=49), EVENTS)), ("pixel", ("a.npz", SENSOR.replace(rows=1), EVENTS)),
     ("reference_depth_bins shape", ("a.npz", SENSOR, EVENTS, np.zeros((3, 2)))),
 ])

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -11,6 +12,7 @@ from srt3d_ros.core.array_checks import as_array
 from srt3d_ros.core.methods import DEFAULT_METHOD, SKETCH_METHODS, find
 from srt3d_ros.core.sensor.difference import first_difference
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.shown import notes_text
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.kernels.constants import MAX_PIXEL_PHOTONS, MAX_SKETCH_SIZE
 
@@ -80,8 +82,9 @@ class Sketch:
             object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:
-        (rows, cols, m), notes = self.sums.shape, f"; {len(self.notes)} notes" if self.notes else ""
-        return f"Sketch of {self.photons.sum():,} photons, {m} numbers in each of {rows} × {cols} pixels{notes}"
+        rows, cols, m = self.sums.shape
+        return (f"Sketch of {self.photons.sum():,} photons, {m} numbers in each of {rows} × {cols} pixels"
+                f"{notes_text(self.notes)}")
 
     @property
     def z(self) -> np.ndarray:
@@ -122,12 +125,20 @@ class Sketch:
                        before=None if self.before is None else self.before[rows, cols],
                        sensor=self.sensor.cropped(rows, cols))
 
+    def save(self, path: str | Path) -> None:
+        """Write the sketch with its sensor and notes as .npz, which `srt3d_ros.read` reads to the same bits.
+
+        Raises:
+            InvalidInput: another suffix, a path that cannot be written, or an .npz file there that is no sketch.
+        """
+        import_module("srt3d_ros.datasets.sketch_files").save(self, path)
+
     def reconstruct(self, *, method: str = DEFAULT_METHOD, surfaces: int = 1, device: str = "auto",
                     false_alarm_rate: float | None = None, background: str | None = None) -> "Cloud":
         """The point cloud; arguments as for `Photons.reconstruct`, of a method on sketches."""
         wanted = f"one that takes sketches: {', '.join(SKETCH_METHODS)}"
         require(find(method).needs == "sketch", "method", method, wanted)
-        # loaded by name: the reconstructor imports Sketch
+        # loaded by name, as in `save`: these modules import Sketch
         reconstructor = import_module("srt3d_ros.core.reconstruction").Reconstructor(
             self.sensor, self.frequencies, method=method, surfaces=surfaces, device=device,
             false_alarm_rate=false_alarm_rate, background=background)

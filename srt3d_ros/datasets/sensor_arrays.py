@@ -1,0 +1,110 @@
+"""Sensors in .npz files: the arrays that describe one, and the checks of what was read."""
+
+import math
+import sys
+from dataclasses import astuple, fields, replace
+from pathlib import Path
+
+import numpy as np
+
+from srt3d_ros.core.sensor.bins import HistogramBins
+from srt3d_ros.core.sensor.distortion import PlumbBob
+from srt3d_ros.core.sensor.model import GateWords, SensorModel
+from srt3d_ros.core.sensor.projection import Pinhole
+from srt3d_ros.datasets.options import PIXEL_MAPS
+from srt3d_ros.errors import printable, require
+from srt3d_ros.files.array_files import read_errors, read_npz_arrays
+from srt3d_ros.messages.cdr import MAX_FRAME_ID
+from srt3d_ros.messages.sensor_message import PROJECTIONS
+
+SCALARS = ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m",
+           "cycles")
+SENSOR_FIELDS = (*SCALARS, "irf", *PIXEL_MAPS, "frame_id")            # arguments of SensorModel
+SENSOR_ARRAYS = (*SENSOR_FIELDS, "projection", "projection_values", "distortion", "gate_words", "histogram_bins",
+                 "histogram_template", "notes")
+REQUIRED = ("rows", "cols", "num_bins", "bin_width_s", "irf", "projection")     # of a saved cloud or sketch
+ONE_NUMBER = (*SCALARS, "fov_deg", "stamp_ns", "surfaces", "sketch_cycles", "photons_in_all")
+ONE_TEXT = ("frame_id", "projection", "kind", "method", "device")
+MAX_NOTE = 9_999            # characters; notes name files
+
+
+def sensor_arrays(sensor: SensorModel, notes: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """The arrays of a file that describe a sensor, and `notes` if there are any."""
+    projection, bins = sensor.projection, sensor.histograms
+    arrays = {name: getattr(sensor, name) for name in SENSOR_FIELDS} | {
+        "projection": projection.kind, "projection_values": np.array(astuple(projection)[:4], np.float64),
+        "gate_words": sensor.gates and np.array(astuple(sensor.gates), np.uint16), "notes": notes or None}
+    if getattr(projection, "distortion", None):
+        arrays["distortion"] = np.array(astuple(projection.distortion), np.float64)
+    if bins is not None:
+        arrays |= {"histogram_bins": (bins.num_bins, bins.first_bin, bins.bin_width),
+                   "histogram_template": bins.template}
+    return {name: np.asarray(value) for name, value in arrays.items() if value is not None}
+
+
+def read_saved(path: Path, names: tuple[str, ...]) -> tuple[SensorModel, dict]:
+    """The sensor of a saved cloud or sketch, and the values of its arrays `names`, by name, and `notes`."""
+    arrays = read_npz_arrays(path, (*SENSOR_ARRAYS, *names))
+    with read_errors(path):
+        for name in (*REQUIRED, *names):
+            require(name in arrays, name, problem=f"The file has no {name}.")
+        values = values_of(arrays)
+        return SensorModel(**sensor_options(values)), {"notes": ()} | values
+
+
+def sensor_options(values: dict) -> dict:
+    """The options that describe a file's sensor."""
+    given = {name: values[name] for name in (*SENSOR_FIELDS, "fov_deg") if name in values}
+    if "gate_words" in values:
+        given["gates"] = GateWords(*map(int, _numbers_of(GateWords, "gate_words", values)))
+    if "histogram_bins" in values:
+        count, first, width = _numbers_of(HistogramBins, "histogram_bins", values)
+        given["histograms"] = HistogramBins(int(count), first, width, values.get("histogram_template"))
+    if "projection" in values:
+        kind = PROJECTIONS.get(values["projection"])
+        require(kind is not None, "projection", values["projection"], f"one of {', '.join(PROJECTIONS)}")
+        given["projection"] = kind(*_numbers_of(kind, "projection_values", values))
+        given.pop("fov_deg", None)
+    if "distortion" in values:
+        projection = given.get("projection")
+        require(isinstance(projection, Pinhole), "distortion", problem="Distortion needs a pinhole projection.")
+        given["projection"] = replace(projection, distortion=PlumbBob(*_numbers_of(PlumbBob, "distortion", values)))
+    return given
+
+
+def _numbers_of(kind: type, array: str, values: dict) -> list[float]:
+    """The finite numbers of an array with one entry for each field of a class (but `distortion` and `template`)."""
+    names = [field.name for field in fields(kind) if field.name not in ("distortion", "template")]
+    expected = f"[{len(names)}]: {', '.join(names)}"
+    require(array in values, array, problem=f"The file has no {array} {expected}.")
+    require(values[array].shape == (len(names),), f"{array} shape", values[array].shape, expected)
+    require(bool(np.isfinite(values[array]).all()), array, values[array].tolist(), "finite numbers")
+    return values[array].astype(np.float64).tolist()
+
+
+def values_of(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray | float | str | tuple[str, ...]]:
+    """The values of a file's arrays by their names: texts, numbers or arrays."""
+    return {name: _value_of(name, array) for name, array in arrays.items()}
+
+
+def _value_of(name: str, array: np.ndarray) -> np.ndarray | float | str | tuple[str, ...]:
+    if name == "notes":
+        return tuple(map(printable, _texts(name, array.reshape(-1), MAX_NOTE)))
+    if name in ONE_TEXT:
+        require(array.size == 1, f"{name} shape", array.shape, "one text")
+        return _texts(name, array.reshape(1), MAX_FRAME_ID)[0]
+    require(array.dtype.kind in "iufb" or name == "sums", f"{name} dtype", str(array.dtype), "numbers")
+    if name not in ONE_NUMBER:
+        return array
+    require(array.size == 1, f"{name} shape", array.shape, "one number")
+    require(math.isfinite(array.item()), name, array.item(), "a finite number")
+    return array.item()
+
+
+def _texts(name: str, array: np.ndarray, most: int) -> list[str]:
+    """The texts of an array [n]; InvalidInput unless they are Unicode of at most so many characters."""
+    require(array.dtype.kind == "U" and 0 < array.itemsize <= 4 * most, f"{name} dtype", str(array.dtype),
+            f"text of at most {most} characters")
+    codes = array.astype(array.dtype.newbyteorder("=")).view(np.uint32)
+    require(bool((codes <= sys.maxunicode).all()), name, problem=f"{name} is not valid Unicode.")
+    return array.tolist()
