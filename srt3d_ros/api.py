@@ -28,14 +28,15 @@ def read(source: Any, frame: int = 0, *, photons_topic: str = "", sensor: Sensor
     """The photons of a file, bag, log or array, with their sensor and the truth, if known; or what `save` wrote.
 
     Args:
-        source: the path of a file (.npz, .mat, a laboratory's .ptu, …: docs/photon-file.md), of a log of
+        source: the path of a file (.npz, .mat, .h5, .ptu, …: docs/photon-file.md), of a log of
             histograms or of a bag (docs/bags.md); "simulator", for its moving head; counts [rows, cols, bins]; or
             Photons or a Sketch.
         frame: number of the message in a bag, or of the frame in a log, from 0.
         photons_topic: topic of the photons or sketches, if a bag has several.
         sensor: replaces the source's sensor.
         options: what the source lacks or has wrong: num_bins, bin_width_s, irf, irf_ref, fov_deg, gate (first and last
-            bin, both kept), rows, cols, …. They win over `sensor` and the source; a note says so.
+            bin, both kept), rows, cols, axes ("bins,rows,cols") of counts, columns ("y,x,t", the file's arrays of row,
+            column and ToA), …. They win over `sensor` and the source; a note says so.
 
     Returns:
         Photons, which stay in the file if they are too many to keep; the Sketch of a bag of sketches; or the Photons,

@@ -11,14 +11,15 @@ def given(args: argparse.Namespace, names: Iterable[str]) -> dict[str, object]:
     return {name: getattr(args, name) for name in names if getattr(args, name) is not None}
 
 
-SENSOR_OVERRIDES = ("num_bins", "bin_width_s", "irf", "irf_ref", "fov_deg", "rows", "cols", "cycles", "channel")
+SENSOR_OVERRIDES = ("num_bins", "bin_width_s", "irf", "irf_ref", "fov_deg", "rows", "cols", "cycles", "channel",
+                    "axes", "columns")
 
 
 def add_photon_file(parser: argparse.ArgumentParser) -> None:
     """Add INPUT and the options that choose its frame and describe its sensor."""
     parser.add_argument("input", metavar="INPUT",
-                        help="photon file (.npz, .mat, .ptu, .npy, a log of histograms: docs/photon-file.md), bag "
-                             "(docs/bags.md), or: simulator")
+                        help="photon file (.npz, .npy, .mat, .h5, .ptu, .sdt, a log of histograms: "
+                             "docs/photon-file.md), bag (docs/bags.md), or: simulator")
     parser.add_argument("--frame", type=int, default=0, metavar="N",
                         help="number of the photon message in a bag, from 0 (default: 0)")
     parser.add_argument("--photons-topic", default="", metavar="TOPIC",
@@ -36,7 +37,11 @@ def add_photon_file(parser: argparse.ArgumentParser) -> None:
     sensor.add_argument("--rows", type=int, metavar="N", help="rows of the sensor, if the file does not give them")
     sensor.add_argument("--cols", type=int, metavar="N", help="columns of the sensor, likewise")
     sensor.add_argument("--channel", type=int, metavar="C",
-                        help="detector channel or data set (default: the one with most photons)")
+                        help="detector channel or data set (default: the one with most photons; of Photon-HDF5 all)")
+    sensor.add_argument("--axes", metavar="A,B,C",
+                        help="order of the axes of an array of counts: bins,rows,cols (default: rows,cols,bins)")
+    sensor.add_argument("--columns", metavar="ROW,COL,TOA",
+                        help="names of the arrays with row, column and ToA of each photon (default: row,col,toa)")
 
 
 def add_sensor_file(group: argparse._ArgumentGroup) -> None:

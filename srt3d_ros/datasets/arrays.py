@@ -14,8 +14,8 @@ from srt3d_ros.datasets.options import (
     ASSUMED_WIDTH,
     BIN_OF_ONE_METRE_S,
     described,
-    few_bins_note,
-    refuse_channel,
+    in_order,
+    refuse_file_options,
     says_geometry,
 )
 from srt3d_ros.datasets.values import array, sendable
@@ -77,6 +77,7 @@ def from_counts(counts: Any, stamp_ns: int, options: dict) -> Described:
     counts, options, masked = _unmasked(counts, options)
     counts = array("counts", counts)
     require(counts.ndim == 3, "counts", f"{counts.dtype} {counts.shape}", "numbers [rows, cols, bins]")
+    counts, options, few_bins = in_order(counts, options)
     histograms = PhotonHistograms(np.ascontiguousarray(sendable(counts)), stamp_ns)
     sizes = {"rows": counts.shape[0], "cols": counts.shape[1]}
     if options.get("histograms") is None:
@@ -87,7 +88,7 @@ def from_counts(counts: Any, stamp_ns: int, options: dict) -> Described:
     except InvalidInput as error:
         field = error.field.removesuffix(" count").replace("histograms", "counts")      # the name of the argument
         raise InvalidInput(field, error.value, error.expected, error.problem) from None
-    return complete(histograms, sensor, options, masked + notes + few_bins_note(counts.shape))
+    return complete(histograms, sensor, options, masked + notes + few_bins)
 
 
 def from_frame(frame: PhotonFrame, options: dict) -> Described:
@@ -103,7 +104,7 @@ def sensor_of(options: Mapping[str, Any]) -> tuple[SensorModel, tuple[str, ...]]
     """The sensor that the options describe, with an IRF of one bin if they have none; and the note on its bin width."""
     require({"rows", "cols"} <= options.keys(), "shape", problem="Give shape=(rows, cols), or sensor.")
     require("num_bins" in options, "num_bins", problem="Give num_bins, the bins of a laser period, or sensor.")
-    refuse_channel(options)
+    refuse_file_options(options)
     require("irf" in options or "irf_ref" not in options, "irf_ref", problem="irf_ref needs irf.")
     width_s = options.get("bin_width_s", BIN_OF_ONE_METRE_S)
     plain = SensorModel(options["rows"], options["cols"], options["num_bins"], width_s, np.ones(1))

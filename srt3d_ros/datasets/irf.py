@@ -168,7 +168,7 @@ def _read_mat(path: Path) -> np.ndarray:
     from srt3d_ros.datasets.readers import mat  # which imports this module
 
     with read_errors(path, mat.COMPLETE_MAT):
-        found, listed = mat.variables(path)
+        found, listed = mat.variables(path, ("irf",))
         if "irf" in found:
             return found["irf"]
         vectors = MAT_VECTOR.findall(listed)

@@ -25,18 +25,28 @@ ASSUMED_FOV = (f"geometry taken to be a pinhole of {DEFAULT_FOV_DEG:g}° across 
 ASSUMPTIONS = {"projection": "geometry ", "irf": "IRF ", "bin_width_s": "bin width "}     # beginnings of their notes
 SENSOR_OPTIONS = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols"))
 SENSOR_DEFAULTS = {field.name: field.default for field in fields(SensorModel)}
+AXES = ("rows", "cols", "bins")
+FILE_OPTIONS = {"channel": "Only .ptu, .sdt and Photon-HDF5 files have channels.",
+                "axes": "Only arrays of counts have axes.",
+                "columns": "Only .npz, HDF5 and .mat files of photons have columns."}
 PIXEL_MAPS = ("gain", "delay_bins", "mask", "background_shape")
 
 
 class SensorOptions(TypedDict, total=False):
     """Options that describe photons: `shape` is (rows, cols), `fov_deg` a pinhole's, `irf_sigma_bins` a Gaussian IRF's,
-    `gate` the (first, last) bin to keep, `channel` a detector of a .ptu file; the others are those of SensorModel."""
+    `gate` the (first, last) bin to keep; the others are those of SensorModel.
+
+    How to read a file: `channel` is the detector or data set, `axes` the order of an array of counts, "bins,rows,cols"
+    say, and `columns` the names of its arrays of row, column and ToA, "y,x,t" say. Tuples are fine, too.
+    """
 
     shape: tuple[int, int]
     rows: int
     cols: int
     gate: tuple[int, int]
     channel: int
+    axes: str | tuple[str, str, str]
+    columns: str | tuple[str, str, str]
     num_bins: int
     bin_width_s: float
     irf: ArrayLike | str | Path
@@ -80,6 +90,9 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None) -> dic
     if "gate" in given:
         given["gate"] = gate = parse(given["gate"])
         require(not isinstance(gate, str), "gate", quoted(gate), "first and last bin, both kept")
+    for name in ("axes", "columns"):
+        if name in given:
+            given[name] = _three_names(name, given[name])
     for name in PIXEL_MAPS:
         if name in given:
             given[name] = array(name, given[name])
@@ -116,7 +129,7 @@ def described(sensor: SensorModel, options: Mapping[str, Any]) -> SensorModel:
 def redescribed(sensor: SensorModel, notes: tuple[str, ...], options: Mapping[str, Any],
                 fixed: tuple[str, ...] = ("rows", "cols")) -> tuple[SensorModel, tuple[str, ...]]:
     """The sensor of given photons with options in place of its own values (but `fixed` ones), and the new notes."""
-    refuse_channel(options)
+    refuse_file_options(options)
     check_same({name: getattr(sensor, name) for name in fixed}, options)
     changed = described(sensor, options)
     before, after = ({name: getattr(one, name) for name in SENSOR_OPTIONS} for one in (sensor, changed))
@@ -155,17 +168,26 @@ def check_same(own: Mapping[str, Any], options: Mapping[str, Any]) -> None:
         require(options.get(name, value) == value, name, quoted(options.get(name)), f"{value}, as in the file")
 
 
-def refuse_channel(options: Mapping[str, Any]) -> None:
-    """Raise InvalidInput if the options choose a channel: these photons have none."""
-    require("channel" not in options, "channel", problem="Only .ptu files have channels.")
+def refuse_file_options(options: Mapping[str, Any]) -> None:
+    """Raise InvalidInput if the options say how to read a file: the reader removes those that it has followed."""
+    for name, problem in FILE_OPTIONS.items():
+        require(name not in options, name, problem=problem)
+
+
+def in_order(counts: np.ndarray, options: dict) -> tuple[np.ndarray, dict, tuple[str, ...]]:
+    """Counts [rows, cols, bins] by the option `axes`, the other options, and a note if they may need `axes`."""
+    others = {name: value for name, value in options.items() if name != "axes"}
+    if "axes" not in options or counts.ndim != 3:
+        return counts, others, few_bins_note(counts.shape)
+    return counts.transpose([options["axes"].index(name) for name in AXES]), others, ()
 
 
 def few_bins_note(shape: tuple[int, ...]) -> tuple[str, ...]:
     """The note on counts that may be [bins, rows, cols], judged by their sides."""
     first, *others = shape
     suspicious = len(shape) == 3 and (first > max(others) or 1 < shape[2] < min(shape[:2]))
-    note = (f"{' × '.join(map(str, shape))} taken for rows × cols × bins: if the first axis has the bins, load the "
-            "array and read numpy.moveaxis(array, 0, 2)")
+    note = (f"{' × '.join(map(str, shape))} taken for rows × cols × bins: if the first axis has the bins, give "
+            "axes=bins,rows,cols (--axes)")
     return (note,) if suspicious else ()
 
 
@@ -173,6 +195,15 @@ def outside_note(dropped: int, photons: int, first: int, last: int) -> tuple[str
     """The note on photons that a gate drops, if any."""
     note = f"{dropped} of {photons} photons lie outside the gate (bins {first} to {last}): dropped"
     return (note,) if dropped else ()
+
+
+def _three_names(option: str, value: Any) -> tuple[str, ...]:
+    """Three names, or the order of AXES, given as a text with commas or one by one."""
+    names = tuple(name.strip().strip("/") for name in value.split(",")) if isinstance(value, str) else value
+    expected = "rows, cols and bins in the order of the array" if option == "axes" else "the arrays of row, col and ToA"
+    fits = isinstance(names, list | tuple) and len(names) == 3 and all(isinstance(name, str) and name for name in names)
+    require(fits and (option != "axes" or set(names) == set(AXES)), option, quoted(value), expected)
+    return tuple(names)
 
 
 def _same(one: Any, other: Any) -> bool:

@@ -25,6 +25,7 @@ SENSOR_ARRAYS = (*SENSOR_FIELDS, "projection", "projection_values", "distortion"
 REQUIRED = ("rows", "cols", "num_bins", "bin_width_s", "irf", "projection")     # of a saved cloud or sketch
 ONE_NUMBER = (*SCALARS, "fov_deg", "stamp_ns", "surfaces", "sketch_cycles", "photons_in_all")
 ONE_TEXT = ("frame_id", "projection", "kind", "method", "device")
+VECTORS = ("irf", "background_shape", "projection_values", "distortion", "gate_words")
 MAX_NOTE = 9_999            # characters; notes name files
 
 
@@ -82,6 +83,11 @@ def _numbers_of(kind: type, array: str, values: dict) -> list[float]:
     return values[array].astype(np.float64).tolist()
 
 
+def vector(values: np.ndarray) -> np.ndarray:
+    """An array with one side above 1, such as MATLAB's 1 × N, as [N]; any other as it is."""
+    return values.reshape(-1) if values.size == max(values.shape, default=0) else values
+
+
 def values_of(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray | float | str | tuple[str, ...]]:
     """The values of a file's arrays by their names: texts, numbers or arrays."""
     return {name: _value_of(name, array) for name, array in arrays.items()}
@@ -95,7 +101,7 @@ def _value_of(name: str, array: np.ndarray) -> np.ndarray | float | str | tuple[
         return _texts(name, array.reshape(1), MAX_FRAME_ID)[0]
     require(array.dtype.kind in "iufb" or name == "sums", f"{name} dtype", str(array.dtype), "numbers")
     if name not in ONE_NUMBER:
-        return array
+        return vector(array) if name in VECTORS else array
     require(array.size == 1, f"{name} shape", array.shape, "one number")
     require(math.isfinite(array.item()), name, array.item(), "a finite number")
     return array.item()

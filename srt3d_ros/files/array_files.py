@@ -1,5 +1,6 @@
 """Read arrays from files that may be damaged or hostile: sizes are checked before anything is loaded."""
 
+import io
 import logging
 import math
 import os
@@ -18,6 +19,7 @@ from srt3d_ros.files.new_files import file_errors
 MAX_ARRAY_BYTES = min(3 * 2**30, os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2)
 MAX_MEMBERS = 1000
 MAX_SIDES = 8
+MAX_HEADER_BYTES = 2**14        # of an array; NumPy refuses more than 10,000 characters
 # Errors of a reader that trusts a damaged file: their texts describe its code, not the file.
 READER_ERRORS = (NameError, TypeError, AttributeError, LookupError, AssertionError, ArithmeticError)
 ZIP_MARK = b"PK\x03\x04"      # begins each member of a zip file
@@ -101,6 +103,21 @@ def _arrays(archive: zipfile.ZipFile, names: tuple[str, ...], and_cubes: bool) -
     return arrays
 
 
+def npz_contents(path: Path) -> list[tuple[str, tuple[int, ...], str]]:
+    """Name, shape and type of each array of an .npz file that can be opened, for an error."""
+    found = []
+    with zipfile.ZipFile(path) as archive:
+        for info in archive.infolist()[:MAX_MEMBERS]:
+            name = info.filename.removesuffix(".npy")
+            try:
+                with archive.open(info) as stream:
+                    shape, dtype = npy_header(stream, info.file_size, name)
+                found.append((name, shape, str(dtype)))
+            except Exception:       # as read_npz_arrays says, once the array is asked for
+                found.append((name, (), "unreadable"))
+    return found
+
+
 def map_npy(path: Path, field: str, most: int = MAX_ARRAY_BYTES) -> np.ndarray:
     """The array of an .npy file, mapped into memory; InvalidInput if it has no array or more than `most` bytes."""
     with path.open("rb") as stream:
@@ -112,13 +129,14 @@ def map_npy(path: Path, field: str, most: int = MAX_ARRAY_BYTES) -> np.ndarray:
 def npy_header(stream: BinaryIO, file_size: int, field: str, most: int = MAX_ARRAY_BYTES) -> tuple[tuple, np.dtype]:
     """Shape and type in an .npy header; InvalidInput for objects, more than `most` bytes, or another file size."""
     try:
-        shape, _, dtype = FORMATS[np.lib.format.read_magic(stream)](stream)
+        head = io.BytesIO(stream.read(MAX_HEADER_BYTES))
+        shape, _, dtype = FORMATS[np.lib.format.read_magic(head)](head)
     except Exception as error:      # the header is a Python literal: many errors are possible
         raise InvalidInput(field, f"unreadable ({error})", "an array as NumPy writes it") from None
     require(dtype.kind in "biufcSU", f"{field} dtype", str(dtype), "numbers or text, not Python objects")
     fits = len(shape) <= MAX_SIDES and all(0 <= side < 2**63 for side in shape)
     require(fits, f"{field} shape", shape, f"at most {MAX_SIDES} sizes from 0 to 2⁶³")
-    size, stored = math.prod(shape) * dtype.itemsize, file_size - stream.tell()
+    size, stored = math.prod(shape) * dtype.itemsize, file_size - head.tell()
     require(size <= most, f"{field} size", f"{size} bytes", f"at most {most} bytes")
     require(size == stored, f"{field} size", f"{stored} bytes", f"{size} bytes, as its header says")
     return shape, dtype

@@ -1,4 +1,4 @@
-"""Read photon counts [rows, cols, bins] from .npy and .npz files, and for other readers."""
+"""Read photon counts [rows, cols, bins] from .npy files, and for other readers."""
 
 from pathlib import Path
 
@@ -8,11 +8,11 @@ from srt3d_ros.core.sensor.model import MAX_BINS
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, complete, sampled, sensor_of
-from srt3d_ros.datasets.options import check_same, few_bins_note, outside_note, replaced_note
+from srt3d_ros.datasets.options import check_same, in_order, outside_note, replaced_note
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.values import sendable
 from srt3d_ros.errors import finite, require
-from srt3d_ros.files.array_files import map_npy, read_errors, read_npz_arrays
+from srt3d_ros.files.array_files import MAX_ARRAY_BYTES, map_npy, read_errors
 
 MAX_CUBE_BYTES = 2**46
 MAX_COUNT = 2**31 - 1
@@ -43,7 +43,7 @@ def cube(path: Path, counts: np.ndarray, options: dict, stated: dict | None = No
             f"2 to {MAX_BINS}: give num_bins, gate or bin_width_s")
     sensor, width_note = sensor_of(known | {"rows": rows, "cols": cols, "num_bins": num_bins})
     with read_errors(path, "a whole file of counts"):
-        low, high = counts.min(), counts.max()      # a NaN makes both NaN
+        low, high = counts.min().item(), counts.max().item()        # a NaN makes both NaN
         require(bool(-MAX_COUNT <= low and high <= MAX_COUNT), "counts",
                 problem=f"counts holds values beyond {MAX_COUNT}, infinite or NaN.")
         photons = counts.sum(dtype=np.float64)
@@ -74,31 +74,24 @@ def in_gate(depth: np.ndarray | None, first: int, bins: int) -> np.ndarray | Non
     return np.where((depth >= 0) & (depth < bins), depth, np.float32(np.nan))[None]
 
 
-def only_cube(path: Path, arrays: dict[str, np.ndarray], options: dict,
-              wanted: str = "one numeric array [rows, cols, bins]", listed: str = "") -> Photons:
+def only_cube(path: Path, arrays: dict[str, np.ndarray], options: dict, wanted: str, listed: str) -> Photons:
     """Photons of the only numeric array of three dimensions; SENSOR_ARRAYS beside it describe the sensor.
 
-    An error says what is `wanted`, and what the file has: `listed`, or else `arrays`.
+    An error says what is `wanted`, and what the file has: `listed`.
     """
     cubes = [values for values in arrays.values() if values.ndim == 3 and values.dtype.kind in "iufb"]
-    there = ", ".join(f"{name} ({'×'.join(map(str, one.shape))} {one.dtype})" for name, one in arrays.items())
-    require(len(cubes) == 1, "counts", problem=f"The file needs {wanted}. It has {listed or there or 'no arrays'}.")
+    require(len(cubes) == 1, "counts", problem=f"The file needs {wanted}. It has {listed}.")
     stated = {}
     for name in filter(arrays.__contains__, SENSOR_ARRAYS):
         value = arrays[name]
         require(name == "irf" or value.size == 1, f"{name} shape", value.shape, "one value")
         stated[name] = irfs.read(value) if name == "irf" else value.reshape(-1)[0].item()
-    return cube(path, cubes[0], options, stated, few_bins_note(cubes[0].shape))
+    counts, others, notes = in_order(cubes[0], options)
+    return cube(path, counts, others, stated, notes)
 
 
 def read(path: Path, options: dict) -> Photons:
     """Photons of an .npy file of counts."""
-    counts = map_npy(path, f"{path.name} counts", MAX_CUBE_BYTES)
-    return cube(path, counts, options, notes=few_bins_note(counts.shape))
-
-
-def read_npz(path: Path, options: dict) -> Photons:
-    """Photons of an .npz file with an array of counts, described by SENSOR_ARRAYS."""
-    arrays = read_npz_arrays(path, SENSOR_ARRAYS, and_cubes=True)
-    with read_errors(path):
-        return only_cube(path, arrays, options)
+    most = MAX_ARRAY_BYTES if "axes" in options else MAX_CUBE_BYTES         # other axes are copied into memory
+    counts, others, notes = in_order(map_npy(path, f"{path.name} counts", most), options)
+    return cube(path, counts, others, notes=notes)

@@ -1,26 +1,23 @@
 """Read published .mat files of single-photon lidar as they are, and other .mat files with an array of counts."""
 
-import json
-import os
-import subprocess
-import sys
-import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS, MAX_PIXELS
+from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, from_pixels
 from srt3d_ros.datasets.options import check_same, outside_note
 from srt3d_ros.datasets.photons import Photons
-from srt3d_ros.datasets.readers.cubes import SENSOR_ARRAYS, cube, in_gate, only_cube
+from srt3d_ros.datasets.readers import isolated
+from srt3d_ros.datasets.readers.cubes import cube, in_gate
 from srt3d_ros.datasets.values import MAX_EVENTS
 from srt3d_ros.errors import finite, require
-from srt3d_ros.files.array_files import MAX_ARRAY_BYTES, read_errors
-from srt3d_ros.processes.children import ending
+from srt3d_ros.files.array_files import read_errors
 
-COMPLETE_MAT = "a complete MATLAB 5 .mat file (save -v7)"
+COMPLETE_MAT = "a complete MATLAB .mat file"
+MATLAB_7_3, HDF5 = b"MATLAB 7.3", b"\x89HDF\r\n\x1a\n"        # beginnings of files
 EDGE = 1e-6     # of a bin; added to a time before it is rounded down, so that an edge belongs to the bin it begins
 
 
@@ -49,44 +46,31 @@ LAYOUTS = (
     Layout("data_processed", 100e-12, picoseconds=True, window=("mm", "MM")),
     Layout("spad", 80e-12, "bin"),                  # simulated, sparse: Lindell et al., SIGGRAPH 2018
 )
-WANTED = "; ".join([*(f"{one.variable} ({'[T, rows·cols] counts' if one.reference else '[rows, cols] cell'})"
-                      for one in LAYOUTS), "any other numeric array [rows, cols, bins]"])
-VARIABLES = (*(name for one in LAYOUTS for name in (one.variable, one.reference, *one.window) if name), *SENSOR_ARRAYS)
-CHILD = Path(__file__).with_name("mat_child.py")
+WANTED = "; ".join(["one of " + ", ".join(f"{one.variable} ({'[T, rows·cols] counts' if one.reference else 'cells'})"
+                                         for one in LAYOUTS), photon_file.WANTED])
+VARIABLES = (*(name for one in LAYOUTS for name in (one.variable, one.reference, *one.window) if name),
+             *photon_file.KNOWN)
 
 
 def read(path: Path, options: dict) -> Photons:
     """Photons of a .mat file. The bins are those of the file's window, or those that have photons."""
     with read_errors(path, COMPLETE_MAT):
-        found, listed = variables(path)
+        found, listed = variables(path, (*VARIABLES, *options.get("columns", ())))
+    layout = next((one for one in LAYOUTS if one.fits(found)), None)
+    if layout is None or "columns" in options:
+        return photon_file.from_arrays(path, found, options, WANTED, listed)
     with read_errors(path):
-        layout = next((one for one in LAYOUTS if one.fits(found)), None)
-        if layout is None:
-            return only_cube(path, found, options, f"one of {WANTED}", listed)
         for name in found.keys() & {*layout.window, layout.reference}:
             require(found[name].dtype.kind in "iuf", name, str(found[name].dtype), "numbers")
         return (_of_counts if layout.reference else _of_cells)(path, layout, found, options)
 
 
-def variables(path: Path, names: tuple[str, ...] = VARIABLES) -> tuple[dict[str, np.ndarray], str]:
-    """Run `mat_child.variables` for these names in a process with limited memory; its arrays are mapped from a file."""
-    modules = os.pathsep.join(map(os.path.abspath, sys.path))
-    with tempfile.TemporaryFile() as file:
-        # -P keeps this folder's modules from shadowing others. The caller's module path gives the child the same SciPy.
-        done = subprocess.run([sys.executable, "-P", CHILD, path, str(file.fileno()), str(MAX_ARRAY_BYTES), *names],
-                              stdin=subprocess.DEVNULL, capture_output=True, pass_fds=(file.fileno(),),
-                              env=os.environ | {"PYTHONPATH": modules, "OPENBLAS_NUM_THREADS": "1"})
-        why = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
-        require("MemoryError" not in why, "", problem=f"The variables take more than {MAX_ARRAY_BYTES} bytes. Save "
-                "counts as uint8 or uint16, or as .npy, which may be larger than memory.")
-        if done.returncode < 0:
-            why = f"its reader {ending(done)}"
-        require(done.returncode == 0, "", f"unreadable ({why})", COMPLETE_MAT)
-        content = json.loads(done.stdout)
-        arrays = {name: np.zeros(shape, kind) if 0 in shape else
-                  np.memmap(file, kind, "c", place, tuple(shape), order)
-                  for name, kind, place, shape, order in content["arrays"]}
-    return arrays, content["listed"]
+def variables(path: Path, names: tuple[str, ...]) -> tuple[dict[str, np.ndarray], str]:
+    """`isolated.arrays_of` with SciPy, or with h5py if the file is HDF5: MATLAB 7.3."""
+    with path.open("rb") as file:
+        begin = file.read(len(MATLAB_7_3))
+    library = "h5py" if begin.startswith((MATLAB_7_3, HDF5)) else "scipy"
+    return isolated.arrays_of(path, library, names, COMPLETE_MAT)
 
 
 def _of_counts(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Photons:

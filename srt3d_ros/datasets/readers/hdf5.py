@@ -1,0 +1,78 @@
+"""Read HDF5 files with h5py: Photon-HDF5, one entry a photon, or an array of counts.
+
+Photon-HDF5 (photon-hdf5.org) has a group `photon_data`, or `photon_data0` … for several spots, with ToA `nanotimes` in
+bins of `nanotimes_specs/tcspc_unit` seconds. A spot is a pixel; of a single spot with rows and cols, a detector is one.
+"""
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from srt3d_ros.datasets import photon_file
+from srt3d_ros.datasets.photons import Photons
+from srt3d_ros.datasets.readers import isolated
+from srt3d_ros.errors import finite, require
+from srt3d_ros.files.array_files import read_errors
+
+COMPLETE_HDF5 = "a complete HDF5 file"
+UNIT, NUM_BINS, LASER = "nanotimes_specs/tcspc_unit", "nanotimes_specs/tcspc_num_bins", \
+    "measurement_specs/laser_repetition_rate"
+SPOT_ARRAYS = tuple(f"photon_data*/{name}" for name in ("nanotimes", "detectors", UNIT, NUM_BINS, LASER))
+WANTED = f"Photon-HDF5 with photon_data/nanotimes, {photon_file.WANTED}"
+
+
+def read(path: Path, options: dict) -> Photons:
+    """Photons of an HDF5 file; `channel` is the detector to take of Photon-HDF5, else all. Needs h5py."""
+    with read_errors(path, COMPLETE_HDF5):
+        names = (*SPOT_ARRAYS, *photon_file.KNOWN, *options.get("columns", ()))
+        found, listed = isolated.arrays_of(path, "h5py", names, COMPLETE_HDF5)
+    with read_errors(path):
+        spots = sorted((int(match[1] or 0), match[0].rpartition("/")[0]) for match in
+                       map(re.compile(r"photon_data(\d{0,9})/nanotimes").fullmatch, found) if match)
+        if spots and "columns" not in options:
+            found |= _spot_arrays(found, [spot for _, spot in spots], options)
+            options = {name: value for name, value in options.items() if name != "channel"}
+    return photon_file.from_arrays(path, found, options, WANTED, listed)
+
+
+def _spot_arrays(found: dict[str, np.ndarray], spots: list[str], options: dict) -> dict[str, np.ndarray]:
+    """The arrays of a photon file (docs/photon-file.md) that Photon-HDF5 has in its groups."""
+    times = [_toa(found, spot, options) for spot in spots]
+    pixels = options.get("rows", 1) * options.get("cols", 1)
+    arrays = {"pixel": np.arange(len(spots)).repeat([len(toa) for toa in times]), "toa": np.concatenate(times)}
+    if len(spots) == 1 and pixels > 1 and f"{spots[0]}/detectors" in found:
+        arrays["pixel"] = found[f"{spots[0]}/detectors"]
+    elif not {"rows", "cols"} & options.keys():
+        arrays |= {"rows": np.array(1), "cols": np.array(len(spots))}
+    else:
+        require(pixels == len(spots), "shape", (options.get("rows"), options.get("cols")),
+                f"rows × cols = {len(spots)}, the spots of the file")
+    width_s, bins, laser_hz = (_number(found, f"{spots[0]}/{name}") for name in (UNIT, NUM_BINS, LASER))
+    if width_s:
+        arrays["bin_width_s"] = np.array(width_s)
+    if bins:        # up to the end of the laser's period; a period that ends inside a bin includes it
+        period = np.ceil(1 / (laser_hz * width_s) - 1e-3) if laser_hz and width_s else bins
+        arrays["num_bins"] = np.array(int(min(bins, period)))
+    return arrays
+
+
+def _toa(found: dict[str, np.ndarray], spot: str, options: dict) -> np.ndarray:
+    """ToA of a spot, of the detector `channel` if given."""
+    toa, detectors = found[f"{spot}/nanotimes"], found.get(f"{spot}/detectors")
+    require(toa.ndim == 1 and toa.dtype.kind in "iu", f"{spot}/nanotimes", f"{toa.dtype} {toa.shape}",
+            "whole numbers [photons]")
+    if "channel" not in options:
+        return toa
+    require(detectors is not None and detectors.shape == toa.shape, f"{spot}/detectors",
+            problem=f"{spot} has no detector for each photon, from which to take a channel.")
+    channel, numbers = int(finite("channel", options["channel"], "a detector's number")), np.unique(detectors)
+    require(channel in numbers, "channel", channel, f"a detector of {spot}: {', '.join(map(str, numbers))}")
+    return toa[detectors == channel]
+
+
+def _number(found: dict[str, np.ndarray], name: str) -> float:
+    """One number above 0, or 0 if the file has none."""
+    value = found.get(name, np.zeros(1))
+    require(value.size == 1, name, value.shape, "one number")
+    return max(finite(name, value.reshape(-1)[0]), 0.0)

@@ -1,0 +1,56 @@
+"""Read a file with SciPy, h5py or sdtfile in a process of its own: a damaged file may end it or fill its memory."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from srt3d_ros.datasets.values import listing
+from srt3d_ros.errors import require
+from srt3d_ros.files.array_files import MAX_ARRAY_BYTES
+from srt3d_ros.processes.children import ending
+
+FOLDER = Path(__file__).parent
+CHILD = FOLDER / "isolated_child.py"
+READERS = {"scipy": "mat_child.py", "h5py": "hdf5_child.py", "sdtfile": "sdt_child.py"}     # by library
+
+
+def arrays_of(path: Path, library: str, names: tuple[str, ...], expected: str) -> tuple[dict[str, np.ndarray], str]:
+    """Arrays of a file, by `variables` of the library's reader; they are mapped from a temporary file.
+
+    Args:
+        names: the wanted arrays, as patterns of fnmatch. The only array of three dimensions is read, too.
+        expected: what the file should be, in words.
+
+    Returns:
+        The arrays by name, and a text that lists all arrays of the file.
+
+    Raises:
+        InvalidInput: the file is unreadable, or has more than MAX_ARRAY_BYTES in these arrays.
+        ModuleNotFoundError: the library is not installed.
+    """
+    if find_spec(library) is None:
+        raise ModuleNotFoundError(f"No module named '{library}'", name=library)
+    modules = os.pathsep.join(map(os.path.abspath, sys.path))
+    with tempfile.TemporaryFile() as file:
+        # -P keeps this folder's modules from shadowing others. The caller's module path gives the child the same SciPy.
+        done = subprocess.run([sys.executable, "-P", CHILD, FOLDER / READERS[library], path, str(file.fileno()),
+                               str(MAX_ARRAY_BYTES), *names],
+                              stdin=subprocess.DEVNULL, capture_output=True, pass_fds=(file.fileno(),),
+                              env=os.environ | {"PYTHONPATH": modules, "OPENBLAS_NUM_THREADS": "1"})
+        why = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+        require("MemoryError" not in why, "", problem=f"The arrays take more than {MAX_ARRAY_BYTES} bytes. Save "
+                "counts as uint8 or uint16, or as .npy, which may be larger than memory.")
+        if done.returncode < 0:
+            why = f"its reader {ending(done)}"
+        require(done.returncode == 0, "", f"unreadable ({why})", expected)
+        content = json.loads(done.stdout)
+        arrays = {name: np.zeros(shape, kind) if 0 in shape else
+                  np.memmap(file, kind, "c", place, tuple(shape), order)
+                  for name, kind, place, shape, order in content["arrays"]}
+    return arrays, listing(content["listed"])
