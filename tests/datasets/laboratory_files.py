@@ -34,3 +34,65 @@ def ptu(path: Path, records: list[int], record_type: int, tags: dict | None = No
     content = b"PQTTTR\0\0001.0.00\0\0" + b"".join(_tag(name, value) for name, value in header.items())
     path.write_bytes(content + np.array(records, "<u4").tobytes())
     return path
+
+
+def sdt(path: Path, blocks: list[np.ndarray], tac_range_s: float) -> Path:
+    """An .sdt file of these images uint16 [rows, cols, bins], one data block each."""
+    from sdtfile import sdtfile
+
+    header = np.zeros(1, np.dtype(sdtfile.FILE_HEADER).newbyteorder("<"))
+    measure = np.zeros(1, sdtfile.record_dtype(sdtfile.MEASURE_INFO, 4096).newbyteorder("<"))
+    rows, cols, bins = blocks[0].shape
+    measure["scan_x"], measure["scan_y"], measure["adc_re"] = cols, rows, bins
+    measure["tac_r"], measure["tac_g"] = tac_range_s, 1
+    info = b"*IDENTIFICATION\r\nID : SPC Setup & Data File\r\n*END\r\n"
+    block_type = np.dtype(sdtfile.BLOCK_HEADER).newbyteorder("<")
+    header["revision"], header["header_valid"], header["chksum"] = 0x28F, 0x5555, 0x55AA
+    header["info_offs"], header["info_length"] = header.nbytes, len(info)
+    header["meas_desc_block_offs"] = header.nbytes + len(info)
+    header["no_of_meas_desc_blocks"], header["meas_desc_block_length"] = 1, measure.nbytes
+    offset = header.nbytes + len(info) + measure.nbytes
+    header["data_block_offs"], header["no_of_data_blocks"] = offset, len(blocks)
+    content = b""
+    for k, counts in enumerate(blocks):
+        block = np.zeros(1, block_type)
+        block["data_offs"] = offset + block.nbytes
+        offset += block.nbytes + counts.nbytes
+        block["next_block_offs"], block["block_type"], block["block_length"] = offset, 0x11, counts.nbytes
+        content += block.tobytes() + counts.astype("<u2").tobytes()
+    path.write_bytes(header.tobytes() + info + measure.tobytes() + content)
+    return path
+
+
+def matlab_7_3(path: Path, **variables: np.ndarray | list) -> Path:
+    """A .mat file as `save -v7.3` writes it: arrays, sparse ones, and lists of lists as cells."""
+    import h5py
+
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in variables.items():
+            if hasattr(values, "tocsc"):
+                sparse = values.tocsc()
+                group = file.create_group(name)
+                group.attrs["MATLAB_sparse"] = np.uint64(sparse.shape[0])
+                group["data"], group["ir"], group["jc"] = sparse.data, sparse.indices, sparse.indptr
+                continue
+            if isinstance(values, list):
+                cells = np.array([[_cell(file, cell) for cell in row] for row in values], h5py.ref_dtype)
+                file.create_dataset(name, data=cells.T, dtype=h5py.ref_dtype).attrs["MATLAB_class"] = np.bytes_("cell")
+                continue
+            array = np.atleast_2d(values)
+            stored = file.create_dataset(name, data=array.T, chunks=True, compression="gzip")
+            stored.attrs["MATLAB_class"] = np.bytes_("double" if array.dtype == np.float64 else str(array.dtype))
+    content = path.read_bytes()
+    path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + content[128:])
+    return path
+
+
+def _cell(file, numbers: list[int]):
+    """A reference to a new array of these numbers."""
+    refs = file.require_group("#refs#")
+    stored = refs.create_dataset(str(len(refs)), data=np.array(numbers, float)[None] if numbers else np.zeros(2, "u8"))
+    stored.attrs["MATLAB_class"] = np.bytes_("double")
+    if not numbers:
+        stored.attrs["MATLAB_empty"] = np.uint8(1)
+    return stored.ref

@@ -76,6 +76,17 @@ def test_a_file_without_a_scan_is_one_pixel_and_a_cut_one_is_said_to_be(tmp_path
     assert "one pixel" in photons.notes[0] and photons.notes[1] == "cut off: 2 of 5 records are there"
 
 
+def test_the_fullest_data_set_of_an_sdt_file_is_read_unless_another_is_chosen(tmp_path):
+    pytest.importorskip("sdtfile")
+    path = files.sdt(tmp_path / "a.sdt", [CUBE, CUBE * 2], 120e-10)
+    photons = read(path, irf=IRF)
+    assert np.array_equal(counts_of(photons), CUBE * 2) and photons.sensor.bin_width_s == pytest.approx(1e-10)
+    assert photons.notes[0] == "photons of data set 1, which has the most, of 0, 1 (--channel)"
+    assert np.array_equal(counts_of(read(path, irf=IRF, channel=0)), CUBE)
+    with pytest.raises(InvalidInput, match="^a.sdt channel is 2: expected a data set of the file: 0, 1"):
+        read(path, channel=2)
+
+
 @pytest.mark.parametrize(("name", "array"), [("counts", CUBE), ("anything", np.asfortranarray(CUBE))])
 def test_npz_cubes_may_describe_their_sensor(tmp_path, name, array):
     described = {"irf": IRF, "bin_width_s": 1e-10, "fov_deg": 9.0}

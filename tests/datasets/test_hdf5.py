@@ -1,0 +1,117 @@
+"""HDF5, Photon-HDF5 and MATLAB 7.3 files, read with h5py in a child process."""
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+from scipy.sparse import csc_array
+
+from srt3d_ros.datasets import read
+from srt3d_ros.errors import InvalidInput
+from tests.datasets import laboratory_files as files
+from tests.datasets.test_mat import LISTS, cells
+
+h5py = pytest.importorskip("h5py")
+IRF = [1.0, 3.0, 1.0]
+CUBE = files.pulse_cube()
+
+
+def write(path, **arrays):
+    with h5py.File(path, "w") as file:
+        for name, values in arrays.items():
+            file[name] = values
+    return path
+
+
+def spot(toa, detectors=None, laser_hz=2e7) -> dict:
+    """The arrays of a group `photon_data`, in bins of 100 ps."""
+    specs = {"nanotimes_specs/tcspc_unit": 1e-10, "nanotimes_specs/tcspc_num_bins": 4096,
+             "measurement_specs/laser_repetition_rate": laser_hz}
+    return specs | {"nanotimes": np.array(toa, np.uint16), "timestamps": np.arange(len(toa)),
+                    "detectors": np.array(detectors or [0] * len(toa), np.uint8)}
+
+
+def photon_hdf5(path, **spots):
+    return write(path, **{f"{name}/{key}": value for name, one in spots.items() for key, value in one.items()})
+
+
+def test_the_only_cube_of_an_hdf5_file_is_read_from_any_group(tmp_path):
+    arrays = {"scan/hist": CUBE, "scan/mean": CUBE.mean(axis=2), "bin_width_s": 2e-10, "irf": IRF, "title": "a text"}
+    photons = read(write(tmp_path / "a.h5", **arrays), fov_deg=9)
+    expected = read(write(tmp_path / "b.hdf5", a=np.asfortranarray(CUBE.astype(">f8"))), irf=IRF, bin_width_s=2e-10)
+    assert photons.sensor.same_as(expected.sensor.replace(projection=photons.sensor.projection))
+    assert photons.notes == () and photons.photons == CUBE.sum()
+    np.testing.assert_array_equal(photons.frame.pixel, expected.frame.pixel)
+    np.testing.assert_array_equal(photons.frame.toa, expected.frame.toa)
+
+
+def test_a_spot_of_photon_hdf5_is_a_pixel_and_t_is_the_period_of_the_laser(tmp_path):
+    spots = {f"photon_data{k}": spot([10 * k, 10 * k + 1], [0, 1]) for k in range(11)}
+    path = photon_hdf5(tmp_path / "a.h5", **spots)
+    photons = read(path, irf=IRF)
+    assert (photons.sensor.rows, photons.sensor.cols, photons.sensor.num_bins) == (1, 11, 500)
+    assert photons.sensor.bin_width_s == 1e-10
+    assert photons.frame.pixel.tolist() == [k // 2 for k in range(22)]
+    assert photons.frame.toa.tolist() == [10 * (k // 2) + k % 2 for k in range(22)]
+    assert read(path, irf=IRF, channel=1, shape=(11, 1)).frame.toa.tolist() == [10 * k + 1 for k in range(11)]
+    for options, said in (({"channel": 7}, "channel is 7: expected a detector of photon_data0: 0, 1"),
+                          ({"shape": (2, 2)}, r"shape is \(2, 2\): expected rows × cols = 11, the spots")):
+        with pytest.raises(InvalidInput, match=f"^a.h5 {said}"):
+            read(path, irf=IRF, **options)
+
+
+def test_detectors_of_a_single_spot_are_the_pixels_of_a_sensor_with_as_many(tmp_path):
+    path = photon_hdf5(tmp_path / "a.h5", photon_data=spot([4, 5, 4095], [0, 5, 2], laser_hz=1e6))
+    photons = read(path, irf=IRF, shape=(2, 3))
+    assert (photons.frame.pixel.tolist(), photons.frame.toa.tolist()) == ([0, 5, 2], [4, 5, 4095])
+    assert read(path, irf=IRF).sensor.pixels == 1 and photons.sensor.num_bins == 4096
+
+
+SPARSE = csc_array(([2.0, 1, 1], ([1, 4, 4], [7, 9, 39])), (6, 40))
+@pytest.mark.parametrize("variables", [
+    {"h": CUBE, "irf": np.array(IRF), "bin_width_s": 1e-10}, {"photon_times": LISTS}, {"Ts": LISTS},
+    {"spad": SPARSE, "bin": np.arange(6.0).reshape(2, 3)},
+    {"Y": CUBE.reshape(48, 120).T.copy(), "DepthImage": np.ones((6, 8))},
+    {"row": [0, 1, 1], "col": [2, 0, 2], "toa": [5.0, 6, 9], "rows": 2, "cols": 3, "num_bins": 20}])
+def test_matlab_7_3_gives_what_matlab_5_does(tmp_path, variables):
+    arrays = {name: value if hasattr(value, "tocsc") or value is LISTS else np.atleast_1d(value)
+              for name, value in variables.items()}
+    files.matlab_7_3(tmp_path / "new.mat", **arrays)
+    savemat(tmp_path / "old.mat", {name: cells(value, float) if value is LISTS else value
+                                   for name, value in arrays.items()})
+    new, old = (read(tmp_path / name, irf=IRF, toa_offset_bins=1) for name in ("new.mat", "old.mat"))
+    assert new.sensor.same_as(old.sensor) and new.notes == old.notes and new.photons > 0
+    np.testing.assert_array_equal(new.frame.pixel, old.frame.pixel)
+    np.testing.assert_array_equal(new.frame.toa, old.frame.toa)
+    np.testing.assert_array_equal(new.reference_depth_bins, old.reference_depth_bins)
+
+
+def kept_elsewhere(path):
+    np.save(path.with_name("secret.npy"), CUBE)
+    with h5py.File(path, "w") as file:
+        file.create_dataset("a", CUBE.shape, np.uint16, external=[(path.with_name("secret.npy"), 128, CUBE.nbytes)])
+
+
+def huge(path):
+    with h5py.File(path, "w") as file:
+        file.create_dataset("a", (2**16, 2**16, 2**10), np.uint16, chunks=(8, 8, 8))
+
+
+def cut_off(path):
+    write(path, a=CUBE)
+    path.write_bytes(path.read_bytes()[:3000])
+
+
+@pytest.mark.parametrize(("name", "make", "said"), [
+    ("a.h5", kept_elsewhere, "a.h5 is unreadable .ValueError: a keeps its numbers in another file"),
+    ("a.h5", huge, "a.h5: The arrays take more than .* bytes"),
+    ("a.h5", cut_off, r"a.h5 is unreadable \(OSError: truncated file\): expected a complete HDF5 file"),
+    ("a.mat", lambda path: path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(900)),
+     r"a.mat is unreadable \(OSError: file signature not found\): expected a complete MATLAB .mat file"),
+    ("a.h5", lambda path: write(path, x=np.ones((3, 4)), **{"b/c": np.ones(5)}, n=7),
+     r"a.h5: The file needs Photon-HDF5.* --columns.* It has b/c \(5 float64\), n \(int64\), x \(3×4 float64\)\."),
+    ("a.h5", lambda path: write(path, photon_data=np.ones(5)), "a.h5: The file needs Photon-HDF5")])
+def test_what_cannot_be_read_is_one_line(tmp_path, name, make, said):
+    make(tmp_path / name)
+    with pytest.raises(InvalidInput, match=f"^{said}") as refused:
+        read(tmp_path / name, irf=IRF)
+    assert str(refused.value).isprintable()
