@@ -1,5 +1,6 @@
 """Read a file with SciPy, h5py or sdtfile in a process of its own: a damaged file may end it or fill its memory."""
 
+import builtins
 import json
 import os
 import subprocess
@@ -12,7 +13,7 @@ import numpy as np
 
 from srt3d_ros.datasets.values import listing
 from srt3d_ros.errors import require
-from srt3d_ros.files.array_files import MAX_ARRAY_BYTES
+from srt3d_ros.files.array_files import MAX_ARRAY_BYTES, READER_ERRORS
 from srt3d_ros.processes.children import ending
 
 FOLDER = Path(__file__).parent
@@ -46,7 +47,10 @@ def arrays_of(path: Path, library: str, names: tuple[str, ...], expected: str) -
         why = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
         require("MemoryError" not in why, "", problem=f"The arrays take more than {MAX_ARRAY_BYTES} bytes. Save "
                 "counts as uint8 or uint16, or as .npy, which may be larger than memory.")
-        if done.returncode < 0:
+        kind = getattr(builtins, why.partition(":")[0], None)
+        if isinstance(kind, type) and issubclass(kind, READER_ERRORS):
+            why = "its reader failed"
+        elif done.returncode < 0:
             why = f"its reader {ending(done)}"
         require(done.returncode == 0, "", f"unreadable ({why})", expected)
         content = json.loads(done.stdout)

@@ -1,0 +1,93 @@
+"""Photons as arrays of row, col and ToA, and counts with other axes: the same from every kind of file."""
+
+import warnings
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from srt3d_ros import from_counts
+from srt3d_ros.datasets import read
+from srt3d_ros.errors import InvalidInput
+from tests.datasets import laboratory_files as files
+
+CUBE = files.pulse_cube()
+IRF = [0.1, 0.25, 0.3, 0.25, 0.1]
+ROW, COL, TOA = [0, 2, 1, 2], [3, 0, 1, 3], [5, 49, 0, 7]
+SIZES = {"rows": 3, "cols": 4, "num_bins": 50}
+
+
+def write(path, arrays: dict):
+    """A file of the kind that the suffix says."""
+    if path.suffix == ".h5":
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(path, "w") as file:
+            for name, values in arrays.items():
+                file[name] = values
+    elif path.suffix == ".npy":
+        np.save(path, next(iter(arrays.values())))
+    elif path.suffix == ".mat":
+        savemat(path, arrays)
+    else:
+        np.savez(path, **arrays)
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".h5", ".mat"])
+def test_rows_columns_and_times_are_read_by_their_names_or_by_those_given(tmp_path, suffix):
+    own = write(tmp_path / f"own{suffix}", {"row": ROW, "col": COL, "toa": TOA, "irf": IRF} | SIZES)
+    photons = read(own)
+    assert photons.frame.pixel.tolist() == [3, 8, 5, 11] and photons.frame.toa.tolist() == TOA
+    assert photons.sensor.pixels == 12 and np.allclose(photons.sensor.irf, IRF)
+    other = write(tmp_path / f"other{suffix}", {"x": COL, "y": np.float64(ROW), "t": TOA, "toa": [1, 2], "more": CUBE})
+    for columns in ("y,x,t", ["y", "x", "t"]):
+        named = read(other, columns=columns, irf=IRF, shape=(3, 4), num_bins=50)
+        assert named.sensor.same_as(photons.sensor)
+        np.testing.assert_array_equal(named.frame.pixel, photons.frame.pixel)
+        np.testing.assert_array_equal(named.frame.toa, photons.frame.toa)
+
+
+@pytest.mark.parametrize(("arrays", "options", "said"), [
+    ({"t": TOA, "hits": np.ones((2, 4), np.int8)}, {},
+     r"The file needs one numeric array.*--columns ROW,COL,TOA, or srt3d_ros.from_events.*"
+     r"It has t \(4 int64\), hits \(2×4 int8\)\."),
+    ({"row": ROW, "col": COL, "toa": TOA}, {"rows": 3, "cols": 4}, r"The file has no num_bins: give .* It has row \(4 "),
+    ({"row": ROW, "toa": TOA}, SIZES, r"The file has no col\. It needs .*It has row \(4 int64\), toa"),
+    ({"a": ROW, "b": [{}]}, SIZES | {"columns": "a,x,c"}, r"The file has no x\. .* It has a \(4 .*, b \(unreadable\)"),
+    ({"row": ROW, "col": COL, "toa": TOA[:2]} | SIZES, {}, "row, col and toa shapes is"),
+    ({"row": [0, 1, 2, 3], "col": COL, "toa": TOA} | SIZES, {}, "row is 3: expected 0 to below 3")])
+def test_what_is_missing_is_named_and_what_is_there_listed(tmp_path, arrays, options, said):
+    np.savez(tmp_path / "a.npz", **{name: np.array(values) for name, values in arrays.items()})
+    with pytest.raises(InvalidInput, match=f"^a.npz:? {said}"):
+        read(tmp_path / "a.npz", irf=IRF, **options)
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".npz", ".h5", ".mat", "array"])
+def test_axes_say_where_rows_columns_and_bins_are(tmp_path, suffix):
+    turned = np.ascontiguousarray(CUBE.transpose(2, 1, 0))
+    given = {"irf": IRF, "bin_width_s": 1e-10, "fov_deg": 20}
+    for axes in ("bins,cols,rows", ("bins", "cols", "rows")):
+        photons = (from_counts(turned, axes=axes, **given) if suffix == "array" else
+                   read(write(tmp_path / f"a{suffix}", {"counts": turned}), axes=axes, **given))
+        assert (photons.sensor.rows, photons.sensor.cols, photons.sensor.num_bins) == CUBE.shape
+        assert photons.notes == ()
+        sums = photons.sketch(frequencies=(1, 5)).sums.reshape(6, 8, 2)
+        np.testing.assert_allclose(sums, from_counts(CUBE, **given).sketch(frequencies=(1, 5)).sums.reshape(6, 8, 2),
+                                   atol=2e-3)
+
+
+@pytest.mark.parametrize(("options", "said"), [
+    ({"axes": "bins,rows"}, "axes is .*: expected rows, cols and bins in the order of the array"),
+    ({"axes": ("bins", "rows", "rows")}, "axes is .*: expected rows, cols and bins"), ({"axes": 3}, "axes is 3: "),
+    ({"columns": "a,b"}, "columns is .*: expected the arrays of row, col and ToA"), ({"columns": [1, 2, 3]}, "columns"),
+    ({"columns": "a,b,c"}, "Only .npz, HDF5 and .mat files"), ({"channel": 1}, "Only .ptu, .sdt and Photon-HDF5")])
+def test_options_for_other_files_are_refused(tmp_path, options, said):
+    with pytest.raises(InvalidInput, match=f"^{said}"):
+        from_counts(CUBE, irf=IRF, **options)
+
+
+def test_counts_of_half_precision_are_read_without_a_warning(tmp_path):
+    np.save(tmp_path / "a.npy", CUBE.astype(np.float16))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert read(tmp_path / "a.npy", irf=IRF).photons == CUBE.sum()
