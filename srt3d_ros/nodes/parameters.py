@@ -56,7 +56,7 @@ class Parameter:
     def check(self, value: Value) -> Value:
         """The value in the parameter's type, or InvalidInput. Numbers are accepted for texts.
 
-        For numbers, integers and texts such as 1e-4 are accepted: YAML reads `ros2 param set` so.
+        For a number, an integer or a text is accepted: `ros2 param set` sends 5 as an integer and 1e-4 as a text.
         """
         kind = type(self.default)
         if self.loose and value is False:
