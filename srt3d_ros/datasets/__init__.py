@@ -47,6 +47,7 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
     with file_errors("photon file", path, "read"):
         options = gathered(options, sensor)
         if path.suffix.lower() not in FILE_READERS:
+            require(is_bag(path) or path.exists(), "photon file", problem=f"{path}: no such file.")
             require(is_bag(path), "photon file", str(path), f"a file that ends in {', '.join(FILE_READERS)}, or a bag")
             return read_frame(path, frame, options, photons_topic)
         require(not photons_topic, "photons_topic", problem="Only bags have topics.")

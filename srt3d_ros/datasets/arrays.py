@@ -120,7 +120,7 @@ def complete(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, option
     """
     if isinstance(frame, PhotonHistograms) and not frame.photons and frame.counts.size:
         low, high = frame.counts.min(), frame.counts.max()
-        require(high > 0 or low == 0, "counts", problem="No count is above 0: give -counts if the signal is inverted.")
+        require(high > 0 or low == 0, "counts", problem="No count is above 0. If the signal is inverted, negate it.")
         if low < 0:
             notes += ("negative counts outweigh the positive ones: was too much background subtracted?",)
     if "irf" not in options:

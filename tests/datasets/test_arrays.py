@@ -157,7 +157,7 @@ def test_a_mistake_is_one_line_that_names_it(changes, said):
 
 @pytest.mark.parametrize(("values", "changes", "said"), [
     (np.ones((3, 4)), {}, r"counts is float64 \(3, 4\): expected numbers \[rows, cols, bins\]"),
-    (-cube(np.int32), {}, "No count is above 0: give -counts"),
+    (-cube(np.int32), {}, "No count is above 0. If the signal is inverted, negate it"),
     (np.full((3, 4, 50), np.nan), {}, "counts is nan: expected "),
     (np.full((3, 4, 50), 2**40), {}, "counts is 1099511627776: expected 32-bit numbers"),
     (np.ones((3, 4, 50)), {"num_bins": 60}, r"counts shape is \(3, 4, 50\): expected .* = \(3, 4, 60\)"),
