@@ -1,17 +1,20 @@
-"""`srt3d node NAME`: run a node in this process; `srt3d play`: run the player with ordinary options.
+"""`srt3d node NAME`: run a node in this process; `srt3d play`: play a bag, or run the player with ordinary options.
 
 The executables in lib/srt3d_ros, which `ros2 run` starts, call `srt3d node`.
 """
 
 import argparse
 import importlib
+import math
 import os
 import signal
 import sys
 
+from srt3d_ros.errors import require
 from srt3d_ros.processes.node_command import NODES, PLAYER, namespace_arguments, parameter_arguments
 
-NO_PARAMETERS = ("run", "namespace", "ros_args")       # all other options are parameters of the player
+NO_PARAMETERS = ("run", "namespace", "ros_args")
+BAG_OPTIONS = ("rate", "loop")      # all others are parameters of the player
 
 
 def add_parser(subparsers) -> None:
@@ -26,10 +29,13 @@ def add_parser(subparsers) -> None:
     node.set_defaults(run=lambda args: node.parse_args(["-h"]) if args.ros_args[:1] in (["-h"], ["--help"])
                       else start(args.name, args.ros_args))
     parser = subparsers.add_parser(
-        "play", help="publish photons over ROS 2, from a photon file or the simulator",
+        "play", help="publish photons over ROS 2, from a photon file, a bag or the simulator",
         description="Publish the photons of a file again and again, or those of the simulator's moving scene, as a "
-                    "sensor's driver does. Defaults: those of the player node.")
-    parser.add_argument("input", metavar="INPUT", help="photon file (docs/photon-file.md), or: simulator")
+                    "sensor's driver does. Defaults: those of the player node. Of a bag, publish what the nodes of "
+                    "this package read (docs/bags.md).")
+    parser.add_argument("input", metavar="INPUT", help="photon file (docs/photon-file.md), bag, or: simulator")
+    parser.add_argument("--rate", type=float, metavar="X", help="bag: X times as fast as recorded (default: 1)")
+    parser.add_argument("--loop", action="store_true", default=None, help="bag: begin again at its end")
     parser.add_argument("--frames", type=int, metavar="N", help="stop after this number of frames")
     parser.add_argument("--sensor-file", metavar="FILE", help="sensor description, for a photon file without a "
                         "complete one: JSON as on `sensor`, or another photon file")
@@ -43,19 +49,29 @@ def add_parser(subparsers) -> None:
 
 
 def _play(args: argparse.Namespace) -> int:
+    from srt3d_ros.datasets.bags.bag import is_bag
+
     given = {key: value for key, value in vars(args).items() if value is not None and key not in NO_PARAMETERS}
     namespace = namespace_arguments(args.namespace) if args.namespace else []
-    return start(PLAYER, [*parameter_arguments(given), *namespace, *args.ros_args])
+    bag = is_bag(args.input)
+    others = "photon files and the simulator" if bag else "bags"
+    for name in sorted(given.keys() - {"input"}):
+        require((name in BAG_OPTIONS) == bag, "play", problem=f"--{name.replace('_', '-')} is for {others}, "
+                f"and {args.input} is {'a' if bag else 'no'} bag.")
+    if not bag:
+        return start(PLAYER, [*parameter_arguments(given), *namespace, *args.ros_args])
+    require(0 < given.get("rate", 1) < math.inf, "--rate", args.rate, "a number above 0")
+    return start("bag_player", ["--ros-args", *namespace, *args.ros_args], given.pop("input"), **given)
 
 
-def start(name: str, ros_args: list[str]) -> int:
-    """Run a node in this process until it ends; returns its exit code."""
+def start(name: str, ros_args: list[str], *arguments, **options) -> int:
+    """Call `main` of a node's module in this process, and return the exit code that it returns."""
     exit_at_once_on_signals()
     # Read when NumPy is loaded. Threads of OpenBLAS wait for each other busily: with two, a matrix product took four
     # fifths of the time alone, but up to 12 times the CPU time next to other processes.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.argv = [name, *ros_args]
-    return importlib.import_module(f"srt3d_ros.nodes.{name}").main()
+    return importlib.import_module(f"srt3d_ros.nodes.{name}").main(*arguments, **options)
 
 
 def exit_at_once_on_signals() -> None:

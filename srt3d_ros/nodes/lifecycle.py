@@ -14,6 +14,7 @@ from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
@@ -227,7 +228,7 @@ def run(node_class: type[ManagedNode]) -> int:
     transport.prepare_process()
     node, stop = None, threading.Event()
     try:
-        node = _make(node_class)
+        node = make_node(node_class)
         LogForwarding(node.get_logger())
         _start(node, stop.set)
         executor = SingleThreadedExecutor()
@@ -252,14 +253,14 @@ def run(node_class: type[ManagedNode]) -> int:
     return node.exit_code
 
 
-def _make(node_class: type[ManagedNode]) -> ManagedNode:
-    """Create the node; InvalidInput if ROS 2 rejects the command line or the environment."""
+def make_node(create: Callable[[], Node]) -> Node:
+    """Start ROS 2 with `sys.argv` and create the node; InvalidInput if it rejects command line or environment."""
     try:
         unused = " ".join(remove_ros_args(sys.argv)[1:])
         require(not unused, "command line", problem=f"{unused}: put --ros-args before arguments for ROS 2, as in "
                 "--ros-args -p name:=value.")
         rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-        return node_class()
+        return create()
     except RuntimeError as error:       # of rcl
         raise InvalidInput("command line", problem=f"ROS 2 cannot start the node: {error}") from None
 

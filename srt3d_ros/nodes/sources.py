@@ -66,7 +66,7 @@ class Source(NamedTuple):
 def open_source(parameters: Mapping) -> Source:
     """The source for the player's parameters; InvalidInput if it cannot be played."""
     path, sensor_file = parameters["input"], parameters["sensor_file"]
-    require(not is_bag(path), "input", problem=f"input {path} is a bag: play it with `ros2 bag play`.")
+    require(not is_bag(path), "input", problem=f"input {path} is a bag: play it with `ros2 bag play` or `srt3d play`.")
     require(path != SIMULATOR or not sensor_file, "sensor_file",
             problem=f"sensor_file {sensor_file}: the simulator has a sensor of its own; set input to a photon file.")
     rate_hz, frames = parameters["rate_hz"], parameters["frames"]

@@ -26,5 +26,18 @@ def test_options_become_parameters(monkeypatch, srt3d, command, expected):
     assert seen == expected
 
 
+def test_a_bag_is_played_with_its_own_options(monkeypatch, srt3d, refusal):
+    seen = []
+    monkeypatch.setitem(sys.modules, "srt3d_ros.nodes.bag_player", SimpleNamespace(
+        main=lambda *given, **options: seen.extend((*given, options, *sys.argv[1:])) or 0))
+    monkeypatch.setattr(sys, "argv", ["srt3d"])
+    assert srt3d("play", "rec.mcap", "--rate", "2", "--loop", "--namespace", "front")[0] == 0
+    assert seen == ["rec.mcap", {"rate": 2.0, "loop": True}, "--ros-args", "-r", "__ns:=/front"]
+    for arguments, line in ((("rec.db3", "--rate-hz", "5"), "--rate-hz is for photon files and the simulator, and rec"),
+                            (("a.npz", "--loop"), "--loop is for bags, and a.npz is no bag"),
+                            (("rec.mcap", "--rate", "0"), "--rate is 0.0: expected a number above 0")):
+        assert refusal("play", *arguments).startswith(line)
+
+
 def test_a_namespace_is_checked(refusal):
     assert refusal("play", "simulator", "--namespace", "a-b").startswith("--namespace is a-b: expected names")
