@@ -39,8 +39,6 @@ class CutMcap(AbstractContextManager):
     Messages come in the order of recording. `start_time` is the smallest time of a message in nanoseconds.
     """
 
-    storage = None
-
     def __init__(self, path: Path):
         self._path = path
         counts, self.start_time = Counter(), 2**63 - 1
