@@ -178,7 +178,10 @@ def in_order(counts: np.ndarray, options: dict) -> tuple[np.ndarray, dict, tuple
     """Counts [rows, cols, bins] by the option `axes`, the other options, and a note if they may need `axes`."""
     others = {name: value for name, value in options.items() if name != "axes"}
     if "axes" not in options or counts.ndim != 3:
-        return counts, others, few_bins_note(counts.shape)
+        notes = few_bins_note(counts.shape)
+        fits = not notes or "irf" not in options or options["irf"].shape[-1] <= counts.shape[2]
+        require(fits, "axes", problem=f"The IRF is longer than the period: {''.join(notes)}.")
+        return counts, others, notes
     return counts.transpose([options["axes"].index(name) for name in AXES]), others, ()
 
 

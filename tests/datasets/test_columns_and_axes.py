@@ -51,7 +51,7 @@ def test_rows_columns_and_times_are_read_by_their_names_or_by_those_given(tmp_pa
     ({"t": TOA, "hits": np.ones((2, 4), np.int8)}, {},
      r"The file needs one numeric array.*--columns ROW,COL,TOA, or srt3d_ros.from_events.*"
      r"It has t \(4 int64\), hits \(2×4 int8\)\."),
-    ({"row": ROW, "col": COL, "toa": TOA}, {"rows": 3, "cols": 4}, r"The file has no num_bins: give .* It has row \(4 "),
+    ({"row": ROW, "col": COL, "toa": TOA}, {"rows": 3, "cols": 4}, r"The file has no num_bins: .* It has row \(4 "),
     ({"row": ROW, "toa": TOA}, SIZES, r"The file has no col\. It needs .*It has row \(4 int64\), toa"),
     ({"a": ROW, "b": [{}]}, SIZES | {"columns": "a,x,c"}, r"The file has no x\. .* It has a \(4 .*, b \(unreadable\)"),
     ({"row": ROW, "col": COL, "toa": TOA[:2]} | SIZES, {}, "row, col and toa shapes is"),
@@ -74,6 +74,11 @@ def test_axes_say_where_rows_columns_and_bins_are(tmp_path, suffix):
         sums = photons.sketch(frequencies=(1, 5)).sums.reshape(6, 8, 2)
         np.testing.assert_allclose(sums, from_counts(CUBE, **given).sketch(frequencies=(1, 5)).sums.reshape(6, 8, 2),
                                    atol=2e-3)
+
+
+def test_an_irf_that_is_too_long_for_turned_counts_names_axes():
+    with pytest.raises(InvalidInput, match=r"^The IRF is longer than the period: 120 × 8 × 6 taken for .*\(--axes\)\.$"):
+        from_counts(CUBE.transpose(2, 1, 0), irf=np.ones(7))
 
 
 @pytest.mark.parametrize(("options", "said"), [
