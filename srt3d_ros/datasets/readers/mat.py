@@ -65,7 +65,7 @@ def read(path: Path, options: dict) -> Photons:
         return (_of_counts if layout.reference else _of_cells)(path, layout, found, options)
 
 
-def variables(path: Path, names: tuple[str, ...]) -> tuple[dict[str, np.ndarray], str]:
+def variables(path: Path, names: tuple[str, ...] = VARIABLES) -> tuple[dict[str, np.ndarray], str]:
     """`isolated.arrays_of` with SciPy, or with h5py if the file is HDF5: MATLAB 7.3."""
     with path.open("rb") as file:
         begin = file.read(len(MATLAB_7_3))
