@@ -21,7 +21,8 @@ def add_parser(subparsers) -> None:
         epilog="Methods. " + " ".join(f"{method.name}: {method.about}." for method in METHODS.values())
                + " Details: docs/algorithm.md.")
     parser.add_argument("-o", "--output", "--out", metavar="OUT", required=True,
-                        help="cloud file: .npz (everything), .ply, .rrd (for rerun); or a picture of it: .png, .jpg")
+                        help="cloud file: .npz (everything), .ply, .rrd (for rerun); or a picture of it: .png, .jpg; "
+                             "with --frames, a folder")
     parser.add_argument("--sketch-size", type=int, metavar="M",
                         help=f"complex numbers per pixel (default: {DEFAULT_SKETCH_SIZE})")
     parser.add_argument("--frequencies", metavar="auto|consecutive|k1,k2,…",
@@ -41,6 +42,14 @@ def add_parser(subparsers) -> None:
     parser.add_argument("--gate", default=OFF, metavar="FIRST-LAST|auto|off",
                         help="use only the photons in bins FIRST to LAST, or where the histogram of all photons "
                              "shows a scene (auto); T becomes the number of these bins (default: off)")
+    many = parser.add_argument_group("many frames")
+    many.add_argument("--frames", metavar="all|FIRST-LAST",
+                      help="reconstruct each of these frames of a bag or log into a file of its own in the folder OUT; "
+                           "keep the files that are there, so that the command goes on where it stopped")
+    many.add_argument("--format", default="npz", metavar="SUFFIX", help="suffix of these files (default: npz)")
+    many.add_argument("--jobs", type=int, metavar="N", help="processes, which share the cores (default: one per core)")
+    many.add_argument("--dask", default="", metavar="ADDRESS",
+                      help="compute on the workers of a Dask scheduler such as tcp://HOST:8786")
     common.add_json(parser)
     common.add_photon_file(parser)
     parser.set_defaults(run=run)
@@ -48,12 +57,15 @@ def add_parser(subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from srt3d_ros import api
+    from srt3d_ros.cli import frames
     from srt3d_ros.datasets import cloud_files
     from srt3d_ros.files.new_files import check_not_input
 
+    options = common.given(args, METHOD_OPTIONS) | {"gate": args.gate if args.gate == AUTO else OFF}
+    if args.frames is not None:
+        return frames.run(args, options)
     check_not_input(args.output, args.input, args.irf, args.sensor_file)
     cloud_files.check(args.output)
-    options = common.given(args, METHOD_OPTIONS) | {"gate": args.gate if args.gate == AUTO else OFF}
     seen = api.read(args.input, args.frame, photons_topic=args.photons_topic, **common.overrides(args))
     cloud = api.reconstruct(seen, **options)
     cloud.save(args.output)

@@ -21,8 +21,9 @@ from srt3d_ros.messages import sensor_message
 __all__ = ["SIMULATOR", "Photons", "open_sensor", "read", "read_photons"]
 
 SIMULATOR = "simulator"     # in place of a path
-# Modules by suffix. `read(path, options)` gives Photons, `frames(path, options)` several; options as from
-# options.gathered, with `guess_irf`. They raise InvalidInput, naming the file and what in it cannot be used.
+# Modules by suffix. `read(path, options)` gives Photons, `frames(path, options)` a function for each frame that gives
+# them; options as from options.gathered, with `guess_irf`. They raise InvalidInput, naming the file and what in it
+# cannot be used.
 FILE_READERS = {".npz": ".photon_file", ".mat": ".readers.mat", ".ptu": ".readers.ptu", ".npy": ".readers.cubes",
                 ".h5": ".readers.hdf5", ".hdf5": ".readers.hdf5", ".hdf": ".readers.hdf5", ".sdt": ".readers.sdt",
                 ".json": ".readers.tmf8829", ".gz": ".readers.tmf8829"}
@@ -73,7 +74,7 @@ def _of_file(path: Path, frame: int, options: dict) -> Photons | Sketch | Cloud:
     count = 0
     for count, found in enumerate(module.frames(path, options), start=1):
         if count > frame:
-            return found
+            return found()
     raise InvalidInput("frame", problem=f"{path.name} has no frame {frame} (it has {count}).")
 
 

@@ -52,13 +52,18 @@ def check(path: str | Path) -> Path:
     """The path; InvalidInput if a cloud cannot be saved there, as far as is known before writing."""
     require(isinstance(path, str | Path), "output", type(path).__name__, "a path")
     path = Path(path)
+    check_format(path)
+    check_place(path)
+    check_replaceable(path, "xyz")
+    return path
+
+
+def check_format(path: Path) -> None:
+    """Raise InvalidInput for a suffix of no cloud, or whose package is missing."""
     require(path.suffix.lower() in _WRITERS, "output", str(path), f"a file name that ends in {', '.join(_WRITERS)}")
     package, extra = _NEEDED.get(path.suffix.lower(), (None, None))
     require(package is None or find_spec(package) is not None, "output",
             problem=f"Cannot write {path.name}: {package} is missing (pip install '.[{extra}]' in the clone).")
-    check_place(path)
-    check_replaceable(path, "xyz")
-    return path
 
 
 def _save_npz(cloud: Cloud, path: Path) -> None:

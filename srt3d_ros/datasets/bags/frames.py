@@ -1,8 +1,10 @@
 """Find the topics of photons or sketches in a bag, and read single frames."""
 
 import re
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from srt3d_ros.core.sketching.photon_frame import PhotonGates
@@ -60,34 +62,80 @@ def find_photons(bag: Bag, photons_topic: str = "") -> PhotonTopics:
 
 
 def read_frame(path: str | Path, number: int, options: dict, photons_topic: str = "") -> Photons | Sketch:
-    """Photons or sketch in message `number` of a bag's topic.
+    """Photons or sketch in message `number` of a bag's topic; arguments and errors as for `frames`."""
+    with closing(frames(path, (number,), options, photons_topic)) as found:
+        return next(found)[1]()
 
-    Photons use the last description of the sensor before them, or the first one of the bag; a sketch the one it names.
-    `options` (options.gathered) override the bag, or describe the sensor of a bag without a description.
-    InvalidInput if there is no such frame or sensor.
+
+def frames(path: str | Path, numbers: Sequence[int], options: dict, photons_topic: str = ""
+           ) -> Iterator[tuple[int, Callable[[], Photons | Sketch]]]:
+    """Yield each number, and a function that gives the photons or sketch in that message of a bag's topic.
+
+    The functions can be pickled. The bag is read once.
+
+    Args:
+        numbers: of messages on the topic, ascending.
+        options: from options.gathered; they override the bag, or describe the sensor of a bag without a description.
+
+    Raises:
+        InvalidInput: there is no such frame or sensor; from a function, its message cannot be used.
     """
     with Bag(path) as bag:
         topics = find_photons(bag, photons_topic)
         most = topics.frames.messages - 1
-        require(0 <= number <= most, "frame", number,
-                "; ".join([f"0 to {most}, the messages on {topics.frames.name}", *bag.notes]))
-        raw, description = _frame(bag, topics, number)
-        name, notes = f"{bag.path.stem}_{number}", bag.notes
-        if description is None:
-            require({"rows", "cols", "num_bins"} <= options.keys(), "bag", problem=f"bag {bag.path.name} has no "
-                    f"description of the sensor beside {topics.frames.name}: give a file with one (--sensor-file, in "
-                    f"Python sensor=), or rows, cols and num_bins. It has {bag.content()}.")
-            return _with_given_sensor(topics.output, raw, options, name, notes)
-        if topics.output == "sketch":
-            description = _named(bag, topics.sensor, sketch_message.description_of(cdr.read_cloud(raw)), number)
-    sensor = sensor_message.decode_cdr(description)
-    if topics.output == "sketch":
-        found = sketch_message.decode_cdr(raw, sensor)[1]
+        for number in (numbers[0], numbers[-1]):
+            require(0 <= number <= most, "frame", number,
+                    "; ".join([f"0 to {most}, the messages on {topics.frames.name}", *bag.notes]))
+        sensors = () if topics.sensor is None else (topics.sensor,)
+        descriptions = _descriptions(bag, sensors, topics.output)
+        described = bool(descriptions) or {"rows", "cols", "num_bins"} <= options.keys()
+        require(described, "bag", problem=f"bag {bag.path.name} has no description of the sensor beside "
+                f"{topics.frames.name}: give a file with one (--sensor-file, in Python sensor=), or rows, cols and "
+                f"num_bins. It has {bag.content()}.")
+        left, count = iter(numbers), 0
+        number = next(left)
+        for topic, raw in bag.messages((topics.frames, *sensors)):
+            if topic != topics.frames.name:
+                if topics.output != "sketch":
+                    descriptions = {"": raw}
+                continue
+            if count == number:
+                name = f"{bag.path.stem}_{number}"
+                yield number, partial(_decoded, topics.output, raw, descriptions, options, name, bag.notes)
+                number = next(left, None)
+                if number is None:
+                    return
+            count += 1
+    raise InvalidInput("bag", problem=f"bag {bag.path.name} has fewer messages than it states.")
+
+
+def _descriptions(bag: Bag, sensors: tuple[BagTopic, ...], kind: str) -> dict[str, bytes]:
+    """The descriptions of sketches by their digests; of photons the first one, by ""."""
+    found = {}
+    for _, raw in bag.messages(sensors):
+        if kind != "sketch":
+            return {"": raw}
+        with suppress(InvalidInput):        # a sketch that needs it says that it is missing
+            found[sensor_message.digest(cdr.read_text(raw))] = raw
+    return found
+
+
+def _decoded(kind: str, raw: bytes, descriptions: dict[str, bytes], options: dict, name: str, notes: tuple[str, ...]
+             ) -> Photons | Sketch:
+    """The photons or sketch in a message: a sketch of the sensor that it names, photons of that before them."""
+    if not descriptions:
+        return _with_given_sensor(kind, raw, options, name, notes)
+    if kind == "sketch":
+        digest = sketch_message.description_of(cdr.read_cloud(raw))
+        require(digest in descriptions, "sketch/sensor",
+                problem=f"Frame {name.rpartition('_')[2]} needs the description sensor_{digest}, which is missing.")
+        found = sketch_message.decode_cdr(raw, sensor_message.decode_cdr(descriptions[digest]))[1]
         return sketch_with_options(replace(found, notes=notes), options)
-    photons = CODECS[topics.output].decode_cdr(raw, sensor)[1]
+    sensor = sensor_message.decode_cdr(descriptions[""])
+    photons = CODECS[kind].decode_cdr(raw, sensor)[1]
     if isinstance(photons, PhotonGates):
         sensor, photons = photons.counted(sensor), photons.to_events(sensor)
-    if "projection" not in json_text.parse(cdr.read_text(description), "sensor"):
+    if "projection" not in json_text.parse(cdr.read_text(descriptions[""]), "sensor"):
         notes += (ASSUMED_FOV,)
     return Photons(sensor, photons, None, name, notes).with_options(options)
 
@@ -101,29 +149,6 @@ def _with_given_sensor(kind: str, raw: bytes, options: dict, name: str, notes: t
     sensor, frame, own = arrays.from_frame(CODECS[kind].decode_cdr(raw, sensor)[1], options)
     photons = Photons(sensor, frame, None, name, notes + own)
     return photons.gated(*options["gate"]) if "gate" in options else photons
-
-
-def _frame(bag: Bag, topics: PhotonTopics, number: int) -> tuple[bytes, bytes | None]:
-    """Message `number` of the frames, and the description before it, if the bag has one."""
-    sensors = () if topics.sensor is None else (topics.sensor,)
-    described = next((raw for _, raw in bag.messages(sensors)), None)
-    for topic, raw in bag.messages((topics.frames, *sensors)):
-        if topic != topics.frames.name:
-            described = raw
-        elif number == 0:
-            return raw, described
-        else:
-            number -= 1
-    raise InvalidInput("bag", problem=f"bag {bag.path.name} has fewer messages than it states.")
-
-
-def _named(bag: Bag, topic: BagTopic, digest: str, number: int) -> bytes:
-    """The description with this digest."""
-    for _, raw in bag.messages((topic,)):
-        if sensor_message.digest(cdr.read_text(raw)) == digest:
-            return raw
-    raise InvalidInput("sketch/sensor",
-                       problem=f"Frame {number} needs the description sensor_{digest}, which is missing.")
 
 
 def _content(bag: Bag, topic: BagTopic) -> str:

@@ -10,8 +10,9 @@ without a device: the other modes, and the reference pulse where bins are narrow
 import gzip
 import json
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -34,18 +35,22 @@ TICK_NS = 1000              # of the device's clock: 26 frames of 33 ms agree
 LOG_LIMITS = {"bytes": 3 * 2**26, "values": 2**23, "lists and objects": 2**20}
 
 
-def frames(path: Path, options: dict) -> Iterator[Photons]:
-    """Yield the frames of a log, stamped by the device's clock; `options` override the log."""
+def frames(path: Path, options: dict) -> Iterator[Callable[[], Photons]]:
+    """Yield functions that give the frames of a log, stamped by the device's clock; `options` override the log."""
     sets, configuration = _read(path)
     for k, frame in enumerate(sets):
-        name = f"{path.name} frame {k}"
-        try:
-            photons = _of_log(frame, configuration, name)
-        except InvalidInput:
-            raise
-        except (LookupError, TypeError, AttributeError, ArithmeticError, ValueError) as error:
-            raise InvalidInput(name, problem=f"{name} has no valid mp_histo and ref_histo ({error}).") from None
-        yield replace(photons, name=path.stem).with_options(options)
+        yield partial(_photons, frame, configuration, path, k, options)
+
+
+def _photons(frame: dict, configuration: dict, path: Path, number: int, options: dict) -> Photons:
+    name = f"{path.name} frame {number}"
+    try:
+        photons = _of_log(frame, configuration, name)
+    except InvalidInput:
+        raise
+    except (LookupError, TypeError, AttributeError, ArithmeticError, ValueError) as error:
+        raise InvalidInput(name, problem=f"{name} has no valid mp_histo and ref_histo ({error}).") from None
+    return replace(photons, name=path.stem).with_options(options)
 
 
 def _read(path: Path) -> tuple[list, dict]:

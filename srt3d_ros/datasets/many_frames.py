@@ -1,0 +1,57 @@
+"""Many frames of a bag or a log: how many there are, and a function for each that reads it, in one pass."""
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from srt3d_ros.core.cloud import Cloud
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.datasets import FILE_READERS, SIMULATOR, read
+from srt3d_ros.datasets.bags.bag import Bag, is_bag
+from srt3d_ros.datasets.bags import frames
+from srt3d_ros.datasets.options import gathered
+from srt3d_ros.datasets.photons import Photons
+from srt3d_ros.files.array_files import require_file
+
+
+def count(path: str | Path, photons_topic: str = "") -> int | None:
+    """The number of frames of a file, bag or log; None for the simulator, which has no end.
+
+    Raises:
+        InvalidInput: it cannot be read.
+    """
+    if str(path) == SIMULATOR:
+        return None
+    if is_bag(path):
+        with Bag(path) as bag:
+            return frames.find_photons(bag, photons_topic).frames.messages
+    require_file(Path(path), "photon file")
+    log = _log(path)
+    return 1 if log is None else sum(1 for _ in log.frames(Path(path), {}))
+
+
+def loaders(path: str | Path, numbers: Sequence[int], photons_topic: str = "", *, sensor: SensorModel | None = None,
+            **options: Any) -> Iterator[tuple[int, Callable[[], Photons | Sketch | Cloud]]]:
+    """Yield each of the numbers, which ascend, and a function that gives what `read` gives for this frame.
+
+    The functions can be pickled. Arguments and errors as for `read`; a function raises what is wrong with its frame.
+    """
+    given = gathered(options, sensor)
+    if str(path) != SIMULATOR and is_bag(path):
+        yield from frames.frames(path, numbers, given, photons_topic)
+    elif log := _log(path):
+        wanted = set(numbers)
+        yield from (one for one in enumerate(log.frames(Path(path), given)) if one[0] in wanted)
+    else:
+        for number in numbers:
+            yield number, partial(read, path, number, photons_topic, sensor=sensor, **options)
+
+
+def _log(path: str | Path):
+    """The module that reads several frames of a file, or None."""
+    name = FILE_READERS.get(Path(path).suffix.lower())
+    module = name and import_module(name, __package__)
+    return module if hasattr(module, "frames") else None
