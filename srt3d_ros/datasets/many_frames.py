@@ -10,8 +10,8 @@ from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.datasets import FILE_READERS, SIMULATOR, read
-from srt3d_ros.datasets.bags.bag import Bag, is_bag
 from srt3d_ros.datasets.bags import frames
+from srt3d_ros.datasets.bags.bag import Bag, is_bag
 from srt3d_ros.datasets.options import gathered
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.files.array_files import require_file
