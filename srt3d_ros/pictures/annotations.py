@@ -16,7 +16,7 @@ TEXT_COLOUR, DIM_COLOUR = "#e8eaed", "#8b939e"
 BEHIND = tuple(np.divide(BACKGROUND, 255))      # in matplotlib's form
 _BAR_SHARE = 0.2                        # longest scale bar over the picture's width
 _RANGE_BAR = 0.16, 0.012                # width and height over the picture's
-_RANGE_BAR_PX = 120                     # least width: the numbers at its ends need room
+_RANGE_BAR_PX_PER_PT = 12               # least width: the numbers at its ends, of this size, need room
 
 
 def dark_figure(width_px: int, height_px: int) -> Figure:
@@ -52,7 +52,7 @@ def scale_bar(axes: Axes, eye: Viewpoint, size: float = 13) -> None:
 def range_bar(axes: Axes, style: CloudStyle, size: float = 13) -> None:
     """Draw the colours of the range with the metres at their ends, at the lower left."""
     share, height = _RANGE_BAR
-    share = max(share, _RANGE_BAR_PX / axes.images[0].get_array().shape[1])
+    share = max(share, _RANGE_BAR_PX_PER_PT * size / axes.images[0].get_array().shape[1])
     bar = axes.inset_axes((0.02, 0.03, share, height))
     bar.set_axis_off()
     bar.imshow(range_table()[None], aspect="auto")

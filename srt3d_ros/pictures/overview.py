@@ -45,10 +45,10 @@ def draw_overview(path, cloud: Cloud, sensor: SensorModel, photons: PhotonEvents
     annotations.write_line(figure, 0.045, annotations.caption(figures), 15, DIM_COLOUR)
     left, framed = 0.02, cloud.xyz
     if photons is not None:
-        xyz = _positions(photons, sensor)
+        xyz = photon_positions(photons, sensor)
         framed = cloud.xyz if len(cloud) else xyz
         eye, size = _view(framed, sensor, 0.28)
-        _panel(figure, left, 0.28, _draw_photons(xyz, style, eye, *size), f"{photons.photons:,} photons",
+        _panel(figure, left, 0.28, draw_photons(xyz, style, eye, *size), f"{photons.photons:,} photons",
                "each at its pixel and time of arrival")
         left = 0.31
     eye, size = _view(framed, sensor, 0.69 - left)
@@ -63,7 +63,7 @@ def draw_overview(path, cloud: Cloud, sensor: SensorModel, photons: PhotonEvents
         as_image(figure).save(Path(path), "png")
 
 
-def _positions(photons: PhotonEvents, sensor: SensorModel) -> np.ndarray:
+def photon_positions(photons: PhotonEvents, sensor: SensorModel) -> np.ndarray:
     """Positions of photons, float32 [N, 3] metres, random within pixel and bin to avoid moiré."""
     chosen = slice(None, None, max(math.ceil(photons.photons / _MOST_PHOTONS), 1))
     rng = np.random.default_rng(0)
@@ -74,7 +74,7 @@ def _positions(photons: PhotonEvents, sensor: SensorModel) -> np.ndarray:
     return xyz + np.linalg.norm(xyz, axis=1, keepdims=True) * (aside @ right_up)
 
 
-def _draw_photons(xyz: np.ndarray, style: CloudStyle, eye: Viewpoint, width: int, height: int) -> np.ndarray:
+def draw_photons(xyz: np.ndarray, style: CloudStyle, eye: Viewpoint, width: int, height: int) -> np.ndarray:
     """Photons as fog, faded at the borders of the panel."""
     size_px = _FINER if len(xyz) > _SPARSE * width * height / _FINER**2 else 2 * _FINER
     fog = draw_fog(xyz, style.colour(xyz), eye, width, height, _PHOTON_OPACITY, size_px, BACKGROUND)
