@@ -21,6 +21,8 @@ from srt3d_ros.files.new_files import atomic_write, check_not_input, file_errors
 from srt3d_ros.progress import progress
 
 RANGE = re.compile(r"(\d{1,9})[-:](\d{1,9})")
+CLOUD_FILE = re.compile(r"\d{6,}\.")
+ADDRESS = re.compile(r"\w+://.+:\d+")
 CONNECT_S = 10          # until a scheduler answers, and until it has a worker
 AHEAD = 2               # frames read for each worker, so that none waits for the next one
 OPTIONS_FILE = "options.json"
@@ -98,22 +100,25 @@ def numbers_of(wanted: str, path: str, photons_topic: str) -> range:
 
 
 def folder_for(args: argparse.Namespace) -> Path:
-    """The folder for the clouds, made if it is missing; InvalidInput if it has clouds of another input or options."""
+    """The folder for the clouds, made if it is missing; InvalidInput if it has clouds of another input or options.
+
+    OPTIONS_FILE keeps both.
+    """
     folder = Path(args.output).absolute()
     check_not_input(folder, args.input)
     is_file = os.path.lexists(folder) and not folder.is_dir()
     require(not is_file, "output", problem=f"{args.output} is a file: with --frames, give a folder.")
     arguments = vars(args) | {"input": os.path.abspath(args.input)}
     text = json.dumps({name: value for name, value in arguments.items() if name not in OF_THE_RUN}, indent=1)
-    with file_errors("output", folder):
+    with file_errors("output", args.output):
         folder.mkdir(exist_ok=True)
         path = folder / OPTIONS_FILE
-        if not path.exists():
-            with atomic_write(path) as part:
-                part.write_text(text, encoding="utf-8")
-        same = path.read_bytes() == text.encode()
-    require(same, "output", problem=f"{args.output} has clouds of another input or other options ({OPTIONS_FILE} says "
-            "which): give another folder.")
+        if any(map(CLOUD_FILE.match, os.listdir(folder))):
+            same = path.exists() and path.read_bytes() == text.encode()
+            require(same, "output", problem=f"{args.output} has clouds of another input or of other options (see "
+                    f"{OPTIONS_FILE} there): give another folder.")
+        with atomic_write(path) as part:
+            part.write_text(text, encoding="utf-8")
     return folder
 
 
@@ -126,9 +131,10 @@ def executor(jobs: int, address: str) -> Iterator[tuple[Executor, int]]:
         return
     from distributed import Client
 
+    require(ADDRESS.fullmatch(address), "--dask", address, "the address of a scheduler such as tcp://HOST:8786")
     try:
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, ValueError) as error:      # no answer in time; no address
+    except OSError as error:      # also of a wrong host, and no answer in time
         raise InvalidInput("--dask", problem=f"No scheduler answers at {address} ({error}).") from None
     with client:
         try:

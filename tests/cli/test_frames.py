@@ -1,0 +1,104 @@
+"""`srt3d reconstruct --frames`: each frame into a file, as it is alone, by processes or by the workers of a cluster."""
+
+import json
+import os
+import socket
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from srt3d_ros.cli import frames
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.datasets import many_frames
+from srt3d_ros.datasets.simulation.scene import StaticScene
+from srt3d_ros.datasets.simulation.simulator import Simulator
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.messages import photons_message, sensor_message
+from tests.bags import CLOUD, TEXT, write_bag
+from tests.datasets.made_logs import tmf8829_log, zones_16
+
+SENSOR = SensorModel(8, 10, 300, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2))
+FRAMES, BROKEN = 6, 2
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    """A bag of six frames, of which the third is cut off."""
+    simulator = Simulator(StaticScene(SENSOR.range_m(np.full((1, 8, 10), 80.0))), SENSOR, sbr=10, ppp=60)
+    raws = [photons_message.encode_cdr(simulator.frame(k)[0], SENSOR, "") for k in range(FRAMES)]
+    raws[BROKEN] = raws[BROKEN][:900]
+    return write_bag(tmp_path_factory.mktemp("many") / "bag", [
+        ("/sensor", TEXT, sensor_message.encode_cdr(SENSOR)), *(("/photons", CLOUD, raw) for raw in raws)])
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """The address of a scheduler with two workers in processes of their own."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+        yield cluster.scheduler_address
+
+
+@pytest.mark.parametrize("how", ["--jobs=1", "--jobs=2", "--dask"])
+def test_every_frame_is_as_it_is_alone_a_broken_one_is_listed_and_a_second_run_goes_on(
+        how, bag, srt3d, tmp_path, request):
+    options = [f"--dask={request.getfixturevalue('cluster')}" if how == "--dask" else how, "--surfaces=2"]
+    command = ["reconstruct", bag, "-o", tmp_path / "out", *options]
+    code, out, err = srt3d(*command, "--frames", f"{BROKEN - 1}-{FRAMES - 1}", "--json")
+    facts = json.loads(out)
+    assert (code, facts["frames"], facts["reconstructed"], facts["there"]) == (1, 5, 4, 0)
+    assert list(facts["failed"]) == [str(BROKEN)] and err == f"srt3d: frame {BROKEN}: {facts['failed'][str(BROKEN)]}\n"
+    assert "cut off" in err
+    written = {path.name: path for path in (tmp_path / "out").iterdir()}
+    assert sorted(written) == ["000001.npz", "000003.npz", "000004.npz", "000005.npz", "options.json"]
+    for k in (1, 3, 5):
+        alone = tmp_path / f"{k}.npz"
+        assert srt3d("reconstruct", bag, "--frame", k, "-o", alone, "--surfaces=2")[0] == 0
+        assert alone.read_bytes() == written[f"{k:06d}.npz"].read_bytes()
+    written["000004.npz"].unlink()
+    before = written["000001.npz"].stat().st_mtime_ns
+    code, out, _ = srt3d(*command, "--frames=all", "--json")
+    facts = json.loads(out)
+    assert (code, facts["frames"], facts["reconstructed"], facts["there"]) == (1, 6, 2, 3)
+    assert written["000004.npz"].exists() and written["000001.npz"].stat().st_mtime_ns == before
+
+
+def test_a_log_has_frames_and_fails_from_where_it_breaks_off(srt3d, tmp_path, monkeypatch):
+    log = tmp_path / "log.json"
+    tmf8829_log(log, [zones_16(1.0), zones_16(2.0), {}])
+    code, out, _ = srt3d("reconstruct", log, "--frames=all", "-o", tmp_path / "a", "--format=ply", "--jobs=1", "--json")
+    assert (code, json.loads(out)["reconstructed"], list(json.loads(out)["failed"])) == (1, 2, ["2"])
+    assert sorted(os.listdir(tmp_path / "a")) == ["000000.ply", "000001.ply", "options.json"]
+
+    def two(*arguments, read=many_frames.loaders, **options):
+        yield from islice(read(*arguments, **options), 2)
+        raise InvalidInput("log", problem="The log breaks off.")
+
+    monkeypatch.setattr(many_frames, "loaders", two)
+    code, out, err = srt3d("reconstruct", log, "--frames=all", "-o", tmp_path / "b", "--jobs=1")
+    assert (code, err.splitlines()[-1]) == (1, "srt3d: frame 2 to 2: The log breaks off.")
+    assert out.startswith("2 of 3 frames reconstructed, 0 were there\n")
+
+
+@pytest.mark.parametrize(("options", "said"), [
+    (["--frames=4-6"], "has no frames 4 to 6 (it has 6)."), (["--frames=3"], "--frames is 3: expected all, or first"),
+    (["--frames=all", "-o", "file"], "file is a file: with --frames, give a folder"),
+    (["--frames=all", "-o", "absent/out"], "Cannot write absent/out (No such file or directory)"),
+    (["--frames=all", "--surfaces=9"], "surfaces is 9"), (["--frames=all", "--jobs=0"], "--jobs is 0"),
+    (["--frames=all", "--format=las"], "output is 0.las"), (["--frames=all", "-o", "mixed"], "mixed has clouds of"),
+    (["--frames=all", "--dask=here"], "--dask is here: expected the address of a scheduler such as tcp://HOST:8786"),
+    (["--frames=all", "--dask=FREE"], "No scheduler answers at tcp://127.0.0.1:"),
+    (["--frames=all", "-o", "BAG"], "it is the input")])
+def test_a_mistake_is_one_line_and_leaves_no_cloud(bag, refusal, tmp_path, monkeypatch, options, said):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(frames, "CONNECT_S", 1)
+    (tmp_path / "file").touch()
+    (tmp_path / "mixed").mkdir()
+    (tmp_path / "mixed" / "000000.npz").touch()
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+        options = [str(bag) if word == "BAG" else word.replace("FREE", address) for word in options]
+        assert said in refusal("reconstruct", bag, "-o", "out", *options)
+    assert not list(tmp_path.glob("out/*.npz"))
