@@ -139,7 +139,7 @@ def _unmasked(counts: Any, options: dict) -> tuple[Any, dict, tuple[str, ...]]:
     hidden = np.ma.getmaskarray(counts)
     note = f"{np.count_nonzero(hidden):,} masked counts taken to be 0"
     if hidden.ndim == 3 and options.get("mask") is None:
-        options = options | {"mask": ~hidden.all(axis=2)}
+        options = options | {"mask": ~in_order(hidden, options)[0].all(axis=2)}
     return counts.filled(0), options, (note,)
 
 
