@@ -34,17 +34,28 @@ PLOTTED_METRICS = (Metric("true_detections_percent", "true detections, %", limit
 def draw_metrics(path: Path, rows: Sequence[dict], title: str, methods: Sequence[str]) -> None:
     """Draw the PLOTTED_METRICS of a scene: a column of panels for each SBR, a line for each method and sketch size.
 
+    The panels of a single SBR are in a row.
+
     Args:
         rows: with `sbr`, `ppp`, `method`, `sketch_size` and the columns of PLOTTED_METRICS.
         methods: all method names; their order gives the colours.
     """
     sbrs = sorted({row["sbr"] for row in rows}, reverse=True)
-    figure = titled_figure(3.5 * len(sbrs) + 0.6, 2.3 * len(PLOTTED_METRICS) + 1.2, title)
-    axes = figure.subplots(len(PLOTTED_METRICS), len(sbrs), squeeze=False, sharex="all", sharey="row")
+    panels = len(PLOTTED_METRICS)
+    if len(sbrs) > 1:
+        figure = titled_figure(3.5 * len(sbrs) + 0.6, 2.3 * panels + 1.2, title)
+        axes = figure.subplots(panels, len(sbrs), squeeze=False, sharex="all", sharey="row")
+        for ax, sbr in zip(axes[0], sbrs):
+            ax.set_title(f"SBR {sbr:g}", size=12)
+        lowest = axes[-1]
+    else:
+        figure = titled_figure(3.5 * panels, 4.2, f"{title}, SBR {sbrs[0]:g}")
+        axes = figure.subplots(1, panels, squeeze=False).T
+        lowest = axes[:, 0]
+    for ax in lowest:
+        ax.set_xlabel("photons per pixel, with background")
     lines = _lines(rows, methods)
     for k, sbr in enumerate(sbrs):
-        axes[0, k].set_title(f"SBR {sbr:g}", size=12)
-        axes[-1, k].set_xlabel("photons per pixel (mean, with background)")
         for ax, metric in zip(axes[:, k], PLOTTED_METRICS):
             for _, style, of_line in lines:
                 points = sorted((row["ppp"], row[metric.column]) for row in of_line if row["sbr"] == sbr)
