@@ -64,7 +64,7 @@ def test_a_still_shows_one_frame_with_its_images_and_all_that_a_review_needs(tmp
     assert np.array_equal(read.placed(recorded.sensor).xyz, cloud.xyz) and read.stamp_ns == cloud.stamp_ns
     summary = summarise(recorded)
     assert (summary["photons"]["median"], summary["run"]["notes"]) == (5000, "IRF assumed")
-    assert make_gallery(recorded)["typical"].title == "A typical cloud"
+    assert make_gallery(recorded)["typical"].title == "Frame 0: typical"
 
 
 def test_a_cloud_that_cannot_be_recorded_is_one_line_and_leaves_the_old_file(tmp_path, ball, monkeypatch):
