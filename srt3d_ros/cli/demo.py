@@ -18,7 +18,7 @@ from srt3d_ros.core.reconstruction import Reconstructor
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.sketching.stream import SketchStream
-from srt3d_ros.datasets import read
+from srt3d_ros.datasets import read_photons
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
 from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.simulation.room import Room
@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
             "time for 1 to 1e6 frames")
     importlib.import_module("rclpy")        # fails before anything is written if ROS 2 is not installed
     if args.photons:
-        played = _from_file(args.photons)
+        played = from_file(args.photons)
     else:
         played = _moving(args.motion) if args.motion else _simulated()
     rate_hz = args.rate_hz or _rate_hz(played)
@@ -139,8 +139,9 @@ def _moving(motion: str) -> Played:
                   {"motion": "odom", "packets_per_frame": PACKETS, "extrinsics": extrinsics()})
 
 
-def _from_file(path: str) -> Played:
-    photons = read(path)
+def from_file(path: str) -> Played:
+    """The photons of a file, again and again."""
+    photons = read_photons(path)
     for note in photons.notes:
         _say(f"note: {note}")
     shown = photons.frame if isinstance(photons.frame, PhotonEvents) else None

@@ -64,6 +64,8 @@ def test_detectors_of_a_single_spot_are_the_pixels_of_a_sensor_with_as_many(tmp_
     photons = read(path, irf=IRF, shape=(2, 3))
     assert (photons.frame.pixel.tolist(), photons.frame.toa.tolist()) == ([0, 5, 2], [4, 5, 4095])
     assert read(path, irf=IRF).sensor.pixels == 1 and photons.sensor.num_bins == 4096
+    with pytest.raises(InvalidInput, match=r"^a.h5 shape is \(2, 3\): expected rows × cols = 1, the spots"):
+        read(path, irf=IRF, shape=(2, 3), channel=2)
 
 
 SPARSE = csc_array(([2.0, 1, 1], ([1, 4, 4], [7, 9, 39])), (6, 40))

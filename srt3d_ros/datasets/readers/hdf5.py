@@ -41,7 +41,7 @@ def _spot_arrays(found: dict[str, np.ndarray], spots: list[str], options: dict) 
     times = [_toa(found, spot, options) for spot in spots]
     pixels = options.get("rows", 1) * options.get("cols", 1)
     arrays = {"pixel": np.arange(len(spots)).repeat([len(toa) for toa in times]), "toa": np.concatenate(times)}
-    if len(spots) == 1 and pixels > 1 and f"{spots[0]}/detectors" in found:
+    if len(spots) == 1 and pixels > 1 and f"{spots[0]}/detectors" in found and "channel" not in options:
         arrays["pixel"] = found[f"{spots[0]}/detectors"]
     elif not {"rows", "cols"} & options.keys():
         arrays |= {"rows": np.array(1), "cols": np.array(len(spots))}
