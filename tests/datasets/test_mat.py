@@ -6,7 +6,7 @@ from scipy.io import savemat
 from scipy.sparse import csc_matrix
 
 from srt3d_ros.datasets import read
-from srt3d_ros.datasets.readers import isolated, mat_child
+from srt3d_ros.datasets.readers import isolated, isolated_child
 from srt3d_ros.datasets.values import listing
 from srt3d_ros.errors import InvalidInput
 
@@ -20,7 +20,7 @@ PIXEL, TOA = [0, 0, 2, 3, 4, 4, 4], [12, 15, 10, 19, 13, 13, 14]
 def in_this_process(monkeypatch):
     """Without the child, which takes as long as SciPy to start: test_mat_child.py is with it."""
     def arrays_of(path, library, names, expected):
-        arrays, shapes = mat_child.variables(path, names)
+        arrays, shapes = isolated_child.matlab_5(path, names)
         return arrays, listing(shapes)
     monkeypatch.setattr(isolated, "arrays_of", arrays_of)
 

@@ -16,13 +16,11 @@ from srt3d_ros.errors import require
 from srt3d_ros.files.array_files import MAX_ARRAY_BYTES, READER_ERRORS
 from srt3d_ros.processes.children import ending
 
-FOLDER = Path(__file__).parent
-CHILD = FOLDER / "isolated_child.py"
-READERS = {"scipy": "mat_child.py", "h5py": "hdf5_child.py", "sdtfile": "sdt_child.py"}     # by library
+CHILD = Path(__file__).with_name("isolated_child.py")
 
 
 def arrays_of(path: Path, library: str, names: tuple[str, ...], expected: str) -> tuple[dict[str, np.ndarray], str]:
-    """Arrays of a file, by `variables` of the library's reader; they are mapped from a temporary file.
+    """Arrays of a file, as the library's function of isolated_child.py finds them; mapped from a temporary file.
 
     Args:
         names: the wanted arrays, as patterns of fnmatch. The only array of three dimensions is read, too.
@@ -40,8 +38,8 @@ def arrays_of(path: Path, library: str, names: tuple[str, ...], expected: str) -
     modules = os.pathsep.join(map(os.path.abspath, sys.path))
     with tempfile.TemporaryFile() as file:
         # -P keeps this folder's modules from shadowing others. The caller's module path gives the child the same SciPy.
-        done = subprocess.run([sys.executable, "-P", CHILD, FOLDER / READERS[library], path, str(file.fileno()),
-                               str(MAX_ARRAY_BYTES), *names],
+        done = subprocess.run([sys.executable, "-P", CHILD, library, path, str(file.fileno()), str(MAX_ARRAY_BYTES),
+                               *names],
                               stdin=subprocess.DEVNULL, capture_output=True, pass_fds=(file.fileno(),),
                               env=os.environ | {"PYTHONPATH": modules, "OPENBLAS_NUM_THREADS": "1"})
         why = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
