@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
+from threading import Lock
 
 from srt3d_ros.cli import common
 from srt3d_ros.errors import InvalidInput, printable, require
@@ -28,6 +29,7 @@ AHEAD = 2               # frames read for each worker, so that none waits for th
 OPTIONS_FILE = "options.json"
 OF_THE_RUN = ("output", "frame", "frames", "format", "jobs", "dask", "json", "run")     # arguments that change no cloud
 FAILED = 1
+ONE_AT_A_TIME = Lock()      # a worker of Dask may have several threads, but a frame uses them all
 
 
 @dataclass(frozen=True)
@@ -42,13 +44,14 @@ class Task:
 
     def __call__(self) -> tuple[str, ...]:
         """Write the cloud; returns its notes."""
-        from numba import set_num_threads
+        from numba import config, set_num_threads
 
         from srt3d_ros import api
 
-        set_num_threads(self.threads)
-        cloud = api.reconstruct(self.load(), **self.options)
-        cloud.save(self.output)
+        with ONE_AT_A_TIME:
+            set_num_threads(min(self.threads, config.NUMBA_NUM_THREADS))
+            cloud = api.reconstruct(self.load(), **self.options)
+            cloud.save(self.output)
         return cloud.notes
 
 
@@ -57,16 +60,14 @@ def run(args: argparse.Namespace, options: dict) -> int:
     from srt3d_ros.datasets import cloud_files, many_frames
 
     numbers = numbers_of(args.frames, args.input, args.photons_topic)
-    cores = len(os.sched_getaffinity(0))
-    jobs = cores if args.jobs is None else args.jobs
+    jobs = len(os.sched_getaffinity(0)) if args.jobs is None else args.jobs
     require(jobs > 0, "--jobs", jobs, "1 or more")
     cloud_files.check_format(Path(f"0.{args.format}"))
-    with executor(jobs, args.dask) as (pool, workers):
+    with executor(jobs, args.dask) as (pool, workers, threads):
         folder = folder_for(args)
         outputs, there = {k: folder / f"{k:06d}.{args.format}" for k in numbers}, set(os.listdir(folder))
         left = [number for number, output in outputs.items() if output.name not in there]
         loaders = many_frames.loaders(args.input, left, args.photons_topic, **common.overrides(args)) if left else ()
-        threads = 1 if args.dask else max(cores // jobs, 1)
         tasks = (Task(number, load, options, outputs[number], threads) for number, load in loaders)
         errors = first_results(tasks)
         steps = progress(range(len(left) - len(errors)), "reconstructing")
@@ -123,11 +124,11 @@ def folder_for(args: argparse.Namespace) -> Path:
 
 
 @contextmanager
-def executor(jobs: int, address: str) -> Iterator[tuple[Executor, int]]:
-    """An executor and the number of its workers: processes of this machine, or threads of the cluster."""
+def executor(jobs: int, address: str) -> Iterator[tuple[Executor, int, int]]:
+    """An executor on this machine or a cluster, the number of its processes, and the threads of each."""
     if not address:
         with ProcessPoolExecutor(jobs, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_DFL)) as pool:
-            yield pool, jobs
+            yield pool, jobs, max(len(os.sched_getaffinity(0)) // jobs, 1)
         return
     from distributed import Client
 
@@ -141,7 +142,8 @@ def executor(jobs: int, address: str) -> Iterator[tuple[Executor, int]]:
             client.wait_for_workers(1, timeout=CONNECT_S)
         except TimeoutError:
             raise InvalidInput("--dask", problem=f"The scheduler at {address} has no workers.") from None
-        yield client.get_executor(pure=False), sum(client.nthreads().values())
+        threads = client.nthreads().values()
+        yield client.get_executor(pure=False), len(threads), max(threads)
 
 
 def first_results(tasks: Iterator[Task]) -> dict[int, str]:
