@@ -15,7 +15,7 @@ MODULES = {"play": "node"}      # modules that have another name than their comm
 
 # The extra of this package that installs each optional package.
 EXTRAS = {"rclpy": "ros", "std_msgs": "ros", "diagnostic_msgs": "ros", "sensor_msgs": "ros", "nav_msgs": "ros",
-          "rerun": "record", "matplotlib": "pictures", "PIL": "pictures",
+          "rerun": "record", "pyarrow": "record", "matplotlib": "pictures", "PIL": "pictures",
           "jinja2": "review", "rosbags": "bags", "mcap": "bags", "torch": "gpu", "ptufile": "lab", "sdtfile": "lab",
           "h5py": "lab", "distributed": "cluster"}
 DRAWING = ("demo", "review")        # commands that need all of `review`, which includes `record`

@@ -19,7 +19,8 @@ from srt3d_ros.errors import finite, quoted, require
 
 BIN_OF_ONE_METRE_S = 2 / SPEED_OF_LIGHT      # assumed if the bin width is unknown: x, y, z then count bins
 MAX_PERIOD_M = 1e6      # no laser waits 7 ms for its echoes
-ASSUMED_WIDTH = "bin width taken to be 2 / 299792458 s: x, y and z count bins, not metres (give bin_width_s)"
+ASSUMED_WIDTH = ("bin width taken as 2 / 299792458 s: x, y and z count bins, not metres: give bin_width_s "
+                 "(--bin-width-s)")
 ASSUMED_FOV = (f"geometry taken to be a pinhole of {DEFAULT_FOV_DEG:g}° across the larger side: give fov_deg "
                "(--fov-deg), or the projection")
 ASSUMPTIONS = {"projection": "geometry ", "irf": "IRF ", "bin_width_s": "bin width "}     # beginnings of their notes

@@ -33,9 +33,10 @@ def test_what_goes_wrong_is_one_line_and_an_exit_code(monkeypatch, srt3d, error,
     assert srt3d("node", "sketcher") == (code, "", line)
 
 
-def test_review_asks_once_for_all_that_it_needs(monkeypatch, srt3d):
-    monkeypatch.setattr("srt3d_ros.cli.review.run", failing_with(ModuleNotFoundError(name="rerun")))
-    expected = "srt3d: error: rerun is not installed: pip install '.[review]' in the clone\n"
+@pytest.mark.parametrize("name", ["rerun", "pyarrow"])
+def test_review_asks_once_for_all_that_it_needs(monkeypatch, srt3d, name):
+    monkeypatch.setattr("srt3d_ros.cli.review.run", failing_with(ModuleNotFoundError(name=name)))
+    expected = f"srt3d: error: {name} is not installed: pip install '.[review]' in the clone\n"
     assert srt3d("review", "a.rrd") == (1, "", expected)
 
 
