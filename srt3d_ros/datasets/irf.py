@@ -79,13 +79,8 @@ class TimeColumn(NamedTuple):
                 f"{bin_width_s * 1e12:.6g} ps: correct bin_width_s, or resample the IRF.")
 
 
-def read(source: str | Path | np.ndarray | list) -> np.ndarray:
-    """An IRF from an array, a list or a file, see `read_timed`; float64 [L] or [pixels, L]."""
-    return read_timed(source)[0]
-
-
-def read_timed(source: str | Path | np.ndarray | list) -> tuple[np.ndarray, TimeColumn | None]:
-    """The IRF, and the time column of its file if there is one that does not count bins.
+def read(source: str | Path | np.ndarray | list) -> tuple[np.ndarray, TimeColumn | None]:
+    """The IRF, float64 [L] or [pixels, L], and the time column of its file if there is one that does not count bins.
 
     Files are .npy, .npz with `irf`, .mat with `irf` or a single vector, and .csv or .txt with one number a line, or
     time and IRF, below lines of text.
@@ -167,13 +162,13 @@ def _read_mat(path: Path) -> np.ndarray:
     """The variable `irf`, or else the only vector."""
     from srt3d_ros.datasets.readers import mat  # which imports this module
 
-    with read_errors(path, mat.COMPLETE_MAT):
-        found, listed = mat.variables(path, ("irf",))
-        if "irf" in found:
-            return found["irf"]
-        vectors = MAT_VECTOR.findall(listed)
-        require(len(vectors) == 1, "irf", problem=f"The file needs a variable irf or one vector. It has {listed}.")
-        return mat.variables(path, tuple(vectors))[0][vectors[0]]
+    found, listed = mat.variables(path, ("irf",))
+    if "irf" in found:
+        return found["irf"]
+    vectors = MAT_VECTOR.findall(listed)
+    require(len(vectors) == 1, "irf",
+            problem=f"{path.name}: The file needs a variable irf or one vector. It has {listed}.")
+    return mat.variables(path, tuple(vectors))[0][vectors[0]]
 
 
 def _read_text(path: Path, separator: str | None) -> tuple[np.ndarray, TimeColumn | None]:

@@ -100,7 +100,7 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None) -> dic
     if "irf_sigma_bins" in given:
         given["irf"] = irfs.gaussian(finite("irf_sigma_bins", given.pop("irf_sigma_bins"), "bins, above 0"))
     elif "irf" in given:
-        given["irf"], options["irf_times"] = irfs.read_timed(given["irf"])
+        given["irf"], options["irf_times"] = irfs.read(given["irf"])
     if "irf" in given:
         options.pop("irf_ref", None)
     if "fov_deg" in given:

@@ -79,8 +79,7 @@ def read(path: Path, options: dict) -> Photons | Sketch | Cloud:
         if np.array_equal(kind, name):
             return import_module(module, __package__).read(path, options)
     if not _has_photons(arrays, options):
-        counts = read_npz_arrays(path, ("counts",)) if arrays.keys() >= {*SIZES} else {}
-        arrays = arrays | counts if counts else read_npz_arrays(path, cubes.SENSOR_ARRAYS, and_cubes=True)
+        arrays = read_npz_arrays(path, KNOWN, and_cubes=True)
     return from_arrays(path, arrays, options, WANTED, listing(npz_contents(path)))
 
 

@@ -184,17 +184,14 @@ class Photons:
 
     def gated(self, first: int, last: int) -> Self:
         """Keep the photons in the bins `first` to `last`; a note says how many were dropped."""
-        gate, whole, reference = Gate(self.sensor, first, last), self.events, self.reference_depth_bins
+        gate, whole = Gate(self.sensor, first, last), self.events
         events = gate.photons(whole)
-        if reference is not None:
-            moved = reference - np.float32(first)
-            reference = np.where((moved >= 0) & (moved <= last - first), moved, np.float32(np.nan))
         note = outside_note(whole.photons - events.photons, whole.photons, first, last)
         if gate.sensor.cycles:
             note += ("pile-up is not corrected: that needs the photons before the gate (give the gate to `sketch`)",)
         # Gate words still count from the bin 0 of the whole period.
         return replace(self, sensor=gate.sensor.replace(gates=self.sensor.gates, cycles=None), frame=events,
-                       reference_depth_bins=reference, notes=self.notes + note)
+                       reference_depth_bins=in_gate(self.reference_depth_bins, first, last), notes=self.notes + note)
 
     def with_options(self, options: dict[str, Any]) -> Self:
         """The same photons with options (options.gathered) in place of their sensor's values; a note lists them."""
@@ -202,6 +199,14 @@ class Photons:
         frame, stray = arrays.fitted(self.frame, sensor)
         photons = replace(self, sensor=sensor, frame=frame, notes=notes + stray)
         return photons.gated(*options["gate"]) if "gate" in options else photons
+
+
+def in_gate(depth: np.ndarray | None, first: int, last: int) -> np.ndarray | None:
+    """Depths in bins, counted from the bin `first`, NaN outside the gate; None without any."""
+    if depth is None:
+        return None
+    moved = depth - np.float32(first)
+    return np.where((moved >= 0) & (moved <= last - first), moved, np.float32(np.nan))
 
 
 def _written(frequencies: str | Sequence[int]) -> str:

@@ -34,8 +34,8 @@ def test_every_kind_of_file_is_read(tmp_path, name):
     (tmp_path / "column.csv").write_text("counts\n0\n1.5\n3\n0.5\n")
     savemat(tmp_path / "named.mat", {"irf": values, "t": np.arange(4.0)})
     savemat(tmp_path / "only.mat", {"h": values[:, None], "name": "laser", "rate": 5.0, "image": np.ones((2, 3))})
-    np.testing.assert_array_equal(irf.read(tmp_path / name), values)
-    np.testing.assert_array_equal(irf.read(str(tmp_path / name)), values)
+    np.testing.assert_array_equal(irf.read(tmp_path / name)[0], values)
+    np.testing.assert_array_equal(irf.read(str(tmp_path / name))[0], values)
 
 
 @pytest.mark.parametrize(("name", "header", "times", "bin_width_s", "refused"), [

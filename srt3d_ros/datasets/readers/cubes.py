@@ -6,18 +6,18 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
-from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, complete, sampled, sensor_of
 from srt3d_ros.datasets.options import check_same, in_order, outside_note, replaced_note
-from srt3d_ros.datasets.photons import Photons
+from srt3d_ros.datasets.photons import Photons, in_gate
+from srt3d_ros.datasets.sensor_arrays import sensor_options, values_of
 from srt3d_ros.datasets.values import sendable
 from srt3d_ros.errors import finite, require
 from srt3d_ros.files.array_files import MAX_ARRAY_BYTES, map_npy, read_errors
 
 MAX_CUBE_BYTES = 2**46
 MAX_COUNT = 2**31 - 1
-# Arrays beside the counts that describe the sensor, by the names of options.
-SENSOR_ARRAYS = ("irf", "irf_ref", "bin_width_s", "toa_offset_bins", "range_offset_m", "cycles", "fov_deg")
+# Arrays beside the counts that describe the sensor.
+BESIDE = ("irf", "irf_ref", "bin_width_s", "toa_offset_bins", "range_offset_m", "cycles", "fov_deg")
 
 
 def cube(path: Path, counts: np.ndarray, options: dict, stated: dict | None = None, notes: tuple[str, ...] = (),
@@ -27,7 +27,7 @@ def cube(path: Path, counts: np.ndarray, options: dict, stated: dict | None = No
     Args:
         counts: [rows, cols, bins].
         stated: what the file says of its sensor, by the names of options.
-        reference: depths in bins of the file, float32 [rows, cols].
+        reference: depths in bins of the file, float32 [1, rows, cols].
     """
     stated, field = stated or {}, f"{path.name} counts"
     require(counts.dtype.kind in "iufb" and counts.ndim == 3 and counts.size > 0, field,
@@ -51,7 +51,7 @@ def cube(path: Path, counts: np.ndarray, options: dict, stated: dict | None = No
     sensor, _, all_notes = complete(frame, sensor, known, notes + width_note + replaced_note(stated, options))
     outside = outside_note(round(photons - kept), round(photons), first, last)
     return Photons(sensor.replace(toa_offset_bins=sensor.toa_offset_bins + first), frame,
-                   in_gate(reference, first, num_bins), path.stem, all_notes + outside)
+                   in_gate(reference, first, last), path.stem, all_notes + outside)
 
 
 def _frame_of(counts: np.ndarray, num_bins: int) -> tuple[PhotonEvents | PhotonHistograms, float]:
@@ -66,26 +66,14 @@ def _frame_of(counts: np.ndarray, num_bins: int) -> tuple[PhotonEvents | PhotonH
     return sampled(kept) if few else PhotonHistograms(kept), photons
 
 
-def in_gate(depth: np.ndarray | None, first: int, bins: int) -> np.ndarray | None:
-    """Reference depths [1, rows, cols] counted from bin `first`, NaN outside the gate; None without any."""
-    if depth is None:
-        return None
-    depth = depth - np.float32(first)
-    return np.where((depth >= 0) & (depth < bins), depth, np.float32(np.nan))[None]
-
-
 def only_cube(path: Path, arrays: dict[str, np.ndarray], options: dict, wanted: str, listed: str) -> Photons:
-    """Photons of the only numeric array of three dimensions; SENSOR_ARRAYS beside it describe the sensor.
+    """Photons of the only numeric array of three dimensions; those BESIDE it describe the sensor.
 
     An error says what is `wanted`, and what the file has: `listed`.
     """
     cubes = [values for values in arrays.values() if values.ndim == 3 and values.dtype.kind in "iufb"]
     require(len(cubes) == 1, "counts", problem=f"The file needs {wanted}. It has {listed}.")
-    stated = {}
-    for name in filter(arrays.__contains__, SENSOR_ARRAYS):
-        value = arrays[name]
-        require(name == "irf" or value.size == 1, f"{name} shape", value.shape, "one value")
-        stated[name] = irfs.read(value) if name == "irf" else value.reshape(-1)[0].item()
+    stated = sensor_options(values_of({name: arrays[name] for name in BESIDE if name in arrays}))
     counts, others, notes = in_order(cubes[0], options)
     return cube(path, counts, others, stated, notes)
 

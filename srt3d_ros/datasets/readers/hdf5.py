@@ -15,7 +15,6 @@ from srt3d_ros.datasets.readers import isolated
 from srt3d_ros.errors import finite, require
 from srt3d_ros.files.array_files import read_errors
 
-COMPLETE_HDF5 = "a complete HDF5 file"
 UNIT, NUM_BINS, LASER = "nanotimes_specs/tcspc_unit", "nanotimes_specs/tcspc_num_bins", \
     "measurement_specs/laser_repetition_rate"
 SPOT_ARRAYS = tuple(f"photon_data*/{name}" for name in ("nanotimes", "detectors", UNIT, NUM_BINS, LASER))
@@ -24,9 +23,8 @@ WANTED = f"Photon-HDF5 with photon_data/nanotimes, {photon_file.WANTED}"
 
 def read(path: Path, options: dict) -> Photons:
     """Photons of an HDF5 file; `channel` is the detector to take of Photon-HDF5, else all. Needs h5py."""
-    with read_errors(path, COMPLETE_HDF5):
-        names = (*SPOT_ARRAYS, *photon_file.KNOWN, *options.get("columns", ()))
-        found, listed = isolated.arrays_of(path, "h5py", names, COMPLETE_HDF5)
+    names = (*SPOT_ARRAYS, *photon_file.KNOWN, *options.get("columns", ()))
+    found, listed = isolated.arrays_of(path, "h5py", names, "a complete HDF5 file")
     with read_errors(path):
         spots = sorted((int(match[1] or 0), match[0].rpartition("/")[0]) for match in
                        map(re.compile(r"photon_data(\d{0,9})/nanotimes").fullmatch, found) if match)

@@ -13,7 +13,7 @@ import numpy as np
 
 from srt3d_ros.datasets.values import listing
 from srt3d_ros.errors import require
-from srt3d_ros.files.array_files import MAX_ARRAY_BYTES, READER_ERRORS
+from srt3d_ros.files.array_files import MAX_ARRAY_BYTES, READER_ERRORS, read_errors
 from srt3d_ros.processes.children import ending
 
 CHILD = Path(__file__).with_name("isolated_child.py")
@@ -36,7 +36,7 @@ def arrays_of(path: Path, library: str, names: tuple[str, ...], expected: str) -
     if find_spec(library) is None:
         raise ModuleNotFoundError(f"No module named '{library}'", name=library)
     modules = os.pathsep.join(map(os.path.abspath, sys.path))
-    with tempfile.TemporaryFile() as file:
+    with read_errors(path, expected), tempfile.TemporaryFile() as file:
         # -P keeps this folder's modules from shadowing others. The caller's module path gives the child the same SciPy.
         done = subprocess.run([sys.executable, "-P", CHILD, library, path, str(file.fileno()), str(MAX_ARRAY_BYTES),
                                *names],

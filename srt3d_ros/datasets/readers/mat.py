@@ -9,14 +9,13 @@ from srt3d_ros.core.sensor.model import MAX_BINS, MAX_PIXELS
 from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, from_pixels
 from srt3d_ros.datasets.options import check_same, outside_note
-from srt3d_ros.datasets.photons import Photons
+from srt3d_ros.datasets.photons import Photons, in_gate
 from srt3d_ros.datasets.readers import isolated
-from srt3d_ros.datasets.readers.cubes import cube, in_gate
+from srt3d_ros.datasets.readers.cubes import cube
 from srt3d_ros.datasets.values import MAX_EVENTS
 from srt3d_ros.errors import finite, require
 from srt3d_ros.files.array_files import read_errors
 
-COMPLETE_MAT = "a complete MATLAB .mat file"
 MATLAB_7_3, HDF5 = b"MATLAB 7.3", b"\x89HDF\r\n\x1a\n"        # beginnings of files
 EDGE = 1e-6     # of a bin; added to a time before it is rounded down, so that an edge belongs to the bin it begins
 
@@ -54,8 +53,7 @@ VARIABLES = (*(name for one in LAYOUTS for name in (one.variable, one.reference,
 
 def read(path: Path, options: dict) -> Photons:
     """Photons of a .mat file. The bins are those of the file's window, or those that have photons."""
-    with read_errors(path, COMPLETE_MAT):
-        found, listed = variables(path, (*VARIABLES, *options.get("columns", ())))
+    found, listed = variables(path, (*VARIABLES, *options.get("columns", ())))
     layout = next((one for one in LAYOUTS if one.fits(found)), None)
     if layout is None or "columns" in options:
         return photon_file.from_arrays(path, found, options, WANTED, listed)
@@ -65,12 +63,12 @@ def read(path: Path, options: dict) -> Photons:
         return (_of_counts if layout.reference else _of_cells)(path, layout, found, options)
 
 
-def variables(path: Path, names: tuple[str, ...] = VARIABLES) -> tuple[dict[str, np.ndarray], str]:
+def variables(path: Path, names: tuple[str, ...]) -> tuple[dict[str, np.ndarray], str]:
     """`isolated.arrays_of` with SciPy, or with h5py if the file is HDF5: MATLAB 7.3."""
     with path.open("rb") as file:
         begin = file.read(len(MATLAB_7_3))
     library = "h5py" if begin.startswith((MATLAB_7_3, HDF5)) else "scipy"
-    return isolated.arrays_of(path, library, names, COMPLETE_MAT)
+    return isolated.arrays_of(path, library, names, "a complete MATLAB .mat file")
 
 
 def _of_counts(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Photons:
@@ -88,14 +86,14 @@ def _of_counts(path: Path, layout: Layout, found: dict[str, np.ndarray], options
     rows, cols = reference.shape
     if photons.ndim == 2:
         counts = photons.reshape(bins, cols, rows).transpose(2, 1, 0)
-        return cube(path, counts, options, {"bin_width_s": width_s}, notes, reference)
+        return cube(path, counts, options, {"bin_width_s": width_s}, notes, reference[None])
     total, toa = photons.sum(dtype=np.float64), found[f"{name}.col"]
     require(total <= MAX_KEPT, f"{name} photons", total, f"at most {MAX_KEPT} in a sparse array: save full({name})")
     col, row = np.divmod(found[f"{name}.row"], rows)
     order = np.lexsort((toa, row * cols + col))
     pixel, toa = (values[order].repeat(photons[order].astype(np.int64)) for values in (row * cols + col, toa))
     window = (0, _num_bins(options, bins))
-    return _of_events(path, layout, (pixel, toa), reference.shape, window, options, reference)
+    return _of_events(path, layout, (pixel, toa), reference.shape, window, options, reference[None])
 
 
 def _of_cells(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Photons:
@@ -131,7 +129,7 @@ def _of_events(path: Path, layout: Layout, photons: tuple[np.ndarray, np.ndarray
     inside = (toa >= first) & (toa <= last)
     sensor, events, more = from_pixels(pixel[inside], toa[inside] - first, 0, options | own)
     outside = outside_note(len(toa) - events.photons, len(toa), first, last)
-    return Photons(sensor, events, in_gate(reference, first, num_bins), path.stem, notes + more + outside)
+    return Photons(sensor, events, in_gate(reference, first, last), path.stem, notes + more + outside)
 
 
 def _window(layout: Layout, found: dict[str, np.ndarray], unit: float, toa: np.ndarray, options: dict

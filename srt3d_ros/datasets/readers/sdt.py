@@ -10,13 +10,11 @@ from srt3d_ros.datasets.readers.cubes import cube
 from srt3d_ros.errors import finite, require
 from srt3d_ros.files.array_files import read_errors
 
-COMPLETE_SDT = "a complete Becker & Hickl .sdt file of histograms"
-
 
 def read(path: Path, options: dict) -> Photons:
     """Photons of an .sdt file, of the data set `channel`, from 0, or the one with the most. Needs sdtfile."""
-    with read_errors(path, COMPLETE_SDT):
-        found, _ = isolated.arrays_of(path, "sdtfile", (), COMPLETE_SDT)
+    found, _ = isolated.arrays_of(path, "sdtfile", (), "a complete Becker & Hickl .sdt file of histograms")
+    with read_errors(path):
         sets = [name for name in found if name.isdecimal()]
         require(len(sets) > 0, "data sets", problem="The file has no histograms.")
         chosen, notes = max(sets, key=lambda name: found[name].sum(dtype=np.float64)), ()
