@@ -4,7 +4,6 @@ import shutil
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
@@ -296,29 +295,14 @@ def test_a_bag_without_a_description_takes_the_given_sensor(tmp_path, kind):
         assert seen.notes[:2] == (ASSUMED_WIDTH, ASSUMED_FOV) and seen.events.toa.tolist() == [2, 4]
 
 
-def rewritten(name: str, change: Callable[[bytes], bytes | None]) -> Callable[[Path], Path]:
-    """A function that changes, or removes, a file of a bag; "" is its storage file."""
-    def change_it(bag: Path) -> Path:
-        file = bag / name if name else storage_file(bag)
-        content = change(file.read_bytes())
-        file.unlink()
-        if content is not None:
-            file.write_bytes(content)
-        return bag
-
-    return change_it
-
-
-BROKEN = {
-    "garbage": rewritten("", lambda data: data[200:]), "empty": rewritten("", lambda data: b""),
-    "no storage file": rewritten("", lambda data: None),
-    "not there": lambda bag: bag.with_name("no such folder"),
-}
-
-
-@pytest.mark.parametrize("name", BROKEN)
-def test_a_broken_bag_is_one_line(bag, name):
-    path = BROKEN[name](bag)
-    with pytest.raises(InvalidInput) as error:
-        read(path, 2)
-    assert path.name[-15:] in str(error.value) and "\n" not in str(error.value)
+@pytest.mark.parametrize("left", [None, slice(0), slice(200, None)])
+def test_a_broken_bag_is_one_line(bag, left):
+    file = storage_file(bag)
+    content = file.read_bytes()
+    file.unlink()
+    if left:
+        file.write_bytes(content[left])
+    for path in (bag, bag.with_name("no such folder")):
+        with pytest.raises(InvalidInput) as error:
+            read(path, 2)
+        assert path.name in str(error.value) and "\n" not in str(error.value)

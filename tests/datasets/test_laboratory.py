@@ -96,11 +96,6 @@ def test_npz_cubes_may_describe_their_sensor(tmp_path, name, array):
     assert photons.sensor.bin_width_s == 1e-10 and np.allclose(photons.sensor.irf, IRF)
 
 
-def test_npy_cubes_of_any_type_and_order(tmp_path):
-    np.save(tmp_path / "a.npy", np.asfortranarray(CUBE.astype(">u2")))
-    assert np.array_equal(counts_of(read(tmp_path / "a.npy", irf=IRF, bin_width_s=1e-10)), CUBE)
-
-
 @pytest.mark.parametrize(("array", "options", "said"), [
     (CUBE[0, 0], {"bin_width_s": 1e-10}, "a.npy counts is uint16"),
     (CUBE, {"bin_width_s": 1e-10, "rows": 5}, "rows is 5: expected 6"),

@@ -7,9 +7,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from srt3d_ros.core.sensor.distortion import PlumbBob
-from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import photon_file, read
 from srt3d_ros.datasets.options import ASSUMED_FOV
@@ -31,40 +30,6 @@ def write(tmp_path, **changes):
     path = tmp_path / "photons.npz"
     np.savez(path, **{name: value for name, value in (good() | changes).items() if value is not None})
     return path
-
-
-@pytest.mark.parametrize("sensor", [
-    SENSOR.replace(irf_ref=0, projection=Pinhole(10, 11, 1, 0.5, PlumbBob(-0.1, 0.2, 0.01, -0.01, 0.5)),
-                   gates=GateWords(3, 60_000), frame_id="spad"),
-    SENSOR.replace(gain=np.full((2, 3), 0.5), delay_bins=np.arange(6.0).reshape(2, 3), mask=np.eye(2, 3, dtype=bool),
-                   irf=np.random.default_rng(0).random((6, 4)), background_shape=np.arange(SENSOR.num_bins),
-                   projection=AngularScan(0.1, -0.2, 0.3, 0.4), cycles=1504)])
-def test_everything_comes_back(tmp_path, sensor):
-    reference = np.arange(12, dtype=np.float32).reshape(2, 2, 3)
-    reference[1, 0, 0] = np.nan
-    photon_file.save(tmp_path / "a.npz", sensor, EVENTS, reference)
-    back = read(tmp_path / "a.npz")
-    assert back.sensor.same_as(sensor) and (back.name, back.notes) == ("a", ())
-    for name in ("pixel", "toa", "stamp_ns"):
-        np.testing.assert_array_equal(getattr(back.frame, name), getattr(EVENTS, name), strict=True)
-    np.testing.assert_array_equal(back.reference_depth_bins, reference, strict=True)
-
-
-def test_a_name_in_capitals_is_kept_and_a_failed_save_leaves_the_old_file_and_nothing_else(tmp_path, request):
-    path = tmp_path / "A.NPZ"
-    photon_file.save(path, SENSOR, EVENTS)
-    before = path.read_bytes()
-    request.getfixturevalue("full_disk")
-    with pytest.raises(InvalidInput, match="^Cannot write .*A.NPZ"):
-        photon_file.save(path, SENSOR.replace(gain=np.random.default_rng(0).random((2, 3)) + 1), EVENTS)
-    assert [*tmp_path.iterdir()] == [path] and path.read_bytes() == before
-
-
-@pytest.mark.parametrize("dtype", [np.uint16, np.uint32, np.int64, np.float32])
-def test_every_type_of_toa_is_read(tmp_path, dtype):
-    back = read(write(tmp_path, toa=EVENTS.toa.astype(dtype), pixel=EVENTS.pixel.astype(np.int64))).frame
-    np.testing.assert_array_equal(back.toa, EVENTS.toa, strict=True)
-    np.testing.assert_array_equal(back.pixel, EVENTS.pixel, strict=True)
 
 
 def test_the_better_reference_is_preferred(tmp_path):

@@ -34,7 +34,10 @@ EVENTS = Photons(SENSOR, simulate(DEPTH, 10, 20), np.stack([DEPTH, DEPTH + 9]).a
 COUNTS = Photons(BINNED, PhotonHistograms(
     np.random.default_rng(0).normal(3, 2, (12, 20, T // 2)).astype(np.float32), 7))
 SKETCH = replace(EVENTS.sketch(gate=(5, 280)), cycles=10**9, before=np.arange(240, dtype=np.uint32).reshape(12, 20))
-RESULTS = {"events": EVENTS, "counts": COUNTS, "sketch": SKETCH, "plain_sketch": COUNTS.sketch(4),
+SCAN = Photons(SENSOR.replace(
+    irf=np.random.default_rng(0).random((240, 4)), irf_ref=0, delay_bins=np.arange(240.0).reshape(12, 20),
+    background_shape=np.arange(T), projection=AngularScan(0.1, -0.2, 0.3, 0.4), cycles=1504), EVENTS.frame)
+RESULTS = {"events": EVENTS, "scan": SCAN, "counts": COUNTS, "sketch": SKETCH, "plain_sketch": COUNTS.sketch(4),
            "cloud": SKETCH.reconstruct(surfaces=2), "empty": COUNTS.sketch().reconstruct().within(max_m=0),
            "photons_cloud": EVENTS.reconstruct(method="xcorr")}
 
@@ -54,11 +57,23 @@ OF_THE_RUN = {".name", ".sketch_ms", ".reconstruct_ms"}       # not saved
 
 @pytest.mark.parametrize("result", RESULTS.values(), ids=RESULTS)
 def test_what_was_saved_is_read_to_the_bit(result, tmp_path):
-    result.save(tmp_path / "a.npz")
-    again, content = srt3d_ros.read(tmp_path / "a.npz"), (tmp_path / "a.npz").read_bytes()
+    path = tmp_path / "a.NPZ"
+    result.save(path)
+    again, content = srt3d_ros.read(path), path.read_bytes()
     assert {*differences(result, again)} <= OF_THE_RUN
-    again.save(tmp_path / "a.npz")
-    assert (tmp_path / "a.npz").read_bytes() == content
+    again.save(path)
+    assert path.read_bytes() == content and [*tmp_path.iterdir()] == [path]
+
+
+@pytest.mark.parametrize("kind", ["events", "sketch"])
+def test_a_failed_save_leaves_the_old_file_and_nothing_else(kind, tmp_path, request):
+    path = tmp_path / "a.npz"
+    RESULTS[kind].save(path)
+    content = path.read_bytes()
+    request.getfixturevalue("full_disk")
+    with pytest.raises(InvalidInput, match="^Cannot write .*a.npz"):
+        RESULTS[kind].save(path)
+    assert path.read_bytes() == content and [*tmp_path.iterdir()] == [path]
 
 
 def test_a_saved_sketch_gives_the_same_cloud_and_takes_options_that_a_cloud_refuses(tmp_path):
