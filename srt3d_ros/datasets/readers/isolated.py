@@ -3,6 +3,7 @@
 import builtins
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -43,6 +44,7 @@ def arrays_of(path: Path, library: str, names: tuple[str, ...], expected: str) -
                               stdin=subprocess.DEVNULL, capture_output=True, pass_fds=(file.fileno(),),
                               env=os.environ | {"PYTHONPATH": modules, "OPENBLAS_NUM_THREADS": "1"})
         why = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+        why = re.sub(r"^(\w+\.)+", "", why)           # the module of the error's class
         require("MemoryError" not in why, "", problem=f"The arrays take more than {MAX_ARRAY_BYTES} bytes. Save "
                 "counts as uint8 or uint16, or as .npy, which may be larger than memory.")
         kind = getattr(builtins, why.partition(":")[0], None)
