@@ -3,6 +3,7 @@
 import argparse
 import concurrent.futures
 import json
+import logging
 import os
 import re
 import signal
@@ -10,7 +11,7 @@ import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
@@ -21,60 +22,40 @@ from srt3d_ros.errors import InvalidInput, printable, require
 from srt3d_ros.files.new_files import atomic_write, check_not_input, file_errors
 from srt3d_ros.progress import progress
 
-RANGE = re.compile(r"(\d{1,9})[-:](\d{1,9})")
-CLOUD_FILE = re.compile(r"\d{6,}\.")
-ADDRESS = re.compile(r"\w+://.+:\d+")
 CONNECT_S = 10          # until a scheduler answers, and until it has a worker
 AHEAD = 2               # frames read for each worker, so that none waits for the next one
 OPTIONS_FILE = "options.json"
 OF_THE_RUN = ("output", "frame", "frames", "format", "jobs", "dask", "json", "run")     # arguments that change no cloud
 FAILED = 1
 ONE_AT_A_TIME = Lock()      # a worker of Dask may have several threads, but a frame uses them all
-
-
-@dataclass(frozen=True)
-class Task:
-    """A frame to reconstruct into a file: `load` reads it, `options` are those of api.reconstruct."""
-
-    number: int
-    load: Callable
-    options: dict
-    output: Path
-    threads: int
-
-    def __call__(self) -> tuple[str, ...]:
-        """Write the cloud; returns its notes."""
-        from numba import config, set_num_threads
-
-        from srt3d_ros import api
-
-        with ONE_AT_A_TIME:
-            set_num_threads(min(self.threads, config.NUMBA_NUM_THREADS))
-            cloud = api.reconstruct(self.load(), **self.options)
-            cloud.save(self.output)
-        return cloud.notes
+GONE = ("A process has died, or the cluster has gone, for lack of memory perhaps. Give the command again, with fewer "
+        "--jobs: it goes on where it stopped.")
 
 
 def run(args: argparse.Namespace, options: dict) -> int:
     """Reconstruct the frames that are not in the folder yet; `options` are those of api.reconstruct."""
     from srt3d_ros.datasets import cloud_files, many_frames
 
-    numbers = numbers_of(args.frames, args.input, args.photons_topic)
-    jobs = len(os.sched_getaffinity(0)) if args.jobs is None else args.jobs
-    require(jobs > 0, "--jobs", jobs, "1 or more")
+    numbers = many_frames.numbers(args.input, args.frames, args.photons_topic)
+    require(args.frame == 0, "--frame", args.frame, "none beside --frames")
+    require(args.jobs is None or args.jobs > 0, "--jobs", args.jobs, "1 or more")
     cloud_files.check_format(Path(f"0.{args.format}"))
-    with executor(jobs, args.dask) as (pool, workers, threads):
+    errors = {}         # by number, "" of a frame that succeeded
+    with executor(args.jobs, args.dask) as (pool, processes, threads):
         folder = folder_for(args)
-        outputs, there = {k: folder / f"{k:06d}.{args.format}" for k in numbers}, set(os.listdir(folder))
-        left = [number for number, output in outputs.items() if output.name not in there]
+        there = set(os.listdir(folder))
+        name_of = f"{{:06d}}.{args.format}".format
+        left = [number for number in numbers if name_of(number) not in there]
         loaders = many_frames.loaders(args.input, left, args.photons_topic, **common.overrides(args)) if left else ()
-        tasks = (Task(number, load, options, outputs[number], threads) for number, load in loaders)
-        errors = first_results(tasks)
-        steps = progress(range(len(left) - len(errors)), "reconstructing")
+        tasks = ((number, partial(reconstruct, load, options, folder / name_of(number), threads))
+                 for number, load in loaders)
+        steps = progress(range(len(left)), "reconstructing")
         try:
-            for _, (number, error) in zip(steps, results_of(tasks, pool, workers)):
+            for _, (number, error) in zip(steps, results(tasks, pool, processes)):
                 errors[number] = error
         except InvalidInput as error:       # a bag that breaks off, or a worker that died
+            if "" not in errors.values():
+                raise
             rest = [number for number in left if number not in errors]
             errors[f"{rest[0]} to {rest[-1]}"] = str(error)
     failed = {str(number): error for number, error in errors.items() if error}
@@ -87,17 +68,17 @@ def run(args: argparse.Namespace, options: dict) -> int:
     return FAILED if failed else 0
 
 
-def numbers_of(wanted: str, path: str, photons_topic: str) -> range:
-    """The frames that `--frames` names; InvalidInput if there are none such."""
-    from srt3d_ros.datasets.many_frames import count
+def reconstruct(load: Callable, options: dict, output: Path, threads: int) -> tuple[str, ...]:
+    """Write the cloud of the frame that `load` reads; returns its notes."""
+    from numba import config, set_num_threads
 
-    match, number = RANGE.fullmatch(wanted), count(path, photons_topic)
-    require(match or wanted == "all", "--frames", wanted, "all, or first and last frame such as 0-99")
-    require(match or number is not None, "--frames", wanted, f"first and last frame such as 0-99: {path} has no end")
-    first, last = map(int, match.groups()) if match else (0, number - 1)
-    fits = first <= last and (number is None or last < number)
-    require(fits, "--frames", problem=f"{path} has no frames {first} to {last} (it has {number}).")
-    return range(first, last + 1)
+    from srt3d_ros import api
+
+    with ONE_AT_A_TIME:
+        set_num_threads(min(threads, config.NUMBA_NUM_THREADS))
+        cloud = api.reconstruct(load(), **options)
+        cloud.save(output)
+    return cloud.notes
 
 
 def folder_for(args: argparse.Namespace) -> Path:
@@ -107,14 +88,14 @@ def folder_for(args: argparse.Namespace) -> Path:
     """
     folder = Path(args.output).absolute()
     check_not_input(folder, args.input)
-    is_file = os.path.lexists(folder) and not folder.is_dir()
-    require(not is_file, "output", problem=f"{args.output} is a file: with --frames, give a folder.")
+    require(folder.is_dir() or not os.path.lexists(folder), "output",
+            problem=f"{args.output} is a file: with --frames, give a folder.")
     arguments = vars(args) | {"input": os.path.abspath(args.input)}
     text = json.dumps({name: value for name, value in arguments.items() if name not in OF_THE_RUN}, indent=1)
     with file_errors("output", args.output):
         folder.mkdir(exist_ok=True)
         path = folder / OPTIONS_FILE
-        if any(map(CLOUD_FILE.match, os.listdir(folder))):
+        if any(re.match(r"\d{6,}\.", name) for name in os.listdir(folder)):
             same = path.exists() and path.read_bytes() == text.encode()
             require(same, "output", problem=f"{args.output} has clouds of another input or of other options (see "
                     f"{OPTIONS_FILE} there): give another folder.")
@@ -124,18 +105,24 @@ def folder_for(args: argparse.Namespace) -> Path:
 
 
 @contextmanager
-def executor(jobs: int, address: str) -> Iterator[tuple[Executor, int, int]]:
+def executor(jobs: int | None, address: str) -> Iterator[tuple[Executor, int, int]]:
     """An executor on this machine or a cluster, the number of its processes, and the threads of each."""
     if not address:
+        cores = len(os.sched_getaffinity(0))
+        jobs = jobs or cores
         with ProcessPoolExecutor(jobs, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_DFL)) as pool:
-            yield pool, jobs, max(len(os.sched_getaffinity(0)) // jobs, 1)
+            yield pool, jobs, max(cores // jobs, 1)
         return
     from distributed import Client
 
-    require(ADDRESS.fullmatch(address), "--dask", address, "the address of a scheduler such as tcp://HOST:8786")
+    expected = "the address of a scheduler such as tcp://HOST:8786"
+    require(re.fullmatch(r"\w+://.+:\d+", address), "--dask", address, expected)
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)     # it logs tracebacks
     try:
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
-    except OSError as error:      # also of a wrong host, and no answer in time
+    except (ValueError, ImportError):       # of tcp:// and others
+        raise InvalidInput("--dask", address, expected) from None
+    except OSError as error:                # also of a wrong host, and no answer in time
         raise InvalidInput("--dask", problem=f"No scheduler answers at {address} ({error}).") from None
     with client:
         try:
@@ -146,40 +133,33 @@ def executor(jobs: int, address: str) -> Iterator[tuple[Executor, int, int]]:
         yield client.get_executor(pure=False), len(threads), max(threads)
 
 
-def first_results(tasks: Iterator[Task]) -> dict[int, str]:
-    """Do frames here until one succeeds, at most two: kernels are compiled once. By number, what is wrong, or "".
+def results(tasks: Iterator[tuple[int, Callable]], pool: Executor, processes: int) -> Iterator[tuple[int, str]]:
+    """Do numbered tasks; yield the number of each that is done, and what is wrong, or "". Few frames are read ahead.
 
     Raises:
-        InvalidInput: the same is wrong with both frames: an option, that is.
+        InvalidInput: the same is wrong with the first two (an option, that is), the tasks end in it, or a process died.
     """
-    errors = {}
-    for task in islice(tasks, 2):
+    first = ""
+    for number, task in islice(tasks, 2):       # here until one succeeds: kernels are compiled once
         try:
             common.print_notes(task())
         except InvalidInput as error:
-            require(str(error) not in errors.values(), error.field, problem=str(error))
-            errors[task.number] = str(error)
+            require(str(error) != first, error.field, problem=str(error))
+            first = str(error)
+            yield number, first
         else:
-            return errors | {task.number: ""}
-    return errors
-
-
-def results_of(tasks: Iterator[Task], pool: Executor, workers: int) -> Iterator[tuple[int, str]]:
-    """Yield the number of each frame as it is done, and what is wrong, or "". Few frames are read ahead.
-
-    Raises:
-        InvalidInput: the tasks end in it, or a worker process has died.
-    """
+            yield number, ""
+            break
     waiting, ended = {}, None
     while True:
         try:
-            for task in islice(tasks, AHEAD * workers - len(waiting)):
-                waiting[pool.submit(task)] = task.number
-        except InvalidInput as error:
-            ended = error
+            for number, task in islice(tasks, AHEAD * processes - len(waiting)):
+                waiting[pool.submit(task)] = number
+        except (InvalidInput, BrokenExecutor) as error:
+            ended = error if isinstance(error, InvalidInput) else InvalidInput("--jobs", problem=GONE)
         if not waiting:
             break
-        for future in concurrent.futures.wait(waiting, return_when=concurrent.futures.FIRST_COMPLETED).done:
+        for future in concurrent.futures.wait(waiting, return_when="FIRST_COMPLETED").done:
             yield waiting.pop(future), error_of(future)
     if ended:
         raise ended
@@ -188,11 +168,11 @@ def results_of(tasks: Iterator[Task], pool: Executor, workers: int) -> Iterator[
 def error_of(future: Future) -> str:
     """What is wrong with a frame, in a line, or ""; InvalidInput if its process or the cluster is gone."""
     try:
-        error = future.exception()
-    except CancelledError as cancelled:
-        error = cancelled
-    gone = isinstance(error, BrokenExecutor | CancelledError)
-    require(not gone, "--jobs", problem="A process has died, or the cluster has gone, for lack of memory perhaps. Give "
-            "the command again, with fewer --jobs: it goes on where it stopped.")
-    known = error is None or isinstance(error, InvalidInput)
-    return str(error or "") if known else printable(f"{type(error).__name__}: {error}")
+        future.result()
+    except (BrokenExecutor, CancelledError):
+        raise InvalidInput("--jobs", problem=GONE) from None
+    except InvalidInput as error:
+        return str(error)
+    except Exception as error:
+        return printable(f"{type(error).__name__}: {error}")
+    return ""

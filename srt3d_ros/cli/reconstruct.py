@@ -9,7 +9,9 @@ from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.core.sketching.gate import AUTO, OFF
 from srt3d_ros.core.thresholds import DEFAULT_FALSE_ALARM_RATE
+from srt3d_ros.errors import require
 
+NPZ = "npz"
 METHOD_OPTIONS = ("method", "sketch_size", "frequencies", "surfaces", "device", "false_alarm_rate", "background")
 
 
@@ -46,7 +48,7 @@ def add_parser(subparsers) -> None:
     many.add_argument("--frames", metavar="all|FIRST-LAST",
                       help="reconstruct each of these frames of a bag or log into a file of its own in the folder OUT; "
                            "keep the files that are there, so that the command goes on where it stopped")
-    many.add_argument("--format", default="npz", metavar="SUFFIX", help="suffix of these files (default: npz)")
+    many.add_argument("--format", default=NPZ, metavar="SUFFIX", help="suffix of these files (default: npz)")
     many.add_argument("--jobs", type=int, metavar="N", help="processes, which share the cores (default: one per core)")
     many.add_argument("--dask", default="", metavar="ADDRESS",
                       help="compute on the workers of a Dask scheduler such as tcp://HOST:8786")
@@ -64,6 +66,8 @@ def run(args: argparse.Namespace) -> int:
     options = common.given(args, METHOD_OPTIONS) | {"gate": args.gate if args.gate == AUTO else OFF}
     if args.frames is not None:
         return frames.run(args, options)
+    for name, given in (("--format", args.format != NPZ), ("--jobs", args.jobs), ("--dask", args.dask)):
+        require(not given, name, problem=f"{name} needs --frames.")
     check_not_input(args.output, args.input, args.irf, args.sensor_file)
     cloud_files.check(args.output)
     seen = api.read(args.input, args.frame, photons_topic=args.photons_topic, **common.overrides(args))

@@ -1,5 +1,6 @@
-"""Many frames of a bag or a log: how many there are, and a function for each that reads it, in one pass."""
+"""Many frames of a bag or a log: which there are, and a function for each that reads it, in one pass."""
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from importlib import import_module
@@ -14,23 +15,35 @@ from srt3d_ros.datasets.bags import frames
 from srt3d_ros.datasets.bags.bag import Bag, is_bag
 from srt3d_ros.datasets.options import gathered
 from srt3d_ros.datasets.photons import Photons
+from srt3d_ros.errors import require
 from srt3d_ros.files.array_files import require_file
 
+MOST_FRAMES = 10**7         # at once: their numbers take 0.4 GB
 
-def count(path: str | Path, photons_topic: str = "") -> int | None:
-    """The number of frames of a file, bag or log; None for the simulator, which has no end.
+
+def numbers(path: str | Path, wanted: str, photons_topic: str = "") -> range:
+    """The frames of a file, bag or log that `wanted` names: "all", or the first and the last one such as "0-99".
 
     Raises:
-        InvalidInput: it cannot be read.
+        InvalidInput: it has no such frames, or cannot be read; or all are wanted of the simulator, which has no end.
     """
+    ends = re.fullmatch(r"(\d{1,9})[-:](\d{1,9})", wanted)
+    require(ends or wanted == "all", "--frames", wanted, "all, or first and last frame such as 0-99")
     if str(path) == SIMULATOR:
-        return None
-    if is_bag(path):
+        require(ends, "--frames", wanted, f"first and last frame such as 0-99: {path} has no end")
+        count = MOST_FRAMES
+    elif is_bag(path):
         with Bag(path) as bag:
-            return frames.find_photons(bag, photons_topic).frames.messages
-    require_file(Path(path), "photon file")
-    log = _log(path)
-    return 1 if log is None else sum(1 for _ in log.frames(Path(path), {}))
+            count = frames.find_photons(bag, photons_topic).frames.messages
+    else:
+        require_file(Path(path), "photon file")
+        log = _log(path)
+        count = 1 if log is None else sum(1 for _ in log.frames(Path(path), {}))
+    first, last = map(int, ends.groups()) if ends else (0, count - 1)
+    fits = first <= last < count
+    require(fits, "--frames", problem=f"{path} has no frames {first} to {last} (it has {count:,}).")
+    require(last - first < MOST_FRAMES, "--frames", problem=f"Give at most {MOST_FRAMES:,} frames at once.")
+    return range(first, last + 1)
 
 
 def loaders(path: str | Path, numbers: Sequence[int], photons_topic: str = "", *, sensor: SensorModel | None = None,

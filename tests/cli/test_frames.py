@@ -88,7 +88,10 @@ def test_a_log_has_frames_and_fails_from_where_it_breaks_off(srt3d, tmp_path, mo
     (["--frames=all", "--surfaces=9"], "surfaces is 9"), (["--frames=all", "--jobs=0"], "--jobs is 0"),
     (["--frames=all", "--format=las"], "output is 0.las"), (["--frames=all", "-o", "mixed"], "mixed has clouds of"),
     (["--frames=all", "--dask=here"], "--dask is here: expected the address of a scheduler such as tcp://HOST:8786"),
+    (["--frames=all", "--dask=http://here:80"], "--dask is http://here:80: expected the address of a scheduler"),
     (["--frames=all", "--dask=FREE"], "No scheduler answers at tcp://127.0.0.1:"),
+    (["--frames=all", "--frame=2"], "--frame is 2: expected none beside --frames"),
+    (["--jobs=2"], "--jobs needs --frames"),
     (["--frames=all", "-o", "BAG"], "it is the input")])
 def test_a_mistake_is_one_line_and_leaves_no_cloud(bag, refusal, tmp_path, monkeypatch, options, said):
     monkeypatch.chdir(tmp_path)
