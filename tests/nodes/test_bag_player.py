@@ -73,3 +73,8 @@ def test_topics_of_this_package_are_played_and_sketches_only_without_photons(tmp
                 topics_to_play(bag)
         else:
             assert {topic.name for topic in topics_to_play(bag)} == set(played)
+
+
+def test_a_name_that_ros_refuses_is_one_line(play, tmp_path):
+    player = play(write_bag(tmp_path / "bag", [(f"/{'a' * 300}/photons", CLOUD, b"\0\1\0\0")]))
+    assert player.code() == 2 and player.text.startswith("srt3d: error: Cannot publish /aaa")
