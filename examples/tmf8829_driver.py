@@ -43,16 +43,19 @@ def publish() -> None:
     histograms.publish(histograms_message.encode_cdr(photons.frame, described, described.frame_id))
 
 
+_, *addresses = rclpy.utilities.remove_ros_args(sys.argv)
+if len(addresses) != 1:
+    sys.exit("tmf8829_driver: give the address of ams' driver, such as tcp://169.254.0.2:5558")
 rclpy.init()
 node = rclpy.create_node("tmf8829_driver")
-address, described = rclpy.utilities.remove_ros_args(sys.argv)[-1], None
+described = None
 sensor = node.create_publisher(String, "sensor", QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
 histograms = node.create_publisher(Image, "histograms", QoSProfile(depth=5))
 socket = zmq.Context().socket(zmq.SUB)          # reconnects when the device comes back
 socket.setsockopt(zmq.SUBSCRIBE, b"")
 socket.setsockopt(zmq.RCVHWM, 4)                # drop older measurements
 socket.setsockopt(zmq.HEARTBEAT_IVL, 1000)      # ms; a device that loses power does not close the connection
-socket.connect(address)
+socket.connect(addresses[0])
 node.create_timer(0.005, publish)
 with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
     rclpy.spin(node)
