@@ -11,7 +11,7 @@ from srt3d_ros.core.cloud import POINT_FIELDS, Cloud
 from srt3d_ros.datasets.sensor_arrays import read_saved, sensor_arrays
 from srt3d_ros.errors import printable, require
 from srt3d_ros.files.array_files import read_errors
-from srt3d_ros.files.new_files import atomic_write, check_place, check_replaceable, file_errors
+from srt3d_ros.files.new_files import atomic_write, check_output, file_errors
 from srt3d_ros.pictures.colours import levels, percentile_range, range_table
 
 PICTURES = (".png", ".jpg", ".jpeg")
@@ -50,11 +50,8 @@ def save(cloud: Cloud, path: str | Path) -> None:
 
 def check(path: str | Path) -> Path:
     """The path; InvalidInput if a cloud cannot be saved there, as far as is known before writing."""
-    require(isinstance(path, str | Path), "output", type(path).__name__, "a path")
-    path = Path(path)
+    path = check_output(path, "xyz")
     check_format(path)
-    check_place(path)
-    check_replaceable(path, "xyz")
     return path
 
 

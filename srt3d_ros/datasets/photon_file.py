@@ -24,7 +24,7 @@ from srt3d_ros.datasets.sensor_arrays import (
 from srt3d_ros.datasets.values import MAX_EVENTS, listing, sendable
 from srt3d_ros.errors import require
 from srt3d_ros.files.array_files import MAX_ARRAY_BYTES, npz_contents, read_errors, read_npz_arrays
-from srt3d_ros.files.new_files import atomic_write, check_npz, file_errors
+from srt3d_ros.files.new_files import atomic_write, check_output, file_errors
 
 FIRST_REFERENCES = ("ref_depth_ml_bins", "ref_depth_bins")      # the better one first
 MAX_REFERENCES = 8
@@ -50,7 +50,7 @@ def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame, reference_de
         InvalidInput: another suffix, photons outside the sensor, a reference of another shape, or a path that cannot be
             written.
     """
-    path = check_npz(path, "toa", "counts")
+    path = check_output(path, "toa", "counts", suffix=".npz")
     photons = frame if isinstance(frame, PhotonEvents | PhotonHistograms) else frame.to_events(sensor)
     photons.check(sensor)
     if isinstance(photons, PhotonEvents):

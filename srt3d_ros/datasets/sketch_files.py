@@ -9,7 +9,7 @@ from srt3d_ros.datasets.options import sketch_with_options
 from srt3d_ros.datasets.sensor_arrays import read_saved, sensor_arrays
 from srt3d_ros.errors import require
 from srt3d_ros.files.array_files import read_errors
-from srt3d_ros.files.new_files import atomic_write, check_npz, file_errors
+from srt3d_ros.files.new_files import atomic_write, check_output, file_errors
 
 FACTS = ("stamp_ns", "sketch_cycles")
 
@@ -21,7 +21,7 @@ def save(sketch: Sketch, path: str | Path) -> None:
     Raises:
         InvalidInput: another suffix than .npz, or a file that cannot be written.
     """
-    path = check_npz(path, "sums")
+    path = check_output(path, "sums", suffix=".npz")
     before = np.zeros((0, 0), np.uint32) if sketch.before is None else sketch.before
     with file_errors("output", path), atomic_write(path) as part, part.open("wb") as file:
         np.savez(file, kind="sketch", frequencies=sketch.frequencies, sums=sketch.sums, photons=sketch.photons,

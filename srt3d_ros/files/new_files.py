@@ -50,23 +50,21 @@ def check_not_input(output: str | Path, *inputs: str | Path | None) -> None:
         require(not same, "output", problem=f"Cannot write {output}: it is the input.")
 
 
-def check_npz(path: str | Path, *arrays: str) -> Path:
-    """The path; InvalidInput unless an .npz file can be written there that may replace one with one of `arrays`."""
+def check_output(path: str | Path, *arrays: str, suffix: str = "") -> Path:
+    """The path; InvalidInput unless a file can be written there, with this suffix if one is given.
+
+    An .npz file there must have one of `arrays`: a cloud does not replace photons, say.
+    """
     require(isinstance(path, str | Path), "output", type(path).__name__, "a path")
     path = Path(path)
-    require(path.suffix.lower() == ".npz", "output", path.name, "a name that ends in .npz")
+    require(suffix in ("", path.suffix.lower()), "output", path.name, f"a name that ends in {suffix}")
     check_place(path)
-    check_replaceable(path, *arrays)
-    return path
-
-
-def check_replaceable(path: Path, *arrays: str) -> None:
-    """Raise InvalidInput if `path` is an .npz file with none of these: it would replace photons by a cloud, say."""
     if path.suffix.lower() == ".npz" and zipfile.is_zipfile(path):
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
         fits = any(f"{array}.npy" in names for array in arrays)
         require(fits, "output", problem=f"Cannot write {path}: that file holds something else.")
+    return path
 
 
 def free(path: Path) -> Path:

@@ -100,15 +100,6 @@ def test_a_path_that_cannot_be_used_is_refused_in_one_line(saved, tmp_path, name
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".ply"])
-def test_a_failed_save_leaves_the_old_file_and_nothing_else(saved, tmp_path, full_disk, suffix):
-    path = tmp_path / ("cloud" + suffix)
-    path.write_text("old")
-    with pytest.raises(InvalidInput, match=r"File too large\).$"):
-        saved(path.name)
-    assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
-
-
 def test_rerun_and_matplotlib_are_not_imported_for_the_other_formats(tmp_path):
     script = ("import sys, srt3d_ros.datasets.cloud_files; "
               "print([m for m in ('rerun', 'matplotlib', 'PIL') if m in sys.modules])")

@@ -65,13 +65,14 @@ def test_what_was_saved_is_read_to_the_bit(result, tmp_path):
     assert path.read_bytes() == content and [*tmp_path.iterdir()] == [path]
 
 
-@pytest.mark.parametrize("kind", ["events", "sketch"])
-def test_a_failed_save_leaves_the_old_file_and_nothing_else(kind, tmp_path, request):
-    path = tmp_path / "a.npz"
+@pytest.mark.parametrize(("kind", "name"), [
+    ("events", "a.npz"), ("sketch", "a.npz"), ("cloud", "a.npz"), ("cloud", "a.ply")])
+def test_a_failed_save_leaves_the_old_file_and_nothing_else(kind, name, tmp_path, request):
+    path = tmp_path / name
     RESULTS[kind].save(path)
     content = path.read_bytes()
     request.getfixturevalue("full_disk")
-    with pytest.raises(InvalidInput, match="^Cannot write .*a.npz"):
+    with pytest.raises(InvalidInput, match=r"^Cannot write .*a\..*File too large\).$"):
         RESULTS[kind].save(path)
     assert path.read_bytes() == content and [*tmp_path.iterdir()] == [path]
 

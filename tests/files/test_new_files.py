@@ -2,11 +2,10 @@
 
 from contextlib import nullcontext
 
-import numpy as np
 import pytest
 
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.files.new_files import atomic_write, check_not_input, check_replaceable, free
+from srt3d_ros.files.new_files import atomic_write, check_not_input, free
 
 
 @pytest.mark.parametrize("fails", [False, True])
@@ -60,14 +59,3 @@ def test_a_free_name_is_the_first_where_nothing_is_not_even_a_broken_link(tmp_pa
     (tmp_path / "a_2.rrd").symlink_to(tmp_path / "nothing")
     (tmp_path / "a_4.rrd").touch()
     assert free(path) == tmp_path / "a_3.rrd"
-
-
-def test_only_an_npz_file_of_something_else_is_kept(tmp_path):
-    cloud, photons = tmp_path / "cloud.npz", tmp_path / "photons.npz"
-    np.savez(cloud, xyz=np.zeros(3))
-    np.savez(photons, toa=np.zeros(3))
-    (tmp_path / "archive.ply").write_bytes(photons.read_bytes())
-    for path in (tmp_path / "new.npz", cloud, tmp_path / "archive.ply"):
-        check_replaceable(path, "xyz")
-    with pytest.raises(InvalidInput, match="photons.npz: that file holds something else"):
-        check_replaceable(photons, "xyz")
