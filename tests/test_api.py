@@ -208,20 +208,6 @@ def test_a_window_of_a_sketch_sees_its_part_of_the_scene(cloud):
 
 # ---- What a cloud can do
 
-def test_no_result_is_written_over_photons_or_another_kind_of_file(cloud, tmp_path):
-    photon_file.save(tmp_path / "photons.npz", SENSOR, FRAME)
-    seen, content = srt3d_ros.read(tmp_path / "photons.npz"), (tmp_path / "photons.npz").read_bytes()
-    for _ in range(2):                          # a cloud may replace a cloud
-        cloud.save(tmp_path / "cloud.npz")
-    with np.load(tmp_path / "cloud.npz") as file:
-        assert np.array_equal(file["xyz"], cloud.xyz) and file["frequencies"].tolist() == list(FREQUENCIES)
-    with pytest.raises(srt3d_ros.InvalidInput, match="^Cannot write .*photons.npz: that file holds something else"):
-        seen.reconstruct().save(tmp_path / "photons.npz")
-    with pytest.raises(srt3d_ros.InvalidInput, match="^Cannot write .*cloud.npz: that file holds something else"):
-        photon_file.save(tmp_path / "cloud.npz", SENSOR, FRAME)
-    assert (tmp_path / "photons.npz").read_bytes() == content
-
-
 def test_ranges_before_the_sensor_are_negative():
     behind = srt3d_ros.from_events(ROW, COL, FRAME.toa, sensor=SENSOR.replace(toa_offset_bins=-400)).reconstruct()
     assert np.nanmax(behind.range_image()) < -2
