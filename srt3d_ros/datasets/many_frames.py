@@ -31,7 +31,7 @@ def numbers(path: str | Path, wanted: str, photons_topic: str = "") -> range:
     require(ends or wanted == "all", "--frames", wanted, "all, or first and last frame such as 0-99")
     if str(path) == SIMULATOR:
         require(ends, "--frames", wanted, f"first and last frame such as 0-99: {path} has no end")
-        count = MOST_FRAMES
+        count = 10**9       # frame numbers of nine digits
     elif is_bag(path):
         with Bag(path) as bag:
             count = frames.find_photons(bag, photons_topic).frames.messages
@@ -40,9 +40,9 @@ def numbers(path: str | Path, wanted: str, photons_topic: str = "") -> range:
         log = _log(path)
         count = 1 if log is None else sum(1 for _ in log.frames(Path(path), {}))
     first, last = map(int, ends.groups()) if ends else (0, count - 1)
+    require(last - first < MOST_FRAMES, "--frames", problem=f"Give at most {MOST_FRAMES:,} frames at once.")
     fits = first <= last < count
     require(fits, "--frames", problem=f"{path} has no frames {first} to {last} (it has {count:,}).")
-    require(last - first < MOST_FRAMES, "--frames", problem=f"Give at most {MOST_FRAMES:,} frames at once.")
     return range(first, last + 1)
 
 

@@ -91,7 +91,7 @@ def test_a_log_has_frames_and_fails_from_where_it_breaks_off(srt3d, tmp_path, mo
     (["--frames=all", "--dask=http://here:80"], "--dask is http://here:80: expected the address of a scheduler"),
     (["--frames=all", "--dask=FREE"], "No scheduler answers at tcp://127.0.0.1:"),
     (["--frames=all", "--frame=2"], "--frame is 2: expected none beside --frames"),
-    (["--jobs=2"], "--jobs needs --frames"),
+    (["--jobs=2"], "--jobs needs --frames"), (["--frames=0-10000000"], "Give at most 10,000,000 frames at once."),
     (["--frames=all", "-o", "BAG"], "it is the input")])
 def test_a_mistake_is_one_line_and_leaves_no_cloud(bag, refusal, tmp_path, monkeypatch, options, said):
     monkeypatch.chdir(tmp_path)

@@ -49,16 +49,6 @@ def test_text_has_the_same_figures(summary):
     assert "5 min 0 s" in format_summary(summary | {"duration_s": 299.96})
 
 
-def test_a_recording_with_clouds_alone_has_figures_too(tmp_path, ball):
-    cloud, sensor = ball
-    with RecordingWriter(tmp_path / "a.rrd", sensor) as writer:
-        writer.log_cloud(5, 0, cloud.xyz, cloud.intensity)
-    summary = summarise(Recorded.read(tmp_path / "a.rrd"))
-    assert summary["frames"] == 1 and summary["points"]["median"] == len(cloud)
-    assert summary["latency_ms"] == {} and summary["photons"] is summary["frame_rate_hz"] is None
-    assert "points a frame" in format_summary(summary)
-
-
 def test_a_recording_without_a_sensor_is_one_line(tmp_path):
     stream = rr.RecordingStream("other")
     stream.save(tmp_path / "a.rrd")
