@@ -275,6 +275,7 @@ def test_what_has_no_sensor_asks_for_one():
     (lambda cloud: cloud.render(yaw_deg="a"), 'yaw_deg is "a"'),
     (lambda cloud: srt3d_ros.Reconstructor("a", (1, 2)), "sensor is str"),
     (lambda cloud: srt3d_ros.Reconstructor(SENSOR, 3), "frequencies is "),
+    (lambda cloud: srt3d_ros.Reconstructor(SENSOR), "pooled reads sketches: give their frequencies"),
     (lambda cloud: srt3d_ros.Reconstructor(SENSOR, (1, 2))(PHOTONS), "seen is Photons: expected a Sketch")])
 def test_a_wrong_type_is_one_line(cloud, call, said):
     with pytest.raises(srt3d_ros.InvalidInput, match=f"^{said}"):

@@ -44,12 +44,14 @@ class Reconstructor:
         require(false_alarm_rate is None or isinstance(false_alarm_rate, Real), "false_alarm_rate",
                 quoted(false_alarm_rate), "a probability")
         self._frequencies = tuple(as_array("frequencies", frequencies, 1, "iuf").tolist())
+        self._on_photons = find(method).needs == "photons"
+        require(self._frequencies or self._on_photons, "frequencies",
+                problem=f"{method} reads sketches: give their frequencies, sketch.frequencies.")
         options = {"surfaces": surfaces, "device": device, "false_alarm_rate": false_alarm_rate,
                    "background": background, "warm_start": warm_start or None}
         self._build = partial(find(method).build, sensor, self._frequencies,
                               **{name: value for name, value in options.items() if value is not None})
         self._name, self._surfaces, self._is_warm = method, surfaces, False
-        self._on_photons = find(method).needs == "photons"
         try:
             self._method = self._build()
         except RuntimeError as error:
