@@ -287,6 +287,8 @@ def test_a_bag_without_a_description_takes_the_given_sensor(tmp_path, kind):
     described = with_topics(tmp_path / "described", {f"/{kind}": kind, "/sensor": "sensor"})
     given, recorded = read(bag, sensor=SENSOR), read(described)
     assert given.notes == () and given.sensor.same_as(recorded.sensor)
+    overridden = read(described, sensor=SENSOR)
+    assert overridden.notes == () and overridden.sensor.same_as(recorded.sensor)        # with the cycles of gates
     assert given.reconstruct().xyz.tolist() == recorded.reconstruct().xyz.tolist()
     with pytest.raises(InvalidInput, match=f"no description of the sensor beside /{kind}: .*--sensor-file.*sensor="):
         read(bag)

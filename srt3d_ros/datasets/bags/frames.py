@@ -135,6 +135,7 @@ def _decoded(kind: str, raw: bytes, descriptions: dict[str, bytes], options: dic
     photons = CODECS[kind].decode_cdr(raw, sensor)[1]
     if isinstance(photons, PhotonGates):
         sensor, photons = photons.counted(sensor), photons.to_events(sensor)
+        options = options | {"cycles": options.get("cycles") or sensor.cycles}      # a given sensor has none
     if "projection" not in json_text.parse(cdr.read_text(descriptions[""]), "sensor"):
         notes += (ASSUMED_FOV,)
     return Photons(sensor, photons, None, name, notes).with_options(options)
