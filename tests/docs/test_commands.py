@@ -26,7 +26,7 @@ from tools.processes import Process
 from .conftest import HEAD, HOT, TRUE
 from .pages import PAGES, ROOT, command_lines, fenced, indented, inline, section
 
-LONG = r"evaluate (?!head.npz --methods)|--device cuda"
+LONG = r"evaluate (?!head.npz --methods)|--device cuda|--dask"
 ELSEWHERE = ("IncludeLaunchDescription", "my_sensor.json")      # a launch file; run by the test of the quick start
 QUICKSTART = PAGES["docs/quickstart.md"]
 ran: set[str] = set()       # commands that pages have run
