@@ -117,7 +117,8 @@ def executor(jobs: int | None, address: str) -> Iterator[tuple[Executor, int, in
 
     expected = "the address of a scheduler such as tcp://HOST:8786"
     require(re.fullmatch(r"\w+://.+:\d+", address), "--dask", address, expected)
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)     # it logs tracebacks
+    for logger in ("distributed.client", "tornado.application"):        # they log tracebacks of a cluster that is gone
+        logging.getLogger(logger).disabled = True
     try:
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
     except (ValueError, ImportError):       # of tcp:// and others
