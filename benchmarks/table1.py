@@ -1,10 +1,10 @@
-"""Time and memory of a frame on the CPU, by image and sketch size: Table 1 of the SRT3D paper."""
+"""Time and memory of a frame on the CPU, by image and sketch size: Table 1 of the SRT3D paper; and of an FFT."""
 
 import argparse
 from collections.abc import Iterator
 from functools import partial
 
-from benchmarks.frames import PPP, photons_of, sensor_of, timed
+from benchmarks.frames import PPP, fft, photons_of, sensor_of, timed
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
@@ -31,3 +31,4 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
             del reconstructor               # its memory would count as the next frame's
             yield {"pixels": f"{side}x{side}", "m": m, "method": name, "paper_ms": PAPER_MS[side, m],
                    **timing.summary(), "growth_bytes": timing.growth_bytes}
+        yield {"pixels": f"{side}x{side}", "method": "fft", **timed(fft(sensor), args.repeats).summary()}
