@@ -64,7 +64,7 @@ def test_what_is_to_be_known_about_a_file_is_passed_on(layers, tmp_path):
     with np.load(layers) as file:
         np.savez(tmp_path / "bare.npz", **{name: file[name] for name in file.files if name != "bin_width_s"})
     case, = of_files([str(tmp_path / "bare.npz")])
-    assert len(case.notes) == 1 and case.notes[0].startswith("bare: bin width taken to be")
+    assert len(case.notes) == 1 and case.notes[0].startswith("bare: bin width taken as 2")
 
 
 def test_a_tolerance_is_in_bins_or_millimetres_of_range():
