@@ -11,6 +11,7 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
+from srt3d_ros.datasets.readers import isolated
 from srt3d_ros.datasets.values import array
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.files.array_files import map_npy, read_errors, read_npz_arrays, require_file
@@ -160,15 +161,13 @@ def _read_file(path: Path) -> tuple[np.ndarray, TimeColumn | None]:
 
 def _read_mat(path: Path) -> np.ndarray:
     """The variable `irf`, or else the only vector."""
-    from srt3d_ros.datasets.readers import mat  # which imports this module
-
-    found, listed = mat.variables(path, ("irf",))
+    found, listed = isolated.matlab_arrays(path, ("irf",))
     if "irf" in found:
         return found["irf"]
     vectors = MAT_VECTOR.findall(listed)
     require(len(vectors) == 1, "irf",
             problem=f"{path.name}: The file needs a variable irf or one vector. It has {listed}.")
-    return mat.variables(path, tuple(vectors))[0][vectors[0]]
+    return isolated.matlab_arrays(path, tuple(vectors))[0][vectors[0]]
 
 
 def _read_text(path: Path, separator: str | None) -> tuple[np.ndarray, TimeColumn | None]:

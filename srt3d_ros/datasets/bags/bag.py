@@ -8,11 +8,11 @@ from functools import partial
 from pathlib import Path
 
 from srt3d_ros.datasets.bags.copies import PACKED, journals_of, readable
-from srt3d_ros.datasets.bags.cut_mcap import CutMcap, is_cut
+from srt3d_ros.datasets.bags.cut_mcap import MAX_RECORD_BYTES, CutMcap, is_cut
 from srt3d_ros.errors import InvalidInput, require
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
-MAX_CHUNK_BYTES = 2**28             # unpacked; a chunk holds whole messages, and the largest have 180 MB
+MAX_CHUNK_BYTES = MAX_RECORD_BYTES  # unpacked; a chunk holds whole messages
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"    # begins a packed message; others begin with 00
 SQLITE_LIMIT_LENGTH = 0             # SQLite's number of this limit
 COMPLETE_BAG = "a rosbag2 bag (docs/bags.md says what is read of a damaged one)"

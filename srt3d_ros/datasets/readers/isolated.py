@@ -18,6 +18,7 @@ from srt3d_ros.files.array_files import MAX_ARRAY_BYTES, READER_ERRORS, read_err
 from srt3d_ros.processes.children import ending
 
 CHILD = Path(__file__).with_name("isolated_child.py")
+MATLAB_7_3, HDF5 = b"MATLAB 7.3", b"\x89HDF\r\n\x1a\n"        # beginnings of files
 
 
 def arrays_of(path: Path, library: str, names: tuple[str, ...], expected: str) -> tuple[dict[str, np.ndarray], str]:
@@ -58,3 +59,11 @@ def arrays_of(path: Path, library: str, names: tuple[str, ...], expected: str) -
                   np.memmap(file, kind, "c", place, tuple(shape), order)
                   for name, kind, place, shape, order in content["arrays"]}
     return arrays, listing(content["listed"])
+
+
+def matlab_arrays(path: Path, names: tuple[str, ...]) -> tuple[dict[str, np.ndarray], str]:
+    """`arrays_of` a .mat file with SciPy, or with h5py if the file is HDF5: MATLAB 7.3."""
+    with path.open("rb") as file:
+        begin = file.read(len(MATLAB_7_3))
+    library = "h5py" if begin.startswith((MATLAB_7_3, HDF5)) else "scipy"
+    return arrays_of(path, library, names, "a complete MATLAB .mat file")

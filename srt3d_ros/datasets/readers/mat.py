@@ -16,7 +16,6 @@ from srt3d_ros.datasets.values import MAX_EVENTS
 from srt3d_ros.errors import finite, require
 from srt3d_ros.files.array_files import read_errors
 
-MATLAB_7_3, HDF5 = b"MATLAB 7.3", b"\x89HDF\r\n\x1a\n"        # beginnings of files
 EDGE = 1e-6     # of a bin; added to a time before it is rounded down, so that an edge belongs to the bin it begins
 
 
@@ -53,7 +52,7 @@ VARIABLES = (*(name for one in LAYOUTS for name in (one.variable, one.reference,
 
 def read(path: Path, options: dict) -> Photons:
     """Photons of a .mat file. The bins are those of the file's window, or those that have photons."""
-    found, listed = variables(path, (*VARIABLES, *options.get("columns", ())))
+    found, listed = isolated.matlab_arrays(path, (*VARIABLES, *options.get("columns", ())))
     layout = next((one for one in LAYOUTS if one.fits(found)), None)
     if layout is None or "columns" in options:
         return photon_file.from_arrays(path, found, options, WANTED, listed)
@@ -61,14 +60,6 @@ def read(path: Path, options: dict) -> Photons:
         for name in found.keys() & {*layout.window, layout.reference}:
             require(found[name].dtype.kind in "iuf", name, str(found[name].dtype), "numbers")
         return (_of_counts if layout.reference else _of_cells)(path, layout, found, options)
-
-
-def variables(path: Path, names: tuple[str, ...]) -> tuple[dict[str, np.ndarray], str]:
-    """`isolated.arrays_of` with SciPy, or with h5py if the file is HDF5: MATLAB 7.3."""
-    with path.open("rb") as file:
-        begin = file.read(len(MATLAB_7_3))
-    library = "h5py" if begin.startswith((MATLAB_7_3, HDF5)) else "scipy"
-    return isolated.arrays_of(path, library, names, "a complete MATLAB .mat file")
 
 
 def _of_counts(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Photons:
