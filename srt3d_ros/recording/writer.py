@@ -8,6 +8,7 @@ import uuid
 from collections import defaultdict, deque
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,10 @@ from srt3d_ros.processes.children import end_at_once
 from srt3d_ros.recording import entities, rerun_streams
 from srt3d_ros.recording.blueprint import film_blueprint, plot_styles
 
-FLUSH_PERIOD_S = 0.4        # without regular flushes, large clouds keep rerun from writing scalars
+# Each entity gets a chunk per flush, whose index of 3 kB stays in memory until the file is finished. Without regular
+# flushes, large clouds keep rerun from writing scalars. rerun's own flushes come on top.
+FLUSH_PERIOD_S = 1.0
+BATCHING = rr.ChunkBatcherConfig(flush_tick=timedelta(seconds=5 * FLUSH_PERIOD_S))
 FLUSH_TIMEOUT_S = 20.0      # a slower disk counts as hanging
 END_TIMEOUT_S = 10.0        # for the footer, after all else is written
 LEAST_FREE_BYTES = 500_000_000      # stop recording below this: the footer and other programs need room
@@ -45,7 +49,7 @@ class RecordingFailed(Exception):
 class RecordingWriter(AbstractContextManager):
     """Writes an .rrd file with the timelines `stamp` and `frame`. Not thread-safe. Copies arrays.
 
-    rerun writes in its own threads; every 0.4 s, a log_… method waits for them.
+    rerun writes in its own threads; every second, a log_… method waits for them.
 
     Args:
         path: the .rrd file; if it exists, NAME_2.rrd, NAME_3.rrd, … instead.
@@ -72,7 +76,8 @@ class RecordingWriter(AbstractContextManager):
             self._create_file()
         except OSError as error:
             raise self._failure(error) from None
-        self._stream = rr.RecordingStream(entities.APPLICATION_ID, recording_id=str(uuid.uuid4()))
+        self._stream = rr.RecordingStream(entities.APPLICATION_ID, recording_id=str(uuid.uuid4()),
+                                          batcher_config=BATCHING)
         self._stream.save(self.path)
         # Runs before rerun's exit handler, which can deadlock with a thread that still logs.
         atexit.register(self.close)

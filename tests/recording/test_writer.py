@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -124,6 +125,18 @@ def test_a_flood_of_clouds_does_not_keep_scalars_from_the_file(tmp_path, monkeyp
     assert written == {"/metrics/points"}
 
 
+def test_small_clouds_share_chunks_whose_index_stays_in_memory(tmp_path):
+    """At most a chunk per flush, of the writer and of rerun; without BATCHING, rerun flushes every 0.2 s."""
+    begun_s, logged = time.monotonic(), 0
+    with RecordingWriter(tmp_path / "a.rrd", SENSOR) as writer:
+        while (passed_s := time.monotonic() - begun_s) < 1.5:
+            writer.log_scalars(logged, {"points": 1}, logged)
+            logged += 1
+            time.sleep(0.01)
+    chunks = list(RrdReader(tmp_path / "a.rrd").stream().filter(content="/metrics/points", is_static=False))
+    assert len(chunks) <= 3 + 1.2 * passed_s / writer_module.FLUSH_PERIOD_S
+
+
 def test_a_path_that_cannot_be_written_is_one_line(tmp_path):
     with pytest.raises(RecordingFailed) as caught:
         RecordingWriter(tmp_path / "absent" / "a.rrd", SENSOR)
@@ -133,6 +146,7 @@ def test_a_path_that_cannot_be_written_is_one_line(tmp_path):
 def test_a_process_that_forgets_to_close_ends_with_a_finished_file(tmp_path):
     script = """
 import sys
+import time
 import numpy as np
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.recording.writer import RecordingWriter
