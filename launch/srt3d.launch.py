@@ -1,25 +1,34 @@
 """Launches the whole pipeline: `ros2 launch srt3d_ros srt3d.launch.py --show-args` lists the arguments.
 
 An argument that is not given leaves the value to the parameter file, or else to the node's default.
-NODE.PARAMETER:=VALUE, such as sketcher.sketch_size:=5, sets any parameter of a node. The exit code is 1 if a node fails
-or the player reports lost frames, and 0 after the player's last frame.
+NODE.PARAMETER:=VALUE, such as sketcher.sketch_size:=5, sets any parameter of a node. A node that dies is started again,
+at most 5 times in a minute; after that all end, except that points go on without a recorder. The exit code is 1 if a
+node ends all or fails at its end, or the player reports lost frames, and 0 after the player's last frame.
 `srt3d up` starts the same nodes without the launch package.
 """
 
+import difflib
 import signal
+from functools import partial
 from pathlib import Path
 
 import yaml
 from ament_index_python.packages import get_package_share_directory
-from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, Shutdown
+from launch.events import matches_action
+from launch.events.process import ShutdownProcess
+from launch.logging import get_logger
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 
 from launch import Action, LaunchDescription
+from srt3d_ros.processes.node_command import check_parameter
+from srt3d_ros.processes.supervisor import END, GIVE_UP, RESTART, RESTART_DELAY_S, Restarts
 
 PACKAGE = "srt3d_ros"
-TOPICS = ("photons", "gates", "histograms", "sensor", "points")
-BAD_INPUT = 2       # exit code of a node with bad input: a restart would not help
+TOPICS = ("photons", "gates", "histograms", "sensor", "odom", "imu", "points", "depth", "intensity")
+NEAR = 0.75         # likeness of names, above which one is taken for a mistyped other
+OF_LAUNCH = {"ros_namespace"}       # set by PushRosNamespace, and near `namespace`
 ASKED = (0, -signal.SIGINT, -signal.SIGTERM)        # exit codes of a node that was asked to end
 END_S = "60"        # time to write a recording after Ctrl-C; the default of launch is 5 s
 
@@ -31,7 +40,11 @@ ARGUMENTS = {
     "gates": "Topic of the photons, as gates.",
     "histograms": "Topic of the photons, as histograms.",
     "sensor": "Topic of the sensor's description.",
+    "odom": "Topic of the robot's odometry, with sketcher.motion:=odom.",
+    "imu": "Topic of the robot's IMU, with sketcher.motion:=imu.",
     "points": "Topic of the clouds.",
+    "depth": "Topic of the depth images.",
+    "intensity": "Topic of the intensity images.",
     "device": "Where to reconstruct.",
     "input": "Photon file to play, or: simulator. Default: a driver publishes the photons.",
     "record": "Recording (.rrd) to write.",
@@ -50,8 +63,6 @@ NODES = {
     "sketcher": {"sensor_file": "sensor_file"},
     "player": {"input": "input"},
 }
-RESTARTED = ("sketcher", "reconstructor")       # a new process continues where they ended
-MOST_RESTARTS = 5
 ONLY_WITH = {"recorder": "record", "player": "input"}
 
 
@@ -64,20 +75,39 @@ def generate_launch_description() -> LaunchDescription:
 
 def pipeline(context) -> list[Action]:
     """The nodes that the given arguments ask for."""
+    check_names(context.launch_configurations)
     given = {name: value for name in ARGUMENTS if (value := context.launch_configurations[name])}
     files = [ParameterFile(config_file(given["config"]))] if "config" in given else []
     remappings = [(topic, given[topic]) for topic in TOPICS if topic in given]
     switches = {name: given[name] == "true" for name in ("autostart", "use_sim_time") if name in given}
     names = [name for name in NODES if name not in ONLY_WITH or ONLY_WITH[name] in given]
     chain = {"wait_for": " ".join(name for name in reversed(names) if name != "player")}
+    on_exit = partial(ended, Restarts(names))
     return [
         Node(package=PACKAGE, executable=name, name=name, namespace=given.get("namespace"), output="screen",
              parameters=[*files, switches | texts(given, parameters) | (chain if name == "player" else {})
                          | own(context.launch_configurations, name)],
              remappings=remappings, ros_arguments=["--log-level", given["log_level"]], sigterm_timeout=END_S,
-             respawn=name in RESTARTED, respawn_delay=1.0, respawn_max_retries=MOST_RESTARTS,
-             on_exit=Ended(MOST_RESTARTS if name in RESTARTED else 0, name == "player"))
+             respawn=True, respawn_delay=RESTART_DELAY_S, on_exit=partial(on_exit, name))
         for name, parameters in NODES.items() if name in names]
+
+
+def check_names(configurations: dict[str, str]) -> None:
+    """Refuse a NODE.PARAMETER that does not exist; warn of other arguments that look like a mistyped one.
+
+    An including launch file's own arguments are among them, too.
+    """
+    shipped = yaml.safe_load(Path(config_file("srt3d")).read_text(encoding="utf-8"))
+    for name in sorted(configurations.keys() - ARGUMENTS.keys() - OF_LAUNCH):
+        node, dot, parameter = name.partition(".")
+        if dot and node in NODES:
+            check_parameter(node, parameter, shipped[f"/**/{node}"]["ros__parameters"])
+            continue
+        if near := difflib.get_close_matches(node, NODES if dot else ARGUMENTS, n=1, cutoff=NEAR):
+            problem = f"no argument {name}: did you mean {near[0]}{dot}{parameter}?"
+            if dot:
+                raise RuntimeError(problem)
+            get_logger(PACKAGE).warning(problem)
 
 
 def own(configurations: dict[str, str], node: str) -> dict:
@@ -100,18 +130,21 @@ def config_file(config: str) -> str:
     return str(shipped) if shipped.is_file() else config
 
 
-class Ended:
-    """Called when a node has ended: ends the launch if the node failed for good, or if it was the player.
+def ended(restarts: Restarts, name: str, event, context) -> Action | None:
+    """Called when a node has ended; if this returns None, launch starts it again.
 
-    The player ends when the others have finished its last frame. An exception ends the launch with exit code 1, the
-    action Shutdown with 0.
+    An exception ends the launch with exit code 1, the action Shutdown with 0.
     """
-
-    def __init__(self, restarts: int, is_player: bool):
-        self._restarts, self._is_player = restarts, is_player
-
-    def __call__(self, event, context) -> Action | None:
-        if event.returncode not in ASKED and (self._restarts == 0 or event.returncode == BAD_INPUT):
-            raise RuntimeError(f"{event.process_name} has failed with exit code {event.returncode}")
-        self._restarts -= 1
-        return Shutdown(reason="the player has ended") if self._is_player else None
+    code = event.returncode
+    if context.is_shutdown:
+        step = RESTART if code in ASKED else END
+    else:
+        step = restarts.after(name, code)
+    if step == RESTART:
+        return None
+    if step == GIVE_UP:
+        get_logger(PACKAGE).error(f"{name}: {step}")
+        return EmitEvent(event=ShutdownProcess(process_matcher=matches_action(event.action)))
+    if name == "player" and code == 0:
+        return Shutdown(reason="the player has ended")
+    raise RuntimeError(f"{event.process_name} has failed with exit code {code}")

@@ -3,11 +3,15 @@
 This reads the file, since pip does not install the launch package. tests/test_install.py runs it where ROS 2 is.
 """
 
+import __future__
+
 import ast
+from types import SimpleNamespace
 
 import pytest
 
 from srt3d_ros.nodes import all_specs
+from srt3d_ros.processes.supervisor import MOST_RESTARTS, Restarts
 
 
 @pytest.fixture(scope="module")
@@ -33,3 +37,49 @@ def test_every_node_is_started_with_parameters_that_it_has(launch):
 def test_every_topic_that_can_be_renamed_is_one_of_the_nodes(launch):
     topics = {topic.name for spec in all_specs().values() for topic in (*spec.inputs, *spec.outputs)}
     assert set(constant(launch, "TOPICS")) <= topics & set(constant(launch, "ARGUMENTS"))
+
+
+@pytest.fixture
+def functions(launch, repository) -> SimpleNamespace:
+    """The file's functions, with what they use of the launch package replaced; `said` gets the lines that they log."""
+    foreign = ("launch", "launch_ros", "ament_index_python")
+    own = [line for line in launch.body
+           if not isinstance(line, ast.ImportFrom) or line.module.split(".")[0] not in foreign]
+    said = []
+    names = {"get_package_share_directory": lambda package: repository, "said": said,
+             "get_logger": lambda name: SimpleNamespace(warning=said.append, error=said.append),
+             "EmitEvent": lambda event: event, "ShutdownProcess": lambda process_matcher: process_matcher,
+             "matches_action": lambda action: f"no more {action}", "Shutdown": lambda reason: reason}
+    exec(compile(ast.Module(own, []), "launch", "exec", __future__.annotations.compiler_flag), names)
+    return SimpleNamespace(**names)
+
+
+@pytest.mark.parametrize("argument, line", [
+    ("sketcher.nonsense", "sketcher has no parameter nonsense: it has sensor_file, sketch_size, "),
+    ("sketcher.sketchsize", "sketcher has no parameter sketchsize: did you mean sketch_size?"),
+    ("sketchr.sketch_size", "no argument sketchr.sketch_size: did you mean sketcher.sketch_size?")])
+def test_a_parameter_that_does_not_exist_is_refused(functions, argument, line):
+    with pytest.raises((ValueError, RuntimeError)) as refused:
+        functions.check_names({"photons": "", argument: "5"})
+    assert str(refused.value).startswith(line) and "\n" not in str(refused.value)
+
+
+def test_a_mistyped_argument_is_warned_of_and_those_of_an_including_file_are_left_alone(functions):
+    functions.check_names(dict.fromkeys([
+        "fotons", "sketcher.sketch_size", "recorder.use_sim_time", "player.qos_overrides./x.publisher.depth", "map",
+        "nav2.map", "params_file", "ros_namespace"], ""))
+    assert functions.said == ["no argument fotons: did you mean photons?"]
+
+
+def test_what_ends_is_started_again_or_ends_the_launch_or_is_the_recorder_and_given_up(functions):
+    def ended(name: str, code: int, is_shutdown: bool = False):
+        event = SimpleNamespace(returncode=code, process_name=f"{name}-1", action=name)
+        return functions.ended(restarts, name, event, SimpleNamespace(is_shutdown=is_shutdown))
+
+    restarts = Restarts(["recorder", "sketcher", "player"])
+    assert [ended("recorder", -9) for _ in range(MOST_RESTARTS + 1)] == [*MOST_RESTARTS * [None], "no more recorder"]
+    assert functions.said == ["recorder: given up, nothing is recorded; points go on"]
+    assert ended("player", 0) == "the player has ended" and ended("sketcher", 0, is_shutdown=True) is None
+    for name, code, is_shutdown in (("player", 3, False), ("sketcher", 2, False), ("recorder", 1, True)):
+        with pytest.raises(RuntimeError, match=f"{name}-1 has failed with exit code {code}"):
+            ended(name, code, is_shutdown)

@@ -7,6 +7,7 @@ import sys
 
 from srt3d_ros import __version__
 from srt3d_ros.errors import InvalidInput, printable
+from srt3d_ros.processes.node_command import BAD_INPUT
 
 # Each has a module here with add_parser(subparsers), which sets run(args) -> int. `srt3d --help` imports all of them,
 # so slow packages (torch, ROS) are imported in run().
@@ -21,7 +22,6 @@ EXTRAS = {"rclpy": "ros", "std_msgs": "ros", "diagnostic_msgs": "ros", "sensor_m
 DRAWING = ("demo", "review")        # commands that need all of `review`, which includes `record`
 
 FAILED = 1
-BAD_INPUT = 2
 INTERRUPTED = 130
 BROKEN_PIPE = 141
 

@@ -1,7 +1,6 @@
 """`srt3d up`: run the whole pipeline; launch/srt3d.launch.py starts the same nodes."""
 
 import argparse
-import difflib
 import importlib
 import json
 import re
@@ -14,19 +13,20 @@ from srt3d_ros import __version__
 from srt3d_ros.cli import health, node
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.files import shared_files
-from srt3d_ros.processes.node_command import PLAYER, namespace_arguments
+from srt3d_ros.processes.node_command import PLAYER, check_parameter, namespace_arguments
 from srt3d_ros.processes.supervisor import supervise
 
 # The node and the parameter that an option sets.
 NODE_OPTIONS = {"sensor_file": ("sketcher", "sensor_file"), "device": ("reconstructor", "device"),
                 "input": ("player", "input"), "record": ("recorder", "path")}
-OF_EVERY_NODE = ("use_sim_time", "qos_overrides.")
 LOG_LEVELS = ("debug", "info", "warn", "error", "fatal")
 ABOUT = """\
 Run the sketcher and the reconstructor, each as a process; --input adds the
 player, --record the recorder. Photons come from --input, or from a driver that
 publishes `sensor` and `photons`, `gates` or `histograms`. Ctrl-C stops the
-nodes in order, the recorder last. If one node ends, the others are stopped."""
+nodes in order, the recorder last. A node that dies is started again, at most 5
+times in a minute. After that all end, except that points go on without a
+recorder."""
 EXAMPLES = """\
 examples:
   a moving scene, no sensor needed:
@@ -40,7 +40,8 @@ examples:
 
 precedence: -p, other options, --config (the last first). config/srt3d.yaml
 lists every parameter. Exit code: 0 after Ctrl-C or at the player's end, 3 if
-frames of the player were lost, otherwise that of the node that failed."""
+frames of the player were lost, otherwise that of the node that ended all, or of
+a recorder that failed."""
 
 
 def add_parser(subparsers) -> None:
@@ -110,11 +111,7 @@ def parameters_yaml(args: argparse.Namespace, specs: list) -> str:
             yaml.safe_load(value)
         except yaml.YAMLError:
             raise InvalidInput("-p", setting, "NODE.PARAMETER:=VALUE, VALUE as in a YAML file") from None
-        known = [one.name for spec in specs if spec.name == name for one in spec.table]
-        if parameter not in known and not parameter.startswith(OF_EVERY_NODE):
-            near = difflib.get_close_matches(parameter, known, n=1)
-            hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(known)}."
-            raise InvalidInput("-p", problem=f"{name} has no parameter {parameter}: {hint}")
+        check_parameter(name, parameter, [one.name for spec in specs if spec.name == name for one in spec.table])
         values[name][parameter] = value
     lines = []
     for name, given in values.items():

@@ -24,11 +24,11 @@ from rclpy.utilities import remove_ros_args
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.nodes.topics import OVERRIDABLE, NodeSpec, Topic
 from srt3d_ros.processes import transport
+from srt3d_ros.processes.node_command import BAD_INPUT
 
 PUBLISH_DEPTH = 8       # at 100 Hz, a subscriber may be kept from the CPU for 80 ms
 WAKE_S = 0.1            # longest time until a signal is noticed
 RETRY_S = 0.01          # pause after a callback that failed: it may fail every time
-BAD_INPUT = 2
 LIBRARY = logging.getLogger("srt3d_ros")
 
 

@@ -1,14 +1,19 @@
 """Names, exit codes and command lines of the nodes, without importing ROS 2."""
 
+import difflib
 import json
 import re
 import sys
+from collections.abc import Collection
 
 from srt3d_ros.errors import require
 
-PLAYER = "player"
-NODES = ("sketcher", "reconstructor", "recorder", PLAYER)
+RECORDER, PLAYER = "recorder", "player"
+NODES = ("sketcher", "reconstructor", RECORDER, PLAYER)
+BAD_INPUT = 2       # exit code of a node whose parameters, arguments or input file cannot be used
 FRAMES_LOST = 3     # exit code of a player if some of its frames did not become clouds
+
+OF_EVERY_NODE = ("use_sim_time", "qos_overrides.")      # parameters that ROS 2 gives every node
 
 
 def parameter_arguments(parameters: dict[str, object]) -> list[str]:
@@ -17,6 +22,14 @@ def parameter_arguments(parameters: dict[str, object]) -> list[str]:
     for name, value in parameters.items():
         arguments += ["-p", f"{name}:={json.dumps(value, ensure_ascii=False, default=str)}"]
     return arguments
+
+
+def check_parameter(node: str, parameter: str, known: Collection[str]) -> None:
+    """Raise InvalidInput if a node has no such parameter, neither among `known` nor from ROS 2."""
+    near = difflib.get_close_matches(parameter, known, n=1)
+    hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(known)}."
+    require(parameter in known or parameter.startswith(OF_EVERY_NODE), parameter,
+            problem=f"{node} has no parameter {parameter}: {hint}")
 
 
 def node_command(name: str, *ros_args: str, **parameters) -> list[str]:

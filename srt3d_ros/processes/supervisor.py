@@ -1,19 +1,53 @@
-"""Runs several nodes as one program: starts, watches and stops them in order."""
+"""Runs several nodes as one program: starts, watches, restarts and stops them in order."""
 
 import signal
 import sys
 import time
+from collections import defaultdict, deque
 from collections.abc import Callable
 
 from srt3d_ros.processes import children
-from srt3d_ros.processes.node_command import FRAMES_LOST, PLAYER, node_command
+from srt3d_ros.processes.node_command import BAD_INPUT, FRAMES_LOST, PLAYER, RECORDER, node_command
 
 POLL_CHILDREN_S = 0.05           # longest time until a signal or the end of a node is noticed
+MOST_RESTARTS, BUDGET_S = 5, 60.0       # restarts of one node in any such time
+RESTART_DELAY_S = 1.0
 SIGNALLED = 128         # plus the signal's number: a shell's exit code for a process ended by a signal
+# What follows the end of a node.
+RESTART = f"starting it again, at most {MOST_RESTARTS} times in {BUDGET_S:.0f} s"
+GIVE_UP = "given up, nothing is recorded; points go on"
+END = "stopping all nodes"
+
+
+class Restarts:
+    """Decides what follows the end of a node, for `srt3d up` and the launch file.
+
+    Args:
+        names: all nodes.
+    """
+
+    def __init__(self, names: list[str]):
+        self._with_player = PLAYER in names
+        self._restarted_s = defaultdict(lambda: deque(maxlen=MOST_RESTARTS))
+
+    def after(self, name: str, code: int) -> str:
+        """RESTART, GIVE_UP or END after this node has ended with this exit code; negative: by this signal."""
+        hopeless = code == BAD_INPUT or name == PLAYER and code in (0, FRAMES_LOST)     # a restart would not help
+        if not hopeless and self._within_budget(name):
+            return RESTART
+        # A player waits for the recorder; with bad input it never comes.
+        return GIVE_UP if name == RECORDER and not (hopeless and self._with_player) else END
+
+    def _within_budget(self, name: str) -> bool:
+        now_s, restarted_s = time.monotonic(), self._restarted_s[name]
+        if len(restarted_s) == MOST_RESTARTS and now_s - restarted_s[0] < BUDGET_S:
+            return False
+        restarted_s.append(now_s)
+        return True
 
 
 def supervise(names: list[str], ros_args: list[str], on_poll: Callable[[], object] = lambda: None) -> int:
-    """Run nodes until SIGINT, SIGTERM or SIGHUP, or until one of them ends; then stop all.
+    """Run nodes until SIGINT, SIGTERM or SIGHUP, or until the end of one ends all (Restarts).
 
     Args:
         names: the nodes, subscribers first; they are stopped in the reverse order.
@@ -21,24 +55,44 @@ def supervise(names: list[str], ros_args: list[str], on_poll: Callable[[], objec
         on_poll: called every POLL_CHILDREN_S while the nodes run.
 
     Returns:
-        0, or the exit code of the node that failed.
+        0, or the exit code of the node that ended all, or else of a recorder that failed.
     """
-    signals, ended = [], None
+    signals, codes, restarts, step = [], [], Restarts(names), ""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda number, frame: signals.append(number))
     nodes = {name: children.start(node_command(name, *ros_args)) for name in names}
-    while not signals and ended is None:
+    while not signals and step != END:
         time.sleep(POLL_CHILDREN_S)
         on_poll()
         ended = next((name for name, node in nodes.items() if node.poll() is not None), None)
-    if ended is not None:
-        print(f"srt3d up: {ended} {children.ending(nodes[ended])}: stopping all nodes", file=sys.stderr, flush=True)
+        if ended is None:
+            continue
+        step = restarts.after(ended, nodes[ended].returncode)
+        _say(f"{'ERROR: ' * (step == GIVE_UP)}{ended} {children.ending(nodes[ended])}: {step}")
+        code = shell_code(nodes[ended].returncode)
+        if step == END:
+            codes.insert(0, code or int(ended != PLAYER))
+        elif ended == RECORDER:
+            codes.append(code)
+        if step == GIVE_UP:
+            del nodes[ended]
+        elif step == RESTART:
+            time.sleep(RESTART_DELAY_S)
+            if not signals:
+                nodes[ended] = children.start(node_command(ended, *ros_args))
     children.stop_in_order(reversed(nodes.values()))
-    code = nodes[ended].returncode if ended else 0
-    if -code in (signal.SIGINT, signal.SIGTERM):        # the node got the signal before it had started
+    codes += [shell_code(node.returncode) for node in nodes.values()]
+    if step == END and codes[0] == FRAMES_LOST:
+        _say("frames were lost; see the player's last line")
+    return next(filter(None, codes), 0)
+
+
+def shell_code(code: int) -> int:
+    """A shell's exit code for that of a process; 0 if a signal asked it to end before it had started."""
+    if code in (-signal.SIGINT, -signal.SIGTERM):
         return 0
-    if (ended, code) == (PLAYER, FRAMES_LOST):
-        print("srt3d up: frames were lost; see the player's last line", file=sys.stderr, flush=True)
-    if code < 0:
-        return SIGNALLED - code
-    return code or max(0, *(node.returncode for node in nodes.values()))
+    return SIGNALLED - code if code < 0 else code
+
+
+def _say(text: str) -> None:
+    print(f"srt3d up: {text}", file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""`srt3d up` as the parent of its nodes: processes of their own, watched, ended in order."""
+"""`srt3d up` as the parent of its nodes: processes of their own, watched, started again, ended in order."""
 
 import re
 import signal
@@ -8,6 +8,9 @@ import psutil
 import pytest
 from rerun.chunk import RrdReader
 
+from srt3d_ros.processes import supervisor
+from srt3d_ros.processes.node_command import NODES
+from srt3d_ros.processes.supervisor import END, GIVE_UP, MOST_RESTARTS, RESTART, Restarts
 from tools.processes import Process, nodes_of, wait
 
 UP = [sys.executable, "-m", "srt3d_ros.cli.main", "up"]
@@ -27,6 +30,15 @@ def start():
         process.stop()
 
 
+def kill(up: Process, name: str, times: int = 1) -> None:
+    """Kill a node, and the processes that replace it."""
+    killed = set()
+    for _ in range(times):
+        node = wait(lambda: (found := nodes_of(up.pid).get(name)) not in killed and found, f"{name} of {up.text}")
+        node.kill()
+        killed.add(node)
+
+
 def runs(node: psutil.Process) -> bool:
     return node.is_running() and node.status() != psutil.STATUS_ZOMBIE
 
@@ -44,11 +56,33 @@ def test_the_nodes_end_from_the_source_to_the_recorder_and_the_recording_is_whol
     assert RrdReader(recording).recordings()
 
 
-def test_a_node_that_dies_ends_all(start):
-    up = start(UP, "-p", "sketcher.autostart:=false").says("unconfigured")
-    nodes_of(up.pid)["sketcher"].kill()
-    assert up.code() == 128 + signal.SIGKILL
-    assert "srt3d up: sketcher was killed by SIGKILL: stopping all nodes" in up.lines
+@pytest.mark.parametrize("name", NODES)
+def test_a_node_is_started_again_five_times_in_a_minute_and_for_ever_if_that_takes_longer(name, monkeypatch):
+    end = GIVE_UP if name == "recorder" else END
+    restarts = Restarts(NODES)
+    steps = [restarts.after(name, -signal.SIGSEGV) for _ in range(MOST_RESTARTS + 1)]
+    assert steps == [*MOST_RESTARTS * [RESTART], end]
+    assert restarts.after("another", 1) == RESTART
+    monkeypatch.setattr(supervisor, "BUDGET_S", 0.0)
+    assert {restarts.after(name, 1) for _ in range(3 * MOST_RESTARTS)} == {RESTART}
+
+
+@pytest.mark.parametrize("name, code, names, step", [
+    ("player", 0, NODES, END), ("player", 3, NODES, END), ("sketcher", 2, NODES, END), ("sketcher", 0, NODES, RESTART),
+    ("recorder", 2, ("recorder", "sketcher"), GIVE_UP), ("recorder", 2, NODES, END)])
+def test_what_a_restart_does_not_help_is_not_started_again(name, code, names, step):
+    assert Restarts(names).after(name, code) == step
+
+
+def test_points_go_on_without_a_recorder_that_keeps_dying_and_the_exit_code_says_so(start, tmp_path):
+    up = start(UP, "--record", tmp_path / "a.rrd", "-p", "sketcher.autostart:=false")
+    kill(up, "sketcher")
+    up.says("srt3d up: sketcher was killed by SIGKILL: starting it again, at most 5 times in 60 s")
+    kill(up, "recorder", MOST_RESTARTS + 1)
+    up.says("srt3d up: ERROR: recorder was killed by SIGKILL: given up, nothing is recorded; points go on")
+    up.says("[sketcher]: unconfigured")
+    assert set(nodes_of(up.pid)) == {"sketcher", "reconstructor"}
+    assert up.end(signal.SIGINT) == 128 + signal.SIGKILL, up.text
 
 
 def test_no_node_outlives_a_killed_parent(start):
