@@ -20,7 +20,7 @@ def nodes_tables(specs: Iterable[NodeSpec]) -> dict[str, str]:
 def parameters_table(spec: NodeSpec) -> str:
     """A table of the parameters of a node. `autostart`, which all nodes have, is left to the page."""
     return table(("parameter", "default", "may be", "live", "meaning"),
-                 [(f"`{one.name}`", f"`{_yaml_value(one.default)}`", one.expected, "yes" if one.live else "",
+                 [(f"`{one.name}`", f"`{_yaml_value(one.default)}`", one.expected, one.settable.replace("live", "yes"),
                    one.description) for one in spec.parameters])
 
 
@@ -51,7 +51,7 @@ def as_yaml(tables: dict[str, Iterable[Parameter]]) -> str:
     for node, parameters in tables.items():
         lines += ["", f"/**/{node}:", "  ros__parameters:"]
         for parameter in parameters:
-            text = f"{parameter.description} [{parameter.expected}{', live' * parameter.live}]"
+            text = f"{parameter.description} [{', '.join(filter(None, [parameter.expected, parameter.settable]))}]"
             lines += textwrap.wrap(text, 116, initial_indent="    # ", subsequent_indent="    # ")
             lines.append(f"    {parameter.name}: {_yaml_value(parameter.default)}")
     return "\n".join(lines[1:]) + "\n"

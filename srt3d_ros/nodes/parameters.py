@@ -27,6 +27,7 @@ class Parameter:
         choices: all allowed values of a text.
         form: description of an allowed text.
         live: may be changed while the node runs.
+        inactive: may be changed while the node is not active; the node checks it.
         loose: a text that YAML may read as false (for off) or as a list (for numbers with commas); both are accepted.
     """
 
@@ -39,6 +40,7 @@ class Parameter:
     choices: tuple[str, ...] = ()
     form: str = ""
     live: bool = False
+    inactive: bool = False
     loose: bool = False
 
     @property
@@ -52,6 +54,11 @@ class Parameter:
         elif self.low is not None:
             words += f" of {_plain(self.low)} or more"
         return f"{words} {self.unit}".rstrip()
+
+    @property
+    def settable(self) -> str:
+        """When it may be changed: "live", "inactive", or an empty text for never."""
+        return "live" if self.live else "inactive" * self.inactive
 
     def check(self, value: Value) -> Value:
         """The value in the parameter's type, or InvalidInput. Numbers are accepted for texts.
@@ -76,7 +83,7 @@ class Parameter:
     def descriptor(self) -> ParameterDescriptor:
         """The description that `ros2 param describe` shows and from which tools make sliders."""
         unit = f" [{self.unit}]" if self.unit else ""
-        out = ParameterDescriptor(description=self.description + unit, read_only=not self.live,
+        out = ParameterDescriptor(description=self.description + unit, read_only=not self.settable,
                                   additional_constraints=self.expected, dynamic_typing=True)
         if self.low is not None and self.high is not None:
             if type(self.default) is int:

@@ -21,7 +21,7 @@ from srt3d_ros.messages import points_message, sensor_message, sketch_message
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.lifecycle import run
-from srt3d_ros.nodes.parameters import Parameter
+from srt3d_ros.nodes.parameters import Parameter, Value
 from srt3d_ros.nodes.topics import NodeSpec
 from srt3d_ros.nodes.versions import versions
 from srt3d_ros.nodes.worker import Dropped
@@ -35,7 +35,7 @@ WHICH_IMAGES = f"some of {ALL_IMAGES}, or {NO_IMAGES}"
 PARAMETERS = (
     Parameter("path", "", "Path of the recording; if empty, recording_<UTC time>.rrd in the working directory. No file "
               "is replaced: where there is one, and for further recordings, NAME_2.rrd, NAME_3.rrd, ….",
-              form="a path that ends with .rrd"),
+              form="a path that ends with .rrd", inactive=True),
     Parameter("images", ALL_IMAGES, "Images to record.", form=WHICH_IMAGES),
 )
 
@@ -80,17 +80,25 @@ class RecorderNode(PipelineNode):
 
     def __init__(self):
         super().__init__(QUEUE)
+        self.parameters.on_check = self._check
         self._writer: RecordingWriter | None = None
         self._path: Path | None = None      # of the recording that is open or begins next
 
     def configure(self) -> None:
         """Check the parameters and collect the properties of every recording."""
-        self._asked, self._images = checked_path(self.parameters["path"]), checked_images(self.parameters["images"])
+        checked_path(self.parameters["path"])
+        self._images = checked_images(self.parameters["images"])
         self._versions = versions() | {"rmw": rclpy.get_rmw_implementation_identifier()}
+
+    def _check(self, values: dict[str, Value]) -> None:
+        require(self.state != "active", "path", problem="path can be set while the recorder is inactive: "
+                f"ros2 lifecycle set {self.get_fully_qualified_name()} deactivate")
+        checked_path(values["path"])
 
     # ---- Recordings
 
     def activate(self) -> None:
+        self._asked = checked_path(self.parameters["path"])
         self._path = free(self._asked)
         self._sensor: SensorModel | None = None
         self._frames = FrameIndex()

@@ -60,7 +60,7 @@ def test_topics_and_parameters_are_those_of_the_spec(graph, name):
     described = graph.call(DescribeParameters, f"{name}/describe_parameters", DescribeParameters.Request(names=names))
     for parameter, descriptor in zip(spec.table, described.descriptors, strict=True):
         assert descriptor.description.startswith(parameter.description)
-        assert descriptor.read_only == (not parameter.live)
+        assert descriptor.read_only == (not parameter.settable)
 
 
 @pytest.mark.parametrize(("name", "parameter"), [

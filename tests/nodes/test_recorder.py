@@ -84,6 +84,16 @@ def test_each_activation_is_a_recording_of_its_own(graph, speaker, tmp_path):
     assert recorder.end(signal.SIGINT) == 0 and "Traceback" not in recorder.text
 
 
+def test_the_path_is_set_while_the_recorder_is_inactive(graph, speaker, tmp_path):
+    recorder = graph.start("recorder", path=tmp_path / "out.rrd").ready()
+    other = tmp_path / "other.rrd"
+    assert graph.set("recorder", path=str(other)).startswith("path can be set while the recorder is inactive")
+    assert graph.change("recorder", "deactivate")
+    assert graph.set("recorder", path=f"{tmp_path}/other.mcap").endswith("expected a path that ends with .rrd")
+    assert not graph.set("recorder", path=str(other)) and graph.change("recorder", "activate")
+    recorder.says(f"recording to {other}")
+
+
 def test_another_sensor_begins_another_recording(graph, speaker, sensor, tmp_path):
     recorder = graph.start("recorder", path=tmp_path / "a.rrd").ready()
     speaker.ready()
