@@ -5,10 +5,12 @@ The executables in lib/srt3d_ros, which `ros2 run` starts, call `srt3d node`.
 
 import argparse
 import importlib
+import json
 import math
 import os
 import signal
 import sys
+import textwrap
 
 from srt3d_ros.errors import require
 from srt3d_ros.processes.node_command import NODES, PLAYER, namespace_arguments, parameter_arguments
@@ -20,13 +22,13 @@ BAG_OPTIONS = ("rate", "loop")      # all others are parameters of the player
 def add_parser(subparsers) -> None:
     node = subparsers.add_parser(
         "node", help="run one ROS 2 node, as `ros2 run srt3d_ros NAME` does",
-        description="Run one node until Ctrl-C, as `ros2 run srt3d_ros NAME` does. docs/nodes.md lists the topics and "
-                    "parameters of each.", epilog="example: srt3d node sketcher --ros-args -p sketch_size:=5")
+        description="Run one node until Ctrl-C, as `ros2 run srt3d_ros NAME` does. NAME --help lists its parameters.",
+        epilog="example: srt3d node sketcher --ros-args -p sketch_size:=5")
     node.add_argument("name", choices=NODES, metavar="NAME", help=", ".join(NODES))
     node.add_argument("ros_args", nargs=argparse.REMAINDER, metavar="--ros-args …",
                       help="all following arguments go to ROS 2: remappings, parameters, …")
     # REMAINDER also takes the --help after a name.
-    node.set_defaults(run=lambda args: node.parse_args(["-h"]) if args.ros_args[:1] in (["-h"], ["--help"])
+    node.set_defaults(run=lambda args: _help(args.name) if args.ros_args[:1] in (["-h"], ["--help"])
                       else start(args.name, args.ros_args))
     parser = subparsers.add_parser(
         "play", help="publish photons over ROS 2, from a photon file, a bag or the simulator",
@@ -46,6 +48,21 @@ def add_parser(subparsers) -> None:
     parser.add_argument("--ros-args", nargs=argparse.REMAINDER, default=[], metavar="…",
                         help="all following arguments go to ROS 2: remappings, parameters, …")
     parser.set_defaults(run=_play)
+
+
+def _help(name: str) -> int:
+    """Print the topics and parameters of a node."""
+    spec = importlib.import_module(f"srt3d_ros.nodes.{name}").SPEC
+    print(f"usage: ros2 run srt3d_ros {name} [--ros-args -p PARAMETER:=VALUE -r TOPIC:=NAME …]\n"
+          f"   or: srt3d node {name} …\n\n"
+          f"reads      {', '.join(topic.name for topic in spec.inputs)}\n"
+          f"publishes  {', '.join(topic.name for topic in spec.outputs) or 'nothing'}\n\n"
+          "parameters with their defaults (live: can be set while the node runs; inactive: while it is deactivated):")
+    for one in spec.table:
+        accepted = ", ".join(filter(None, [one.expected, one.settable]))
+        print(f"\n  {one.name}:={json.dumps(one.default)}  ({accepted})")
+        print(textwrap.fill(one.description, 100, initial_indent=6 * " ", subsequent_indent=6 * " "))
+    return 0
 
 
 def _play(args: argparse.Namespace) -> int:

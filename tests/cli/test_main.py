@@ -48,7 +48,7 @@ def test_a_defect_of_ours_is_not_disguised_as_bad_input(monkeypatch, error):
 
 
 @pytest.mark.parametrize("argv, code, expected", [
-    ([], 2, [" reconstruct ", " compile ", "Try srt3d "]), (["node", "sketcher", "--help"], 0, ["docs/nodes.md"])])
+    ([], 2, [" reconstruct ", " compile ", "Try srt3d "]), (["node", "--help"], 0, ["sketcher --ros-args"])])
 def test_who_asks_for_nothing_or_for_help_sees_the_help(capsys, argv, code, expected):
     try:
         found = main.main(argv)

@@ -1,9 +1,13 @@
 """`srt3d node` and `play` start a node with the parameters that their options name, and no others."""
 
+import json
 import sys
 from types import SimpleNamespace
 
 import pytest
+
+from srt3d_ros.nodes import all_specs
+from srt3d_ros.processes.node_command import NODES
 
 
 @pytest.mark.parametrize("command, expected", [
@@ -24,6 +28,15 @@ def test_options_become_parameters(monkeypatch, srt3d, command, expected):
     monkeypatch.setattr(sys, "argv", ["srt3d"])
     assert srt3d(*command)[0] == 0
     assert seen == expected
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_the_help_of_a_node_lists_its_parameters_with_defaults_and_meaning(srt3d, name):
+    code, said, _ = srt3d("node", name, "--help")
+    assert code == 0 and f"ros2 run srt3d_ros {name} " in said
+    for parameter in all_specs()[name].table:
+        assert f"  {parameter.name}:={json.dumps(parameter.default)}  ({parameter.expected}" in said
+        assert " ".join(parameter.description.split()) in " ".join(said.split())
 
 
 def test_a_bag_is_played_with_its_own_options(monkeypatch, srt3d, refusal):
