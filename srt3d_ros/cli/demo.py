@@ -4,7 +4,6 @@ import argparse
 import importlib
 import json
 import math
-import re
 import sys
 import time
 from collections.abc import Callable
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from srt3d_ros.cli import health
 from srt3d_ros.core.metrics import Metrics, evaluate
 from srt3d_ros.core.reconstruction import Reconstructor
 from srt3d_ros.core.sensor.model import SensorModel
@@ -25,7 +25,7 @@ from srt3d_ros.datasets.simulation.room import Room
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import require
 from srt3d_ros.processes import children
-from srt3d_ros.processes.node_command import FRAMES_LOST
+from srt3d_ros.processes.node_command import FRAMES_LOST, PLAYER
 from srt3d_ros.processes.private_network import join_private_network
 
 LEAST_HZ, MOST_HZ = 2.0, 5.0            # MOST_HZ: half of what two idle cores can stream and record
@@ -36,7 +36,6 @@ SCENE = {"ppp": 15.0, "sbr": 1.0, "seed": 1}
 SIMULATED_TOLERANCE_M, MOVING_TOLERANCE_M, FILE_TOLERANCE_BINS = 0.04, 0.1, 10.0
 JUDGED_FRAMES = 40                      # compared with the truth: more would take longer than the streaming
 RESULTS = RECORDING, PICTURE, SUMMARY, LOG_NAME = "recording.rrd", "cloud.png", "summary.json", "nodes.log"
-FIRST_FRAME = "the first frame's stamp is"      # in the player's log
 POLL_NODES_S = 0.1
 
 
@@ -94,11 +93,11 @@ def run(args: argparse.Namespace) -> int:
     for name in RESULTS:        # results of an earlier run
         (args.out / name).unlink(missing_ok=True)
     join_private_network()
-    code, problem = _play(played, frames, rate_hz, args.out)
+    code, problem, first_ns = _play(played, frames, rate_hz, args.out)
     if problem:
         _say(f"srt3d demo: {problem} ({args.out / LOG_NAME})")
         return 1
-    _report(played, frames, rate_hz, args.out)
+    _report(played, frames, rate_hz, args.out, first_ns)
     return code
 
 
@@ -151,8 +150,12 @@ def from_file(path: str) -> Played:
                   {"input": str(Path(path).absolute())})
 
 
-def _play(played: Played, frames: int, rate_hz: float, out: Path) -> tuple[int, str]:
-    """Run the nodes on all frames and record the clouds; returns the exit code, and the error if there was one."""
+def _play(played: Played, frames: int, rate_hz: float, out: Path) -> tuple[int, str, int]:
+    """Run the nodes on all frames and record the clouds.
+
+    Returns:
+        The exit code, the error if there was one, and the first frame's stamp in ns, as the player reports it.
+    """
     settings = {"reconstructor.fields": "full", "player.rate_hz": rate_hz, "player.frames": frames} | {
         f"sketcher.{key}": value for key, value in played.sketcher.items()} | {
         f"player.{key}": value for key, value in played.player.items()}
@@ -160,29 +163,30 @@ def _play(played: Played, frames: int, rate_hz: float, out: Path) -> tuple[int, 
                "--input", played.player["input"],
                *(f"-p{name}:={json.dumps(value)}" for name, value in settings.items())]
     _say("starting the nodes")
+    listener, first_ns = health.Listener(), 0
     with (out / LOG_NAME).open("w") as log:
-        nodes, streaming = children.start(command, stdout=log, stderr=log), False
+        nodes = children.start(command, stdout=log, stderr=log)
         try:
             while nodes.poll() is None:
-                time.sleep(POLL_NODES_S)
-                if not streaming and (streaming := FIRST_FRAME in (out / LOG_NAME).read_text()):
+                listener.spin_once(POLL_NODES_S)
+                if not first_ns and PLAYER in listener.reports and (
+                        first_ns := listener.reports[PLAYER].counts.get("first_stamp_ns", 0)):
                     _say(f"streaming the {played.title} at {rate_hz:g} Hz for {frames / rate_hz:.3g} s")
         finally:
             children.stop(nodes)
     if nodes.returncode in (0, FRAMES_LOST):
-        return nodes.returncode, ""
-    errors = re.findall("^srt3d.*", (out / LOG_NAME).read_text(), re.MULTILINE)
-    return 1, errors[-1] if errors else children.ending(nodes)
+        return nodes.returncode, "" if first_ns else "no status of the player has arrived", first_ns
+    errors = [line for line in (out / LOG_NAME).read_text().splitlines() if line.startswith("srt3d")]
+    return 1, errors[-1] if errors else children.ending(nodes), first_ns
 
 
-def _report(played: Played, frames: int, rate_hz: float, out: Path) -> None:
+def _report(played: Played, frames: int, rate_hz: float, out: Path, first_ns: int) -> None:
     """Compare recorded clouds with the truth, write picture and summary, and print the summary."""
     from srt3d_ros.pictures.overview import draw_overview
     from srt3d_ros.review.recorded import Recorded
     from srt3d_ros.review.summary import align, rows, summarise
 
     recorded, sensor = Recorded.read(out / RECORDING), played.sensor
-    first_ns = int(re.search(rf"{FIRST_FRAME} (\d+)", (out / LOG_NAME).read_text())[1])
     step = math.ceil(frames / JUDGED_FRAMES)
     judged = set(recorded.index.frame_index[::step].tolist())
     clouds = [cloud.placed(sensor) for cloud in recorded.reader.clouds(judged)]

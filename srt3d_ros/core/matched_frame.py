@@ -8,7 +8,7 @@ import numpy as np
 
 from srt3d_ros.core.devices import on_device
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum
+from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum, passed_energy
 from srt3d_ros.core.sketching.sketch import MAX_PIXEL_PHOTONS, Sketch, check_frequencies
 from srt3d_ros.errors import require
 from srt3d_ros.kernels import maps
@@ -17,7 +17,6 @@ MAX_SUM = 1.001 * MAX_PIXEL_PHOTONS       # leaves room for rounding
 TABLE_STEPS = 256           # of the background table
 TILTS_TOGETHER = 2**22            # numbers computed at once, to bound memory
 BETWEEN = 8                 # depths between two bins, to average over
-BLIND = 0.01                # |ĥ| below which a frequency says nothing about the depth
 WEAKEST_PASSBAND = 0.25     # equalise a pixel's |ĥ| only where it is more than this times the mean of the pixels
 
 
@@ -89,9 +88,7 @@ class Matcher:
         self.frequencies = frequencies = check_frequencies(frequencies, sensor.num_bins)
         omega = angular_frequencies(frequencies, sensor.num_bins)
         spectrum = np.atleast_2d(irf_spectrum(sensor, frequencies))                    # [1 or pixels, m]
-        energy = (np.abs(spectrum)**2).mean(axis=0)
-        require(energy.max() > BLIND**2, "frequencies", list(self.frequencies),
-                f"some that the sensor's IRF passes (|ĥ| above {BLIND})")
+        energy = passed_energy(spectrum, frequencies)
         weakest = np.maximum(np.abs(spectrum)**2, energy * WEAKEST_PASSBAND**2)
         equaliser = np.conj(spectrum) * energy / weakest
         self.passed = self._map(equaliser)      # before delays: background does not depend on them

@@ -103,14 +103,15 @@ class PipelineNode(ManagedNode):
     def follow(self, topic: str, handle: Callable[[object], None]) -> None:
         """Call `handle` in the worker with every message on an input of descriptions, reports or log lines.
 
-        If `handle` raises InvalidInput, /diagnostics shows it as an error until `handle` calls `unusable("")`.
+        If `handle` raises InvalidInput while the node waits for a description, that is its problem until one comes.
         """
         def work(message, sent_ns: int) -> None:
             self._followed_ns = sent_ns
             try:
                 handle(message)
             except InvalidInput as problem:
-                self.diagnostics.unusable(str(problem))
+                if self.diagnostics.is_waiting:
+                    self.diagnostics.problem = str(problem)
                 raise
 
         self.make_subscription(topic, lambda message, info: self.worker.call(work, message, info["source_timestamp"]),
@@ -122,17 +123,18 @@ class PipelineNode(ManagedNode):
 
     # ---- Frames
 
-    def hold_frames_for(self, what: str) -> None:
-        """Queue frames until `release_frames`, and report that they wait for `what`.
+    def hold_frames_for(self, what: str, topic: str) -> None:
+        """Queue frames until `release_frames`, and report that they wait for `what` on an input.
 
         A latched description and the first frame that needs it arrive in either order.
         """
-        self.diagnostics.wait_for(what)
+        self.diagnostics.wait_for(what, self.resolve_topic_name(topic))
         self.worker.hold_frames("no_sensor")
 
     def release_frames(self) -> None:
-        """Process frames again after `hold_frames_for`."""
+        """Process frames again after `hold_frames_for`; whatever kept the node from working is over."""
         self.diagnostics.wait_for("")
+        self.diagnostics.problem = ""
         self.worker.release_frames()
 
     def publish_frame(self, publisher: Publisher, data: bytes, stamp_ns: int) -> None:
@@ -172,7 +174,7 @@ class PipelineNode(ManagedNode):
             return TransitionCallbackReturn.FAILURE
         self.stopping.clear()
         self.stop_cause = ""
-        self.diagnostics.unusable("")
+        self.diagnostics.problem = self.diagnostics.degraded = ""
         return super().on_activate(state)
 
     def deactivate(self) -> None:

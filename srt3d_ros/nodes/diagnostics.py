@@ -1,10 +1,11 @@
-"""Diagnostics: a node's report on /diagnostics, once a second: counters, rates, latency, last error.
+"""Diagnostics: a node's NodeStatus on /diagnostics, once a second.
 
-The level depends on what happened since the last report:
-    ERROR   the node failed and has sent no frame since; or the sensor's description cannot be used; or more than half
-            of the frames were dropped or lost
-    WARN    a frame was dropped or lost; two nodes have the same name, or two publishers the same input; the node waits
-            for something, or has waited 2 s for a frame; or frames leave more than 2 s after their stamps, or before
+The level depends on what happened since the last report, and on what still holds:
+    ERROR   the node failed or cannot work, and has sent no frame since; or an error was counted; or more than half of
+            the messages were dropped or lost
+    WARN    a message was dropped or lost; two nodes have the same name, or two publishers the same input; the node
+            works, but not as asked (`degraded`); it waits for something, or has waited 2 s for a frame; or frames leave
+            more than 2 s after their stamps, or before
     OK      otherwise
 """
 
@@ -12,7 +13,7 @@ import time
 from collections import Counter, deque
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
@@ -21,7 +22,8 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from srt3d_ros.core.sketching.counts import Counts
 from srt3d_ros.nodes.lifecycle import ManagedNode
-from srt3d_ros.nodes.reports import HARDWARE_ID
+from srt3d_ros.nodes.peers import Peers
+from srt3d_ros.nodes.status import ERROR, OK, WARN, NodeStatus
 
 PERIOD_S = 1.0
 LATENCIES_KEPT = 200    # newest frames, for the percentiles
@@ -31,7 +33,6 @@ MOST_DROPPED = 0.5      # share of the frames since the last report; more is an 
 PATIENCE_S = 2.0        # without a frame before a warning
 WAITING_EVERY_S = 10.0      # at most, a line about what the node waits for
 LOG_LOSS_EVERY_S = 60.0     # at most, a line about losses or about two nodes of one name
-DOUBLE_S = 25.0         # before a warning of a second node or publisher: a killed one stays in the graph for 20 s
 ENDING = ("inactive", "shutdown")       # causes of drops that are not logged
 OLD_S = 2.0             # median latency before a warning
 # Warn of stamps this far ahead of the node's clock. Clocks set by NTP differ by milliseconds, but a simulated clock may
@@ -48,23 +49,27 @@ class Diagnostics(Counts):
     Args:
         output: the topic of the node's frames, whose readers are reported.
         best_effort: whether the node subscribes to frames with best effort.
+
+    Attributes:
+        problem: why the node cannot work: an error until it is set to "", or a frame is sent.
+        degraded: what the node does not do as asked: a warning until it is set to "".
     """
 
     def __init__(self, node: ManagedNode, output: str = "", best_effort: bool = False):
         super().__init__()
-        self._unusable = self._warning = self._internal = ""
+        self.problem = self.degraded = self._warning = ""
+        self._peers = Peers(node)
         self._node, self._output, self._best_effort = node, output, best_effort
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
         self._topics: tuple[str, ...] = ()  # on which the node receives frames
-        self._waiting_for = ""              # something else than a frame
-        # When the node began to wait: for `_waiting_for`, for a frame, and for a clock.
-        self._waiting_since = self._frame_since = self._clock_since = time.monotonic()
-        self._last_error = ""
+        self._waiting_for = self._waiting_on = ""       # something else than a frame, and its topic
+        self._waiting_since = self._frame_since = self._level_since = time.monotonic()
+        self._clock_since: float | None = None          # when the node began to wait for /clock
+        self._level, self._last_error = OK, ""
         self._reported = (time.monotonic(), Counter(), Counter())
         self._logged = (-LOG_LOSS_EVERY_S, Counter(), Counter())        # losses
         self._least_latency_s = float("inf")
-        self._double_since: float | None = None
         self.publisher = node.create_publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=10),
                                                 qos_overriding_options=QoSOverridingOptions.with_default_policies())
         # A steady clock, so that reports go on while simulated time stands still.
@@ -84,14 +89,15 @@ class Diagnostics(Counts):
         """Expect no more frames."""
         self._topics = ()
 
-    def wait_for(self, what: str) -> None:
-        """Report that the node waits for `what`, from now on; an empty text: for nothing."""
+    def wait_for(self, what: str, topic: str = "") -> None:
+        """Report that the node waits for `what`, on this topic if one is given; an empty text: for nothing."""
         if what != self._waiting_for:
-            self._waiting_for, self._waiting_since = what, time.monotonic()
+            self._waiting_for, self._waiting_on, self._waiting_since = what, topic, time.monotonic()
 
-    def unusable(self, why: str) -> None:
-        """Report as an error why the description cannot be used, until called with an empty text."""
-        self._unusable = why
+    @property
+    def is_waiting(self) -> bool:
+        """Whether the node waits for something else than a frame."""
+        return bool(self._waiting_for)
 
     def warn(self, text: str) -> None:
         """Show a warning in the next report only."""
@@ -101,7 +107,7 @@ class Diagnostics(Counts):
         """Count a frame that was published `latency_s` after its stamp."""
         with self._lock:
             self.totals["frames_out"] += 1
-            self._internal = ""
+            self.problem = ""
             self._latencies_s.append(latency_s)
             self._least_latency_s = min(self._least_latency_s, latency_s)
 
@@ -116,7 +122,7 @@ class Diagnostics(Counts):
         """Count a bug of the node, and report it as an error until a frame is sent."""
         with self._lock:
             self.totals["internal"] += 1
-            self._internal = text
+            self.problem = text
             self.error(text)
 
     def show(self, **values: object) -> None:
@@ -127,7 +133,7 @@ class Diagnostics(Counts):
     def report(self) -> None:
         out = DiagnosticArray()
         out.header.stamp = self._node.get_clock().now().to_msg()
-        out.status = [self._status()]
+        out.status = [self._status().to_message()]
         self.publisher.publish(out)
 
     def close(self) -> None:
@@ -139,7 +145,7 @@ class Diagnostics(Counts):
         while not all_acknowledged(self.publisher) and time.monotonic() < deadline:
             time.sleep(POLL_READERS_S)
 
-    def _status(self) -> DiagnosticStatus:
+    def _status(self) -> NodeStatus:
         with self._lock:
             now = time.monotonic()
             totals, drops = self.totals.copy(), self.dropped.copy()
@@ -148,26 +154,29 @@ class Diagnostics(Counts):
             self._reported = (now, totals, drops)
             seconds = max(now - since, 1e-3)
             rate_in_hz, rate_out_hz = new["messages_in"] / seconds, new["frames_out"] / seconds
-            per_s = {f"{name}_per_s": f"{new[name] / seconds:.1f}" for name in RATED if name in totals}
-            values = {"state": self._node.state, **dict.fromkeys(TOTALS, 0), **totals, **_by_cause("dropped", drops),
-                      "rate_in_hz": f"{rate_in_hz:.2f}", "rate_out_hz": f"{rate_out_hz:.2f}", **per_s,
-                      **self._latency(), **self._values, "last_error": self._last_error, **self._readiness()}
+            counts = {**dict.fromkeys(TOTALS, 0), **totals, **_by_cause("dropped", drops)}
             if "photons_in" in totals:
-                values |= _by_cause("photons_dropped", self.photons_dropped)
+                counts |= _by_cause("photons_dropped", self.photons_dropped)
+            facts = {"rate_in_hz": f"{rate_in_hz:.2f}", "rate_out_hz": f"{rate_out_hz:.2f}",
+                     **{f"{name}_per_s": f"{new[name] / seconds:.1f}" for name in RATED if name in totals},
+                     **self._latency(), **self._values}
             waiting_for, since = self._waiting(now)
+            waiting = ""
             if waiting_for:
-                values |= {"waiting_for": waiting_for, "waiting_s": f"{now - since:.1f}"}
-                waiting_for = f"waiting for {waiting_for} for {now - since:.0f} s"
+                facts["waiting_s"] = f"{now - since:.1f}"
+                waiting = f"waiting for {waiting_for} for {now - since:.0f} s"
                 if self._node.state == "active" and now - since >= PATIENCE_S:
-                    self._node.get_logger().info(waiting_for, throttle_duration_sec=WAITING_EVERY_S)
-            level, message = self._judge(new, new_drops, waiting_for, self._doubled(now))
+                    self._node.get_logger().info(waiting, throttle_duration_sec=WAITING_EVERY_S)
+            level, why = self._judge(new, new_drops, waiting, self._doubled(now))
+            if level != self._level:
+                self._level, self._level_since = level, now
             self._log_loss()
             self._warning = ""
-            if not message:
-                message = f"{rate_in_hz:.1f} frames/s in, {rate_out_hz:.1f} out"
-        pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-        return DiagnosticStatus(level=level, name=self._node.get_fully_qualified_name().lstrip("/"), message=message,
-                                hardware_id=HARDWARE_ID, values=pairs)
+        return NodeStatus(
+            self._node.get_fully_qualified_name().lstrip("/"), level,
+            why or f"{rate_in_hz:.1f} messages/s in, {rate_out_hz:.1f} out", now - self._level_since, self._node.state,
+            self._is_ready(), waiting_for, self._last_error, self._peers.readers(self._output),
+            self._peers.senders(self._topics), counts, facts)
 
     def _latency(self) -> dict[str, str]:
         """Percentiles of the latency of the newest frames; empty before the first."""
@@ -191,45 +200,33 @@ class Diagnostics(Counts):
     def _waiting(self, now: float) -> tuple[str, float]:
         """What the node waits for, and since when; an empty text: for nothing."""
         if self._node.get_parameter("use_sim_time").value and not self._node.get_clock().now().nanoseconds:
+            self._clock_since = self._clock_since or now
             return "/clock (use_sim_time is true)", self._clock_since
-        if self._waiting_for:
-            return self._waiting_for, self._waiting_since
+        self._clock_since = None
+        if what := self._waiting_for:
+            return f"{what} on {self._peers.on([on])}" if (on := self._waiting_on) else what, self._waiting_since
         expected = self._topics         # the worker may replace it at any time
         if expected and now - self._frame_since > PATIENCE_S:
-            publishers = sum(map(self._node.count_publishers, expected))
-            *first, last = expected
-            topics = f"{', '.join(first)} or {last}" if first else last
-            return f"a frame on {topics} (publishers: {publishers})", self._frame_since
+            return f"a frame on {self._peers.on(expected)}", self._frame_since
         return "", now
 
-    def _readiness(self) -> dict[str, object]:
-        """Whether the node will process every frame that is sent from now on, and who sends and reads frames.
+    def _is_ready(self) -> bool:
+        """Whether the node will process every frame that is sent from now on.
 
         A best-effort reader misses frames until it has discovered the publisher; a reliable one gets them later.
         """
-        publishers = [self._node.count_publishers(topic) for topic in tuple(self._topics)]
-        connected = all(publishers) or not self._best_effort
-        return {"publishers": sum(publishers), "read_by": self.readers(),
-                "ready": self._node.state == "active" and connected and not (self._waiting_for or self._unusable)}
+        connected = not self._best_effort or all(map(self._node.count_publishers, self._topics))
+        return self._node.state == "active" and connected and not (self._waiting_for or self.problem)
 
-    def readers(self) -> str:
-        """Full names of the nodes that read the published frames, separated by commas."""
-        readers = self._node.get_subscriptions_info_by_topic(self._output) if self._output else ()
-        return ", ".join(sorted({f"{one.node_namespace}/{one.node_name}".lstrip("/") for one in readers}))
+    def readers(self) -> tuple[str, ...]:
+        """Full names of the nodes that read the published frames."""
+        return self._peers.readers(self._output)
 
     def _doubled(self, now: float) -> str:
-        """Log and return a warning if two nodes have this name or two publishers an input: frames may come twice."""
-        node = self._node
-        namesakes = node.get_node_names_and_namespaces().count((node.get_name(), node.get_namespace()))
-        counts = [(f"{namesakes} nodes are named {node.get_fully_qualified_name()}", namesakes)]
-        counts += [(f"{count} publishers send frames on {topic}", count) for topic in tuple(self._topics)
-                   if (count := node.count_publishers(topic)) > 1]
-        doubled = " and ".join(text for text, count in counts if count > 1)
-        self._double_since = (self._double_since or now) if doubled else None
-        if not doubled or now - self._double_since < DOUBLE_S:
-            return ""
-        warning = f"{doubled}: frames may come twice"
-        node.get_logger().warning(warning, throttle_duration_sec=LOG_LOSS_EVERY_S)
+        """Log and return a warning if two nodes have this name or two publishers an input."""
+        warning = self._peers.doubled(self._topics, now)
+        if warning:
+            self._node.get_logger().warning(warning, throttle_duration_sec=LOG_LOSS_EVERY_S)
         return warning
 
     def _log_loss(self, last: bool = False) -> None:
@@ -243,29 +240,22 @@ class Diagnostics(Counts):
             if (gone or lost) and (last or time.monotonic() - since >= LOG_LOSS_EVERY_S):
                 self._logged = time.monotonic(), self.totals.copy(), self.dropped.copy()
                 self._node.get_logger().warning(
-                    f"dropped {gone.total() + lost} of {new['messages_in'] + lost} frames since "
+                    f"dropped {gone.total() + lost} of {new['messages_in'] + lost} messages since "
                     f"{'the last such line' if totals else 'the start'}: {_losses_text(new, gone)}")
 
-    def _judge(self, new: Counter, new_drops: Counter, waiting: str, doubled: str) -> tuple[bytes, str]:
-        """The level and the message of a report; the message is empty if all is well."""
+    def _judge(self, new: Counter, new_drops: Counter, waiting: str, doubled: str) -> tuple[str, str]:
+        """The level of a report and the reason; the reason is empty if all is well."""
         if new["errors"]:
-            return DiagnosticStatus.ERROR, self._last_error
+            return ERROR, self._last_error
+        if self.problem and self._node.state in ("active", "finalized"):
+            return ERROR, self.problem
         if self._node.state != "active":
-            return DiagnosticStatus.OK, self._node.state
-        if self._internal or self._unusable:
-            return DiagnosticStatus.ERROR, self._internal or self._unusable
+            return OK, self._node.state
         if new_drops or new["message_lost"]:
             sent, gone = new["messages_in"] + new["message_lost"], new_drops.total() + new["message_lost"]
-            level = DiagnosticStatus.ERROR if gone > MOST_DROPPED * sent else DiagnosticStatus.WARN
-            return level, f"dropped: {_losses_text(new, new_drops)}, of {sent}"
-        if doubled:
-            return DiagnosticStatus.WARN, doubled
-        if self._warning:
-            return DiagnosticStatus.WARN, self._warning
-        if waiting:
-            return DiagnosticStatus.WARN, waiting
-        untimely = self._untimely(new["frames_out"])
-        return (DiagnosticStatus.WARN, untimely) if untimely else (DiagnosticStatus.OK, "")
+            return ERROR if gone > MOST_DROPPED * sent else WARN, f"dropped: {_losses_text(new, new_drops)}, of {sent}"
+        warning = doubled or self.degraded or self._warning or waiting or self._untimely(new["frames_out"])
+        return (WARN, warning) if warning else (OK, "")
 
 
 def _losses_text(totals: Counter, drops: Counter) -> str:

@@ -162,15 +162,17 @@ class ManagedNode(LifecycleNode):
 
     def _refuse_impossible_transitions(self) -> None:
         """Answer impossible requests with a failure; rclpy 7.1 ends the process if one gives a transition's number."""
-        change = self._service_change_state.callback
+        change, machine = self._service_change_state.callback, self._state_machine
+        labels = {number: label for number, label, *_ in machine.transition_graph}
 
         def guarded(request, response):
-            try:
+            asked = request.transition
+            wanted, possible = asked.label or labels.get(asked.id, str(asked.id)), machine.available_transitions
+            if any(wanted == label and (asked.label or asked.id == number) for number, label, *_ in possible):
                 return change(request, response)
-            except rclpy_implementation.RCLError:
-                self.get_logger().warning(f"no transition {request.transition.id} while {self.state}")
-                response.success = False
-                return response
+            self.get_logger().warning(f"no transition {wanted} while {self.state}")
+            response.success = False
+            return response
 
         self._service_change_state.callback = guarded
 

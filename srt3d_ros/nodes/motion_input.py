@@ -58,6 +58,19 @@ class MotionInput:
             except InvalidInput as problem:
                 self._report_problem("motion_refused", str(problem))
 
+    def judge(self, stream: SketchStream) -> None:
+        """Report while frames are not deskewed, and log when that begins and ends."""
+        diagnostics, log = self._node.diagnostics, self._node.get_logger()
+        if stream.warning:
+            problem = f"frames go on undeskewed: {stream.warning} ({self._topic})"
+            if not diagnostics.degraded:
+                log.warning(problem)
+            diagnostics.degraded = problem
+        elif diagnostics.degraded:
+            log.info("frames are deskewed again")
+            diagnostics.degraded = ""
+        stream.warning = ""
+
     def _queue(self, raw: bytes, _) -> None:
         self._reports.append((raw, self._node.now_ns()))
         self._on_report()

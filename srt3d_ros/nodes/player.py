@@ -148,7 +148,8 @@ class PlayerNode(PipelineNode):
             if item.topic in self._others:
                 self._others[item.topic].publish(data)
             else:
-                self.get_logger().info(f"the first frame's stamp is {stamp_ns}", once=True)
+                if not sent:
+                    self.diagnostics.show(first_stamp_ns=stamp_ns)
                 self.diagnostics.count(messages_in=1)
                 self.publish_frame(self._publisher, data, stamp_ns)
                 sent += 1

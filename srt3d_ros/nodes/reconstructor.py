@@ -96,7 +96,7 @@ SPEC = NodeSpec(
 
 
 BUILT_KEPT = 2      # reconstructors: sketches for the previous one may still arrive after the first for a new one
-WAITED_FOR = "the sketch's description on sketch/sensor"
+WAITED_FOR = "the sketch's description"
 
 
 class ReconstructorNode(PipelineNode):
@@ -122,7 +122,8 @@ class ReconstructorNode(PipelineNode):
         self._camera_info = self.advertise("camera_info")
 
     def activate(self) -> None:
-        self.diagnostics.wait_for(WAITED_FOR)
+        self._sensors = self.resolve_topic_name("sketch/sensor")
+        self.diagnostics.wait_for(WAITED_FOR, self._sensors)
         # Subscribe to the description last: a publisher that has found this reader has found that of `sketch`, too.
         self.subscribe("sketch", self._on_sketch)
         self.follow("sketch/sensor", self._on_sensor)
@@ -157,7 +158,7 @@ class ReconstructorNode(PipelineNode):
 
     def _on_sensor(self, message: String) -> None:
         sensor = self.check_size(self._queue.describe(message.data))
-        self.diagnostics.unusable("")
+        self.diagnostics.problem = ""
         self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins)
         self._reconstruct_all()
 
@@ -174,8 +175,9 @@ class ReconstructorNode(PipelineNode):
             except Exception as error:
                 self.failed(error, frames=1)
         for queued in dropped:
-            self.failed(Dropped("no_sensor", f"{WAITED_FOR}, sensor_{queued.digest}, did not arrive"), frames=1)
-        self.diagnostics.wait_for(f"{WAITED_FOR}, sensor_{self._queue.missing}" if self._queue else "")
+            self.failed(Dropped("no_sensor", f"{WAITED_FOR} sensor_{queued.digest} did not arrive on {self._sensors}"),
+                        frames=1)
+        self.diagnostics.wait_for(f"{WAITED_FOR} sensor_{self._queue.missing}" if self._queue else "", self._sensors)
 
     def _reconstruct(self, sensor: SensorModel, queued: QueuedSketch) -> None:
         sketch = sketch_message.decode(queued.message, self.check_size(sensor))
@@ -193,22 +195,21 @@ class ReconstructorNode(PipelineNode):
         if sketch.cycles:
             pixels = int(saturated(sketch, sketch.sensor).sum())
             self.diagnostics.show(cycles=sketch.cycles, saturated_pixels=pixels)
-            if pixels:
-                self.diagnostics.warn(f"{pixels} pixels are saturated: a photon in over {SATURATED:.0%} of the cycles")
+            self.diagnostics.degraded = f"saturated pixels: {pixels} (a photon in over {SATURATED:.0%} of the cycles)" \
+                if pixels else ""
 
     def _reconstructor(self, digest: str, sketch: Sketch) -> Reconstructor:
         """The Reconstructor for a description and frequencies, with its memory of their last frames."""
-        kind = digest, sketch.frequencies
+        kind, frequencies = (digest, sketch.frequencies), " ".join(map(str, sketch.frequencies))
         reconstructor = self._built.pop(kind, None)
         if reconstructor is None:
             reconstructor = build((sketch.sensor, sketch.frequencies), self._settings)
             reconstructor.warm_up()
-            self.get_logger().info(f"sketches: {sensor_summary(sketch.sensor)}, {len(sketch.frequencies)} frequencies")
+            self.get_logger().info(f"sketches: {sensor_summary(sketch.sensor)}, frequencies {frequencies}")
         self._built[kind] = reconstructor
         if len(self._built) > BUILT_KEPT:
             del self._built[next(iter(self._built))]
-        self.diagnostics.show(device=f"{reconstructor.device}: {reconstructor.why}",
-                              frequencies=" ".join(map(str, sketch.frequencies)))
+        self.diagnostics.show(device=f"{reconstructor.device}: {reconstructor.why}", frequencies=frequencies)
         return reconstructor
 
     def _publish(self, seen: Cloud, sketch: Sketch, frame_id: str) -> None:

@@ -103,7 +103,8 @@ class RecorderNode(PipelineNode):
         self._sensor: SensorModel | None = None
         self._frames = FrameIndex()
         self._lines = deque(maxlen=LINES_KEPT)
-        self.hold_frames_for("the sketch's description on sketch/sensor")
+        self.hold_frames_for("the sketch's description", "sketch/sensor")
+        self.exit_code = 0
         self.diagnostics.count(clouds=0)
         # Publishers discover these readers in this order: images before points, and the description last.
         for topic in topics.IMAGE_TOPICS:
@@ -125,7 +126,6 @@ class RecorderNode(PipelineNode):
 
     def _on_sensor(self, message: String) -> None:
         sensor = sensor_message.from_json(message.data)
-        self.diagnostics.unusable("")
         if self._path is None or self._writer is not None and sensor.same_as(self._sensor):
             return
         if self._writer is not None:        # another sensor needs another recording
@@ -144,7 +144,7 @@ class RecorderNode(PipelineNode):
         self.release_frames()
 
     def failed(self, error: Exception, frames: int = 0) -> None:
-        """End a recording that failed; the node stays active, but reads nothing."""
+        """End a recording that failed; the node stays active, but reads nothing, and reports an error until the end."""
         if not isinstance(error, RecordingFailed):
             return super().failed(error, frames)
         self.get_logger().error(str(error))
@@ -154,6 +154,8 @@ class RecorderNode(PipelineNode):
         self.unsubscribe()
         self.release_frames()
         self.forget()
+        self.diagnostics.problem = f"not recording: {error.why}"
+        self.exit_code = 1
 
     # ---- Frames
 

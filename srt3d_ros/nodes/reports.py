@@ -1,32 +1,62 @@
-"""Readers of /diagnostics: the newest reports of the nodes, and what became of a player's frames."""
+"""Readers of /diagnostics: the newest statuses of the nodes, and what became of a player's frames."""
 
-from collections.abc import Mapping
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 
-HARDWARE_ID = "srt3d_ros"
-STATUS_LEVELS = ("OK", "WARN", "ERROR", "STALE")        # by number
+from srt3d_ros.nodes.status import STALE, NodeStatus
+from srt3d_ros.processes.node_command import NODES, PLAYER
+
+REPORTING = set(NODES) - {PLAYER}       # another player may be called so
+STALE_S = 5.0           # without a report, which comes once a second
 
 
-class Reports(dict[str, Mapping[str, str]]):
-    """The newest report of each node of this package, by full name without the leading slash."""
+class Reports(dict[str, NodeStatus]):
+    """The newest status of each node of this package, by full name without the leading slash."""
+
+    def __init__(self):
+        super().__init__()
+        self._heard_s: dict[str, float] = {}    # also of nodes that have not reported: when others first named them
 
     def add(self, message: DiagnosticArray) -> None:
-        """Keep the values of a message's reports, with their `level` and `message`."""
-        for status in message.status:
-            if status.hardware_id == HARDWARE_ID:
-                self[status.name] = {pair.key: pair.value for pair in status.values} | {
-                    "level": STATUS_LEVELS[ord(status.level)], "message": status.message}
+        """Keep the statuses of a message."""
+        now_s = time.monotonic()
+        for status in filter(None, map(NodeStatus.from_message, message.status)):
+            self[status.name], self._heard_s[status.name] = status, now_s
+            for name in (*status.read_by, *status.sent_by):
+                if name.rpartition("/")[2] in REPORTING:
+                    self._heard_s.setdefault(name, now_s)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every node that others name has reported, or is STALE."""
+        return all(name in self or time.monotonic() - heard_s >= STALE_S for name, heard_s in self._heard_s.items())
+
+    def current(self) -> list[NodeStatus]:
+        """The statuses, STALE those of nodes that have stopped to report; without nodes that have ended in order."""
+        now_s, found = time.monotonic(), []
+        for name, heard_s in self._heard_s.items():
+            status, silent_s = self.get(name, NodeStatus(name, STALE)), now_s - heard_s
+            if silent_s >= STALE_S and status.state != "finalized":
+                why = f"no report for {silent_s:.0f} s"
+                found.append(replace(status, level=STALE, why=why, since_s=silent_s, ready=False))
+            elif silent_s < STALE_S and name in self:
+                found.append(status)
+        return found
 
 
-def in_a_line(reports: list[Mapping[str, str]]) -> str:
-    """One line about a pipeline: clouds per second, points, latency, and all that its nodes have dropped."""
-    dropped = sum(int(report["dropped"]) + int(report["message_lost"]) for report in reports)
-    clouds = next((f"{float(report['rate_out_hz']):.1f} clouds/s, {float(report['points_per_s']):,.0f} points/s, "
-                   f"{float(report['latency_p50_ms']):.0f} ms old" for report in reports if "reconstruct_ms" in report),
-                  "no clouds yet")
-    return f"{clouds}; dropped so far: {dropped}"
+def in_a_line(statuses: Iterable[NodeStatus]) -> str:
+    """One line about a pipeline: clouds per second, points, latency, all that was dropped, and nodes with a problem."""
+    statuses, no_clouds = list(statuses), "no clouds"
+    dropped = sum(status.counts["dropped"] + status.counts["message_lost"] for status in statuses)
+    rates = "{rate_out_hz:.1f} clouds/s, {points_per_s:,.0f} points/s, {latency_p50_ms:.0f} ms old"
+    clouds = next((rates.format_map(status.facts) for status in statuses
+                   if status.level != STALE and {"reconstruct_ms", "latency_p50_ms"} <= status.facts.keys()), no_clouds)
+    problems = [f"; {one.name} {one.level}: {one.why}" for one in statuses if one.failed]
+    return f"{clouds}; dropped so far: {dropped}{''.join(problems)}"
 
 
 class Delivery(NamedTuple):
@@ -52,29 +82,30 @@ class Chain:
 
     def __init__(self, names: list[str], reports: Reports):
         self._names, self._reports = names, reports
-        self._before: dict[str, Mapping[str, str]] = {}
+        self._before: dict[str, dict[str, int]] = {}
 
-    def missing(self, read_by: str) -> str:
+    def missing(self, read_by: Sequence[str]) -> str:
         """The nodes that are not ready, with the reasons; empty if all are.
 
         Args:
-            read_by: names of the player's subscribers, separated by ", ".
+            read_by: names of the player's subscribers.
         """
-        missing = []
+        missing, current = [], {status.name: status for status in self._reports.current()}
         for name in self._names:
-            report = self._reports.get(name)
-            if report is None:
+            status = current.get(name)
+            if status is None:
                 missing.append(f"{name} (no report on /diagnostics)")
-            elif report["ready"] != "True":
-                missing.append(f"{name} ({report.get('waiting_for') or report['message'] or report['state']})")
-            elif name not in read_by.split(", "):
+            elif not status.ready:
+                waiting_for = "" if status.failed else status.waiting_for
+                missing.append(f"{name} ({waiting_for or status.why})")
+            elif name not in read_by:
                 missing.append(f"{name} (not connected to the node before it)")
-            read_by = report["read_by"] if report else ""
+            read_by = status.read_by if status else ()
         return ", ".join(missing)
 
     def begin(self) -> None:
         """Count from now on."""
-        self._before = {name: self._reports[name] for name in self._names}
+        self._before = {name: self._reports[name].counts for name in self._names}
 
     def outcome(self, sent: int) -> Delivery:
         """What became of `sent` messages since `begin`."""
@@ -95,6 +126,5 @@ class Chain:
         return Delivery(under_way, lost, arrived)
 
     def _new(self, name: str) -> dict[str, int]:
-        """A node's counters since `begin`."""
-        before, report = self._before[name], self._reports[name]
-        return {key: int(value) - int(before.get(key, 0)) for key, value in report.items() if value.isdecimal()}
+        """A node's counts since `begin`."""
+        return {key: count - self._before[name].get(key, 0) for key, count in self._reports[name].counts.items()}

@@ -95,6 +95,7 @@ class SketcherNode(PipelineNode):
     _file: SensorModel | None = None            # the sensor of `sensor_file`
     _sensor: SensorModel | None = None          # of the photons
     _stream: SketchStream | None = None         # None while photons cannot be used
+    _refused = ""                               # why the last description on `sensor` is not used
     _motion: MotionInput | None = None
 
     def __init__(self):
@@ -118,11 +119,11 @@ class SketcherNode(PipelineNode):
                                              LIKELY_PACKETS if self.parameters["frame_period_s"] else 1)
         self._frame_id, self._described, self._unacknowledged = "", None, 0
         self._wake_s = float("inf")             # when `_wake` will be called, by the node's clock
-        self._sensor, self._problem = self._file, ""        # why the description on `sensor` cannot be used
+        self._sensor, self._refused = self._file, ""
         self._own_description = ""              # published on `sensor`, and received from there
         self._topic, self._file_name = self.resolve_topic_name("sensor"), Path(self.parameters["sensor_file"]).name
         if self._file is None:
-            self.hold_frames_for("a sensor description on sensor")
+            self.hold_frames_for("a sensor description", "sensor")
         else:
             self.get_logger().info(f"sensor_file {self._file_name}: {sensor_summary(self._file)}; a description on "
                                    f"{self._topic} must agree")
@@ -153,15 +154,18 @@ class SketcherNode(PipelineNode):
             return
         try:
             described = self.check_size(sensor_message.from_json(message.data))
-            if self._file is None:
-                self._update_sensor(described)
-            else:
+            if self._file is not None:
                 self._compare_with_file(described)
         except InvalidInput as problem:
             if self._stream is not None:        # the open frame may contain photons of the other sensor
                 self._publish(self._stream.reset())
-            self._stream, self._problem = None, str(problem)
+            self._stream, self._refused = None, str(problem)
+            self.diagnostics.problem = self._refused
             raise
+        if self._file is None:
+            self._update_sensor(described)
+        else:
+            self._use_file(f"{self._topic} agrees again")
 
     def _update_sensor(self, described: SensorModel) -> None:
         """Sketch photons of the described sensor from now on; InvalidInput if the parameters do not suit it."""
@@ -173,39 +177,39 @@ class SketcherNode(PipelineNode):
             changed = "{} was {}, is {}".format(*difference) if difference else "numbers differ in their last digits"
             self.get_logger().info(f"another sensor on {self._topic}: {sensor_summary(described)}; {changed}")
             self.drop_older_frames()
-        self._sensor = described
+        self._sensor, self._refused = described, ""
         self._apply()
-        self._problem = ""
-        self.diagnostics.unusable("")
 
     def _compare_with_file(self, described: SensorModel) -> None:
-        """Use the file's sensor if the description agrees with it; InvalidInput if it does not."""
+        """Raise InvalidInput if the description does not agree with the file."""
         difference = first_difference(self._file, described)
         if difference is not None:
             key, ours, theirs = difference
             raise InvalidInput(f"{key} on {self._topic}", theirs, f"{ours} as in sensor_file {self._file_name}; "
                                "photons are dropped until both agree")
-        self._use_file(f"{self._topic} agrees again")
 
     def _use_file(self, why: str) -> None:
         """Use the file's sensor again if a description has contradicted it."""
-        if self._problem:
-            self._problem = ""
-            self.diagnostics.unusable("")
+        if self._refused:
+            self._refused = ""
             self.get_logger().info(f"sensor_file {self._file_name} is used again: {why}")
             self._apply()
 
     def _apply(self) -> None:
-        """Apply sensor and parameters; if they change the sketches, begin a new frame."""
+        """Apply sensor and parameters; if they change the sketches, begin a new frame. InvalidInput if they clash."""
         sensor, stream = self._sensor, self._stream
-        if sensor is None or self.stop_cause:
+        if sensor is None or self._refused or self.stop_cause:
             return
         options = stream_options(self.parameters.as_dict())
         if stream is not None and stream.sensor.same_as(sensor) and options == stream.options:
             return
         self._flush()
         self._stream = None                     # stays so if the next line fails
-        self._stream = SketchStream(sensor, options, self.diagnostics)
+        try:
+            self._stream = SketchStream(sensor, options, self.diagnostics)
+        except InvalidInput as problem:
+            self.diagnostics.problem = str(problem)
+            raise
         self._describe(self._stream.sketch_sensor)
         self.diagnostics.show(**self._stream.facts)
         self.release_frames()
@@ -218,11 +222,11 @@ class SketcherNode(PipelineNode):
     # ---- Packets in, sketches out
 
     def _on_packet(self, codec, raw: bytes) -> None:
-        if self._problem and self._file is not None and self.count_publishers(self._topic) <= 1:
+        if self._refused and self._file is not None and self.count_publishers(self._topic) <= 1:
             self._use_file(f"{self._topic} has no other publisher any more")
         stream = self._stream
         if stream is None:
-            raise Dropped("no_sensor", self._problem or "no usable description of the sensor has arrived")
+            raise Dropped("no_sensor", self.diagnostics.problem or "no description of the sensor has arrived")
         header, photons = codec.decode_cdr(raw, stream.sensor)
         self._frame_id = header.frame_id or stream.sensor.frame_id
         if self._motion is not None:
@@ -278,9 +282,8 @@ class SketcherNode(PipelineNode):
             self.worker.messages_per_frame = stream.packets_per_frame
             self.diagnostics.show(**stream.facts)
         self.diagnostics.show(packets_open=stream.frame.packets)
-        if stream.warning:
-            self.diagnostics.warn(f"frames go on undeskewed: {stream.warning}")
-            stream.warning = ""
+        if sketches and self._motion is not None:
+            self._motion.judge(stream)
 
     def _describe(self, sensor: SensorModel) -> None:
         """Publish a description on `sketch/sensor`, unless it is the last one published."""

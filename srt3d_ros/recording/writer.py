@@ -124,6 +124,8 @@ class RecordingWriter(AbstractContextManager):
         """Wait until the file has everything that was logged."""
         try:
             self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
+            if not self.path.exists():
+                raise OSError("stopped, as the file is gone")
             self._check_disk()
         except (OSError, RuntimeError, ValueError) as error:        # from the disk or rerun
             self._finish()

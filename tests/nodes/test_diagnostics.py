@@ -1,5 +1,7 @@
 """/diagnostics: totals, and levels that follow from them. tests/docs has what the middleware says."""
 
+from types import SimpleNamespace
+
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -10,6 +12,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 
 from srt3d_ros.nodes import diagnostics as module
+from srt3d_ros.nodes import peers
 from srt3d_ros.nodes.diagnostics import Diagnostics
 from srt3d_ros.nodes.lifecycle import ManagedNode
 
@@ -66,7 +69,7 @@ def test_levels_follow_what_happened_since_the_last_report(counted, monkeypatch)
         report = latest()
         assert report["level"] == level and words in report["message"], report
 
-    says(OK, "0.0 frames/s in, 0.0 out")
+    says(OK, "0.0 messages/s in, 0.0 out")
     diagnostics.wait_for("the sensor")
     says(WARN, "waiting for the sensor for 0 s")
     assert latest()["waiting_for"] == "the sensor" and float(latest()["waiting_s"]) < 60
@@ -88,22 +91,28 @@ def test_levels_follow_what_happened_since_the_last_report(counted, monkeypatch)
     says(ERROR, "dropped: 3 lost on the way here, of 3")
     diagnostics.error("ZeroDivisionError: division by zero")
     says(ERROR, "ZeroDivisionError: division by zero")
-    diagnostics.warn("frames go on undeskewed")
-    says(WARN, "frames go on undeskewed")       # once
-    diagnostics.unusable("rows is 3: expected 4")
+    diagnostics.warn("late: skipped 3 frames")
+    says(WARN, "late: skipped 3 frames")        # once
+    diagnostics.problem = "rows is 3: expected 4"
     for _ in range(2):                          # as long as it lasts
         says(ERROR, "rows is 3: expected 4")
-    diagnostics.unusable("")
+    assert latest()["ready"] == "False"
+    diagnostics.problem = ""
     report = latest()
     assert (report["level"], report["last_error"]) == (OK, "ZeroDivisionError: division by zero")
-    assert "waiting_for" not in latest()
+    assert (latest()["waiting_for"], latest()["ready"]) == ("", "True")
+    diagnostics.degraded = "frames go on undeskewed"
+    for _ in range(2):
+        diagnostics.sent(0.01)
+        says(WARN, "frames go on undeskewed")
+    diagnostics.degraded = ""
     monkeypatch.setattr(module, "PATIENCE_S", -1.0)
     for topic in ("/photons", "/gates", "/histograms"):
         diagnostics.expect(topic)
     says(WARN, "waiting for a frame on /photons, /gates or /histograms (publishers: 0) for 0 s")
     monkeypatch.setattr(module, "PATIENCE_S", 60.0)
     receive(1)
-    says(OK, "frames/s in")
+    says(OK, "messages/s in")
     for latency_s, words in ((66.4, "frames are 66.4 s old: behind"),
                              (-3600, "frames are stamped 3600.0 s ahead of this node's clock")):
         receive(1)
@@ -111,7 +120,7 @@ def test_levels_follow_what_happened_since_the_last_report(counted, monkeypatch)
         says(WARN, words)
     receive(1)
     diagnostics.sent(-0.1)          # as far as clocks may be apart
-    says(OK, "frames/s in")
+    says(OK, "messages/s in")
     node.state = "inactive"
     says(OK, "inactive")
 
@@ -131,27 +140,50 @@ def test_losses_are_logged_once_a_minute_and_at_the_end(graph, counted):
         graph.wait(lines, "the first line")
     diagnostics.close()
     graph.wait(lambda: len(lines()) == 2, "the last line")
-    assert lines() == ["dropped 3 of 6 frames since the start: 2 queue, 1 lost on the way here",
-                       "dropped 3 of 4 frames since the last such line: 2 queue, 1 lost on the way here"]
+    assert lines() == ["dropped 3 of 6 messages since the start: 2 queue, 1 lost on the way here",
+                       "dropped 3 of 4 messages since the last such line: 2 queue, 1 lost on the way here"]
 
 
 def test_what_comes_twice_is_a_warning(graph, counted, monkeypatch):
-    diagnostics, latest, node = counted
-    monkeypatch.setattr(module, "DOUBLE_S", -1.0)
+    diagnostics, latest, _ = counted
+    monkeypatch.setattr(peers, "DOUBLE_S", -1.0)
     diagnostics.expect(topic := f"{graph.namespace}/photons")
     for _ in range(2):
         graph.publisher(Image, "photons")
-    namesake = ManagedNode("counted", namespace=graph.namespace)
-    said = f"2 nodes are named {node.get_fully_qualified_name()} and 2 publishers send frames on {topic}: frames may"
-    graph.wait(lambda: latest()["message"].startswith(said) and latest()["level"] == WARN, "the warning")
-    namesake.destroy_node()
+    said = f"2 publishers send frames on {topic}: frames may come twice"
+    graph.wait(lambda: latest()["message"] == said and latest()["level"] == WARN, "the warning")
 
 
-def test_simulated_time_without_a_clock_is_a_warning(graph, counted):
-    _, latest, node = counted
+def test_what_a_node_waits_for_names_the_topic_and_its_publishers(graph, counted):
+    diagnostics, latest, _ = counted
+    diagnostics.wait_for("a sensor description", f"{graph.namespace}/sensor")
+    said = f"waiting for a sensor description on {graph.namespace}/sensor (publishers: "
+    assert latest()["message"].startswith(f"{said}0) for ")
+    graph.latched("sensor")
+    graph.wait(lambda: latest()["message"].startswith(f"{said}1) for "), "the publisher")
+
+
+def test_a_status_says_how_long_its_level_has_lasted(counted, monkeypatch):
+    diagnostics, latest, _ = counted
+    now_s = module.time.monotonic()
+    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: now_s))
+    since = []
+    for problem, later_s in (("", 1e6), ("x", 5), ("y", 5), ("", 5), ("", 5)):
+        diagnostics.problem, now_s = problem, now_s + later_s
+        since.append(float(latest()["since_s"]))
+    assert since[1:] == [0, 5, 0, 5] and since[0] >= 1e6
+
+
+def test_simulated_time_without_a_clock_is_a_warning_from_when_it_is_asked_for(graph, counted, monkeypatch):
+    diagnostics, latest, node = counted
+    now_s = module.time.monotonic() + 3600      # an hour after the node's start
+    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: now_s))
+    assert latest()["level"] == OK
     node.set_parameters([Parameter("use_sim_time", value=True)])
     report = latest()
-    assert report["level"] == WARN and report["message"].startswith("waiting for /clock (use_sim_time is true) for ")
+    assert report["level"] == WARN and report["message"] == "waiting for /clock (use_sim_time is true) for 0 s"
+    now_s += 3
+    assert latest()["message"].endswith(" for 3 s")
     publisher = graph.matched(graph.node.create_publisher(Clock, "/clock", 1))
     publisher.publish(Clock(clock=Time(sec=5)))
     executor = SingleThreadedExecutor()

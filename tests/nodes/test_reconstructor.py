@@ -124,7 +124,7 @@ def test_where_the_cycles_are_known_pile_up_is_corrected_and_saturated_pixels_ar
     assert float(reconstructor.graph.report("reconstructor")["background_share"]) < 1
     reconstructor(dataclasses.replace(sketch, cycles=most))
     pixels = int((sketch.photons > 0.95 * most).sum())
-    said = f"{pixels} pixels are saturated: a photon in over 95% of the cycles"
+    said = f"saturated pixels: {pixels} (a photon in over 95% of the cycles)"
     reconstructor.graph.wait(lambda: reconstructor.graph.report("reconstructor").get("message") == said, "a warning")
 
 
@@ -185,8 +185,9 @@ def test_sketches_are_read_with_the_descriptions_that_they_name_and_wait_for_the
     before = len(reconstructor.clouds)
     reconstructor.send(of_wide, sketch, fewer, of_wide)
     reconstructor.graph.wait(lambda: len(reconstructor.clouds) == before + 2, "the clouds of what is described")
-    reconstructor.graph.wait(lambda: reconstructor.graph.report("reconstructor").get("waiting_for", "").endswith(
-        f"sketch/sensor, sensor_{sensor_message.digest(wide)}"), "a report of what the others wait for")
+    missing = f"the sketch's description sensor_{sensor_message.digest(wide)} on {reconstructor.graph.namespace}/sketch/"
+    reconstructor.graph.wait(lambda: reconstructor.graph.report("reconstructor").get("waiting_for", "").startswith(
+        f"{missing}sensor (publishers: "), "a report of what the others wait for")
     reconstructor.graph.reports("reconstructor", "under_way", 2)
     reconstructor.describe(wide)
     reconstructor.send(sketch)

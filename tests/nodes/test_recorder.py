@@ -45,7 +45,7 @@ class Speaker:
     def ready(self) -> "Speaker":
         """Wait until publisher and recorder have found each other."""
         self.graph.matched(self._points)
-        self.graph.wait(lambda: self.graph.total("recorder", "publishers"), "a publisher in the recorder's report")
+        self.graph.wait(lambda: self.graph.report("recorder").get("sent_by"), "a publisher in the recorder's report")
         return self
 
     def frame(self) -> int:

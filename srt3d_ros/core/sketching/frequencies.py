@@ -28,6 +28,7 @@ SCORES = (7.0, 10.0)        # σ by which the photons exceed the background; the
 BEND = 0.75                 # of the progression: 0 even, 1 geometric
 BEND_OF_MANY = 0.5          # for many photons: up to 10 % less depth error; with few photons it loses detections
 LEAST_PASSED = 0.1          # |ĥ| that a frequency must have to be the highest
+BLIND = 0.01                # |ĥ| below which a frequency says nothing about the depth
 LADDER = 1.05               # ratio of successive highest frequencies that are tried
 ROOM = 2**0.5               # ratio of highest frequencies, many photons to few, above which a second design pays
 ENOUGH = 3.0                # stop trying at this ratio to the best highest frequency so far
@@ -49,6 +50,14 @@ def irf_spectrum(sensor: SensorModel, frequencies) -> np.ndarray:
     bins = np.arange(sensor.irf.shape[-1]) - sensor.irf_ref
     phases = np.exp(1j * np.outer(bins, angular_frequencies(frequencies, sensor.num_bins)))
     return sensor.irf.astype(np.float64) @ phases
+
+
+def passed_energy(spectrum: np.ndarray, frequencies: tuple[int, ...]) -> np.ndarray:
+    """|ĥ|², float64 [m], a mean over the pixels of `irf_spectrum`; InvalidInput if the IRF passes no frequency."""
+    energy = (np.abs(np.atleast_2d(spectrum))**2).mean(axis=0)
+    require(energy.max() > BLIND**2, "frequencies", list(frequencies),
+            f"some that the sensor's IRF passes (|ĥ| above {BLIND})")
+    return energy
 
 
 def design(sensor: SensorModel, sketch_size: int, score: float = 0.0, confirmed: int = 0) -> tuple[int, ...]:
@@ -75,20 +84,23 @@ def choose(spec: str, sensor: SensorModel, sketch_size: int | None = None) -> tu
         sketch_size: m; DEFAULT_SKETCH_SIZE unless given. With a list it must be the list's length, or None.
 
     Raises:
-        InvalidInput: m is too large for T, or the list has an impossible frequency.
+        InvalidInput: m is too large for T, the list has an impossible frequency, or the IRF passes none.
     """
     if spec in RULES:
         most = max(min((sensor.num_bins - 1) // 2, MAX_SKETCH_SIZE), 1)
         m = min(DEFAULT_SKETCH_SIZE, most) if sketch_size is None else sketch_size
         require(1 <= m <= most, "sketch_size", m, f"1 to {most} for T = {sensor.num_bins} bins")
-        return check_frequencies(RULES[spec](sensor, m), sensor.num_bins)
-    try:
-        listed = [int(part) for part in spec.split(",")]
-    except ValueError:
-        raise InvalidInput("frequencies", spec, "auto, consecutive, or a list of integers such as 1,2,5") from None
-    require(sketch_size in (None, len(listed)), "sketch_size", sketch_size,
-            f"{len(listed)}, the number of frequencies listed (or leave it out)")
-    return check_frequencies(listed, sensor.num_bins)
+        chosen = RULES[spec](sensor, m)
+    else:
+        try:
+            chosen = [int(part) for part in spec.split(",")]
+        except ValueError:
+            raise InvalidInput("frequencies", spec, "auto, consecutive, or a list of integers such as 1,2,5") from None
+        require(sketch_size in (None, len(chosen)), "sketch_size", sketch_size,
+                f"{len(chosen)}, the number of frequencies listed (or leave it out)")
+    frequencies = check_frequencies(chosen, sensor.num_bins)
+    passed_energy(irf_spectrum(sensor, frequencies), frequencies)
+    return frequencies
 
 
 def progression(top: int, sketch_size: int, bend: float = BEND) -> tuple[int, ...]:

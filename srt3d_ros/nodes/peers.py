@@ -1,0 +1,58 @@
+"""Peers: the nodes that send frames to a node and read its frames, as the middleware shows them."""
+
+from collections.abc import Iterable, Sequence
+
+from rclpy.node import Node
+from rclpy.qos import QoSCompatibility, qos_check_compatible
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+DOUBLE_S = 25.0         # before a warning of a second node or publisher: a killed one stays in the graph for 20 s
+
+
+class Peers:
+    """The publishers and readers of a node's topics, which are given by their final names."""
+
+    def __init__(self, node: Node):
+        self._node = node
+        self._since: dict[object, float] = {}       # when each publisher and each node of this name was first seen
+
+    def publishers(self, topics: Iterable[str]) -> list[TopicEndpointInfo]:
+        return [one for topic in topics for one in self._node.get_publishers_info_by_topic(topic)]
+
+    def senders(self, topics: Iterable[str]) -> tuple[str, ...]:
+        """Full names of the nodes that publish on the topics, without the leading slash."""
+        return _names(self.publishers(topics))
+
+    def readers(self, topic: str) -> tuple[str, ...]:
+        """Full names of the nodes that subscribe to the topic."""
+        return _names(self._node.get_subscriptions_info_by_topic(topic)) if topic else ()
+
+    def on(self, topics: Sequence[str]) -> str:
+        """The topics in words, how many publishers they have, and why the QoS of some does not match."""
+        *first, last = topics
+        words = f"{', '.join(first)} or {last}" if first else last
+        publishers, own = self.publishers(topics), (self._node.get_namespace(), self._node.get_name())
+        readers = {one.topic_type: one for topic in topics for one in self._node.get_subscriptions_info_by_topic(topic)
+                   if (one.node_namespace, one.node_name) == own}
+        found = [qos_check_compatible(one.qos_profile, readers[one.topic_type].qos_profile) for one in publishers
+                 if one.topic_type in readers]
+        reasons = {why.removeprefix("ERROR: ").rstrip("; ") for outcome, why in found
+                   if outcome == QoSCompatibility.ERROR}
+        mismatch = f", QoS does not match: {', '.join(sorted(reasons))}" if reasons else ""
+        return f"{words} (publishers: {len(publishers)}{mismatch})"
+
+    def doubled(self, topics: Iterable[str], now_s: float) -> str:
+        """A warning if two nodes of this name, or two publishers on a topic, have been there for DOUBLE_S together."""
+        node, name = self._node, self._node.get_fully_qualified_name()
+        namesakes = node.get_node_names_and_namespaces().count((node.get_name(), node.get_namespace()))
+        present = {f"nodes are named {name}": [(name, number) for number in range(namesakes)]}
+        present |= {f"publishers send frames on {topic}": [bytes(one.endpoint_gid) for one in self.publishers([topic])]
+                    for topic in topics}
+        self._since = {one: self._since.get(one, now_s) for ones in present.values() for one in ones}
+        lasting = {words: sum(now_s - self._since[one] >= DOUBLE_S for one in ones) for words, ones in present.items()}
+        doubled = " and ".join(f"{number} {words}" for words, number in lasting.items() if number > 1)
+        return doubled and f"{doubled}: frames may come twice"
+
+
+def _names(endpoints: Iterable[TopicEndpointInfo]) -> tuple[str, ...]:
+    return tuple(sorted({f"{one.node_namespace}/{one.node_name}".lstrip("/") for one in endpoints}))
