@@ -53,11 +53,12 @@ class Diagnostics(Counts):
     Attributes:
         problem: why the node cannot work: an error until it is set to "", or a frame is sent.
         degraded: what the node does not do as asked: a warning until it is set to "".
+        frame_id: of the sensor, once it is known.
     """
 
     def __init__(self, node: ManagedNode, output: str = "", best_effort: bool = False):
         super().__init__()
-        self.problem = self.degraded = self._warning = ""
+        self.problem = self.degraded = self.frame_id = self._warning = ""
         self._peers = Peers(node)
         self._node, self._output, self._best_effort = node, output, best_effort
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
@@ -172,11 +173,12 @@ class Diagnostics(Counts):
                 self._level, self._level_since = level, now
             self._log_loss()
             self._warning = ""
+        hardware = filter(None, (self._node.get_namespace().strip("/"), self.frame_id))
         return NodeStatus(
             self._node.get_fully_qualified_name().lstrip("/"), level,
             why or f"{rate_in_hz:.1f} messages/s in, {rate_out_hz:.1f} out", now - self._level_since, self._node.state,
             self._is_ready(), waiting_for, self._last_error, self._peers.readers(self._output),
-            self._peers.senders(self._topics), counts, facts)
+            self._peers.senders(self._topics), counts, facts, "/".join(hardware))
 
     def _latency(self) -> dict[str, str]:
         """Percentiles of the latency of the newest frames; empty before the first."""

@@ -67,6 +67,7 @@ class PlayerNode(PipelineNode):
         # Advertise `odom` before `sensor`: a best-effort reader that has the description has then discovered `odom`.
         self._others = {topic: self.advertise(topic) for topic in self._source.others}
         self._sensors = self.advertise("sensor")
+        self.diagnostics.frame_id = self._source.sensor.frame_id
         self._publisher = self.advertise("photons")
 
     def activate(self) -> None:

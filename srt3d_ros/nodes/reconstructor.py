@@ -158,7 +158,7 @@ class ReconstructorNode(PipelineNode):
 
     def _on_sensor(self, message: String) -> None:
         sensor = self.check_size(self._queue.describe(message.data))
-        self.diagnostics.problem = ""
+        self.diagnostics.problem, self.diagnostics.frame_id = "", sensor.frame_id
         self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins)
         self._reconstruct_all()
 

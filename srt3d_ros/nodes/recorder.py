@@ -135,7 +135,7 @@ class RecorderNode(PipelineNode):
                 self._path = None
                 return
             self._path = free(self._asked)
-        self._sensor, self._frequencies = sensor, ()
+        self._sensor, self._frequencies, self.diagnostics.frame_id = sensor, (), sensor.frame_id
         self.get_logger().info(f"recording to {self._path}")
         about_run = {"namespace": self.get_namespace(), "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
                      "machine": platform.node(), "cpus": os.cpu_count()}

@@ -211,6 +211,7 @@ class SketcherNode(PipelineNode):
             self.diagnostics.problem = str(problem)
             raise
         self._describe(self._stream.sketch_sensor)
+        self.diagnostics.frame_id = sensor.frame_id
         self.diagnostics.show(**self._stream.facts)
         self.release_frames()
 

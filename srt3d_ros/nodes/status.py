@@ -4,7 +4,6 @@ from dataclasses import dataclass, field
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-HARDWARE_ID = "srt3d_ros"
 OK, WARN, ERROR, STALE = LEVELS = ("OK", "WARN", "ERROR", "STALE")     # by number
 TEXTS = ("state", "waiting_for", "last_error")
 NAMES = ("read_by", "sent_by")
@@ -26,6 +25,7 @@ class NodeStatus:
         read_by, sent_by: full names of the nodes that read its frames, and of those that send frames to it.
         counts: whole numbers: totals since its start, and sizes.
         facts: all else, such as rates and latencies.
+        hardware_id: the node's namespace and its sensor's frame in tf, such as left/spad_optical.
     """
 
     name: str
@@ -40,6 +40,7 @@ class NodeStatus:
     sent_by: tuple[str, ...] = ()
     counts: dict[str, int] = field(default_factory=dict)
     facts: dict[str, float | str] = field(default_factory=dict)
+    hardware_id: str = ""
 
     @property
     def failed(self) -> bool:
@@ -52,7 +53,7 @@ class NodeStatus:
         values |= {name: getattr(self, name) for name in TEXTS}
         values |= {name: ", ".join(getattr(self, name)) for name in NAMES} | self.counts | self.facts
         return DiagnosticStatus(name=self.name, level=bytes([LEVELS.index(self.level)]), message=self.why,
-                                hardware_id=HARDWARE_ID,
+                                hardware_id=self.hardware_id,
                                 values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])
 
     @staticmethod
@@ -67,7 +68,7 @@ class NodeStatus:
         counts = {key: int(value) for key, value in values.items() if value.isdecimal()}
         facts = {key: _number_or_text(value) for key, value in values.items() if key not in counts}
         return NodeStatus(message.name, LEVELS[ord(message.level)], message.message, since_s, ready=ready, **texts,
-                          **names, counts=counts, facts=facts)
+                          **names, counts=counts, facts=facts, hardware_id=message.hardware_id)
 
 
 def _number_or_text(value: str) -> float | str:

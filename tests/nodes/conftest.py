@@ -190,7 +190,8 @@ class Graph:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             values = {pair.key: pair.value for pair in status.values}
-            values |= {"level": status.level, "message": status.message, **under_way(values)}
+            values |= {"level": status.level, "message": status.message, "hardware_id": status.hardware_id,
+                       **under_way(values)}
             self._reports.setdefault(status.name, []).append(values)
 
 

@@ -63,6 +63,11 @@ def test_topics_and_parameters_are_those_of_the_spec(graph, name):
         assert descriptor.read_only == (not parameter.settable)
 
 
+@pytest.mark.parametrize("name", all_specs())
+def test_the_hardware_id_tells_sensors_apart_by_namespace_and_frame(graph, name):
+    graph.reports(name, "hardware_id", f"{graph.namespace[1:]}/lidar")
+
+
 @pytest.mark.parametrize(("name", "parameter"), [
     pytest.param(name, one, id=f"{name}.{one.name}") for name, spec in all_specs().items() for one in spec.table])
 def test_a_running_node_takes_or_refuses_both_ends_of_each_range_and_goes_on(graph, name, parameter):

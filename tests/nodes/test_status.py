@@ -7,7 +7,7 @@ from srt3d_ros.nodes.status import LEVELS, NodeStatus
 
 STATUS = NodeStatus("front/sketcher", "ERROR", "gate is 500-600: expected 0 to 399", 12.5, "active", False, "a frame",
                     "x", ("front/reconstructor", "rviz"), (), {"messages_in": 5, "dropped.queue": 1},
-                    {"rate_in_hz": 9.5, "device": "cpu: no GPU"})
+                    {"rate_in_hz": 9.5, "device": "cpu: no GPU"}, "front/spad")
 
 
 def test_a_status_is_the_same_behind_its_message():
