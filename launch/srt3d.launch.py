@@ -102,8 +102,7 @@ def check_names(configurations: dict[str, str]) -> None:
         node, dot, parameter = name.partition(".")
         if dot and node in NODES:
             check_parameter(node, parameter, shipped[f"/**/{node}"]["ros__parameters"])
-            continue
-        if near := difflib.get_close_matches(node, NODES if dot else ARGUMENTS, n=1, cutoff=NEAR):
+        elif near := difflib.get_close_matches(node, NODES if dot else ARGUMENTS, n=1, cutoff=NEAR):
             problem = f"no argument {name}: did you mean {near[0]}{dot}{parameter}?"
             if dot:
                 raise RuntimeError(problem)
@@ -112,8 +111,8 @@ def check_names(configurations: dict[str, str]) -> None:
 
 def own(configurations: dict[str, str], node: str) -> dict:
     """The parameters of a node given as NODE.PARAMETER:=VALUE, with values as in YAML."""
-    return {name.partition(".")[2]: yaml.safe_load(value) for name, value in configurations.items()
-            if name.partition(".")[0] == node}
+    return {name.removeprefix(f"{node}."): yaml.safe_load(value) for name, value in configurations.items()
+            if name.startswith(f"{node}.")}
 
 
 def texts(given: dict[str, str], parameters: dict[str, str]) -> dict[str, ParameterValue]:

@@ -53,15 +53,14 @@ def add_parser(subparsers) -> None:
 def _help(name: str) -> int:
     """Print the topics and parameters of a node."""
     spec = importlib.import_module(f"srt3d_ros.nodes.{name}").SPEC
-    print(f"usage: ros2 run srt3d_ros {name} [--ros-args -p PARAMETER:=VALUE -r TOPIC:=NAME …]\n"
-          f"   or: srt3d node {name} …\n\n"
+    print(f"usage: ros2 run srt3d_ros {name} [--ros-args -p PARAMETER:=VALUE -r TOPIC:=NAME …]\n\n"
           f"reads      {', '.join(topic.name for topic in spec.inputs)}\n"
           f"publishes  {', '.join(topic.name for topic in spec.outputs) or 'nothing'}\n\n"
           "parameters with their defaults (live: can be set while the node runs; inactive: while it is deactivated):")
     for one in spec.table:
-        accepted = ", ".join(filter(None, [one.expected, one.settable]))
-        print(f"\n  {one.name}:={json.dumps(one.default)}  ({accepted})")
-        print(textwrap.fill(one.description, 100, initial_indent=6 * " ", subsequent_indent=6 * " "))
+        changed = ", live" * one.live or ", inactive" * one.inactive
+        print(f"\n  {one.name}:={json.dumps(one.default)}  ({one.expected}{changed})")
+        print(textwrap.indent(textwrap.fill(one.description, 100), 6 * " "))
     return 0
 
 

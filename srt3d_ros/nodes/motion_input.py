@@ -8,9 +8,20 @@ from srt3d_ros.core.sketching.stream import SketchStream
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import odometry
 from srt3d_ros.nodes.base import LOG_EVERY_S, QUEUE_DEPTH, PipelineNode
+from srt3d_ros.nodes.parameters import Parameter
 
 READERS = {"odom": odometry.decode_odometry, "imu": odometry.decode_imu}
 MOTION_SOURCES = ("off", *READERS)
+MOTION_PARAMETERS = (
+    Parameter("motion", "off", "Source of the sensor's motion. Photons of a frame of several packets are moved to the "
+              "sensor's pose in the middle of the frame, which becomes the stamp, before they are added. odom: "
+              "nav_msgs/Odometry. imu: rotation only.", choices=MOTION_SOURCES, loose=True),
+    Parameter("extrinsics", "", "Pose of the sensor in an Odometry's child_frame_id or an Imu's frame, with motion, "
+              "and in extrinsics_frame. If empty, the sensor is assumed to coincide with that frame.",
+              form="x y z qx qy qz qw in metres, or nothing", loose=True),
+    Parameter("extrinsics_frame", "", "tf frame, such as base_link: publish `extrinsics` on /tf_static, as the "
+              "transform from this frame to that of the sketches. If empty, publish none."),
+)
 INBOX = 10_000              # reports queued for a busy worker: 10 s of a fast IMU
 
 

@@ -55,11 +55,6 @@ class Parameter:
             words += f" of {_plain(self.low)} or more"
         return f"{words} {self.unit}".rstrip()
 
-    @property
-    def settable(self) -> str:
-        """When it may be changed: "live", "inactive", or an empty text for never."""
-        return "live" if self.live else "inactive" * self.inactive
-
     def check(self, value: Value) -> Value:
         """The value in the parameter's type, or InvalidInput. Numbers are accepted for texts.
 
@@ -83,7 +78,7 @@ class Parameter:
     def descriptor(self) -> ParameterDescriptor:
         """The description that `ros2 param describe` shows and from which tools make sliders."""
         unit = f" [{self.unit}]" if self.unit else ""
-        out = ParameterDescriptor(description=self.description + unit, read_only=not self.settable,
+        out = ParameterDescriptor(description=self.description + unit, read_only=not (self.live or self.inactive),
                                   additional_constraints=self.expected, dynamic_typing=True)
         if self.low is not None and self.high is not None:
             if type(self.default) is int:

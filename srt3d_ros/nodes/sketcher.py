@@ -22,8 +22,9 @@ from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode, sensor_summary
 from srt3d_ros.nodes.diagnostics import all_acknowledged
 from srt3d_ros.nodes.lifecycle import run
-from srt3d_ros.nodes.motion_input import MOTION_SOURCES, MotionInput, parse_extrinsics
+from srt3d_ros.nodes.motion_input import MOTION_PARAMETERS, MotionInput, parse_extrinsics
 from srt3d_ros.nodes.parameters import Parameter, Value
+from srt3d_ros.nodes.static_transform import StaticTransform
 from srt3d_ros.nodes.topics import NodeSpec
 from srt3d_ros.nodes.worker import Dropped
 
@@ -49,12 +50,7 @@ PARAMETERS = (
               "s", 0, 1000, live=True),
     Parameter("window_frames", 1, "Frames (not messages) in the sliding window of a sketch. With packets_per_frame 2, "
               "a window of 3 frames covers 6 messages. With motion: 1.", low=1, high=1000, live=True),
-    Parameter("motion", "off", "Source of the sensor's motion. Photons of a frame of several packets are moved to the "
-              "sensor's pose in the middle of the frame, which becomes the stamp, before they are added. odom: "
-              "nav_msgs/Odometry. imu: rotation only.", choices=MOTION_SOURCES, loose=True),
-    Parameter("extrinsics", "", "With motion: pose of the sensor in an Odometry's child_frame_id or an Imu's frame. "
-              "If empty, the sensor is assumed to coincide with that frame.",
-              form="x y z qx qy qz qw in metres, or nothing", loose=True),
+    *MOTION_PARAMETERS,
     Parameter("layout", "float32", "Numbers in `sketch`; int16 halves the bandwidth.",
               choices=("float32", "int16"), live=True),
     Parameter("merge_when_busy", False, "While readers have not acknowledged two sketches, for at most 0.4 s, add the "
@@ -67,7 +63,8 @@ PARAMETERS = (
 SPEC = NodeSpec(
     "sketcher",
     inputs=(topics.SENSOR, *topics.FRAMES, *topics.MOTION),
-    outputs=(replace(topics.SENSOR, when="`sensor_file` is set"), topics.SKETCH_SENSOR, topics.SKETCH),
+    outputs=(replace(topics.SENSOR, when="`sensor_file` is set"), topics.SKETCH_SENSOR, topics.SKETCH,
+             topics.TF_STATIC),
     parameters=PARAMETERS,
 )
 
@@ -113,6 +110,7 @@ class SketcherNode(PipelineNode):
         if self._file is not None:
             self._file_publisher = self.advertise("sensor")
         self._sketches, self._descriptions = self.advertise("sketch"), self.advertise("sketch/sensor")
+        self._transform = StaticTransform(self)
 
     def activate(self) -> None:
         self.worker.messages_per_frame = max(self.parameters["packets_per_frame"],
@@ -217,7 +215,8 @@ class SketcherNode(PipelineNode):
 
     def _check(self, values: dict[str, Value]) -> None:
         """Raise InvalidInput for parameters that do not suit the sensor; without one, that suit no sensor."""
-        check_frame_id("frame_id", values["frame_id"])
+        for name in ("frame_id", "extrinsics_frame"):
+            check_frame_id(name, values[name])
         SketchStream(self._sensor or precompile.ANY_SENSOR, stream_options(values))
 
     # ---- Packets in, sketches out
@@ -275,7 +274,9 @@ class SketcherNode(PipelineNode):
         values, stream = self.parameters, self._stream
         for sketch in sketches:
             self._describe(sketch.sensor)
-            data = sketch_message.encode_cdr(sketch, values["frame_id"] or self._frame_id, values["layout"])
+            frame_id = values["frame_id"] or self._frame_id
+            self._transform.publish(frame_id)
+            data = sketch_message.encode_cdr(sketch, frame_id, values["layout"])
             self.publish_frame(self._sketches, data, sketch.stamp_ns)
             if values["merge_when_busy"]:
                 self._unacknowledged += 1

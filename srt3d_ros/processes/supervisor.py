@@ -3,7 +3,6 @@
 import signal
 import sys
 import time
-from collections import defaultdict, deque
 from collections.abc import Callable
 
 from srt3d_ros.processes import children
@@ -28,22 +27,18 @@ class Restarts:
 
     def __init__(self, names: list[str]):
         self._with_player = PLAYER in names
-        self._restarted_s = defaultdict(lambda: deque(maxlen=MOST_RESTARTS))
+        self._restarted_s: dict[str, list[float]] = {}      # the last restarts of each node
 
     def after(self, name: str, code: int) -> str:
         """RESTART, GIVE_UP or END after this node has ended with this exit code; negative: by this signal."""
+        now_s = time.monotonic()
+        restarted_s = [then_s for then_s in self._restarted_s.get(name, ()) if now_s - then_s < BUDGET_S]
         hopeless = code == BAD_INPUT or name == PLAYER and code in (0, FRAMES_LOST)     # a restart would not help
-        if not hopeless and self._within_budget(name):
+        if not hopeless and len(restarted_s) < MOST_RESTARTS:
+            self._restarted_s[name] = [*restarted_s, now_s]
             return RESTART
         # A player waits for the recorder; with bad input it never comes.
         return GIVE_UP if name == RECORDER and not (hopeless and self._with_player) else END
-
-    def _within_budget(self, name: str) -> bool:
-        now_s, restarted_s = time.monotonic(), self._restarted_s[name]
-        if len(restarted_s) == MOST_RESTARTS and now_s - restarted_s[0] < BUDGET_S:
-            return False
-        restarted_s.append(now_s)
-        return True
 
 
 def supervise(names: list[str], ros_args: list[str], on_poll: Callable[[], object] = lambda: None) -> int:
@@ -65,15 +60,12 @@ def supervise(names: list[str], ros_args: list[str], on_poll: Callable[[], objec
         time.sleep(POLL_CHILDREN_S)
         on_poll()
         ended = next((name for name, node in nodes.items() if node.poll() is not None), None)
-        if ended is None:
+        if ended is None or signals:
             continue
-        step = restarts.after(ended, nodes[ended].returncode)
+        step, code = restarts.after(ended, nodes[ended].returncode), shell_code(nodes[ended].returncode)
         _say(f"{'ERROR: ' * (step == GIVE_UP)}{ended} {children.ending(nodes[ended])}: {step}")
-        code = shell_code(nodes[ended].returncode)
-        if step == END:
-            codes.insert(0, code or int(ended != PLAYER))
-        elif ended == RECORDER:
-            codes.append(code)
+        if step == END or ended == RECORDER:
+            codes.insert(0, code or int(step == END and ended != PLAYER))
         if step == GIVE_UP:
             del nodes[ended]
         elif step == RESTART:

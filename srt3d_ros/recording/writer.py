@@ -23,8 +23,8 @@ from srt3d_ros.processes.children import end_at_once
 from srt3d_ros.recording import entities, rerun_streams
 from srt3d_ros.recording.blueprint import film_blueprint, plot_styles
 
-# Each entity gets a chunk per flush, whose index of 3 kB stays in memory until the file is finished. Without regular
-# flushes, large clouds keep rerun from writing scalars. rerun's own flushes come on top.
+# A flush writes a chunk of each entity, and rerun keeps 3 kB of index per chunk in memory until the file is finished.
+# Without regular flushes, large clouds keep rerun from writing scalars. rerun's own flushes come on top.
 FLUSH_PERIOD_S = 1.0
 BATCHING = rr.ChunkBatcherConfig(flush_tick=timedelta(seconds=5 * FLUSH_PERIOD_S))
 FLUSH_TIMEOUT_S = 20.0      # a slower disk counts as hanging
