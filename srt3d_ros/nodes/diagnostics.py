@@ -245,10 +245,10 @@ class Diagnostics(Counts):
 
     def _judge(self, new: Counter, new_drops: Counter, waiting: str, doubled: str) -> tuple[str, str]:
         """The level of a report and the reason; the reason is empty if all is well."""
-        if new["errors"]:
-            return ERROR, self._last_error
         if self.problem and self._node.state in ("active", "finalized"):
             return ERROR, self.problem
+        if new["errors"]:
+            return ERROR, self._last_error
         if self._node.state != "active":
             return OK, self._node.state
         if new_drops or new["message_lost"]:

@@ -44,6 +44,13 @@ def test_the_nodes_end_from_the_source_to_the_recorder_and_the_recording_is_whol
     assert RrdReader(recording).recordings()
 
 
+def test_a_recording_that_stopped_is_seen_in_the_exit_code(start, tmp_path):
+    recording = tmp_path / "run.rrd"
+    up = start(UP, "--input", "simulator", "--record", recording).says("recording to")
+    wait(lambda: recording.unlink(missing_ok=True) or "stopped, as the file is gone" in up.text, "the recording's end")
+    assert up.end(signal.SIGINT) == 1, up.text
+
+
 def test_a_node_that_dies_ends_all(start):
     up = start(UP, "-p", "sketcher.autostart:=false").says("unconfigured")
     nodes_of(up.pid)["sketcher"].kill()
