@@ -253,7 +253,8 @@ class Diagnostics(Counts):
             return OK, self._node.state
         if new_drops or new["message_lost"]:
             sent, gone = new["messages_in"] + new["message_lost"], new_drops.total() + new["message_lost"]
-            return ERROR if gone > MOST_DROPPED * sent else WARN, f"dropped: {_losses_text(new, new_drops)}, of {sent}"
+            why = f"dropped: {_losses_text(new, new_drops)}, of {sent}{waiting and f'; {waiting}'}"
+            return ERROR if gone > MOST_DROPPED * sent else WARN, why
         warning = doubled or self.degraded or self._warning or waiting or self._untimely(new["frames_out"])
         return (WARN, warning) if warning else (OK, "")
 
