@@ -151,11 +151,7 @@ def from_file(path: str) -> Played:
 
 
 def _play(played: Played, frames: int, rate_hz: float, out: Path) -> tuple[int, str, int]:
-    """Run the nodes on all frames and record the clouds.
-
-    Returns:
-        The exit code, the error if there was one, and the first frame's stamp in ns, as the player reports it.
-    """
+    """Run the nodes on all frames and record the clouds; returns exit code, error, and the first frame's stamp."""
     settings = {"reconstructor.fields": "full", "player.rate_hz": rate_hz, "player.frames": frames} | {
         f"sketcher.{key}": value for key, value in played.sketcher.items()} | {
         f"player.{key}": value for key, value in played.player.items()}

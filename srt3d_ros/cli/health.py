@@ -82,7 +82,7 @@ def table(statuses: Iterable) -> str:
     order = {name: number for number, name in enumerate(NODES)}
     lines = [("node", *COLUMNS)]
     for one in sorted(statuses, key=lambda one: (order.get(one.name.rpartition("/")[2], len(order)), one.name)):
-        values = vars(one) | one.counts | one.facts | {"since_s": f"{one.since_s:.0f}"}
+        values = vars(one) | one.counts | one.facts
         lines.append((one.name, *(str(values.get(key, "")) for key in COLUMNS.values())))
     widths = [max(map(len, column)) for column in zip(*lines)]
     return "\n".join("  ".join(map(str.ljust, line, widths)).rstrip() for line in lines)

@@ -110,7 +110,7 @@ class PipelineNode(ManagedNode):
             try:
                 handle(message)
             except InvalidInput as problem:
-                if self.diagnostics.is_waiting:
+                if self.diagnostics.waiting_for:
                     self.diagnostics.problem = str(problem)
                 raise
 

@@ -22,7 +22,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from srt3d_ros.core.sketching.counts import Counts
 from srt3d_ros.nodes.lifecycle import ManagedNode
-from srt3d_ros.nodes.peers import Peers
+from srt3d_ros.nodes.peers import Peers, names
 from srt3d_ros.nodes.status import ERROR, OK, WARN, NodeStatus
 
 PERIOD_S = 1.0
@@ -54,6 +54,7 @@ class Diagnostics(Counts):
         problem: why the node cannot work: an error until it is set to "", or a frame is sent.
         degraded: what the node does not do as asked: a warning until it is set to "".
         frame_id: of the sensor, once it is known.
+        waiting_for: what the node waits for, if not for a frame.
     """
 
     def __init__(self, node: ManagedNode, output: str = "", best_effort: bool = False):
@@ -64,7 +65,7 @@ class Diagnostics(Counts):
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
         self._topics: tuple[str, ...] = ()  # on which the node receives frames
-        self._waiting_for = self._waiting_on = ""       # something else than a frame, and its topic
+        self.waiting_for = self._waiting_on = ""       # something else than a frame, and its topic
         self._waiting_since = self._frame_since = self._level_since = time.monotonic()
         self._clock_since: float | None = None          # when the node began to wait for /clock
         self._level, self._last_error = OK, ""
@@ -92,13 +93,8 @@ class Diagnostics(Counts):
 
     def wait_for(self, what: str, topic: str = "") -> None:
         """Report that the node waits for `what`, on this topic if one is given; an empty text: for nothing."""
-        if what != self._waiting_for:
-            self._waiting_for, self._waiting_on, self._waiting_since = what, topic, time.monotonic()
-
-    @property
-    def is_waiting(self) -> bool:
-        """Whether the node waits for something else than a frame."""
-        return bool(self._waiting_for)
+        if what != self.waiting_for:
+            self.waiting_for, self._waiting_on, self._waiting_since = what, topic, time.monotonic()
 
     def warn(self, text: str) -> None:
         """Show a warning in the next report only."""
@@ -160,7 +156,7 @@ class Diagnostics(Counts):
                 counts |= _by_cause("photons_dropped", self.photons_dropped)
             facts = {"rate_in_hz": f"{rate_in_hz:.2f}", "rate_out_hz": f"{rate_out_hz:.2f}",
                      **{f"{name}_per_s": f"{new[name] / seconds:.1f}" for name in RATED if name in totals},
-                     **self._latency(), **self._values}
+                     **self._latency(), **self._values, "last_error": self._last_error}
             waiting_for, since = self._waiting(now)
             waiting = ""
             if waiting_for:
@@ -168,7 +164,10 @@ class Diagnostics(Counts):
                 waiting = f"waiting for {waiting_for} for {now - since:.0f} s"
                 if self._node.state == "active" and now - since >= PATIENCE_S:
                     self._node.get_logger().info(waiting, throttle_duration_sec=WAITING_EVERY_S)
-            level, why = self._judge(new, new_drops, waiting, self._doubled(now))
+            doubled = self._peers.doubled(self._topics, now)
+            if doubled:
+                self._node.get_logger().warning(doubled, throttle_duration_sec=LOG_LOSS_EVERY_S)
+            level, why = self._judge(new, new_drops, waiting, doubled)
             if level != self._level:
                 self._level, self._level_since = level, now
             self._log_loss()
@@ -177,8 +176,8 @@ class Diagnostics(Counts):
         return NodeStatus(
             self._node.get_fully_qualified_name().lstrip("/"), level,
             why or f"{rate_in_hz:.1f} messages/s in, {rate_out_hz:.1f} out", now - self._level_since, self._node.state,
-            self._is_ready(), waiting_for, self._last_error, self._peers.readers(self._output),
-            self._peers.senders(self._topics), counts, facts, "/".join(hardware))
+            self._is_ready(), waiting_for, self.readers(), names(self._peers.publishers(self._topics)), counts, facts,
+            "/".join(hardware))
 
     def _latency(self) -> dict[str, str]:
         """Percentiles of the latency of the newest frames; empty before the first."""
@@ -205,7 +204,7 @@ class Diagnostics(Counts):
             self._clock_since = self._clock_since or now
             return "/clock (use_sim_time is true)", self._clock_since
         self._clock_since = None
-        if what := self._waiting_for:
+        if what := self.waiting_for:
             return f"{what} on {self._peers.on([on])}" if (on := self._waiting_on) else what, self._waiting_since
         expected = self._topics         # the worker may replace it at any time
         if expected and now - self._frame_since > PATIENCE_S:
@@ -218,18 +217,11 @@ class Diagnostics(Counts):
         A best-effort reader misses frames until it has discovered the publisher; a reliable one gets them later.
         """
         connected = not self._best_effort or all(map(self._node.count_publishers, self._topics))
-        return self._node.state == "active" and connected and not (self._waiting_for or self.problem)
+        return self._node.state == "active" and connected and not (self.waiting_for or self.problem)
 
     def readers(self) -> tuple[str, ...]:
         """Full names of the nodes that read the published frames."""
-        return self._peers.readers(self._output)
-
-    def _doubled(self, now: float) -> str:
-        """Log and return a warning if two nodes have this name or two publishers an input."""
-        warning = self._peers.doubled(self._topics, now)
-        if warning:
-            self._node.get_logger().warning(warning, throttle_duration_sec=LOG_LOSS_EVERY_S)
-        return warning
+        return names(self._peers.readers([self._output] if self._output else []))
 
     def _log_loss(self, last: bool = False) -> None:
         """Log the losses since the last such line: at most once a minute, and at the end."""
@@ -247,15 +239,16 @@ class Diagnostics(Counts):
 
     def _judge(self, new: Counter, new_drops: Counter, waiting: str, doubled: str) -> tuple[str, str]:
         """The level of a report and the reason; the reason is empty if all is well."""
-        if new["errors"]:
-            return ERROR, self._last_error
         if self.problem and self._node.state in ("active", "finalized"):
             return ERROR, self.problem
+        if new["errors"]:
+            return ERROR, self._last_error
         if self._node.state != "active":
             return OK, self._node.state
         if new_drops or new["message_lost"]:
             sent, gone = new["messages_in"] + new["message_lost"], new_drops.total() + new["message_lost"]
-            return ERROR if gone > MOST_DROPPED * sent else WARN, f"dropped: {_losses_text(new, new_drops)}, of {sent}"
+            why = f"dropped: {_losses_text(new, new_drops)}, of {sent}{waiting and f'; {waiting}'}"
+            return ERROR if gone > MOST_DROPPED * sent else WARN, why
         warning = doubled or self.degraded or self._warning or waiting or self._untimely(new["frames_out"])
         return (WARN, warning) if warning else (OK, "")
 

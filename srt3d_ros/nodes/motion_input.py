@@ -71,15 +71,10 @@ class MotionInput:
 
     def judge(self, stream: SketchStream) -> None:
         """Report while frames are not deskewed, and log when that begins and ends."""
-        diagnostics, log = self._node.diagnostics, self._node.get_logger()
-        if stream.warning:
-            problem = f"frames go on undeskewed: {stream.warning} ({self._topic})"
-            if not diagnostics.degraded:
-                log.warning(problem)
-            diagnostics.degraded = problem
-        elif diagnostics.degraded:
-            log.info("frames are deskewed again")
-            diagnostics.degraded = ""
+        diagnostics, before = self._node.diagnostics, self._node.diagnostics.degraded
+        diagnostics.degraded = stream.warning and f"frames go on undeskewed: {stream.warning} ({self._topic})"
+        if bool(before) != bool(diagnostics.degraded):
+            self._node.get_logger().warning(diagnostics.degraded or "frames are deskewed again")
         stream.warning = ""
 
     def _queue(self, raw: bytes, _) -> None:

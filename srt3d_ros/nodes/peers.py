@@ -19,26 +19,20 @@ class Peers:
     def publishers(self, topics: Iterable[str]) -> list[TopicEndpointInfo]:
         return [one for topic in topics for one in self._node.get_publishers_info_by_topic(topic)]
 
-    def senders(self, topics: Iterable[str]) -> tuple[str, ...]:
-        """Full names of the nodes that publish on the topics, without the leading slash."""
-        return _names(self.publishers(topics))
-
-    def readers(self, topic: str) -> tuple[str, ...]:
-        """Full names of the nodes that subscribe to the topic."""
-        return _names(self._node.get_subscriptions_info_by_topic(topic)) if topic else ()
+    def readers(self, topics: Iterable[str]) -> list[TopicEndpointInfo]:
+        return [one for topic in topics for one in self._node.get_subscriptions_info_by_topic(topic)]
 
     def on(self, topics: Sequence[str]) -> str:
         """The topics in words, how many publishers they have, and why the QoS of some does not match."""
         *first, last = topics
         words = f"{', '.join(first)} or {last}" if first else last
-        publishers, own = self.publishers(topics), (self._node.get_namespace(), self._node.get_name())
-        readers = {one.topic_type: one for topic in topics for one in self._node.get_subscriptions_info_by_topic(topic)
-                   if (one.node_namespace, one.node_name) == own}
-        found = [qos_check_compatible(one.qos_profile, readers[one.topic_type].qos_profile) for one in publishers
-                 if one.topic_type in readers]
+        publishers, own = self.publishers(topics), self._node.get_fully_qualified_name().lstrip("/")
+        asked = {one.topic_type: one.qos_profile for one in self.readers(topics) if names([one]) == (own,)}
+        found = [qos_check_compatible(one.qos_profile, asked.get(one.topic_type, one.qos_profile))
+                 for one in publishers]
         reasons = {why.removeprefix("ERROR: ").rstrip("; ") for outcome, why in found
                    if outcome == QoSCompatibility.ERROR}
-        mismatch = f", QoS does not match: {', '.join(sorted(reasons))}" if reasons else ""
+        mismatch = f", QoS does not match: {', '.join(reasons)}" if reasons else ""
         return f"{words} (publishers: {len(publishers)}{mismatch})"
 
     def doubled(self, topics: Iterable[str], now_s: float) -> str:
@@ -54,5 +48,6 @@ class Peers:
         return doubled and f"{doubled}: frames may come twice"
 
 
-def _names(endpoints: Iterable[TopicEndpointInfo]) -> tuple[str, ...]:
+def names(endpoints: Iterable[TopicEndpointInfo]) -> tuple[str, ...]:
+    """Full names of the nodes of these endpoints, without the leading slash."""
     return tuple(sorted({f"{one.node_namespace}/{one.node_name}".lstrip("/") for one in endpoints}))

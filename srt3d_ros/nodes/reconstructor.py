@@ -169,6 +169,7 @@ class ReconstructorNode(PipelineNode):
     def _reconstruct_all(self) -> None:
         """Reconstruct the sketches whose description has arrived; drop those that have waited too long for theirs."""
         ready, dropped = self._queue.take(time.monotonic())
+        self.diagnostics.wait_for(f"{WAITED_FOR} sensor_{self._queue.missing}" if self._queue else "", self._sensors)
         for sensor, queued in ready:
             try:
                 self._reconstruct(sensor, queued)
@@ -177,7 +178,6 @@ class ReconstructorNode(PipelineNode):
         for queued in dropped:
             self.failed(Dropped("no_sensor", f"{WAITED_FOR} sensor_{queued.digest} did not arrive on {self._sensors}"),
                         frames=1)
-        self.diagnostics.wait_for(f"{WAITED_FOR} sensor_{self._queue.missing}" if self._queue else "", self._sensors)
 
     def _reconstruct(self, sensor: SensorModel, queued: QueuedSketch) -> None:
         sketch = sketch_message.decode(queued.message, self.check_size(sensor))

@@ -42,7 +42,7 @@ class Reports(dict[str, NodeStatus]):
             status, silent_s = self.get(name, NodeStatus(name, STALE)), now_s - heard_s
             if silent_s >= STALE_S and status.state != "finalized":
                 why = f"no report for {silent_s:.0f} s"
-                found.append(replace(status, level=STALE, why=why, since_s=silent_s, ready=False))
+                found.append(replace(status, level=STALE, why=why, since_s=round(silent_s, 1), ready=False))
             elif silent_s < STALE_S and name in self:
                 found.append(status)
         return found

@@ -65,9 +65,11 @@ def test_transitions_that_fail_say_why_and_impossible_ones_are_refused(graph, tm
     graph.wait(lambda: graph.report("recorder").get("last_error", "").startswith("path is "), "the error's report")
     folder.mkdir()
     assert graph.change("recorder", "configure") and graph.change("recorder", "activate")
-    for impossible in (Transition.TRANSITION_CONFIGURE, 99):        # by number, as Nav2's lifecycle manager asks
-        asked = ChangeState.Request(transition=Transition(id=impossible))
-        assert not graph.call(ChangeState, "recorder/change_state", asked).success
+    for asked, name in ((Transition(id=Transition.TRANSITION_CONFIGURE), "configure"),  # as Nav2's lifecycle manager
+                        (Transition(id=99), "99"), (Transition(label="cleanup"), "cleanup")):
+        request = ChangeState.Request(transition=asked)
+        assert not graph.call(ChangeState, "recorder/change_state", request).success
+        node.says(f"no transition {name} while active")
     assert state(graph, "recorder") == "active" and node.running
     assert graph.change("recorder", "shutdown") and state(graph, "recorder") == "finalized"
     assert node.end(signal.SIGTERM) == 0

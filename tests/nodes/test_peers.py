@@ -4,7 +4,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
 from srt3d_ros.nodes.lifecycle import ManagedNode
-from srt3d_ros.nodes.peers import DOUBLE_S, Peers
+from srt3d_ros.nodes.peers import DOUBLE_S, Peers, names
 from tests.nodes.conftest import LATCHED
 
 
@@ -18,7 +18,7 @@ def test_publishers_are_counted_and_a_qos_that_does_not_match_is_named(graph):
     graph.wait(lambda: peers.on([topic]) == f"{topic} (publishers: 2, QoS does not match: Volatile publisher and "
                                             "transient local subscription)", "another")
     name = f"{graph.namespace}/tester"[1:]
-    assert peers.senders([topic]) == peers.readers(topic) == (name,) and peers.readers("") == ()
+    assert names(peers.publishers([topic])) == names(peers.readers([topic])) == (name,)
 
 
 def test_two_that_stay_are_a_warning_and_one_that_replaces_another_is_none(graph):

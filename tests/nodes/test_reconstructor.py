@@ -5,7 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_msgs.msg import String
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
@@ -92,6 +94,19 @@ def reconstructor(shared_graph):
 
 def lies_at(points: dict, sensor: SensorModel, depth: float) -> bool:
     return abs(np.median(np.linalg.norm(points["xyz"], axis=1)) - sensor.range_m(depth)) < sensor.bin_width_m
+
+
+def test_a_bad_description_is_an_error_in_a_report_and_sketches_of_a_good_one_are_read(reconstructor, sensor, sketch):
+    graph, other = reconstructor.graph, reconstructor.graph.latched("sketch/sensor")
+    reconstructor.begin(sensor, sketch)
+    errors, reports = graph.total("reconstructor", "errors"), len(graph.all_reports("reconstructor"))
+    graph.matched(other).publish(String(data="{"))
+    graph.reports("reconstructor", "errors", errors + 1)
+    graph.wait(lambda: graph.report("reconstructor")["level"] != DiagnosticStatus.ERROR, "the end of the error")
+    levels = [report["level"] for report in graph.all_reports("reconstructor")[reports:]]
+    assert levels.count(DiagnosticStatus.ERROR) == 1 and graph.report("reconstructor")["ready"] == "True"
+    graph.node.destroy_publisher(other)
+    reconstructor(sketch)
 
 
 def test_a_cloud_keeps_stamp_and_frame_and_bad_sketches_are_survived(reconstructor, sensor, sketch):
@@ -185,9 +200,9 @@ def test_sketches_are_read_with_the_descriptions_that_they_name_and_wait_for_the
     before = len(reconstructor.clouds)
     reconstructor.send(of_wide, sketch, fewer, of_wide)
     reconstructor.graph.wait(lambda: len(reconstructor.clouds) == before + 2, "the clouds of what is described")
-    missing = f"the sketch's description sensor_{sensor_message.digest(wide)} on {reconstructor.graph.namespace}/sketch/"
+    missing = f"sensor_{sensor_message.digest(wide)} on {reconstructor.graph.namespace}/sketch/sensor (publishers: "
     reconstructor.graph.wait(lambda: reconstructor.graph.report("reconstructor").get("waiting_for", "").startswith(
-        f"{missing}sensor (publishers: "), "a report of what the others wait for")
+        f"the sketch's description {missing}"), "a report of what the others wait for")
     reconstructor.graph.reports("reconstructor", "under_way", 2)
     reconstructor.describe(wide)
     reconstructor.send(sketch)

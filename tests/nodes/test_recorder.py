@@ -4,9 +4,11 @@ import signal
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import Log
 from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import String
 
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import points_message, sensor_message
@@ -148,7 +150,45 @@ def test_a_full_disk_ends_the_recording_with_one_error_and_not_the_node(graph, s
         report = graph.reports("recorder", "errors", number)
         assert report["last_error"].startswith(f"recording {tmp_path / 'a.rrd'}: stopped, as the disk has only ")
         graph.reports("recorder", "path", "")
-    assert recorder.end(signal.SIGTERM) == 0
+        reports = len(graph.all_reports("recorder"))
+        graph.wait(lambda reports=reports: len(graph.all_reports("recorder")) > reports + 2, "three more reports")
+        assert all((one["level"], one["ready"]) == (DiagnosticStatus.ERROR, "False")
+                   and one["message"].startswith("not recording: stopped, as the disk has only ")
+                   for one in graph.all_reports("recorder")[-2:])       # as long as it lasts
+    assert recorder.end(signal.SIGTERM) == 1
+    assert graph.reports("recorder", "state", "finalized")["level"] == DiagnosticStatus.ERROR
+
+
+def test_a_recording_that_is_deleted_is_an_error_until_another_begins(graph, speaker, tmp_path):
+    recorder = graph.start("recorder", path=tmp_path / "a.rrd").ready()
+    speaker.ready().frame()
+    graph.reports("recorder", "clouds", 1)
+    (tmp_path / "a.rrd").unlink()
+    graph.wait(lambda: speaker.frame() and graph.report("recorder")["message"]
+               == "not recording: stopped, as the file is gone", "the error")
+    assert graph.report("recorder")["level"] == DiagnosticStatus.ERROR
+    assert graph.change("recorder", "deactivate") and graph.change("recorder", "activate")
+    graph.wait(lambda: recorder.text.count("recording to") == 2, "another recording")
+    graph.wait(lambda: graph.report("recorder")["level"] == DiagnosticStatus.WARN, "the end of the error")
+    assert recorder.end(signal.SIGTERM) == 0 and (tmp_path / "a.rrd").exists()
+
+
+def test_a_bad_description_is_an_error_until_a_good_one_comes_and_then_in_one_report(graph, sensor, tmp_path):
+    bad = graph.latched("sketch/sensor")
+    bad.publish(String(data="{"))
+    recorder = graph.start("recorder", path=tmp_path / "a.rrd").says("broken JSON")
+    for _ in range(2):
+        reports = len(graph.all_reports("recorder"))
+        graph.wait(lambda reports=reports: len(graph.all_reports("recorder")) > reports, "another report")
+        assert graph.report("recorder")["level"] == DiagnosticStatus.ERROR
+    speaker = Speaker(graph, sensor).ready()
+    speaker.frame()
+    graph.reports("recorder", "clouds", 1)
+    bad.publish(String(data="{"))
+    graph.reports("recorder", "errors", 2)
+    graph.wait(lambda: graph.report("recorder")["level"] != DiagnosticStatus.ERROR, "the end of the error")
+    speaker.frame()
+    assert graph.reports("recorder", "clouds", 2)["path"] and recorder.end(signal.SIGTERM) == 0
 
 
 def test_no_recording_begins_at_the_end_of_another(graph, speaker, sensor, tmp_path):

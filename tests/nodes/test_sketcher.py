@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Image, PointCloud2
@@ -71,6 +72,7 @@ def test_sketches_are_the_cores_in_all_forms_and_follow_the_parameters(graph, se
         graph.reports("sketcher", name, shown)
     for values, reason in (({"frequencies": "auto", "sketch_size": 60}, "sketch_size is 60: expected 1 to 49 for T"),
                            ({"frequencies": "1,50"}, "frequencies is 50: expected integers from 1 to 49"),
+                           ({"frequencies": "48,49"}, "frequencies is [48, 49]: expected some that the sensor's IRF"),
                            ({"frequencies": "banana"}, "frequencies is banana: expected auto"),
                            ({"gate": "50:60"}, "gate is 50-60: expected 15 bins or more, as many as the IRF has"),
                            ({"gate": True}, "gate is True: expected off, or first and last bin such as 100-400"),
@@ -78,6 +80,30 @@ def test_sketches_are_the_cores_in_all_forms_and_follow_the_parameters(graph, se
                            ({"sensor_file": "a.json"}, "read-only")):
         assert reason in graph.set("sketcher", **values)
     assert graph.report("sketcher")["errors"] == "0"
+
+
+def test_a_parameter_that_does_not_suit_the_sensor_is_an_error_until_it_is_corrected(graph, sensor, photons_at):
+    """The gate lies outside; the nodes behind it, and a player, wait until the sketcher is ready."""
+    sketches, described = graph.collect(PointCloud2, "sketch"), graph.latched("sensor")
+    described.publish(sensor_message.encode(sensor))
+    node = graph.start("sketcher", gate="500-600").ready()
+    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
+    node.says(problem := "gate is 500-600: expected ")
+    graph.wait(lambda: (report := graph.report("sketcher"))["level"] == DiagnosticStatus.ERROR
+               and report["message"].startswith(problem) and report["errors"] == "1", "the error, as long as it lasts")
+    assert graph.set("sketcher", gate="off") == ""
+    graph.reports("sketcher", "ready", True)
+    assert graph.report("sketcher")["level"] != DiagnosticStatus.ERROR
+    described.publish(String(data="{"))
+    graph.wait(lambda: graph.report("sketcher")["level"] == DiagnosticStatus.ERROR, "another error")
+    assert graph.set("sketcher", window_frames=2) == ""     # which does not make the description a good one
+    graph.known_to("sketcher")
+    photons.publish(photons_at(STAMP_NS))
+    assert graph.reports("sketcher", "dropped.no_sensor", 1)["ready"] == "False" and not sketches
+    described.publish(sensor_message.encode(sensor))
+    graph.reports("sketcher", "ready", True)
+    photons.publish(photons_at(STAMP_NS + 1))
+    graph.wait(lambda: sketches, "a sketch")
 
 
 def test_photons_sent_before_the_description_in_force_are_dropped_and_counted(graph, sensor, photons_at):

@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from rclpy.time import Time
@@ -85,6 +86,30 @@ def test_frames_wait_for_the_odometry_that_covers_them_and_bad_reports_cost_none
     check(stream.reset())
     assert graph.reports("sketcher", "frames_undeskewed", 1)["motion_refused"] == "2"
     assert "Traceback" not in node.text
+
+
+def test_frames_that_go_on_undeskewed_are_a_warning_while_they_do_and_a_line_when_that_changes(graph, sensor, events):
+    node = graph.start("sketcher", motion="odom", packets_per_frame=PACKETS, frequencies="1,3").ready()
+    graph.introduce(sensor)
+    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
+    reports = graph.matched(graph.publisher(Odometry, "odom"))
+
+    def frame(number: int, *instants_ms: int) -> dict:
+        for ms in instants_ms:
+            reports.publish(odom(ms))
+        for packet in packets(events, number):
+            photons.publish(photons_message.encode_cdr(packet, sensor, "spad"))
+        return graph.reports("sketcher", "frames_out", number + 1)
+
+    said = "frames go on undeskewed: the reports of motion begin or jump within the frame (/"
+    for number, instants_ms in enumerate((range(40, 141, 20), range(160, 241, 20))):
+        count = len(graph.all_reports("sketcher"))
+        frame(number, *instants_ms)
+        level = DiagnosticStatus.WARN if number == 0 else DiagnosticStatus.OK
+        graph.wait(lambda: len(graph.all_reports("sketcher")) > count + 2, "two more reports")    # noqa: B023
+        assert all(one["level"] == level for one in graph.all_reports("sketcher")[-2:])
+        assert graph.report("sketcher")["message"].startswith(said) == (number == 0)
+    assert (node.text.count(said), node.text.count("frames are deskewed again")) == (1, 1)
 
 
 def test_extrinsics_that_are_no_pose_are_refused_in_one_line(graph):

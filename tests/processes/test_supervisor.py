@@ -85,6 +85,13 @@ def test_points_go_on_without_a_recorder_that_keeps_dying_and_the_exit_code_says
     assert up.end(signal.SIGINT) == 128 + signal.SIGKILL, up.text
 
 
+def test_a_recording_that_stopped_is_seen_in_the_exit_code(start, tmp_path):
+    recording = tmp_path / "run.rrd"
+    up = start(UP, "--input", "simulator", "--record", recording).says("recording to")
+    wait(lambda: recording.unlink(missing_ok=True) or "stopped, as the file is gone" in up.text, "the recording's end")
+    assert up.end(signal.SIGINT) == 1, up.text
+
+
 def test_no_node_outlives_a_killed_parent(start):
     up = start(UP, "--input", "simulator").says("[player]: ready")
     nodes = nodes_of(up.pid)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frequencies import RULES, choose, design
+from srt3d_ros.core.sketching.frequencies import RULES, choose, design, irf_spectrum, passed_energy
 from srt3d_ros.core.sketching.gate import AUTO, FORM, OFF, Gate, parse
 from srt3d_ros.core.sketching.light import measure
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
@@ -34,7 +34,7 @@ def design_for(sensor: SensorModel, gate: str | tuple[int, int] = OFF, frequenci
         frequencies, sketch_size: see `choose`; "auto" follows the photons of `frame`.
 
     Raises:
-        InvalidInput: gate, frequencies or photons do not fit the sensor, or auto has no frame.
+        InvalidInput: gate, frequencies or photons do not fit the sensor, its IRF passes none, or auto has no frame.
     """
     bins = parse(gate)
     if bins == AUTO:
@@ -48,6 +48,7 @@ def design_for(sensor: SensorModel, gate: str | tuple[int, int] = OFF, frequenci
     if frequencies == AUTO and frame is not None:
         highest = min(HIGHER * chosen[-1], max((within.num_bins - 1) // 2, 1))
         chosen = design(within, len(chosen), *measure(frame, sensor, found, highest))
+    passed_energy(irf_spectrum(within, chosen), chosen)
     return SketchDesign(found, chosen)
 
 

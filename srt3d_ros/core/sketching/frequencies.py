@@ -84,23 +84,20 @@ def choose(spec: str, sensor: SensorModel, sketch_size: int | None = None) -> tu
         sketch_size: m; DEFAULT_SKETCH_SIZE unless given. With a list it must be the list's length, or None.
 
     Raises:
-        InvalidInput: m is too large for T, the list has an impossible frequency, or the IRF passes none.
+        InvalidInput: m is too large for T, or the list has an impossible frequency.
     """
     if spec in RULES:
         most = max(min((sensor.num_bins - 1) // 2, MAX_SKETCH_SIZE), 1)
         m = min(DEFAULT_SKETCH_SIZE, most) if sketch_size is None else sketch_size
         require(1 <= m <= most, "sketch_size", m, f"1 to {most} for T = {sensor.num_bins} bins")
-        chosen = RULES[spec](sensor, m)
-    else:
-        try:
-            chosen = [int(part) for part in spec.split(",")]
-        except ValueError:
-            raise InvalidInput("frequencies", spec, "auto, consecutive, or a list of integers such as 1,2,5") from None
-        require(sketch_size in (None, len(chosen)), "sketch_size", sketch_size,
-                f"{len(chosen)}, the number of frequencies listed (or leave it out)")
-    frequencies = check_frequencies(chosen, sensor.num_bins)
-    passed_energy(irf_spectrum(sensor, frequencies), frequencies)
-    return frequencies
+        return check_frequencies(RULES[spec](sensor, m), sensor.num_bins)
+    try:
+        listed = [int(part) for part in spec.split(",")]
+    except ValueError:
+        raise InvalidInput("frequencies", spec, "auto, consecutive, or a list of integers such as 1,2,5") from None
+    require(sketch_size in (None, len(listed)), "sketch_size", sketch_size,
+            f"{len(listed)}, the number of frequencies listed (or leave it out)")
+    return check_frequencies(listed, sensor.num_bins)
 
 
 def progression(top: int, sketch_size: int, bend: float = BEND) -> tuple[int, ...]:
