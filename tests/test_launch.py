@@ -6,6 +6,8 @@ This reads the file, since pip does not install the launch package. tests/test_i
 import __future__
 
 import ast
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import pytest
@@ -84,3 +86,8 @@ def test_what_ends_is_started_again_or_ends_the_launch_or_is_the_recorder_and_gi
     for name, code, is_shutdown in (("player", 3, False), ("sketcher", 2, False), ("recorder", 1, True)):
         with pytest.raises(RuntimeError, match=f"{name}-1 has failed with exit code {code}"):
             ended(name, code, is_shutdown)
+
+
+def test_other_nodes_of_a_launch_inherit_no_variable_from_this_package(repository):
+    code = "import os; before = dict(os.environ); import srt3d_ros.processes.supervisor; assert os.environ == before"
+    subprocess.run([sys.executable, "-c", code], cwd=repository, check=True)
