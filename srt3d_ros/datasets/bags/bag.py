@@ -8,13 +8,12 @@ from functools import partial
 from pathlib import Path
 
 from srt3d_ros.datasets.bags.copies import PACKED, journals_of, readable
-from srt3d_ros.datasets.bags.cut_mcap import MAX_RECORD_BYTES, CutMcap, is_cut
+from srt3d_ros.datasets.bags.cut_files import MAX_RECORD_BYTES, SQLITE_LIMIT_LENGTH, CutFile, cut_file, is_cut
 from srt3d_ros.errors import InvalidInput, require
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
 MAX_CHUNK_BYTES = MAX_RECORD_BYTES  # unpacked; a chunk holds whole messages
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"    # begins a packed message; others begin with 00
-SQLITE_LIMIT_LENGTH = 0             # SQLite's number of this limit
 COMPLETE_BAG = "a rosbag2 bag (docs/bags.md says what is read of a damaged one)"
 
 
@@ -34,9 +33,11 @@ def is_bag(path: str | Path) -> bool:
 
 
 class Bag(AbstractContextManager):
-    """A bag open for reading; a context manager. `topics` lists its topics, `notes` what is missing of its files.
+    """A bag open for reading; a context manager.
 
-    What is there of an .mcap file that was cut off is read. metadata.yaml is not needed.
+    `topics` lists its topics, `notes` what is missing of its files, `start_ns` is the time of its first message.
+
+    What is left of a file that was cut off is read. metadata.yaml is not needed.
 
     Args:
         path: the folder of a bag, or one of its .mcap or .db3 files, also packed (.zstd).
@@ -46,8 +47,6 @@ class Bag(AbstractContextManager):
     """
 
     def __init__(self, path: str | Path):
-        from rosbags.rosbag2 import Reader  # imported here: only bags need it
-
         _limit_chunks()
         self.path = Path(path)
         self.notes = ()
@@ -57,13 +56,10 @@ class Bag(AbstractContextManager):
                 if journals := journals_of(file):
                     self.notes += (f"{file.name} was not closed: read with {journals[0].name}",)
                 copy = stack.enter_context(readable(file))
-                cut = is_cut(copy)
-                readers.append(stack.enter_context(CutMcap(copy) if cut else Reader(copy)))
-                if cut:
-                    self.notes += (readers[-1].note,)
-                elif hasattr(readers[-1].storage, "dbconn"):    # SQLite may compute huge values
-                    readers[-1].storage.dbconn.limit(SQLITE_LIMIT_LENGTH, MAX_CHUNK_BYTES)
+                readers.append(_reader(copy, stack))
+                self.notes += (readers[-1].note,) if isinstance(readers[-1], CutFile) else ()
             self._readers = sorted(readers, key=lambda reader: reader.start_time)
+            self.start_ns = self._readers[0].start_time
             counts = Counter()
             for reader in readers:
                 for connection in reader.connections:
@@ -78,15 +74,16 @@ class Bag(AbstractContextManager):
         """Yield topic name and bytes of each message on these topics; InvalidInput where the bag breaks off."""
         return ((topic, raw) for topic, _, raw in self.timed_messages(topics))
 
-    def timed_messages(self, topics: Collection[BagTopic]) -> Iterator[tuple[str, int, bytes]]:
-        """As `messages`, with the time of recording in nanoseconds before the bytes."""
+    def timed_messages(self, topics: Collection[BagTopic], start_ns: int | None = None
+                       ) -> Iterator[tuple[str, int, bytes]]:
+        """As `messages`, those recorded from `start_ns` on, with the time of recording in ns before the bytes."""
         wanted = {(topic.name, topic.type) for topic in topics}
         with self._one_error():
             for reader in self._readers:
                 connections = [c for c in reader.connections if (c.topic, c.msgtype) in wanted]
                 if not connections:         # rosbags takes an empty list for all
                     continue
-                for connection, time_ns, raw in reader.messages(connections):
+                for connection, time_ns, raw in reader.messages(connections, start_ns):
                     if type(raw) is not bytes:      # SQLite stores any type in any column
                         raise TypeError(f"a message on {connection.topic} is not bytes")
                     yield connection.topic, time_ns, _unpacked(raw) if raw.startswith(ZSTD_MAGIC) else raw
@@ -119,6 +116,24 @@ class Bag(AbstractContextManager):
         except Exception as error:      # of rosbags, of its decompressors, of SQLite
             why = f"{error}" or type(error).__name__
             raise InvalidInput(f"bag {self.path.name}", f"unreadable ({why})", COMPLETE_BAG) from None
+
+
+def _reader(file: Path, stack: ExitStack):
+    """A reader of a file, of rosbags or a CutFile; open until the end of the stack."""
+    from rosbags.rosbag2 import Reader  # imported here: only bags need it
+
+    is_database = file.suffix.lower() != ".mcap"
+    if is_cut(file):
+        return cut_file(file)
+    try:
+        reader = stack.enter_context(Reader(file))
+    except Exception:
+        if is_database:     # pages inside it may be missing
+            return cut_file(file)
+        raise
+    if is_database:         # SQLite may compute huge values
+        reader.storage.dbconn.limit(SQLITE_LIMIT_LENGTH, MAX_CHUNK_BYTES)
+    return reader
 
 
 def _limit_chunks() -> None:
