@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from srt3d_ros.datasets.bags.copies import PACKED, journals_of, readable
-from srt3d_ros.datasets.bags.cut_files import MAX_RECORD_BYTES, SQLITE_LIMIT_LENGTH, CutFile, cut_file, is_cut
+from srt3d_ros.datasets.bags.storage import MAX_RECORD_BYTES, CutFile, open_file
 from srt3d_ros.errors import InvalidInput, require
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
@@ -33,11 +33,9 @@ def is_bag(path: str | Path) -> bool:
 
 
 class Bag(AbstractContextManager):
-    """A bag open for reading; a context manager.
+    """A bag open for reading; a context manager. `topics` lists its topics, `notes` what is missing of its files.
 
-    `topics` lists its topics, `notes` what is missing of its files, `start_ns` is the time of its first message.
-
-    What is left of a file that was cut off is read. metadata.yaml is not needed.
+    `start_ns` is when it begins. What is left of a file that was cut off is read. metadata.yaml is not needed.
 
     Args:
         path: the folder of a bag, or one of its .mcap or .db3 files, also packed (.zstd).
@@ -56,8 +54,9 @@ class Bag(AbstractContextManager):
                 if journals := journals_of(file):
                     self.notes += (f"{file.name} was not closed: read with {journals[0].name}",)
                 copy = stack.enter_context(readable(file))
-                readers.append(_reader(copy, stack))
-                self.notes += (readers[-1].note,) if isinstance(readers[-1], CutFile) else ()
+                readers.append(open_file(copy, stack, MAX_CHUNK_BYTES))
+                if isinstance(readers[-1], CutFile):
+                    self.notes += (readers[-1].note,)
             self._readers = sorted(readers, key=lambda reader: reader.start_time)
             self.start_ns = self._readers[0].start_time
             counts = Counter()
@@ -116,24 +115,6 @@ class Bag(AbstractContextManager):
         except Exception as error:      # of rosbags, of its decompressors, of SQLite
             why = f"{error}" or type(error).__name__
             raise InvalidInput(f"bag {self.path.name}", f"unreadable ({why})", COMPLETE_BAG) from None
-
-
-def _reader(file: Path, stack: ExitStack):
-    """A reader of a file, of rosbags or a CutFile; open until the end of the stack."""
-    from rosbags.rosbag2 import Reader  # imported here: only bags need it
-
-    is_database = file.suffix.lower() != ".mcap"
-    if is_cut(file):
-        return cut_file(file)
-    try:
-        reader = stack.enter_context(Reader(file))
-    except Exception:
-        if is_database:     # pages inside it may be missing
-            return cut_file(file)
-        raise
-    if is_database:         # SQLite may compute huge values
-        reader.storage.dbconn.limit(SQLITE_LIMIT_LENGTH, MAX_CHUNK_BYTES)
-    return reader
 
 
 def _limit_chunks() -> None:

@@ -60,12 +60,12 @@ def find_photons(bag: Bag, photons_topic: str = "") -> PhotonTopics:
 
 
 def topic_contents(bag: Bag) -> dict[BagTopic, str]:
-    """What each topic with messages holds: a key of CODECS, "sketch", "sensor", or else ""."""
+    """What each topic with messages holds, as from `_content`."""
     return {topic: _content(bag, topic) for topic in bag.topics if topic.messages > 0}
 
 
 def frame_topics(contents: dict[BagTopic, str]) -> list[BagTopic]:
-    """The topics of photons, or of sketches if there are none; those whose name is their kind, unless there are none."""
+    """The topics of photons, or else of sketches; of several, those whose name is their kind if there are such."""
     readable = [topic for topic, content in contents.items() if content in (*CODECS, "sketch")]
     frames = [topic for topic in readable if contents[topic] != "sketch"] or readable
     return [topic for topic in frames if topic.name.rsplit("/", 1)[-1] == contents[topic]] or frames
@@ -163,9 +163,9 @@ def _with_given_sensor(kind: str, raw: bytes, options: dict, name: str, notes: t
 
 
 def _content(bag: Bag, topic: BagTopic) -> str:
-    """Kind of a topic's first message: a key of CODECS, "sketch", "sensor", or else ""."""
+    """Kind of a topic's first message: a key of CODECS, "sketch", "sensor", "odom", "imu", or else ""."""
     if topic.type not in (CLOUD_TYPE, IMAGE_TYPE, STRING_TYPE):
-        return ""
+        return {"nav_msgs/msg/Odometry": "odom", "sensor_msgs/msg/Imu": "imu"}.get(topic.type, "")
     raw = next((raw for _, raw in bag.messages((topic,))), b"")    # the stated number of messages may be wrong
     with suppress(InvalidInput):
         if topic.type == CLOUD_TYPE:
