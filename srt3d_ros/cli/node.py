@@ -60,7 +60,7 @@ def _play(args: argparse.Namespace) -> int:
 
     given = {key: value for key, value in vars(args).items() if value is not None and key not in NO_PARAMETERS}
     bag = is_bag(args.input)
-    for name in given.keys() & (OTHER_OPTIONS if bag else BAG_OPTIONS):
+    for name in sorted(given.keys() & (OTHER_OPTIONS if bag else BAG_OPTIONS)):
         raise InvalidInput("play", problem=f"--{name.replace('_', '-')} is for "
                            f"{'photon files and the simulator' if bag else 'bags'}, and {args.input} is "
                            f"{'a' if bag else 'no'} bag.")

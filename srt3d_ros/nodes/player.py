@@ -92,9 +92,8 @@ class PlayerNode(PipelineNode):
             if self._chain is not None:
                 self._wait_for_chain()
             else:
-                names = " or ".join(publisher.topic_name for publisher in self._frames)
                 self.wait_until(lambda: any(publisher.get_subscription_count() for publisher in self._frames),
-                                f"a subscriber on {names}")
+                                f"a subscriber on {self._frames[0].topic_name}")
             for topic in self._source.first:
                 self._wait_until_acknowledged(self._outputs[topic])
             sent = self._send_all()

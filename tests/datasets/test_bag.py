@@ -131,8 +131,9 @@ def test_the_whole_messages_of_a_database_that_was_cut_off_are_read(tmp_path):
     for end in range(len(whole) // 5, len(whole), 13_000):
         cut.write_bytes(whole[:end])
         with Bag(cut) as bag:
-            found = list(bag.messages(bag.topics))
+            found, later = list(bag.messages(bag.topics)), list(bag.timed_messages(bag.topics, START_NS + 3_000_000))
         assert found == [(topic, raw) for topic, _, raw in messages[:len(found)]]
+        assert [(topic, raw) for topic, _, raw in later] == found[3:]
         assert bag.notes == (f"cut.db3 was cut off: its {len(found)} whole messages are read, later ones are lost",)
         counts.append(len(found))
     assert counts == sorted(counts) and counts[0] < 10 and counts[-1] > 20

@@ -107,7 +107,7 @@ def test_remapped_photons_of_another_namespace_become_clouds_and_the_clock_is_th
     """The pipeline waits for the bag's description, and the player for the pipeline."""
     bag = write_bag(tmp_path / "bag", [
         ("/front/info", TEXT, sensor_message.encode_cdr(sensor), 0),
-        *(("/front/raw", CLOUD, raw, 1000 + 50 * k) for k, raw in enumerate(frames))])
+        *(("/front/raw", CLOUD, raw, 1000 + 50 * k) for k, raw in enumerate(frames))], "sqlite3")
     times = graph.collect(Clock, "/clock")
     graph.start("reconstructor")
     graph.start("sketcher")
