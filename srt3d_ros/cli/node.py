@@ -6,17 +6,18 @@ The executables in lib/srt3d_ros, which `ros2 run` starts, call `srt3d node`.
 import argparse
 import importlib
 import json
-import math
 import os
 import signal
 import sys
 import textwrap
 
-from srt3d_ros.errors import require
+from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.processes.node_command import NODES, PLAYER, namespace_arguments, parameter_arguments
 
-NO_PARAMETERS = ("run", "namespace", "ros_args")
-BAG_OPTIONS = ("rate", "loop")      # all others are parameters of the player
+NO_PARAMETERS = ("run", "namespace", "remap", "ros_args")
+BAG_OPTIONS = {"rate", "loop", "clock", "start_offset"}
+OTHER_OPTIONS = {"sensor_file", "rate_hz", "motion"}
+CLOCK_HZ = 40.0     # as of `ros2 bag play --clock`
 
 
 def add_parser(subparsers) -> None:
@@ -35,18 +36,24 @@ def add_parser(subparsers) -> None:
         description="Publish the photons of a file again and again, or those of the simulator's moving scene, as a "
                     "sensor's driver does. Defaults: those of the player node. Of a bag, publish what the nodes of "
                     "this package read (docs/bags.md).")
-    parser.add_argument("input", metavar="INPUT", help="photon file (docs/photon-file.md), bag, or: simulator")
-    parser.add_argument("--rate", type=float, metavar="X", help="bag: X times as fast as recorded (default: 1)")
-    parser.add_argument("--loop", action="store_true", default=None, help="bag: begin again at its end")
-    parser.add_argument("--frames", type=int, metavar="N", help="stop after this number of frames")
-    parser.add_argument("--sensor-file", metavar="FILE", help="sensor description, for a photon file without a "
-                        "complete one: JSON as on `sensor`, or another photon file")
-    parser.add_argument("--rate-hz", type=float, metavar="HZ", help="frames per second")
-    parser.add_argument("--motion", metavar="HOW",
-                        help="walk: move the simulator's sensor and publish its pose on `odom` (docs/motion.md)")
-    parser.add_argument("--namespace", metavar="NS", help="namespace of the node and its topics")
-    parser.add_argument("--ros-args", nargs=argparse.REMAINDER, default=[], metavar="…",
-                        help="all following arguments go to ROS 2: remappings, parameters, …")
+    add = parser.add_argument
+    add("input", metavar="INPUT", help="photon file (docs/photon-file.md), bag, or: simulator")
+    add("--frames", type=int, metavar="N", help="stop after this number of frames")
+    add("--sensor-file", metavar="FILE", help="sensor description, for a photon file without a complete one: JSON as "
+        "on `sensor`, or another photon file")
+    add("--rate-hz", type=float, metavar="HZ", help="photon file and simulator: frames per second")
+    add("--motion", metavar="HOW",
+        help="walk: move the simulator's sensor and publish its pose on `odom` (docs/motion.md)")
+    add("--rate", type=float, metavar="X", help="bag: X times as fast as recorded (default: 1)")
+    add("--loop", action="store_true", default=None, help="bag: begin again at its end")
+    add("--start-offset", type=float, metavar="S", help="bag: begin S seconds after its first message")
+    add("--clock", type=float, nargs="?", const=CLOCK_HZ, metavar="HZ",
+        help=f"bag: publish its time on /clock (default: at {CLOCK_HZ:g} Hz)")
+    add("--namespace", metavar="NS", help="namespace of the node and its topics; a bag's photons leave theirs")
+    add("-r", dest="remap", metavar="TOPIC:=NAME", action="append", default=[],
+        help="rename a topic; may be repeated")
+    add("--ros-args", nargs=argparse.REMAINDER, default=[], metavar="…",
+        help="all following arguments go to ROS 2: remappings, parameters, …")
     parser.set_defaults(run=_play)
 
 
@@ -68,26 +75,26 @@ def _play(args: argparse.Namespace) -> int:
     from srt3d_ros.datasets.bags.bag import is_bag
 
     given = {key: value for key, value in vars(args).items() if value is not None and key not in NO_PARAMETERS}
-    namespace = namespace_arguments(args.namespace) if args.namespace else []
     bag = is_bag(args.input)
-    others = "photon files and the simulator" if bag else "bags"
-    for name in sorted(given.keys() - {"input"}):
-        require((name in BAG_OPTIONS) == bag, "play", problem=f"--{name.replace('_', '-')} is for {others}, "
-                f"and {args.input} is {'a' if bag else 'no'} bag.")
-    if not bag:
-        return start(PLAYER, [*parameter_arguments(given), *namespace, *args.ros_args])
-    require(0 < given.get("rate", 1) < math.inf, "--rate", args.rate, "a number above 0")
-    return start("bag_player", ["--ros-args", *namespace, *args.ros_args], given.pop("input"), **given)
+    for name in sorted(given.keys() & (OTHER_OPTIONS if bag else BAG_OPTIONS)):
+        raise InvalidInput("play", problem=f"--{name.replace('_', '-')} is for "
+                           f"{'photon files and the simulator' if bag else 'bags'}, and {args.input} is "
+                           f"{'a' if bag else 'no'} bag.")
+    names = namespace_arguments(args.namespace) if args.namespace else []
+    for rule in args.remap:
+        require(all(rule.partition(":=")), "-r", rule, "TOPIC:=NAME")
+        names += ["-r", rule]
+    return start(PLAYER, [*parameter_arguments(given), *names, *args.ros_args])
 
 
-def start(name: str, ros_args: list[str], *arguments, **options) -> int:
+def start(name: str, ros_args: list[str]) -> int:
     """Call `main` of a node's module in this process, and return the exit code that it returns."""
     exit_at_once_on_signals()
     # Read when NumPy is loaded. Threads of OpenBLAS wait for each other busily: with two, a matrix product took four
     # fifths of the time alone, but up to 12 times the CPU time next to other processes.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.argv = [name, *ros_args]
-    return importlib.import_module(f"srt3d_ros.nodes.{name}").main(*arguments, **options)
+    return importlib.import_module(f"srt3d_ros.nodes.{name}").main()
 
 
 def exit_at_once_on_signals() -> None:

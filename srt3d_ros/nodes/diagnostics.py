@@ -77,6 +77,10 @@ class Diagnostics(Counts):
         # A steady clock, so that reports go on while simulated time stands still.
         self._timer = node.create_timer(PERIOD_S, self.report, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
+    def publish_on(self, topic: str) -> None:
+        """Report the readers of this topic, instead of `output`."""
+        self._output = topic
+
     def received(self) -> None:
         """Count a frame that arrived."""
         self.count(messages_in=1)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import rclpy
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.exceptions import ParameterNotDeclaredException
+from rclpy.exceptions import NameValidationException, ParameterNotDeclaredException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
@@ -125,6 +125,8 @@ class ManagedNode(LifecycleNode):
         """
         try:
             return create(topic.load(), topic.name, *args, qos_overriding_options=OVERRIDABLE, **options)
+        except NameValidationException as error:        # of a bag's topic
+            raise InvalidInput(topic.name, problem=f"Cannot use {topic.name}: {str(error).splitlines()[0]}") from None
         except rclpy_implementation.RCLError:
             raise InvalidInput(topic.name, problem=f"Cannot use {self.resolve_topic_name(topic.name)} as {topic.name}: "
                                f"the node already uses it with another type than {topic.type}.") from None

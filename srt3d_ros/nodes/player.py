@@ -1,5 +1,6 @@
-"""player: a photon file or the simulator → `photons` and `sensor`."""
+"""player: a photon file, the simulator or a bag → `photons` and `sensor`, or the topics of the bag."""
 
+import threading
 import time
 from dataclasses import replace
 from functools import partial
@@ -9,7 +10,7 @@ from rclpy.publisher import Publisher
 from srt3d_ros.datasets import SIMULATOR
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
 from srt3d_ros.errors import require
-from srt3d_ros.messages import cdr, sensor_message
+from srt3d_ros.messages import cdr
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import FOLLOW_DEPTH, POLL_S, PipelineNode
 from srt3d_ros.nodes.diagnostics import all_acknowledged
@@ -26,13 +27,17 @@ SETTLE_S = 30.0         # without progress, after which the last frames count as
 SKIPPED_EVERY_S = 60.0      # at most, a line about skipped frames
 
 PARAMETERS = (
-    Parameter("input", SIMULATOR, "Photon file (docs/photon-file.md), whose frame is repeated, or the simulator's "
-              "moving scene.", form="a path or simulator"),
+    Parameter("input", SIMULATOR, "Photon file (docs/photon-file.md), whose frame is repeated, the simulator's moving "
+              "scene, or a bag (docs/bags.md).", form="a path or simulator"),
     Parameter("sensor_file", "", "Photon file: sensor description for what the file leaves out, and for tf frame and "
               "lens: JSON as on `sensor`, or another photon file. If empty, the file must be complete.",
               form="a path"),
-    Parameter("rate_hz", 10.0, "Frames per second.", "Hz", 1e-3, 10_000),
+    Parameter("rate_hz", 10.0, "Photon file and simulator: frames per second.", "Hz", 1e-3, 10_000),
     Parameter("frames", 0, "Exit after this number of frames; 0: no limit.", low=0, high=10**9),
+    Parameter("rate", 1.0, "Bag: how many times as fast as recorded.", low=1e-6, high=1e6),
+    Parameter("loop", False, "Bag: begin again at its end."),
+    Parameter("start_offset", 0.0, "Bag: begin this long after its first message.", "s", 0, 1e9),
+    Parameter("clock", 0.0, "Bag: publish its time on /clock at this rate; 0: do not.", "Hz", 0, 10_000),
     Parameter("ppp", 15.0, "Simulator: mean photons per pixel and frame.", low=0, high=10**6),
     Parameter("sbr", 1.0, "Simulator: signal-to-background ratio.", low=1e-6, high=10**6),
     Parameter("cycles", 0, "Simulator: laser cycles per frame. The detector then records only the first photon of each "
@@ -50,7 +55,7 @@ PARAMETERS = (
 SPEC = NodeSpec(
     "player",
     inputs=(topics.DIAGNOSTICS,),
-    outputs=(topics.SENSOR, topics.PHOTONS, replace(topics.ODOM, when="`motion`")),
+    outputs=(topics.SENSOR, topics.PHOTONS, replace(topics.ODOM, when="`motion`"), topics.CLOCK),
     parameters=PARAMETERS,
 )
 
@@ -61,32 +66,40 @@ class PlayerNode(PipelineNode):
     spec = SPEC
 
     def configure(self) -> None:
-        self._source = open_source(self.parameters.as_dict())
+        self._source = open_source(self.parameters.as_dict(), self.get_namespace())
         for note in self._source.notes:
             self.get_logger().info(f"{self.parameters['input']}: {note}")
-        # Advertise `odom` before `sensor`: a best-effort reader that has the description has then discovered `odom`.
-        self._others = {topic: self.advertise(topic) for topic in self._source.others}
-        self._sensors = self.advertise("sensor")
-        self.diagnostics.frame_id = self._source.sensor.frame_id
-        self._publisher = self.advertise("photons")
+        self.diagnostics.frame_id = self._source.frame_id
+        self.spec = replace(SPEC, outputs=self._source.topics)
+        self._outputs = {topic.name: self.advertise(topic.name) for topic in self._source.topics}
+        self._frames = [self._outputs[name] for name in self._source.frames]
+        self.diagnostics.publish_on(self._frames[0].topic_name)
+        names = ", ".join(publisher.topic_name for publisher in self._outputs.values())
+        self.get_logger().info(f"plays {self.parameters['input']} on {names}")
 
     def activate(self) -> None:
         names = [self.resolve_topic_name(name)[1:] for name in self.parameters["wait_for"].split()]
         self._chain = Chain(names, reports := Reports()) if names else None
         if names:
             self.make_subscription("/diagnostics", lambda message, info: reports.add(message), FOLLOW_DEPTH)
-        self._sensors.publish(sensor_message.encode(self._source.sensor))
+        for topic, raw in self._source.first.items():
+            self._outputs[topic].publish(raw)
         self.worker.call(self._play)
 
     def _play(self) -> None:
         try:
+            self.diagnostics.wait_for("the frames to be drawn")
+            self._source.prepare(self.stopping.is_set)
             if self._chain is not None:
                 self._wait_for_chain()
             else:
-                self.wait_until(self._publisher.get_subscription_count, f"a subscriber on {self._publisher.topic_name}")
-            self._wait_until_acknowledged(self._sensors)
+                self.wait_until(lambda: any(publisher.get_subscription_count() for publisher in self._frames),
+                                f"a subscriber on {self._frames[0].topic_name}")
+            for topic in self._source.first:
+                self._wait_until_acknowledged(self._outputs[topic])
             sent = self._send_all()
-            self._wait_until_acknowledged(self._publisher)
+            for publisher in self._frames:
+                self._wait_until_acknowledged(publisher)
             if self._chain is not None and not self.stopping.is_set():
                 self._follow_last(sent)
         except Exception:
@@ -131,29 +144,32 @@ class PlayerNode(PipelineNode):
         self.get_logger().error(f"sent {sent} ({reached}), of which {sum(lost.values())} were lost: {places}")
 
     def _send_all(self) -> int:
-        """Publish the source's messages when they are due; returns the number on `photons`."""
+        """Publish the source's messages when they are due; returns the number of frames."""
         begun_s, sent, skipped = None, 0, 0
         for item in self._source.items(lambda: 0 if begun_s is None else round((time.monotonic() - begun_s) * 1e9)):
             if begun_s is None:         # the clock starts when the first message is ready
                 begun_s, first_ns = time.monotonic(), self.now_ns()
-            if self.stopping.wait(max(begun_s + item.due_ns * 1e-9 - time.monotonic(), 0)):
-                break
+            wait_s = begun_s + item.due_ns * 1e-9 - time.monotonic()
+            if self.stopping.wait(min(max(wait_s, 0), threading.TIMEOUT_MAX)):
+                return sent
             if item.skipped:
                 skipped += item.skipped
                 late = f"late: skipped {skipped} frames so far; use a lower rate_hz on this machine"
                 self.diagnostics.count(skipped=item.skipped)
                 self.diagnostics.warn(late)
                 self.get_logger().warning(late, throttle_duration_sec=SKIPPED_EVERY_S)
-            stamp_ns = first_ns + item.stamp_ns
-            data = cdr.restamp(item.raw, stamp_ns)
-            if item.topic in self._others:
-                self._others[item.topic].publish(data)
-            else:
-                if not sent:
-                    self.diagnostics.show(first_stamp_ns=stamp_ns)
-                self.diagnostics.count(messages_in=1)
-                self.publish_frame(self._publisher, data, stamp_ns)
-                sent += 1
+            data, publisher = item.raw, self._outputs[item.topic]
+            if item.stamp_ns is not None:
+                data = cdr.restamp(data, first_ns + item.stamp_ns)
+            if publisher not in self._frames:
+                publisher.publish(data)
+                continue
+            if item.stamp_ns is not None and not sent:
+                self.diagnostics.show(first_stamp_ns=first_ns + item.stamp_ns)
+            self.diagnostics.count(messages_in=1)
+            self.publish_frame(publisher, data, first_ns + item.due_ns)
+            sent += 1
+        self.get_logger().info(f"sent all of {self.parameters['input']}")
         return sent
 
 

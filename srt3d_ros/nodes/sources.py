@@ -1,158 +1,189 @@
-"""The sources of the player: a photon file or the simulator, as messages with the times at which they are due."""
+"""The sources of the player: a photon file, the simulator or a bag, as messages and when each is due."""
 
 from collections.abc import Callable, Iterator, Mapping
-from functools import lru_cache
+from dataclasses import replace
 from heapq import merge
-from itertools import takewhile
+from itertools import count, takewhile
 from math import ceil
+from pathlib import Path
 from typing import NamedTuple
 
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock as ClockMessage
 
 from srt3d_ros import datasets
+from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import SIMULATOR
-from srt3d_ros.datasets.bags.bag import is_bag
-from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS, OPTICAL, Measured, measured
+from srt3d_ros.datasets.bags.bag import Bag, BagTopic, is_bag
+from srt3d_ros.datasets.bags.frames import frame_topics, topic_contents
+from srt3d_ros.datasets.simulation import bust
+from srt3d_ros.datasets.simulation.motion_profiles import LAP_S, MOTIONS, OPTICAL, Measured, measured
 from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.simulation.room import Room
 from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import require
-from srt3d_ros.messages import photons_message
+from srt3d_ros.messages import photons_message, sensor_message
 from srt3d_ros.messages.cdr import NS_PER_S
+from srt3d_ros.nodes.topics import CLOCK, FRAMES, IMU, ODOM, PHOTONS, SENSOR, SKETCH, SKETCH_SENSOR
 
-LATE_NS = NS_PER_S // 2     # frames that are later are skipped, so that the player catches up after a stall
-Clock = Callable[[], int]   # gives the nanoseconds since the first message was sent
+LATE_S = 0.5            # frames that are later are skipped, so that the player catches up after a stall
+MAX_DRAWN_BYTES = 2**28 # of messages that are drawn ahead
+LOOP_PAUSE_NS = NS_PER_S // 10  # before a bag begins again: one of a single frame would flood the network
+PACKETS = 10            # per frame of the moving sensor
+SCENE_HZ = 10.0         # frame k of the head shows it at k / SCENE_HZ, whatever the rate
+KINDS = {topic.name: topic for topic in (ODOM, IMU, SENSOR, *FRAMES, SKETCH)}
+Clock = Callable[[], int]       # gives the nanoseconds since the first message was sent
 
 
 class Item(NamedTuple):
     """A message to send.
 
     Args:
-        topic: "photons", or one of the source's `others`.
+        topic: one of the source's.
         raw: the serialised message.
         due_ns: when to send it, after the beginning.
-        stamp_ns: its stamp, after the beginning.
+        stamp_ns: its stamp, after the beginning; None: the one that it has.
         skipped: number of late frames that were left out before this one.
     """
 
     topic: str
     raw: bytes
     due_ns: int
-    stamp_ns: int
+    stamp_ns: int | None = None
     skipped: int = 0
 
 
-class Source(NamedTuple):
-    """The messages to play and their sensor.
+def until_end(messages: Iterator[Item], others: Iterator[Item], after_s: float = 0.0) -> Iterator[Item]:
+    """Yield both in the order in which they are due, `others` until `after_s` after the last of `messages`."""
+    end_ns = float("inf")
 
-    Args:
-        sensor: of the photons.
-        items: yields the messages in the order in which they are due, from the beginning at each call. It skips frames
-            that are late by the clock, whole ones, and still yields the number of frames asked for.
-        notes: one line for each assumption.
-        others: topics of other messages, which report how the sensor moves.
-    """
+    def first() -> Iterator[Item]:
+        nonlocal end_ns
+        for item in messages:
+            yield item
+        end_ns = item.due_ns + after_s * NS_PER_S
 
-    sensor: SensorModel
-    items: Callable[[Clock], Iterator[Item]]
-    notes: tuple[str, ...] = ()
-    others: tuple[str, ...] = ()
+    both = merge(first(), others, key=lambda item: item.due_ns)
+    return takewhile(lambda item: item.due_ns <= end_ns, both)
 
 
-def open_source(parameters: Mapping) -> Source:
-    """The source for the player's parameters; InvalidInput if it cannot be played."""
-    path, sensor_file = parameters["input"], parameters["sensor_file"]
-    require(not is_bag(path), "input", problem=f"input {path} is a bag: play it with `ros2 bag play` or `srt3d play`.")
+def open_source(parameters: Mapping, namespace: str = "/") -> "Drawn | Recorded":
+    """The source for the player's parameters and its node's namespace; InvalidInput if it cannot be played."""
+    path, sensor_file, motion = parameters["input"], parameters["sensor_file"], parameters["motion"]
     require(path != SIMULATOR or not sensor_file, "sensor_file",
             problem=f"sensor_file {sensor_file}: the simulator has a sensor of its own; set input to a photon file.")
+    require(path == SIMULATOR or motion == "off", "motion", motion, "off, since input is not the simulator")
+    require(is_bag(path) or not parameters["clock"], "clock", parameters["clock"], "0, since input is no bag")
+    if is_bag(path):
+        return Recorded(parameters, namespace)
     rate_hz, frames = parameters["rate_hz"], parameters["frames"]
-    if parameters["motion"] != "off":
-        require(path == SIMULATOR, "motion", parameters["motion"], "off, since input is a photon file")
-        return _moving(parameters, PACKETS * rate_hz, PACKETS * frames)
-    if path == SIMULATOR:
-        simulator = Simulator(sensor=default_sensor().replace(cycles=parameters["cycles"] or None),
-                              ppp=parameters["ppp"], sbr=parameters["sbr"], seed=parameters["seed"])
-        return Source(simulator.sensor, _photons(simulator.sensor, lambda k: simulator.frame(k)[0], rate_hz, frames))
-    photons = datasets.read_photons(path, sensor=datasets.open_sensor(sensor_file) if sensor_file else None)
-    events = photons.events
-    return Source(photons.sensor, _photons(photons.sensor, lambda k: events, rate_hz, frames), photons.notes)
+    if path != SIMULATOR:
+        photons = datasets.read_photons(path, sensor=datasets.open_sensor(sensor_file) if sensor_file else None)
+        return Drawn(photons.sensor, lambda k: photons.events, rate_hz, frames, notes=photons.notes)
+    if motion != "off":
+        return Moving(parameters)
+    simulator = Simulator(sensor=default_sensor().replace(cycles=parameters["cycles"] or None), ppp=parameters["ppp"],
+                          sbr=parameters["sbr"], seed=parameters["seed"], frame_rate_hz=SCENE_HZ)
+    return Drawn(simulator.sensor, lambda k: simulator.frame(k)[0], rate_hz, frames, round(bust.PERIOD_S * SCENE_HZ))
 
 
-def _photons(sensor: SensorModel, packet: Callable[[int], PhotonEvents], rate_hz: float, packets: int,
-             packets_per_frame: int = 1) -> Callable[[Clock], Iterator[Item]]:
-    """The `items` of a source that sends only photons: packet(k) is due k / rate_hz after the first.
+class Drawn:
+    """A source whose packets are drawn before the first is sent, so that the player computes nothing while it plays.
+
+    Packet k is due k / rate_hz after the first. After a lap, the same packets are sent again.
 
     Args:
+        draw: gives the photons of packet k.
         packets: their number; 0: no end.
+        lap: packets after which the scene repeats.
+        packets_per_frame: late frames are skipped whole.
+        notes: one line for each assumption.
 
     Raises:
         InvalidInput: the first packet cannot be sent.
     """
-    # The cache encodes the frame of a file, which repeats, only once.
-    encode = lru_cache(1)(lambda events: photons_message.encode_cdr(events, sensor, sensor.frame_id))
-    encode(packet(0))
-    period_ns = packets_per_frame * NS_PER_S / rate_hz
 
-    def items(elapsed_ns: Clock) -> Iterator[Item]:
+    topics, frames = (SENSOR, PHOTONS), (PHOTONS.name,)
+    before_s = exposure_s = 0.0     # the first packet is acquired `before_s` after the beginning, each in `exposure_s`
+
+    def __init__(self, sensor: SensorModel, draw: Callable[[int], PhotonEvents], rate_hz: float, packets: int,
+                 lap: int = 1, packets_per_frame: int = 1, notes: tuple[str, ...] = ()):
+        self.sensor, self.frame_id, self.notes = sensor, sensor.frame_id, notes
+        self.first = {SENSOR.name: sensor_message.encode_cdr(sensor)}       # to publish before all else
+        self._draw, self._rate_hz, self._packets, self._per_frame = draw, rate_hz, packets, packets_per_frame
+        self._lap = min(packets or lap, lap)
+        self._drawn = [self._encode(0)]
+
+    def _encode(self, k: int) -> bytes:
+        return photons_message.encode_cdr(self._draw(k), self.sensor, self.sensor.frame_id)
+
+    def prepare(self, stopped: Callable[[], bool]) -> None:
+        """Draw a lap or, if it would take more, the frames that fill MAX_DRAWN_BYTES, which are repeated."""
+        used = sum(map(len, self._drawn))
+        while len(self._drawn) < self._lap and (used < MAX_DRAWN_BYTES or len(self._drawn) % self._per_frame):
+            if stopped():
+                return
+            self._drawn.append(self._encode(len(self._drawn)))
+            used += len(self._drawn[-1])
+        self._lap = len(self._drawn)
+
+    def items(self, elapsed_ns: Clock) -> Iterator[Item]:
+        """Yield the messages in the order in which they are due, from the beginning at each call.
+
+        Skips frames that are late by the clock, and still yields the number of frames asked for.
+        """
         k = sent = 0
-        while not packets or sent < packets:
-            late_ns = elapsed_ns() - k * NS_PER_S / rate_hz if k % packets_per_frame == 0 else 0
-            skipped = int(late_ns / period_ns) if late_ns > LATE_NS else 0
-            k += skipped * packets_per_frame
-            due_ns = round(k * NS_PER_S / rate_hz)
-            yield Item("photons", encode(packet(k)), due_ns, due_ns, skipped)
+        while not self._packets or sent < self._packets:
+            late_s = elapsed_ns() / NS_PER_S - self._due_s(k) if k % self._per_frame == 0 else 0
+            skipped = int(late_s * self._rate_hz / self._per_frame) if late_s > LATE_S else 0
+            k += skipped * self._per_frame
+            due_ns = round(self._due_s(k) * NS_PER_S)
+            stamp_ns = due_ns - round(self.exposure_s * NS_PER_S)
+            yield Item(PHOTONS.name, self._drawn[k % self._lap], due_ns, stamp_ns, skipped)
             k, sent = k + 1, sent + 1
-    return items
+
+    def _due_s(self, k: int) -> float:
+        return k / self._rate_hz + self.before_s + self.exposure_s
 
 
-PACKETS = 10            # per frame of the moving sensor
 ODOM_HZ = 100.0
 BEFORE_S, AFTER_S = 0.5, 0.2        # odometry begins BEFORE_S before the photons and ends AFTER_S after them
 FIXED, BODY = "odom", "base_link"
 
 
-def _moving(parameters: Mapping, rate_hz: float, packets: int) -> Source:
-    """The simulator's room seen by a moving sensor: packets, sent once they are acquired, and odometry.
+class Moving(Drawn):
+    """The simulator's room seen by a moving sensor: packets, sent once they are acquired, and odometry."""
 
-    Args:
-        rate_hz: of the packets, PACKETS a frame.
-        packets: their number; 0: no end.
-    """
-    path, cycles = MOTIONS[parameters["motion"]], ceil(parameters["cycles"] / PACKETS)
-    sensor = moving_sensor().replace(cycles=cycles or None)
-    simulator = Simulator(MovingView(Room(), path, sensor, 1 / rate_hz), sensor, parameters["sbr"],
-                          parameters["ppp"] / PACKETS, parameters["seed"], rate_hz)
-    photons = _photons(sensor, lambda k: simulator.frame(k)[0], rate_hz, packets, PACKETS)
-    ahead_ns = round((BEFORE_S + 1 / rate_hz) * NS_PER_S)      # `photons` is due this much before `acquired` sends it
+    topics, before_s = (ODOM, *Drawn.topics), BEFORE_S
 
-    def acquired(packet: Item) -> Item:
-        begun_ns = packet.stamp_ns + round(BEFORE_S * NS_PER_S)
-        return packet._replace(due_ns=begun_ns + round(NS_PER_S / rate_hz), stamp_ns=begun_ns)
+    def __init__(self, parameters: Mapping):
+        self._path, cycles = MOTIONS[parameters["motion"]], ceil(parameters["cycles"] / PACKETS)
+        rate_hz = PACKETS * parameters["rate_hz"]
+        self.exposure_s = 1 / rate_hz
+        sensor = moving_sensor().replace(cycles=cycles or None)
+        simulator = Simulator(MovingView(Room(), self._path, sensor, self.exposure_s), sensor, parameters["sbr"],
+                              parameters["ppp"] / PACKETS, parameters["seed"], rate_hz)
+        note = (f"each frame has {PACKETS} packets and odom gives the pose of {BODY}: start the sketcher with "
+                f"motion:=odom packets_per_frame:={PACKETS} extrinsics:='{extrinsics()}'")
+        super().__init__(sensor, lambda k: simulator.frame(k)[0], rate_hz, PACKETS * parameters["frames"],
+                         max(round(LAP_S * parameters["rate_hz"]), 1) * PACKETS, PACKETS, (note,))
 
-    def reported(report: Measured) -> Item:
-        stamp_ns = round((report.at_s + BEFORE_S) * NS_PER_S)
-        return Item("odom", serialize_message(odometry(report)), stamp_ns, stamp_ns)
+    def items(self, elapsed_ns: Clock) -> Iterator[Item]:
+        lap_s = self._lap / self._rate_hz if self._lap != self._packets else float("inf")
 
-    def items(elapsed_ns: Clock) -> Iterator[Item]:
-        end_ns = float("inf")
+        def path(at_s: float) -> Pose:
+            return self._path(at_s % lap_s if at_s > 0 else at_s)
 
-        def in_time() -> Iterator[Item]:
-            nonlocal end_ns
-            for item in map(acquired, photons(lambda: elapsed_ns() - ahead_ns)):
-                yield item
-            end_ns = item.due_ns + AFTER_S * NS_PER_S
+        def reported(report: Measured) -> Item:
+            stamp_ns = round((report.at_s + BEFORE_S) * NS_PER_S)
+            return Item(ODOM.name, serialize_message(odometry(report)), stamp_ns, stamp_ns)
 
-        reports = map(reported, measured(path, ODOM_HZ, start_s=-BEFORE_S))
-        both = merge(reports, in_time(), key=lambda item: item.due_ns)
-        return takewhile(lambda item: item.due_ns < end_ns, both)
-
-    note = (f"each frame has {PACKETS} packets and odom gives the pose of {BODY}: start the sketcher with motion:=odom "
-            f"packets_per_frame:={PACKETS} extrinsics:='{extrinsics()}'")
-    return Source(sensor, items, (note,), ("odom",))
+        return until_end(super().items(elapsed_ns), map(reported, measured(path, ODOM_HZ, -BEFORE_S)), AFTER_S)
 
 
 def extrinsics() -> str:
@@ -171,3 +202,81 @@ def odometry(report: Measured) -> Odometry:
     speed.x, speed.y, speed.z = report.velocity_m_s.tolist()
     rate.x, rate.y, rate.z = report.rate_rad_s.tolist()
     return message
+
+
+class Recorded:
+    """A bag: its photons (sketches if there are none), descriptions, odometry and IMU, as they were recorded.
+
+    In a namespace, the topics take it in place of the namespace in which the photons were recorded.
+
+    Raises:
+        InvalidInput: the bag cannot be read, or has neither photons nor sketches, or none after `start_offset`.
+    """
+
+    frame_id = ""       # messages name their own
+
+    def __init__(self, parameters: Mapping, namespace: str):
+        self._bag, self._parameters = (bag := Bag(Path(parameters["input"]))), parameters
+        self.notes = bag.notes
+        contents = topic_contents(bag)
+        frames = frame_topics(contents)
+        require(frames, "bag", problem=f"bag {bag.path.name} has no photons and no sketches. It has {bag.content()}.")
+        motion = [topic for topic, content in contents.items() if content in (ODOM.name, IMU.name)]
+        sensors = [topic for topic, content in contents.items() if content == SENSOR.name and (
+            contents[frames[0]] == SKETCH.name or not topic.name.endswith(SKETCH_SENSOR.name))]
+        # Frames are advertised last: a subscriber that has discovered them has then discovered all.
+        self._played = motion + sensors + frames
+        self._names = _names(self._played, frames, namespace)
+        self.topics = tuple(replace(KINDS[contents[one]], name=self._names[one.name]) for one in self._played)
+        require(len({topic.name for topic in self.topics}) == len(self.topics), "bag", problem=f"bag {bag.path.name} "
+                f"has two topics to play as one: {', '.join(sorted(topic.name for topic in self.topics))}.")
+        self.frames = tuple(self._names[topic.name] for topic in frames)
+        messages = bag.timed_messages(motion + frames, bag.start_ns + round(parameters["start_offset"] * NS_PER_S))
+        self._start_ns = next((time_ns for _, time_ns, raw in messages if raw), None)
+        require(self._start_ns is not None, "start_offset", parameters["start_offset"], "less: no message is left")
+        self.first: dict[str, bytes] = {}       # the last description before the start, or else the first
+        for topic, time_ns, raw in bag.timed_messages(sensors):
+            if self._names[topic] not in self.first or time_ns <= self._start_ns:
+                self.first[self._names[topic]] = raw
+        if parameters["clock"]:
+            self.topics += (CLOCK,)
+            self.first |= {CLOCK.name: self._tick(0).raw}
+
+    def prepare(self, stopped: Callable[[], bool]) -> None:
+        """Nothing is to be drawn."""
+
+    def items(self, elapsed_ns: Clock) -> Iterator[Item]:
+        """Yield the messages in the order of recording, from the beginning at each call."""
+        begun_ns, left = 0, self._parameters["frames"] or float("inf")
+        while True:
+            messages = self._messages()
+            if self._parameters["clock"]:
+                messages = until_end(messages, map(self._tick, count()))
+            for item in messages:
+                due_ns = begun_ns + item.due_ns
+                yield item._replace(due_ns=due_ns)
+                left -= item.topic in self.frames
+                if not left:
+                    return
+            if not self._parameters["loop"]:
+                return
+            begun_ns = due_ns + LOOP_PAUSE_NS
+
+    def _messages(self) -> Iterator[Item]:
+        """Yield the descriptions and then the bag's messages, once."""
+        yield from (Item(name, raw, 0) for name, raw in self.first.items())
+        for topic, time_ns, raw in self._bag.timed_messages(self._played, self._start_ns):
+            if raw:         # after a message of zero bytes, Fast DDS delivers no other
+                yield Item(self._names[topic], raw, round((time_ns - self._start_ns) / self._parameters["rate"]))
+
+    def _tick(self, k: int) -> Item:
+        elapsed_ns = k * NS_PER_S / self._parameters["clock"]
+        now = Time(nanoseconds=self._start_ns + round(elapsed_ns * self._parameters["rate"]))
+        return Item(CLOCK.name, serialize_message(ClockMessage(clock=now.to_msg())), round(elapsed_ns))
+
+
+def _names(topics: list[BagTopic], frames: list[BagTopic], namespace: str) -> dict[str, str]:
+    """The name, relative to the namespace, under which each recorded topic is played."""
+    recorded_in = {topic.name.rpartition("/")[0] for topic in frames}
+    inside = f"{recorded_in.pop()}/" if len(recorded_in) == 1 and namespace != "/" else "/"
+    return {topic.name: topic.name.removeprefix(inside).removeprefix("/") for topic in topics}

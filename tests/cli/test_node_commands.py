@@ -21,6 +21,9 @@ from srt3d_ros.processes.node_command import NODES
     (["play", "b.npz", "--frames", "3", "--namespace", "/front/", "--ros-args", "-r", "photons:=/spad/raw"],
      ["player", "--ros-args", "-p", 'input:="b.npz"', "-p", "frames:=3", "-r", "__ns:=/front", "-r",
       "photons:=/spad/raw"]),
+    (["play", "rec.mcap", "--rate", "2", "--loop", "--start-offset", "3", "--clock", "-r", "/spad/raw:=/photons"],
+     ["player", "--ros-args", "-p", 'input:="rec.mcap"', "-p", "rate:=2.0", "-p", "loop:=true", "-p",
+      "start_offset:=3.0", "-p", "clock:=40.0", "-r", "/spad/raw:=/photons"]),
 ])
 def test_options_become_parameters(monkeypatch, srt3d, command, expected):
     seen = []
@@ -39,16 +42,10 @@ def test_the_help_of_a_node_lists_its_parameters_with_defaults_and_meaning(srt3d
         assert " ".join(parameter.description.split()) in " ".join(said.split())
 
 
-def test_a_bag_is_played_with_its_own_options(monkeypatch, srt3d, refusal):
-    seen = []
-    monkeypatch.setitem(sys.modules, "srt3d_ros.nodes.bag_player", SimpleNamespace(
-        main=lambda *given, **options: seen.extend((*given, options, *sys.argv[1:])) or 0))
-    monkeypatch.setattr(sys, "argv", ["srt3d"])
-    assert srt3d("play", "rec.mcap", "--rate", "2", "--loop", "--namespace", "front")[0] == 0
-    assert seen == ["rec.mcap", {"rate": 2.0, "loop": True}, "--ros-args", "-r", "__ns:=/front"]
+def test_options_of_bags_and_of_files_are_not_mixed(refusal):
     for arguments, line in ((("rec.db3", "--rate-hz", "5"), "--rate-hz is for photon files and the simulator, and rec"),
                             (("a.npz", "--loop"), "--loop is for bags, and a.npz is no bag"),
-                            (("rec.mcap", "--rate", "0"), "--rate is 0.0: expected a number above 0")):
+                            (("rec.mcap", "-r", "photons"), "-r is photons: expected TOPIC:=NAME")):
         assert refusal("play", *arguments).startswith(line)
 
 

@@ -123,6 +123,22 @@ def test_the_whole_messages_of_a_file_that_was_cut_off_are_read(tmp_path, chunks
         read(cut, 3)
 
 
+def test_the_whole_messages_of_a_database_that_was_cut_off_are_read(tmp_path):
+    """Messages of several pages, so that a cut falls into one; the index of times lies behind some of them."""
+    messages = [RECORDED[0], *(("/photons", CLOUD, photons_of(k) + bytes(9000)) for k in range(30))]
+    whole = storage_file(write_bag(tmp_path / "bag", messages, "sqlite3")).read_bytes()
+    cut, counts = tmp_path / "cut.db3", []
+    for end in range(len(whole) // 5, len(whole), 13_000):
+        cut.write_bytes(whole[:end])
+        with Bag(cut) as bag:
+            found, later = list(bag.messages(bag.topics)), list(bag.timed_messages(bag.topics, START_NS + 3_000_000))
+        assert found == [(topic, raw) for topic, _, raw in messages[:len(found)]]
+        assert [(topic, raw) for topic, _, raw in later] == found[3:]
+        assert bag.notes == (f"cut.db3 was cut off: its {len(found)} whole messages are read, later ones are lost",)
+        counts.append(len(found))
+    assert counts == sorted(counts) and counts[0] < 10 and counts[-1] > 20
+
+
 @pytest.mark.parametrize("mode, frames", [("WAL", 4), ("DELETE", 3)])
 def test_a_database_that_was_not_closed_is_read_and_left_as_it_is(tmp_path, mode, frames):
     """Copied while a transaction was in the write-ahead log, or half in the file and to be rolled back."""

@@ -1,24 +1,36 @@
 """What the player plays, message by message: what is due when, with which stamps, and where it begins and ends."""
 
-from itertools import chain, pairwise, repeat
+from itertools import chain, islice, pairwise, repeat
 
 import numpy as np
 import pytest
+from nav_msgs.msg import Odometry
+from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
 
-from srt3d_ros.datasets.simulation.motion_profiles import OPTICAL
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
+from srt3d_ros.datasets.simulation.motion_profiles import LAP_S, OPTICAL, walk
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import photons_message, sensor_message
-from srt3d_ros.nodes import player
+from srt3d_ros.messages import photons_message, sensor_message, sketch_message
+from srt3d_ros.nodes import player, sources
 from srt3d_ros.nodes.motion_input import parse_extrinsics
-from srt3d_ros.nodes.sources import BEFORE_S, PACKETS, Source, open_source
+from srt3d_ros.nodes.sources import BEFORE_S, PACKETS, open_source
+from tests.bags import CLOUD, START_NS, TEXT, write_bag
 
+ODOMETRY = "nav_msgs/msg/Odometry"
+SENSOR = SensorModel(rows=2, cols=3, num_bins=50, bin_width_s=1e-10, irf=[1, 2, 1], frame_id="spad")
 BEFORE_NS, MS = round(BEFORE_S * 1e9), 1_000_000
 DEFAULTS = {parameter.name: parameter.default for parameter in player.PARAMETERS}
 
 
-def source(**given) -> Source:
-    """The source that these parameters describe."""
-    return open_source(DEFAULTS | given)
+def source(namespace: str = "/", **given):
+    """The source that these parameters describe, ready to play."""
+    opened = open_source(DEFAULTS | given, namespace)
+    opened.prepare(lambda: False)
+    return opened
 
 
 def test_a_file_of_counts_is_played_photon_by_photon(tmp_path, sensor, events):
@@ -46,7 +58,8 @@ def test_cycles_of_a_simulated_frame_make_its_photons_pile_up(given, packets):
 @pytest.mark.parametrize("given, line", [
     ({"input": "nowhere.npz"}, "nowhere.npz"),
     ({"sensor_file": "sensor.json"}, "sensor_file sensor.json: the simulator has a sensor of its own"),
-    ({"input": "bag.mcap"}, "input bag.mcap is a bag: play it with `ros2 bag play`"),
+    ({"clock": 40.0}, "clock is 40.0: expected 0, since input is no bag"),
+    ({"input": "bag.mcap"}, "bag.mcap: no such bag"),
 ])
 def test_what_is_no_source_is_refused(given, line):
     with pytest.raises(InvalidInput, match=line):
@@ -66,6 +79,74 @@ def test_what_is_late_is_skipped_by_whole_frames_and_the_number_that_was_asked_f
     assert (np.diff([item.stamp_ns for item in first]) / (100 * MS)).tolist() == [1, 1 + jump, 1]
 
 
+def test_what_is_played_was_drawn_before_and_the_scene_repeats_without_a_jump(monkeypatch):
+    played = source(ppp=2.0, rate_hz=20.0)
+    monkeypatch.setattr(played, "_draw", None)      # nothing more can be drawn
+    frames = [item.raw for item in islice(played.items(lambda: 0), 81)]
+    assert frames[80] == frames[0] != frames[1]
+    depths = [Simulator(ppp=2.0).expected(k)[0] for k in (0, 80)]
+    np.testing.assert_allclose(*depths, atol=0.1)   # bins
+
+
+def test_drawn_frames_stay_within_a_limit(monkeypatch):
+    monkeypatch.setattr(sources, "MAX_DRAWN_BYTES", 500_000)
+    frames = [item.raw for item in islice(source(ppp=1.0).items(lambda: 0), 20)]
+    one_lap = frames.index(frames[0], 1)
+    assert frames[one_lap:2 * one_lap] == frames[:one_lap] and 500_000 <= sum(map(len, frames[:one_lap])) < 700_000
+
+
+# ---- A bag
+
+PHOTONS = photons_message.encode_cdr(PhotonEvents(np.zeros(3, np.uint32), np.zeros(3, np.uint16)), SENSOR, "spad")
+DESCRIBED, OTHER = sensor_message.encode_cdr(SENSOR), sensor_message.encode_cdr(SENSOR.replace(num_bins=40))
+MESSAGES = {CLOUD: PHOTONS, TEXT: DESCRIBED, ODOMETRY: b"\0\1\0\0", "sketch": sketch_message.encode_cdr(
+    sketch_photons(PhotonEvents(np.zeros(3, np.uint32), np.zeros(3, np.uint16)), SENSOR, (1,)), "spad")}
+
+
+def recorded(path, topics: dict[str, str]):
+    return write_bag(path, [(name, CLOUD if kind == "sketch" else kind, MESSAGES[kind])
+                            for name, kind in topics.items()])
+
+
+@pytest.mark.parametrize("topics, namespace, played", [
+    ({"/photons": CLOUD, "/sensor": TEXT, "/sketch": "sketch", "/sketch/sensor": TEXT, "/odom": ODOMETRY},
+     "/", ["odom", "sensor", "photons"]),
+    ({"/spad/raw": CLOUD, "/spad/info": TEXT, "/wheel/odometry": ODOMETRY}, "/",
+     ["wheel/odometry", "spad/info", "spad/raw"]),
+    ({"/front/photons": CLOUD, "/front/sensor": TEXT, "/odom": ODOMETRY}, "/left", ["odom", "sensor", "photons"]),
+    ({"/a/photons": CLOUD, "/b/photons": CLOUD, "/old": CLOUD}, "/left", ["a/photons", "b/photons"]),
+    ({"/front/sketch": "sketch", "/front/sketch/sensor": TEXT}, "/left", ["sketch/sensor", "sketch"])])
+def test_what_reconstruct_reads_is_played_in_the_namespace_of_the_player(tmp_path, topics, namespace, played):
+    opened = source(namespace, input=recorded(tmp_path / "bag", topics))
+    assert [topic.name for topic in opened.topics] == played
+    assert {item.topic for item in opened.items(lambda: 0)} == set(played)
+
+
+@pytest.mark.parametrize("topics, given, line", [
+    ({"/sensor": TEXT, "/odom": ODOMETRY}, {}, "bag has no photons and no sketches. It has /sensor"),
+    ({"/front/photons": CLOUD, "/odom": ODOMETRY, "/front/odom": ODOMETRY}, {"namespace": "/left"}, "two topics"),
+    ({"/photons": CLOUD}, {"start_offset": 1.0}, "start_offset is 1.0: expected less"),
+    ({"/photons": CLOUD}, {"motion": "walk"}, "motion is walk: expected off")])
+def test_a_bag_that_cannot_be_played_is_refused(tmp_path, topics, given, line):
+    with pytest.raises(InvalidInput, match=line):
+        source(input=recorded(tmp_path / "bag", topics), **given)
+
+
+def test_a_bag_is_played_from_an_offset_at_a_rate_with_the_description_of_then(tmp_path):
+    bag = write_bag(tmp_path / "bag", [
+        ("/sensor", TEXT, DESCRIBED, 0), *(("/photons", CLOUD, PHOTONS, 100 * k) for k in range(5)),
+        ("/sensor", TEXT, OTHER, 150)])
+    played = source(input=bag, start_offset=0.15, rate=2.0, clock=10.0)
+    assert played.first["sensor"] == OTHER
+    items = list(played.items(lambda: 0))
+    assert [item.due_ns // MS for item in items if item.topic == "photons"] == [0, 50, 100]
+    times = [deserialize_message(item.raw, Clock).clock for item in items if item.topic == "/clock"]
+    assert [time.sec * 10**9 + time.nanosec - START_NS for time in times] == [200 * MS, 200 * MS, 400 * MS]
+    again = [item for item in islice(source(input=bag, loop=True, frames=7).items(lambda: 0), 99)]
+    photons = [item.due_ns // MS for item in again if item.topic == "photons"]
+    assert photons == [0, 100, 200, 300, 400, 500, 600]
+
+
 # ---- A sensor that moves: packets and odometry of one time
 
 @pytest.fixture
@@ -81,6 +162,20 @@ def test_packets_come_when_they_are_acquired_among_odometry_that_covers_them(mov
     assert [item.due_ns - item.stamp_ns for item in packets] == [5 * MS] * PACKETS
     stamps = [item.stamp_ns for item in items if item.topic == "odom"]
     assert stamps[0] == 0 and stamps[-1] >= BEFORE_NS + 100 * MS and set(np.diff(stamps)) == {10 * MS}
+
+
+def test_after_a_lap_the_moving_sensor_is_where_it_was():
+    np.testing.assert_allclose(walk(LAP_S + 1).rotation, walk(1.0).rotation, atol=1e-9)
+    np.testing.assert_allclose(walk(LAP_S + 1).translation, walk(1.0).translation, atol=1e-9)
+
+
+def test_odometry_repeats_with_packets_that_do(moving, monkeypatch):
+    monkeypatch.setattr(sources, "MAX_DRAWN_BYTES", 1)      # a lap of one frame, of 100 ms
+    items = moving(ppp=1.0, frames=3).items(lambda: 0)
+    heights = {item.stamp_ns // MS: deserialize_message(item.raw, Odometry).pose.pose.position.z
+               for item in items if item.topic == "odom"}
+    assert heights[510] == pytest.approx(heights[610], abs=1e-9) == heights[710]
+    assert abs(heights[520] - heights[510]) > 1e-4
 
 
 def test_the_extrinsics_that_it_tells_are_where_the_sensor_is(moving):

@@ -8,13 +8,12 @@ from functools import partial
 from pathlib import Path
 
 from srt3d_ros.datasets.bags.copies import PACKED, journals_of, readable
-from srt3d_ros.datasets.bags.cut_mcap import MAX_RECORD_BYTES, CutMcap, is_cut
+from srt3d_ros.datasets.bags.storage import MAX_RECORD_BYTES, CutFile, open_file
 from srt3d_ros.errors import InvalidInput, require
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
 MAX_CHUNK_BYTES = MAX_RECORD_BYTES  # unpacked; a chunk holds whole messages
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"    # begins a packed message; others begin with 00
-SQLITE_LIMIT_LENGTH = 0             # SQLite's number of this limit
 COMPLETE_BAG = "a rosbag2 bag (docs/bags.md says what is read of a damaged one)"
 
 
@@ -36,7 +35,7 @@ def is_bag(path: str | Path) -> bool:
 class Bag(AbstractContextManager):
     """A bag open for reading; a context manager. `topics` lists its topics, `notes` what is missing of its files.
 
-    What is there of an .mcap file that was cut off is read. metadata.yaml is not needed.
+    `start_ns` is when it begins. What is left of a file that was cut off is read. metadata.yaml is not needed.
 
     Args:
         path: the folder of a bag, or one of its .mcap or .db3 files, also packed (.zstd).
@@ -46,8 +45,6 @@ class Bag(AbstractContextManager):
     """
 
     def __init__(self, path: str | Path):
-        from rosbags.rosbag2 import Reader  # imported here: only bags need it
-
         _limit_chunks()
         self.path = Path(path)
         self.notes = ()
@@ -57,13 +54,11 @@ class Bag(AbstractContextManager):
                 if journals := journals_of(file):
                     self.notes += (f"{file.name} was not closed: read with {journals[0].name}",)
                 copy = stack.enter_context(readable(file))
-                cut = is_cut(copy)
-                readers.append(stack.enter_context(CutMcap(copy) if cut else Reader(copy)))
-                if cut:
+                readers.append(open_file(copy, stack, MAX_CHUNK_BYTES))
+                if isinstance(readers[-1], CutFile):
                     self.notes += (readers[-1].note,)
-                elif hasattr(readers[-1].storage, "dbconn"):    # SQLite may compute huge values
-                    readers[-1].storage.dbconn.limit(SQLITE_LIMIT_LENGTH, MAX_CHUNK_BYTES)
             self._readers = sorted(readers, key=lambda reader: reader.start_time)
+            self.start_ns = self._readers[0].start_time
             counts = Counter()
             for reader in readers:
                 for connection in reader.connections:
@@ -78,15 +73,16 @@ class Bag(AbstractContextManager):
         """Yield topic name and bytes of each message on these topics; InvalidInput where the bag breaks off."""
         return ((topic, raw) for topic, _, raw in self.timed_messages(topics))
 
-    def timed_messages(self, topics: Collection[BagTopic]) -> Iterator[tuple[str, int, bytes]]:
-        """As `messages`, with the time of recording in nanoseconds before the bytes."""
+    def timed_messages(self, topics: Collection[BagTopic], start_ns: int | None = None
+                       ) -> Iterator[tuple[str, int, bytes]]:
+        """As `messages`, those recorded from `start_ns` on, with the time of recording in ns before the bytes."""
         wanted = {(topic.name, topic.type) for topic in topics}
         with self._one_error():
             for reader in self._readers:
                 connections = [c for c in reader.connections if (c.topic, c.msgtype) in wanted]
                 if not connections:         # rosbags takes an empty list for all
                     continue
-                for connection, time_ns, raw in reader.messages(connections):
+                for connection, time_ns, raw in reader.messages(connections, start_ns):
                     if type(raw) is not bytes:      # SQLite stores any type in any column
                         raise TypeError(f"a message on {connection.topic} is not bytes")
                     yield connection.topic, time_ns, _unpacked(raw) if raw.startswith(ZSTD_MAGIC) else raw

@@ -41,14 +41,12 @@ def find_photons(bag: Bag, photons_topic: str = "") -> PhotonTopics:
     namespace. If several describe a sensor, take `sensor` beside the photons, or `sketch/sensor` beside the sketch.
     Raises InvalidInput, which lists the bag's topics, unless exactly one fits.
     """
-    contents = {topic: _content(bag, topic) for topic in bag.topics if topic.messages > 0}
-    readable = [topic for topic, content in contents.items()
-                if content in (*CODECS, "sketch") and photons_topic in ("", topic.name)]
-    require(readable or not photons_topic, "photons_topic", photons_topic,
+    contents = topic_contents(bag)
+    candidates = frame_topics({topic: content for topic, content in contents.items()
+                               if photons_topic in ("", topic.name)})
+    require(candidates or not photons_topic, "photons_topic", photons_topic,
             f"a topic of photons or sketches; {bag.path.name} has {bag.content()}")
-    frames = [topic for topic in readable if contents[topic] != "sketch"] or readable
-    named = [topic for topic in frames if topic.name.rsplit("/", 1)[-1] == contents[topic]]
-    photons = _the_only(named or frames, "photons", bag)
+    photons = _the_only(candidates, "photons", bag)
     is_sketch = contents[photons] == "sketch"
     described = [topic for topic, content in contents.items() if content == "sensor"]
     of_sketches = [topic for topic in described if topic.name.endswith("sketch/sensor")]
@@ -59,6 +57,18 @@ def find_photons(bag: Bag, photons_topic: str = "") -> PhotonTopics:
     beside = [topic for topic in sensors if topic.name == f"{namespace}/sensor"]
     sensor = _the_only(beside or sensors, "sensor", bag) if sensors else None
     return PhotonTopics(contents[photons], photons, sensor)
+
+
+def topic_contents(bag: Bag) -> dict[BagTopic, str]:
+    """What each topic with messages holds, as from `_content`."""
+    return {topic: _content(bag, topic) for topic in bag.topics if topic.messages > 0}
+
+
+def frame_topics(contents: dict[BagTopic, str]) -> list[BagTopic]:
+    """The topics of photons, or else of sketches; of several, those whose name is their kind if there are such."""
+    readable = [topic for topic, content in contents.items() if content in (*CODECS, "sketch")]
+    frames = [topic for topic in readable if contents[topic] != "sketch"] or readable
+    return [topic for topic in frames if topic.name.rsplit("/", 1)[-1] == contents[topic]] or frames
 
 
 def read_frame(path: str | Path, number: int, options: dict, photons_topic: str = "") -> Photons | Sketch:
@@ -153,9 +163,9 @@ def _with_given_sensor(kind: str, raw: bytes, options: dict, name: str, notes: t
 
 
 def _content(bag: Bag, topic: BagTopic) -> str:
-    """Kind of a topic's first message: a key of CODECS, "sketch", "sensor", or else ""."""
+    """Kind of a topic's first message: a key of CODECS, "sketch", "sensor", "odom", "imu", or else ""."""
     if topic.type not in (CLOUD_TYPE, IMAGE_TYPE, STRING_TYPE):
-        return ""
+        return {"nav_msgs/msg/Odometry": "odom", "sensor_msgs/msg/Imu": "imu"}.get(topic.type, "")
     raw = next((raw for _, raw in bag.messages((topic,))), b"")    # the stated number of messages may be wrong
     with suppress(InvalidInput):
         if topic.type == CLOUD_TYPE:

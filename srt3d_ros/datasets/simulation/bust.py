@@ -12,6 +12,7 @@ AT_M = np.array([0.0, -0.03, 2.10])     # centre of the head at rest, camera fra
 PIVOT_M = np.array([0.0, 0.11, 0.03])   # the head turns about the top of the neck, figure frame
 WALL_M = 2.42                           # depth of the wall, camera frame
 STRIPES_PER_M = 28.0
+PERIOD_S = 8.0          # after which all of it repeats
 
 MARCH_STEPS = 24
 MIN_CLOSING = 0.3                       # limits the secant step, which would jump over thin parts
@@ -69,7 +70,7 @@ TORSO = (
 class Bust:
     """A head and shoulders seen by `sensor`: a scene (scene.Scene) of one surface, 2 to 2.5 m away, in every pixel.
 
-    It fills the 11° of `scene.default_sensor()`. It looks left and right in 8 s, nods in 4 s and sways in 5 s.
+    It fills the 11° of `scene.default_sensor()`. It looks left and right and sways in 8 s, and nods in 4 s.
 
     Args:
         sensor: any with a pinhole projection and at least 2×2 pixels.
@@ -116,10 +117,11 @@ class Bust:
 
 def _pose(t_s: float) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
     """Rotation and position of the head's and the torso's frames in the camera's frame."""
-    sway, breath = np.sin(2 * np.pi * t_s / 5.0), np.sin(2 * np.pi * t_s / 3.5)
+    phase = 2 * np.pi * t_s / PERIOD_S
+    sway, breath = np.sin(phase), np.sin(2 * phase)
     body = rotation(0, 4 * sway, 1.5 * sway)
     at = AT_M + (0.012 * sway, 0.002 * breath, 0.006 * breath)
-    head = body @ rotation(7 * np.sin(2 * np.pi * t_s / 4.0), 30 * np.sin(2 * np.pi * t_s / 8.0), 0)
+    head = body @ rotation(7 * np.sin(2 * phase), 30 * np.sin(phase), 0)
     return (head, at + body @ PIVOT_M - head @ PIVOT_M), (body, at)
 
 

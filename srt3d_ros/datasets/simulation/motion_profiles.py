@@ -16,8 +16,9 @@ Path = Callable[[float], Pose]          # the pose at a time, s
 
 SPEED_M_S, TURN_RAD_S = 1.0, np.radians(30)
 WALK_RADIUS_M = SPEED_M_S / TURN_RAD_S  # 1.9 m
+LAP_S = 2 * np.pi / TURN_RAD_S          # 12 s, after which a motion repeats
 EYE_M = 1.5                             # above the floor
-STEPS_HZ = 1.8                          # of a walking person
+STEPS_HZ = 22 / LAP_S                   # 1.8, as of a walking person
 OPTICAL = Pose(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))     # of a camera looking ahead, in the body's frame
 
 
