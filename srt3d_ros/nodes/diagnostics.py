@@ -59,7 +59,7 @@ class Diagnostics(Counts):
 
     def __init__(self, node: ManagedNode, output: str = "", best_effort: bool = False):
         super().__init__()
-        self.problem = self.degraded = self.frame_id = self._warning = ""
+        self.problem = self.degraded = self.frame_id = self._warning = self._internal = ""
         self._peers = Peers(node)
         self._node, self._output, self._best_effort = node, output, best_effort
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
@@ -108,7 +108,7 @@ class Diagnostics(Counts):
         """Count a frame that was published `latency_s` after its stamp."""
         with self._lock:
             self.totals["frames_out"] += 1
-            self.problem = ""
+            self.problem = self._internal = ""
             self._latencies_s.append(latency_s)
             self._least_latency_s = min(self._least_latency_s, latency_s)
 
@@ -123,7 +123,7 @@ class Diagnostics(Counts):
         """Count a bug of the node, and report it as an error until a frame is sent."""
         with self._lock:
             self.totals["internal"] += 1
-            self.problem = text
+            self._internal = text
             self.error(text)
 
     def show(self, **values: object) -> None:
@@ -243,8 +243,9 @@ class Diagnostics(Counts):
 
     def _judge(self, new: Counter, new_drops: Counter, waiting: str, doubled: str) -> tuple[str, str]:
         """The level of a report and the reason; the reason is empty if all is well."""
-        if self.problem and self._node.state in ("active", "finalized"):
-            return ERROR, self.problem
+        problem = self.problem or self._internal
+        if problem and self._node.state in ("active", "finalized"):
+            return ERROR, problem
         if new["errors"]:
             return ERROR, self._last_error
         if self._node.state != "active":
@@ -253,7 +254,7 @@ class Diagnostics(Counts):
             sent, gone = new["messages_in"] + new["message_lost"], new_drops.total() + new["message_lost"]
             why = f"dropped: {_losses_text(new, new_drops)}, of {sent}{waiting and f'; {waiting}'}"
             return ERROR if gone > MOST_DROPPED * sent else WARN, why
-        warning = doubled or self.degraded or self._warning or waiting or self._untimely(new["frames_out"])
+        warning = doubled or waiting or self.degraded or self._warning or self._untimely(new["frames_out"])
         return (WARN, warning) if warning else (OK, "")
 
 

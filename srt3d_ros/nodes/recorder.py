@@ -144,7 +144,7 @@ class RecorderNode(PipelineNode):
         self.release_frames()
 
     def failed(self, error: Exception, frames: int = 0) -> None:
-        """End a recording that failed; the node stays active, but reads nothing, and reports an error until the end."""
+        """End a recording that failed; the node stays active, reads nothing, and is ERROR until activated again."""
         if not isinstance(error, RecordingFailed):
             return super().failed(error, frames)
         self.get_logger().error(str(error))

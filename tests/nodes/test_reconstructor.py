@@ -96,19 +96,6 @@ def lies_at(points: dict, sensor: SensorModel, depth: float) -> bool:
     return abs(np.median(np.linalg.norm(points["xyz"], axis=1)) - sensor.range_m(depth)) < sensor.bin_width_m
 
 
-def test_a_bad_description_is_an_error_in_a_report_and_sketches_of_a_good_one_are_read(reconstructor, sensor, sketch):
-    graph, other = reconstructor.graph, reconstructor.graph.latched("sketch/sensor")
-    reconstructor.begin(sensor, sketch)
-    errors, reports = graph.total("reconstructor", "errors"), len(graph.all_reports("reconstructor"))
-    graph.matched(other).publish(String(data="{"))
-    graph.reports("reconstructor", "errors", errors + 1)
-    graph.wait(lambda: graph.report("reconstructor")["level"] != DiagnosticStatus.ERROR, "the end of the error")
-    levels = [report["level"] for report in graph.all_reports("reconstructor")[reports:]]
-    assert levels.count(DiagnosticStatus.ERROR) == 1 and graph.report("reconstructor")["ready"] == "True"
-    graph.node.destroy_publisher(other)
-    reconstructor(sketch)
-
-
 def test_a_cloud_keeps_stamp_and_frame_and_bad_sketches_are_survived(reconstructor, sensor, sketch):
     reconstructor.begin(sensor, sketch)
     raw = sketch_message.encode_cdr(sketch, "spad")
@@ -212,3 +199,16 @@ def test_sketches_are_read_with_the_descriptions_that_they_name_and_wait_for_the
     assert all(lies_at(points, sensor, 64) for points in clouds[2:4])
     reconstructor.graph.wait(lambda: "sketch/sensor" not in reconstructor.graph.report("reconstructor").get(
         "waiting_for", ""), "nothing to be waited for")
+
+
+def test_a_bad_description_is_an_error_in_a_report_and_sketches_of_a_good_one_are_read(reconstructor, sensor, sketch):
+    graph, other = reconstructor.graph, reconstructor.graph.latched("sketch/sensor")
+    reconstructor.begin(sensor, sketch)
+    errors, reports = graph.total("reconstructor", "errors"), len(graph.all_reports("reconstructor"))
+    graph.matched(other).publish(String(data="{"))
+    graph.reports("reconstructor", "errors", errors + 1)
+    graph.wait(lambda: graph.report("reconstructor")["level"] != DiagnosticStatus.ERROR, "the end of the error")
+    levels = [report["level"] for report in graph.all_reports("reconstructor")[reports:]]
+    assert levels.count(DiagnosticStatus.ERROR) == 1 and graph.report("reconstructor")["ready"] == "True"
+    graph.node.destroy_publisher(other)
+    reconstructor(sketch)

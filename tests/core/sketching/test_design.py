@@ -78,6 +78,12 @@ def test_a_gate_that_cannot_be_used_is_one_line(settings, line):
     assert str(error.value) == line
 
 
+def test_frequencies_of_which_the_irf_passes_none_are_refused_as_methods_refuse_them():
+    assert design_for(SHARP, "off", "1,99").frequencies == (1, 99)
+    with pytest.raises(InvalidInput, match=r"frequencies is \[98, 99\]: expected some that the sensor's IRF passes"):
+        design_for(SHARP, "off", "98,99")
+
+
 # ---- The histogram of a frame
 
 def test_masked_pixels_are_left_out_and_delays_taken_off():
