@@ -35,21 +35,21 @@ def test_without_shared_memory_the_default_stays(tmp_path):
 def test_a_process_is_prepared_with_the_profile_unless_the_user_chose_one(monkeypatch, given):
     for name in ("remove_leaked_segments", "reserve_stale_ports", "_keep_freed_memory"):    # of this process
         monkeypatch.setattr(transport, name, lambda: None)
-    monkeypatch.setattr(os, "environ", {transport.PROFILE_VARIABLE: given} if given else {})
+    monkeypatch.setattr(os, "environ", {transport.FAST_DDS.variables[0]: given} if given else {})
     transport.prepare_process()
-    profile = os.environ[transport.PROFILE_VARIABLE]
+    profile = os.environ[transport.FAST_DDS.variables[0]]
     assert profile == given or not given and os.path.exists(profile)
 
 
 def test_segments_of_killed_processes_are_given_back_and_those_of_others_kept(tmp_path):
     def segment(name: str, age_s: float):
-        for path in (tmp_path / f"{transport.SEGMENT}{name}", tmp_path / f"{transport.SEGMENT}{name}_el"):
+        for path in (tmp_path / f"{transport.FAST_DDS.segment}{name}", tmp_path / f"{transport.FAST_DDS.segment}{name}_el"):
             path.write_bytes(b"x")
             os.utime(path, (0, path.stat().st_mtime - age_s))
         return path
 
     segment("00000000000000aa", age_s=100)
-    gone = tmp_path / f"{transport.SEGMENT}00000000000000dd_el"     # listed, and removed by another process just now
+    gone = tmp_path / f"{transport.FAST_DDS.segment}00000000000000dd_el"     # listed, and removed by another process just now
     gone.symlink_to(tmp_path / "absent")
     alive, new = segment("00000000000000bb", age_s=100), segment("00000000000000cc", age_s=0)
     with alive.open("rb") as file:
@@ -63,7 +63,7 @@ def test_segments_of_killed_processes_are_given_back_and_those_of_others_kept(tm
 def test_ports_of_killed_processes_are_avoided_while_others_send_to_them_and_then_removed(tmp_path, monkeypatch):
     """Two have a writer and no reader, one only in memory; two have a reader, one nobody; one is of another domain."""
     def port(number: int, mapped: bool) -> None:
-        path = tmp_path / f"{transport.SEGMENT}port{number}"
+        path = tmp_path / f"{transport.FAST_DDS.segment}port{number}"
         path.write_bytes(b"x")
         os.utime(path, (0, 0))
         if mapped:
@@ -75,16 +75,16 @@ def test_ports_of_killed_processes_are_avoided_while_others_send_to_them_and_the
         first = 7400 + 250 * (domain := claim_domain())
         for number, mapped in {211: True, 213: True, 215: True, 217: False, 219: False, 461: False}.items():
             port(first + number, mapped)
-        lock = opened.enter_context((tmp_path / f"{transport.SEGMENT}port{first + 219}_el").open("wb"))
+        lock = opened.enter_context((tmp_path / f"{transport.FAST_DDS.segment}port{first + 219}_el").open("wb"))
         fcntl.flock(lock, fcntl.LOCK_EX)        # in a container of its own, which shares the memory, not the network
         os.utime(lock.name, (0, 0))
-        (tmp_path / f"{transport.SEGMENT}port{first + 213}").unlink()
+        (tmp_path / f"{transport.FAST_DDS.segment}port{first + 213}").unlink()
         reader = opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         reader.bind(("", first + 215))
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         transport.reserve_stale_ports(tmp_path)
         held = {one.getsockname()[1] - first for one in transport._held}
-        left = {int(path.name.removeprefix(f"{transport.SEGMENT}port")) - first for path in tmp_path.glob("*[0-9]")}
+        left = {int(path.name.removeprefix(f"{transport.FAST_DDS.segment}port")) - first for path in tmp_path.glob("*[0-9]")}
     for one in transport._held:
         one.close()
     assert held == {210, 211, 212, 213}
@@ -121,7 +121,7 @@ transport.prepare_process()
 rclpy.init()
 node = rclpy.create_node("any")
 for line in open("/proc/self/maps"):
-    if re.search(rf"/dev/shm/{transport.SEGMENT}[0-9a-f]{{16}}$", line):
+    if re.search(rf"/dev/shm/{transport.FAST_DDS.segment}[0-9a-f]{{16}}$", line):
         begin, end = (int(address, 16) for address in line.split()[0].split("-"))
         print(end - begin)
 rclpy.shutdown()
