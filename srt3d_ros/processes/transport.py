@@ -20,7 +20,6 @@ from srt3d_ros.files import shared_files
 from srt3d_ros.processes.private_network import FIRST_PORT, PORTS
 
 
-
 class FastDds(NamedTuple):
     """Names that change with Fast DDS's major version.
 
