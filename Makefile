@@ -1,6 +1,12 @@
 # Two commands to know: `make demo` and `make test`. Each installs what it needs into $(VENV), once.
 PYTHON ?= python3
-VENV = .venv
+# The distribution of ROS 2, each in an environment of its own.
+ROS = jazzy
+ifneq ($(filter-out jazzy kilted,$(ROS)),)
+$(error ROS=$(ROS): expected jazzy or kilted)
+endif
+other_ros = $(filter-out jazzy,$(ROS))
+VENV = .venv$(addprefix -,$(other_ros))
 CONSTRAINTS = -c constraints.txt
 OUT = demo-out
 PHOTONS =
@@ -21,12 +27,13 @@ help:
 	@echo 'make demo [PHOTONS=file] [OUT=demo-out]  photons to point clouds over ROS 2: a recording, a picture, a table'
 	@echo '          MOTION=walk                      the same, of a sensor that moves, deskewed by its odometry'
 	@echo 'make test [ARGS=...]                     the tests; ARGS goes to pytest'
+	@echo 'make test ROS=kilted                     the tests with ROS 2 Kilted instead of Jazzy, in .venv-kilted'
 	@echo 'make test-newest                         the tests with the newest releases that setup.py allows'
 	@echo 'make docs                                the documentation as a web site, build/docs/index.html'
 	@echo 'make lint                                ruff'
 	@echo 'make gpu-cost                            what a frame costs on a GPU, counted without one; 6 GB of torch'
-	@echo 'make clean                               remove $(VENV) and everything that was built'
-	@echo 'Variables: PYTHON=$(PYTHON) (3.11 or newer), VENV=$(VENV)'
+	@echo 'make clean                               remove .venv, .venv-… and everything that was built'
+	@echo 'Variables: PYTHON=$(PYTHON) (3.11 or newer), ROS=$(ROS), VENV=$(VENV)'
 
 demo: $(VENV)/demo-ready
 	@$(VENV)/bin/srt3d demo $(if $(PHOTONS),--photons '$(PHOTONS)') $(if $(MOTION),--motion '$(MOTION)') --out '$(OUT)'
@@ -35,7 +42,7 @@ test: $(VENV)/test-ready
 	@$(VENV)/bin/python -m pytest -n auto --dist loadfile --no-loadscope-reorder $(ARGS)
 
 test-newest:
-	@$(MAKE) --no-print-directory test VENV=.venv-newest CONSTRAINTS=
+	@$(MAKE) --no-print-directory test VENV=$(VENV)-newest CONSTRAINTS=
 
 docs: $(VENV)/docs-ready
 	@$(VENV)/bin/python -m sphinx -W --quiet docs build/docs && echo build/docs/index.html
@@ -51,8 +58,8 @@ $(VENV)/made:
 	@touch $@
 
 $(VENV)/demo-ready: $(installed_from) | $(VENV)/made
-	@echo '[1/3] installing ROS 2 Jazzy, numba, rerun and the rest into $(VENV): 1.4 GB, one or two minutes'
-	@$(pip) --no-build-isolation --editable '.[ros,record,review$(addprefix $(comma),$(gpu))]'
+	@echo '[1/3] installing ROS 2 $(ROS), numba, rerun and the rest into $(VENV): 1.4 GB, one or two minutes'
+	@$(pip) --no-build-isolation --editable '.[ros$(addprefix -,$(other_ros)),record,review$(addprefix $(comma),$(gpu))]'
 	@echo '[2/3] placing the executables of the nodes'
 	@$(VENV)/bin/python -W ignore setup.py --quiet install_data --install-dir $(VENV)
 	@echo '[3/3] compiling the kernels for this processor: a minute'
@@ -84,5 +91,5 @@ gpu-cost: .venv-gpu-cost/ready
 	@touch $@
 
 clean:
-	rm -rf .venv .venv-newest .venv-gpu-cost build install log dist demo-out *.egg-info .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-* build install log dist demo-out *.egg-info .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -not -path './.git/*' -prune -exec rm -rf {} +

@@ -2,7 +2,8 @@
 
 ROS is an extra. With ROS 2 from apt, rclpy and the messages come from apt (package.xml, rosdep), and pip must not add a
 second copy: use `colcon build`, or `pip install .` in a virtual environment made with --system-site-packages. Elsewhere
-`pip install '.[ros]'` brings ROS 2 Jazzy. Only NVIDIA GPUs need torch (extra `gpu`): its CUDA builds are gigabytes.
+`pip install '.[ros]'` brings ROS 2 Jazzy; '.[ros-kilted]', in another environment, brings Kilted. Only NVIDIA GPUs need
+torch (extra `gpu`): its CUDA builds are gigabytes.
 """
 
 import re
@@ -33,6 +34,8 @@ DOCS = ["sphinx>=7.2,<10", "myst-nb>=1.1,<2", "furo>=2024.5,<2027", "sphinx-copy
 EXTRAS = {
     "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1,<8", "ros-jazzy-common-interfaces>=5.3,<6",
             "ros-jazzy-rmw-fastrtps-cpp>=8.4,<9"],
+    "ros-kilted": ["ros-kilted-rclpy[fastrtps]>=9.1,<10", "ros-kilted-common-interfaces>=5.5,<6",
+                   "ros-kilted-rmw-fastrtps-cpp>=9.3,<10"],
     "pictures": [*PICTURES],
     "record": [RERUN],
     "review": [RERUN, *PICTURES, "Jinja2>=3.1,<4"],

@@ -30,9 +30,16 @@ def test_an_old_python_is_told_what_to_do_in_one_line_and_nothing_is_made(reposi
 
 @pytest.mark.parametrize(("target", "extras", "pinned"), [
     ("demo", ["ros,record,review"], True), ("docs", ["docs"], True),
-    ("test", ["ros,record,review", "test"], True), ("test-newest", ["ros,record,review", "test"], False)])
+    ("test", ["ros,record,review", "test"], True), ("test-newest", ["ros,record,review", "test"], False),
+    ("test ROS=kilted", ["ros-kilted,record,review", "test"], True)])
 def test_a_target_installs_and_compiles_no_more_than_it_needs(repository, tmp_path, target, extras, pinned):
-    commands = make(repository, "--dry-run", "--always-make", f"VENV={tmp_path / 'venv'}", target).stdout
+    commands = make(repository, "--dry-run", "--always-make", f"VENV={tmp_path / 'venv'}", *target.split()).stdout
     assert [found.removesuffix(",gpu") for found in re.findall(r"'\.\[(.+)\]'", commands)] == extras
     assert ("-c constraints.txt" in commands) == pinned
-    assert ("srt3d compile" in commands) == ("ros,record,review" in extras)
+    assert ("srt3d compile" in commands) == (extras != ["docs"])
+
+
+def test_each_distribution_of_ros_has_its_own_environment_and_others_are_refused(repository):
+    assert ".venv/bin/srt3d demo" in make(repository, "--dry-run", "demo").stdout
+    assert ".venv-kilted/bin/srt3d demo" in make(repository, "--dry-run", "demo", "ROS=kilted").stdout
+    assert "ROS=foxy: expected jazzy or kilted." in make(repository, "--dry-run", "demo", "ROS=foxy").stderr

@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 
 from srt3d_ros.processes.node_command import node_command
-from srt3d_ros.processes.transport import PROFILE_VARIABLE
+from srt3d_ros.processes.transport import FAST_DDS
 from tools.processes import Process, wait
 
 SENSOR, ROBOT = "sensor", "robot"           # the machine at the camera, and the one that reconstructs
@@ -28,7 +28,7 @@ PREFIX = "srt3d_"
 SHARED_MEMORY = Path("/dev/shm")
 TIMEOUT_S = 10
 RANDOM = 2**32 - 0x1000 + 56                # address of a random 32-bit number in a BPF program (SKF_AD_RANDOM)
-NETWORK_PROFILE = str(Path(__file__).resolve().parents[1] / "config" / "fastdds_network.xml")
+NETWORK_PROFILE = str(Path(__file__).resolve().parents[1] / FAST_DDS.profiles.format("network"))
 WAIT_S = 180.0                              # generous: nodes compile, and the machine may be busy
 
 
@@ -184,7 +184,8 @@ class Machines(dict[str, Process]):
         return wait(condition, what, logs, timeout_s)
 
     def _command(self, machine: str, profile: str | None, command: list[str]) -> list[str]:
-        chosen = [f"{PROFILE_VARIABLE}={profile}"] if profile else ["-u", PROFILE_VARIABLE]
+        variable = FAST_DDS.variables[0]
+        chosen = [f"{variable}={profile}"] if profile else ["-u", variable]
         return self.link.command(machine, ["env", *chosen, "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET", *command])
 
 

@@ -19,6 +19,7 @@ from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.utilities import get_rmw_implementation_identifier
 
 from srt3d_ros.core.sketching.counts import Counts
 from srt3d_ros.nodes.lifecycle import ManagedNode
@@ -274,3 +275,9 @@ def _by_cause(name: str, dropped: Counter) -> dict[str, int]:
 def all_acknowledged(publisher: Publisher) -> bool:
     """Whether every reliable subscriber has acknowledged all messages. Poll it: rclpy's own wait holds the GIL."""
     return publisher.wait_for_all_acked(Duration(seconds=0))
+
+
+def unacknowledged_by() -> str:
+    """The middleware if it always says that all messages are acknowledged, which means nothing; else an empty text."""
+    name = get_rmw_implementation_identifier()
+    return name if name == "rmw_zenoh_cpp" else ""

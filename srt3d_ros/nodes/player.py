@@ -13,7 +13,7 @@ from srt3d_ros.errors import require
 from srt3d_ros.messages import cdr
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import FOLLOW_DEPTH, POLL_S, PipelineNode
-from srt3d_ros.nodes.diagnostics import all_acknowledged
+from srt3d_ros.nodes.diagnostics import all_acknowledged, unacknowledged_by
 from srt3d_ros.nodes.lifecycle import run
 from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.reports import Chain, Reports
@@ -98,6 +98,8 @@ class PlayerNode(PipelineNode):
             for topic in self._source.first:
                 self._wait_until_acknowledged(self._outputs[topic])
             sent = self._send_all()
+            if self._chain is None and (middleware := unacknowledged_by()):
+                self.get_logger().warning(f"{middleware} does not say whether readers have received the last frames")
             for publisher in self._frames:
                 self._wait_until_acknowledged(publisher)
             if self._chain is not None and not self.stopping.is_set():

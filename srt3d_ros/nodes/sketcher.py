@@ -14,13 +14,13 @@ from srt3d_ros.core.sketching.gate import OFF
 from srt3d_ros.core.sketching.sketch import MAX_SKETCH_SIZE, Sketch
 from srt3d_ros.core.sketching.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets import open_sensor
-from srt3d_ros.errors import InvalidInput
+from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import sensor_message, sketch_message
 from srt3d_ros.messages.cdr import check_frame_id
 from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode, sensor_summary
-from srt3d_ros.nodes.diagnostics import all_acknowledged
+from srt3d_ros.nodes.diagnostics import all_acknowledged, unacknowledged_by
 from srt3d_ros.nodes.lifecycle import run
 from srt3d_ros.nodes.motion_input import MOTION_PARAMETERS, MotionInput, parse_extrinsics
 from srt3d_ros.nodes.parameters import Parameter, Value
@@ -217,6 +217,8 @@ class SketcherNode(PipelineNode):
         """Raise InvalidInput for parameters that do not suit the sensor; without one, that suit no sensor."""
         for name in ("frame_id", "extrinsics_frame"):
             check_frame_id(name, values[name])
+        require(not (values["merge_when_busy"] and unacknowledged_by()), "merge_when_busy", "true",
+                f"false with {unacknowledged_by()}, which does not say what readers have received")
         SketchStream(self._sensor or precompile.ANY_SENSOR, stream_options(values))
 
     # ---- Packets in, sketches out

@@ -10,18 +10,49 @@ import fcntl
 import os
 import re
 import socket
+import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 from srt3d_ros.files import shared_files
 from srt3d_ros.processes.private_network import FIRST_PORT, PORTS
 
-PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"      # Fast DDS 2 ignores the newer name FASTDDS_…
-PROFILE = "config/fastdds_shm.xml"
-SEGMENT = "fastrtps_"   # prefix of Fast DDS's files in /dev/shm
+
+class FastDds(NamedTuple):
+    """Names that change with Fast DDS's major version.
+
+    Attributes:
+        library: what a folder of libraries contains if this version is installed there.
+        segment: prefix of the files in /dev/shm.
+        profiles: pattern of this package's profiles; each version refuses those of the other.
+        variables: environment variables that name a profile, the preferred one first.
+    """
+
+    library: str
+    segment: str
+    profiles: str
+    variables: tuple[str, ...]
+
+
+FAST_DDS_2 = FastDds("libfastrtps.so", "fastrtps_", "config/fastdds_{}.xml", ("FASTRTPS_DEFAULT_PROFILES_FILE",))
+FAST_DDS_3 = FastDds("libfastdds.so", "fastdds_", "config/fastdds3_{}.xml",
+                     ("FASTDDS_DEFAULT_PROFILES_FILE", *FAST_DDS_2.variables))      # rmw warns of the second
+
+
+def installed_fast_dds() -> FastDds:
+    """The version that rclpy will load: the first in LD_LIBRARY_PATH or, last, in this Python's own libraries."""
+    for folder in (*os.environ.get("LD_LIBRARY_PATH", "").split(":"), f"{sys.prefix}/lib"):
+        for version in (FAST_DDS_2, FAST_DDS_3):
+            if Path(folder, version.library).exists():
+                return version
+    return FAST_DDS_3
+
+
+FAST_DDS = installed_fast_dds()
 SHARED_MEMORY = Path("/dev/shm")
-SEGMENT_BYTES = 64 << 20        # in PROFILE: several of the largest messages, 8 to 25 MB each
+SEGMENT_BYTES = 64 << 20        # in our profiles: several of the largest messages, 8 to 25 MB each
 LEAST_SEGMENT_BYTES = 4 << 20   # a smaller segment is no better than Fast DDS's default of 0.5 MB
 PROCESSES = 4           # that need a segment; each allocates all of it when it starts
 LEAK_AGE_S = 10.0       # a younger segment may belong to a process that is still starting
@@ -38,14 +69,14 @@ def prepare_process() -> None:
     """
     remove_leaked_segments()
     reserve_stale_ports()
-    if PROFILE_VARIABLE not in os.environ and (profile := shared_memory_profile()):
-        os.environ[PROFILE_VARIABLE] = str(profile)
+    if os.environ.keys().isdisjoint(FAST_DDS.variables) and (profile := shared_memory_profile()):
+        os.environ[FAST_DDS.variables[0]] = str(profile)
     _keep_freed_memory()
 
 
 def remove_leaked_segments(shared_memory: Path = SHARED_MEMORY) -> None:
     """Remove the shared memory of killed processes, up to 64 MB each, which Fast DDS does not remove."""
-    for lock in shared_memory.glob(SEGMENT + "[0-9a-f]" * 16 + "_el"):
+    for lock in shared_memory.glob(FAST_DDS.segment + "[0-9a-f]" * 16 + "_el"):
         _remove(lock.with_name(lock.name.removesuffix("_el")))
 
 
@@ -58,8 +89,8 @@ def reserve_stale_ports(shared_memory: Path = SHARED_MEMORY) -> None:
     """
     domain = os.environ.get("ROS_DOMAIN_ID", "")
     first = FIRST_PORT + PORTS * (int(domain) if domain.isdecimal() else 0)      # rcl refuses other values
-    names = {f"{SEGMENT}port{port}": port for port in range(first + 1, first + PORTS)}
-    existing = names.keys() & {path.name for path in shared_memory.glob(f"{SEGMENT}port*[0-9]")}
+    names = {f"{FAST_DDS.segment}port{port}": port for port in range(first + 1, first + PORTS)}
+    existing = names.keys() & {path.name for path in shared_memory.glob(f"{FAST_DDS.segment}port*[0-9]")}
     if not existing:
         return
     mapped = names.keys() & _mapped(shared_memory)
@@ -112,14 +143,14 @@ def _bind(*ports: int) -> list[socket.socket]:
 def shared_memory_profile(shared_memory: Path = SHARED_MEMORY) -> Path | None:
     """A Fast DDS profile whose segment fits PROCESSES times into free shared memory; None if memory is too short.
 
-    It is config/fastdds_shm.xml if 64 MB fit, else a temporary copy with a smaller segment.
+    It is that in config/ if 64 MB fit, else a temporary copy with a smaller segment.
     """
     try:
         room = os.statvfs(shared_memory)
     except OSError:
         return None
     segment_bytes = min(SEGMENT_BYTES, room.f_bavail * room.f_frsize // PROCESSES)
-    profile = shared_files.find(PROFILE)
+    profile = shared_files.find(FAST_DDS.profiles.format("shm"))
     if segment_bytes == SEGMENT_BYTES or profile is None:
         return profile
     if segment_bytes < LEAST_SEGMENT_BYTES:

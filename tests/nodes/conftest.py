@@ -220,6 +220,26 @@ def shared_graph(ros):
     graph.close()
 
 
+UNDER_ZENOH = """
+import sys
+from srt3d_ros.cli import node
+from srt3d_ros.nodes import diagnostics
+diagnostics.get_rmw_implementation_identifier = lambda: "rmw_zenoh_cpp"
+sys.exit(node.start({name!r}, sys.argv[1:]))
+"""
+
+
+@pytest.fixture
+def under_zenoh(tmp_path) -> Callable[[str], str]:
+    """The script of a node that takes its middleware for rmw_zenoh_cpp, of which pip has no wheel."""
+    def script(name: str) -> str:
+        path = tmp_path / f"{name}.py"
+        path.write_text(UNDER_ZENOH.format(name=name))
+        return str(path)
+
+    return script
+
+
 @pytest.fixture(scope="session")
 def sensor() -> SensorModel:
     """A small sensor: 16 × 12 pixels, T = 100."""

@@ -39,6 +39,14 @@ def test_frames_come_stamped_on_schedule_and_the_player_ends_by_itself(graph, se
     assert graph.reports("player", "frames_out", 5)["dropped"] == "0"
 
 
+def test_where_acknowledgements_mean_nothing_the_player_says_that_the_last_frames_may_be_lost(graph, under_zenoh,
+                                                                                              photon_file):
+    frames = graph.collect(PointCloud2, "photons")
+    player = graph.start(under_zenoh("player"), input=photon_file, rate_hz=50, frames=2)
+    assert player.code() == 0 and frames
+    assert "rmw_zenoh_cpp does not say whether readers have received the last frames" in player.text
+
+
 def test_nodes_that_do_not_get_ready_are_named_and_no_frame_is_sent(graph, photon_file, tmp_path):
     (tmp_path / "player.py").write_text(
         "import sys\nfrom srt3d_ros.nodes import player\nplayer.READY_S = 1.0\nsys.exit(player.main())")

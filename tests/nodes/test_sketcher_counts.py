@@ -129,3 +129,9 @@ def test_for_a_reader_that_halts_frames_are_merged_if_the_user_wants_it(graph, s
     decoded = [sketch_message.decode_cdr(serialize_message(message), sensor)[1] for message in sketches]
     assert sum(int(sketch.photons.sum()) for sketch in decoded) == packets * events.photons
     assert len(sketches) < packets
+
+
+def test_frames_are_not_merged_by_acknowledgements_that_mean_nothing(graph, under_zenoh):
+    node = graph.start(under_zenoh("sketcher"), merge_when_busy=True)
+    assert node.code() == 2 and "Traceback" not in node.text
+    assert "merge_when_busy is true: expected false with rmw_zenoh_cpp, which does not say what readers" in node.text

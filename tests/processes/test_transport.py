@@ -14,6 +14,33 @@ import pytest
 from srt3d_ros.processes import transport
 from srt3d_ros.processes.private_network import claim_domain
 
+SEGMENT = transport.FAST_DDS.segment
+
+
+@pytest.mark.parametrize(("libraries", "found"), [
+    (["libfastrtps.so", "libfastdds.so"], transport.FAST_DDS_2), (["libfastdds.so", "libfastrtps.so"],
+                                                                  transport.FAST_DDS_3),
+    (["libother.so", "libfastdds.so"], transport.FAST_DDS_3)])
+def test_the_version_of_fast_dds_is_that_of_the_first_folder_of_libraries_that_has_one(tmp_path, monkeypatch, libraries,
+                                                                                        found):
+    folders = [tmp_path / library.removesuffix(".so") for library in libraries]
+    for folder, library in zip(folders, libraries):
+        folder.mkdir()
+        (folder / library).touch()
+    monkeypatch.setenv("LD_LIBRARY_PATH", ":".join(map(str, folders)))
+    assert transport.installed_fast_dds() is found
+
+
+@pytest.mark.parametrize("purpose", ["shm", "network"])
+def test_the_profiles_of_both_versions_differ_in_names_alone(repository, purpose):
+    old, new = ((repository / version.profiles.format(purpose)).read_text()
+                for version in (transport.FAST_DDS_2, transport.FAST_DDS_3))
+    names = {"Fast DDS 2 (ROS 2 Jazzy)": "Fast DDS 3 (ROS 2 Kilted)", "FASTRTPS_DEFAULT": "FASTDDS_DEFAULT",
+             "fastdds_shm": "fastdds3_shm", "heartbeatPeriod": "heartbeat_period"}
+    for name, other in names.items():
+        old = old.replace(name, other)
+    assert old == new
+
 
 @pytest.mark.parametrize("free_mb, segment_mb", [(1000, 64), (256, 64), (64, 16), (16, 4), (15, None)])
 def test_the_segment_fits_four_times_into_free_shared_memory(monkeypatch, free_mb, segment_mb):
@@ -31,25 +58,30 @@ def test_without_shared_memory_the_default_stays(tmp_path):
     assert transport.shared_memory_profile(tmp_path / "absent") is None
 
 
-@pytest.mark.parametrize("given", [None, "/my/own.xml"])
-def test_a_process_is_prepared_with_the_profile_unless_the_user_chose_one(monkeypatch, given):
+@pytest.mark.parametrize("version", [transport.FAST_DDS_2, transport.FAST_DDS_3])
+def test_a_process_is_prepared_with_the_profile_unless_the_user_chose_one(monkeypatch, version):
     for name in ("remove_leaked_segments", "reserve_stale_ports", "_keep_freed_memory"):    # of this process
         monkeypatch.setattr(transport, name, lambda: None)
-    monkeypatch.setattr(os, "environ", {transport.PROFILE_VARIABLE: given} if given else {})
+    monkeypatch.setattr(transport, "FAST_DDS", version)
+    monkeypatch.setattr(os, "environ", {})
     transport.prepare_process()
-    profile = os.environ[transport.PROFILE_VARIABLE]
-    assert profile == given or not given and os.path.exists(profile)
+    ((variable, profile),) = os.environ.items()
+    assert variable == version.variables[0] and os.path.exists(profile)
+    for variable in version.variables:
+        monkeypatch.setattr(os, "environ", {variable: "/my/own.xml"})
+        transport.prepare_process()
+        assert os.environ == {variable: "/my/own.xml"}
 
 
 def test_segments_of_killed_processes_are_given_back_and_those_of_others_kept(tmp_path):
     def segment(name: str, age_s: float):
-        for path in (tmp_path / f"{transport.SEGMENT}{name}", tmp_path / f"{transport.SEGMENT}{name}_el"):
+        for path in (tmp_path / f"{SEGMENT}{name}", tmp_path / f"{SEGMENT}{name}_el"):
             path.write_bytes(b"x")
             os.utime(path, (0, path.stat().st_mtime - age_s))
         return path
 
     segment("00000000000000aa", age_s=100)
-    gone = tmp_path / f"{transport.SEGMENT}00000000000000dd_el"     # listed, and removed by another process just now
+    gone = tmp_path / f"{SEGMENT}00000000000000dd_el"     # listed, and removed by another process just now
     gone.symlink_to(tmp_path / "absent")
     alive, new = segment("00000000000000bb", age_s=100), segment("00000000000000cc", age_s=0)
     with alive.open("rb") as file:
@@ -63,7 +95,7 @@ def test_segments_of_killed_processes_are_given_back_and_those_of_others_kept(tm
 def test_ports_of_killed_processes_are_avoided_while_others_send_to_them_and_then_removed(tmp_path, monkeypatch):
     """Two have a writer and no reader, one only in memory; two have a reader, one nobody; one is of another domain."""
     def port(number: int, mapped: bool) -> None:
-        path = tmp_path / f"{transport.SEGMENT}port{number}"
+        path = tmp_path / f"{SEGMENT}port{number}"
         path.write_bytes(b"x")
         os.utime(path, (0, 0))
         if mapped:
@@ -75,16 +107,16 @@ def test_ports_of_killed_processes_are_avoided_while_others_send_to_them_and_the
         first = 7400 + 250 * (domain := claim_domain())
         for number, mapped in {211: True, 213: True, 215: True, 217: False, 219: False, 461: False}.items():
             port(first + number, mapped)
-        lock = opened.enter_context((tmp_path / f"{transport.SEGMENT}port{first + 219}_el").open("wb"))
+        lock = opened.enter_context((tmp_path / f"{SEGMENT}port{first + 219}_el").open("wb"))
         fcntl.flock(lock, fcntl.LOCK_EX)        # in a container of its own, which shares the memory, not the network
         os.utime(lock.name, (0, 0))
-        (tmp_path / f"{transport.SEGMENT}port{first + 213}").unlink()
+        (tmp_path / f"{SEGMENT}port{first + 213}").unlink()
         reader = opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         reader.bind(("", first + 215))
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         transport.reserve_stale_ports(tmp_path)
         held = {one.getsockname()[1] - first for one in transport._held}
-        left = {int(path.name.removeprefix(f"{transport.SEGMENT}port")) - first for path in tmp_path.glob("*[0-9]")}
+        left = {int(path.name.removeprefix(f"{SEGMENT}port")) - first for path in tmp_path.glob("*[0-9]")}
     for one in transport._held:
         one.close()
     assert held == {210, 211, 212, 213}
@@ -121,17 +153,22 @@ transport.prepare_process()
 rclpy.init()
 node = rclpy.create_node("any")
 for line in open("/proc/self/maps"):
-    if re.search(rf"/dev/shm/{transport.SEGMENT}[0-9a-f]{{16}}$", line):
+    if re.search(rf"/dev/shm/{transport.FAST_DDS.segment}[0-9a-f]{{16}}$", line):
         begin, end = (int(address, 16) for address in line.split()[0].split("-"))
         print(end - begin)
 rclpy.shutdown()
 """
 
 
-def test_the_middleware_takes_the_profile_without_a_word_and_names_its_segment_as_expected(repository):
+@pytest.mark.parametrize("purpose", ["shm", "network"])
+def test_the_middleware_takes_a_profile_without_a_word_and_names_its_segment_as_expected(repository, purpose):
     profile = transport.shared_memory_profile()
     if profile is None:
         pytest.skip("no room in /dev/shm")
+    environment = dict(os.environ)
+    if purpose == "network":
+        profile = repository / transport.FAST_DDS.profiles.format(purpose)
+        environment[transport.FAST_DDS.variables[0]] = str(profile)
     (size,) = (int(node.text) for node in ElementTree.parse(profile).iter() if node.tag.endswith("segment_size"))
-    done = subprocess.run([sys.executable, "-c", NODE], cwd=repository, capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-c", NODE], cwd=repository, env=environment, capture_output=True, text=True)
     assert done.stderr == "" and any(size <= int(mapped) < 1.1 * size for mapped in done.stdout.split())
