@@ -7,6 +7,7 @@ $(error ROS=$(ROS): expected jazzy or kilted)
 endif
 other_ros = $(filter-out jazzy,$(ROS))
 VENV = .venv$(addprefix -,$(other_ros))
+MACHINE := $(shell uname -m)
 CONSTRAINTS = -c constraints.txt
 OUT = demo-out
 PHOTONS =
@@ -17,11 +18,12 @@ unexport PYTHONDONTWRITEBYTECODE
 
 # --no-compile: Python compiles what is imported; all of it would take 20 s and 0.1 GB.
 pip = $(VENV)/bin/python -m pip --disable-pip-version-check install --quiet --no-compile $(CONSTRAINTS)
+pytest = $(VENV)/bin/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 gpu = $(if $(wildcard /proc/driver/nvidia/version),gpu)
 comma = ,
 installed_from = setup.py pyproject.toml package.xml constraints.txt $(wildcard scripts/nodes/* msg_schemas/* launch/* config/*)
 
-.PHONY: help demo test test-newest docs lint gpu-cost clean
+.PHONY: help demo test test-newest test-processors wheels-of-ros docs lint gpu-cost clean
 
 help:
 	@echo 'make demo [PHOTONS=file] [OUT=demo-out]  photons to point clouds over ROS 2: a recording, a picture, a table'
@@ -29,6 +31,7 @@ help:
 	@echo 'make test [ARGS=...]                     the tests; ARGS goes to pytest'
 	@echo 'make test ROS=kilted                     the tests with ROS 2 Kilted instead of Jazzy, in .venv-kilted'
 	@echo 'make test-newest                         the tests with the newest releases that setup.py allows'
+	@echo 'make test-processors                     the tests of the computation, as on processors without AVX, and with AVX2'
 	@echo 'make docs                                the documentation as a web site, build/docs/index.html'
 	@echo 'make lint                                ruff'
 	@echo 'make gpu-cost                            what a frame costs on a GPU, counted without one; 6 GB of torch'
@@ -39,16 +42,29 @@ demo: $(VENV)/demo-ready
 	@$(VENV)/bin/srt3d demo $(if $(PHOTONS),--photons '$(PHOTONS)') $(if $(MOTION),--motion '$(MOTION)') --out '$(OUT)'
 
 test: $(VENV)/test-ready
-	@$(VENV)/bin/python -m pytest -n auto --dist loadfile --no-loadscope-reorder $(ARGS)
+	@$(pytest) $(ARGS)
 
 test-newest:
 	@$(MAKE) --no-print-directory test VENV=$(VENV)-newest CONSTRAINTS=
+
+test-processors: test-on-x86-64 test-on-x86-64-v3
+
+# An empty NUMBA_CPU_FEATURES belongs to the name: without it, numba adds those of this processor. torch keeps its
+# compiled code without the capability in its key.
+test-on-%: $(VENV)/test-ready
+	@echo '[$*] compiling the kernels and testing'
+	@NUMBA_CPU_NAME=$* NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR='$(CURDIR)/build/$*/numba' ATEN_CPU_CAPABILITY=default \
+		TORCHINDUCTOR_CACHE_DIR='$(CURDIR)/build/$*/torch' $(pytest) tests/core tests/kernels tests/datasets $(ARGS)
 
 docs: $(VENV)/docs-ready
 	@$(VENV)/bin/python -m sphinx -W --quiet docs build/docs && echo build/docs/index.html
 
 lint: $(VENV)/test-ready
 	@$(VENV)/bin/ruff check .
+
+# PyPI has them for x86_64 only.
+wheels-of-ros:
+	@test $(MACHINE) = x86_64 || { echo 'PyPI has no ROS 2 for $(MACHINE): install it with apt, or srt3d_ros without ROS; both are in README.md, Install' >&2; exit 1; }
 
 # What every environment starts with.
 $(VENV)/made:
@@ -57,7 +73,7 @@ $(VENV)/made:
 	@$(pip) 'setuptools>=77.0.3,<80'
 	@touch $@
 
-$(VENV)/demo-ready: $(installed_from) | $(VENV)/made
+$(VENV)/demo-ready: $(installed_from) | wheels-of-ros $(VENV)/made
 	@echo '[1/3] installing ROS 2 $(ROS), numba, rerun and the rest into $(VENV): 1.4 GB, one or two minutes'
 	@$(pip) --no-build-isolation --editable '.[ros$(addprefix -,$(other_ros)),record,review$(addprefix $(comma),$(gpu))]'
 	@echo '[2/3] placing the executables of the nodes'

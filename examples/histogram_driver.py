@@ -1,11 +1,10 @@
 """A minimal driver of a histogramming sensor: publishes `sensor` once, latched, and `histograms` at a fixed rate."""
-import contextlib
 import json
+import signal
 from array import array
 
 import numpy as np
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
@@ -36,10 +35,13 @@ def publish() -> None:
 
 
 rclpy.init()
+stop = []
+for number in (signal.SIGINT, signal.SIGTERM):      # rclpy's handler would raise KeyboardInterrupt, anywhere in rclpy
+    signal.signal(number, lambda *_: stop.append(True))
 node = rclpy.create_node("histogram_driver")
 sensor = node.create_publisher(String, "sensor", QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
 sensor.publish(String(data=json.dumps(SENSOR)))
 histograms = node.create_publisher(Image, "histograms", QoSProfile(depth=5))
 node.create_timer(PERIOD_S, publish)
-with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-    rclpy.spin(node)
+while not stop:
+    rclpy.spin_once(node)

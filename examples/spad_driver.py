@@ -2,14 +2,13 @@
 
 Its simulated camera sees a head before a wall; with the argument `wall`, the wall alone.
 """
-import contextlib
 import json
+import signal
 import sys
 from array import array
 
 import numpy as np
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
@@ -66,11 +65,14 @@ def report() -> None:
 
 BINS = scene_bins()
 rclpy.init()
+stop = []
+for number in (signal.SIGINT, signal.SIGTERM):      # rclpy's handler would raise KeyboardInterrupt, anywhere in rclpy
+    signal.signal(number, lambda *_: stop.append(True))
 node = rclpy.create_node("spad_driver")
 sensor = node.create_publisher(String, "sensor", QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
 sensor.publish(String(data=json.dumps(SENSOR)))
 gates = node.create_publisher(Image, "gates", QoSProfile(depth=5))
 node.create_timer(PERIOD_S, publish)
 node.create_timer(REPORT_S, report)
-with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-    rclpy.spin(node)
+while not stop:
+    rclpy.spin_once(node)

@@ -2,11 +2,10 @@
 
     python tmf8829_driver.py tcp://169.254.0.2:5558         # set `histograms` to 1 in the device's configuration
 """
-import contextlib
+import signal
 import sys
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
@@ -47,6 +46,9 @@ _, *addresses = rclpy.utilities.remove_ros_args(sys.argv)
 if len(addresses) != 1:
     sys.exit("tmf8829_driver: give the address of ams' driver, such as tcp://169.254.0.2:5558")
 rclpy.init()
+stop = []
+for number in (signal.SIGINT, signal.SIGTERM):      # rclpy's handler would raise KeyboardInterrupt, anywhere in rclpy
+    signal.signal(number, lambda *_: stop.append(True))
 node = rclpy.create_node("tmf8829_driver")
 described = None
 sensor = node.create_publisher(String, "sensor", QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
@@ -57,5 +59,5 @@ socket.setsockopt(zmq.RCVHWM, 4)                # drop older measurements
 socket.setsockopt(zmq.HEARTBEAT_IVL, 1000)      # ms; a device that loses power does not close the connection
 socket.connect(addresses[0])
 node.create_timer(0.005, publish)
-with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-    rclpy.spin(node)
+while not stop:
+    rclpy.spin_once(node)

@@ -28,6 +28,23 @@ def test_an_old_python_is_told_what_to_do_in_one_line_and_nothing_is_made(reposi
     assert done.stderr.startswith("srt3d_ros needs Python 3.11 or newer and this is 3.10: try make PYTHON=python3.12\n")
 
 
+def test_a_processor_without_wheels_of_ros_is_sent_elsewhere_in_one_line_and_nothing_is_made(repository, tmp_path):
+    for target in ("demo", "test"):
+        done = make(repository, "MACHINE=aarch64", f"VENV={tmp_path / 'venv'}", target)
+        assert done.returncode and not (tmp_path / "venv").exists()
+        assert done.stderr.startswith("PyPI has no ROS 2 for aarch64: install it with apt, or srt3d_ros without ROS; ")
+
+
+def test_the_tests_of_other_processors_share_no_compiled_code_with_this_one(repository):
+    lines = make(repository, "--dry-run", "VENV=.venv", "test-processors").stdout.replace("\\\n", "").splitlines()
+    for name in ("x86-64", "x86-64-v3"):
+        (line,) = (line for line in lines if f"NUMBA_CPU_NAME={name} " in line)
+        words = shlex.split(line)
+        assert {"NUMBA_CPU_FEATURES=", "ATEN_CPU_CAPABILITY=default", "tests/core", "tests/kernels"} < set(words)
+        assert {f"{variable}={repository}/build/{name}/{of}" for variable, of in
+                (("NUMBA_CACHE_DIR", "numba"), ("TORCHINDUCTOR_CACHE_DIR", "torch"))} < set(words)
+
+
 @pytest.mark.parametrize(("target", "extras", "pinned"), [
     ("demo", ["ros,record,review"], True), ("docs", ["docs"], True),
     ("test", ["ros,record,review", "test"], True), ("test-newest", ["ros,record,review", "test"], False),

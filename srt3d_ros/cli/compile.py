@@ -24,10 +24,10 @@ def run(args: argparse.Namespace) -> int:
     if args.device == "cuda":
         return _for_gpu(args.sensor_file)
     from srt3d_ros.core import precompile
-    from srt3d_ros.kernels.cpu.compiling import FOLDER, WHY_NONE
+    from srt3d_ros.kernels.cpu.compiling import FOLDER, NOT_KEPT
 
-    path, defect = WHY_NONE
-    require(FOLDER is not None, "NUMBA_CACHE_DIR", problem=f"Cannot keep kernels: {path} is {defect}. Set "
+    path, defect = NOT_KEPT
+    require(not defect, "NUMBA_CACHE_DIR", problem=f"Cannot keep kernels: {path} is {defect}. Set "
             "NUMBA_CACHE_DIR to a folder that only you can write to.")
     started, before = time.perf_counter(), set(FOLDER.rglob("*.nbc"))
     precompile.everything()

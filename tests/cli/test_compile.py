@@ -58,5 +58,5 @@ def test_where_nothing_can_be_written_it_says_what_to_set(installed, tmp_path):
     nowhere.write_text("")
     done = srt3d(installed, "compile", HOME=str(nowhere), XDG_CACHE_HOME=str(nowhere))
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == ("srt3d: error: Cannot keep kernels: ~/.cache is not writable. "
+    assert done.stderr == (f"srt3d: error: Cannot keep kernels: {nowhere}/srt3d_ros is not writable. "
                            "Set NUMBA_CACHE_DIR to a folder that only you can write to.\n")

@@ -2,9 +2,11 @@
 
 Tolerances: the kernels count in float32, with sines good to 7e-7. A depth in [0, 300) has steps of 3e-5 bins, which is
 what most points differ by after a step. States here are such that photons partly contradict them, where a point hangs
-on small differences: 1e-4 bins and 1e-4 of the other values for a step, five times as much for whole reconstructions. A
-comparison between values that rounding tells apart may be decided either way: one point in 100 may differ by more, up
-to 0.005 bins or 0.5 %.
+on small differences: 1e-4 bins and 1e-4 of the other values for a step. A comparison between values that rounding tells
+apart may be decided either way: one point in 100 may differ by more, up to 0.005 bins or 0.5 %.
+
+Steps of a whole reconstruction enlarge such differences: those of the last bit of the sums, which any processor rounds
+in its own way, to 0.02 standard deviations. Clouds are therefore compared with the noise.
 """
 
 from dataclasses import fields, is_dataclass, replace
@@ -28,7 +30,8 @@ T = 300
 GATE = SAME_SURFACE**2
 DEPTH_TOLERANCE = 1e-4          # bins, and bins per pixel
 RELATIVE = 1e-4
-STEPS = 5                       # times both, for whole reconstructions
+NOISE_PART = 1 / 10             # of the standard deviation: as an independent error it would add 0.5 %
+TYPICAL = 1 / 100               # of it, for half of the points: what is systematic is seen here
 SHARE_AT_TIES = 1 / 100
 FARTHEST_AT_TIES = 50           # times both, that any point may differ; measured 16 at most
 SHAPES = [(6, 40), (9, 33)]     # one and seven columns beyond a block of 32, so that padding matters
@@ -194,17 +197,16 @@ def assert_states_agree(fast: np.ndarray, slow: np.ndarray, shape: tuple[int, in
 
 
 def assert_clouds_agree(one: Cloud, other: Cloud, surfaces: int, points: int):
-    """But for ties."""
+    """But for ties no point differs by what a user could notice, and half of them by next to nothing."""
     for k in range(surfaces):
-        depth = [cloud.image("depth_bins", k) for cloud in (one, other)]
-        there = np.isfinite(depth[0])
-        wrong = there != np.isfinite(depth[1])
-        apart = np.abs(circular_difference(*depth, T))
-        agree = apart <= STEPS * DEPTH_TOLERANCE
-        for field in ("intensity", "depth_std_bins"):
-            ours, theirs = (cloud.image(field, k) for cloud in (one, other))
-            agree &= np.abs(ours - theirs) <= STEPS * RELATIVE * theirs
-        assert np.nanmax(apart) <= FARTHEST_AT_TIES * DEPTH_TOLERANCE
-        wrong |= there & ~agree
+        depth, intensity, std = ([cloud.image(field, k) for cloud in (one, other)]
+                                 for field in ("depth_bins", "intensity", "depth_std_bins"))
+        wrong = np.isfinite(depth[0]) != np.isfinite(depth[1])
+        there = np.isfinite(depth[0]) & np.isfinite(depth[1])
+        errors = circular_difference(*depth, T) / std[1], np.diff(intensity, axis=0)[0] / np.sqrt(intensity[1])
+        for error in (*errors, std[0] / std[1] - 1):
+            wrong |= there & ~(np.abs(error) <= NOISE_PART)
+            assert np.median(np.abs(error[there])) <= TYPICAL
         assert there.sum() > points / (k + 1) and wrong.sum() <= max(there.sum() * SHARE_AT_TIES, 1), np.argwhere(wrong)
-    np.testing.assert_allclose(one.background, other.background, atol=1e-3 * max(one.background.max(), 1))
+    noise = np.sqrt(np.maximum(other.background, 1))
+    assert (np.abs(one.background - other.background) <= NOISE_PART * noise).all()

@@ -110,7 +110,7 @@ def test_a_folder_to_which_others_may_write_is_not_used_and_it_says_so(tmp_path)
     def said(program: str) -> str:
         return "".join(run(program, NUMBA_CACHE_DIR=str(tmp_path)).communicate())
 
-    named = "from srt3d_ros.kernels.cpu.compiling import FOLDER, WHY_NONE; print(FOLDER, *WHY_NONE)"
+    named = "from srt3d_ros.kernels.cpu.compiling import FOLDER, NOT_KEPT; print(FOLDER, *NOT_KEPT)"
     folder = Path(said(named).strip())
     assert list(tmp_path.iterdir()) == [folder] and folder.stat().st_mode & 0o777 == 0o700
     folder.chmod(0o720)
@@ -119,6 +119,36 @@ def test_a_folder_to_which_others_may_write_is_not_used_and_it_says_so(tmp_path)
     if os.getuid() == 0:
         os.chown(folder, 12345, -1)
         assert said(named) == f"None {folder} another user's\n"
+
+
+def test_a_folder_that_cannot_be_written_is_read_and_what_it_lacks_is_compiled_at_every_start(tmp_path):
+    read_only = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c",
+                 'mount --bind "$0" "$0" && mount -o remount,bind,ro "$0" && exec "$@"', str(tmp_path)]
+    if subprocess.run([*read_only, "true"], capture_output=True).returncode:
+        pytest.skip("this user may not mount a folder")
+    cache = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    logged = "import logging; logging.basicConfig(level=20, format='%(message)s')" + PROGRAM
+
+    def in_image() -> tuple[str, str]:
+        done = subprocess.run([*read_only, sys.executable, "-c", logged], env=cache, capture_output=True, text=True)
+        return done.stdout, done.stderr.replace("compiling kernels, for seconds up to two minutes ", "")
+
+    advice = "is not writable; NUMBA_CACHE_DIR names another folder"
+    assert in_image() == ("0\n", f"(at every start: {tmp_path} {advice})\n")
+    run(PROGRAM, **cache).wait()
+    assert in_image() == ("1\n", "")
+    (folder,) = tmp_path.iterdir()
+    next(folder.rglob("*.nbc")).unlink()
+    assert in_image() == ("0\n", f"(at every start: {folder} {advice})\n")
+
+
+def test_a_start_does_not_wait_for_the_compiling_of_another_copy_of_the_package(tmp_path):
+    shutil.copytree(Path(srt3d_ros.__file__).parent, tmp_path / "srt3d_ros")
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    for place in ("", f"import os; os.chdir({str(tmp_path)!r})"):       # Python looks there first
+        assert run(place + PROGRAM, **cache).communicate() == ("0\n", "")
+    (folder,) = (tmp_path / "cache").iterdir()
+    assert len(list(folder.rglob("phase_sums._read_sums.lock"))) == 2       # each has its own
 
 
 def test_a_full_disk_keeps_no_kernel_from_running(tmp_path):

@@ -6,7 +6,18 @@ import pytest
 from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.kernels import maps
 
-from .frames import ORACLE, RELATIVE, exact_frame, exact_state, make_frame, make_sensor, make_sketch, make_state, padded
+from .frames import (
+    CPU,
+    ORACLE,
+    RELATIVE,
+    exact_frame,
+    exact_state,
+    make_frame,
+    make_sensor,
+    make_sketch,
+    make_state,
+    padded,
+)
 
 
 def photon_maps(shape, seed):
@@ -64,3 +75,12 @@ def test_prepare_makes_the_frame_of_the_matcher_and_takes_the_background_out(bac
         expected = sketch.sums * matcher.equaliser - taken[..., None] * passed * mean
         np.testing.assert_allclose(left, np.concatenate([expected.real, expected.imag], axis=-1), atol=1e-3)
         np.testing.assert_array_equal(maps.crop(counts, *shape), sketch.photons * matcher.used)
+
+
+def test_complex_products_of_the_background_are_rounded_part_by_part_as_on_any_processor():
+    """NumPy's product of complex64 has other bits where the processor has AVX2."""
+    rng = np.random.default_rng(5)
+    p, q, b, c = rng.normal(size=(4, 1, 1, 99)).astype(np.float32)
+    sums, one = np.zeros((1, 1, 99), np.complex64), np.ones((1, 1), np.float32)
+    matched, _ = CPU.prepare(sums, one, sums, one, one, p + 1j * q, (b + 1j * c)[0, 0])
+    assert np.array_equal(-maps.crop(matched, 1, 1).ravel(), np.concatenate([p * b - q * c, p * c + q * b], axis=None))

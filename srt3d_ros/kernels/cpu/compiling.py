@@ -15,6 +15,7 @@ from pathlib import Path
 
 from numba import __version__, config, njit, types
 from numba.core import event
+from numba.core.caching import FunctionCache
 
 # With OpenMP several threads of a process may call kernels at once; numba's own work queue would abort. A choice in the
 # environment wins.
@@ -25,35 +26,38 @@ KEPT = 6            # newest folders kept: a few checkouts, and the version befo
 
 
 def _folder() -> tuple[Path | None, tuple[str, str]]:
-    """The folder of the machine code, in NUMBA_CACHE_DIR or ~/.cache/srt3d_ros; or None, with a path and its problem.
+    """The folder of the machine code, in NUMBA_CACHE_DIR or ~/.cache/srt3d_ros, or None; a path and any problem of it.
 
     Its name is a hash of all sources of kernels. Numba itself compares the function's own file only, and would run old
     code after a change of a constant or of an inlined function elsewhere. Numba unpickles the files of the folder, so
-    nobody else may write to it.
+    nobody else may write to it. A folder that this process can only read, as in an image, is used.
     """
     own, digest = Path(__file__).parent, hashlib.sha256(__version__.encode())
     for file in (*sorted(own.parent.glob("*.py")), *sorted(own.rglob("*.py"))):
         digest.update(file.read_bytes())
+    parent: Path | str = config.CACHE_DIR or "~/.cache"
     try:
-        caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        parent = Path(config.CACHE_DIR or caches / "srt3d_ros")
-        parent.mkdir(parents=True, exist_ok=True)
-        (folder := parent / f"srt3d-kernels-{digest.hexdigest()[:16]}").mkdir(mode=0o700, exist_ok=True)
+        if not config.CACHE_DIR:
+            parent = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "srt3d_ros")
+        folder = Path(parent, f"srt3d-kernels-{digest.hexdigest()[:16]}")
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = folder.lstat()
-        if found.st_uid != os.getuid():
-            return None, (str(folder), "another user's")
-        if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-            return None, (str(folder), "writable for others (chmod go-w)")
-        folder.touch()
-        newest_first = sorted(parent.glob("srt3d-kernels-*"), key=lambda path: -path.stat().st_mtime)
     except (OSError, RuntimeError):         # RuntimeError: this user has no home
-        return None, ("~/.cache", "not writable")
-    for old in newest_first[KEPT:]:
-        shutil.rmtree(old, ignore_errors=True)
-    return (folder, ("", "")) if os.access(folder, os.W_OK) else (None, (str(folder), "not writable"))
+        return None, (str(parent), "not writable")
+    if found.st_uid != os.getuid():
+        return None, (str(folder), "another user's")
+    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        return None, (str(folder), "writable for others (chmod go-w)")
+    if not os.access(folder, os.W_OK):
+        return folder, (str(folder), "not writable")
+    with suppress(OSError):         # another program may remove old folders, too
+        folder.touch()
+        for old in sorted(folder.parent.glob("srt3d-kernels-*"), key=lambda path: -path.stat().st_mtime)[KEPT:]:
+            shutil.rmtree(old, ignore_errors=True)
+    return folder, ("", "")
 
 
-FOLDER, WHY_NONE = _folder()
+FOLDER, NOT_KEPT = _folder()            # NOT_KEPT: a path, and why compiled kernels are not kept there
 KERNELS: dict[str, "Kernel"] = {}       # by name
 _one_thread = threading.Lock()
 
@@ -73,6 +77,22 @@ def compiled_type(annotation):
     return types.NamedTuple(fields, annotation)
 
 
+class _Locator(FunctionCache._impl_class._locator_classes[0]):      # numba's, for NUMBA_CACHE_DIR
+    """Keeps a copy of the package in a part of FOLDER of its own; numba's refuses a folder that it cannot write to."""
+
+    @classmethod
+    def from_function(cls, function, file):
+        locator = cls(function, file)
+        locator._cache_path = str(FOLDER / cls.get_suitable_cache_subpath(file))
+        with suppress(OSError):
+            Path(locator._cache_path).mkdir(exist_ok=True)
+        return locator
+
+
+class _Cache(FunctionCache):
+    _impl_class = type("_Impl", (FunctionCache._impl_class,), {"_locator_classes": [_Locator]})
+
+
 class Kernel:
     """A function compiled for the types in its annotations; arrays of other types are a TypeError.
 
@@ -83,11 +103,9 @@ class Kernel:
     """
 
     def __init__(self, function: Callable, **options):
-        theirs, config.CACHE_DIR = config.CACHE_DIR, str(FOLDER)    # read once a function: other programs keep theirs
-        try:
-            self.compiled = njit(cache=FOLDER is not None, error_model="numpy", nogil=True, **options)(function)
-        finally:
-            config.CACHE_DIR = theirs
+        self.compiled = njit(error_model="numpy", nogil=True, **options)(function)
+        if FOLDER:
+            self.compiled._cache = _Cache(function)
         annotations = list(function.__annotations__.values())
         choices = (of if isinstance(of, tuple) else (of,) for of in map(compiled_type, annotations))
         self._converters = {at: of.of for at, of in enumerate(annotations) if hasattr(of, "of")}
@@ -102,14 +120,15 @@ class Kernel:
 
     def compile(self) -> None:
         """Compile it, or read it from the disk, unless that has been done."""
-        with _alone(self.name):
+        with _alone(self.name, self.compiled._cache.cache_path):
             if self.is_ready:
                 return
             for signature in self.signatures:
                 try:
                     self.compiled.compile(signature)
                 except OSError as error:        # the disk failed: it is compiled all the same, unless reading failed
-                    LOG.warning(f"compiled kernels cannot be kept in {FOLDER}: {error.strerror}")
+                    if not any(NOT_KEPT):       # else _Watch has said so
+                        LOG.warning(f"compiled kernels cannot be kept in {FOLDER}: {error.strerror}")
                     if signature not in self.compiled.overloads:
                         raise
             self.compiled.disable_compile()
@@ -129,12 +148,12 @@ class Kernel:
 
 
 @contextmanager
-def _alone(name: str) -> Iterator[None]:
-    """Keep other threads and programs from compiling this kernel: numba's index of its files has no lock."""
+def _alone(name: str, folder: str | None) -> Iterator[None]:
+    """Keep other threads and programs from compiling this copy's kernel: numba's index of its files has no lock."""
     with _one_thread, ExitStack() as lock:
-        if FOLDER:
-            with suppress(OSError):         # a disk without room for a lock has none for machine code
-                fcntl.flock(lock.enter_context(open(FOLDER / f"{name}.lock", "w")), fcntl.LOCK_EX)
+        if folder:
+            with suppress(OSError):         # where no lock can be written, no machine code can
+                fcntl.flock(lock.enter_context(open(Path(folder, f"{name}.lock"), "w")), fcntl.LOCK_EX)
         yield
 
 
@@ -152,9 +171,9 @@ class _Watch(event.Listener):
     def on_start(self, event) -> None:
         if not self.said and (event.data["dispatcher"].__module__ or "").startswith(f"{__package__}."):
             self.said = True
-            path, state = WHY_NONE
-            again = ("once; `srt3d compile` does it beforehand" if FOLDER else
-                     f"at every start: {path} is {state}; NUMBA_CACHE_DIR names another folder")
+            path, problem = NOT_KEPT
+            again = (f"at every start: {path} is {problem}; NUMBA_CACHE_DIR names another folder" if problem else
+                     "once; `srt3d compile` does it beforehand")
             LOG.info(f"compiling kernels, for seconds up to two minutes ({again})")
 
     def on_end(self, event) -> None:

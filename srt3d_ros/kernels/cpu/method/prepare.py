@@ -17,17 +17,19 @@ SUMS = read_only(complex64[:, :, ::1])
 
 @parallel
 def _prepare(sums: SUMS, photons: float32[:, ::1], equaliser: complex64[:, :, ::1], used: float32[:, ::1],
-             taken: float32[:, ::1], shown: complex64[:, :, ::1], matched: float32[:, :, :], counts: float32[:, :]):
+             taken: float32[:, ::1], passed: complex64[:, :, ::1], mean: complex64[::1],
+             matched: float32[:, :, :], counts: float32[:, :]):
     rows, cols, m = sums.shape
     by_row, by_col = min(len(equaliser) - 1, 1), min(equaliser.shape[1] - 1, 1)
-    off_by_row, off_by_col = min(len(shown) - 1, 1), min(shown.shape[1] - 1, 1)
+    passed_by_row, passed_by_col = min(len(passed) - 1, 1), min(passed.shape[1] - 1, 1)
     for i in prange(rows):
         for l in range(m):
             for j in range(cols):           # by parts: processors round complex products differently
                 z, e = sums[i, j, l], equaliser[i * by_row, j * by_col, l]
-                off = shown[i * off_by_row, j * off_by_col, l]
-                matched[i, l, j] = z.real * e.real - z.imag * e.imag - taken[i, j] * off.real
-                matched[i, m + l, j] = z.real * e.imag + z.imag * e.real - taken[i, j] * off.imag
+                q, b = passed[i * passed_by_row, j * passed_by_col, l], mean[l]
+                matched[i, l, j] = z.real * e.real - z.imag * e.imag - taken[i, j] * (q.real * b.real - q.imag * b.imag)
+                matched[i, m + l, j] = (z.real * e.imag + z.imag * e.real
+                                        - taken[i, j] * (q.real * b.imag + q.imag * b.real))
         for j in range(cols):
             counts[i, j] = photons[i, j] * used[i, j]
 
@@ -37,10 +39,9 @@ def prepare(sums, photons, equaliser, used, taken=None, passed=None, mean=None):
     padded_rows, padded_cols = maps.padded_shape(rows, cols)
     matched, counts = borrow("matched", (padded_rows, 2 * m, padded_cols)), borrow("counts", (padded_rows, padded_cols))
     if taken is None:
-        taken, shown = np.zeros((rows, cols), np.float32), np.zeros((1, 1, m), np.complex64)
-    else:
-        shown = passed * mean
-    _prepare(sums, photons, equaliser, used, taken, shown,
+        taken = np.zeros((rows, cols), np.float32)
+        passed, mean = np.zeros((1, 1, m), np.complex64), np.zeros(m, np.complex64)
+    _prepare(sums, photons, equaliser, used, taken, passed, mean,
              maps.crop(matched, rows, cols), maps.crop(counts, rows, cols))
     return matched, counts
 
