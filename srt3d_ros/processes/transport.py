@@ -21,19 +21,12 @@ from srt3d_ros.processes.private_network import FIRST_PORT, PORTS
 
 
 class FastDds(NamedTuple):
-    """Names that change with Fast DDS's major version.
+    """Names that differ between the major versions of Fast DDS. Each version refuses the other's profiles."""
 
-    Attributes:
-        library: what a folder of libraries contains if this version is installed there.
-        segment: prefix of the files in /dev/shm.
-        profiles: pattern of this package's profiles; each version refuses those of the other.
-        variables: environment variables that name a profile, the preferred one first.
-    """
-
-    library: str
-    segment: str
-    profiles: str
-    variables: tuple[str, ...]
+    library: str                # a folder of libraries has it if this version is installed there
+    segment: str                # prefix of the files in /dev/shm
+    profiles: str               # pattern of this package's profiles
+    variables: tuple[str, ...]      # that name a profile, the preferred one first
 
 
 FAST_DDS_2 = FastDds("libfastrtps.so", "fastrtps_", "config/fastdds_{}.xml", ("FASTRTPS_DEFAULT_PROFILES_FILE",))
