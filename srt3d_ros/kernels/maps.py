@@ -15,6 +15,7 @@ MARGIN = 16         # pixels: the largest radius of a window
 
 # ---- Sizes that processors decide
 
+LANES = 16          # numbers of a vector: columns worked on together, a cache line
 BLOCK = 32          # columns worked on together: four vector registers of float32 (AVX2), two cache lines
 ROW_LANES = 24      # int32 values of a part of a sketching row: three registers, enough for m = 11 and the photons
 UNIT = 2**23        # what counts as 1 in a sketching row: rounded to 2⁻²⁴, as float32 is

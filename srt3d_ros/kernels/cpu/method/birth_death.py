@@ -31,7 +31,8 @@ from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.method import field
 from srt3d_ros.kernels.cpu.method.field import agreement, wrap
 from srt3d_ros.kernels.cpu.method.frame import Frame
-from srt3d_ros.kernels.cpu.method.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio, score_of
+from srt3d_ros.kernels.cpu.method.likelihood import log_likelihood_ratio
+from srt3d_ros.kernels.cpu.method.likelihood_scalar import LIKENESS, SHARED_LIKENESS, left, llr, score_of
 from srt3d_ros.kernels.cpu.method.undecided import list_undecided
 from srt3d_ros.kernels.cpu.method.voters import (
     CLOSE_BY,

@@ -1,10 +1,9 @@
 """Fields of a state and of its terms, as unsigned indices (none counts from the end), and how depths compare."""
 
-import numpy as np
-
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.cpu.arithmetic import ONE, ZERO, U
 from srt3d_ros.kernels.cpu.compiling import inline
+from srt3d_ros.kernels.cpu.vectors import fma, rint
 
 DEPTH, SLOPE_COL, SLOPE_ROW, INTENSITY, STD, SCORE, RESIDUAL = map(U, range(maps.FIELDS))
 VALUE, GRADIENT, CURVATURE, SQUARES, COUNTS, EXPOSURE = map(U, range(maps.TERMS))
@@ -13,7 +12,7 @@ VALUE, GRADIENT, CURVATURE, SQUARES, COUNTS, EXPOSURE = map(U, range(maps.TERMS)
 @inline
 def wrap(difference, period):
     """The difference of two depths on a circle, in [−period/2, period/2]."""
-    return difference - period * np.rint(difference * (ONE / period))
+    return fma(rint(difference * (ONE / period)), -period, difference)
 
 
 @inline

@@ -18,8 +18,8 @@ made small from causing a long step.
 Neighbours within the square of `fine` pixels count one by one, farther ones in cells of CELL × CELL pixels: the same
 sums over the cell, with w = the second factor alone, along the plane of its middle point (`_coarsen`).
 
-BLOCK points that lie side by side go through each step together, in vector registers: x counts them. `kernels.torch`
-has the notation; `kernels.torch.method.pooled_step` explains the standard deviation and the residual.
+Each vector holds LANES points that lie side by side. `kernels.torch` has the notation; `kernels.torch.method.pooled_step`
+explains the standard deviation and the residual.
 """
 
 from typing import NamedTuple
@@ -28,27 +28,17 @@ import numpy as np
 from numba import boolean, float32, int64, prange
 
 from srt3d_ros.kernels.constants import CELL, RIDGE
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TINY, ZERO, B, U, aligned
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, TWO, ZERO
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.cpu.method import field
-from srt3d_ros.kernels.cpu.method.field import agreement, rise, wrap
+from srt3d_ros.kernels.cpu.method.field import agreement, wrap
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import evidence
-from srt3d_ros.kernels.maps import BLOCK, MARGIN
-
-POINTS = "depth", "slope_col", "slope_row", "tolerance"         # t, slopes, max_chi2 · std²
-NEIGHBOUR = "weight", "apart"                                   # w, e of the neighbours that are being added
-POOLED = "value", "gradient", "curvature", "squares", "photons", "exposure"     # V, S, B, N, p, G
-LEVER = "lever_col", "lever_row"                                # Σ w b dx, Σ w b dy
-# Σ f, Σ f dx, Σ f dy, Σ f dx², Σ f dy², Σ f dx dy, Σ f e, Σ f e dx, Σ f e dy, Σ f e²
-PLANE = "fit", "fit_x", "fit_y", "fit_xx", "fit_yy", "fit_xy", "fit_e", "fit_xe", "fit_ye", "fit_ee"
-# Of the row of neighbours that is being added: Σ w b, Σ f, Σ f dx, Σ f e
-ROW = "row_curvature", "row_fit", "row_fit_x", "row_fit_e"
-FITTED = "bend", "leverage", "off", "spread"                    # max(B, V₊ C / 2E), and three parts of the residual
-# One record: the compiler then knows that its arrays do not overlap, which it must to compute in vector registers.
-POOL = np.dtype([(name, np.float32, BLOCK) for name in POINTS + NEIGHBOUR + POOLED + LEVER + PLANE + ROW + FITTED])
-POOL_SIZE = POOL.itemsize // 4
+from srt3d_ros.kernels.cpu.vectors import floats, floor, fma, full, lanes_of, load, sqrt, store, where
+from srt3d_ros.kernels.maps import (
+    COUNTS, CURVATURE, DEPTH, EXPOSURE, GRADIENT, INTENSITY, LANES, MARGIN, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW,
+    SQUARES, STD, VALUE,
+)
 
 
 class Window(NamedTuple):
@@ -58,7 +48,6 @@ class Window(NamedTuple):
     most: int64                 # dx² + dy² in the window, pixels²
     max_chi2: float32
     period: float32             # T, bins
-    fits_plane: boolean         # whether their depths are added, too
 
 
 class Maps(NamedTuple):
@@ -78,200 +67,194 @@ class Grid(NamedTuple):
     step: int
 
 
-class Place(NamedTuple):
-    """Neighbours in the columns from `col` on, dx and dy pixels from the points."""
+class Plane(NamedTuple):
+    """The tangent planes of points, and how far they may be off."""
 
-    col: int
-    dx: float
-    dy: float
+    depth: floats           # t
+    slope_col: floats
+    slope_row: floats
+    tolerance: floats       # max_chi2 · std²
+
+
+class Pool(NamedTuple):
+    """Sums over a window: of data terms, and of what their lever is."""
+
+    value: floats           # V
+    gradient: floats        # S
+    curvature: floats       # B
+    squares: floats         # N
+    photons: floats         # p
+    exposure: floats        # G
+    bend_x: floats          # Σ w b dx
+    bend_y: floats          # Σ w b dy
+
+
+class Fit(NamedTuple):
+    """Sums of f over a window, times 1, dx, dy, dx², dy², dx dy, e, e dx, e dy and e²."""
+
+    f: floats
+    x: floats
+    y: floats
+    xx: floats
+    yy: floats
+    xy: floats
+    e: floats
+    xe: floats
+    ye: floats
+    ee: floats
 
 
 EVEN = np.ones(CELL // 2 + 1, np.float32)       # weights in a cell
 
 
 @inline
-def _begin(pool, points, col, max_chi2):
-    """Load the points in the columns from `col` on, and set the sums of their windows to 0."""
-    for x in range(B):
-        std = points[field.STD, col + x]
-        pool.depth[x] = points[field.DEPTH, col + x]
-        pool.slope_col[x] = points[field.SLOPE_COL, col + x]
-        pool.slope_row[x] = points[field.SLOPE_ROW, col + x]
-        pool.tolerance[x] = max_chi2 * std * std + TINY
-        pool.value[x] = pool.gradient[x] = pool.curvature[x] = ZERO
-        pool.squares[x] = pool.photons[x] = pool.exposure[x] = pool.lever_col[x] = pool.lever_row[x] = ZERO
-        pool.fit[x] = pool.fit_x[x] = pool.fit_y[x] = pool.fit_xx[x] = pool.fit_yy[x] = pool.fit_xy[x] = ZERO
-        pool.fit_e[x] = pool.fit_xe[x] = pool.fit_ye[x] = pool.fit_ee[x] = ZERO
+def _plane_at(state, row, k, col, max_chi2):
+    std = load(state, row, k, STD, col)
+    return Plane(load(state, row, k, DEPTH, col), load(state, row, k, SLOPE_COL, col),
+                 load(state, row, k, SLOPE_ROW, col), max_chi2 * std * std + TINY)
 
 
 @inline
-def _add(pool, surfaces, terms, at, nearness, window):
-    """Add the data terms of neighbours; `nearness` is the first factor of their weight."""
-    for x in range(B):
-        plane = pool.depth[x] + rise(pool.slope_col[x], pool.slope_row[x], at.dx, at.dy)
-        e = wrap(surfaces[field.DEPTH, at.col + x] - plane, window.period)
-        std = surfaces[field.STD, at.col + x]
-        same = agreement(e, pool.tolerance[x] + window.max_chi2 * std * std)
-        w = nearness * same * same
-        bend = w * terms[field.CURVATURE, at.col + x]
-        slope = w * terms[field.GRADIENT, at.col + x]
-        bend_e = bend * e
-        pool.weight[x], pool.apart[x] = w, e
-        pool.value[x] += w * terms[field.VALUE, at.col + x] - e * (slope + HALF * bend_e)
-        pool.gradient[x] += slope + bend_e
-        pool.row_curvature[x] += bend
-        pool.lever_col[x] += bend * at.dx
-        pool.squares[x] += w * w * terms[field.SQUARES, at.col + x]
-        pool.photons[x] += w * terms[field.COUNTS, at.col + x]
-        pool.exposure[x] += w * terms[field.EXPOSURE, at.col + x]
-
-
-@inline
-def _add_to_plane(pool, surfaces, at, pixels):
-    """Add the depths of neighbours, each of which stands for so many pixels, to the sums of the planes."""
-    for x in range(B):
-        std = surfaces[field.STD, at.col + x]
-        there = surfaces[field.INTENSITY, at.col + x] > ZERO
-        f = pixels * pool.weight[x] / (std * std + TINY) if there else ZERO
-        f_e = f * pool.apart[x]
-        pool.row_fit[x] += f
-        pool.row_fit_x[x] += f * at.dx
-        pool.fit_xx[x] += f * (at.dx * at.dx)
-        pool.row_fit_e[x] += f_e
-        pool.fit_xe[x] += f_e * at.dx
-        pool.fit_ee[x] += f_e * pool.apart[x]
-
-
-@inline
-def _end_row(pool, dy):
-    """Add the sums of a row of neighbours, dy below the points, to those of the window."""
-    for x in range(B):
-        pool.curvature[x] += pool.row_curvature[x]
-        pool.lever_row[x] += pool.row_curvature[x] * dy
-        pool.fit[x] += pool.row_fit[x]
-        pool.fit_x[x] += pool.row_fit_x[x]
-        pool.fit_y[x] += pool.row_fit[x] * dy
-        pool.fit_yy[x] += pool.row_fit[x] * (dy * dy)
-        pool.fit_xy[x] += pool.row_fit_x[x] * dy
-        pool.fit_e[x] += pool.row_fit_e[x]
-        pool.fit_ye[x] += pool.row_fit_e[x] * dy
+def _add(pool, fit, plane, place, offset, nearness, pixels, window, state, terms):
+    """Add the surfaces k of neighbours in a row; `nearness` is the first factor of their weight."""
+    (row, k, col), (dx, dy) = place, offset
+    e = wrap(load(state, row, k, DEPTH, col) - fma(plane.slope_row, dy, fma(plane.slope_col, dx, plane.depth)),
+             window.period)
+    std = load(state, row, k, STD, col)
+    variance = std * std
+    same = max(ONE - e * e / fma(variance, window.max_chi2, plane.tolerance), ZERO)
+    w = where(load(state, row, k, INTENSITY, col) > ZERO, nearness * same * same, ZERO)
+    b, s = w * load(terms, row, k, CURVATURE, col), w * load(terms, row, k, GRADIENT, col)
+    b_e = b * e
+    pool = Pool(
+        pool.value + (w * load(terms, row, k, VALUE, col) - e * fma(b_e, HALF, s)),
+        pool.gradient + s + b_e,
+        pool.curvature + b,
+        fma(w * w, load(terms, row, k, SQUARES, col), pool.squares),
+        fma(w, load(terms, row, k, COUNTS, col), pool.photons),
+        fma(w, load(terms, row, k, EXPOSURE, col), pool.exposure),
+        fma(b, dx, pool.bend_x),
+        fma(b, dy, pool.bend_y))
+    f = pixels * w / (variance + TINY)
+    f_e = f * e
+    fit = Fit(fit.f + f, fma(f, dx, fit.x), fma(f, dy, fit.y), fma(f, dx * dx, fit.xx), fma(f, dy * dy, fit.yy),
+              fma(f, dx * dy, fit.xy), fit.e + f_e, fma(f_e, dx, fit.xe), fma(f_e, dy, fit.ye), fma(f_e, e, fit.ee))
+    return pool, fit
 
 
 @line
-def _add_grid(pool, row, col, grid, window, state, terms):
-    """Add the neighbours that are on the grid and in the window of the points at `row` and from `col` on."""
+def _sums(place, plane, grid, window, state, terms, sums):
+    """The sums over the neighbours that are on the grid and in the window of the points at `place`, added to `sums`."""
+    (row, col), (pool, fit), pixels = place, sums, F32(grid.step * grid.step)
     for dy in range(-grid.reach, grid.reach + 1, grid.step):
-        for x in range(B):
-            pool.row_curvature[x] = pool.row_fit[x] = pool.row_fit_x[x] = pool.row_fit_e[x] = ZERO
         for dx in range(-grid.reach, grid.reach + 1, grid.step):
             if max(abs(dx), abs(dy)) > grid.beyond and dx * dx + dy * dy <= window.most:
                 nearness = window.weights[abs(dx)] * window.weights[abs(dy)]
-                at = Place(U(col + dx), F32(dx), F32(dy))
-                for k in range(U(state.shape[1])):
-                    surfaces = state[U(row + dy), k]
-                    _add(pool, surfaces, terms[U(row + dy), k], at, nearness, window)
-                    if window.fits_plane:
-                        _add_to_plane(pool, surfaces, at, F32(grid.step * grid.step))
-        _end_row(pool, F32(dy))
+                for k in range(state.shape[1]):
+                    pool, fit = _add(pool, fit, plane, (row + dy, k, col + dx), (F32(dx), F32(dy)), nearness, pixels,
+                                     window, state, terms)
+    return pool, fit
 
 
 @inline
-def _fit_plane(pool, total, curvature):
-    """Turn the planes to the least-squares fit, and the pooled gradient with them; leave what `_finish` takes.
+def _turn(pool, fit, plane, steepness):
+    """The least-squares turn of the planes, and what it leaves: leverage, mean and mean square of the distances.
 
     The ridge holds a slope to 0 as one measurement of it with variance C / E would.
     """
-    steepness = curvature / total
-    for x in range(B):
-        f = pool.fit[x] + TINY
-        ridge = steepness / f + F32(RIDGE)
-        mx, my, me = pool.fit_x[x] / f, pool.fit_y[x] / f, pool.fit_e[x] / f
-        cxx, cyy = pool.fit_xx[x] / f - mx * mx + ridge, pool.fit_yy[x] / f - my * my + ridge
-        cxy = pool.fit_xy[x] / f - mx * my
-        # e is how far a neighbour is off the plane so far; the ridge holds the whole slope, not its change.
-        cxe = pool.fit_xe[x] / f - mx * me - ridge * pool.slope_col[x]
-        cye = pool.fit_ye[x] / f - my * me - ridge * pool.slope_row[x]
-        det = cxx * cyy - cxy * cxy
-        turn_col, turn_row = (cyy * cxe - cxy * cye) / det, (cxx * cye - cxy * cxe) / det
-        pool.gradient[x] -= turn_col * pool.lever_col[x] + turn_row * pool.lever_row[x]
-        pool.slope_col[x] += turn_col
-        pool.slope_row[x] += turn_row
-        bend = max(pool.curvature[x], HALF * max(pool.value[x], ZERO) * steepness) + TINY
-        col, row = pool.lever_col[x] / bend, pool.lever_row[x] / bend
-        pool.bend[x] = bend
-        pool.leverage[x] = (cyy * col * col - 2 * cxy * col * row + cxx * row * row) / det
-        pool.off[x] = me - turn_col * mx - turn_row * my
-        pool.spread[x] = max(pool.fit_ee[x] / f - me * me - turn_col * cxe - turn_row * cye, ZERO)
+    f = fit.f + TINY
+    ridge = steepness / f + F32(RIDGE)
+    x, y, e = fit.x / f, fit.y / f, fit.e / f
+    xx, yy, xy = fit.xx / f - x * x + ridge, fit.yy / f - y * y + ridge, fit.xy / f - x * y
+    # e is how far a neighbour is off the plane so far; the ridge holds the whole slope, not its change.
+    xe, ye = fit.xe / f - x * e - ridge * plane.slope_col, fit.ye / f - y * e - ridge * plane.slope_row
+    det = xx * yy - xy * xy
+    turn_col, turn_row = (yy * xe - xy * ye) / det, (xx * ye - xy * xe) / det
+    bend = max(pool.curvature, HALF * max(pool.value, ZERO) * steepness) + TINY
+    col, row = pool.bend_x / bend, pool.bend_y / bend
+    leverage = (yy * col * col - TWO * xy * col * row + xx * row * row) / det
+    spread = max(fit.ee / f - e * e - turn_col * xe - turn_row * ye, ZERO)
+    return turn_col, turn_row, bend, leverage, e - turn_col * x - turn_row * y, spread
+
+
+@line
+def _step(place, plane, sums, max_chi2, frame, maps):
+    """Turn the planes, step to the top of the pooled data term, and write the next points."""
+    (row, k, col), (pool, fit) = place, sums
+    total, curvature, period = frame.total_energy, frame.curvature, frame.period
+    by_signal, by_background, by_bins, of_bins = frame.moments[0], frame.moments[1], frame.moments[2], frame.moments[3]
+    turn_col, turn_row, bend, leverage, off, spread = _turn(pool, fit, plane, curvature / total)
+    gradient = pool.gradient - turn_col * pool.bend_x - turn_row * pool.bend_y
+    d = min(max(gradient / bend, -frame.resolution), frame.resolution)
+    value = pool.value + d * (gradient - HALF * d * pool.curvature)                                     # R
+    strength = max(value, ZERO) / total
+    signal = min(strength, pool.photons)                                                                # S'
+    variance = (signal * by_signal + (pool.photons - signal) * by_background) * pool.squares / max(pool.photons, TINY)
+    std = min(sqrt(variance) / max(signal * curvature, TINY), period)
+    relief = max(spread + (off - d) * (off - d) - max(plane.tolerance / max_chi2 - std * std, ZERO), ZERO)      # q
+    bowl = relief * relief / (relief + std * std + TINY)
+    bins = by_bins * pool.squares / max(pool.photons * signal * curvature * curvature, TINY) + of_bins
+    residual = sqrt(std * std * leverage + relief + bowl + bins)
+    seen, depth = load(maps.state, row, k, INTENSITY, col) > ZERO, plane.depth + d
+    store(maps.out, row, k, DEPTH, col, depth - period * floor(depth / period))
+    store(maps.out, row, k, SLOPE_COL, col, plane.slope_col + turn_col)
+    store(maps.out, row, k, SLOPE_ROW, col, plane.slope_row + turn_row)
+    store(maps.out, row, k, INTENSITY, col, where(seen, max(strength / max(pool.exposure, TINY), TINY), ZERO))
+    store(maps.out, row, k, STD, col, where(signal > ZERO, std, period))
+    store(maps.out, row, k, SCORE, col, where(seen, evidence(value, pool.photons, pool.squares, frame), ZERO))
+    store(maps.out, row, k, RESIDUAL, col, where(signal > ZERO, residual, ZERO))
 
 
 @inline
-def _finish(pool, before, after, col, max_chi2, frame):
-    """Step to the top of the pooled data term and write the next state."""
-    total, curvature, period = frame.total_energy, frame.curvature, frame.period
-    by_signal, by_background, by_bins, of_bins = frame.moments[0], frame.moments[1], frame.moments[2], frame.moments[3]
-    for x in range(B):
-        photons, squares, known = pool.photons[x], pool.squares[x], pool.tolerance[x] / max_chi2
-        seen = before[field.INTENSITY, col + x] > ZERO
-        d = min(max(pool.gradient[x] / pool.bend[x], -frame.resolution), frame.resolution)
-        value = pool.value[x] + d * (pool.gradient[x] - HALF * d * pool.curvature[x])
-        depth = pool.depth[x] + d
-        strength = max(value, ZERO) / total
-        signal = min(strength, photons)
-        variance = (signal * by_signal + (photons - signal) * by_background) * squares / max(photons, TINY)
-        std = min(np.sqrt(variance) / max(signal * curvature, TINY), period)
-        off = pool.off[x] - d
-        relief = max(pool.spread[x] + off * off - max(known - std * std, ZERO), ZERO)
-        bowl = relief * relief / (relief + std * std + TINY)
-        bins = by_bins * squares / max(photons * signal * curvature * curvature, TINY) + of_bins
-        residual = np.sqrt(std * std * pool.leverage[x] + relief + bowl + bins)
-        after[field.DEPTH, col + x] = depth - period * np.floor(depth / period)
-        after[field.SLOPE_COL, col + x] = pool.slope_col[x]
-        after[field.SLOPE_ROW, col + x] = pool.slope_row[x]
-        intensity = max(strength / max(pool.exposure[x], TINY), TINY)
-        after[field.INTENSITY, col + x] = intensity if seen else ZERO
-        after[field.STD, col + x] = std if signal > ZERO else period
-        after[field.RESIDUAL, col + x] = residual if signal > ZERO else ZERO
-        pool.value[x] = value if seen else ZERO
-    for x in range(B):                  # a loop of its own: a lookup in a table runs in no vector register
-        score = evidence(pool.value[x], pool.photons[x], pool.squares[x], frame)
-        after[field.SCORE, col + x] = score
+def _nothing():
+    z = full(ZERO)
+    return Pool(z, z, z, z, z, z, z, z), Fit(z, z, z, z, z, z, z, z, z, z)
+
+
+@line
+def _step_row(row, radius, fine, window, frame, maps):
+    surfaces, cols = maps.state.shape[1], maps.state.shape[3]
+    for col in range(MARGIN, cols - MARGIN, LANES):
+        for k in range(surfaces):
+            if lanes_of(load(maps.state, row, k, INTENSITY, col) > ZERO) == 0:
+                store(maps.out, row, k, INTENSITY, col, ZERO)
+                store(maps.out, row, k, SCORE, col, ZERO)
+                continue
+            plane = _plane_at(maps.state, row, k, col, window.max_chi2)
+            sums = _sums((row, col), plane, Grid(min(radius, fine), -1, 1), window, maps.state, maps.terms, _nothing())
+            if radius > fine:
+                grid = Grid(radius // CELL * CELL, fine, CELL)
+                sums = _sums((row, col), plane, grid, window, maps.state, maps.cells, sums)
+            _step((row, k, col), plane, sums, window.max_chi2, frame, maps)
 
 
 @parallel
 def _pooled_step(frame: Frame, window: Window, radius: int64, fine: int64, maps: Maps):
-    rows, surfaces, _, cols = maps.state.shape
-    for turn in prange(rows - 2 * MARGIN):
-        scratch, row = aligned(POOL_SIZE).view(POOL), turn + MARGIN
-        for col in range(MARGIN, cols - MARGIN, BLOCK):
-            for k in range(surfaces):
-                pool = scratch[0]           # here, for a record does not keep the memory of its array
-                _begin(pool, maps.state[row, k], U(col), window.max_chi2)
-                _add_grid(pool, row, col, Grid(min(radius, fine), -1, 1), window, maps.state, maps.terms)
-                if radius > fine:
-                    _add_grid(pool, row, col, Grid(radius // CELL * CELL, fine, CELL), window, maps.state, maps.cells)
-                _fit_plane(pool, frame.total_energy, frame.curvature)
-                _finish(pool, maps.state[row, k], maps.out[row, k], U(col), window.max_chi2, frame)
+    for turn in prange(len(maps.state) - 2 * MARGIN):
+        _step_row(turn + MARGIN, radius, fine, window, frame, maps)
+
+
+@line
+def _coarsen_row(row, window, maps):
+    surfaces, cols = maps.state.shape[1], maps.state.shape[3]
+    for col in range(MARGIN, cols - MARGIN, LANES):
+        for k in range(surfaces):
+            plane = _plane_at(maps.state, row, k, col, window.max_chi2)
+            pool, _ = _sums((row, col), plane, Grid(CELL // 2, -1, 1), window, maps.state, maps.terms, _nothing())
+            seen = load(maps.state, row, k, INTENSITY, col) > ZERO
+            store(maps.cells, row, k, VALUE, col, where(seen, pool.value, ZERO))
+            store(maps.cells, row, k, GRADIENT, col, where(seen, pool.gradient, ZERO))
+            store(maps.cells, row, k, CURVATURE, col, where(seen, pool.curvature, ZERO))
+            store(maps.cells, row, k, SQUARES, col, where(seen, pool.squares, ZERO))
+            store(maps.cells, row, k, COUNTS, col, where(seen, pool.photons, ZERO))
+            store(maps.cells, row, k, EXPOSURE, col, where(seen, pool.exposure, ZERO))
 
 
 @parallel
 def _coarsen(window: Window, maps: Maps):
     """Write the terms of the cells around the points, pooled along their planes."""
-    rows, surfaces, _, cols = maps.state.shape
-    for turn in prange(rows - 2 * MARGIN):
-        scratch, row = aligned(POOL_SIZE).view(POOL), turn + MARGIN
-        for col in range(MARGIN, cols - MARGIN, BLOCK):
-            for k in range(surfaces):
-                pool, points, cells = scratch[0], maps.state[row, k], maps.cells[row, k]
-                _begin(pool, points, U(col), window.max_chi2)
-                _add_grid(pool, row, col, Grid(CELL // 2, -1, 1), window, maps.state, maps.terms)
-                for x in range(B):
-                    seen = points[field.INTENSITY, U(col) + x] > ZERO
-                    cells[field.VALUE, U(col) + x] = pool.value[x] if seen else ZERO
-                    cells[field.GRADIENT, U(col) + x] = pool.gradient[x] if seen else ZERO
-                    cells[field.CURVATURE, U(col) + x] = pool.curvature[x] if seen else ZERO
-                    cells[field.SQUARES, U(col) + x] = pool.squares[x] if seen else ZERO
-                    cells[field.COUNTS, U(col) + x] = pool.photons[x] if seen else ZERO
-                    cells[field.EXPOSURE, U(col) + x] = pool.exposure[x] if seen else ZERO
+    for turn in prange(len(maps.state) - 2 * MARGIN):
+        _coarsen_row(turn + MARGIN, window, maps)
 
 
 def pooled_step(frame, state, terms, sigma, radius, fine, max_chi2):
@@ -279,8 +262,8 @@ def pooled_step(frame, state, terms, sigma, radius, fine, max_chi2):
     out = borrow("stepped again", state.shape) if out is state else out
     maps = Maps(state, terms, borrow("cells", terms.shape), out)
     if radius > fine:
-        _coarsen(Window(EVEN, 2 * (CELL // 2)**2, F32(max_chi2), F32(frame.num_bins), False), maps)
+        _coarsen(Window(EVEN, 2 * (CELL // 2)**2, F32(max_chi2), F32(frame.num_bins)), maps)
     weights = np.exp(-np.arange(radius + 1)**2 / (2 * sigma**2)).astype(np.float32)
-    window = Window(weights, radius * (radius + 1), F32(max_chi2), F32(frame.num_bins), True)
+    window = Window(weights, radius * (radius + 1), F32(max_chi2), F32(frame.num_bins))
     _pooled_step(frame, window, radius, fine, maps)
     return out

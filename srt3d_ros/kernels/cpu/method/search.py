@@ -21,7 +21,7 @@ from srt3d_ros.kernels.cpu.compiling import line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.method.blur import pool
 from srt3d_ros.kernels.cpu.method.frame import Frame
-from srt3d_ros.kernels.cpu.method.likelihood import evidence, noise_at
+from srt3d_ros.kernels.cpu.method.likelihood_scalar import evidence, noise_at
 from srt3d_ros.kernels.cpu.method.match import Steering, peaks, peaks_scratch, response_at, steering
 from srt3d_ros.kernels.cpu.method.slanted import SLANTS, pool_across, pool_down, turns_of
 from srt3d_ros.kernels.maps import BLOCK, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD

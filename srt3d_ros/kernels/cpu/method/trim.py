@@ -14,7 +14,7 @@ from srt3d_ros.kernels.cpu.compiling import parallel
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.method.field import is_surface
 from srt3d_ros.kernels.cpu.method.frame import Frame
-from srt3d_ros.kernels.cpu.method.likelihood import llr, noise_at, score_of
+from srt3d_ros.kernels.cpu.method.likelihood_scalar import llr, noise_at, score_of
 from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, MARGIN, STD, VALUE
 
 RESPONSE, PHOTONS, EXPECTED = range(3)      # rows of `rim`: v, n, g r
