@@ -10,22 +10,23 @@ the pool of a point is the sum over its round window, dx² + dy² ≤ radius (ra
     V = Σ w (v − s e − b e² / 2),  S = Σ w (s + b e),  B = Σ w b,  N = Σ w² n,  p = Σ w n,  G = Σ w g.
 
 The plane is fitted to the depths of the window by least squares, with weights f = w / std_q², CELL² times as much for a
-cell (`_fit_plane`). Its turn moves S by −turn · Σ w b (dx, dy). The point then steps by d = S / max(B, V₊ C / 2E), at
+cell (`_turn`). Its turn moves S by −turn · Σ w b (dx, dy). The point then steps by d = S / max(B, V₊ C / 2E), at
 most δ, to the top of the pooled data term, R = V + d S − d² B / 2, and gets intensity R₊ / (E G) and score
-p / √N · ρ(R₊ / p) (`_finish`). A pool of value V has a curvature of V C / E on average: half of it keeps a B that noise
+p / √N · ρ(R₊ / p) (`_step`). A pool of value V has a curvature of V C / E on average: half of it keeps a B that noise
 made small from causing a long step.
 
 Neighbours within the square of `fine` pixels count one by one, farther ones in cells of CELL × CELL pixels: the same
 sums over the cell, with w = the second factor alone, along the plane of its middle point (`_coarsen`).
 
-Each vector holds LANES points that lie side by side. `kernels.torch` has the notation; `kernels.torch.method.pooled_step`
-explains the standard deviation and the residual.
+Each vector holds LANES points that lie side by side. Along a row of neighbours dy is the same: what is weighted by dy is
+added up along the row first. `kernels.torch` has the notation; `kernels.torch.method.pooled_step` explains the standard
+deviation and the residual.
 """
 
 from typing import NamedTuple
 
 import numpy as np
-from numba import boolean, float32, int64, prange
+from numba import float32, int64, prange
 
 from srt3d_ros.kernels.constants import CELL, RIDGE
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, TWO, ZERO
@@ -37,8 +38,10 @@ from srt3d_ros.kernels.cpu.method.likelihood import evidence
 from srt3d_ros.kernels.cpu.vectors import floats, floor, fma, full, lanes_of, load, sqrt, store, where
 from srt3d_ros.kernels.maps import (
     COUNTS, CURVATURE, DEPTH, EXPOSURE, GRADIENT, INTENSITY, LANES, MARGIN, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW,
-    SQUARES, STD, VALUE,
-)
+    SQUARES, STD, VALUE)
+
+EVEN = np.ones(CELL // 2 + 1, np.float32)       # weights in a cell
+TOLERANCE, SURE = range(2)                      # of `known`: max_chi2 · std², and 1 / std² (0: no point)
 
 
 class Window(NamedTuple):
@@ -51,9 +54,10 @@ class Window(NamedTuple):
 
 
 class Maps(NamedTuple):
-    """The state and its terms, those of cells, and the next state, float32 [rows', K, …, cols']."""
+    """The state, how well it is known, and its terms; those of cells; the next state, float32 [rows', K, …, cols']."""
 
     state: float32[:, :, :, ::1]
+    known: float32[:, :, :, ::1]
     terms: float32[:, :, :, ::1]
     cells: float32[:, :, :, ::1]
     out: float32[:, :, :, ::1]
@@ -70,162 +74,162 @@ class Grid(NamedTuple):
 class Plane(NamedTuple):
     """The tangent planes of points, and how far they may be off."""
 
-    depth: floats           # t
+    depth: floats               # t
     slope_col: floats
     slope_row: floats
-    tolerance: floats       # max_chi2 · std²
+    tolerance: floats           # max_chi2 · std²
 
 
-class Pool(NamedTuple):
-    """Sums over a window: of data terms, and of what their lever is."""
+class Each(NamedTuple):
+    """Sums over the neighbours."""
 
-    value: floats           # V
-    gradient: floats        # S
-    curvature: floats       # B
-    squares: floats         # N
-    photons: floats         # p
-    exposure: floats        # G
-    bend_x: floats          # Σ w b dx
-    bend_y: floats          # Σ w b dy
+    value: floats               # V
+    gradient: floats            # S
+    squares: floats             # N
+    photons: floats             # p
+    exposure: floats            # G
+    bend_x: floats              # Σ w b dx
+    xx: floats                  # Σ f dx²
+    xe: floats                  # Σ f dx e
+    ee: floats                  # Σ f e²
 
 
-class Fit(NamedTuple):
-    """Sums of f over a window, times 1, dx, dy, dx², dy², dx dy, e, e dx, e dy and e²."""
+class Row(NamedTuple):
+    """Sums over a row of neighbours: Σ w b, Σ f, Σ f dx, Σ f e."""
 
+    bend: floats
     f: floats
     x: floats
-    y: floats
-    xx: floats
-    yy: floats
-    xy: floats
     e: floats
-    xe: floats
-    ye: floats
-    ee: floats
 
 
-EVEN = np.ones(CELL // 2 + 1, np.float32)       # weights in a cell
+class Rows(NamedTuple):
+    """Sums over the rows."""
+
+    curvature: floats           # B
+    bend_y: floats              # Σ w b dy
+    f: floats                   # Σ f
+    x: floats                   # Σ f dx
+    y: floats                   # Σ f dy
+    yy: floats                  # Σ f dy²
+    xy: floats                  # Σ f dx dy
+    e: floats                   # Σ f e
+    ye: floats                  # Σ f dy e
 
 
 @inline
-def _plane_at(state, row, k, col, max_chi2):
-    std = load(state, row, k, STD, col)
-    return Plane(load(state, row, k, DEPTH, col), load(state, row, k, SLOPE_COL, col),
-                 load(state, row, k, SLOPE_ROW, col), max_chi2 * std * std + TINY)
-
-
-@inline
-def _add(pool, fit, plane, place, offset, nearness, pixels, window, state, terms):
-    """Add the surfaces k of neighbours in a row; `nearness` is the first factor of their weight."""
-    (row, k, col), (dx, dy) = place, offset
-    e = wrap(load(state, row, k, DEPTH, col) - fma(plane.slope_row, dy, fma(plane.slope_col, dx, plane.depth)),
-             window.period)
-    std = load(state, row, k, STD, col)
-    variance = std * std
-    same = max(ONE - e * e / fma(variance, window.max_chi2, plane.tolerance), ZERO)
-    w = where(load(state, row, k, INTENSITY, col) > ZERO, nearness * same * same, ZERO)
-    b, s = w * load(terms, row, k, CURVATURE, col), w * load(terms, row, k, GRADIENT, col)
-    b_e = b * e
-    pool = Pool(
-        pool.value + (w * load(terms, row, k, VALUE, col) - e * fma(b_e, HALF, s)),
-        pool.gradient + s + b_e,
-        pool.curvature + b,
-        fma(w * w, load(terms, row, k, SQUARES, col), pool.squares),
-        fma(w, load(terms, row, k, COUNTS, col), pool.photons),
-        fma(w, load(terms, row, k, EXPOSURE, col), pool.exposure),
-        fma(b, dx, pool.bend_x),
-        fma(b, dy, pool.bend_y))
-    f = pixels * w / (variance + TINY)
-    f_e = f * e
-    fit = Fit(fit.f + f, fma(f, dx, fit.x), fma(f, dy, fit.y), fma(f, dx * dx, fit.xx), fma(f, dy * dy, fit.yy),
-              fma(f, dx * dy, fit.xy), fit.e + f_e, fma(f_e, dx, fit.xe), fma(f_e, dy, fit.ye), fma(f_e, e, fit.ee))
-    return pool, fit
+def _add(each, row, plane, place, offset, nearness, pixels, period, state, known, terms):
+    """Add the surfaces k of neighbours, each of which stands for so many pixels; `nearness` is their first weight."""
+    (i, k, j), (dx, dy) = place, offset
+    depth = fma(plane.slope_col, dx, fma(plane.slope_row, dy, plane.depth))
+    e = wrap(load(state, i, k, DEPTH, j) - depth, period)
+    same = agreement(e, load(known, i, k, TOLERANCE, j) + plane.tolerance)
+    w = nearness * same * same
+    wb, ws = w * load(terms, i, k, CURVATURE, j), w * load(terms, i, k, GRADIENT, j)
+    wbe = wb * e
+    f = pixels * w * load(known, i, k, SURE, j)
+    fx, fe = f * dx, f * e
+    return (
+        Each(each.value + (w * load(terms, i, k, VALUE, j) - e * fma(wbe, HALF, ws)), each.gradient + ws + wbe,
+             fma(w * w, load(terms, i, k, SQUARES, j), each.squares), fma(w, load(terms, i, k, COUNTS, j), each.photons),
+             fma(w, load(terms, i, k, EXPOSURE, j), each.exposure), fma(wb, dx, each.bend_x),
+             fma(fx, dx, each.xx), fma(fx, e, each.xe), fma(fe, e, each.ee)),
+        Row(row.bend + wb, row.f + f, row.x + fx, row.e + fe))
 
 
 @line
-def _sums(place, plane, grid, window, state, terms, sums):
-    """The sums over the neighbours that are on the grid and in the window of the points at `place`, added to `sums`."""
-    (row, col), (pool, fit), pixels = place, sums, F32(grid.step * grid.step)
+def _add_grid(each, rows, plane, place, grid, window, state, known, terms):
+    """Add the neighbours that are on the grid and in the window of the points at `place`."""
+    (i, j), pixels, zero = place, F32(grid.step * grid.step), full(ZERO)
     for dy in range(-grid.reach, grid.reach + 1, grid.step):
+        row, y = Row(zero, zero, zero, zero), F32(dy)
         for dx in range(-grid.reach, grid.reach + 1, grid.step):
             if max(abs(dx), abs(dy)) > grid.beyond and dx * dx + dy * dy <= window.most:
                 nearness = window.weights[abs(dx)] * window.weights[abs(dy)]
                 for k in range(state.shape[1]):
-                    pool, fit = _add(pool, fit, plane, (row + dy, k, col + dx), (F32(dx), F32(dy)), nearness, pixels,
-                                     window, state, terms)
-    return pool, fit
+                    each, row = _add(each, row, plane, (i + dy, k, j + dx), (F32(dx), y), nearness, pixels,
+                                     window.period, state, known, terms)
+        rows = Rows(rows.curvature + row.bend, fma(row.bend, y, rows.bend_y), rows.f + row.f, rows.x + row.x,
+                    fma(row.f, y, rows.y), fma(row.f, y * y, rows.yy), fma(row.x, y, rows.xy), rows.e + row.e,
+                    fma(row.e, y, rows.ye))
+    return each, rows
 
 
 @inline
-def _turn(pool, fit, plane, steepness):
-    """The least-squares turn of the planes, and what it leaves: leverage, mean and mean square of the distances.
+def _begin(state, i, k, j, max_chi2):
+    """The planes of points, and sums of nothing."""
+    std, zero = load(state, i, k, STD, j), full(ZERO)
+    plane = Plane(load(state, i, k, DEPTH, j), load(state, i, k, SLOPE_COL, j), load(state, i, k, SLOPE_ROW, j),
+                  max_chi2 * std * std + TINY)
+    return (plane, Each(zero, zero, zero, zero, zero, zero, zero, zero, zero),
+            Rows(zero, zero, zero, zero, zero, zero, zero, zero, zero))
 
-    The ridge holds a slope to 0 as one measurement of it with variance C / E would.
+
+@inline
+def _turn(each, rows, plane, steepness):
+    """The least-squares turn of the planes: its slopes, max(B, V₊ C / 2E), and three parts of the residual.
+
+    They are the leverage x̄ᵀ X⁻¹ x̄, and mean and variance of the distances from the new plane. The ridge holds a slope to
+    0 as one measurement of it with variance C / E would.
     """
-    f = fit.f + TINY
+    f = rows.f + TINY
     ridge = steepness / f + F32(RIDGE)
-    x, y, e = fit.x / f, fit.y / f, fit.e / f
-    xx, yy, xy = fit.xx / f - x * x + ridge, fit.yy / f - y * y + ridge, fit.xy / f - x * y
+    x, y, e = rows.x / f, rows.y / f, rows.e / f
+    xx, yy, xy = each.xx / f - x * x + ridge, rows.yy / f - y * y + ridge, rows.xy / f - x * y
     # e is how far a neighbour is off the plane so far; the ridge holds the whole slope, not its change.
-    xe, ye = fit.xe / f - x * e - ridge * plane.slope_col, fit.ye / f - y * e - ridge * plane.slope_row
+    xe, ye = each.xe / f - x * e - ridge * plane.slope_col, rows.ye / f - y * e - ridge * plane.slope_row
     det = xx * yy - xy * xy
     turn_col, turn_row = (yy * xe - xy * ye) / det, (xx * ye - xy * xe) / det
-    bend = max(pool.curvature, HALF * max(pool.value, ZERO) * steepness) + TINY
-    col, row = pool.bend_x / bend, pool.bend_y / bend
+    bend = max(rows.curvature, HALF * max(each.value, ZERO) * steepness) + TINY
+    col, row = each.bend_x / bend, rows.bend_y / bend
     leverage = (yy * col * col - TWO * xy * col * row + xx * row * row) / det
-    spread = max(fit.ee / f - e * e - turn_col * xe - turn_row * ye, ZERO)
+    spread = max(each.ee / f - e * e - turn_col * xe - turn_row * ye, ZERO)
     return turn_col, turn_row, bend, leverage, e - turn_col * x - turn_row * y, spread
 
 
 @line
-def _step(place, plane, sums, max_chi2, frame, maps):
+def _step(place, each, rows, plane, max_chi2, frame, maps):
     """Turn the planes, step to the top of the pooled data term, and write the next points."""
-    (row, k, col), (pool, fit) = place, sums
+    (i, k, j), state, out = place, maps.state, maps.out
     total, curvature, period = frame.total_energy, frame.curvature, frame.period
     by_signal, by_background, by_bins, of_bins = frame.moments[0], frame.moments[1], frame.moments[2], frame.moments[3]
-    turn_col, turn_row, bend, leverage, off, spread = _turn(pool, fit, plane, curvature / total)
-    gradient = pool.gradient - turn_col * pool.bend_x - turn_row * pool.bend_y
+    turn_col, turn_row, bend, leverage, off, spread = _turn(each, rows, plane, curvature / total)
+    gradient = each.gradient - turn_col * each.bend_x - turn_row * rows.bend_y
     d = min(max(gradient / bend, -frame.resolution), frame.resolution)
-    value = pool.value + d * (gradient - HALF * d * pool.curvature)                                     # R
-    strength = max(value, ZERO) / total
-    signal = min(strength, pool.photons)                                                                # S'
-    variance = (signal * by_signal + (pool.photons - signal) * by_background) * pool.squares / max(pool.photons, TINY)
+    value = each.value + d * (gradient - HALF * d * rows.curvature)             # R
+    strength, photons, squares = max(value, ZERO) / total, each.photons, each.squares
+    signal = min(strength, photons)                                             # S'
+    variance = (signal * by_signal + (photons - signal) * by_background) * squares / max(photons, TINY)
     std = min(sqrt(variance) / max(signal * curvature, TINY), period)
-    relief = max(spread + (off - d) * (off - d) - max(plane.tolerance / max_chi2 - std * std, ZERO), ZERO)      # q
+    before = plane.tolerance / max_chi2
+    relief = max(spread + (off - d) * (off - d) - max(before - std * std, ZERO), ZERO)      # q
     bowl = relief * relief / (relief + std * std + TINY)
-    bins = by_bins * pool.squares / max(pool.photons * signal * curvature * curvature, TINY) + of_bins
+    bins = by_bins * squares / max(photons * signal * curvature * curvature, TINY) + of_bins
     residual = sqrt(std * std * leverage + relief + bowl + bins)
-    seen, depth = load(maps.state, row, k, INTENSITY, col) > ZERO, plane.depth + d
-    store(maps.out, row, k, DEPTH, col, depth - period * floor(depth / period))
-    store(maps.out, row, k, SLOPE_COL, col, plane.slope_col + turn_col)
-    store(maps.out, row, k, SLOPE_ROW, col, plane.slope_row + turn_row)
-    store(maps.out, row, k, INTENSITY, col, where(seen, max(strength / max(pool.exposure, TINY), TINY), ZERO))
-    store(maps.out, row, k, STD, col, where(signal > ZERO, std, period))
-    store(maps.out, row, k, SCORE, col, where(seen, evidence(value, pool.photons, pool.squares, frame), ZERO))
-    store(maps.out, row, k, RESIDUAL, col, where(signal > ZERO, residual, ZERO))
-
-
-@inline
-def _nothing():
-    z = full(ZERO)
-    return Pool(z, z, z, z, z, z, z, z), Fit(z, z, z, z, z, z, z, z, z, z)
+    seen, depth = load(state, i, k, INTENSITY, j) > 0, plane.depth + d
+    store(out, i, k, DEPTH, j, depth - period * floor(depth / period))
+    store(out, i, k, SLOPE_COL, j, plane.slope_col + turn_col)
+    store(out, i, k, SLOPE_ROW, j, plane.slope_row + turn_row)
+    store(out, i, k, INTENSITY, j, where(seen, max(strength / max(each.exposure, TINY), TINY), 0))
+    store(out, i, k, STD, j, where(signal > 0, std, period))
+    store(out, i, k, SCORE, j, where(seen, evidence(value, photons, squares, frame), 0))
+    store(out, i, k, RESIDUAL, j, where(signal > 0, residual, 0))
 
 
 @line
-def _step_row(row, radius, fine, window, frame, maps):
-    surfaces, cols = maps.state.shape[1], maps.state.shape[3]
-    for col in range(MARGIN, cols - MARGIN, LANES):
-        for k in range(surfaces):
-            if lanes_of(load(maps.state, row, k, INTENSITY, col) > ZERO) == 0:
-                store(maps.out, row, k, INTENSITY, col, ZERO)
-                store(maps.out, row, k, SCORE, col, ZERO)
+def _step_row(i, radius, fine, window, frame, maps):
+    for j in range(MARGIN, maps.state.shape[3] - MARGIN, LANES):
+        for k in range(maps.state.shape[1]):
+            if lanes_of(load(maps.state, i, k, INTENSITY, j) > 0) == 0:
+                store(maps.out, i, k, INTENSITY, j, ZERO)
+                store(maps.out, i, k, SCORE, j, ZERO)
                 continue
-            plane = _plane_at(maps.state, row, k, col, window.max_chi2)
-            sums = _sums((row, col), plane, Grid(min(radius, fine), -1, 1), window, maps.state, maps.terms, _nothing())
+            plane, each, rows = _begin(maps.state, i, k, j, window.max_chi2)
+            near, far = Grid(min(radius, fine), -1, 1), Grid(radius // CELL * CELL, fine, CELL)
+            each, rows = _add_grid(each, rows, plane, (i, j), near, window, maps.state, maps.known, maps.terms)
             if radius > fine:
-                grid = Grid(radius // CELL * CELL, fine, CELL)
-                sums = _sums((row, col), plane, grid, window, maps.state, maps.cells, sums)
-            _step((row, k, col), plane, sums, window.max_chi2, frame, maps)
+                each, rows = _add_grid(each, rows, plane, (i, j), far, window, maps.state, maps.known, maps.cells)
+            _step((i, k, j), each, rows, plane, window.max_chi2, frame, maps)
 
 
 @parallel
@@ -235,19 +239,16 @@ def _pooled_step(frame: Frame, window: Window, radius: int64, fine: int64, maps:
 
 
 @line
-def _coarsen_row(row, window, maps):
-    surfaces, cols = maps.state.shape[1], maps.state.shape[3]
-    for col in range(MARGIN, cols - MARGIN, LANES):
-        for k in range(surfaces):
-            plane = _plane_at(maps.state, row, k, col, window.max_chi2)
-            pool, _ = _sums((row, col), plane, Grid(CELL // 2, -1, 1), window, maps.state, maps.terms, _nothing())
-            seen = load(maps.state, row, k, INTENSITY, col) > ZERO
-            store(maps.cells, row, k, VALUE, col, where(seen, pool.value, ZERO))
-            store(maps.cells, row, k, GRADIENT, col, where(seen, pool.gradient, ZERO))
-            store(maps.cells, row, k, CURVATURE, col, where(seen, pool.curvature, ZERO))
-            store(maps.cells, row, k, SQUARES, col, where(seen, pool.squares, ZERO))
-            store(maps.cells, row, k, COUNTS, col, where(seen, pool.photons, ZERO))
-            store(maps.cells, row, k, EXPOSURE, col, where(seen, pool.exposure, ZERO))
+def _coarsen_row(i, window, maps):
+    cell = Grid(CELL // 2, -1, 1)
+    for j in range(MARGIN, maps.state.shape[3] - MARGIN, LANES):
+        for k in range(maps.state.shape[1]):
+            plane, each, rows = _begin(maps.state, i, k, j, window.max_chi2)
+            each, rows = _add_grid(each, rows, plane, (i, j), cell, window, maps.state, maps.known, maps.terms)
+            seen = load(maps.state, i, k, INTENSITY, j) > 0
+            for term, pooled in ((VALUE, each.value), (GRADIENT, each.gradient), (CURVATURE, rows.curvature),
+                                 (SQUARES, each.squares), (COUNTS, each.photons), (EXPOSURE, each.exposure)):
+                store(maps.cells, i, k, term, j, where(seen, pooled, 0))
 
 
 @parallel
@@ -257,10 +258,28 @@ def _coarsen(window: Window, maps: Maps):
         _coarsen_row(turn + MARGIN, window, maps)
 
 
+@line
+def _weigh_row(i, max_chi2, state, known):
+    for j in range(0, state.shape[3], LANES):
+        for k in range(state.shape[1]):
+            std = load(state, i, k, STD, j)
+            store(known, i, k, TOLERANCE, j, max_chi2 * std * std)
+            store(known, i, k, SURE, j, where(load(state, i, k, INTENSITY, j) > 0, ONE / (std * std + TINY), 0))
+
+
+@parallel
+def _weigh(max_chi2: float32, state: float32[:, :, :, ::1], known: float32[:, :, :, ::1]):
+    """Write how well the depths of points are known, once for all windows that they are in."""
+    for i in prange(len(state)):
+        _weigh_row(i, max_chi2, state, known)
+
+
 def pooled_step(frame, state, terms, sigma, radius, fine, max_chi2):
     out = borrow("stepped", state.shape)
     out = borrow("stepped again", state.shape) if out is state else out
-    maps = Maps(state, terms, borrow("cells", terms.shape), out)
+    known = borrow("known", (*state.shape[:2], 2, state.shape[3]))
+    maps = Maps(state, known, terms, borrow("cells", terms.shape), out)
+    _weigh(F32(max_chi2), state, known)
     if radius > fine:
         _coarsen(Window(EVEN, 2 * (CELL // 2)**2, F32(max_chi2), F32(frame.num_bins)), maps)
     weights = np.exp(-np.arange(radius + 1)**2 / (2 * sigma**2)).astype(np.float32)
