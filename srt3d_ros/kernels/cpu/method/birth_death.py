@@ -20,13 +20,11 @@ The pixels in which something is to be decided (`undecided`) are listed, and eac
 from typing import NamedTuple
 
 import numba
-import numpy as np
 from numba import float32, int32, int64, prange
 
 from srt3d_ros.kernels.constants import SPREAD, VOTE_RADIUS
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, exp, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel, serial
-from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio
 from srt3d_ros.kernels.cpu.method.undecided import list_undecided
@@ -195,20 +193,17 @@ def _adopt(listed: int32[:, ::1], number: int64, chosen: Chosen, state: float32[
                 state[row, k, f, col] = chosen.points[k, f, n]
 
 
-def birth_death(frame, state, terms, max_chi2):
+def birth_death(work, frame, state, terms, max_chi2):
     """A step of spreading looks only where the last step has changed something: elsewhere it would decide as before."""
-    own, compiled, size, surfaces = log_likelihood_ratio(frame, state, terms), Frame.of(frame), frame.counts.size, state.shape[1]
-    threads = numba.get_num_threads()
-    chosen = Chosen(borrow("chosen", (surfaces, FIELDS, size)), borrow("chosen ratios", (surfaces, size)),
-                    borrow("near", frame.counts.shape))
-    scratch = Scratch(borrow("voters", (threads, PLACES * surfaces, VOTER, LANES)),
-                      borrow("rest of pixels", (threads, frame.matched.shape[1], LANES)))
-    chosen.near[:] = 1
+    own, frame, max_chi2 = log_likelihood_ratio(work, frame, state, terms), Frame.of(frame), F32(max_chi2)
+    chosen = Chosen(work.chosen, work.chosen_ratios, work.near)
+    scratch = Scratch(work.voters, work.undecided_sketches)
+    work.near[:] = 1
     for spreads in range(1 + SPREAD):
-        listed, number = list_undecided(compiled, state, F32(max_chi2), chosen.near, spreads > 0)
-        chosen.near[:] = 0
-        _judge(listed, number, compiled, state, own, F32(max_chi2), chosen, scratch)
-        _adopt(listed, number, chosen, state, own)
-        if not chosen.near.any():
+        number = list_undecided(work, frame, state, max_chi2, spreads > 0)
+        work.near[:] = 0
+        _judge(work.listed, number, frame, state, own, max_chi2, chosen, scratch)
+        _adopt(work.listed, number, chosen, state, own)
+        if not work.near.any():
             break
     return state

@@ -13,7 +13,6 @@ from numba import float32, prange
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, ZERO, log
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.vectors import floor, full, gather, load, rint, sqrt, store, to_cell, to_floats, where
 from srt3d_ros.kernels.maps import INTENSITY, LANES, VALUE
@@ -91,7 +90,6 @@ def _log_likelihood_ratio(frame: Frame, state: float32[:, :, :, ::1], terms: flo
         _ratios_of_row(i, frame, state, terms, out)
 
 
-def log_likelihood_ratio(frame, state, terms):
-    out = borrow("log_likelihood_ratio", state[:, :, 0].shape)
-    _log_likelihood_ratio(frame, state, terms, out)
-    return out
+def log_likelihood_ratio(work, frame, state, terms):
+    _log_likelihood_ratio(frame, state, terms, work.ratios)
+    return work.ratios

@@ -31,7 +31,6 @@ from numba import float32, int64, prange
 from srt3d_ros.kernels.constants import CELL, RIDGE
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, TWO, ZERO
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.method.field import agreement, wrap
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import evidence
@@ -274,15 +273,12 @@ def _weigh(max_chi2: float32, state: float32[:, :, :, ::1], known: float32[:, :,
         _weigh_row(i, max_chi2, state, known)
 
 
-def pooled_step(frame, state, terms, sigma, radius, fine, max_chi2):
-    out = borrow("stepped", state.shape)
-    out = borrow("stepped again", state.shape) if out is state else out
-    known = borrow("known", (*state.shape[:2], 2, state.shape[3]))
-    maps = Maps(state, known, terms, borrow("cells", terms.shape), out)
-    _weigh(F32(max_chi2), state, known)
+def pooled_step(work, frame, state, terms, sigma, radius, fine, max_chi2):
+    out = work.other_state(state)
+    maps, max_chi2, period = Maps(state, work.known, terms, work.cell_terms, out), F32(max_chi2), F32(frame.num_bins)
+    _weigh(max_chi2, state, work.known)
     if radius > fine:
-        _coarsen(Window(EVEN, 2 * (CELL // 2)**2, F32(max_chi2), F32(frame.num_bins)), maps)
+        _coarsen(Window(EVEN, 2 * (CELL // 2)**2, max_chi2, period), maps)
     weights = np.exp(-np.arange(radius + 1)**2 / (2 * sigma**2)).astype(np.float32)
-    window = Window(weights, radius * (radius + 1), F32(max_chi2), F32(frame.num_bins))
-    _pooled_step(frame, window, radius, fine, maps)
+    _pooled_step(frame, Window(weights, radius * (radius + 1), max_chi2, period), radius, fine, maps)
     return out

@@ -4,7 +4,6 @@ A pixel is decided if each surface of its 3 × 3 neighbourhood agrees with one o
 + 2 δ² with e their distance at the pixel, and no neighbour that has surfaces has fewer than it.
 """
 
-import numpy as np
 from numba import boolean, float32, int32, prange
 
 from srt3d_ros.kernels.cpu.arithmetic import F32, ZERO
@@ -97,12 +96,10 @@ def _join_rows(cols: int32[:, ::1], number: int32[::1], pixels: int32[:, ::1]):
     return found
 
 
-def list_undecided(frame, state, max_chi2, near, grows):
-    """Rows and columns of the used pixels that have something to decide, int32 [2, N padded], and N.
+def list_undecided(work, frame, state, max_chi2, grows):
+    """How many used pixels have something to decide; `work.listed` has their rows and columns, in whole vectors.
 
-    Only those `near` a change, float32 [rows', cols'], and if surfaces grow (`grows`), with fewer than K surfaces.
+    Only pixels near a change, where `work.near` is 1; if surfaces grow (`grows`), with fewer than K surfaces.
     """
-    cols, number = np.empty(near.shape, np.int32), np.zeros(len(near), np.int32)
-    pixels = np.empty((2, near.size), np.int32)
-    _list_rows(frame, state, max_chi2, near, grows, cols, number)
-    return pixels, _join_rows(cols, number, pixels)
+    _list_rows(frame, state, max_chi2, work.near, grows, work.columns, work.numbers)
+    return _join_rows(work.columns, work.numbers, work.listed)
