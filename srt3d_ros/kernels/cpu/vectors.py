@@ -300,3 +300,16 @@ def gather(context, array, *indices):
                 values, builder.load(_pointer(context, builder, array, args[0], at), align=4), x)
         return values
     return _indexed(array, indices, kind), generate
+
+
+@intrinsic
+def scatter(context, array, *indices_and_vector):
+    """Write a vector to array[indices] with `ints` among the indices; of lanes with the same place the last one stays."""
+    def generate(context, builder, sig, args):
+        *indices, (vector, _) = _unpacked(builder, sig, args)
+        for x in (ir.Constant(I32, x) for x in range(LANES)):
+            at = [(builder.extract_element(value, x), int32) if side == ints else (value, side)
+                  for value, side in indices]
+            builder.store(builder.extract_element(vector, x), _pointer(context, builder, array, args[0], at), align=4)
+        return context.get_dummy_value()
+    return _indexed(array, indices_and_vector, types.void), generate
