@@ -8,7 +8,7 @@ import numpy as np
 from numba import float32, prange
 
 from srt3d_ros.kernels.cpu.arithmetic import F32, ZERO, sincos
-from srt3d_ros.kernels.cpu.compiling import line, parallel
+from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.method.field import COUNTS, CURVATURE, DEPTH, EXPOSURE, GRADIENT, INTENSITY, SQUARES, VALUE
 from srt3d_ros.kernels.cpu.method.frame import Frame
@@ -18,23 +18,28 @@ from srt3d_ros.kernels.maps import LANES, MARGIN, TERMS
 TURN = F32(2 * np.pi)
 
 
+@inline
+def others_removed(i, k, j, l, frame, depth, intensity):
+    """Re and Im of z'_l of the surfaces k of the pixels (i, j …); depths and intensities are [rows', K, cols']."""
+    frequency, exposure = frame.bin_frequencies[l], load(frame.exposure, i, j)
+    re, im = load(frame.matched, i, l, j), load(frame.matched, i, len(frame.energy) + l, j)
+    for o in range(depth.shape[1]):
+        if o != k:
+            gives = load(intensity, i, o, j) * exposure * frame.energy[l]
+            if lanes_of(gives > ZERO):
+                sine, cosine = sincos(frequency * load(depth, i, o, j))
+                re, im = re - gives * cosine, im - gives * sine
+    sine, cosine = sincos(frequency * load(depth, i, k, j))
+    return fma(re, cosine, im * sine), fma(-re, sine, im * cosine)
+
+
 @line
-def _data_term(i, k, j, frame, state):
-    """v, s and b of the surfaces k of the pixels (i, j …)."""
-    depth, exposure, m = load(state, i, k, DEPTH, j), load(frame.exposure, i, j), len(frame.energy)
+def _data_term(i, k, j, frame, depth, intensity):
+    """v, s and b."""
     v = s = b = full(ZERO)
-    for l in range(m):
-        frequency, omega = frame.bin_frequencies[l], TURN * frame.bin_frequencies[l]
-        re, im = load(frame.matched, i, l, j), load(frame.matched, i, m + l, j)
-        for o in range(state.shape[1]):
-            if o != k:
-                gives = load(state, i, o, INTENSITY, j) * exposure * frame.energy[l]
-                if lanes_of(gives > ZERO):
-                    sine, cosine = sincos(frequency * load(state, i, o, DEPTH, j))
-                    re, im = re - gives * cosine, im - gives * sine
-        sine, cosine = sincos(frequency * depth)
-        along, across = fma(re, cosine, im * sine), fma(-re, sine, im * cosine)
-        v, s, b = v + along, fma(across, omega, s), fma(along, omega * omega, b)
+    for l in range(len(frame.energy)):
+        omega, (re, im) = TURN * frame.bin_frequencies[l], others_removed(i, k, j, l, frame, depth, intensity)
+        v, s, b = v + re, fma(im, omega, s), fma(re, omega * omega, b)
     return v, s, b
 
 
@@ -44,7 +49,7 @@ def _expand_row(i, frame, state, terms):
         for k in range(state.shape[1]):
             seen, v, s, b = load(state, i, k, INTENSITY, j) > ZERO, full(ZERO), full(ZERO), full(ZERO)
             if lanes_of(seen):
-                v, s, b = _data_term(i, k, j, frame, state)
+                v, s, b = _data_term(i, k, j, frame, state[:, :, DEPTH], state[:, :, INTENSITY])
             counts = where(seen, load(frame.counts, i, j), ZERO)
             store(terms, i, k, VALUE, j, where(seen, v, ZERO))
             store(terms, i, k, GRADIENT, j, where(seen, s, ZERO))

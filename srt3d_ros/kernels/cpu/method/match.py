@@ -14,7 +14,7 @@ from numba import boolean, float32, int64, prange
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TWO, ZERO, B, U, aligned, sincos, total_of
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.method.frame import Frame
-from srt3d_ros.kernels.maps import BLOCK
+from srt3d_ros.kernels.maps import BLOCK, MARGIN
 
 GROUP = U(16)       # cells whose sums are in the first-level cache together, 8 kB
 FOUR = U(4)         # cells that are added to at once
@@ -142,17 +142,17 @@ def _match(frame: Frame, steering: Steering, depth: float32[:, :, ::1], intensit
     rows, surfaces, cols = depth.shape
     matched, energy, bin_frequencies = frame.matched, frame.energy, frame.bin_frequencies
     m, total = len(energy), total_of(energy)
-    for i in prange(rows):
+    for turn in prange(rows - 2 * MARGIN):
+        i = turn + MARGIN
         scratch, z = peaks_scratch(steering.cells), aligned(2 * m * BLOCK)
         place, height = aligned(BLOCK), aligned(BLOCK)
-        for j in range(0, cols, BLOCK):
-            width = min(BLOCK, cols - j)
+        for j in range(MARGIN, cols - MARGIN, BLOCK):
             for c in range(2 * m):
                 for x in range(BLOCK):
-                    z[c * BLOCK + x] = matched[i, c, j + x] if x < width else ZERO
+                    z[c * BLOCK + x] = matched[i, c, j + x]
             for k in range(surfaces):
                 peaks(z, steering, frame.period, scratch, place, height)
-                for x in range(width):
+                for x in range(BLOCK):
                     depth[i, k, j + x] = place[x]
                     intensity[i, k, j + x] = height[x] / total
                 if k + 1 < surfaces:
@@ -165,6 +165,6 @@ def _match(frame: Frame, steering: Steering, depth: float32[:, :, ::1], intensit
 
 def match(frame, surfaces):
     rows, _, cols = frame.matched.shape
-    out = tuple(np.empty((rows, surfaces, cols), np.float32) for _ in range(2))
+    out = tuple(np.zeros((rows, surfaces, cols), np.float32) for _ in range(2))
     _match(frame, steering(frame.bin_frequencies, frame.num_bins), *out)
     return out
