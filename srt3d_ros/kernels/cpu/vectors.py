@@ -178,16 +178,16 @@ def full(context, number):
 @intrinsic
 def lane(context, vector, index):
     """The value of one lane."""
-    return vector.lane(vector, index), lambda context, builder, sig, args: builder.extract_element(
-        args[0], context.cast(builder, args[1], sig.args[1], int32))
+    return (vector.lane(vector, index), lambda context, builder, sig, args: builder.extract_element(
+        args[0], context.cast(builder, args[1], sig.args[1], int32))) if isinstance(vector, Vector) else None
 
 
 @intrinsic
 def with_lane(context, vector, index, value):
     """The vector with another value in one lane."""
-    return vector(vector, index, value), lambda context, builder, sig, args: builder.insert_element(
+    return (vector(vector, index, value), lambda context, builder, sig, args: builder.insert_element(
         args[0], context.cast(builder, args[2], sig.args[2], vector.lane),
-        context.cast(builder, args[1], sig.args[1], int32))
+        context.cast(builder, args[1], sig.args[1], int32))) if isinstance(vector, Vector) else None
 
 
 @intrinsic
@@ -240,8 +240,9 @@ def to_floats(context, vector):
 @intrinsic
 def bits_of(context, vector):
     """The bits of `floats` as `ints`, and the reverse."""
-    kind = ints if vector == floats else floats
-    return kind(vector), lambda context, builder, sig, args: builder.bitcast(args[0], context.get_value_type(kind))
+    kind = {floats: ints, ints: floats}.get(vector)
+    return (kind(vector), lambda context, builder, sig, args: builder.bitcast(
+        args[0], context.get_value_type(kind))) if kind else None
 
 
 # ---- Memory

@@ -16,7 +16,7 @@ from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.vectors import fma, full, gather, lane_numbers, load, store, to_cell, where
-from srt3d_ros.kernels.maps import LANES
+from srt3d_ros.kernels.maps import LANES, MARGIN
 
 
 class Steering(NamedTuple):
@@ -92,13 +92,13 @@ def peaks(z, steering, period, response):
 
 
 @line
-def _match_row(i, matched, frame, steering, scratch, depth, intensity):
+def _match_row(i, frame, steering, scratch, depth, intensity):
     m = len(steering.order)
     z, response = scratch[:2 * m], scratch[2 * m:]
-    for col in range(0, depth.shape[2], LANES):
+    for col in range(MARGIN, depth.shape[2] - MARGIN, LANES):
         for n in range(m):
-            store(z, n, 0, load(matched, i, steering.order[n], col))
-            store(z, m + n, 0, load(matched, i, m + steering.order[n], col))
+            store(z, n, 0, load(frame.matched, i, steering.order[n], col))
+            store(z, m + n, 0, load(frame.matched, i, m + steering.order[n], col))
         for k in range(depth.shape[1]):
             place, height = peaks(z, steering, frame.period, response)
             signal = height / frame.total_energy
@@ -112,10 +112,10 @@ def _match_row(i, matched, frame, steering, scratch, depth, intensity):
 
 
 @parallel
-def _match(matched: float32[:, :, ::1], frame: Frame, steering: Steering, scratch: float32[:, :, ::1],
-           depth: float32[:, :, ::1], intensity: float32[:, :, ::1]):
-    for i in prange(len(depth)):
-        _match_row(i, matched, frame, steering, scratch[get_thread_id()], depth, intensity)
+def _match(frame: Frame, steering: Steering, scratch: float32[:, :, ::1], depth: float32[:, :, ::1],
+           intensity: float32[:, :, ::1]):
+    for turn in prange(len(depth) - 2 * MARGIN):
+        _match_row(turn + MARGIN, frame, steering, scratch[get_thread_id()], depth, intensity)
 
 
 def filter_scratch(steering):
@@ -125,10 +125,8 @@ def filter_scratch(steering):
 
 
 def match(frame, surfaces):
-    rows, channels, cols = frame.matched.shape
-    matched = np.zeros((rows, channels, -(-cols // LANES) * LANES), np.float32)
-    matched[:, :, :cols] = frame.matched
-    depth, intensity = (np.empty((rows, surfaces, matched.shape[2]), np.float32) for _ in range(2))
+    rows, _, cols = frame.matched.shape
+    depth, intensity = (np.zeros((rows, surfaces, cols), np.float32) for _ in range(2))
     filters = steering(frame.bin_frequencies, frame.num_bins)
-    _match(matched, frame, filters, filter_scratch(filters), depth, intensity)
-    return tuple(np.ascontiguousarray(values[:, :, :cols]) for values in (depth, intensity))
+    _match(frame, filters, filter_scratch(filters), depth, intensity)
+    return depth, intensity
