@@ -44,7 +44,8 @@ class SMLE:
         self.sensor, self.surfaces, self._matcher = sensor, surfaces, Matcher(sensor, frequencies)
         device, self.why = device_for(
             device, sensor, self._matcher.frequencies, lambda name: type(self)(sensor, frequencies, surfaces, name))
-        self.device, self._kernels = kernels_for(device)
+        self.device, kernels = kernels_for(device)
+        self._kernels = kernels.for_shape(sensor.rows, sensor.cols, surfaces, self._matcher.frequencies)
         self._matched = self._matcher.on(self._kernels)
         self._table, self._rays, self._equaliser, self._used, self._enough = map(self._kernels.array, (
             weighted_steps(sensor, self._matcher.frequencies, self.precise), sensor.rays, self._matcher.equaliser,

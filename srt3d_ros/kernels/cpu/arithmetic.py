@@ -1,16 +1,14 @@
-"""What the CPU kernels share: constants, elementary functions, scratch memory, sums."""
+"""What the CPU kernels share: constants, elementary functions, and how depths compare."""
 
 import numpy as np
 
-from srt3d_ros.kernels import constants, maps
-from srt3d_ros.kernels.cpu.compiling import inline, line
+from srt3d_ros.kernels import constants
+from srt3d_ros.kernels.cpu.compiling import inline
 from srt3d_ros.kernels.cpu.vectors import bits_of, fma, rint, to_cell, to_floats
 
-F32, U = np.float32, np.uint64
+F32 = np.float32
 HALF, ONE, TWO, ZERO = F32(0.5), F32(1), F32(2), F32(0)
 TINY, EPSILON = F32(constants.TINY), F32(constants.EPSILON)
-
-B = U(maps.BLOCK)           # unsigned: numba checks indices of signed types for being negative
 
 # sin(2πx) / x and cos(2πx) as polynomials in x² on |x| ≤ 1/2, largest error 7e-7 (Chebyshev interpolation). They run in
 # vector registers; calls of libm do not.
@@ -59,27 +57,18 @@ def exp(value):
 
 
 @inline
-def aligned(size):
-    """Scratch memory of `size` float32, from the start of a cache line: vectors across two lines are slow."""
-    memory = np.empty(size + 16, np.float32)
-    first = (-(memory.ctypes.data // 4)) % 16
-    return memory[first:first + size]
+def wrap(difference, period):
+    """The difference of two depths on a circle, in [−period/2, period/2]."""
+    return fma(rint(difference * (ONE / period)), -period, difference)
 
 
-@line
-def any_of(values):
-    """Whether any number of a map is not 0. Takes a fraction of the time of `values.any()` to compile."""
-    for row in range(values.shape[0]):
-        for col in range(values.shape[1]):
-            if values[row, col] != 0:
-                return True
-    return False
+@inline
+def agreement(e, tolerance):
+    """(1 − e² / tolerance)₊: how well two depths e bins apart agree, from 1 at e = 0 to 0 at e² = tolerance."""
+    return max(ONE - e * e / tolerance, ZERO)
 
 
-@line
-def total_of(values):
-    """Σ values, float32, in their order: in a kernel, `values.sum()` would depend on the number of threads."""
-    total = ZERO
-    for value in values:
-        total += value
-    return total
+@inline
+def is_surface(intensity, std, max_std):
+    """Whether there is a surface whose depth is known."""
+    return (intensity > ZERO) & (std < max_std)

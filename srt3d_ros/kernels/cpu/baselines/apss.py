@@ -11,10 +11,8 @@ import numpy as np
 from numba import boolean, float32, get_num_threads, get_thread_id, prange
 
 from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, TWO, ZERO
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, TWO, ZERO, wrap
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.cpu.method.field import wrap
 from srt3d_ros.kernels.cpu.vectors import floor, fma, full, lanes_of, load, sqrt, store, where
 from srt3d_ros.kernels.maps import LANES, MARGIN
 
@@ -198,5 +196,5 @@ def apss(depth, intensity, normal, enough, scale, num_bins):
     known = np.zeros((2, *depth.shape), np.float32) if normal is None else normal
     after = Points(np.zeros_like(depth), np.zeros_like(intensity), np.zeros_like(known))
     _apss(Points(depth, intensity, known), enough, F32(scale), F32(num_bins), normal is not None, after,
-          borrow("surfaces around", (get_num_threads(), ROWS, 9 * depth.shape[1], LANES)))
+          np.empty((get_num_threads(), ROWS, 9 * depth.shape[1], LANES), np.float32))
     return tuple(after)

@@ -29,10 +29,20 @@ from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio
 from srt3d_ros.kernels.cpu.method.undecided import list_undecided
 from srt3d_ros.kernels.cpu.method.voters import (
-    BIRTH_COST, COUNT, MIDDLE, PLACES, SAYS, SIDE, VOTER, WEIGHT, agrees, gather_voters, mean_of, speak_against, support)
+    BIRTH_COST,
+    COUNT,
+    MIDDLE,
+    SAYS,
+    SIDE,
+    WEIGHT,
+    agrees,
+    gather_voters,
+    mean_of,
+    speak_against,
+    support,
+)
 from srt3d_ros.kernels.cpu.vectors import floats, floor, fma, full, gather, lanes_of, load, mask, store, where
-from srt3d_ros.kernels.maps import (
-    DEPTH, FIELDS, INTENSITY, LANES, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD)
+from srt3d_ros.kernels.maps import DEPTH, FIELDS, INTENSITY, LANES, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD
 
 NEVER = F32(-1e30)
 CLOSE_BY = tuple(MIDDLE + row * SIDE + col for row in (-1, 0, 1) for col in (-1, 0, 1))     # places of candidates

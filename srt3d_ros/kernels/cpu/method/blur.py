@@ -11,7 +11,6 @@ from numba import float32, get_num_threads, get_thread_id, int64, prange
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.cpu.arithmetic import F32, ZERO
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.vectors import fma, full, gather, lane_numbers, lanes_of, load, store
 from srt3d_ros.kernels.maps import LANES, MARGIN
 
@@ -56,13 +55,9 @@ def _bin_cells(pixels: Cells, step: int64, totals: float32[:, ::1], cells: Cells
         _add_cells(pixels.wanted, pixels.wanted, row, step, total, cells.wanted)
 
 
-def bin_cells(pixels: Cells, shape, step) -> Cells:
-    """The sums over the wanted pixels of cells, of an image of this shape."""
-    rows, cols = maps.padded_shape(*(-(-size // step) for size in shape))
-    cells = Cells(*(borrow(f"{name} of cells {step}", (rows, values.shape[1], cols))
-                    for name, values in zip(Cells._fields, pixels)))
-    _bin_cells(pixels, step, borrow("total", (get_num_threads(), max(cols * step, pixels.z.shape[2]))), cells)
-    return cells
+def bin_cells(pixels: Cells, step, totals, cells: Cells) -> None:
+    """Sum the wanted pixels of each cell; `totals` [threads, 2 · cols'] is scratch."""
+    _bin_cells(pixels, step, totals, cells)
 
 
 @inline

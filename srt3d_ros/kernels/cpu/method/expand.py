@@ -9,11 +9,20 @@ from numba import float32, prange
 
 from srt3d_ros.kernels.cpu.arithmetic import F32, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.cpu.method.field import COUNTS, CURVATURE, DEPTH, EXPOSURE, GRADIENT, INTENSITY, SQUARES, VALUE
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.vectors import fma, full, lanes_of, load, store, where
-from srt3d_ros.kernels.maps import LANES, MARGIN, TERMS
+from srt3d_ros.kernels.maps import (
+    COUNTS,
+    CURVATURE,
+    DEPTH,
+    EXPOSURE,
+    GRADIENT,
+    INTENSITY,
+    LANES,
+    MARGIN,
+    SQUARES,
+    VALUE,
+)
 
 TURN = F32(2 * np.pi)
 
@@ -65,8 +74,6 @@ def _expand(frame: Frame, state: float32[:, :, :, ::1], terms: float32[:, :, :, 
         _expand_row(turn + MARGIN, frame, state, terms)
 
 
-def expand(frame, state):
-    padded_rows, surfaces, _, padded_cols = state.shape
-    terms = borrow("terms", (padded_rows, surfaces, TERMS, padded_cols))
-    _expand(frame, state, terms)
-    return terms
+def expand(work, frame, state):
+    _expand(frame, state, work.terms)
+    return work.terms

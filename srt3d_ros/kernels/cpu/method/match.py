@@ -13,7 +13,6 @@ from numba import float32, get_num_threads, get_thread_id, int64, prange
 
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TWO, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.vectors import fma, full, gather, lane_numbers, load, store, to_cell, where
 from srt3d_ros.kernels.maps import LANES, MARGIN
@@ -33,11 +32,16 @@ def steering(bin_frequencies, num_bins) -> Steering:
     return _steering(tuple(np.rint(bin_frequencies.astype(np.float64) * num_bins)))
 
 
+def cells_of(frequencies) -> int:
+    """Cells of the period at which the filter for these k_l is computed."""
+    return 16 * int(np.ceil(max(frequencies) / 4))
+
+
 @lru_cache
 def _steering(frequencies) -> Steering:
     frequencies = np.array(frequencies)
     order = np.argsort(frequencies % 2, kind="stable")
-    cells = 16 * int(np.ceil(frequencies.max() / 4))
+    cells = cells_of(frequencies)
     turns = np.arange(cells // 4 + 2).reshape(-1, 1, 2) * frequencies[order, None] / cells
     waves = np.concatenate([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)], axis=2)
     return Steering(waves.astype(np.float32), order, int((frequencies % 2 == 0).sum()), cells)
@@ -121,7 +125,7 @@ def _match(frame: Frame, steering: Steering, scratch: float32[:, :, ::1], depth:
 def filter_scratch(steering):
     """z and responses of LANES pixels, for each thread."""
     m = len(steering.order)
-    return borrow("filter", (get_num_threads(), 2 * m + steering.cells + 1, LANES))
+    return np.empty((get_num_threads(), 2 * m + steering.cells + 1, LANES), np.float32)
 
 
 def match(frame, surfaces):

@@ -29,15 +29,28 @@ import numpy as np
 from numba import float32, int64, prange
 
 from srt3d_ros.kernels.constants import CELL, RIDGE
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, TWO, ZERO
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, TWO, ZERO, agreement, wrap
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.cpu.method.field import agreement, wrap
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import evidence
 from srt3d_ros.kernels.cpu.vectors import floats, floor, fma, full, lanes_of, load, sqrt, store, where
 from srt3d_ros.kernels.maps import (
-    COUNTS, CURVATURE, DEPTH, EXPOSURE, GRADIENT, INTENSITY, LANES, MARGIN, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW,
-    SQUARES, STD, VALUE)
+    COUNTS,
+    CURVATURE,
+    DEPTH,
+    EXPOSURE,
+    GRADIENT,
+    INTENSITY,
+    LANES,
+    MARGIN,
+    RESIDUAL,
+    SCORE,
+    SLOPE_COL,
+    SLOPE_ROW,
+    SQUARES,
+    STD,
+    VALUE,
+)
 
 EVEN = np.ones(CELL // 2 + 1, np.float32)       # weights in a cell
 TOLERANCE, SURE = range(2)                      # of `known`: max_chi2 · std², and 1 / std² (0: no point)

@@ -9,7 +9,6 @@ from numba import complex64, float32, int64, prange
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.cpu.arithmetic import ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import line, parallel, read_only
-from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.vectors import lanes_of, load, store, where
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, LANES, MARGIN, VALUE
@@ -34,17 +33,15 @@ def _prepare(sums: SUMS, photons: float32[:, ::1], equaliser: complex64[:, :, ::
             counts[i, j] = photons[i, j] * used[i, j]
 
 
-def prepare(sums, photons, equaliser, used, taken=None, passed=None, mean=None):
+def prepare(work, sums, photons, equaliser, used, taken=None, passed=None, mean=None):
     rows, cols, m = sums.shape
-    padded_rows, padded_cols = maps.padded_shape(rows, cols)
-    matched, counts = borrow("matched", (padded_rows, 2 * m, padded_cols)), borrow("counts", (padded_rows, padded_cols))
     if taken is None:
         taken, shown = np.zeros((rows, cols), np.float32), np.zeros((1, 1, m), np.complex64)
     else:
         shown = passed * mean
     _prepare(sums, photons, equaliser, used, taken, shown,
-             maps.crop(matched, rows, cols), maps.crop(counts, rows, cols))
-    return matched, counts
+             maps.crop(work.matched, rows, cols), maps.crop(work.counts, rows, cols))
+    return work.matched, work.counts
 
 
 @line
@@ -70,7 +67,6 @@ def _residual(frame: Frame, state: float32[:, :, :, ::1], terms: float32[:, :, :
         _residual_of_row(turn + MARGIN, frame, state, terms, layer, rest)
 
 
-def residual(frame, state, terms, layer):
-    rest = borrow("residual", frame.matched.shape)
-    _residual(frame, state, terms, layer, rest)
-    return rest
+def residual(work, frame, state, terms, layer):
+    _residual(frame, state, terms, layer, work.residual)
+    return work.residual

@@ -13,23 +13,36 @@ of a cell take its best surface (`_write_pixels`).
 from typing import NamedTuple
 
 import numpy as np
-from numba import float32, get_num_threads, get_thread_id, int32, int64, prange
+from numba import float32, get_thread_id, int32, int64, prange
 
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import MOVE_COST, SEEN_SCORE, SLANT, SLANTED_SCORE, STEEPER, SURE_SCORE
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.method.blur import NEVER, Cells, bin_cells, blur_row
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import evidence, noise_at
-from srt3d_ros.kernels.cpu.method.match import Steering, filter_scratch, peaks, steering
+from srt3d_ros.kernels.cpu.method.match import Steering, peaks, steering
 from srt3d_ros.kernels.cpu.method.slanted import DOWN, RIGHT, SLANTS, pool_along, turns_of
 from srt3d_ros.kernels.cpu.vectors import (
-    floats, floor, fma, full, gather, lane_numbers, lanes_of, load, scatter, sqrt, store, to_cell, to_floats, where,
+    floats,
+    floor,
+    fma,
+    full,
+    gather,
+    lane_numbers,
+    lanes_of,
+    load,
+    scatter,
+    sqrt,
+    store,
+    to_cell,
+    to_floats,
+    where,
 )
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, LANES, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD
 
+NO_WINDOW, NO_TURNS, NO_STATE = np.ones(1, np.float32), np.empty((0, 1, 3), np.float32), np.empty((0, 0, 0, 0), np.float32)
 SEEN, SURE, SLANTED, ROOT_STEEPER = F32(SEEN_SCORE), F32(SURE_SCORE), F32(SLANTED_SCORE), F32(STEEPER**0.5)
 
 
@@ -247,35 +260,27 @@ def _search(frame: Frame, cells: Cells, scale: Scale, steering: Steering, memory
             memory.best[t], memory.planes[t], memory.filter[t], memory.listed[t]))
 
 
-def _memory(channels, cols, steering, slanted) -> Memory:
-    def each(name, *shape):
-        return borrow(f"{name} of search {cols}", (get_num_threads(), *shape))
-    return Memory(
-        each("z", channels, cols), each("counts", 1, cols), each("exposure", 1, cols), each("total", cols),
-        each("least", cols), each("flat", cols), each("best", SCORE + 1, cols),
-        each("planes", 2 * SLANTS if slanted else 0, channels, cols), filter_scratch(steering),
-        each("listed", cols).view(np.int32))
+def no_surfaces(work, frame, surfaces):
+    work.states[0][:] = 0
+    return work.states[0]
 
 
-def no_surfaces(frame, surfaces):
-    return borrow("state", maps.state_shape(*frame.shape, surfaces), True)
-
-
-def search(frame, matched, state, layer, sigma, step, enough, carried=None, confirmed=0.0, slanted=False):
-    inputs = Frame.of(frame)
-    wanted = (inputs.exposure > 0) & (state[:, layer, INTENSITY] == 0)
+def search(work, frame, matched, state, layer, sigma, step, enough, carried=None, confirmed=0.0, slanted=False):
+    frame = Frame.of(frame)
+    wanted = (frame.exposure > 0) & (state[:, layer, INTENSITY] == 0)
     if layer > 0:
         wanted &= state[:, layer - 1, INTENSITY] > 0
     if not wanted.any():
         return
-    weights = maps.window_weights(sigma / step) if sigma > 0 else np.ones(1, np.float32)
-    maps_of_one = (values[:, None] for values in (inputs.counts, inputs.exposure, wanted.astype(np.float32)))
-    pixels = Cells(matched, *maps_of_one)
-    cells = bin_cells(pixels, frame.shape, step) if sigma > 0 else pixels
-    rise = SLANT * frame.resolution_bins / sigma if slanted else 0.0
-    turns = turns_of(weights, frame.bin_frequencies * (step * rise)) if slanted else np.empty((0, 1, 3), np.float32)
-    carried = np.empty((0, 0, 0, 0), np.float32) if carried is None else carried
-    scale = Scale(pixels.wanted, state, carried, weights, weights**2, turns, F32(rise), layer, step,
-                  HALF if sigma > 0 else ONE, F32(enough), F32(confirmed))
-    filters = steering(frame.bin_frequencies, frame.num_bins)
-    _search(inputs, cells, scale, filters, _memory(*cells.z.shape[1:], filters, slanted))
+    work.wanted[:] = wanted
+    cells = pixels = Cells(matched, *(values[:, None] for values in (frame.counts, frame.exposure, work.wanted)))
+    weights, rise, turns = NO_WINDOW, 0.0, NO_TURNS
+    if sigma > 0:
+        weights, cells = maps.window_weights(sigma / step), work.cells[step]
+        bin_cells(pixels, step, work.totals, cells)
+    if slanted:
+        rise = SLANT * frame.resolution / sigma
+        turns = turns_of(weights, frame.bin_frequencies * (step * rise))
+    scale = Scale(pixels.wanted, state, NO_STATE if carried is None else carried, weights, weights**2, turns, F32(rise),
+                  layer, step, HALF if sigma > 0 else ONE, F32(enough), F32(confirmed))
+    _search(frame, cells, scale, steering(frame.bin_frequencies, frame.period), work.searches[step])

@@ -9,10 +9,8 @@ import numpy as np
 from numba import boolean, float32, prange
 
 from srt3d_ros.kernels.constants import RIM, SPREAD, VOTE_RADIUS
-from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, is_surface
 from srt3d_ros.kernels.cpu.compiling import line, parallel
-from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.cpu.method.field import is_surface
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import llr, noise_at, score_of
 from srt3d_ros.kernels.cpu.vectors import full, lanes_of, load, store, where
@@ -86,10 +84,9 @@ def _trim(frame: Frame, enough: float32, state: float32[:, :, :, ::1], terms: fl
         dropped[turn] = _drop_row(turn + MARGIN, rim, frame, enough, state)
 
 
-def trim(frame, state, terms, enough):
-    rim, blank = borrow("rim", (len(state), 3, state.shape[3])), borrow("blank", frame.counts.shape)
+def trim(work, frame, state, terms, enough):
     dropped = np.zeros(len(state) - 2 * MARGIN, np.bool_)
     for _ in range(SPREAD):
-        _trim(frame, F32(enough), state, terms, blank, rim, dropped)
+        _trim(frame, F32(enough), state, terms, work.blank, work.rim, dropped)
         if not dropped.any():
             break

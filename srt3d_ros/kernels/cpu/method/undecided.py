@@ -6,9 +6,8 @@ A pixel is decided if each surface of its 3 × 3 neighbourhood agrees with one o
 
 from numba import boolean, float32, int32, prange
 
-from srt3d_ros.kernels.cpu.arithmetic import F32, ZERO
+from srt3d_ros.kernels.cpu.arithmetic import F32, ZERO, is_surface, wrap
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel, serial
-from srt3d_ros.kernels.cpu.method.field import is_surface, wrap
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.vectors import full, lanes_of, load, where
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, LANES, MARGIN, SLOPE_COL, SLOPE_ROW, STD

@@ -11,7 +11,6 @@ from numba import float32, prange
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, ONE, TINY, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import line, parallel
-from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.vectors import fma, full, gather, lane_numbers, lanes_of, load, total
 from srt3d_ros.kernels.maps import DEPTH, LANES, MARGIN
@@ -71,12 +70,11 @@ def _unexplained(frame: Frame, state: float32[:, :, :, ::1], seen: float32[:, :,
         _sum_row(turn + MARGIN, frame, state, seen, passed, out[turn])
 
 
-def unexplained(frame, state, intensity, own, taken, background, photons, passed):
-    seen = borrow("seen", (len(state), SURFACES + state.shape[1], state.shape[3]))
-    inner = maps.crop(seen, *frame.shape)
+def unexplained(work, frame, state, intensity, own, taken, background, photons, passed):
+    inner = maps.crop(work.seen, *frame.shape)
     for at, values in ((OWN, own), (TAKEN, taken), (BACKGROUND, background), (PHOTONS, photons)):
         inner[:, at] = values
     inner[:, SURFACES:] = intensity
     sums = np.empty((len(intensity), 4 * len(frame.energy) + 4), np.float32)
-    _unexplained(frame, state, seen, passed.view(np.float32), sums)
+    _unexplained(frame, state, work.seen, passed.view(np.float32), sums)
     return sums.sum(axis=0, dtype=np.float64).astype(np.float32)

@@ -6,9 +6,8 @@ import numpy as np
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.constants import NEAR_SIGMA, VOTE_RADIUS
-from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO, agreement, is_surface, wrap
 from srt3d_ros.kernels.cpu.compiling import inline, line
-from srt3d_ros.kernels.cpu.method.field import agreement, is_surface, wrap
 from srt3d_ros.kernels.cpu.vectors import floats, full, gather, lanes_of, load, store, where
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, SLOPE_COL, SLOPE_ROW, STD
 
