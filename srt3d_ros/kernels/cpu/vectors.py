@@ -305,7 +305,7 @@ def gather(context, array, *indices):
 
 @intrinsic
 def scatter(context, array, *indices_and_vector):
-    """Write a vector to array[indices] with `ints` among the indices; of lanes with the same place the last one stays."""
+    """Write a vector to array[indices] with `ints` among the indices; of lanes with one place the last one stays."""
     def generate(context, builder, sig, args):
         *indices, (vector, _) = _unpacked(builder, sig, args)
         for x in (ir.Constant(I32, x) for x in range(LANES)):

@@ -26,6 +26,15 @@ class Cells(NamedTuple):
     wanted: float32[:, :, ::1]      # how many pixels count
 
 
+@inline
+def _add_columns(total, first, step):
+    """The sums of every `step` numbers from `first` on."""
+    value = full(ZERO)
+    for b in range(step):
+        value += gather(total, lane_numbers() * step + (first + b))
+    return value
+
+
 @line
 def _add_cells(values, wanted, row, step, total, out):
     """Write a row of cells: the sums of its rows of pixels, then of its columns."""
@@ -38,10 +47,13 @@ def _add_cells(values, wanted, row, step, total, out):
                 value = fma(load(values, a, c, col), load(wanted, a, 0, col), value)
             store(total, col, value)
         for col in range(MARGIN, out.shape[2] - MARGIN, LANES):
-            value, at = full(ZERO), (lane_numbers() + (col - MARGIN)) * step + MARGIN
-            for b in range(step):
-                value += gather(total, at + b)
-            store(out, row, c, col, value)
+            at = (col - MARGIN) * step + MARGIN
+            if step == 1:       # a known step makes fast code
+                store(out, row, c, col, load(total, at))
+            elif step == 2:
+                store(out, row, c, col, _add_columns(total, at, 2))
+            else:
+                store(out, row, c, col, _add_columns(total, at, step))
 
 
 @parallel

@@ -23,11 +23,10 @@ from srt3d_ros.kernels.cpu.method.blur import NEVER, Cells, bin_cells, blur_row
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import evidence, noise_at
 from srt3d_ros.kernels.cpu.method.match import Steering, peaks, steering
-from srt3d_ros.kernels.cpu.method.slanted import DOWN, RIGHT, SLANTS, pool_along, turns_of
+from srt3d_ros.kernels.cpu.method.slanted import DOWN, RIGHT, SLANTS, bound_across, pool_along, size, turns_of
 from srt3d_ros.kernels.cpu.vectors import (
     floats,
     floor,
-    fma,
     full,
     gather,
     lane_numbers,
@@ -99,8 +98,7 @@ def _list_cells(sketch, counts, scale, frame, memory):
             continue
         bound, photons = full(ZERO), load(counts, 0, col)
         for l in range(m):
-            re, im = load(sketch, l, col), load(sketch, m + l, col)
-            bound += sqrt(fma(re, re, im * im))
+            bound += size(load(sketch, l, col), load(sketch, m + l, col))
         lanes = lanes_of(evidence(bound, photons / scale.share, photons, frame) > need)
         for x in range(LANES):
             listed[found] = col + x
@@ -160,16 +158,36 @@ def _doubt(scale, memory):
 
 
 @line
+def _rule_out(lines, counts, scale, frame, least):
+    """Ask no longer for the cells in which no slanted window can reach the score they need: nearly all of them."""
+    for col in range(MARGIN, len(least) - MARGIN, LANES):
+        need, photons = load(least, col), load(counts, 0, col)
+        if lanes_of(need < NEVER) != 0:
+            bound = evidence(bound_across(lines, col, scale.turns), photons / scale.share, photons, frame)
+            store(least, col, where(bound > need, need, NEVER))
+
+
+@line
 def _search_slanted(row, cells, window, scale, steering, frame, memory):
     """Search a row with windows along planes that rise or fall to the right, downwards or both."""
     lines, planes = memory.planes[:SLANTS], memory.planes[SLANTS:]
     pool_along(DOWN, cells.z, row, scale.turns, memory.least, lines)
+    _rule_out(lines, window[0], scale, frame, memory.least)
     for down in range(SLANTS):
         pool_along(RIGHT, lines, down, scale.turns, memory.least, planes)
         for right in range(SLANTS):
             if down != SLANTS // 2 or right != SLANTS // 2:
                 slopes = F32(right - SLANTS // 2) * scale.rise, F32(down - SLANTS // 2) * scale.rise
                 _match_cells(planes[right], window, slopes, ZERO, scale, steering, frame, memory)
+
+
+@inline
+def _shown(best, at, right, down, period):
+    """The surfaces of cells in the columns `at`, moved along their planes to pixels so far from their middles."""
+    slope_col, slope_row = gather(best, SLOPE_COL, at), gather(best, SLOPE_ROW, at)
+    depth = gather(best, DEPTH, at) + slope_col * right + slope_row * down
+    return Surface(depth - period * floor(depth / period), slope_col, slope_row, gather(best, INTENSITY, at),
+                   gather(best, STD, at), gather(best, SCORE, at))
 
 
 @inline
@@ -190,40 +208,27 @@ def _write_pixels(row, sketch, window, scale, frame, memory):
 
     That stays if its score is confirmed, and the new one not better by MOVE_COST nats.
     """
-    state, layer, step, best = scale.state, scale.layer, scale.step, memory.best
+    state, layer, step = scale.state, scale.layer, scale.step
+    middle = HALF * F32(step - 1)
     for a in range(step):
-        pixel_row, down = (row - MARGIN) * step + MARGIN + a, F32(a) - HALF * F32(step - 1)
+        pixel_row = (row - MARGIN) * step + MARGIN + a
         for col in range(MARGIN, state.shape[3] - MARGIN, LANES):
             is_open = load(scale.wanted, pixel_row, 0, col) > ZERO
             if lanes_of(is_open) == 0:
                 continue
             x = to_floats(lane_numbers() + (col - MARGIN))
             cell = floor((x + HALF) / F32(step))
-            right, at = x - cell * F32(step) - HALF * F32(step - 1), to_cell(cell, F32(state.shape[3])) + MARGIN
-            slope_col, slope_row, score = gather(best, SLOPE_COL, at), gather(best, SLOPE_ROW, at), gather(best, SCORE, at)
-            depth = gather(best, DEPTH, at) + slope_col * right + slope_row * down
-            found = Surface(depth - frame.period * floor(depth / frame.period), slope_col, slope_row,
-                            gather(best, INTENSITY, at), gather(best, STD, at), score)
-            taken = is_open & (score > ZERO)
+            at = to_cell(cell, F32(state.shape[3])) + MARGIN
+            new = _shown(memory.best, at, x - cell * F32(step) - middle, F32(a) - middle, frame.period)
+            taken, stays, old = is_open & (new.score > ZERO), full(False), new
             if len(scale.carried) > 0:
-                known = load(scale.carried, pixel_row, layer, INTENSITY, col) > ZERO
-                if lanes_of(is_open & known) != 0:
-                    old, flat = _carried((pixel_row, col), at, sketch, window, scale, frame), gather(memory.flat, at)
-                    stays = is_open & known & (old.score > scale.confirmed) & (
-                        flat * flat - old.score * old.score < TWO * F32(MOVE_COST))
-                    taken |= stays
-                    found = _choose(stays, old, found)
-            if lanes_of(taken) != 0:
-                for field in range(len(found)):
-                    store(state, pixel_row, layer, field, col,
-                          where(taken, found[field], load(state, pixel_row, layer, field, col)))
-
-
-@inline
-def _choose(condition, a, b):
-    return Surface(where(condition, a.depth, b.depth), where(condition, a.slope_col, b.slope_col),
-                   where(condition, a.slope_row, b.slope_row), where(condition, a.intensity, b.intensity),
-                   where(condition, a.std, b.std), where(condition, a.score, b.score))
+                stays = is_open & (load(scale.carried, pixel_row, layer, INTENSITY, col) > ZERO)
+                old, flat = _carried((pixel_row, col), at, sketch, window, scale, frame), gather(memory.flat, at)
+                stays &= (old.score > scale.confirmed) & (flat * flat - old.score * old.score < TWO * F32(MOVE_COST))
+            if lanes_of(taken | stays) != 0:
+                for field in range(len(new)):
+                    value = where(taken, new[field], load(state, pixel_row, layer, field, col))
+                    store(state, pixel_row, layer, field, col, where(stays, old[field], value))
 
 
 @line

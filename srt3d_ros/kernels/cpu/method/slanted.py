@@ -10,7 +10,7 @@ import numpy as np
 from srt3d_ros.kernels.cpu.arithmetic import ZERO
 from srt3d_ros.kernels.cpu.compiling import inline, line
 from srt3d_ros.kernels.cpu.method.blur import is_asked
-from srt3d_ros.kernels.cpu.vectors import fma, full, load, store
+from srt3d_ros.kernels.cpu.vectors import fma, full, load, sqrt, store
 from srt3d_ros.kernels.maps import LANES, MARGIN
 
 SLANTS = 3                  # falling, flat and rising
@@ -29,6 +29,12 @@ def turns_of(weights, turns):
 
 
 @inline
+def size(re, im):
+    """|z| of re + i im."""
+    return sqrt(fma(re, re, im * im))
+
+
+@inline
 def _sums(values, row, channel, col, way, turns, l):
     """z + Σ w cos φ (z₊ + z₋), Σ w sin φ (z₊ − z₋) and z + Σ w (z₊ + z₋)."""
     (down, right), middle = way, load(values, row, channel, col)
@@ -43,6 +49,14 @@ def _sums(values, row, channel, col, way, turns, l):
     return even, odd, flat
 
 
+@inline
+def _windows(values, row, l, col, way, turns):
+    """Sums of z_l along lines that fall, stay and rise, real and imaginary: Σ w z exp(iφ), Σ w z and Σ w z exp(−iφ)."""
+    even_re, odd_re, flat_re = _sums(values, row, l, col, way, turns, l)
+    even_im, odd_im, flat_im = _sums(values, row, len(turns) + l, col, way, turns, l)
+    return (even_re - odd_im, even_im + odd_re), (flat_re, flat_im), (even_re + odd_im, even_im - odd_re)
+
+
 @line
 def pool_along(way, values, row, turns, least, out):
     """Sum the values [rows, 2m, cols'] around a row downwards or to the right, along three slopes: [SLANTS, 2m, cols'].
@@ -53,11 +67,23 @@ def pool_along(way, values, row, turns, least, out):
     for col in range(MARGIN, out.shape[2] - MARGIN, LANES):
         if is_asked(least, col, LANES * way[0]):
             for l in range(m):
-                even_re, odd_re, flat_re = _sums(values, row, l, col, way, turns, l)
-                even_im, odd_im, flat_im = _sums(values, row, m + l, col, way, turns, l)
-                store(out, 0, l, col, even_re - odd_im)
-                store(out, 0, m + l, col, even_im + odd_re)
-                store(out, 1, l, col, flat_re)
-                store(out, 1, m + l, col, flat_im)
-                store(out, 2, l, col, even_re + odd_im)
-                store(out, 2, m + l, col, even_im - odd_re)
+                falling, flat, rising = _windows(values, row, l, col, way, turns)
+                for part in range(2):
+                    store(out, 0, part * m + l, col, falling[part])
+                    store(out, 1, part * m + l, col, flat[part])
+                    store(out, 2, part * m + l, col, rising[part])
+
+
+@line
+def bound_across(lines, col, turns):
+    """The largest Σ_l |z̄_l| of the slanted windows around each of LANES cells."""
+    largest = full(ZERO)
+    for down in range(SLANTS):
+        falls, stays, rises = full(ZERO), full(ZERO), full(ZERO)
+        for l in range(len(turns)):
+            falling, flat, rising = _windows(lines, down, l, col, RIGHT, turns)
+            falls, stays, rises = falls + size(*falling), stays + size(*flat), rises + size(*rising)
+        largest = max(largest, falls, rises)
+        if down != SLANTS // 2:
+            largest = max(largest, stays)
+    return largest
