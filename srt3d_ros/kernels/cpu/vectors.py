@@ -1,4 +1,4 @@
-"""Vectors for compiled code: LANES numbers in registers, with the operators of numbers. The only place that writes LLVM.
+"""Vectors for compiled code: LANES numbers in registers, with the operators of numbers.
 
     depth = load(state, row, k, DEPTH, col)             # of the pixels in the columns col … col + LANES − 1
     e = load(state, row, k, DEPTH, col + 1) - depth
@@ -6,7 +6,7 @@
 
 Kinds are `floats` (float32), `ints` (int32) and `mask`. A number beside a vector counts in each lane, as its type.
 LLVM splits a vector into what the processor has (SSE2, AVX2, AVX-512, NEON); 8 lanes were slower on all of them.
-Nothing is contracted: only `fma` may round once, where the processor can, so a kernel gives the same bits whether it was
+Nothing is contracted but `fma`, which rounds once where the processor can: a kernel gives the same bits whether it was
 compiled or read from the disk, on one thread or many. NumPy has the same results for all but `fma`, `max` and `min`.
 """
 

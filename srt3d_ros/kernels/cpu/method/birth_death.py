@@ -144,7 +144,7 @@ def _write(k, place, best, voters, state, own, chosen, period):
 
 @line
 def _take(best, depth, seen, voters, rest, frame):
-    """Leave out what the chosen surfaces explain of the photons, and the voters that agree; returns the photons left."""
+    """Leave out what the chosen surfaces explain, and the voters that agree; returns the photons that are left."""
     m, signal = len(frame.energy), where(best.found, max(best.response, ZERO) / frame.total_energy, ZERO)
     for l in range(m):
         sine, cosine = sincos(frame.bin_frequencies[l] * depth)
@@ -166,11 +166,11 @@ def _judge_part(first, listed, frame, state, own, max_chi2, chosen, voters, rest
     empty, dark = gather_voters(rows, cols, frame, state, own, max_chi2, voters)
     photons, exposure, nothing = gather(frame.counts, rows, cols), gather(frame.exposure, rows, cols), full(ZERO)
     has_surface = load(voters, MIDDLE * surfaces, COUNT, 0) > 0
-    seen = Seen(photons, exposure, where(has_surface, NEVER, BIRTH_COST + empty), where(has_surface, ZERO, dark), nothing)
-    needed = where(has_surface, BIRTH_COST, BIRTH_COST + empty)
+    needed, dark = where(has_surface, BIRTH_COST, BIRTH_COST + empty), where(has_surface, ZERO, dark)
+    seen = Seen(photons, exposure, where(has_surface, NEVER, needed), dark, nothing)
     for k in range(surfaces):
         if k > 0:
-            seen = Seen(seen.photons, exposure, needed, seen.dark, speak_against(k, voters, surfaces))
+            seen = Seen(seen.photons, exposure, needed, dark, speak_against(k, voters, surfaces))
         best = _choose(k, seen, voters, rest, surfaces, frame)
         depth, changed = _write(k, (first, rows, cols), best, voters, state, own, chosen, frame.period)
         bits = lanes_of(changed)
@@ -179,7 +179,7 @@ def _judge_part(first, listed, frame, state, own, max_chi2, chosen, voters, rest
                 row, col = listed[0, first + x], listed[1, first + x]
                 chosen.near[row - VOTE_RADIUS:row + VOTE_RADIUS + 1, col - VOTE_RADIUS:col + VOTE_RADIUS + 1] = ONE
         if k + 1 < surfaces:
-            seen = Seen(_take(best, depth, seen, voters, rest, frame), exposure, needed, seen.dark, nothing)
+            seen = Seen(_take(best, depth, seen, voters, rest, frame), exposure, needed, dark, nothing)
 
 
 @parallel

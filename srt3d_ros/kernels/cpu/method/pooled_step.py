@@ -18,9 +18,9 @@ made small from causing a long step.
 Neighbours within the square of `fine` pixels count one by one, farther ones in cells of CELL × CELL pixels: the same
 sums over the cell, with w = the second factor alone, along the plane of its middle point (`_coarsen`).
 
-Each vector holds LANES points that lie side by side. Along a row of neighbours dy is the same: what is weighted by dy is
-added up along the row first. `kernels.torch` has the notation; `kernels.torch.method.pooled_step` explains the standard
-deviation and the residual.
+Each vector holds LANES points that lie side by side. Along a row of neighbours dy is the same, so that what is weighted
+by dy is added up along the row first. `kernels.torch` has the notation; `kernels.torch.method.pooled_step` explains the
+standard deviation and the residual.
 """
 
 from typing import NamedTuple
@@ -143,7 +143,8 @@ def _add(each, row, plane, place, offset, nearness, pixels, period, state, known
     fx, fe = f * dx, f * e
     return (
         Each(each.value + (w * load(terms, i, k, VALUE, j) - e * fma(wbe, HALF, ws)), each.gradient + ws + wbe,
-             fma(w * w, load(terms, i, k, SQUARES, j), each.squares), fma(w, load(terms, i, k, COUNTS, j), each.photons),
+             fma(w * w, load(terms, i, k, SQUARES, j), each.squares),
+             fma(w, load(terms, i, k, COUNTS, j), each.photons),
              fma(w, load(terms, i, k, EXPOSURE, j), each.exposure), fma(wb, dx, each.bend_x),
              fma(fx, dx, each.xx), fma(fx, e, each.xe), fma(fe, e, each.ee)),
         Row(row.bend + wb, row.f + f, row.x + fx, row.e + fe))
@@ -181,8 +182,8 @@ def _begin(state, i, k, j, max_chi2):
 def _turn(each, rows, plane, steepness):
     """The least-squares turn of the planes: its slopes, max(B, V₊ C / 2E), and three parts of the residual.
 
-    They are the leverage x̄ᵀ X⁻¹ x̄, and mean and variance of the distances from the new plane. The ridge holds a slope to
-    0 as one measurement of it with variance C / E would.
+    They are the leverage x̄ᵀ X⁻¹ x̄, and mean and variance of the distances from the new plane. The ridge holds a slope
+    to 0 as one measurement of it with variance C / E would.
     """
     f = rows.f + TINY
     ridge = steepness / f + F32(RIDGE)

@@ -41,7 +41,8 @@ from srt3d_ros.kernels.cpu.vectors import (
 )
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, LANES, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD
 
-NO_WINDOW, NO_TURNS, NO_STATE = np.ones(1, np.float32), np.empty((0, 1, 3), np.float32), np.empty((0, 0, 0, 0), np.float32)
+NO_WINDOW, NO_TURNS = np.ones(1, np.float32), np.empty((0, 1, 3), np.float32)
+NO_STATE = np.empty((0, 0, 0, 0), np.float32)
 SEEN, SURE, SLANTED, ROOT_STEEPER = F32(SEEN_SCORE), F32(SURE_SCORE), F32(SLANTED_SCORE), F32(STEEPER**0.5)
 
 

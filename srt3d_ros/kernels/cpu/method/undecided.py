@@ -84,7 +84,7 @@ def _list_rows(frame: Frame, state: float32[:, :, :, ::1], max_chi2: float32, ne
 
 @serial
 def _join_rows(cols: int32[:, ::1], number: int32[::1], pixels: int32[:, ::1]):
-    """Join the lists of the rows, as rows and columns; repeat the last up to whole vectors. Returns how many there are."""
+    """Join the lists of the rows; repeat the last pixel up to whole vectors. Returns how many there are."""
     found = 0
     for i in range(len(cols)):
         for n in range(number[i]):

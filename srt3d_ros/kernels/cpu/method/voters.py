@@ -19,14 +19,14 @@ ROW, COL = np.indices((SIDE, SIDE)).reshape(2, -1) - VOTE_RADIUS
 NEARNESS = np.exp(-(ROW**2 + COL**2) / (2 * NEAR_SIGMA**2)).astype(np.float32)      # w of each place
 VOTING = np.where(np.arange(PLACES) == MIDDLE, ZERO, NEARNESS)                      # w of its votes: the pixel has none
 
-# Of a voter: the depth at which it lies at the pixel, v, r, slopes, std, w (0: there is none, or it has been taken), what
-# it votes at full agreement (nats), and how many surfaces its pixel has (in the first of them).
+# Of a voter: its depth at the pixel, v, r, slopes, std, w (0: there is none, or it has been taken), what it votes at full
+# agreement (nats), and how many surfaces its pixel has (in the first of them).
 AT, TOLERANCE, BRIGHT, COL_SLOPE, ROW_SLOPE, DEVIATION, WEIGHT, SAYS, COUNT = range(9)
 VOTER = 9
 
 
 class Support(NamedTuple):
-    """What the voters say of a candidate: Σ of votes, its depth and intensity, which of the pixel's own it is (or −1)."""
+    """What the voters say of a candidate: Σ of votes, its depth and intensity, and the own surface that it is (or −1)."""
 
     votes: floats
     depth: floats
