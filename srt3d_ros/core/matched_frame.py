@@ -115,27 +115,12 @@ class Matcher:
     def __call__(self, sketch: Sketch) -> MatchedFrame:
         """The MatchedFrame of a sketch."""
         self.check(sketch)
-        return self._matched(sketch.photons.astype(np.float32), sketch.sums)
-
-    def _matched(self, photons: np.ndarray, sums: np.ndarray) -> MatchedFrame:
-        z = (sums * self.equaliser).transpose(0, 2, 1)
+        z = (sketch.sums * self.equaliser).transpose(0, 2, 1)
         matched = np.concatenate([z.real, z.imag], axis=1).astype(np.float32, order="C")
-        return MatchedFrame(matched, photons * self.used, **self._constants)
+        return MatchedFrame(matched, sketch.photons.astype(np.float32) * self.used, **self._constants)
 
     def on(self, kernels) -> Callable[..., MatchedFrame]:
-        """A function from photons, float32 [rows, cols], and sums, both arrays of the kernels, to a MatchedFrame."""
-        if kernels.ON_HOST:
-            return self._matched
-        constants, equaliser, used = on_device(self._constants, kernels), *map(kernels.array, (
-            self.equaliser, self.used))
-
-        def matched(photons, sums):
-            padded = kernels.prepare(sums, photons, equaliser, used)
-            return MatchedFrame(*(maps.crop(each, *photons.shape) for each in padded), **constants)
-        return matched
-
-    def padded_on(self, kernels) -> Callable[..., MatchedFrame]:
-        """A function from padded `matched` and `counts`, and `clutter`, to a MatchedFrame on the kernels' device."""
+        """A function from `matched` and `counts` of `prepare`, and `clutter`, to a MatchedFrame of the kernels."""
         exposure = self.sensor.exposure
         constants = on_device({**self._constants, "exposure": maps.pad(exposure), "size": exposure.shape}, kernels)
         return lambda matched, counts, clutter=None: MatchedFrame(matched, counts, clutter=clutter, **constants)

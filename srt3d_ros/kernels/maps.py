@@ -1,7 +1,8 @@
 """The layout in memory of a reconstruction's maps, for all kernels.
 
 Maps are padded with MARGIN empty pixels on every side, so that a window needs no bounds checks, and on the right up
-to a whole number of BLOCKs. They are planar: [rows', …, cols'], the columns of one row and channel beside each other.
+to whole vectors of LANES pixels. They are planar: [rows', …, cols'], the columns of one row and channel beside each
+other.
 
 The state is one map [rows', K, FIELDS, cols']: K surfaces a pixel, with the fields DEPTH … RESIDUAL.
 """
@@ -15,7 +16,7 @@ MARGIN = 16         # pixels: the largest radius of a window
 
 # ---- Sizes that processors decide
 
-BLOCK = 32          # columns worked on together: four vector registers of float32 (AVX2), two cache lines
+LANES = 16          # numbers of a vector: columns worked on together, a cache line
 ROW_LANES = 24      # int32 values of a part of a sketching row: three registers, enough for m = 11 and the photons
 UNIT = 2**23        # what counts as 1 in a sketching row: rounded to 2⁻²⁴, as float32 is
 MAX_ROWS = 255      # rows whose sum surely fits into 32 bits: below 2³¹ / UNIT
@@ -43,7 +44,7 @@ MAX_STD = 0.125     # of T; a point with a larger standard deviation has no know
 
 def padded_shape(rows: int, cols: int) -> tuple[int, int]:
     """rows', cols' of an image."""
-    return rows + 2 * MARGIN, -(-cols // BLOCK) * BLOCK + 2 * MARGIN
+    return rows + 2 * MARGIN, -(-cols // LANES) * LANES + 2 * MARGIN
 
 
 def pad(image: np.ndarray) -> np.ndarray:

@@ -41,3 +41,20 @@ def test_a_cloud_is_the_same_to_the_bit_in_processes_of_any_number_of_threads(re
     one, three = (subprocess.run(command, cwd=repository, env=os.environ | dict.fromkeys(THREADS, threads),
                                  capture_output=True, text=True, check=True).stdout for threads in "13")
     assert one == three and len(one.split()) == 2
+
+
+STEP = """
+import hashlib
+from tests.kernels.frames import CPU, GATE, make_frame, make_state, make_terms, padded
+frame = make_frame((24, 40), 0)
+state = make_state(frame, 1, 0)
+found = CPU.pooled_step(padded(frame), state, make_terms(frame, state), 4.5, 7, 1, GATE)
+print(hashlib.sha256(found.tobytes()).hexdigest())
+"""
+
+
+def test_a_kernel_gives_the_same_bits_compiled_and_read_from_the_disk(repository, tmp_path):
+    compiled, read = (subprocess.run([sys.executable, "-c", STEP], cwd=repository, check=True, capture_output=True,
+                                     text=True, env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}).stdout
+                      for _ in range(2))
+    assert len(list(tmp_path.rglob("*.nbc"))) >= 2 and compiled == read

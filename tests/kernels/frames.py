@@ -9,6 +9,7 @@ Steps of a whole reconstruction enlarge such differences: those of the last bit 
 in its own way, to 0.02 standard deviations. Clouds are therefore compared with the noise.
 """
 
+from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from functools import partial
 
@@ -34,7 +35,7 @@ NOISE_PART = 1 / 10             # of the standard deviation: as an independent e
 TYPICAL = 1 / 100               # of it, for half of the points: what is systematic is seen here
 SHARE_AT_TIES = 1 / 100
 FARTHEST_AT_TIES = 50           # times both, that any point may differ; measured 16 at most
-SHAPES = [(6, 40), (9, 33)]     # one and seven columns beyond a block of 32, so that padding matters
+SHAPES = [(6, 40), (9, 33)]     # eight columns beyond whole vectors, and one, so that padding matters
 FAINT = 1 / 20                  # light with which votes matter as much as a pixel's own photons
 STATES = [(shape, surfaces, seed) for shape in SHAPES for surfaces in (1, 2) for seed in (0, 1)]
 
@@ -63,14 +64,26 @@ class Backend:
         """A kernel."""
         return partial(self.call, name)
 
+    def kernel(self, name: str, arguments) -> Callable:
+        """A kernel, with memory for its arguments."""
+        first, *more = arguments
+        if isinstance(first, MatchedFrame):
+            surfaces = next((each.shape[1] for each in more if np.ndim(each) == 4), 1)
+            shape = *first.shape, surfaces, tuple(np.rint(first.bin_frequencies * T).astype(int))
+        elif name == "prepare":
+            shape = *first.shape[:2], 1, tuple(range(1, 1 + first.shape[2]))
+        else:
+            return getattr(self.kernels, name)
+        return getattr(self.kernels.for_shape(*shape), name)
+
     def call(self, name: str, *arguments):
         """What a kernel returns."""
-        return self.off(getattr(self.kernels, name)(*map(self.on, arguments)))
+        return self.off(self.kernel(name, arguments)(*map(self.on, arguments)))
 
     def changed(self, name: str, *arguments) -> list:
         """The arguments after a kernel that changes some."""
         given = [self.on(argument) for argument in arguments]
-        getattr(self.kernels, name)(*given)
+        self.kernel(name, arguments)(*given)
         return [self.off(argument) for argument in given]
 
 

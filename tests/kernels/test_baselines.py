@@ -12,11 +12,11 @@ from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
-from srt3d_ros.kernels import cpu
+from srt3d_ros.kernels import cpu, maps
 from srt3d_ros.kernels import torch as oracle
 from tests.core.scenes import simulate
 
-from .frames import CPU, ORACLE, T
+from .frames import CPU, ORACLE, T, padded
 
 SCALE = 5.0         # bins that count as one pixel
 
@@ -37,6 +37,20 @@ def make_points(sensor, surfaces):
     depth = np.where(rng.random(size) < 0.1, rng.uniform(0, T, size), layers + rng.normal(0, 1.5, size))
     intensity = np.where(rng.random(size) < 0.85, rng.uniform(1, 60, size), 0) * (sensor.exposure > 0)[:, None]
     return (depth % T).astype(np.float32), intensity.astype(np.float32)
+
+
+def pad(layers):
+    """float32 [rows, K, cols] → [rows', K, cols']."""
+    return maps.pad(layers.swapaxes(1, 2))
+
+
+def apss(kernels, depth, intensity, normal, seen):
+    """`apss` of maps without padding."""
+    normal = normal if normal is None else np.stack([pad(part) for part in normal])
+    needed = plug_and_play.points_needed(seen)
+    *found, normal = kernels.apss(pad(depth), pad(intensity), normal, needed, SCALE, T)
+    *found, u, v = (maps.crop(each, *seen.shape) for each in (*found, *normal))
+    return *found, np.stack([u, v])
 
 
 def make_photons(sensor, ppp=25):
@@ -89,7 +103,8 @@ def test_pixelwise(backend, shape, surfaces, precise, usual):
     grown = np.maximum(r + 0.5 * error_r / np.maximum(g, 1e-12), 0)
     signal = g * np.maximum(r, grown)
     move = 0.3 * error_rt * signal / (np.maximum(signal, usual * g)**2 + 1e-12)
-    assert_moved(backend.pixelwise(frame, table, 0.3, usual, t, r), (t, r), move, grown, frame.resolution_bins)
+    points = (maps.crop(each, *shape) for each in backend.pixelwise(padded(frame), table, 0.3, usual, pad(t), pad(r)))
+    assert_moved(tuple(points), (t, r), move, grown, frame.resolution_bins)
 
 
 @pytest.mark.parametrize(("shape", "irfs", "surfaces", "ppp"), [
@@ -113,9 +128,10 @@ def test_poisson(shape, irfs, surfaces, ppp):
     g = data.exposure[:, None]
     move = 0.3 * score / (np.maximum(signal, 20 * g) * data.information + 1e-12)
     change = 0.5 * (signal - g * r) / (np.maximum(g * r, 20 * g) + 1e-12)
-    points = t.copy(), r.copy()
+    points = pad(t), pad(r)
     found = cpu.poisson(data, background, 0.3, 20.0, *points)
-    assert_moved(points, (t, r), move, r * np.exp(np.minimum(change, 1)), data.information**-0.5)
+    after = [maps.crop(each, *shape) for each in points]
+    assert_moved(after, (t, r), move, r * np.exp(np.minimum(change, 1)), data.information**-0.5)
     np.testing.assert_allclose(found, stray * (data.exposure > 0), rtol=1e-3, atol=1e-3)
 
 
@@ -136,7 +152,7 @@ def test_apss_keeps_a_plane_with_its_normals_and_leaves_out_masked_pixels(backen
     seen = np.ones(shape, np.float32)
     seen[0, 0] = min(shape) == 1            # a line's second pixel would see too few points beside a masked one
     lit = 10 * seen[:, None]
-    depth, intensity, facing = backend.apss(plane, lit, normal if spheres else None, seen, SCALE, T)
+    depth, intensity, facing = apss(backend, plane, lit, normal if spheres else None, seen)
     np.testing.assert_allclose(intensity, lit, rtol=1e-5)
     there = intensity > 0
     np.testing.assert_allclose(circular_difference(depth, plane, T)[there], 0, atol=0.01)
@@ -149,16 +165,16 @@ def test_apss_halves_noise(backend):
     plane, _ = make_plane((30, 30))
     noisy = (plane + np.random.default_rng(0).normal(0, 2, plane.shape).astype(np.float32)) % T
     lit, seen = np.ones(plane.shape, np.float32), np.ones((30, 30), np.float32)
-    depth, _, normal = backend.apss(noisy, lit, None, seen, SCALE, T)
+    depth, _, normal = apss(backend, noisy, lit, None, seen)
     assert circular_difference(depth, plane, T).std() < 1.1
-    assert circular_difference(backend.apss(depth, lit, normal, seen, SCALE, T)[0], plane, T).std() < 1.0
+    assert circular_difference(apss(backend, depth, lit, normal, seen)[0], plane, T).std() < 1.0
 
 
 def test_apss_keeps_two_surfaces_apart_the_strongest_first(backend):
     depth = np.tile(np.array([100, 200], np.float32)[:, None], (6, 1, 7))
     intensity = np.tile(np.array([5, 20], np.float32)[:, None], (6, 1, 7))
     intensity[2, :, 3] = 50, 0
-    out = backend.apss(depth, intensity, None, np.ones((6, 7), np.float32), SCALE, T)
+    out = apss(backend, depth, intensity, None, np.ones((6, 7), np.float32))
     usual = np.ones((6, 7), bool)
     usual[1:4, 2:5] = False
     for k, (t, r) in enumerate([(200, 20), (100, 5)]):
@@ -175,8 +191,8 @@ def test_spheres_keep_a_ball_round_where_planes_flatten_it(backend):
     lit, seen = np.ones(ball.shape, np.float32), np.ones(x.shape, np.float32)
     normal = np.stack([x / radius, y / radius])[:, :, None].astype(np.float32) * -1
     inside = np.s_[2:-2, 0, 2:-2]
-    by_spheres = np.abs(backend.apss(ball, lit, normal, seen, SCALE, T)[0] - ball)[inside]
-    by_planes = np.abs(backend.apss(ball, lit, None, seen, SCALE, T)[0] - ball)[inside]
+    by_spheres = np.abs(apss(backend, ball, lit, normal, seen)[0] - ball)[inside]
+    by_planes = np.abs(apss(backend, ball, lit, None, seen)[0] - ball)[inside]
     assert by_spheres.max() < 0.01 < 0.05 < by_planes.max()
 
 
@@ -184,19 +200,19 @@ def test_apss_creates_points_among_four_and_removes_those_among_three(backend):
     depth, intensity = np.full((3, 1, 3), 100, np.float32), np.zeros((3, 1, 3), np.float32)
     seen = np.ones((3, 3), np.float32)
     intensity[0, 0], intensity[1, 0, 0] = 10, 10
-    out = backend.apss(depth, intensity, None, seen, SCALE, T)
+    out = apss(backend, depth, intensity, None, seen)
     assert out[1][1, 0, 1] == pytest.approx(1.0) and out[0][1, 0, 1] == pytest.approx(100)
     intensity[1, 0, 0] = 0
-    assert backend.apss(depth, intensity, None, seen, SCALE, T)[1][1, 0, 1] == 0
+    assert apss(backend, depth, intensity, None, seen)[1][1, 0, 1] == 0
     intensity[2, 0, 0], depth[2, 0, 0] = 10, 160                    # a fourth one far behind is another surface's
-    assert backend.apss(depth, intensity, None, seen, SCALE, T)[1][1, 0, 1] == 0
+    assert apss(backend, depth, intensity, None, seen)[1][1, 0, 1] == 0
 
 
 @pytest.mark.parametrize(("shape", "surfaces"), [((8, 40), 1), ((9, 12), 3), ((1, 9), 3), ((9, 1), 2), ((1, 1), 1)])
 def test_apss_agrees(shape, surfaces):
     seen, (depth, intensity), normal = make_sensor(*shape).exposure, make_points(make_sensor(*shape), surfaces), None
     for _ in range(3):
-        found, expected = (kernels.apss(depth, intensity, normal, seen, SCALE, T) for kernels in (CPU, ORACLE))
+        found, expected = (apss(kernels, depth, intensity, normal, seen) for kernels in (CPU, ORACLE))
         np.testing.assert_allclose(circular_difference(found[0], expected[0], T), 0, atol=1e-3)
         for one, other in zip(found[1:], expected[1:]):
             np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-4)

@@ -2,22 +2,34 @@
 
 import numpy as np
 import pytest
+from numba import njit
 
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import DEAD_LIMIT, LIKENESS
-from srt3d_ros.kernels.cpu.arithmetic import log
+from srt3d_ros.kernels.cpu.arithmetic import exp, log
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import llr as kernel
-from srt3d_ros.kernels.cpu.method.likelihood import score_of
+from srt3d_ros.kernels.cpu.vectors import full, lane, load, store
 
 from .frames import FAINT, ORACLE, T, make_frame, make_state, make_terms, padded
 
 FRAME = Frame.of(make_frame((6, 40), seed=0))
 
 
-def llr(response: float, photons: float, expected: float, likeness=LIKENESS) -> float:
-    response, photons, expected, likeness = map(np.float32, (response, photons, expected, likeness))
-    return float(kernel(score_of(response, photons, FRAME), response, photons, expected, likeness, FRAME))
+@njit(error_model="numpy")
+def of_numbers(response, photons, expected, frame):
+    return lane(kernel(full(response), full(photons), full(expected), np.float32(LIKENESS), frame), 0)
+
+
+@njit
+def log_and_exp(values, out):
+    for first in range(0, len(values), maps.LANES):
+        store(out, 0, first, log(load(values, first)))
+        store(out, 1, first, exp(-load(values, first)))
+
+
+def llr(response: float, photons: float, expected: float) -> float:
+    return float(of_numbers(*map(np.float32, (response, photons, expected)), FRAME))
 
 
 def chernoff(mean_response: float) -> float:
@@ -79,6 +91,9 @@ def test_log_likelihood_ratio(backend, shape, surfaces, light):
     assert (fast[state[:, :, maps.INTENSITY] == 0] == 0).all()
 
 
-def test_the_logarithm_of_vector_registers():
-    for value in np.geomspace(1e-30, 1e30, 1_001, dtype=np.float32):
-        assert log(value) == pytest.approx(np.log(float(value)), rel=4e-7, abs=4e-7)
+def test_logarithm_and_exponential_function():
+    values = np.geomspace(1e-30, 1e30, 1_024, dtype=np.float32)
+    found = np.empty((2, len(values)), np.float32)
+    log_and_exp(values, found)
+    np.testing.assert_allclose(found[0], np.log(values.astype(float)), rtol=4e-7, atol=4e-7)
+    np.testing.assert_allclose(found[1], np.exp(-values.astype(float)), rtol=1e-5, atol=2e-38)

@@ -5,6 +5,8 @@ from collections.abc import Callable
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.kernels import maps
+from srt3d_ros.kernels.constants import APSS_ENOUGH
 from srt3d_ros.progress import progress
 
 ITERATIONS = 25
@@ -13,21 +15,30 @@ FAINTEST = 0.01             # of the mean intensity: weaker points are removed
 DEPTHS_PER_PITCH = 6.0      # pixel pitches of depth that count as one pixel across
 
 
-def plug_and_play(kernels, step: Callable, depth, intensity, exposure, scale_bins, num_bins: int) -> tuple:
+def plug_and_play(kernels, step: Callable, depth, intensity, enough, scale_bins, num_bins: int) -> tuple:
     """APSS, then 25 times [step, APSS], and a last step. Arrays are the kernels'.
 
     Args:
         step: from depth and intensity to those after a gradient step and the hard threshold, `without_faint`.
-        depth, intensity: the start, float32 [rows, K, cols]; intensity 0 = no point.
-        exposure: float32 [rows, cols], 0 where points are not allowed.
+        depth, intensity: the start, float32 [rows', K, cols']; intensity 0 = no point.
+        enough: of `points_needed`.
         scale_bins: bins of depth that count as one pixel, from `depth_scale_bins`.
     """
-    depth, intensity, normal = kernels.apss(depth, intensity, None, exposure, scale_bins, num_bins)
+    depth, intensity, normal = kernels.apss(depth, intensity, None, enough, scale_bins, num_bins)
     for iteration in progress(range(ITERATIONS + 1), "reconstructing"):
         depth, intensity = step(depth, intensity)
         if iteration < ITERATIONS:
-            depth, intensity, normal = kernels.apss(depth, intensity, normal, exposure, scale_bins, num_bins)
+            depth, intensity, normal = kernels.apss(depth, intensity, normal, enough, scale_bins, num_bins)
     return depth, intensity
+
+
+def points_needed(exposure: np.ndarray) -> np.ndarray:
+    """Points that make a surface in each pixel, float32 [rows', cols']; 0 where exposure, [rows, cols], is 0.
+
+    APSS_ENOUGH, or as many as there are pixels of the 3 × 3 in the image.
+    """
+    high, wide = (1 + (at > 0) + (at < len(at) - 1) for at in map(np.arange, exposure.shape))
+    return maps.pad(np.minimum(high[:, None] * wide, APSS_ENOUGH) * (exposure > 0))
 
 
 def without_faint(intensity, usual):

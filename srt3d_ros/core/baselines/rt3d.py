@@ -16,12 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, without_faint
+from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, points_needed, without_faint
 from srt3d_ros.core.baselines.xcorr import XCORR, by_pixel
 from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.devices import kernels_for
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import TINY
 
 BACKGROUND_WINDOW = 1.5         # σ of the moving average, pixels
@@ -76,7 +77,9 @@ class RT3D:
             return depth, without_faint(intensity, usual)
 
         scale = depth_scale_bins(sensor, kernels.median_depth(depth, intensity), self._width_bins)
-        depth, intensity = plug_and_play(kernels, step, depth, intensity, seen, scale, sensor.num_bins)
+        start = (maps.pad(values.swapaxes(1, 2)) for values in (depth, intensity))
+        found = plug_and_play(kernels, step, *start, points_needed(seen), scale, sensor.num_bins)
+        depth, intensity = (maps.crop(values, *seen.shape) for values in found)
         return Cloud.from_layers(sensor, depth, intensity, background * seen * sensor.num_bins, frame.stamp_ns)
 
     def _likelihood(self, photons: PhotonEvents, ratio: float) -> Likelihood:

@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, without_faint
+from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, points_needed, without_faint
 from srt3d_ros.core.baselines.weighting import weighted_steps
 from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.devices import kernels_for
@@ -23,6 +23,7 @@ from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch
 from srt3d_ros.core.thresholds import check_surfaces
+from srt3d_ros.kernels import maps
 
 SMLE_STEPS = 10
 SMLE_RATE = 0.5         # each step halves the remaining error
@@ -43,10 +44,12 @@ class SMLE:
         self.sensor, self.surfaces, self._matcher = sensor, surfaces, Matcher(sensor, frequencies)
         device, self.why = device_for(
             device, sensor, self._matcher.frequencies, lambda name: type(self)(sensor, frequencies, surfaces, name))
-        self.device, self._kernels = kernels_for(device)
+        self.device, kernels = kernels_for(device)
+        self._kernels = kernels.for_shape(sensor.rows, sensor.cols, surfaces, self._matcher.frequencies)
         self._matched = self._matcher.on(self._kernels)
-        self._table, self._rays = map(self._kernels.array, (
-            weighted_steps(sensor, self._matcher.frequencies, self.precise), sensor.rays))
+        self._table, self._rays, self._equaliser, self._used, self._enough = map(self._kernels.array, (
+            weighted_steps(sensor, self._matcher.frequencies, self.precise), sensor.rays, self._matcher.equaliser,
+            self._matcher.used, points_needed(sensor.exposure)))
         self._start, self._step = (self._kernels.fused(partial(each, self._kernels)) for each in (_start, _step))
         self._run = self._kernels.recorded(self._estimate)
 
@@ -60,15 +63,17 @@ class SMLE:
 
     def _estimate(self, photons, sums) -> tuple:
         """Background photons, and the points."""
-        frame, sensor = self._matched(photons, sums), self.sensor
-        depth, intensity = self._points(frame, *self._start(frame, self.surfaces))
-        background = (photons - (intensity * frame.exposure[:, None]).sum(1)).clip(min=0)
-        return background, *self._kernels.collect(
+        kernels, sensor = self._kernels, self.sensor
+        frame = self._matched(*kernels.prepare(sums, photons, self._equaliser, self._used))
+        depth, intensity, exposure = (maps.crop(values, *frame.shape) for values in (
+            *self._points(frame, *self._start(frame, self.surfaces)), frame.exposure))
+        background = (photons - (intensity * exposure[:, None]).sum(1)).clip(min=0)
+        return background, *kernels.collect(
             depth % sensor.num_bins, intensity, depth * np.nan, self._rays, sensor.bin_width_m,
             float(sensor.range_m(0)), sensor.num_bins)
 
     def _points(self, frame: MatchedFrame, depth, intensity) -> tuple:
-        """Depth (bins) and intensity of the surfaces, float32 [rows, K, cols], from a start; intensity 0 = no point."""
+        """Depth (bins) and intensity of the surfaces, float32 [rows', K, cols'], from a start; intensity 0: none."""
         for _ in range(SMLE_STEPS):
             depth, intensity = self._kernels.pixelwise(frame, self._table, SMLE_RATE, 0.0, depth, intensity)
         return depth, intensity
@@ -97,7 +102,7 @@ class SRT3D(SMLE):
             depth, intensity = kernels.pixelwise(frame, self._table, RATE, usual, depth, intensity)
         scale = depth_scale_bins(self.sensor, kernels.median_depth(depth, intensity), frame.resolution_bins)
         step = partial(self._step, frame, self._table, usual)
-        return plug_and_play(kernels, step, depth, intensity, frame.exposure, scale, frame.num_bins)
+        return plug_and_play(kernels, step, depth, intensity, self._enough, scale, frame.num_bins)
 
 
 def _start(kernels, frame, surfaces):

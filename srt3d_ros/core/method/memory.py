@@ -48,7 +48,8 @@ class PooledStream:
         self._matcher = Matcher(sensor, frequencies)
         device, self.why = device_for(device, sensor, self._matcher.frequencies, lambda name: PooledStream(
             sensor, frequencies, surfaces, false_alarm_rate, name, background, warm_start))
-        self.device, self._kernels = kernels_for(device)
+        self.device, kernels = kernels_for(device)
+        self._kernels = kernels.for_shape(sensor.rows, sensor.cols, surfaces, self._matcher.frequencies)
         self.sensor, self.surfaces, self.false_alarm_rate = sensor, surfaces, false_alarm_rate
         self._background = Background(self._matcher, background)
         self._pooled = Pooled(self._matcher, surfaces, false_alarm_rate, self._kernels, not self._background.is_even)

@@ -38,7 +38,7 @@ class Pooled:
     def __init__(self, matcher: Matcher, surfaces: int, false_alarm_rate: float, kernels, explains: bool):
         sensor, array = matcher.sensor, kernels.array
         self._sensor, self._surfaces, self._kernels, self._explains = sensor, surfaces, kernels, explains
-        self._matched, self._highest = matcher.padded_on(kernels), max(matcher.frequencies)
+        self._matched, self._highest = matcher.on(kernels), max(matcher.frequencies)
         self._equaliser, self._passed, self._used, self._rays = map(array, (
             matcher.equaliser, matcher.passed, matcher.used, sensor.rays))
         self._near = nearness(kernels, self._used)

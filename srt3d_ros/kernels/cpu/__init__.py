@@ -1,8 +1,12 @@
 """The kernels on the CPU, in numba: those of `torch` for NumPy arrays, compiled at first use and cached on disk.
 
-Rows run in parallel; within a row, BLOCK neighbouring columns run in vector registers. The time for a frame does not
-depend on its photons, and results do not depend on the number of threads: no sum runs across threads.
+Rows run in parallel; within a row, LANES neighbouring columns are one vector (`vectors`). The time for a frame does not
+depend on its photons, and results do not depend on the number of threads: no sum runs across threads. Results of a
+kernel `for_shape` are valid until the next frame.
 """
+
+from functools import partial
+from types import SimpleNamespace
 
 from srt3d_ros.kernels.cpu.baselines.apss import apss
 from srt3d_ros.kernels.cpu.baselines.gradients import median_depth, pixelwise, poisson, usual_intensity
@@ -28,10 +32,15 @@ from srt3d_ros.kernels.cpu.sketching.phase_sums import (
     sketch_histograms,
 )
 from srt3d_ros.kernels.cpu.sketching.rows import fixed_rows
+from srt3d_ros.kernels.cpu.workspace import Workspace
 from srt3d_ros.kernels.maps import UNIT
 
 # Modules whose kernels no frame of the default method needs
 OTHER_METHODS, BEFORE_IT = ("apss", "gradients", "match"), ("phase_sums", "move_sketch")
+IN_A_WORKSPACE = (birth_death, expand, log_likelihood_ratio, no_surfaces, pooled_step, prepare, residual, search, trim,
+                  unexplained)
+ANYWHERE = (apss, array, blur, collect, fused, match, median_depth, noise_ratio, numpy, pixelwise, recorded, unpack,
+            usual_intensity)
 
 
 def load() -> None:
@@ -39,3 +48,10 @@ def load() -> None:
     for name, kernel in KERNELS.items():
         if name.partition(".")[0] not in OTHER_METHODS + BEFORE_IT:
             kernel.compile()
+
+
+def for_shape(rows: int, cols: int, surfaces: int, frequencies: tuple[int, ...]) -> SimpleNamespace:
+    """The kernels with memory of their own for frames of one shape, for one thread at a time."""
+    work = Workspace(rows, cols, surfaces, frequencies)
+    return SimpleNamespace(ON_HOST=True, work=work, load=load, **{each.__name__: each for each in ANYWHERE},
+                           **{each.__name__: partial(each, work) for each in IN_A_WORKSPACE})

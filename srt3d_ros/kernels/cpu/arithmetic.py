@@ -1,15 +1,14 @@
-"""What the CPU kernels share: constants, functions that run in vector registers, scratch memory, sums."""
+"""What the CPU kernels share: constants, elementary functions, and how depths compare."""
 
 import numpy as np
 
-from srt3d_ros.kernels import constants, maps
-from srt3d_ros.kernels.cpu.compiling import inline, line
+from srt3d_ros.kernels import constants
+from srt3d_ros.kernels.cpu.compiling import inline
+from srt3d_ros.kernels.cpu.vectors import bits_of, fma, rint, to_cell, to_floats
 
-F32, U = np.float32, np.uint64
+F32 = np.float32
 HALF, ONE, TWO, ZERO = F32(0.5), F32(1), F32(2), F32(0)
 TINY, EPSILON = F32(constants.TINY), F32(constants.EPSILON)
-
-B = U(maps.BLOCK)           # unsigned: numba checks indices of signed types for being negative
 
 # sin(2πx) / x and cos(2πx) as polynomials in x² on |x| ≤ 1/2, largest error 7e-7 (Chebyshev interpolation). They run in
 # vector registers; calls of libm do not.
@@ -19,55 +18,57 @@ _COS = tuple(F32(c) for c in (1.0, -19.7392082, 64.9393921, -85.4566574, 60.2421
 # log(1 + f) = f − f²/2 + f³ P(f) for √½ ≤ 1 + f < √2, largest error 3.5e-7
 _LOG = tuple(F32(c) for c in (0.333337009, -0.24992542, 0.199401334, -0.169733047, 0.159031585, -0.107437))
 LN_2, ROOT_HALF, MANTISSA = F32(0.693147181), np.int32(0x3F3504F3), np.int32(23)    # the bits of √½; of a fraction
+# 2^f = Σ cₙ fⁿ for |f| ≤ 1/2, largest error 1.5e-7
+_EXP = tuple(F32(np.log(2)**n / k) for n, k in enumerate((1, 1, 2, 6, 24, 120, 720)))
+LOWEST, BIAS = F32(-126), F32(127)          # exponent of the smallest number with full precision; what bits add to it
 
 
 @inline
 def polynomial(x, coefficients):
     """Σ_n coefficients[n] xⁿ."""
-    value = coefficients[-1]
-    for n in range(len(coefficients) - 2, -1, -1):
-        value = value * x + coefficients[n]
+    value = fma(x, coefficients[-1], coefficients[-2])
+    for n in range(len(coefficients) - 3, -1, -1):
+        value = fma(value, x, coefficients[n])
     return value
 
 
 @inline
 def sincos(turns):
-    """sin and cos of 2π · turns, float32."""
-    x = turns - np.rint(turns)
+    """sin and cos of 2π · turns, of a number or a vector."""
+    x = turns - rint(turns)
     return polynomial(x * x, _SIN) * x, polynomial(x * x, _COS)
 
 
 @inline
 def log(value):
-    """Natural logarithm of a positive number, float32."""
-    bits = F32(value).view(np.int32)
+    """Natural logarithm of a vector of positive numbers."""
+    bits = bits_of(value)
     exponent = (bits - ROOT_HALF) >> MANTISSA
-    f = np.int32(bits - (exponent << MANTISSA)).view(np.float32) - ONE
-    return F32(exponent) * LN_2 + f + f * f * (f * polynomial(f, _LOG) - HALF)
+    f = bits_of(bits - (exponent << MANTISSA)) - ONE
+    return to_floats(exponent) * LN_2 + f + f * f * (f * polynomial(f, _LOG) - HALF)
 
 
 @inline
-def aligned(size):
-    """Scratch memory of `size` float32, from the start of a cache line: vectors across two lines are slow."""
-    memory = np.empty(size + 16, np.float32)
-    first = (-(memory.ctypes.data // 4)) % 16
-    return memory[first:first + size]
+def exp(value):
+    """Exponential function of a vector of numbers ≤ 0; at least 2⁻¹²⁶."""
+    turns = max(value * (ONE / LN_2), LOWEST)
+    whole = rint(turns)
+    return polynomial(turns - whole, _EXP) * bits_of(to_cell(whole + BIAS, TWO * BIAS) << MANTISSA)
 
 
-@line
-def any_of(values):
-    """Whether any number of a map is not 0. Takes a fraction of the time of `values.any()` to compile."""
-    for row in range(values.shape[0]):
-        for col in range(values.shape[1]):
-            if values[row, col] != 0:
-                return True
-    return False
+@inline
+def wrap(difference, period):
+    """The difference of two depths on a circle, in [−period/2, period/2]."""
+    return fma(rint(difference * (ONE / period)), -period, difference)
 
 
-@line
-def total_of(values):
-    """Σ values, float32, in their order: in a kernel, `values.sum()` would depend on the number of threads."""
-    total = ZERO
-    for value in values:
-        total += value
-    return total
+@inline
+def agreement(e, tolerance):
+    """(1 − e² / tolerance)₊: how well two depths e bins apart agree, from 1 at e = 0 to 0 at e² = tolerance."""
+    return max(ONE - e * e / tolerance, ZERO)
+
+
+@inline
+def is_surface(intensity, std, max_std):
+    """Whether there is a surface whose depth is known."""
+    return (intensity > ZERO) & (std < max_std)

@@ -25,7 +25,7 @@ Notation:
     c(t)         factor by which scores at a depth exceed standard deviations (`clutter`)
     CAPITALS     constants of `kernels.constants` and `kernels.maps`
 
-A frame is a `MatchedFrame` of `core.method.matched_frame`, padded unless said otherwise. Maps of complex numbers are
+A frame is a `MatchedFrame` of `core.matched_frame`. Maps of complex numbers are
 float32 [rows, 2m, cols], real parts before imaginary ones. Maps with rows', cols' are padded, and states are float32
 [rows', K, FIELDS, cols'] (`kernels.maps`).
 Results of a kernel within a `recorded` frame are valid until the next frame. Types are those of `cpu`, except that

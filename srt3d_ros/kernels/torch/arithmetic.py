@@ -4,7 +4,7 @@ import math
 
 import torch
 
-from srt3d_ros.kernels.maps import BLOCK, INTENSITY, MARGIN, MAX_STD, STD
+from srt3d_ros.kernels.maps import INTENSITY, LANES, MARGIN, MAX_STD, STD
 
 
 def waves(frame, depth):
@@ -22,7 +22,7 @@ def product(a, b):
 
 def pad(image):
     """`maps.pad` of [rows, …, cols]."""
-    right = -image.shape[-1] % BLOCK + MARGIN
+    right = -image.shape[-1] % LANES + MARGIN
     return torch.nn.functional.pad(image, (MARGIN, right, *(0, 0) * (image.ndim - 2), MARGIN, MARGIN))
 
 

@@ -28,6 +28,10 @@ class Kernels:
     def load(self):
         """Do nothing: kernels are compiled when a frame is recorded."""
 
+    def for_shape(self, rows: int, cols: int, surfaces: int, frequencies: tuple[int, ...]) -> "Kernels":
+        """These kernels: what a frame needs is allocated when it is recorded."""
+        return self
+
     def array(self, values):
         """Copy a NumPy array to the device, contiguous, without waiting for it to arrive."""
         if np.iscomplexobj(values):

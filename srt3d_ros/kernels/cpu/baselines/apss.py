@@ -8,163 +8,193 @@ depth / scale). `torch.baselines.apss` has the details.
 from typing import NamedTuple
 
 import numpy as np
-from numba import boolean, float32, prange
+from numba import boolean, float32, get_num_threads, get_thread_id, prange
 
 from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, TWO, ZERO
-from srt3d_ros.kernels.cpu.compiling import inline, parallel
-from srt3d_ros.kernels.cpu.method.field import wrap
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, TWO, ZERO, wrap
+from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
+from srt3d_ros.kernels.cpu.vectors import floor, fma, full, lanes_of, load, sqrt, store, where
+from srt3d_ros.kernels.maps import LANES, MARGIN
 
 REACH, SAME_SURFACE, STILL, SHARED, RIDGE = (F32(value) for value in (
     constants.APSS_REACH, constants.APSS_SAME_SURFACE, constants.APSS_STILL, constants.APSS_SHARED,
     constants.APSS_RIDGE))
-ENOUGH, PROJECTIONS = constants.APSS_ENOUGH, constants.APSS_PROJECTIONS
 CENTRE_FIRST = 4, 0, 1, 2, 3, 5, 6, 7, 8        # pixels of 3 × 3, row by row
-# Rows of two tables. Of a point: its position, pixels, and its normal.
-X, Y, Z, NX, NY, NZ = range(6)
-# Of a surface: how many points it has, their mean depth, its intensity in the pixel itself, and its points and their
-# intensity in the other pixels.
-COUNT, MEAN, OWN, NEIGHBOURS, OTHERS = range(5)
+FAR = F32(1e6)                                  # where a point is that is not there
+# Rows of the scratch memory, [ROWS, 9 K, LANES]. Of a point: its depth and z of its normal. Of a surface: how many
+# points it has, their mean depth, its intensity in the pixel itself, later its strength; points, intensity in others.
+Z, NZ, COUNT, MEAN, OWN, NEIGHBOURS, OTHERS, ROWS = range(8)
 
 
 class Points(NamedTuple):
-    """Depths (bins) and intensities [rows, K, cols], and x and y of the normals [2, rows, K, cols]."""
+    """Depths (bins) and intensities [rows', K, cols'], and x and y of the normals [2, rows', K, cols']."""
 
     depth: float32[:, :, ::1]
     intensity: float32[:, :, ::1]
     normal: float32[:, :, :, ::1]
 
 
-@inline
-def _gather(i, j, cloud, scale, period, points, surfaces):
-    """Collect the points of the 3 × 3 pixels, those of pixel (i, j) first, and join them to surfaces by depth.
+@line
+def _join(z, there, strength, is_own, used, scratch):
+    """Join a point of each pixel to the first surface that is near, or to a new one; how many are in use."""
+    c = 0
+    while lanes_of(there):
+        if c == used:
+            for row in range(COUNT, ROWS):
+                store(scratch, row, c, 0, ZERO)
+            used += 1
+        count, mean = load(scratch, COUNT, c, 0), load(scratch, MEAN, c, 0)
+        joins = there & ((count == ZERO) | (abs(z - mean) < SAME_SURFACE))
+        store(scratch, COUNT, c, 0, where(joins, count + ONE, count))
+        store(scratch, MEAN, c, 0, where(joins, mean + (z - mean) / (count + ONE), mean))
+        total = OWN if is_own else OTHERS
+        store(scratch, total, c, 0, load(scratch, total, c, 0) + where(joins, strength, ZERO))
+        if not is_own:
+            store(scratch, NEIGHBOURS, c, 0, load(scratch, NEIGHBOURS, c, 0) + where(joins, ONE, ZERO))
+        there &= ~joins
+        c += 1
+    return used
 
-    Returns how many points, surfaces and pixels there are, and the first point's depth, bins, from which depths count.
+
+@line
+def _collect(i, j, cloud, scale, period, scratch):
+    """Write the points of the 3 × 3 pixels, and join them to surfaces by depth, those of the pixel itself first.
+
+    Returns the first point's depth, bins, from which depths count, and how many surfaces a pixel has at most.
     """
     depth, intensity, normal = cloud
-    rows, layers, cols = depth.shape
-    found, clusters, pixels, origin = 0, 0, 0, ZERO
-    for at in CENTRE_FIRST:
-        di, dj = at // 3 - 1, at % 3 - 1
-        a, b = i + di, j + dj
-        if a < 0 or a >= rows or b < 0 or b >= cols:
-            continue
-        pixels += 1
+    layers, origin, is_first, used = depth.shape[1], full(ZERO), full(True), 0
+    for place in CENTRE_FIRST:
+        a, b = i + place // 3 - 1, j + place % 3 - 1
         for k in range(layers):
-            if intensity[a, k, b] <= ZERO:
-                continue
-            origin = depth[a, k, b] if found == 0 else origin
-            z, nx, ny = wrap(depth[a, k, b] - origin, period) / scale, normal[0, a, k, b], normal[1, a, k, b]
-            points[X, found], points[Y, found], points[Z, found] = F32(dj), F32(di), z
-            points[NX, found], points[NY, found] = nx, ny
-            points[NZ, found] = np.sqrt(max(ONE - nx * nx - ny * ny, ZERO))
-            found += 1
-            c = 0
-            while c < clusters and abs(z - surfaces[MEAN, c]) >= SAME_SURFACE:
-                c += 1
-            if c == clusters:
-                clusters += 1
-                surfaces[:, c] = ZERO
-            surfaces[COUNT, c] += ONE
-            surfaces[MEAN, c] += (z - surfaces[MEAN, c]) / surfaces[COUNT, c]
-            if at == 4:
-                surfaces[OWN, c] += intensity[a, k, b]
-            else:
-                surfaces[NEIGHBOURS, c] += ONE
-                surfaces[OTHERS, c] += intensity[a, k, b]
-    return found, clusters, pixels, origin
+            strength, t = load(intensity, a, k, b), load(depth, a, k, b)
+            nx, ny, there = load(normal, 0, a, k, b), load(normal, 1, a, k, b), strength > ZERO
+            origin, is_first = where(there & is_first, t, origin), is_first & ~there
+            z = wrap(t - origin, period) / scale
+            store(scratch, Z, place * layers + k, 0, where(there, z, FAR))
+            store(scratch, NZ, place * layers + k, 0, sqrt(max(ONE - nx * nx - ny * ny, ZERO)))
+            used = _join(z, there, strength, place == 4, used, scratch)
+    return origin, used
+
+
+@line
+def _weigh(used, enough, scratch):
+    """Write the strengths of surfaces over their own intensities; 0 if they have too few points."""
+    for c in range(used):
+        others = load(scratch, OTHERS, c, 0) / max(load(scratch, NEIGHBOURS, c, 0), ONE)
+        strength = (ONE - SHARED) * load(scratch, OWN, c, 0) + SHARED * others
+        exists = (enough > ZERO) & (load(scratch, COUNT, c, 0) >= enough)
+        store(scratch, OWN, c, 0, where(exists, strength, ZERO))
+
+
+@line
+def _take_strongest(used, scratch):
+    """The strength and the mean depth of the strongest surfaces, which are taken out; 0 if there is none."""
+    best, at, which = full(ZERO), full(ZERO), full(ZERO)
+    for c in range(used):
+        strength = load(scratch, OWN, c, 0)
+        stronger = strength > best
+        best, which = max(strength, best), where(stronger, F32(c), which)
+        at = where(stronger, load(scratch, MEAN, c, 0), at)
+    for c in range(used):
+        store(scratch, OWN, c, 0, where(which == F32(c), ZERO, load(scratch, OWN, c, 0)))
+    return best, at
 
 
 @inline
-def _fit(at, found, points, spheres):
-    """Fit the surface through the points near depth `at`: its distance from there, and x and y of its normal.
+def _weight(x, y, z):
+    """A point's weight in a fit, and its squared distance."""
+    square = z * z + (x * x + y * y)
+    near = max(ONE - square / (REACH * REACH), ZERO)
+    return near * near, square
 
-    A plane z = c + sx x + sy y by weighted least squares; or an algebraic sphere c + l·p + q p² = 0 whose gradient
-    fits the points' normals.
-    """
-    w, wx, wy, wz = ZERO, ZERO, ZERO, ZERO
-    wxx, wyy, wxy, wxz, wyz = ZERO, ZERO, ZERO, ZERO, ZERO
-    wu, wv, wn, wpp, wpn = ZERO, ZERO, ZERO, ZERO, ZERO
-    for p in range(found):
-        x, y, z = points[X, p], points[Y, p], points[Z, p] - at
-        square = x * x + y * y + z * z
-        near = max(ONE - square / (REACH * REACH), ZERO)
-        f = near * near
-        w += f
-        wx += f * x
-        wy += f * y
-        wz += f * z
-        if spheres:
-            u, v, n = points[NX, p], points[NY, p], points[NZ, p]
-            wu += f * u
-            wv += f * v
-            wn += f * n
-            wpp += f * square
-            wpn += f * (u * x + v * y + n * z)
-        else:
-            wxx += f * x * x
-            wyy += f * y * y
-            wxy += f * x * y
-            wxz += f * x * z
-            wyz += f * y * z
+
+@line
+def _plane(at, layers, scratch):
+    """The plane z = c + sx x + sy y by weighted least squares: c, and x and y of its normal."""
+    w = wx = wy = wz = wxx = wyy = wxy = wxz = wyz = full(ZERO)
+    for p in range(9 * layers):
+        x, y, z = F32(p // layers % 3 - 1), F32(p // layers // 3 - 1), load(scratch, Z, p, 0) - at
+        f, _ = _weight(x, y, z)
+        f_z = f * z
+        w, wx, wy, wz = w + f, fma(f, x, wx), fma(f, y, wy), wz + f_z
+        wxx, wyy, wxy = fma(f, x * x, wxx), fma(f, y * y, wyy), fma(f, x * y, wxy)
+        wxz, wyz = fma(f_z, x, wxz), fma(f_z, y, wyz)
     w += TINY
-    if not spheres:
-        mx, my, mz = wx / w, wy / w, wz / w
-        cxx, cyy, cxy = wxx / w - mx * mx + RIDGE, wyy / w - my * my + RIDGE, wxy / w - mx * my
-        cxz, cyz = wxz / w - mx * mz, wyz / w - my * mz
-        det = cxx * cyy - cxy * cxy
-        sx, sy = (cyy * cxz - cxy * cyz) / det, (cxx * cyz - cxy * cxz) / det
-        length = np.sqrt(ONE + sx * sx + sy * sy)
-        return mz - sx * mx - sy * my, -sx / length, -sy / length
+    mx, my, mz = wx / w, wy / w, wz / w
+    cxx, cyy, cxy = wxx / w - mx * mx + RIDGE, wyy / w - my * my + RIDGE, wxy / w - mx * my
+    cxz, cyz = wxz / w - mx * mz, wyz / w - my * mz
+    det = cxx * cyy - cxy * cxy
+    sx, sy = (cyy * cxz - cxy * cyz) / det, (cxx * cyz - cxy * cxz) / det
+    length = sqrt(ONE + sx * sx + sy * sy)
+    return mz - sx * mx - sy * my, -sx / length, -sy / length
+
+
+@line
+def _sphere(i, j, at, normal, scratch):
+    """The sphere c + l · p + q p² = 0 whose gradient fits the normals: how far along z it is, x and y of its normal."""
+    w = wx = wy = wz = wu = wv = wn = wpp = wpn = full(ZERO)
+    layers = normal.shape[2]
+    for p in range(9 * layers):
+        right, down = p // layers % 3 - 1, p // layers // 3 - 1
+        x, y, z = F32(right), F32(down), load(scratch, Z, p, 0) - at
+        u, v = load(normal, 0, i + down, p % layers, j + right), load(normal, 1, i + down, p % layers, j + right)
+        n, (f, square) = load(scratch, NZ, p, 0), _weight(x, y, z)
+        w, wx, wy, wz = w + f, fma(f, x, wx), fma(f, y, wy), fma(f, z, wz)
+        wu, wv, wn, wpp = fma(f, u, wu), fma(f, v, wv), fma(f, n, wn), fma(f, square, wpp)
+        wpn = fma(f, u * x + v * y + n * z, wpn)
+    w += TINY
     spread = wpp - (wx * wx + wy * wy + wz * wz) / w
     q = HALF * (wpn - (wx * wu + wy * wv + wz * wn) / w) / (spread + RIDGE * w)
     lx, ly, lz = (wu - TWO * q * wx) / w, (wv - TWO * q * wy) / w, (wn - TWO * q * wz) / w
     c = -(lx * wx + ly * wy + lz * wz + q * wpp) / w
     # The root nearer to 0 of c + lz d + q d²; lz is positive unless the normals contradict each other.
-    root = np.sqrt(max(lz * lz - F32(4) * q * c, ZERO))
-    d = -TWO * c / (lz + root + TINY) if lz >= ZERO else -TWO * c / (lz - root - TINY)
+    root = sqrt(max(lz * lz - 4 * q * c, ZERO))
+    d = -TWO * c / where(lz >= ZERO, lz + root + TINY, lz - root - TINY)
     gz = lz + TWO * q * d
-    length = np.sqrt(lx * lx + ly * ly + gz * gz) + TINY
-    return d, (lx if gz >= ZERO else -lx) / length, (ly if gz >= ZERO else -ly) / length
+    length = sqrt(lx * lx + ly * ly + gz * gz) + TINY
+    length = where(gz >= ZERO, length, -length)
+    return d, lx / length, ly / length
+
+
+@line
+def _project(i, j, at, there, spheres, normal, scratch):
+    """Move points along the line of sight onto the surfaces fitted around them: their depths, x and y of normals."""
+    u, v, step = full(ZERO), full(ZERO), 0
+    while step < constants.APSS_PROJECTIONS and lanes_of(there):
+        move, x, y = (_sphere(i, j, at, normal, scratch) if spheres else _plane(at, normal.shape[2], scratch))
+        at, u, v = where(there, at + move, at), where(there, x, u), where(there, y, v)
+        there, step = there & (abs(move) >= STILL), step + 1
+    return at, u, v
+
+
+@line
+def _apss_row(i, cloud, enough, scale, period, spheres, after, scratch):
+    for j in range(MARGIN, enough.shape[1] - MARGIN, LANES):
+        if lanes_of(load(enough, i, j) > ZERO):
+            origin, used = _collect(i, j, cloud, scale, period, scratch)
+            _weigh(used, load(enough, i, j), scratch)
+            for k in range(cloud.depth.shape[1]):
+                strength, at = _take_strongest(used, scratch)
+                there = strength > ZERO
+                at, u, v = _project(i, j, at, there, spheres, cloud.normal, scratch)
+                t = fma(at, scale, origin)
+                store(after.depth, i, k, j, where(there, t - period * floor(t / period), ZERO))
+                store(after.intensity, i, k, j, strength)
+                store(after.normal, 0, i, k, j, u)
+                store(after.normal, 1, i, k, j, v)
 
 
 @parallel
-def _apss(cloud: Points, exposure: float32[:, ::1], scale: float32, period: float32, spheres: boolean, after: Points):
-    new_depth, new_intensity, new_normal = after
-    rows, layers, cols = cloud.depth.shape
-    for i in prange(rows):
-        points, surfaces = np.empty((6, 9 * layers), np.float32), np.empty((5, 9 * layers), np.float32)
-        for j in range(cols):
-            if exposure[i, j] <= ZERO:
-                continue
-            found, clusters, pixels, origin = _gather(i, j, cloud, scale, period, points, surfaces)
-            strength = surfaces[OWN]
-            for c in range(clusters):
-                if surfaces[COUNT, c] >= F32(min(ENOUGH, pixels)):
-                    strength[c] = ((ONE - SHARED) * strength[c]
-                                   + SHARED * surfaces[OTHERS, c] / max(surfaces[NEIGHBOURS, c], ONE))
-                else:
-                    strength[c] = ZERO
-            for k in range(min(layers, clusters)):
-                best = 0
-                for c in range(clusters):
-                    best = c if strength[c] > strength[best] else best
-                if strength[best] <= ZERO:
-                    break
-                at, move, step, gx, gy = surfaces[MEAN, best], ONE, 0, ZERO, ZERO
-                while step < PROJECTIONS and abs(move) >= STILL:
-                    move, gx, gy = _fit(at, found, points, spheres)
-                    at += move
-                    step += 1
-                t = origin + at * scale
-                new_depth[i, k, j] = t - period * np.floor(t / period)
-                new_intensity[i, k, j] = strength[best]
-                new_normal[0, i, k, j], new_normal[1, i, k, j] = gx, gy
-                strength[best] = ZERO
+def _apss(cloud: Points, enough: float32[:, ::1], scale: float32, period: float32, spheres: boolean, after: Points,
+          scratch: float32[:, :, :, ::1]):
+    for turn in prange(len(enough) - 2 * MARGIN):
+        _apss_row(turn + MARGIN, cloud, enough, scale, period, spheres, after, scratch[get_thread_id()])
 
 
-def apss(depth, intensity, normal, exposure, scale, num_bins):
+def apss(depth, intensity, normal, enough, scale, num_bins):
     known = np.zeros((2, *depth.shape), np.float32) if normal is None else normal
     after = Points(np.zeros_like(depth), np.zeros_like(intensity), np.zeros_like(known))
-    _apss(Points(depth, intensity, known), exposure, F32(scale), F32(num_bins), normal is not None, after)
+    _apss(Points(depth, intensity, known), enough, F32(scale), F32(num_bins), normal is not None, after,
+          np.empty((get_num_threads(), ROWS, 9 * depth.shape[1], LANES), np.float32))
     return tuple(after)

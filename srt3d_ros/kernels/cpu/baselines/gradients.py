@@ -11,61 +11,74 @@ import numpy as np
 from numba import float32, int64, prange
 
 from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, sincos
-from srt3d_ros.kernels.cpu.compiling import inline, parallel
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO
+from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
+from srt3d_ros.kernels.cpu.method.expand import others_removed
 from srt3d_ros.kernels.cpu.method.frame import Frame
+from srt3d_ros.kernels.cpu.vectors import floor, full, gather, lanes_of, load, store, to_cell, where
+from srt3d_ros.kernels.maps import LANES, MARGIN
 
 RATE = F32(constants.INTENSITY_RATE)
 
 
+@inline
+def _step_at(table, level, row, l):
+    """a of a row of the table, at each pixel's level."""
+    return gather(table, level, row, l) if len(table) > 1 else full(table[0, row, l])
+
+
+@line
+def _errors(i, k, j, frame, table, depth, intensity):
+    """Δ_rt and Δ_r."""
+    gives, last = load(frame.exposure, i, j) * load(intensity, i, k, j), len(table) - 1
+    level = to_cell(min(gives / max(load(frame.counts, i, j), ONE), ONE) * last + HALF, last)
+    shift = change = full(ZERO)
+    for l in range(len(frame.energy)):
+        re, im = others_removed(i, k, j, l, frame, depth, intensity)
+        re -= gives * frame.energy[l]
+        shift += _step_at(table, level, 0, l) * re + _step_at(table, level, 1, l) * im
+        change += _step_at(table, level, 2, l) * re + _step_at(table, level, 3, l) * im
+    return shift, change
+
+
+@line
+def _pixelwise_row(i, frame, table, rate, usual, depth, intensity, after):
+    for j in range(MARGIN, depth.shape[2] - MARGIN, LANES):
+        for k in range(depth.shape[1]):
+            t, r = load(depth, i, k, j), load(intensity, i, k, j)
+            there = r > ZERO
+            if lanes_of(there):
+                shift, change = _errors(i, k, j, frame, table, depth, intensity)
+                seen = max(load(frame.exposure, i, j), TINY)
+                grown = r + RATE * change / seen
+                signal = max(r, grown) * seen
+                least = max(signal, usual * seen)
+                move = rate * shift * signal / (least * least + TINY)
+                moved = t + min(max(move, -frame.resolution), frame.resolution)
+                t = where(there, moved - frame.period * floor(moved / frame.period), t)
+                r = where(there, max(grown, ZERO), r)
+            store(after.depth, i, k, j, t)
+            store(after.intensity, i, k, j, r)
+
+
+class Layers(NamedTuple):
+    """Depths (bins) and intensities, [rows', K, cols']."""
+
+    depth: float32[:, :, ::1]
+    intensity: float32[:, :, ::1]
+
+
 @parallel
 def _pixelwise(frame: Frame, table: float32[:, :, ::1], rate: float32, usual: float32, depth: float32[:, :, ::1],
-               intensity: float32[:, :, ::1]):
-    rows, surfaces, cols = depth.shape
-    m, levels = len(frame.energy), len(table)
-    for i in prange(rows):
-        rest, photons, exposure = frame.matched[i].copy(), frame.counts[i], frame.exposure[i]
-        sine, cosine = np.empty((surfaces, m, cols), np.float32), np.empty((surfaces, m, cols), np.float32)
-        shift, change, level = np.empty(cols, np.float32), np.empty(cols, np.float32), np.empty(cols, np.int64)
-        for k in range(surfaces):
-            if intensity[i, k].max() <= ZERO:           # few rows have a second surface
-                continue
-            for l in range(m):
-                for j in range(cols):
-                    s, c = sincos(frame.bin_frequencies[l] * depth[i, k, j])
-                    seen = exposure[j] * intensity[i, k, j] * frame.energy[l]
-                    rest[l, j] -= seen * c              # what no surface explains
-                    rest[m + l, j] -= seen * s
-                    sine[k, l, j], cosine[k, l, j] = s, c
-        for k in range(surfaces):
-            if intensity[i, k].max() <= ZERO:
-                continue
-            for j in range(cols):
-                share = exposure[j] * intensity[i, k, j] / max(photons[j], ONE)
-                level[j] = int(min(share, ONE) * F32(levels - 1) + HALF)
-            shift[:], change[:] = ZERO, ZERO            # Δ_rt and Δ_r
-            for l in range(m):
-                for j in range(cols):
-                    s, c, a = sine[k, l, j], cosine[k, l, j], table[level[j]]
-                    re, im = rest[l, j] * c + rest[m + l, j] * s, rest[m + l, j] * c - rest[l, j] * s
-                    shift[j] += a[0, l] * re + a[1, l] * im
-                    change[j] += a[2, l] * re + a[3, l] * im
-            for j in range(cols):
-                if intensity[i, k, j] > ZERO:
-                    seen = max(exposure[j], TINY)
-                    after = intensity[i, k, j] + RATE * change[j] / seen
-                    signal = max(intensity[i, k, j], after) * seen
-                    least = max(signal, usual * seen)
-                    move = rate * shift[j] * signal / (least * least + TINY)
-                    t = depth[i, k, j] + min(max(move, -frame.resolution), frame.resolution)
-                    depth[i, k, j] = t - frame.period * np.floor(t / frame.period)
-                    intensity[i, k, j] = max(after, ZERO)
+               intensity: float32[:, :, ::1], after: Layers):
+    for turn in prange(len(depth) - 2 * MARGIN):
+        _pixelwise_row(turn + MARGIN, frame, table, rate, usual, depth, intensity, after)
 
 
 def pixelwise(frame, table, rate, usual, depth, intensity):
-    points = depth.copy(), intensity.copy()
-    _pixelwise(frame, table, F32(rate), F32(usual), *points)
-    return points
+    after = Layers(np.zeros_like(depth), np.zeros_like(intensity))
+    _pixelwise(frame, table, F32(rate), F32(usual), depth, intensity, after)
+    return tuple(after)
 
 
 def usual_intensity(intensity, exposure):
@@ -104,13 +117,14 @@ class TimesOfArrival(NamedTuple):
 def _poisson(photons: TimesOfArrival, background: float32[:, ::1], rate: float32, usual: float32,
              depth: float32[:, :, ::1], intensity: float32[:, :, ::1], stray: float32[:, ::1]):
     starts, toa, irf, slope, exposure, ref, information, num_bins = photons
-    rows, surfaces, cols = depth.shape
+    (rows, cols), surfaces = background.shape, depth.shape[1]
     reach = ONE / np.sqrt(information)
     for i in prange(rows):
+        a = i + MARGIN
         value, rise = np.empty(surfaces, np.float32), np.empty(surfaces, np.float32)
         signal, score = np.empty(surfaces, np.float32), np.empty(surfaces, np.float32)
         for j in range(cols):
-            p = i * cols + j
+            p, b = i * cols + j, j + MARGIN
             seen = exposure[i, j]
             stray[i, j] = ZERO
             if seen <= ZERO:
@@ -121,25 +135,25 @@ def _poisson(photons: TimesOfArrival, background: float32[:, ::1], rate: float32
                 total = background[i, j]
                 for k in range(surfaces):
                     value[k], rise[k] = ZERO, ZERO
-                    if intensity[i, k, j] > ZERO:
-                        place = toa[photon] - depth[i, k, j] + ref
+                    if intensity[a, k, b] > ZERO:
+                        place = toa[photon] - depth[a, k, b] + ref
                         place -= num_bins * np.floor(place / num_bins)
                         value[k], rise[k] = _between(place, irf[own]), _between(place, slope[own])
-                        total += intensity[i, k, j] * value[k]
+                        total += intensity[a, k, b] * value[k]
                 if total > ZERO:
                     stray[i, j] += background[i, j] / total
                     for k in range(surfaces):
-                        signal[k] += intensity[i, k, j] * value[k] / total
-                        score[k] -= intensity[i, k, j] * rise[k] / total
+                        signal[k] += intensity[a, k, b] * value[k] / total
+                        score[k] -= intensity[a, k, b] * rise[k] / total
             for k in range(surfaces):
-                if intensity[i, k, j] > ZERO:
+                if intensity[a, k, b] > ZERO:
                     least = max(signal[k], usual * seen)
                     move = rate * score[k] / (least * information + TINY)
-                    t = depth[i, k, j] + min(max(move, -reach), reach)
-                    depth[i, k, j] = t - num_bins * np.floor(t / num_bins)
-                    expected = intensity[i, k, j] * seen
+                    t = depth[a, k, b] + min(max(move, -reach), reach)
+                    depth[a, k, b] = t - num_bins * np.floor(t / num_bins)
+                    expected = intensity[a, k, b] * seen
                     change = RATE * (signal[k] - expected) / (max(expected, usual * seen) + TINY)
-                    intensity[i, k, j] *= np.exp(min(change, ONE))
+                    intensity[a, k, b] *= np.exp(min(change, ONE))
 
 
 def poisson(frame, background, rate, usual, depth, intensity):
@@ -154,7 +168,7 @@ def poisson(frame, background, rate, usual, depth, intensity):
         background: float32 [rows, cols], b, photons per bin at g = 1.
         rate: of the full step in depth.
         usual: intensity below which the curvatures at `usual` are taken.
-        depth, intensity: float32 [rows, K, cols], bins and photons; changed in place.
+        depth, intensity: float32 [rows', K, cols'], bins and photons; changed in place.
 
     Returns:
         float32 [rows, cols], Σ_p b / (Σ r h + b): photons of the background.

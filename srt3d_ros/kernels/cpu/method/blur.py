@@ -1,107 +1,115 @@
-"""Sums over cells of pixels, and Gaussian sums Σ_ab w_a w_b · values[i + a, c, j + b]: over rows, then columns."""
+"""Sums over cells of pixels, and Gaussian sums Σ_ab w_a w_b · values[i + a, c, j + b]: over rows, then columns.
+
+Maps are padded (`kernels.maps`), so that windows need no bounds checks.
+"""
+
+from typing import NamedTuple
 
 import numpy as np
-from numba import boolean, float32, int64, prange
+from numba import float32, get_num_threads, get_thread_id, int64, prange
 
-from srt3d_ros.kernels.cpu.arithmetic import ZERO
-from srt3d_ros.kernels.cpu.compiling import line, parallel
-from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.maps import MARGIN, window_weights
+from srt3d_ros.kernels import maps
+from srt3d_ros.kernels.cpu.arithmetic import F32, ZERO
+from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
+from srt3d_ros.kernels.cpu.vectors import fma, full, gather, lane_numbers, lanes_of, load, store
+from srt3d_ros.kernels.maps import LANES, MARGIN
+
+NEVER = F32(np.inf)         # a score that no cell reaches
 
 
-@parallel
-def _bin_cells(matched: float32[:, :, ::1], counts: float32[:, ::1], exposure: float32[:, ::1],
-               is_open: float32[:, ::1], step: int64, near: boolean[::1], out: float32[:, :, ::1]):
-    """Sum a padded sketch, counts and exposure over the open pixels of each cell: its rows, then its columns.
+class Cells(NamedTuple):
+    """Sums over cells of pixels, padded: [rows', …, cols'] each."""
 
-    Rows of cells that are not `near` stay as they are.
-    """
-    (rows, cols), channels = is_open.shape, matched.shape[1]
-    for i in prange(out.shape[0]):
-        if not near[i]:
-            continue
-        total = np.zeros(out.shape[2] * step, np.float32)
-        for c in range(out.shape[1]):
-            total[:] = ZERO
-            for a in range(i * step, min((i + 1) * step, rows)):
-                if c < channels:
-                    source = matched[MARGIN + a, c, MARGIN:]
-                else:
-                    source = counts[MARGIN + a, MARGIN:] if c == channels else exposure[MARGIN + a, MARGIN:]
-                used = is_open[a]
-                for j in range(cols):
-                    total[j] += source[j] * used[j]
-            cells = out[i, c]
-            if step == 2:
-                for j in range(len(cells)):
-                    cells[j] = total[2 * j] + total[2 * j + 1]
-            else:
-                cells[:] = ZERO
-                for b in range(step):
-                    for j in range(len(cells)):
-                        cells[j] += total[step * j + b]
+    z: float32[:, :, ::1]           # [rows', 2m, cols']
+    counts: float32[:, :, ::1]      # [rows', 1, cols']
+    exposure: float32[:, :, ::1]
+    wanted: float32[:, :, ::1]      # how many pixels count
+
+
+@inline
+def _add_columns(total, first, step):
+    """The sums of every `step` numbers from `first` on."""
+    value = full(ZERO)
+    for b in range(step):
+        value += gather(total, lane_numbers() * step + (first + b))
+    return value
 
 
 @line
-def _add_rows(values, c, weights, i, into):
-    """Write the sums over a window's rows of channel c, with zeros as a margin at both ends."""
-    radius, cols = len(weights) // 2, values.shape[2]
-    into[:] = ZERO
-    image = into[radius:]
-    for tap in range(len(weights)):
-        a = i + tap - radius
-        if 0 <= a < values.shape[0]:
-            weight, source = weights[tap], values[a, c]
-            for j in range(cols):
-                image[j] += weight * source[j]
+def _add_cells(values, wanted, row, step, total, out):
+    """Write a row of cells: the sums of its rows of pixels, then of its columns."""
+    first = (row - MARGIN) * step + MARGIN
+    for c in range(values.shape[1]):
+        total[:] = ZERO
+        for col in range(MARGIN, values.shape[2] - MARGIN, LANES):
+            value = full(ZERO)
+            for a in range(first, first + step):
+                value = fma(load(values, a, c, col), load(wanted, a, 0, col), value)
+            store(total, col, value)
+        for col in range(MARGIN, out.shape[2] - MARGIN, LANES):
+            at = (col - MARGIN) * step + MARGIN
+            if step == 1:       # a known step makes fast code
+                store(out, row, c, col, load(total, at))
+            elif step == 2:
+                store(out, row, c, col, _add_columns(total, at, 2))
+            else:
+                store(out, row, c, col, _add_columns(total, at, step))
 
 
 @parallel
-def _blur(values: float32[:, :, ::1], weights: float32[::1], squares: float32[::1], squared: int64,
-          needed: boolean[::1], out: float32[:, :, ::1]):
-    """Write the windows in the rows that are `needed`; those of channel `squared` have `squares` as weights."""
-    for i in prange(out.shape[0]):
-        if not needed[i]:
-            continue
-        rows = np.empty(out.shape[2] + len(weights) - 1, np.float32)
-        for c in range(out.shape[1]):
-            taps = squares if c == squared else weights
-            _add_rows(values, c, taps, i, rows)
-            total = out[i, c]
-            total[:] = ZERO
-            for tap in range(len(taps)):
-                part, weight = rows[tap:], taps[tap]
-                for j in range(len(total)):
-                    total[j] += weight * part[j]
+def _bin_cells(pixels: Cells, step: int64, totals: float32[:, ::1], cells: Cells):
+    """Sum the wanted pixels of each cell."""
+    for turn in prange(len(cells.z) - 2 * MARGIN):
+        row, total = turn + MARGIN, totals[get_thread_id()]
+        _add_cells(pixels.z, pixels.wanted, row, step, total, cells.z)
+        _add_cells(pixels.counts, pixels.wanted, row, step, total, cells.counts)
+        _add_cells(pixels.exposure, pixels.wanted, row, step, total, cells.exposure)
+        _add_cells(pixels.wanted, pixels.wanted, row, step, total, cells.wanted)
+
+
+def bin_cells(pixels: Cells, step, totals, cells: Cells) -> None:
+    """Sum the wanted pixels of each cell; `totals` [threads, 2 · cols'] is scratch."""
+    _bin_cells(pixels, step, totals, cells)
+
+
+@inline
+def is_asked(least, col, beside):
+    """Whether a score is asked for in some of LANES columns, or in those `beside` them."""
+    return lanes_of(min(load(least, col - beside), load(least, col), load(least, col + beside)) < NEVER) != 0
+
+
+@line
+def blur_row(values, row, weights, least, total, out):
+    """Write the windows around a row, where a score is asked for: out [C, cols']. `total` has margins of 0."""
+    radius = len(weights) // 2
+    for c in range(values.shape[1]):
+        for col in range(MARGIN, values.shape[2] - MARGIN, LANES):
+            if is_asked(least, col, LANES):
+                value = full(ZERO)
+                for tap in range(len(weights)):
+                    value = fma(load(values, row + tap - radius, c, col), weights[tap], value)
+                store(total, col, value)
+        for col in range(MARGIN, values.shape[2] - MARGIN, LANES):
+            if is_asked(least, col, 0):
+                value = full(ZERO)
+                for tap in range(len(weights)):
+                    value = fma(load(total, col + tap - radius), weights[tap], value)
+                store(out, c, col, value)
+
+
+@parallel
+def _blur(values: float32[:, :, ::1], weights: float32[::1], totals: float32[:, :, ::1],
+          out: float32[:, :, ::1]):
+    for turn in prange(len(out)):
+        total = totals[get_thread_id()]
+        blur_row(values, turn + MARGIN, weights, total[1], total[0], out[turn])
 
 
 def blur(values, sigma):
-    out, weights = np.empty(values.shape, np.float32), window_weights(sigma)
-    _blur(values, weights, weights, -1, np.ones(len(values), bool), out)
-    return out
-
-
-def rows_of_pools(wanted, weights, step):
-    """Which rows of cells have a wanted pixel, and which are within the windows around these; bool [cells] each."""
-    needed = np.logical_or.reduceat(wanted.any(axis=1), np.arange(0, len(wanted), step))
-    around = np.pad(needed, len(weights) // 2)
-    return needed, np.lib.stride_tricks.sliding_window_view(around, len(weights)).any(axis=1)
-
-
-def pool(frame, matched, wanted, weights, step):
-    """Sums over the wanted pixels of cells, and windows of these: of the sketch, counts and exposure.
-
-    Windows of counts are weighted by squares. Rows of windows without a wanted pixel hold no values.
-
-    Returns:
-        float32 [cells, 2m + 2, cells] each.
-    """
-    (rows, cols), channels = wanted.shape, matched.shape[1]
-    cells = borrow("cells of pools", (-(-rows // step), channels + 2, -(-cols // step)))
-    needed, near = rows_of_pools(wanted, weights, step)
-    _bin_cells(matched, frame.counts, frame.exposure, wanted.astype(np.float32), step, near, cells)
-    if len(weights) == 1:
-        return cells, cells
-    out = borrow("pools", cells.shape)
-    _blur(cells, weights, weights**2, channels, needed, out)
-    return cells, out
+    rows, channels, cols = values.shape
+    padded_rows, padded_cols = maps.padded_shape(rows, cols)
+    padded = np.zeros((padded_rows, channels, padded_cols), np.float32)
+    maps.crop(padded, rows, cols)[:] = values
+    out = np.empty((rows, channels, padded_cols), np.float32)
+    _blur(padded, maps.window_weights(sigma), np.zeros((get_num_threads(), 2, padded_cols), np.float32), out)
+    return out[:, :, MARGIN:MARGIN + cols]

@@ -1,61 +1,79 @@
-"""Data terms of every point: v = Σ_l Re(z_l exp(−i ω_l t)), its slope and its curvature, less the other surfaces."""
+"""Data term of every point to second order, f(t + d) ≈ v + s d − b d² / 2, in what the other surfaces leave of a pixel:
+
+    z'_l = (z_l − g Σ_{o ≠ k} r_o |ĥ_l|² exp(i ω_l t_o)) exp(−i ω_l t_k)
+    v = Σ Re z'_l,  s = Σ ω_l Im z'_l,  b = Σ ω_l² Re z'_l
+"""
 
 import numpy as np
 from numba import float32, prange
 
-from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, sincos
-from srt3d_ros.kernels.cpu.compiling import parallel
-from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.cpu.method import field
-from srt3d_ros.kernels.maps import MARGIN, TERMS
+from srt3d_ros.kernels.cpu.arithmetic import F32, ZERO, sincos
+from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
+from srt3d_ros.kernels.cpu.method.frame import Frame
+from srt3d_ros.kernels.cpu.vectors import fma, full, lanes_of, load, store, where
+from srt3d_ros.kernels.maps import (
+    COUNTS,
+    CURVATURE,
+    DEPTH,
+    EXPOSURE,
+    GRADIENT,
+    INTENSITY,
+    LANES,
+    MARGIN,
+    SQUARES,
+    VALUE,
+)
 
 TURN = F32(2 * np.pi)
 
 
+@inline
+def others_removed(i, k, j, l, frame, depth, intensity):
+    """Re and Im of z'_l of the surfaces k of the pixels (i, j …); depths and intensities are [rows', K, cols']."""
+    frequency, exposure = frame.bin_frequencies[l], load(frame.exposure, i, j)
+    re, im = load(frame.matched, i, l, j), load(frame.matched, i, len(frame.energy) + l, j)
+    for o in range(depth.shape[1]):
+        if o != k:
+            gives = load(intensity, i, o, j) * exposure * frame.energy[l]
+            if lanes_of(gives > ZERO):
+                sine, cosine = sincos(frequency * load(depth, i, o, j))
+                re, im = re - gives * cosine, im - gives * sine
+    sine, cosine = sincos(frequency * load(depth, i, k, j))
+    return fma(re, cosine, im * sine), fma(-re, sine, im * cosine)
+
+
+@line
+def _data_term(i, k, j, frame, depth, intensity):
+    """v, s and b."""
+    v = s = b = full(ZERO)
+    for l in range(len(frame.energy)):
+        omega, (re, im) = TURN * frame.bin_frequencies[l], others_removed(i, k, j, l, frame, depth, intensity)
+        v, s, b = v + re, fma(im, omega, s), fma(re, omega * omega, b)
+    return v, s, b
+
+
+@line
+def _expand_row(i, frame, state, terms):
+    for j in range(MARGIN, state.shape[3] - MARGIN, LANES):
+        for k in range(state.shape[1]):
+            seen, v, s, b = load(state, i, k, INTENSITY, j) > ZERO, full(ZERO), full(ZERO), full(ZERO)
+            if lanes_of(seen):
+                v, s, b = _data_term(i, k, j, frame, state[:, :, DEPTH], state[:, :, INTENSITY])
+            counts = where(seen, load(frame.counts, i, j), ZERO)
+            store(terms, i, k, VALUE, j, where(seen, v, ZERO))
+            store(terms, i, k, GRADIENT, j, where(seen, s, ZERO))
+            store(terms, i, k, CURVATURE, j, where(seen, b, ZERO))
+            store(terms, i, k, SQUARES, j, counts)
+            store(terms, i, k, COUNTS, j, counts)
+            store(terms, i, k, EXPOSURE, j, where(seen, load(frame.exposure, i, j), ZERO))
+
+
 @parallel
-def _expand(matched: float32[:, :, ::1], counts: float32[:, ::1], exposure: float32[:, ::1], energy: float32[::1],
-            bin_frequencies: float32[::1], state: float32[:, :, :, ::1], terms: float32[:, :, :, ::1]):
-    padded_rows, surfaces, _, padded_cols = state.shape
-    m = len(energy)
-    for row in prange(padded_rows - 2 * MARGIN):
-        i = row + MARGIN
-        v, g, c = (np.empty(padded_cols, np.float32), np.empty(padded_cols, np.float32),
-                   np.empty(padded_cols, np.float32))
-        for k in range(surfaces):
-            v[:], g[:], c[:] = ZERO, ZERO, ZERO
-            depth = state[i, k, field.DEPTH]
-            for l in range(m):
-                frequency, omega = bin_frequencies[l], TURN * bin_frequencies[l]
-                real, imaginary = matched[i, l], matched[i, m + l]
-                for j in range(padded_cols):
-                    sine, cosine = sincos(frequency * depth[j])
-                    along = real[j] * cosine + imaginary[j] * sine
-                    v[j] += along
-                    g[j] += omega * (imaginary[j] * cosine - real[j] * sine)
-                    c[j] += omega * omega * along
-            for o in range(surfaces):
-                if o != k:
-                    other, strength = state[i, o, field.DEPTH], state[i, o, field.INTENSITY]
-                    for l in range(m):
-                        frequency, omega, share = bin_frequencies[l], TURN * bin_frequencies[l], energy[l]
-                        for j in range(padded_cols):
-                            sine, cosine = sincos(frequency * (other[j] - depth[j]))
-                            known = strength[j] * exposure[i, j] * share
-                            v[j] -= known * cosine
-                            g[j] -= omega * known * sine
-                            c[j] -= omega * omega * known * cosine
-            for j in range(padded_cols):
-                seen = ONE if state[i, k, field.INTENSITY, j] > ZERO else ZERO
-                terms[i, k, field.VALUE, j], terms[i, k, field.GRADIENT, j] = seen * v[j], seen * g[j]
-                terms[i, k, field.CURVATURE, j] = seen * c[j]
-                terms[i, k, field.SQUARES, j] = seen * counts[i, j]
-                terms[i, k, field.COUNTS, j] = seen * counts[i, j]
-                terms[i, k, field.EXPOSURE, j] = seen * exposure[i, j]
+def _expand(frame: Frame, state: float32[:, :, :, ::1], terms: float32[:, :, :, ::1]):
+    for turn in prange(len(state) - 2 * MARGIN):
+        _expand_row(turn + MARGIN, frame, state, terms)
 
 
-def expand(frame, state):
-    """As the contract; rows are computed with their margins, since numba does not vectorise loops that begin there."""
-    padded_rows, surfaces, _, padded_cols = state.shape
-    terms = borrow("terms", (padded_rows, surfaces, TERMS, padded_cols))
-    _expand(frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, state, terms)
-    return terms
+def expand(work, frame, state):
+    _expand(frame, state, work.terms)
+    return work.terms

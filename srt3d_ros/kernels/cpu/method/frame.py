@@ -30,13 +30,13 @@ class Frame(NamedTuple):
 
     @classmethod
     def of(cls, frame) -> "Frame":
-        """The fields of a MatchedFrame. Compiled code takes writable, contiguous arrays only: others are copied."""
+        """The fields of a MatchedFrame."""
         if isinstance(frame, cls):
             return frame
         clutter = np.ones(1, np.float32) if frame.clutter is None else frame.clutter
         arrays = (frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, frame.moments,
                   frame.intensity_moments, frame.background_table, clutter)
-        return cls(*(one if one.flags.carray else one.copy() for one in arrays), F32(frame.max_response),
+        return cls(*arrays, F32(frame.max_response),
                    F32(frame.total_energy), F32(frame.curvature), F32(frame.num_bins), F32(frame.resolution_bins),
                    F32(MAX_STD * frame.num_bins))
 

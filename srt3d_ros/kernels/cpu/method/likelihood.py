@@ -12,10 +12,10 @@ from numba import float32, prange
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, ZERO, log
-from srt3d_ros.kernels.cpu.compiling import inline, parallel
-from srt3d_ros.kernels.cpu.device import borrow
+from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.method.frame import Frame
-from srt3d_ros.kernels.maps import INTENSITY, VALUE
+from srt3d_ros.kernels.cpu.vectors import floor, full, gather, load, rint, sqrt, store, to_cell, to_floats, where
+from srt3d_ros.kernels.maps import INTENSITY, LANES, VALUE
 
 DEAD_LIMIT, LIKENESS = F32(constants.DEAD_LIMIT), F32(constants.LIKENESS)
 SHARED_LIKENESS = LIKENESS * LIKENESS
@@ -27,18 +27,20 @@ def noise_ratio(frame, depth):
 
 @inline
 def noise_at(frame, depth):
-    """`noise_ratio` at one depth."""
-    return frame.clutter[int(np.rint(depth)) % len(frame.clutter)]
+    """c(t), `noise_ratio`, at depths in [0, T]."""
+    bins = F32(len(frame.clutter))
+    bin = rint(depth)
+    return gather(frame.clutter, to_cell(bin - bins * floor(bin / bins), bins - ONE))
 
 
 @inline
 def evidence(response, photons, squares, frame):
     """The score p / √N · ρ(V₊ / p) of a response V, of p = Σ w n photons with N = Σ w² n, standard deviations."""
-    table, steps, photons = frame.background_table, len(frame.background_table) - 1, max(photons, EPSILON)
-    at = min(max(response / (photons * frame.max_response), ZERO), ONE) * F32(steps)
-    low = min(int(at), steps - 1)
-    rare = table[low] + (at - F32(low)) * (table[low + 1] - table[low])
-    return photons / np.sqrt(max(squares, EPSILON)) * rare
+    table, last, photons = frame.background_table, F32(len(frame.background_table) - 1), max(photons, EPSILON)
+    at = min(max(response / (photons * frame.max_response), ZERO), ONE) * last
+    low = to_cell(at, last - ONE)
+    before, after = gather(table, low), gather(table, low + 1)
+    return photons / sqrt(max(squares, EPSILON)) * (before + (at - to_floats(low)) * (after - before))
 
 
 @inline
@@ -51,46 +53,43 @@ def score_of(response, photons, frame):
 @inline
 def left(photons, explained):
     """The photons of a pixel less those that are explained, at least 1/2; 0 if the pixel has none."""
-    return max(photons - explained, HALF) if photons > ZERO else ZERO
+    return where(photons > ZERO, max(photons - explained, HALF), ZERO)
 
 
 @inline
-def llr(score, response, photons, expected, likeness, frame):
-    """ℓ, nats. `score` is `score_of`, computed in a loop before: a lookup in a table runs in no vector register."""
-    seen = max(response, ZERO) / frame.total_energy
+def llr(response, photons, expected, likeness, frame):
+    """ℓ of a response of so many photons, nats, where a surface should give the `expected` ones."""
+    score, seen = score_of(response, photons, frame), max(response, ZERO) / frame.total_energy
     likely = min(max(seen, expected / likeness), expected * likeness)
-    deviance = likely - seen + (seen * log(seen / likely) if seen > ZERO else ZERO)
+    deviance = likely - seen + where(seen > ZERO, seen * log(seen / likely), ZERO)
     signal = likely * frame.intensity_moments[0]
     background = max(max(photons, HALF) - likely, ZERO) * frame.intensity_moments[1]
     ratio = HALF * score * score - deviance * signal / (signal + background)
-    return max(ratio, -DEAD_LIMIT) if photons <= ZERO else ratio
+    return where(photons > ZERO, ratio, max(ratio, -DEAD_LIMIT))
+
+
+@line
+def _ratios_of_row(i, frame, state, terms, out):
+    surfaces, cols = state.shape[1], state.shape[3]
+    for j in range(0, cols, LANES):
+        counts, exposure, given = load(frame.counts, i, j), load(frame.exposure, i, j), full(ZERO)
+        for k in range(surfaces):
+            given += load(state, i, k, INTENSITY, j) * exposure
+        for k in range(surfaces):
+            expected = load(state, i, k, INTENSITY, j) * exposure
+            others = given - expected if surfaces > 1 else full(ZERO)
+            likeness = where(others > ZERO, SHARED_LIKENESS, LIKENESS)
+            ratio = llr(load(terms, i, k, VALUE, j), left(counts, others), expected, likeness, frame)
+            store(out, i, k, j, where(expected > ZERO, ratio, ZERO))
 
 
 @parallel
 def _log_likelihood_ratio(frame: Frame, state: float32[:, :, :, ::1], terms: float32[:, :, :, ::1],
                           out: float32[:, :, ::1]):
-    padded_rows, surfaces, _, padded_cols = state.shape
-    for i in prange(padded_rows):
-        others, photons = np.empty(padded_cols, np.float32), np.empty(padded_cols, np.float32)
-        counts, exposure = frame.counts[i], frame.exposure[i]
-        for k in range(surfaces):
-            intensity, response, ratio = state[i, k, INTENSITY], terms[i, k, VALUE], out[i, k]
-            others[:] = ZERO
-            for o in range(surfaces):
-                if o != k:
-                    for j in range(padded_cols):
-                        others[j] += state[i, o, INTENSITY, j] * exposure[j]
-            for j in range(padded_cols):
-                photons[j] = left(counts[j], others[j])
-                ratio[j] = score_of(response[j], photons[j], frame)
-            for j in range(padded_cols):
-                likeness = SHARED_LIKENESS if others[j] > ZERO else LIKENESS
-                there = (intensity[j] > ZERO) & (exposure[j] > ZERO)
-                nats = llr(ratio[j], response[j], photons[j], intensity[j] * exposure[j], likeness, frame)
-                ratio[j] = nats if there else ZERO
+    for i in prange(len(state)):
+        _ratios_of_row(i, frame, state, terms, out)
 
 
-def log_likelihood_ratio(frame, state, terms):
-    out = borrow("log_likelihood_ratio", state[:, :, 0].shape)
-    _log_likelihood_ratio(frame, state, terms, out)
-    return out
+def log_likelihood_ratio(work, frame, state, terms):
+    _log_likelihood_ratio(frame, state, terms, work.ratios)
+    return work.ratios

@@ -1,32 +1,29 @@
 """The matched filter on a sketch, R(z, t) = Σ_l Re(z_l exp(−i ω_l t)), and where it peaks: `match`.
 
 t_k = arg max_t R(z, t), r_k = R(z, t_k) / E, then z_l −= r_k |ĥ_l|² exp(i ω_l t_k), for k = 1 … K. R is computed at
-cells, equal parts of the period, for BLOCK pixels at a time; a parabola through the highest cell and its neighbours
-gives the peak.
+cells, equal parts of the period, of LANES pixels at a time; a parabola through the highest cell and its neighbours
+gives the peak. A pixel's z has its real parts before the imaginary ones, each in the order of `Steering`.
 """
 
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import boolean, float32, int64, prange
+from numba import float32, get_num_threads, get_thread_id, int64, prange
 
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TWO, ZERO, B, U, aligned, sincos, total_of
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TWO, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.method.frame import Frame
-from srt3d_ros.kernels.maps import BLOCK
-
-GROUP = U(16)       # cells whose sums are in the first-level cache together, 8 kB
-FOUR = U(4)         # cells that are added to at once
-EVEN_COS, EVEN_SIN, ODD_COS, ODD_SIN, SUMS = (U(k) * GROUP * B for k in range(5))   # where each sum begins
+from srt3d_ros.kernels.cpu.vectors import fma, full, gather, lane_numbers, load, store, to_cell, where
+from srt3d_ros.kernels.maps import LANES, MARGIN
 
 
 class Steering(NamedTuple):
-    """Cosines and sines of ω_l t at the cells."""
+    """Cosines and sines of ω_l t at the cells of the first quarter of the period."""
 
-    cos: float32[:, ::1]        # [m, cells / 4 + 4], of the first quarter of the period
-    sin: float32[:, ::1]
-    odd: boolean[::1]           # [m], whether k_l is odd
+    waves: float32[:, :, ::1]   # [pairs of cells, m, 4]: cosines at both cells, sines at both
+    order: int64[::1]           # [m], which l comes first: those with an even k_l before those with an odd one
+    even: int64                 # how many k_l are even
     cells: int64                # of the whole period
 
 
@@ -35,136 +32,105 @@ def steering(bin_frequencies, num_bins) -> Steering:
     return _steering(tuple(np.rint(bin_frequencies.astype(np.float64) * num_bins)))
 
 
+def cells_of(frequencies) -> int:
+    """Cells of the period at which the filter for these k_l is computed."""
+    return 16 * int(np.ceil(max(frequencies) / 4))
+
+
 @lru_cache
 def _steering(frequencies) -> Steering:
     frequencies = np.array(frequencies)
-    cells = 16 * int(np.ceil(frequencies.max() / 4))
-    turns = np.outer(frequencies, np.arange(cells // 4 + 4)) / cells
-    cos, sin = (f(2 * np.pi * turns).astype(np.float32) for f in (np.cos, np.sin))
-    return Steering(cos, sin, frequencies % 2 > 0, cells)
+    order = np.argsort(frequencies % 2, kind="stable")
+    cells = cells_of(frequencies)
+    turns = np.arange(cells // 4 + 2).reshape(-1, 1, 2) * frequencies[order, None] / cells
+    waves = np.concatenate([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)], axis=2)
+    return Steering(waves.astype(np.float32), order, int((frequencies % 2 == 0).sum()), cells)
 
 
 @inline
-def _add_four(wave, cell, z, part, sums, at):
-    """Add a part of z times the wave to the sums of four cells; of one cell at a time it takes three times as long."""
-    a, b, c, d = wave[cell], wave[cell + U(1)], wave[cell + U(2)], wave[cell + U(3)]
-    for x in range(B):
-        value = z[part + x]
-        sums[at + x] += a * value
-        sums[at + B + x] += b * value
-        sums[at + U(2) * B + x] += c * value
-        sums[at + U(3) * B + x] += d * value
+def _sums(z, waves, pair, first, end):
+    """Σ Re z_l cos ω_l t and Σ Im z_l sin ω_l t at both cells of a pair; of one cell at a time it takes longer."""
+    m = waves.shape[1]
+    cos, sin, next_cos, next_sin = full(ZERO), full(ZERO), full(ZERO), full(ZERO)
+    for n in range(first, end):
+        re, im = load(z, n, 0), load(z, m + n, 0)
+        cos, next_cos = fma(re, waves[pair, n, 0], cos), fma(re, waves[pair, n, 1], next_cos)
+        sin, next_sin = fma(im, waves[pair, n, 2], sin), fma(im, waves[pair, n, 3], next_sin)
+    return cos, sin, next_cos, next_sin
+
+
+@inline
+def _store_images(response, cell, half, even, odd):
+    """Write R at a cell of the first quarter and its images at T/2 − t, T/2 + t and T − t.
+
+    There cos ω_l t and sin ω_l t keep their size and change their signs by whether k_l is even or odd.
+    """
+    (cos, sin), (odd_cos, odd_sin) = even, odd
+    store(response, cell, 0, cos + sin + odd_cos + odd_sin)
+    store(response, half - cell, 0, cos - sin - odd_cos + odd_sin)
+    store(response, half + cell, 0, cos + sin - odd_cos - odd_sin)
+    store(response, 2 * half - cell, 0, cos - sin + odd_cos - odd_sin)
 
 
 @line
-def _respond(z, steering, sums, response):
-    """Write R(z, t) of BLOCK pixels at all cells: response[cell · BLOCK + pixel].
+def peaks(z, steering, period, response):
+    """Places (bins) and heights of the highest peaks of R(z, t), of z [2m, LANES].
 
-    Cells of the first quarter of the period have three mirror images: at T/2 − t, T/2 + t and T − t, cos ω_l t and
-    sin ω_l t keep their size and change their signs by whether k_l is even or odd. So the sums over even k_l and over
-    odd k_l of Re z_l cos ω_l t and Im z_l sin ω_l t are computed for a quarter of the cells, and added with four
-    combinations of signs.
+    `response` [cells + 1, LANES] is scratch; its last cell is the first one again.
     """
-    cos, sin, odd, cells = steering
-    m, quarter = U(len(odd)), U(cells // 4)
-    for first in range(U(0), quarter + U(1), GROUP):
-        count = min(GROUP, quarter + U(1) - first)
-        for x in range(SUMS):
-            sums[x] = ZERO
-        for l in range(m):
-            re, im = l * B, (m + l) * B
-            of_cos, of_sin = (ODD_COS, ODD_SIN) if odd[l] else (EVEN_COS, EVEN_SIN)
-            for g in range(U(0), count, FOUR):
-                _add_four(cos[l], first + g, z, re, sums, of_cos + g * B)
-                _add_four(sin[l], first + g, z, im, sums, of_sin + g * B)
-        for g in range(count):
-            at, cell = g * B, first + g
-            half_minus, half_plus = (U(2) * quarter - cell) * B, (U(2) * quarter + cell) * B
-            itself, minus = cell * B, (U(4) * quarter - cell) * B
-            a, b, c, d = EVEN_COS + at, EVEN_SIN + at, ODD_COS + at, ODD_SIN + at
-            for x in range(B):
-                response[itself + x] = sums[a + x] + sums[b + x] + sums[c + x] + sums[d + x]
-            for x in range(B):
-                response[half_minus + x] = sums[a + x] - sums[b + x] - sums[c + x] + sums[d + x]
-            for x in range(B):
-                response[half_plus + x] = sums[a + x] + sums[b + x] - sums[c + x] - sums[d + x]
-            for x in range(B):
-                response[minus + x] = sums[a + x] - sums[b + x] + sums[c + x] - sums[d + x]
+    waves, cells = steering.waves, F32(steering.cells)
+    for pair in range(len(waves)):
+        a, b, c, d = _sums(z, waves, pair, 0, steering.even)
+        e, f, g, h = _sums(z, waves, pair, steering.even, waves.shape[1])
+        _store_images(response, 2 * pair, steering.cells // 2, (a, b), (e, f))
+        _store_images(response, 2 * pair + 1, steering.cells // 2, (c, d), (g, h))
+    height, top = load(response, 0, 0), full(ZERO)
+    for cell in range(1, steering.cells):
+        here = load(response, cell, 0)
+        top, height = where(here > height, F32(cell), top), max(here, height)
+    before = gather(response, to_cell(where(top > ZERO, top, cells) - ONE, cells), lane_numbers())
+    after = gather(response, to_cell(top + ONE, cells), lane_numbers())
+    bend = before - TWO * height + after
+    shift = where(bend < ZERO, HALF * (before - after) / bend, ZERO)
+    return (top + shift) * (period / cells), height - F32(0.25) * (before - after) * shift
 
 
 @line
-def peaks(z, steering, period, scratch, place, height):
-    """Write places (bins) and heights of the highest peaks of R(z, t) of BLOCK pixels.
-
-    Args:
-        z: float32 [2m · BLOCK], real parts before imaginary ones.
-        scratch: of `peaks_scratch`.
-    """
-    sums, response, top = scratch
-    cells = steering.cells
-    _respond(z, steering, sums, response)
-    for x in range(B):
-        height[x], top[x] = response[x], ZERO
-    for g in range(U(1), U(cells)):
-        at, here = g * B, F32(g)
-        for x in range(B):
-            r = response[at + x]
-            top[x] = here if r > height[x] else top[x]
-            height[x] = max(r, height[x])
-    for x in range(B):
-        best, cell = height[x], U(top[x])
-        before = response[(cell - U(1) if cell > U(0) else U(cells) - U(1)) * B + x]
-        after = response[(cell + U(1) if cell + U(1) < U(cells) else U(0)) * B + x]
-        bend = before - TWO * best + after
-        shift = HALF * (before - after) / bend if bend < ZERO else ZERO
-        place[x] = (top[x] + shift) * (period / F32(cells))
-        height[x] = best - F32(0.25) * (before - after) * shift
-
-
-@inline
-def response_at(z, first, step, bin_frequencies, depth):
-    """R(z, depth) of a pixel whose numbers lie `step` apart in z from `first` on."""
-    response, m = ZERO, len(bin_frequencies)
-    for l in range(m):
-        sine, cosine = sincos(bin_frequencies[l] * depth)
-        response += z[first + l * step] * cosine + z[first + (m + l) * step] * sine
-    return response
-
-
-@inline
-def peaks_scratch(cells):
-    """Scratch memory of `peaks`."""
-    return aligned(int(SUMS)), aligned((cells + 1) * BLOCK), aligned(BLOCK)
+def _match_row(i, frame, steering, scratch, depth, intensity):
+    m = len(steering.order)
+    z, response = scratch[:2 * m], scratch[2 * m:]
+    for col in range(MARGIN, depth.shape[2] - MARGIN, LANES):
+        for n in range(m):
+            store(z, n, 0, load(frame.matched, i, steering.order[n], col))
+            store(z, m + n, 0, load(frame.matched, i, m + steering.order[n], col))
+        for k in range(depth.shape[1]):
+            place, height = peaks(z, steering, frame.period, response)
+            signal = height / frame.total_energy
+            store(depth, i, k, col, place)
+            store(intensity, i, k, col, signal)
+            for n in range(m):
+                l = steering.order[n]
+                sine, cosine = sincos(place * frame.bin_frequencies[l])
+                store(z, n, 0, load(z, n, 0) - signal * frame.energy[l] * cosine)
+                store(z, m + n, 0, load(z, m + n, 0) - signal * frame.energy[l] * sine)
 
 
 @parallel
-def _match(frame: Frame, steering: Steering, depth: float32[:, :, ::1], intensity: float32[:, :, ::1]):
-    rows, surfaces, cols = depth.shape
-    matched, energy, bin_frequencies = frame.matched, frame.energy, frame.bin_frequencies
-    m, total = len(energy), total_of(energy)
-    for i in prange(rows):
-        scratch, z = peaks_scratch(steering.cells), aligned(2 * m * BLOCK)
-        place, height = aligned(BLOCK), aligned(BLOCK)
-        for j in range(0, cols, BLOCK):
-            width = min(BLOCK, cols - j)
-            for c in range(2 * m):
-                for x in range(BLOCK):
-                    z[c * BLOCK + x] = matched[i, c, j + x] if x < width else ZERO
-            for k in range(surfaces):
-                peaks(z, steering, frame.period, scratch, place, height)
-                for x in range(width):
-                    depth[i, k, j + x] = place[x]
-                    intensity[i, k, j + x] = height[x] / total
-                if k + 1 < surfaces:
-                    for l in range(m):
-                        for x in range(BLOCK):
-                            sine, cosine = sincos(bin_frequencies[l] * place[x])
-                            z[l * BLOCK + x] -= height[x] / total * energy[l] * cosine
-                            z[(m + l) * BLOCK + x] -= height[x] / total * energy[l] * sine
+def _match(frame: Frame, steering: Steering, scratch: float32[:, :, ::1], depth: float32[:, :, ::1],
+           intensity: float32[:, :, ::1]):
+    for turn in prange(len(depth) - 2 * MARGIN):
+        _match_row(turn + MARGIN, frame, steering, scratch[get_thread_id()], depth, intensity)
+
+
+def filter_scratch(steering):
+    """z and responses of LANES pixels, for each thread."""
+    m = len(steering.order)
+    return np.empty((get_num_threads(), 2 * m + steering.cells + 1, LANES), np.float32)
 
 
 def match(frame, surfaces):
     rows, _, cols = frame.matched.shape
-    out = tuple(np.empty((rows, surfaces, cols), np.float32) for _ in range(2))
-    _match(frame, steering(frame.bin_frequencies, frame.num_bins), *out)
-    return out
+    depth, intensity = (np.zeros((rows, surfaces, cols), np.float32) for _ in range(2))
+    filters = steering(frame.bin_frequencies, frame.num_bins)
+    _match(frame, filters, filter_scratch(filters), depth, intensity)
+    return depth, intensity

@@ -10,45 +10,50 @@ the pool of a point is the sum over its round window, dx² + dy² ≤ radius (ra
     V = Σ w (v − s e − b e² / 2),  S = Σ w (s + b e),  B = Σ w b,  N = Σ w² n,  p = Σ w n,  G = Σ w g.
 
 The plane is fitted to the depths of the window by least squares, with weights f = w / std_q², CELL² times as much for a
-cell (`_fit_plane`). Its turn moves S by −turn · Σ w b (dx, dy). The point then steps by d = S / max(B, V₊ C / 2E), at
+cell (`_turn`). Its turn moves S by −turn · Σ w b (dx, dy). The point then steps by d = S / max(B, V₊ C / 2E), at
 most δ, to the top of the pooled data term, R = V + d S − d² B / 2, and gets intensity R₊ / (E G) and score
-p / √N · ρ(R₊ / p) (`_finish`). A pool of value V has a curvature of V C / E on average: half of it keeps a B that noise
+p / √N · ρ(R₊ / p) (`_step`). A pool of value V has a curvature of V C / E on average: half of it keeps a B that noise
 made small from causing a long step.
 
 Neighbours within the square of `fine` pixels count one by one, farther ones in cells of CELL × CELL pixels: the same
 sums over the cell, with w = the second factor alone, along the plane of its middle point (`_coarsen`).
 
-BLOCK points that lie side by side go through each step together, in vector registers: x counts them. `kernels.torch`
-has the notation; `kernels.torch.method.pooled_step` explains the standard deviation and the residual.
+Each vector holds LANES points that lie side by side. Along a row of neighbours dy is the same, so that what is weighted
+by dy is added up along the row first. `kernels.torch` has the notation; `kernels.torch.method.pooled_step` explains the
+standard deviation and the residual.
 """
 
 from typing import NamedTuple
 
 import numpy as np
-from numba import boolean, float32, int64, prange
+from numba import float32, int64, prange
 
 from srt3d_ros.kernels.constants import CELL, RIDGE
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TINY, ZERO, B, U, aligned
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, TWO, ZERO, agreement, wrap
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.cpu.method import field
-from srt3d_ros.kernels.cpu.method.field import agreement, rise, wrap
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import evidence
-from srt3d_ros.kernels.maps import BLOCK, MARGIN
+from srt3d_ros.kernels.cpu.vectors import floats, floor, fma, full, lanes_of, load, sqrt, store, where
+from srt3d_ros.kernels.maps import (
+    COUNTS,
+    CURVATURE,
+    DEPTH,
+    EXPOSURE,
+    GRADIENT,
+    INTENSITY,
+    LANES,
+    MARGIN,
+    RESIDUAL,
+    SCORE,
+    SLOPE_COL,
+    SLOPE_ROW,
+    SQUARES,
+    STD,
+    VALUE,
+)
 
-POINTS = "depth", "slope_col", "slope_row", "tolerance"         # t, slopes, max_chi2 · std²
-NEIGHBOUR = "weight", "apart"                                   # w, e of the neighbours that are being added
-POOLED = "value", "gradient", "curvature", "squares", "photons", "exposure"     # V, S, B, N, p, G
-LEVER = "lever_col", "lever_row"                                # Σ w b dx, Σ w b dy
-# Σ f, Σ f dx, Σ f dy, Σ f dx², Σ f dy², Σ f dx dy, Σ f e, Σ f e dx, Σ f e dy, Σ f e²
-PLANE = "fit", "fit_x", "fit_y", "fit_xx", "fit_yy", "fit_xy", "fit_e", "fit_xe", "fit_ye", "fit_ee"
-# Of the row of neighbours that is being added: Σ w b, Σ f, Σ f dx, Σ f e
-ROW = "row_curvature", "row_fit", "row_fit_x", "row_fit_e"
-FITTED = "bend", "leverage", "off", "spread"                    # max(B, V₊ C / 2E), and three parts of the residual
-# One record: the compiler then knows that its arrays do not overlap, which it must to compute in vector registers.
-POOL = np.dtype([(name, np.float32, BLOCK) for name in POINTS + NEIGHBOUR + POOLED + LEVER + PLANE + ROW + FITTED])
-POOL_SIZE = POOL.itemsize // 4
+EVEN = np.ones(CELL // 2 + 1, np.float32)       # weights in a cell
+TOLERANCE, SURE = range(2)                      # of `known`: max_chi2 · std², and 1 / std² (0: no point)
 
 
 class Window(NamedTuple):
@@ -58,13 +63,13 @@ class Window(NamedTuple):
     most: int64                 # dx² + dy² in the window, pixels²
     max_chi2: float32
     period: float32             # T, bins
-    fits_plane: boolean         # whether their depths are added, too
 
 
 class Maps(NamedTuple):
-    """The state and its terms, those of cells, and the next state, float32 [rows', K, …, cols']."""
+    """The state, how well it is known, and its terms; those of cells; the next state, float32 [rows', K, …, cols']."""
 
     state: float32[:, :, :, ::1]
+    known: float32[:, :, :, ::1]
     terms: float32[:, :, :, ::1]
     cells: float32[:, :, :, ::1]
     out: float32[:, :, :, ::1]
@@ -78,209 +83,216 @@ class Grid(NamedTuple):
     step: int
 
 
-class Place(NamedTuple):
-    """Neighbours in the columns from `col` on, dx and dy pixels from the points."""
+class Plane(NamedTuple):
+    """The tangent planes of points, and how far they may be off."""
 
-    col: int
-    dx: float
-    dy: float
-
-
-EVEN = np.ones(CELL // 2 + 1, np.float32)       # weights in a cell
+    depth: floats               # t
+    slope_col: floats
+    slope_row: floats
+    tolerance: floats           # max_chi2 · std²
 
 
-@inline
-def _begin(pool, points, col, max_chi2):
-    """Load the points in the columns from `col` on, and set the sums of their windows to 0."""
-    for x in range(B):
-        std = points[field.STD, col + x]
-        pool.depth[x] = points[field.DEPTH, col + x]
-        pool.slope_col[x] = points[field.SLOPE_COL, col + x]
-        pool.slope_row[x] = points[field.SLOPE_ROW, col + x]
-        pool.tolerance[x] = max_chi2 * std * std + TINY
-        pool.value[x] = pool.gradient[x] = pool.curvature[x] = ZERO
-        pool.squares[x] = pool.photons[x] = pool.exposure[x] = pool.lever_col[x] = pool.lever_row[x] = ZERO
-        pool.fit[x] = pool.fit_x[x] = pool.fit_y[x] = pool.fit_xx[x] = pool.fit_yy[x] = pool.fit_xy[x] = ZERO
-        pool.fit_e[x] = pool.fit_xe[x] = pool.fit_ye[x] = pool.fit_ee[x] = ZERO
+class Each(NamedTuple):
+    """Sums over the neighbours."""
+
+    value: floats               # V
+    gradient: floats            # S
+    squares: floats             # N
+    photons: floats             # p
+    exposure: floats            # G
+    bend_x: floats              # Σ w b dx
+    xx: floats                  # Σ f dx²
+    xe: floats                  # Σ f dx e
+    ee: floats                  # Σ f e²
 
 
-@inline
-def _add(pool, surfaces, terms, at, nearness, window):
-    """Add the data terms of neighbours; `nearness` is the first factor of their weight."""
-    for x in range(B):
-        plane = pool.depth[x] + rise(pool.slope_col[x], pool.slope_row[x], at.dx, at.dy)
-        e = wrap(surfaces[field.DEPTH, at.col + x] - plane, window.period)
-        std = surfaces[field.STD, at.col + x]
-        same = agreement(e, pool.tolerance[x] + window.max_chi2 * std * std)
-        w = nearness * same * same
-        bend = w * terms[field.CURVATURE, at.col + x]
-        slope = w * terms[field.GRADIENT, at.col + x]
-        bend_e = bend * e
-        pool.weight[x], pool.apart[x] = w, e
-        pool.value[x] += w * terms[field.VALUE, at.col + x] - e * (slope + HALF * bend_e)
-        pool.gradient[x] += slope + bend_e
-        pool.row_curvature[x] += bend
-        pool.lever_col[x] += bend * at.dx
-        pool.squares[x] += w * w * terms[field.SQUARES, at.col + x]
-        pool.photons[x] += w * terms[field.COUNTS, at.col + x]
-        pool.exposure[x] += w * terms[field.EXPOSURE, at.col + x]
+class Row(NamedTuple):
+    """Sums over a row of neighbours: Σ w b, Σ f, Σ f dx, Σ f e."""
+
+    bend: floats
+    f: floats
+    x: floats
+    e: floats
+
+
+class Rows(NamedTuple):
+    """Sums over the rows."""
+
+    curvature: floats           # B
+    bend_y: floats              # Σ w b dy
+    f: floats                   # Σ f
+    x: floats                   # Σ f dx
+    y: floats                   # Σ f dy
+    yy: floats                  # Σ f dy²
+    xy: floats                  # Σ f dx dy
+    e: floats                   # Σ f e
+    ye: floats                  # Σ f dy e
 
 
 @inline
-def _add_to_plane(pool, surfaces, at, pixels):
-    """Add the depths of neighbours, each of which stands for so many pixels, to the sums of the planes."""
-    for x in range(B):
-        std = surfaces[field.STD, at.col + x]
-        there = surfaces[field.INTENSITY, at.col + x] > ZERO
-        f = pixels * pool.weight[x] / (std * std + TINY) if there else ZERO
-        f_e = f * pool.apart[x]
-        pool.row_fit[x] += f
-        pool.row_fit_x[x] += f * at.dx
-        pool.fit_xx[x] += f * (at.dx * at.dx)
-        pool.row_fit_e[x] += f_e
-        pool.fit_xe[x] += f_e * at.dx
-        pool.fit_ee[x] += f_e * pool.apart[x]
-
-
-@inline
-def _end_row(pool, dy):
-    """Add the sums of a row of neighbours, dy below the points, to those of the window."""
-    for x in range(B):
-        pool.curvature[x] += pool.row_curvature[x]
-        pool.lever_row[x] += pool.row_curvature[x] * dy
-        pool.fit[x] += pool.row_fit[x]
-        pool.fit_x[x] += pool.row_fit_x[x]
-        pool.fit_y[x] += pool.row_fit[x] * dy
-        pool.fit_yy[x] += pool.row_fit[x] * (dy * dy)
-        pool.fit_xy[x] += pool.row_fit_x[x] * dy
-        pool.fit_e[x] += pool.row_fit_e[x]
-        pool.fit_ye[x] += pool.row_fit_e[x] * dy
+def _add(each, row, plane, place, offset, nearness, pixels, period, state, known, terms):
+    """Add the surfaces k of neighbours, each of which stands for so many pixels; `nearness` is their first weight."""
+    (i, k, j), (dx, dy) = place, offset
+    depth = fma(plane.slope_col, dx, fma(plane.slope_row, dy, plane.depth))
+    e = wrap(load(state, i, k, DEPTH, j) - depth, period)
+    same = agreement(e, load(known, i, k, TOLERANCE, j) + plane.tolerance)
+    w = nearness * same * same
+    wb, ws = w * load(terms, i, k, CURVATURE, j), w * load(terms, i, k, GRADIENT, j)
+    wbe = wb * e
+    f = pixels * w * load(known, i, k, SURE, j)
+    fx, fe = f * dx, f * e
+    return (
+        Each(each.value + (w * load(terms, i, k, VALUE, j) - e * fma(wbe, HALF, ws)), each.gradient + ws + wbe,
+             fma(w * w, load(terms, i, k, SQUARES, j), each.squares),
+             fma(w, load(terms, i, k, COUNTS, j), each.photons),
+             fma(w, load(terms, i, k, EXPOSURE, j), each.exposure), fma(wb, dx, each.bend_x),
+             fma(fx, dx, each.xx), fma(fx, e, each.xe), fma(fe, e, each.ee)),
+        Row(row.bend + wb, row.f + f, row.x + fx, row.e + fe))
 
 
 @line
-def _add_grid(pool, row, col, grid, window, state, terms):
-    """Add the neighbours that are on the grid and in the window of the points at `row` and from `col` on."""
+def _add_grid(each, rows, plane, place, grid, window, state, known, terms):
+    """Add the neighbours that are on the grid and in the window of the points at `place`."""
+    (i, j), pixels, zero = place, F32(grid.step * grid.step), full(ZERO)
     for dy in range(-grid.reach, grid.reach + 1, grid.step):
-        for x in range(B):
-            pool.row_curvature[x] = pool.row_fit[x] = pool.row_fit_x[x] = pool.row_fit_e[x] = ZERO
+        row, y = Row(zero, zero, zero, zero), F32(dy)
         for dx in range(-grid.reach, grid.reach + 1, grid.step):
             if max(abs(dx), abs(dy)) > grid.beyond and dx * dx + dy * dy <= window.most:
                 nearness = window.weights[abs(dx)] * window.weights[abs(dy)]
-                at = Place(U(col + dx), F32(dx), F32(dy))
-                for k in range(U(state.shape[1])):
-                    surfaces = state[U(row + dy), k]
-                    _add(pool, surfaces, terms[U(row + dy), k], at, nearness, window)
-                    if window.fits_plane:
-                        _add_to_plane(pool, surfaces, at, F32(grid.step * grid.step))
-        _end_row(pool, F32(dy))
+                for k in range(state.shape[1]):
+                    each, row = _add(each, row, plane, (i + dy, k, j + dx), (F32(dx), y), nearness, pixels,
+                                     window.period, state, known, terms)
+        rows = Rows(rows.curvature + row.bend, fma(row.bend, y, rows.bend_y), rows.f + row.f, rows.x + row.x,
+                    fma(row.f, y, rows.y), fma(row.f, y * y, rows.yy), fma(row.x, y, rows.xy), rows.e + row.e,
+                    fma(row.e, y, rows.ye))
+    return each, rows
 
 
 @inline
-def _fit_plane(pool, total, curvature):
-    """Turn the planes to the least-squares fit, and the pooled gradient with them; leave what `_finish` takes.
+def _begin(state, i, k, j, max_chi2):
+    """The planes of points, and sums of nothing."""
+    std, zero = load(state, i, k, STD, j), full(ZERO)
+    plane = Plane(load(state, i, k, DEPTH, j), load(state, i, k, SLOPE_COL, j), load(state, i, k, SLOPE_ROW, j),
+                  max_chi2 * std * std + TINY)
+    return (plane, Each(zero, zero, zero, zero, zero, zero, zero, zero, zero),
+            Rows(zero, zero, zero, zero, zero, zero, zero, zero, zero))
 
-    The ridge holds a slope to 0 as one measurement of it with variance C / E would.
+
+@inline
+def _turn(each, rows, plane, steepness):
+    """The least-squares turn of the planes: its slopes, max(B, V₊ C / 2E), and three parts of the residual.
+
+    They are the leverage x̄ᵀ X⁻¹ x̄, and mean and variance of the distances from the new plane. The ridge holds a slope
+    to 0 as one measurement of it with variance C / E would.
     """
-    steepness = curvature / total
-    for x in range(B):
-        f = pool.fit[x] + TINY
-        ridge = steepness / f + F32(RIDGE)
-        mx, my, me = pool.fit_x[x] / f, pool.fit_y[x] / f, pool.fit_e[x] / f
-        cxx, cyy = pool.fit_xx[x] / f - mx * mx + ridge, pool.fit_yy[x] / f - my * my + ridge
-        cxy = pool.fit_xy[x] / f - mx * my
-        # e is how far a neighbour is off the plane so far; the ridge holds the whole slope, not its change.
-        cxe = pool.fit_xe[x] / f - mx * me - ridge * pool.slope_col[x]
-        cye = pool.fit_ye[x] / f - my * me - ridge * pool.slope_row[x]
-        det = cxx * cyy - cxy * cxy
-        turn_col, turn_row = (cyy * cxe - cxy * cye) / det, (cxx * cye - cxy * cxe) / det
-        pool.gradient[x] -= turn_col * pool.lever_col[x] + turn_row * pool.lever_row[x]
-        pool.slope_col[x] += turn_col
-        pool.slope_row[x] += turn_row
-        bend = max(pool.curvature[x], HALF * max(pool.value[x], ZERO) * steepness) + TINY
-        col, row = pool.lever_col[x] / bend, pool.lever_row[x] / bend
-        pool.bend[x] = bend
-        pool.leverage[x] = (cyy * col * col - 2 * cxy * col * row + cxx * row * row) / det
-        pool.off[x] = me - turn_col * mx - turn_row * my
-        pool.spread[x] = max(pool.fit_ee[x] / f - me * me - turn_col * cxe - turn_row * cye, ZERO)
+    f = rows.f + TINY
+    ridge = steepness / f + F32(RIDGE)
+    x, y, e = rows.x / f, rows.y / f, rows.e / f
+    xx, yy, xy = each.xx / f - x * x + ridge, rows.yy / f - y * y + ridge, rows.xy / f - x * y
+    # e is how far a neighbour is off the plane so far; the ridge holds the whole slope, not its change.
+    xe, ye = each.xe / f - x * e - ridge * plane.slope_col, rows.ye / f - y * e - ridge * plane.slope_row
+    det = xx * yy - xy * xy
+    turn_col, turn_row = (yy * xe - xy * ye) / det, (xx * ye - xy * xe) / det
+    bend = max(rows.curvature, HALF * max(each.value, ZERO) * steepness) + TINY
+    col, row = each.bend_x / bend, rows.bend_y / bend
+    leverage = (yy * col * col - TWO * xy * col * row + xx * row * row) / det
+    spread = max(each.ee / f - e * e - turn_col * xe - turn_row * ye, ZERO)
+    return turn_col, turn_row, bend, leverage, e - turn_col * x - turn_row * y, spread
 
 
-@inline
-def _finish(pool, before, after, col, max_chi2, frame):
-    """Step to the top of the pooled data term and write the next state."""
+@line
+def _step(place, each, rows, plane, max_chi2, frame, maps):
+    """Turn the planes, step to the top of the pooled data term, and write the next points."""
+    (i, k, j), state, out = place, maps.state, maps.out
     total, curvature, period = frame.total_energy, frame.curvature, frame.period
     by_signal, by_background, by_bins, of_bins = frame.moments[0], frame.moments[1], frame.moments[2], frame.moments[3]
-    for x in range(B):
-        photons, squares, known = pool.photons[x], pool.squares[x], pool.tolerance[x] / max_chi2
-        seen = before[field.INTENSITY, col + x] > ZERO
-        d = min(max(pool.gradient[x] / pool.bend[x], -frame.resolution), frame.resolution)
-        value = pool.value[x] + d * (pool.gradient[x] - HALF * d * pool.curvature[x])
-        depth = pool.depth[x] + d
-        strength = max(value, ZERO) / total
-        signal = min(strength, photons)
-        variance = (signal * by_signal + (photons - signal) * by_background) * squares / max(photons, TINY)
-        std = min(np.sqrt(variance) / max(signal * curvature, TINY), period)
-        off = pool.off[x] - d
-        relief = max(pool.spread[x] + off * off - max(known - std * std, ZERO), ZERO)
-        bowl = relief * relief / (relief + std * std + TINY)
-        bins = by_bins * squares / max(photons * signal * curvature * curvature, TINY) + of_bins
-        residual = np.sqrt(std * std * pool.leverage[x] + relief + bowl + bins)
-        after[field.DEPTH, col + x] = depth - period * np.floor(depth / period)
-        after[field.SLOPE_COL, col + x] = pool.slope_col[x]
-        after[field.SLOPE_ROW, col + x] = pool.slope_row[x]
-        intensity = max(strength / max(pool.exposure[x], TINY), TINY)
-        after[field.INTENSITY, col + x] = intensity if seen else ZERO
-        after[field.STD, col + x] = std if signal > ZERO else period
-        after[field.RESIDUAL, col + x] = residual if signal > ZERO else ZERO
-        pool.value[x] = value if seen else ZERO
-    for x in range(B):                  # a loop of its own: a lookup in a table runs in no vector register
-        score = evidence(pool.value[x], pool.photons[x], pool.squares[x], frame)
-        after[field.SCORE, col + x] = score
+    turn_col, turn_row, bend, leverage, off, spread = _turn(each, rows, plane, curvature / total)
+    gradient = each.gradient - turn_col * each.bend_x - turn_row * rows.bend_y
+    d = min(max(gradient / bend, -frame.resolution), frame.resolution)
+    value = each.value + d * (gradient - HALF * d * rows.curvature)             # R
+    strength, photons, squares = max(value, ZERO) / total, each.photons, each.squares
+    signal = min(strength, photons)                                             # S'
+    variance = (signal * by_signal + (photons - signal) * by_background) * squares / max(photons, TINY)
+    std = min(sqrt(variance) / max(signal * curvature, TINY), period)
+    before = plane.tolerance / max_chi2
+    relief = max(spread + (off - d) * (off - d) - max(before - std * std, ZERO), ZERO)      # q
+    bowl = relief * relief / (relief + std * std + TINY)
+    bins = by_bins * squares / max(photons * signal * curvature * curvature, TINY) + of_bins
+    residual = sqrt(std * std * leverage + relief + bowl + bins)
+    seen, depth = load(state, i, k, INTENSITY, j) > 0, plane.depth + d
+    store(out, i, k, DEPTH, j, depth - period * floor(depth / period))
+    store(out, i, k, SLOPE_COL, j, plane.slope_col + turn_col)
+    store(out, i, k, SLOPE_ROW, j, plane.slope_row + turn_row)
+    store(out, i, k, INTENSITY, j, where(seen, max(strength / max(each.exposure, TINY), TINY), 0))
+    store(out, i, k, STD, j, where(signal > 0, std, period))
+    store(out, i, k, SCORE, j, where(seen, evidence(value, photons, squares, frame), 0))
+    store(out, i, k, RESIDUAL, j, where(signal > 0, residual, 0))
+
+
+@line
+def _step_row(i, radius, fine, window, frame, maps):
+    for j in range(MARGIN, maps.state.shape[3] - MARGIN, LANES):
+        for k in range(maps.state.shape[1]):
+            if lanes_of(load(maps.state, i, k, INTENSITY, j) > 0) == 0:
+                store(maps.out, i, k, INTENSITY, j, ZERO)
+                store(maps.out, i, k, SCORE, j, ZERO)
+                continue
+            plane, each, rows = _begin(maps.state, i, k, j, window.max_chi2)
+            near, far = Grid(min(radius, fine), -1, 1), Grid(radius // CELL * CELL, fine, CELL)
+            each, rows = _add_grid(each, rows, plane, (i, j), near, window, maps.state, maps.known, maps.terms)
+            if radius > fine:
+                each, rows = _add_grid(each, rows, plane, (i, j), far, window, maps.state, maps.known, maps.cells)
+            _step((i, k, j), each, rows, plane, window.max_chi2, frame, maps)
 
 
 @parallel
 def _pooled_step(frame: Frame, window: Window, radius: int64, fine: int64, maps: Maps):
-    rows, surfaces, _, cols = maps.state.shape
-    for turn in prange(rows - 2 * MARGIN):
-        scratch, row = aligned(POOL_SIZE).view(POOL), turn + MARGIN
-        for col in range(MARGIN, cols - MARGIN, BLOCK):
-            for k in range(surfaces):
-                pool = scratch[0]           # here, for a record does not keep the memory of its array
-                _begin(pool, maps.state[row, k], U(col), window.max_chi2)
-                _add_grid(pool, row, col, Grid(min(radius, fine), -1, 1), window, maps.state, maps.terms)
-                if radius > fine:
-                    _add_grid(pool, row, col, Grid(radius // CELL * CELL, fine, CELL), window, maps.state, maps.cells)
-                _fit_plane(pool, frame.total_energy, frame.curvature)
-                _finish(pool, maps.state[row, k], maps.out[row, k], U(col), window.max_chi2, frame)
+    for turn in prange(len(maps.state) - 2 * MARGIN):
+        _step_row(turn + MARGIN, radius, fine, window, frame, maps)
+
+
+@line
+def _coarsen_row(i, window, maps):
+    cell = Grid(CELL // 2, -1, 1)
+    for j in range(MARGIN, maps.state.shape[3] - MARGIN, LANES):
+        for k in range(maps.state.shape[1]):
+            plane, each, rows = _begin(maps.state, i, k, j, window.max_chi2)
+            each, rows = _add_grid(each, rows, plane, (i, j), cell, window, maps.state, maps.known, maps.terms)
+            seen = load(maps.state, i, k, INTENSITY, j) > 0
+            for term, pooled in ((VALUE, each.value), (GRADIENT, each.gradient), (CURVATURE, rows.curvature),
+                                 (SQUARES, each.squares), (COUNTS, each.photons), (EXPOSURE, each.exposure)):
+                store(maps.cells, i, k, term, j, where(seen, pooled, 0))
 
 
 @parallel
 def _coarsen(window: Window, maps: Maps):
     """Write the terms of the cells around the points, pooled along their planes."""
-    rows, surfaces, _, cols = maps.state.shape
-    for turn in prange(rows - 2 * MARGIN):
-        scratch, row = aligned(POOL_SIZE).view(POOL), turn + MARGIN
-        for col in range(MARGIN, cols - MARGIN, BLOCK):
-            for k in range(surfaces):
-                pool, points, cells = scratch[0], maps.state[row, k], maps.cells[row, k]
-                _begin(pool, points, U(col), window.max_chi2)
-                _add_grid(pool, row, col, Grid(CELL // 2, -1, 1), window, maps.state, maps.terms)
-                for x in range(B):
-                    seen = points[field.INTENSITY, U(col) + x] > ZERO
-                    cells[field.VALUE, U(col) + x] = pool.value[x] if seen else ZERO
-                    cells[field.GRADIENT, U(col) + x] = pool.gradient[x] if seen else ZERO
-                    cells[field.CURVATURE, U(col) + x] = pool.curvature[x] if seen else ZERO
-                    cells[field.SQUARES, U(col) + x] = pool.squares[x] if seen else ZERO
-                    cells[field.COUNTS, U(col) + x] = pool.photons[x] if seen else ZERO
-                    cells[field.EXPOSURE, U(col) + x] = pool.exposure[x] if seen else ZERO
+    for turn in prange(len(maps.state) - 2 * MARGIN):
+        _coarsen_row(turn + MARGIN, window, maps)
 
 
-def pooled_step(frame, state, terms, sigma, radius, fine, max_chi2):
-    out = borrow("stepped", state.shape)
-    out = borrow("stepped again", state.shape) if out is state else out
-    maps = Maps(state, terms, borrow("cells", terms.shape), out)
+@line
+def _weigh_row(i, max_chi2, state, known):
+    for j in range(0, state.shape[3], LANES):
+        for k in range(state.shape[1]):
+            std = load(state, i, k, STD, j)
+            store(known, i, k, TOLERANCE, j, max_chi2 * std * std)
+            store(known, i, k, SURE, j, where(load(state, i, k, INTENSITY, j) > 0, ONE / (std * std + TINY), 0))
+
+
+@parallel
+def _weigh(max_chi2: float32, state: float32[:, :, :, ::1], known: float32[:, :, :, ::1]):
+    """Write how well the depths of points are known, once for all windows that they are in."""
+    for i in prange(len(state)):
+        _weigh_row(i, max_chi2, state, known)
+
+
+def pooled_step(work, frame, state, terms, sigma, radius, fine, max_chi2):
+    out = work.other_state(state)
+    maps, max_chi2, period = Maps(state, work.known, terms, work.cell_terms, out), F32(max_chi2), F32(frame.num_bins)
+    _weigh(max_chi2, state, work.known)
     if radius > fine:
-        _coarsen(Window(EVEN, 2 * (CELL // 2)**2, F32(max_chi2), F32(frame.num_bins), False), maps)
+        _coarsen(Window(EVEN, 2 * (CELL // 2)**2, max_chi2, period), maps)
     weights = np.exp(-np.arange(radius + 1)**2 / (2 * sigma**2)).astype(np.float32)
-    window = Window(weights, radius * (radius + 1), F32(max_chi2), F32(frame.num_bins), True)
-    _pooled_step(frame, window, radius, fine, maps)
+    _pooled_step(frame, Window(weights, radius * (radius + 1), max_chi2, period), radius, fine, maps)
     return out

@@ -7,10 +7,11 @@ import numpy as np
 from numba import complex64, float32, int64, prange
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.cpu.arithmetic import ZERO, sincos, total_of
-from srt3d_ros.kernels.cpu.compiling import parallel, read_only
-from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.maps import DEPTH, INTENSITY, VALUE
+from srt3d_ros.kernels.cpu.arithmetic import ZERO, sincos
+from srt3d_ros.kernels.cpu.compiling import line, parallel, read_only
+from srt3d_ros.kernels.cpu.method.frame import Frame
+from srt3d_ros.kernels.cpu.vectors import lanes_of, load, store, where
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, LANES, MARGIN, VALUE
 
 SUMS = read_only(complex64[:, :, ::1])
 
@@ -34,38 +35,39 @@ def _prepare(sums: SUMS, photons: float32[:, ::1], equaliser: complex64[:, :, ::
             counts[i, j] = photons[i, j] * used[i, j]
 
 
-def prepare(sums, photons, equaliser, used, taken=None, passed=None, mean=None):
+def prepare(work, sums, photons, equaliser, used, taken=None, passed=None, mean=None):
     rows, cols, m = sums.shape
-    padded_rows, padded_cols = maps.padded_shape(rows, cols)
-    matched, counts = borrow("matched", (padded_rows, 2 * m, padded_cols)), borrow("counts", (padded_rows, padded_cols))
     if taken is None:
         taken = np.zeros((rows, cols), np.float32)
         passed, mean = np.zeros((1, 1, m), np.complex64), np.zeros(m, np.complex64)
     _prepare(sums, photons, equaliser, used, taken, passed, mean,
-             maps.crop(matched, rows, cols), maps.crop(counts, rows, cols))
-    return matched, counts
+             maps.crop(work.matched, rows, cols), maps.crop(work.counts, rows, cols))
+    return work.matched, work.counts
+
+
+@line
+def _residual_of_row(i, frame, state, terms, layer, rest):
+    m = len(frame.energy)
+    for j in range(MARGIN, state.shape[3] - MARGIN, LANES):
+        for l in range(m):
+            re, im = load(frame.matched, i, l, j), load(frame.matched, i, m + l, j)
+            for k in range(state.shape[1]):
+                there = load(state, i, k, INTENSITY, j) > ZERO
+                if k != layer and lanes_of(there):
+                    signal = where(there, max(load(terms, i, k, VALUE, j), ZERO) / frame.total_energy, ZERO)
+                    sine, cosine = sincos(frame.bin_frequencies[l] * load(state, i, k, DEPTH, j))
+                    re, im = re - signal * frame.energy[l] * cosine, im - signal * frame.energy[l] * sine
+            store(rest, i, l, j, re)
+            store(rest, i, m + l, j, im)
 
 
 @parallel
-def _residual(matched: float32[:, :, ::1], energy: float32[::1], bin_frequencies: float32[::1],
-              state: float32[:, :, :, ::1], terms: float32[:, :, :, ::1], layer: int64, rest: float32[:, :, ::1]):
-    padded_rows, surfaces, _, padded_cols = state.shape
-    m, total = len(energy), total_of(energy)
-    for i in prange(padded_rows):
-        for l in range(2 * m):
-            for j in range(padded_cols):
-                rest[i, l, j] = matched[i, l, j]
-        for j in range(padded_cols):
-            for k in range(surfaces):
-                if k != layer and state[i, k, INTENSITY, j] > ZERO:
-                    signal = max(terms[i, k, VALUE, j], ZERO) / total
-                    for l in range(m):
-                        sine, cosine = sincos(bin_frequencies[l] * state[i, k, DEPTH, j])
-                        rest[i, l, j] -= signal * energy[l] * cosine
-                        rest[i, m + l, j] -= signal * energy[l] * sine
+def _residual(frame: Frame, state: float32[:, :, :, ::1], terms: float32[:, :, :, ::1], layer: int64,
+              rest: float32[:, :, ::1]):
+    for turn in prange(len(state) - 2 * MARGIN):
+        _residual_of_row(turn + MARGIN, frame, state, terms, layer, rest)
 
 
-def residual(frame, state, terms, layer):
-    rest = borrow("residual", frame.matched.shape)
-    _residual(frame.matched, frame.energy, frame.bin_frequencies, state, terms, layer, rest)
-    return rest
+def residual(work, frame, state, terms, layer):
+    _residual(frame, state, terms, layer, work.residual)
+    return work.residual

@@ -1,43 +1,59 @@
 """One scale of the start: `search` gives open pixels the surface that the window around them shows.
 
-Windows of cells of pixels, z̄ = Σ w z, N = Σ w² n and G = Σ w g (`blur.pool`), are matched: t and S are depth and signal
-of the highest peak. With q = Σ w² / Σ w and p = N / q,
+Windows of cells of pixels, z̄ = Σ w z, N = Σ w² n and G = Σ w g, are matched: t and S are depth and signal of the
+highest peak. With q = Σ w² / Σ w and p = N / q,
 
     score = p / √N · ρ(S E / p) / c(t),    r = S / G,    std = √(q (S M₁ + (p − S)₊ M₀)) / (S C).
 
-Since S E ≤ Σ_l |z̄_l|, most cells that cannot reach the score they need are found without a filter. After the flat
-windows come slanted ones (`slanted`).
+Since S E ≤ Σ_l |z̄_l|, most cells that cannot reach the score they need are found without a filter (`_list_cells`).
+The others are matched (`_match_cells`), along the flat window first, then along slanted ones (`slanted`). The pixels
+of a cell take its best surface (`_write_pixels`).
 """
 
 from typing import NamedTuple
 
 import numpy as np
-from numba import boolean, float32, int64, prange
+from numba import float32, get_thread_id, int32, int64, prange
 
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import MOVE_COST, SEEN_SCORE, SLANT, SLANTED_SCORE, STEEPER, SURE_SCORE
-from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, aligned
-from srt3d_ros.kernels.cpu.compiling import line, parallel
-from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.cpu.method.blur import pool
+from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, sincos
+from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
+from srt3d_ros.kernels.cpu.method.blur import NEVER, Cells, bin_cells, blur_row
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import evidence, noise_at
-from srt3d_ros.kernels.cpu.method.match import Steering, peaks, peaks_scratch, response_at, steering
-from srt3d_ros.kernels.cpu.method.slanted import SLANTS, pool_across, pool_down, turns_of
-from srt3d_ros.kernels.maps import BLOCK, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD
+from srt3d_ros.kernels.cpu.method.match import Steering, peaks, steering
+from srt3d_ros.kernels.cpu.method.slanted import DOWN, RIGHT, SLANTS, bound_across, pool_along, size, turns_of
+from srt3d_ros.kernels.cpu.vectors import (
+    floats,
+    floor,
+    full,
+    gather,
+    lane_numbers,
+    lanes_of,
+    load,
+    scatter,
+    sqrt,
+    store,
+    to_cell,
+    to_floats,
+    where,
+)
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, LANES, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD
 
-ROOT_STEEPER = F32(STEEPER**0.5)
-SEEN = F32(SEEN_SCORE)
+NO_WINDOW, NO_TURNS = np.ones(1, np.float32), np.empty((0, 1, 3), np.float32)
+NO_STATE = np.empty((0, 0, 0, 0), np.float32)
+SEEN, SURE, SLANTED, ROOT_STEEPER = F32(SEEN_SCORE), F32(SURE_SCORE), F32(SLANTED_SCORE), F32(STEEPER**0.5)
 
 
 class Scale(NamedTuple):
     """What one scale of the start searches, and which scores it needs."""
 
-    cells: float32[:, :, ::1]           # [rows of cells, 2m + 2, cells], sums over open pixels
-    pools: float32[:, :, ::1]           # windows of them
-    wanted: boolean[:, ::1]             # [rows, cols], whether a pixel is open
+    wanted: float32[:, :, ::1]          # [rows', 1, cols'], 1 where a pixel is open
     state: float32[:, :, :, ::1]
     carried: float32[:, :, :, ::1]      # the last frame's state; [0, …] without one
+    weights: float32[::1]               # of a window's rows and columns of cells
+    squares: float32[::1]
     turns: float32[:, :, ::1]           # [m, reach, 3] of `turns_of`; [0, …] without slanted windows
     rise: float32                       # slope of slanted windows, bins per pixel
     layer: int64                        # index of the surface
@@ -47,193 +63,230 @@ class Scale(NamedTuple):
     confirmed: float32                  # score with which a carried surface stays
 
 
-class Row(NamedTuple):
-    """Memory of one thread for a row of cells; [cells] each, but the last three, which are of BLOCK cells."""
+class Memory(NamedTuple):
+    """Memory for a row of cells; in `_search`, of each thread."""
 
-    least: np.ndarray       # score that a cell needs
-    flat: np.ndarray        # score of a cell's flat window
-    bound: np.ndarray       # Σ_l |z̄_l|
-    listed: np.ndarray      # int64, indices into the places searched: those that may reach their least score
-    z: np.ndarray           # [2m · BLOCK]
-    peaks: tuple            # place, bins, and height
-    scratch: tuple          # of `peaks_scratch`
+    z: float32[:, :, ::1]           # [2m, cols'], windows: sketches
+    counts: float32[:, :, ::1]      # [1, cols']
+    exposure: float32[:, :, ::1]
+    total: float32[:, ::1]          # [cols'] of `blur_row`
+    least: float32[:, ::1]          # [cols'], score that a cell needs; NEVER where it is not asked
+    flat: float32[:, ::1]           # [cols'], score of a cell's flat window
+    best: float32[:, :, ::1]        # [SCORE + 1, cols'], the surface of a cell
+    planes: float32[:, :, :, ::1]   # [2 · SLANTS, 2m, cols'], sums downwards, and windows of these
+    filter: float32[:, :, ::1]      # of `filter_scratch`
+    listed: int32[:, ::1]           # [cols'], columns of the cells that may reach the score they need
+
+
+class Surface(NamedTuple):
+    """What cells or pixels show: the fields of a state up to SCORE."""
+
+    depth: floats
+    slope_col: floats
+    slope_row: floats
+    intensity: floats
+    std: floats
+    score: floats
 
 
 @line
-def _list_cells(sketch, places, needs, frame, bound, listed):
-    """List which of the cells at these places may reach their least score; returns how many."""
-    found, m, (photons, share, least) = 0, len(frame.energy), needs
-    bound[:] = ZERO
-    for l in range(m):
-        re, im = sketch[l], sketch[m + l]
-        for x in range(len(places)):
-            bound[x] += np.sqrt(re[x] * re[x] + im[x] * im[x])
-    for x in range(len(places)):
-        j = places[x]
-        if evidence(bound[x], photons[j] / share, photons[j], frame) > least[j]:
-            listed[found] = x
-            found += 1
+def _list_cells(sketch, counts, scale, frame, memory):
+    """List the cells of a row that may reach the score they need; returns how many. The last one fills a vector."""
+    found, m, least, listed = 0, len(frame.energy), memory.least, memory.listed
+    for col in range(MARGIN, len(least) - MARGIN, LANES):
+        need = load(least, col)
+        if lanes_of(need < NEVER) == 0:
+            continue
+        bound, photons = full(ZERO), load(counts, 0, col)
+        for l in range(m):
+            bound += size(load(sketch, l, col), load(sketch, m + l, col))
+        lanes = lanes_of(evidence(bound, photons / scale.share, photons, frame) > need)
+        for x in range(LANES):
+            listed[found] = col + x
+            found += (lanes >> x) & 1
+    if found > 0:
+        store(listed, found, listed[found - 1])
     return found
 
 
-@line
-def _score(response, depth, cell, frame):
-    """The score of a cell's response R(z̄, depth) = S E."""
-    photons, share, _ = cell
-    return evidence(response, photons / share, photons, frame) / noise_at(frame, depth)
-
-
-@line
-def _measure(depth, slopes, signal, score, cell, frame, point):
-    """Write the surface of a pixel in whose cell so much signal shows it."""
-    (photons, share, light), (slope_col, slope_row) = cell, slopes
+@inline
+def _measure(depth, slopes, response, photons, light, scale, frame):
+    """The surfaces that windows of so many photons and so much light show, of which the filter responds so much."""
+    share, (slope_col, slope_row), period = scale.share, slopes, frame.period
+    depth -= period * floor(depth / period)
+    score = evidence(response, photons / share, photons, frame) / noise_at(frame, depth)
+    signal = response / frame.total_energy
     by_signal = max(signal, EPSILON)
     by_background = max(photons / share - by_signal, ZERO)
     spread = share * (by_signal * frame.moments[0] + by_background * frame.moments[1])
-    point[DEPTH], point[SLOPE_COL], point[SLOPE_ROW] = depth, slope_col, slope_row
-    point[INTENSITY], point[SCORE] = signal / light, score
-    point[STD] = min(np.sqrt(spread) / (by_signal * frame.curvature), frame.period)
+    std = min(sqrt(spread) / (by_signal * frame.curvature), period)
+    return Surface(depth, slope_col, slope_row, signal / max(light, EPSILON), std, score)
 
 
 @line
-def _stays(sketch, score, cell, confirmed, old, frame, point):
-    """Keep a pixel's surface of the last frame if its score is confirmed, and the new one not better by VOTE nats."""
-    if old[INTENSITY] == ZERO:
-        return False
-    z, x = sketch
-    response = response_at(z, x, BLOCK, frame.bin_frequencies, old[DEPTH])
-    known = _score(response, old[DEPTH], cell, frame)
-    if known <= confirmed or score * score - known * known >= TWO * F32(MOVE_COST):
-        return False
-    slopes = old[SLOPE_COL], old[SLOPE_ROW]
-    _measure(old[DEPTH], slopes, response / frame.total_energy, known, cell, frame, point)
-    return True
+def _match_cells(sketch, window, slopes, enough, scale, steering, frame, memory):
+    """Match a row of windows [2m, cols'], and keep the surfaces with more than the score needed, and `enough`."""
+    (counts, exposure), (least, flat, best, listed) = window, (memory.least, memory.flat, memory.best, memory.listed)
+    m, (slope_col, slope_row) = len(frame.energy), slopes
+    z, response = memory.filter[:2 * m], memory.filter[2 * m:]
+    for first in range(0, _list_cells(sketch, counts, scale, frame, memory), LANES):
+        at = load(listed, first)
+        for n in range(m):
+            store(z, n, 0, gather(sketch, steering.order[n], at))
+            store(z, m + n, 0, gather(sketch, m + steering.order[n], at))
+        place, height = peaks(z, steering, frame.period, response)
+        found = _measure(place, (full(slope_col), full(slope_row)), height, gather(counts, 0, at),
+                         gather(exposure, 0, at), scale, frame)
+        scatter(flat, at, found.score)
+        need = gather(least, at)
+        taken = found.score > max(need, enough)
+        if lanes_of(taken) != 0:
+            scatter(least, at, where(taken, found.score, need))
+            for field in range(len(found)):
+                scatter(best, field, at, where(taken, found[field], gather(best, field, at)))
 
 
 @line
-def _ask(i, scale, sure, places):
-    """Write the cells of row i with an open pixel whose surface, if it has found one, has a score below `sure`."""
-    found, (rows, cols), step, state = 0, scale.wanted.shape, scale.step, scale.state
-    for j in range(scale.pools.shape[2]):
-        asks = False
-        for a in range(i * step, min((i + 1) * step, rows)):
-            for b in range(j * step, min((j + 1) * step, cols)):
-                score = state[a + MARGIN, scale.layer, SCORE, b + MARGIN]
-                is_open = state[a + MARGIN, scale.layer, INTENSITY, b + MARGIN] == ZERO
-                asks |= scale.wanted[a, b] and (is_open or score < sure)
-        if asks:
-            places[found] = j
-            found += 1
-    return found
+def _doubt(scale, memory):
+    """Ask for a slanted window where a flat one shows a surface, but not surely; whether there is such a cell."""
+    lanes, least = 0, memory.least
+    for col in range(MARGIN, len(least) - MARGIN, LANES):
+        flat = load(memory.flat, col)
+        doubtful = (flat > SEEN) & ((flat < SURE) | (flat <= scale.enough))
+        store(least, col, where(doubtful, max(flat * ROOT_STEEPER, SLANTED), NEVER))
+        lanes |= lanes_of(doubtful)
+    return lanes != 0
 
 
 @line
-def _search_row(i, sketch, slopes, places, row, inputs):
-    """Match the cells of row i at these places that may reach their least score; give their pixels what they show.
-
-    `sketch` [2m, ≥ places] is theirs. Flat windows write their scores to `row.flat`.
-    """
-    (frame, scale, steering), (slope_col, slope_row) = inputs, slopes
-    least, flat, bound, listed, z, (place, height), scratch = row
-    wanted, state, carried, layer, step = scale.wanted, scale.state, scale.carried, scale.layer, scale.step
-    (rows, cols), warm, period, m = wanted.shape, len(carried) > 0, frame.period, len(frame.energy)
-    is_flat = slope_col == ZERO and slope_row == ZERO
-    photons, light = scale.pools[i, 2 * m], scale.pools[i, 2 * m + 1]
-    found = _list_cells(sketch, places, (photons, scale.share, least), frame, bound, listed)
-    for first in range(0, found, BLOCK):
-        block = min(BLOCK, found - first)
-        for c in range(2 * m):
-            for x in range(BLOCK):
-                z[c * BLOCK + x] = sketch[c, listed[first + x]] if x < block else ZERO
-        peaks(z, steering, period, scratch, place, height)
-        for x in range(block):
-            j = places[listed[first + x]]
-            cell = photons[j], scale.share, max(light[j], EPSILON)
-            score = _score(height[x], place[x] - period * np.floor(place[x] / period), cell, frame)
-            enough = scale.enough if is_flat else least[j]
-            if is_flat:
-                flat[j] = score
-            for a in range(i * step, min((i + 1) * step, rows)):
-                for b in range(j * step, min((j + 1) * step, cols)):
-                    if not wanted[a, b]:
-                        continue
-                    point = state[a + MARGIN, layer, :, b + MARGIN]
-                    if warm and _stays((z, x), score, cell, scale.confirmed,
-                                       carried[a + MARGIN, layer, :, b + MARGIN], frame, point):
-                        continue
-                    known = point[SCORE] if point[INTENSITY] > ZERO else ZERO
-                    if score > max(enough, known):
-                        right = F32(b - j * step) - HALF * F32(step - 1)
-                        down = F32(a - i * step) - HALF * F32(step - 1)
-                        t = place[x] + slope_col * right + slope_row * down
-                        _measure(t - period * np.floor(t / period), slopes, height[x] / frame.total_energy, score, cell,
-                                 frame, point)
+def _rule_out(lines, counts, scale, frame, least):
+    """Ask no longer for the cells in which no slanted window can reach the score they need: nearly all of them."""
+    for col in range(MARGIN, len(least) - MARGIN, LANES):
+        need, photons = load(least, col), load(counts, 0, col)
+        if lanes_of(need < NEVER) != 0:
+            bound = evidence(bound_across(lines, col, scale.turns), photons / scale.share, photons, frame)
+            store(least, col, where(bound > need, need, NEVER))
 
 
 @line
-def _search_slanted(i, places, row, inputs):
-    """Search row i with windows along planes that rise or fall to the right, downwards or both."""
-    frame, scale, steering = inputs
-    (m, reach, _), width = scale.turns.shape, scale.pools.shape[2]
-    lines = np.zeros((SLANTS, 2 * m, width + 2 * reach), np.float32)
-    pools, sums = np.empty((SLANTS, 2 * m, width), np.float32), np.empty((8, width), np.float32)
-    near = np.empty((4, width), np.float32)
-    pool_down(i, scale.cells, scale.turns, sums, lines)
+def _search_slanted(row, cells, window, scale, steering, frame, memory):
+    """Search a row with windows along planes that rise or fall to the right, downwards or both."""
+    lines, planes = memory.planes[:SLANTS], memory.planes[SLANTS:]
+    pool_along(DOWN, cells.z, row, scale.turns, memory.least, lines)
+    _rule_out(lines, window[0], scale, frame, memory.least)
     for down in range(SLANTS):
-        pool_across(lines[down], scale.turns, places, near, sums, pools)
+        pool_along(RIGHT, lines, down, scale.turns, memory.least, planes)
         for right in range(SLANTS):
             if down != SLANTS // 2 or right != SLANTS // 2:
                 slopes = F32(right - SLANTS // 2) * scale.rise, F32(down - SLANTS // 2) * scale.rise
-                _search_row(i, pools[right], slopes, places, row, inputs)
+                _match_cells(planes[right], window, slopes, ZERO, scale, steering, frame, memory)
+
+
+@inline
+def _shown(best, at, right, down, period):
+    """The surfaces of cells in the columns `at`, moved along their planes to pixels so far from their middles."""
+    slope_col, slope_row = gather(best, SLOPE_COL, at), gather(best, SLOPE_ROW, at)
+    depth = gather(best, DEPTH, at) + slope_col * right + slope_row * down
+    return Surface(depth - period * floor(depth / period), slope_col, slope_row, gather(best, INTENSITY, at),
+                   gather(best, STD, at), gather(best, SCORE, at))
+
+
+@inline
+def _carried(place, at, sketch, window, scale, frame):
+    """The surfaces of the last frame in pixels whose cells are in the columns `at`, measured anew at their depths."""
+    (row, col), (counts, exposure), old, layer = place, window, scale.carried, scale.layer
+    response, m, depth = full(ZERO), len(frame.energy), load(old, row, layer, DEPTH, col)
+    for l in range(m):
+        sine, cosine = sincos(depth * frame.bin_frequencies[l])
+        response += gather(sketch, l, at) * cosine + gather(sketch, m + l, at) * sine
+    slopes = load(old, row, layer, SLOPE_COL, col), load(old, row, layer, SLOPE_ROW, col)
+    return _measure(depth, slopes, response, gather(counts, 0, at), gather(exposure, 0, at), scale, frame)
+
+
+@line
+def _write_pixels(row, sketch, window, scale, frame, memory):
+    """Give the open pixels in row `row` of cells their cell's surface, moved along its plane, or the last frame's.
+
+    That stays if its score is confirmed, and the new one not better by MOVE_COST nats.
+    """
+    state, layer, step = scale.state, scale.layer, scale.step
+    middle = HALF * F32(step - 1)
+    for a in range(step):
+        pixel_row = (row - MARGIN) * step + MARGIN + a
+        for col in range(MARGIN, state.shape[3] - MARGIN, LANES):
+            is_open = load(scale.wanted, pixel_row, 0, col) > ZERO
+            if lanes_of(is_open) == 0:
+                continue
+            x = to_floats(lane_numbers() + (col - MARGIN))
+            cell = floor((x + HALF) / F32(step))
+            at = to_cell(cell, F32(state.shape[3])) + MARGIN
+            new = _shown(memory.best, at, x - cell * F32(step) - middle, F32(a) - middle, frame.period)
+            taken, stays, old = is_open & (new.score > ZERO), full(False), new
+            if len(scale.carried) > 0:
+                stays = is_open & (load(scale.carried, pixel_row, layer, INTENSITY, col) > ZERO)
+                old, flat = _carried((pixel_row, col), at, sketch, window, scale, frame), gather(memory.flat, at)
+                stays &= (old.score > scale.confirmed) & (flat * flat - old.score * old.score < TWO * F32(MOVE_COST))
+            if lanes_of(taken | stays) != 0:
+                for field in range(len(new)):
+                    value = where(taken, new[field], load(state, pixel_row, layer, field, col))
+                    store(state, pixel_row, layer, field, col, where(stays, old[field], value))
+
+
+@line
+def _search_row(row, cells, scale, steering, frame, memory):
+    least, asked = memory.least, False
+    need = min(scale.enough, scale.confirmed) if len(scale.carried) > 0 else scale.enough
+    need = min(need, SEEN) if len(scale.turns) > 0 else need
+    least[:], memory.flat[:] = NEVER, ZERO
+    memory.best[SCORE, :] = ZERO
+    for col in range(MARGIN, len(least) - MARGIN, LANES):
+        wanted = load(cells.wanted, row, 0, col) > ZERO
+        store(least, col, where(wanted, need, NEVER))
+        asked |= lanes_of(wanted) != 0
+    if not asked:
+        return
+    sketch, window = cells.z[row], (cells.counts[row], cells.exposure[row])
+    if len(scale.weights) > 1:
+        sketch, window = memory.z, (memory.counts, memory.exposure)
+        blur_row(cells.z, row, scale.weights, least, memory.total, sketch)
+        blur_row(cells.counts, row, scale.squares, least, memory.total, window[0])
+        blur_row(cells.exposure, row, scale.weights, least, memory.total, window[1])
+    _match_cells(sketch, window, (ZERO, ZERO), scale.enough, scale, steering, frame, memory)
+    if len(scale.turns) > 0 and _doubt(scale, memory):
+        _search_slanted(row, cells, window, scale, steering, frame, memory)
+    _write_pixels(row, sketch, window, scale, frame, memory)
 
 
 @parallel
-def _search(frame: Frame, scale: Scale, steering: Steering):
-    m, width = len(frame.energy), scale.pools.shape[2]
-    for i in prange(len(scale.pools)):
-        places, least, flat = np.empty(width, np.int64), np.empty(width, np.float32), np.zeros(width, np.float32)
-        asked = _ask(i, scale, ZERO, places)
-        if asked == 0:
-            continue
-        row = Row(least, flat, np.empty(width, np.float32), np.empty(width, np.int64), aligned(2 * m * BLOCK),
-                  (aligned(BLOCK), aligned(BLOCK)), peaks_scratch(steering.cells))
-        sketch = np.empty((2 * m, width), np.float32)
-        for c in range(2 * m):
-            for x in range(asked):
-                sketch[c, x] = scale.pools[i, c, places[x]]
-        least[:] = min(scale.enough, scale.confirmed) if len(scale.carried) > 0 else scale.enough
-        if len(scale.turns) > 0:
-            least[:] = min(scale.enough, SEEN)
-        inputs = frame, scale, steering
-        _search_row(i, sketch, (ZERO, ZERO), places[:asked], row, inputs)
-        if len(scale.turns) == 0:
-            continue
-        doubtful = 0
-        for x in range(_ask(i, scale, F32(SURE_SCORE), places)):
-            j = places[x]
-            least[j] = max(F32(SLANTED_SCORE), ROOT_STEEPER * flat[j])
-            if flat[j] > SEEN:
-                places[doubtful] = j
-                doubtful += 1
-        if doubtful > 0:
-            _search_slanted(i, places[:doubtful], row, inputs)
+def _search(frame: Frame, cells: Cells, scale: Scale, steering: Steering, memory: Memory):
+    for turn in prange(len(cells.z) - 2 * MARGIN):
+        t = get_thread_id()
+        _search_row(turn + MARGIN, cells, scale, steering, frame, Memory(
+            memory.z[t], memory.counts[t], memory.exposure[t], memory.total[t], memory.least[t], memory.flat[t],
+            memory.best[t], memory.planes[t], memory.filter[t], memory.listed[t]))
 
 
-def no_surfaces(frame, surfaces):
-    return borrow("state", maps.state_shape(*frame.shape, surfaces), True)
+def no_surfaces(work, frame, surfaces):
+    work.states[0][:] = 0
+    return work.states[0]
 
 
-def search(frame, matched, state, layer, sigma, step, enough, carried=None, confirmed=0.0, slanted=False):
-    wanted = (maps.crop(frame.exposure, *frame.shape) > 0) & (maps.crop(state, *frame.shape)[:, layer, INTENSITY] == 0)
+def search(work, frame, matched, state, layer, sigma, step, enough, carried=None, confirmed=0.0, slanted=False):
+    frame = Frame.of(frame)
+    wanted = (frame.exposure > 0) & (state[:, layer, INTENSITY] == 0)
     if layer > 0:
-        wanted &= maps.crop(state, *frame.shape)[:, layer - 1, INTENSITY] > 0
+        wanted &= state[:, layer - 1, INTENSITY] > 0
     if not wanted.any():
         return
-    weights = maps.window_weights(sigma / step) if sigma > 0 else np.ones(1, np.float32)
-    cells, pools = pool(frame, matched, wanted, weights, step)
-    rise = SLANT * frame.resolution_bins / sigma if slanted else 0.0
-    turns = turns_of(weights, frame.bin_frequencies * (step * rise)) if slanted else np.empty((0, 1, 3), np.float32)
-    carried = np.empty((0, 0, 0, 0), np.float32) if carried is None else carried
-    scale = Scale(cells, pools, wanted, state, carried, turns, F32(rise), layer, step, HALF if sigma > 0 else ONE,
-                  F32(enough), F32(confirmed))
-    _search(frame, scale, steering(frame.bin_frequencies, frame.num_bins))
+    work.wanted[:] = wanted
+    cells = pixels = Cells(matched, *(values[:, None] for values in (frame.counts, frame.exposure, work.wanted)))
+    weights, rise, turns = NO_WINDOW, 0.0, NO_TURNS
+    if sigma > 0:
+        weights, cells = maps.window_weights(sigma / step), work.cells[step]
+        bin_cells(pixels, step, work.totals, cells)
+    if slanted:
+        rise = SLANT * frame.resolution / sigma
+        turns = turns_of(weights, frame.bin_frequencies * (step * rise))
+    scale = Scale(pixels.wanted, state, NO_STATE if carried is None else carried, weights, weights**2, turns, F32(rise),
+                  layer, step, HALF if sigma > 0 else ONE, F32(enough), F32(confirmed))
+    _search(frame, cells, scale, steering(frame.bin_frequencies, frame.period), work.searches[step])

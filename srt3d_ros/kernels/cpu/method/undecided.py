@@ -4,121 +4,101 @@ A pixel is decided if each surface of its 3 × 3 neighbourhood agrees with one o
 + 2 δ² with e their distance at the pixel, and no neighbour that has surfaces has fewer than it.
 """
 
-import numpy as np
 from numba import boolean, float32, int32, prange
 
-from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, B, U, aligned, any_of
+from srt3d_ros.kernels.cpu.arithmetic import F32, ZERO, is_surface, wrap
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel, serial
-from srt3d_ros.kernels.cpu.method import field
-from srt3d_ros.kernels.cpu.method.field import is_surface, rise, wrap
 from srt3d_ros.kernels.cpu.method.frame import Frame
-from srt3d_ros.kernels.maps import BLOCK, MARGIN
+from srt3d_ros.kernels.cpu.vectors import full, lanes_of, load, where
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, LANES, MARGIN, SLOPE_COL, SLOPE_ROW, STD
 
-# Of BLOCK pixels: their surfaces, whether something is to be decided (1 or 0), and the surfaces of a neighbour; of the
-# neighbour's surface that is compared: whether it is unknown to the pixel (1 or 0), its depth there and its tolerance.
-PIXELS = np.dtype([(name, np.float32, BLOCK) for name in (
-    "surfaces", "open", "around", "unknown", "depth", "tolerance")])
-PIXELS_SIZE = PIXELS.itemsize // 4
+AROUND = tuple((dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dx or dy)
 
 
 @inline
-def _compare(pixels, there, here, offset, max_chi2, frame):
-    """Count surfaces of a neighbour, [FIELDS, cols'], and open the pixels that know none like them.
+def _surface(state, row, k, col, frame):
+    """Whether there is a surface whose depth is known, and its standard deviation."""
+    std = load(state, row, k, STD, col)
+    return is_surface(load(state, row, k, INTENSITY, col), std, frame.max_std), std
 
-    `here` are the pixels' own, [K, FIELDS, cols']; `offset` is (first column, dx, dy).
-    """
-    col, dx, dy = offset
-    near, first = U(col + dx), U(col)
-    blur2 = frame.resolution * frame.resolution
-    for x in range(B):
-        std = there[field.STD, near + x]
-        found = ONE if is_surface(there[field.INTENSITY, near + x], std, frame.max_std) else ZERO
-        pixels.around[x] += found
-        pixels.unknown[x] = found
-        pixels.tolerance[x] = max_chi2 * std * std + blur2 + blur2
-        pixels.depth[x] = there[field.DEPTH, near + x] - rise(
-            there[field.SLOPE_COL, near + x], there[field.SLOPE_ROW, near + x], F32(dx), F32(dy))
-    for k in range(U(len(here))):
-        own = here[k]
-        for x in range(B):
-            e = wrap(pixels.depth[x] - own[field.DEPTH, first + x], frame.period)
-            std = own[field.STD, first + x]
-            same = (e * e < pixels.tolerance[x] + max_chi2 * std * std) & is_surface(
-                own[field.INTENSITY, first + x], std, frame.max_std)
-            pixels.unknown[x] = ZERO if same else pixels.unknown[x]
-    for x in range(B):
-        pixels.open[x] = max(pixels.open[x], pixels.unknown[x])
+
+@inline
+def _is_unknown(state, row, q, col, offset, max_chi2, frame):
+    """Whether the neighbours' surfaces q agree with none of the pixels' own; and whether there are any."""
+    dy, dx = offset
+    there, std = _surface(state, row + dy, q, col + dx, frame)
+    unknown, depth = there, load(state, row + dy, q, DEPTH, col + dx) - (
+        load(state, row + dy, q, SLOPE_COL, col + dx) * F32(dx)
+        + load(state, row + dy, q, SLOPE_ROW, col + dx) * F32(dy))
+    tolerance = max_chi2 * std * std + F32(2) * frame.resolution * frame.resolution
+    for k in range(state.shape[1]):
+        own, own_std = _surface(state, row, k, col, frame)
+        e = wrap(depth - load(state, row, k, DEPTH, col), frame.period)
+        unknown &= ~(own & (e * e < tolerance + max_chi2 * own_std * own_std))
+    return unknown, there
 
 
 @line
-def _find(pixels, state, row, col, max_chi2, frame, grows):
-    """Set `open` to 1 where something is to be decided in the BLOCK pixels from (row, col) on, else to 0.
-
-    If surfaces grow and all of the pixels have K of them, nothing is.
-    """
-    here, first, fewest = state[row], U(col), F32(state.shape[1])
-    for x in range(B):
-        pixels.surfaces[x] = pixels.open[x] = ZERO
-    for k in range(U(len(here))):
-        own = here[k]
-        for x in range(B):
-            found = is_surface(own[field.INTENSITY, first + x], own[field.STD, first + x], frame.max_std)
-            pixels.surfaces[x] += ONE if found else ZERO
-    for x in range(B):
-        fewest = min(fewest, pixels.surfaces[x])
-    if grows and fewest == F32(len(here)):
-        return
-    for dy in range(-1, 2):
-        for dx in range(-1, 2):
-            if dx == 0 and dy == 0:
-                continue
-            for x in range(B):
-                pixels.around[x] = ZERO
-            for q in range(U(len(here))):
-                _compare(pixels, state[row + dy, q], here, (col, dx, dy), max_chi2, frame)
-            for x in range(B):
-                fewer = (pixels.around[x] > ZERO) & (pixels.around[x] < pixels.surfaces[x])
-                pixels.open[x] = ONE if fewer else pixels.open[x]
+def _undecided(state, row, col, max_chi2, frame, grows):
+    """In which of the pixels from (row, col) on there is something to decide, as bits."""
+    surfaces, had = state.shape[1], full(ZERO)
+    for k in range(surfaces):
+        had += where(_surface(state, row, k, col, frame)[0], 1, 0)
+    undecided, may_grow = full(False), had < F32(surfaces)
+    if grows and lanes_of(may_grow) == 0:
+        return 0
+    for offset in AROUND:
+        around = full(ZERO)
+        for q in range(surfaces):
+            unknown, there = _is_unknown(state, row, q, col, offset, max_chi2, frame)
+            around += where(there, 1, 0)
+            undecided |= unknown
+        undecided |= (around > 0) & (around < had)
+    undecided &= load(frame.exposure, row, col) > 0
+    return lanes_of(undecided & may_grow if grows else undecided)
 
 
-@parallel
-def _list_rows(frame: Frame, state: float32[:, :, :, ::1], max_chi2: float32, near: boolean[:, ::1], grows: boolean,
-               cols: int32[:, ::1], number: int32[::1]):
-    """List the columns of each row's undecided pixels, and how many they are."""
-    rows, surfaces, _, padded_cols = state.shape
-    for turn in prange(rows - 2 * MARGIN):
-        row, found, scratch = turn + MARGIN, 0, aligned(PIXELS_SIZE).view(PIXELS)
-        for first in range(MARGIN, padded_cols - MARGIN, BLOCK):
-            pixels = scratch[0]                 # here, for a record does not keep the memory of its array
-            if not any_of(near[row:row + 1, first:first + BLOCK]):
-                continue
-            _find(pixels, state, row, first, max_chi2, frame, grows)
-            for x in range(B):
-                col = first + int(x)
-                has_room = pixels.surfaces[x] < F32(surfaces) or not grows
-                if near[row, col] and has_room and pixels.open[x] > ZERO and frame.exposure[row, col] > ZERO:
-                    cols[row, found] = col
-                    found += 1
-        number[row] = found
-
-
-@serial
-def _join_rows(cols: int32[:, ::1], number: int32[::1], pixels: int32[::1]):
-    """Join the lists of the rows, as indices of padded maps; returns how many pixels there are."""
+@line
+def _list_row(row, frame, state, max_chi2, near, grows, cols):
+    """Write the columns of a row's undecided pixels; returns how many they are."""
     found = 0
-    for i in range(len(cols)):
-        for n in range(number[i]):
-            pixels[found] = i * cols.shape[1] + cols[i, n]
-            found += 1
+    for first in range(MARGIN, state.shape[3] - MARGIN, LANES):
+        close = lanes_of(load(near, row, first) > 0)
+        if close != 0:
+            close &= _undecided(state, row, first, max_chi2, frame, grows)
+            for x in range(LANES):
+                if close >> x & 1:
+                    cols[found] = first + x
+                    found += 1
     return found
 
 
-def list_undecided(frame, state, max_chi2, near, grows):
-    """The used pixels that have something to decide, int32 [N], among those `near` a change, bool [rows', cols'].
+@parallel
+def _list_rows(frame: Frame, state: float32[:, :, :, ::1], max_chi2: float32, near: float32[:, ::1], grows: boolean,
+               cols: int32[:, ::1], number: int32[::1]):
+    """List the columns of each row's undecided pixels, and how many they are."""
+    for turn in prange(len(state) - 2 * MARGIN):
+        row = turn + MARGIN
+        number[row] = _list_row(row, frame, state, max_chi2, near, grows, cols[row])
 
-    If surfaces grow (`grows`), only those with fewer than K surfaces.
+
+@serial
+def _join_rows(cols: int32[:, ::1], number: int32[::1], pixels: int32[:, ::1]):
+    """Join the lists of the rows; repeat the last pixel up to whole vectors. Returns how many there are."""
+    found = 0
+    for i in range(len(cols)):
+        for n in range(number[i]):
+            pixels[0, found], pixels[1, found] = i, cols[i, n]
+            found += 1
+    for n in range(found, found + -found % LANES):
+        pixels[0, n], pixels[1, n] = pixels[0, found - 1], pixels[1, found - 1]
+    return found
+
+
+def list_undecided(work, frame, state, max_chi2, grows):
+    """How many used pixels have something to decide; `work.listed` has their rows and columns, in whole vectors.
+
+    Only pixels near a change, where `work.near` is 1; if surfaces grow (`grows`), with fewer than K surfaces.
     """
-    cols, number = np.empty(near.shape, np.int32), np.zeros(len(near), np.int32)
-    pixels = np.empty(near.size, np.int32)
-    _list_rows(frame, state, max_chi2, near, grows, cols, number)
-    return pixels[:_join_rows(cols, number, pixels)]
+    _list_rows(frame, state, max_chi2, work.near, grows, work.columns, work.numbers)
+    return _join_rows(work.columns, work.numbers, work.listed)

@@ -8,52 +8,73 @@ sums in float64.
 import numpy as np
 from numba import float32, prange
 
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, ONE, TINY, ZERO, sincos
-from srt3d_ros.kernels.cpu.compiling import parallel
+from srt3d_ros.kernels.cpu.compiling import line, parallel
 from srt3d_ros.kernels.cpu.method.frame import Frame
-from srt3d_ros.kernels.maps import DEPTH, MARGIN
+from srt3d_ros.kernels.cpu.vectors import fma, full, gather, lane_numbers, lanes_of, load, total
+from srt3d_ros.kernels.maps import DEPTH, LANES, MARGIN
+
+OWN, TAKEN, BACKGROUND, PHOTONS, SURFACES = range(5)        # rows of `seen`: own, taken, b̄, n̄, and r of each surface
+
+
+@line
+def _passed_at(passed, i, j, c):
+    """Part c of q in the pixels (i, j …), of a map or of one number for all rows or columns."""
+    at = min(lane_numbers() + j, passed.shape[1] - 1)
+    return gather(passed, i, at, c) if passed.shape[1] > 1 else full(passed[i, 0, c])
+
+
+@line
+def _shown_at(i, j, l, frame, state, seen):
+    """Re y_l and Im y_l."""
+    re = im = full(ZERO)
+    for k in range(state.shape[1]):
+        signal = load(seen, i, SURFACES + k, j) * load(frame.exposure, i, j)
+        if lanes_of(signal > ZERO):
+            sine, cosine = sincos(frame.bin_frequencies[l] * load(state, i, k, DEPTH, j))
+            re, im = fma(signal, cosine, re), fma(signal, sine, im)
+    return re, im
+
+
+@line
+def _sum_row(i, frame, state, seen, passed, sums):
+    m, ends = len(frame.energy), state.shape[3] - MARGIN
+    own = taken = counts = misfit = full(ZERO)
+    for j in range(MARGIN, ends, LANES):
+        w = load(seen, i, BACKGROUND, j) / max(load(seen, i, PHOTONS, j), EPSILON)
+        own, taken = fma(w, load(seen, i, OWN, j), own), fma(w, load(seen, i, TAKEN, j), taken)
+        counts = fma(w * w, load(frame.counts, i, j), counts)
+    for l in range(m):
+        energy, left_re, left_im, shown_re, shown_im = frame.energy[l], full(ZERO), full(ZERO), full(ZERO), full(ZERO)
+        for j in range(MARGIN, ends, LANES):
+            inverse = ONE / max(load(seen, i, PHOTONS, j), EPSILON)
+            w = load(seen, i, BACKGROUND, j) * inverse
+            y_re, y_im = _shown_at(i, j, l, frame, state, seen)
+            re, im = load(frame.matched, i, l, j) - energy * y_re, load(frame.matched, i, m + l, j) - energy * y_im
+            row, col = min(i - MARGIN, len(passed) - 1), j - MARGIN
+            q_re, q_im = _passed_at(passed, row, col, 2 * l), _passed_at(passed, row, col, 2 * l + 1)
+            left_re, left_im = left_re + w * (re * q_re + im * q_im), left_im + w * (im * q_re - re * q_im)
+            shown_re, shown_im = fma(w, y_re, shown_re), fma(w, y_im, shown_im)
+            misfit += (re * re + im * im) * inverse / max(energy, TINY)
+        sums[l], sums[m + l], sums[2 * m + l], sums[3 * m + l] = (
+            total(left_re), total(left_im), total(shown_re), total(shown_im))
+    sums[4 * m], sums[4 * m + 1], sums[4 * m + 2], sums[4 * m + 3] = (
+        total(own), total(taken), total(counts), total(misfit))
 
 
 @parallel
-def _unexplained(frame: Frame, state: float32[:, :, :, ::1], intensity: float32[:, :, ::1], own: float32[:, ::1],
-                 taken: float32[:, ::1], background: float32[:, ::1], photons: float32[:, ::1],
-                 passed: float32[:, :, ::1], out: float32[:, ::1]):
-    rows, surfaces, cols = intensity.shape
-    m, by_row, by_col = len(frame.energy), min(passed.shape[0] - 1, 1), min(passed.shape[1] - 1, 1)
-    for i in prange(rows):
-        a, energy = i + MARGIN, frame.energy
-        share, inverse = np.empty(cols, np.float32), np.empty(cols, np.float32)
-        cosines, sines, sums = np.empty(cols, np.float32), np.empty(cols, np.float32), out[i]
-        for j in range(cols):
-            inverse[j] = ONE / max(photons[i, j], EPSILON)
-            share[j] = background[i, j] * inverse[j]
-            sums[4 * m] += share[j] * own[i, j]
-            sums[4 * m + 1] += share[j] * taken[i, j]
-            sums[4 * m + 2] += share[j] * share[j] * frame.counts[a, j + MARGIN]
-        for l in range(m):
-            for j in range(cols):
-                cosines[j], sines[j] = ZERO, ZERO
-            for k in range(surfaces):
-                for j in range(cols):
-                    sine, cosine = sincos(frame.bin_frequencies[l] * state[a, k, DEPTH, j + MARGIN])
-                    signal = intensity[i, k, j] * frame.exposure[a, j + MARGIN]
-                    cosines[j] += signal * cosine
-                    sines[j] += signal * sine
-            left_re, left_im, seen_re, seen_im, misfit = ZERO, ZERO, ZERO, ZERO, ZERO
-            for j in range(cols):
-                c, d = passed[i * by_row, j * by_col, 2 * l], passed[i * by_row, j * by_col, 2 * l + 1]
-                re = frame.matched[a, l, j + MARGIN] - energy[l] * cosines[j]
-                im = frame.matched[a, m + l, j + MARGIN] - energy[l] * sines[j]
-                left_re += share[j] * (re * c + im * d)
-                left_im += share[j] * (im * c - re * d)
-                seen_re += share[j] * cosines[j]
-                seen_im += share[j] * sines[j]
-                misfit += (re * re + im * im) * inverse[j]
-            sums[l], sums[m + l], sums[2 * m + l], sums[3 * m + l] = left_re, left_im, seen_re, seen_im
-            sums[4 * m + 3] += misfit / max(energy[l], TINY)
+def _unexplained(frame: Frame, state: float32[:, :, :, ::1], seen: float32[:, :, ::1], passed: float32[:, :, ::1],
+                 out: float32[:, ::1]):
+    for turn in prange(len(out)):
+        _sum_row(turn + MARGIN, frame, state, seen, passed, out[turn])
 
 
-def unexplained(frame, state, intensity, own, taken, background, photons, passed):
-    sums = np.zeros((len(intensity), 4 * len(frame.energy) + 4), np.float32)
-    _unexplained(frame, state, intensity, own, taken, background, photons, passed.view(np.float32), sums)
+def unexplained(work, frame, state, intensity, own, taken, background, photons, passed):
+    inner = maps.crop(work.seen, *frame.shape)
+    for at, values in ((OWN, own), (TAKEN, taken), (BACKGROUND, background), (PHOTONS, photons)):
+        inner[:, at] = values
+    inner[:, SURFACES:] = intensity
+    sums = np.empty((len(intensity), 4 * len(frame.energy) + 4), np.float32)
+    _unexplained(frame, state, work.seen, passed.view(np.float32), sums)
     return sums.sum(axis=0, dtype=np.float64).astype(np.float32)

@@ -20,8 +20,8 @@ from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic, overload
 
-from srt3d_ros.kernels.cpu import arithmetic
 from srt3d_ros.kernels.cpu.compiling import inline
+from srt3d_ros.kernels.cpu.device import zeros
 from srt3d_ros.kernels.maps import MAX_ROWS, ROW_LANES, UNIT
 
 REGISTERS = (0, 16), (16, 8)        # first value and number of values of each vector: widths that processors have
@@ -33,7 +33,7 @@ def fixed_rows(table: np.ndarray) -> np.ndarray:
     height, values = table.shape
     wide = np.zeros((height, -(-values // ROW_LANES) * ROW_LANES), np.int32)
     wide[:, :values] = np.rint(table * np.float64(UNIT))
-    rows = arithmetic.aligned.py_func(wide.size).view(np.int32).reshape(-1, height, ROW_LANES)
+    rows = zeros(wide.shape[1] // ROW_LANES, height, ROW_LANES).view(np.int32)
     rows[:] = wide.reshape(height, -1, ROW_LANES).swapaxes(0, 1)
     return rows
 

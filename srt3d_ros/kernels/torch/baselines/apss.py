@@ -17,34 +17,34 @@ from srt3d_ros.kernels.torch.fusing import fused
 CENTRE_FIRST = 4, 0, 1, 2, 3, 5, 6, 7, 8        # pixels of 3 × 3, row by row
 
 
-def apss(depth, intensity, normal, exposure, scale, num_bins):
+def apss(depth, intensity, normal, enough, scale, num_bins):
     """A pass of the point cloud's denoiser.
 
     Points of 3 × 3 pixels whose depths lie within APSS_SAME_SURFACE of their mean make a surface, if they are
-    APSS_ENOUGH, or as many as there are pixels. For each of the K strongest the pixel's point moves along its line of
+    `enough`. For each of the K strongest the pixel's point moves along its line of
     sight onto the surface that is fitted with weights (1 − distance² / APSS_REACH²)₊²: a plane by least squares without
     normals, else a sphere u₀ + u · x + u_q |x|² = 0 whose gradient fits them; up to APSS_PROJECTIONS times, until it
     moves by less than APSS_STILL. Intensity is 1 − APSS_SHARED times the pixel's own, and APSS_SHARED times its
     neighbours' mean, so that surfaces grow into pixels without a point.
 
     Args:
-        depth, intensity: float32 [rows, K, cols], bins and photons.
-        normal: float32 [2, rows, K, cols], x and y of unit normals with z > 0; None in the first pass.
-        exposure: float32 [rows, cols]; pixels with 0 get no point.
+        depth, intensity: float32 [rows', K, cols'], bins and photons.
+        normal: float32 [2, rows', K, cols'], x and y of unit normals with z > 0; None in the first pass.
+        enough: float32 [rows', cols'], of `points_needed`; pixels with 0 get no point.
         scale: bins that count as one pixel.
         num_bins: T.
 
     Returns:
         Depth, intensity and normal, the strongest point of a pixel first.
     """
-    origin, strength, onto = _joined(depth, intensity, exposure, scale, num_bins)
+    origin, strength, onto = _joined(depth, intensity, enough, scale, num_bins)
     for _ in range(constants.APSS_PROJECTIONS):
         onto = _projected(onto, depth, intensity, normal, origin, scale, num_bins)
     return _moved(onto, origin, strength, scale, num_bins)
 
 
 @fused
-def _joined(depth, intensity, exposure, scale, num_bins) -> tuple:
+def _joined(depth, intensity, enough, scale, num_bins) -> tuple:
     """Join the points to surfaces: the depth they count from [rows, cols], strengths [K, rows, cols], and `onto`.
 
     `onto` is [4, K, rows, cols]: depth, x and y of the normal, and whether the last move was above APSS_STILL (1 or 0).
@@ -55,12 +55,12 @@ def _joined(depth, intensity, exposure, scale, num_bins) -> tuple:
     rank = layers * torch.where(place == 4, 0, place + (place < 4)) + k
     first = torch.where(there, rank, len(points)).amin(dim=0)
     origin = (_around(depth) * (rank == first)).sum(dim=0)
-    mean, strength = _surfaces(wrap(_around(depth) - origin, num_bins) / scale, points, there, at, layers, exposure)
+    mean, strength = _surfaces(wrap(_around(depth) - origin, num_bins) / scale, points, there, at, layers, enough)
     found = []
     for _ in range(layers):
         best = strength.amax(dim=0)
         which = torch.where(strength == best, at, len(points)).amin(dim=0)
-        found.append((best * (exposure > 0), (mean * (at == which)).sum(dim=0)))
+        found.append((best, (mean * (at == which)).sum(dim=0)))
         strength = strength.masked_fill(at == which, 0)
     best, depths = (torch.stack(values) for values in zip(*found))
     return origin, best, torch.stack([depths, 0 * depths, 0 * depths, 0 * depths + 1])     # constants: a launch each
@@ -82,7 +82,7 @@ def _around(values):
     return padded.unfold(0, rows, 1).unfold(2, cols, 1).movedim(1, 2).flatten(0, 2)      # [dy, dx, K, rows, cols]
 
 
-def _surfaces(z, intensity, there, surface, layers, exposure):
+def _surfaces(z, intensity, there, surface, layers, enough):
     """Join each point to the first surface whose mean depth is near, or to a new one: their means and strengths.
 
     A surface has the rank of its first point; `surface` are the ranks, [P, 1, 1].
@@ -98,11 +98,8 @@ def _surfaces(z, intensity, there, surface, layers, exposure):
     own, others = (sum((surface == of[p]) * intensity[points[p]] for p in range(*ends))
                    for ends in ((0, layers), (layers, len(points))))
     neighbours = sum((surface == other).to(z.dtype) for other in of[layers:])
-    row, col = (torch.arange(size, device=z.device) for size in exposure.shape)
-    high, wide = (1 + (at > 0) + (at < len(at) - 1) for at in (row, col))         # pixels of the 3 × 3 within the image
-    enough = (high[:, None] * wide).clamp(max=constants.APSS_ENOUGH)
     strength = (1 - constants.APSS_SHARED) * own + constants.APSS_SHARED * others / neighbours.clamp(min=1)
-    return total / count.clamp(min=1), strength.masked_fill(count < enough, 0)
+    return total / count.clamp(min=1), strength.masked_fill((count < enough) | (enough == 0), 0)
 
 
 @fused

@@ -16,11 +16,11 @@ def pixelwise(frame, table, rate, usual, depth, intensity):
     r). A step in depth is at most δ, an intensity at least 0. All points move at once.
 
     Args:
-        frame: a `MatchedFrame` without padding.
+        frame: a `MatchedFrame`.
         table: float32 [levels, 4, m], a for shares g r / n from 0 to 1.
         rate: of the full step in depth.
         usual: intensity below which points move less than their curvature allows; 0 for none.
-        depth, intensity: float32 [rows, K, cols], bins and photons.
+        depth, intensity: float32 [rows', K, cols'], bins and photons.
 
     Returns:
         Depth and intensity after the step.

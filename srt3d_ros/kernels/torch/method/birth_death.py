@@ -10,7 +10,7 @@ import torch
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.constants import BIRTH_COST, FEWER_COST, SPREAD, TINY, VOTE, VOTE_RADIUS
-from srt3d_ros.kernels.maps import DEPTH, FIELDS, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD
+from srt3d_ros.kernels.maps import DEPTH, FIELDS, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD
 from srt3d_ros.kernels.torch.arithmetic import agreement, has_depth, pad, waves, wrap
 from srt3d_ros.kernels.torch.fusing import fused
 from srt3d_ros.kernels.torch.method.likelihood import llr, log_likelihood_ratio
@@ -35,9 +35,9 @@ def birth_death(frame, state, terms, max_chi2):
     candidate needs BIRTH_COST, unless it is for the first surface of a pixel that has one; in a pixel without surfaces,
     EMPTY_VOTES · VOTE · w more for each used neighbour without a surface, of those without photons times
     1 − exp(−g r), the probability that it would show there. The pixel keeps its own point if that agrees with the best,
-    else it takes the mean of what agrees, weighted by w a, with score 0. What agrees and the photons it explains are
-    left out for the next k. Points with a standard deviation above MAX_STD · T count as none. Pixels stay as they are
-    where their 3 × 3 neighbourhood agrees with them already.
+    else it takes the mean of what agrees, weighted by w a, with score and residual 0. What agrees and the photons it
+    explains are left out for the next k. Points with a standard deviation above MAX_STD · T count as none. Pixels stay as
+    they are where their 3 × 3 neighbourhood agrees with them already.
 
     Then SPREAD more times, for pixels with fewer than K surfaces of whose neighbourhood the time before has
     changed: surfaces so grow by as many pixels.
@@ -195,7 +195,7 @@ def _best(k, around, free, before, rest, photons, light, frame) -> Best:
     weight = weight * close
     total = weight.sum(0).clamp(min=TINY)
     mean = [(weight * around.record[:, field]).sum(0) / total for field in range(FIELDS)]      # a sum each: one launch
-    mean[DEPTH], mean[SCORE] = depth % frame.num_bins, torch.zeros_like(total)
+    mean[DEPTH], mean[SCORE], mean[RESIDUAL] = depth % frame.num_bins, torch.zeros_like(total), torch.zeros_like(total)
     point = torch.stack(mean)
     kept = before.gather(0, own.clamp(min=0).long().expand(1, *before.shape[1:]))[0]
     return Best(score > least, torch.where(own >= 0, kept, point), own, close > 0, depth, ratio, response)

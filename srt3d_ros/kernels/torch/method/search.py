@@ -39,8 +39,7 @@ def match(frame, surfaces):
     R has no frequency above max k_l: its peak is found on a grid of 4 max k_l cells (rounded up to 16), and by a
     parabola through the highest one and its neighbours.
 
-    The frame is without padding. Returns depth, bins, less than a cell outside
-    [0, T], and intensity times exposure, float32 [rows, K, cols].
+    Returns depth, bins, less than a cell outside [0, T], and intensity times exposure, float32 [rows', K, cols'].
     """
     z, found = frame.matched, []
     for _ in range(surfaces):
