@@ -25,7 +25,7 @@ if ! test -e "$root/installed"; then
     "$python" -m pip install --quiet --target "$root/opt/packages" --only-binary=:all: --python-version 3.13 \
         --platform manylinux_2_28_aarch64 --platform manylinux_2_27_aarch64 --platform manylinux_2_17_aarch64 \
         --platform manylinux2014_aarch64 -c constraints.txt \
-        numpy scipy numba tqdm jsonschema pytest pytest-xdist hypothesis psutil
+        numpy scipy numba tqdm jsonschema pytest pytest-xdist hypothesis
     touch "$root/installed"
 fi
 rm -rf "$root/srt3d_ros" && mkdir "$root/srt3d_ros"
