@@ -27,49 +27,48 @@ class Cells(NamedTuple):
 
 
 @inline
-def _add_columns(total, first, step):
-    """The sums of every `step` numbers from `first` on."""
+def _sums(values, wanted, c, at, end, step, total):
+    """The sums over the wanted pixels of LANES cells, whose first pixel is `at`: of rows, then of columns."""
+    row, first = at
+    for j in range(first, end, LANES):
+        value = full(ZERO)
+        for i in range(row, row + step):
+            value = fma(load(values, i, c, j), load(wanted, i, 0, j), value)
+        store(total, j - first, value)
     value = full(ZERO)
     for b in range(step):
-        value += gather(total, lane_numbers() * step + (first + b))
+        value += gather(total, lane_numbers() * step + b)
     return value
 
 
 @line
-def _add_cells(values, wanted, row, step, total, out):
-    """Write a row of cells: the sums of its rows of pixels, then of its columns."""
-    first = (row - MARGIN) * step + MARGIN
-    for c in range(values.shape[1]):
-        total[:] = ZERO
-        for col in range(MARGIN, values.shape[2] - MARGIN, LANES):
-            value = full(ZERO)
-            for a in range(first, first + step):
-                value = fma(load(values, a, c, col), load(wanted, a, 0, col), value)
-            store(total, col, value)
-        for col in range(MARGIN, out.shape[2] - MARGIN, LANES):
-            at = (col - MARGIN) * step + MARGIN
-            if step == 1:       # a known step makes fast code
-                store(out, row, c, col, load(total, at))
-            elif step == 2:
-                store(out, row, c, col, _add_columns(total, at, 2))
-            else:
-                store(out, row, c, col, _add_columns(total, at, step))
+def _bin_row(row, step, pixels, cells, total):
+    """Write a row of cells; 0 where no pixel is wanted. LANES cells are `step` whole vectors of pixels wide."""
+    first_row, right = (row - MARGIN) * step + MARGIN, pixels.wanted.shape[2] - MARGIN
+    for col in range(MARGIN, cells.wanted.shape[2] - MARGIN, LANES):
+        first, lanes = (col - MARGIN) * step + MARGIN, 0
+        end = min(first + step * LANES, right)
+        store(total, (step - 1) * LANES, ZERO)      # what is beyond the image
+        for i in range(first_row, first_row + step):
+            for j in range(first, end, LANES):
+                lanes |= lanes_of(load(pixels.wanted, i, 0, j) > ZERO)
+        for values, out in ((pixels.z, cells.z), (pixels.counts, cells.counts), (pixels.exposure, cells.exposure),
+                            (pixels.wanted, cells.wanted)):
+            for c in range(values.shape[1]):
+                value = full(ZERO)
+                if lanes != 0:      # known steps make fast code
+                    at = first_row, first
+                    value = (_sums(values, pixels.wanted, c, at, end, 1, total) if step == 1 else
+                             _sums(values, pixels.wanted, c, at, end, 2, total) if step == 2 else
+                             _sums(values, pixels.wanted, c, at, end, step, total))
+                store(out, row, c, col, value)
 
 
 @parallel
-def _bin_cells(pixels: Cells, step: int64, totals: float32[:, ::1], cells: Cells):
-    """Sum the wanted pixels of each cell."""
+def bin_cells(pixels: Cells, step: int64, totals: float32[:, ::1], cells: Cells):
+    """Sum the wanted pixels of each cell; `totals` [threads, LANES · step or more] is scratch."""
     for turn in prange(len(cells.z) - 2 * MARGIN):
-        row, total = turn + MARGIN, totals[get_thread_id()]
-        _add_cells(pixels.z, pixels.wanted, row, step, total, cells.z)
-        _add_cells(pixels.counts, pixels.wanted, row, step, total, cells.counts)
-        _add_cells(pixels.exposure, pixels.wanted, row, step, total, cells.exposure)
-        _add_cells(pixels.wanted, pixels.wanted, row, step, total, cells.wanted)
-
-
-def bin_cells(pixels: Cells, step, totals, cells: Cells) -> None:
-    """Sum the wanted pixels of each cell; `totals` [threads, 2 · cols'] is scratch."""
-    _bin_cells(pixels, step, totals, cells)
+        _bin_row(turn + MARGIN, step, pixels, cells, totals[get_thread_id()])
 
 
 @inline

@@ -266,6 +266,17 @@ def _search(frame: Frame, cells: Cells, scale: Scale, steering: Steering, memory
             memory.best[t], memory.planes[t], memory.filter[t], memory.listed[t]))
 
 
+@parallel
+def _open(exposure: float32[:, ::1], state: float32[:, :, :, ::1], layer: int64, wanted: float32[:, ::1]):
+    """Write 1 where a used pixel has `layer` surfaces, else 0."""
+    for row in prange(len(exposure)):
+        for col in range(0, exposure.shape[1], LANES):
+            is_open = (load(exposure, row, col) > ZERO) & (load(state, row, layer, INTENSITY, col) == ZERO)
+            if layer > 0:
+                is_open &= load(state, row, layer - 1, INTENSITY, col) > ZERO
+            store(wanted, row, col, where(is_open, ONE, ZERO))
+
+
 def no_surfaces(work, frame, surfaces):
     work.states[0][:] = 0
     return work.states[0]
@@ -273,12 +284,9 @@ def no_surfaces(work, frame, surfaces):
 
 def search(work, frame, matched, state, layer, sigma, step, enough, carried=None, confirmed=0.0, slanted=False):
     frame = Frame.of(frame)
-    wanted = (frame.exposure > 0) & (state[:, layer, INTENSITY] == 0)
-    if layer > 0:
-        wanted &= state[:, layer - 1, INTENSITY] > 0
-    if not wanted.any():
+    _open(frame.exposure, state, layer, work.wanted)
+    if not work.wanted.any():
         return
-    work.wanted[:] = wanted
     cells = pixels = Cells(matched, *(values[:, None] for values in (frame.counts, frame.exposure, work.wanted)))
     weights, rise, turns = NO_WINDOW, 0.0, NO_TURNS
     if sigma > 0:

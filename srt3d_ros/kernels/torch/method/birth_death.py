@@ -36,8 +36,8 @@ def birth_death(frame, state, terms, max_chi2):
     EMPTY_VOTES · VOTE · w more for each used neighbour without a surface, of those without photons times
     1 − exp(−g r), the probability that it would show there. The pixel keeps its own point if that agrees with the best,
     else it takes the mean of what agrees, weighted by w a, with score and residual 0. What agrees and the photons it
-    explains are left out for the next k. Points with a standard deviation above MAX_STD · T count as none. Pixels stay as
-    they are where their 3 × 3 neighbourhood agrees with them already.
+    explains are left out for the next k. Points with a standard deviation above MAX_STD · T count as none. Pixels stay
+    as they are where their 3 × 3 neighbourhood agrees with them already.
 
     Then SPREAD more times, for pixels with fewer than K surfaces of whose neighbourhood the time before has
     changed: surfaces so grow by as many pixels.
