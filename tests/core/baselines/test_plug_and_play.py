@@ -9,15 +9,15 @@ from srt3d_ros.core.metrics import Metrics, evaluate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.datasets import read
-from srt3d_ros.kernels import cpu
 from tests.core.scenes import make_sensor, run, simulate
 
 
 def test_the_papers_numbers_of_steps_and_denoisings_are_run(monkeypatch):
     sensor, calls = make_sensor(8, 8), []
     method = METHODS["srt3d"].build(sensor, (1, 2, 3))
+    kernels = method._kernels
     for name in ("pixelwise", "apss"):
-        monkeypatch.setattr(cpu, name, lambda *args, name=name, kernel=getattr(cpu, name): (
+        monkeypatch.setattr(kernels, name, lambda *args, name=name, kernel=getattr(kernels, name): (
             calls.append(name) or kernel(*args)))
     method(sketch_photons(simulate(np.full((8, 8), 200.0), 10, 20), sensor, (1, 2, 3)))
     assert calls == 5 * ["pixelwise"] + 25 * ["apss", "pixelwise"] + ["apss", "pixelwise"]

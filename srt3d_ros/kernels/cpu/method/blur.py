@@ -27,14 +27,13 @@ class Cells(NamedTuple):
 
 
 @inline
-def _sums(values, wanted, c, at, end, step, total):
-    """The sums over the wanted pixels of LANES cells, whose first pixel is `at`: of rows, then of columns."""
-    row, first = at
-    for j in range(first, end, LANES):
-        value = full(ZERO)
-        for i in range(row, row + step):
+def _sums(values, wanted, c, row, first, right, step, total):
+    """The sums over the wanted pixels of LANES cells, from (row, first) on: of rows, then of columns."""
+    for part in range(step):
+        j, value = first + part * LANES, full(ZERO)
+        for i in range(row, row + step if j < right else row):      # nothing is beyond the image
             value = fma(load(values, i, c, j), load(wanted, i, 0, j), value)
-        store(total, j - first, value)
+        store(total, part * LANES, value)
     value = full(ZERO)
     for b in range(step):
         value += gather(total, lane_numbers() * step + b)
@@ -47,20 +46,17 @@ def _bin_row(row, step, pixels, cells, total):
     first_row, right = (row - MARGIN) * step + MARGIN, pixels.wanted.shape[2] - MARGIN
     for col in range(MARGIN, cells.wanted.shape[2] - MARGIN, LANES):
         first, lanes = (col - MARGIN) * step + MARGIN, 0
-        end = min(first + step * LANES, right)
-        store(total, (step - 1) * LANES, ZERO)      # what is beyond the image
         for i in range(first_row, first_row + step):
-            for j in range(first, end, LANES):
+            for j in range(first, min(first + step * LANES, right), LANES):
                 lanes |= lanes_of(load(pixels.wanted, i, 0, j) > ZERO)
         for values, out in ((pixels.z, cells.z), (pixels.counts, cells.counts), (pixels.exposure, cells.exposure),
                             (pixels.wanted, cells.wanted)):
             for c in range(values.shape[1]):
                 value = full(ZERO)
                 if lanes != 0:      # known steps make fast code
-                    at = first_row, first
-                    value = (_sums(values, pixels.wanted, c, at, end, 1, total) if step == 1 else
-                             _sums(values, pixels.wanted, c, at, end, 2, total) if step == 2 else
-                             _sums(values, pixels.wanted, c, at, end, step, total))
+                    value = (_sums(values, pixels.wanted, c, first_row, first, right, 1, total) if step == 1 else
+                             _sums(values, pixels.wanted, c, first_row, first, right, 2, total) if step == 2 else
+                             _sums(values, pixels.wanted, c, first_row, first, right, step, total))
                 store(out, row, c, col, value)
 
 

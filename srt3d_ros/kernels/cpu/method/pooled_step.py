@@ -197,7 +197,7 @@ def _turn(each, rows, plane, steepness):
     col, row = each.bend_x / bend, rows.bend_y / bend
     leverage = (yy * col * col - TWO * xy * col * row + xx * row * row) / det
     spread = max(each.ee / f - e * e - turn_col * xe - turn_row * ye, ZERO)
-    return turn_col, turn_row, bend, leverage, e - turn_col * x - turn_row * y, spread
+    return turn_col, turn_row, bend, max(leverage, ZERO), e - turn_col * x - turn_row * y, spread
 
 
 @line

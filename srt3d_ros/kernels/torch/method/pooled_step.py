@@ -127,7 +127,7 @@ def _fit(sums, slope_col, slope_row, steepness, col, row):
     turn_col, turn_row = (yy * x_rise - xy * y_rise) / det, (xx * y_rise - xy * x_rise) / det
     leverage = (yy * col * col - 2 * xy * col * row + xx * row * row) / det
     spread = rise2 - rise * rise - turn_col * x_rise - turn_row * y_rise
-    return turn_col, turn_row, leverage, rise - turn_col * x - turn_row * y, spread.clamp(min=0)
+    return turn_col, turn_row, leverage.clamp(min=0), rise - turn_col * x - turn_row * y, spread.clamp(min=0)
 
 
 def _stepped(frame, own, pooled, bend, slopes, fit):
