@@ -52,7 +52,7 @@ def supervise(names: list[str], ros_args: list[str], on_poll: Callable[[], objec
     Returns:
         0, or the exit code of the node that ended all, or else of a recorder that failed.
     """
-    signals, codes, restarts, step = [], [], Restarts(names), ""
+    signals, codes, restarts, step, gap = [], [], Restarts(names), "", ""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda number, frame: signals.append(number))
     nodes = {name: children.start(node_command(name, *ros_args)) for name in names}
@@ -66,6 +66,8 @@ def supervise(names: list[str], ros_args: list[str], on_poll: Callable[[], objec
         _say(f"{'ERROR: ' * (step == GIVE_UP)}{ended} {children.ending(nodes[ended])}: {step}")
         if step == END or ended == RECORDER:
             codes.insert(0, code or int(step == END and ended != PLAYER))
+        if ended == RECORDER and step != END:
+            gap = f"recorder {children.ending(nodes[ended])}: the recording is not complete"
         if step == GIVE_UP:
             del nodes[ended]
         elif step == RESTART:
@@ -76,6 +78,8 @@ def supervise(names: list[str], ros_args: list[str], on_poll: Callable[[], objec
     codes += [shell_code(node.returncode) for node in nodes.values()]
     if step == END and codes[0] == FRAMES_LOST:
         _say("frames were lost; see the player's last line")
+    if gap:
+        _say(gap)
     return next(filter(None, codes), 0)
 
 
