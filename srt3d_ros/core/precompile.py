@@ -15,8 +15,8 @@ from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates
 
 ANY_SENSOR = SensorModel(rows=1, cols=2, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0], gates=GateWords())
-LONGEST = ("search._search", "birth_death._judge", "pooled_step._pooled_step", "move_sketch._find_targets",
-           "undecided._list_rows")         # begun first, they end with the rest
+LONGEST = ("search._search", "birth_death._round", "pooled_step._pooled_step",
+           "move_sketch._find_targets")    # begun first, they end with the rest
 PROCESS_BYTES = 2**29       # memory of a process that compiles
 
 

@@ -195,7 +195,7 @@ os.register_at_fork(after_in_child=_on_fork)
 
 # Without fastmath, which is 5 % faster: with it, the last bit differs between a kernel just compiled and the same
 # kernel from the cache.
-parallel = partial(Kernel, parallel=True)
+parallel = partial(Kernel, parallel={"fusion": False})     # a loop may read what the one before has written
 serial = Kernel                                         # too little work for waking threads
 line = njit(error_model="numpy")                        # called once for a line of pixels or cells
 inline = njit(forceinline=True, error_model="numpy")    # by LLVM: numba's own inlining takes a fifth longer to compile

@@ -20,14 +20,14 @@ The pixels in which something is to be decided (`undecided`) are listed, and eac
 from typing import NamedTuple
 
 import numba
-from numba import float32, int32, int64, prange
+from numba import boolean, float32, int32, prange
 
 from srt3d_ros.kernels.constants import SPREAD, VOTE_RADIUS
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, exp, sincos
-from srt3d_ros.kernels.cpu.compiling import inline, line, parallel, serial
+from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio
-from srt3d_ros.kernels.cpu.method.undecided import list_undecided
+from srt3d_ros.kernels.cpu.method.undecided import join_rows, list_row
 from srt3d_ros.kernels.cpu.method.voters import (
     BIRTH_COST,
     COUNT,
@@ -42,10 +42,18 @@ from srt3d_ros.kernels.cpu.method.voters import (
     support,
 )
 from srt3d_ros.kernels.cpu.vectors import floats, floor, fma, full, gather, lanes_of, load, mask, store, where
-from srt3d_ros.kernels.maps import DEPTH, FIELDS, INTENSITY, LANES, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD
+from srt3d_ros.kernels.maps import DEPTH, FIELDS, INTENSITY, LANES, MARGIN, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD
 
 NEVER = F32(-1e30)
 CLOSE_BY = tuple(MIDDLE + row * SIDE + col for row in (-1, 0, 1) for col in (-1, 0, 1))     # places of candidates
+
+
+class Lists(NamedTuple):
+    """The columns of the undecided pixels of each row, how many they are, and rows and columns of all, [2, N]."""
+
+    columns: int32[:, ::1]
+    numbers: int32[::1]
+    listed: int32[:, ::1]
 
 
 class Chosen(NamedTuple):
@@ -182,38 +190,49 @@ def _judge_part(first, listed, frame, state, own, max_chi2, chosen, voters, rest
             seen = Seen(_take(best, depth, seen, voters, rest, frame), exposure, needed, dark, nothing)
 
 
-@parallel
-def _judge(listed: int32[:, ::1], number: int64, frame: Frame, state: float32[:, :, :, ::1], own: float32[:, :, ::1],
-           max_chi2: float32, chosen: Chosen, scratch: Scratch):
-    """Write what each of the listed pixels chooses; `own` are the points' ratios."""
-    for part in prange(-(-number // LANES)):
-        thread = numba.get_thread_id()
-        _judge_part(part * LANES, listed, frame, state, own, max_chi2, chosen, scratch.voters[thread],
-                    scratch.rest[thread])
-
-
-@serial
-def _adopt(listed: int32[:, ::1], number: int64, chosen: Chosen, state: float32[:, :, :, ::1], own: float32[:, :, ::1]):
-    """Write what the listed pixels have chosen into the maps."""
+@line
+def _adopt(listed, number, chosen, state, own):
+    """Write what the listed pixels have chosen into the maps; whether anything has changed."""
+    changed = False
     for n in range(number):
         row, col = listed[0, n], listed[1, n]
+        changed |= chosen.near[row, col] > ZERO
         for k in range(state.shape[1]):
             own[row, k, col] = chosen.ratios[k, n]
             for f in range(FIELDS):
                 state[row, k, f, col] = chosen.points[k, f, n]
+    return changed
+
+
+@parallel
+def _round(frame: Frame, state: float32[:, :, :, ::1], own: float32[:, :, ::1], max_chi2: float32, grows: boolean,
+           lists: Lists, chosen: Chosen, scratch: Scratch):
+    """List the undecided pixels, let them choose, and adopt what they have chosen; whether anything has changed.
+
+    `own` are the points' ratios.
+    """
+    (columns, numbers, listed), near = lists, chosen.near      # numba drops what a parallel loop writes to a field
+    for turn in prange(len(state) - 2 * MARGIN):
+        row = turn + MARGIN
+        numbers[row] = list_row(row, frame, state, max_chi2, near, grows, columns[row])
+    number = join_rows(columns, numbers, listed)
+    for row in prange(len(state)):
+        near[row, :] = ZERO
+    for part in prange(-(-number // LANES)):
+        thread = numba.get_thread_id()
+        _judge_part(part * LANES, listed, frame, state, own, max_chi2, chosen, scratch.voters[thread],
+                    scratch.rest[thread])
+    return _adopt(listed, number, chosen, state, own)
 
 
 def birth_death(work, frame, state, terms, max_chi2):
-    """A step of spreading looks only where the last step has changed something: elsewhere it would decide as before."""
-    own, frame, max_chi2 = log_likelihood_ratio(work, frame, state, terms), Frame.of(frame), F32(max_chi2)
-    chosen = Chosen(work.chosen, work.chosen_ratios, work.near)
-    scratch = Scratch(work.voters, work.undecided_sketches)
+    """A round of spreading looks only where the last one has changed something: elsewhere it would decide as before."""
+    frame = Frame.of(frame)
+    own = log_likelihood_ratio(work, frame, state, terms)
+    lists = Lists(work.columns, work.numbers, work.listed)
+    chosen, scratch = Chosen(work.chosen, work.chosen_ratios, work.near), Scratch(work.voters, work.undecided_sketches)
     work.near[:] = 1
     for spreads in range(1 + SPREAD):
-        number = list_undecided(work, frame, state, max_chi2, spreads > 0)
-        work.near[:] = 0
-        _judge(work.listed, number, frame, state, own, max_chi2, chosen, scratch)
-        _adopt(work.listed, number, chosen, state, own)
-        if not work.near.any():
+        if not _round(frame, state, own, F32(max_chi2), spreads > 0, lists, chosen, scratch):
             break
     return state

@@ -9,6 +9,9 @@ from srt3d_ros.kernels.cpu.arithmetic import F32
 from srt3d_ros.kernels.maps import MAX_STD
 
 
+EVEN = np.ones(1, np.float32)       # clutter of an even background
+
+
 class Frame(NamedTuple):
     """The fields of `MatchedFrame` that kernels read, and two lengths. An even background has `clutter` of size 1."""
 
@@ -33,11 +36,8 @@ class Frame(NamedTuple):
         """The fields of a MatchedFrame."""
         if isinstance(frame, cls):
             return frame
-        clutter = np.ones(1, np.float32) if frame.clutter is None else frame.clutter
+        clutter = EVEN if frame.clutter is None else frame.clutter
         arrays = (frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, frame.moments,
                   frame.intensity_moments, frame.background_table, clutter)
-        return cls(*arrays, F32(frame.max_response),
-                   F32(frame.total_energy), F32(frame.curvature), F32(frame.num_bins), F32(frame.resolution_bins),
-                   F32(MAX_STD * frame.num_bins))
-
-
+        return cls(*arrays, F32(frame.max_response), F32(frame.total_energy), F32(frame.curvature),
+                   F32(frame.num_bins), F32(frame.resolution_bins), F32(MAX_STD * frame.num_bins))

@@ -16,7 +16,7 @@ p / √N · ρ(R₊ / p) (`_step`). A pool of value V has a curvature of V C / E
 made small from causing a long step.
 
 Neighbours within the square of `fine` pixels count one by one, farther ones in cells of CELL × CELL pixels: the same
-sums over the cell, with w = the second factor alone, along the plane of its middle point (`_coarsen`).
+sums over the cell, with w = the second factor alone, along the plane of its middle point (`_coarsen_row`).
 
 Each vector holds LANES points that lie side by side. Along a row of neighbours dy is the same, so that what is weighted
 by dy is added up along the row first. `kernels.torch` has the notation; `kernels.torch.method.pooled_step` explains the
@@ -245,34 +245,23 @@ def _step_row(i, radius, fine, window, frame, maps):
             _step((i, k, j), each, rows, plane, window.max_chi2, frame, maps)
 
 
-@parallel
-def _pooled_step(frame: Frame, window: Window, radius: int64, fine: int64, maps: Maps):
-    for turn in prange(len(maps.state) - 2 * MARGIN):
-        _step_row(turn + MARGIN, radius, fine, window, frame, maps)
-
-
 @line
-def _coarsen_row(i, window, maps):
-    cell = Grid(CELL // 2, -1, 1)
+def _coarsen_row(i, cell, maps):
+    """Write the terms of the cells around the points, pooled along their planes."""
+    grid = Grid(CELL // 2, -1, 1)
     for j in range(MARGIN, maps.state.shape[3] - MARGIN, LANES):
         for k in range(maps.state.shape[1]):
-            plane, each, rows = _begin(maps.state, i, k, j, window.max_chi2)
-            each, rows = _add_grid(each, rows, plane, (i, j), cell, window, maps.state, maps.known, maps.terms)
+            plane, each, rows = _begin(maps.state, i, k, j, cell.max_chi2)
+            each, rows = _add_grid(each, rows, plane, (i, j), grid, cell, maps.state, maps.known, maps.terms)
             seen = load(maps.state, i, k, INTENSITY, j) > 0
             for term, pooled in ((VALUE, each.value), (GRADIENT, each.gradient), (CURVATURE, rows.curvature),
                                  (SQUARES, each.squares), (COUNTS, each.photons), (EXPOSURE, each.exposure)):
                 store(maps.cells, i, k, term, j, where(seen, pooled, 0))
 
 
-@parallel
-def _coarsen(window: Window, maps: Maps):
-    """Write the terms of the cells around the points, pooled along their planes."""
-    for turn in prange(len(maps.state) - 2 * MARGIN):
-        _coarsen_row(turn + MARGIN, window, maps)
-
-
 @line
 def _weigh_row(i, max_chi2, state, known):
+    """Write how well the depths of points are known, once for all windows that they are in."""
     for j in range(0, state.shape[3], LANES):
         for k in range(state.shape[1]):
             std = load(state, i, k, STD, j)
@@ -281,18 +270,19 @@ def _weigh_row(i, max_chi2, state, known):
 
 
 @parallel
-def _weigh(max_chi2: float32, state: float32[:, :, :, ::1], known: float32[:, :, :, ::1]):
-    """Write how well the depths of points are known, once for all windows that they are in."""
-    for i in prange(len(state)):
-        _weigh_row(i, max_chi2, state, known)
+def _pooled_step(frame: Frame, window: Window, cell: Window, radius: int64, fine: int64, maps: Maps):
+    for i in prange(len(maps.state)):
+        _weigh_row(i, window.max_chi2, maps.state, maps.known)
+    for turn in prange(len(maps.state) - 2 * MARGIN if radius > fine else 0):
+        _coarsen_row(turn + MARGIN, cell, maps)
+    for turn in prange(len(maps.state) - 2 * MARGIN):
+        _step_row(turn + MARGIN, radius, fine, window, frame, maps)
 
 
 def pooled_step(work, frame, state, terms, sigma, radius, fine, max_chi2):
-    out = work.other_state(state)
-    maps, max_chi2, period = Maps(state, work.known, terms, work.cell_terms, out), F32(max_chi2), F32(frame.num_bins)
-    _weigh(max_chi2, state, work.known)
-    if radius > fine:
-        _coarsen(Window(EVEN, 2 * (CELL // 2)**2, max_chi2, period), maps)
+    out, max_chi2, period = work.other_state(state), F32(max_chi2), F32(frame.num_bins)
     weights = np.exp(-np.arange(radius + 1)**2 / (2 * sigma**2)).astype(np.float32)
-    _pooled_step(frame, Window(weights, radius * (radius + 1), max_chi2, period), radius, fine, maps)
+    window = Window(weights, radius * (radius + 1), max_chi2, period)
+    cell = Window(EVEN, 2 * (CELL // 2)**2, max_chi2, period)
+    _pooled_step(frame, window, cell, radius, fine, Maps(state, work.known, terms, work.cell_terms, out))
     return out

@@ -4,11 +4,8 @@ A pixel is decided if each surface of its 3 × 3 neighbourhood agrees with one o
 + 2 δ² with e their distance at the pixel, and no neighbour that has surfaces has fewer than it.
 """
 
-from numba import boolean, float32, int32, prange
-
 from srt3d_ros.kernels.cpu.arithmetic import F32, ZERO, is_surface, wrap
-from srt3d_ros.kernels.cpu.compiling import inline, line, parallel, serial
-from srt3d_ros.kernels.cpu.method.frame import Frame
+from srt3d_ros.kernels.cpu.compiling import inline, line
 from srt3d_ros.kernels.cpu.vectors import full, lanes_of, load, where
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, LANES, MARGIN, SLOPE_COL, SLOPE_ROW, STD
 
@@ -59,8 +56,11 @@ def _undecided(state, row, col, max_chi2, frame, grows):
 
 
 @line
-def _list_row(row, frame, state, max_chi2, near, grows, cols):
-    """Write the columns of a row's undecided pixels; returns how many they are."""
+def list_row(row, frame, state, max_chi2, near, grows, cols):
+    """Write the columns of a row's used pixels that have something to decide; returns how many they are.
+
+    Only pixels near a change, where `near` is 1; if surfaces grow (`grows`), with fewer than K surfaces.
+    """
     found = 0
     for first in range(MARGIN, state.shape[3] - MARGIN, LANES):
         close = lanes_of(load(near, row, first) > 0)
@@ -73,32 +73,14 @@ def _list_row(row, frame, state, max_chi2, near, grows, cols):
     return found
 
 
-@parallel
-def _list_rows(frame: Frame, state: float32[:, :, :, ::1], max_chi2: float32, near: float32[:, ::1], grows: boolean,
-               cols: int32[:, ::1], number: int32[::1]):
-    """List the columns of each row's undecided pixels, and how many they are."""
-    for turn in prange(len(state) - 2 * MARGIN):
-        row = turn + MARGIN
-        number[row] = _list_row(row, frame, state, max_chi2, near, grows, cols[row])
-
-
-@serial
-def _join_rows(cols: int32[:, ::1], number: int32[::1], pixels: int32[:, ::1]):
+@line
+def join_rows(cols, number, pixels):
     """Join the lists of the rows; repeat the last pixel up to whole vectors. Returns how many there are."""
     found = 0
-    for i in range(len(cols)):
+    for i in range(MARGIN, len(cols) - MARGIN):
         for n in range(number[i]):
             pixels[0, found], pixels[1, found] = i, cols[i, n]
             found += 1
     for n in range(found, found + -found % LANES):
         pixels[0, n], pixels[1, n] = pixels[0, found - 1], pixels[1, found - 1]
     return found
-
-
-def list_undecided(work, frame, state, max_chi2, grows):
-    """How many used pixels have something to decide; `work.listed` has their rows and columns, in whole vectors.
-
-    Only pixels near a change, where `work.near` is 1; if surfaces grow (`grows`), with fewer than K surfaces.
-    """
-    _list_rows(frame, state, max_chi2, work.near, grows, work.columns, work.numbers)
-    return _join_rows(work.columns, work.numbers, work.listed)
