@@ -8,7 +8,6 @@ from numba import float32
 from srt3d_ros.kernels.cpu.arithmetic import F32
 from srt3d_ros.kernels.maps import MAX_STD
 
-
 EVEN = np.ones(1, np.float32)       # clutter of an even background
 
 
