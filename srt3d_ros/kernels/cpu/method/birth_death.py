@@ -1,14 +1,15 @@
 """Birth/death update: each pixel takes the neighbouring surfaces with the highest log-likelihood ratio, or none.
 
-The surfaces q within VOTE_RADIUS vote. Each is carried to the pixel along its plane, to t_q − slopes · offset, and may
-be off by v_q = max_chi2 · std² + δ². A candidate c is one of those of the 3 × 3 pixels in the middle. It agrees with q
-by a_qc = (1 − e² / (v_q + v_c))₊, where e = wrap(t_q − t_c). Its depth and intensity are those of the pixel's own
-surface that agrees, else the means of all that agree, weighted by w_q a_qc with w = exp(−distance² / 2 NEAR_SIGMA²).
+The surfaces q in the square of VOTE_RADIUS vote, but not the pixel's own. Each is carried to the pixel along its
+plane, to t_q − slopes · offset, and may be off by v_q = max_chi2 · std² + δ². A candidate c is one of those of the 3
+× 3 pixels in the middle. It agrees with q by a_qc = (1 − e² / (v_q + v_c))₊, where e = wrap(t_q − t_c). Its depth and
+intensity are those of the pixel's own surface that agrees, else the means of all that agree, weighted by w_q a_qc
+with w = exp(−distance² / 2 NEAR_SIGMA²).
 The pixel's surface k is the candidate with the highest
 
     ratio of the pixel's photons + Σ_q w_q a_qc clip(VOTE + ratio_q, 0, MAX_VOTES · VOTE)
-        − Σ FEWER_COST w (k > 0: neighbours with a surface, but no more than k)
-        − Σ EMPTY_VOTES · VOTE · w · (1 − exp(−g r)) (no surface yet: neighbours without surface or photons)
+        − Σ FEWER_COST w (k > 0: neighbours with a surface, but no more than k; these vote w a FEWER_COST)
+        − Σ EMPTY_VOTES · VOTE · w · (1 − exp(−g r)) (no surface yet: used neighbours with neither surface nor photons)
 
 if that is above what it needs: BIRTH_COST, and EMPTY_VOTES · VOTE · w more for each neighbour that has photons but no
 surface; nothing for the first surface of a pixel that has one. Then the photons that it explains, and the surfaces that
@@ -29,11 +30,13 @@ from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio
 from srt3d_ros.kernels.cpu.method.undecided import join_rows, list_row
 from srt3d_ros.kernels.cpu.method.voters import (
+    AT,
     BIRTH_COST,
     COUNT,
     MIDDLE,
     SAYS,
     SIDE,
+    TOLERANCE,
     WEIGHT,
     agrees,
     gather_voters,
@@ -44,7 +47,7 @@ from srt3d_ros.kernels.cpu.method.voters import (
 from srt3d_ros.kernels.cpu.vectors import floats, floor, fma, full, gather, lanes_of, load, mask, store, where
 from srt3d_ros.kernels.maps import DEPTH, FIELDS, INTENSITY, LANES, MARGIN, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD
 
-NEVER = F32(-1e30)
+ALWAYS = F32(-1e30)         # what a pixel's first surface needs if it has one: less than any has
 CLOSE_BY = tuple(MIDDLE + row * SIDE + col for row in (-1, 0, 1) for col in (-1, 0, 1))     # places of candidates
 
 
@@ -77,7 +80,7 @@ class Seen(NamedTuple):
     photons: floats         # those that the surfaces found leave
     exposure: floats
     needed: floats          # what it must exceed
-    dark: floats            # what it loses for neighbours without photons, if it is bright
+    dark: floats            # what it loses for used neighbours without photons, times 1 − exp(−g r)
     against: floats         # and for neighbours with fewer surfaces
 
 
@@ -86,8 +89,8 @@ class Best(NamedTuple):
 
     found: mask
     value: floats           # ratio and votes, nats
-    at: floats              # where the candidate lies, and v
-    tolerance: floats
+    at: floats              # where the candidate lies
+    tolerance: floats       # its v
     depth: floats
     intensity: floats
     own: floats             # which of the pixel's own surfaces it is; −1: none
@@ -124,8 +127,8 @@ def _choose(k, seen, voters, rest, surfaces, frame):
                 value -= seen.dark * (ONE - exp(-expected))
             better = there & (value > best.value)
             best = Best(
-                best.found | better, where(better, value, best.value), where(better, load(voters, c, 0, 0), best.at),
-                where(better, load(voters, c, 1, 0), best.tolerance), where(better, said.depth, best.depth),
+                best.found | better, where(better, value, best.value), where(better, load(voters, c, AT, 0), best.at),
+                where(better, load(voters, c, TOLERANCE, 0), best.tolerance), where(better, said.depth, best.depth),
                 where(better, said.intensity, best.intensity), where(better, said.own, best.own),
                 where(better, response, best.response), where(better, ratio, best.ratio))
     return best
@@ -152,7 +155,7 @@ def _write(k, place, best, voters, state, own, chosen, period):
 
 @line
 def _take(best, depth, seen, voters, rest, frame):
-    """Leave out what the chosen surfaces explain, and the voters that agree; returns the photons that are left."""
+    """Subtract what the chosen surfaces explain, and drop the voters that agree with them; returns the photons left."""
     m, signal = len(frame.energy), where(best.found, max(best.response, ZERO) / frame.total_energy, ZERO)
     for l in range(m):
         sine, cosine = sincos(frame.bin_frequencies[l] * depth)
@@ -175,7 +178,7 @@ def _judge_part(first, listed, frame, state, own, max_chi2, chosen, voters, rest
     photons, exposure, nothing = gather(frame.counts, rows, cols), gather(frame.exposure, rows, cols), full(ZERO)
     has_surface = load(voters, MIDDLE * surfaces, COUNT, 0) > 0
     needed, dark = where(has_surface, BIRTH_COST, BIRTH_COST + empty), where(has_surface, ZERO, dark)
-    seen = Seen(photons, exposure, where(has_surface, NEVER, needed), dark, nothing)
+    seen = Seen(photons, exposure, where(has_surface, ALWAYS, needed), dark, nothing)
     for k in range(surfaces):
         if k > 0:
             seen = Seen(seen.photons, exposure, needed, dark, speak_against(k, voters, surfaces))
@@ -211,7 +214,7 @@ def _round(frame: Frame, state: float32[:, :, :, ::1], own: float32[:, :, ::1], 
 
     `own` are the points' ratios.
     """
-    (columns, numbers, listed), near = lists, chosen.near      # numba drops what a parallel loop writes to a field
+    (columns, numbers, listed), near = lists, chosen.near      # numba drops what a loop itself writes to a field
     for turn in prange(len(state) - 2 * MARGIN):
         row = turn + MARGIN
         numbers[row] = list_row(row, frame, state, max_chi2, near, grows, columns[row])
@@ -226,7 +229,7 @@ def _round(frame: Frame, state: float32[:, :, :, ::1], own: float32[:, :, ::1], 
 
 
 def birth_death(work, frame, state, terms, max_chi2):
-    """A round of spreading looks only where the last one has changed something: elsewhere it would decide as before."""
+    """A round of spreading looks only around the surfaces that the last one has changed."""
     frame = Frame.of(frame)
     own = log_likelihood_ratio(work, frame, state, terms)
     lists = Lists(work.columns, work.numbers, work.listed)

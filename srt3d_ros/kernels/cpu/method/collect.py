@@ -28,7 +28,7 @@ def _collect(depth: MAP, intensity: MAP, std: MAP, rays: RAYS, first: int64[::1]
         for j in range(intensity.shape[2]):
             number = 0
             for k in range(intensity.shape[1]):
-                if intensity[i, k, j] != ZERO:
+                if intensity[i, k, j] > ZERO:
                     at, number = place + _rank(intensity, i, k, j), number + 1
                     t = depth[i, k, j] if depth[i, k, j] < scale[2] else ZERO       # rounded up to T
                     row[at], col[at], rank[at] = i, j, at - place
@@ -39,7 +39,7 @@ def _collect(depth: MAP, intensity: MAP, std: MAP, rays: RAYS, first: int64[::1]
 
 
 def collect(depth, intensity, std, rays, metres_per_bin, metres, num_bins):
-    of_rows = np.count_nonzero(intensity, axis=(1, 2))
+    of_rows = np.count_nonzero(intensity > 0, axis=(1, 2))
     ends = np.cumsum(of_rows)
     row, col, rank = (np.empty(ends[-1], kind) for kind in (np.uint16, np.uint16, np.uint8))
     values, xyz = np.empty((3, ends[-1]), np.float32), np.empty((ends[-1], 3), np.float32)

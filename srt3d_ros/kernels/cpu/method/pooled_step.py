@@ -16,7 +16,8 @@ p / √N · ρ(R₊ / p) (`_step`). A pool of value V has a curvature of V C / E
 made small from causing a long step.
 
 Neighbours within the square of `fine` pixels count one by one, farther ones in cells of CELL × CELL pixels: the same
-sums over the cell, with w = the second factor alone, along the plane of its middle point (`_coarsen_row`).
+sums over the cell, with w = the second factor alone, along the plane of its middle point (`_coarsen_row`). A cell
+without a point in its middle is empty. `fine` is 1 + 3 i, so that cells begin where it ends.
 
 Each vector holds LANES points that lie side by side. Along a row of neighbours dy is the same, so that what is weighted
 by dy is added up along the row first. `kernels.torch` has the notation; `kernels.torch.method.pooled_step` explains the
@@ -53,26 +54,26 @@ from srt3d_ros.kernels.maps import (
 )
 
 EVEN = np.ones(CELL // 2 + 1, np.float32)       # weights in a cell
-TOLERANCE, SURE = range(2)                      # of `known`: max_chi2 · std², and 1 / std² (0: no point)
+TOLERANCE, PRECISION = range(2)                 # of `known`: max_chi2 · std², and 1 / std² (0: no point)
 
 
 class Window(NamedTuple):
     """Which surfaces a pool adds, and with which weights."""
 
     weights: float32[::1]       # exp(−d² / 2σ²) for d = 0, 1, … pixels along a row or column
-    most: int64                 # dx² + dy² in the window, pixels²
+    most: int64                 # greatest dx² + dy² in the window, pixels²
     max_chi2: float32
     period: float32             # T, bins
 
 
 class Maps(NamedTuple):
-    """The state, how well it is known, and its terms; those of cells; the next state, float32 [rows', K, …, cols']."""
+    """What a step reads and writes, [rows', K, …, cols'] each."""
 
-    state: float32[:, :, :, ::1]
-    known: float32[:, :, :, ::1]
-    terms: float32[:, :, :, ::1]
-    cells: float32[:, :, :, ::1]
-    out: float32[:, :, :, ::1]
+    state: float32[:, :, :, ::1]        # the points
+    known: float32[:, :, :, ::1]        # how well their depths are known: TOLERANCE and PRECISION
+    terms: float32[:, :, :, ::1]        # of `expand`
+    cells: float32[:, :, :, ::1]        # the terms of the cells around the points
+    out: float32[:, :, :, ::1]          # the next points
 
 
 class Grid(NamedTuple):
@@ -93,7 +94,7 @@ class Plane(NamedTuple):
 
 
 class Each(NamedTuple):
-    """Sums over the neighbours."""
+    """Sums without dy, added up neighbour by neighbour."""
 
     value: floats               # V
     gradient: floats            # S
@@ -116,7 +117,7 @@ class Row(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Sums over the rows."""
+    """Sums over the rows, of `Row` and of what dy multiplies."""
 
     curvature: floats           # B
     bend_y: floats              # Σ w b dy
@@ -131,7 +132,7 @@ class Rows(NamedTuple):
 
 @inline
 def _add(each, row, plane, place, offset, nearness, pixels, period, state, known, terms):
-    """Add the surfaces k of neighbours, each of which stands for so many pixels; `nearness` is their first weight."""
+    """Add the surfaces k of neighbours. `nearness` is exp(−distance² / 2σ²), `pixels` 1 or, of a cell, CELL²."""
     (i, k, j), (dx, dy) = place, offset
     depth = fma(plane.slope_col, dx, fma(plane.slope_row, dy, plane.depth))
     e = wrap(load(state, i, k, DEPTH, j) - depth, period)
@@ -139,7 +140,7 @@ def _add(each, row, plane, place, offset, nearness, pixels, period, state, known
     w = nearness * same * same
     wb, ws = w * load(terms, i, k, CURVATURE, j), w * load(terms, i, k, GRADIENT, j)
     wbe = wb * e
-    f = pixels * w * load(known, i, k, SURE, j)
+    f = pixels * w * load(known, i, k, PRECISION, j)
     fx, fe = f * dx, f * e
     return (
         Each(each.value + (w * load(terms, i, k, VALUE, j) - e * fma(wbe, HALF, ws)), each.gradient + ws + wbe,
@@ -182,8 +183,9 @@ def _begin(state, i, k, j, max_chi2):
 def _turn(each, rows, plane, steepness):
     """The least-squares turn of the planes: its slopes, max(B, V₊ C / 2E), and three parts of the residual.
 
-    They are the leverage x̄ᵀ X⁻¹ x̄, and mean and variance of the distances from the new plane. The ridge holds a slope
-    to 0 as one measurement of it with variance C / E would.
+    They are the leverage x̄ᵀ X⁻¹ x̄ (x̄: Σ w b offset over that maximum; X: the covariance of offsets, with the
+    ridge), and mean and variance of the distances from the new plane. The ridge acts as a measurement of slope 0
+    with variance E / C.
     """
     f = rows.f + TINY
     ridge = steepness / f + F32(RIDGE)
@@ -233,7 +235,7 @@ def _step(place, each, rows, plane, max_chi2, frame, maps):
 def _step_row(i, radius, fine, window, frame, maps):
     for j in range(MARGIN, maps.state.shape[3] - MARGIN, LANES):
         for k in range(maps.state.shape[1]):
-            if lanes_of(load(maps.state, i, k, INTENSITY, j) > 0) == 0:
+            if lanes_of(load(maps.state, i, k, INTENSITY, j) > 0) == 0:     # then no other field is valid
                 store(maps.out, i, k, INTENSITY, j, ZERO)
                 store(maps.out, i, k, SCORE, j, ZERO)
                 continue
@@ -266,17 +268,17 @@ def _weigh_row(i, max_chi2, state, known):
         for k in range(state.shape[1]):
             std = load(state, i, k, STD, j)
             store(known, i, k, TOLERANCE, j, max_chi2 * std * std)
-            store(known, i, k, SURE, j, where(load(state, i, k, INTENSITY, j) > 0, ONE / (std * std + TINY), 0))
+            store(known, i, k, PRECISION, j, where(load(state, i, k, INTENSITY, j) > 0, ONE / (std * std + TINY), 0))
 
 
 @parallel
 def _pooled_step(frame: Frame, window: Window, cell: Window, radius: int64, fine: int64, maps: Maps):
     for i in prange(len(maps.state)):
         _weigh_row(i, window.max_chi2, maps.state, maps.known)
-    for turn in prange(len(maps.state) - 2 * MARGIN if radius > fine else 0):
-        _coarsen_row(turn + MARGIN, cell, maps)
-    for turn in prange(len(maps.state) - 2 * MARGIN):
-        _step_row(turn + MARGIN, radius, fine, window, frame, maps)
+    for row in prange(len(maps.state) - 2 * MARGIN if radius > fine else 0):
+        _coarsen_row(row + MARGIN, cell, maps)
+    for row in prange(len(maps.state) - 2 * MARGIN):
+        _step_row(row + MARGIN, radius, fine, window, frame, maps)
 
 
 def pooled_step(work, frame, state, terms, sigma, radius, fine, max_chi2):

@@ -53,8 +53,10 @@ def gather_voters(rows, cols, frame, state, own, max_chi2, voters):
             store(voter, WEIGHT, 0, where(there, NEARNESS[place], 0))
             if lanes_of(there) == 0:
                 continue
-            slope_col, slope_row = gather(state, row, k, SLOPE_COL, col), gather(state, row, k, SLOPE_ROW, col)
-            depth = gather(state, row, k, DEPTH, col) - (slope_col * F32(dx) + slope_row * F32(dy))
+            std, intensity = where(there, std, 0), where(there, intensity, 0)       # no other field is valid elsewhere
+            slope_col = where(there, gather(state, row, k, SLOPE_COL, col), 0)
+            slope_row = where(there, gather(state, row, k, SLOPE_ROW, col), 0)
+            depth = where(there, gather(state, row, k, DEPTH, col), 0) - (slope_col * F32(dx) + slope_row * F32(dy))
             says = min(max(VOTE + gather(own, row, k, col), ZERO), MAX_VOTE)
             store(voter, AT, 0, depth)
             store(voter, TOLERANCE, 0, max_chi2 * std * std + blur2)
