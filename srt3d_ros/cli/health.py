@@ -62,7 +62,7 @@ class Listener:
     def hear(self) -> list:
         """Listen for a first report, then for those of the other nodes; the statuses, [] if no node reports."""
         end_s = time.monotonic() + HEAR_S
-        while not self.reports and (left_s := end_s - time.monotonic()) > 0:
+        while not self.reports.current() and (left_s := end_s - time.monotonic()) > 0:
             self.spin_once(left_s)
         end_s = time.monotonic() + ROUND_S
         while self.reports and (time.monotonic() < end_s or not self.reports.complete):

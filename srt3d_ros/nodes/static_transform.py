@@ -30,4 +30,4 @@ class StaticTransform:
         moved, turned = message.transform.translation, message.transform.rotation
         moved.x, moved.y, moved.z = pose.translation.tolist()
         turned.x, turned.y, turned.z, turned.w = pose.quaternion
-        self._publisher.publish(self._publisher.msg_type(transforms=[message]))
+        self._node.publish(self._publisher, self._publisher.msg_type(transforms=[message]))
