@@ -73,7 +73,7 @@ class PlayerNode(PipelineNode):
         self.spec = replace(SPEC, outputs=self._source.topics)
         self._outputs = {topic.name: self.advertise(topic.name) for topic in self._source.topics}
         self._frames = [self._outputs[name] for name in self._source.frames]
-        self.diagnostics.publish_on(self._frames[0].topic_name)
+        self.diagnostics.output = self._frames[0].topic_name
         names = ", ".join(publisher.topic_name for publisher in self._outputs.values())
         self.get_logger().info(f"plays {self.parameters['input']} on {names}")
 

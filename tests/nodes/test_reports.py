@@ -39,8 +39,8 @@ def test_a_node_that_stops_to_report_is_stale_and_one_that_ends_is_gone(clock):
     assert (reconstructor.name, reconstructor.level, reports.complete) == ("a/reconstructor", "STALE", True)
     assert in_a_line([sketcher, player]) == ("no clouds; dropped so far: 0; a/sketcher STALE: no report for 8 s; "
                                              "a/player STALE: no report for 8 s")
-    report(reports, "a/sketcher")
-    assert reports.current()[0].level == "OK"
+    report(reports, "a/sketcher", facts={"reconstruct_ms": 9.5, "latency_p50_ms": 35.4})
+    assert reports.current()[0].level == "OK" and in_a_line(reports.values()).startswith("no clouds; ")
 
 
 def test_a_chain_is_ready_when_every_node_is_and_is_read_by_the_next(clock):
