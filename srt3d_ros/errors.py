@@ -5,6 +5,7 @@ import reprlib
 
 # Characters shown of each part. Any part may come from the input, or list what is in it.
 LONGEST_FIELD, LONGEST_VALUE, LONGEST_SENTENCE = 160, 80, 600
+BAD_INPUT = 2           # exit code of a command or node that ends with InvalidInput
 DOTS = "..."            # replaces what is left out
 MOST_LOOKED_AT = 5      # read this many times the shown length from either end: a value may have megabytes
 

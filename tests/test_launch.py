@@ -70,7 +70,7 @@ def test_a_parameter_that_does_not_exist_is_refused(functions, argument, line):
 def test_a_mistyped_argument_is_warned_of_and_those_of_an_including_file_are_left_alone(functions):
     functions.check_names(dict.fromkeys([
         "fotons", "sketcher.sketch_size", "recorder.use_sim_time", "player.qos_overrides./x.publisher.depth", "map",
-        "nav2.map", "params_file", "ros_namespace"], ""))
+        "nav2.map", "params_file", "ros_namespace", "sketcher.start_type_description_service"], ""))
     assert functions.said == ["no argument fotons: did you mean photons?"]
 
 

@@ -19,6 +19,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.sketching.stream import SketchStream
 from srt3d_ros.datasets import read_photons
+from srt3d_ros.datasets.bags.bag import is_bag
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
 from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.simulation.room import Room
@@ -140,6 +141,7 @@ def _moving(motion: str) -> Played:
 
 def from_file(path: str) -> Played:
     """The photons of a file, again and again."""
+    require(not is_bag(path), "--photons", path, "a photon file; srt3d up --input BAG --record FILE plays a bag")
     photons = read_photons(path)
     for note in photons.notes:
         _say(f"note: {note}")

@@ -62,12 +62,12 @@ class Listener:
     def hear(self) -> list:
         """Listen for a first report, then for those of the other nodes; the statuses, [] if no node reports."""
         end_s = time.monotonic() + HEAR_S
-        while not self.reports and (left_s := end_s - time.monotonic()) > 0:
+        while not (first := self.reports.current()) and (left_s := end_s - time.monotonic()) > 0:
             self.spin_once(left_s)
         end_s = time.monotonic() + ROUND_S
-        while self.reports and (time.monotonic() < end_s or not self.reports.complete):
+        while first and (time.monotonic() < end_s or not self.reports.complete):
             self.spin_once(POLL_S)
-        return self.reports.current()
+        return self.reports.current() or first      # all may have ended meanwhile
 
     def print_line(self, names: list[str]) -> None:
         """Print a status line of the named nodes if the last is older than LINE_S; call it often."""

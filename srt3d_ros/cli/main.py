@@ -6,8 +6,7 @@ import os
 import sys
 
 from srt3d_ros import __version__
-from srt3d_ros.errors import InvalidInput, printable
-from srt3d_ros.processes.node_command import BAD_INPUT
+from srt3d_ros.errors import BAD_INPUT, InvalidInput, printable
 
 # Each has a module here with add_parser(subparsers), which sets run(args) -> int. `srt3d --help` imports all of them,
 # so slow packages (torch, ROS) are imported in run().

@@ -48,10 +48,10 @@ class Diagnostics(Counts):
     At shutdown, received = published + dropped.
 
     Args:
-        output: the topic of the node's frames, whose readers are reported.
         best_effort: whether the node subscribes to frames with best effort.
 
     Attributes:
+        output: the topic of the node's frames, whose readers are reported.
         problem: why the node cannot work: an error until it is set to "", or a frame is sent.
         degraded: what the node does not do as asked: a warning until it is set to "".
         frame_id: of the sensor, once it is known.
@@ -62,7 +62,7 @@ class Diagnostics(Counts):
         super().__init__()
         self.problem = self.degraded = self.frame_id = self._warning = self._internal = ""
         self._peers = Peers(node)
-        self._node, self._output, self._best_effort = node, output, best_effort
+        self._node, self.output, self._best_effort = node, output, best_effort
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
         self._topics: tuple[str, ...] = ()  # on which the node receives frames
@@ -77,10 +77,6 @@ class Diagnostics(Counts):
                                                 qos_overriding_options=QoSOverridingOptions.with_default_policies())
         # A steady clock, so that reports go on while simulated time stands still.
         self._timer = node.create_timer(PERIOD_S, self.report, clock=Clock(clock_type=ClockType.STEADY_TIME))
-
-    def publish_on(self, topic: str) -> None:
-        """Report the readers of this topic, instead of `output`."""
-        self._output = topic
 
     def received(self) -> None:
         """Count a frame that arrived."""
@@ -226,7 +222,7 @@ class Diagnostics(Counts):
 
     def readers(self) -> tuple[str, ...]:
         """Full names of the nodes that read the published frames."""
-        return names(self._peers.readers([self._output] if self._output else []))
+        return names(self._peers.readers([self.output] if self.output else []))
 
     def _log_loss(self, last: bool = False) -> None:
         """Log the losses since the last such line: at most once a minute, and at the end."""

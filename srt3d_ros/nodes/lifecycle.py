@@ -21,10 +21,9 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import BAD_INPUT, InvalidInput, require
 from srt3d_ros.nodes.topics import OVERRIDABLE, NodeSpec, Topic
 from srt3d_ros.processes import transport
-from srt3d_ros.processes.node_command import BAD_INPUT
 
 PUBLISH_DEPTH = 8       # at 100 Hz, a subscriber may be kept from the CPU for 80 ms
 WAKE_S = 0.1            # longest time until a signal is noticed

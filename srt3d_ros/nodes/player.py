@@ -9,7 +9,7 @@ from rclpy.publisher import Publisher
 
 from srt3d_ros.datasets import SIMULATOR
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
-from srt3d_ros.errors import require
+from srt3d_ros.errors import BAD_INPUT, InvalidInput, require
 from srt3d_ros.messages import cdr
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import FOLLOW_DEPTH, POLL_S, PipelineNode
@@ -73,7 +73,7 @@ class PlayerNode(PipelineNode):
         self.spec = replace(SPEC, outputs=self._source.topics)
         self._outputs = {topic.name: self.advertise(topic.name) for topic in self._source.topics}
         self._frames = [self._outputs[name] for name in self._source.frames]
-        self.diagnostics.publish_on(self._frames[0].topic_name)
+        self.diagnostics.output = self._frames[0].topic_name
         names = ", ".join(publisher.topic_name for publisher in self._outputs.values())
         self.get_logger().info(f"plays {self.parameters['input']} on {names}")
 
@@ -104,8 +104,8 @@ class PlayerNode(PipelineNode):
                 self._wait_until_acknowledged(publisher)
             if self._chain is not None and not self.stopping.is_set():
                 self._follow_last(sent)
-        except Exception:
-            self.exit_code = 1
+        except Exception as error:
+            self.exit_code = BAD_INPUT if isinstance(error, InvalidInput) else 1
             raise
         finally:
             if not self.stopping.is_set():      # otherwise the node was only deactivated

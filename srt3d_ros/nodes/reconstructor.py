@@ -192,11 +192,12 @@ class ReconstructorNode(PipelineNode):
 
     def _warn_of_saturation(self, sketch: Sketch) -> None:
         """Report the pixels with a photon in nearly every laser cycle, whose pile-up cannot be corrected well."""
+        pixels = 0
         if sketch.cycles:
             pixels = int(saturated(sketch, sketch.sensor).sum())
             self.diagnostics.show(cycles=sketch.cycles, saturated_pixels=pixels)
-            self.diagnostics.degraded = f"saturated pixels: {pixels} (a photon in over {SATURATED:.0%} of the cycles)" \
-                if pixels else ""
+        warning = f"saturated pixels: {pixels} (a photon in over {SATURATED:.0%} of the cycles)"
+        self.diagnostics.degraded = warning if pixels else ""
 
     def _reconstructor(self, digest: str, sketch: Sketch) -> Reconstructor:
         """The Reconstructor for a description and frequencies, with its memory of their last frames."""

@@ -8,9 +8,8 @@ from typing import NamedTuple
 from diagnostic_msgs.msg import DiagnosticArray
 
 from srt3d_ros.nodes.status import STALE, NodeStatus
-from srt3d_ros.processes.node_command import NODES, PLAYER
+from srt3d_ros.processes.node_command import NODES
 
-REPORTING = set(NODES) - {PLAYER}       # another player may be called so
 STALE_S = 5.0           # without a report, which comes once a second
 
 
@@ -27,7 +26,7 @@ class Reports(dict[str, NodeStatus]):
         for status in filter(None, map(NodeStatus.from_message, message.status)):
             self[status.name], self._heard_s[status.name] = status, now_s
             for name in (*status.read_by, *status.sent_by):
-                if name.rpartition("/")[2] in REPORTING:
+                if name.rpartition("/")[2] in NODES:
                     self._heard_s.setdefault(name, now_s)
 
     @property
@@ -50,11 +49,12 @@ class Reports(dict[str, NodeStatus]):
 
 def in_a_line(statuses: Iterable[NodeStatus]) -> str:
     """One line about a pipeline: clouds per second, points, latency, all that was dropped, and nodes with a problem."""
-    statuses, no_clouds = list(statuses), "no clouds"
-    dropped = sum(status.counts["dropped"] + status.counts["message_lost"] for status in statuses)
+    statuses = list(statuses)
+    dropped = sum(status.counts.get(key, 0) for status in statuses for key in ("dropped", "message_lost"))
     rates = "{rate_out_hz:.1f} clouds/s, {points_per_s:,.0f} points/s, {latency_p50_ms:.0f} ms old"
+    needed = {"reconstruct_ms", "points_per_s", "latency_p50_ms"}       # a reconstructor has all after its first cloud
     clouds = next((rates.format_map(status.facts) for status in statuses
-                   if status.level != STALE and {"reconstruct_ms", "latency_p50_ms"} <= status.facts.keys()), no_clouds)
+                   if status.level != STALE and needed <= status.facts.keys()), "no clouds")
     problems = [f"; {one.name} {one.level}: {one.why}" for one in statuses if one.failed]
     return f"{clouds}; dropped so far: {dropped}{''.join(problems)}"
 

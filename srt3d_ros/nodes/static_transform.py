@@ -24,10 +24,11 @@ class StaticTransform:
         """Publish the pose of the sensor's frame `child`, unless it was the last one."""
         if self._publisher is None or child == self._child:
             return
-        self._child, pose = child, parse_extrinsics(self._node.parameters["extrinsics"])
+        pose = parse_extrinsics(self._node.parameters["extrinsics"])
         message = TransformStamped(child_frame_id=child)
         message.header.frame_id, message.header.stamp = self._parent, self._node.get_clock().now().to_msg()
         moved, turned = message.transform.translation, message.transform.rotation
         moved.x, moved.y, moved.z = pose.translation.tolist()
         turned.x, turned.y, turned.z, turned.w = pose.quaternion
-        self._publisher.publish(self._publisher.msg_type(transforms=[message]))
+        self._node.publish(self._publisher, self._publisher.msg_type(transforms=[message]))
+        self._child = child

@@ -10,10 +10,10 @@ from srt3d_ros.errors import require
 
 RECORDER, PLAYER = "recorder", "player"
 NODES = ("sketcher", "reconstructor", RECORDER, PLAYER)
-BAD_INPUT = 2       # exit code of a node whose parameters, arguments or input file cannot be used
 FRAMES_LOST = 3     # exit code of a player if some of its frames did not become clouds
 
-OF_EVERY_NODE = ("use_sim_time", "qos_overrides.")      # parameters that ROS 2 gives every node
+# Parameters that ROS 2 gives every node, or how they begin.
+OF_EVERY_NODE = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
 def parameter_arguments(parameters: dict[str, object]) -> list[str]:

@@ -5,8 +5,9 @@ import sys
 import time
 from collections.abc import Callable
 
+from srt3d_ros.errors import BAD_INPUT
 from srt3d_ros.processes import children
-from srt3d_ros.processes.node_command import BAD_INPUT, FRAMES_LOST, PLAYER, RECORDER, node_command
+from srt3d_ros.processes.node_command import FRAMES_LOST, PLAYER, RECORDER, node_command
 
 POLL_CHILDREN_S = 0.05           # longest time until a signal or the end of a node is noticed
 MOST_RESTARTS, BUDGET_S = 5, 60.0       # restarts of one node in any such time

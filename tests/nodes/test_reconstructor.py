@@ -128,6 +128,9 @@ def test_where_the_cycles_are_known_pile_up_is_corrected_and_saturated_pixels_ar
     pixels = int((sketch.photons > 0.95 * most).sum())
     said = f"saturated pixels: {pixels} (a photon in over 95% of the cycles)"
     reconstructor.graph.wait(lambda: reconstructor.graph.report("reconstructor").get("message") == said, "a warning")
+    without = dataclasses.replace(sketch, cycles=0)
+    reconstructor.graph.wait(lambda: reconstructor(without) and not reconstructor.graph.report("reconstructor")[
+        "message"].startswith(("saturated", "waiting")), "the end of the warning")
 
 
 def test_points_and_images_agree_on_what_is_within_the_limits(reconstructor, sensor, sketch):
