@@ -9,7 +9,7 @@ from srt3d_ros.kernels.constants import DEAD_LIMIT, LIKENESS
 from srt3d_ros.kernels.cpu.arithmetic import exp, log
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import llr as kernel
-from srt3d_ros.kernels.cpu.vectors import full, lane, load, store
+from srt3d_ros.kernels.cpu.vectors import full, load, store, total
 
 from .frames import FAINT, ORACLE, T, make_frame, make_state, make_terms, padded
 
@@ -18,7 +18,7 @@ FRAME = Frame.of(make_frame((6, 40), seed=0))
 
 @njit(error_model="numpy")
 def of_numbers(response, photons, expected, frame):
-    return lane(kernel(full(response), full(photons), full(expected), np.float32(LIKENESS), frame), 0)
+    return total(kernel(full(response), full(photons), full(expected), np.float32(LIKENESS), frame)) / maps.LANES
 
 
 @njit

@@ -16,7 +16,6 @@ from srt3d_ros.kernels.cpu.vectors import (
     fma,
     full,
     gather,
-    lane,
     lane_numbers,
     lanes_of,
     load,
@@ -27,7 +26,6 @@ from srt3d_ros.kernels.cpu.vectors import (
     to_floats,
     total,
     where,
-    with_lane,
 )
 from srt3d_ros.kernels.maps import LANES
 
@@ -55,7 +53,7 @@ def floats_of(x, y, z, i, table, number):
         x + 2, 2 - x, x * 0.1, 0.1 * x, 1 / x, x / 3, x - number, number * x,
         max(x, y), min(x, y), max(x, y, z), min(x, y, z, 1), max(x, 0), max(0, x), min(number, x),
         rint(x), floor(x), sqrt(x), where(x > y, x, z), where(x == y, 1, x), where(~(x >= 0) | (y < z), 2.5, 0),
-        full(number), with_lane(x, 3, number), full(lane(x, 5)), full(total(x)), full(total(load(table, 0, 7))),
+        full(number), full(total(x)), full(total(load(table, 0, 7))),
         to_floats(i), bits_of(bits_of(x)), gather(table, 1, at), gather(table, at & 1, at + 3),
         full(rint(number)), full(floor(number)), full(sqrt(number)))
 
@@ -65,8 +63,7 @@ def ints_of(x, i, j, number):
     added += j
     return (
         i + j, i - j, i * j, -i, added, i & j, i | j, i << 3, i >> 2, max(i, j), min(i, j), i + 1, 7 - i, i * 3,
-        where(i < j, i, 3), full(4), bits_of(x), to_cell(x, 9), to_cell(x * 8, number), lane_numbers(),
-        with_lane(i, 15, 2), full(lane(i, 1)))
+        where(i < j, i, 3), full(4), bits_of(x), to_cell(x, 9), to_cell(x * 8, number), lane_numbers())
 
 
 def masks_of(x, y, i, j):
@@ -103,9 +100,8 @@ def where_in_numpy(condition, one, other):
 IN_NUMPY = dict(
     max=chain(np.greater), min=chain(np.less), abs=np.abs, rint=np.rint, floor=np.floor, sqrt=np.sqrt,
     where=where_in_numpy, to_cell=to_cell_in_numpy, to_floats=np.float32, total=total_in_numpy,
-    full=lambda number: np.full(LANES, number), lane=lambda values, at: values[at],
+    full=lambda number: np.full(LANES, number),
     bits_of=lambda values: values.view(np.int32 if values.dtype == np.float32 else np.float32),
-    with_lane=lambda values, at, number: np.where(np.arange(LANES) == at, number, values),
     lane_numbers=lambda: np.arange(LANES, dtype=np.int32), load=lambda array, row, at: array[row, at:at + LANES],
     gather=lambda array, *at: array[at])
 
@@ -186,10 +182,6 @@ def condition_that_is_a_mask(values):
     return 1 if load(values, 0) > 0 else 0
 
 
-def lane_of_a_number(values):
-    return lane(values[0], 0)
-
-
 def bits_of_a_number(values):
     return bits_of(values[0])
 
@@ -198,7 +190,6 @@ def bits_of_a_number(values):
     (sum_that_begins_as_a_number, "Cannot unify float64 and float32x16 for 'added"),
     (ints_beside_floats, "add(float32x16, int32x16)"),
     (condition_that_is_a_mask, "bool(boolx16)"),
-    (lane_of_a_number, "lane(float32, "),
     (bits_of_a_number, "bits_of(float32)")])
 def test_the_first_lines_of_an_error_say_what_is_used_wrongly(wrong, says):
     with pytest.raises(TypingError) as caught:

@@ -11,41 +11,38 @@ compiled or read from the disk, on one thread or many. NumPy has the same result
 """
 
 import operator
-from itertools import product
+from functools import partial, reduce
 
 from llvmlite import ir
 from numba import boolean, float32, int32, types
 from numba.core import cgutils
-from numba.core.imputils import lower_builtin
+from numba.core.imputils import lower_builtin, lower_cast
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, models, register_model
 
 from srt3d_ros.kernels.maps import LANES
 
 I32 = ir.IntType(32)
-ZEROS = ir.Constant(ir.VectorType(I32, LANES), [0] * LANES)
+BITS = {float32: ir.FloatType(), int32: I32, boolean: ir.IntType(1)}
 
 
 class Vector(types.Type):
-    """LANES values of the type `lane`."""
+    """LANES values of the type `lane`; in LLVM, `registers`."""
 
     def __init__(self, lane):
-        self.lane = lane
+        self.lane, self.registers = lane, ir.VectorType(BITS[lane], LANES)
         super().__init__(f"{lane}x{LANES}")
-
-
-floats, ints, mask = Vector(float32), Vector(int32), Vector(boolean)
-NUMBERS = (floats, types.Number), (ints, types.Integer), (mask, types.Boolean)      # what may stand beside a vector
 
 
 @register_model(Vector)
 class _Registers(models.PrimitiveModel):
     def __init__(self, manager, kind):
-        bits = {float32: ir.FloatType(), int32: I32, boolean: ir.IntType(1)}[kind.lane]
-        super().__init__(manager, kind, ir.VectorType(bits, LANES))
+        super().__init__(manager, kind, kind.registers)
 
 
-# ---- Operators
+floats, ints, mask = Vector(float32), Vector(int32), Vector(boolean)
+NUMBERS = (floats, types.Number), (ints, types.Integer), (mask, types.Boolean)      # what may stand beside a vector
+
 
 def _kind(sides):
     """The vector that the sides of an operator are, or stand beside; None if they do not fit."""
@@ -54,39 +51,40 @@ def _kind(sides):
             return kind
 
 
-def _spread(context, builder, value, side, kind):
-    """A vector; a number in each of its lanes."""
-    if side == kind:
-        return value
-    nothing = ir.Constant(context.get_value_type(kind), ir.Undefined)
-    first = builder.insert_element(nothing, context.cast(builder, value, side, kind.lane), ir.Constant(I32, 0))
-    return builder.shuffle_vector(first, nothing, ZEROS)
+@lower_cast(types.Number, Vector)
+@lower_cast(types.Boolean, Vector)
+def _spread(context, builder, side, kind, number):
+    """A vector with a number in each of its lanes: what numba passes where a signature has a vector."""
+    nothing = ir.Constant(kind.registers, ir.Undefined)
+    first = builder.insert_element(nothing, context.cast(builder, number, side, kind.lane), I32(0))
+    return builder.shuffle_vector(first, nothing, ir.Constant(ints.registers, [0] * LANES))
 
 
-def _operator(keys, emit, result=None, sides=(2,)):
-    """Define an operator by what it emits for each kind: emit = {kind: function of builder and values}.
+# ---- Operators
 
-    Its result has the same kind, or `result`. `keys` are names of the operator; numba lowers by the first.
+def _define(key, emits, result=None):
+    """Define an operator by what it emits for each kind: emits = {kind: function of builder and vectors}.
+
+    Its result has the same kind, or `result`.
     """
     def generic(self, args, kws):
         kind = _kind(args)
-        return signature(result or kind, *map(types.unliteral, args)) if kind in emit else None
+        return signature(result or kind, *[kind] * len(args)) if kind in emits else None
 
-    def lower(context, builder, sig, args):
-        kind = _kind(sig.args)
-        first, *more = (_spread(context, builder, value, side, kind) for value, side in zip(args, sig.args))
-        if not more:
-            return emit[kind](builder, first)
-        for value in more:
-            first = emit[kind](builder, first, value)
-        return first
+    def lower(context, builder, sig, vectors):
+        return emits[sig.args[0]](builder, *vectors)
 
-    for key in keys:
-        infer_global(key)(type(f"Vector_{key.__name__}", (AbstractTemplate,), {"key": key, "generic": generic}))
-    for number in sides:
-        for chosen in product((Vector, types.Number, types.Boolean), repeat=number):
-            if Vector in chosen:
-                lower_builtin(keys[0], *chosen)(lower)
+    infer_global(key)(type(f"Vector_{key.__name__}", (AbstractTemplate,), {"key": key, "generic": generic}))
+    for number in range(1, 5):      # max and min have up to four sides
+        lower_builtin(key, *[Vector] * number)(lower)
+
+
+def _call(name, builder, *values):
+    """A call of LLVM's own function for float32 or `floats`."""
+    of = values[0].type
+    suffix = f"v{LANES}f32" if isinstance(of, ir.VectorType) else "f32"
+    return builder.call(cgutils.get_or_insert_function(
+        builder.module, ir.FunctionType(of, [of] * len(values)), f"llvm.{name}.{suffix}"), values)
 
 
 def _compare(sign):
@@ -95,39 +93,39 @@ def _compare(sign):
     return {floats: compare, ints: lambda builder, x, y: builder.icmp_signed(sign, x, y)}
 
 
-def _larger(sign):
+def _choose(sign):
     """`max` or `min`: x if x is larger (smaller) than y, else y, as processors do: of a NaN beside a number, y."""
-    compare = _compare(sign)
-    return {kind: lambda builder, x, y, kind=kind: builder.select(compare[kind](builder, x, y), x, y)
-            for kind in compare}
+    def choose(compare, builder, *vectors):
+        return reduce(lambda x, y: builder.select(compare(builder, x, y), x, y), vectors)
+    return {kind: partial(choose, compare) for kind, compare in _compare(sign).items()}
 
 
 _make = ir.IRBuilder
-_operator((operator.add, operator.iadd), {floats: _make.fadd, ints: _make.add})
-_operator((operator.sub, operator.isub), {floats: _make.fsub, ints: _make.sub})
-_operator((operator.mul, operator.imul), {floats: _make.fmul, ints: _make.mul})
-_operator((operator.truediv, operator.itruediv), {floats: _make.fdiv})
-_operator((operator.lshift,), {ints: _make.shl})
-_operator((operator.rshift,), {ints: _make.ashr})
-_operator((operator.and_, operator.iand), {mask: _make.and_, ints: _make.and_})
-_operator((operator.or_, operator.ior), {mask: _make.or_, ints: _make.or_})
-_operator((operator.invert,), {mask: _make.not_}, sides=(1,))
-_operator((operator.neg,), {floats: _make.fneg, ints: _make.neg}, sides=(1,))
-for _key, _sign in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">="),
-                    (operator.eq, "=="), (operator.ne, "!=")):
-    _operator((_key,), _compare(_sign), mask)
-_operator((max,), _larger(">"), sides=(2, 3, 4))
-_operator((min,), _larger("<"), sides=(2, 3, 4))
+for _names, _emits in (
+        ("add iadd", {floats: _make.fadd, ints: _make.add}),
+        ("sub isub", {floats: _make.fsub, ints: _make.sub}),
+        ("mul imul", {floats: _make.fmul, ints: _make.mul}),
+        ("truediv itruediv", {floats: _make.fdiv}),
+        ("lshift", {ints: _make.shl}),
+        ("rshift", {ints: _make.ashr}),
+        ("and_ iand", {mask: _make.and_, ints: _make.and_}),
+        ("or_ ior", {mask: _make.or_, ints: _make.or_}),
+        ("invert", {mask: _make.not_}),
+        ("neg", {floats: _make.fneg, ints: _make.neg})):
+    for _name in _names.split():
+        _define(getattr(operator, _name), _emits)
+for _name, _sign in (("lt", "<"), ("le", "<="), ("gt", ">"), ("ge", ">="), ("eq", "=="), ("ne", "!=")):
+    _define(getattr(operator, _name), _compare(_sign), mask)
+_define(max, _choose(">"))
+_define(min, _choose("<"))
+_define(abs, {floats: partial(_call, "fabs")})
 
 
 # ---- Functions
 
-def _call(builder, name, *values):
-    """A call of LLVM's own function for float32 or `floats`."""
-    of = values[0].type
-    suffix = f"v{LANES}f32" if isinstance(of, ir.VectorType) else "f32"
-    return builder.call(cgutils.get_or_insert_function(
-        builder.module, ir.FunctionType(of, [of] * len(values)), f"llvm.{name}.{suffix}"), values)
+def _emitted(sig, emit):
+    """What an intrinsic returns: its signature, and what it emits as a function of builder and values."""
+    return sig, lambda context, builder, sig, values: emit(builder, *values)
 
 
 def _of_one(name):
@@ -135,133 +133,103 @@ def _of_one(name):
     @intrinsic
     def apply(context, x):
         kind = floats if x == floats else float32
-        return kind(kind), lambda context, builder, sig, args: _call(builder, name, *args)
+        return _emitted(kind(kind), partial(_call, name))
     return apply
 
 
 rint, floor, sqrt = map(_of_one, ("rint", "floor", "sqrt"))
-_operator((abs,), {floats: lambda builder, x: _call(builder, "fabs", x)}, sides=(1,))
 
 
 @intrinsic
 def fma(context, a, b, c):
     """a · b + c, of vectors or of numbers, rounded once where the processor has an instruction for it."""
     kind = floats if floats in (a, b, c) else float32
-
-    def generate(context, builder, sig, args):
-        return _call(builder, "fmuladd", *(
-            _spread(context, builder, value, side, kind) if kind == floats else context.cast(builder, value, side, kind)
-            for value, side in zip(args, sig.args)))
-    return kind(a, b, c), generate
+    return _emitted(kind(kind, kind, kind), partial(_call, "fmuladd"))
 
 
 @intrinsic
 def where(context, condition, a, b):
     """a in the lanes in which the condition holds, else b."""
     kind = _kind((a, b)) or floats
-
-    def generate(context, builder, sig, args):
-        return builder.select(args[0], *(_spread(context, builder, value, side, kind)
-                                         for value, side in zip(args[1:], sig.args[1:])))
-    return (kind(condition, a, b), generate) if condition == mask else None
+    return _emitted(kind(mask, kind, kind), _make.select)
 
 
 @intrinsic
 def full(context, number):
     """A number in each lane."""
     kind = floats if isinstance(number, types.Float) else ints if isinstance(number, types.Integer) else mask
-    return kind(number), lambda context, builder, sig, args: _spread(context, builder, args[0], number, kind)
-
-
-# ---- Lanes
-
-@intrinsic
-def lane(context, vector, index):
-    """The value of one lane."""
-    return (vector.lane(vector, index), lambda context, builder, sig, args: builder.extract_element(
-        args[0], context.cast(builder, args[1], sig.args[1], int32))) if isinstance(vector, Vector) else None
-
-
-@intrinsic
-def with_lane(context, vector, index, value):
-    """The vector with another value in one lane."""
-    return (vector(vector, index, value), lambda context, builder, sig, args: builder.insert_element(
-        args[0], context.cast(builder, args[2], sig.args[2], vector.lane),
-        context.cast(builder, args[1], sig.args[1], int32))) if isinstance(vector, Vector) else None
+    return _emitted(kind(kind), lambda builder, vector: vector)
 
 
 @intrinsic
 def lane_numbers(context):
     """The `ints` 0, 1, 2 …"""
-    return ints(), lambda context, builder, sig, args: ir.Constant(ZEROS.type, list(range(LANES)))
+    return _emitted(ints(), lambda builder: ir.Constant(ints.registers, list(range(LANES))))
 
 
 @intrinsic
 def lanes_of(context, condition):
     """The lanes in which a condition holds, as the bits of a number; 0: in none."""
-    def generate(context, builder, sig, args):
-        return builder.zext(builder.bitcast(args[0], ir.IntType(LANES)), ir.IntType(64))
-    return (types.int64(condition), generate) if condition == mask else None
+    return _emitted(types.int64(mask), lambda builder, bits: builder.zext(
+        builder.bitcast(bits, ir.IntType(LANES)), ir.IntType(64)))
 
 
 @intrinsic
 def total(context, vector):
     """The sum of the lanes: halves are added, then their halves, so that it is the same on all processors."""
-    def generate(context, builder, sig, args):
-        values, width = args[0], LANES
+    def add(builder, values):
+        width = LANES
         while width > 1:
             width //= 2
             low, high = (builder.shuffle_vector(values, values, ir.Constant(ir.VectorType(I32, width), list(
                 range(first, first + width)))) for first in (0, width))
             values = builder.fadd(low, high)
-        return builder.extract_element(values, ir.Constant(I32, 0))
-    return (float32(vector), generate) if vector == floats else None
+        return builder.extract_element(values, I32(0))
+    return _emitted(float32(floats), add)
 
-
-# ---- Conversions
 
 @intrinsic
 def to_cell(context, vector, last):
     """The numbers without their fractions as `ints` from 0 to `last`; NaN is 0. Processors differ in others."""
-    def generate(context, builder, sig, args):
-        top = _spread(context, builder, args[1], last, floats)
-        clamped = _larger("<")[floats](builder, _larger(">")[floats](
-            builder, args[0], ir.Constant(args[0].type, [0.0] * LANES)), top)
-        return builder.fptosi(clamped, ZEROS.type)
-    return (ints(vector, last), generate) if vector == floats else None
+    def convert(builder, values, top):
+        from_zero = _choose(">")[floats](builder, values, ir.Constant(values.type, [0.0] * LANES))
+        return builder.fptosi(_choose("<")[floats](builder, from_zero, top), ints.registers)
+    return _emitted(ints(floats, floats), convert)
 
 
 @intrinsic
 def to_floats(context, vector):
-    return (floats(vector), lambda context, builder, sig, args: builder.sitofp(
-        args[0], context.get_value_type(floats))) if vector == ints else None
+    """The `ints` as `floats`."""
+    return _emitted(floats(ints), lambda builder, values: builder.sitofp(values, floats.registers))
 
 
 @intrinsic
 def bits_of(context, vector):
     """The bits of `floats` as `ints`, and the reverse."""
     kind = {floats: ints, ints: floats}.get(vector)
-    return (kind(vector), lambda context, builder, sig, args: builder.bitcast(
-        args[0], context.get_value_type(kind))) if kind else None
+    return _emitted(kind(vector), lambda builder, values: builder.bitcast(values, kind.registers)) if kind else None
 
 
 # ---- Memory
 
-def _indexed(array, indices, result):
-    """The signature of a function of an array and any number of indices, which numba passes as one tuple."""
-    return result(array, types.StarArgTuple.from_types(indices))
+def _indexed(result, array, indices, *vector):
+    """The signature of a function of an array, any number of indices, which numba passes as one tuple, and a vector."""
+    indices = [index if index == ints else types.intp for index in indices]
+    return result(array, types.StarArgTuple.from_types([*indices, *vector]))
 
 
-def _unpacked(builder, sig, args):
-    """(value, type) of each of the indices."""
-    return list(zip(cgutils.unpack_tuple(builder, args[1]), sig.args[1].types))
+def _pointer(context, builder, sig, args, indices):
+    """The pointer to array[indices]; no index counts from the end, and none is checked."""
+    array = context.make_array(sig.args[0])(context, builder, args[0])
+    return cgutils.get_item_pointer(context, builder, sig.args[0], array, indices, wraparound=False)
 
 
-def _pointer(context, builder, of, array, indices, vector=None):
-    """The pointer to array[indices], or to the `vector` there; no index counts from the end, and none is checked."""
-    place = cgutils.get_item_pointer(context, builder, of, context.make_array(of)(context, builder, array), [
-        context.cast(builder, value, side, types.intp) for value, side in indices], wraparound=False)
-    return builder.bitcast(place, context.get_value_type(vector).as_pointer()) if vector else place
+def _lane_pointers(context, builder, sig, args, indices):
+    """Each lane's number, and the pointer to array[indices] with the numbers of `ints` indices in this lane."""
+    for x in map(I32, range(LANES)):
+        yield x, _pointer(context, builder, sig, args, [
+            builder.sext(builder.extract_element(index, x), ir.IntType(64)) if index.type == ints.registers else index
+            for index in indices])
 
 
 @intrinsic
@@ -270,21 +238,20 @@ def load(context, array, *indices):
     kind = Vector(array.dtype)
 
     def generate(context, builder, sig, args):
-        return builder.load(_pointer(context, builder, array, args[0], _unpacked(builder, sig, args), kind), align=4)
-    return _indexed(array, indices, kind), generate
+        pointer = _pointer(context, builder, sig, args, cgutils.unpack_tuple(builder, args[1]))
+        return builder.load(builder.bitcast(pointer, kind.registers.as_pointer()), align=4)
+    return _indexed(kind, array, indices), generate
 
 
 @intrinsic
 def store(context, array, *indices_and_vector):
     """Write a vector, or a number, to array[indices] and the LANES − 1 places after it."""
-    kind = Vector(array.dtype)
-
     def generate(context, builder, sig, args):
-        *indices, (value, side) = _unpacked(builder, sig, args)
-        builder.store(_spread(context, builder, value, side, kind),
-                      _pointer(context, builder, array, args[0], indices, kind), align=4)
+        *indices, vector = cgutils.unpack_tuple(builder, args[1])
+        pointer = _pointer(context, builder, sig, args, indices)
+        builder.store(vector, builder.bitcast(pointer, vector.type.as_pointer()), align=4)
         return context.get_dummy_value()
-    return _indexed(array, indices_and_vector, types.void), generate
+    return _indexed(types.void, array, indices_and_vector[:-1], Vector(array.dtype)), generate
 
 
 @intrinsic
@@ -293,24 +260,19 @@ def gather(context, array, *indices):
     kind = Vector(array.dtype)
 
     def generate(context, builder, sig, args):
-        values, indices = ir.Constant(context.get_value_type(kind), ir.Undefined), _unpacked(builder, sig, args)
-        for x in (ir.Constant(I32, x) for x in range(LANES)):
-            at = [(builder.extract_element(value, x), int32) if side == ints else (value, side)
-                  for value, side in indices]
-            values = builder.insert_element(
-                values, builder.load(_pointer(context, builder, array, args[0], at), align=4), x)
+        values, indices = ir.Constant(kind.registers, ir.Undefined), cgutils.unpack_tuple(builder, args[1])
+        for lane, pointer in _lane_pointers(context, builder, sig, args, indices):
+            values = builder.insert_element(values, builder.load(pointer, align=4), lane)
         return values
-    return _indexed(array, indices, kind), generate
+    return _indexed(kind, array, indices), generate
 
 
 @intrinsic
 def scatter(context, array, *indices_and_vector):
     """Write a vector to array[indices] with `ints` among the indices; of lanes with one place the last one stays."""
     def generate(context, builder, sig, args):
-        *indices, (vector, _) = _unpacked(builder, sig, args)
-        for x in (ir.Constant(I32, x) for x in range(LANES)):
-            at = [(builder.extract_element(value, x), int32) if side == ints else (value, side)
-                  for value, side in indices]
-            builder.store(builder.extract_element(vector, x), _pointer(context, builder, array, args[0], at), align=4)
+        *indices, vector = cgutils.unpack_tuple(builder, args[1])
+        for lane, pointer in _lane_pointers(context, builder, sig, args, indices):
+            builder.store(builder.extract_element(vector, lane), pointer, align=4)
         return context.get_dummy_value()
-    return _indexed(array, indices_and_vector, types.void), generate
+    return _indexed(types.void, array, indices_and_vector[:-1], Vector(array.dtype)), generate
