@@ -15,7 +15,7 @@ from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.reconstruction import Reconstructor
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.core.sketching.stream import SketchStream
+from srt3d_ros.core.stream import SketchStream
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.pictures import annotations
 from srt3d_ros.pictures.cloud_renderer import CloudStyle

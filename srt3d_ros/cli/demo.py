@@ -17,7 +17,7 @@ from srt3d_ros.core.metrics import Metrics, evaluate
 from srt3d_ros.core.reconstruction import Reconstructor
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.core.sketching.stream import SketchStream
+from srt3d_ros.core.stream import SketchStream
 from srt3d_ros.datasets import read_photons
 from srt3d_ros.datasets.bags.bag import is_bag
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS

@@ -18,7 +18,7 @@ from srt3d_ros.core.sketching.design import design_for
 from srt3d_ros.core.sketching.gate import OFF, Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonHistograms
 from srt3d_ros.core.sketching.sketch import Sketch
-from srt3d_ros.core.sketching.stream import SketchStream, StreamOptions
+from srt3d_ros.core.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets import arrays
 from srt3d_ros.datasets.options import SensorOptions, gathered, outside_note, redescribed
 from srt3d_ros.datasets.values import MAX_EVENTS
