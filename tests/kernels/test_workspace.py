@@ -35,7 +35,7 @@ def steps() -> tuple:
         "no_surfaces": (frame, SURFACES), "search": (frame, frame.matched, state, 1, 2.5, 2, 3.0, None, 0.0, True),
         "expand": (frame, state), "log_likelihood_ratio": (frame, state, terms), "residual": (frame, state, terms, 1),
         "birth_death": (frame, state, terms, GATE), "pooled_step": (frame, state, terms, 9.0, 14, 4, GATE),
-        "trim": (frame, state, terms, 3.0)}
+        "trim": (frame, state, terms, 3.0), "finalise": (frame, inputs[1], state, terms, 3.0)}
     return kernels, arguments
 
 
@@ -47,7 +47,7 @@ def arrays(values) -> list:
 
 
 @pytest.mark.parametrize("name", ["search", "expand", "log_likelihood_ratio", "residual", "birth_death", "pooled_step",
-                                  "trim", "no_surfaces"])
+                                  "trim", "finalise", "no_surfaces"])
 def test_a_kernel_allocates_less_than_a_map_of_points(steps, name, monkeypatch):
     (kernels, arguments), passed = steps, []
     call, run = Kernel.__call__, getattr(kernels, name)
