@@ -6,7 +6,7 @@ from pathlib import Path
 
 from std_msgs.msg import String
 
-from srt3d_ros.core import precompile
+from srt3d_ros import precompile
 from srt3d_ros.core.sensor.difference import first_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE, RULES

@@ -8,10 +8,10 @@ import pytest
 from numba.core.runtime import _nrt_python, rtsys
 
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
-from srt3d_ros.core.reconstruction import Reconstructor
 from srt3d_ros.kernels import cpu, maps
 from srt3d_ros.kernels.cpu.compiling import Kernel
 from srt3d_ros.kernels.cpu.method.frame import Frame
+from srt3d_ros.reconstruction import Reconstructor
 
 from .frames import GATE, make_sensor, make_sketch
 

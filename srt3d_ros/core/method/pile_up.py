@@ -14,12 +14,12 @@ from dataclasses import replace
 import numpy as np
 
 from srt3d_ros.core.cloud import Cloud
-from srt3d_ros.core.devices import kernels_for
 from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.kernels.constants import EPSILON
+from srt3d_ros.kernels.devices import kernels_for
 
 SATURATED = 0.95        # share of cycles with a photon, above which the others say little about the flux
 NEWTON_STEPS = 8        # from λ = r / N, they approach the root from below

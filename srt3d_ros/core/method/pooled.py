@@ -15,8 +15,8 @@ import numpy as np
 
 from srt3d_ros.core.estimate import Estimate, Unexplained
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
+from srt3d_ros.core.method.thresholds import continuation_threshold, score_threshold
 from srt3d_ros.core.sketching.sketch import Sketch
-from srt3d_ros.core.thresholds import continuation_threshold, score_threshold
 from srt3d_ros.kernels import constants, maps
 
 STAYING = 0.5           # share of false points that survive the iterations (`python -m benchmarks false_alarms`)
@@ -42,9 +42,9 @@ class Pooled:
         # On a GPU an even background has a clutter of ones, so that each step is compiled once, not twice.
         self._even = None if kernels.ON_HOST else array(np.ones(sensor.num_bins, np.float32))
         self._run = kernels.recorded(self._estimate)
-        self.allow(false_alarm_rate)
+        self.set_false_alarm_rate(false_alarm_rate)
 
-    def allow(self, false_alarm_rate: float) -> None:
+    def set_false_alarm_rate(self, false_alarm_rate: float) -> None:
         """Use this false alarm rate from the next frame on."""
         started = false_alarm_rate / STAYING
         found = score_threshold(started, self._highest, constants.WIDE_SCALE)
