@@ -25,13 +25,13 @@ from tqdm import tqdm
 from benchmarks.frames import PPP, PPPS, SIDE, SKETCH_SIZE, photons_of, sensor_of, timed
 from benchmarks.table1 import PAPER_MS
 from srt3d_ros.core.cloud import Cloud
-from srt3d_ros.core.gpu_check import share_alike
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.evaluation.scores import aligned
+from srt3d_ros.gpu_check import share_alike
 
 RESULTS, REPEATS, MEASURING_S = Path(__file__).parent / "results", 20, 80
 FIELDS = "row", "col", "depth_bins", "intensity", "depth_std_bins", "xyz"

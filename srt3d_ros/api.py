@@ -7,7 +7,6 @@ from typing import Any, Unpack
 from srt3d_ros import datasets
 from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.methods import DEFAULT_METHOD
-from srt3d_ros.core.reconstruction import Reconstructor
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.gate import OFF
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
@@ -15,6 +14,7 @@ from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.datasets.options import SensorOptions, gathered, sketch_with_options
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.reconstruction import Reconstructor
 
 __all__ = ["Cloud", "InvalidInput", "Photons", "Reconstructor", "Sensor", "Sketch", "from_counts", "from_events",
            "read", "reconstruct"]

@@ -12,16 +12,16 @@ from PIL import Image
 from srt3d_ros.cli.demo import SCENE, SIMULATED_TOLERANCE_M
 from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.metrics import evaluate
-from srt3d_ros.core.reconstruction import Reconstructor
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.core.sketching.stream import SketchStream
+from srt3d_ros.core.stream import SketchStream
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.pictures import annotations
 from srt3d_ros.pictures.cloud_renderer import CloudStyle
 from srt3d_ros.pictures.figures import as_image
 from srt3d_ros.pictures.overview import draw_photons, photon_positions
 from srt3d_ros.pictures.viewpoint import look_at
+from srt3d_ros.reconstruction import Reconstructor
 
 FRAME, EARLIER = 30, 3              # the frame that is drawn, and those before it, which tell the background
 WIDTH, HEIGHT, TOP = 880, 640, 76   # pixels; TOP: of the title

@@ -9,6 +9,7 @@ from srt3d_ros.nodes import all_specs
 from tools.node_reference import as_yaml, nodes_tables
 from tools.rooms import drawing
 from tools.schema_tables import filled, tables
+from tools.sensor_schema import photon_file_tables, schema_text
 
 ROOT = Path(__file__).resolve().parents[1]
 HEADING = """\
@@ -25,7 +26,9 @@ def generated() -> dict[str, str]:
     return {"config/srt3d.yaml": HEADING + as_yaml({spec.name: spec.table for spec in specs}),
             "docs/images/rooms.svg": drawing(),
             "docs/nodes.md": filled(ROOT / "docs/nodes.md", lambda name: nodes_tables(specs)[name]),
-            "docs/messages.md": filled(ROOT / "docs/messages.md", tables)}
+            "msg_schemas/sensor.json": schema_text(),
+            "docs/messages.md": filled(ROOT / "docs/messages.md", tables),
+            "docs/photon-file.md": filled(ROOT / "docs/photon-file.md", photon_file_tables)}
 
 
 if __name__ == "__main__":

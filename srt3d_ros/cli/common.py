@@ -4,6 +4,10 @@ import argparse
 import json
 import sys
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from srt3d_ros.core.sensor.keys import Key
 
 
 def given(args: argparse.Namespace, names: Iterable[str]) -> dict[str, object]:
@@ -11,8 +15,7 @@ def given(args: argparse.Namespace, names: Iterable[str]) -> dict[str, object]:
     return {name: getattr(args, name) for name in names if getattr(args, name) is not None}
 
 
-SENSOR_OVERRIDES = ("num_bins", "bin_width_s", "irf", "irf_ref", "fov_deg", "rows", "cols", "cycles", "channel",
-                    "axes", "columns")
+VALUES = {"irf": "FILE", "axes": "A,B,C", "columns": "ROW,COL,TOA", "bin_width_s": "S", "fov_deg": "DEG"}
 
 
 def add_photon_file(parser: argparse.ArgumentParser) -> None:
@@ -26,22 +29,18 @@ def add_photon_file(parser: argparse.ArgumentParser) -> None:
                         help="topic of the photons, if a bag has several")
     sensor = parser.add_argument_group("sensor options (they override the file)")
     add_sensor_file(sensor)
-    sensor.add_argument("--num-bins", type=int, metavar="T", help="bins per laser period")
-    sensor.add_argument("--bin-width-s", type=float, metavar="S", help="width of a bin, seconds")
-    sensor.add_argument("--irf", metavar="FILE", help="impulse response: .npz, .npy, .mat, .csv or .txt")
-    sensor.add_argument("--irf-ref", type=int, metavar="INDEX",
-                        help="entry of the IRF that marks the depth (default: its peak)")
-    sensor.add_argument("--cycles", type=int, metavar="N", help="laser cycles of the frame, to correct pile-up in a "
-                        "detector that records only the first photon of each cycle")
-    sensor.add_argument("--fov-deg", type=float, metavar="DEG", help="field of view across the larger side, degrees")
-    sensor.add_argument("--rows", type=int, metavar="N", help="rows of the sensor, if the file does not give them")
-    sensor.add_argument("--cols", type=int, metavar="N", help="columns of the sensor, likewise")
-    sensor.add_argument("--channel", type=int, metavar="C",
-                        help="detector channel or data set (default: the one with most photons; of Photon-HDF5 all)")
-    sensor.add_argument("--axes", metavar="A,B,C",
-                        help="order of the axes of an array of counts: bins,rows,cols (default: rows,cols,bins)")
-    sensor.add_argument("--columns", metavar="ROW,COL,TOA",
-                        help="names of the arrays with row, column and ToA of each photon (default: row,col,toa)")
+    for name, key in on_command_line().items():
+        unit = f", {key.unit}econds" if key.unit == "s" else ""
+        kind = key.kinds[0] if key.kinds[0] in (int, float) else str
+        sensor.add_argument(f"--{name.replace('_', '-')}", type=kind, metavar=VALUES.get(name, "N"),
+                            help=key.about + unit)
+
+
+def on_command_line() -> dict[str, "Key"]:
+    """The options of `datasets.read` that the command line has, by name."""
+    from srt3d_ros.datasets.options import option_keys  # imported here, as NumPy and numba are slow
+
+    return {name: key for name, key in option_keys().items() if key.option}
 
 
 def add_sensor_file(group: argparse._ArgumentGroup) -> None:
@@ -61,7 +60,7 @@ def overrides(args: argparse.Namespace) -> dict[str, object]:
     """The given options that `datasets.read` takes. A gate of `auto` is left to the reconstruction."""
     from srt3d_ros.core.sketching.gate import AUTO, OFF, parse
 
-    options, bins = given_sensor(args) | given(args, SENSOR_OVERRIDES), parse(args.gate)
+    options, bins = given_sensor(args) | given(args, on_command_line()), parse(args.gate)
     return options if bins in (OFF, AUTO) else options | {"gate": bins}
 
 

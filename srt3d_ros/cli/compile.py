@@ -23,7 +23,7 @@ def run(args: argparse.Namespace) -> int:
             problem="--sensor-file needs --device cuda: the CPU's kernels suit every sensor.")
     if args.device == "cuda":
         return _for_gpu(args.sensor_file)
-    from srt3d_ros.core import precompile
+    from srt3d_ros import precompile
     from srt3d_ros.kernels.cpu.compiling import FOLDER, NOT_KEPT
 
     path, defect = NOT_KEPT
@@ -39,14 +39,15 @@ def run(args: argparse.Namespace) -> int:
 def _for_gpu(sensor_file: str | None) -> int:
     """Reconstruct a frame of the sensor on the GPU, so that torch compiles its kernels and caches them on disk."""
     from srt3d_ros import datasets
-    from srt3d_ros.core.reconstruction import Reconstructor
     from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE, choose
     from srt3d_ros.datasets.simulation.scene import default_sensor
+    from srt3d_ros.reconstruction import Reconstructor
 
     sensor, started = datasets.open_sensor(sensor_file) if sensor_file else default_sensor(), time.perf_counter()
     reconstructor = Reconstructor(sensor, choose("auto", sensor, DEFAULT_SKETCH_SIZE), device="cuda")
     print(f"compiling for frames of {sensor.rows} × {sensor.cols} pixels; the first time takes minutes", flush=True)
     reconstructor.warm_up()
-    require(reconstructor.device == "cuda", "--device", problem=f"Cannot use --device cuda: {reconstructor.why}")
+    require(reconstructor.device == "cuda", "--device",
+            problem=f"Cannot use --device cuda: {reconstructor.device_reason}")
     print(f"compiled in {time.perf_counter() - started:.0f} s; torch keeps the kernels in TORCHINDUCTOR_CACHE_DIR")
     return 0

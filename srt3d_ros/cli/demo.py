@@ -14,10 +14,9 @@ import numpy as np
 
 from srt3d_ros.cli import health
 from srt3d_ros.core.metrics import Metrics, evaluate
-from srt3d_ros.core.reconstruction import Reconstructor
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.core.sketching.stream import SketchStream
+from srt3d_ros.core.stream import SketchStream
 from srt3d_ros.datasets import read_photons
 from srt3d_ros.datasets.bags.bag import is_bag
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
@@ -28,6 +27,7 @@ from srt3d_ros.errors import require
 from srt3d_ros.processes import children
 from srt3d_ros.processes.node_command import FRAMES_LOST, PLAYER
 from srt3d_ros.processes.private_network import join_private_network
+from srt3d_ros.reconstruction import Reconstructor
 
 LEAST_HZ, MOST_HZ = 2.0, 5.0            # MOST_HZ: half of what two idle cores can stream and record
 SHARE = 0.75                            # of the time between two frames: what one process may need for a frame

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from srt3d_ros.cli import common
+from srt3d_ros.core.method.thresholds import MAX_SURFACES
 from srt3d_ros.core.methods import METHODS, find
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
-from srt3d_ros.core.thresholds import MAX_SURFACES
 from srt3d_ros.datasets import SIMULATOR
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.evaluation.cases import SCENES, Case, of_files, simulated

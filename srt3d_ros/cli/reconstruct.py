@@ -3,13 +3,13 @@
 import argparse
 
 from srt3d_ros.cli import common
-from srt3d_ros.core.devices import DEVICES
 from srt3d_ros.core.method.background import BACKGROUNDS
+from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.core.sketching.gate import AUTO, OFF
-from srt3d_ros.core.thresholds import DEFAULT_FALSE_ALARM_RATE
 from srt3d_ros.errors import require
+from srt3d_ros.kernels.devices import DEVICES
 
 NPZ = "npz"
 METHOD_OPTIONS = ("method", "sketch_size", "frequencies", "surfaces", "device", "false_alarm_rate", "background")

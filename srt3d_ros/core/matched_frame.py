@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.devices import on_device
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum, passed_energy
 from srt3d_ros.core.sketching.sketch import MAX_PIXEL_PHOTONS, Sketch, check_frequencies
 from srt3d_ros.errors import require
 from srt3d_ros.kernels import maps
+from srt3d_ros.kernels.devices import on_device
 
 MAX_SUM = 1.001 * MAX_PIXEL_PHOTONS       # leaves room for rounding
 TABLE_STEPS = 256           # of the background table

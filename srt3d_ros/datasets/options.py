@@ -3,12 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Annotated, Any, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from srt3d_ros.core.sensor.bins import HistogramBins
+from srt3d_ros.core.sensor.keys import Key, keys
 from srt3d_ros.core.sensor.model import SPEED_OF_LIGHT, SensorModel
 from srt3d_ros.core.sensor.projection import DEFAULT_FOV_DEG, Pinhole, Projection
 from srt3d_ros.core.sketching.gate import parse
@@ -30,30 +31,25 @@ AXES = ("rows", "cols", "bins")
 FILE_OPTIONS = {"channel": "Only .ptu, .sdt and Photon-HDF5 files have channels.",
                 "axes": "Only arrays of counts have axes.",
                 "columns": "Only .npz, HDF5 and .mat files of photons have columns."}
-PIXEL_MAPS = ("gain", "delay_bins", "mask", "background_shape")
+PIXEL_MAPS = tuple(name for name, key in keys(SensorModel).items() if key.dtype and name != "irf")
 
 
 class SensorOptions(TypedDict, total=False):
-    """Options that describe photons: `shape` is (rows, cols), `fov_deg` a pinhole's, `irf_sigma_bins` a Gaussian IRF's,
-    `gate` the (first, last) bin to keep; the others are those of SensorModel.
+    """Options that describe photons, all but these as of Sensor, and how to read a file: docs/photon-file.md."""
 
-    How to read a file: `channel` is the detector or data set, `axes` the order of an array of counts, "bins,rows,cols"
-    say, and `columns` the names of its arrays of row, column and ToA, "y,x,t" say. Tuples are fine, too.
-    """
-
-    shape: tuple[int, int]
+    shape: Annotated[tuple[int, int], Key("(rows, cols)")]
     rows: int
     cols: int
-    gate: tuple[int, int]
-    channel: int
-    axes: str | tuple[str, str, str]
-    columns: str | tuple[str, str, str]
     num_bins: int
     bin_width_s: float
-    irf: ArrayLike | str | Path
+    irf: Annotated[ArrayLike | str | Path, Key(
+        "impulse response; a file may be .npz (its array irf), .npy, .mat, .csv or .txt",
+        more="of .mat its irf, or its only vector; of text one number a line, or time and IRF, below any header. Times "
+        "must advance by a bin a line", option=True)]
     irf_ref: int
-    irf_sigma_bins: float
-    fov_deg: float
+    irf_sigma_bins: Annotated[float, Key("standard deviation of a Gaussian IRF", "bin", more="in place of irf")]
+    fov_deg: Annotated[float, Key("field of view across the larger side, degrees", more="of a pinhole",
+                                  option=True)]
     projection: Projection
     toa_offset_bins: float
     range_offset_m: float
@@ -64,6 +60,21 @@ class SensorOptions(TypedDict, total=False):
     histograms: HistogramBins
     cycles: int
     frame_id: str
+    gate: Annotated[tuple[int, int], Key(
+        "first and last bin to keep (--gate FIRST-LAST)", more="T becomes the number of bins plus the spread of the "
+        "pixels' delays, toa_offset_bins grows by the first bin, and photons outside are dropped and counted in notes")]
+    channel: Annotated[int, Key("detector channel or data set (default: brightest; all for Photon-HDF5)", option=True)]
+    axes: Annotated[str | tuple[str, str, str], Key(
+        "order of the axes of an array of counts: bins,rows,cols (default: rows,cols,bins)", option=True)]
+    columns: Annotated[str | tuple[str, str, str], Key(
+        "names of the arrays with row, column and ToA of each photon (default: row,col,toa)",
+        more="y,x,t say; in a group of HDF5 scan/y", option=True)]
+
+
+def option_keys() -> dict[str, Key]:
+    """What each option of SensorOptions means, by name."""
+    known = keys(SensorModel) | keys(SensorOptions)
+    return {name: known[name] for name in SensorOptions.__annotations__}
 
 
 def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None) -> dict[str, Any]:

@@ -11,19 +11,19 @@ import numpy as np
 
 from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.methods import DEFAULT_METHOD, find
-from srt3d_ros.core.reconstruction import Reconstructor
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.shown import notes_text
 from srt3d_ros.core.sketching.design import design_for
 from srt3d_ros.core.sketching.gate import OFF, Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonHistograms
 from srt3d_ros.core.sketching.sketch import Sketch
-from srt3d_ros.core.sketching.stream import SketchStream, StreamOptions
+from srt3d_ros.core.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets import arrays
 from srt3d_ros.datasets.options import SensorOptions, gathered, outside_note, redescribed
 from srt3d_ros.datasets.values import MAX_EVENTS
 from srt3d_ros.errors import quoted, require
 from srt3d_ros.progress import compiling
+from srt3d_ros.reconstruction import Reconstructor
 
 IN_MEMORY = "arrays"
 

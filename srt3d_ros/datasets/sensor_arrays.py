@@ -2,45 +2,50 @@
 
 import math
 import sys
-from dataclasses import astuple, fields, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import Any, get_args
 
 import numpy as np
 
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.distortion import PlumbBob
+from srt3d_ros.core.sensor.keys import keys, numbers
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sensor.projection import Pinhole
-from srt3d_ros.datasets.options import PIXEL_MAPS
+from srt3d_ros.core.sensor.projection import Pinhole, Projection
 from srt3d_ros.errors import printable, require
 from srt3d_ros.files.array_files import read_errors, read_npz_arrays
 from srt3d_ros.messages.cdr import MAX_FRAME_ID
-from srt3d_ros.messages.sensor_message import PROJECTIONS
 
-SCALARS = ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m",
-           "cycles")
-SENSOR_FIELDS = (*SCALARS, "irf", *PIXEL_MAPS, "frame_id")            # arguments of SensorModel
-SENSOR_ARRAYS = (*SENSOR_FIELDS, "projection", "projection_values", "distortion", "gate_words", "histogram_bins",
+KEYS = keys(SensorModel)
+SENSOR_FIELDS = tuple(name for name, key in KEYS.items() if not key.array)      # an array each
+SENSOR_ARRAYS = (*SENSOR_FIELDS, *filter(None, (key.array for key in KEYS.values())), "projection", "distortion",
                  "histogram_template", "notes")
-REQUIRED = ("rows", "cols", "num_bins", "bin_width_s", "irf", "projection")     # of a saved cloud or sketch
-ONE_NUMBER = (*SCALARS, "fov_deg", "stamp_ns", "surfaces", "sketch_cycles", "photons_in_all")
+REQUIRED = (*(name for name, key in KEYS.items() if key.required), "projection")      # of a saved cloud or sketch
+ONE_NUMBER = (*(name for name in SENSOR_FIELDS if {int, float} & {*KEYS[name].kinds}), "fov_deg", "stamp_ns",
+              "surfaces", "sketch_cycles", "photons_in_all")
 ONE_TEXT = ("frame_id", "projection", "kind", "method", "device")
 VECTORS = ("irf", "background_shape", "projection_values", "distortion", "gate_words")
+PROJECTIONS = {kind.kind: kind for kind in get_args(Projection)}
 MAX_NOTE = 9_999            # characters; notes name files
 
 
 def sensor_arrays(sensor: SensorModel, notes: tuple[str, ...]) -> dict[str, np.ndarray]:
     """The arrays of a file that describe a sensor, and `notes` if there are any."""
-    projection, bins = sensor.projection, sensor.histograms
+    projection, bins, gates = sensor.projection, sensor.histograms, sensor.gates
     arrays = {name: getattr(sensor, name) for name in SENSOR_FIELDS} | {
-        "projection": projection.kind, "projection_values": np.array(astuple(projection)[:4], np.float64),
-        "gate_words": sensor.gates and np.array(astuple(sensor.gates), np.uint16), "notes": notes or None}
+        "projection": projection.kind, "projection_values": _numbers(projection),
+        "gate_words": gates and _numbers(gates).astype(np.uint16), "notes": notes or None}
     if getattr(projection, "distortion", None):
-        arrays["distortion"] = np.array(astuple(projection.distortion), np.float64)
+        arrays["distortion"] = _numbers(projection.distortion)
     if bins is not None:
-        arrays |= {"histogram_bins": (bins.num_bins, bins.first_bin, bins.bin_width),
-                   "histogram_template": bins.template}
+        arrays |= {"histogram_bins": _numbers(bins), "histogram_template": bins.template}
     return {name: np.asarray(value) for name, value in arrays.items() if value is not None}
+
+
+def _numbers(part: Any) -> np.ndarray:
+    """The numbers of a part of a sensor, float64, in the order of its fields."""
+    return np.array([*numbers(part).values()], np.float64)
 
 
 def read_saved(path: Path, names: tuple[str, ...]) -> tuple[SensorModel, dict]:
@@ -74,8 +79,8 @@ def sensor_options(values: dict) -> dict:
 
 
 def _numbers_of(kind: type, array: str, values: dict) -> list[float]:
-    """The finite numbers of an array with one entry for each field of a class (but `distortion` and `template`)."""
-    names = [field.name for field in fields(kind) if field.name not in ("distortion", "template")]
+    """The finite numbers of an array with one entry for each number of a class."""
+    names = [name for name, key in keys(kind).items() if not key.array]
     expected = f"[{len(names)}]: {', '.join(names)}"
     require(array in values, array, problem=f"The file has no {array} {expected}.")
     require(values[array].shape == (len(names),), f"{array} shape", values[array].shape, expected)

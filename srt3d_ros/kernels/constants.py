@@ -46,6 +46,7 @@ SPREAD = 4              # pixels by which surfaces may grow into empty ones in e
 
 # ---- End (`trim`, `finalise`)
 
+LOCAL_SIGMA = WINDOWS[0][0]     # pixels, of the window over which pixels are compared
 RIM = 3                 # pixels without a surface, of the 8 around, that make a point one of the rim
 
 # ---- Geometry and numerics of the pool, not the method's

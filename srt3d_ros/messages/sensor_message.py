@@ -2,12 +2,12 @@
 
 import hashlib
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.distortion import PlumbBob
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sensor.projection import AngularScan, Pinhole, Projection
+from srt3d_ros.core.sensor.projection import Projection
 from srt3d_ros.files import json_text
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages.cdr import check_frame_id
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from std_msgs.msg import String
 
 OBJECTS = {"gates": GateWords, "histograms": HistogramBins}
-PROJECTIONS = {kind.kind: kind for kind in (Pinhole, AngularScan)}
+PROJECTIONS = {kind.kind: kind for kind in get_args(Projection)}
 
 
 def encode(sensor: SensorModel, **own: str) -> "String":

@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Callable
 
 from srt3d_ros.core.motion.trajectory import Pose
-from srt3d_ros.core.sketching.stream import SketchStream
+from srt3d_ros.core.stream import SketchStream
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import odometry
 from srt3d_ros.nodes.base import LOG_EVERY_S, QUEUE_DEPTH, PipelineNode

@@ -6,17 +6,16 @@ from functools import partial
 import numpy as np
 from std_msgs.msg import String
 
-from srt3d_ros.core import precompile
+from srt3d_ros import precompile
 from srt3d_ros.core.cloud import SURFACE_ORDERS, Cloud
-from srt3d_ros.core.devices import DEVICES, kernels_for
 from srt3d_ros.core.method.background import BACKGROUNDS
 from srt3d_ros.core.method.pile_up import SATURATED, saturated
+from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, MAX_FALSE_ALARM_RATE, MAX_SURFACES
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
-from srt3d_ros.core.reconstruction import Reconstructor
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch
-from srt3d_ros.core.thresholds import DEFAULT_FALSE_ALARM_RATE, MAX_FALSE_ALARM_RATE, MAX_SURFACES
 from srt3d_ros.errors import require
+from srt3d_ros.kernels.devices import DEVICES, kernels_for
 from srt3d_ros.messages import images_message as image_message
 from srt3d_ros.messages import points_message, sketch_message
 from srt3d_ros.messages.camera import camera_info
@@ -27,6 +26,7 @@ from srt3d_ros.nodes.parameters import Parameter, Value
 from srt3d_ros.nodes.sketch_queue import QueuedSketch, SketchQueue
 from srt3d_ros.nodes.topics import NodeSpec
 from srt3d_ros.nodes.worker import Dropped
+from srt3d_ros.reconstruction import Reconstructor
 
 PARAMETERS = (
     Parameter("method", DEFAULT_METHOD, "How to reconstruct. " + "; ".join(
@@ -151,7 +151,7 @@ class ReconstructorNode(PipelineNode):
         if changed := dict(after.items() - before.items()):
             if list(changed) == ["false_alarm_rate"]:
                 for reconstructor in self._built.values():
-                    reconstructor.allow(**changed)
+                    reconstructor.set_false_alarm_rate(**changed)
             else:
                 self._built.clear()
         self._settings = settings
@@ -210,7 +210,7 @@ class ReconstructorNode(PipelineNode):
         self._built[kind] = reconstructor
         if len(self._built) > BUILT_KEPT:
             del self._built[next(iter(self._built))]
-        self.diagnostics.show(device=f"{reconstructor.device}: {reconstructor.why}", frequencies=frequencies)
+        self.diagnostics.show(device=f"{reconstructor.device}: {reconstructor.device_reason}", frequencies=frequencies)
         return reconstructor
 
     def _publish(self, seen: Cloud, sketch: Sketch, frame_id: str) -> None:

@@ -6,13 +6,13 @@ from pathlib import Path
 
 from std_msgs.msg import String
 
-from srt3d_ros.core import precompile
+from srt3d_ros import precompile
 from srt3d_ros.core.sensor.difference import first_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE, RULES
 from srt3d_ros.core.sketching.gate import OFF
 from srt3d_ros.core.sketching.sketch import MAX_SKETCH_SIZE, Sketch
-from srt3d_ros.core.sketching.stream import SketchStream, StreamOptions
+from srt3d_ros.core.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets import open_sensor
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import sensor_message, sketch_message

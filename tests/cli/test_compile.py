@@ -23,7 +23,7 @@ def installed(tmp_path) -> Path:
     source = Path(srt3d_ros.__file__).parent
     for place in (tmp_path / "site", tmp_path / "checkout"):
         shutil.copytree(source, place / "srt3d_ros", ignore=shutil.ignore_patterns("__pycache__"))
-    with (tmp_path / "site" / "srt3d_ros" / "core" / "precompile.py").open("a") as precompile:
+    with (tmp_path / "site" / "srt3d_ros" / "precompile.py").open("a") as precompile:
         precompile.write(ONE_KERNEL)
     return tmp_path / "site"
 

@@ -8,7 +8,8 @@ import pytest
 from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import circular_difference
-from srt3d_ros.core.sensor.model import GAINS, SensorModel
+from srt3d_ros.core.sensor.keys import keys
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.sketch import MAX_PIXEL_PHOTONS, Sketch
@@ -37,7 +38,7 @@ def plane(sensor: SensorModel, depth: float, seed=0) -> Sketch:
     return sketch_photons(frame, sensor, choose("auto", sensor))
 
 
-@pytest.mark.parametrize("gain", GAINS)
+@pytest.mark.parametrize("gain", keys(SensorModel)["gain"].bounds)
 def test_full_pixels_of_the_least_and_the_greatest_gain_give_numbers(gain):
     sensor, frequencies = made(gain=np.full((9, 12), gain))
     pooled = PooledStream(sensor, frequencies, surfaces=2)

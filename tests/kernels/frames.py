@@ -17,7 +17,6 @@ import numpy as np
 import torch
 
 from srt3d_ros.core.cloud import Cloud
-from srt3d_ros.core.devices import on_device
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
@@ -26,6 +25,7 @@ from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.kernels import cpu, maps
 from srt3d_ros.kernels import torch as oracle
 from srt3d_ros.kernels.constants import SAME_SURFACE
+from srt3d_ros.kernels.devices import on_device
 
 T = 300
 GATE = SAME_SURFACE**2

@@ -81,7 +81,7 @@ def test_two_frames_compile_each_step_once_as_one_graph_that_needs_nothing_of_th
                    "collect"},
         "srt3d": {"_start", "pixelwise", "_joined", "_projected", "_moved"}}[method]
     if method == "pooled":
-        reconstructor.allow(1e-2)
+        reconstructor.set_false_alarm_rate(1e-2)
     assert len(reconstructor(SKETCHES[1])) != len(first)
     assert {name: len(each) for name, each in graphs.items()} == compiled
     for graph in sum(graphs.values(), []):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.finalise import finalise
 
 from .frames import ORACLE, RELATIVE, SHAPES, T, make_frame, make_state, make_terms, padded, with_clutter
 
@@ -16,12 +15,13 @@ def test_finalise(backend, shape, surfaces, clutter):
     frame = with_clutter(frame) if clutter else frame
     state, photons = make_state(frame, surfaces, 1), frame.counts + 3
     arguments = padded(frame), photons, state, make_terms(frame, state), 9.0
-    (intensity, std, rest, background), expected = (
-        each.off(finalise(each.kernels, *map(each.on, arguments))) for each in (backend, ORACLE))
+    (points, *found), (wanted, *expected) = (each.finalise(*arguments) for each in (backend, ORACLE))
+    (intensity, std), (wanted_intensity, wanted_std) = (
+        [maps.crop(each, *shape)[:, :, field] for field in (maps.INTENSITY, maps.STD)] for each in (points, wanted))
     there = intensity > 0
-    np.testing.assert_allclose(intensity, expected[0], rtol=RELATIVE, atol=1e-4)
-    np.testing.assert_allclose(std[there], expected[1][there], rtol=RELATIVE)
-    np.testing.assert_allclose([rest, background], expected[2:], rtol=RELATIVE, atol=1e-3)
+    np.testing.assert_allclose(intensity, wanted_intensity, rtol=RELATIVE, atol=1e-4)
+    np.testing.assert_allclose(std[there], wanted_std[there], rtol=RELATIVE)
+    np.testing.assert_allclose(found, expected, rtol=RELATIVE, atol=1e-3)
     view = maps.crop(state, *shape)
     assert shape == (1, 1) or 0 < there.sum() < (view[:, :, maps.INTENSITY] > 0).sum()
     assert clutter or (intensity[view[:, :, maps.SCORE] <= 9] == 0).all()

@@ -8,10 +8,10 @@ import pytest
 from numba.core.runtime import _nrt_python, rtsys
 
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
-from srt3d_ros.core.reconstruction import Reconstructor
 from srt3d_ros.kernels import cpu, maps
 from srt3d_ros.kernels.cpu.compiling import Kernel
 from srt3d_ros.kernels.cpu.method.frame import Frame
+from srt3d_ros.reconstruction import Reconstructor
 
 from .frames import GATE, make_sensor, make_sketch
 
@@ -35,7 +35,7 @@ def steps() -> tuple:
         "no_surfaces": (frame, SURFACES), "search": (frame, frame.matched, state, 1, 2.5, 2, 3.0, None, 0.0, True),
         "expand": (frame, state), "log_likelihood_ratio": (frame, state, terms), "residual": (frame, state, terms, 1),
         "birth_death": (frame, state, terms, GATE), "pooled_step": (frame, state, terms, 9.0, 14, 4, GATE),
-        "trim": (frame, state, terms, 3.0)}
+        "trim": (frame, state, terms, 3.0), "finalise": (frame, inputs[1], state, terms, 3.0)}
     return kernels, arguments
 
 
@@ -47,7 +47,7 @@ def arrays(values) -> list:
 
 
 @pytest.mark.parametrize("name", ["search", "expand", "log_likelihood_ratio", "residual", "birth_death", "pooled_step",
-                                  "trim", "no_surfaces"])
+                                  "trim", "finalise", "no_surfaces"])
 def test_a_kernel_allocates_less_than_a_map_of_points(steps, name, monkeypatch):
     (kernels, arguments), passed = steps, []
     call, run = Kernel.__call__, getattr(kernels, name)

@@ -12,9 +12,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")      # as a node's process ha
 
 from numba.core.registry import cpu_target
 
+from srt3d_ros import precompile  # noqa: F401
 from srt3d_ros.cli import node
-from srt3d_ros.core import precompile  # noqa: F401
-from srt3d_ros.core.sketching import stream
+from srt3d_ros.core import stream
 from srt3d_ros.kernels import cpu  # noqa: F401
 from tools.processes import Process
 

@@ -11,7 +11,7 @@ from sensor_msgs.msg import PointCloud2
 
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.core.sketching.stream import SketchStream, StreamOptions
+from srt3d_ros.core.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets.simulation.motion_profiles import Measured
 from srt3d_ros.messages import odometry, photons_message, sketch_message
 from srt3d_ros.nodes import sources

@@ -1,4 +1,4 @@
-"""Generated files are up to date, and docs/nodes.md has every topic of the nodes."""
+"""Generated files, the sensor's schema among them, are up to date, and docs/nodes.md has every topic of the nodes."""
 
 import re
 

@@ -19,11 +19,11 @@ import numpy as np
 from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, points_needed, without_faint
 from srt3d_ros.core.baselines.xcorr import XCORR, by_pixel
 from srt3d_ros.core.cloud import Cloud
-from srt3d_ros.core.devices import kernels_for
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import TINY
+from srt3d_ros.kernels.devices import kernels_for
 
 BACKGROUND_WINDOW = 1.5         # σ of the moving average, pixels
 BACKGROUND_FLOOR = 0.01         # photons in a pixel: photons away from every surface need some probability

@@ -16,14 +16,13 @@ import numpy as np
 from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, points_needed, without_faint
 from srt3d_ros.core.baselines.weighting import weighted_steps
 from srt3d_ros.core.cloud import Cloud
-from srt3d_ros.core.devices import kernels_for
 from srt3d_ros.core.estimate import Estimate
-from srt3d_ros.core.gpu_check import device_for
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
+from srt3d_ros.core.method.thresholds import check_surfaces
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch
-from srt3d_ros.core.thresholds import check_surfaces
 from srt3d_ros.kernels import maps
+from srt3d_ros.kernels.devices import kernels_for
 
 SMLE_STEPS = 10
 SMLE_RATE = 0.5         # each step halves the remaining error
@@ -34,16 +33,14 @@ class SMLE:
     """Reconstructs frames of one sensor from their sketches; as in the paper, every pixel with photons shows a point.
 
     The sketch of n photons is normally distributed around Ψ_θ with covariance Σ_θ / n. So W = Σ_θ⁻¹ is maximum
-    likelihood, except for the determinant, which n outweighs. Arguments and attributes as for `PooledStream`.
+    likelihood, except for the determinant, which n outweighs. Arguments as for `PooledStream`.
     """
 
     precise = True          # W is the inverse covariance of the sketch, else the identity
 
-    def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, device: str = "auto"):
+    def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, device: str = "cpu"):
         check_surfaces(surfaces)
         self.sensor, self.surfaces, self._matcher = sensor, surfaces, Matcher(sensor, frequencies)
-        device, self.why = device_for(
-            device, sensor, self._matcher.frequencies, lambda name: type(self)(sensor, frequencies, surfaces, name))
         self.device, kernels = kernels_for(device)
         self._kernels = kernels.for_shape(sensor.rows, sensor.cols, surfaces, self._matcher.frequencies)
         self._matched = self._matcher.on(self._kernels)

@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from srt3d_ros.core.cloud import Cloud
+from srt3d_ros.core.method.thresholds import check_surfaces
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame
-from srt3d_ros.core.thresholds import check_surfaces
 from srt3d_ros.progress import progress
 
 CELLS = 2**22           # bins of the histograms that are filtered together: 16 MB an array

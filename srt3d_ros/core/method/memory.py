@@ -6,17 +6,16 @@ from functools import cached_property
 import numpy as np
 
 from srt3d_ros.core.cloud import Cloud
-from srt3d_ros.core.devices import kernels_for
 from srt3d_ros.core.estimate import Estimate
-from srt3d_ros.core.gpu_check import device_for
 from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.method.background import PASSES, Background, BackgroundEstimate
 from srt3d_ros.core.method.pile_up import PileUp
 from srt3d_ros.core.method.pooled import Pooled
+from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, MAX_FALSE_ALARM_RATE, check_surfaces
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch
-from srt3d_ros.core.thresholds import DEFAULT_FALSE_ALARM_RATE, MAX_FALSE_ALARM_RATE, check_surfaces
 from srt3d_ros.errors import require
+from srt3d_ros.kernels.devices import kernels_for
 
 
 class PooledStream:
@@ -27,27 +26,22 @@ class PooledStream:
         frequencies: the integers k_l of the sketches.
         surfaces: K, the most surfaces in a pixel, 1 … 4.
         false_alarm_rate: share of the pixels with background alone that show a point, at most 0.4.
-        device: "cpu", "cuda", or "auto": a GPU that passes `gpu_check`, else the CPU.
+        device: "cpu" or "cuda".
         background: how it spreads over the bins: "sensor": by its background_shape; "flat"; or "auto": what the last
             cloud leaves unexplained, if significant.
         warm_start: begin with the last frame's surfaces where the photons support them: less depth error in a steady
             scene. For consecutive frames.
-
-    Attributes:
-        device, why: where it computes, and the reason, for people to read.
 
     Raises:
         InvalidInput: a parameter that cannot be used.
     """
 
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1,
-                 false_alarm_rate: float = DEFAULT_FALSE_ALARM_RATE, device: str = "auto",
+                 false_alarm_rate: float = DEFAULT_FALSE_ALARM_RATE, device: str = "cpu",
                  background: str = "auto", warm_start: bool = False):
         check_surfaces(surfaces)
         _check_rate(false_alarm_rate)
         self._matcher = Matcher(sensor, frequencies)
-        device, self.why = device_for(device, sensor, self._matcher.frequencies, lambda name: PooledStream(
-            sensor, frequencies, surfaces, false_alarm_rate, name, background, warm_start))
         self.device, kernels = kernels_for(device)
         self._kernels = kernels.for_shape(sensor.rows, sensor.cols, surfaces, self._matcher.frequencies)
         self.sensor, self.surfaces, self.false_alarm_rate = sensor, surfaces, false_alarm_rate
@@ -117,7 +111,7 @@ class PooledStream:
     def background_of(self, sketch: Sketch, false_alarm_rate: float) -> BackgroundEstimate:
         """The background that a first frame converges to."""
         self.forget()
-        self.allow(false_alarm_rate)
+        self.set_false_alarm_rate(false_alarm_rate)
         self._cloud(sketch)
         return self._background.current
 
@@ -141,11 +135,11 @@ class PooledStream:
         self._surfaces, self._is_first = None, True
         self._background.forget()
 
-    def allow(self, false_alarm_rate: float) -> None:
+    def set_false_alarm_rate(self, false_alarm_rate: float) -> None:
         """Use this false alarm rate from the next frame on."""
         _check_rate(false_alarm_rate)
         self.false_alarm_rate = false_alarm_rate
-        self._pooled.allow(false_alarm_rate)
+        self._pooled.set_false_alarm_rate(false_alarm_rate)
 
     def warm_up(self) -> None:
         """Compile the kernels, or load them from the disk: on a CPU for frames of any size, on a GPU for this one.

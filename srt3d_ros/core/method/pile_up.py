@@ -14,13 +14,12 @@ from dataclasses import replace
 import numpy as np
 
 from srt3d_ros.core.cloud import Cloud
-from srt3d_ros.core.devices import kernels_for
 from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies
 from srt3d_ros.core.sketching.sketch import Sketch
-from srt3d_ros.kernels import finalise
 from srt3d_ros.kernels.constants import EPSILON
+from srt3d_ros.kernels.devices import kernels_for
 
 SATURATED = 0.95        # share of cycles with a photon, above which the others say little about the flux
 NEWTON_STEPS = 8        # from λ = r / N, they approach the root from below
@@ -71,7 +70,7 @@ class PileUp:
         self.background_share = float((share * seen).sum() / max(seen.sum(), 1))
         left = flux.copy()
         np.subtract.at(left, at, signal)
-        left, exposure = (np.float32(values)[:, None] for values in (sketch.cycles * left, sensor.exposure))
+        left = (sketch.cycles * left).astype(np.float32)
         pulse, step = (np.interp(signal, FLUXES, shifts) for shifts in (self._shifts, self._step_shifts))
         shift = pulse + background * (step - pulse)
         error = error * np.interp(signal, FLUXES, np.abs(np.gradient(self._shifts, FLUXES)))
@@ -80,7 +79,7 @@ class PileUp:
         return replace(cloud, depth_bins=depth, xyz=sensor.xyz(cloud.row, cloud.col, depth),
                        intensity=(sketch.cycles * signal / sensor.exposure[at]).astype(np.float32),
                        depth_std_bins=np.hypot(cloud.depth_std_bins, error).astype(np.float32),
-                       background=finalise.background(self._kernels, left, exposure))
+                       background=self._kernels.background(left, sensor.exposure))
 
     def _fluxes(self, cloud: Cloud, sketch: Sketch, flux: np.ndarray) -> tuple[np.ndarray, ...]:
         """λ of each point, b of its pixel, and the standard deviation of λ, float64 [N] each; `flux` is Λ."""

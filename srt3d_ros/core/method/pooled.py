@@ -9,17 +9,15 @@ pixels around it instead, each weighted by how surely it sees the same surface: 
 `core.baselines.sketched.SRT3D` is the paper's method, step by step.
 """
 
-from functools import partial
 from math import ceil
 
 import numpy as np
 
 from srt3d_ros.core.estimate import Estimate, Unexplained
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
+from srt3d_ros.core.method.thresholds import continuation_threshold, score_threshold
 from srt3d_ros.core.sketching.sketch import Sketch
-from srt3d_ros.core.thresholds import continuation_threshold, score_threshold
 from srt3d_ros.kernels import constants, maps
-from srt3d_ros.kernels.finalise import averaged, finalise, nearness, unexplained, without_weak
 
 STAYING = 0.5           # share of false points that survive the iterations (`python -m benchmarks false_alarms`)
 
@@ -41,15 +39,12 @@ class Pooled:
         self._matched, self._highest = matcher.on(kernels), max(matcher.frequencies)
         self._equaliser, self._passed, self._used, self._rays = map(array, (
             matcher.equaliser, matcher.passed, matcher.used, sensor.rays))
-        self._near = nearness(kernels, self._used)
         # On a GPU an even background has a clutter of ones, so that each step is compiled once, not twice.
         self._even = None if kernels.ON_HOST else array(np.ones(sensor.num_bins, np.float32))
-        self._average, self._finalise, self._left, self._drop_weak = (
-            kernels.fused(partial(each, kernels)) for each in (averaged, finalise, unexplained, without_weak))
         self._run = kernels.recorded(self._estimate)
-        self.allow(false_alarm_rate)
+        self.set_false_alarm_rate(false_alarm_rate)
 
-    def allow(self, false_alarm_rate: float) -> None:
+    def set_false_alarm_rate(self, false_alarm_rate: float) -> None:
         """Use this false alarm rate from the next frame on."""
         started = false_alarm_rate / STAYING
         found = score_threshold(started, self._highest, constants.WIDE_SCALE)
@@ -72,7 +67,7 @@ class Pooled:
         kernels, (weak, found, further, continued) = self._kernels, enough
 
         # Match: remove delay, IRF and background from each pixel's sketch.
-        taken = None if background is None else self._average(background, self._used, self._near)
+        taken = None if background is None else kernels.local_mean(background, self._used)
         matched, counts = kernels.prepare(sums, photons, self._equaliser, self._used, taken, self._passed, mean)
         frame = self._matched(matched, counts, self._even if clutter is None else clutter)
 
@@ -81,7 +76,7 @@ class Pooled:
         sure = constants.START_SCORE
         self._search(frame, state, constants.START_SCALES, sure, sure, start, continued)
         state = self._iterate(frame, state, *constants.WINDOWS[0], constants.FIRST_STEPS)
-        self._drop_weak(state, weak)
+        kernels.drop_weak(state, weak)
         self._search(frame, state, (constants.WIDE_SCALE,), found, further)
 
         # Iterate over wider windows.
@@ -91,13 +86,12 @@ class Pooled:
         # Finish: outlines, threshold, intensities, standard deviations, points.
         terms = kernels.expand(frame, state)
         kernels.trim(frame, state, terms, continued)
-        intensity, std, rest, background = self._finalise(frame, photons, state, terms, continued)
-        left = self._left(frame, state, intensity, rest, taken, self._used, self._near,
-                          self._passed) if self._explains else rest[:0, 0]
-        depth = maps.crop(state, *frame.shape)[:, :, maps.DEPTH]
+        points, rest, background = kernels.finalise(frame, photons, state, terms, continued)
+        left = kernels.unexplained(frame, points, rest, taken, self._passed) if self._explains else rest[:0, 0]
+        view = maps.crop(points, *frame.shape)
         return state, left, rest, background, *kernels.collect(
-            depth, intensity, std, self._rays, self._sensor.bin_width_m, float(self._sensor.range_m(0)),
-            self._sensor.num_bins)
+            view[:, :, maps.DEPTH], view[:, :, maps.INTENSITY], view[:, :, maps.STD], self._rays,
+            self._sensor.bin_width_m, float(self._sensor.range_m(0)), self._sensor.num_bins)
 
     def _search(self, frame: MatchedFrame, state, scales, enough, further, start=None, confirmed=0.0) -> None:
         """Search by matched filters on sketches pooled at growing scales; a pixel takes the first sure surface.

@@ -15,11 +15,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from srt3d_ros.core.devices import kernels_for
 from srt3d_ros.core.motion.trajectory import Trajectory
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import irf_spectrum
 from srt3d_ros.core.sketching.sketch import MAX_PIXEL_PHOTONS, Sketch, added_cycles, check_frequencies
+from srt3d_ros.kernels.devices import kernels_for
 
 LEAST_PHOTONS = 1e-9    # avoids division by 0
 FAR_M = 100.0           # range used without frequency 1: its parallax within a frame is less than a pixel

@@ -1,34 +1,33 @@
 """HistogramBins: where the bins of a histogramming sensor lie, and the photons in them that are not of the scene."""
 
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
-from srt3d_ros.errors import finite, require
+from srt3d_ros.core.sensor.keys import Key, documented, numbers
+from srt3d_ros.errors import require
 
 HALF_BIN = 0.5              # tolerance for the end of the last bin, against rounding
 
 
+@documented
 @dataclass(frozen=True, eq=False)
 class HistogramBins:
-    """Bin j of each pixel's histogram spans `bin_width` bins of the sensor's axis from `first_bin` + j · `bin_width`.
+    """Bin j of each pixel's histogram spans the sensor's bins from first_bin + j · bin_width on.
 
-    Without it a histogram has the sensor's T bins. `delay_bins` describes pixels whose bins begin later. Photons count
-    as in the middle of their bin, so give an IRF that includes the width of these bins.
-
-    Args:
-        num_bins: n, bins of a histogram.
-        first_bin: where bin 0 begins, in bins of the axis from the beginning of its bin 0; 0 or more.
-        bin_width: bins of the axis in one bin of the histogram.
-        template: float32 [n], or [rows · cols, n], 0 or more: photons in each bin of every message that are not from
-            the scene (crosstalk, the pulse of a cover glass). They are subtracted. Bins far above the template's mean
-            are left out of sketches, because subtraction does not remove noise.
+    Photons are taken to lie in its middle: give an IRF as wide as these bins make it.
     """
 
-    num_bins: int
-    first_bin: float = 0.0
-    bin_width: float = 1.0
-    template: np.ndarray | None = None
+    num_bins: Annotated[int, Key("n, bins of a histogram", "bin", more="1 to the sensor's num_bins")]
+    first_bin: Annotated[float, Key(
+        "where bin 0 of the histogram begins, from the beginning of the sensor's bin 0", "bin",
+        more="delay_bins shifts single pixels; 0 or more")] = 0.0
+    bin_width: Annotated[float, Key("the sensor's bins in a bin of the histogram", "bin", more="above 0")] = 1.0
+    template: Annotated[np.ndarray | None, Key(
+        "photons in each bin of every message that do not come from the scene (crosstalk, a cover glass)", "photon",
+        more="they are subtracted, and bins far above their mean are left out of sketches; default: none",
+        dtype="float32", shape="[n] for all pixels, or [rows · cols, n]", array="histogram_template")] = None
 
     def __eq__(self, other) -> bool:
         return isinstance(other, HistogramBins) and all(
@@ -38,8 +37,7 @@ class HistogramBins:
         """Raise InvalidInput unless the bins lie on the axis of a sensor of this size."""
         n = self.num_bins
         require(type(n) is int and 1 <= n <= num_bins, "histograms.num_bins", n, f"an integer from 1 to {num_bins}, T")
-        first, width = (finite(f"histograms.{name}", getattr(self, name), "a number of bins")
-                        for name in ("first_bin", "bin_width"))
+        _, first, width = numbers(self, "histograms.").values()
         require(width > 0, "histograms.bin_width", width, "above 0 bins")
         require(first >= 0, "histograms.first_bin", first, "0 or more bins")
         end = first + n * width

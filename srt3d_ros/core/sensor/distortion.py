@@ -1,10 +1,12 @@
 """PlumbBob: lens distortion, and its inverse."""
 
 from dataclasses import astuple, dataclass
+from typing import Annotated
 
 import numpy as np
 
-from srt3d_ros.errors import InvalidInput, finite
+from srt3d_ros.core.sensor.keys import Key, documented, numbers
+from srt3d_ros.errors import InvalidInput
 from srt3d_ros.kernels.lens import distorted
 
 PATH_STEPS = 4              # from the image centre to a pixel: keeps Newton's method on one branch
@@ -13,27 +15,28 @@ PRECISION = 1e-12           # of the solution, relative to the focal length
 SAMPLES = 64                # between the centre and a pixel, at which the model must be invertible
 
 
+@documented
 @dataclass(frozen=True)
 class PlumbBob:
-    """Radial and tangential distortion, as `plumb_bob` of sensor_msgs/CameraInfo and OpenCV; none by default.
+    """Radial and tangential distortion, `plumb_bob` of sensor_msgs/CameraInfo and OpenCV.
 
-    A ray (x, y, 1) is seen at (fx · x' + cx, fy · y' + cy), where with r² = x² + y²
+    The ray (x, y, 1) is seen at col = fx · x' + cx, row = fy · y' + cy, where r² = x² + y²,
 
-        x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)
+        x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²),
         y' = y (1 + k1 r² + k2 r⁴ + k3 r⁶) + p1 (r² + 2 y²) + 2 p2 x y
 
-    (D. C. Brown, Close-range camera calibration, Photogrammetric Engineering 37 (8), 1971.)
+    (D. C. Brown, Close-range camera calibration, Photogrammetric Engineering 37 (8), 1971). Refused if some pixel then
+    sees no ray, or two.
     """
 
-    k1: float = 0.0
-    k2: float = 0.0
-    p1: float = 0.0
-    p2: float = 0.0
-    k3: float = 0.0
+    k1: Annotated[float, Key("radial", "1", needed=True)] = 0.0
+    k2: Annotated[float, Key("radial", "1", needed=True)] = 0.0
+    p1: Annotated[float, Key("tangential", "1", needed=True)] = 0.0
+    p2: Annotated[float, Key("tangential", "1", needed=True)] = 0.0
+    k3: Annotated[float, Key("radial", "1")] = 0.0
 
     def __post_init__(self):
-        for name, value in vars(self).items():
-            finite(f"projection.distortion.{name}", value)
+        numbers(self, "projection.distortion.")
 
     def __bool__(self) -> bool:
         """True if any coefficient is not 0."""

@@ -2,110 +2,103 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from srt3d_ros.core.sensor.bins import HistogramBins
+from srt3d_ros.core.sensor.keys import Key, documented, keys, numbers
 from srt3d_ros.core.sensor.projection import Pinhole, Projection
-from srt3d_ros.errors import InvalidInput, finite, quoted, require
+from srt3d_ros.errors import InvalidInput, quoted, require
 
 SPEED_OF_LIGHT = 299_792_458.0
 MAX_SIDE = 65_536
 MAX_PIXELS = 2**24
 MAX_BINS = 65_535
-BIN_WIDTHS_S = 1e-18, 1.0
 MAX_RANGE_M = 1e12          # its square fits into float32
-GAINS = 1e-4, 1e4
-MAX_CYCLES = 10**9
-MAX_DELAY_BINS = 1e6        # float32 still resolves an eighth of a bin
+DELAYS = -1e6, 1e6          # bins; float32 still resolves an eighth of a bin
+WORDS = 0, 65_535           # 16 bits
+PIXEL_MAPS = "gain", "delay_bins", "mask"      # [rows, cols]
 
 
+@documented
 @dataclass(frozen=True)
 class GateWords:
-    """The ToA words of a gated SPAD array: bin = word − `first_word`; `no_detection` = no photon."""
+    """How a gated SPAD array writes its ToA words: bin = word − first_word."""
 
-    first_word: int = 0
-    no_detection: int = 65_535
+    first_word: Annotated[int, Key("word of bin 0", "word", WORDS, needed=True)] = 0
+    no_detection: Annotated[int, Key("word of a cycle in which the pixel saw nothing", "word", WORDS, needed=True)
+                            ] = 65_535
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            require(0 <= value <= 65_535, f"gates.{name}", value, "a 16-bit word, 0 … 65535")
+        numbers(self, "gates.")
 
 
+@documented
 @dataclass(frozen=True, eq=False, repr=False)
 class SensorModel:
-    """Geometry, timing and calibration of a sensor.
+    """Geometry, timing and calibration of a sensor: what its photons do not say.
 
     Depths and float ToA are positions on one axis of bins; an integer ToA b is the whole bin b, from b − ½ to b + ½.
-    A surface at depth d puts `irf[irf_ref]` on the bin whose centre is at d: p(toa = b) ∝ irf[b − d + irf_ref]. It lies
-    at range = c/2 · (toa_offset_bins + d) · bin_width_s + range_offset_m along its pixel's ray.
-
-    Args:
-        rows, cols: pixels; row 0 is the top row, pixel = row · cols + col.
-        num_bins: T, bins of one laser period, or of a gate.
-        bin_width_s: seconds, 1e-18 … 1.
-        irf: float32 [L] for all pixels, or [rows · cols, L] for each; L ≤ T, 0 or more, normalised to sum 1 here.
-        irf_ref: index into `irf` that marks the depth; the peak unless given.
-        toa_offset_bins: bins from the laser pulse to position 0, the centre of bin 0.
-        range_offset_m: metres added to every range. No range of bins 0 … T may exceed ±1e12 m.
-        gain: float32 [rows, cols], relative detection efficiency, 1e-4 … 1e4; 1 if absent.
-        delay_bins: float32 [rows, cols], bins by which a pixel's ToA come late, at most ±1e6; 0 if absent.
-        mask: bool [rows, cols], False where a pixel must not be used (hot, dead); all True if absent.
-        background_shape: float32 [T], how background photons spread over the bins of a pixel without delay;
-            non-negative, not all zero, normalised to sum 1 here; evenly if absent.
-        projection: Pinhole or AngularScan; a pinhole of 30° across the larger side unless given.
-        gates: ToA words of a gated array, for the `gates` topic.
-        histograms: bins of a histogramming sensor, for the `histograms` topic; T bins from bin 0 on if absent.
-        cycles: laser cycles in a message of photons or histograms, if the detector records the first photon of each:
-            pile-up is then corrected. `gates` messages have their number of cycles. None: not known, no correction.
-        frame_id: the sensor's frame in tf.
+    A return from depth d is distributed as the IRF with its reference bin at d: p(toa = b) ∝ irf[b − d + irf_ref]. It
+    lies at range = c/2 · (toa_offset_bins + d) · bin_width_s + range_offset_m along its pixel's ray.
 
     Raises:
-        InvalidInput: naming the field that cannot be used.
+        InvalidInput: naming the field that cannot be used. No range of bins 0 … T may exceed ±1e12 m.
     """
 
-    rows: int
-    cols: int
-    num_bins: int
-    bin_width_s: float
-    irf: np.ndarray
-    irf_ref: int | None = None
-    toa_offset_bins: float = 0.0
-    range_offset_m: float = 0.0
-    gain: np.ndarray | None = None
-    delay_bins: np.ndarray | None = None
-    mask: np.ndarray | None = None
-    background_shape: np.ndarray | None = None
-    projection: Projection | None = None
-    gates: GateWords | None = None
-    histograms: HistogramBins | None = None
-    cycles: int | None = None
-    frame_id: str = "lidar"
+    rows: Annotated[int, Key("rows of pixels, row 0 at the top", "pixel", (1, MAX_SIDE), "pixel = row · cols + col",
+                             option=True)]
+    cols: Annotated[int, Key("columns of pixels, column 0 on the left", "pixel", (1, MAX_SIDE), option=True)]
+    num_bins: Annotated[int, Key("T, bins of one laser period", "bin", (2, MAX_BINS),
+                                 "or of the gate that wraps like one", option=True)]
+    bin_width_s: Annotated[float, Key("width of a bin", "s", (1e-18, 1.0), option=True)]
+    irf: Annotated[np.ndarray, Key("impulse response, photons in each bin", "any", more="L ≤ num_bins, 0 or more, "
+                                   "baseline removed; any sum", dtype="float32",
+                                   shape="[L] for all pixels, or [rows · cols, L]", option=True)]
+    irf_ref: Annotated[int | None, Key("entry of the IRF that marks the depth (default: its peak)", "bin",
+                                       option=True)] = None
+    toa_offset_bins: Annotated[float, Key("from the laser pulse to the centre of bin 0", "bin",
+                                          more="there is position 0 of float ToA and depths, see below")] = 0.0
+    range_offset_m: Annotated[float, Key("added to every range", "m")] = 0.0
+    gain: Annotated[np.ndarray | None, Key("relative detection efficiency", "1", (1e-4, 1e4), "default 1",
+                                           "float32", "[rows, cols]")] = None
+    delay_bins: Annotated[np.ndarray | None, Key("how late a pixel's ToA come", "bin", DELAYS, "default 0",
+                                                 "float32", "[rows, cols]")] = None
+    mask: Annotated[np.ndarray | None, Key("false where a pixel must not be used (hot, dead)", "1", (False, True),
+                                           "default true", "bool", "[rows, cols]")] = None
+    background_shape: Annotated[np.ndarray | None, Key(
+        "how background photons spread over the bins of a pixel without delay", "any",
+        more="0 or more, any sum; default: evenly", dtype="float32", shape="[num_bins]")] = None
+    projection: Annotated[Projection | None, Key(
+        "where the pixels look", more="default: a pinhole of 30° across the larger side",
+        array="projection_values")] = None
+    gates: Annotated[GateWords | None, Key("ToA words of the `gates` topic", more="needed only there",
+                                           array="gate_words")] = None
+    histograms: Annotated[HistogramBins | None, Key(
+        "bins of the `histograms` topic", more="default: the sensor's num_bins bins, from bin 0 on",
+        array="histogram_bins")] = None
+    cycles: Annotated[int | None, Key(
+        "laser cycles of a frame, to correct pile-up in a detector that records only the first photon of each cycle",
+        "cycle", (1, 10**9), "those of `gates` messages are counted; default: unknown, no correction",
+        option=True)] = None
+    frame_id: Annotated[str, Key("the sensor's frame in tf")] = "lidar"
 
     def __post_init__(self) -> None:
-        for name, least, most in (("rows", 1, MAX_SIDE), ("cols", 1, MAX_SIDE), ("num_bins", 2, MAX_BINS)):
-            value = _integer(name, getattr(self, name))
-            require(least <= value <= most, name, value, f"an integer from {least} to {most}")
+        for name, value in numbers(self).items():
             self._set(name, value)
         require(self.pixels <= MAX_PIXELS, "rows × cols", f"{self.rows} × {self.cols}", f"at most {MAX_PIXELS} pixels")
-        for name in ("bin_width_s", "toa_offset_bins", "range_offset_m"):
-            self._set(name, finite(name, getattr(self, name)))
-        least, most = BIN_WIDTHS_S
-        require(least <= self.bin_width_s <= most, "bin_width_s", self.bin_width_s, f"seconds, {least:g} to {most:g}")
         with np.errstate(over="ignore"):
             farthest = float(np.abs(self.range_m([0, self.num_bins])).max())
         require(farthest <= MAX_RANGE_M, "range", f"{farthest:g} m", f"at most {MAX_RANGE_M:g} m, by toa_offset_bins, "
                 "bin_width_s and range_offset_m")
         self._check_irf()
         self._check_maps()
-        if self.cycles is not None:
-            self._set("cycles", _integer("cycles", self.cycles))
-            require(1 <= self.cycles <= MAX_CYCLES, "cycles", self.cycles, f"an integer from 1 to {MAX_CYCLES}")
-        for name, kind in (("histograms", HistogramBins), ("gates", GateWords), ("projection", Projection)):
-            value = getattr(self, name)
-            require(value is None or isinstance(value, kind), name, quoted(value), f"a {name} object, or None")
+        for name in ("projection", "gates", "histograms"):
+            value, kinds = getattr(self, name), keys(SensorModel)[name].kinds
+            require(value is None or isinstance(value, kinds), name, quoted(value),
+                    f"{' or '.join(kind.__name__ for kind in kinds)}, or None")
         require(isinstance(self.frame_id, str), "frame_id", self.frame_id, "text")
         if self.histograms is not None:
             self.histograms.check(self.rows, self.cols, self.num_bins)
@@ -128,19 +121,19 @@ class SensorModel:
         require(irf.shape[-1] <= self.num_bins, "irf length", irf.shape[-1], f"at most num_bins = {self.num_bins}")
         self._set("irf", _normalised("irf", irf, "finite float32 values of 0 or more (remove the baseline)"))
         peak = int(np.argmax(self.irf if irf.ndim == 1 else self.irf.sum(axis=0)))
-        ref = peak if self.irf_ref is None else _integer("irf_ref", self.irf_ref)
+        ref = peak if self.irf_ref is None else self.irf_ref
         require(0 <= ref < irf.shape[-1], "irf_ref", ref, f"an index into the IRF, 0 … {irf.shape[-1] - 1}")
         self._set("irf_ref", ref)
 
     def _check_maps(self) -> None:
         shape = self.rows, self.cols
-        for name, dtype, (low, high) in (("gain", np.float32, GAINS), ("mask", np.bool_, (False, True)),
-                                         ("delay_bins", np.float32, (-MAX_DELAY_BINS, MAX_DELAY_BINS))):
-            if getattr(self, name) is not None:
-                value = _array(name, getattr(self, name), dtype)
+        for name in PIXEL_MAPS:
+            key, given = keys(SensorModel)[name], getattr(self, name)
+            if given is not None:
+                value, (low, high) = _array(name, given, key.dtype), key.bounds
                 require(value.shape == shape, f"{name} shape", value.shape, f"[rows, cols] = {shape}")
-                require(bool(((value >= low) & (value <= high)).all()), name, "not finite or out of bounds in places",
-                        f"{low:g} to {high:g} (use mask for bad pixels)")
+                require(bool(((value >= low) & (value <= high)).all()), name,
+                        "has values that are not finite or are outside", f"{key.expected} (use mask for bad pixels)")
                 self._set(name, value)
         if self.background_shape is not None:
             shape = _array("background_shape", self.background_shape, np.float64)
@@ -206,7 +199,7 @@ class SensorModel:
         """
         shape = self.rows, self.cols
         (first_row, row_count), (first_col, col_count) = _span("rows", rows, self.rows), _span("cols", cols, self.cols)
-        maps = {name: getattr(self, name) for name in ("gain", "delay_bins", "mask")}
+        maps = {name: getattr(self, name) for name in PIXEL_MAPS}
         of_pixels = {name: values[rows, cols] for name, values in maps.items() if values is not None}
         if self.irf.ndim == 2:
             of_pixels["irf"] = self.irf.reshape(*shape, -1)[rows, cols].reshape(-1, self.irf.shape[1])
@@ -237,12 +230,6 @@ def _normalised(name: str, density: np.ndarray, wanted: str) -> np.ndarray:
     if not np.allclose(total, 1, rtol=0, atol=1e-6):        # a copy of a sensor keeps its bits
         density = density / total
     return np.ascontiguousarray(density, dtype=np.float32)
-
-
-def _integer(name: str, value) -> int:
-    number = finite(name, value)
-    require(number == int(number), name, quoted(value), "an integer")
-    return int(number)
 
 
 def _array(name: str, value, dtype) -> np.ndarray:

@@ -1,40 +1,37 @@
 """Projections: the unit ray of each pixel in the sensor's frame."""
 
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
 from srt3d_ros.core.sensor.distortion import PlumbBob
+from srt3d_ros.core.sensor.keys import Key, documented, numbers
 from srt3d_ros.errors import require
 
 DEFAULT_FOV_DEG = 30.0
-FOCAL_LENGTHS = 1e-6, 1e100     # pixels; this range and MAX_CENTRE keep squares of a ray's coordinates finite
-MAX_CENTRE = 1e9                # pixels
-MAX_ANGLE_RAD = 1e6
+FOCAL_LENGTHS = 1e-6, 1e100     # pixels; with CENTRES they keep squares of a ray's coordinates finite
+CENTRES = -1e9, 1e9             # pixels
+ANGLES_RAD = -1e6, 1e6
 
 
+@documented
 @dataclass(frozen=True)
 class Pinhole:
-    """A camera: ray ∝ ((col − cx) / fx, (row − cy) / fy, 1), in the optical frame (z forward, x right, y down).
+    """A camera, in its optical frame: z forward, x right, y down.
 
-    Args:
-        fx, fy: focal lengths, pixels.
-        cx, cy: principal point, pixels; the centre of pixel (0, 0) is at (0, 0).
-        distortion: of the lens; removed from pixel positions before they become rays.
+    Ray ∝ ((col − cx) / fx, (row − cy) / fy, 1), but for the distortion.
     """
 
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    distortion: PlumbBob = PlumbBob()
+    fx: Annotated[float, Key("focal length", "pixel", FOCAL_LENGTHS)]
+    fy: Annotated[float, Key("focal length", "pixel", FOCAL_LENGTHS)]
+    cx: Annotated[float, Key("principal point", "pixel", CENTRES, "the centre of pixel (0, 0) is at (0, 0)")]
+    cy: Annotated[float, Key("principal point", "pixel", CENTRES)]
+    distortion: Annotated[PlumbBob, Key("of the lens", more="default: none", array="distortion")] = PlumbBob()
     kind = "pinhole"
 
     def __post_init__(self):
-        for name in ("fx", "fy", "cx", "cy"):
-            value = getattr(self, name)
-            least, most = (-MAX_CENTRE, MAX_CENTRE) if name[0] == "c" else FOCAL_LENGTHS
-            require(least <= value <= most, f"projection.{name}", value, f"{least:g} to {most:g} pixels")
+        numbers(self, "projection.")
 
     @classmethod
     def from_fov(cls, rows: int, cols: int, fov_deg: float = DEFAULT_FOV_DEG) -> "Pinhole":
@@ -74,23 +71,22 @@ class Pinhole:
         return np.broadcast_to(x, (rows, cols)), np.broadcast_to(y[:, None], (rows, cols))
 
 
+@documented
 @dataclass(frozen=True)
 class AngularScan:
     """A scanner with evenly spaced angles: x forward, y left, z up (REP-103).
 
-    The ray of (row, col) has azimuth `azimuth_start_rad + col · azimuth_step_rad` (positive to the left)
-    and elevation `elevation_start_rad + row · elevation_step_rad` (positive up).
+    Azimuth from the column, elevation from the row.
     """
 
-    azimuth_start_rad: float
-    azimuth_step_rad: float
-    elevation_start_rad: float
-    elevation_step_rad: float
+    azimuth_start_rad: Annotated[float, Key("of column 0, positive to the left", "rad", ANGLES_RAD)]
+    azimuth_step_rad: Annotated[float, Key("from column to column", "rad", ANGLES_RAD)]
+    elevation_start_rad: Annotated[float, Key("of row 0, positive up", "rad", ANGLES_RAD)]
+    elevation_step_rad: Annotated[float, Key("from row to row", "rad", ANGLES_RAD)]
     kind = "angular_scan"
 
     def __post_init__(self):
-        for name, value in vars(self).items():
-            require(abs(value) <= MAX_ANGLE_RAD, f"projection.{name}", value, f"radians, at most {MAX_ANGLE_RAD:g}")
+        numbers(self, "projection.")
 
     def rays(self, rows: int, cols: int) -> np.ndarray:
         """Unit rays, float32 [rows, cols, 3]."""

@@ -10,12 +10,12 @@ from functools import cached_property
 
 import numpy as np
 
-from srt3d_ros.core.devices import kernels_for
 from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sketching.sketch import Sketch, check_frequencies
 from srt3d_ros.errors import require
+from srt3d_ros.kernels.devices import kernels_for
 
 MAX_WINDOW_BYTES = 2**31
 ROUNDING = 1e-5         # relative error of float32 sums

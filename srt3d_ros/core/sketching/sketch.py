@@ -139,7 +139,7 @@ class Sketch:
         wanted = f"one that takes sketches: {', '.join(SKETCH_METHODS)}"
         require(find(method).needs == "sketch", "method", method, wanted)
         # loaded by name, as in `save`: these modules import Sketch
-        reconstructor = import_module("srt3d_ros.core.reconstruction").Reconstructor(
+        reconstructor = import_module("srt3d_ros.reconstruction").Reconstructor(
             self.sensor, self.frequencies, method=method, surfaces=surfaces, device=device,
             false_alarm_rate=false_alarm_rate, background=background)
         return reconstructor(self)

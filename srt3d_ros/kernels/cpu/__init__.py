@@ -16,7 +16,8 @@ from srt3d_ros.kernels.cpu.method.birth_death import birth_death
 from srt3d_ros.kernels.cpu.method.blur import blur
 from srt3d_ros.kernels.cpu.method.collect import collect
 from srt3d_ros.kernels.cpu.method.expand import expand
-from srt3d_ros.kernels.cpu.method.likelihood import log_likelihood_ratio, noise_ratio
+from srt3d_ros.kernels.cpu.method.finalise import background, drop_weak, finalise, local_mean
+from srt3d_ros.kernels.cpu.method.likelihood import log_likelihood_ratio
 from srt3d_ros.kernels.cpu.method.match import match
 from srt3d_ros.kernels.cpu.method.pooled_step import pooled_step
 from srt3d_ros.kernels.cpu.method.prepare import prepare, residual
@@ -37,10 +38,10 @@ from srt3d_ros.kernels.maps import UNIT
 
 # Modules whose kernels no frame of the default method needs
 OTHER_METHODS, BEFORE_IT = ("apss", "gradients", "match"), ("phase_sums", "move_sketch")
-IN_A_WORKSPACE = (birth_death, expand, log_likelihood_ratio, no_surfaces, pooled_step, prepare, residual, search, trim,
-                  unexplained)
-ANYWHERE = (apss, array, blur, collect, fused, match, median_depth, noise_ratio, numpy, pixelwise, recorded, unpack,
-            usual_intensity)
+IN_A_WORKSPACE = (birth_death, expand, finalise, log_likelihood_ratio, no_surfaces, pooled_step, prepare, residual,
+                  search, trim, unexplained)
+ANYWHERE = (apss, array, background, blur, collect, drop_weak, fused, local_mean, match, median_depth, numpy, pixelwise,
+            recorded, unpack, usual_intensity)
 
 
 def load() -> None:

@@ -9,7 +9,6 @@ from srt3d_ros.kernels.cpu.method.blur import Cells
 from srt3d_ros.kernels.cpu.method.match import cells_of
 from srt3d_ros.kernels.cpu.method.search import Memory
 from srt3d_ros.kernels.cpu.method.slanted import SLANTS
-from srt3d_ros.kernels.cpu.method.unexplained import SURFACES
 from srt3d_ros.kernels.cpu.method.voters import PLACES, VOTER
 from srt3d_ros.kernels.maps import FIELDS, LANES, SCORE, TERMS, padded_shape
 
@@ -46,9 +45,13 @@ class Workspace:
         self.chosen, self.chosen_ratios = zeros(surfaces, FIELDS, height * width), zeros(surfaces, height * width)
         self.voters = zeros(threads, PLACES * surfaces, VOTER, LANES)
         self.undecided_sketches = zeros(threads, twice, LANES)
-        # The end: v, n and g r at rims, and 1 where a used pixel has no surface; what `unexplained` reads
-        self.rim, self.blank, self.seen = zeros(height, 3, width), zeros(height, width), zeros(
-            height, SURFACES + surfaces, width)
+        # The end: v, n and g r at rims, and 1 where a used pixel has no surface
+        self.rim, self.blank = zeros(height, 3, width), zeros(height, width)
+        # What is averaged around pixels, and each thread's means of a row; photons left, background, and what was taken
+        self.compared, self.left, self.seen = zeros(height, 2 * surfaces, width), zeros(height, 2, width), zeros(
+            height, 3, width)
+        self.means = zeros(threads, 2 * surfaces + 3, width)
+        self.rest, self.background, self.taken = zeros(height, width), zeros(height, width), zeros(height, width)
 
     def other_state(self, state: np.ndarray) -> np.ndarray:
         """The state to write into when this one is read."""

@@ -7,7 +7,6 @@ within a factor LIKENESS of the expected g r, or its square where the pixel has 
 is at least −DEAD_LIMIT.
 """
 
-import numpy as np
 from numba import float32, prange
 
 from srt3d_ros.kernels import constants
@@ -21,13 +20,9 @@ DEAD_LIMIT, LIKENESS = F32(constants.DEAD_LIMIT), F32(constants.LIKENESS)
 SHARED_LIKENESS = LIKENESS * LIKENESS
 
 
-def noise_ratio(frame, depth):
-    return 1.0 if frame.clutter is None else frame.clutter[np.rint(depth).astype(np.int32) % frame.num_bins]
-
-
 @inline
 def noise_at(frame, depth):
-    """c(t), `noise_ratio`, at depths in [0, T]."""
+    """c(t), `clutter` at the nearest bin, at depths in [0, T]."""
     bins = F32(len(frame.clutter))
     bin = rint(depth)
     return gather(frame.clutter, to_cell(bin - bins * floor(bin / bins), bins - ONE))

@@ -1,21 +1,23 @@
 """Sums over the pixels of what the points do not explain, from which the background is estimated.
 
 With y_l = g Σ_k r_k exp(i ω_l t_k) and w = b̄ / n̄: of w conj(q_l) (z_l − |ĥ_l|² y_l), of w y_l (real parts before
-imaginary ones), of w · own, w · taken, w² n and Σ_l |z_l − |ĥ_l|² y_l|² / |ĥ_l|² n̄. Rows are summed in float32, their
-sums in float64.
+imaginary ones), of w · own, w · taken, w² n and Σ_l |z_l − |ĥ_l|² y_l|² / |ĥ_l|² n̄. Own are the photons of `rest` in
+used pixels, b̄ and n̄ local means of own and of n. Rows are summed in float32, their sums in float64.
 """
 
 import numpy as np
-from numba import float32, prange
+from numba import float32, get_thread_id, prange
 
 from srt3d_ros.kernels import maps
+from srt3d_ros.kernels.constants import LOCAL_SIGMA
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, ONE, TINY, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import line, parallel
+from srt3d_ros.kernels.cpu.method.blur import blur_row
 from srt3d_ros.kernels.cpu.method.frame import Frame
-from srt3d_ros.kernels.cpu.vectors import fma, full, gather, lane_numbers, lanes_of, load, total
-from srt3d_ros.kernels.maps import DEPTH, LANES, MARGIN
+from srt3d_ros.kernels.cpu.vectors import fma, full, gather, lane_numbers, lanes_of, load, store, total, where
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, LANES, MARGIN
 
-OWN, TAKEN, BACKGROUND, PHOTONS, SURFACES = range(5)        # rows of `seen`: own, taken, b̄, n̄, and r of each surface
+OWN, PHOTONS, USED = range(3)       # of `seen`: own, n, 1 in used pixels
 
 
 @line
@@ -26,31 +28,44 @@ def _passed_at(passed, i, j, c):
 
 
 @line
-def _shown_at(i, j, l, frame, state, seen):
+def _see_row(i, frame, rest, seen):
+    """Write what is averaged around pixels."""
+    for j in range(MARGIN, rest.shape[1] - MARGIN, LANES):
+        used = where(load(frame.exposure, i, j) > ZERO, ONE, ZERO)
+        store(seen, i, OWN, j, load(rest, i, j) * used)
+        store(seen, i, PHOTONS, j, load(frame.counts, i, j))
+        store(seen, i, USED, j, used + EPSILON)
+
+
+@line
+def _shown_at(i, j, l, frame, points):
     """Re y_l and Im y_l."""
     re = im = full(ZERO)
-    for k in range(state.shape[1]):
-        signal = load(seen, i, SURFACES + k, j) * load(frame.exposure, i, j)
+    for k in range(points.shape[1]):
+        signal = load(points, i, k, INTENSITY, j) * load(frame.exposure, i, j)
         if lanes_of(signal > ZERO):
-            sine, cosine = sincos(frame.bin_frequencies[l] * load(state, i, k, DEPTH, j))
+            sine, cosine = sincos(frame.bin_frequencies[l] * load(points, i, k, DEPTH, j))
             re, im = fma(signal, cosine, re), fma(signal, sine, im)
     return re, im
 
 
 @line
-def _sum_row(i, frame, state, seen, passed, sums):
-    m, ends = len(frame.energy), state.shape[3] - MARGIN
-    own = taken = counts = misfit = full(ZERO)
+def _sum_row(i, frame, points, seen, taken, passed, means, sums):
+    m, ends = len(frame.energy), points.shape[3] - MARGIN
+    own = given = counts = misfit = full(ZERO)
     for j in range(MARGIN, ends, LANES):
-        w = load(seen, i, BACKGROUND, j) / max(load(seen, i, PHOTONS, j), EPSILON)
-        own, taken = fma(w, load(seen, i, OWN, j), own), fma(w, load(seen, i, TAKEN, j), taken)
+        used = load(frame.exposure, i, j) > ZERO
+        around = max(where(used, load(means, PHOTONS, j) / load(means, USED, j), ZERO), EPSILON)
+        w = where(used, load(means, OWN, j) / load(means, USED, j), ZERO) / around
+        own, given = fma(w, load(seen, i, OWN, j), own), fma(w, load(taken, i, j), given)
         counts = fma(w * w, load(frame.counts, i, j), counts)
+        store(means, OWN, j, w)
+        store(means, PHOTONS, j, ONE / around)
     for l in range(m):
         energy, left_re, left_im, shown_re, shown_im = frame.energy[l], full(ZERO), full(ZERO), full(ZERO), full(ZERO)
         for j in range(MARGIN, ends, LANES):
-            inverse = ONE / max(load(seen, i, PHOTONS, j), EPSILON)
-            w = load(seen, i, BACKGROUND, j) * inverse
-            y_re, y_im = _shown_at(i, j, l, frame, state, seen)
+            w, inverse = load(means, OWN, j), load(means, PHOTONS, j)
+            y_re, y_im = _shown_at(i, j, l, frame, points)
             re, im = load(frame.matched, i, l, j) - energy * y_re, load(frame.matched, i, m + l, j) - energy * y_im
             row, col = min(i - MARGIN, len(passed) - 1), j - MARGIN
             q_re, q_im = _passed_at(passed, row, col, 2 * l), _passed_at(passed, row, col, 2 * l + 1)
@@ -60,21 +75,26 @@ def _sum_row(i, frame, state, seen, passed, sums):
         sums[l], sums[m + l], sums[2 * m + l], sums[3 * m + l] = (
             total(left_re), total(left_im), total(shown_re), total(shown_im))
     sums[4 * m], sums[4 * m + 1], sums[4 * m + 2], sums[4 * m + 3] = (
-        total(own), total(taken), total(counts), total(misfit))
+        total(own), total(given), total(counts), total(misfit))
 
 
 @parallel
-def _unexplained(frame: Frame, state: float32[:, :, :, ::1], seen: float32[:, :, ::1], passed: float32[:, :, ::1],
-                 out: float32[:, ::1]):
+def _unexplained(frame: Frame, points: float32[:, :, :, ::1], rest: float32[:, ::1], taken: float32[:, ::1],
+                 passed: float32[:, :, ::1], weights: float32[::1], seen: float32[:, :, ::1],
+                 means: float32[:, :, ::1], out: float32[:, ::1]):
     for turn in prange(len(out)):
-        _sum_row(turn + MARGIN, frame, state, seen, passed, out[turn])
+        _see_row(turn + MARGIN, frame, rest, seen)
+    for turn in prange(len(out)):
+        own = means[get_thread_id()]
+        blur_row(seen, turn + MARGIN, weights, own[-1], own[-2], own)
+        _sum_row(turn + MARGIN, frame, points, seen, taken, passed, own, out[turn])
 
 
-def unexplained(work, frame, state, intensity, own, taken, background, photons, passed):
-    inner = maps.crop(work.seen, *frame.shape)
-    for at, values in ((OWN, own), (TAKEN, taken), (BACKGROUND, background), (PHOTONS, photons)):
-        inner[:, at] = values
-    inner[:, SURFACES:] = intensity
-    sums = np.empty((len(intensity), 4 * len(frame.energy) + 4), np.float32)
-    _unexplained(frame, state, work.seen, passed.view(np.float32), sums)
+def unexplained(work, frame, points, rest, taken, passed):
+    shape = frame.shape
+    maps.crop(work.rest, *shape)[:] = rest
+    maps.crop(work.taken, *shape)[:] = rest if taken is None else taken
+    sums = np.empty((shape[0], 4 * len(frame.energy) + 4), np.float32)
+    _unexplained(frame, points, work.rest, work.taken, passed.view(np.float32), maps.window_weights(LOCAL_SIGMA),
+                 work.seen, work.means, sums)
     return sums.sum(axis=0, dtype=np.float64).astype(np.float32)

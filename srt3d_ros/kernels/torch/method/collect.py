@@ -6,9 +6,11 @@ Only the device knows the number of points, so their list has room for K in ever
 import torch
 
 from srt3d_ros.kernels.constants import EPSILON, TINY
-from srt3d_ros.kernels.maps import DEPTH, crop
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY
 from srt3d_ros.kernels.torch.arithmetic import waves
 from srt3d_ros.kernels.torch.fusing import fused
+from srt3d_ros.kernels.torch.method.finalise import local_mean
+from srt3d_ros.kernels.torch.method.windows import inner
 
 
 @fused
@@ -39,29 +41,30 @@ def collect(depth, intensity, std, rays, metres_per_bin, metres, num_bins):
 
 
 @fused
-def unexplained(frame, state, intensity, own, taken, background, photons, passed):
+def unexplained(frame, points, rest, taken, passed):
     """Sums over the pixels of what the points do not explain; y_l = g Σ_k r_k exp(i ω_l t_k), w = b̄ / n̄.
 
     Args:
-        intensity: of `finalise`, r.
-        own, taken: float32 [rows, cols], background photons: of `finalise`, and as subtracted before; 0 in masked
-            pixels.
-        background, photons: float32 [rows, cols], b̄ and n̄: own and n, averaged over a window.
+        points, rest: of `finalise`; `own` are the photons of `rest` in used pixels.
+        taken: float32 [rows, cols], background photons that were subtracted before; None: own.
         passed: complex [rows or 1, cols or 1, m], q_l: a background photon adds q_l · exp(i ω_l x) to z_l.
 
     Returns:
         float32 [4m + 4], sums over the pixels: of w conj(q_l) (z_l − |ĥ_l|² y_l), real parts before imaginary ones;
-        of w y_l in the same way; of w · own, w · taken, w² n and Σ_l |z_l − |ĥ_l|² y_l|² / |ĥ_l|² n̄.
+        of w y_l in the same way; of w · own, w · taken, w² n and Σ_l |z_l − |ĥ_l|² y_l|² / |ĥ_l|² n̄; b̄ and n̄ are
+        `local_mean` of own and of n.
     """
-    counts, light, depth, matched = (crop(values, *frame.shape) for values in (
-        frame.counts, frame.exposure, state[:, :, DEPTH], frame.matched))
-    gives, energy = (intensity * light[:, None])[:, :, None], frame.energy[:, None]
-    points = [(gives * wave).sum(dim=1) for wave in waves(frame, depth)]                       # [rows, m, cols] each
-    re, im = (z - energy * part for z, part in zip(matched.chunk(2, dim=1), points))
-    around = photons.clamp(min=EPSILON)
-    share = background / around
+    counts, light, matched, depth, intensity = (inner(frame, values) for values in (
+        frame.counts, frame.exposure, frame.matched, points[:, :, DEPTH], points[:, :, INTENSITY]))
+    used = (light > 0).to(light.dtype)
+    own, energy = rest * used, frame.energy[:, None]
+    gives = (intensity * light[:, None])[:, :, None]
+    shown = [(gives * wave).sum(dim=1) for wave in waves(frame, depth)]                        # [rows, m, cols] each
+    re, im = (z - energy * part for z, part in zip(matched.chunk(2, dim=1), shown))
+    around = local_mean(counts, used).clamp(min=EPSILON)
+    share = local_mean(own, used) / around
     misfit = ((re**2 + im**2) / energy.clamp(min=TINY) / around[:, None]).sum()
     q_re, q_im = passed.movedim(2, 1).unbind(-1)
-    maps = q_re * re + q_im * im, q_re * im - q_im * re, *points
-    sums = [(share * own).sum(), (share * taken).sum(), (share**2 * counts).sum(), misfit]
+    maps = q_re * re + q_im * im, q_re * im - q_im * re, *shown
+    sums = [(share * own).sum(), (share * (own if taken is None else taken)).sum(), (share**2 * counts).sum(), misfit]
     return torch.cat([*((share[:, None] * values).sum(dim=(0, 2)) for values in maps), torch.stack(sums)])

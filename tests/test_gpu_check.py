@@ -5,15 +5,15 @@ import re
 
 import pytest
 
-from srt3d_ros.core import gpu_check
+from srt3d_ros import gpu_check
 from srt3d_ros.core.baselines import sketched
 from srt3d_ros.core.method import memory
 from srt3d_ros.core.method.memory import PooledStream
-from srt3d_ros.core.reconstruction import Reconstructor
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.kernels import cpu
 from srt3d_ros.kernels import torch as oracle
+from srt3d_ros.reconstruction import Reconstructor
 from tests.core.scenes import make_sensor
 
 SENSOR = make_sensor(12, 17)
@@ -22,7 +22,7 @@ SENSOR = make_sensor(12, 17)
 @pytest.fixture
 def auto(monkeypatch, caplog):
     """The device that `auto` takes, and what the log says, where this many milliseconds pass for each frame."""
-    def take(sensor: SensorModel = SENSOR, gpu_ms: float = 5.0, surfaces=1, method=PooledStream, **changes) -> tuple:
+    def take(sensor: SensorModel = SENSOR, gpu_ms: float = 5.0, surfaces=1, method="pooled", **changes) -> tuple:
         kernels, now = oracle.on("cpu"), iter([0.0, 0.02, 1.0, 1 + gpu_ms / 1e3])
         for name, value in changes.items():
             monkeypatch.setattr(kernels, name, value)
@@ -31,13 +31,13 @@ def auto(monkeypatch, caplog):
         for module in (memory, sketched):
             monkeypatch.setattr(module, "kernels_for", lambda name: (name, {"cpu": cpu, "cuda": kernels}[name]))
         with caplog.at_level(logging.INFO):
-            chosen = method(sensor, choose("auto", sensor, 7), surfaces, device="auto")
-        return chosen.device, chosen._kernels is kernels, chosen.why, caplog.messages
+            chosen = Reconstructor(sensor, choose("auto", sensor, 7), method=method, surfaces=surfaces)
+        return chosen.device, chosen._method._kernels is kernels, chosen.device_reason, caplog.messages
     return take
 
 
 @pytest.mark.parametrize(("surfaces", "late", "method"), [
-    (1, 0, PooledStream), (2, 0, PooledStream), (1, 90, PooledStream), (2, 90, sketched.SRT3D)])
+    (1, 0, "pooled"), (2, 0, "pooled"), (1, 90, "pooled"), (2, 90, "srt3d")])
 def test_a_gpu_that_does_the_same_and_sooner_is_taken(auto, surfaces, late, method):
     sensor = make_sensor(12, 17, delay_bins=late * (SENSOR.rays[..., 0] > 0))
     assert auto(sensor, surfaces=surfaces, method=method) == ("cuda", True, "5 ms a frame, on the CPU 20", [])

@@ -15,6 +15,7 @@ from srt3d_ros.core.methods import DEFAULT_METHOD, find
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
 from srt3d_ros.errors import quoted, require
+from srt3d_ros.gpu_check import device_for
 from srt3d_ros.progress import compiling
 
 NO_PHOTONS = "the frame has no photons, so its cloud has no points"
@@ -31,7 +32,7 @@ class Reconstructor:
 
     Attributes:
         device: "cpu" or "cuda", where it computes.
-        why: the reason, for people to read.
+        device_reason: why there, for people to read.
 
     Raises:
         InvalidInput: naming the argument that cannot be used.
@@ -52,13 +53,14 @@ class Reconstructor:
         self._build = partial(find(method).build, sensor, self._frequencies,
                               **{name: value for name, value in options.items() if value is not None})
         self._name, self._surfaces, self._is_warm = method, surfaces, False
+        has_gpu_kernels = "device" in find(method).options
+        self.device, self.device_reason = device_for(
+            device, sensor, self._frequencies, lambda name: self._build(device=name)) if has_gpu_kernels else (
+            "cpu", f"{method} runs on the CPU")
         try:
-            self._method = self._build()
+            self._method = self._build(device=self.device) if has_gpu_kernels else self._build()
         except RuntimeError as error:
             self._fall_back(error)
-        else:
-            self.device = getattr(self._method, "device", "cpu")
-            self.why = getattr(self._method, "why", f"{method} runs on the CPU")
 
     def __call__(self, seen) -> Cloud:
         """The cloud of a frame: of its Sketch, or of its Photons or PhotonFrame for a method on photons."""
@@ -85,10 +87,10 @@ class Reconstructor:
         """How uneven the background of the next frame is taken to be (pooled); 0 if flat."""
         return getattr(self._method, "uneven_background", 0.0)
 
-    def allow(self, false_alarm_rate: float) -> None:
+    def set_false_alarm_rate(self, false_alarm_rate: float) -> None:
         """Use this false alarm rate from the next frame on (pooled)."""
         self._build.keywords["false_alarm_rate"] = false_alarm_rate
-        self._method.allow(false_alarm_rate)
+        self._method.set_false_alarm_rate(false_alarm_rate)
 
     def forget(self) -> None:
         """Begin the next frame as if it were the first."""
@@ -114,6 +116,6 @@ class Reconstructor:
             return task()
 
     def _fall_back(self, error: RuntimeError) -> None:
-        self.device, self.why = "cpu", f"the GPU failed: {str(error).partition(chr(10))[0]}"
-        logging.getLogger(__name__).warning(f"{self.why}: computing on the CPU from now on")
+        self.device, self.device_reason = "cpu", f"the GPU failed: {str(error).partition(chr(10))[0]}"
+        logging.getLogger(__name__).warning(f"{self.device_reason}: computing on the CPU from now on")
         self._method = self._build(device="cpu")

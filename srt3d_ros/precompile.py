@@ -7,12 +7,12 @@ from multiprocessing import get_context
 
 import numpy as np
 
-from srt3d_ros.core.devices import kernels_for
 from srt3d_ros.core.motion.moving_sketcher import MovingSketcher
 from srt3d_ros.core.motion.trajectory import Pose, Trajectory
 from srt3d_ros.core.sensor.model import MAX_BINS, GateWords, SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates
+from srt3d_ros.kernels.devices import kernels_for
 
 ANY_SENSOR = SensorModel(rows=1, cols=2, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0], gates=GateWords())
 LONGEST = ("search._search", "birth_death._round", "pooled_step._pooled_step",

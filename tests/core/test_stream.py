@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from srt3d_ros.core import stream as stream_module
 from srt3d_ros.core.motion.track import MotionReport
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching import stream as stream_module
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.core.sketching.stream import MERGE_S, MOTION_S, SketchStream, StreamOptions
+from srt3d_ros.core.stream import MERGE_S, MOTION_S, SketchStream, StreamOptions
 from srt3d_ros.errors import InvalidInput
 
 T, MS, START_NS = 100, 1_000_000, 1_700_000_000_000_000_000

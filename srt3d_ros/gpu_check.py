@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 
 from srt3d_ros.core.cloud import Cloud
-from srt3d_ros.core.devices import missing_for_cuda, say_once
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum
 from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.kernels.devices import missing_for_cuda, say_once
 
 SHARE_ALIKE = 0.999             # of the pixels must have the same points
 SIGMAS = 0.1                    # depths agree within so many standard deviations,

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import torch
 
-from srt3d_ros.core import devices as device
-from srt3d_ros.core.devices import kernels_for
-from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput
+from srt3d_ros.kernels import devices as device
+from srt3d_ros.kernels.devices import kernels_for
+from srt3d_ros.reconstruction import Reconstructor
 
 SENSOR = SensorModel(4, 5, 64, 1e-10, np.ones(3))
 
@@ -41,9 +41,9 @@ LACKS = [({"driver": "libnone.so"}, "no CUDA device"),
 def test_what_cuda_lacks_is_said_in_one_line_and_auto_computes_on_the_cpu(missing, caplog, lack, said):
     missing(**lack)
     with caplog.at_level(logging.INFO):
-        assert [PooledStream(SENSOR, (1, 2), device="auto").device for _ in range(2)] == ["cpu", "cpu"]
+        assert [Reconstructor(SENSOR, (1, 2)).device for _ in range(2)] == ["cpu", "cpu"]
     assert len(caplog.messages) == 1 and re.fullmatch(f"{re.escape(said)}.*: computing on the CPU", caplog.messages[0])
-    for make in (kernels_for, lambda name: PooledStream(SENSOR, (1, 2), device=name)):
+    for make in (kernels_for, lambda name: Reconstructor(SENSOR, (1, 2), device=name)):
         with pytest.raises(InvalidInput, match=f"^device is cuda: expected cpu or auto: {re.escape(said)}[^\n]*$"):
             make("cuda")
 

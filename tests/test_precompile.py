@@ -6,10 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from srt3d_ros.core import precompile
+from srt3d_ros import precompile
 from srt3d_ros.core.motion.deskew import Deskewer
 from srt3d_ros.core.motion.trajectory import Pose, Trajectory
-from srt3d_ros.core.reconstruction import Reconstructor
 from srt3d_ros.core.sensor.model import GateWords
 from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
@@ -17,6 +16,7 @@ from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates
 from srt3d_ros.kernels.cpu import OTHER_METHODS
 from srt3d_ros.kernels.cpu.compiling import KERNELS
 from srt3d_ros.messages import gates_message, photons_message, sketch_message
+from srt3d_ros.reconstruction import Reconstructor
 from tests.core.scenes import make_sensor, ramp, simulate
 
 FREQUENCIES = (1, 2, 3, 5, 8)
@@ -57,7 +57,7 @@ def run_as_nodes_do() -> set[str]:
 
 
 def test_what_nodes_run_has_been_compiled_ahead(repository):
-    code = "from tests.core import test_precompile; print(*test_precompile.run_as_nodes_do())"
+    code = "from tests import test_precompile; print(*test_precompile.run_as_nodes_do())"
     run = subprocess.run([sys.executable, "-c", code], cwd=repository, capture_output=True, text=True, check=True)
     ran, ahead = set(run.stdout.split()), set(precompile.names())
     assert {"search._search", "prepare._residual", "move_sketch._collect"} < ran <= ahead
