@@ -1,7 +1,6 @@
 """The Python library, `import srt3d_ros`: from photon files, arrays and sketches to point clouds."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -53,9 +52,9 @@ def read(source: Any, frame: int = 0, *, photons_topic: str = "", sensor: Sensor
         return as_noun(datasets.read(source, frame, photons_topic, sensor=sensor, **options))
     for name, value in (("frame", frame), ("photons_topic", photons_topic)):
         require(not value, name, problem=f"{name} {value}: only a bag or a log has one.")
-    if isinstance(source, Sketch):
-        sketch, notes = sums_with_options(source, source.notes, gathered(options, sensor))
-        return replace(sketch, notes=notes)
+    if isinstance(source, PhaseSums):
+        sums, notes = sums_with_options(source, getattr(source, "notes", ()), gathered(options, sensor))
+        return Sketch.from_sums(sums, notes)
     if isinstance(source, Reading):
         return as_noun(source.with_options(gathered(options, sensor)))
     if isinstance(source, PhotonEvents | PhotonGates | PhotonHistograms):
