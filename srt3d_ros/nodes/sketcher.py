@@ -20,10 +20,10 @@ from srt3d_ros.messages.cdr import check_frame_id
 from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode, sensor_summary
-from srt3d_ros.nodes.diagnostics import all_acknowledged, unacknowledged_by
 from srt3d_ros.nodes.lifecycle import run
 from srt3d_ros.nodes.motion_input import MOTION_PARAMETERS, MotionInput, parse_extrinsics
 from srt3d_ros.nodes.parameters import Parameter, Value
+from srt3d_ros.nodes.peers import all_acknowledged, unacknowledged_by
 from srt3d_ros.nodes.static_transform import StaticTransform
 from srt3d_ros.nodes.topics import NodeSpec
 from srt3d_ros.nodes.worker import Dropped
