@@ -68,8 +68,7 @@ class Cloud:
     @classmethod
     def of(cls, estimate: Estimate, sensor: SensorModel, stamp_ns: int) -> Self:
         """The cloud of an estimate."""
-        return cls(estimate.row, estimate.col, *estimate.values, estimate.xyz, estimate.rank, estimate.background,
-                   stamp_ns, sensor=sensor)
+        return cls(**estimate._asdict(), stamp_ns=stamp_ns, sensor=sensor)
 
     @classmethod
     def from_layers(cls, sensor: SensorModel, depth: np.ndarray, intensity: np.ndarray, background: np.ndarray,

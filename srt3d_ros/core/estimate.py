@@ -1,6 +1,6 @@
-"""Estimate: what the kernels make of one frame, before it becomes a Cloud."""
+"""Estimate: the points and the background of one frame, as plain arrays."""
 
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -33,25 +33,35 @@ class Unexplained(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """What the kernels make of a frame: N points, sorted by pixel, the strongest of a pixel first.
+    """N points, sorted by pixel, the strongest of a pixel first, and the background of every pixel.
 
     Args:
-        state: float32 [rows', K, FIELDS, cols'] (`kernels.maps`) on the device, valid until the next frame starts;
-            None from the baselines.
-        unexplained: what the points leave unexplained; None unless asked for.
-        background: float32 [rows, cols], background photons.
-        rest: float32 [rows, cols], photons that are not the points', at least 0 in each pixel.
-        row, col, rank: uint16, uint16, uint8 [N], the points' pixels, and their order within these.
-        values: float32 [3, N]: depth (bins), intensity (photons), standard deviation (bins).
+        row, col, surface: uint16, uint16, uint8 [N], the points' pixels, and their order within these.
+        depth_bins, intensity, depth_std_bins: float32 [N]; the unit of intensity is photons.
         xyz: float32 [N, 3], metres.
+        background: float32 [rows, cols], background photons.
     """
 
-    state: np.ndarray | None
-    unexplained: Unexplained | None
-    rest: np.ndarray
-    background: np.ndarray
     row: np.ndarray
     col: np.ndarray
-    rank: np.ndarray
-    values: np.ndarray
+    surface: np.ndarray
+    depth_bins: np.ndarray
+    intensity: np.ndarray
+    depth_std_bins: np.ndarray
     xyz: np.ndarray
+    background: np.ndarray
+
+
+class Found(NamedTuple):
+    """What a frame shows, and what the next frames need of it.
+
+    Args:
+        rest: float32 [rows, cols], photons that are not the points', at least 0 in each pixel.
+        unexplained: what the points leave unexplained; None unless asked for.
+        points: float32 [rows', K, FIELDS, cols'] (`kernels.maps`) on the device, to start the next frame from.
+    """
+
+    estimate: Estimate
+    rest: np.ndarray
+    unexplained: Unexplained | None
+    points: Any

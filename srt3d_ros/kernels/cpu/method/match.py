@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import float32, get_num_threads, get_thread_id, int64, prange
 
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TWO, ZERO, sincos
+from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.vectors import fma, full, gather, lane_numbers, load, store, to_cell, where
@@ -133,4 +133,5 @@ def match(frame, surfaces):
     depth, intensity = (np.zeros((rows, surfaces, cols), np.float32) for _ in range(2))
     filters = steering(frame.bin_frequencies, frame.num_bins)
     _match(frame, filters, filter_scratch(filters), depth, intensity)
-    return depth, intensity
+    light = frame.exposure[:, None]
+    return depth, intensity.clip(min=0) / light.clip(min=EPSILON) * (light > 0)
