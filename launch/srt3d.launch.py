@@ -2,8 +2,9 @@
 
 An argument that is not given leaves the value to the parameter file, or else to the node's default.
 NODE.PARAMETER:=VALUE, such as sketcher.sketch_size:=5, sets any parameter of a node. A node that dies is started again,
-at most 5 times in a minute; after that all end, except that points go on without a recorder. The exit code is 1 if a
-node ends all or fails at its end, or the player reports lost frames, and 0 after the player's last frame.
+at most 5 times in a minute (the player, which begins again, 5 times in all); after that all end, except that points go
+on without a recorder. The exit code is 1 if a node ends all or fails at its end, the recorder was given up, or the
+player reports lost frames, and 0 after the player's last frame.
 `srt3d up` starts the same nodes without the launch package.
 """
 
@@ -134,16 +135,18 @@ def ended(restarts: Restarts, name: str, event, context) -> Action | None:
 
     An exception ends the launch with exit code 1, the action Shutdown with 0.
     """
-    code = event.returncode
-    if context.is_shutdown:
+    code, ending = event.returncode, context.is_shutdown
+    if ending:
         step = RESTART if code in ASKED else END
     else:
         step = restarts.after(name, code)
-    if step == RESTART:
-        return None
     if step == GIVE_UP:
         get_logger(PACKAGE).error(f"{name}: {step}")
         return EmitEvent(event=ShutdownProcess(process_matcher=matches_action(event.action)))
+    if restarts.gave_up and (ending or step == END):
+        raise RuntimeError("the recorder was given up: the recording is not complete")
+    if step == RESTART:
+        return None
     if name == "player" and code == 0:
         return Shutdown(reason="the player has ended")
     raise RuntimeError(f"{event.process_name} has failed with exit code {code}")

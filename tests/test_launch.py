@@ -80,9 +80,13 @@ def test_what_ends_is_started_again_or_ends_the_launch_or_is_the_recorder_and_gi
         return functions.ended(restarts, name, event, SimpleNamespace(is_shutdown=is_shutdown))
 
     restarts = Restarts(["recorder", "sketcher", "player"])
+    assert ended("player", 0) == "the player has ended" and ended("sketcher", 0, is_shutdown=True) is None
     assert [ended("recorder", -9) for _ in range(MOST_RESTARTS + 1)] == [*MOST_RESTARTS * [None], "no more recorder"]
     assert functions.said == ["recorder: given up, nothing is recorded; points go on"]
-    assert ended("player", 0) == "the player has ended" and ended("sketcher", 0, is_shutdown=True) is None
+    for name, code, is_shutdown in (("player", 0, False), ("sketcher", 0, True)):
+        with pytest.raises(RuntimeError, match="the recorder was given up: the recording is not complete"):
+            ended(name, code, is_shutdown)
+    restarts = Restarts(["recorder", "sketcher", "player"])
     for name, code, is_shutdown in (("player", 3, False), ("sketcher", 2, False), ("recorder", 1, True)):
         with pytest.raises(RuntimeError, match=f"{name}-1 has failed with exit code {code}"):
             ended(name, code, is_shutdown)

@@ -19,9 +19,9 @@ def nodes_tables(specs: Iterable[NodeSpec]) -> dict[str, str]:
 
 def parameters_table(spec: NodeSpec) -> str:
     """A table of the parameters of a node. `autostart`, which all nodes have, is left to the page."""
-    return table(("parameter", "default", "may be", "live", "meaning"),
+    return table(("parameter", "default", "may be", "changes", "meaning"),
                  [(f"`{one.name}`", f"`{_yaml_value(one.default)}`", one.expected,
-                   "yes" * one.live or "inactive" * one.inactive, one.description) for one in spec.parameters])
+                   one.when, one.description) for one in spec.parameters])
 
 
 def topics_table(specs: Iterable[NodeSpec]) -> str:
@@ -51,8 +51,8 @@ def as_yaml(tables: dict[str, Iterable[Parameter]]) -> str:
     for node, parameters in tables.items():
         lines += ["", f"/**/{node}:", "  ros__parameters:"]
         for parameter in parameters:
-            changed = ", live" * parameter.live or ", inactive" * parameter.inactive
-            text = f"{parameter.description} [{parameter.expected}{changed}]"
+            expected = ", ".join(filter(None, (parameter.expected, parameter.when)))
+            text = f"{parameter.description} [{expected}]"
             lines += textwrap.wrap(text, 116, initial_indent="    # ", subsequent_indent="    # ")
             lines.append(f"    {parameter.name}: {_yaml_value(parameter.default)}")
     return "\n".join(lines[1:]) + "\n"

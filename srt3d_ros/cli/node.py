@@ -11,12 +11,10 @@ import signal
 import sys
 import textwrap
 
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import require
 from srt3d_ros.processes.node_command import NODES, PLAYER, namespace_arguments, parameter_arguments
 
 NO_PARAMETERS = ("run", "namespace", "remap", "ros_args")
-BAG_OPTIONS = {"rate", "loop", "clock", "start_offset"}
-OTHER_OPTIONS = {"sensor_file", "rate_hz", "motion"}
 CLOCK_HZ = 40.0     # as of `ros2 bag play --clock`
 
 
@@ -65,21 +63,14 @@ def _help(name: str) -> int:
           f"publishes  {', '.join(topic.name for topic in spec.outputs) or 'nothing'}\n\n"
           "parameters with their defaults (live: can be set while the node runs; inactive: while it is deactivated):")
     for one in spec.table:
-        changed = ", live" * one.live or ", inactive" * one.inactive
-        print(f"\n  {one.name}:={json.dumps(one.default)}  ({one.expected}{changed})")
+        expected = ", ".join(filter(None, (one.expected, one.when)))
+        print(f"\n  {one.name}:={json.dumps(one.default)}  ({expected})")
         print(textwrap.indent(textwrap.fill(one.description, 100), 6 * " "))
     return 0
 
 
 def _play(args: argparse.Namespace) -> int:
-    from srt3d_ros.datasets.bags.bag import is_bag
-
     given = {key: value for key, value in vars(args).items() if value is not None and key not in NO_PARAMETERS}
-    bag = is_bag(args.input)
-    for name in sorted(given.keys() & (OTHER_OPTIONS if bag else BAG_OPTIONS)):
-        raise InvalidInput("play", problem=f"--{name.replace('_', '-')} is for "
-                           f"{'photon files and the simulator' if bag else 'bags'}, and {args.input} is "
-                           f"{'a' if bag else 'no'} bag.")
     names = namespace_arguments(args.namespace) if args.namespace else []
     for rule in args.remap:
         require(all(rule.partition(":=")), "-r", rule, "TOPIC:=NAME")

@@ -25,8 +25,8 @@ Run the sketcher and the reconstructor, each as a process; --input adds the
 player, --record the recorder. Photons come from --input, or from a driver that
 publishes `sensor` and `photons`, `gates` or `histograms`. Ctrl-C stops the
 nodes in order, the recorder last. A node that dies is started again, at most 5
-times in a minute. After that all end, except that points go on without a
-recorder."""
+times in a minute (the player, which begins again, 5 times in all). After that
+all end, except that points go on without a recorder."""
 EXAMPLES = """\
 examples:
   a moving scene, no sensor needed:

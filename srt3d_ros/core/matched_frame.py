@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum, passed_energy
-from srt3d_ros.core.sketching.sketch import MAX_PIXEL_PHOTONS, Sketch, check_frequencies
+from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS, PhaseSums, check_frequencies
 from srt3d_ros.errors import require
 from srt3d_ros.kernels import maps
 
@@ -110,7 +111,7 @@ class Matcher:
             "max_response": max_response, "background_table": background_table,
             "total_energy": float(energy.sum()), "curvature": float((energy * (2 * np.pi * bin_frequencies)**2).sum())}
 
-    def __call__(self, sketch: Sketch) -> MatchedFrame:
+    def __call__(self, sketch: PhaseSums) -> MatchedFrame:
         """The MatchedFrame of a sketch."""
         self.check(sketch)
         z = (sketch.sums * self.equaliser).transpose(0, 2, 1)
@@ -122,9 +123,9 @@ class Matcher:
         exposure = self.sensor.exposure
         return SensorOnDevice(self, self._constants | {"exposure": maps.pad(exposure), "size": exposure.shape}, kernels)
 
-    def check(self, sketch: Sketch) -> None:
+    def check(self, sketch: PhaseSums) -> None:
         """Raise InvalidInput unless it is a Sketch of this size, these frequencies, and sums that photons can give."""
-        require(isinstance(sketch, Sketch), "seen", type(sketch).__name__, "a Sketch")
+        require(isinstance(sketch, PhaseSums), "seen", type(sketch).__name__, "a Sketch")
         shape = (self.sensor.rows, self.sensor.cols)
         require(sketch.frequencies == self.frequencies, "sketch frequencies", list(sketch.frequencies),
                 f"{list(self.frequencies)}")
@@ -172,6 +173,11 @@ class SensorOnDevice:
         sensor = self._sensor
         return self._kernels.collect(depth, intensity, std, self._rays, sensor.bin_width_m, float(sensor.range_m(0)),
                                      sensor.num_bins)
+
+    def cloud(self, listed: tuple, background, stamp_ns: int) -> PointCloud:
+        """The cloud of listed points and a background, off the device."""
+        row, col, rank, values, xyz = self._kernels.unpack(*listed)
+        return PointCloud(row, col, *values, xyz, rank, self._kernels.numpy(background), stamp_ns, sensor=self._sensor)
 
 
 def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,

@@ -174,7 +174,8 @@ class PipelineNode(ManagedNode):
             return TransitionCallbackReturn.FAILURE
         self.stopping.clear()
         self.stop_cause = ""
-        self.diagnostics.problem = self.diagnostics.degraded = ""
+        self.diagnostics.degraded = ""
+        self.diagnostics.clear()
         return super().on_activate(state)
 
     def deactivate(self) -> None:

@@ -15,15 +15,12 @@ from collections import Counter, deque
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
-from rclpy.duration import Duration
-from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from rclpy.utilities import get_rmw_implementation_identifier
 
 from srt3d_ros.core.sketching.counts import Counts
 from srt3d_ros.nodes.lifecycle import ManagedNode
-from srt3d_ros.nodes.peers import Peers, names
+from srt3d_ros.nodes.peers import Peers, all_acknowledged, names
 from srt3d_ros.nodes.status import ERROR, OK, WARN, NodeStatus
 
 PERIOD_S = 1.0
@@ -105,7 +102,7 @@ class Diagnostics(Counts):
         """Count a frame that was published `latency_s` after its stamp."""
         with self._lock:
             self.totals["frames_out"] += 1
-            self.problem = self._internal = ""
+            self.clear()
             self._latencies_s.append(latency_s)
             self._least_latency_s = min(self._least_latency_s, latency_s)
 
@@ -116,8 +113,12 @@ class Diagnostics(Counts):
                 self.totals["errors"] += 1
             self._last_error = text
 
+    def clear(self) -> None:
+        """Report no problem and no bug any more."""
+        self.problem = self._internal = ""
+
     def internal(self, text: str) -> None:
-        """Count a bug of the node, and report it as an error until a frame is sent."""
+        """Count a bug of the node, and report it as an error until a frame is sent or the node is activated again."""
         with self._lock:
             self.totals["internal"] += 1
             self._internal = text
@@ -266,14 +267,3 @@ def _losses_text(totals: Counter, drops: Counter) -> str:
 def _by_cause(name: str, dropped: Counter) -> dict[str, int]:
     """The values of a report for drops: the sum, and each cause."""
     return {name: dropped.total(), **{f"{name}.{cause}": amount for cause, amount in dropped.items() if amount}}
-
-
-def all_acknowledged(publisher: Publisher) -> bool:
-    """Whether every reliable subscriber has acknowledged all messages. Poll it: rclpy's own wait holds the GIL."""
-    return publisher.wait_for_all_acked(Duration(seconds=0))
-
-
-def unacknowledged_by() -> str:
-    """The middleware if it always says that all messages are acknowledged, which means nothing; else an empty text."""
-    name = get_rmw_implementation_identifier()
-    return name if name == "rmw_zenoh_cpp" else ""

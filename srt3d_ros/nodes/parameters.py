@@ -55,6 +55,11 @@ class Parameter:
             words += f" of {_plain(self.low)} or more"
         return f"{words} {self.unit}".rstrip()
 
+    @property
+    def when(self) -> str:
+        """When it may be changed after the start: "live", "inactive" or ""."""
+        return "live" * self.live or "inactive" * self.inactive
+
     def check(self, value: Value) -> Value:
         """The value in the parameter's type, or InvalidInput. Numbers are accepted for texts.
 
@@ -130,6 +135,10 @@ class Parameters:
 
     def as_dict(self) -> dict[str, Value]:
         return dict(self._values)
+
+    def changed(self) -> list[str]:
+        """The names of those that differ from their defaults."""
+        return [name for name, each in self._table.items() if self._values[name] != each.default]
 
     @staticmethod
     def _warn_of_unknown(node: Node, known: list[str]) -> None:

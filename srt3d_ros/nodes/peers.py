@@ -2,9 +2,12 @@
 
 from collections.abc import Iterable, Sequence
 
+from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rclpy.utilities import get_rmw_implementation_identifier
 
 DOUBLE_S = 25.0         # before a warning of a second node or publisher: a killed one stays in the graph for 20 s
 
@@ -51,3 +54,14 @@ class Peers:
 def names(endpoints: Iterable[TopicEndpointInfo]) -> tuple[str, ...]:
     """Full names of the nodes of these endpoints, without the leading slash."""
     return tuple(sorted({f"{one.node_namespace}/{one.node_name}".lstrip("/") for one in endpoints}))
+
+
+def all_acknowledged(publisher: Publisher) -> bool:
+    """Whether every reliable subscriber has acknowledged all messages. Poll it: rclpy's own wait holds the GIL."""
+    return publisher.wait_for_all_acked(Duration(seconds=0))
+
+
+def unacknowledged_by() -> str:
+    """The middleware if it always says that all messages are acknowledged, which means nothing; else an empty text."""
+    name = get_rmw_implementation_identifier()
+    return name if name == "rmw_zenoh_cpp" else ""

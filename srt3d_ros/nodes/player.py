@@ -13,9 +13,9 @@ from srt3d_ros.errors import BAD_INPUT, InvalidInput, require
 from srt3d_ros.messages import cdr
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import FOLLOW_DEPTH, POLL_S, PipelineNode
-from srt3d_ros.nodes.diagnostics import all_acknowledged, unacknowledged_by
 from srt3d_ros.nodes.lifecycle import run
 from srt3d_ros.nodes.parameters import Parameter
+from srt3d_ros.nodes.peers import all_acknowledged, unacknowledged_by
 from srt3d_ros.nodes.reports import Chain, Reports
 from srt3d_ros.nodes.sources import PACKETS, open_source
 from srt3d_ros.nodes.topics import NodeSpec
@@ -66,7 +66,7 @@ class PlayerNode(PipelineNode):
     spec = SPEC
 
     def configure(self) -> None:
-        self._source = open_source(self.parameters.as_dict(), self.get_namespace())
+        self._source = open_source(self.parameters.as_dict(), self.parameters.changed(), self.get_namespace())
         for note in self._source.notes:
             self.get_logger().info(f"{self.parameters['input']}: {note}")
         self.diagnostics.frame_id = self._source.frame_id

@@ -11,7 +11,7 @@ from srt3d_ros.core.sensor.difference import first_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE, RULES
 from srt3d_ros.core.sketching.gate import OFF
-from srt3d_ros.core.sketching.sketch import MAX_SKETCH_SIZE, Sketch
+from srt3d_ros.core.sketching.sums import MAX_SKETCH_SIZE, PhaseSums
 from srt3d_ros.core.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets import open_sensor
 from srt3d_ros.errors import InvalidInput, require
@@ -20,10 +20,10 @@ from srt3d_ros.messages.cdr import check_frame_id
 from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode, sensor_summary
-from srt3d_ros.nodes.diagnostics import all_acknowledged, unacknowledged_by
 from srt3d_ros.nodes.lifecycle import run
 from srt3d_ros.nodes.motion_input import MOTION_PARAMETERS, MotionInput, parse_extrinsics
 from srt3d_ros.nodes.parameters import Parameter, Value
+from srt3d_ros.nodes.peers import all_acknowledged, unacknowledged_by
 from srt3d_ros.nodes.static_transform import StaticTransform
 from srt3d_ros.nodes.topics import NodeSpec
 from srt3d_ros.nodes.worker import Dropped
@@ -271,7 +271,7 @@ class SketcherNode(PipelineNode):
             self._unacknowledged = 0
         return self._unacknowledged >= BUSY
 
-    def _publish(self, sketches: list[Sketch]) -> None:
+    def _publish(self, sketches: list[PhaseSums]) -> None:
         """Publish sketches, each after the description that it names."""
         values, stream = self.parameters, self._stream
         for sketch in sketches:

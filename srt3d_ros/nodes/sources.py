@@ -1,6 +1,6 @@
 """The sources of the player: a photon file, the simulator or a bag, as messages and when each is due."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
 from heapq import merge
 from itertools import count, takewhile
@@ -36,6 +36,13 @@ MAX_DRAWN_BYTES = 2**28 # of messages that are drawn ahead
 LOOP_PAUSE_NS = NS_PER_S // 10  # before a bag begins again: one of a single frame would flood the network
 PACKETS = 10            # per frame of the moving sensor
 SCENE_HZ = 10.0         # frame k of the head shows it at k / SCENE_HZ, whatever the rate
+BAG, FILE = "a bag", "a photon file"
+THE_SIMULATOR = "the simulator"
+PARAMETERS_OF = {       # of the player's parameters, those that only some sources take
+    FILE: ("sensor_file", "rate_hz"),
+    THE_SIMULATOR: ("rate_hz", "ppp", "sbr", "cycles", "seed", "motion"),
+    BAG: ("rate", "loop", "start_offset", "clock"),
+}
 KINDS = {topic.name: topic for topic in (ODOM, IMU, SENSOR, *FRAMES, SKETCH)}
 Clock = Callable[[], int]       # gives the nanoseconds since the first message was sent
 
@@ -72,17 +79,22 @@ def until_end(messages: Iterator[Item], others: Iterator[Item], after_s: float =
     return takewhile(lambda item: item.due_ns <= end_ns, both)
 
 
-def open_source(parameters: Mapping, namespace: str = "/") -> "Drawn | Recorded":
-    """The source for the player's parameters and its node's namespace; InvalidInput if it cannot be played."""
+def open_source(parameters: Mapping, changed: Collection[str] = (), namespace: str = "/") -> "Drawn | Recorded":
+    """The source for the player's parameters and its node's namespace.
+
+    Raises:
+        InvalidInput: it cannot be played, or a parameter that is `changed` from its default is for other sources.
+    """
     path, sensor_file, motion = parameters["input"], parameters["sensor_file"], parameters["motion"]
-    require(path != SIMULATOR or not sensor_file, "sensor_file",
-            problem=f"sensor_file {sensor_file}: the simulator has a sensor of its own; set input to a photon file.")
-    require(path == SIMULATOR or motion == "off", "motion", motion, "off, since input is not the simulator")
-    require(is_bag(path) or not parameters["clock"], "clock", parameters["clock"], "0, since input is no bag")
-    if is_bag(path):
+    kind = BAG if is_bag(path) else THE_SIMULATOR if path == SIMULATOR else FILE
+    for name in changed:
+        takers = [source for source, own in PARAMETERS_OF.items() if name in own]
+        require(not takers or kind in takers, name, problem=f"{name} {parameters[name]}: only for "
+                f"{' or '.join(takers)}, and input {path} is {kind}.")
+    if kind == BAG:
         return Recorded(parameters, namespace)
     rate_hz, frames = parameters["rate_hz"], parameters["frames"]
-    if path != SIMULATOR:
+    if kind == FILE:
         photons = datasets.read_photons(path, sensor=datasets.open_sensor(sensor_file) if sensor_file else None)
         return Drawn(photons.sensor, lambda k: photons.events, rate_hz, frames, notes=photons.notes)
     if motion != "off":

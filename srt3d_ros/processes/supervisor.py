@@ -10,7 +10,7 @@ from srt3d_ros.processes import children
 from srt3d_ros.processes.node_command import FRAMES_LOST, PLAYER, RECORDER, node_command
 
 POLL_CHILDREN_S = 0.05           # longest time until a signal or the end of a node is noticed
-MOST_RESTARTS, BUDGET_S = 5, 60.0       # restarts of one node in any such time
+MOST_RESTARTS, BUDGET_S = 5, 60.0   # restarts of a node in any such time; of a player, which begins again, in all
 RESTART_DELAY_S = 1.0
 SIGNALLED = 128         # plus the signal's number: a shell's exit code for a process ended by a signal
 # What follows the end of a node.
@@ -24,22 +24,30 @@ class Restarts:
 
     Args:
         names: all nodes.
+
+    Attributes:
+        gave_up: the recorder was given up.
     """
 
     def __init__(self, names: list[str]):
+        self.gave_up = False
         self._with_player = PLAYER in names
         self._restarted_s: dict[str, list[float]] = {}      # the last restarts of each node
 
     def after(self, name: str, code: int) -> str:
         """RESTART, GIVE_UP or END after this node has ended with this exit code; negative: by this signal."""
         now_s = time.monotonic()
-        restarted_s = [then_s for then_s in self._restarted_s.get(name, ()) if now_s - then_s < BUDGET_S]
+        restarted_s = [then_s for then_s in self._restarted_s.get(name, ())
+                       if name == PLAYER or now_s - then_s < BUDGET_S]
         hopeless = code == BAD_INPUT or name == PLAYER and code in (0, FRAMES_LOST)     # a restart would not help
         if not hopeless and len(restarted_s) < MOST_RESTARTS:
             self._restarted_s[name] = [*restarted_s, now_s]
             return RESTART
         # A player waits for the recorder; with bad input it never comes.
-        return GIVE_UP if name == RECORDER and not (hopeless and self._with_player) else END
+        if name == RECORDER and not (hopeless and self._with_player):
+            self.gave_up = True
+            return GIVE_UP
+        return END
 
 
 def supervise(names: list[str], ros_args: list[str], on_poll: Callable[[], object] = lambda: None) -> int:

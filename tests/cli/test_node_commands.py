@@ -1,6 +1,7 @@
 """`srt3d node` and `play` start a node with the parameters that their options name, and no others."""
 
 import json
+import subprocess
 import sys
 from types import SimpleNamespace
 
@@ -42,11 +43,14 @@ def test_the_help_of_a_node_lists_its_parameters_with_defaults_and_meaning(srt3d
         assert " ".join(parameter.description.split()) in " ".join(said.split())
 
 
-def test_options_of_bags_and_of_files_are_not_mixed(refusal):
-    for arguments, line in ((("rec.db3", "--rate-hz", "5"), "--rate-hz is for photon files and the simulator, and rec"),
-                            (("a.npz", "--loop"), "--loop is for bags, and a.npz is no bag"),
-                            (("rec.mcap", "-r", "photons"), "-r is photons: expected TOPIC:=NAME")):
-        assert refusal("play", *arguments).startswith(line)
+def test_an_option_that_is_for_another_source_is_refused_in_one_line():
+    play = subprocess.run([sys.executable, "-m", "srt3d_ros.cli.main", "play", "a.npz", "--rate", "2"], text=True,
+                          capture_output=True)
+    assert play.returncode == 2 and "rate 2.0: only for a bag, and input a.npz is a photon file" in play.stderr
+
+
+def test_a_name_without_another_is_refused(refusal):
+    assert refusal("play", "rec.mcap", "-r", "photons").startswith("-r is photons: expected TOPIC:=NAME")
 
 
 def test_a_namespace_is_checked(refusal):

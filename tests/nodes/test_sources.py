@@ -28,7 +28,7 @@ DEFAULTS = {parameter.name: parameter.default for parameter in player.PARAMETERS
 
 def source(namespace: str = "/", **given):
     """The source that these parameters describe, ready to play."""
-    opened = open_source(DEFAULTS | given, namespace)
+    opened = open_source(DEFAULTS | given, given, namespace)
     opened.prepare(lambda: False)
     return opened
 
@@ -57,8 +57,11 @@ def test_cycles_of_a_simulated_frame_make_its_photons_pile_up(given, packets):
 
 @pytest.mark.parametrize("given, line", [
     ({"input": "nowhere.npz"}, "nowhere.npz"),
-    ({"sensor_file": "sensor.json"}, "sensor_file sensor.json: the simulator has a sensor of its own"),
-    ({"clock": 40.0}, "clock is 40.0: expected 0, since input is no bag"),
+    ({"sensor_file": "sensor.json"}, "sensor_file sensor.json: only for a photon file, and input simulator is the"),
+    ({"clock": 40.0}, "clock 40.0: only for a bag, and input simulator is the simulator"),
+    ({"input": "a.npz", "loop": True}, "loop True: only for a bag, and input a.npz is a photon file"),
+    ({"input": "a.npz", "sbr": 2.0}, "sbr 2.0: only for the simulator, and input a.npz is a photon file"),
+    ({"input": "rec.db3", "rate_hz": 5.0}, "rate_hz 5.0: only for a photon file or the simulator, and input rec.db3"),
     ({"input": "bag.mcap"}, "bag.mcap: no such bag"),
 ])
 def test_what_is_no_source_is_refused(given, line):
@@ -126,7 +129,7 @@ def test_what_reconstruct_reads_is_played_in_the_namespace_of_the_player(tmp_pat
     ({"/sensor": TEXT, "/odom": ODOMETRY}, {}, "bag has no photons and no sketches. It has /sensor"),
     ({"/front/photons": CLOUD, "/odom": ODOMETRY, "/front/odom": ODOMETRY}, {"namespace": "/left"}, "two topics"),
     ({"/photons": CLOUD}, {"start_offset": 1.0}, "start_offset is 1.0: expected less"),
-    ({"/photons": CLOUD}, {"motion": "walk"}, "motion is walk: expected off")])
+    ({"/photons": CLOUD}, {"motion": "walk"}, "motion walk: only for the simulator")])
 def test_a_bag_that_cannot_be_played_is_refused(tmp_path, topics, given, line):
     with pytest.raises(InvalidInput, match=line):
         source(input=recorded(tmp_path / "bag", topics), **given)

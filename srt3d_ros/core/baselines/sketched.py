@@ -21,12 +21,11 @@ from srt3d_ros.core.baselines.plug_and_play import (
     points_needed,
 )
 from srt3d_ros.core.baselines.weighting import weighted_steps
-from srt3d_ros.core.cloud import Cloud
-from srt3d_ros.core.estimate import Estimate
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.method.thresholds import check_surfaces
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch
+from srt3d_ros.core.sketching.sums import PhaseSums, noise_sketch
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.devices import kernels_for
 
@@ -54,13 +53,11 @@ class SMLE:
             weighted_steps(sensor, self._matcher.frequencies, self.precise), points_needed(sensor.exposure)))
         self._run = kernels.as_frame(self._frame)
 
-    def __call__(self, sketch: Sketch) -> Cloud:
+    def __call__(self, sketch: PhaseSums) -> PointCloud:
         """The point cloud of one frame's sketch."""
         self._matcher.check(sketch)
         background, *listed = self._run(sketch.photons.astype(np.float32), sketch.sums)
-        row, col, rank, values, xyz = self._kernels.unpack(*listed)
-        found = Estimate(row, col, rank, *values, xyz, self._kernels.numpy(background))
-        return Cloud.of(found, self.sensor, sketch.stamp_ns)
+        return self._on_device.cloud(listed, background, sketch.stamp_ns)
 
     def _frame(self, photons, sums) -> tuple:
         """Background photons, and the list of points, all on the device."""

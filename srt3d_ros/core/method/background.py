@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from srt3d_ros.core.estimate import Found, Unexplained
 from srt3d_ros.core.matched_frame import Matcher
+from srt3d_ros.core.method.found import Found, Unexplained
 from srt3d_ros.core.sketching.frequencies import angular_frequencies
-from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.errors import require
 from srt3d_ros.kernels.constants import EPSILON
 
@@ -88,7 +88,7 @@ class Background:
         """Whether it is always even: nothing to remove or to learn."""
         return self.first.mean is None and not self._learns
 
-    def removed(self, background: BackgroundEstimate, sketch: Sketch) -> RemovedBackground | tuple[()]:
+    def removed(self, background: BackgroundEstimate, sketch: PhaseSums) -> RemovedBackground | tuple[()]:
         """What removes a background from a frame; () if it is even."""
         mean, photons = background.mean, background.photons
         if mean is None:
@@ -96,7 +96,7 @@ class Background:
         photons = (sketch.photons if photons is None else photons).astype(np.float32)
         return RemovedBackground(photons, mean.astype(np.complex64), self._clutter(mean))
 
-    def candidates(self, sketch: Sketch, learned: BackgroundEstimate) -> tuple[BackgroundEstimate, ...]:
+    def candidates(self, sketch: PhaseSums, learned: BackgroundEstimate) -> tuple[BackgroundEstimate, ...]:
         """Uneven backgrounds to try on a frame: what the last cloud left, and the mean of all photons.
 
         Two, because each fails once: the first misses fog that was fitted as a surface; the second misses a wall that

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from typing import Self
 
-from srt3d_ros.core.estimate import Found
 from srt3d_ros.core.method.background import Background, BackgroundEstimate
-from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.method.found import Found
+from srt3d_ros.core.sketching.sums import PhaseSums
 
 PASSES = 8              # over a first frame, at most
 
@@ -22,7 +22,7 @@ class Convergence:
     def __init__(self, background: Background, frame: Callable[..., Found], one_surface: Self | None = None):
         self._background, self._frame, self._one_surface = background, frame, one_surface
 
-    def first(self, sketch: Sketch) -> tuple[Found, BackgroundEstimate]:
+    def first(self, sketch: PhaseSums) -> tuple[Found, BackgroundEstimate]:
         """What a first frame shows once its background has converged, and the background of the next frame."""
         found, learned = self.next(sketch, self._background.first)
         for _ in range(PASSES - 1):
@@ -33,7 +33,7 @@ class Convergence:
                 break
         return found, learned
 
-    def next(self, sketch: Sketch, learned: BackgroundEstimate, start=None) -> tuple[Found, BackgroundEstimate]:
+    def next(self, sketch: PhaseSums, learned: BackgroundEstimate, start=None) -> tuple[Found, BackgroundEstimate]:
         """What a frame shows with the background of the frame before, or a better one; and that of the next frame."""
         if candidates := self._candidates(sketch, learned):
             tried = [(self._frame(sketch, self._background.removed(each, sketch)), each) for each in candidates]
@@ -42,7 +42,7 @@ class Convergence:
             found, removed = self._frame(sketch, self._background.removed(learned, sketch), start), learned
         return found, self._background.learned(removed, found)
 
-    def _candidates(self, sketch: Sketch, learned: BackgroundEstimate) -> tuple[BackgroundEstimate, ...]:
+    def _candidates(self, sketch: PhaseSums, learned: BackgroundEstimate) -> tuple[BackgroundEstimate, ...]:
         """Uneven backgrounds to try on a frame; none if `learned` is used."""
         candidates = self._background.candidates(sketch, learned)
         if not candidates or not self._one_surface:

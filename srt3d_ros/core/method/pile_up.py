@@ -13,11 +13,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from srt3d_ros.core.estimate import Estimate
 from srt3d_ros.core.matched_frame import Matcher
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies
-from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.kernels.constants import EPSILON
 from srt3d_ros.kernels.devices import kernels_for
 
@@ -26,7 +26,7 @@ NEWTON_STEPS = 8        # from λ = r / N, they approach the root from below
 FLUXES = np.concatenate([[0], np.geomspace(0.01, 8, 49)])       # λ of the tables of shifts
 
 
-def saturated(sketch: Sketch, sensor: SensorModel) -> np.ndarray:
+def saturated(sketch: PhaseSums, sensor: SensorModel) -> np.ndarray:
     """Whether a pixel saw a photon in nearly every cycle, bool [rows, cols]; False if masked or not known."""
     full = (sketch.photons > SATURATED * sketch.armed_cycles) & (sketch.cycles > 0)
     return full if sensor.mask is None else full & sensor.mask
@@ -41,7 +41,7 @@ class PileUp:
         self._shifts, self._step_shifts = (
             _shifts(matcher, self._omega, background / matcher.sensor.num_bins) for background in (0, 1))
 
-    def without_decay(self, sketch: Sketch, background_share: float) -> Sketch:
+    def without_decay(self, sketch: PhaseSums, background_share: float) -> PhaseSums:
         """The sketch without the decay of its background: minus n_b β̂(b), with each pixel's own b.
 
         Pile-up makes the background decay as exp(−b x / T): β̂_l(b) = b / (b − i ω_l T). The same share of all photons
@@ -52,7 +52,7 @@ class PileUp:
         taken = background_share * sketch.photons[..., None] * decay
         return replace(sketch, sums=(sketch.sums - taken).astype(np.complex64), cycles=0)
 
-    def corrected(self, cloud: Estimate, sketch: Sketch) -> tuple[Estimate, float]:
+    def corrected(self, cloud: PointCloud, sketch: PhaseSums) -> tuple[PointCloud, float]:
         """Intensities N λ, background N b (local means), depths moved back, std with λ's error; background's share."""
         sensor, flux, at = self._sensor, _flux(sketch), (cloud.row, cloud.col)
         signal, background, error = self._fluxes(cloud, sketch, flux[at])
@@ -67,12 +67,13 @@ class PileUp:
         error = error * np.interp(signal, FLUXES, np.abs(np.gradient(self._shifts, FLUXES)))
         error = np.where(saturated(sketch, sensor)[at], np.hypot(error, shift), error)
         depth = sensor.wrapped(cloud.depth_bins - shift)
-        return cloud._replace(depth_bins=depth, xyz=sensor.xyz(cloud.row, cloud.col, depth),
+        cloud = replace(cloud, depth_bins=depth, xyz=sensor.xyz(cloud.row, cloud.col, depth),
                               intensity=(sketch.cycles * signal / sensor.exposure[at]).astype(np.float32),
                               depth_std_bins=np.hypot(cloud.depth_std_bins, error).astype(np.float32),
-                              background=self._kernels.background(left, sensor.exposure)), background_share
+                              background=self._kernels.background(left, sensor.exposure))
+        return cloud, background_share
 
-    def _fluxes(self, cloud: Estimate, sketch: Sketch, flux: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _fluxes(self, cloud: PointCloud, sketch: PhaseSums, flux: np.ndarray) -> tuple[np.ndarray, ...]:
         """λ of each point, b of its pixel, and the standard deviation of λ, float64 [N] each; `flux` is Λ."""
         sensor, at = self._sensor, (cloud.row, cloud.col)
         cycles, place = np.maximum(sketch.armed_cycles[at], 1), (np.cumsum(cloud.surface == 0) - 1, cloud.surface)
@@ -93,7 +94,7 @@ class PileUp:
         return signal[place], background[place[0], 0], std
 
 
-def _flux(sketch: Sketch) -> np.ndarray:
+def _flux(sketch: PhaseSums) -> np.ndarray:
     """Λ = −ln(1 − n / (N + ½)), photons per cycle without pile-up, float64 [rows, cols]."""
     return -np.log1p(-(sketch.photons / (sketch.armed_cycles + 0.5)))
 

@@ -15,15 +15,15 @@ from math import ceil
 
 import numpy as np
 
-from srt3d_ros.core.cloud import Cloud
-from srt3d_ros.core.estimate import Estimate, Found, Unexplained
 from srt3d_ros.core.matched_frame import Matcher, SensorOnDevice
 from srt3d_ros.core.method.background import Background, RemovedBackground
 from srt3d_ros.core.method.convergence import Convergence
+from srt3d_ros.core.method.found import Found, Unexplained
 from srt3d_ros.core.method.pile_up import PileUp
 from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, Scores, check_surfaces
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch
+from srt3d_ros.core.sketching.sums import PhaseSums, noise_sketch
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import (
     REACH,
@@ -103,17 +103,18 @@ class Frames:
     """
 
     def __init__(self, matcher: Matcher, device: str, surfaces: int, explains: bool = True):
-        self.surfaces, shape = surfaces, (matcher.sensor.rows, matcher.sensor.cols)
-        self.kernels = kernels = kernels_for(device).for_shape(*shape, surfaces, matcher.frequencies)
-        self.run = kernels.as_frame(partial(frame, kernels, matcher.on(kernels), surfaces, explains))
+        self.surfaces, sensor = surfaces, matcher.sensor
+        self.kernels = kernels_for(device).for_shape(sensor.rows, sensor.cols, surfaces, matcher.frequencies)
+        self._sensor = matcher.on(self.kernels)
+        self.run = self.kernels.as_frame(partial(frame, self.kernels, self._sensor, surfaces, explains))
 
-    def __call__(self, scores: Scores, sketch: Sketch, removed: tuple, start=None) -> Found:
+    def __call__(self, scores: Scores, sketch: PhaseSums, removed: tuple, start=None) -> Found:
         """The points of a sketch; `removed` is a `RemovedBackground`, or () for an even background."""
         points, left, rest, background, *listed = self.run(
             sketch.photons.astype(np.float32), sketch.sums, start, np.array(scores, np.float32), *removed)
-        numpy, (row, col, rank, values, xyz) = self.kernels.numpy, self.kernels.unpack(*listed)
-        return Found(Estimate(row, col, rank, *values, xyz, numpy(background)), numpy(rest),
-                     None if left is None else Unexplained.unpacked(numpy(left)), points)
+        unexplained = None if left is None else Unexplained.unpacked(self.kernels.numpy(left))
+        cloud = self._sensor.cloud(listed, background, sketch.stamp_ns)
+        return Found(cloud, self.kernels.numpy(rest), unexplained, points)
 
 
 class Pooled:
@@ -155,25 +156,25 @@ class Pooled:
         """Use this false alarm rate from the next frame on."""
         self._scores = Scores.of(false_alarm_rate, max(self._matcher.frequencies))
 
-    def __call__(self, sketch: Sketch) -> Cloud:
+    def __call__(self, sketch: PhaseSums) -> PointCloud:
         """The point cloud of one frame's sketch; where the laser cycles are known, pile-up is corrected."""
         self._matcher.check(sketch)
         is_first = self._learned is None
-        estimate = self._estimate(sketch, is_first)
+        cloud = self._cloud(sketch, is_first)
         if is_first and sketch.cycles:      # again: its first cloud says how much of the light is background
-            estimate = self._estimate(sketch, is_first)
-        return Cloud.of(estimate, self.sensor, sketch.stamp_ns)
+            cloud = self._cloud(sketch, is_first)
+        return cloud
 
-    def _estimate(self, sketch: Sketch, is_first: bool) -> Estimate:
-        """The estimate of a frame; the next one starts from its background, its surfaces and its background's share."""
+    def _cloud(self, sketch: PhaseSums, is_first: bool) -> PointCloud:
+        """The cloud of a frame; the next one starts from its background, its surfaces and its background's share."""
         seen = self._pile_up.without_decay(sketch, self._background_share) if sketch.cycles else sketch
         found, self._learned = self._reconstruct.first(seen) if is_first else self._reconstruct.next(
             seen, self._learned, self._points)
         self._points = found.points
         if not sketch.cycles:
-            return found.estimate
-        estimate, self._background_share = self._pile_up.corrected(found.estimate, sketch)
-        return estimate
+            return found.cloud
+        cloud, self._background_share = self._pile_up.corrected(found.cloud, sketch)
+        return cloud
 
     def _found(self, frames: Frames, *arguments) -> Found:
         """What a frame shows. Points for a warm start are copied: the next call overwrites them."""

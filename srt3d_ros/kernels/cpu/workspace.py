@@ -6,7 +6,7 @@ import numpy as np
 from srt3d_ros.kernels.constants import START_SCALES, WIDE_SCALE, cell_size
 from srt3d_ros.kernels.cpu.device import zeros
 from srt3d_ros.kernels.cpu.method.blur import Cells
-from srt3d_ros.kernels.cpu.method.match import cells_of
+from srt3d_ros.kernels.cpu.method.match import steering
 from srt3d_ros.kernels.cpu.method.search import Memory
 from srt3d_ros.kernels.cpu.method.slanted import SLANTS
 from srt3d_ros.kernels.cpu.method.voters import PLACES, VOTER
@@ -30,14 +30,14 @@ class Workspace:
         self.known = zeros(height, surfaces, 2, width)              # of `pooled_step`
         self.ratios = zeros(height, surfaces, width)                # of `log_likelihood_ratio`
         # The start: 1 where a pixel is open; by sizes of cells, these, and what each thread needs
-        self.wanted, self.cells, self.searches, self.totals = zeros(height, width), {}, {}, zeros(threads, 2 * width)
+        self.wanted, self.cells, self.searches, self.steering = zeros(height, width), {}, {}, steering(frequencies)
         for step in {cell_size(sigma) for sigma in (*START_SCALES, WIDE_SCALE)}:
             high, wide = padded_shape(-(-rows // step), -(-cols // step))
             self.cells[step] = Cells(zeros(high, twice, wide), *(zeros(high, 1, wide) for _ in range(3)))
             self.searches[step] = Memory(
                 zeros(threads, twice, wide), *(zeros(threads, 1, wide) for _ in range(2)),
                 *(zeros(threads, wide) for _ in range(3)), zeros(threads, SCORE + 1, wide),
-                zeros(threads, 2 * SLANTS, twice, wide), zeros(threads, twice + cells_of(frequencies) + 1, LANES),
+                zeros(threads, 2 * SLANTS, twice, wide), zeros(threads, twice + self.steering.cells + 1, LANES),
                 np.zeros((threads, wide), np.int32))
         # Birth and death: the pixels to decide, in each row and in all, what they choose, and 1 near a change
         self.columns, self.numbers = np.zeros((height, width), np.int32), np.zeros(height, np.int32)

@@ -6,7 +6,7 @@ Maps are padded (`kernels.maps`), so that windows need no bounds checks.
 from typing import NamedTuple
 
 import numpy as np
-from numba import float32, get_num_threads, get_thread_id, int64, prange
+from numba import float32, get_num_threads, get_thread_id, prange
 
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.cpu.arithmetic import F32, ZERO
@@ -41,30 +41,26 @@ def _sums(values, wanted, c, row, first, right, step, total):
 
 
 @line
-def _bin_row(row, step, pixels, cells, total):
-    """Write a row of cells; 0 where no pixel is wanted. LANES cells are `step` whole vectors of pixels wide."""
+def bin_row(row, step, pixels, cells, total):
+    """Write a row of cells, the sums over their wanted pixels; `total`, of LANES · step or more, is scratch.
+
+    LANES cells are `step` whole vectors of pixels wide. Cells without a wanted pixel, now and at the last time, are 0.
+    """
     first_row, right = (row - MARGIN) * step + MARGIN, pixels.wanted.shape[2] - MARGIN
     for col in range(MARGIN, cells.wanted.shape[2] - MARGIN, LANES):
-        first, lanes = (col - MARGIN) * step + MARGIN, 0
+        first, number = (col - MARGIN) * step + MARGIN, load(cells.wanted, row, 0, col)
         for i in range(first_row, first_row + step):
             for j in range(first, min(first + step * LANES, right), LANES):
-                lanes |= lanes_of(load(pixels.wanted, i, 0, j) > ZERO)
+                number += load(pixels.wanted, i, 0, j)
+        if lanes_of(number > ZERO) == 0:
+            continue
         for values, out in ((pixels.z, cells.z), (pixels.counts, cells.counts), (pixels.exposure, cells.exposure),
                             (pixels.wanted, cells.wanted)):
-            for c in range(values.shape[1]):
-                value = full(ZERO)
-                if lanes != 0:      # known steps make fast code
-                    value = (_sums(values, pixels.wanted, c, first_row, first, right, 1, total) if step == 1 else
-                             _sums(values, pixels.wanted, c, first_row, first, right, 2, total) if step == 2 else
-                             _sums(values, pixels.wanted, c, first_row, first, right, step, total))
+            for c in range(values.shape[1]):        # known steps make fast code
+                value = (_sums(values, pixels.wanted, c, first_row, first, right, 1, total) if step == 1 else
+                         _sums(values, pixels.wanted, c, first_row, first, right, 2, total) if step == 2 else
+                         _sums(values, pixels.wanted, c, first_row, first, right, step, total))
                 store(out, row, c, col, value)
-
-
-@parallel
-def bin_cells(pixels: Cells, step: int64, totals: float32[:, ::1], cells: Cells):
-    """Sum the wanted pixels of each cell; `totals` [threads, LANES · step or more] is scratch."""
-    for turn in prange(len(cells.z) - 2 * MARGIN):
-        _bin_row(turn + MARGIN, step, pixels, cells, totals[get_thread_id()])
 
 
 @inline

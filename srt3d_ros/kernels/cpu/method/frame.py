@@ -1,6 +1,7 @@
 """A `MatchedFrame` as compiled code takes it: arrays, and numbers in single precision."""
 
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numba import float32
@@ -32,11 +33,16 @@ class Frame(NamedTuple):
 
     @classmethod
     def of(cls, frame) -> "Frame":
-        """The fields of a MatchedFrame."""
+        """The fields of a MatchedFrame, gathered once for all of its kernels."""
         if isinstance(frame, cls):
             return frame
-        clutter = EVEN if frame.clutter is None else frame.clutter
-        arrays = (frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, frame.moments,
-                  frame.intensity_moments, frame.background_table, clutter)
-        return cls(*arrays, F32(frame.max_response), F32(frame.total_energy), F32(frame.curvature),
-                   F32(frame.num_bins), F32(frame.resolution_bins), F32(MAX_STD * frame.num_bins))
+        if frame not in FRAMES:
+            arrays = (frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, frame.moments,
+                      frame.intensity_moments, frame.background_table, EVEN if frame.clutter is None else frame.clutter)
+            numbers = (frame.max_response, frame.total_energy, frame.curvature, frame.num_bins, frame.resolution_bins,
+                       MAX_STD * frame.num_bins)
+            FRAMES[frame] = cls(*arrays, *map(F32, numbers))
+        return FRAMES[frame]
+
+
+FRAMES: WeakKeyDictionary[object, Frame] = WeakKeyDictionary()

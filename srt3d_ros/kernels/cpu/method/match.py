@@ -5,6 +5,7 @@ cells, equal parts of the period, of LANES pixels at a time; a parabola through 
 gives the peak. A pixel's z has its real parts before the imaginary ones, each in the order of `Steering`.
 """
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -27,24 +28,14 @@ class Steering(NamedTuple):
     cells: int64                # of the whole period
 
 
-def steering(bin_frequencies, num_bins) -> Steering:
-    """Steering for frequencies, float32 [m] cycles per bin."""
-    return _steering(tuple(np.rint(bin_frequencies.astype(np.float64) * num_bins)))
-
-
-def cells_of(frequencies) -> int:
-    """Cells of the period at which the filter for these k_l is computed."""
-    return 16 * int(np.ceil(max(frequencies) / 4))
-
-
 @lru_cache
-def _steering(frequencies) -> Steering:
-    frequencies = np.array(frequencies)
-    order = np.argsort(frequencies % 2, kind="stable")
-    cells = cells_of(frequencies)
-    turns = np.arange(cells // 4 + 2).reshape(-1, 1, 2) * frequencies[order, None] / cells
+def steering(frequencies: tuple) -> Steering:
+    """Steering for the frequencies k_l."""
+    cells, k = 16 * math.ceil(max(frequencies) / 4), np.array(frequencies)
+    order = np.argsort(k % 2, kind="stable")
+    turns = np.arange(cells // 4 + 2).reshape(-1, 1, 2) * k[order, None] / cells
     waves = np.concatenate([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)], axis=2)
-    return Steering(waves.astype(np.float32), order, int((frequencies % 2 == 0).sum()), cells)
+    return Steering(waves.astype(np.float32), order, int((k % 2 == 0).sum()), cells)
 
 
 @inline
@@ -122,16 +113,11 @@ def _match(frame: Frame, steering: Steering, scratch: float32[:, :, ::1], depth:
         _match_row(turn + MARGIN, frame, steering, scratch[get_thread_id()], depth, intensity)
 
 
-def filter_scratch(steering):
-    """z and responses of LANES pixels, for each thread."""
-    m = len(steering.order)
-    return np.empty((get_num_threads(), 2 * m + steering.cells + 1, LANES), np.float32)
-
-
 def match(frame, surfaces):
     rows, _, cols = frame.matched.shape
     depth, intensity = (np.zeros((rows, surfaces, cols), np.float32) for _ in range(2))
-    filters = steering(frame.bin_frequencies, frame.num_bins)
-    _match(frame, filters, filter_scratch(filters), depth, intensity)
+    filters = steering(tuple(np.rint(frame.bin_frequencies * np.float64(frame.num_bins))))
+    scratch = np.empty((get_num_threads(), 2 * len(filters.order) + filters.cells + 1, LANES), np.float32)
+    _match(frame, filters, scratch, depth, intensity)
     light = frame.exposure[:, None]
     return depth, intensity.clip(min=0) / light.clip(min=EPSILON) * (light > 0)

@@ -5,7 +5,7 @@ highest peak. With q = Σ w² / Σ w and p = N / q,
 
     score = p / √N · ρ(S E / p) / c(t),    r = S / G,    std = √(q (S M₁ + (p − S)₊ M₀)) / (S C).
 
-Since S E ≤ Σ_l |z̄_l|, most cells that cannot reach the score they need are found without a filter (`_list_cells`).
+Since S E ≤ Σ_l |z̄_l|, most cells that cannot reach the score they need are found without a filter (`_may_reach`).
 The others are matched (`_match_cells`), along the flat window first, then along slanted ones (`slanted`). The pixels
 of a cell take its best surface (`_write_pixels`).
 """
@@ -19,10 +19,10 @@ from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import MOVE_COST, SEEN_SCORE, SLANT, SLANTED_SCORE, STEEPER, SURE_SCORE
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.cpu.method.blur import NEVER, Cells, bin_cells, blur_row
+from srt3d_ros.kernels.cpu.method.blur import NEVER, Cells, bin_row, blur_row
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import evidence, noise_at
-from srt3d_ros.kernels.cpu.method.match import Steering, peaks, steering
+from srt3d_ros.kernels.cpu.method.match import Steering, peaks
 from srt3d_ros.kernels.cpu.method.slanted import DOWN, RIGHT, SLANTS, bound_across, pool_along, size, turns_of
 from srt3d_ros.kernels.cpu.vectors import (
     floats,
@@ -49,7 +49,6 @@ SEEN, SURE, SLANTED, ROOT_STEEPER = F32(SEEN_SCORE), F32(SURE_SCORE), F32(SLANTE
 class Scale(NamedTuple):
     """What one scale of the start searches, and which scores it needs."""
 
-    wanted: float32[:, :, ::1]          # [rows', 1, cols'], 1 where a pixel is open
     state: float32[:, :, :, ::1]
     carried: float32[:, :, :, ::1]      # the last frame's state; [0, …] without one
     weights: float32[::1]               # of a window's rows and columns of cells
@@ -59,6 +58,7 @@ class Scale(NamedTuple):
     layer: int64                        # index of the surface
     step: int64                         # pixels along the side of a cell
     share: float32                      # q
+    asked: float32                      # score below which a flat window is of no use
     enough: float32                     # score that a new surface needs
     confirmed: float32                  # score with which a carried surface stays
 
@@ -67,14 +67,14 @@ class Memory(NamedTuple):
     """Memory for a row of cells; in `_search`, of each thread."""
 
     z: float32[:, :, ::1]           # [2m, cols'], windows: sketches
-    counts: float32[:, :, ::1]      # [1, cols']
-    exposure: float32[:, :, ::1]
+    counts: float32[:, :, ::1]      # [1, cols'], N
+    exposure: float32[:, :, ::1]    # G
     total: float32[:, ::1]          # [cols'] of `blur_row`
     least: float32[:, ::1]          # [cols'], score that a cell needs; NEVER where it is not asked
     flat: float32[:, ::1]           # [cols'], score of a cell's flat window
     best: float32[:, :, ::1]        # [SCORE + 1, cols'], the surface of a cell
     planes: float32[:, :, :, ::1]   # [2 · SLANTS, 2m, cols'], sums downwards, and windows of these
-    filter: float32[:, :, ::1]      # of `filter_scratch`
+    filter: float32[:, :, ::1]      # [2m + cells + 1, LANES], z and responses of LANES cells
     listed: int32[:, ::1]           # [cols'], columns of the cells that may reach the score they need
 
 
@@ -89,6 +89,12 @@ class Surface(NamedTuple):
     score: floats
 
 
+@inline
+def _may_reach(need, response, photons, scale, frame):
+    """Whether windows reach the score they need if the filter responds so much."""
+    return evidence(response, photons / scale.share, photons, frame) > need
+
+
 @line
 def _list_cells(sketch, counts, scale, frame, memory):
     """List the cells of a row that may reach the score they need; returns how many. The last one fills a vector."""
@@ -97,10 +103,10 @@ def _list_cells(sketch, counts, scale, frame, memory):
         need = load(least, col)
         if lanes_of(need < NEVER) == 0:
             continue
-        bound, photons = full(ZERO), load(counts, 0, col)
+        bound = full(ZERO)
         for l in range(m):
             bound += size(load(sketch, l, col), load(sketch, m + l, col))
-        lanes = lanes_of(evidence(bound, photons / scale.share, photons, frame) > need)
+        lanes = lanes_of(_may_reach(need, bound, load(counts, 0, col), scale, frame))
         for x in range(LANES):
             listed[found] = col + x
             found += (lanes >> x) & 1
@@ -162,10 +168,10 @@ def _doubt(scale, memory):
 def _rule_out(lines, counts, scale, frame, least):
     """Ask no longer for the cells in which no slanted window can reach the score they need: nearly all of them."""
     for col in range(MARGIN, len(least) - MARGIN, LANES):
-        need, photons = load(least, col), load(counts, 0, col)
+        need = load(least, col)
         if lanes_of(need < NEVER) != 0:
-            bound = evidence(bound_across(lines, col, scale.turns), photons / scale.share, photons, frame)
-            store(least, col, where(bound > need, need, NEVER))
+            bound = bound_across(lines, col, scale.turns)
+            store(least, col, where(_may_reach(need, bound, load(counts, 0, col), scale, frame), need, NEVER))
 
 
 @line
@@ -204,7 +210,7 @@ def _carried(place, at, sketch, window, scale, frame):
 
 
 @line
-def _write_pixels(row, sketch, window, scale, frame, memory):
+def _write_pixels(row, wanted, sketch, window, scale, frame, memory):
     """Give the open pixels in row `row` of cells their cell's surface, moved along its plane, or the last frame's.
 
     That stays if its score is confirmed, and the new one not better by MOVE_COST nats.
@@ -214,7 +220,7 @@ def _write_pixels(row, sketch, window, scale, frame, memory):
     for a in range(step):
         pixel_row = (row - MARGIN) * step + MARGIN + a
         for col in range(MARGIN, state.shape[3] - MARGIN, LANES):
-            is_open = load(scale.wanted, pixel_row, 0, col) > ZERO
+            is_open = load(wanted, pixel_row, 0, col) > ZERO
             if lanes_of(is_open) == 0:
                 continue
             x = to_floats(lane_numbers() + (col - MARGIN))
@@ -233,17 +239,25 @@ def _write_pixels(row, sketch, window, scale, frame, memory):
 
 
 @line
-def _search_row(row, cells, scale, steering, frame, memory):
-    least, asked = memory.least, False
-    need = min(scale.enough, scale.confirmed) if len(scale.carried) > 0 else scale.enough
-    need = min(need, SEEN) if len(scale.turns) > 0 else need
+def _open_row(row, pixels, state, layer):
+    """Write 1 where a used pixel has `layer` surfaces, else 0."""
+    for col in range(0, pixels.wanted.shape[2], LANES):
+        is_open = (load(pixels.exposure, row, 0, col) > ZERO) & (load(state, row, layer, INTENSITY, col) == ZERO)
+        if layer > 0:
+            is_open &= load(state, row, layer - 1, INTENSITY, col) > ZERO
+        store(pixels.wanted, row, 0, col, where(is_open, ONE, ZERO))
+
+
+@line
+def _search_row(row, pixels, cells, scale, steering, frame, memory):
+    least, is_asked = memory.least, full(False)
     least[:], memory.flat[:] = NEVER, ZERO
     memory.best[SCORE, :] = ZERO
     for col in range(MARGIN, len(least) - MARGIN, LANES):
-        wanted = load(cells.wanted, row, 0, col) > ZERO
-        store(least, col, where(wanted, need, NEVER))
-        asked |= lanes_of(wanted) != 0
-    if not asked:
+        is_open = load(cells.wanted, row, 0, col) > ZERO
+        store(least, col, where(is_open, scale.asked, NEVER))
+        is_asked |= is_open
+    if lanes_of(is_asked) == 0:
         return
     sketch, window = cells.z[row], (cells.counts[row], cells.exposure[row])
     if len(scale.weights) > 1:
@@ -254,27 +268,22 @@ def _search_row(row, cells, scale, steering, frame, memory):
     _match_cells(sketch, window, (ZERO, ZERO), scale.enough, scale, steering, frame, memory)
     if len(scale.turns) > 0 and _doubt(scale, memory):
         _search_slanted(row, cells, window, scale, steering, frame, memory)
-    _write_pixels(row, sketch, window, scale, frame, memory)
+    _write_pixels(row, pixels.wanted, sketch, window, scale, frame, memory)
 
 
 @parallel
-def _search(frame: Frame, cells: Cells, scale: Scale, steering: Steering, memory: Memory):
-    for turn in prange(len(cells.z) - 2 * MARGIN):
+def _search(frame: Frame, pixels: Cells, cells: Cells, scale: Scale, steering: Steering, memory: Memory):
+    rows = len(cells.z) - 2 * MARGIN        # known here, or numba takes the number from the branch below
+    for row in prange(len(pixels.z)):
+        _open_row(row, pixels, scale.state, scale.layer)
+    if len(scale.weights) > 1:
+        for turn in prange(rows):
+            bin_row(turn + MARGIN, scale.step, pixels, cells, memory.flat[get_thread_id()])
+    for turn in prange(rows):
         t = get_thread_id()
-        _search_row(turn + MARGIN, cells, scale, steering, frame, Memory(
+        _search_row(turn + MARGIN, pixels, cells, scale, steering, frame, Memory(
             memory.z[t], memory.counts[t], memory.exposure[t], memory.total[t], memory.least[t], memory.flat[t],
             memory.best[t], memory.planes[t], memory.filter[t], memory.listed[t]))
-
-
-@parallel
-def _open(exposure: float32[:, ::1], state: float32[:, :, :, ::1], layer: int64, wanted: float32[:, ::1]):
-    """Write 1 where a used pixel has `layer` surfaces, else 0."""
-    for row in prange(len(exposure)):
-        for col in range(0, exposure.shape[1], LANES):
-            is_open = (load(exposure, row, col) > ZERO) & (load(state, row, layer, INTENSITY, col) == ZERO)
-            if layer > 0:
-                is_open &= load(state, row, layer - 1, INTENSITY, col) > ZERO
-            store(wanted, row, col, where(is_open, ONE, ZERO))
 
 
 def no_surfaces(work, frame, surfaces):
@@ -284,17 +293,17 @@ def no_surfaces(work, frame, surfaces):
 
 def search(work, frame, matched, state, layer, sigma, step, enough, carried=None, confirmed=0.0, slanted=False):
     frame = Frame.of(frame)
-    _open(frame.exposure, state, layer, work.wanted)
-    if not work.wanted.any():
-        return
     cells = pixels = Cells(matched, *(values[:, None] for values in (frame.counts, frame.exposure, work.wanted)))
-    weights, rise, turns = NO_WINDOW, 0.0, NO_TURNS
+    weights, share, rise, turns, asked = NO_WINDOW, 1.0, 0.0, NO_TURNS, enough
     if sigma > 0:
-        weights, cells = maps.window_weights(sigma / step), work.cells[step]
-        bin_cells(pixels, step, work.totals, cells)
+        weights, share, cells = maps.window_weights(sigma / step), 0.5, work.cells[step]
     if slanted:
-        rise = SLANT * frame.resolution / sigma
+        rise, asked = SLANT * frame.resolution / sigma, min(asked, SEEN)
         turns = turns_of(weights, frame.bin_frequencies * (step * rise))
-    scale = Scale(pixels.wanted, state, NO_STATE if carried is None else carried, weights, weights**2, turns, F32(rise),
-                  layer, step, HALF if sigma > 0 else ONE, F32(enough), F32(confirmed))
-    _search(frame, cells, scale, steering(frame.bin_frequencies, frame.period), work.searches[step])
+    if carried is None:
+        carried = NO_STATE
+    else:
+        asked = min(asked, confirmed)
+    scale = Scale(state, carried, weights, weights**2, turns, F32(rise), layer, step, F32(share), F32(asked),
+                  F32(enough), F32(confirmed))
+    _search(frame, pixels, cells, scale, work.steering, work.searches[step])

@@ -1,8 +1,10 @@
-"""Estimate: the points and the background of one frame, as plain arrays."""
+"""Found: what one frame shows, and what it leaves unexplained."""
 
 from typing import Any, NamedTuple, Self
 
 import numpy as np
+
+from srt3d_ros.core.point_cloud import PointCloud
 
 
 class Unexplained(NamedTuple):
@@ -32,26 +34,6 @@ class Unexplained(NamedTuple):
         return cls(left_real + 1j * left_imaginary, seen_real + 1j * seen_imaginary, *sums[-4:].astype(np.float64))
 
 
-class Estimate(NamedTuple):
-    """N points, sorted by pixel, the strongest of a pixel first, and the background of every pixel.
-
-    Args:
-        row, col, surface: uint16, uint16, uint8 [N], the points' pixels, and their order within these.
-        depth_bins, intensity, depth_std_bins: float32 [N]; the unit of intensity is photons.
-        xyz: float32 [N, 3], metres.
-        background: float32 [rows, cols], background photons.
-    """
-
-    row: np.ndarray
-    col: np.ndarray
-    surface: np.ndarray
-    depth_bins: np.ndarray
-    intensity: np.ndarray
-    depth_std_bins: np.ndarray
-    xyz: np.ndarray
-    background: np.ndarray
-
-
 class Found(NamedTuple):
     """What a frame shows, and what the next frames need of it.
 
@@ -61,7 +43,7 @@ class Found(NamedTuple):
         points: float32 [rows', K, FIELDS, cols'] (`kernels.maps`) on the device, to start the next frame from.
     """
 
-    estimate: Estimate
+    cloud: PointCloud
     rest: np.ndarray
     unexplained: Unexplained | None
     points: Any
