@@ -107,7 +107,6 @@ def matched_frame(sensor: SensorModel, sketch: PhaseSums) -> MatchedFrame:
     matcher = Matcher(sensor, sketch.frequencies)
     matcher.check(sketch)
     kernels = cpu.for_shape(sensor.rows, sensor.cols, 1, matcher.frequencies)
-    inputs = sketch.sums, sketch.photons.astype(np.float32), matcher.equaliser, matcher.used
-    frame = matcher.on(kernels)(*kernels.prepare(*inputs))
+    frame, _ = matcher.on(kernels).match(sketch.photons.astype(np.float32), sketch.sums)
     matched, counts = (maps.crop(each, *frame.shape).copy() for each in (frame.matched, frame.counts))
     return replace(frame, matched=matched, counts=counts, exposure=sensor.exposure, size=None)

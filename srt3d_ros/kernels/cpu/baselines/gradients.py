@@ -40,7 +40,7 @@ def _errors(i, k, j, frame, table, depth, intensity):
 
 
 @line
-def _pixelwise_row(i, frame, table, rate, usual, depth, intensity, new_depth, new_intensity):
+def _pixelwise_row(i, frame, table, rate, usual, faintest, depth, intensity, new_depth, new_intensity):
     for j in range(MARGIN, depth.shape[2] - MARGIN, LANES):
         for k in range(depth.shape[1]):
             t, r = load(depth, i, k, j), load(intensity, i, k, j)
@@ -56,19 +56,20 @@ def _pixelwise_row(i, frame, table, rate, usual, depth, intensity, new_depth, ne
                 t = where(there, moved - frame.period * floor(moved / frame.period), t)
                 r = where(there, max(grown, ZERO), r)
             store(new_depth, i, k, j, t)
-            store(new_intensity, i, k, j, r)
+            store(new_intensity, i, k, j, where(r >= faintest, r, ZERO))
 
 
 @parallel
-def _pixelwise(frame: Frame, table: float32[:, :, ::1], rate: float32, usual: float32, depth: float32[:, :, ::1],
-               intensity: float32[:, :, ::1], new_depth: float32[:, :, ::1], new_intensity: float32[:, :, ::1]):
+def _pixelwise(frame: Frame, table: float32[:, :, ::1], rate: float32, usual: float32, faintest: float32,
+               depth: float32[:, :, ::1], intensity: float32[:, :, ::1], new_depth: float32[:, :, ::1],
+               new_intensity: float32[:, :, ::1]):
     for turn in prange(len(depth) - 2 * MARGIN):
-        _pixelwise_row(turn + MARGIN, frame, table, rate, usual, depth, intensity, new_depth, new_intensity)
+        _pixelwise_row(turn + MARGIN, frame, table, rate, usual, faintest, depth, intensity, new_depth, new_intensity)
 
 
-def pixelwise(frame, table, rate, usual, depth, intensity):
+def pixelwise(frame, table, rate, usual, depth, intensity, faintest=0.0):
     after = np.zeros_like(depth), np.zeros_like(intensity)
-    _pixelwise(frame, table, F32(rate), F32(usual), depth, intensity, *after)
+    _pixelwise(frame, table, F32(rate), F32(usual), F32(faintest), depth, intensity, *after)
     return after
 
 
