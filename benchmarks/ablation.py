@@ -34,7 +34,7 @@ from srt3d_ros.core.motion.moving_sketcher import MovingSketcher
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.datasets.simulation.scene import StaticScene, default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.evaluation.scenes import NetScene, net_sensor
@@ -64,7 +64,7 @@ BACKGROUND = "srt3d_ros.core.method.background"         # has constants of the m
 class Draw(NamedTuple):
     """A sketch of one draw of the photons, and the truth that its cloud is judged against."""
 
-    sketch: Sketch
+    sketch: PhaseSums
     sensor: object
     surfaces: int
     depth_bins: np.ndarray

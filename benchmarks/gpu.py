@@ -24,12 +24,12 @@ from tqdm import tqdm
 
 from benchmarks.frames import PPP, PPPS, SIDE, SKETCH_SIZE, photons_of, sensor_of, timed
 from benchmarks.table1 import PAPER_MS
-from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.methods import METHODS
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.evaluation.scores import aligned
 from srt3d_ros.gpu_check import share_alike
 
@@ -141,7 +141,7 @@ def _compile(case: Case, device: str) -> float:
     return round(time.perf_counter() - began, 1)
 
 
-def _measure(case: Case, device: str) -> tuple[dict, list[Cloud], list[dict]]:
+def _measure(case: Case, device: str) -> tuple[dict, list[PointCloud], list[dict]]:
     """The line of a case, two clouds of the same sketch, and lines by photons per pixel; in the process of the case."""
     reconstructor, frequencies = BUILT[case]
     clouds, by_photons, sketch = [], [], _sketch(reconstructor.sensor, frequencies, PPP)
@@ -158,16 +158,16 @@ def _measure(case: Case, device: str) -> tuple[dict, list[Cloud], list[dict]]:
     return line, clouds if case in COMPARED else [], by_photons
 
 
-def _on_cpu(case: Case) -> Cloud:
+def _on_cpu(case: Case) -> PointCloud:
     reconstructor, frequencies = case.reconstructor("cpu")
     return reconstructor(_sketch(reconstructor.sensor, frequencies, PPP))
 
 
-def _sketch(sensor: SensorModel, frequencies: tuple[int, ...], ppp: float) -> Sketch:
+def _sketch(sensor: SensorModel, frequencies: tuple[int, ...], ppp: float) -> PhaseSums:
     return sketch_photons(photons_of(sensor, ppp), sensor, frequencies)
 
 
-def _agreement(case: Case, first: Cloud, second: Cloud, expected: Cloud) -> dict:
+def _agreement(case: Case, first: PointCloud, second: PointCloud, expected: PointCloud) -> dict:
     """Whether two clouds have the same bits, and how many pixels are as in the CPU's cloud."""
     same = all(np.array_equal(getattr(first, field), getattr(second, field), equal_nan=True) for field in FIELDS)
     alike = share_alike(first, expected, sensor_of(case.side).num_bins)

@@ -9,16 +9,16 @@ import struct
 
 import numpy as np
 
-from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers import tmf8829
 from srt3d_ros.datasets.readers.tmf8829 import REFERENCE_BINS, SIZES, parts_of, shift_of
+from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.errors import require
 
 MAGIC, CONTAINER, BEFORE, HEADER, FOOTER, REFERENCE = 0xFE5E1234, 84, 5, 16, 12, 60   # bytes
 HISTOGRAMS, REFERENCE_SPADS = 0x20, 0x30
 
 
-def decode(message: bytes, stamp_ns: int) -> Photons | None:
+def decode(message: bytes, stamp_ns: int) -> Reading | None:
     """The histograms in a message, with this stamp; None if the message has results only.
 
     Raises:
@@ -44,7 +44,7 @@ def decode(message: bytes, stamp_ns: int) -> Photons | None:
     return _assembled(found, mode, stamp_ns)
 
 
-def _assembled(found: dict[int, bytes], mode: int, stamp_ns: int) -> Photons:
+def _assembled(found: dict[int, bytes], mode: int, stamp_ns: int) -> Reading:
     zones = np.zeros((*SIZES[mode], 256 >> shift_of(mode)), np.int32)
     references = np.zeros((len(found), REFERENCE_BINS), np.int32)
     for part, data in found.items():

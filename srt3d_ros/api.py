@@ -5,16 +5,19 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from srt3d_ros import datasets
-from srt3d_ros.core.cloud import Cloud
+from srt3d_ros.cloud import Cloud
 from srt3d_ros.core.methods import DEFAULT_METHOD
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.gate import OFF
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
-from srt3d_ros.core.sketching.sketch import Sketch
-from srt3d_ros.datasets.options import SensorOptions, gathered, sketch_with_options
-from srt3d_ros.datasets.photons import Photons
+from srt3d_ros.core.sketching.sums import PhaseSums
+from srt3d_ros.datasets.options import SensorOptions, gathered
+from srt3d_ros.datasets.reading import Reading, sums_with_options
 from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.photons import Photons
 from srt3d_ros.reconstruction import Reconstructor
+from srt3d_ros.sketch import Sketch
 
 __all__ = ["Cloud", "InvalidInput", "Photons", "Reconstructor", "Sensor", "Sketch", "from_counts", "from_events",
            "read", "reconstruct"]
@@ -46,18 +49,28 @@ def read(source: Any, frame: int = 0, *, photons_topic: str = "", sensor: Sensor
         InvalidInput: the file or an option cannot be used.
     """
     if isinstance(source, str | Path):
-        return datasets.read(source, frame, photons_topic, sensor=sensor, **options)
+        return as_noun(datasets.read(source, frame, photons_topic, sensor=sensor, **options))
     for name, value in (("frame", frame), ("photons_topic", photons_topic)):
         require(not value, name, problem=f"{name} {value}: only a bag or a log has one.")
-    if isinstance(source, Sketch):
-        return sketch_with_options(source, gathered(options, sensor))
-    if isinstance(source, Photons):
-        return source.with_options(gathered(options, sensor))
+    if isinstance(source, PhaseSums):
+        sums, notes = sums_with_options(source, getattr(source, "notes", ()), gathered(options, sensor))
+        return Sketch.from_sums(sums, notes)
+    if isinstance(source, Reading):
+        return as_noun(source.with_options(gathered(options, sensor)))
     if isinstance(source, PhotonEvents | PhotonGates | PhotonHistograms):
         return Photons.from_frame(source, sensor=sensor, **options)
     require(hasattr(source, "__array__") or isinstance(source, list), "source", type(source).__name__,
             "a path, an array of counts, Photons or a Sketch")
     return Photons.from_counts(source, sensor=sensor, **options)
+
+
+def as_noun(reading: Reading) -> Photons | Sketch | Cloud:
+    """What a reading holds, with its notes, in the class that reconstructs and saves it."""
+    if isinstance(reading.frame, PhaseSums):
+        return Sketch.from_sums(reading.frame, reading.notes)
+    if isinstance(reading.frame, PointCloud):
+        return Cloud.from_points(reading.frame, notes=reading.notes)
+    return Photons(reading.sensor, reading.frame, reading.reference_depth_bins, reading.name, reading.notes)
 
 
 def reconstruct(source: Any, *, sensor: SensorModel | None = None, method: str = DEFAULT_METHOD,

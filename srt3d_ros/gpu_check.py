@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.metrics import circular_difference
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum
-from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.kernels.devices import missing_for_cuda, say_once
 
 SHARE_ALIKE = 0.999             # of the pixels must have the same points
@@ -43,7 +43,7 @@ def device_for(device: str, sensor: SensorModel, frequencies: tuple[int, ...], b
     return ("cpu", refused) if refused else ("cuda", f"{1e3 * gpu_s:.0f} ms a frame, on the CPU {1e3 * cpu_s:.0f}")
 
 
-def _frame(sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:
+def _frame(sensor: SensorModel, frequencies: tuple[int, ...]) -> PhaseSums:
     """A frame to try: slanted walls with a step, an even background, and photon noise."""
     rng, (row, col) = np.random.default_rng(0), np.mgrid[:sensor.rows, :sensor.cols]
     depth = sensor.num_bins * (0.3 + 0.2 * col / sensor.cols + 0.2 * (2 * row > sensor.rows))
@@ -53,10 +53,11 @@ def _frame(sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:
     spectrum = spectrum if spectrum.ndim == 1 else spectrum.reshape(phase.shape)
     noise = rng.normal(scale=(TRIED_PHOTONS / 2)**0.5, size=(*phase.shape, 2)).view(complex)[..., 0]
     sums = TRIED_PHOTONS / 2 * spectrum * phase + noise
-    return Sketch(frequencies, sums.astype(np.complex64), np.full(depth.shape, TRIED_PHOTONS, np.uint32), sensor=sensor)
+    photons = np.full(depth.shape, TRIED_PHOTONS, np.uint32)
+    return PhaseSums(frequencies, sums.astype(np.complex64), photons, sensor=sensor)
 
 
-def _timed(reconstructor: Callable, frame: Sketch) -> tuple[Cloud, float]:
+def _timed(reconstructor: Callable, frame: PhaseSums) -> tuple[PointCloud, float]:
     """The cloud of a frame and the seconds it takes, after a first run that compiles."""
     reconstructor(frame)
     reconstructor.forget()
@@ -64,7 +65,7 @@ def _timed(reconstructor: Callable, frame: Sketch) -> tuple[Cloud, float]:
     return reconstructor(frame), time.perf_counter() - began
 
 
-def share_alike(found: Cloud, wanted: Cloud, num_bins: int) -> float:
+def share_alike(found: PointCloud, wanted: PointCloud, num_bins: int) -> float:
     """The share of the pixels with the same points."""
     alike = np.ones(wanted.background.shape, bool)
     for k in range(max(found.surface.max(initial=0), wanted.surface.max(initial=0)) + 1):

@@ -3,14 +3,13 @@
 import logging
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from numbers import Real
 
 import numpy as np
 
+from srt3d_ros.cloud import Cloud
 from srt3d_ros.core.array_checks import as_array
-from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.methods import DEFAULT_METHOD, find
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
@@ -69,14 +68,14 @@ class Reconstructor:
                 "Photons, or their frame")       # `Matcher.check` asks for a Sketch
         self.warm_up()
         started = time.perf_counter()
-        cloud = self._or_on_the_cpu(lambda: self._method(frame))
+        points = self._or_on_the_cpu(lambda: self._method(frame))
         elapsed_ms = round((time.perf_counter() - started) * 1e3, 3)
         photons, notes = int(np.sum(seen.photons)), getattr(seen, "notes", ())
-        if not photons and not len(cloud):
+        if not photons and not len(points):
             notes += (NO_PHOTONS,)
-        return replace(cloud, notes=notes, method=self._name, surfaces=self._surfaces,
-                       device=self.device, photons=photons, reconstruct_ms=elapsed_ms,
-                       frequencies=() if self._on_photons else seen.frequencies)
+        return Cloud.from_points(
+            points, notes=notes, method=self._name, surfaces=self._surfaces, device=self.device, photons=photons,
+            reconstruct_ms=elapsed_ms, frequencies=() if self._on_photons else seen.frequencies)
 
     def __reduce__(self):
         """For pickle and copy: made again from its arguments, without its memory; it chooses its device anew."""

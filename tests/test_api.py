@@ -9,9 +9,9 @@ import pytest
 
 import srt3d_ros
 from srt3d_ros import api
-from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.methods import METHODS
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import GateWords
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.design import design_for
@@ -33,7 +33,7 @@ ARRAYS = {"shape": (12, 20), "num_bins": 300, "bin_width_s": 5e-11, "irf": SENSO
           "projection": None}
 
 
-def same(one: Cloud, other: Cloud, fields=("row", "col", "depth_bins", "intensity", "xyz", "background")):
+def same(one: PointCloud, other: PointCloud, fields=("row", "col", "depth_bins", "intensity", "xyz", "background")):
     for name in fields:
         np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-4, atol=2e-4, err_msg=name)
 

@@ -10,8 +10,8 @@ import numpy as np
 from PIL import Image
 
 from srt3d_ros.cli.demo import SCENE, SIMULATED_TOLERANCE_M
-from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.metrics import evaluate
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.stream import SketchStream
@@ -46,7 +46,7 @@ def main() -> None:
     first.save(sys.argv[1], save_all=True, append_images=others, duration=PERIOD_MS, loop=0, quality=QUALITY, method=6)
 
 
-def pictures(photons: PhotonEvents, cloud: Cloud, title: str) -> Iterator[Image.Image]:
+def pictures(photons: PhotonEvents, cloud: PointCloud, title: str) -> Iterator[Image.Image]:
     """The pictures of one period."""
     fade = np.linspace(0, 1, FADE + 2)[1:-1]
     points_share = np.concatenate([np.zeros(PHOTONS), fade, np.ones(POINTS), fade[::-1]])

@@ -1,1 +1,1 @@
-"""Sensor model, photons, sketching, reconstruction and metrics. Imports NumPy only."""
+"""Sensor model, photons, sketching, reconstruction and metrics: plain data in, plain data out."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum, passed_energy
-from srt3d_ros.core.sketching.sketch import MAX_PIXEL_PHOTONS, Sketch, check_frequencies
+from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS, PhaseSums, check_frequencies
 from srt3d_ros.errors import require
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.devices import on_device
@@ -112,7 +112,7 @@ class Matcher:
             "max_response": max_response, "background_table": background_table,
             "total_energy": float(energy.sum()), "curvature": float((energy * (2 * np.pi * bin_frequencies)**2).sum())}
 
-    def __call__(self, sketch: Sketch) -> MatchedFrame:
+    def __call__(self, sketch: PhaseSums) -> MatchedFrame:
         """The MatchedFrame of a sketch."""
         self.check(sketch)
         z = (sketch.sums * self.equaliser).transpose(0, 2, 1)
@@ -125,9 +125,9 @@ class Matcher:
         constants = on_device({**self._constants, "exposure": maps.pad(exposure), "size": exposure.shape}, kernels)
         return lambda matched, counts, clutter=None: MatchedFrame(matched, counts, clutter=clutter, **constants)
 
-    def check(self, sketch: Sketch) -> None:
+    def check(self, sketch: PhaseSums) -> None:
         """Raise InvalidInput unless it is a Sketch of this size, these frequencies, and sums that photons can give."""
-        require(isinstance(sketch, Sketch), "seen", type(sketch).__name__, "a Sketch")
+        require(isinstance(sketch, PhaseSums), "seen", type(sketch).__name__, "a Sketch")
         shape = (self.sensor.rows, self.sensor.cols)
         require(sketch.frequencies == self.frequencies, "sketch frequencies", list(sketch.frequencies),
                 f"{list(self.frequencies)}")

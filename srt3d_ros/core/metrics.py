@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.cloud import Cloud
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.errors import require
 
 NAN = float("nan")
@@ -42,7 +42,7 @@ def circular_difference(a: np.ndarray, b: np.ndarray, period: float) -> np.ndarr
     return (a - b + period / 2) % period - period / 2
 
 
-def evaluate(cloud: Cloud, reference_depth_bins: np.ndarray, tolerance_bins: float, num_bins: int,
+def evaluate(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins: float, num_bins: int,
              reference_intensity: np.ndarray | None = None, counted: np.ndarray | None = None,
              complete: bool = False) -> Metrics:
     """Compare a cloud with the truth.
@@ -78,7 +78,7 @@ def evaluate(cloud: Cloud, reference_depth_bins: np.ndarray, tolerance_bins: flo
         _mean(stds <= 1), _mean(stds <= 2))
 
 
-def median_offset(cloud: Cloud, reference_depth_bins: np.ndarray, within_bins: float, num_bins: int) -> float:
+def median_offset(cloud: PointCloud, reference_depth_bins: np.ndarray, within_bins: float, num_bins: int) -> float:
     """Median of cloud − reference, bins, over the pixels with a point within `within_bins`; 0 if there is none.
 
     For a reference of one surface, [rows, cols], that was measured separately, with another zero.
@@ -90,13 +90,13 @@ def median_offset(cloud: Cloud, reference_depth_bins: np.ndarray, within_bins: f
     return float(np.median(difference[0, chosen])) if len(chosen) else 0.0
 
 
-def _errors(cloud: Cloud, reference: np.ndarray, num_bins: int) -> np.ndarray:
+def _errors(cloud: PointCloud, reference: np.ndarray, num_bins: int) -> np.ndarray:
     """Depth of each point minus each reference of its pixel, float64 [S, N]; ∞ where there is none."""
     error = circular_difference(cloud.depth_bins[None], reference[:, cloud.row, cloud.col], num_bins)
     return np.where(np.isnan(error), np.inf, error)
 
 
-def _nearest(cloud: Cloud, shape: tuple[int, int, int], error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _nearest(cloud: PointCloud, shape: tuple[int, int, int], error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The least error of each reference, [S, rows, cols], ∞ if none, and the index of its point."""
     nearest, point = np.full(shape, np.inf), np.full(shape, -1)
     for surface, errors in enumerate(error):
@@ -107,7 +107,7 @@ def _nearest(cloud: Cloud, shape: tuple[int, int, int], error: np.ndarray) -> tu
     return nearest, point
 
 
-def _intensity_error(cloud: Cloud, reference_intensity: np.ndarray, counts: np.ndarray, matched: np.ndarray,
+def _intensity_error(cloud: PointCloud, reference_intensity: np.ndarray, counts: np.ndarray, matched: np.ndarray,
                      point: np.ndarray, near: np.ndarray, judged: np.ndarray) -> float:
     """Metrics.iae.
 
@@ -136,7 +136,7 @@ def _mean(values: np.ndarray) -> float:
     return float(values.mean()) if len(values) else NAN
 
 
-def _as_surfaces(field: str, values: np.ndarray, cloud: Cloud) -> np.ndarray:
+def _as_surfaces(field: str, values: np.ndarray, cloud: PointCloud) -> np.ndarray:
     values = np.asarray(values, dtype=np.float64)
     if values.ndim == 2:
         values = values[None]

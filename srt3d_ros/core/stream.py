@@ -13,7 +13,7 @@ from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.core.sketching.framing import Framing, OpenFrame
 from srt3d_ros.core.sketching.gate import OFF, in_ranges
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
-from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.errors import require
 
 MERGE_S = 0.4           # longest wait for an acknowledgement; a killed reader would block for 20 s
@@ -58,7 +58,7 @@ class _Ended:
 
     content: OpenFrame
     kept: int
-    sketch: Sketch | MovingFrame
+    sketch: PhaseSums | MovingFrame
     since_s: float
 
     def with_next(self, other: "_Ended") -> "_Ended":
@@ -99,7 +99,7 @@ class SketchStream:
 
     # ---- Input
 
-    def push(self, packet: PhotonFrame, now_s: float = 0.0, busy: bool = False) -> list[Sketch]:
+    def push(self, packet: PhotonFrame, now_s: float = 0.0, busy: bool = False) -> list[PhaseSums]:
         """Add a packet; returns the sketches that are finished.
 
         Args:
@@ -130,7 +130,7 @@ class SketchStream:
 
     # ---- Output
 
-    def poll(self, now_s: float = 0.0, busy: bool = False) -> list[Sketch]:
+    def poll(self, now_s: float = 0.0, busy: bool = False) -> list[PhaseSums]:
         """The sketches finished by now: of frames that end by silence, and of those that need not wait longer."""
         if self.options.frame_period_ns and now_s - self._came_s > self._framing.silence_ns * 1e-9:
             self._end_frame(self._framing.flush(), now_s)
@@ -152,13 +152,13 @@ class SketchStream:
             return self._framing.silence_ns * 1e-9
         return None
 
-    def reset(self) -> list[Sketch]:
+    def reset(self) -> list[PhaseSums]:
         """Drop the open frame as `incomplete` and begin a new window; returns the sketches of ended frames."""
         sketches = self._take(at_once=True)
         self._forget(self._framing.clear())
         return sketches
 
-    def flush(self) -> list[Sketch]:
+    def flush(self) -> list[PhaseSums]:
         """End the open frame, unless it waits for its number of packets; returns all sketches."""
         self._end_frame(self._framing.flush(), self._came_s)
         return self.reset()
@@ -198,7 +198,7 @@ class SketchStream:
             kept = frame.photons if sketcher.gate is None else min(sketcher.kept, frame.photons)
             self._ended.append(_Ended(frame, kept, sketcher.end_frame(), now_s))
 
-    def _take(self, now_s: float = 0.0, busy: bool = False, at_once: bool = False) -> list[Sketch]:
+    def _take(self, now_s: float = 0.0, busy: bool = False, at_once: bool = False) -> list[PhaseSums]:
         """The sketches of the frames that need not wait longer, in order."""
         sketches = []
         while self._ended and self._finish(self._ended[0], now_s, at_once):
@@ -211,7 +211,7 @@ class SketchStream:
             sketches.append(self._release(self._merged, now_s))
         return sketches
 
-    def _release(self, frame: _Ended, now_s: float) -> Sketch:
+    def _release(self, frame: _Ended, now_s: float) -> PhaseSums:
         """Count a frame as out; returns its sketch."""
         self._merged, self._sent_s = None, now_s
         self.counts.count(packets=frame.content.packets, photons=frame.kept)

@@ -1,16 +1,16 @@
-"""Read photon files, published data, bags and the simulator: all give `Photons`, a frame with its sensor."""
+"""Read photon files, published data, bags and the simulator: all give a `Reading`, a frame with its sensor."""
 
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Unpack
 
-from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
+from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.datasets.bags.bag import is_bag
 from srt3d_ros.datasets.bags.frames import read_frame
 from srt3d_ros.datasets.options import SensorOptions, gathered
-from srt3d_ros.datasets.photons import Photons
+from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput, quoted, require
 from srt3d_ros.files import json_text
@@ -18,10 +18,10 @@ from srt3d_ros.files.array_files import read_errors, require_file
 from srt3d_ros.files.new_files import file_errors
 from srt3d_ros.messages import sensor_message
 
-__all__ = ["SIMULATOR", "Photons", "open_sensor", "read", "read_photons"]
+__all__ = ["SIMULATOR", "Reading", "open_sensor", "read", "read_photons"]
 
 SIMULATOR = "simulator"     # in place of a path
-# Modules by suffix. `read(path, options)` gives Photons, `frames(path, options)` a function for each frame that gives
+# Modules by suffix. `read(path, options)` gives a Reading, `frames(path, options)` a function for each frame that gives
 # them; options as from options.gathered, with `guess_irf`. They raise InvalidInput, naming the file and what in it
 # cannot be used.
 FILE_READERS = {".npz": ".photon_file", ".mat": ".readers.mat", ".ptu": ".readers.ptu", ".npy": ".readers.cubes",
@@ -30,7 +30,7 @@ FILE_READERS = {".npz": ".photon_file", ".mat": ".readers.mat", ".ptu": ".reader
 
 
 def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: SensorModel | None = None,
-         guess_irf: bool = False, **options: Unpack[SensorOptions]) -> Photons | Sketch | Cloud:
+         guess_irf: bool = False, **options: Unpack[SensorOptions]) -> Reading:
     """Photons of a file, photons or a sketch of a frame of a bag, or what `save` wrote.
 
     Args:
@@ -56,15 +56,16 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
         return _of_file(path, frame, options | {"guess_irf": guess_irf})
 
 
-def read_photons(path: str | Path, *arguments: Any, **options: Any) -> Photons:
+def read_photons(path: str | Path, *arguments: Any, **options: Any) -> Reading:
     """`read`, for those that need photons: InvalidInput for a sketch or a cloud."""
-    found = read(path, *arguments, **options)
-    what = f"{path} holds a {type(found).__name__.lower()}, no photons."
-    require(isinstance(found, Photons), "photon file", problem=what)
-    return found
+    reading = read(path, *arguments, **options)
+    what = "sketch" if isinstance(reading.frame, PhaseSums) else "cloud"
+    require(isinstance(reading.frame, PhotonEvents | PhotonHistograms), "photon file",
+            problem=f"{path} holds a {what}, no photons.")
+    return reading
 
 
-def _of_file(path: Path, frame: int, options: dict) -> Photons | Sketch | Cloud:
+def _of_file(path: Path, frame: int, options: dict) -> Reading:
     """Frame `frame` of a file; InvalidInput if it has fewer."""
     module = import_module(FILE_READERS[path.suffix.lower()], __name__)
     if not hasattr(module, "frames"):
@@ -78,12 +79,12 @@ def _of_file(path: Path, frame: int, options: dict) -> Photons | Sketch | Cloud:
     raise InvalidInput("frame", problem=f"{path.name} has no frame {frame} (it has {count}).")
 
 
-def _simulated(frame: int, sensor: SensorModel | None, options: dict) -> Photons:
+def _simulated(frame: int, sensor: SensorModel | None, options: dict) -> Reading:
     """A frame of the head with its true depths, as this sensor sees it: 10 photons a pixel, half of them background."""
     require(frame >= 0, "frame", frame, "0 or more")
     simulator = Simulator(sensor=sensor)
     events, depth_bins = simulator.frame(frame)
-    return Photons(simulator.sensor, events, depth_bins, SIMULATOR).with_options(options)
+    return Reading(simulator.sensor, events, depth_bins, SIMULATOR).with_options(options)
 
 
 def open_sensor(path: str | Path) -> SensorModel:

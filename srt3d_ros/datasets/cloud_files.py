@@ -7,19 +7,19 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.core.array_checks import as_array
-from srt3d_ros.core.cloud import POINT_FIELDS, Cloud
+from srt3d_ros.core.point_cloud import POINT_FIELDS, PointCloud
+from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.datasets.sensor_arrays import read_saved, sensor_arrays
 from srt3d_ros.errors import printable, require
 from srt3d_ros.files.array_files import read_errors
 from srt3d_ros.files.new_files import atomic_write, check_output, file_errors
-from srt3d_ros.pictures.colours import levels, percentile_range, range_table
 
 PICTURES = (".png", ".jpg", ".jpeg")
 _NEEDED = {".rrd": ("rerun", "record")} | dict.fromkeys(PICTURES, ("matplotlib", "pictures"))   # package and extra
 _JPEG_QUALITY = 90
 _TYPES = dict(zip(POINT_FIELDS, (np.uint16, np.uint16, *[np.float32] * 4, np.uint8))) | {"background": np.float32}
 _FACTS = {"stamp_ns": "stamp_ns", "method": "method", "surfaces": "surfaces", "device": "device",
-          "photons": "photons_in_all", "frequencies": "frequencies"}       # fields of Cloud: names in the file
+          "photons": "photons_in_all", "frequencies": "frequencies"}       # fields of PointCloud: names in the file
 _FLOATS = [(name, "<f4") for name in ("x", "y", "z", "intensity")]
 _BYTES = [(name, "u1") for name in ("red", "green", "blue")]
 # Properties that CloudCompare shows as the scalar fields depth_std, ….
@@ -28,7 +28,7 @@ _SCALARS = [("scalar_depth_std", "<f4"), ("scalar_background", "<f4"), ("scalar_
 _PLY_TYPES = {"<f4": "float", "<u2": "ushort", "u1": "uchar"}
 
 
-def save(cloud: Cloud, path: str | Path) -> None:
+def save(cloud: PointCloud, path: str | Path, notes: tuple[str, ...] = ()) -> None:
     """Write a cloud in the format that the suffix of `path` names; the file appears whole, or not at all.
 
     .npz: row, col (uint16), depth_bins (float32: see SensorModel), intensity (expected signal photons),
@@ -45,7 +45,7 @@ def save(cloud: Cloud, path: str | Path) -> None:
     """
     path = check(path)
     with file_errors("output", path), atomic_write(path) as part:
-        _WRITERS[path.suffix.lower()](cloud, part)
+        _WRITERS[path.suffix.lower()](cloud, part, notes)
 
 
 def check(path: str | Path) -> Path:
@@ -63,15 +63,15 @@ def check_format(path: Path) -> None:
             problem=f"Cannot write {path.name}: {package} is missing (pip install '.[{extra}]' in the clone).")
 
 
-def _save_npz(cloud: Cloud, path: Path) -> None:
+def _save_npz(cloud: PointCloud, path: Path, notes: tuple[str, ...]) -> None:
     facts = {name: np.array(getattr(cloud, field)) for field, name in _FACTS.items()}
     facts["frequencies"] = facts["frequencies"].astype(np.int64)        # none would be floats
     with open(path, "wb") as file:      # NumPy would append .npz to .NPZ
         np.savez(file, kind="cloud", **{name: getattr(cloud, name) for name in _TYPES}, **facts,
-                 **sensor_arrays(cloud.sensor, cloud.notes))
+                 **sensor_arrays(cloud.sensor, notes))
 
 
-def read(path: Path, options: dict) -> Cloud:
+def read(path: Path, options: dict) -> Reading:
     """A cloud that `save` wrote as .npz; InvalidInput if it is damaged, or for options: its points are final."""
     fixed = options.keys() <= {"guess_irf"}
     require(fixed, path.name, problem=f"{path.name} holds a cloud: no option can change it.")
@@ -90,10 +90,13 @@ def read(path: Path, options: dict) -> Cloud:
         facts = {field: values[name] for field, name in _FACTS.items()}
         facts |= {field: int(facts[field]) for field in ("stamp_ns", "surfaces", "photons")}
         facts["frequencies"] = tuple(as_array("frequencies", facts["frequencies"], 1, "iu").tolist())
-        return Cloud(**{name: values[name] for name in _TYPES}, **facts, sensor=sensor, notes=values["notes"])
+        points = PointCloud(**{name: values[name] for name in _TYPES}, **facts, sensor=sensor)
+    return Reading(sensor, points, None, path.stem, values["notes"])
 
 
-def _save_ply(cloud: Cloud, path: Path) -> None:
+def _save_ply(cloud: PointCloud, path: Path, _: tuple[str, ...]) -> None:
+    from srt3d_ros.pictures.colours import levels, percentile_range, range_table
+
     properties = _FLOATS + _BYTES + _SCALARS
     points = np.empty(len(cloud), properties)
     points["x"], points["y"], points["z"] = cloud.xyz.T
@@ -112,19 +115,19 @@ def _save_ply(cloud: Cloud, path: Path) -> None:
     path.write_bytes("\n".join([*header, "end_header\n"]).encode() + points.tobytes())
 
 
-def _save_recording(cloud: Cloud, path: Path) -> None:
+def _save_recording(cloud: PointCloud, path: Path, notes: tuple[str, ...]) -> None:
     from srt3d_ros.recording.still import record_cloud
 
     path.unlink()       # a recording replaces no file
-    record_cloud(cloud, path)
+    record_cloud(cloud, path, notes)
 
 
-def _save_picture(cloud: Cloud, path: Path) -> None:
+def _save_picture(cloud: PointCloud, path: Path, _: tuple[str, ...]) -> None:
     from srt3d_ros.pictures.annotations import draw_cloud
 
     draw_cloud(cloud, cloud.sensor).save(path, quality=_JPEG_QUALITY)
 
 
-_WRITERS: dict[str, Callable[[Cloud, Path], None]] = {
+_WRITERS: dict[str, Callable[[PointCloud, Path, tuple[str, ...]], None]] = {
     ".npz": _save_npz, ".ply": _save_ply,
 } | dict.fromkeys(PICTURES, _save_picture) | {".rrd": _save_recording}

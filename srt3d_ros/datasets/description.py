@@ -8,7 +8,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import design_for, histogram, signal_to_background
 from srt3d_ros.core.sketching.gate import AUTO, Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
-from srt3d_ros.datasets.photons import Photons
+from srt3d_ros.datasets.reading import Reading
 
 WORD_BYTES = 4              # of each real number and of the count in a sketch
 
@@ -23,7 +23,7 @@ class Description:
     counts: np.ndarray          # photons in each pixel, float64 [rows, cols]
 
 
-def describe(photons: Photons) -> Description:
+def describe(photons: Reading) -> Description:
     """Compute the figures of photons."""
     frame, sensor = photons.frame, photons.sensor
     gate, frequencies = design_for(sensor, AUTO, frame=frame)

@@ -7,14 +7,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.datasets import FILE_READERS, SIMULATOR, read
 from srt3d_ros.datasets.bags import frames
 from srt3d_ros.datasets.bags.bag import Bag, is_bag
 from srt3d_ros.datasets.options import gathered
-from srt3d_ros.datasets.photons import Photons
+from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.errors import require
 from srt3d_ros.files.array_files import require_file
 
@@ -47,7 +45,7 @@ def numbers(path: str | Path, wanted: str, photons_topic: str = "") -> range:
 
 
 def loaders(path: str | Path, numbers: Sequence[int], photons_topic: str = "", *, sensor: SensorModel | None = None,
-            **options: Any) -> Iterator[tuple[int, Callable[[], Photons | Sketch | Cloud]]]:
+            **options: Any) -> Iterator[tuple[int, Callable[[], Reading]]]:
     """Yield each of the numbers, which ascend, and a function that gives what `read` gives for this frame.
 
     The functions can be pickled. Arguments and errors as for `read`; a function raises what is wrong with its frame.

@@ -1,7 +1,7 @@
 """Apply the caller's options and sensor to what a file says: the caller wins, and a note lists the replaced values."""
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, TypedDict
 
@@ -13,7 +13,6 @@ from srt3d_ros.core.sensor.keys import Key, keys
 from srt3d_ros.core.sensor.model import SPEED_OF_LIGHT, SensorModel
 from srt3d_ros.core.sensor.projection import DEFAULT_FOV_DEG, Pinhole, Projection
 from srt3d_ros.core.sketching.gate import parse
-from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.values import array
 from srt3d_ros.errors import finite, quoted, require
@@ -152,13 +151,6 @@ def redescribed(sensor: SensorModel, notes: tuple[str, ...], options: Mapping[st
             notes = others
             before = {key: value for key, value in before.items() if key not in (name, f"{name}_ref")}
     return changed, notes + replaced_note(before, after)
-
-
-def sketch_with_options(sketch: Sketch, options: Mapping[str, Any]) -> Sketch:
-    """A sketch with options in place of its sensor's values; InvalidInput if they would have made another sketch."""
-    require("gate" not in options, "gate", problem="A sketch cannot be gated: gate the photons.")
-    sensor, notes = redescribed(sketch.sensor, sketch.notes, options, ("rows", "cols", "num_bins"))
-    return replace(sketch, sensor=sensor, notes=notes, cycles=sketch.cycles or sensor.cycles or 0)
 
 
 def says_geometry(options: Mapping[str, Any]) -> bool:

@@ -6,13 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonHistograms
-from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.datasets.arrays import from_events, from_frame, from_pixels
-from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers import cubes
+from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.datasets.sensor_arrays import (
     SENSOR_ARRAYS,
     SENSOR_FIELDS,
@@ -71,7 +69,7 @@ def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame, reference_de
         np.savez_compressed(file, **arrays)
 
 
-def read(path: Path, options: dict) -> Photons | Sketch | Cloud:
+def read(path: Path, options: dict) -> Reading:
     """Photons of an .npz file, one by one or as counts, or a saved Sketch or Cloud; other arrays are ignored."""
     arrays = read_npz_arrays(path, (*KNOWN, *options.get("columns", ())))
     kind = arrays.pop("kind", None)         # unchecked: it may be anyone's
@@ -83,7 +81,7 @@ def read(path: Path, options: dict) -> Photons | Sketch | Cloud:
     return from_arrays(path, arrays, options, WANTED, listing(npz_contents(path)))
 
 
-def from_arrays(path: Path, arrays: dict[str, np.ndarray], options: dict, wanted: str, listed: str) -> Photons:
+def from_arrays(path: Path, arrays: dict[str, np.ndarray], options: dict, wanted: str, listed: str) -> Reading:
     """Photons of a file by the names of its arrays: those of an .npz photon file, or else the only array of counts.
 
     Args:
@@ -116,7 +114,7 @@ def from_arrays(path: Path, arrays: dict[str, np.ndarray], options: dict, wanted
         reference = _reference(values, sensor)
     notes = tuple(dict.fromkeys((*values.get("notes", ()), *assumed)))
     others = {name: value for name, value in options.items() if name != "columns"}
-    return Photons(sensor, frame, reference, path.stem, notes).with_options(others)
+    return Reading(sensor, frame, reference, path.stem, notes).with_options(others)
 
 
 def _has_photons(arrays: dict[str, np.ndarray], options: dict) -> bool:

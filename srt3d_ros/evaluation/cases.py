@@ -7,11 +7,11 @@ from functools import partial
 import numpy as np
 
 from srt3d_ros import datasets
-from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.metrics import circular_difference
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.datasets import Photons
+from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.datasets.simulation.bust import Bust
 from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
@@ -35,13 +35,13 @@ class Observation:
     complete: bool = False                      # pixels without a depth have no surface, instead of an unknown one
     held_out: PhotonEvents | None = None        # kept from `frame` to judge the clouds
 
-    def true_cloud(self, sensor: SensorModel) -> Cloud | None:
+    def true_cloud(self, sensor: SensorModel) -> PointCloud | None:
         """The cloud of a perfect reconstruction; None without a reference."""
         if self.depth_bins is None:
             return None
         depth = np.swapaxes(self.depth_bins, 0, 1)
         intensity = 1.0 if self.intensity is None else np.swapaxes(self.intensity, 0, 1)
-        return Cloud.from_layers(sensor, depth, np.where(np.isfinite(depth), intensity, 0),
+        return PointCloud.from_layers(sensor, depth, np.where(np.isfinite(depth), intensity, 0),
                                  np.zeros((sensor.rows, sensor.cols)), 0)
 
 
@@ -116,7 +116,7 @@ def of_files(files: list[str], tolerance: str | None = None, surfaces: int | Non
     return cases
 
 
-def _held_out_share(photons: Photons, asked: float | None, references: int) -> tuple[float | None, tuple[str, ...]]:
+def _held_out_share(photons: Reading, asked: float | None, references: int) -> tuple[float | None, tuple[str, ...]]:
     """The share of a file's photons to hold out, or None; and a note if the user did not ask for it."""
     share = held_out.USUAL_SHARE if asked is None and references == 0 else asked
     if not share:
@@ -149,7 +149,7 @@ def photons_near(frame: PhotonEvents, depth_bins: np.ndarray, bins: float, senso
     return np.bincount(frame.pixel[apart <= bins], minlength=sensor.pixels).reshape(sensor.rows, sensor.cols)
 
 
-def _observed(photons: Photons, held_out_share: float | None) -> Observation:
+def _observed(photons: Reading, held_out_share: float | None) -> Observation:
     if held_out_share is None:
         return Observation(photons.events, photons.reference_depth_bins)
     frame, kept = held_out.split(photons.events, held_out_share)

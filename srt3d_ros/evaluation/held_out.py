@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from srt3d_ros.core.cloud import Cloud
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 
@@ -20,7 +20,7 @@ def split(frame: PhotonEvents, share: float) -> tuple[PhotonEvents, PhotonEvents
     return frame.part(seen), frame.part(~seen)
 
 
-def gain(cloud: Cloud, sensor: SensorModel, seen: PhotonEvents, held_out: PhotonEvents, share: float) -> dict:
+def gain(cloud: PointCloud, sensor: SensorModel, seen: PhotonEvents, held_out: PhotonEvents, share: float) -> dict:
     """Log-likelihood ratio of the held-out photons: cloud over "background only", nats / 100 pixels.
 
     Args:
@@ -44,7 +44,7 @@ def gain(cloud: Cloud, sensor: SensorModel, seen: PhotonEvents, held_out: Photon
             "held_out_std": float(100 * np.sqrt(variance[used].sum()) / pixels)}
 
 
-def _rates(cloud: Cloud, sensor: SensorModel, seen: PhotonEvents, seen_by: np.ndarray):
+def _rates(cloud: PointCloud, sensor: SensorModel, seen: PhotonEvents, seen_by: np.ndarray):
     """Signal, background, and background without signal; photons of a pixel at gain 1, float [pixels] each."""
     intensity = np.maximum(cloud.intensity.astype(np.float64), 0)
     signal = np.bincount(_pixel(cloud, sensor), intensity, minlength=sensor.pixels)
@@ -57,7 +57,7 @@ def _rates(cloud: Cloud, sensor: SensorModel, seen: PhotonEvents, seen_by: np.nd
     return signal, background(np.maximum(photons - seen_by * signal, 0)), background(photons)
 
 
-def _log_ratio(cloud: Cloud, sensor: SensorModel, pixel: np.ndarray, toa: np.ndarray, background: np.ndarray,
+def _log_ratio(cloud: PointCloud, sensor: SensorModel, pixel: np.ndarray, toa: np.ndarray, background: np.ndarray,
                without: np.ndarray) -> np.ndarray:
     """log(λ / λ₀) of each photon: rate with the cloud over rate without."""
     bins, of_point = sensor.num_bins, _pixel(cloud, sensor)
@@ -91,7 +91,7 @@ def _irf_at(sensor: SensorModel, pixel: np.ndarray, place: np.ndarray) -> np.nda
     return (1 - between) * entry(low) + between * entry(low + 1)
 
 
-def _pixel(cloud: Cloud, sensor: SensorModel) -> np.ndarray:
+def _pixel(cloud: PointCloud, sensor: SensorModel) -> np.ndarray:
     return cloud.row.astype(np.int64) * sensor.cols + cloud.col
 
 

@@ -9,13 +9,13 @@ import numpy as np
 from tqdm import tqdm
 
 from srt3d_ros import __version__
-from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.methods import Method
 from srt3d_ros.core.metrics import evaluate, median_offset
-from srt3d_ros.datasets.photons import Photons
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation import held_out
 from srt3d_ros.evaluation.cases import SEEN_BINS, SEEN_PHOTONS, Case, Observation, photons_near
+from srt3d_ros.photons import Photons
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Outcome(NamedTuple):
     """The cloud of a job, and its row of results.csv."""
 
     job: Job
-    cloud: Cloud
+    cloud: PointCloud
     row: dict
 
 
@@ -89,14 +89,14 @@ def outcome(job: Job, observation: Observation) -> Outcome:
     return Outcome(job, cloud, row)
 
 
-def reconstruct(job: Job, observation: Observation) -> tuple[Cloud, dict]:
+def reconstruct(job: Job, observation: Observation) -> tuple[PointCloud, dict]:
     """A job's cloud, and its frequencies and times (milliseconds)."""
     cloud = Photons(job.case.sensor, observation.frame).reconstruct(
         method=job.method.name, sketch_size=job.sketch_size, surfaces=job.case.surfaces)
     return cloud, {name: getattr(cloud, name) or None for name in ("frequencies", "sketch_ms", "reconstruct_ms")}
 
 
-def judge(cloud: Cloud, case: Case, observation: Observation) -> dict:
+def judge(cloud: PointCloud, case: Case, observation: Observation) -> dict:
     """Columns of results.csv that compare a cloud with the truth."""
     num_bins = case.sensor.num_bins
     reference, counted, offsets = aligned_reference(cloud, case, observation)
@@ -110,7 +110,7 @@ def judge(cloud: Cloud, case: Case, observation: Observation) -> dict:
             "offset_bins": offsets or None}
 
 
-def aligned_reference(cloud: Cloud, case: Case, observation: Observation):
+def aligned_reference(cloud: PointCloud, case: Case, observation: Observation):
     """References with `case.aligned` shifted by their median offset from the cloud; where they count; the offsets.
 
     An aligned reference counts only where photons confirm it. Points far from it are left out of the offset.

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from srt3d_ros.core.cloud import Cloud
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages.packing import pack_cloud, unpack_cloud
 from srt3d_ros.messages.schema_files import cloud_layouts
 
 
-def encode_cdr(cloud: Cloud, frame_id: str, layout: str = "xyzi", organised: bool = False) -> bytes:
+def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", organised: bool = False) -> bytes:
     """The serialised message of a cloud.
 
     Args:
@@ -54,7 +54,7 @@ def decode_cdr(raw: bytes) -> tuple[cdr.Header, dict[str, np.ndarray]]:
     return cloud.header, columns if placed.all() else {name: values[placed] for name, values in columns.items()}
 
 
-def _image(points: np.ndarray, cloud: Cloud) -> np.ndarray:
+def _image(points: np.ndarray, cloud: PointCloud) -> np.ndarray:
     """The first point of each pixel, [rows, cols]; a pixel without one keeps row, col and background."""
     image = np.zeros(cloud.background.shape, points.dtype)
     for name in image.dtype.names:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.sketch import Sketch, check_frequencies
+from srt3d_ros.core.sketching.sums import PhaseSums, check_frequencies
 from srt3d_ros.errors import require
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages.packing import CODES, pack_cloud, unpack_cloud
@@ -20,7 +20,7 @@ FREQUENCY, PERIOD, DESCRIPTION, CYCLES = map(re.compile, (
 MAX_MODULUS = 1.001     # the mean of unit vectors has |z| ≤ 1; 0.001 allows for rounding
 
 
-def encode_cdr(sketch: Sketch, frame_id: str, layout: str = "float32") -> bytes:
+def encode_cdr(sketch: PhaseSums, frame_id: str, layout: str = "float32") -> bytes:
     """The serialised message of a sketch.
 
     Args:
@@ -56,13 +56,13 @@ def description_of(cloud: cdr.CloudMessage) -> str:
     return _named(cloud, DESCRIPTION, "sensor_DIGEST")
 
 
-def decode_cdr(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, Sketch]:
+def decode_cdr(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, PhaseSums]:
     """The header and the sketch of a serialised message; `decode` says how."""
     cloud = cdr.read_cloud(raw)
     return cloud.header, decode(cloud, sensor)
 
 
-def decode(cloud: cdr.CloudMessage, sensor: SensorModel) -> Sketch:
+def decode(cloud: cdr.CloudMessage, sensor: SensorModel) -> PhaseSums:
     """The sketch of a message in any layout.
 
     Args:
@@ -89,7 +89,8 @@ def decode(cloud: cdr.CloudMessage, sensor: SensorModel) -> Sketch:
     parts *= photons[..., None].astype(np.float32)
     cycles = int(_named(cloud, CYCLES, "cycles", "0"))
     before = points["before"].astype(np.uint32) if gated else None
-    return Sketch(frequencies, parts.view(np.complex64), photons, cloud.header.stamp_ns, cycles, before, sensor=sensor)
+    return PhaseSums(frequencies, parts.view(np.complex64), photons, cloud.header.stamp_ns, cycles, before,
+                     sensor=sensor)
 
 
 def decode_counts_cdr(raw: bytes) -> tuple[cdr.Header, tuple[int, ...], np.ndarray]:

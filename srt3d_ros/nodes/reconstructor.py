@@ -7,13 +7,13 @@ import numpy as np
 from std_msgs.msg import String
 
 from srt3d_ros import precompile
-from srt3d_ros.core.cloud import SURFACE_ORDERS, Cloud
 from srt3d_ros.core.method.background import BACKGROUNDS
 from srt3d_ros.core.method.pile_up import SATURATED, saturated
 from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, MAX_FALSE_ALARM_RATE, MAX_SURFACES
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
+from srt3d_ros.core.point_cloud import SURFACE_ORDERS, PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.errors import require
 from srt3d_ros.kernels.devices import DEVICES, kernels_for
 from srt3d_ros.messages import images_message as image_message
@@ -108,7 +108,7 @@ class ReconstructorNode(PipelineNode):
         super().__init__()
         self._queue = SketchQueue()
         self._built: dict[tuple[str, tuple[int, ...]], Reconstructor] = {}      # the last used comes last
-        self._newest: Sketch | None = None
+        self._newest: PhaseSums | None = None
         self._settings = self.parameters.as_dict()      # the worker's copy, which changes only between frames
         self.parameters.on_check = self._check
         self.parameters.on_change = lambda: self.worker.call(self._apply)
@@ -190,7 +190,7 @@ class ReconstructorNode(PipelineNode):
                               background_unevenness=f"{reconstructor.uneven_background:.4f}")
         self._publish(seen, sketch, queued.message.header.frame_id or sensor.frame_id)
 
-    def _warn_of_saturation(self, sketch: Sketch) -> None:
+    def _warn_of_saturation(self, sketch: PhaseSums) -> None:
         """Report the pixels with a photon in nearly every laser cycle, whose pile-up cannot be corrected well."""
         pixels = 0
         if sketch.cycles:
@@ -199,7 +199,7 @@ class ReconstructorNode(PipelineNode):
         warning = f"saturated pixels: {pixels} (a photon in over {SATURATED:.0%} of the cycles)"
         self.diagnostics.degraded = warning if pixels else ""
 
-    def _reconstructor(self, digest: str, sketch: Sketch) -> Reconstructor:
+    def _reconstructor(self, digest: str, sketch: PhaseSums) -> Reconstructor:
         """The Reconstructor for a description and frequencies, with its memory of their last frames."""
         kind, frequencies = (digest, sketch.frequencies), " ".join(map(str, sketch.frequencies))
         reconstructor = self._built.pop(kind, None)
@@ -213,7 +213,7 @@ class ReconstructorNode(PipelineNode):
         self.diagnostics.show(device=f"{reconstructor.device}: {reconstructor.device_reason}", frequencies=frequencies)
         return reconstructor
 
-    def _publish(self, seen: Cloud, sketch: Sketch, frame_id: str) -> None:
+    def _publish(self, seen: PointCloud, sketch: PhaseSums, frame_id: str) -> None:
         settings = self._settings
         near = seen.within(settings["min_range_m"], settings["max_range_m"] or np.inf)
         cloud = near.ordered(settings["surface_order"])
@@ -228,7 +228,7 @@ class ReconstructorNode(PipelineNode):
         except Exception as problem:    # not counted as a lost frame: its points have been published
             self.failed(problem)
 
-    def _publish_images(self, cloud: Cloud, sensor: SensorModel, frame_id: str) -> None:
+    def _publish_images(self, cloud: PointCloud, sensor: SensorModel, frame_id: str) -> None:
         draw = {"depth": partial(cloud.depth_image, sensor.projection), "intensity": partial(cloud.image, "intensity"),
                 "background": lambda: cloud.background}
         for name, publisher in self._images.items():

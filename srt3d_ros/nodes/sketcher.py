@@ -11,7 +11,7 @@ from srt3d_ros.core.sensor.difference import first_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE, RULES
 from srt3d_ros.core.sketching.gate import OFF
-from srt3d_ros.core.sketching.sketch import MAX_SKETCH_SIZE, Sketch
+from srt3d_ros.core.sketching.sums import MAX_SKETCH_SIZE, PhaseSums
 from srt3d_ros.core.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets import open_sensor
 from srt3d_ros.errors import InvalidInput, require
@@ -271,7 +271,7 @@ class SketcherNode(PipelineNode):
             self._unacknowledged = 0
         return self._unacknowledged >= BUSY
 
-    def _publish(self, sketches: list[Sketch]) -> None:
+    def _publish(self, sketches: list[PhaseSums]) -> None:
         """Publish sketches, each after the description that it names."""
         values, stream = self.parameters, self._stream
         for sketch in sketches:

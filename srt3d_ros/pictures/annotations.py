@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
-from srt3d_ros.core.cloud import Cloud
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.pictures.cloud_renderer import CloudStyle, focal_px
 from srt3d_ros.pictures.colours import BACKGROUND, range_table
@@ -70,7 +70,7 @@ def annotated(image: np.ndarray, style: CloudStyle, eye: Viewpoint) -> Image.Ima
     return as_image(figure)
 
 
-def draw_cloud(cloud: Cloud, sensor: SensorModel, yaw_deg: float = 15, pitch_deg: float = 10,
+def draw_cloud(cloud: PointCloud, sensor: SensorModel, yaw_deg: float = 15, pitch_deg: float = 10,
                size_px: tuple[int, int] = (1200, 900)) -> Image.Image:
     """A cloud seen from above right of the sensor, coloured by range, shaded by intensity, with scale bar."""
     width, height = size_px

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.cloud import Cloud
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.pictures.colours import BACKGROUND, levels, percentile_range, range_table, shaded
 from srt3d_ros.pictures.viewpoint import Viewpoint, point_radius_m
@@ -34,7 +34,7 @@ class CloudStyle:
     radius_m: float
 
     @classmethod
-    def of(cls, cloud: Cloud, sensor: SensorModel) -> "CloudStyle":
+    def of(cls, cloud: PointCloud, sensor: SensorModel) -> "CloudStyle":
         """The style that suits a cloud."""
         near_m, far_m = (percentile_range(np.linalg.norm(cloud.xyz, axis=1))
                          or sensor.range_m(np.array([0, sensor.num_bins])))
@@ -47,12 +47,12 @@ class CloudStyle:
         colour[(range_m < self.near_m - 0.2 * span_m) | (range_m > self.far_m + 0.2 * span_m)] = _OUTSIDE
         return colour
 
-    def shaded(self, cloud: Cloud) -> np.ndarray:
+    def shaded(self, cloud: PointCloud) -> np.ndarray:
         """Colours of points by range, darker at low intensity, uint8 [N, 3]."""
         low, high = percentile_range(cloud.intensity) or (0, 1)
         return shaded(self.colour(cloud.xyz), levels(cloud.intensity, low, high, root=True))
 
-    def draw(self, cloud: Cloud, eye: Viewpoint, width: int, height: int) -> np.ndarray:
+    def draw(self, cloud: PointCloud, eye: Viewpoint, width: int, height: int) -> np.ndarray:
         """A cloud seen from `eye`, uint8 [height, width, 3]."""
         return draw_surface(cloud.xyz, self.shaded(cloud), eye, width, height, self.radius_m, BACKGROUND, finer=2)
 

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 
-from srt3d_ros.core.cloud import Cloud
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.files.new_files import file_errors
@@ -27,7 +27,7 @@ _SPARSE = 0.4                                   # photons per pixel below which 
 _MOST_PHOTONS = 1_000_000                       # more are sampled evenly
 
 
-def draw_overview(path, cloud: Cloud, sensor: SensorModel, photons: PhotonEvents | None, title: str,
+def draw_overview(path, cloud: PointCloud, sensor: SensorModel, photons: PhotonEvents | None, title: str,
                   figures: dict) -> None:
     """Write a .png with photons, cloud and depth map in the same range colours.
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from srt3d_ros.core.cloud import Cloud
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.pictures.cloud_renderer import CloudStyle, draw_surface
 from srt3d_ros.pictures.colours import BACKGROUND
@@ -19,7 +19,7 @@ class Panel(NamedTuple):
     """One cloud, with the method's name as heading and its metrics as caption."""
 
     heading: str
-    cloud: Cloud
+    cloud: PointCloud
     caption: str
 
 

@@ -12,7 +12,7 @@ from rerun import ChannelDatatype
 from rerun.chunk import Chunk, RrdReader
 from tqdm import tqdm
 
-from srt3d_ros.core.cloud import Cloud
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.recording import entities
@@ -42,10 +42,10 @@ class RecordedCloud:
     def __len__(self) -> int:
         return len(self.xyz)
 
-    def placed(self, sensor: SensorModel) -> Cloud:
+    def placed(self, sensor: SensorModel) -> PointCloud:
         """The Cloud, for clouds recorded with all columns; its background is NaN."""
         depth_bins = sensor.depth_bins(np.linalg.norm(self.xyz.astype(np.float64), axis=1)).astype(np.float32)
-        return Cloud(self.row, self.col, depth_bins, self.intensity,
+        return PointCloud(self.row, self.col, depth_bins, self.intensity,
                      self.depth_std_m / np.float32(sensor.bin_width_m), self.xyz, self.surface,
                      np.full((sensor.rows, sensor.cols), np.nan, np.float32), self.stamp_ns, sensor=sensor)
 

@@ -2,16 +2,16 @@
 
 from pathlib import Path
 
-from srt3d_ros.core.cloud import Cloud
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.recording import entities
 from srt3d_ros.recording.writer import RecordingFailed, RecordingWriter
 
 _IMAGES = (entities.DEPTH_PATH, entities.INTENSITY_PATH, entities.BACKGROUND_PATH)
 
 
-def record_cloud(cloud: Cloud, path: Path) -> None:
+def record_cloud(cloud: PointCloud, path: Path, notes: tuple[str, ...] = ()) -> None:
     """Write a recording of one frame to a new file; OSError if that fails."""
-    facts = {"method": cloud.method, "device": cloud.device, "frequencies": cloud.frequencies, "notes": cloud.notes}
+    facts = {"method": cloud.method, "device": cloud.device, "frequencies": cloud.frequencies, "notes": notes}
     at, pixels = (cloud.stamp_ns, 0), cloud.background.size
     images = (cloud.depth_image(cloud.sensor.projection), cloud.image("intensity"), cloud.background)
     try:

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from srt3d_ros import read
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.datasets import photon_file, read
+from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.messages import sensor_message

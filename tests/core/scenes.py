@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import circular_difference
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, choose, irf_spectrum
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame
-from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 
@@ -32,7 +32,7 @@ def simulate(depth_bins: np.ndarray, sbr: float, ppp: float, sensor=None, seed=0
     return Simulator(StaticScene(sensor.range_m(depth_bins)), sensor, sbr=sbr, ppp=ppp, seed=seed).frame(0)[0]
 
 
-def exact(sensor: SensorModel, depth_bins: np.ndarray, signal=20.0, frequencies=None) -> Sketch:
+def exact(sensor: SensorModel, depth_bins: np.ndarray, signal=20.0, frequencies=None) -> PhaseSums:
     """The expected sketch of surfaces at these depths as every pixel sees them, without the noise of photons."""
     frequencies = frequencies or choose("auto", sensor)
     late = 0 if sensor.delay_bins is None else sensor.delay_bins.astype(np.float64)
@@ -41,7 +41,7 @@ def exact(sensor: SensorModel, depth_bins: np.ndarray, signal=20.0, frequencies=
     spectrum = irf_spectrum(sensor, frequencies)
     response = spectrum if spectrum.ndim == 1 else spectrum.reshape(turned.shape)
     sums = (gain * signal)[..., None] * response * turned
-    return Sketch(frequencies, sums.astype(np.complex64), np.rint(gain * signal).astype(np.uint32), 3, sensor=sensor)
+    return PhaseSums(frequencies, sums.astype(np.complex64), np.rint(gain * signal).astype(np.uint32), 3, sensor=sensor)
 
 
 def background_alone(sensor: SensorModel, ppp: float, seed: int = 0) -> PhotonEvents:
@@ -62,7 +62,7 @@ def with_photons(frame: PhotonEvents, pixel: np.ndarray, toa) -> PhotonEvents:
     return PhotonEvents(np.append(frame.pixel, pixel.astype(np.uint32)), np.append(frame.toa, toa))
 
 
-def reconstruct(name: str, frame: PhotonFrame, sensor: SensorModel, frequencies, **options) -> Cloud:
+def reconstruct(name: str, frame: PhotonFrame, sensor: SensorModel, frequencies, **options) -> PointCloud:
     """The cloud of photons by the method of this name, by way of their sketch if it needs no more."""
     method = METHODS[name].build(sensor, frequencies, **options)
     return method(sketch_photons(frame, sensor, frequencies) if METHODS[name].needs == "sketch" else frame)
@@ -72,7 +72,7 @@ def run(name: str, frame, sensor: SensorModel, sketch_size: int = 10, **options)
     """The cloud by a method with its own frequencies, of photons or their sketch."""
     m = min(sketch_size, max((sensor.num_bins - 1) // 2, 1))
     frequencies = choose(METHODS[name].frequencies, sensor, m)
-    if isinstance(frame, Sketch):
+    if isinstance(frame, PhaseSums):
         return METHODS[name].build(sensor, frequencies, **options)(frame)
     return reconstruct(name, frame, sensor, frequencies, **options)
 

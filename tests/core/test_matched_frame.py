@@ -6,7 +6,7 @@ import pytest
 from srt3d_ros.core.matched_frame import WEAKEST_PASSBAND, Matcher
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum
-from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch
+from srt3d_ros.core.sketching.sums import PhaseSums, noise_sketch
 from srt3d_ros.errors import InvalidInput
 from tests.core import scenes
 
@@ -23,7 +23,7 @@ def make(**changes) -> SensorModel:
                            "irf_ref": 2} | changes))
 
 
-def exact(sensor: SensorModel) -> Sketch:
+def exact(sensor: SensorModel) -> PhaseSums:
     return scenes.exact(sensor, DEPTH, SIGNAL, frequencies=FREQUENCIES)
 
 
@@ -83,7 +83,7 @@ def test_what_a_pixels_irf_does_not_pass_is_not_blown_up():
     shapes = np.pad(shapes, ((0, 0), (0, T - len(IRF))))
     shapes[5] = 1                                       # sees every time alike: no signal passes
     sensor = make(irf=shapes)
-    noise = Sketch(FREQUENCIES, np.full((ROWS, COLS, len(FREQUENCIES)), 10, np.complex64),
+    noise = PhaseSums(FREQUENCIES, np.full((ROWS, COLS, len(FREQUENCIES)), 10, np.complex64),
                    np.full((ROWS, COLS), 100, np.uint32), sensor=sensor)
     seen = np.abs(complex_matched(Matcher(sensor, FREQUENCIES)(noise)))
     assert (seen[1, 1] <= 10 * np.sqrt(frame_energy(sensor)) / WEAKEST_PASSBAND).all()

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.metrics import circular_difference, evaluate, median_offset
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput
 
@@ -12,12 +12,12 @@ T = 100
 NAN = np.nan
 
 
-def cloud(*points: tuple) -> Cloud:
+def cloud(*points: tuple) -> PointCloud:
     """Points (row, col, depth[, intensity[, standard deviation]]) of an image."""
     full = np.array([(*point, *(1.0, 1.0)[len(point) - 3:]) for point in points]).reshape(-1, 5)
     row, col, depth, intensity, std = full.T
     n = len(points)
-    return Cloud(row.astype(np.uint16), col.astype(np.uint16), depth.astype(np.float32),
+    return PointCloud(row.astype(np.uint16), col.astype(np.uint16), depth.astype(np.float32),
                  intensity.astype(np.float32), std.astype(np.float32), np.zeros((n, 3), np.float32),
                  np.zeros(n, np.uint8), np.zeros((2, 3), np.float32), sensor=SensorModel(2, 3, T, 1e-10, [1.0]))
 

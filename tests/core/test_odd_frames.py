@@ -12,7 +12,7 @@ from srt3d_ros.core.sensor.keys import keys
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.core.sketching.sketch import MAX_PIXEL_PHOTONS, Sketch
+from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS, PhaseSums
 from srt3d_ros.errors import InvalidInput
 from tests.core.scenes import assert_finite, simulate
 
@@ -25,15 +25,15 @@ def made(rows=9, cols=12, **changes) -> tuple[SensorModel, tuple[int, ...]]:
     return sensor, choose("auto", sensor)
 
 
-def garbage(sensor: SensorModel, frequencies, seed: int, photons=MAX_PIXEL_PHOTONS) -> Sketch:
+def garbage(sensor: SensorModel, frequencies, seed: int, photons=MAX_PIXEL_PHOTONS) -> PhaseSums:
     """Means of unit vectors that no photons had, of pixels with up to so many."""
     rng, shape = np.random.default_rng(seed), (sensor.rows, sensor.cols)
     numbers = rng.integers(0, photons, shape, endpoint=True).astype(np.uint32)
     phase = 2j * np.pi * np.array(frequencies) / T * rng.uniform(0, T, (*shape, 1))
-    return Sketch(frequencies, (np.exp(phase) * numbers[..., None]).astype(np.complex64), numbers, sensor=sensor)
+    return PhaseSums(frequencies, (np.exp(phase) * numbers[..., None]).astype(np.complex64), numbers, sensor=sensor)
 
 
-def plane(sensor: SensorModel, depth: float, seed=0) -> Sketch:
+def plane(sensor: SensorModel, depth: float, seed=0) -> PhaseSums:
     frame = simulate(np.full((sensor.rows, sensor.cols), depth), np.inf, 20, sensor, seed)
     return sketch_photons(frame, sensor, choose("auto", sensor))
 

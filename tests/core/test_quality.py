@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from srt3d_ros import read
 from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.datasets import read
 from srt3d_ros.datasets.irf import spad
 from srt3d_ros.datasets.simulation.scene import StaticScene, default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator

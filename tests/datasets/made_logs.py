@@ -8,7 +8,7 @@ import numpy as np
 
 from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.datasets import Photons
+from srt3d_ros.photons import Photons
 
 BIN_M = 299_792_458.0 / 2 * 0.8e-9      # of a TMF8829
 REFERENCE_AT = 3.2                      # where its reference pulse lies, bins

@@ -6,12 +6,12 @@ import pytest
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan
-from srt3d_ros.datasets import Photons
 from srt3d_ros.datasets.irf import ESTIMATED
 from srt3d_ros.datasets.options import ASSUMED_FOV
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
+from srt3d_ros.photons import Photons
 
 IRF = np.array([0.2, 0.5, 0.3])
 KNOWN = {"shape": (3, 4), "num_bins": 50, "bin_width_s": 1e-10, "irf": IRF, "fov_deg": 20}

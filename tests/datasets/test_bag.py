@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from mcap.writer import CompressionType
 
+from srt3d_ros import read
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
-from srt3d_ros.datasets import read
 from srt3d_ros.datasets.bags.bag import Bag
 from srt3d_ros.datasets.bags.frames import find_photons
 from srt3d_ros.datasets.options import ASSUMED_FOV, ASSUMED_WIDTH

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from srt3d_ros import from_counts
-from srt3d_ros.datasets import read
+from srt3d_ros import from_counts, read
 from srt3d_ros.errors import InvalidInput
 from tests.datasets import laboratory_files as files
 

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
+from srt3d_ros import datasets, read
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
-from srt3d_ros.datasets import arrays, photons, read
+from srt3d_ros.datasets import arrays, reading
 from srt3d_ros.datasets.readers import cubes
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
@@ -54,7 +55,7 @@ def test_a_gate_and_a_longer_period_are_those_of_the_events(npy, events, monkeyp
     assert np.sort(found.events.toa).tolist() == np.sort(events.toa[inside] - 60).tolist()
     assert "lie outside the gate" in found.notes[0]
     assert read(npy, num_bins=300, **GIVEN).events.photons == events.photons
-    monkeypatch.setattr(photons, "MAX_EVENTS", 3000)
+    monkeypatch.setattr(reading, "MAX_EVENTS", 3000)
     with pytest.raises(InvalidInput, match="cube has .* photons, more than the 3000 that can be listed"):
         found.reconstruct(method="xcorr")
 
@@ -74,7 +75,7 @@ def test_an_irf_that_cannot_be_seen_is_refused_or_guessed(tmp_path):
     np.save(tmp_path / "even.npy", np.ones((4, 5, 300), np.uint8))
     with pytest.raises(InvalidInput, match="give irf"):
         read(tmp_path / "even.npy", bin_width_s=1e-10)
-    guessed = read(tmp_path / "even.npy", bin_width_s=1e-10, guess_irf=True)
+    guessed = datasets.read(tmp_path / "even.npy", bin_width_s=1e-10, guess_irf=True)
     assert guessed.sensor.irf.tolist() == [1] and "one bin" in guessed.notes[0]
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.io import savemat
 from scipy.sparse import csc_array
 
-from srt3d_ros.datasets import read
+from srt3d_ros import read
 from srt3d_ros.errors import InvalidInput
 from tests.datasets import laboratory_files as files
 from tests.datasets.test_mat import LISTS, cells

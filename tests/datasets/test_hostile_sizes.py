@@ -14,7 +14,8 @@ ZSTD = "compression.zstd" if find_spec("compression") else "backports.zstd"
 LIMITED = """
 import resource, sys
 from pathlib import Path
-from srt3d_ros.datasets import read, open_sensor
+from srt3d_ros import read
+from srt3d_ros.datasets import open_sensor
 from srt3d_ros.errors import InvalidInput
 import lz4.frame, rosbags.rosbag2, scipy.io
 used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()

@@ -5,10 +5,11 @@ import pytest
 from scipy.io import savemat
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.datasets import Photons, irf
+from srt3d_ros.datasets import irf
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
+from srt3d_ros.photons import Photons
 
 
 def width_at_half(response: np.ndarray) -> float:

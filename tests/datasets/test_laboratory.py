@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.datasets import read
+from srt3d_ros import read
 from srt3d_ros.errors import InvalidInput
 from tests.datasets import laboratory_files as files
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.io import savemat
 from scipy.sparse import csc_matrix
 
-from srt3d_ros.datasets import read
+from srt3d_ros import read
 from srt3d_ros.datasets.readers import isolated, isolated_child
 from srt3d_ros.datasets.values import listing
 from srt3d_ros.errors import InvalidInput

@@ -10,7 +10,7 @@ import pytest
 from scipy.io import savemat
 from scipy.sparse import csc_matrix
 
-from srt3d_ros.datasets import read
+from srt3d_ros import read
 from srt3d_ros.datasets.readers import isolated
 from srt3d_ros.errors import InvalidInput
 from tests.datasets.test_mat import IRF, cells, write

@@ -7,10 +7,11 @@ import zipfile
 import numpy as np
 import pytest
 
+from srt3d_ros import read
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.datasets import photon_file, read
+from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.options import ASSUMED_FOV
 from srt3d_ros.datasets.readers.mat import LAYOUTS
 from srt3d_ros.errors import InvalidInput

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from srt3d_ros import api
+from srt3d_ros import api, read
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.datasets import photon_file, read
+from srt3d_ros.datasets import photon_file
 from srt3d_ros.errors import InvalidInput
 
 IRF = np.array([1, 2, 1], np.float32) / 4

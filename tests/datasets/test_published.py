@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.datasets import Photons, read
+from srt3d_ros import read
 from srt3d_ros.datasets.options import ASSUMED_FOV
+from srt3d_ros.photons import Photons
 
 PAIRS = {
     "head": ("Face_Depth_Reflectivity_Clean.mat", "polystyrene_head_142_full.npz", {}),

@@ -19,8 +19,8 @@ from srt3d_ros.core.sensor.distortion import PlumbBob
 from srt3d_ros.core.sensor.model import GateWords
 from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
 from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
-from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import InvalidInput
+from srt3d_ros.photons import Photons
 from tests.core.scenes import T, make_sensor, simulate
 
 DEPTH = 200 + np.arange(20.0) + np.zeros((12, 1))

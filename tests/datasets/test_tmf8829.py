@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from examples.tmf8829_messages import decode
-from srt3d_ros.datasets import read
+from srt3d_ros import read
 from srt3d_ros.datasets.readers import tmf8829
 from srt3d_ros.errors import InvalidInput
 from tests.datasets import made_logs as made

@@ -15,8 +15,9 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
 import srt3d_ros
+from srt3d_ros import read
 from srt3d_ros.cli import main
-from srt3d_ros.datasets import open_sensor, read
+from srt3d_ros.datasets import open_sensor
 from srt3d_ros.messages import cdr, points_message
 from srt3d_ros.recording.reader import RecordingReader
 from tests.bags import IMAGE, TEXT, write_bag

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from srt3d_ros import read
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.datasets import read
 from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation.cases import of_files, photons_near, simulated, tolerance_bins

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from srt3d_ros.core.cloud import Cloud
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets.simulation.scene import StaticScene
@@ -22,7 +22,7 @@ def cloud_of(sensor, *layers):
     depth, intensity = (np.stack([np.broadcast_to(layer[k], (sensor.rows, sensor.cols)) for layer in layers], axis=1)
                         for k in (0, 1))
     nothing = np.zeros((sensor.rows, sensor.cols), np.float32)
-    return Cloud.from_layers(sensor, depth.astype(np.float32), np.nan_to_num(intensity * np.isfinite(depth)),
+    return PointCloud.from_layers(sensor, depth.astype(np.float32), np.nan_to_num(intensity * np.isfinite(depth)),
                              nothing, 0)
 
 

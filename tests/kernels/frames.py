@@ -16,12 +16,12 @@ from functools import partial
 import numpy as np
 import torch
 
-from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.metrics import circular_difference
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, choose, irf_spectrum
-from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.kernels import cpu, maps
 from srt3d_ros.kernels import torch as oracle
 from srt3d_ros.kernels.constants import SAME_SURFACE
@@ -98,7 +98,7 @@ def make_sensor(rows: int, cols: int, seed: int) -> SensorModel:
                        gain=rng.uniform(0.5, 1.5, (rows, cols)), mask=rng.random((rows, cols)) > 0.05)
 
 
-def make_sketch(sensor: SensorModel, seed: int, light: float = 1.0) -> Sketch:
+def make_sketch(sensor: SensorModel, seed: int, light: float = 1.0) -> PhaseSums:
     """Two layers that cross the end of the period, lit patchily, with the noise of photons; some pixels are dead.
 
     Of `light` 1 there are 20 background photons a pixel and 30 of each surface.
@@ -117,7 +117,7 @@ def make_sketch(sensor: SensorModel, seed: int, light: float = 1.0) -> Sketch:
         photons = photons + lit
     dead = rng.random(x.shape) < 0.1
     sums[dead], photons[dead] = 0, 0
-    return Sketch(frequencies, sums.astype(np.complex64), photons.astype(np.uint32), sensor=sensor)
+    return PhaseSums(frequencies, sums.astype(np.complex64), photons.astype(np.uint32), sensor=sensor)
 
 
 def layers(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -177,7 +177,7 @@ def exact_frame(depth: np.ndarray, signal: np.ndarray, background: float) -> Mat
     phase = np.exp(1j * angular_frequencies(frequencies, T) * depth[..., None])
     sums = irf_spectrum(sensor, frequencies) * (signal[..., None] * phase).sum(axis=0)
     photons = np.rint(signal.sum(axis=0) + background)
-    sketch = Sketch(frequencies, sums.astype(np.complex64), photons.astype(np.uint32), sensor=sensor)
+    sketch = PhaseSums(frequencies, sums.astype(np.complex64), photons.astype(np.uint32), sensor=sensor)
     return Matcher(sensor, frequencies)(sketch)
 
 
@@ -209,7 +209,7 @@ def assert_states_agree(fast: np.ndarray, slow: np.ndarray, shape: tuple[int, in
     assert here.sum() >= points and wrong.sum() <= here.sum() * SHARE_AT_TIES, np.argwhere(wrong)
 
 
-def assert_clouds_agree(one: Cloud, other: Cloud, surfaces: int, points: int):
+def assert_clouds_agree(one: PointCloud, other: PointCloud, surfaces: int, points: int):
     """But for ties no point differs by what a user could notice, and half of them by next to nothing."""
     for k in range(surfaces):
         depth, intensity, std = ([cloud.image(field, k) for cloud in (one, other)]

@@ -10,11 +10,11 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Image, PointCloud2
 
-from srt3d_ros.core.cloud import Cloud
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
-from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.messages import gates_message as gates
 from srt3d_ros.messages import histograms_message as histograms
 from srt3d_ros.messages import images_message as images
@@ -66,10 +66,10 @@ def same(a, b) -> bool:
 
 WORDS = np.arange(10, 34, dtype=np.uint16).reshape(2, 3, 4)
 WORDS[0, 1] = 65_535
-SKETCH = Sketch(FREQUENCIES, np.array([1, 1j, -1, 0.5 - 0.5j] * 6, np.complex64).reshape(3, 4, 2) * np.float32(2),
+SKETCH = PhaseSums(FREQUENCIES, np.array([1, 1j, -1, 0.5 - 0.5j] * 6, np.complex64).reshape(3, 4, 2) * np.float32(2),
                 np.full((3, 4), 2, np.uint32), STAMP_NS, sensor=SENSOR)
 SKETCH.photons[0, 0], SKETCH.sums[0, 0] = 0, 0
-CLOUD = Cloud(row=np.array([0, 2], np.uint16), col=np.array([1, 3], np.uint16),
+CLOUD = PointCloud(row=np.array([0, 2], np.uint16), col=np.array([1, 3], np.uint16),
               depth_bins=np.array([10, 20.5], np.float32), intensity=np.array([3, 0.25], np.float32),
               depth_std_bins=np.array([1, 2], np.float32), xyz=np.array([[1, 2, 3], [-4, 5, 6]], np.float32),
               surface=np.array([0, 1], np.uint8), background=np.arange(12, dtype=np.float32).reshape(3, 4),

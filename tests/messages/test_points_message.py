@@ -7,7 +7,7 @@ import pytest
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 
-from srt3d_ros.core.cloud import POINT_FIELDS
+from srt3d_ros.core.point_cloud import POINT_FIELDS
 from srt3d_ros.messages import points_message as points
 from srt3d_ros.messages.cdr import read_cloud
 from srt3d_ros.messages.packing import unpack_cloud

@@ -11,7 +11,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import sensor_message
 from srt3d_ros.messages import sketch_message as sketch
@@ -20,7 +20,7 @@ from srt3d_ros.messages.cdr import read_cloud
 LAYOUTS = ["float32", "int16"]
 
 
-def random_sketch(seed: int, rows: int, cols: int, m: int) -> tuple[Sketch, SensorModel]:
+def random_sketch(seed: int, rows: int, cols: int, m: int) -> tuple[PhaseSums, SensorModel]:
     """A sketch of true photons, 0 to 4 in each pixel, and their sensor."""
     rng = np.random.default_rng(seed)
     photons = rng.integers(0, 5, (rows, cols)).astype(np.uint32)
@@ -29,7 +29,7 @@ def random_sketch(seed: int, rows: int, cols: int, m: int) -> tuple[Sketch, Sens
     frequencies = tuple(rng.permutation(np.arange(1, 50))[:m].tolist())
     sums = (np.exp(1j * phases) * seen).sum(axis=-1).astype(np.complex64)
     sensor = SensorModel(rows, cols, 100, 1e-10, np.ones(3))
-    return Sketch(frequencies, sums, photons, seed, sensor=sensor), sensor
+    return PhaseSums(frequencies, sums, photons, seed, sensor=sensor), sensor
 
 
 @settings(max_examples=100, deadline=None)

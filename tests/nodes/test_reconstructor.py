@@ -12,7 +12,7 @@ from std_msgs.msg import String
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.messages import cdr, points_message, sensor_message, sketch_message
 from srt3d_ros.messages import images_message as image_message
 from srt3d_ros.nodes import topics
@@ -38,7 +38,7 @@ class Reconstructor:
         self.cameras = self.graph.collect(CameraInfo, "camera_info")
         self.graph.known_to("reconstructor")
 
-    def begin(self, sensor: SensorModel, sketch: Sketch, **parameters) -> None:
+    def begin(self, sensor: SensorModel, sketch: PhaseSums, **parameters) -> None:
         """Describe the sketches to a node whose live parameters are these, and that is in its initial state."""
         assert self.graph.change("reconstructor", "deactivate")
         self.graph.wait(lambda: self._sketches.get_subscription_count() == 0, "nobody on sketch")
@@ -52,19 +52,19 @@ class Reconstructor:
         self.graph.wait(lambda: [self.graph.report("reconstructor").get(key) for key in ("rows", "num_bins")]
                         == [str(sensor.rows), str(sensor.num_bins)], "the description")
 
-    def send(self, *sketches: Sketch | bytes) -> None:
+    def send(self, *sketches: PhaseSums | bytes) -> None:
         for sketch in sketches:
             data = sketch if isinstance(sketch, bytes) else sketch_message.encode_cdr(sketch, "spad")
             self._sketches.publish(data)
 
-    def __call__(self, *sketches: Sketch) -> list[tuple]:
+    def __call__(self, *sketches: PhaseSums) -> list[tuple]:
         """Header and points of the clouds of these sketches."""
         before = len(self.clouds)
         self.send(*sketches)
         self.graph.wait(lambda: len(self.clouds) == before + len(sketches), f"{len(sketches)} clouds")
         return [points_message.decode_cdr(raw) for raw in self.clouds[before:]]
 
-    def frame(self, sketch: Sketch) -> tuple[dict, dict[str, np.ndarray]]:
+    def frame(self, sketch: PhaseSums) -> tuple[dict, dict[str, np.ndarray]]:
         """Points and images of a sketch."""
         for received in self._images.values():
             received.clear()

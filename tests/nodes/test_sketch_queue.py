@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.sketch import noise_sketch
+from srt3d_ros.core.sketching.sums import noise_sketch
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import sensor_message, sketch_message
 from srt3d_ros.nodes.sketch_queue import MOST_WAITING, SENSORS_KEPT, WAIT_S, SketchQueue

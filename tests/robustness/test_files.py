@@ -10,12 +10,13 @@ import pytest
 
 from srt3d_ros import datasets
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
-from srt3d_ros.core.sketching.sketch import noise_sketch
+from srt3d_ros.core.sketching.sums import noise_sketch
 from srt3d_ros.datasets import open_sensor, photon_file
 from srt3d_ros.datasets.bags.bag import Bag
-from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.messages import cdr, photons_message
 from srt3d_ros.messages import sensor_message as sensor
+from srt3d_ros.photons import Photons
+from srt3d_ros.sketch import Sketch
 from tests.bags import CLOUD, TEXT, write_bag
 from tests.datasets import laboratory_files
 from tests.datasets.made_logs import tmf8829_log, zones_16
@@ -100,7 +101,8 @@ def test_a_damaged_file_is_read_or_refused_in_one_line(kind, rounds, tmp_path):
 @pytest.mark.parametrize("make", [
     lambda: Photons(SENSOR, EVENTS, np.full((2, 3, 4), 7, np.float32), notes=("a note",)),
     lambda: Photons(SENSOR, PhotonHistograms(np.ones((3, 4, 5), np.float32))),
-    lambda: noise_sketch(SENSOR, (1, 2)), lambda: noise_sketch(SENSOR, (1, 2)).reconstruct()],
+    lambda: Sketch.from_sums(noise_sketch(SENSOR, (1, 2))),
+    lambda: Sketch.from_sums(noise_sketch(SENSOR, (1, 2))).reconstruct()],
     ids=["photons", "counts", "sketch", "cloud"])
 def test_a_damaged_array_in_a_saved_file_is_read_or_refused_in_one_line(make, rounds, tmp_path):
     """Arrays whose archive is intact, so that its checksum does not catch the damage."""

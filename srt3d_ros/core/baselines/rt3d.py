@@ -18,7 +18,7 @@ import numpy as np
 
 from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, points_needed, without_faint
 from srt3d_ros.core.baselines.xcorr import XCORR, by_pixel
-from srt3d_ros.core.cloud import Cloud
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame
 from srt3d_ros.kernels import maps
@@ -63,7 +63,7 @@ class RT3D:
         self._slope[:, 1:-1] = (irf[:, 2:] - irf[:, :-2]) / 2
         self._width_bins = _rms_width(self._irf.mean(axis=0))
 
-    def __call__(self, frame: PhotonFrame) -> Cloud:
+    def __call__(self, frame: PhotonFrame) -> PointCloud:
         """The point cloud of one frame."""
         sensor, photons, kernels = self.sensor, by_pixel(frame, self.sensor), self._kernels
         depth, intensity, background = self._start.peaks(photons)
@@ -80,7 +80,7 @@ class RT3D:
         start = (maps.pad(values.swapaxes(1, 2)) for values in (depth, intensity))
         found = plug_and_play(kernels, step, *start, points_needed(seen), scale, sensor.num_bins)
         depth, intensity = (maps.crop(values, *seen.shape) for values in found)
-        return Cloud.from_layers(sensor, depth, intensity, background * seen * sensor.num_bins, frame.stamp_ns)
+        return PointCloud.from_layers(sensor, depth, intensity, background * seen * sensor.num_bins, frame.stamp_ns)
 
     def _likelihood(self, photons: PhotonEvents, ratio: float) -> Likelihood:
         """The likelihood of photons with a background per bin of `ratio` times the signal."""

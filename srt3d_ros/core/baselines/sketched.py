@@ -15,12 +15,12 @@ import numpy as np
 
 from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, points_needed, without_faint
 from srt3d_ros.core.baselines.weighting import weighted_steps
-from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.estimate import Estimate
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.method.thresholds import check_surfaces
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch
+from srt3d_ros.core.sketching.sums import PhaseSums, noise_sketch
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.devices import kernels_for
 
@@ -50,13 +50,13 @@ class SMLE:
         self._start, self._step = (self._kernels.fused(partial(each, self._kernels)) for each in (_start, _step))
         self._run = self._kernels.recorded(self._estimate)
 
-    def __call__(self, sketch: Sketch) -> Cloud:
+    def __call__(self, sketch: PhaseSums) -> PointCloud:
         """The point cloud of one frame's sketch."""
         self._matcher.check(sketch)
         background, *points = self._run(sketch.photons.astype(np.float32), sketch.sums)
         background = self._kernels.numpy(background)
         found = Estimate(None, None, background, background, *self._kernels.unpack(*points))
-        return Cloud.of(found, self.sensor, sketch.stamp_ns)
+        return PointCloud.of(found, self.sensor, sketch.stamp_ns)
 
     def _estimate(self, photons, sums) -> tuple:
         """Background photons, and the points."""

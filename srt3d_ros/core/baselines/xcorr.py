@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.method.thresholds import check_surfaces
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame
 from srt3d_ros.progress import progress
@@ -37,11 +37,11 @@ class XCORR:
         self._weights = np.log1p(irf / (FLOOR * irf.max(axis=1, keepdims=True)))    # 0 outside the IRF
         self._body, self._whole = (_window(irf.mean(axis=0), share) for share in (BODY_SHARE, WHOLE_SHARE))
 
-    def __call__(self, frame: PhotonFrame) -> Cloud:
+    def __call__(self, frame: PhotonFrame) -> PointCloud:
         """The point cloud of one frame."""
         depth, intensity, background = self.peaks(by_pixel(frame, self.sensor))
         background = background * self.sensor.exposure * self.sensor.num_bins
-        return Cloud.from_layers(self.sensor, depth, intensity, background, frame.stamp_ns)
+        return PointCloud.from_layers(self.sensor, depth, intensity, background, frame.stamp_ns)
 
     def peaks(self, photons: PhotonEvents) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The K highest peaks of every pixel's histogram, correlated with the IRF; `photons` from `by_pixel`.

@@ -13,7 +13,7 @@ import numpy as np
 from srt3d_ros.core.estimate import Estimate, Unexplained
 from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.sketching.frequencies import angular_frequencies
-from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.errors import require
 from srt3d_ros.kernels.constants import EPSILON
 
@@ -76,14 +76,14 @@ class Background:
         """Begin again, as before the first frame."""
         self.current = self._first
 
-    def taken(self, current: BackgroundEstimate, sketch: Sketch) -> tuple:
+    def taken(self, current: BackgroundEstimate, sketch: PhaseSums) -> tuple:
         """What removes it from a frame: photons [rows, cols], β̂ complex64 [m], clutter float32 [T]; () if even."""
         if current.mean is None:
             return ()
         photons = sketch.photons if current.photons is None else current.photons
         return photons.astype(np.float32), current.mean.astype(np.complex64), self._clutter(current.mean)
 
-    def candidates(self, sketch: Sketch) -> tuple[BackgroundEstimate, ...]:
+    def candidates(self, sketch: PhaseSums) -> tuple[BackgroundEstimate, ...]:
         """Uneven backgrounds to try on a frame: what the last cloud left, and the mean of all photons.
 
         Two, because each fails once: the first misses fog that was fitted as a surface; the second misses a wall that

@@ -5,15 +5,15 @@ from functools import cached_property
 
 import numpy as np
 
-from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.estimate import Estimate
 from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.method.background import PASSES, Background, BackgroundEstimate
 from srt3d_ros.core.method.pile_up import PileUp
 from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, MAX_FALSE_ALARM_RATE, check_surfaces
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch
+from srt3d_ros.core.sketching.sums import PhaseSums, noise_sketch
 from srt3d_ros.errors import require
 from srt3d_ros.kernels.devices import kernels_for
 
@@ -49,7 +49,7 @@ class PooledStream:
         self._pooled = Pooled(self._matcher, surfaces, false_alarm_rate, self._kernels, not self._background.is_even)
         self._warm_start, self._surfaces, self._is_first = warm_start, None, True
 
-    def __call__(self, sketch: Sketch) -> Cloud:
+    def __call__(self, sketch: PhaseSums) -> PointCloud:
         """The point cloud of one frame's sketch.
 
         Where the laser cycles are known, pile-up is corrected. A first frame is then reconstructed twice: its first
@@ -64,10 +64,10 @@ class PooledStream:
             self.forget()
         return self._without_pile_up(sketch)
 
-    def _without_pile_up(self, sketch: Sketch) -> Cloud:
+    def _without_pile_up(self, sketch: PhaseSums) -> PointCloud:
         return self._pile_up.corrected(self._cloud(self._pile_up.without_decay(sketch)), sketch)
 
-    def _cloud(self, sketch: Sketch) -> Cloud:
+    def _cloud(self, sketch: PhaseSums) -> PointCloud:
         """The cloud of a frame; a first one is repeated until its background has converged, at most PASSES times."""
         passes, start = (PASSES, None) if self._is_first else (1, self._surfaces)
         self._is_first = False
@@ -78,9 +78,9 @@ class PooledStream:
             found = self._estimate(sketch)
             if self._background.current.mean is None:       # the candidates explain the frame no better
                 break
-        return Cloud.of(found, self.sensor, sketch.stamp_ns)
+        return PointCloud.of(found, self.sensor, sketch.stamp_ns)
 
-    def _estimate(self, sketch: Sketch, start: np.ndarray | None = None) -> Estimate:
+    def _estimate(self, sketch: PhaseSums, start: np.ndarray | None = None) -> Estimate:
         """The estimate of least misfit. Surfaces and background of the next frame become what it shows."""
         candidates = self._candidates(sketch)
         if candidates:
@@ -93,13 +93,13 @@ class PooledStream:
         self._background.learn(background, found)
         return found
 
-    def _with_background(self, background: BackgroundEstimate, sketch: Sketch, start: np.ndarray | None = None
+    def _with_background(self, background: BackgroundEstimate, sketch: PhaseSums, start: np.ndarray | None = None
                          ) -> Estimate:
         """The estimate with a background. For a warm start its state is copied: the next call overwrites it."""
         found = self._pooled(sketch, start, self._background.taken(background, sketch))
         return found._replace(state=deepcopy(found.state) if self._warm_start else None)
 
-    def _candidates(self, sketch: Sketch) -> tuple[BackgroundEstimate, ...]:
+    def _candidates(self, sketch: PhaseSums) -> tuple[BackgroundEstimate, ...]:
         """The backgrounds to try on a frame that seems to have an uneven one; none if the current one is used."""
         candidates = self._background.candidates(sketch)
         if not candidates or self.surfaces == 1:
@@ -108,7 +108,7 @@ class PooledStream:
         settled = self._one_surface.background_of(sketch, self.false_alarm_rate)
         return candidates[:1] if settled.mean is None else (settled,)
 
-    def background_of(self, sketch: Sketch, false_alarm_rate: float) -> BackgroundEstimate:
+    def background_of(self, sketch: PhaseSums, false_alarm_rate: float) -> BackgroundEstimate:
         """The background that a first frame converges to."""
         self.forget()
         self.set_false_alarm_rate(false_alarm_rate)

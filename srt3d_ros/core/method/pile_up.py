@@ -13,11 +13,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from srt3d_ros.core.cloud import Cloud
 from srt3d_ros.core.matched_frame import Matcher
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies
-from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.kernels.constants import EPSILON
 from srt3d_ros.kernels.devices import kernels_for
 
@@ -26,7 +26,7 @@ NEWTON_STEPS = 8        # from λ = r / N, they approach the root from below
 FLUXES = np.concatenate([[0], np.geomspace(0.01, 8, 49)])       # λ of the tables of shifts
 
 
-def saturated(sketch: Sketch, sensor: SensorModel) -> np.ndarray:
+def saturated(sketch: PhaseSums, sensor: SensorModel) -> np.ndarray:
     """Whether a pixel saw a photon in nearly every cycle, bool [rows, cols]; False if masked or not known."""
     full = (sketch.photons > SATURATED * sketch.armed_cycles) & (sketch.cycles > 0)
     return full if sensor.mask is None else full & sensor.mask
@@ -50,7 +50,7 @@ class PileUp:
         """Begin again: count all photons as background."""
         self.background_share = 1.0
 
-    def without_decay(self, sketch: Sketch) -> Sketch:
+    def without_decay(self, sketch: PhaseSums) -> PhaseSums:
         """The sketch without the decay of its background: minus n_b β̂(b), with each pixel's own b.
 
         Pile-up makes the background decay as exp(−b x / T): β̂_l(b) = b / (b − i ω_l T). The same share of all photons
@@ -61,7 +61,7 @@ class PileUp:
         taken = share * sketch.photons[..., None] * decay
         return replace(sketch, sums=(sketch.sums - taken).astype(np.complex64), cycles=0)
 
-    def corrected(self, cloud: Cloud, sketch: Sketch) -> Cloud:
+    def corrected(self, cloud: PointCloud, sketch: PhaseSums) -> PointCloud:
         """The cloud with intensities N λ, background N b (local means), depths moved back, std with λ's error."""
         sensor, flux, at = self._sensor, _flux(sketch), (cloud.row, cloud.col)
         signal, background, error = self._fluxes(cloud, sketch, flux[at])
@@ -81,7 +81,7 @@ class PileUp:
                        depth_std_bins=np.hypot(cloud.depth_std_bins, error).astype(np.float32),
                        background=self._kernels.background(left, sensor.exposure))
 
-    def _fluxes(self, cloud: Cloud, sketch: Sketch, flux: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _fluxes(self, cloud: PointCloud, sketch: PhaseSums, flux: np.ndarray) -> tuple[np.ndarray, ...]:
         """λ of each point, b of its pixel, and the standard deviation of λ, float64 [N] each; `flux` is Λ."""
         sensor, at = self._sensor, (cloud.row, cloud.col)
         cycles, place = np.maximum(sketch.armed_cycles[at], 1), (np.cumsum(cloud.surface == 0) - 1, cloud.surface)
@@ -102,7 +102,7 @@ class PileUp:
         return signal[place], background[place[0], 0], std
 
 
-def _flux(sketch: Sketch) -> np.ndarray:
+def _flux(sketch: PhaseSums) -> np.ndarray:
     """Λ = −ln(1 − n / (N + ½)), photons per cycle without pile-up, float64 [rows, cols]."""
     return -np.log1p(-(sketch.photons / (sketch.armed_cycles + 0.5)))
 

@@ -16,7 +16,7 @@ import numpy as np
 from srt3d_ros.core.estimate import Estimate, Unexplained
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.method.thresholds import continuation_threshold, score_threshold
-from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.kernels import constants, maps
 
 STAYING = 0.5           # share of false points that survive the iterations (`python -m benchmarks false_alarms`)
@@ -51,7 +51,7 @@ class Pooled:
         self._enough = np.array([score_threshold(started, self._highest), found, max(found, constants.START_SCORE),
                                  continuation_threshold(started)], np.float32)
 
-    def __call__(self, sketch: Sketch, start: np.ndarray | None = None, background: tuple = ()) -> Estimate:
+    def __call__(self, sketch: PhaseSums, start: np.ndarray | None = None, background: tuple = ()) -> Estimate:
         """The estimate of a frame.
 
         Args:

@@ -18,7 +18,7 @@ import numpy as np
 from srt3d_ros.core.motion.trajectory import Trajectory
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import irf_spectrum
-from srt3d_ros.core.sketching.sketch import MAX_PIXEL_PHOTONS, Sketch, added_cycles, check_frequencies
+from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS, PhaseSums, added_cycles, check_frequencies
 from srt3d_ros.kernels.devices import kernels_for
 
 LEAST_PHOTONS = 1e-9    # avoids division by 0
@@ -28,7 +28,7 @@ RANGE_NOISE = 0.05      # noise allowed between ranges, as a fraction of the pul
 STEEPEST = 6.0          # tangent of the incidence angle, 80°, beyond which neighbouring pixels see two surfaces
 # Ordered dither (Bayer, ICC 1973): fractions of photons round up in as many of 4 × 4 pixels as down, however few.
 DITHER = (np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]], np.float32) + 0.5) / 16
-Parts = Sequence[tuple[int, Sketch]]
+Parts = Sequence[tuple[int, PhaseSums]]
 
 
 class Deskewer:
@@ -57,7 +57,8 @@ class Deskewer:
         self._steepest = STEEPEST * float(np.median(apart)) if apart.size else 0.0
         self._dither = np.tile(DITHER, (math.ceil(rows / 4), math.ceil(cols / 4)))[:rows, :cols]
 
-    def __call__(self, parts: Parts, trajectory: Trajectory, to_ns: int, range_m: np.ndarray | None = None) -> Sketch:
+    def __call__(self, parts: Parts, trajectory: Trajectory, to_ns: int, range_m: np.ndarray | None = None
+                 ) -> PhaseSums:
         """The sketch as if all photons had come at `to_ns`.
 
         Args:
@@ -80,7 +81,7 @@ class Deskewer:
         self.lost = max(came - round(float(photons.sum(dtype=np.float64))), 0)
         whole = np.minimum(np.floor(photons.astype(np.float64) + self._dither), MAX_PIXEL_PHOTONS)
         sums *= self._phases(ranges) * (whole / np.maximum(photons, LEAST_PHOTONS)).astype(np.float32)[..., None]
-        return Sketch(self.frequencies, sums, whole.astype(np.uint32), to_ns,
+        return PhaseSums(self.frequencies, sums, whole.astype(np.uint32), to_ns,
                       *added_cycles([sketch for _, sketch in parts]), sensor=self.sensor)
 
     def ranges_m(self, parts: Parts) -> np.ndarray:

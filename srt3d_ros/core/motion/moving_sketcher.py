@@ -13,7 +13,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
-from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.sums import PhaseSums
 
 PARTS = 10          # of a frame, at most: at 1 m/s and 100 ms, a part smears by 1 cm; moving it takes about 1 ms
 
@@ -58,7 +58,7 @@ class MovingSketcher(FrameSketcher):
     def reset(self) -> None:
         """Forget all photons, and when they came."""
         super().reset()
-        self._parts: list[tuple[list[int], Sketch]] = []        # packets' stamps and sketch
+        self._parts: list[tuple[list[int], PhaseSums]] = []        # packets' stamps and sketch
         self._stamps: list[int] = []                # of the packets of the open part
         self._previous_ns: int | None = None        # the last stamp of the frame before
 
@@ -88,7 +88,7 @@ class MovingSketcher(FrameSketcher):
         self._parts, self._previous_ns = [], stamps[-1]
         return MovingFrame(parts, min(instants), max(instants), to_ns)
 
-    def finish(self, frame: MovingFrame, trajectory: Trajectory | None) -> Sketch:
+    def finish(self, frame: MovingFrame, trajectory: Trajectory | None) -> PhaseSums:
         """The sketch of a frame at `frame.stamp_ns`; without a trajectory, the sum of its parts as they are."""
         if trajectory is not None:
             sketch = self._deskewer(frame.parts, trajectory, frame.stamp_ns)

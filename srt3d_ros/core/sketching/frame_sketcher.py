@@ -13,7 +13,7 @@ import numpy as np
 from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
-from srt3d_ros.core.sketching.sketch import Sketch, check_frequencies
+from srt3d_ros.core.sketching.sums import PhaseSums, check_frequencies
 from srt3d_ros.errors import require
 from srt3d_ros.kernels.devices import kernels_for
 
@@ -83,7 +83,7 @@ class FrameSketcher:
         here = self._sums[:, column] - (0 if before is None else before[:, column])
         return round(int(here.sum()) / self._kernels.UNIT)
 
-    def end_frame(self) -> Sketch:
+    def end_frame(self) -> PhaseSums:
         """End the open frame; the sketch of the window that ends with it."""
         self._stamps_ns.append(self._stamp_ns or 0)
         oldest = self._before[0]
@@ -101,11 +101,11 @@ class FrameSketcher:
         self._cycles_before.append(self._cycles)
         return sketch
 
-    def sketch(self) -> Sketch:
+    def sketch(self) -> PhaseSums:
         """The sketch of all photons added since the last reset."""
         return self._sketch_of(self._sums, self._stamp_ns or 0, self._cycles)
 
-    def _sketch_of(self, sums: np.ndarray, stamp_ns: int, cycles: int) -> Sketch:
+    def _sketch_of(self, sums: np.ndarray, stamp_ns: int, cycles: int) -> PhaseSums:
         rows, cols, m = self.sensor.rows, self.sensor.cols, len(self.frequencies)
         before = None
         if cycles and self.gate is not None:
@@ -114,7 +114,7 @@ class FrameSketcher:
         if self._subtracted:        # subtraction can leave n < |sum|; raise n so that |z| ≤ 1
             longest = np.abs(sums).max(axis=1) * (1 - ROUNDING)
             photons = np.maximum(photons, np.ceil(longest).astype(np.uint32))
-        return Sketch(self.frequencies, sums.reshape(rows, cols, m), photons.reshape(rows, cols), stamp_ns,
+        return PhaseSums(self.frequencies, sums.reshape(rows, cols, m), photons.reshape(rows, cols), stamp_ns,
                       0 if self._subtracted else cycles, before, sensor=self.sketch_sensor)
 
     # ---- Forms of photons
@@ -168,7 +168,7 @@ class FrameSketcher:
         return table, bins.template @ table
 
 
-def sketch_photons(frame: PhotonFrame, sensor: SensorModel, frequencies, gate: Gate | None = None) -> Sketch:
+def sketch_photons(frame: PhotonFrame, sensor: SensorModel, frequencies, gate: Gate | None = None) -> PhaseSums:
     """The sketch of one frame; InvalidInput if a photon is outside the sensor."""
     frame.check(sensor)
     sketcher = FrameSketcher(sensor, frequencies, gate=gate)

@@ -19,7 +19,7 @@ from functools import lru_cache
 import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
-from srt3d_ros.core.sketching.sketch import MAX_SKETCH_SIZE, check_frequencies
+from srt3d_ros.core.sketching.sums import MAX_SKETCH_SIZE, check_frequencies
 from srt3d_ros.errors import InvalidInput, require
 
 DEFAULT_SKETCH_SIZE = 10

@@ -3,16 +3,15 @@
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from srt3d_ros.core.sketching.photon_frame import PhotonGates
-from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.datasets import arrays
 from srt3d_ros.datasets.bags.bag import Bag, BagTopic
-from srt3d_ros.datasets.options import ASSUMED_FOV, sketch_with_options
-from srt3d_ros.datasets.photons import Photons
+from srt3d_ros.datasets.options import ASSUMED_FOV
+from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.files import json_text
 from srt3d_ros.messages import cdr, sensor_message, sketch_message
@@ -71,14 +70,14 @@ def frame_topics(contents: dict[BagTopic, str]) -> list[BagTopic]:
     return [topic for topic in frames if topic.name.rsplit("/", 1)[-1] == contents[topic]] or frames
 
 
-def read_frame(path: str | Path, number: int, options: dict, photons_topic: str = "") -> Photons | Sketch:
+def read_frame(path: str | Path, number: int, options: dict, photons_topic: str = "") -> Reading:
     """Photons or sketch in message `number` of a bag's topic; arguments and errors as for `frames`."""
     with closing(frames(path, (number,), options, photons_topic)) as found:
         return next(found)[1]()
 
 
 def frames(path: str | Path, numbers: Sequence[int], options: dict, photons_topic: str = ""
-           ) -> Iterator[tuple[int, Callable[[], Photons | Sketch]]]:
+           ) -> Iterator[tuple[int, Callable[[], Reading]]]:
     """Yield each number, and a function that gives the photons or sketch in that message of a bag's topic.
 
     The functions can be pickled. The bag is read once.
@@ -131,7 +130,7 @@ def _descriptions(bag: Bag, sensors: tuple[BagTopic, ...], kind: str) -> dict[st
 
 
 def _decoded(kind: str, raw: bytes, descriptions: dict[str, bytes], options: dict, name: str, notes: tuple[str, ...]
-             ) -> Photons | Sketch:
+             ) -> Reading:
     """The photons or sketch in a message: a sketch of the sensor that it names, photons of that before them."""
     if not descriptions:
         return _with_given_sensor(kind, raw, options, name, notes)
@@ -139,8 +138,8 @@ def _decoded(kind: str, raw: bytes, descriptions: dict[str, bytes], options: dic
         digest = sketch_message.description_of(cdr.read_cloud(raw))
         require(digest in descriptions, "sketch/sensor",
                 problem=f"Frame {name.rpartition('_')[2]} needs the description sensor_{digest}, which is missing.")
-        found = sketch_message.decode_cdr(raw, sensor_message.decode_cdr(descriptions[digest]))[1]
-        return sketch_with_options(replace(found, notes=notes), options)
+        sums = sketch_message.decode_cdr(raw, sensor_message.decode_cdr(descriptions[digest]))[1]
+        return Reading(sums.sensor, sums, None, name, notes).with_options(options)
     sensor = sensor_message.decode_cdr(descriptions[""])
     photons = CODECS[kind].decode_cdr(raw, sensor)[1]
     if isinstance(photons, PhotonGates):
@@ -148,17 +147,17 @@ def _decoded(kind: str, raw: bytes, descriptions: dict[str, bytes], options: dic
         options = options | {"cycles": options.get("cycles") or sensor.cycles}      # a given sensor has none
     if "projection" not in json_text.parse(cdr.read_text(descriptions[""]), "sensor"):
         notes += (ASSUMED_FOV,)
-    return Photons(sensor, photons, None, name, notes).with_options(options)
+    return Reading(sensor, photons, None, name, notes).with_options(options)
 
 
-def _with_given_sensor(kind: str, raw: bytes, options: dict, name: str, notes: tuple[str, ...]) -> Photons | Sketch:
+def _with_given_sensor(kind: str, raw: bytes, options: dict, name: str, notes: tuple[str, ...]) -> Reading:
     """The photons or sketch in a message of this kind, of the sensor that the options describe."""
     sensor, _ = arrays.sensor_of(options)
     if kind == "sketch":
         require("irf" in options, "irf", problem="Give irf, or sensor: sketches do not show it.")
-        return replace(sketch_message.decode_cdr(raw, sensor)[1], notes=notes)
+        return Reading(sensor, sketch_message.decode_cdr(raw, sensor)[1], None, name, notes)
     sensor, frame, own = arrays.from_frame(CODECS[kind].decode_cdr(raw, sensor)[1], options)
-    photons = Photons(sensor, frame, None, name, notes + own)
+    photons = Reading(sensor, frame, None, name, notes + own)
     return photons.gated(*options["gate"]) if "gate" in options else photons
 
 

@@ -8,7 +8,7 @@ from srt3d_ros.core.sensor.model import MAX_BINS
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
 from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, complete, sampled, sensor_of
 from srt3d_ros.datasets.options import check_same, in_order, outside_note, replaced_note
-from srt3d_ros.datasets.photons import Photons, in_gate
+from srt3d_ros.datasets.reading import Reading, in_gate
 from srt3d_ros.datasets.sensor_arrays import sensor_options, values_of
 from srt3d_ros.datasets.values import sendable
 from srt3d_ros.errors import finite, require
@@ -21,7 +21,7 @@ BESIDE = ("irf", "irf_ref", "bin_width_s", "toa_offset_bins", "range_offset_m", 
 
 
 def cube(path: Path, counts: np.ndarray, options: dict, stated: dict | None = None, notes: tuple[str, ...] = (),
-         reference: np.ndarray | None = None) -> Photons:
+         reference: np.ndarray | None = None) -> Reading:
     """Photons of an array of counts: events if there are few, else histograms, which may stay in the file.
 
     Args:
@@ -50,7 +50,7 @@ def cube(path: Path, counts: np.ndarray, options: dict, stated: dict | None = No
         frame, kept = _frame_of(counts[..., first:last + 1], num_bins)
     sensor, _, all_notes = complete(frame, sensor, known, notes + width_note + replaced_note(stated, options))
     outside = outside_note(round(photons - kept), round(photons), first, last)
-    return Photons(sensor.replace(toa_offset_bins=sensor.toa_offset_bins + first), frame,
+    return Reading(sensor.replace(toa_offset_bins=sensor.toa_offset_bins + first), frame,
                    in_gate(reference, first, last), path.stem, all_notes + outside)
 
 
@@ -66,7 +66,7 @@ def _frame_of(counts: np.ndarray, num_bins: int) -> tuple[PhotonEvents | PhotonH
     return sampled(kept) if few else PhotonHistograms(kept), photons
 
 
-def only_cube(path: Path, arrays: dict[str, np.ndarray], options: dict, wanted: str, listed: str) -> Photons:
+def only_cube(path: Path, arrays: dict[str, np.ndarray], options: dict, wanted: str, listed: str) -> Reading:
     """Photons of the only numeric array of three dimensions; those BESIDE it describe the sensor.
 
     An error says what is `wanted`, and what the file has: `listed`.
@@ -78,7 +78,7 @@ def only_cube(path: Path, arrays: dict[str, np.ndarray], options: dict, wanted: 
     return cube(path, counts, others, stated, notes)
 
 
-def read(path: Path, options: dict) -> Photons:
+def read(path: Path, options: dict) -> Reading:
     """Photons of an .npy file of counts."""
     most = MAX_ARRAY_BYTES if "axes" in options else MAX_CUBE_BYTES         # other axes are copied into memory
     counts, others, notes = in_order(map_npy(path, f"{path.name} counts", most), options)

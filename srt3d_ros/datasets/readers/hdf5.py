@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.datasets import photon_file
-from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers import isolated
+from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.errors import finite, require
 from srt3d_ros.files.array_files import read_errors
 
@@ -21,7 +21,7 @@ SPOT_ARRAYS = tuple(f"photon_data*/{name}" for name in ("nanotimes", "detectors"
 WANTED = f"Photon-HDF5 with photon_data/nanotimes, {photon_file.WANTED}"
 
 
-def read(path: Path, options: dict) -> Photons:
+def read(path: Path, options: dict) -> Reading:
     """Photons of an HDF5 file; `channel` is the detector to take of Photon-HDF5, else all. Needs h5py."""
     names = (*SPOT_ARRAYS, *photon_file.KNOWN, *options.get("columns", ()))
     found, listed = isolated.arrays_of(path, "h5py", names, "a complete HDF5 file")

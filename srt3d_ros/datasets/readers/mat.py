@@ -9,9 +9,9 @@ from srt3d_ros.core.sensor.model import MAX_BINS, MAX_PIXELS
 from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, from_pixels
 from srt3d_ros.datasets.options import check_same, outside_note
-from srt3d_ros.datasets.photons import Photons, in_gate
 from srt3d_ros.datasets.readers import isolated
 from srt3d_ros.datasets.readers.cubes import cube
+from srt3d_ros.datasets.reading import Reading, in_gate
 from srt3d_ros.datasets.values import MAX_EVENTS
 from srt3d_ros.errors import finite, require
 from srt3d_ros.files.array_files import read_errors
@@ -50,7 +50,7 @@ VARIABLES = (*(name for one in LAYOUTS for name in (one.variable, one.reference,
              *photon_file.KNOWN)
 
 
-def read(path: Path, options: dict) -> Photons:
+def read(path: Path, options: dict) -> Reading:
     """Photons of a .mat file. The bins are those of the file's window, or those that have photons."""
     found, listed = isolated.matlab_arrays(path, (*VARIABLES, *options.get("columns", ())))
     layout = next((one for one in LAYOUTS if one.fits(found)), None)
@@ -62,7 +62,7 @@ def read(path: Path, options: dict) -> Photons:
         return (_of_counts if layout.reference else _of_cells)(path, layout, found, options)
 
 
-def _of_counts(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Photons:
+def _of_counts(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Reading:
     """Photons of counts [T, rows · cols] with reference depths. Sparse counts stay sparse."""
     name, photons = layout.variable, found[layout.variable]
     width_s, notes = _bin_width(layout, options)
@@ -87,7 +87,7 @@ def _of_counts(path: Path, layout: Layout, found: dict[str, np.ndarray], options
     return _of_events(path, layout, (pixel, toa), reference.shape, window, options, reference[None])
 
 
-def _of_cells(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Photons:
+def _of_cells(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Reading:
     """Photons of ToA lists, one cell a pixel."""
     name, toa, lengths = layout.variable, found[layout.variable], found[f"{layout.variable}.lengths"]
     require(lengths.ndim == 2 and 0 < lengths.size <= MAX_PIXELS, f"{name} shape", lengths.shape,
@@ -106,7 +106,7 @@ def _of_cells(path: Path, layout: Layout, found: dict[str, np.ndarray], options:
 
 
 def _of_events(path: Path, layout: Layout, photons: tuple[np.ndarray, np.ndarray], shape: tuple[int, int],
-               window: tuple[int, int], options: dict, reference: np.ndarray | None = None) -> Photons:
+               window: tuple[int, int], options: dict, reference: np.ndarray | None = None) -> Reading:
     """Photons (pixel, bin) inside the gate, or else inside `window` = (first bin, number of bins)."""
     pixel, toa = photons
     width_s, notes = _bin_width(layout, options)
@@ -120,7 +120,7 @@ def _of_events(path: Path, layout: Layout, photons: tuple[np.ndarray, np.ndarray
     inside = (toa >= first) & (toa <= last)
     sensor, events, more = from_pixels(pixel[inside], toa[inside] - first, 0, options | own)
     outside = outside_note(len(toa) - events.photons, len(toa), first, last)
-    return Photons(sensor, events, in_gate(reference, first, last), path.stem, notes + more + outside)
+    return Reading(sensor, events, in_gate(reference, first, last), path.stem, notes + more + outside)
 
 
 def _window(layout: Layout, found: dict[str, np.ndarray], unit: float, toa: np.ndarray, options: dict

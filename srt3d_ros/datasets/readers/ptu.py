@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers.cubes import cube
+from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.errors import finite, require
 from srt3d_ros.files.array_files import read_errors
 
@@ -17,7 +17,7 @@ MARKS = ("ImgHdr_LineStart", "ImgHdr_LineStop", "ImgHdr_Frame")
 SUMMED = slice(None, None, -1)          # ptufile adds up the photons along an axis with this index
 
 
-def read(path: Path, options: dict) -> Photons:
+def read(path: Path, options: dict) -> Reading:
     """Photons of a .ptu file, all frames added up, of `channel` or the channel with the most. Needs ptufile."""
     import ptufile
 

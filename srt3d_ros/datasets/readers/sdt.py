@@ -4,14 +4,14 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers import isolated
 from srt3d_ros.datasets.readers.cubes import cube
+from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.errors import finite, require
 from srt3d_ros.files.array_files import read_errors
 
 
-def read(path: Path, options: dict) -> Photons:
+def read(path: Path, options: dict) -> Reading:
     """Photons of an .sdt file, of the data set `channel`, from 0, or the one with the most. Needs sdtfile."""
     found, _ = isolated.arrays_of(path, "sdtfile", (), "a complete Becker & Hickl .sdt file of histograms")
     with read_errors(path):

@@ -20,7 +20,7 @@ import numpy as np
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
-from srt3d_ros.datasets.photons import Photons
+from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.files.array_files import read_errors
 
@@ -35,14 +35,14 @@ TICK_NS = 1000              # of the device's clock: 26 frames of 33 ms agree
 LOG_LIMITS = {"bytes": 3 * 2**26, "values": 2**23, "lists and objects": 2**20}
 
 
-def frames(path: Path, options: dict) -> Iterator[Callable[[], Photons]]:
+def frames(path: Path, options: dict) -> Iterator[Callable[[], Reading]]:
     """Yield functions that give the frames of a log, stamped by the device's clock; `options` override the log."""
     sets, configuration = _read(path)
     for k, frame in enumerate(sets):
         yield partial(_photons, frame, configuration, path, k, options)
 
 
-def _photons(frame: dict, configuration: dict, path: Path, number: int, options: dict) -> Photons:
+def _photons(frame: dict, configuration: dict, path: Path, number: int, options: dict) -> Reading:
     name = f"{path.name} frame {number}"
     try:
         photons = _of_log(frame, configuration, name)
@@ -83,7 +83,7 @@ def _whole_counts(field: str, lists: list, axes: int) -> np.ndarray:
     return values.astype(np.int32)
 
 
-def _of_log(frame: dict, configuration: dict, name: str) -> Photons:
+def _of_log(frame: dict, configuration: dict, name: str) -> Reading:
     zones = _whole_counts(f"{name} mp_histo", [[zone["bin"] for zone in row] for row in frame["mp_histo"]], axes=3)
     references = _whole_counts(f"{name} ref_histo", [pulse["bin"] for pulse in frame["ref_histo"]], axes=2)
     require(zones.shape[:2] in SIZES.values(), f"{name} mp_histo", zones.shape[:2], "8 × 8 to 32 × 48 zones")
@@ -102,10 +102,10 @@ def _of_log(frame: dict, configuration: dict, name: str) -> Photons:
     # A fault of the logger, version 4: all histograms of row y are that of zone y of row 0.
     sensor = photons.sensor.replace(rows=1, irf=photons.sensor.irf[:zones.shape[1]])
     row = PhotonHistograms(photons.frame.counts[None, :, 0].copy(), stamp_ns)
-    return Photons(sensor, row, None, FRAME_ID, (NOTE, "the logger wrote only the histograms of row 0, a known fault"))
+    return Reading(sensor, row, None, FRAME_ID, (NOTE, "the logger wrote only the histograms of row 0, a known fault"))
 
 
-def photons_of(zones: np.ndarray, references: np.ndarray, mode: int, stamp_ns: int, shift: int, steps: int) -> Photons:
+def photons_of(zones: np.ndarray, references: np.ndarray, mode: int, stamp_ns: int, shift: int, steps: int) -> Reading:
     """Photons of zones [rows, cols, bins], whose bins have 2^shift steps, and of references [parts, 64]."""
     rows, cols, bins = zones.shape
     bins = min(steps >> shift, bins)        # without the last, measured in part
@@ -118,7 +118,7 @@ def photons_of(zones: np.ndarray, references: np.ndarray, mode: int, stamp_ns: i
     sensor = SensorModel(rows, cols, bins, CONVERTER_S * 2**shift, pulses[of_part.ravel()], peak,
                          toa_offset_bins=-peak, projection=projection, frame_id=FRAME_ID)
     frame = PhotonHistograms(np.ascontiguousarray(zones[..., :bins]), stamp_ns)
-    return Photons(sensor, frame, None, FRAME_ID, (NOTE,))
+    return Reading(sensor, frame, None, FRAME_ID, (NOTE,))
 
 
 def shift_of(mode: int) -> int:

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from srt3d_ros import read
 from srt3d_ros.core.baselines.plug_and_play import depth_scale_bins
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import Metrics, evaluate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
-from srt3d_ros.datasets import read
 from tests.core.scenes import make_sensor, run, simulate
 
 

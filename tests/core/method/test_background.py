@@ -11,7 +11,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.errors import InvalidInput
 from tests.core import scenes
 from tests.core.scenes import IRF, background_alone, with_photons
@@ -37,7 +37,7 @@ def reconstruct(frame: PhotonEvents, sensor: SensorModel, background="sensor", *
     return scenes.pooled(frame, sensor, background=background, **options)
 
 
-def sketches(sensor: SensorModel, depth_bins=DEPTH, sbr=0.1, ppp=20.0, frames=6) -> list[Sketch]:
+def sketches(sensor: SensorModel, depth_bins=DEPTH, sbr=0.1, ppp=20.0, frames=6) -> list[PhaseSums]:
     """A stream of a scene that does not move."""
     return [sketch_photons(scenes.simulate(depth_bins, sbr, ppp, sensor, seed), sensor, choose("auto", sensor))
             for seed in range(frames)]
@@ -57,7 +57,7 @@ def test_nothing_is_left_of_the_expected_background(shape, changes):
     omega = 2 * np.pi * np.array(frequencies) / T
     one = np.exp(1j * np.outer(omega, BINS)) @ sensor.background_shape.astype(np.float64)
     sums = (50 * one * np.exp(1j * omega * late[..., None])).astype(np.complex64)
-    sketch = Sketch(frequencies, sums, np.full((8, 12), 50, np.uint32), sensor=sensor)
+    sketch = PhaseSums(frequencies, sums, np.full((8, 12), 50, np.uint32), sensor=sensor)
     matcher = Matcher(sensor, frequencies)
     background = Background(matcher, "sensor")
     photons, mean, clutter = background.taken(background.current, sketch)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import srt3d_ros
-from srt3d_ros.core.cloud import POINT_FIELDS
 from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.method.pile_up import saturated
+from srt3d_ros.core.point_cloud import POINT_FIELDS
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.sums import PhaseSums
 
 SIDE, BINS, CYCLES = 32, 400, 100
 IRF = np.exp(-0.5 * (np.arange(-18, 19) / 3.0)**2)
@@ -136,7 +136,7 @@ def test_a_pixel_with_a_photon_in_nearly_every_cycle_is_saturated_and_unsure(bri
 def test_nothing_seen_and_every_cycle_seen():
     sensor = SensorModel(4, 5, BINS, 1e-10, IRF, cycles=9)
     for n in (0, 9):
-        sketch = Sketch((1, 2, 5), np.zeros((4, 5, 3), np.complex64), np.full((4, 5), n, np.uint32), cycles=9,
+        sketch = PhaseSums((1, 2, 5), np.zeros((4, 5, 3), np.complex64), np.full((4, 5), n, np.uint32), cycles=9,
                         sensor=sensor)
         cloud = PooledStream(sensor, sketch.frequencies)(sketch)
         assert len(cloud) == 0 and np.isfinite(cloud.background).all()

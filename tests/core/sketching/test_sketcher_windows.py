@@ -10,7 +10,7 @@ from srt3d_ros.core.sketching import frame_sketcher as sketcher_module
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher, sketch_photons
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
-from srt3d_ros.core.sketching.sketch import MAX_PIXEL_PHOTONS
+from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS
 from srt3d_ros.errors import InvalidInput
 
 SENSOR = SensorModel(3, 5, 100, 1e-10, [1, 2, 1])

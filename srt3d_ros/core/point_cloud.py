@@ -1,21 +1,14 @@
-"""Cloud: the points of a frame, what a reconstruction returns."""
+"""PointCloud: the points of a frame."""
 
 from dataclasses import KW_ONLY, dataclass, replace
-from importlib import import_module
-from numbers import Real
-from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 
 from srt3d_ros.core.estimate import Estimate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole, Projection
-from srt3d_ros.core.shown import SIZE_PX, as_html, notes_text
-from srt3d_ros.errors import InvalidInput, quoted, require
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from srt3d_ros.errors import quoted, require
 
 # The point of a pixel that comes first: the field that its points are sorted by, and the sign.
 SURFACE_ORDERS = {"strongest": ("intensity", -1), "nearest": ("depth_bins", 1), "farthest": ("depth_bins", -1)}
@@ -24,7 +17,7 @@ POINT_FIELDS = ("row", "col", *IMAGES, "xyz", "surface")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Cloud:
+class PointCloud:
     """The points of one frame, sorted by pixel, the strongest of a pixel first, and the background of every pixel.
 
     Args:
@@ -38,7 +31,6 @@ class Cloud:
         background: float32 [rows, cols], expected background photons in the frame, over all T bins.
         stamp_ns: start of acquisition, passed through from the photons.
         sensor: places the points: that of the photons, behind a gate if there is one.
-        notes: one line each for what was assumed, estimated or left out.
         method, surfaces, device: what made the cloud: the method's name, the most surfaces in a pixel, "cpu" or "cuda".
         photons: number of photons in the frame.
         frequencies: the integers k_l of the sketch; none if the method works on photons.
@@ -56,7 +48,6 @@ class Cloud:
     stamp_ns: int = 0
     _: KW_ONLY
     sensor: SensorModel
-    notes: tuple[str, ...] = ()
     method: str = ""
     surfaces: int = 1
     device: str = "cpu"
@@ -92,13 +83,8 @@ class Cloud:
     def __repr__(self) -> str:
         range_m = self._range_m()
         where = f" at {range_m.min():.4g} to {range_m.max():.4g} m" if len(self) else ""
-        return (f"Cloud of {len(self):,} points{where}, from {self.photons:,} photons of "
-                f"{self.sensor.rows} × {self.sensor.cols} pixels{notes_text(self.notes)}")
-
-    def _repr_html_(self) -> str:
-        """For notebooks."""
-        return as_html(repr(self), lambda: import_module("srt3d_ros.pictures.annotations").draw_cloud(
-            self, self.sensor, size_px=SIZE_PX))
+        return (f"{type(self).__name__} of {len(self):,} points{where}, from {self.photons:,} photons of "
+                f"{self.sensor.rows} × {self.sensor.cols} pixels")
 
     def image(self, field: str, surface: int = 0) -> np.ndarray:
         """One value per pixel of `depth_bins`, `intensity` or `depth_std_bins`; float32 [rows, cols], NaN = no point.
@@ -143,49 +129,6 @@ class Cloud:
         order = np.lexsort((key, np.cumsum(self.surface == 0)))
         return replace(self._only(order), surface=self.surface)
 
-    def save(self, path: str | Path) -> None:
-        """Write the cloud by the suffix: .npz (everything), .ply, .rrd (for rerun); or draw it: .png, .jpg.
-
-        Raises:
-            InvalidInput: another suffix, a path that cannot be written, or an .npz file there that is no cloud.
-        """
-        _imported("srt3d_ros.datasets.cloud_files").save(self, path)
-
-    def plot(self, ax: "Axes | None" = None, *, yaw_deg: float = 15, pitch_deg: float = 10) -> "Axes":
-        """Draw the cloud into axes of matplotlib: coloured by range, shaded by intensity, with a scale bar.
-
-        Args:
-            ax: to draw into; those of a new figure unless given.
-            yaw_deg, pitch_deg: from where it is seen: to the right of the sensor and above it.
-
-        Raises:
-            InvalidInput: matplotlib or Pillow is missing.
-        """
-        image = self.render(yaw_deg=yaw_deg, pitch_deg=pitch_deg)
-        if ax is None:
-            ax = _imported("matplotlib.pyplot").figure().add_axes((0, 0, 1, 1))
-        ax.imshow(image)
-        ax.set_axis_off()
-        return ax
-
-    def render(self, *, yaw_deg: float = 15, pitch_deg: float = 10, size_px: tuple[int, int] = (1200, 900)
-               ) -> np.ndarray:
-        """The cloud as a picture, uint8 [height, width, 3]; `save` writes one to a file.
-
-        Args:
-            yaw_deg, pitch_deg: see `plot`.
-            size_px: width and height of the picture.
-
-        Raises:
-            InvalidInput: matplotlib or Pillow is missing.
-        """
-        for name, angle in (("yaw_deg", yaw_deg), ("pitch_deg", pitch_deg)):
-            require(isinstance(angle, Real), name, quoted(angle), "degrees")
-        fits = isinstance(size_px, tuple) and all(isinstance(side, int) and side > 0 for side in size_px)
-        require(fits and len(size_px) == 2, "size_px", quoted(size_px), "(width, height), above 0")
-        annotations = _imported("srt3d_ros.pictures.annotations")
-        return np.array(annotations.draw_cloud(self, self.sensor, yaw_deg, pitch_deg, size_px).convert("RGB"))
-
     def _only(self, kept: np.ndarray) -> Self:
         """The points of these indices."""
         return replace(self, **{name: getattr(self, name)[kept] for name in POINT_FIELDS})
@@ -198,16 +141,3 @@ class Cloud:
         image = np.full(self.background.shape, np.nan, np.float32)
         image[self.row[chosen], self.col[chosen]] = values[chosen]
         return image
-
-
-def _imported(module: str):
-    """A module that core may not import, for writing and drawing import Cloud; and that needs an extra.
-
-    Raises:
-        InvalidInput: a package that it needs is missing.
-    """
-    try:
-        return import_module(module)
-    except ImportError as error:
-        problem = f"Cannot draw a cloud: {error.name} is missing (pip install '.[pictures]' in the clone)."
-        raise InvalidInput("picture", problem=problem) from None

@@ -1,38 +1,35 @@
-"""Photons: one frame of any file, bag, log or array, with its sensor."""
+"""Photons: one frame of any file, bag, log or array with its sensor, to save, to sketch and to reconstruct."""
 
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Self, Unpack
 
 import numpy as np
 
-from srt3d_ros.core.cloud import Cloud
+from srt3d_ros.cloud import Cloud, notes_text
 from srt3d_ros.core.methods import DEFAULT_METHOD, find
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.shown import notes_text
 from srt3d_ros.core.sketching.design import design_for
-from srt3d_ros.core.sketching.gate import OFF, Gate
+from srt3d_ros.core.sketching.gate import OFF
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonHistograms
-from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.core.stream import SketchStream, StreamOptions
-from srt3d_ros.datasets import arrays
-from srt3d_ros.datasets.options import SensorOptions, gathered, outside_note, redescribed
-from srt3d_ros.datasets.values import MAX_EVENTS
+from srt3d_ros.datasets import arrays, photon_file
+from srt3d_ros.datasets.options import SensorOptions, gathered, outside_note
+from srt3d_ros.datasets.reading import IN_MEMORY, Reading
 from srt3d_ros.errors import quoted, require
 from srt3d_ros.progress import compiling
 from srt3d_ros.reconstruction import Reconstructor
-
-IN_MEMORY = "arrays"
+from srt3d_ros.sketch import Sketch
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Photons:
+class Photons(Reading):
     """One frame of photons. A large array of counts stays in its file until it is sketched.
 
     Args:
+        sensor: of the photons.
         frame: the photons, as events or as histograms, inside the sensor's pixels and bins.
         reference_depth_bins: float32 [S, rows, cols], reference depths of S surfaces in the sensor's bins (see
             SensorModel), NaN = unknown or no surface; None if the file has none.
@@ -40,11 +37,7 @@ class Photons:
         notes: a line for each assumption, estimate or omission. Show them to the user.
     """
 
-    sensor: SensorModel
     frame: PhotonEvents | PhotonHistograms
-    reference_depth_bins: np.ndarray | None = None
-    name: str = IN_MEMORY
-    notes: tuple[str, ...] = ()
 
     @classmethod
     def from_events(cls, row: Any, col: Any, toa: Any, *, sensor: SensorModel | None = None, stamp_ns: int = 0,
@@ -100,20 +93,6 @@ class Photons:
         return (f"Photons of {self.name}: {self.photons:,} in {sensor.rows} × {sensor.cols} pixels and "
                 f"{sensor.num_bins} bins{notes_text(self.notes)}")
 
-    @property
-    def photons(self) -> int:
-        """Number of photons."""
-        return self.frame.photons
-
-    @property
-    def events(self) -> PhotonEvents:
-        """The photons one by one; InvalidInput if there are too many, or counts that are negative or fractional."""
-        if isinstance(self.frame, PhotonEvents):
-            return self.frame
-        require(self.photons <= MAX_EVENTS, f"{self.name} photons", problem=f"{self.name} has {self.photons} photons, "
-                f"more than the {MAX_EVENTS} that can be listed. Methods on sketches take any number.")
-        return self.frame.to_events(self.sensor)
-
     def sketch(self, sketch_size: int | None = None, *, frequencies: str | Sequence[int] = "auto",
                gate: str | tuple[int, int] = OFF) -> Sketch:
         """The sketch: m complex numbers a pixel for any number of photons.
@@ -138,7 +117,7 @@ class Photons:
         numbers, mean = 2 * len(chosen), self.photons / self.sensor.pixels
         if sketch_size is not None and numbers > mean:
             notes += (f"the sketch is longer than its photons: {numbers} numbers a pixel for {mean:.3g} photons",)
-        return replace(made, notes=self.notes + notes)
+        return Sketch.from_sums(made, self.notes + notes)
 
     def reconstruct(self, *, method: str = DEFAULT_METHOD, sketch_size: int | None = None,
                     frequencies: str | Sequence[int] | None = None, gate: str | tuple[int, int] = OFF,
@@ -179,34 +158,7 @@ class Photons:
         Raises:
             InvalidInput: another suffix, a path that cannot be written, or an .npz file there that is none of photons.
         """
-        import_module("srt3d_ros.datasets.photon_file").save(       # by name: it imports Photons
-            path, self.sensor, self.frame, self.reference_depth_bins, self.notes)
-
-    def gated(self, first: int, last: int) -> Self:
-        """Keep the photons in the bins `first` to `last`; a note says how many were dropped."""
-        gate, whole = Gate(self.sensor, first, last), self.events
-        events = gate.photons(whole)
-        note = outside_note(whole.photons - events.photons, whole.photons, first, last)
-        if gate.sensor.cycles:
-            note += ("pile-up is not corrected: that needs the photons before the gate (give the gate to `sketch`)",)
-        # Gate words still count from the bin 0 of the whole period.
-        return replace(self, sensor=gate.sensor.replace(gates=self.sensor.gates, cycles=None), frame=events,
-                       reference_depth_bins=in_gate(self.reference_depth_bins, first, last), notes=self.notes + note)
-
-    def with_options(self, options: dict[str, Any]) -> Self:
-        """The same photons with options (options.gathered) in place of their sensor's values; a note lists them."""
-        sensor, notes = redescribed(self.sensor, self.notes, options)
-        frame, stray = arrays.fitted(self.frame, sensor)
-        photons = replace(self, sensor=sensor, frame=frame, notes=notes + stray)
-        return photons.gated(*options["gate"]) if "gate" in options else photons
-
-
-def in_gate(depth: np.ndarray | None, first: int, last: int) -> np.ndarray | None:
-    """Depths in bins, counted from the bin `first`, NaN outside the gate; None without any."""
-    if depth is None:
-        return None
-    moved = depth - np.float32(first)
-    return np.where((moved >= 0) & (moved <= last - first), moved, np.float32(np.nan))
+        photon_file.save(path, self.sensor, self.frame, self.reference_depth_bins, self.notes)
 
 
 def _written(frequencies: str | Sequence[int]) -> str:

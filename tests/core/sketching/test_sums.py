@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.sketch import MAX_PIXEL_PHOTONS, MAX_SKETCH_SIZE, Sketch, check_frequencies
+from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS, MAX_SKETCH_SIZE, PhaseSums, check_frequencies
 from srt3d_ros.errors import InvalidInput
 
 
@@ -14,11 +14,11 @@ def sensor(rows: int, cols: int, bin_width_s: float = 1e-10) -> SensorModel:
     return SensorModel(rows, cols, 100, bin_width_s, [1.0])
 
 
-def make(rows=2, cols=3, frequencies=(1, 4), seed=0, stamp_ns=0, **changes) -> Sketch:
+def make(rows=2, cols=3, frequencies=(1, 4), seed=0, stamp_ns=0, **changes) -> PhaseSums:
     rng = np.random.default_rng(seed)
     photons = rng.integers(0, 9, (rows, cols)).astype(np.uint32)
     phases = np.exp(1j * rng.uniform(0, 6, (rows, cols, len(frequencies))))
-    return Sketch(frequencies, (photons[..., None] * phases).astype(np.complex64), photons, stamp_ns,
+    return PhaseSums(frequencies, (photons[..., None] * phases).astype(np.complex64), photons, stamp_ns,
                   sensor=sensor(rows, cols, **changes))
 
 
@@ -39,7 +39,7 @@ def test_the_highest_frequency_has_more_than_two_bins_a_turn(num_bins, most):
 
 
 def test_z_is_the_mean_over_the_photons_and_0_without_any():
-    sketch = Sketch((1, 2), np.array([[[4, 2j], [1, 1j], [0, 0]]], np.complex64), np.array([[4, 1, 0]], np.uint32),
+    sketch = PhaseSums((1, 2), np.array([[[4, 2j], [1, 1j], [0, 0]]], np.complex64), np.array([[4, 1, 0]], np.uint32),
                     sensor=sensor(1, 3))
     assert sketch.z.dtype == np.complex64
     np.testing.assert_allclose(sketch.z, [[[1, 0.5j], [1, 1j], [0, 0]]])
@@ -73,7 +73,7 @@ def test_sketches_of_other_frequencies_or_sensors_do_not_add(changes, named):
 
 def test_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean():
     photons = np.full((2, 2), 3_000_000_000, np.uint32)
-    sketch = Sketch((1,), ((0.6 + 0.8j) * photons[..., None]).astype(np.complex64), photons, sensor=sensor(2, 2))
+    sketch = PhaseSums((1,), ((0.6 + 0.8j) * photons[..., None]).astype(np.complex64), photons, sensor=sensor(2, 2))
     total = sketch + sketch
     assert (total.photons == MAX_PIXEL_PHOTONS).all() and total.photons.dtype == np.uint32
     np.testing.assert_allclose(total.z, 0.6 + 0.8j, rtol=1e-6)
@@ -84,4 +84,4 @@ def test_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean():
     ((3, 2, 2), (2, 3), "sums shape")])
 def test_shapes_that_disagree_are_refused(sums, photons, named):
     with pytest.raises(InvalidInput, match=f"^{named}"):
-        Sketch((1, 4), np.zeros(sums, np.complex64), np.zeros(photons, np.uint32), sensor=sensor(2, 3))
+        PhaseSums((1, 4), np.zeros(sums, np.complex64), np.zeros(photons, np.uint32), sensor=sensor(2, 3))

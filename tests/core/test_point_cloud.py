@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.cloud import Cloud
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SPEED_OF_LIGHT, SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
 from srt3d_ros.errors import InvalidInput
@@ -13,9 +13,9 @@ METRES = SensorModel(2, 3, 100, 2 / SPEED_OF_LIGHT, [1.0])      # a bin is a met
 
 
 @pytest.fixture
-def two_in_one_pixel() -> Cloud:
+def two_in_one_pixel() -> PointCloud:
     """Of 2 × 3 pixels (0, 1) has two points, (1, 2) one."""
-    return Cloud(row=np.array([0, 0, 1], np.uint16), col=np.array([1, 1, 2], np.uint16),
+    return PointCloud(row=np.array([0, 0, 1], np.uint16), col=np.array([1, 1, 2], np.uint16),
                  depth_bins=np.array([2, 6, 5], np.float32), intensity=np.array([5, 2, 4], np.float32),
                  depth_std_bins=np.array([0.5, 1, 0.25], np.float32),
                  xyz=np.array([[0, 0, 2], [0, 0, 6], [0, 3, 4]], np.float32),
@@ -51,7 +51,7 @@ def test_limits_are_ranges_along_the_ray_and_count_themselves_in(two_in_one_pixe
 def test_further_surfaces_within_the_limits_keep_their_order():
     row, col = np.array([0, 0, 0, 0, 1], np.uint16), np.array([0, 2, 2, 2, 0], np.uint16)
     ones = np.ones(5, np.float32)
-    cloud = Cloud(row, col, np.array([1, 9, 2, 3, 1], np.float32), ones, ones, np.zeros((5, 3), np.float32),
+    cloud = PointCloud(row, col, np.array([1, 9, 2, 3, 1], np.float32), ones, ones, np.zeros((5, 3), np.float32),
                   np.array([0, 0, 1, 2, 0], np.uint8), np.zeros((2, 3), np.float32), sensor=METRES)
     kept = cloud.within(max_m=5)
     assert kept.depth_bins.tolist() == [1, 2, 3, 1] and kept.surface.tolist() == [0, 0, 1, 0]
@@ -64,7 +64,7 @@ def test_further_surfaces_within_the_limits_keep_their_order():
 def test_the_points_of_a_pixel_come_in_the_order_asked_for_and_ties_keep_theirs(surface_order, depth, intensity):
     row, col = np.array([0, 0, 0, 0, 1, 1, 1], np.uint16), np.array([1, 2, 2, 2, 0, 0, 0], np.uint16)
     by_strength = np.float32([[7, 40, 10, 40, 90, 90, 20], [1, 9, 5, 2, 8, 6, 3]])
-    cloud = Cloud(row, col, *by_strength, by_strength[1] / 10, np.repeat(by_strength[0][:, None], 3, axis=1),
+    cloud = PointCloud(row, col, *by_strength, by_strength[1] / 10, np.repeat(by_strength[0][:, None], 3, axis=1),
                   np.array([0, 0, 1, 2, 0, 1, 2], np.uint8), np.zeros((2, 3), np.float32), stamp_ns=9,
                   sensor=METRES)
     ordered = cloud.ordered(surface_order)

@@ -1,23 +1,16 @@
-"""Sketch: what is kept of a frame's photons, and how sketches add."""
+"""PhaseSums: what is kept of a frame's photons, and how it adds."""
 
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, replace
-from importlib import import_module
-from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 
 from srt3d_ros.core.array_checks import as_array
-from srt3d_ros.core.methods import DEFAULT_METHOD, SKETCH_METHODS, find
 from srt3d_ros.core.sensor.difference import first_difference
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.shown import notes_text
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.kernels.constants import MAX_PIXEL_PHOTONS, MAX_SKETCH_SIZE
-
-if TYPE_CHECKING:
-    from srt3d_ros.core.cloud import Cloud
 
 
 def check_frequencies(frequencies: Sequence[int] | np.ndarray, num_bins: int) -> tuple[int, ...]:
@@ -36,7 +29,7 @@ def check_frequencies(frequencies: Sequence[int] | np.ndarray, num_bins: int) ->
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sketch:
+class PhaseSums:
     """Per pixel, the sum over its photons of exp(i ω_l x_p), ω_l = 2π k_l / T, and their number.
 
     The paper's sketch is the mean, z_l = sums_l / n (eq. 3). Sketches of the same frequencies add. `sketch[10:40,
@@ -50,7 +43,6 @@ class Sketch:
         cycles: N, the laser cycles, if the photons are the first of each; 0: not known, pile-up is not corrected.
         before: uint32 [rows, cols], photons before the gate, each of which ended its cycle; None: none.
         sensor: of the photons, behind the gate if there is one.
-        notes: one line each for what was assumed, estimated or left out.
 
     Raises:
         InvalidInput: naming the argument that cannot be used.
@@ -64,7 +56,6 @@ class Sketch:
     before: np.ndarray | None = None
     _: KW_ONLY
     sensor: SensorModel
-    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         require(isinstance(self.sensor, SensorModel), "sensor", type(self.sensor).__name__, "a Sensor")
@@ -83,8 +74,7 @@ class Sketch:
 
     def __repr__(self) -> str:
         rows, cols, m = self.sums.shape
-        return (f"Sketch of {self.photons.sum():,} photons, {m} numbers in each of {rows} × {cols} pixels"
-                f"{notes_text(self.notes)}")
+        return f"{type(self).__name__} of {self.photons.sum():,} photons, {m} numbers in each of {rows} × {cols} pixels"
 
     @property
     def z(self) -> np.ndarray:
@@ -99,7 +89,7 @@ class Sketch:
         before = np.zeros(self.photons.shape) if self.before is None else self.before
         return np.maximum(self.cycles - before, self.photons).astype(np.float64)
 
-    def __add__(self, other: "Sketch") -> Self:
+    def __add__(self, other: Self) -> Self:
         """The sketch of both sets of photons; InvalidInput unless frequencies and sensor are the same."""
         require(self.frequencies == other.frequencies, "frequencies", other.frequencies,
                 f"the same as {self.frequencies}")
@@ -125,36 +115,17 @@ class Sketch:
                        before=None if self.before is None else self.before[rows, cols],
                        sensor=self.sensor.cropped(rows, cols))
 
-    def save(self, path: str | Path) -> None:
-        """Write the sketch with its sensor and notes as .npz, which `srt3d_ros.read` reads to the same bits.
 
-        Raises:
-            InvalidInput: another suffix, a path that cannot be written, or an .npz file there that is no sketch.
-        """
-        import_module("srt3d_ros.datasets.sketch_files").save(self, path)
-
-    def reconstruct(self, *, method: str = DEFAULT_METHOD, surfaces: int = 1, device: str = "auto",
-                    false_alarm_rate: float | None = None, background: str | None = None) -> "Cloud":
-        """The point cloud; arguments as for `Photons.reconstruct`, of a method on sketches."""
-        wanted = f"one that takes sketches: {', '.join(SKETCH_METHODS)}"
-        require(find(method).needs == "sketch", "method", method, wanted)
-        # loaded by name, as in `save`: these modules import Sketch
-        reconstructor = import_module("srt3d_ros.reconstruction").Reconstructor(
-            self.sensor, self.frequencies, method=method, surfaces=surfaces, device=device,
-            false_alarm_rate=false_alarm_rate, background=background)
-        return reconstructor(self)
-
-
-def added_cycles(sketches: Sequence[Sketch]) -> tuple[int, np.ndarray | None]:
+def added_cycles(sketches: Sequence[PhaseSums]) -> tuple[int, np.ndarray | None]:
     """`cycles` and `before` of a sum of sketches; cycles are 0 (not known) if any sketch has 0."""
     cycles = [sketch.cycles for sketch in sketches]
     counted = [sketch.before for sketch in sketches if sketch.before is not None]
     return sum(cycles) if all(cycles) else 0, sum(counted[1:], counted[0]) if counted else None
 
 
-def noise_sketch(sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:
+def noise_sketch(sensor: SensorModel, frequencies: tuple[int, ...]) -> PhaseSums:
     """A sketch of noise alone, for warming up."""
     rng = np.random.default_rng(0)
     sums = rng.normal(size=(sensor.rows, sensor.cols, len(frequencies), 2)).astype(np.float32)
     photons = np.full((sensor.rows, sensor.cols), 9, np.uint32)
-    return Sketch(frequencies, sums.view(np.complex64)[..., 0], photons, sensor=sensor)
+    return PhaseSums(frequencies, sums.view(np.complex64)[..., 0], photons, sensor=sensor)

@@ -1,0 +1,98 @@
+"""Reading: one frame of a file, bag or log as plain data, with its sensor."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+
+from srt3d_ros.core.point_cloud import PointCloud
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.gate import Gate
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
+from srt3d_ros.core.sketching.sums import PhaseSums
+from srt3d_ros.datasets import arrays
+from srt3d_ros.datasets.options import outside_note, redescribed
+from srt3d_ros.datasets.values import MAX_EVENTS
+from srt3d_ros.errors import require
+
+IN_MEMORY = "arrays"
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """One frame of any source. A large array of counts stays in its file until it is sketched.
+
+    Args:
+        sensor: of the frame.
+        frame: photons, as events or as histograms, inside the sensor's pixels and bins; or their sketch, or the points
+            of a saved cloud.
+        reference_depth_bins: float32 [S, rows, cols], reference depths of S surfaces in the sensor's bins (see
+            SensorModel), NaN = unknown or no surface; None if the source has none.
+        name: the file's name without its suffix.
+        notes: a line for each assumption, estimate or omission. Show them to the user.
+    """
+
+    sensor: SensorModel
+    frame: PhotonEvents | PhotonHistograms | PhaseSums | PointCloud
+    reference_depth_bins: np.ndarray | None = None
+    name: str = IN_MEMORY
+    notes: tuple[str, ...] = ()
+
+    @property
+    def photons(self) -> int:
+        """Number of photons."""
+        return self.frame.photons
+
+    @property
+    def events(self) -> PhotonEvents:
+        """The photons one by one; InvalidInput if there are too many, or counts that are negative or fractional."""
+        if isinstance(self.frame, PhotonEvents):
+            return self.frame
+        require(self.photons <= MAX_EVENTS, f"{self.name} photons", problem=f"{self.name} has {self.photons} photons, "
+                f"more than the {MAX_EVENTS} that can be listed. Methods on sketches take any number.")
+        return self.frame.to_events(self.sensor)
+
+    def gated(self, first: int, last: int) -> Self:
+        """Keep the photons in the bins `first` to `last`; a note says how many were dropped."""
+        gate, whole = Gate(self.sensor, first, last), self.events
+        events = gate.photons(whole)
+        note = outside_note(whole.photons - events.photons, whole.photons, first, last)
+        if gate.sensor.cycles:
+            note += ("pile-up is not corrected: that needs the photons before the gate (give the gate to `sketch`)",)
+        # Gate words still count from the bin 0 of the whole period.
+        return replace(self, sensor=gate.sensor.replace(gates=self.sensor.gates, cycles=None), frame=events,
+                       reference_depth_bins=in_gate(self.reference_depth_bins, first, last), notes=self.notes + note)
+
+    def with_options(self, options: dict[str, Any]) -> Self:
+        """The same frame with options (options.gathered) in place of their sensor's values; a note lists them."""
+        if isinstance(self.frame, PhaseSums):
+            frame, notes = sums_with_options(self.frame, self.notes, options)
+            return replace(self, sensor=frame.sensor, frame=frame, notes=notes)
+        if isinstance(self.frame, PointCloud):
+            require(not options, self.name, problem=f"{self.name} holds a cloud: no option can change it.")
+            return self
+        sensor, notes = redescribed(self.sensor, self.notes, options)
+        frame, stray = arrays.fitted(self.frame, sensor)
+        photons = replace(self, sensor=sensor, frame=frame, notes=notes + stray)
+        return photons.gated(*options["gate"]) if "gate" in options else photons
+
+
+def sums_with_options(sums: PhaseSums, notes: tuple[str, ...], options: Mapping[str, Any]
+                      ) -> tuple[PhaseSums, tuple[str, ...]]:
+    """A sketch with options in place of its sensor's values, and its notes.
+
+    Raises:
+        InvalidInput: the options would have made another sketch.
+    """
+    require("gate" not in options, "gate", problem="A sketch cannot be gated: gate the photons.")
+    sensor, notes = redescribed(sums.sensor, notes, options, ("rows", "cols", "num_bins"))
+    return replace(sums, sensor=sensor, cycles=sums.cycles or sensor.cycles or 0), notes
+
+
+def in_gate(depth: np.ndarray | None, first: int, last: int) -> np.ndarray | None:
+    """Depths in bins, counted from the bin `first`, NaN outside the gate; None without any."""
+    if depth is None:
+        return None
+    moved = depth - np.float32(first)
+    return np.where((moved >= 0) & (moved <= last - first), moved, np.float32(np.nan))
