@@ -56,7 +56,7 @@ NET, MOTION, STEEP = "net, SBR 1, 10 ppp", "room from a moving sensor, 3 ppp", "
 FIXED = ("MAX_SKETCH_SIZE", "MAX_PIXEL_PHOTONS", "REACH", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "VOTE_RADIUS",
          "SEEN_SCORE", "TINY", "EPSILON", "BIRTH_COST", "FEWER_COST", "DEAD_LIMIT", "MOVE_COST")
 VOTES = "VOTE", "BIRTH_COST", "FEWER_COST", "DEAD_LIMIT", "MOVE_COST"       # equal, and varied together
-OFF = {"START_SCALES": (0.0, 2.5), "WINDOWS": ((2.0, 4), (9.0, 4)), "LIKENESS": 1e6,
+OFF = {"START_SCALES": (0.0, 2.5), "WINDOWS": ((2.0, 4, 2), (9.0, 4, 1)), "LIKENESS": 1e6,
        "VOTE": 0, "MAX_VOTES": 1e6, "EMPTY_VOTES": 0, "SPREAD": 0, "WRONG_IRF": 0, "SHARP": 1}
 BACKGROUND = "srt3d_ros.core.method.background"         # has constants of the method, too
 
@@ -201,6 +201,8 @@ def measure(variant: dict, folder: str) -> dict[str, list]:
     Modules read the constants when they are imported, so this file must not import the kernels or
     `core.method.pooled` at its top.
     """
+    if "WINDOWS" in variant:
+        variant["WINDOWS"] = tuple(constants.Window(*each) for each in variant["WINDOWS"])
     vars(constants).update(variant)
     vars(import_module(BACKGROUND)).update(variant)
     rows = {}

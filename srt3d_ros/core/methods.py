@@ -55,7 +55,7 @@ class Method:
 METHODS = {method.name: method for method in (
     Method("pooled", "SRT3D's data term, summed over the neighbours on the same surface, where SRT3D smooths depths "
            "with APSS afterwards", "sketch",
-           "srt3d_ros.core.method.memory:PooledStream",
+           "srt3d_ros.core.method.pooled:Pooled",
            options=("device", "false_alarm_rate", "background", "warm_start")),
     Method("srt3d", "SRT3D as published, gradient steps on pixels' sketches and an APSS denoiser", "sketch",
            "srt3d_ros.core.baselines.sketched:SRT3D", "consecutive", ("device",)),
