@@ -30,9 +30,12 @@ def test_birth_death(backend, spreading, shape, surfaces, seed, light, spread):
     frame = make_frame(shape, seed, light)
     state = make_state(frame, surfaces, seed, light)
     terms = make_terms(frame, state)
-    found = backend.birth_death(padded(frame), state, terms, GATE)
+    found, after = backend.birth_death(padded(frame), state, terms, GATE)
     assert found.dtype == np.float32
-    assert_states_agree(found, ORACLE.birth_death(padded(frame), state, terms, GATE), shape)
+    assert_states_agree(found, ORACLE.birth_death(padded(frame), state, terms, GATE)[0], shape)
+    expected = make_terms(frame, found)
+    assert (np.abs(after - expected) <= 1e-5 * np.abs(expected).max(axis=(0, 1, 3), keepdims=True)).all()
+    assert (after != terms).any()
     assert (found[:, :, maps.INTENSITY][padded(frame).exposure[:, None].repeat(surfaces, 1) == 0] == 0).all()
 
 
@@ -43,7 +46,7 @@ ALL = np.ones((1, *SHAPE))
 
 def chosen(frame, state, kernels=CPU) -> np.ndarray:
     """Of the pixel in the middle: depth and intensity, each [K]."""
-    after = kernels.birth_death(padded(frame), state, make_terms(frame, state), GATE)
+    after, _ = kernels.birth_death(padded(frame), state, make_terms(frame, state), GATE)
     return maps.crop(after, *SHAPE)[MIDDLE][:, [maps.DEPTH, maps.INTENSITY]].T
 
 

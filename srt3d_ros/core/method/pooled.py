@@ -87,9 +87,10 @@ def search(kernels, data, points, scales, enough, further, start=None, confirmed
 
 def iterate(kernels, data, points, window: Window):
     """Birth and death of points, then Gauss-Newton steps on the data terms pooled over the window."""
-    points = kernels.birth_death(data, points, kernels.expand(data, points), SAME_SURFACE**2)
-    for _ in range(window.steps):
-        terms, radius = kernels.expand(data, points), ceil(REACH * window.sigma)
+    points, terms = kernels.birth_death(data, points, kernels.expand(data, points), SAME_SURFACE**2)
+    for step in range(window.steps):
+        terms = kernels.expand(data, points) if step > 0 else terms
+        radius = ceil(REACH * window.sigma)
         points = kernels.pooled_step(data, points, terms, window.sigma, radius, window.fine, SAME_SURFACE**2)
     return points
 

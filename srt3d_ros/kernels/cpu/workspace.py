@@ -27,6 +27,7 @@ class Workspace:
         # Points: two states, of which a step reads one and writes the other; data terms, of pixels and of cells
         self.states = zeros(height, surfaces, FIELDS, width), zeros(height, surfaces, FIELDS, width)
         self.terms, self.cell_terms = zeros(height, surfaces, TERMS, width), zeros(height, surfaces, TERMS, width)
+        self.stale = np.zeros((height, width // LANES), np.bool_)   # vectors of pixels whose terms are to be made anew
         self.known = zeros(height, surfaces, 2, width)              # of `pooled_step`
         self.ratios = zeros(height, surfaces, width)                # of `log_likelihood_ratio`
         # The start: 1 where a pixel is open; by sizes of cells, these, and what each thread needs

@@ -26,6 +26,7 @@ from numba import boolean, float32, int32, prange
 from srt3d_ros.kernels.constants import SPREAD, VOTE_RADIUS
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, exp, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
+from srt3d_ros.kernels.cpu.method.expand import expand_stale
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio
 from srt3d_ros.kernels.cpu.method.undecided import join_rows, list_row
@@ -60,11 +61,15 @@ class Lists(NamedTuple):
 
 
 class Chosen(NamedTuple):
-    """What the listed pixels have chosen: points [K, FIELDS, N], ratios [K, N], and 1 near a change, a map."""
+    """What the listed pixels have chosen.
+
+    Points [K, FIELDS, N], ratios [K, N], 1 near a change, a map, and which vectors of pixels have changed.
+    """
 
     points: float32[:, :, ::1]
     ratios: float32[:, ::1]
     near: float32[:, ::1]
+    stale: boolean[:, ::1]
 
 
 class Scratch(NamedTuple):
@@ -189,6 +194,7 @@ def _judge_part(first, listed, frame, state, own, max_chi2, chosen, voters, rest
             if bits >> x & 1:
                 row, col = listed[0, first + x], listed[1, first + x]
                 chosen.near[row - VOTE_RADIUS:row + VOTE_RADIUS + 1, col - VOTE_RADIUS:col + VOTE_RADIUS + 1] = ONE
+                chosen.stale[row, col // LANES] = True
         if k + 1 < surfaces:
             seen = Seen(_take(best, depth, seen, voters, rest, frame), exposure, needed, dark, nothing)
 
@@ -233,9 +239,11 @@ def birth_death(work, frame, state, terms, max_chi2):
     frame = Frame.of(frame)
     own = log_likelihood_ratio(work, frame, state, terms)
     lists = Lists(work.columns, work.numbers, work.listed)
-    chosen, scratch = Chosen(work.chosen, work.chosen_ratios, work.near), Scratch(work.voters, work.undecided_sketches)
-    work.near[:] = 1
+    chosen, scratch = Chosen(work.chosen, work.chosen_ratios, work.near, work.stale), Scratch(
+        work.voters, work.undecided_sketches)
+    work.near[:], work.stale[:] = 1, False
     for spreads in range(1 + SPREAD):
         if not _round(frame, state, own, F32(max_chi2), spreads > 0, lists, chosen, scratch):
             break
-    return state
+    expand_stale(frame, state, terms, work.stale)
+    return state, terms

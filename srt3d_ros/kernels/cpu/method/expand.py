@@ -5,7 +5,7 @@
 """
 
 import numpy as np
-from numba import float32, prange
+from numba import boolean, float32, prange
 
 from srt3d_ros.kernels.cpu.arithmetic import F32, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
@@ -53,8 +53,10 @@ def _data_term(i, k, j, frame, depth, intensity):
 
 
 @line
-def _expand_row(i, frame, state, terms):
+def _expand_row(i, frame, state, terms, stale):
     for j in range(MARGIN, state.shape[3] - MARGIN, LANES):
+        if not stale[i, j // LANES]:
+            continue
         for k in range(state.shape[1]):
             seen, v, s, b = load(state, i, k, INTENSITY, j) > ZERO, full(ZERO), full(ZERO), full(ZERO)
             if lanes_of(seen):
@@ -69,11 +71,13 @@ def _expand_row(i, frame, state, terms):
 
 
 @parallel
-def _expand(frame: Frame, state: float32[:, :, :, ::1], terms: float32[:, :, :, ::1]):
+def expand_stale(frame: Frame, state: float32[:, :, :, ::1], terms: float32[:, :, :, ::1], stale: boolean[:, ::1]):
+    """Write the terms of the vectors of pixels that are `stale`, [rows', cols' // LANES]."""
     for turn in prange(len(state) - 2 * MARGIN):
-        _expand_row(turn + MARGIN, frame, state, terms)
+        _expand_row(turn + MARGIN, frame, state, terms, stale)
 
 
 def expand(work, frame, state):
-    _expand(frame, state, work.terms)
+    work.stale[:] = True
+    expand_stale(frame, state, work.terms, work.stale)
     return work.terms

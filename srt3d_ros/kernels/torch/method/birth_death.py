@@ -13,7 +13,7 @@ from srt3d_ros.kernels.constants import BIRTH_COST, FEWER_COST, SPREAD, TINY, VO
 from srt3d_ros.kernels.maps import DEPTH, FIELDS, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD
 from srt3d_ros.kernels.torch.arithmetic import agreement, has_depth, pad, waves, wrap
 from srt3d_ros.kernels.torch.fusing import fused
-from srt3d_ros.kernels.torch.method.likelihood import llr, log_likelihood_ratio
+from srt3d_ros.kernels.torch.method.likelihood import expand, llr, log_likelihood_ratio
 from srt3d_ros.kernels.torch.method.windows import box, images, inner, neighbours, offsets
 
 SIDE = 2 * VOTE_RADIUS + 1
@@ -42,14 +42,14 @@ def birth_death(frame, state, terms, max_chi2):
     Then SPREAD more times, for pixels with fewer than K surfaces of whose neighbourhood the time before has
     changed: surfaces so grow by as many pixels.
 
-    Returns the next state, which may take the place of `state`. `max_chi2` is the square of the standard deviations
-    within which depths may be one surface's.
+    Returns the next state and its terms, which may take the place of `state` and `terms`. `max_chi2` is the square of
+    the standard deviations within which depths may be one surface's.
     """
     own = log_likelihood_ratio(frame, state, terms)
     may_choose = frame.exposure > 0
     for _ in range(1 + SPREAD):
         state, own, may_choose = _round(frame, state, own, may_choose, max_chi2)
-    return state
+    return state, expand(frame, state)
 
 
 @fused
