@@ -112,13 +112,6 @@ class Matcher:
             "max_response": max_response, "background_table": background_table,
             "total_energy": float(energy.sum()), "curvature": float((energy * (2 * np.pi * bin_frequencies)**2).sum())}
 
-    def __call__(self, sketch: PhaseSums) -> MatchedFrame:
-        """The MatchedFrame of a sketch."""
-        self.check(sketch)
-        z = (sketch.sums * self.equaliser).transpose(0, 2, 1)
-        matched = np.concatenate([z.real, z.imag], axis=1).astype(np.float32, order="C")
-        return MatchedFrame(matched, sketch.photons.astype(np.float32) * self.used, **self._constants)
-
     def on(self, kernels: Kernels) -> "SensorOnDevice":
         """What matches sketches on the device of kernels."""
         exposure = self.sensor.exposure
