@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from numba import njit
 
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import SensorModel
@@ -10,7 +9,7 @@ from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher, phase_table
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.kernels import cpu
-from srt3d_ros.kernels.cpu.sketching import phase_sums, rows
+from srt3d_ros.kernels.cpu.sketching import phase_sums
 from srt3d_ros.kernels.maps import MAX_ROWS
 
 PIXELS, T = 40, 50
@@ -81,24 +80,6 @@ def test_sums_are_the_same_bit_for_bit_in_any_order_split_and_form(monkeypatch):
     for other in others:
         for one, two in zip(whole, other, strict=True):
             assert np.array_equal(one, two)
-
-
-@pytest.mark.parametrize("one_pixel", [True, False])
-def test_the_plain_loop_adds_as_the_registers_do(one_pixel):
-    pixel, toa = draw(200, ordered=True)
-    fixed = cpu.fixed_rows(phase_table(histogram_sensor(), (1, 3, 11), None))
-    found = []
-    for add in rows._add_in_loop, rows._add_in_registers:
-        kernel = njit(lambda rows, toa, pixel, first, last, sums: add(rows, toa, pixel, first, last, sums))
-        sums = np.ones(fixed.shape[2], np.int64)
-        found.append((kernel(fixed[0], toa, None if one_pixel else pixel, 20, 180, sums), *sums))
-    assert found[0] == found[1] and (found[0][0] == 180) == one_pixel
-
-
-def test_the_plain_loop_is_taken_if_the_registers_do_not_compile(monkeypatch, caplog):
-    assert rows._registers_work.__wrapped__()
-    monkeypatch.setattr(rows, "_add_in_registers", None)
-    assert not rows._registers_work.__wrapped__() and "as long with this llvmlite" in caplog.text
 
 
 def histogram_sensor(bins=None, **fields):

@@ -5,6 +5,7 @@
     store(out, row, k, DEPTH, col, where(e > 0, depth + e / 2, 0))
 
 Kinds are `floats` (float32), `ints` (int32) and `mask`. A number beside a vector counts in each lane, as its type.
+Sums of integers have vectors of other widths, too, and of int64.
 LLVM splits a vector into what the processor has (SSE2, AVX2, AVX-512, NEON); 8 lanes were slower on all of them.
 Nothing is contracted but `fma`, which rounds once where the processor can: a kernel gives the same bits whether it was
 compiled or read from the disk, on one thread or many. NumPy has the same results for all but `fma`, `max` and `min`.
@@ -14,7 +15,7 @@ import operator
 from functools import partial, reduce
 
 from llvmlite import ir
-from numba import boolean, float32, int32, types
+from numba import boolean, float32, int32, int64, types
 from numba.core import cgutils
 from numba.core.imputils import lower_builtin, lower_cast
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
@@ -22,16 +23,18 @@ from numba.extending import intrinsic, models, register_model
 
 from srt3d_ros.kernels.maps import LANES
 
-I32 = ir.IntType(32)
-BITS = {float32: ir.FloatType(), int32: I32, boolean: ir.IntType(1)}
+I32, I64 = ir.IntType(32), ir.IntType(64)
+BITS = {float32: ir.FloatType(), int32: I32, int64: I64, boolean: ir.IntType(1)}
+# What may stand beside a vector
+NUMBERS = {float32: types.Number, int32: types.Integer, int64: types.Integer, boolean: types.Boolean}
 
 
 class Vector(types.Type):
-    """LANES values of the type `lane`; in LLVM, `registers`."""
+    """`lanes` values of the type `lane`; in LLVM, `registers`."""
 
-    def __init__(self, lane):
-        self.lane, self.registers = lane, ir.VectorType(BITS[lane], LANES)
-        super().__init__(f"{lane}x{LANES}")
+    def __init__(self, lane, lanes=LANES):
+        self.lane, self.lanes, self.registers = lane, lanes, ir.VectorType(BITS[lane], lanes)
+        super().__init__(f"{lane}x{lanes}")
 
 
 @register_model(Vector)
@@ -41,14 +44,13 @@ class _Registers(models.PrimitiveModel):
 
 
 floats, ints, mask = Vector(float32), Vector(int32), Vector(boolean)
-NUMBERS = (floats, types.Number), (ints, types.Integer), (mask, types.Boolean)      # what may stand beside a vector
 
 
 def _kind(sides):
     """The vector that the sides of an operator are, or stand beside; None if they do not fit."""
-    for kind, beside in NUMBERS:
-        if kind in sides and all(side == kind or isinstance(side, beside) for side in sides):
-            return kind
+    kind = next((side for side in sides if isinstance(side, Vector)), None)
+    fits = kind and all(side == kind or isinstance(side, NUMBERS[kind.lane]) for side in sides)
+    return kind if fits else None
 
 
 @lower_cast(types.Number, Vector)
@@ -57,22 +59,22 @@ def _spread(context, builder, side, kind, number):
     """A vector with a number in each of its lanes: what numba passes where a signature has a vector."""
     nothing = ir.Constant(kind.registers, ir.Undefined)
     first = builder.insert_element(nothing, context.cast(builder, number, side, kind.lane), I32(0))
-    return builder.shuffle_vector(first, nothing, ir.Constant(ints.registers, [0] * LANES))
+    return builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(I32, kind.lanes), None))
 
 
 # ---- Operators
 
 def _define(key, emits, result=None):
-    """Define an operator by what it emits for each kind: emits = {kind: function of builder and vectors}.
+    """Define an operator by what it emits for each type of lanes: emits = {type: function of builder and vectors}.
 
     Its result has the same kind, or `result`.
     """
     def generic(self, args, kws):
         kind = _kind(args)
-        return signature(result or kind, *[kind] * len(args)) if kind in emits else None
+        return signature(result or kind, *[kind] * len(args)) if kind and kind.lane in emits else None
 
     def lower(context, builder, sig, vectors):
-        return emits[sig.args[0]](builder, *vectors)
+        return emits[sig.args[0].lane](builder, *vectors)
 
     infer_global(key)(type(f"Vector_{key.__name__}", (AbstractTemplate,), {"key": key, "generic": generic}))
     for number in range(1, 5):      # max and min have up to four sides
@@ -90,35 +92,35 @@ def _call(name, builder, *values):
 def _compare(sign):
     def compare(builder, x, y):
         return (builder.fcmp_unordered if sign == "!=" else builder.fcmp_ordered)(sign, x, y)
-    return {floats: compare, ints: lambda builder, x, y: builder.icmp_signed(sign, x, y)}
+    return {float32: compare, int32: lambda builder, x, y: builder.icmp_signed(sign, x, y)}
 
 
 def _choose(sign):
     """`max` or `min`: x if x is larger (smaller) than y, else y, as processors do: of a NaN beside a number, y."""
     def choose(compare, builder, *vectors):
         return reduce(lambda x, y: builder.select(compare(builder, x, y), x, y), vectors)
-    return {kind: partial(choose, compare) for kind, compare in _compare(sign).items()}
+    return {lane: partial(choose, compare) for lane, compare in _compare(sign).items()}
 
 
 _make = ir.IRBuilder
 for _names, _emits in (
-        ("add iadd", {floats: _make.fadd, ints: _make.add}),
-        ("sub isub", {floats: _make.fsub, ints: _make.sub}),
-        ("mul imul", {floats: _make.fmul, ints: _make.mul}),
-        ("truediv itruediv", {floats: _make.fdiv}),
-        ("lshift", {ints: _make.shl}),
-        ("rshift", {ints: _make.ashr}),
-        ("and_ iand", {mask: _make.and_, ints: _make.and_}),
-        ("or_ ior", {mask: _make.or_, ints: _make.or_}),
-        ("invert", {mask: _make.not_}),
-        ("neg", {floats: _make.fneg, ints: _make.neg})):
+        ("add iadd", {float32: _make.fadd, int32: _make.add, int64: _make.add}),
+        ("sub isub", {float32: _make.fsub, int32: _make.sub}),
+        ("mul imul", {float32: _make.fmul, int32: _make.mul}),
+        ("truediv itruediv", {float32: _make.fdiv}),
+        ("lshift", {int32: _make.shl}),
+        ("rshift", {int32: _make.ashr}),
+        ("and_ iand", {boolean: _make.and_, int32: _make.and_}),
+        ("or_ ior", {boolean: _make.or_, int32: _make.or_}),
+        ("invert", {boolean: _make.not_}),
+        ("neg", {float32: _make.fneg, int32: _make.neg})):
     for _name in _names.split():
         _define(getattr(operator, _name), _emits)
 for _name, _sign in (("lt", "<"), ("le", "<="), ("gt", ">"), ("ge", ">="), ("eq", "=="), ("ne", "!=")):
     _define(getattr(operator, _name), _compare(_sign), mask)
 _define(max, _choose(">"))
 _define(min, _choose("<"))
-_define(abs, {floats: partial(_call, "fabs")})
+_define(abs, {float32: partial(_call, "fabs")})
 
 
 # ---- Functions
@@ -171,7 +173,7 @@ def lane_numbers(context):
 def lanes_of(context, condition):
     """The lanes in which a condition holds, as the bits of a number; 0: in none."""
     return _emitted(types.int64(mask), lambda builder, bits: builder.zext(
-        builder.bitcast(bits, ir.IntType(LANES)), ir.IntType(64)))
+        builder.bitcast(bits, ir.IntType(LANES)), I64))
 
 
 @intrinsic
@@ -192,8 +194,8 @@ def total(context, vector):
 def to_cell(context, vector, last):
     """The numbers without their fractions as `ints` from 0 to `last`; NaN is 0. Processors differ in others."""
     def convert(builder, values, top):
-        from_zero = _choose(">")[floats](builder, values, ir.Constant(values.type, [0.0] * LANES))
-        return builder.fptosi(_choose("<")[floats](builder, from_zero, top), ints.registers)
+        from_zero = _choose(">")[float32](builder, values, ir.Constant(values.type, [0.0] * LANES))
+        return builder.fptosi(_choose("<")[float32](builder, from_zero, top), ints.registers)
     return _emitted(ints(floats, floats), convert)
 
 
@@ -201,6 +203,13 @@ def to_cell(context, vector, last):
 def to_floats(context, vector):
     """The `ints` as `floats`."""
     return _emitted(floats(ints), lambda builder, values: builder.sitofp(values, floats.registers))
+
+
+@intrinsic
+def to_longs(context, vector):
+    """Integers of 32 bits as those of 64."""
+    kind = Vector(int64, vector.lanes)
+    return _emitted(kind(vector), lambda builder, values: builder.sext(values, kind.registers))
 
 
 @intrinsic
@@ -228,30 +237,38 @@ def _lane_pointers(context, builder, sig, args, indices):
     """Each lane's number, and the pointer to array[indices] with the numbers of `ints` indices in this lane."""
     for x in map(I32, range(LANES)):
         yield x, _pointer(context, builder, sig, args, [
-            builder.sext(builder.extract_element(index, x), ir.IntType(64)) if index.type == ints.registers else index
+            builder.sext(builder.extract_element(index, x), I64) if index.type == ints.registers else index
             for index in indices])
 
 
-@intrinsic
-def load(context, array, *indices):
-    """array[indices] and the LANES − 1 numbers after it, along the last axis."""
-    kind = Vector(array.dtype)
+def loading(lanes):
+    """A function that reads vectors of so many lanes."""
+    @intrinsic
+    def load(context, array, *indices):
+        """array[indices] and the numbers after it, along the last axis."""
+        kind = Vector(array.dtype, lanes)
 
-    def generate(context, builder, sig, args):
-        pointer = _pointer(context, builder, sig, args, cgutils.unpack_tuple(builder, args[1]))
-        return builder.load(builder.bitcast(pointer, kind.registers.as_pointer()), align=4)
-    return _indexed(kind, array, indices), generate
+        def generate(context, builder, sig, args):
+            pointer = _pointer(context, builder, sig, args, cgutils.unpack_tuple(builder, args[1]))
+            return builder.load(builder.bitcast(pointer, kind.registers.as_pointer()), align=4)
+        return _indexed(kind, array, indices), generate
+    return load
+
+
+load = loading(LANES)
 
 
 @intrinsic
 def store(context, array, *indices_and_vector):
-    """Write a vector, or a number, to array[indices] and the LANES − 1 places after it."""
+    """Write a vector, or a number in LANES places, to array[indices] and the places after it."""
     def generate(context, builder, sig, args):
         *indices, vector = cgutils.unpack_tuple(builder, args[1])
         pointer = _pointer(context, builder, sig, args, indices)
         builder.store(vector, builder.bitcast(pointer, vector.type.as_pointer()), align=4)
         return context.get_dummy_value()
-    return _indexed(types.void, array, indices_and_vector[:-1], Vector(array.dtype)), generate
+    *indices, values = indices_and_vector
+    kind = Vector(array.dtype, values.lanes if isinstance(values, Vector) else LANES)
+    return _indexed(types.void, array, indices, kind), generate
 
 
 @intrinsic

@@ -14,7 +14,7 @@ from srt3d_ros.kernels.constants import MAX_PIXEL_PHOTONS
 from srt3d_ros.kernels.cpu.arithmetic import F32
 from srt3d_ros.kernels.cpu.compiling import parallel, read_only
 from srt3d_ros.kernels.cpu.sketching.rows import add_run
-from srt3d_ros.kernels.maps import ROW_LANES, UNIT
+from srt3d_ros.kernels.maps import MAX_ROWS, ROW_LANES, UNIT
 
 THREAD_PHOTONS = 2**14      # fewer are not worth waking a thread
 SORT_PHOTONS = 2**21        # unsorted photons that are sorted at a time
@@ -88,15 +88,15 @@ def _sketch_sorted(pixel: PIXELS, toa: TOA, borders: int64[::1], rows: int32[:, 
     for part in prange(len(borders) - 1):
         p, last = borders[part], borders[part + 1]
         while p < last:
-            p = add_run(rows, toa, pixel, p, last, sums[pixel[p]])
+            p = add_run(rows, toa, pixel, p, last, sums, pixel[p])
 
 
 @parallel
 def _sketch_pixels(toa: uint16[::1], ends: uint32[::1], rows: int32[:, :, ::1], sums: int64[:, ::1]):
     for i in prange(len(ends)):
-        p, last = np.int64(ends[i - 1]) if i > 0 else 0, np.int64(ends[i])
-        while p < last:
-            p = add_run(rows, toa, None, p, last, sums[i])
+        first, last = np.int64(ends[i - 1]) if i > 0 else 0, np.int64(ends[i])
+        for p in range(first, last, MAX_ROWS):
+            add_run(rows, toa, None, p, last, sums, i)
 
 
 def sketch_events(pixel, toa, rows, ordered, sums):
@@ -135,7 +135,8 @@ def _sketch_gates(words: WORDS, rows: int32[:, :, ::1], first_word: uint16, no_d
                 for cycle in range(len(tile)):          # always written, overwritten if it is no photon: no branch
                     toa[found] = tile[cycle, column] - first_word
                     found += np.uint32(tile[cycle, column] != no_detection)
-                add_run(rows, toa, None, 0, np.int64(found), sums[first_pixel + column])
+                if found > 0:
+                    add_run(rows, toa, None, 0, np.int64(found), sums, first_pixel + column)
 
 
 def sketch_gates(words, rows, first_word, no_detection, sums):
