@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.datasets import photon_file
-from srt3d_ros.datasets.readers import isolated
+from srt3d_ros.datasets.readers import isolated, npz
 from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.errors import finite, require
 from srt3d_ros.files.array_files import read_errors
@@ -18,12 +17,12 @@ from srt3d_ros.files.array_files import read_errors
 UNIT, NUM_BINS, LASER = "nanotimes_specs/tcspc_unit", "nanotimes_specs/tcspc_num_bins", \
     "measurement_specs/laser_repetition_rate"
 SPOT_ARRAYS = tuple(f"photon_data*/{name}" for name in ("nanotimes", "detectors", UNIT, NUM_BINS, LASER))
-WANTED = f"Photon-HDF5 with photon_data/nanotimes, {photon_file.WANTED}"
+WANTED = f"Photon-HDF5 with photon_data/nanotimes, {npz.WANTED}"
 
 
 def read(path: Path, options: dict) -> Reading:
     """Photons of an HDF5 file; `channel` is the detector to take of Photon-HDF5, else all. Needs h5py."""
-    names = (*SPOT_ARRAYS, *photon_file.KNOWN, *options.get("columns", ()))
+    names = (*SPOT_ARRAYS, *npz.KNOWN, *options.get("columns", ()))
     found, listed = isolated.arrays_of(path, "h5py", names, "a complete HDF5 file")
     with read_errors(path):
         spots = sorted((int(match[1] or 0), match[0].rpartition("/")[0]) for match in
@@ -31,7 +30,7 @@ def read(path: Path, options: dict) -> Reading:
         if spots and "columns" not in options:
             found |= _spot_arrays(found, [spot for _, spot in spots], options)
             options = {name: value for name, value in options.items() if name != "channel"}
-    return photon_file.from_arrays(path, found, options, WANTED, listed)
+    return npz.from_arrays(path, found, options, WANTED, listed)
 
 
 def _spot_arrays(found: dict[str, np.ndarray], spots: list[str], options: dict) -> dict[str, np.ndarray]:

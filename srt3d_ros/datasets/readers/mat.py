@@ -6,10 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS, MAX_PIXELS
-from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, from_pixels
 from srt3d_ros.datasets.options import check_same, outside_note
-from srt3d_ros.datasets.readers import isolated
+from srt3d_ros.datasets.readers import isolated, npz
 from srt3d_ros.datasets.readers.cubes import cube
 from srt3d_ros.datasets.reading import Reading, in_gate
 from srt3d_ros.datasets.values import MAX_EVENTS
@@ -45,9 +44,9 @@ LAYOUTS = (
     Layout("spad", 80e-12, "bin"),                  # simulated, sparse: Lindell et al., SIGGRAPH 2018
 )
 WANTED = "; ".join(["one of " + ", ".join(f"{one.variable} ({'[T, rows·cols] counts' if one.reference else 'cells'})"
-                                         for one in LAYOUTS), photon_file.WANTED])
+                                         for one in LAYOUTS), npz.WANTED])
 VARIABLES = (*(name for one in LAYOUTS for name in (one.variable, one.reference, *one.window) if name),
-             *photon_file.KNOWN)
+             *npz.KNOWN)
 
 
 def read(path: Path, options: dict) -> Reading:
@@ -55,7 +54,7 @@ def read(path: Path, options: dict) -> Reading:
     found, listed = isolated.matlab_arrays(path, (*VARIABLES, *options.get("columns", ())))
     layout = next((one for one in LAYOUTS if one.fits(found)), None)
     if layout is None or "columns" in options:
-        return photon_file.from_arrays(path, found, options, WANTED, listed)
+        return npz.from_arrays(path, found, options, WANTED, listed)
     with read_errors(path):
         for name in found.keys() & {*layout.window, layout.reference}:
             require(found[name].dtype.kind in "iuf", name, str(found[name].dtype), "numbers")
