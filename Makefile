@@ -30,7 +30,7 @@ help:
 	@echo '          MOTION=walk                      the same, of a sensor that moves, deskewed by its odometry'
 	@echo 'make test [ARGS=...]                     the tests; ARGS goes to pytest'
 	@echo 'make test ROS=kilted                     the tests with ROS 2 Kilted instead of Jazzy, in .venv-kilted'
-	@echo 'make test-newest                         the tests with the newest releases that setup.py allows'
+	@echo 'make test-newest                         the tests with the newest releases that pyproject.toml allows'
 	@echo 'make test-processors                     the tests of the computation, as on processors without AVX, and with AVX2'
 	@echo 'make docs                                the documentation as a web site, build/docs/index.html'
 	@echo 'make lint                                ruff'
@@ -99,7 +99,7 @@ $(VENV)/test-ready: $(VENV)/demo-ready
 gpu-cost: .venv-gpu-cost/ready
 	@.venv-gpu-cost/bin/python -W ignore -m benchmarks gpu_cost $(ARGS)
 
-.venv-gpu-cost/ready: setup.py
+.venv-gpu-cost/ready: pyproject.toml
 	@echo 'installing torch for CUDA into .venv-gpu-cost: 6 GB, minutes'
 	@'$(PYTHON)' -m venv .venv-gpu-cost
 	@.venv-gpu-cost/bin/python -m pip --disable-pip-version-check install --quiet 'setuptools>=77.0.3,<80'

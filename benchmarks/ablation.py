@@ -28,7 +28,6 @@ import numpy as np
 from tqdm import tqdm
 
 from srt3d_ros import datasets
-from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.motion.moving_sketcher import MovingSketcher
 from srt3d_ros.core.sensor.model import SensorModel
@@ -56,7 +55,7 @@ NET, MOTION, STEEP = "net, SBR 1, 10 ppp", "room from a moving sensor, 3 ppp", "
 FIXED = ("MAX_SKETCH_SIZE", "MAX_PIXEL_PHOTONS", "REACH", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "VOTE_RADIUS",
          "SEEN_SCORE", "TINY", "EPSILON", "BIRTH_COST", "FEWER_COST", "DEAD_LIMIT", "MOVE_COST")
 VOTES = "VOTE", "BIRTH_COST", "FEWER_COST", "DEAD_LIMIT", "MOVE_COST"       # equal, and varied together
-OFF = {"START_SCALES": (0.0, 2.5), "WINDOWS": ((2.0, 4), (9.0, 4)), "LIKENESS": 1e6,
+OFF = {"START_SCALES": (0.0, 2.5), "WINDOWS": ((2.0, 4, 2), (9.0, 4, 1)), "LIKENESS": 1e6,
        "VOTE": 0, "MAX_VOTES": 1e6, "EMPTY_VOTES": 0, "SPREAD": 0, "WRONG_IRF": 0, "SHARP": 1}
 BACKGROUND = "srt3d_ros.core.method.background"         # has constants of the method, too
 
@@ -152,11 +151,12 @@ def of_file(path: Path, share: float, tolerance: float, number: int) -> Iterator
     events, sensor, reference = photons.events, photons.sensor, photons.reference_depth_bins
     frequencies, counted = choose("auto", sensor, SKETCH_SIZE), None
     if len(reference) > 1:          # the second was measured separately, with another zero of depth
+        from srt3d_ros.core.method.pooled import Pooled
         from srt3d_ros.evaluation.cases import of_files
         from srt3d_ros.evaluation.run import aligned_reference
 
         (case,) = of_files([str(path)], str(tolerance), aligned=(1,))
-        cloud = METHODS["pooled"].build(sensor, frequencies, surfaces=2)(sketch_photons(events, sensor, frequencies))
+        cloud = Pooled(sensor, frequencies, surfaces=2)(sketch_photons(events, sensor, frequencies))
         reference, counted, _ = aligned_reference(cloud, case, case.observe())
     for seed in range(number):
         frame = events.part(np.random.default_rng(seed).random(events.photons) < share)
@@ -201,13 +201,17 @@ def measure(variant: dict, folder: str) -> dict[str, list]:
     Modules read the constants when they are imported, so this file must not import the kernels or
     `core.method.pooled` at its top.
     """
+    if "WINDOWS" in variant:
+        variant["WINDOWS"] = tuple(constants.Window(*each) for each in variant["WINDOWS"])
     vars(constants).update(variant)
     vars(import_module(BACKGROUND)).update(variant)
+    from srt3d_ros.core.method.pooled import Pooled
+
     rows = {}
     for path in sorted(Path(folder).glob("*.pickle")):
         found = []
         for draw in pickle.loads(path.read_bytes()):        # noqa: S301, written by `run` a moment ago
-            pooled = METHODS["pooled"].build(draw.sensor, draw.sketch.frequencies, surfaces=draw.surfaces, device="cpu")
+            pooled = Pooled(draw.sensor, draw.sketch.frequencies, draw.surfaces)
             judged = evaluate(pooled(draw.sketch), draw.depth_bins, draw.tolerance_bins, draw.sensor.num_bins,
                               counted=draw.counted, complete=draw.complete)
             found.append((100 * judged.true_detections, 100 * judged.false_detections, judged.dae_bins))

@@ -22,7 +22,7 @@ from benchmarks.frames import sensor_of
 from benchmarks.table1 import PAPER_MS
 from srt3d_ros.core.baselines import sketched
 from srt3d_ros.core.matched_frame import MatchedFrame
-from srt3d_ros.core.method import memory
+from srt3d_ros.core.method import pooled
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.kernels.torch import FUNCTIONS
@@ -47,6 +47,9 @@ class FakeKernels(Kernels):
         pair = (2,) if np.iscomplexobj(values) else ()
         with self._mode:
             return torch.empty((*values.shape, *pair), device="cuda")
+
+    def as_frame(self, function):
+        return lambda *inputs: function(*(each if each is None else self.array(each) for each in inputs))
 
 
 class Frame(TorchDispatchMode):
@@ -108,15 +111,14 @@ def steps_of(name: str, side: int, m: int, surfaces: int, bar: tqdm) -> dict[str
     """The cost of each call in a frame, by the name of the step."""
     sensor, mode = sensor_of(side), FakeTensorMode()
     kernels, frequencies = FakeKernels(mode), choose(METHODS[name].frequencies, sensor, m)
-    memory.kernels_for = sketched.kernels_for = lambda device: (device, kernels)
+    pooled.kernels_for = sketched.kernels_for = lambda device: kernels
     inputs = [np.empty((side, side), np.float32), np.empty((side, side, m), np.complex64)]
     with mode:
         method = METHODS[name].build(sensor, frequencies, surfaces=surfaces, device="cuda")
         if name == "pooled":
-            method = method._pooled
-            inputs += [None, method._enough]
+            inputs += [None, np.array(method._scores, np.float32)]
         with Frame({}, bar) as frame:
-            method._estimate(*(each if each is None else kernels.array(each) for each in inputs))
+            (method._frames.run if name == "pooled" else method._run)(*inputs)
     return frame.costs
 
 

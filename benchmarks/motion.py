@@ -17,7 +17,7 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.frames import SKETCH_SIZE
-from srt3d_ros.core.method.memory import PooledStream
+from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.motion.moving_sketcher import MovingFrame, MovingSketcher
 from srt3d_ros.core.motion.trajectory import Trajectory
@@ -94,7 +94,7 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
     frames = WARM_UP + args.frames
     walked, found = Walk(frames), defaultdict(list)
     sensor, frequencies = walked.sensor, walked.frequencies
-    pooled = {(ppp, way): PooledStream(sensor, frequencies) for ppp in args.ppp for way in WAYS}
+    pooled = {(ppp, way): Pooled(sensor, frequencies) for ppp in args.ppp for way in WAYS}
     sketchers = {key: MovingSketcher(sensor, frequencies) for key in pooled}
     for k in tqdm(range(frames), unit="frame", leave=False):
         views, (range_m, reflectivity) = walked.views(k), walked.at_middle(k)

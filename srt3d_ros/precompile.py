@@ -22,7 +22,7 @@ PROCESS_BYTES = 2**29       # memory of a process that compiles
 
 def names() -> list[str]:
     """The kernels of sketching, deskewing and the default method, slowest to compile first."""
-    _, kernels = kernels_for("cpu")
+    kernels = kernels_for("cpu")
     needed = (name for name in kernels.KERNELS if name.partition(".")[0] not in kernels.OTHER_METHODS)
     return list(dict.fromkeys([*LONGEST, *needed]))
 
@@ -31,7 +31,7 @@ def everything() -> None:
     """Compile all of `names`, one process a core, in at most half of the memory."""
     from tqdm import tqdm  # here: slow
 
-    (_, kernels), left = kernels_for("cpu"), names()
+    kernels, left = kernels_for("cpu"), names()
     room = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2 // PROCESS_BYTES
     cores = max(min(len(os.sched_getaffinity(0)), len(left), room), 1)
     with (tqdm(total=len(left), disable=None, leave=False, bar_format="{n}/{total} |{bar}| {desc}") as bar,

@@ -9,7 +9,7 @@ import pytest
 
 import srt3d_ros
 from srt3d_ros import api
-from srt3d_ros.core.method.memory import PooledStream
+from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import GateWords
@@ -44,7 +44,7 @@ def cloud():
 
 
 def test_it_is_the_reconstruction_of_the_library(cloud):
-    expected = PooledStream(SENSOR, FREQUENCIES)(sketch_photons(FRAME, SENSOR, FREQUENCIES))
+    expected = Pooled(SENSOR, FREQUENCIES)(sketch_photons(FRAME, SENSOR, FREQUENCIES))
     same(cloud, expected)
     assert isinstance(cloud, srt3d_ros.Cloud) and len(cloud) == 240
     assert cloud.sensor.same_as(SENSOR) and cloud.notes == ()

@@ -7,8 +7,8 @@ import pytest
 
 from srt3d_ros import gpu_check
 from srt3d_ros.core.baselines import sketched
-from srt3d_ros.core.method import memory
-from srt3d_ros.core.method.memory import PooledStream
+from srt3d_ros.core.method import pooled
+from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.kernels import cpu
@@ -17,6 +17,10 @@ from srt3d_ros.reconstruction import Reconstructor
 from tests.core.scenes import make_sensor
 
 SENSOR = make_sensor(12, 17)
+
+
+def kernels_of(method):
+    return method._frames.kernels if isinstance(method, pooled.Pooled) else method._kernels
 
 
 @pytest.fixture
@@ -28,11 +32,11 @@ def auto(monkeypatch, caplog):
             monkeypatch.setattr(kernels, name, value)
         monkeypatch.setattr(gpu_check, "missing_for_cuda", lambda: "")
         monkeypatch.setattr(gpu_check.time, "perf_counter", lambda: next(now))
-        for module in (memory, sketched):
-            monkeypatch.setattr(module, "kernels_for", lambda name: (name, {"cpu": cpu, "cuda": kernels}[name]))
+        for module in (pooled, sketched):
+            monkeypatch.setattr(module, "kernels_for", {"cpu": cpu, "cuda": kernels}.get)
         with caplog.at_level(logging.INFO):
             chosen = Reconstructor(sensor, choose("auto", sensor, 7), method=method, surfaces=surfaces)
-        return chosen.device, chosen._method._kernels is kernels, chosen.device_reason, caplog.messages
+        return chosen.device, kernels_of(chosen._method) is kernels, chosen.device_reason, caplog.messages
     return take
 
 
@@ -70,14 +74,14 @@ def test_one_that_fails_is_not(auto):
 
 def test_one_that_fails_later_leaves_its_frames_to_the_cpu(monkeypatch, caplog):
     kernels, frame = oracle.on("cpu"), gpu_check._frame(SENSOR, choose("auto", SENSOR, 7))
-    monkeypatch.setattr(memory, "kernels_for", lambda name: (name, {"cpu": cpu, "cuda": kernels}[name]))
+    monkeypatch.setattr(pooled, "kernels_for", {"cpu": cpu, "cuda": kernels}.get)
     reconstructor = Reconstructor(SENSOR, frame.frequencies, device="cuda", surfaces=2)
     reconstructor(frame)
 
     def fail(*arguments):
         raise RuntimeError("CUDA error: unspecified launch failure\nCompile with")
 
-    monkeypatch.setattr(reconstructor._method._pooled, "_run", fail)
+    monkeypatch.setattr(reconstructor._method._frames, "run", fail)
     monkeypatch.setattr(kernels, "array", fail)
     for failed in (reconstructor, Reconstructor(SENSOR, frame.frequencies, device="cuda"), reconstructor):
         assert len(failed(frame)) > 0.98 * SENSOR.pixels and failed.device == "cpu"
@@ -87,5 +91,5 @@ def test_one_that_fails_later_leaves_its_frames_to_the_cpu(monkeypatch, caplog):
 
 def test_the_frame_that_is_tried_shows_its_walls():
     frame = gpu_check._frame(SENSOR, choose("auto", SENSOR, 7))
-    cloud = PooledStream(SENSOR, frame.frequencies, device="cpu")(frame)
+    cloud = Pooled(SENSOR, frame.frequencies, device="cpu")(frame)
     assert len(cloud) > 0.98 * SENSOR.pixels and gpu_check.share_alike(cloud, cloud, SENSOR.num_bins) == 1

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import sysconfig
+import tomllib
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -121,7 +122,7 @@ def test_ros2_run_starts_a_node(ros2):
 
 
 def test_the_launch_system_runs_the_pipeline(ros2, tmp_path):
-    code, said = ros2("launch", "srt3d_ros", "srt3d.launch.py", "input:=simulator", "namespace:=/front",
+    _, said = ros2("launch", "srt3d_ros", "srt3d.launch.py", "input:=simulator", "namespace:=/front",
                       "config:=scanner_141x141", "record:=run.rrd", "device:=cpu", until="|".join(
                           f"[front.{name}]: {word}" for name, word in
                           [("player", "ready"), ("sketcher", "ready"), ("reconstructor", "ready"),
@@ -149,14 +150,14 @@ def test_a_parameter_that_no_node_has_is_refused(ros2):
 
 
 def test_versions_addresses_and_dates_agree(repository):
-    """Of setup.py, package.xml, CITATION.cff, README.md, the newest entry of the changelog, and ruff's pins."""
+    """Of pyproject.toml, package.xml, CITATION.cff, README.md, the newest entry of the changelog, and ruff's pins."""
     changelog = pytest.importorskip("catkin_pkg.changelog").get_changelog_from_path(repository / "CHANGELOG.rst")
-    *_, (released, date, _) = changelog.foreach_version()
+    released, date = [(version, date) for version, date, _ in changelog.foreach_version() if date][-1]
     package = ElementTree.parse(repository / "package.xml").getroot()
     cited = yaml.safe_load((repository / "CITATION.cff").read_text())
     assert {released, package.findtext("version"), cited["version"]} == {srt3d_ros.__version__}
     assert str(cited["date-released"]) == f"{date:%Y-%m-%d}"
-    url = re.search('^URL = "(.+)"', (repository / "setup.py").read_text(), re.MULTILINE)[1]
+    url = tomllib.loads((repository / "pyproject.toml").read_text())["project"]["urls"]["Homepage"]
     cloned = re.findall(r"git clone (\S+?)(?:\.git)?\s", (repository / "README.md").read_text())
     assert {cited["repository-code"], *cloned, *(node.text for node in package.iter("url"))} == {url, f"{url}/issues"}
     pinned = re.search("^ruff==(.+)", (repository / "constraints.txt").read_text(), re.MULTILINE)[1]

@@ -29,7 +29,7 @@ if ! test -e "$root/installed"; then
     touch "$root/installed"
 fi
 rm -rf "$root/srt3d_ros" && mkdir "$root/srt3d_ros"
-tar -c --exclude=__pycache__ srt3d_ros tests tools examples setup.cfg | tar -x -C "$root/srt3d_ros"
+tar -c --exclude=__pycache__ srt3d_ros tests tools examples pyproject.toml | tar -x -C "$root/srt3d_ros"
 
 on_arm64() {
     QEMU_CPU=cortex-a72 PYTHONPATH=/opt/packages NUMBA_CACHE_DIR=/var/cache/numba ROOT="$root" unshare --mount sh -c '

@@ -113,7 +113,7 @@ def _cases(args: argparse.Namespace) -> list[Case]:
             f"1 to {MAX_SURFACES}")
     share = args.held_out_photons
     require(share is None or 0 <= share < 1, "--held-out-photons", share, "a share of the photons, 0 to below 1")
-    require(share is None or files and not scenes, "--held-out-photons",
+    require(share is None or (files and not scenes), "--held-out-photons",
             problem="--held-out-photons works with photon files only: simulated scenes are compared with the truth.")
     cases = of_files(files, args.tolerance, args.surfaces, [number - 1 for number in align], share,
                      **common.given_sensor(args))

@@ -1,17 +1,16 @@
 """MatchedFrame: a sketch without delay and IRF of its pixels, on which the iterations work."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum, passed_energy
 from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS, PhaseSums, check_frequencies
 from srt3d_ros.errors import require
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.devices import on_device
 
 MAX_SUM = 1.001 * MAX_PIXEL_PHOTONS       # leaves room for rounding
 TABLE_STEPS = 256           # of the background table
@@ -119,11 +118,10 @@ class Matcher:
         matched = np.concatenate([z.real, z.imag], axis=1).astype(np.float32, order="C")
         return MatchedFrame(matched, sketch.photons.astype(np.float32) * self.used, **self._constants)
 
-    def on(self, kernels) -> Callable[..., MatchedFrame]:
-        """A function from `matched` and `counts` of `prepare`, and `clutter`, to a MatchedFrame of the kernels."""
+    def on(self, kernels) -> "SensorOnDevice":
+        """What matches sketches on the device of kernels."""
         exposure = self.sensor.exposure
-        constants = on_device({**self._constants, "exposure": maps.pad(exposure), "size": exposure.shape}, kernels)
-        return lambda matched, counts, clutter=None: MatchedFrame(matched, counts, clutter=clutter, **constants)
+        return SensorOnDevice(self, self._constants | {"exposure": maps.pad(exposure), "size": exposure.shape}, kernels)
 
     def check(self, sketch: PhaseSums) -> None:
         """Raise InvalidInput unless it is a Sketch of this size, these frequencies, and sums that photons can give."""
@@ -144,6 +142,42 @@ class Matcher:
         """complex [1 or pixels, m] → complex64 [1 or rows, 1 or cols, m]."""
         size = (self.sensor.rows, self.sensor.cols) if len(values) > 1 else (1, 1)
         return values.astype(np.complex64).reshape(*size, -1)
+
+
+class SensorOnDevice:
+    """Matches sketches and lists points of one sensor with arrays on a device.
+
+    Attributes:
+        passed: `Matcher.passed`.
+    """
+
+    def __init__(self, matcher: Matcher, constants: dict, kernels):
+        sensor = self._sensor = matcher.sensor
+        self._kernels, self._constants = kernels, {
+            name: kernels.array(value) if isinstance(value, np.ndarray) else value for name, value in constants.items()}
+        self.passed, self._equaliser, self._used, self._rays, self._even = map(kernels.array, (
+            matcher.passed, matcher.equaliser, matcher.used, sensor.rays, np.ones(sensor.num_bins, np.float32)))
+
+    def match(self, photons, sums, background=None, mean=None, clutter=None) -> tuple:
+        """The padded MatchedFrame of a sketch, and the background photons that were taken out of it, or None.
+
+        The last three arguments are those of `background.RemovedBackground`.
+        """
+        taken = None if background is None else self._kernels.local_mean(background, self._used)
+        matched, counts = self._kernels.prepare(sums, photons, self._equaliser, self._used, taken, self.passed, mean)
+        clutter = self._even if clutter is None else clutter
+        return MatchedFrame(matched, counts, clutter=clutter, **self._constants), taken
+
+    def listed(self, depth, intensity, std) -> tuple:
+        """The list of points, for `unpack`, of `kernels.collect`."""
+        sensor = self._sensor
+        return self._kernels.collect(depth, intensity, std, self._rays, sensor.bin_width_m, float(sensor.range_m(0)),
+                                     sensor.num_bins)
+
+    def cloud(self, listed: tuple, background, stamp_ns: int) -> PointCloud:
+        """The cloud of listed points and a background, off the device."""
+        row, col, rank, values, xyz = self._kernels.unpack(*listed)
+        return PointCloud(row, col, *values, xyz, rank, self._kernels.numpy(background), stamp_ns, sensor=self._sensor)
 
 
 def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,

@@ -2,8 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 
+from srt3d_ros.core.baselines.rt3d import RT3D
+from srt3d_ros.core.baselines.sketched import SMLE, SRT3D
+from srt3d_ros.core.baselines.xcorr import XCORR
+from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import require
 
@@ -18,7 +21,7 @@ class Method:
         name: as users write it.
         about: one line for help texts and tables.
         needs: "sketch", or "photons" if it needs every time of arrival.
-        where: module:class.
+        kind: its class.
         frequencies: default for `frequencies.choose`.
         options: those besides `surfaces`.
     """
@@ -26,7 +29,7 @@ class Method:
     name: str
     about: str
     needs: str
-    where: str
+    kind: type
     frequencies: str = "auto"
     options: tuple[str, ...] = ()
 
@@ -47,24 +50,19 @@ class Method:
             require(device in ("auto", "cpu"), "device", device, f"cpu or auto: {self.name} runs on the CPU")
         for option, value in options.items():
             require(option in known, option, problem=f"{option} {value}: {self.name} takes only {', '.join(known)}.")
-        module, name = self.where.split(":")
-        chosen = getattr(import_module(module), name)
-        return chosen(sensor, frequencies, **options) if self.needs == "sketch" else chosen(sensor, **options)
+        return self.kind(sensor, *((frequencies,) if self.needs == "sketch" else ()), **options)
 
 
 METHODS = {method.name: method for method in (
     Method("pooled", "SRT3D's data term, summed over the neighbours on the same surface, where SRT3D smooths depths "
-           "with APSS afterwards", "sketch",
-           "srt3d_ros.core.method.memory:PooledStream",
+           "with APSS afterwards", "sketch", Pooled,
            options=("device", "false_alarm_rate", "background", "warm_start")),
-    Method("srt3d", "SRT3D as published, gradient steps on pixels' sketches and an APSS denoiser", "sketch",
-           "srt3d_ros.core.baselines.sketched:SRT3D", "consecutive", ("device",)),
-    Method("smle", "maximum likelihood on each pixel's sketch", "sketch", "srt3d_ros.core.baselines.sketched:SMLE",
+    Method("srt3d", "SRT3D as published, gradient steps on pixels' sketches and an APSS denoiser", "sketch", SRT3D,
            "consecutive", ("device",)),
-    Method("xcorr", "matched filter on each pixel's histogram, on the CPU", "photons",
-           "srt3d_ros.core.baselines.xcorr:XCORR"),
+    Method("smle", "maximum likelihood on each pixel's sketch", "sketch", SMLE, "consecutive", ("device",)),
+    Method("xcorr", "matched filter on each pixel's histogram, on the CPU", "photons", XCORR),
     Method("rt3d", "RT3D as published, gradient steps on every time of arrival and an APSS denoiser, on the CPU",
-           "photons", "srt3d_ros.core.baselines.rt3d:RT3D"),
+           "photons", RT3D),
 )}
 SKETCH_METHODS = tuple(method.name for method in METHODS.values() if method.needs == "sketch")
 

@@ -5,7 +5,6 @@ from typing import Self
 
 import numpy as np
 
-from srt3d_ros.core.estimate import Estimate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole, Projection
 from srt3d_ros.errors import quoted, require
@@ -55,12 +54,6 @@ class PointCloud:
     frequencies: tuple[int, ...] = ()
     sketch_ms: float | None = None
     reconstruct_ms: float | None = None
-
-    @classmethod
-    def of(cls, estimate: Estimate, sensor: SensorModel, stamp_ns: int) -> Self:
-        """The cloud of an estimate."""
-        return cls(estimate.row, estimate.col, *estimate.values, estimate.xyz, estimate.rank, estimate.background,
-                   stamp_ns, sensor=sensor)
 
     @classmethod
     def from_layers(cls, sensor: SensorModel, depth: np.ndarray, intensity: np.ndarray, background: np.ndarray,

@@ -48,7 +48,7 @@ class StreamOptions:
     def __post_init__(self) -> None:
         require(self.window_frames == 1 or not self.moving, "window_frames", self.window_frames,
                 "1 with motion, which has frames seen from different places")
-        require(not self.merge_when_busy or self.window_frames == 1 and not self.moving, "merge_when_busy", "true",
+        require(not self.merge_when_busy or (self.window_frames == 1 and not self.moving), "merge_when_busy", "true",
                 "false with motion or window_frames above 1, whose sketches do not add up")
 
 

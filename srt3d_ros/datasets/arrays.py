@@ -53,7 +53,7 @@ def without_strays(pixel: np.ndarray, toa: np.ndarray, num_bins: int
     Raises:
         InvalidInput: most photons would be dropped.
     """
-    if not toa.size or 0 <= toa.min() and toa.max() < num_bins:     # a NaN makes both NaN
+    if not toa.size or (0 <= toa.min() and toa.max() < num_bins):     # a NaN makes both NaN
         return pixel, toa, ()
     inside = (toa >= 0) & (toa < num_bins)
     kept = int(np.count_nonzero(inside))

@@ -4,6 +4,16 @@
 """
 
 from math import ceil
+from typing import NamedTuple
+
+
+class Window(NamedTuple):
+    """A window of the iterations: σ, the distance up to which neighbours count one by one (pixels), Newton steps."""
+
+    sigma: float
+    fine: int
+    steps: int = 1
+
 
 # ---- Limits
 
@@ -24,10 +34,9 @@ SURE_SCORE = 10.0       # of a flat window; above, no slanted one is tried: most
 # ---- Iterations: the pool (`pooled_step`)
 
 REACH = 1.5             # σ; half the width of a window
-# Of each iteration: σ, and the distance up to which neighbours count one by one, pixels. Each σ is about twice the one
-# before, because depths are known better.
-WINDOWS = (2.0, 4), (4.5, 1), (2 * 4.5, 4)
-FIRST_STEPS = 2         # steps of the first iteration: the start is up to a peak's width from the top
+# Each σ is about twice the one before, because depths are known better. Two steps in the first window, because the
+# start is up to a peak's width from the top.
+WINDOWS = Window(2.0, 4, steps=2), Window(4.5, 1), Window(2 * 4.5, 4)
 SAME_SURFACE = 4.1      # standard deviations by which depths of one surface may differ; less shares fewer photons
 
 # ---- Iterations: the birth/death update (`birth_death`)
@@ -46,7 +55,7 @@ SPREAD = 4              # pixels by which surfaces may grow into empty ones in e
 
 # ---- End (`trim`, `finalise`)
 
-LOCAL_SIGMA = WINDOWS[0][0]     # pixels, of the window over which pixels are compared
+LOCAL_SIGMA = WINDOWS[0].sigma     # pixels, of the window over which pixels are compared
 RIM = 3                 # pixels without a surface, of the 8 around, that make a point one of the rim
 
 # ---- Geometry and numerics of the pool, not the method's

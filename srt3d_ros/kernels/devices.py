@@ -8,30 +8,20 @@ from importlib import import_module
 from importlib.util import find_spec
 from shutil import which
 
-import numpy as np
-
 from srt3d_ros.errors import InvalidInput, require
 
 DEVICES = ("auto", "cpu", "cuda")
 DRIVER = "libcuda.so.1"
 
 
-def kernels_for(device: str) -> tuple:
-    """The device, "cpu" or "cuda", and its kernels; InvalidInput if something for it is missing.
-
-    "auto" is the CPU here; `gpu_check.device_for` tries a GPU.
-    """
+def kernels_for(device: str):
+    """The kernels of a device; InvalidInput if something for it is missing. "auto" is the CPU here."""
     require(device in DEVICES, "device", device, "auto, cpu or cuda")
     if device != "cuda":
-        return "cpu", import_module("srt3d_ros.kernels.cpu")
+        return import_module("srt3d_ros.kernels.cpu")
     if missing := missing_for_cuda():
         raise InvalidInput("device", "cuda", f"cpu or auto: {missing}")
-    return "cuda", import_module("srt3d_ros.kernels.torch").on("cuda")
-
-
-def on_device(fields: dict, kernels) -> dict:
-    """The fields with their NumPy arrays on the kernels' device."""
-    return {name: kernels.array(value) if isinstance(value, np.ndarray) else value for name, value in fields.items()}
+    return import_module("srt3d_ros.kernels.torch").on("cuda")
 
 
 def missing_for_cuda() -> str:

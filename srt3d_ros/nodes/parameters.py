@@ -70,7 +70,7 @@ class Parameter:
             value = "off"
         elif self.loose and isinstance(value, (array, list, tuple)):
             value = ",".join(map(str, value))
-        if kind is float and type(value) in (int, str) or kind is str and type(value) in (int, float):
+        if (kind is float and type(value) in (int, str)) or (kind is str and type(value) in (int, float)):
             with suppress(ValueError):
                 value = kind(value)
         require(type(value) is kind, self.name, quoted(value), self.expected)

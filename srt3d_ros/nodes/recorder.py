@@ -126,7 +126,7 @@ class RecorderNode(PipelineNode):
 
     def _on_sensor(self, message: String) -> None:
         sensor = sensor_message.from_json(message.data)
-        if self._path is None or self._writer is not None and sensor.same_as(self._sensor):
+        if self._path is None or (self._writer is not None and sensor.same_as(self._sensor)):
             return
         if self._writer is not None:        # another sensor needs another recording
             writer, self._writer = self._writer, None

@@ -39,7 +39,7 @@ class Restarts:
         now_s = time.monotonic()
         restarted_s = [then_s for then_s in self._restarted_s.get(name, ())
                        if name == PLAYER or now_s - then_s < BUDGET_S]
-        hopeless = code == BAD_INPUT or name == PLAYER and code in (0, FRAMES_LOST)     # a restart would not help
+        hopeless = code == BAD_INPUT or (name == PLAYER and code in (0, FRAMES_LOST))     # a restart would not help
         if not hopeless and len(restarted_s) < MOST_RESTARTS:
             self._restarted_s[name] = [*restarted_s, now_s]
             return RESTART

@@ -148,7 +148,7 @@ def shared_memory_profile(shared_memory: Path = SHARED_MEMORY) -> Path | None:
         return profile
     if segment_bytes < LEAST_SEGMENT_BYTES:
         return None
-    smaller = tempfile.NamedTemporaryFile("w", prefix="srt3d_fastdds_", suffix=".xml")
+    smaller = tempfile.NamedTemporaryFile("w", prefix="srt3d_fastdds_", suffix=".xml")   # noqa: SIM115, held to the end
     smaller.write(profile.read_text(encoding="utf-8").replace(f">{SEGMENT_BYTES}<", f">{segment_bytes}<"))
     smaller.flush()
     _held.append(smaller)

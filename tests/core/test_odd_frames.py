@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from srt3d_ros.core.method.memory import PooledStream
+from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.keys import keys
@@ -41,7 +41,7 @@ def plane(sensor: SensorModel, depth: float, seed=0) -> PhaseSums:
 @pytest.mark.parametrize("gain", keys(SensorModel)["gain"].bounds)
 def test_full_pixels_of_the_least_and_the_greatest_gain_give_numbers(gain):
     sensor, frequencies = made(gain=np.full((9, 12), gain))
-    pooled = PooledStream(sensor, frequencies, surfaces=2)
+    pooled = Pooled(sensor, frequencies, surfaces=2)
     for seed in range(4):
         sketch = garbage(sensor, frequencies, seed)
         flat = np.broadcast_to(np.exp(2j * np.pi * np.array(frequencies) / T * 90), sketch.sums.shape)
@@ -63,7 +63,7 @@ def test_a_sketch_that_is_not_of_numbers_is_refused(method, value):
 
 def test_after_garbage_a_warm_start_finds_the_scene_as_a_cold_one():
     sensor, frequencies = made()
-    warm, cold = (PooledStream(sensor, frequencies, warm_start=warm) for warm in (True, False))
+    warm, cold = (Pooled(sensor, frequencies, warm_start=warm) for warm in (True, False))
     for seed in range(5):
         assert_finite(warm(garbage(sensor, frequencies, seed, photons=50 if seed % 2 else MAX_PIXEL_PHOTONS)), T)
         sketch = plane(sensor, 120.0, seed)
@@ -78,6 +78,6 @@ def test_after_garbage_a_warm_start_finds_the_scene_as_a_cold_one():
 @pytest.mark.parametrize(("depth", "late"), [(0.0, 0.0), (0.5, -40.0), (T - 0.01, 0.0), (T - 12.0, 17.25), (12.0, 1e5)])
 def test_a_surface_at_the_ends_of_the_period_is_found_there_whatever_the_delay(depth, late):
     sensor, frequencies = made(delay_bins=np.full((9, 12), late))
-    cloud = PooledStream(sensor, frequencies)(plane(sensor, depth))
+    cloud = Pooled(sensor, frequencies)(plane(sensor, depth))
     assert len(cloud) == sensor.pixels and (cloud.depth_bins >= 0).all() and (cloud.depth_bins < T).all()
     assert np.abs(circular_difference(cloud.depth_bins.astype(float), depth, T)).max() < 1.5

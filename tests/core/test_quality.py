@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros import read
-from srt3d_ros.core.method.memory import PooledStream
+from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
@@ -30,7 +30,7 @@ FREQUENCIES = choose("auto", SENSOR, 10)
 
 def reconstruct(frame, sensor, **options):
     frequencies = choose("auto", sensor, 10)
-    return PooledStream(sensor, frequencies, **options)(sketch_photons(frame, sensor, frequencies))
+    return Pooled(sensor, frequencies, **options)(sketch_photons(frame, sensor, frequencies))
 
 
 @pytest.mark.parametrize("name", MEASURED)
@@ -111,7 +111,7 @@ def seen(range_m, seed, sbr=1.0, ppp=1.0):
     (ball(22), ball(48), 1.0, 1.0), (ball(22), ball(None), 1.0, 10.0), (ball(None), ball(22), 0.1, 10.0),
     (ball(None), ball(22, 2.9), 1.0, 10.0)], ids=["moved", "gone", "come", "come a little before the wall"])
 def test_a_sudden_change_of_the_scene_is_not_smeared(before, after, sbr, ppp):
-    cold, warm = (PooledStream(SENSOR, FREQUENCIES, warm_start=warm) for warm in (False, True))
+    cold, warm = (Pooled(SENSOR, FREQUENCIES, warm_start=warm) for warm in (False, True))
     for seed in (1, 2):
         for pooled in (cold, warm):
             pooled(seen(before, seed, sbr, ppp)[0])
@@ -121,7 +121,7 @@ def test_a_sudden_change_of_the_scene_is_not_smeared(before, after, sbr, ppp):
     # 8 of 2304 pixels: single ones at the edges go either way.
     assert other.true_detections >= one.true_detections - 0.0035
     assert other.false_detections <= one.false_detections + 0.0035
-    anew = PooledStream(SENSOR, FREQUENCIES)(sketch)          # without a warm start no frame depends on the one before
+    anew = Pooled(SENSOR, FREQUENCIES)(sketch)          # without a warm start no frame depends on the one before
     np.testing.assert_array_equal(clouds[0].depth_bins, anew.depth_bins)
 
 
@@ -130,7 +130,7 @@ def test_depths_of_a_scene_that_goes_on_are_more_accurate():
     frequencies = choose("auto", sensor, 10)
     frames = [Simulator(sbr=1, ppp=3, seed=5).frame(i) for i in range(4)]
     errors = []
-    for pooled in (PooledStream(sensor, frequencies, warm_start=warm) for warm in (False, True)):
+    for pooled in (Pooled(sensor, frequencies, warm_start=warm) for warm in (False, True)):
         found = [evaluate(pooled(sketch_photons(frame, sensor, frequencies)), depth, 40e-3 / sensor.bin_width_m,
                           sensor.num_bins) for frame, depth in frames]
         errors.append(np.mean([one.dae_bins for one in found[1:]]))

@@ -8,7 +8,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from srt3d_ros.core.method.memory import PooledStream
+from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
 from tests.core.scenes import make_sensor, ramp, simulate
@@ -25,7 +25,7 @@ def digests() -> list[str]:
     near, far = ramp(*shape, 100, 0, 0), ramp(*shape, 300, 0.7, 1.2)
     depth = np.stack([np.where(far < 400, near, far), np.where(far < 500, np.nan, 150)])
     frequencies = choose("auto", sensor)
-    pooled = PooledStream(sensor, frequencies, surfaces=2, warm_start=True, device="cpu")
+    pooled = Pooled(sensor, frequencies, surfaces=2, warm_start=True, device="cpu")
     sketches = (sketch_photons(simulate(depth, 2, 8, sensor, seed), sensor, frequencies) for seed in range(2))
     return [digest(pooled(sketch)) for sketch in sketches]
 

@@ -54,7 +54,7 @@ def sdt(path: Path, blocks: list[np.ndarray], tac_range_s: float) -> Path:
     offset = header.nbytes + len(info) + measure.nbytes
     header["data_block_offs"], header["no_of_data_blocks"] = offset, len(blocks)
     content = b""
-    for k, counts in enumerate(blocks):
+    for counts in blocks:
         block = np.zeros(1, block_type)
         block["data_offs"] = offset + block.nbytes
         offset += block.nbytes + counts.nbytes

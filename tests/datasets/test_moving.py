@@ -46,7 +46,7 @@ def test_a_static_world_stays_where_it_is_while_the_sensor_moves():
 def test_a_walk_is_smooth_and_keeps_away_from_walls_and_furniture():
     step_s = 0.01
     poses = [walk(t) for t in np.arange(0, 60, step_s)]
-    steps = [before.inverse() @ after for before, after in zip(poses, poses[1:])]
+    steps = [before.inverse() @ after for before, after in pairwise(poses)]
     velocity = np.array([step.translation for step in steps]) / step_s
     turn = np.array([step.rotation_vector for step in steps]) / step_s
     assert np.linalg.norm(velocity, axis=1).max() < 1.3 and np.degrees(np.linalg.norm(turn, axis=1)).max() < 45

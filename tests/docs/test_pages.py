@@ -5,6 +5,7 @@ import io
 import re
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -74,7 +75,7 @@ def wrong_files(text: str) -> Iterator[str]:
             yield path
     modules = re.findall(r"python -m (srt3d_ros[\w.]*|tools[\w.]*|benchmarks \w+)", text)
     yield from (module for module in modules if not find_spec(module.replace(" ", ".")))
-    extras = re.findall(r'"([\w-]+)": \[', (ROOT / "setup.py").read_text(encoding="utf-8"))
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     for several in re.findall(r"(?:(?<!\S)\.|srt3d_ros)\[([\w, -]+)\]", text):
         yield from set(re.split(r",\s*", several)) - set(extras)
 

@@ -21,7 +21,7 @@ def outcomes(cases, methods=(POOLED,), sizes=(10,)):
 
 
 def test_methods_on_photons_run_once_and_those_on_sketches_for_each_size():
-    on_photons = Method("all", "", "photons", "nowhere:None")
+    on_photons = Method("all", "", "photons", object)
     jobs = jobs_for(simulated("net", [10], [3]), [POOLED, on_photons], (5, 10))
     assert [(job.method.name, job.sketch_size) for job in jobs] == [("pooled", 5), ("pooled", 10), ("all", None)]
 
@@ -75,7 +75,7 @@ def test_the_true_cloud_is_perfect(layers):
 
 
 def test_frequencies_are_those_that_the_method_asks_for(monkeypatch):
-    consecutive = Method("other", "", "sketch", POOLED.where, frequencies="consecutive")
+    consecutive = Method("other", "", "sketch", POOLED.kind, frequencies="consecutive")
     monkeypatch.setitem(METHODS, "other", consecutive)
     (outcome,), _ = outcomes(simulated("net", [10], [30]), [consecutive], (5,))
     assert tuple(outcome.row["frequencies"]) == (1, 2, 3, 4, 5)

@@ -25,7 +25,6 @@ from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.kernels import cpu, maps
 from srt3d_ros.kernels import torch as oracle
 from srt3d_ros.kernels.constants import SAME_SURFACE
-from srt3d_ros.kernels.devices import on_device
 
 T = 300
 GATE = SAME_SURFACE**2
@@ -51,7 +50,7 @@ class Backend:
         if isinstance(value, np.ndarray):
             return self.kernels.array(value.copy())
         if is_dataclass(value):
-            return replace(value, **on_device({f.name: getattr(value, f.name) for f in fields(value)}, self.kernels))
+            return replace(value, **{f.name: self.on(getattr(value, f.name)) for f in fields(value)})
         return value
 
     def off(self, value):

@@ -18,7 +18,7 @@ def arguments(function) -> list[tuple]:
     return [(each.name, each.kind, each.default) for each in inspect.signature(function).parameters.values()]
 
 
-@pytest.mark.parametrize("name", [*oracle.FUNCTIONS, "array", "fused", "numpy", "recorded"])
+@pytest.mark.parametrize("name", [*oracle.FUNCTIONS, "array", "as_frame", "numpy"])
 def test_the_cpu_has_the_names_and_arguments_of_the_oracle(name):
     ours, theirs = getattr(OURS, name), getattr(THEIRS, name)
     assert theirs.__doc__

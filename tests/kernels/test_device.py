@@ -25,8 +25,8 @@ QUICK = "expand", "log_likelihood_ratio", "finalise"       # to compile: seconds
 def built(monkeypatch, kernels, method: str, surfaces: int, **options):
     """A reconstruction that computes with these kernels as if they were a GPU's."""
     monkeypatch.setattr("srt3d_ros.core.baselines.plug_and_play.ITERATIONS", 2)     # the others do the same again
-    for module in ("method.memory", "baselines.sketched"):
-        monkeypatch.setattr(f"srt3d_ros.core.{module}.kernels_for", lambda device: (device, kernels))
+    for module in ("method.pooled", "baselines.sketched"):
+        monkeypatch.setattr(f"srt3d_ros.core.{module}.kernels_for", lambda device: kernels)
     return METHODS[method].build(SENSOR, SKETCHES[0].frequencies, surfaces=surfaces, device="cuda", **options)
 
 
@@ -54,10 +54,10 @@ def test_no_step_of_a_frame_looks_at_a_value_or_has_a_shape_that_depends_on_one(
     """On torch's device `meta`, which has shapes but no values, nor any copies to or from the host."""
     spreading(1)        # each further pixel does the same again
     kernels, sketch = oracle.on("meta"), SKETCHES[0]
-    pooled, photons = built(monkeypatch, kernels, "pooled", surfaces)._pooled, sketch.photons.astype(np.float32)
+    pooled, photons = built(monkeypatch, kernels, "pooled", surfaces), sketch.photons.astype(np.float32)
     state = np.zeros(maps.state_shape(*SHAPE, surfaces), np.float32) if start else None
     background = (photons, np.ones(7, np.complex64), np.ones(SENSOR.num_bins, np.float32)) if uneven else ()
-    found = pooled._run(photons, sketch.sums, state, pooled._enough, *background)
+    found = pooled._frames.run(photons, sketch.sums, state, np.array(pooled._scores, np.float32), *background)
     assert {each.device.type for each in found} == {"meta"}
     _, _, rest, background, values, xyz, number = found
     most = 9 * 33 * surfaces + 1
@@ -79,7 +79,7 @@ def test_two_frames_compile_each_step_once_as_one_graph_that_needs_nothing_of_th
     assert set(compiled) >= {
         "pooled": {"_search_flat", "_pool_down", "_search_across", "_take_planes", "_round", "_step", "finalise",
                    "collect"},
-        "srt3d": {"_start", "pixelwise", "_joined", "_projected", "_moved"}}[method]
+        "srt3d": {"match", "pixelwise", "_joined", "_projected", "_moved"}}[method]
     if method == "pooled":
         reconstructor.set_false_alarm_rate(1e-2)
     assert len(reconstructor(SKETCHES[1])) != len(first)

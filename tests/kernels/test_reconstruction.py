@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.method.memory import PooledStream
+from srt3d_ros.core.method.pooled import Pooled
 
 from .frames import CPU, FAINT, ORACLE, SHAPES, SINGLE, assert_clouds_agree, make_sensor, make_sketch
 
 
-def built(monkeypatch, backend, sensor, frequencies, *arguments, **options) -> PooledStream:
-    monkeypatch.setattr("srt3d_ros.core.method.memory.kernels_for", lambda device: (device, backend.kernels))
-    return PooledStream(sensor, frequencies, *arguments, device="cpu", **options)
+def built(monkeypatch, backend, sensor, frequencies, *arguments, **options) -> Pooled:
+    monkeypatch.setattr("srt3d_ros.core.method.pooled.kernels_for", lambda device: backend.kernels)
+    return Pooled(sensor, frequencies, *arguments, device="cpu", **options)
 
 
 @pytest.mark.parametrize(("shape", "surfaces", "light", "options"), [
@@ -30,7 +30,7 @@ def test_whole_reconstructions_agree(monkeypatch, shape, surfaces, light, option
 def test_backgrounds_are_taken_out_and_learnt_alike(monkeypatch, shape, surfaces):
     sensor = make_sensor(*shape, seed=5).replace(background_shape=np.exp(-np.arange(300) / 40))
     sketch, found = make_sketch(sensor, 5), []
-    monkeypatch.setattr("srt3d_ros.core.method.memory.PASSES", 1)      # so few pixels end at an even background
+    monkeypatch.setattr("srt3d_ros.core.method.convergence.PASSES", 1)      # so few pixels end at an even background
     for kernels in (ORACLE, CPU, SINGLE):
         reconstructor = built(monkeypatch, kernels, sensor, sketch.frequencies, surfaces)
         found.append((reconstructor(sketch), reconstructor.uneven_background))

@@ -26,7 +26,7 @@ def steps() -> tuple:
     matcher, sketch = Matcher(SENSOR, SKETCHES[0].frequencies), SKETCHES[0]
     kernels = cpu.for_shape(*SHAPE, SURFACES, matcher.frequencies)
     inputs = sketch.sums, sketch.photons.astype(np.float32), matcher.equaliser, matcher.used
-    frame = matcher.on(kernels)(*kernels.prepare(*inputs))
+    frame, _ = matcher.on(kernels).match(inputs[1], inputs[0])
     state = kernels.no_surfaces(frame, SURFACES)
     kernels.search(frame, frame.matched, state, 0, 1.0, 1, 3.0)
     terms = kernels.expand(frame, state)

@@ -1,5 +1,6 @@
 """Messages that break the contract: each gives exactly one error, in one line, that names the field."""
 
+import contextlib
 import dataclasses
 import tracemalloc
 
@@ -102,10 +103,8 @@ def test_hostile_sizes_allocate_nothing(codecs):
     hostile = [raw[:at] + b"\xff\xff\xff\xff" + raw[at + 4:] for at in range(4, len(raw) - 4, 4)]
     tracemalloc.start()
     for message in hostile:
-        try:
+        with contextlib.suppress(InvalidInput):
             codec.decode_cdr(message)
-        except InvalidInput:
-            pass
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 100_000

@@ -44,7 +44,7 @@ class EagerNode(Process):
         process = SERVER.Process(target=run, args=(output, *self.command), daemon=True)
         process.start()
         output.close()
-        process.stdout = open(self._pipe.fileno(), errors="replace", closefd=False)
+        process.stdout = open(self._pipe.fileno(), errors="replace", closefd=False)   # noqa: SIM115
         return process
 
     @property

@@ -176,7 +176,7 @@ def test_a_status_says_how_long_its_level_has_lasted(counted, monkeypatch):
 
 
 def test_simulated_time_without_a_clock_is_a_warning_from_when_it_is_asked_for(graph, counted, monkeypatch):
-    diagnostics, latest, node = counted
+    _, latest, node = counted
     now_s = module.time.monotonic() + 3600      # an hour after the node's start
     monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: now_s))
     assert latest()["level"] == OK

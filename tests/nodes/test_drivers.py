@@ -27,5 +27,5 @@ def test_ctrl_c_ends_a_driver_and_interrupts_nothing(graph, repository, name, to
     driver = Process([sys.executable, "-c", PROGRAM, str(repository / f"examples/{name}_driver.py"), *address,
                       "--ros-args", "-r", f"__ns:={graph.namespace}"])
     graph.processes.append(driver)
-    graph.wait(lambda: received or not topic and graph.node.count_publishers("histograms"), "the driver")
+    graph.wait(lambda: received or (not topic and graph.node.count_publishers("histograms")), "the driver")
     assert driver.end(signal.SIGINT) == 0 and "interrupted" not in driver.text

@@ -125,7 +125,7 @@ def test_what_a_stopped_recorder_misses_it_counts_and_nobody_waits_for_it(graph,
     while not graph.total("recorder", "message_lost"):      # which the next that comes shows
         reports = len(graph.all_reports("recorder"))
         speaker.frame()
-        graph.wait(lambda: len(graph.all_reports("recorder")) > reports, "another report")  # noqa: B023
+        graph.wait(lambda: len(graph.all_reports("recorder")) > reports, "another report")
     graph.wait(lambda: sum(graph.total("recorder", key) for key in ("clouds", "message_lost", "dropped"))
                == speaker.sent, "all clouds, recorded or counted")
 
@@ -146,7 +146,7 @@ def test_a_full_disk_ends_the_recording_with_one_error_and_not_the_node(graph, s
     program.write_text(PROGRAM.format("writer.LEAST_FREE_BYTES = 10**18"))
     recorder = graph.start(str(program), path=tmp_path / "a.rrd").ready()
     for number in (1, 2):       # another can be tried
-        assert number == 1 or graph.change("recorder", "deactivate") and graph.change("recorder", "activate")
+        assert number == 1 or (graph.change("recorder", "deactivate") and graph.change("recorder", "activate"))
         report = graph.reports("recorder", "errors", number)
         assert report["last_error"].startswith(f"recording {tmp_path / 'a.rrd'}: stopped, as the disk has only ")
         graph.reports("recorder", "path", "")

@@ -19,7 +19,7 @@ def plug_and_play(kernels, step: Callable, depth, intensity, enough, scale_bins,
     """APSS, then 25 times [step, APSS], and a last step. Arrays are the kernels'.
 
     Args:
-        step: from depth and intensity to those after a gradient step and the hard threshold, `without_faint`.
+        step: from depth and intensity to those after a gradient step and the hard threshold FAINTEST.
         depth, intensity: the start, float32 [rows', K, cols']; intensity 0 = no point.
         enough: of `points_needed`.
         scale_bins: bins of depth that count as one pixel, from `depth_scale_bins`.
@@ -39,11 +39,6 @@ def points_needed(exposure: np.ndarray) -> np.ndarray:
     """
     high, wide = (1 + (at > 0) + (at < len(at) - 1) for at in map(np.arange, exposure.shape))
     return maps.pad(np.minimum(high[:, None] * wide, APSS_ENOUGH) * (exposure > 0))
-
-
-def without_faint(intensity, usual):
-    """The hard threshold: intensity 0 for points far below the `usual_intensity`."""
-    return intensity * (intensity >= FAINTEST * usual)
 
 
 def depth_scale_bins(sensor: SensorModel, median_depth, peak_bins: float):

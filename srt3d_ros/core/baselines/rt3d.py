@@ -16,7 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, points_needed, without_faint
+from srt3d_ros.core.baselines.plug_and_play import (
+    FAINTEST,
+    RATE,
+    depth_scale_bins,
+    plug_and_play,
+    points_needed,
+)
 from srt3d_ros.core.baselines.xcorr import XCORR, by_pixel
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
@@ -53,10 +59,10 @@ class Likelihood:
 
 
 class RT3D:
-    """Reconstructs frames of one sensor from their photons; arguments as for `PooledStream`."""
+    """Reconstructs frames of one sensor from their photons; arguments as for `Pooled`."""
 
     def __init__(self, sensor: SensorModel, surfaces: int = 1):
-        self.sensor, (_, self._kernels) = sensor, kernels_for("cpu")
+        self.sensor, self._kernels = sensor, kernels_for("cpu")
         self._start = XCORR(sensor, surfaces)
         irf = self._irf = np.pad(np.atleast_2d(sensor.irf), [(0, 0), (1, 1)])
         self._slope = np.zeros_like(irf)
@@ -74,7 +80,7 @@ class RT3D:
 
         def step(depth, intensity):
             background[:] = smooth(kernels.poisson(data, background, RATE, usual, depth, intensity))
-            return depth, without_faint(intensity, usual)
+            return depth, intensity * (intensity >= FAINTEST * usual)
 
         scale = depth_scale_bins(sensor, kernels.median_depth(depth, intensity), self._width_bins)
         start = (maps.pad(values.swapaxes(1, 2)) for values in (depth, intensity))

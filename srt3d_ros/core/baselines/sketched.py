@@ -13,9 +13,14 @@ from functools import partial
 
 import numpy as np
 
-from srt3d_ros.core.baselines.plug_and_play import RATE, depth_scale_bins, plug_and_play, points_needed, without_faint
+from srt3d_ros.core.baselines.plug_and_play import (
+    FAINTEST,
+    RATE,
+    depth_scale_bins,
+    plug_and_play,
+    points_needed,
+)
 from srt3d_ros.core.baselines.weighting import weighted_steps
-from srt3d_ros.core.estimate import Estimate
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.method.thresholds import check_surfaces
 from srt3d_ros.core.point_cloud import PointCloud
@@ -33,41 +38,34 @@ class SMLE:
     """Reconstructs frames of one sensor from their sketches; as in the paper, every pixel with photons shows a point.
 
     The sketch of n photons is normally distributed around Ψ_θ with covariance Σ_θ / n. So W = Σ_θ⁻¹ is maximum
-    likelihood, except for the determinant, which n outweighs. Arguments as for `PooledStream`.
+    likelihood, except for the determinant, which n outweighs. Arguments as for `Pooled`.
     """
 
     precise = True          # W is the inverse covariance of the sketch, else the identity
 
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, device: str = "cpu"):
         check_surfaces(surfaces)
-        self.sensor, self.surfaces, self._matcher = sensor, surfaces, Matcher(sensor, frequencies)
-        self.device, kernels = kernels_for(device)
-        self._kernels = kernels.for_shape(sensor.rows, sensor.cols, surfaces, self._matcher.frequencies)
-        self._matched = self._matcher.on(self._kernels)
-        self._table, self._rays, self._equaliser, self._used, self._enough = map(self._kernels.array, (
-            weighted_steps(sensor, self._matcher.frequencies, self.precise), sensor.rays, self._matcher.equaliser,
-            self._matcher.used, points_needed(sensor.exposure)))
-        self._start, self._step = (self._kernels.fused(partial(each, self._kernels)) for each in (_start, _step))
-        self._run = self._kernels.recorded(self._estimate)
+        self.sensor, self.surfaces, self.device, self._matcher = sensor, surfaces, device, Matcher(sensor, frequencies)
+        kernels = self._kernels = kernels_for(device).for_shape(
+            sensor.rows, sensor.cols, surfaces, self._matcher.frequencies)
+        self._on_device = self._matcher.on(kernels)
+        self._table, self._enough = map(kernels.array, (
+            weighted_steps(sensor, self._matcher.frequencies, self.precise), points_needed(sensor.exposure)))
+        self._run = kernels.as_frame(self._frame)
 
     def __call__(self, sketch: PhaseSums) -> PointCloud:
         """The point cloud of one frame's sketch."""
         self._matcher.check(sketch)
-        background, *points = self._run(sketch.photons.astype(np.float32), sketch.sums)
-        background = self._kernels.numpy(background)
-        found = Estimate(None, None, background, background, *self._kernels.unpack(*points))
-        return PointCloud.of(found, self.sensor, sketch.stamp_ns)
+        background, *listed = self._run(sketch.photons.astype(np.float32), sketch.sums)
+        return self._on_device.cloud(listed, background, sketch.stamp_ns)
 
-    def _estimate(self, photons, sums) -> tuple:
-        """Background photons, and the points."""
-        kernels, sensor = self._kernels, self.sensor
-        frame = self._matched(*kernels.prepare(sums, photons, self._equaliser, self._used))
-        depth, intensity, exposure = (maps.crop(values, *frame.shape) for values in (
-            *self._points(frame, *self._start(frame, self.surfaces)), frame.exposure))
+    def _frame(self, photons, sums) -> tuple:
+        """Background photons, and the list of points, all on the device."""
+        data, _ = self._on_device.match(photons, sums)
+        points = self._points(data, *self._kernels.match(data, self.surfaces))
+        depth, intensity, exposure = (maps.crop(values, *data.shape) for values in (*points, data.exposure))
         background = (photons - (intensity * exposure[:, None]).sum(1)).clip(min=0)
-        return background, *kernels.collect(
-            depth % sensor.num_bins, intensity, depth * np.nan, self._rays, sensor.bin_width_m,
-            float(sensor.range_m(0)), sensor.num_bins)
+        return background, *self._on_device.listed(depth % self.sensor.num_bins, intensity, depth * np.nan)
 
     def _points(self, frame: MatchedFrame, depth, intensity) -> tuple:
         """Depth (bins) and intensity of the surfaces, float32 [rows', K, cols'], from a start; intensity 0: none."""
@@ -98,17 +96,5 @@ class SRT3D(SMLE):
         for _ in range(STEPS_BEFORE):
             depth, intensity = kernels.pixelwise(frame, self._table, RATE, usual, depth, intensity)
         scale = depth_scale_bins(self.sensor, kernels.median_depth(depth, intensity), frame.resolution_bins)
-        step = partial(self._step, frame, self._table, usual)
+        step = partial(kernels.pixelwise, frame, self._table, RATE, usual, faintest=FAINTEST * usual)
         return plug_and_play(kernels, step, depth, intensity, self._enough, scale, frame.num_bins)
-
-
-def _start(kernels, frame, surfaces):
-    """The matched filter on each pixel's sketch: depth and intensity."""
-    (depth, signal), exposure = kernels.match(frame, surfaces), frame.exposure[:, None]
-    return depth, signal.clip(min=0) / exposure.clip(min=1e-6) * (exposure > 0)
-
-
-def _step(kernels, frame, table, usual, depth, intensity):
-    """A gradient step, and the threshold."""
-    depth, intensity = kernels.pixelwise(frame, table, RATE, usual, depth, intensity)
-    return depth, without_faint(intensity, usual)

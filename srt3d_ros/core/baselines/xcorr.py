@@ -24,7 +24,7 @@ WHOLE_SHARE = 0.99      # of the IRF, in the window that is removed for the next
 
 
 class XCORR:
-    """Reconstructs frames of one sensor from their photons; arguments as for `PooledStream`."""
+    """Reconstructs frames of one sensor from their photons; arguments as for `Pooled`."""
 
     def __init__(self, sensor: SensorModel, surfaces: int = 1):
         from scipy.fft import next_fast_len  # here and below: importing SciPy is slow, and few need it

@@ -7,11 +7,12 @@ as B·β̂_l before it is reconstructed. What its cloud leaves unexplained corre
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-from srt3d_ros.core.estimate import Estimate, Unexplained
 from srt3d_ros.core.matched_frame import Matcher
+from srt3d_ros.core.method.found import Found, Unexplained
 from srt3d_ros.core.sketching.frequencies import angular_frequencies
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.errors import require
@@ -27,7 +28,6 @@ SIGNIFICANT = 3.0
 # Share of a surface's signal in the upper half of the frequencies, above which a residual is surfaces that many pixels
 # share, not background. Measured 0.0 to 0.25 in fog, and 0.47 to 0.69 for two walls of which one may be shown.
 SHARP = 0.33
-PASSES = 8              # over a first frame, at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,13 +47,30 @@ class BackgroundEstimate:
     candidate: np.ndarray | None = None
 
 
+class RemovedBackground(NamedTuple):
+    """What removes a background from a frame.
+
+    Args:
+        photons: float32 [rows, cols], B.
+        mean: complex64 [m], β̂.
+        clutter: float32 [T], of `MatchedFrame`.
+    """
+
+    photons: np.ndarray
+    mean: np.ndarray
+    clutter: np.ndarray
+
+
 class Background:
-    """β̂ and B of a stream of frames.
+    """How β̂ and B of one frame follow from those of the frame before; keeps nothing.
 
     Args:
         matcher: of the frames.
         kind: "auto": from the last cloud, even unless significantly uneven, starting with the sensor's
             background_shape if it has one; "sensor": that shape, or even; "flat": even.
+
+    Attributes:
+        first: the background of a first frame.
     """
 
     def __init__(self, matcher: Matcher, kind: str = "auto"):
@@ -61,42 +78,37 @@ class Background:
         sensor = self._sensor = matcher.sensor
         self._matcher, self._omega = matcher, angular_frequencies(matcher.frequencies, sensor.num_bins)
         self._learns = kind == "auto"
-        self._first = BackgroundEstimate()
+        self.first = BackgroundEstimate()
         if kind != "flat" and sensor.background_shape is not None:
             self._known = np.conj(np.fft.rfft(sensor.background_shape))
-            self._first = BackgroundEstimate(self._known[list(matcher.frequencies)], converged=False)
-        self.current = self._first
+            self.first = BackgroundEstimate(self._known[list(matcher.frequencies)], converged=False)
 
     @property
     def is_even(self) -> bool:
         """Whether it is always even: nothing to remove or to learn."""
-        return self._first.mean is None and not self._learns
+        return self.first.mean is None and not self._learns
 
-    def forget(self) -> None:
-        """Begin again, as before the first frame."""
-        self.current = self._first
-
-    def taken(self, current: BackgroundEstimate, sketch: PhaseSums) -> tuple:
-        """What removes it from a frame: photons [rows, cols], β̂ complex64 [m], clutter float32 [T]; () if even."""
-        if current.mean is None:
+    def removed(self, background: BackgroundEstimate, sketch: PhaseSums) -> RemovedBackground | tuple[()]:
+        """What removes a background from a frame; () if it is even."""
+        mean, photons = background.mean, background.photons
+        if mean is None:
             return ()
-        photons = sketch.photons if current.photons is None else current.photons
-        return photons.astype(np.float32), current.mean.astype(np.complex64), self._clutter(current.mean)
+        photons = (sketch.photons if photons is None else photons).astype(np.float32)
+        return RemovedBackground(photons, mean.astype(np.complex64), self._clutter(mean))
 
-    def candidates(self, sketch: PhaseSums) -> tuple[BackgroundEstimate, ...]:
+    def candidates(self, sketch: PhaseSums, learned: BackgroundEstimate) -> tuple[BackgroundEstimate, ...]:
         """Uneven backgrounds to try on a frame: what the last cloud left, and the mean of all photons.
 
         Two, because each fails once: the first misses fog that was fitted as a surface; the second misses a wall that
         fills the view. None unless the last frame was significantly uneven, or if both are as sharp as a surface.
         """
-        candidate = self.current.candidate
-        if candidate is None:
+        if learned.candidate is None:
             return ()
         passed, used = self._matcher.passed, sketch.photons * self._matcher.used
         adds = (np.conj(passed) * self._matcher.equaliser * sketch.sums).sum(axis=(0, 1))
         weights = (np.abs(passed)**2 * used[..., None]).sum(axis=(0, 1))
         everything = BackgroundEstimate(adds / np.maximum(weights, EPSILON))
-        candidates = BackgroundEstimate(candidate, self.current.photons), everything
+        candidates = BackgroundEstimate(learned.candidate, learned.photons), everything
         return tuple(each for each in candidates if not self._is_sharp(each.mean))
 
     def _is_sharp(self, mean: np.ndarray) -> bool:
@@ -104,10 +116,9 @@ class Background:
         upper = np.argsort(self._matcher.frequencies)[len(mean) // 2:]
         return bool((np.abs(mean[upper])**2).sum() > SHARP**2 * self._matcher.energy[upper].sum())
 
-    def learn(self, before: BackgroundEstimate, frame: Estimate) -> None:
-        """Correct the background that was removed from a frame by what its points leave, for the next frame."""
-        if not self.is_even:
-            self.current = self._corrected(before, frame.unexplained, frame.rest)
+    def learned(self, before: BackgroundEstimate, found: Found) -> BackgroundEstimate:
+        """The background of the next frame, from the one removed from a frame and what the frame's points leave."""
+        return before if self.is_even else self._corrected(before, found.unexplained, found.rest)
 
     def _corrected(self, before: BackgroundEstimate, sums: Unexplained, photons: np.ndarray) -> BackgroundEstimate:
         """The background with the mean that the sums show, or an even one; `photons` are those left by the points."""

@@ -33,41 +33,32 @@ def saturated(sketch: PhaseSums, sensor: SensorModel) -> np.ndarray:
 
 
 class PileUp:
-    """Corrects pile-up in one sensor's sketches and clouds.
-
-    Attributes:
-        background_share: share of background in the photons of the last cloud.
-    """
+    """Corrects pile-up in one sensor's sketches and estimates; keeps nothing from frame to frame."""
 
     def __init__(self, matcher: Matcher):
-        self._sensor, self._used, self._kernels = matcher.sensor, matcher.used > 0, kernels_for("cpu")[1]
+        self._sensor, self._used, self._kernels = matcher.sensor, matcher.used > 0, kernels_for("cpu")
         self._omega = angular_frequencies(matcher.frequencies, matcher.sensor.num_bins)
         self._shifts, self._step_shifts = (
             _shifts(matcher, self._omega, background / matcher.sensor.num_bins) for background in (0, 1))
-        self.forget()
 
-    def forget(self) -> None:
-        """Begin again: count all photons as background."""
-        self.background_share = 1.0
-
-    def without_decay(self, sketch: PhaseSums) -> PhaseSums:
+    def without_decay(self, sketch: PhaseSums, background_share: float) -> PhaseSums:
         """The sketch without the decay of its background: minus n_b β̂(b), with each pixel's own b.
 
         Pile-up makes the background decay as exp(−b x / T): β̂_l(b) = b / (b − i ω_l T). The same share of all photons
         counts as background everywhere.
         """
-        share, flux = self.background_share, (self.background_share * _flux(sketch))[..., None]
+        flux = (background_share * _flux(sketch))[..., None]
         decay = flux / (flux - 1j * self._omega * self._sensor.num_bins)
-        taken = share * sketch.photons[..., None] * decay
+        taken = background_share * sketch.photons[..., None] * decay
         return replace(sketch, sums=(sketch.sums - taken).astype(np.complex64), cycles=0)
 
-    def corrected(self, cloud: PointCloud, sketch: PhaseSums) -> PointCloud:
-        """The cloud with intensities N λ, background N b (local means), depths moved back, std with λ's error."""
+    def corrected(self, cloud: PointCloud, sketch: PhaseSums) -> tuple[PointCloud, float]:
+        """Intensities N λ, background N b (local means), depths moved back, std with λ's error; background's share."""
         sensor, flux, at = self._sensor, _flux(sketch), (cloud.row, cloud.col)
         signal, background, error = self._fluxes(cloud, sketch, flux[at])
         share, seen = np.ones(flux.shape), sketch.photons * self._used
         share[at] = background / np.maximum(flux[at], EPSILON)
-        self.background_share = float((share * seen).sum() / max(seen.sum(), 1))
+        background_share = float((share * seen).sum() / max(seen.sum(), 1))
         left = flux.copy()
         np.subtract.at(left, at, signal)
         left = (sketch.cycles * left).astype(np.float32)
@@ -76,10 +67,11 @@ class PileUp:
         error = error * np.interp(signal, FLUXES, np.abs(np.gradient(self._shifts, FLUXES)))
         error = np.where(saturated(sketch, sensor)[at], np.hypot(error, shift), error)
         depth = sensor.wrapped(cloud.depth_bins - shift)
-        return replace(cloud, depth_bins=depth, xyz=sensor.xyz(cloud.row, cloud.col, depth),
-                       intensity=(sketch.cycles * signal / sensor.exposure[at]).astype(np.float32),
-                       depth_std_bins=np.hypot(cloud.depth_std_bins, error).astype(np.float32),
-                       background=self._kernels.background(left, sensor.exposure))
+        cloud = replace(cloud, depth_bins=depth, xyz=sensor.xyz(cloud.row, cloud.col, depth),
+                              intensity=(sketch.cycles * signal / sensor.exposure[at]).astype(np.float32),
+                              depth_std_bins=np.hypot(cloud.depth_std_bins, error).astype(np.float32),
+                              background=self._kernels.background(left, sensor.exposure))
+        return cloud, background_share
 
     def _fluxes(self, cloud: PointCloud, sketch: PhaseSums, flux: np.ndarray) -> tuple[np.ndarray, ...]:
         """λ of each point, b of its pixel, and the standard deviation of λ, float64 [N] each; `flux` is Λ."""

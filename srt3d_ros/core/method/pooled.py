@@ -1,4 +1,4 @@
-"""Pooled: one frame of the default method: the paper's data term, pooled along surfaces (docs/algorithm.md).
+"""Pooled: the default method, the paper's data term pooled along surfaces (docs/algorithm.md).
 
     J. Tachella, M. P. Sheehan, M. E. Davies, "Sketched RT3D: how to reconstruct billions of photons per second",
     ICASSP 2022.
@@ -9,112 +9,212 @@ pixels around it instead, each weighted by how surely it sees the same surface: 
 `core.baselines.sketched.SRT3D` is the paper's method, step by step.
 """
 
+from copy import deepcopy
+from functools import cached_property, partial
 from math import ceil
 
 import numpy as np
 
-from srt3d_ros.core.estimate import Estimate, Unexplained
-from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
-from srt3d_ros.core.method.thresholds import continuation_threshold, score_threshold
-from srt3d_ros.core.sketching.sums import PhaseSums
-from srt3d_ros.kernels import constants, maps
+from srt3d_ros.core.matched_frame import Matcher, SensorOnDevice
+from srt3d_ros.core.method.background import Background, RemovedBackground
+from srt3d_ros.core.method.convergence import Convergence
+from srt3d_ros.core.method.found import Found, Unexplained
+from srt3d_ros.core.method.pile_up import PileUp
+from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, Scores, check_surfaces
+from srt3d_ros.core.point_cloud import PointCloud
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.sums import PhaseSums, noise_sketch
+from srt3d_ros.kernels import maps
+from srt3d_ros.kernels.constants import (
+    REACH,
+    SAME_SURFACE,
+    START_SCALES,
+    START_SCORE,
+    WIDE_SCALE,
+    WINDOWS,
+    Window,
+    cell_size,
+)
+from srt3d_ros.kernels.devices import kernels_for
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, STD
 
-STAYING = 0.5           # share of false points that survive the iterations (`python -m benchmarks false_alarms`)
+
+def frame(kernels, sensor: SensorOnDevice, surfaces: int, explains: bool, photons, sums, start, scores, *background):
+    """One frame, from arrays on the device to arrays on the device.
+
+    Args:
+        photons, sums: of the sketch.
+        start: the points of the frame before, or None.
+        scores: a `Scores`.
+        background: a `RemovedBackground`, or nothing for an even one.
+
+    Returns:
+        The points, float32 [rows', K, FIELDS, cols'] (`kernels.maps`), for the next start; for `Unexplained`, if
+        `explains`; photons that are not the points', and background photons, float32 [rows, cols]; the list of points.
+    """
+    scores = Scores(*scores)
+    data, taken = sensor.match(photons, sums, *background)
+    points = kernels.no_surfaces(data, surfaces)
+    search(kernels, data, points, START_SCALES, START_SCORE, START_SCORE, start, scores.keep)
+    points = iterate(kernels, data, points, WINDOWS[0])
+    kernels.drop_weak(points, scores.drop)
+    search(kernels, data, points, (WIDE_SCALE,), scores.find, scores.further)
+    for window in WINDOWS[1:]:
+        points = iterate(kernels, data, points, window)
+    terms = kernels.expand(data, points)
+    kernels.trim(data, points, terms, scores.keep)
+    final, rest, background = kernels.finalise(data, photons, points, terms, scores.keep)
+    left = kernels.unexplained(data, final, rest, taken, sensor.passed) if explains else None
+    view = maps.crop(final, *data.shape)
+    return points, left, rest, background, *sensor.listed(*(view[:, :, field] for field in (DEPTH, INTENSITY, STD)))
+
+
+def search(kernels, data, points, scales, enough, further, start=None, confirmed=0.0) -> None:
+    """Search by matched filters on sketches pooled at growing scales; a pixel takes the first sure surface.
+
+    Each scale pools the pixels that are still open. A first surface needs a score of `enough` at the last scale and of
+    `further` before. Further surfaces, in what the former ones leave unexplained, need `further`; those of `start`
+    need `confirmed`.
+    """
+    for layer in range(points.shape[1]):
+        is_first = layer == 0
+        matched = data.matched if is_first else kernels.residual(data, points, kernels.expand(data, points), layer)
+        for sigma in scales:
+            least = enough if is_first and sigma == scales[-1] else further
+            slanted = is_first and start is None and sigma in START_SCALES[1:]
+            kernels.search(data, matched, points, layer, sigma, cell_size(sigma), least, start, confirmed, slanted)
+
+
+def iterate(kernels, data, points, window: Window):
+    """Birth and death of points, then Gauss-Newton steps on the data terms pooled over the window."""
+    points = kernels.birth_death(data, points, kernels.expand(data, points), SAME_SURFACE**2)
+    for _ in range(window.steps):
+        terms, radius = kernels.expand(data, points), ceil(REACH * window.sigma)
+        points = kernels.pooled_step(data, points, terms, window.sigma, radius, window.fine, SAME_SURFACE**2)
+    return points
+
+
+class Frames:
+    """Runs `frame` on a device for sketches of one sensor; keeps nothing from frame to frame.
+
+    Args:
+        surfaces: K, the most surfaces in a pixel.
+        explains: fill `Found.unexplained`.
+    """
+
+    def __init__(self, matcher: Matcher, device: str, surfaces: int, explains: bool = True):
+        self.surfaces, sensor = surfaces, matcher.sensor
+        self.kernels = kernels_for(device).for_shape(sensor.rows, sensor.cols, surfaces, matcher.frequencies)
+        self._sensor = matcher.on(self.kernels)
+        self.run = self.kernels.as_frame(partial(frame, self.kernels, self._sensor, surfaces, explains))
+
+    def __call__(self, scores: Scores, sketch: PhaseSums, removed: tuple, start=None) -> Found:
+        """The points of a sketch; `removed` is a `RemovedBackground`, or () for an even background."""
+        points, left, rest, background, *listed = self.run(
+            sketch.photons.astype(np.float32), sketch.sums, start, np.array(scores, np.float32), *removed)
+        unexplained = None if left is None else Unexplained.unpacked(self.kernels.numpy(left))
+        cloud = self._sensor.cloud(listed, background, sketch.stamp_ns)
+        return Found(cloud, self.kernels.numpy(rest), unexplained, points)
 
 
 class Pooled:
-    """Reconstructs one frame from its sketch, a start and a background; keeps nothing from frame to frame.
+    """Reconstructs frames of one sensor in turn; remembers their background and, for a warm start, their surfaces.
 
     Args:
-        matcher: of the sensor and the frequencies.
-        surfaces: K, the most surfaces in a pixel.
-        false_alarm_rate: of `memory.PooledStream`.
-        kernels: of the device.
-        explains: fill `Estimate.unexplained`.
+        sensor: geometry, IRF and calibration.
+        frequencies: the integers k_l of the sketches.
+        surfaces: K, the most surfaces in a pixel, 1 … 4.
+        false_alarm_rate: share of the pixels with background alone that show a point, at most 0.4.
+        device: "cpu" or "cuda".
+        background: how it spreads over the bins: "sensor": by its background_shape; "flat"; or "auto": what the last
+            cloud leaves unexplained, if significant.
+        warm_start: begin with the last frame's surfaces where the photons support them: less depth error in a steady
+            scene. For consecutive frames.
+
+    Raises:
+        InvalidInput: a parameter that cannot be used.
     """
 
-    def __init__(self, matcher: Matcher, surfaces: int, false_alarm_rate: float, kernels, explains: bool):
-        sensor, array = matcher.sensor, kernels.array
-        self._sensor, self._surfaces, self._kernels, self._explains = sensor, surfaces, kernels, explains
-        self._matched, self._highest = matcher.on(kernels), max(matcher.frequencies)
-        self._equaliser, self._passed, self._used, self._rays = map(array, (
-            matcher.equaliser, matcher.passed, matcher.used, sensor.rays))
-        # On a GPU an even background has a clutter of ones, so that each step is compiled once, not twice.
-        self._even = None if kernels.ON_HOST else array(np.ones(sensor.num_bins, np.float32))
-        self._run = kernels.recorded(self._estimate)
+    def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1,
+                 false_alarm_rate: float = DEFAULT_FALSE_ALARM_RATE, device: str = "cpu", background: str = "auto",
+                 warm_start: bool = False):
+        check_surfaces(surfaces)
+        self.sensor, self.surfaces, self.device, self._warm_start = sensor, surfaces, device, warm_start
+        self._matcher = Matcher(sensor, frequencies)
+        self._background = Background(self._matcher, background)
+        self._frames = Frames(self._matcher, device, surfaces, not self._background.is_even)
+        one_surface = None if surfaces == 1 else Convergence(self._background, self._with_one_surface)
+        self._reconstruct = Convergence(self._background, partial(self._found, self._frames), one_surface)
         self.set_false_alarm_rate(false_alarm_rate)
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin the next frame as if it were the first."""
+        self._learned, self._points, self._background_share = None, None, 1.0
 
     def set_false_alarm_rate(self, false_alarm_rate: float) -> None:
         """Use this false alarm rate from the next frame on."""
-        started = false_alarm_rate / STAYING
-        found = score_threshold(started, self._highest, constants.WIDE_SCALE)
-        self._enough = np.array([score_threshold(started, self._highest), found, max(found, constants.START_SCORE),
-                                 continuation_threshold(started)], np.float32)
+        self._scores = Scores.of(false_alarm_rate, max(self._matcher.frequencies))
 
-    def __call__(self, sketch: PhaseSums, start: np.ndarray | None = None, background: tuple = ()) -> Estimate:
-        """The estimate of a frame.
+    def __call__(self, sketch: PhaseSums) -> PointCloud:
+        """The point cloud of one frame's sketch; where the laser cycles are known, pile-up is corrected."""
+        self._matcher.check(sketch)
+        is_first = self._learned is None
+        cloud = self._cloud(sketch, is_first)
+        if is_first and sketch.cycles:      # again: its first cloud says how much of the light is background
+            cloud = self._cloud(sketch, is_first)
+        return cloud
 
-        Args:
-            start: `Estimate.state` of the frame before; None to begin with no surface.
-            background: of `background.Background.taken`.
+    def _cloud(self, sketch: PhaseSums, is_first: bool) -> PointCloud:
+        """The cloud of a frame; the next one starts from its background, its surfaces and its background's share."""
+        seen = self._pile_up.without_decay(sketch, self._background_share) if sketch.cycles else sketch
+        found, self._learned = self._reconstruct.first(seen) if is_first else self._reconstruct.next(
+            seen, self._learned, self._points)
+        self._points = found.points
+        if not sketch.cycles:
+            return found.cloud
+        cloud, self._background_share = self._pile_up.corrected(found.cloud, sketch)
+        return cloud
+
+    def _found(self, frames: Frames, *arguments) -> Found:
+        """What a frame shows. Points for a warm start are copied: the next call overwrites them."""
+        found = frames(self._scores, *arguments)
+        return found._replace(points=deepcopy(found.points) if self._warm_start else None)
+
+    def _with_one_surface(self, *arguments) -> Found:
+        return self._found(self._one_surface, *arguments)
+
+    @cached_property
+    def _one_surface(self) -> Frames:
+        return Frames(self._matcher, self.device, 1)
+
+    @cached_property
+    def _pile_up(self) -> PileUp:
+        return PileUp(self._matcher)
+
+    @property
+    def uneven_background(self) -> float:
+        """Mean |β̂_l| of the background that is removed from the next frame; 0 while it is even."""
+        mean = (self._learned or self._background.first).mean
+        return 0.0 if mean is None else float(np.abs(mean).mean())
+
+    def warm_up(self) -> None:
+        """Compile the kernels, or load them from the disk, by frames of each kind.
+
+        A CPU needs few pixels for that. A GPU records frames with and without a background, and a start.
         """
-        photons, kernels = sketch.photons.astype(np.float32), self._kernels
-        state, left, rest, background, *points = self._run(photons, sketch.sums, start, self._enough, *background)
-        unexplained = Unexplained.unpacked(kernels.numpy(left)) if self._explains else None
-        return Estimate(state, unexplained, kernels.numpy(rest), kernels.numpy(background), *kernels.unpack(*points))
-
-    def _estimate(self, photons, sums, start, enough, background=None, mean=None, clutter=None) -> tuple:
-        kernels, (weak, found, further, continued) = self._kernels, enough
-
-        # Match: remove delay, IRF and background from each pixel's sketch.
-        taken = None if background is None else kernels.local_mean(background, self._used)
-        matched, counts = kernels.prepare(sums, photons, self._equaliser, self._used, taken, self._passed, mean)
-        frame = self._matched(matched, counts, self._even if clutter is None else clutter)
-
-        # Start with sure surfaces, let them spread, and search the pixels without one in wider windows.
-        state = kernels.no_surfaces(frame, self._surfaces)
-        sure = constants.START_SCORE
-        self._search(frame, state, constants.START_SCALES, sure, sure, start, continued)
-        state = self._iterate(frame, state, *constants.WINDOWS[0], constants.FIRST_STEPS)
-        kernels.drop_weak(state, weak)
-        self._search(frame, state, (constants.WIDE_SCALE,), found, further)
-
-        # Iterate over wider windows.
-        for sigma, fine in constants.WINDOWS[1:]:
-            state = self._iterate(frame, state, sigma, fine)
-
-        # Finish: outlines, threshold, intensities, standard deviations, points.
-        terms = kernels.expand(frame, state)
-        kernels.trim(frame, state, terms, continued)
-        points, rest, background = kernels.finalise(frame, photons, state, terms, continued)
-        left = kernels.unexplained(frame, points, rest, taken, self._passed) if self._explains else rest[:0, 0]
-        view = maps.crop(points, *frame.shape)
-        return state, left, rest, background, *kernels.collect(
-            view[:, :, maps.DEPTH], view[:, :, maps.INTENSITY], view[:, :, maps.STD], self._rays,
-            self._sensor.bin_width_m, float(self._sensor.range_m(0)), self._sensor.num_bins)
-
-    def _search(self, frame: MatchedFrame, state, scales, enough, further, start=None, confirmed=0.0) -> None:
-        """Search by matched filters on sketches pooled at growing scales; a pixel takes the first sure surface.
-
-        Each scale pools the pixels that are still open. A first surface needs a score of `enough` at the last scale and
-        of `further` before. Further surfaces, in what the former ones leave unexplained, need `further`; those of
-        `start` need `confirmed`.
-        """
-        kernels = self._kernels
-        for layer in range(self._surfaces):
-            terms = kernels.expand(frame, state) if layer > 0 else None
-            matched = kernels.residual(frame, state, terms, layer) if layer > 0 else frame.matched
-            for sigma in scales:
-                least = enough if sigma == scales[-1] and layer == 0 else further
-                slanted = sigma in constants.START_SCALES[1:] and layer == 0 and start is None
-                kernels.search(frame, matched, state, layer, sigma, constants.cell_size(sigma), least, start, confirmed,
-                               slanted)
-
-    def _iterate(self, frame: MatchedFrame, state, sigma: float, fine: int, steps: int = 1):
-        """Birth and death of points, then Gauss-Newton steps on the data terms pooled over the window."""
-        kernels, radius = self._kernels, ceil(constants.REACH * sigma)
-        state = kernels.birth_death(frame, state, kernels.expand(frame, state), constants.SAME_SURFACE**2)
-        for _ in range(steps):
-            terms = kernels.expand(frame, state)
-            state = kernels.pooled_step(frame, state, terms, sigma, radius, fine, constants.SAME_SURFACE**2)
-        return state
+        sensor = self.sensor.cropped(slice(8), slice(8)) if self.device == "cpu" else self.sensor
+        matcher = Matcher(sensor, self._matcher.frequencies)
+        sketch = noise_sketch(sensor, matcher.frequencies)
+        uneven = RemovedBackground(sketch.photons.astype(np.float32), np.zeros(len(matcher.frequencies), np.complex64),
+                                   np.ones(sensor.num_bins, np.float32))
+        several = [self._frames]
+        if self.surfaces > 1 and not self._background.is_even:
+            several.append(self._one_surface)
+        for frames in several:
+            if self.device == "cpu":
+                frames = Frames(matcher, self.device, frames.surfaces, not self._background.is_even)
+            for removed in ((),) if self._background.is_even else ((), uneven):
+                start = frames(self._scores, sketch, removed).points
+                if self._warm_start:
+                    frames(self._scores, sketch, removed, deepcopy(start))

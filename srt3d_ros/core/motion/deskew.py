@@ -48,7 +48,7 @@ class Deskewer:
     def __init__(self, sensor: SensorModel, frequencies):
         self.sensor, self.lost = sensor, 0
         self.frequencies = check_frequencies(frequencies, sensor.num_bins)
-        _, self._kernels = kernels_for("cpu")
+        self._kernels = kernels_for("cpu")
         rows, cols = self._shape = sensor.rows, sensor.cols
         self._late = np.zeros(self._shape, np.float32) if sensor.delay_bins is None else sensor.delay_bins
         self._used = np.ones(self._shape, bool) if sensor.mask is None else sensor.mask

@@ -210,8 +210,8 @@ class SensorModel:
     def same_as(self, other: "SensorModel | None") -> bool:
         """True if both describe the same sensor. Skips values that are one object: an IRF per pixel takes 10 ms."""
         pairs = ((getattr(self, name), getattr(other, name, None)) for name in self.__dataclass_fields__)
-        return self is other or other is not None and all(mine is its or np.array_equal(mine, its)
-                                                          for mine, its in pairs)
+        return self is other or (other is not None and all(mine is its or np.array_equal(mine, its)
+                                                           for mine, its in pairs))
 
 
 def _span(name: str, part: slice, side: int) -> tuple[int, int]:

@@ -40,7 +40,7 @@ class FrameSketcher:
     def __init__(self, sensor: SensorModel, frequencies, window_frames: int = 1, gate: Gate | None = None):
         self.sensor, self.gate = sensor, gate
         self.frequencies = check_frequencies(frequencies, sensor.num_bins if gate is None else gate.num_bins)
-        _, self._kernels = kernels_for("cpu")
+        self._kernels = kernels_for("cpu")
         self._rows = self._kernels.fixed_rows(phase_table(sensor, self.frequencies, gate))
         self._sums = self._kernels.new_sums(sensor.pixels, self._rows)
         self._subtracted = False            # counts may have been negative

@@ -153,7 +153,7 @@ class Framing:
         if not self._period_ns:
             return self._ended is not None and place < self._ended
         before_the_open = self._start_ns is not None and place < self._place(self._start_ns)
-        return before_the_open or self._ended is not None and place <= self._ended
+        return before_the_open or (self._ended is not None and place <= self._ended)
 
     def _end(self) -> OpenFrame:
         """End and return the open frame."""

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 from srt3d_ros.kernels.cpu.baselines.apss import apss
 from srt3d_ros.kernels.cpu.baselines.gradients import median_depth, pixelwise, poisson, usual_intensity
 from srt3d_ros.kernels.cpu.compiling import KERNELS, compile_by_name
-from srt3d_ros.kernels.cpu.device import ON_HOST, array, fused, numpy, recorded, unpack
+from srt3d_ros.kernels.cpu.device import array, as_frame, numpy, unpack
 from srt3d_ros.kernels.cpu.method.birth_death import birth_death
 from srt3d_ros.kernels.cpu.method.blur import blur
 from srt3d_ros.kernels.cpu.method.collect import collect
@@ -36,23 +36,15 @@ from srt3d_ros.kernels.cpu.sketching.rows import fixed_rows
 from srt3d_ros.kernels.cpu.workspace import Workspace
 from srt3d_ros.kernels.maps import UNIT
 
-# Modules whose kernels no frame of the default method needs
-OTHER_METHODS, BEFORE_IT = ("apss", "gradients", "match"), ("phase_sums", "move_sketch")
+OTHER_METHODS = "apss", "gradients", "match"        # modules whose kernels no frame of the default method needs
 IN_A_WORKSPACE = (birth_death, expand, finalise, log_likelihood_ratio, no_surfaces, pooled_step, prepare, residual,
                   search, trim, unexplained)
-ANYWHERE = (apss, array, background, blur, collect, drop_weak, fused, local_mean, match, median_depth, numpy, pixelwise,
-            recorded, unpack, usual_intensity)
-
-
-def load() -> None:
-    """Compile the kernels of the default method, or read them from the disk."""
-    for name, kernel in KERNELS.items():
-        if name.partition(".")[0] not in OTHER_METHODS + BEFORE_IT:
-            kernel.compile()
+ANYWHERE = (apss, array, as_frame, background, blur, collect, drop_weak, local_mean, match, median_depth, numpy,
+            pixelwise, unpack, usual_intensity)
 
 
 def for_shape(rows: int, cols: int, surfaces: int, frequencies: tuple[int, ...]) -> SimpleNamespace:
     """The kernels with memory of their own for frames of one shape, for one thread at a time."""
     work = Workspace(rows, cols, surfaces, frequencies)
-    return SimpleNamespace(ON_HOST=True, work=work, load=load, **{each.__name__: each for each in ANYWHERE},
+    return SimpleNamespace(work=work, **{each.__name__: each for each in ANYWHERE},
                            **{each.__name__: partial(each, work) for each in IN_A_WORKSPACE})

@@ -5,7 +5,6 @@ from collections.abc import Callable
 import numba
 import numpy as np
 
-ON_HOST = True
 # Up to so many pixels one thread is at least as fast as two, which wake each other for every kernel (2.7 against 3.4 ms
 # for 32 × 32, 6.5 against 7.2 ms for 64 × 64), and leaves the other core to other nodes.
 SERIAL_PIXELS = 64 * 64
@@ -32,11 +31,7 @@ def unpack(*points) -> tuple:
     return points
 
 
-def fused(function: Callable) -> Callable:
-    return function
-
-
-def recorded(function: Callable) -> Callable:
+def as_frame(function: Callable) -> Callable:
     def frame(*inputs):
         arrays = [values if values is None else array(values) for values in inputs]
         threads = numba.get_num_threads()

@@ -6,8 +6,6 @@ from contextlib import contextmanager
 import numpy as np
 import torch
 
-from srt3d_ros.kernels.torch.fusing import fused
-
 
 class Kernels:
     """The kernels on one device, as attributes: the names that the module `cpu` has.
@@ -18,15 +16,9 @@ class Kernels:
         dtype: the type of all real numbers.
     """
 
-    ON_HOST = False             # arrays are not NumPy's
-    fused = staticmethod(fused)
-
     def __init__(self, functions: dict[str, Callable], device: str, dtype: torch.dtype):
         vars(self).update(functions)
         self.device, self.dtype, self._is_gpu = device, dtype, device == "cuda"
-
-    def load(self):
-        """Do nothing: kernels are compiled when a frame is recorded."""
 
     def for_shape(self, rows: int, cols: int, surfaces: int, frequencies: tuple[int, ...]) -> "Kernels":
         """These kernels: what a frame needs is allocated when it is recorded."""
@@ -54,10 +46,11 @@ class Kernels:
         row, col, rank = values[3:]
         return row.astype(np.uint16), col.astype(np.uint16), rank.astype(np.uint8), values[:3], xyz
 
-    def recorded(self, function: Callable) -> Callable:
-        """Let a GPU record a function of arrays, the first [rows, cols], in a graph, and replay it for each frame.
+    def as_frame(self, function: Callable) -> Callable:
+        """A function of arrays as the device runs a frame: a GPU records it in a CUDA graph, and replays that.
 
-        It takes NumPy arrays, arrays on the device, or None. Its results stay on the device until the next frame.
+        It takes NumPy arrays, the first [rows, cols], arrays on the device, or None. Its results stay on the device,
+        until the next frame.
         """
         frames: dict[tuple, Callable] = {}
         pool = torch.cuda.graph_pool_handle() if self._is_gpu else None
@@ -68,12 +61,12 @@ class Kernels:
                 return function(*arrays)
             kind = tuple(None if each is None else (each.shape, each.dtype) for each in arrays)
             if kind not in frames:
-                frames[kind] = _recorded(function, arrays, pool)
+                frames[kind] = _record(function, arrays, pool)
             return frames[kind](arrays)
         return frame
 
 
-def _recorded(function: Callable, arrays: list, pool) -> Callable:
+def _record(function: Callable, arrays: list, pool) -> Callable:
     """Record the function in a CUDA graph with copies of these arrays, into which later arrays are copied.
 
     The function first runs unrecorded, which compiles its fused parts. Graphs of one pool share temporary memory.

@@ -17,8 +17,8 @@ def test_the_papers_numbers_of_steps_and_denoisings_are_run(monkeypatch):
     method = METHODS["srt3d"].build(sensor, (1, 2, 3))
     kernels = method._kernels
     for name in ("pixelwise", "apss"):
-        monkeypatch.setattr(kernels, name, lambda *args, name=name, kernel=getattr(kernels, name): (
-            calls.append(name) or kernel(*args)))
+        monkeypatch.setattr(kernels, name, lambda *args, name=name, kernel=getattr(kernels, name), **more: (
+            calls.append(name) or kernel(*args, **more)))
     method(sketch_photons(simulate(np.full((8, 8), 200.0), 10, 20), sensor, (1, 2, 3)))
     assert calls == 5 * ["pixelwise"] + 25 * ["apss", "pixelwise"] + ["apss", "pixelwise"]
 

@@ -5,7 +5,7 @@ import pytest
 
 from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.method.background import Background
-from srt3d_ros.core.method.memory import PooledStream
+from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.metrics import circular_difference, evaluate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
@@ -60,7 +60,7 @@ def test_nothing_is_left_of_the_expected_background(shape, changes):
     sketch = PhaseSums(frequencies, sums, np.full((8, 12), 50, np.uint32), sensor=sensor)
     matcher = Matcher(sensor, frequencies)
     background = Background(matcher, "sensor")
-    photons, mean, clutter = background.taken(background.current, sketch)
+    photons, mean, clutter = background.removed(background.first, sketch)
     before = matcher.equaliser * sums
     left = before - photons[..., None] * matcher.passed * mean
     assert np.abs(before).max() > 5 and np.abs(left).max() < 1e-3 and clutter.min() == 1 < clutter.max()
@@ -93,14 +93,14 @@ def test_an_even_background_is_left_alone_bit_for_bit(depth_bins, sbr, surfaces)
 def test_an_irf_that_is_slightly_wrong_is_no_background():
     wider = np.convolve(make_sensor(1, 1).irf, [0.1, 0.8, 0.1], "same")
     frame = simulate(make_sensor(irf=wider), sbr=10, ppp=200)
-    pooled = PooledStream(make_sensor(), choose("auto", make_sensor()))
+    pooled = Pooled(make_sensor(), choose("auto", make_sensor()))
     pooled(sketch_photons(frame, make_sensor(), choose("auto", make_sensor())))
     assert pooled.uneven_background == 0
 
 
 def test_a_stream_takes_one_step_a_frame_and_begins_and_ceases_with_the_fog():
     clear, foggy = make_sensor(), make_sensor(background_shape=SHAPES["fog"])
-    pooled = PooledStream(clear, choose("auto", clear))
+    pooled = Pooled(clear, choose("auto", clear))
     first = [judged(pooled(sketch)) for sketch in sketches(clear, sbr=1, frames=2)]
     assert pooled.uneven_background == 0
     fog = [judged(pooled(sketch)) for sketch in sketches(foggy)]
@@ -112,13 +112,13 @@ def test_a_stream_takes_one_step_a_frame_and_begins_and_ceases_with_the_fog():
 
 def test_forgetting_begins_anew():
     foggy, clear = make_sensor(background_shape=SHAPES["fog"]), make_sensor()
-    pooled, sketch = PooledStream(clear, choose("auto", clear)), sketches(foggy, frames=1)[0]
+    pooled, sketch = Pooled(clear, choose("auto", clear)), sketches(foggy, frames=1)[0]
     assert judged(pooled(sketch)).true_detections > 0.97 and pooled.uneven_background > 0.1
     pooled.forget()
     assert pooled.uneven_background == 0
-    one, other = (anew(sketch) for anew in (pooled, PooledStream(clear, choose("auto", clear))))
+    one, other = (anew(sketch) for anew in (pooled, Pooled(clear, choose("auto", clear))))
     np.testing.assert_array_equal(one.depth_bins, other.depth_bins)
-    told = PooledStream(foggy, choose("auto", foggy))                 # what the sensor says is where auto begins
+    told = Pooled(foggy, choose("auto", foggy))                 # what the sensor says is where auto begins
     assert judged(told(sketch)).true_detections > 0.9
 
 
@@ -147,4 +147,4 @@ def test_a_hot_pixel_does_not_harm_its_neighbours(background):
 
 def test_what_cannot_be_used_is_named():
     with pytest.raises(InvalidInput, match="^background is dark: expected auto or sensor or flat"):
-        PooledStream(make_sensor(), (1, 2, 3), background="dark")
+        Pooled(make_sensor(), (1, 2, 3), background="dark")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import srt3d_ros
-from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.method.pile_up import saturated
+from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.point_cloud import POINT_FIELDS
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sums import PhaseSums
@@ -76,12 +76,12 @@ def test_few_photons_leave_no_background_where_there_is_none():
 def test_each_frame_of_a_stream_is_corrected_and_one_without_cycles_is_as_ever(bright):
     sketch = srt3d_ros.from_counts(bright, bin_width_s=1e-10, irf=IRF, cycles=CYCLES).sketch()
     unknown = dataclasses.replace(sketch, cycles=0)
-    stream = PooledStream(sketch.sensor, sketch.frequencies)
+    stream = Pooled(sketch.sensor, sketch.frequencies)
     for _ in range(3):
         _, bias, intensity = errors(stream(sketch), WALL, CYCLES)
         assert abs(bias) < 0.08 and abs(intensity - 1) < 0.04
-    plain = PooledStream(sketch.sensor.replace(cycles=None), sketch.frequencies)(unknown)
-    again = PooledStream(sketch.sensor, sketch.frequencies)(unknown)
+    plain = Pooled(sketch.sensor.replace(cycles=None), sketch.frequencies)(unknown)
+    again = Pooled(sketch.sensor, sketch.frequencies)(unknown)
     for name in (*POINT_FIELDS, "background"):
         np.testing.assert_array_equal(getattr(again, name), getattr(plain, name), strict=True)
 
@@ -138,6 +138,6 @@ def test_nothing_seen_and_every_cycle_seen():
     for n in (0, 9):
         sketch = PhaseSums((1, 2, 5), np.zeros((4, 5, 3), np.complex64), np.full((4, 5), n, np.uint32), cycles=9,
                         sensor=sensor)
-        cloud = PooledStream(sensor, sketch.frequencies)(sketch)
+        cloud = Pooled(sensor, sketch.frequencies)(sketch)
         assert len(cloud) == 0 and np.isfinite(cloud.background).all()
         assert (cloud.background > 0).all() == (n > 0)

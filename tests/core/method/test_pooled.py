@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.method.memory import PooledStream
+from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose
@@ -53,10 +53,10 @@ def test_signal_and_background_are_together_as_many_as_the_photons(sbr, ppp):
 def test_points_that_stay_weak_are_dropped_before_the_rest_of_the_pixels_is_searched():
     sensor = make_sensor(12, 16)
     sketch = sketch_photons(simulate(np.full((12, 16), 200.0), 10, 20, sensor), sensor, range(1, 11))
-    method = PooledStream(sensor, tuple(range(1, 11)), device="cpu")
+    method = Pooled(sensor, tuple(range(1, 11)), device="cpu")
     assert len(method(sketch)) == sensor.pixels
-    method = PooledStream(sensor, tuple(range(1, 11)), device="cpu")
-    method._pooled._enough[:2] = np.inf         # no score is enough, nor found by the second search
+    method = Pooled(sensor, tuple(range(1, 11)), device="cpu")
+    method._scores = method._scores._replace(find=np.inf, drop=np.inf)
     assert len(method(sketch)) == 0
 
 
@@ -108,7 +108,7 @@ def best_depth(toa: np.ndarray, irf: np.ndarray, ref: int, frequencies, num_bins
 def test_the_mean_depth_of_a_flat_surface_is_that_of_all_its_photons_together(irf):
     sensor = SensorModel(32, 32, 300, 1e-10, irf)
     frequencies = choose("auto", sensor, 10)
-    method, off, true_off = PooledStream(sensor, frequencies, device="cpu"), [], []
+    method, off, true_off = Pooled(sensor, frequencies, device="cpu"), [], []
     for k, depth in enumerate(150 + np.arange(8) / 8):
         frame = simulate(np.full((32, 32), depth), np.inf, 50, sensor, seed=k)
         cloud = method(sketch_photons(frame, sensor, frequencies))

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from srt3d_ros.core.method.memory import PooledStream
+from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher, phase_table, sketch_photons
@@ -111,5 +111,5 @@ def test_bins_of_crosstalk_are_left_out_as_its_noise_would_be_a_surface():
     expected[66:75] += 20 * irf / irf.sum()
     counts = np.random.default_rng(3).poisson(expected, (16, 16, num_bins)).astype(np.uint16)
     seen = sketch_photons(PhotonHistograms(counts, 0), sensor, tuple(range(1, 11)))
-    cloud = PooledStream(sensor, seen.frequencies, device="cpu")(seen)
+    cloud = Pooled(sensor, seen.frequencies, device="cpu")(seen)
     assert len(cloud) > 0.98 * sensor.pixels and np.abs(cloud.depth_bins - 70).max() < 3

@@ -1,5 +1,6 @@
 """The designed frequencies: that the bound is that of the estimator, and that the design makes it small."""
 
+
 import numpy as np
 import pytest
 
@@ -76,7 +77,7 @@ def test_designs_are_increasing_and_within_the_band(num_bins, m, width):
     most = max((num_bins - 1) // 2, 1)
     irf = np.exp(-0.5 * ((np.arange(min(num_bins, 61)) - 30) / width)**2) + 1e-30
     chosen = design(make(irf, num_bins), m)
-    assert len(chosen) == m and chosen[0] == 1 and all(b > a for a, b in zip(chosen, chosen[1:])) and chosen[-1] <= most
+    assert len(set(chosen)) == m and sorted(chosen) == list(chosen) and chosen[0] == 1 and chosen[-1] <= most
     assert all(type(k) is int for k in chosen)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.method.memory import PooledStream
+from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher, sketch_photons
 from srt3d_ros.core.sketching.gate import Gate, parse
@@ -61,8 +61,8 @@ def test_the_sketch_is_that_of_the_photons_inside_in_every_form(sensor, dtype):
 @pytest.mark.parametrize("depth", [57.3, 112.8])        # a pulse's length from either end
 def test_a_gate_leaves_ranges_and_points_as_they_are(sensor, depth):
     events, gate = observe(sensor, depth), Gate(sensor, *GATE)
-    whole = PooledStream(sensor, FREQUENCIES)(sketch_photons(events, sensor, FREQUENCIES))
-    cloud = PooledStream(gate.sensor, FREQUENCIES)(sketch_photons(events, sensor, FREQUENCIES, gate))
+    whole = Pooled(sensor, FREQUENCIES)(sketch_photons(events, sensor, FREQUENCIES))
+    cloud = Pooled(gate.sensor, FREQUENCIES)(sketch_photons(events, sensor, FREQUENCIES, gate))
     assert len(whole) == len(cloud) == sensor.pixels
     true = sensor.rays.reshape(-1, 3) * sensor.range_m(depth)
     for found in (whole, cloud):

@@ -42,7 +42,7 @@ def _errors(i, k, j, frame, table, depth, intensity):
 
 
 @line
-def _pixelwise_row(i, frame, table, rate, usual, depth, intensity, after):
+def _pixelwise_row(i, frame, table, rate, usual, faintest, depth, intensity, after):
     for j in range(MARGIN, depth.shape[2] - MARGIN, LANES):
         for k in range(depth.shape[1]):
             t, r = load(depth, i, k, j), load(intensity, i, k, j)
@@ -58,7 +58,7 @@ def _pixelwise_row(i, frame, table, rate, usual, depth, intensity, after):
                 t = where(there, moved - frame.period * floor(moved / frame.period), t)
                 r = where(there, max(grown, ZERO), r)
             store(after.depth, i, k, j, t)
-            store(after.intensity, i, k, j, r)
+            store(after.intensity, i, k, j, where(r >= faintest, r, ZERO))
 
 
 class Layers(NamedTuple):
@@ -69,15 +69,15 @@ class Layers(NamedTuple):
 
 
 @parallel
-def _pixelwise(frame: Frame, table: float32[:, :, ::1], rate: float32, usual: float32, depth: float32[:, :, ::1],
-               intensity: float32[:, :, ::1], after: Layers):
+def _pixelwise(frame: Frame, table: float32[:, :, ::1], rate: float32, usual: float32, faintest: float32,
+               depth: float32[:, :, ::1], intensity: float32[:, :, ::1], after: Layers):
     for turn in prange(len(depth) - 2 * MARGIN):
-        _pixelwise_row(turn + MARGIN, frame, table, rate, usual, depth, intensity, after)
+        _pixelwise_row(turn + MARGIN, frame, table, rate, usual, faintest, depth, intensity, after)
 
 
-def pixelwise(frame, table, rate, usual, depth, intensity):
+def pixelwise(frame, table, rate, usual, depth, intensity, faintest=0.0):
     after = Layers(np.zeros_like(depth), np.zeros_like(intensity))
-    _pixelwise(frame, table, F32(rate), F32(usual), depth, intensity, after)
+    _pixelwise(frame, table, F32(rate), F32(usual), F32(faintest), depth, intensity, after)
     return tuple(after)
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import float32, get_num_threads, get_thread_id, int64, prange
 
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TWO, ZERO, sincos
+from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.vectors import fma, full, gather, lane_numbers, load, store, to_cell, where
@@ -119,4 +119,5 @@ def match(frame, surfaces):
     filters = steering(tuple(np.rint(frame.bin_frequencies * np.float64(frame.num_bins))))
     scratch = np.empty((get_num_threads(), 2 * len(filters.order) + filters.cells + 1, LANES), np.float32)
     _match(frame, filters, scratch, depth, intensity)
-    return depth, intensity
+    light = frame.exposure[:, None]
+    return depth, intensity.clip(min=0) / light.clip(min=EPSILON) * (light > 0)

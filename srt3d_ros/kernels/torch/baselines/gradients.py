@@ -8,7 +8,7 @@ from srt3d_ros.kernels.torch.fusing import fused
 
 
 @fused
-def pixelwise(frame, table, rate, usual, depth, intensity):
+def pixelwise(frame, table, rate, usual, depth, intensity, faintest=0.0):
     """Gradient step on n (z − Ψ_θ)ᵀ W (z − Ψ_θ): t += rate Δ_rt s / max(s, usual g)², r += INTENSITY_RATE Δ_r / g.
 
     Of d_l = (z_l − g Σ_k r_k |ĥ_l|² exp(i ω_l t_k)) exp(−i ω_l t) the table's rows make
@@ -21,6 +21,7 @@ def pixelwise(frame, table, rate, usual, depth, intensity):
         rate: of the full step in depth.
         usual: intensity below which points move less than their curvature allows; 0 for none.
         depth, intensity: float32 [rows', K, cols'], bins and photons.
+        faintest: points below this intensity are removed after the step.
 
     Returns:
         Depth and intensity after the step.
@@ -43,7 +44,8 @@ def pixelwise(frame, table, rate, usual, depth, intensity):
     signal = torch.maximum(intensity, grown) * light
     least = torch.maximum(signal, usual * light)
     move = (rate * shift * signal / (least * least + TINY)).clamp(-frame.resolution_bins, frame.resolution_bins)
-    return torch.where(there, (depth + move) % frame.num_bins, depth), torch.where(there, grown.clamp(min=0), intensity)
+    grown = torch.where(there, grown.clamp(min=0), intensity)
+    return torch.where(there, (depth + move) % frame.num_bins, depth), torch.where(grown >= faintest, grown, 0)
 
 
 @fused

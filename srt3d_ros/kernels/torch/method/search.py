@@ -34,19 +34,22 @@ def prepare(sums, photons, equaliser, used, taken=None, passed=None, mean=None):
 
 @fused
 def match(frame, surfaces):
-    """t_k = arg max_t R(z, t), r_k = R(z, t_k) / E, then z_l −= r_k |ĥ_l|² exp(i ω_l t_k); for k = 1 … K.
+    """t_k = arg max_t R(z, t), s_k = R(z, t_k) / E, then z_l −= s_k |ĥ_l|² exp(i ω_l t_k); for k = 1 … K.
 
     R has no frequency above max k_l: its peak is found on a grid of 4 max k_l cells (rounded up to 16), and by a
     parabola through the highest one and its neighbours.
 
-    Returns depth, bins, less than a cell outside [0, T], and intensity times exposure, float32 [rows', K, cols'].
+    Returns depth, bins, less than a cell outside [0, T], and intensity (s_k)₊ / g, 0 where g = 0: float32
+    [rows', K, cols'].
     """
     z, found = frame.matched, []
     for _ in range(surfaces):
         depth, value = _peak(z, frame)
         found.append((depth, value / frame.total_energy))
         z = z - torch.cat([frame.energy[:, None] * found[-1][1][:, None] * wave for wave in waves(frame, depth)], dim=1)
-    return tuple(torch.stack(values, dim=1) for values in zip(*found))
+    depth, signal = (torch.stack(values, dim=1) for values in zip(*found))
+    light = frame.exposure[:, None]
+    return depth, signal.clamp(min=0) / light.clamp(min=EPSILON) * (light > 0)
 
 
 def _peak(z, frame):

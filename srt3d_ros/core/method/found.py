@@ -1,8 +1,10 @@
-"""Estimate: what the kernels make of one frame, before it becomes a Cloud."""
+"""Found: what one frame shows, and what it leaves unexplained."""
 
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
+
+from srt3d_ros.core.point_cloud import PointCloud
 
 
 class Unexplained(NamedTuple):
@@ -32,26 +34,16 @@ class Unexplained(NamedTuple):
         return cls(left_real + 1j * left_imaginary, seen_real + 1j * seen_imaginary, *sums[-4:].astype(np.float64))
 
 
-class Estimate(NamedTuple):
-    """What the kernels make of a frame: N points, sorted by pixel, the strongest of a pixel first.
+class Found(NamedTuple):
+    """What a frame shows, and what the next frames need of it.
 
     Args:
-        state: float32 [rows', K, FIELDS, cols'] (`kernels.maps`) on the device, valid until the next frame starts;
-            None from the baselines.
-        unexplained: what the points leave unexplained; None unless asked for.
-        background: float32 [rows, cols], background photons.
         rest: float32 [rows, cols], photons that are not the points', at least 0 in each pixel.
-        row, col, rank: uint16, uint16, uint8 [N], the points' pixels, and their order within these.
-        values: float32 [3, N]: depth (bins), intensity (photons), standard deviation (bins).
-        xyz: float32 [N, 3], metres.
+        unexplained: what the points leave unexplained; None unless asked for.
+        points: float32 [rows', K, FIELDS, cols'] (`kernels.maps`) on the device, to start the next frame from.
     """
 
-    state: np.ndarray | None
-    unexplained: Unexplained | None
+    cloud: PointCloud
     rest: np.ndarray
-    background: np.ndarray
-    row: np.ndarray
-    col: np.ndarray
-    rank: np.ndarray
-    values: np.ndarray
-    xyz: np.ndarray
+    unexplained: Unexplained | None
+    points: Any
