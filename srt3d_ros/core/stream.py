@@ -8,7 +8,7 @@ from srt3d_ros.core.motion.track import MotionReport, SensorMotion
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.counts import Counts
-from srt3d_ros.core.sketching.design import design_for
+from srt3d_ros.core.sketching.design import design_sketch
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.core.sketching.framing import Framing, OpenFrame
 from srt3d_ros.core.sketching.gate import OFF, in_ranges
@@ -27,7 +27,7 @@ class StreamOptions:
     """How packets become frames, and frames sketches.
 
     Args:
-        gate, frequencies, sketch_size: see `design_for`.
+        gate, frequencies, sketch_size: see `design_sketch`.
         packets_per_frame, frame_period_ns: as of Framing.
         window_frames: frames in the sliding window of a sketch.
         moving: deskew each frame to the sensor's pose in its middle, with the reports given to `add_motion`.
@@ -92,7 +92,7 @@ class SketchStream:
         self.sensor, self.options, self.counts = sensor, options, Counts() if counts is None else counts
         self.warning = ""
         self._framing = Framing(options.packets_per_frame, options.frame_period_ns)
-        gate, frequencies = design_for(sensor, options.gate, options.frequencies, options.sketch_size)
+        gate, frequencies = design_sketch(sensor, options.gate, options.frequencies, options.sketch_size)
         self._moving = MovingSketcher(sensor, frequencies, gate) if options.moving else None
         self._sketcher = self._moving or FrameSketcher(sensor, frequencies, options.window_frames, gate)
         self._motion = SensorMotion(options.extrinsics) if options.moving else None
