@@ -12,7 +12,7 @@ from std_msgs.msg import String
 from tmf8829_messages import decode
 
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import histograms_message, sensor_message
+from srt3d_ros.messages import photon_frames, sensor_message
 
 try:
     import zmq
@@ -39,7 +39,7 @@ def publish() -> None:
             or abs(described.irf - newest.irf).sum(axis=-1).max() > MOVED):
         described = newest
         sensor.publish(sensor_message.encode_cdr(described))
-    histograms.publish(histograms_message.encode_cdr(photons.frame, described, described.frame_id))
+    histograms.publish(photon_frames.HISTOGRAMS.encode_cdr(photons.frame, described, described.frame_id))
 
 
 _, *addresses = rclpy.utilities.remove_ros_args(sys.argv)

@@ -241,7 +241,7 @@ def test_the_first_call_shows_that_it_compiles(repository):
 
 @pytest.mark.parametrize(("source", "options", "said"), [
     (3, {}, "source is int: expected a path, an array of counts, Photons or a Sketch"),
-    (FRAME, {"irff": [1]}, 'option name is "irff": expected one of shape, rows, cols, gate, '),
+    (FRAME, {"irff": [1]}, 'option name is "irff": expected one of shape, rows, cols, '),
     ("absent.npz", {}, "absent.npz: no such file"),
     (FRAME, {"frame": 2}, "frame 2: only a bag or a log has one"),
     ("absent.npz", {"frame": "3"}, 'frame is "3": expected an integer'),

@@ -15,7 +15,7 @@ from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates
 from srt3d_ros.kernels.cpu import OTHER_METHODS
 from srt3d_ros.kernels.cpu.compiling import KERNELS
-from srt3d_ros.messages import gates_message, photons_message, sketch_message
+from srt3d_ros.messages import photon_frames, sketch_message
 from srt3d_ros.reconstruction import Reconstructor
 from tests.core.scenes import make_sensor, ramp, simulate
 
@@ -27,11 +27,11 @@ def sketches(sensor) -> Iterator:
     sketcher, events = FrameSketcher(sensor, FREQUENCIES), simulate(ramp(20, 24, 150, 1, 1)[None], 20, 5, sensor, 1)
     mixed = np.random.default_rng(1).permutation(events.photons)
     for seen in (events, PhotonEvents(events.pixel[mixed], events.toa[mixed])):
-        raw = photons_message.encode_cdr(seen, sensor, "spad")
-        sketcher.add(photons_message.decode_cdr(raw, sensor)[1])
+        raw = photon_frames.PHOTONS.encode_cdr(seen, sensor, "spad")
+        sketcher.add(photon_frames.PHOTONS.decode_cdr(raw, sensor)[1])
         yield sketcher.end_frame()
-    raw = gates_message.encode_cdr(PhotonGates(np.full((2, 20, 24), 150, np.uint16)), sensor, "spad")
-    seen = gates_message.decode_cdr(raw, sensor)[1]
+    raw = photon_frames.GATES.encode_cdr(PhotonGates(np.full((2, 20, 24), 150, np.uint16)), sensor, "spad")
+    seen = photon_frames.GATES.decode_cdr(raw, sensor)[1]
     assert not seen.words.flags.writeable
     sketcher.add(seen)
     yield sketcher.end_frame()

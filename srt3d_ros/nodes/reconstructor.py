@@ -18,7 +18,7 @@ from srt3d_ros.errors import require
 from srt3d_ros.kernels.devices import DEVICES, kernels_for
 from srt3d_ros.messages import images_message as image_message
 from srt3d_ros.messages import points_message, sketch_message
-from srt3d_ros.messages.camera import camera_info
+from srt3d_ros.messages.images_message import camera_info
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode, sensor_summary
 from srt3d_ros.nodes.lifecycle import run

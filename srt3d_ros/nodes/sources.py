@@ -27,7 +27,7 @@ from srt3d_ros.datasets.simulation.room import Room
 from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import require
-from srt3d_ros.messages import photons_message, sensor_message
+from srt3d_ros.messages import photon_frames, sensor_message
 from srt3d_ros.messages.cdr import NS_PER_S
 from srt3d_ros.nodes.topics import CLOCK, FRAMES, IMU, ODOM, PHOTONS, SENSOR, SKETCH, SKETCH_SENSOR
 
@@ -132,7 +132,7 @@ class Drawn:
         self._drawn = [self._encode(0)]
 
     def _encode(self, k: int) -> bytes:
-        return photons_message.encode_cdr(self._draw(k), self.sensor, self.sensor.frame_id)
+        return photon_frames.PHOTONS.encode_cdr(self._draw(k), self.sensor, self.sensor.frame_id)
 
     def prepare(self, stopped: Callable[[], bool]) -> None:
         """Draw a lap or, if it would take more, the frames that fill MAX_DRAWN_BYTES, which are repeated."""

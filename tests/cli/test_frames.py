@@ -14,7 +14,7 @@ from srt3d_ros.datasets import many_frames
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import photons_message, sensor_message
+from srt3d_ros.messages import photon_frames, sensor_message
 from tests.bags import CLOUD, TEXT, write_bag
 from tests.datasets.made_logs import tmf8829_log, zones_16
 
@@ -26,7 +26,7 @@ FRAMES, BROKEN = 6, 2
 def bag(tmp_path_factory):
     """A bag of six frames, of which the third is cut off."""
     simulator = Simulator(StaticScene(SENSOR.range_m(np.full((1, 8, 10), 80.0))), SENSOR, sbr=10, ppp=60)
-    raws = [photons_message.encode_cdr(simulator.frame(k)[0], SENSOR, "") for k in range(FRAMES)]
+    raws = [photon_frames.PHOTONS.encode_cdr(simulator.frame(k)[0], SENSOR, "") for k in range(FRAMES)]
     raws[BROKEN] = raws[BROKEN][:900]
     return write_bag(tmp_path_factory.mktemp("many") / "bag", [
         ("/sensor", TEXT, sensor_message.encode_cdr(SENSOR)), *(("/photons", CLOUD, raw) for raw in raws)])

@@ -12,8 +12,8 @@ from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
-from srt3d_ros.messages import histograms_message as histograms
-from srt3d_ros.messages import photons_message, sensor_message
+from srt3d_ros.messages import photon_frames, sensor_message
+from srt3d_ros.messages.photon_frames import HISTOGRAMS as histograms
 from tests.bags import CLOUD, IMAGE, TEXT, write_bag
 from tests.photon_forms import as_histograms
 
@@ -92,7 +92,7 @@ def test_a_frame_of_a_bag_is_reconstructed_as_from_a_file(photons, reconstruct, 
     few = PhotonEvents(np.zeros(5, np.uint32), np.arange(5, dtype=np.uint16))
     described = ("/sensor", TEXT, sensor_message.encode_cdr(SENSOR))
     bag = write_bag(tmp_path / "bag", [described, *(
-        (f"/{side}/photons", CLOUD, photons_message.encode_cdr(frame, SENSOR, ""))
+        (f"/{side}/photons", CLOUD, photon_frames.PHOTONS.encode_cdr(frame, SENSOR, ""))
         for side, frame in (("left", few), ("right", few), ("left", photons[1])))])
     _, from_file = reconstruct(out="file.npz")
     _, from_bag = reconstruct("--frame", "1", "--photons-topic", "/left/photons", source=bag)

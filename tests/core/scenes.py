@@ -1,7 +1,10 @@
 """Sensors, scenes and photons that the tests of the methods share."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.point_cloud import PointCloud
@@ -12,6 +15,7 @@ from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
+from srt3d_ros.kernels import cpu, maps
 
 T = 586
 IRF = np.exp(-0.5 * ((np.arange(40) - 15) / np.where(np.arange(40) < 15, 3, 5))**2)     # steep rise, slow decay
@@ -96,3 +100,13 @@ def assert_finite(cloud, num_bins: int = T):
     assert (np.isfinite(std) & (std > 0)).all() or np.isnan(std).all()
     assert (cloud.intensity > 0).all() and (cloud.background >= 0).all()
     assert (cloud.depth_bins >= 0).all() and (cloud.depth_bins < num_bins).all()
+
+
+def matched_frame(sensor: SensorModel, sketch: PhaseSums) -> MatchedFrame:
+    """The frame of a sketch as the CPU's kernels get it, but for the padding of its maps."""
+    matcher = Matcher(sensor, sketch.frequencies)
+    matcher.check(sketch)
+    kernels = cpu.for_shape(sensor.rows, sensor.cols, 1, matcher.frequencies)
+    frame, _ = matcher.on(kernels).match(sketch.photons.astype(np.float32), sketch.sums)
+    matched, counts = (maps.crop(each, *frame.shape).copy() for each in (frame.matched, frame.counts))
+    return replace(frame, matched=matched, counts=counts, exposure=sensor.exposure, size=None)

@@ -39,7 +39,7 @@ def complex_matched(frame) -> np.ndarray:
 
 def test_a_plain_pixel_is_the_signal_times_the_energy_at_its_depth():
     sensor = make()
-    frame = Matcher(sensor, FREQUENCIES)(exact(sensor))
+    frame = scenes.matched_frame(sensor, exact(sensor))
     omega, energy = angular_frequencies(FREQUENCIES, T), frame_energy(sensor)
     expected = SIGNAL[..., None] * energy * np.exp(1j * DEPTH[..., None] * omega)
     np.testing.assert_allclose(complex_matched(frame), expected, atol=1e-4)
@@ -53,7 +53,7 @@ def calibrated(**changes) -> np.ndarray:
     """`matched` of the scene, per exposure, as a sensor of this calibration sees it."""
     sensor = make(**changes)
     gain = changes.get("gain", np.ones((ROWS, COLS)))
-    return complex_matched(Matcher(sensor, FREQUENCIES)(exact(sensor))) / gain[..., None]
+    return complex_matched(scenes.matched_frame(sensor, exact(sensor))) / gain[..., None]
 
 
 @pytest.mark.parametrize("changes", [
@@ -72,7 +72,7 @@ def test_a_masked_pixel_counts_for_nothing_whatever_it_saw():
     mask[1, 2] = False
     sketch = exact(make())
     sketch.sums[1, 2], sketch.photons[1, 2] = 1e6, 2**31
-    frame = Matcher(make(mask=mask), FREQUENCIES)(sketch)
+    frame = scenes.matched_frame(make(mask=mask), sketch)
     assert not frame.matched[1, :, 2].any() and frame.counts[1, 2] == 0 and frame.exposure[1, 2] == 0
     np.testing.assert_allclose(complex_matched(frame)[mask], calibrated()[mask], rtol=1e-6)
     assert (frame.exposure[mask] == 1).all()
@@ -85,7 +85,7 @@ def test_what_a_pixels_irf_does_not_pass_is_not_blown_up():
     sensor = make(irf=shapes)
     noise = PhaseSums(FREQUENCIES, np.full((ROWS, COLS, len(FREQUENCIES)), 10, np.complex64),
                    np.full((ROWS, COLS), 100, np.uint32), sensor=sensor)
-    seen = np.abs(complex_matched(Matcher(sensor, FREQUENCIES)(noise)))
+    seen = np.abs(complex_matched(scenes.matched_frame(sensor, noise)))
     assert (seen[1, 1] <= 10 * np.sqrt(frame_energy(sensor)) / WEAKEST_PASSBAND).all()
 
 
@@ -96,13 +96,13 @@ def test_what_a_pixels_irf_does_not_pass_is_not_blown_up():
      r"sketch size is \(4, 3\): expected rows × cols = \(3, 4\)")])
 def test_a_sketch_of_another_sensor_is_refused(sketch, named):
     with pytest.raises(InvalidInput, match=f"^{named}"):
-        Matcher(make(), FREQUENCIES)(sketch)
+        Matcher(make(), FREQUENCIES).check(sketch)
 
 
 @pytest.mark.parametrize("photons", [2, 1000])
 def test_background_is_no_likelier_to_respond_than_its_rarity_says(photons):
     sensor = make()
-    frame = Matcher(sensor, FREQUENCIES)(exact(sensor))
+    frame = scenes.matched_frame(sensor, exact(sensor))
     u = np.linspace(0, frame.max_response, len(frame.background_table))
     response = (np.exp(1j * np.outer(np.arange(T), angular_frequencies(FREQUENCIES, T)))
                 * np.conj(irf_spectrum(sensor, FREQUENCIES))).real.sum(axis=1)
@@ -116,7 +116,7 @@ def test_background_is_no_likelier_to_respond_than_its_rarity_says(photons):
 
 def test_rarity_of_many_photons_is_that_of_the_normal_distribution():
     sensor = make()
-    frame = Matcher(sensor, FREQUENCIES)(exact(sensor))
+    frame = scenes.matched_frame(sensor, exact(sensor))
     u = np.linspace(0, frame.max_response, len(frame.background_table))
     np.testing.assert_allclose(frame.background_table[:6], u[:6] / np.sqrt(frame.total_energy / 2), rtol=0.05)
     assert (np.diff(frame.background_table) >= 0).all()

@@ -21,10 +21,10 @@ from srt3d_ros.datasets.bags.frames import find_photons
 from srt3d_ros.datasets.options import ASSUMED_FOV, ASSUMED_WIDTH
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.files import json_text
-from srt3d_ros.messages import cdr, photons_message, sensor_message
-from srt3d_ros.messages import gates_message as gates
-from srt3d_ros.messages import histograms_message as histograms
+from srt3d_ros.messages import cdr, photon_frames, sensor_message
 from srt3d_ros.messages import sketch_message as sketches
+from srt3d_ros.messages.photon_frames import GATES as gates
+from srt3d_ros.messages.photon_frames import HISTOGRAMS as histograms
 from srt3d_ros.messages.sensor_message import digest
 from tests.bags import CLOUD, IMAGE, START_NS, STORAGES, TEXT, write_bag, write_mcap
 from tests.photon_forms import as_gates, as_histograms
@@ -42,7 +42,7 @@ def frame(k: int, sensor: SensorModel = SENSOR) -> PhotonEvents:
 
 
 def photons_of(k: int) -> bytes:
-    return photons_message.encode_cdr(frame(k), SENSOR, "spad")
+    return photon_frames.PHOTONS.encode_cdr(frame(k), SENSOR, "spad")
 
 
 def gates_of(k: int) -> bytes:

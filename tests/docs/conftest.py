@@ -13,7 +13,7 @@ from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
-from srt3d_ros.messages import photons_message, sensor_message
+from srt3d_ros.messages import photon_frames, sensor_message
 from tests.bags import CLOUD, TEXT, write_bag
 from tests.datasets.laboratory_files import pulse_cube
 from tests.review.conftest import _write as write_recording
@@ -44,7 +44,7 @@ def here(tmp_path_factory, ball) -> Path:
             seen = PhotonEvents(np.append(seen.pixel, hot), np.append(seen.toa, hot % 600).astype(np.uint16))
         photon_file.save(folder / f"{name}.npz", PLAIN, seen)
     ptufile.imwrite(folder / "scan.ptu", pulse_cube(24, 24)[None, :, :, None], 120 * 1e-10, 1e-10)
-    packet = photons_message.encode_cdr(small.frame(0)[0], small.sensor, "lidar")
+    packet = photon_frames.PHOTONS.encode_cdr(small.frame(0)[0], small.sensor, "lidar")
     described = ("/sensor", TEXT, sensor_message.encode_cdr(small.sensor))
     write_bag(folder / "rec", [described, *[("/photons", CLOUD, packet)] * 8])
     write_recording(folder / "run.rrd", *ball)

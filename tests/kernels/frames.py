@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 import torch
 
-from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
+from srt3d_ros.core.matched_frame import MatchedFrame
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
@@ -25,6 +25,7 @@ from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.kernels import cpu, maps
 from srt3d_ros.kernels import torch as oracle
 from srt3d_ros.kernels.constants import SAME_SURFACE
+from tests.core.scenes import matched_frame
 
 T = 300
 GATE = SAME_SURFACE**2
@@ -127,7 +128,7 @@ def layers(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def make_frame(shape: tuple[int, int], seed: int, light: float = 1.0) -> MatchedFrame:
     sensor = make_sensor(*shape, seed)
     sketch = make_sketch(sensor, seed, light)
-    return Matcher(sensor, sketch.frequencies)(sketch)
+    return matched_frame(sensor, sketch)
 
 
 def make_state(frame: MatchedFrame, surfaces: int, seed: int, light: float = 1.0) -> np.ndarray:
@@ -177,7 +178,7 @@ def exact_frame(depth: np.ndarray, signal: np.ndarray, background: float) -> Mat
     sums = irf_spectrum(sensor, frequencies) * (signal[..., None] * phase).sum(axis=0)
     photons = np.rint(signal.sum(axis=0) + background)
     sketch = PhaseSums(frequencies, sums.astype(np.complex64), photons.astype(np.uint32), sensor=sensor)
-    return Matcher(sensor, frequencies)(sketch)
+    return matched_frame(sensor, sketch)
 
 
 def exact_state(depth: np.ndarray, intensity: np.ndarray) -> np.ndarray:

@@ -8,13 +8,12 @@ from srt3d_ros.core.baselines.rt3d import RT3D
 from srt3d_ros.core.baselines.sketched import SMLE, SRT3D
 from srt3d_ros.core.baselines.weighting import weighted_steps
 from srt3d_ros.core.baselines.xcorr import by_pixel
-from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.kernels import cpu, maps
 from srt3d_ros.kernels import torch as oracle
-from tests.core.scenes import simulate
+from tests.core.scenes import matched_frame, simulate
 
 from .frames import CPU, ORACLE, T, padded
 
@@ -71,7 +70,7 @@ def assert_moved(points, before, move, grown, most):
     ((8, 40), 1, False, 20.0), ((8, 33), 2, True, 0.0), ((1, 9), 3, True, 20.0), ((5, 9), 2, False, 0.0)])
 def test_pixelwise(backend, shape, surfaces, precise, usual):
     sensor, frequencies = make_sensor(*shape), tuple(range(1, 8))
-    frame = Matcher(sensor, frequencies)(sketch_photons(make_photons(sensor), sensor, frequencies))
+    frame = matched_frame(sensor, sketch_photons(make_photons(sensor), sensor, frequencies))
     table = weighted_steps(sensor, frequencies, precise)
     t, r = make_points(sensor, surfaces)
     z, energy = frame.matched[:, :7] + 1j * frame.matched[:, 7:], frame.energy[:, None].astype(float)

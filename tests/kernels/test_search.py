@@ -6,13 +6,13 @@ from itertools import product
 import numpy as np
 import pytest
 
-from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, choose_frequencies, irf_spectrum
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import SLANT, SLANTED_SCORE, START_SCALES, STEEPER, SURE_SCORE, WIDE_SCALE, cell_size
+from tests.core.scenes import matched_frame
 
 from .frames import (
     DEPTH_TOLERANCE,
@@ -51,7 +51,7 @@ def test_match_finds_the_highest_peak_wherever_it_lies(backend, size):
     frequencies = choose_frequencies("auto", sensor, size)
     sums = 40 * irf_spectrum(sensor, frequencies) * np.exp(1j * angular_frequencies(frequencies, T) * depth[..., None])
     sketch = PhaseSums(frequencies, sums.astype(np.complex64), np.full((1, 600), 40, np.uint32), sensor=sensor)
-    frame = Matcher(sensor, frequencies)(sketch)
+    frame = matched_frame(sensor, sketch)
     found, intensity = (maps.crop(each, *frame.shape) for each in backend.match(padded(frame), 1))
     # The parabola through a band-limited peak sampled 4 times a period: a small part of the peak's width.
     assert np.abs(circular_difference(found[:, 0], depth, T)).max() < 0.1 * frame.resolution_bins

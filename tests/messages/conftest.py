@@ -15,12 +15,12 @@ from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sketching.sums import PhaseSums
-from srt3d_ros.messages import gates_message as gates
-from srt3d_ros.messages import histograms_message as histograms
 from srt3d_ros.messages import images_message as images
-from srt3d_ros.messages import photons_message
+from srt3d_ros.messages import photon_frames
 from srt3d_ros.messages import points_message as points
 from srt3d_ros.messages import sketch_message as sketch
+from srt3d_ros.messages.photon_frames import GATES as gates
+from srt3d_ros.messages.photon_frames import HISTOGRAMS as histograms
 
 STAMP_NS = 1_700_000_000_250_000_000
 SENSOR = SensorModel(rows=3, cols=4, num_bins=100, bin_width_s=1e-10, irf=np.array([1, 2, 1]),
@@ -79,7 +79,7 @@ IMAGE = np.array([[1, np.nan], [0.5, -2], [3, 4]], np.float32)
 
 def _photons(toa: list, dtype) -> Codec:
     events = PhotonEvents(np.array([11, 0, 6], np.uint32), np.array(toa, dtype), STAMP_NS)
-    return _codec(photons_message, PointCloud2, events, (SENSOR, "lidar"), (SENSOR,))
+    return _codec(photon_frames.PHOTONS, PointCloud2, events, (SENSOR, "lidar"), (SENSOR,))
 
 
 def _histograms(dtype, least: int) -> Codec:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import gates_message as gates
-from srt3d_ros.messages import histograms_message as histograms
-from srt3d_ros.messages import photons_message
+from srt3d_ros.messages import photon_frames
 from srt3d_ros.messages import sketch_message as sketch
+from srt3d_ros.messages.photon_frames import GATES as gates
+from srt3d_ros.messages.photon_frames import HISTOGRAMS as histograms
 
 INT16, FLOAT64 = 3, 8         # of PointField's datatypes
 
@@ -114,8 +114,8 @@ def test_content_that_breaks_the_contract_is_not_written(codecs, small_sensor):
     events, whole = codecs["photons_uint16"].content, codecs["sketch_float32"].content
     nan = dataclasses.replace(whole, sums=whole.sums * np.float32(np.nan))
     for encode, content, options, said in (
-            (photons_message.encode_cdr, events, (small_sensor.replace(num_bins=99), "lidar"), "^toa is 99"),
-            (photons_message.encode_cdr, events, (small_sensor.replace(rows=2), "lidar"), "^pixel is 11"),
+            (photon_frames.PHOTONS.encode_cdr, events, (small_sensor.replace(num_bins=99), "lidar"), "^toa is 99"),
+            (photon_frames.PHOTONS.encode_cdr, events, (small_sensor.replace(rows=2), "lidar"), "^pixel is 11"),
             (gates.encode_cdr, codecs["gates"].content, (small_sensor.replace(rows=6), "lidar"), "^gates shape"),
             (gates.encode_cdr, codecs["gates"].content, (small_sensor.replace(num_bins=23), "lidar"), "^gates word is"),
             (histograms.encode_cdr, codecs["histograms_8UC5"].content, (small_sensor.replace(histograms=None), "lidar"),

@@ -13,10 +13,10 @@ from sensor_msgs.msg import PointCloud2, PointField
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import cdr, photons_message
-from srt3d_ros.messages import gates_message as gates
-from srt3d_ros.messages import histograms_message as histograms
+from srt3d_ros.messages import cdr, photon_frames
 from srt3d_ros.messages.cdr import Header
+from srt3d_ros.messages.photon_frames import GATES as gates
+from srt3d_ros.messages.photon_frames import HISTOGRAMS as histograms
 from tests.messages.conftest import same
 
 
@@ -37,7 +37,7 @@ def events(draw):
 @given(events())
 def test_any_photons_make_the_trip(case):
     sensor, content = case
-    header, back = photons_message.decode_cdr(photons_message.encode_cdr(content, sensor, "spad"), sensor)
+    header, back = photon_frames.PHOTONS.decode_cdr(photon_frames.PHOTONS.encode_cdr(content, sensor, "spad"), sensor)
     assert header == Header(content.stamp_ns, "spad") and same(back, content)
 
 
@@ -71,7 +71,7 @@ def test_other_order_padding_and_further_fields_are_read(small_sensor, order, co
     fields.append(PointField(name="_", offset=7, datatype=PointField.UINT8, count=1))       # a second of this name
     message = PointCloud2(height=1, width=count, fields=fields, is_bigendian=order == ">", point_step=23,
                           row_step=23 * count, data=points[:count].tobytes())
-    _, found = photons_message.decode_cdr(serialize_message(message), small_sensor)
+    _, found = photon_frames.PHOTONS.decode_cdr(serialize_message(message), small_sensor)
     assert found.pixel.tolist() == [11, 0, 6][:count] and found.toa.tolist() == [99.5, 0, 7.25][:count]
     assert found.toa.dtype == np.float32
 

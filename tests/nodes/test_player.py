@@ -13,7 +13,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
-from srt3d_ros.messages import photons_message, sensor_message
+from srt3d_ros.messages import photon_frames, sensor_message
 from tests.bags import CLOUD, START_NS, TEXT, write_bag
 from tools.processes import Process
 
@@ -30,7 +30,7 @@ def test_frames_come_stamped_on_schedule_and_the_player_ends_by_itself(graph, se
     graph.wait(lambda: len(frames) == 5, "5 frames")
     sent = sensor_message.from_json(described[0].data)
     assert sent.irf.tolist() == sensor.irf.tolist() and (sent.frame_id, sent.num_bins) == ("mast", 100)
-    decoded = [photons_message.decode_cdr(serialize_message(frame), sent) for frame in frames]
+    decoded = [photon_frames.PHOTONS.decode_cdr(serialize_message(frame), sent) for frame in frames]
     assert {header.frame_id for header, _ in decoded} == {"mast"}
     stamps = [header.stamp_ns for header, _ in decoded]
     assert np.diff(stamps).tolist() == [20_000_000] * 4
@@ -82,7 +82,8 @@ def play(graph):
 
 @pytest.fixture
 def frames(events, sensor) -> list[bytes]:
-    return [photons_message.encode_cdr(replace(events, stamp_ns=stamp_ns), sensor, "spad") for stamp_ns in STAMPS_NS]
+    return [photon_frames.PHOTONS.encode_cdr(replace(events, stamp_ns=stamp_ns), sensor, "spad")
+            for stamp_ns in STAMPS_NS]
 
 
 def test_a_bag_is_played_as_it_was_recorded_once_or_in_a_loop(graph, play, sensor, frames, tmp_path):

@@ -6,7 +6,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
-from srt3d_ros.messages import photons_message, sensor_message
+from srt3d_ros.messages import photon_frames, sensor_message
 
 
 def test_a_driver_that_contradicts_the_file_is_an_error_as_long_as_it_does(graph, sensor, events, tmp_path):
@@ -24,7 +24,7 @@ def test_a_driver_that_contradicts_the_file_is_an_error_as_long_as_it_does(graph
     process.says(problem)
     photons = graph.matched(graph.publisher(PointCloud2, "photons"))
     pixels = dataclasses.replace(events, pixel=events.pixel % other.pixels)
-    photons.publish(photons_message.encode_cdr(pixels, other, "spad"))
+    photons.publish(photon_frames.PHOTONS.encode_cdr(pixels, other, "spad"))
     reported = len(graph.all_reports("sketcher"))
     report = graph.reports("sketcher", "dropped.no_sensor", 1)
     graph.wait(lambda: len(graph.all_reports("sketcher")) > reported + 2, "two more reports")
@@ -34,7 +34,7 @@ def test_a_driver_that_contradicts_the_file_is_an_error_as_long_as_it_does(graph
 
     described.publish(sensor_message.encode(sensor))        # the driver is right now
     process.says(f"sensor_file spad.json is used again: {topic} agrees again")
-    photons.publish(photons_message.encode_cdr(events, sensor, "spad"))
+    photons.publish(photon_frames.PHOTONS.encode_cdr(events, sensor, "spad"))
     graph.wait(lambda: sketches, "a sketch")
     assert (sketches[0].height, sketches[0].width) == (16, 12) and process.text.count("[ERROR]") == 1
 
@@ -44,7 +44,7 @@ def test_a_driver_that_contradicts_the_file_is_an_error_as_long_as_it_does(graph
     graph.node.destroy_publisher(described)
     graph.wait(lambda: graph.node.count_publishers("sensor") == 1, "the driver to be gone")
     graph.known_to("sketcher")
-    photons.publish(photons_message.encode_cdr(events, sensor, "spad"))
+    photons.publish(photon_frames.PHOTONS.encode_cdr(events, sensor, "spad"))
     process.says(f"is used again: {topic} has no other publisher any more")
     graph.wait(lambda: graph.report("sketcher")["level"] != DiagnosticStatus.ERROR, "the end of the error")
 

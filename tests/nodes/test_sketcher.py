@@ -13,7 +13,7 @@ from std_msgs.msg import String
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.messages import cdr, photon_frames, photons_message, sensor_message, sketch_message
+from srt3d_ros.messages import cdr, photon_frames, sensor_message, sketch_message
 from tests.photon_forms import as_gates, as_histograms
 
 STAMP_NS = 1_700_000_000_123_456_789
@@ -23,7 +23,8 @@ ATTEMPTS = 5            # to have a description overtake frames
 @pytest.fixture
 def photons_at(events, sensor):
     """The message of the events, acquired at a stamp."""
-    return lambda stamp_ns: photons_message.encode_cdr(dataclasses.replace(events, stamp_ns=stamp_ns), sensor, "spad")
+    return lambda stamp_ns: photon_frames.PHOTONS.encode_cdr(dataclasses.replace(events, stamp_ns=stamp_ns), sensor,
+                                                             "spad")
 
 
 def test_sketches_are_the_cores_in_all_forms_and_follow_the_parameters(graph, sensor, events, photons_at):

@@ -10,7 +10,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
-from srt3d_ros.messages import cdr, photons_message, sensor_message, sketch_message
+from srt3d_ros.messages import cdr, photon_frames, sensor_message, sketch_message
 
 S, MS = 1_000_000_000, 1_000_000
 
@@ -25,13 +25,13 @@ def test_every_photon_is_sketched_or_dropped_for_a_cause_and_a_bad_description_i
     def send(*stamps_ms):
         for stamp in stamps_ms:
             frame = dataclasses.replace(events, stamp_ns=S + stamp * MS)
-            photons.publish(photons_message.encode_cdr(frame, sensor, ""))
+            photons.publish(photon_frames.PHOTONS.encode_cdr(frame, sensor, ""))
 
     send(0)                                                     # waits for the description
     described = graph.latched("sensor")
     described.publish(sensor_message.encode(sensor))
     send(50, 100, 20, 200)                                      # one is late
-    photons.publish(photons_message.encode_cdr(events, sensor, "spad")[:-1000])     # fewer bytes than it says
+    photons.publish(photon_frames.PHOTONS.encode_cdr(events, sensor, "spad")[:-1000])     # fewer bytes than it says
     graph.reports("sketcher", "dropped.malformed", 1)
     send(300)
     graph.wait(lambda: len(sketches) == 4, "the frame that silence ends")
@@ -67,7 +67,7 @@ def test_a_driver_of_best_effort_is_read_whenever_it_comes_and_not_in_spite_of_t
     def drive():
         """A driver that comes and sends until there is a sketch."""
         driver = graph.node.create_publisher(PointCloud2, "photons", qos_profile_sensor_data)
-        raw, before = photons_message.encode_cdr(events, sensor, "spad"), len(sketches)
+        raw, before = photon_frames.PHOTONS.encode_cdr(events, sensor, "spad"), len(sketches)
         graph.wait(lambda: driver.publish(raw) or len(sketches) > before, "a sketch of a best-effort driver's")
 
     drive()
@@ -93,7 +93,7 @@ def test_no_frame_is_lost_while_gate_and_frequencies_change_and_each_names_its_d
         if k % 6 == 3:
             assert graph.set("sketcher", **settings[k // 6]) == ""
         frame = dataclasses.replace(events, stamp_ns=S + k * MS)
-        photons.publish(photons_message.encode_cdr(frame, sensor, "spad"))
+        photons.publish(photon_frames.PHOTONS.encode_cdr(frame, sensor, "spad"))
     graph.wait(lambda: len(sketches) == 24, "24 sketches")
     sensors = {sensor_message.digest(one.data): sensor_message.from_json(one.data) for one in described}
     depths = []
@@ -115,7 +115,7 @@ def test_for_a_reader_that_halts_frames_are_merged_if_the_user_wants_it(graph, s
     graph.introduce(sensor)
     photons = graph.matched(graph.publisher(PointCloud2, "photons"))
     graph.reports("reconstructor", "num_bins", sensor.num_bins)
-    raw = photons_message.encode_cdr(events, sensor, "")
+    raw = photon_frames.PHOTONS.encode_cdr(events, sensor, "")
     photons.publish(raw)
     graph.wait(lambda: sketches, "a sketch")
     reader.pause()

@@ -13,7 +13,7 @@ from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets.simulation.motion_profiles import Measured
-from srt3d_ros.messages import odometry, photons_message, sketch_message
+from srt3d_ros.messages import odometry, photon_frames, sketch_message
 from srt3d_ros.nodes import sources
 
 MS = 1_000_000
@@ -53,7 +53,7 @@ def test_frames_wait_for_the_odometry_that_covers_them_and_bad_reports_cost_none
 
     def send(frame: int) -> list:
         for packet in packets(events, frame):
-            photons.publish(photons_message.encode_cdr(packet, sensor, "spad"))
+            photons.publish(photon_frames.PHOTONS.encode_cdr(packet, sensor, "spad"))
         return [sketch for packet in packets(events, frame) for sketch in stream.push(packet)]
 
     def check(expected: list) -> None:
@@ -98,7 +98,7 @@ def test_frames_that_go_on_undeskewed_are_a_warning_while_they_do_and_a_line_whe
         for ms in instants_ms:
             reports.publish(odom(ms))
         for packet in packets(events, number):
-            photons.publish(photons_message.encode_cdr(packet, sensor, "spad"))
+            photons.publish(photon_frames.PHOTONS.encode_cdr(packet, sensor, "spad"))
         return graph.reports("sketcher", "frames_out", number + 1)
 
     said = "frames go on undeskewed: the reports of motion begin or jump within the frame (/"

@@ -14,7 +14,7 @@ from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets.simulation.motion_profiles import LAP_S, OPTICAL, walk
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import photons_message, sensor_message, sketch_message
+from srt3d_ros.messages import photon_frames, sensor_message, sketch_message
 from srt3d_ros.nodes import player, sources
 from srt3d_ros.nodes.motion_input import parse_extrinsics
 from srt3d_ros.nodes.sources import BEFORE_S, PACKETS, open_source
@@ -40,7 +40,7 @@ def test_a_file_of_counts_is_played_photon_by_photon(tmp_path, sensor, events):
     (tmp_path / "sensor.json").write_text(sensor_message.to_json(sensor))
     played = source(input=str(tmp_path / "counts.npz"), sensor_file=str(tmp_path / "sensor.json"), frames=1)
     frame, = played.items(lambda: 0)
-    sent = photons_message.decode_cdr(frame.raw, sensor)[1]
+    sent = photon_frames.PHOTONS.decode_cdr(frame.raw, sensor)[1]
     assert frame.topic == "photons" and sorted(zip(sent.pixel, sent.toa)) == sorted(zip(events.pixel, events.toa))
 
 
@@ -50,7 +50,7 @@ def test_cycles_of_a_simulated_frame_make_its_photons_pile_up(given, packets):
         piled = source(frames=1, ppp=2.0, cycles=cycles, **given)
         assert piled.sensor.cycles == (cycles // packets or None)
         items = [item for item in piled.items(lambda: 0) if item.topic == "photons"]
-        return sum(photons_message.decode_cdr(item.raw, piled.sensor)[1].photons for item in items)
+        return sum(photon_frames.PHOTONS.decode_cdr(item.raw, piled.sensor)[1].photons for item in items)
 
     assert played(20) < 0.99 * played(0)
 
@@ -100,7 +100,7 @@ def test_drawn_frames_stay_within_a_limit(monkeypatch):
 
 # ---- A bag
 
-PHOTONS = photons_message.encode_cdr(PhotonEvents(np.zeros(3, np.uint32), np.zeros(3, np.uint16)), SENSOR, "spad")
+PHOTONS = photon_frames.PHOTONS.encode_cdr(PhotonEvents(np.zeros(3, np.uint32), np.zeros(3, np.uint16)), SENSOR, "spad")
 DESCRIBED, OTHER = sensor_message.encode_cdr(SENSOR), sensor_message.encode_cdr(SENSOR.replace(num_bins=40))
 MESSAGES = {CLOUD: PHOTONS, TEXT: DESCRIBED, ODOMETRY: b"\0\1\0\0", "sketch": sketch_message.encode_cdr(
     sketch_photons(PhotonEvents(np.zeros(3, np.uint32), np.zeros(3, np.uint16)), SENSOR, (1,)), "spad")}

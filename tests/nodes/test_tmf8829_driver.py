@@ -9,7 +9,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
 from examples.tmf8829_messages import decode
-from srt3d_ros.messages import histograms_message, sensor_message
+from srt3d_ros.messages import photon_frames, sensor_message
 from tests.datasets import made_logs as made
 from tools.processes import Process
 
@@ -32,6 +32,6 @@ def test_measurements_are_published_and_bad_messages_are_a_line_each(graph, repo
     expected = decode(made.message(zones), 0)
     sensor = sensor_message.from_json(sensors[0].data)
     assert len(sensors) == 1 and sensor.same_as(expected.sensor)        # the pulse has not moved
-    header, received = histograms_message.decode_cdr(frames[0], sensor)
+    header, received = photon_frames.HISTOGRAMS.decode_cdr(frames[0], sensor)
     assert header.frame_id == "tmf8829" and header.stamp_ns > 0
     assert (received.counts == expected.frame.counts).all()

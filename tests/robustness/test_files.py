@@ -13,7 +13,7 @@ from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
 from srt3d_ros.core.sketching.sums import noise_sketch
 from srt3d_ros.datasets import open_sensor, photon_file
 from srt3d_ros.datasets.bags.bag import Bag
-from srt3d_ros.messages import cdr, photons_message
+from srt3d_ros.messages import cdr, photon_frames
 from srt3d_ros.messages import sensor_message as sensor
 from srt3d_ros.photons import Photons
 from srt3d_ros.sketch import Sketch
@@ -124,7 +124,7 @@ def test_a_damaged_array_in_a_saved_file_is_read_or_refused_in_one_line(make, ro
     ("mcap", ""), ("sqlite3", ""), ("mcap", "FILE"), ("sqlite3", "MESSAGE")])
 def test_a_damaged_bag_is_read_or_refused_in_one_line(storage, packed, rounds, tmp_path):
     messages = [("/sensor", TEXT, cdr.write_text(sensor.to_json(SENSOR))),
-                ("/photons", CLOUD, photons_message.encode_cdr(EVENTS, SENSOR, "spad"))]
+                ("/photons", CLOUD, photon_frames.PHOTONS.encode_cdr(EVENTS, SENSOR, "spad"))]
     write_bag(tmp_path / "bag", messages, storage, compressed=packed)
     path, = set((tmp_path / "bag").iterdir()) - {tmp_path / "bag/metadata.yaml"}
 

@@ -10,13 +10,13 @@ from sensor_msgs.msg import Imu
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
-from srt3d_ros.messages import gates_message as gates
-from srt3d_ros.messages import histograms_message as histograms
 from srt3d_ros.messages import images_message as images
-from srt3d_ros.messages import odometry, photons_message
+from srt3d_ros.messages import odometry, photon_frames
 from srt3d_ros.messages import points_message as points
 from srt3d_ros.messages import sensor_message as sensor
 from srt3d_ros.messages import sketch_message as sketch
+from srt3d_ros.messages.photon_frames import GATES as gates
+from srt3d_ros.messages.photon_frames import HISTOGRAMS as histograms
 from tests.robustness.conftest import read_or_refused
 
 GOLDEN = Path(__file__).resolve().parents[1] / "messages" / "golden"
@@ -46,7 +46,7 @@ def frame(codec):
 
 
 CODECS = {
-    "photons": (frame(photons_message), golden("photons_uint16", "photons_float32")),
+    "photons": (frame(photon_frames.PHOTONS), golden("photons_uint16", "photons_float32")),
     "gates": (frame(gates), golden("gates")),
     "histograms": (frame(histograms), golden(*(f"histograms_{kind}5" for kind in ("8UC", "16UC", "32SC", "32FC")))),
     "sketch": (lambda raw: sketch.decode_cdr(raw, SENSOR), golden("sketch_float32", "sketch_int16")),

@@ -9,7 +9,7 @@ import psutil
 import pytest
 from sensor_msgs.msg import PointCloud2
 
-from srt3d_ros.messages import cdr, photons_message, sensor_message
+from srt3d_ros.messages import cdr, photon_frames, sensor_message
 from srt3d_ros.messages import points_message as points
 from srt3d_ros.recording.reader import RecordingReader
 
@@ -23,7 +23,7 @@ class Pipeline:
 
     def __init__(self, graph, sensor, events, folder: Path):
         self.graph, self.sensor, self.folder = graph, sensor, folder
-        self._raw = photons_message.encode_cdr(events, sensor, "spad")
+        self._raw = photon_frames.PHOTONS.encode_cdr(events, sensor, "spad")
         self._range_m = np.median(sensor.range_m(np.full(1, 50.0, np.float32)))
         self.processes: dict = {}
         for name in NODES:

@@ -5,8 +5,6 @@
 r += INTENSITY_RATE Δ_r / g, at least 0, with s = g max(r, the new r).
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import float32, int64, prange
 
@@ -42,7 +40,7 @@ def _errors(i, k, j, frame, table, depth, intensity):
 
 
 @line
-def _pixelwise_row(i, frame, table, rate, usual, faintest, depth, intensity, after):
+def _pixelwise_row(i, frame, table, rate, usual, faintest, depth, intensity, new_depth, new_intensity):
     for j in range(MARGIN, depth.shape[2] - MARGIN, LANES):
         for k in range(depth.shape[1]):
             t, r = load(depth, i, k, j), load(intensity, i, k, j)
@@ -57,28 +55,22 @@ def _pixelwise_row(i, frame, table, rate, usual, faintest, depth, intensity, aft
                 moved = t + min(max(move, -frame.resolution), frame.resolution)
                 t = where(there, moved - frame.period * floor(moved / frame.period), t)
                 r = where(there, max(grown, ZERO), r)
-            store(after.depth, i, k, j, t)
-            store(after.intensity, i, k, j, where(r >= faintest, r, ZERO))
-
-
-class Layers(NamedTuple):
-    """Depths (bins) and intensities, [rows', K, cols']."""
-
-    depth: float32[:, :, ::1]
-    intensity: float32[:, :, ::1]
+            store(new_depth, i, k, j, t)
+            store(new_intensity, i, k, j, where(r >= faintest, r, ZERO))
 
 
 @parallel
 def _pixelwise(frame: Frame, table: float32[:, :, ::1], rate: float32, usual: float32, faintest: float32,
-               depth: float32[:, :, ::1], intensity: float32[:, :, ::1], after: Layers):
+               depth: float32[:, :, ::1], intensity: float32[:, :, ::1], new_depth: float32[:, :, ::1],
+               new_intensity: float32[:, :, ::1]):
     for turn in prange(len(depth) - 2 * MARGIN):
-        _pixelwise_row(turn + MARGIN, frame, table, rate, usual, faintest, depth, intensity, after)
+        _pixelwise_row(turn + MARGIN, frame, table, rate, usual, faintest, depth, intensity, new_depth, new_intensity)
 
 
 def pixelwise(frame, table, rate, usual, depth, intensity, faintest=0.0):
-    after = Layers(np.zeros_like(depth), np.zeros_like(intensity))
-    _pixelwise(frame, table, F32(rate), F32(usual), F32(faintest), depth, intensity, after)
-    return tuple(after)
+    after = np.zeros_like(depth), np.zeros_like(intensity)
+    _pixelwise(frame, table, F32(rate), F32(usual), F32(faintest), depth, intensity, *after)
+    return after
 
 
 def usual_intensity(intensity, exposure):
@@ -100,23 +92,11 @@ def _between(place, values):
     return values[low] + (place - F32(low)) * (values[low + 1] - values[low])
 
 
-class TimesOfArrival(NamedTuple):
-    """The fields of a `Likelihood` of `core.baselines.rt3d`, numbers in single precision."""
-
-    starts: int64[::1]
-    toa: float32[::1]
-    irf: float32[:, ::1]
-    slope: float32[:, ::1]
-    exposure: float32[:, ::1]
-    ref: float32
-    information: float32
-    num_bins: float32
-
-
 @parallel
-def _poisson(photons: TimesOfArrival, background: float32[:, ::1], rate: float32, usual: float32,
-             depth: float32[:, :, ::1], intensity: float32[:, :, ::1], stray: float32[:, ::1]):
-    starts, toa, irf, slope, exposure, ref, information, num_bins = photons
+def _poisson(starts: int64[::1], toa: float32[::1], irf: float32[:, ::1], slope: float32[:, ::1],
+             exposure: float32[:, ::1], ref: float32, information: float32, num_bins: float32,
+             background: float32[:, ::1], rate: float32, usual: float32, depth: float32[:, :, ::1],
+             intensity: float32[:, :, ::1], stray: float32[:, ::1]):
     (rows, cols), surfaces = background.shape, depth.shape[1]
     reach = ONE / np.sqrt(information)
     for i in prange(rows):
@@ -174,7 +154,6 @@ def poisson(frame, background, rate, usual, depth, intensity):
         float32 [rows, cols], Σ_p b / (Σ r h + b): photons of the background.
     """
     stray = np.zeros_like(background)
-    photons = TimesOfArrival(frame.starts, frame.toa, frame.irf, frame.slope, frame.exposure, F32(frame.ref),
-                      F32(frame.information), F32(frame.num_bins))
-    _poisson(photons, background, F32(rate), F32(usual), depth, intensity, stray)
+    _poisson(frame.starts, frame.toa, frame.irf, frame.slope, frame.exposure, F32(frame.ref), F32(frame.information),
+             F32(frame.num_bins), background, F32(rate), F32(usual), depth, intensity, stray)
     return stray

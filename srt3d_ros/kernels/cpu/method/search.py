@@ -10,6 +10,7 @@ The others are matched (`_match_cells`), along the flat window first, then along
 of a cell take its best surface (`_write_pixels`).
 """
 
+from collections import namedtuple
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +26,6 @@ from srt3d_ros.kernels.cpu.method.likelihood import evidence, noise_at
 from srt3d_ros.kernels.cpu.method.match import Steering, peaks
 from srt3d_ros.kernels.cpu.method.slanted import DOWN, RIGHT, SLANTS, bound_across, pool_along, size, turns_of
 from srt3d_ros.kernels.cpu.vectors import (
-    floats,
     floor,
     full,
     gather,
@@ -78,15 +78,8 @@ class Memory(NamedTuple):
     listed: int32[:, ::1]           # [cols'], columns of the cells that may reach the score they need
 
 
-class Surface(NamedTuple):
-    """What cells or pixels show: the fields of a state up to SCORE."""
-
-    depth: floats
-    slope_col: floats
-    slope_row: floats
-    intensity: floats
-    std: floats
-    score: floats
+# What cells or pixels show, `floats` each: the fields of a state up to SCORE
+Surface = namedtuple("Surface", "depth slope_col slope_row intensity std score")
 
 
 @inline
@@ -250,14 +243,14 @@ def _open_row(row, pixels, state, layer):
 
 @line
 def _search_row(row, pixels, cells, scale, steering, frame, memory):
-    least, is_asked = memory.least, full(False)
+    least, any_open = memory.least, full(False)
     least[:], memory.flat[:] = NEVER, ZERO
     memory.best[SCORE, :] = ZERO
     for col in range(MARGIN, len(least) - MARGIN, LANES):
         is_open = load(cells.wanted, row, 0, col) > ZERO
         store(least, col, where(is_open, scale.asked, NEVER))
-        is_asked |= is_open
-    if lanes_of(is_asked) == 0:
+        any_open |= is_open
+    if lanes_of(any_open) == 0:
         return
     sketch, window = cells.z[row], (cells.counts[row], cells.exposure[row])
     if len(scale.weights) > 1:
@@ -294,16 +287,13 @@ def no_surfaces(work, frame, surfaces):
 def search(work, frame, matched, state, layer, sigma, step, enough, carried=None, confirmed=0.0, slanted=False):
     frame = Frame.of(frame)
     cells = pixels = Cells(matched, *(values[:, None] for values in (frame.counts, frame.exposure, work.wanted)))
-    weights, share, rise, turns, asked = NO_WINDOW, 1.0, 0.0, NO_TURNS, enough
+    weights, share, rise, turns = NO_WINDOW, 1.0, 0.0, NO_TURNS
+    carried, asked = (NO_STATE, enough) if carried is None else (carried, min(enough, confirmed))
     if sigma > 0:
         weights, share, cells = maps.window_weights(sigma / step), 0.5, work.cells[step]
     if slanted:
         rise, asked = SLANT * frame.resolution / sigma, min(asked, SEEN)
         turns = turns_of(weights, frame.bin_frequencies * (step * rise))
-    if carried is None:
-        carried = NO_STATE
-    else:
-        asked = min(asked, confirmed)
     scale = Scale(state, carried, weights, weights**2, turns, F32(rise), layer, step, F32(share), F32(asked),
                   F32(enough), F32(confirmed))
     _search(frame, pixels, cells, scale, work.steering, work.searches[step])

@@ -3,7 +3,7 @@
 import pytest
 from sensor_msgs.msg import PointCloud2
 
-from srt3d_ros.messages import photons_message
+from srt3d_ros.messages import photon_frames
 
 EXTRINSICS = "0.2 0 0.1 0.5 -0.5 0.5 -0.5"
 WITHOUT_TF2 = """import sys
@@ -23,7 +23,7 @@ def sketched(graph, sensor, events, tmp_path):
         node = graph.start(str(script) if program else "sketcher", extrinsics=EXTRINSICS, **parameters).ready()
         graph.introduce(sensor)
         photons = graph.matched(graph.publisher(PointCloud2, "photons"))
-        photons.publish(photons_message.encode_cdr(events, sensor, "spad"))
+        photons.publish(photon_frames.PHOTONS.encode_cdr(events, sensor, "spad"))
         graph.wait(lambda: sketches, "a sketch")
         return node
 
