@@ -32,7 +32,7 @@ from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.motion.moving_sketcher import MovingSketcher
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
-from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.datasets.simulation.scene import StaticScene, default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
@@ -138,7 +138,7 @@ def draws(name: str, number: int, data: Path) -> Iterator[Draw]:
         sbr, ppp, fog = SCENES.get(name, (1, 10, False))
         sensor = net_sensor() if name == NET else default_sensor()
         seen = sensor.replace(background_shape=np.exp(-np.arange(sensor.num_bins) / 60) + 0.02) if fog else sensor
-        frequencies = choose("auto", sensor, SKETCH_SIZE)
+        frequencies = choose_frequencies("auto", sensor, SKETCH_SIZE)
         for seed in range(number):
             frame, depth = Simulator(NetScene(sensor) if name == NET else None, seen, sbr, ppp, seed).frame(0)
             tolerance = 3 if name == NET else HEAD_TOLERANCE_M / sensor.bin_width_m
@@ -149,7 +149,7 @@ def of_file(path: Path, share: float, tolerance: float, number: int) -> Iterator
     """Draws of a photon file that keep each photon with the probability `share`."""
     photons = datasets.read(path)
     events, sensor, reference = photons.events, photons.sensor, photons.reference_depth_bins
-    frequencies, counted = choose("auto", sensor, SKETCH_SIZE), None
+    frequencies, counted = choose_frequencies("auto", sensor, SKETCH_SIZE), None
     if len(reference) > 1:          # the second was measured separately, with another zero of depth
         from srt3d_ros.core.method.pooled import Pooled
         from srt3d_ros.evaluation.cases import of_files
@@ -168,7 +168,7 @@ def steep(number: int) -> Iterator[Draw]:
     """Draws of a wall whose depth changes by four σ of the IRF per column and by two per row."""
     sensor = SensorModel(40, 40, 1000, 1e-10, np.exp(-np.arange(-16, 17)**2 / 32))
     row, col = np.mgrid[:40, :40]
-    depth, frequencies = 370.0 + 14.3 * col - 8.2 * row, choose("auto", sensor, SKETCH_SIZE)
+    depth, frequencies = 370.0 + 14.3 * col - 8.2 * row, choose_frequencies("auto", sensor, SKETCH_SIZE)
     for seed in range(100, 100 + number):
         frame, _ = Simulator(StaticScene(sensor.range_m(depth)), sensor, 0.1, 20, seed).frame(0)
         yield Draw(sketch_photons(frame, sensor, frequencies), sensor, 1, depth[None], 12, None, True)

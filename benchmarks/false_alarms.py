@@ -17,7 +17,7 @@ from tqdm import tqdm
 from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
-from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import irf
 
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
 def measured(num_bins: int, ppp: float, surfaces: int, rate: float) -> dict:
     width_s = PERIODS[num_bins]
     sensor = SensorModel(SIDE, SIDE, num_bins, width_s, irf.spad(width_s, fwhm_s=300e-12, tail_s=100e-12))
-    frequencies = choose("auto", sensor, SKETCH_SIZE)
+    frequencies = choose_frequencies("auto", sensor, SKETCH_SIZE)
     pooled = Pooled(sensor, frequencies, surfaces, rate, background="flat")
     rng, points, patches, frames = np.random.default_rng(0), 0, 0, 0
     while patches < PATCHES and frames < FRAMES:

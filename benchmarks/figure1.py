@@ -14,7 +14,7 @@ from benchmarks.frames import PPPS, SIDE, SKETCH_SIZE, fft, photons_of, sensor_o
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
-from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.evaluation.scores import aligned
 from srt3d_ros.pictures.curves import METHOD_COLOURS, Metric, format_axes
@@ -57,7 +57,7 @@ def _call(name: str, sensor: SensorModel, photons: PhotonEvents) -> Callable[[],
     if name == "fft":
         return fft(sensor)
     method = METHODS.get(name, METHODS["pooled"])
-    sketcher = FrameSketcher(sensor, choose(method.frequencies, sensor, SKETCH_SIZE))
+    sketcher = FrameSketcher(sensor, choose_frequencies(method.frequencies, sensor, SKETCH_SIZE))
     if name == "sketching":
         return lambda: sketcher.add(photons)
     sketcher.add(photons)

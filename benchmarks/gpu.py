@@ -28,7 +28,7 @@ from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
-from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.evaluation.scores import aligned
 from srt3d_ros.gpu_check import share_alike
@@ -48,7 +48,7 @@ class Case(NamedTuple):
     def reconstructor(self, device: str) -> tuple:
         """The reconstructor, and the frequencies of its sketches."""
         method, sensor = METHODS[self.method], sensor_of(self.side)
-        frequencies = choose(method.frequencies, sensor, self.m)
+        frequencies = choose_frequencies(method.frequencies, sensor, self.m)
         return method.build(sensor, frequencies, surfaces=self.surfaces, device=device), frequencies
 
     def line(self) -> dict:

@@ -24,7 +24,7 @@ from srt3d_ros.core.baselines import sketched
 from srt3d_ros.core.matched_frame import MatchedFrame
 from srt3d_ros.core.method import pooled
 from srt3d_ros.core.methods import METHODS
-from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.kernels.torch import FUNCTIONS
 from srt3d_ros.kernels.torch.device import Kernels
 from srt3d_ros.kernels.torch.fusing import Fused
@@ -110,7 +110,7 @@ class Frame(TorchDispatchMode):
 def steps_of(name: str, side: int, m: int, surfaces: int, bar: tqdm) -> dict[str, list[Cost]]:
     """The cost of each call in a frame, by the name of the step."""
     sensor, mode = sensor_of(side), FakeTensorMode()
-    kernels, frequencies = FakeKernels(mode), choose(METHODS[name].frequencies, sensor, m)
+    kernels, frequencies = FakeKernels(mode), choose_frequencies(METHODS[name].frequencies, sensor, m)
     pooled.kernels_for = sketched.kernels_for = lambda device: kernels
     inputs = [np.empty((side, side), np.float32), np.empty((side, side, m), np.complex64)]
     with mode:

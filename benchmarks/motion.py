@@ -22,7 +22,7 @@ from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.motion.moving_sketcher import MovingFrame, MovingSketcher
 from srt3d_ros.core.motion.trajectory import Trajectory
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher, sketch_photons
-from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.datasets.simulation.motion_profiles import OPTICAL, measured, walk
 from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.simulation.room import Room
@@ -55,7 +55,7 @@ class Walk:
 
     def __init__(self, frames: int):
         self.sensor = moving_sensor()
-        self.frequencies = choose("auto", self.sensor, SKETCH_SIZE)
+        self.frequencies = choose_frequencies("auto", self.sensor, SKETCH_SIZE)
         self.trajectory = Trajectory()
         self._view = MovingView(Room(), walk, self.sensor)
         for report in measured(walk, start_s=FIRST_S - MARGIN_S):

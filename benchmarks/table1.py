@@ -7,7 +7,7 @@ from functools import partial
 from benchmarks.frames import PPP, fft, photons_of, sensor_of, timed
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
-from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.frequencies import choose_frequencies
 
 PAPER_MS = {(141, 10): 7, (705, 10): 88, (282, 10): 18, (423, 10): 35, (564, 10): 60,       # RTX 3070 laptop
             (141, 5): 6, (705, 5): 68, (282, 5): 12, (423, 5): 28, (564, 5): 55}
@@ -23,7 +23,7 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
         sensor = sensor_of(side)
         photons = photons_of(sensor, PPP)
         for name in ("pooled", "srt3d"):
-            frequencies = choose(METHODS[name].frequencies, sensor, m)
+            frequencies = choose_frequencies(METHODS[name].frequencies, sensor, m)
             sketch = sketch_photons(photons, sensor, frequencies)
             reconstructor = METHODS[name].build(sensor, frequencies, device="cpu")
             reconstructor.warm_up()         # allocates what would otherwise count as the frame's memory

@@ -11,7 +11,7 @@ import numpy as np
 from srt3d_ros.cloud import Cloud, notes_text
 from srt3d_ros.core.methods import DEFAULT_METHOD, find
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.design import design_for
+from srt3d_ros.core.sketching.design import design_sketch
 from srt3d_ros.core.sketching.gate import OFF
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonHistograms
 from srt3d_ros.core.stream import SketchStream, StreamOptions
@@ -109,11 +109,11 @@ class Photons(Reading):
         require(sketch_size is None or isinstance(sketch_size, int | np.integer), "sketch_size", quoted(sketch_size),
                 "an integer")
         with compiling():
-            found, chosen = design_for(self.sensor, gate, _written(frequencies), sketch_size, self.frame)
-            stream = SketchStream(self.sensor, StreamOptions(str(found or OFF), _written(chosen)))
+            kept, chosen = design_sketch(self.sensor, gate, _written(frequencies), sketch_size, self.frame)
+            stream = SketchStream(self.sensor, StreamOptions(str(kept or OFF), _written(chosen)))
             made, = stream.push(self.frame)
         outside = stream.counts.photons_dropped["gate"]
-        notes = outside_note(outside, self.photons, found.first, found.last) if found else ()
+        notes = outside_note(outside, self.photons, kept.first, kept.last) if kept else ()
         numbers, mean = 2 * len(chosen), self.photons / self.sensor.pixels
         if sketch_size is not None and numbers > mean:
             notes += (f"the sketch is longer than its photons: {numbers} numbers a pixel for {mean:.3g} photons",)
@@ -127,8 +127,7 @@ class Photons(Reading):
 
         Args:
             method: "pooled", "srt3d", "smle", "xcorr" or "rt3d" (docs/algorithm.md).
-            sketch_size, frequencies, gate: as for `sketch`; by default the frequencies that the method was published
-                with.
+            sketch_size, frequencies, gate: as for `sketch`; default: the frequencies of the method's paper.
             surfaces: K, the most surfaces in a pixel.
             device: "cpu", "cuda", or "auto" for a GPU if it gives the same points faster.
             false_alarm_rate: probability that a pixel with only background shows a point, at most 0.4.
@@ -148,9 +147,9 @@ class Photons(Reading):
             return replace(sketch.reconstruct(**own), sketch_ms=sketch_ms)
         for name, value in (("sketch_size", sketch_size), ("frequencies", frequencies)):
             require(value is None, name, problem=f"{method} works on all times of arrival and takes no {name}.")
-        found = design_for(self.sensor, gate, "consecutive", frame=self.frame).gate
-        seen = self if found is None else self.gated(found.first, found.last)
-        return Reconstructor(seen.sensor, **own)(seen)
+        kept = design_sketch(self.sensor, gate, "consecutive", frame=self.frame).gate
+        photons = self if kept is None else self.gated(kept.first, kept.last)
+        return Reconstructor(photons.sensor, **own)(photons)
 
     def save(self, path: str | Path) -> None:
         """Write an .npz photon file with the sensor, true depths and notes, which `srt3d_ros.read` reads again.

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 DELAY_S = 2.0           # shorter work shows no bar
 KERNELS = "srt3d_ros.kernels"
-FIRST_KERNELS = 17      # kernels that the first cloud compiles
+FIRST_KERNELS = 15      # kernels that the first cloud compiles
 
 
 def progress(steps: range, doing: str) -> Iterable[int]:

@@ -87,7 +87,7 @@ def ball():
     """A cloud and its sensor: a ball before a wall seen by 40 × 48 pixels, two surfaces at its rim, a hole."""
     import numpy as np
 
-    from srt3d_ros.core.point_cloud import PointCloud
+    from srt3d_ros.cloud import Cloud
     from srt3d_ros.core.sensor.model import SensorModel
 
     sensor = SensorModel(40, 48, 600, 20e-12, np.hanning(12)[1:], toa_offset_bins=100, frame_id="test_lidar")
@@ -102,7 +102,7 @@ def ball():
     surface, row, col = surface[order].astype(np.uint8), row[order].astype(np.uint16), col[order].astype(np.uint16)
     depth = layers[surface, row, col].astype(np.float32)
     intensity = (20 + 15 * np.sin(x * 9) * np.cos(y * 9)).astype(np.float32)[row, col]
-    cloud = PointCloud(row, col, depth, intensity, (1 / np.sqrt(intensity)).astype(np.float32),
+    cloud = Cloud(row, col, depth, intensity, (1 / np.sqrt(intensity)).astype(np.float32),
                   sensor.xyz(row, col, depth), surface, np.full((40, 48), 2.5, np.float32),
                   stamp_ns=1_234_567_890, sensor=sensor)
     return cloud, sensor

@@ -14,7 +14,7 @@ from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import GateWords
 from srt3d_ros.core.sensor.projection import Pinhole
-from srt3d_ros.core.sketching.design import design_for
+from srt3d_ros.core.sketching.design import design_sketch
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.simulation.scene import StaticScene
@@ -27,7 +27,7 @@ FRAME = Simulator(StaticScene(SENSOR.range_m(DEPTH)), SENSOR, sbr=10, ppp=60).fr
 ROW, COL = np.divmod(FRAME.pixel, 20)
 COUNTS = np.zeros((12, 20, 300), np.int64)
 np.add.at(COUNTS, (ROW, COL, FRAME.toa), 1)
-FREQUENCIES = design_for(SENSOR, frame=FRAME).frequencies
+FREQUENCIES = design_sketch(SENSOR, frame=FRAME).frequencies
 PHOTONS = srt3d_ros.from_events(ROW, COL, FRAME.toa, sensor=SENSOR)
 ARRAYS = {"shape": (12, 20), "num_bins": 300, "bin_width_s": 5e-11, "irf": SENSOR.irf, "fov_deg": 20,
           "projection": None}
@@ -241,7 +241,7 @@ def test_the_first_call_shows_that_it_compiles(repository):
 
 @pytest.mark.parametrize(("source", "options", "said"), [
     (3, {}, "source is int: expected a path, an array of counts, Photons or a Sketch"),
-    (FRAME, {"irff": [1]}, 'option name is "irff": expected one of shape, rows, cols, gate, '),
+    (FRAME, {"irff": [1]}, 'option name is "irff": expected one of shape, rows, cols, '),
     ("absent.npz", {}, "absent.npz: no such file"),
     (FRAME, {"frame": 2}, "frame 2: only a bag or a log has one"),
     ("absent.npz", {"frame": "3"}, 'frame is "3": expected an integer'),

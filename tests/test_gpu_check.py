@@ -10,7 +10,7 @@ from srt3d_ros.core.baselines import sketched
 from srt3d_ros.core.method import pooled
 from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.kernels import cpu
 from srt3d_ros.kernels import torch as oracle
 from srt3d_ros.reconstruction import Reconstructor
@@ -35,7 +35,7 @@ def auto(monkeypatch, caplog):
         for module in (pooled, sketched):
             monkeypatch.setattr(module, "kernels_for", {"cpu": cpu, "cuda": kernels}.get)
         with caplog.at_level(logging.INFO):
-            chosen = Reconstructor(sensor, choose("auto", sensor, 7), method=method, surfaces=surfaces)
+            chosen = Reconstructor(sensor, choose_frequencies("auto", sensor, 7), method=method, surfaces=surfaces)
         return chosen.device, kernels_of(chosen._method) is kernels, chosen.device_reason, caplog.messages
     return take
 
@@ -73,7 +73,7 @@ def test_one_that_fails_is_not(auto):
 
 
 def test_one_that_fails_later_leaves_its_frames_to_the_cpu(monkeypatch, caplog):
-    kernels, frame = oracle.on("cpu"), gpu_check._frame(SENSOR, choose("auto", SENSOR, 7))
+    kernels, frame = oracle.on("cpu"), gpu_check._frame(SENSOR, choose_frequencies("auto", SENSOR, 7))
     monkeypatch.setattr(pooled, "kernels_for", {"cpu": cpu, "cuda": kernels}.get)
     reconstructor = Reconstructor(SENSOR, frame.frequencies, device="cuda", surfaces=2)
     reconstructor(frame)
@@ -90,6 +90,6 @@ def test_one_that_fails_later_leaves_its_frames_to_the_cpu(monkeypatch, caplog):
 
 
 def test_the_frame_that_is_tried_shows_its_walls():
-    frame = gpu_check._frame(SENSOR, choose("auto", SENSOR, 7))
+    frame = gpu_check._frame(SENSOR, choose_frequencies("auto", SENSOR, 7))
     cloud = Pooled(SENSOR, frame.frequencies, device="cpu")(frame)
     assert len(cloud) > 0.98 * SENSOR.pixels and gpu_check.share_alike(cloud, cloud, SENSOR.num_bins) == 1

@@ -12,7 +12,7 @@ from PIL import Image
 from srt3d_ros.cli.demo import SCENE, SIMULATED_TOLERANCE_M
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.point_cloud import PointCloud
-from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.stream import SketchStream
 from srt3d_ros.datasets.simulation.simulator import Simulator
@@ -34,7 +34,7 @@ NOTES = "photons, each at its pixel and time of arrival", "points, coloured by r
 def main() -> None:
     simulator = Simulator(**SCENE)
     sensor, stream = simulator.sensor, SketchStream(simulator.sensor)
-    reconstruct = Reconstructor(sensor, choose("auto", sensor))
+    reconstruct = Reconstructor(sensor, choose_frequencies("auto", sensor))
     for k in range(FRAME - EARLIER, FRAME + 1):
         photons, truth = simulator.frame(k)
         sketch, = stream.push(photons)

@@ -5,21 +5,22 @@ from collections.abc import Iterator
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parents[1] / "srt3d_ros"
+NOUNS = "Photons, Sketch, Cloud"       # the modules beside the folders
 # Of each room: column, row, width in columns, and its content. Left out: errors.py and progress.py, which all import.
 ROOMS = {
     "cli": (0, 0, 4, "the srt3d command"),
     "nodes": (0, 1, 1, "ROS 2 nodes"),
-    "api.py": (1, 1, 1, "read, reconstruct"),
-    "evaluation": (2, 1, 1, "methods against truth"),
-    "review": (3, 1, 1, "report of a recording"),
-    "datasets": (1, 2, 1, "photon files, simulator"),
-    "recording": (2, 2, 1, ".rrd recordings"),
-    "messages": (1, 3, 1, "ROS messages ⇄ NumPy"),
-    "pictures": (2, 3, 1, "drawn clouds, curves"),
-    "processes": (3, 3, 1, "start and tune nodes"),
-    "core": (0, 4, 3, "sensor · sketching · motion · method · baselines · metrics"),
-    "files": (3, 4, 1, "safe reading and writing"),
-    "kernels": (0, 5, 3, "the work of every pixel: numba (cpu), torch (GPU, oracle)"),
+    "evaluation": (1, 1, 1, "methods against truth"),
+    "review": (2, 1, 1, "report of a recording"),
+    NOUNS: (0, 2, 2, "to read, reconstruct, save and plot"),
+    "recording": (2, 3, 1, ".rrd recordings"),
+    "datasets": (1, 3, 1, "photon files, simulator"),
+    "messages": (1, 4, 1, "ROS messages ⇄ NumPy"),
+    "pictures": (2, 4, 1, "drawn clouds, curves"),
+    "processes": (3, 4, 1, "start and tune nodes"),
+    "core": (0, 5, 3, "sensor · sketching · motion · method · baselines · metrics"),
+    "files": (3, 5, 1, "safe reading and writing"),
+    "kernels": (0, 6, 3, "the work of every pixel: numba (cpu), torch (GPU, oracle)"),
 }
 WIDTH, HEIGHT, ACROSS, DOWN, MARGIN = 178, 46, 200, 82, 12      # px: of a box; from box to box; around all
 STYLE = """<style>text { font: 12px sans-serif; fill: #1f2a3a; text-anchor: middle }
@@ -65,11 +66,16 @@ def _below(room: str, uses: dict[str, set[str]]) -> set[str]:
 
 def _used(room: str) -> Iterator[str]:
     """The rooms that a room imports directly. Imports inside functions count for the commands only."""
-    place = PACKAGE / room
-    for file in place.rglob("*.py") if place.is_dir() else [place]:
+    files = (PACKAGE / room).rglob("*.py") if room != NOUNS else _modules()
+    for file in files:
         tree = ast.parse(file.read_text(encoding="utf-8"))
         for node in ast.walk(tree) if room == "cli" else tree.body:
             if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == PACKAGE.name:
                 inside = node.module.split(".")[1:2] or [name.name for name in node.names]
-                for name in inside:
-                    yield from {name, f"{name}.py"} & (ROOMS.keys() - {room})
+                nouns = {file.stem for file in _modules()}
+                yield from {NOUNS if name in nouns else name for name in inside} & (ROOMS.keys() - {room})
+
+
+def _modules() -> list[Path]:
+    """The modules of the room NOUNS."""
+    return [file for file in PACKAGE.glob("*.py") if file.stem not in ("__init__", "errors", "progress")]

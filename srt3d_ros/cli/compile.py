@@ -39,12 +39,12 @@ def run(args: argparse.Namespace) -> int:
 def _for_gpu(sensor_file: str | None) -> int:
     """Reconstruct a frame of the sensor on the GPU, so that torch compiles its kernels and caches them on disk."""
     from srt3d_ros import datasets
-    from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE, choose
+    from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE, choose_frequencies
     from srt3d_ros.datasets.simulation.scene import default_sensor
     from srt3d_ros.reconstruction import Reconstructor
 
     sensor, started = datasets.open_sensor(sensor_file) if sensor_file else default_sensor(), time.perf_counter()
-    reconstructor = Reconstructor(sensor, choose("auto", sensor, DEFAULT_SKETCH_SIZE), device="cuda")
+    reconstructor = Reconstructor(sensor, choose_frequencies("auto", sensor, DEFAULT_SKETCH_SIZE), device="cuda")
     print(f"compiling for frames of {sensor.rows} × {sensor.cols} pixels; the first time takes minutes", flush=True)
     reconstructor.warm_up()
     require(reconstructor.device == "cuda", "--device",

@@ -11,8 +11,8 @@ def as_array(name: str, values: Any, sides: int, kinds: str) -> np.ndarray:
     """Values as an array of so many dimensions, its dtype of one of these kinds; InvalidInput for others."""
     expected = f"an array of {sides} dimensions of {'complex ' if kinds == 'c' else ''}numbers"
     try:
-        found = np.asarray(values)
+        array = np.asarray(values)
     except ValueError:          # lists of different lengths
         raise InvalidInput(name, type(values).__name__, expected) from None
-    require(found.ndim == sides and found.dtype.kind in kinds, name, f"{found.dtype} {found.shape}", expected)
-    return found
+    require(array.ndim == sides and array.dtype.kind in kinds, name, f"{array.dtype} {array.shape}", expected)
+    return array

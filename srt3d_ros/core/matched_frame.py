@@ -11,6 +11,7 @@ from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectr
 from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS, PhaseSums, check_frequencies
 from srt3d_ros.errors import require
 from srt3d_ros.kernels import maps
+from srt3d_ros.kernels.contract import Kernels
 
 MAX_SUM = 1.001 * MAX_PIXEL_PHOTONS       # leaves room for rounding
 TABLE_STEPS = 256           # of the background table
@@ -111,7 +112,7 @@ class Matcher:
             "max_response": max_response, "background_table": background_table,
             "total_energy": float(energy.sum()), "curvature": float((energy * (2 * np.pi * bin_frequencies)**2).sum())}
 
-    def on(self, kernels) -> "SensorOnDevice":
+    def on(self, kernels: Kernels) -> "SensorOnDevice":
         """What matches sketches on the device of kernels."""
         exposure = self.sensor.exposure
         return SensorOnDevice(self, self._constants | {"exposure": maps.pad(exposure), "size": exposure.shape}, kernels)
@@ -144,7 +145,7 @@ class SensorOnDevice:
         passed: `Matcher.passed`.
     """
 
-    def __init__(self, matcher: Matcher, constants: dict, kernels):
+    def __init__(self, matcher: Matcher, constants: dict, kernels: Kernels):
         sensor = self._sensor = matcher.sensor
         self._kernels, self._constants = kernels, {
             name: kernels.array(value) if isinstance(value, np.ndarray) else value for name, value in constants.items()}

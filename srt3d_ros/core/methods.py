@@ -22,7 +22,7 @@ class Method:
         about: one line for help texts and tables.
         needs: "sketch", or "photons" if it needs every time of arrival.
         kind: its class.
-        frequencies: default for `frequencies.choose`.
+        frequencies: default for `frequencies.choose_frequencies`.
         options: those besides `surfaces`.
     """
 

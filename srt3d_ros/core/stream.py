@@ -8,7 +8,7 @@ from srt3d_ros.core.motion.track import MotionReport, SensorMotion
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.counts import Counts
-from srt3d_ros.core.sketching.design import design_for
+from srt3d_ros.core.sketching.design import design_sketch
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.core.sketching.framing import Framing, OpenFrame
 from srt3d_ros.core.sketching.gate import OFF, in_ranges
@@ -27,7 +27,7 @@ class StreamOptions:
     """How packets become frames, and frames sketches.
 
     Args:
-        gate, frequencies, sketch_size: see `design_for`.
+        gate, frequencies, sketch_size: see `design_sketch`.
         packets_per_frame, frame_period_ns: as of Framing.
         window_frames: frames in the sliding window of a sketch.
         moving: deskew each frame to the sensor's pose in its middle, with the reports given to `add_motion`.
@@ -54,12 +54,16 @@ class StreamOptions:
 
 @dataclass(eq=False)
 class _Ended:
-    """A frame that ended at `since_s`: packets and photons, `kept` photons inside the gate, and the sketch."""
+    """A frame that ended at `since_s`: packets and photons, `kept` photons inside the gate, and its sketch.
+
+    The sketch of a moving sensor is None until its `parts` are deskewed.
+    """
 
     content: OpenFrame
     kept: int
-    sketch: PhaseSums | MovingFrame
     since_s: float
+    sketch: PhaseSums | None
+    parts: MovingFrame | None = None
 
     def with_next(self, other: "_Ended") -> "_Ended":
         """Both frames as one."""
@@ -88,9 +92,9 @@ class SketchStream:
         self.sensor, self.options, self.counts = sensor, options, Counts() if counts is None else counts
         self.warning = ""
         self._framing = Framing(options.packets_per_frame, options.frame_period_ns)
-        gate, frequencies = design_for(sensor, options.gate, options.frequencies, options.sketch_size)
-        self._sketcher = MovingSketcher(sensor, frequencies, gate) if options.moving else \
-            FrameSketcher(sensor, frequencies, options.window_frames, gate)
+        gate, frequencies = design_sketch(sensor, options.gate, options.frequencies, options.sketch_size)
+        self._moving = MovingSketcher(sensor, frequencies, gate) if options.moving else None
+        self._sketcher = self._moving or FrameSketcher(sensor, frequencies, options.window_frames, gate)
         self._motion = SensorMotion(options.extrinsics) if options.moving else None
         self._ended: deque[_Ended] = deque()
         self._merged: _Ended | None = None          # sum of the frames that wait for readers
@@ -196,7 +200,8 @@ class SketchStream:
         if frame is not None:
             self.packets_per_frame, sketcher = frame.packets, self._sketcher
             kept = frame.photons if sketcher.gate is None else min(sketcher.kept, frame.photons)
-            self._ended.append(_Ended(frame, kept, sketcher.end_frame(), now_s))
+            sketch, parts = (sketcher.end_frame(), None) if self._moving is None else (None, self._moving.end_frame())
+            self._ended.append(_Ended(frame, kept, now_s, sketch, parts))
 
     def _take(self, now_s: float = 0.0, busy: bool = False, at_once: bool = False) -> list[PhaseSums]:
         """The sketches of the frames that need not wait longer, in order."""
@@ -222,15 +227,14 @@ class SketchStream:
         """Whether a frame need not wait longer for motion; deskews its sketch then, if the motion is known."""
         if self._motion is None:
             return True
-        moving, sketcher = frame.sketch, self._sketcher
-        nbytes = sum(ended.sketch.nbytes for ended in self._ended)
+        nbytes = sum(ended.parts.nbytes for ended in self._ended)
         exceeds_memory = len(self._ended) > MOST_FRAMES and nbytes > MOST_BYTES
         late = at_once or exceeds_memory or not 0 <= now_s - frame.since_s < MOTION_S
-        trajectory, cause = self._motion.over(moving.first_ns, moving.last_ns, late)
+        trajectory, cause = self._motion.over(frame.parts.first_ns, frame.parts.last_ns, late)
         if trajectory is None and not cause:
             return False
-        frame.sketch = sketcher.finish(moving, trajectory)
-        lost = min(sketcher.lost, frame.kept)
+        frame.sketch = self._moving.finish(frame.parts, trajectory)
+        lost = min(self._moving.lost, frame.kept)
         frame.kept -= lost
         frame.content = frame.content._replace(photons=frame.content.photons - lost)
         self.counts.drop("out_of_view", frames=0, photons=lost)

@@ -24,7 +24,7 @@ SIMULATOR = "simulator"     # in place of a path
 # Modules by suffix. `read(path, options)` gives a Reading, `frames(path, options)` a function for each frame that gives
 # them; options as from options.gathered, with `guess_irf`. They raise InvalidInput, naming the file and what in it
 # cannot be used.
-FILE_READERS = {".npz": ".photon_file", ".mat": ".readers.mat", ".ptu": ".readers.ptu", ".npy": ".readers.cubes",
+FILE_READERS = {".npz": ".readers.npz", ".mat": ".readers.mat", ".ptu": ".readers.ptu", ".npy": ".readers.cubes",
                 ".h5": ".readers.hdf5", ".hdf5": ".readers.hdf5", ".hdf": ".readers.hdf5", ".sdt": ".readers.sdt",
                 ".json": ".readers.tmf8829", ".gz": ".readers.tmf8829"}
 

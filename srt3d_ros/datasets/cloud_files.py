@@ -33,8 +33,8 @@ def save(cloud: PointCloud, path: str | Path, notes: tuple[str, ...] = ()) -> No
 
     .npz: row, col (uint16), depth_bins (float32: see SensorModel), intensity (expected signal photons),
     depth_std_bins, xyz (float32 [N, 3], metres), surface (uint8), background (float32 [rows, cols], expected photons),
-    stamp_ns, frequencies, notes, method, surfaces, device; and the sensor, as in a photon file. Not the times that it
-    took: the same cloud gives the same file.
+    stamp_ns, frequencies, notes, method, surfaces, device; and the sensor, as in a photon file. Timings are left out,
+    so that files are reproducible.
     .ply: binary, x y z intensity, and the range's colour as red green blue.
     .rrd: a recording of one frame, for `rerun` (needs rerun-sdk).
     .png, .jpg: a picture (needs matplotlib).

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.design import design_for, histogram, signal_to_background
+from srt3d_ros.core.sketching.design import design_sketch, histogram, signal_to_background
 from srt3d_ros.core.sketching.gate import AUTO, Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.datasets.reading import Reading
@@ -26,7 +26,7 @@ class Description:
 def describe(photons: Reading) -> Description:
     """Compute the figures of photons."""
     frame, sensor = photons.frame, photons.sensor
-    gate, frequencies = design_for(sensor, AUTO, frame=frame)
+    gate, frequencies = design_sketch(sensor, AUTO, frame=frame)
     sbr = signal_to_background(histogram(frame, sensor), sensor)
     if isinstance(frame, PhotonHistograms):
         cube = frame.on_axis(sensor)

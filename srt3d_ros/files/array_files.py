@@ -55,10 +55,10 @@ def read_errors(path: Path, expected: str = "", library: str = "") -> Iterator[N
     except Exception as error:      # libraries raise their own errors, or Python's on damaged files
         if not expected:
             raise
-        why = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
+        reason = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
         if isinstance(error, READER_ERRORS):
-            why = "its reader failed"
-        raise InvalidInput(path.name, f"unreadable ({why})", expected) from None
+            reason = "its reader failed"
+        raise InvalidInput(path.name, f"unreadable ({reason})", expected) from None
     finally:
         log.setLevel(level)
 
@@ -78,10 +78,10 @@ def read_npz_arrays(path: Path, names: tuple[str, ...], field: str = "photon fil
         except InvalidInput:
             raise
         except Exception as error:      # zipfile, zlib and NumPy raise a dozen kinds
-            why = f"unreadable ({error})"
+            problem = f"unreadable ({error})"
             if begins_as_zip:           # zipfile reports a cut-off file as no zip file: the directory is at its end
-                why = "damaged" if isinstance(error, zipfile.BadZipFile) else f"damaged ({error})"
-            raise InvalidInput("", why, "a complete .npz file (a zip of arrays)") from None
+                problem = "damaged" if isinstance(error, zipfile.BadZipFile) else f"damaged ({error})"
+            raise InvalidInput("", problem, "a complete .npz file (a zip of arrays)") from None
 
 
 def _arrays(archive: zipfile.ZipFile, names: tuple[str, ...], and_cubes: bool) -> dict[str, np.ndarray]:
@@ -105,17 +105,17 @@ def _arrays(archive: zipfile.ZipFile, names: tuple[str, ...], and_cubes: bool) -
 
 def npz_contents(path: Path) -> list[tuple[str, tuple[int, ...], str]]:
     """Name, shape and type of each array of an .npz file that can be opened, for an error."""
-    found = []
+    contents = []
     with zipfile.ZipFile(path) as archive:
         for info in archive.infolist()[:MAX_MEMBERS]:
             name = info.filename.removesuffix(".npy")
             try:
                 with archive.open(info) as stream:
                     shape, dtype = npy_header(stream, info.file_size, name)
-                found.append((name, shape, str(dtype)))
+                contents.append((name, shape, str(dtype)))
             except Exception:       # as read_npz_arrays says, once the array is asked for
-                found.append((name, (), "unreadable"))
-    return found
+                contents.append((name, (), "unreadable"))
+    return contents
 
 
 def map_npy(path: Path, field: str, most: int = MAX_ARRAY_BYTES) -> np.ndarray:

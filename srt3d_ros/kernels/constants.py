@@ -1,6 +1,6 @@
 """Constants of the method and limits of the inputs, shared by all kernel backends.
 
-`python -m benchmarks ablation` makes the table in docs/algorithm.md of what each constant of the method does.
+docs/RESULTS.md has what each constant of the method does, by `python -m benchmarks ablation`.
 """
 
 from math import ceil

@@ -7,6 +7,7 @@ from functools import lru_cache
 from importlib import import_module
 from importlib.util import find_spec
 from shutil import which
+from typing import Any
 
 from srt3d_ros.errors import InvalidInput, require
 
@@ -14,8 +15,8 @@ DEVICES = ("auto", "cpu", "cuda")
 DRIVER = "libcuda.so.1"
 
 
-def kernels_for(device: str):
-    """The kernels of a device; InvalidInput if something for it is missing. "auto" is the CPU here."""
+def kernels_for(device: str) -> Any:
+    """A `contract.Device`; InvalidInput if something for it is missing. "auto" is the CPU here, which sketches, too."""
     require(device in DEVICES, "device", device, "auto, cpu or cuda")
     if device != "cuda":
         return import_module("srt3d_ros.kernels.cpu")

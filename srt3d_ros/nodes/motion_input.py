@@ -1,12 +1,15 @@
-"""MotionInput: the subscription of the sketcher to `odom` or `imu`."""
+"""The sensor on the robot: MotionInput subscribes to `odom` or `imu`, StaticTransform publishes the mounting."""
 
 from collections import deque
 from collections.abc import Callable
+
+from geometry_msgs.msg import TransformStamped
 
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.stream import SketchStream
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import odometry
+from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import LOG_EVERY_S, QUEUE_DEPTH, PipelineNode
 from srt3d_ros.nodes.parameters import Parameter
 
@@ -63,8 +66,8 @@ class MotionInput:
             raw, received_ns = self._reports.popleft()
             try:
                 report = self._read_report(raw)
-                if why := stream.add_motion(report):
-                    self._report_problem("motion_restarts", f"{why}; a new trajectory begins")
+                if cause := stream.add_motion(report):
+                    self._report_problem("motion_restarts", f"{cause}; a new trajectory begins")
                 self._node.diagnostics.show(motion_latency_ms=f"{(received_ns - report.stamp_ns) / 1e6:.0f}")
             except InvalidInput as problem:
                 self._report_problem("motion_refused", str(problem))
@@ -86,3 +89,30 @@ class MotionInput:
         self._node.diagnostics.count(**{counted: 1})
         self._node.diagnostics.error(problem, counted=False)
         self._node.get_logger().warning(problem, throttle_duration_sec=LOG_EVERY_S)
+
+
+class StaticTransform:
+    """Publishes `extrinsics` in the frame `extrinsics_frame`, if that is set; without tf2_msgs the log says why not."""
+
+    def __init__(self, node: PipelineNode):
+        self._node, self._parent, self._child = node, node.parameters["extrinsics_frame"], ""
+        self._publisher = None
+        try:
+            if self._parent:
+                self._publisher = node.advertise(topics.TF_STATIC.name)
+        except ModuleNotFoundError:
+            node.get_logger().warning(f"extrinsics_frame {self._parent}: nothing is published on /tf_static, as "
+                                      "tf2_msgs is missing (sudo apt install ros-jazzy-tf2-msgs; pip has none)")
+
+    def publish(self, child: str) -> None:
+        """Publish the pose of the sensor's frame `child`, unless it was the last one."""
+        if self._publisher is None or child == self._child:
+            return
+        pose = parse_extrinsics(self._node.parameters["extrinsics"])
+        message = TransformStamped(child_frame_id=child)
+        message.header.frame_id, message.header.stamp = self._parent, self._node.get_clock().now().to_msg()
+        moved, turned = message.transform.translation, message.transform.rotation
+        moved.x, moved.y, moved.z = pose.translation.tolist()
+        turned.x, turned.y, turned.z, turned.w = pose.quaternion
+        self._node.publish(self._publisher, self._publisher.msg_type(transforms=[message]))
+        self._child = child

@@ -33,7 +33,7 @@ class Peers:
         asked = {one.topic_type: one.qos_profile for one in self.readers(topics) if names([one]) == (own,)}
         found = [qos_check_compatible(one.qos_profile, asked.get(one.topic_type, one.qos_profile))
                  for one in publishers]
-        reasons = {why.removeprefix("ERROR: ").rstrip("; ") for outcome, why in found
+        reasons = {reason.removeprefix("ERROR: ").rstrip("; ") for outcome, reason in found
                    if outcome == QoSCompatibility.ERROR}
         mismatch = f", QoS does not match: {', '.join(reasons)}" if reasons else ""
         return f"{words} (publishers: {len(publishers)}{mismatch})"

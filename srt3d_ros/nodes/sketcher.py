@@ -21,10 +21,9 @@ from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode, sensor_summary
 from srt3d_ros.nodes.lifecycle import run
-from srt3d_ros.nodes.motion_input import MOTION_PARAMETERS, MotionInput, parse_extrinsics
+from srt3d_ros.nodes.motion_input import MOTION_PARAMETERS, MotionInput, StaticTransform, parse_extrinsics
 from srt3d_ros.nodes.parameters import Parameter, Value
 from srt3d_ros.nodes.peers import all_acknowledged, unacknowledged_by
-from srt3d_ros.nodes.static_transform import StaticTransform
 from srt3d_ros.nodes.topics import NodeSpec
 from srt3d_ros.nodes.worker import Dropped
 
@@ -186,11 +185,11 @@ class SketcherNode(PipelineNode):
             raise InvalidInput(f"{key} on {self._topic}", theirs, f"{ours} as in sensor_file {self._file_name}; "
                                "photons are dropped until both agree")
 
-    def _use_file(self, why: str) -> None:
+    def _use_file(self, reason: str) -> None:
         """Use the file's sensor again if a description has contradicted it."""
         if self._refused:
             self._refused = ""
-            self.get_logger().info(f"sensor_file {self._file_name} is used again: {why}")
+            self.get_logger().info(f"sensor_file {self._file_name} is used again: {reason}")
             self._apply()
 
     def _apply(self) -> None:

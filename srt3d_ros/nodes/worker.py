@@ -14,10 +14,10 @@ MAX_WAITING = 64        # messages queued while the worker catches up: bounds th
 
 
 class Dropped(Exception):
-    """Raised by a job that drops its frame without an error; `cause` is counted, `why` is logged."""
+    """Raised by a job that drops its frame without an error; `cause` is counted, `reason` is logged."""
 
-    def __init__(self, cause: str, why: str):
-        super().__init__(why)
+    def __init__(self, cause: str, reason: str):
+        super().__init__(reason)
         self.cause = cause
 
 

@@ -116,7 +116,7 @@ OUT = ("-o", "a.npz")
     (("FILE", "-o", "cloud.las"), "output is cloud.las"), (("FILE", "-o", "absent/a.npz"), "no directory absent"),
     (("FILE", *OUT, "--surfaces", "5"), "surfaces is 5"), (("FILE", *OUT, "--surfaces", "two"), "--surfaces"),
     (("FILE", *OUT, "--method", "magic"), "method is magic"),
-    (("FILE", *OUT, "--gate", "5"), "gate is 5: expected off, first and last bin such as 100-400"),
+    (("FILE", *OUT, "--gate", "5"), "gate is 5: expected off, FIRST-LAST (100-400)"),
     (("FILE", *OUT, "--irf", "absent.npy"), "absent.npy: no such"),
     (("FILE", *OUT, "--num-bins", "100"), "photons lie outside 0 to below 100 bins"),
     (("FILE", *OUT, "--method", "xcorr", "--sketch-size", "5"),

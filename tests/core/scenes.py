@@ -10,7 +10,7 @@ from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
-from srt3d_ros.core.sketching.frequencies import angular_frequencies, choose, irf_spectrum
+from srt3d_ros.core.sketching.frequencies import angular_frequencies, choose_frequencies, irf_spectrum
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.datasets.simulation.scene import StaticScene
@@ -38,7 +38,7 @@ def simulate(depth_bins: np.ndarray, sbr: float, ppp: float, sensor=None, seed=0
 
 def exact(sensor: SensorModel, depth_bins: np.ndarray, signal=20.0, frequencies=None) -> PhaseSums:
     """The expected sketch of surfaces at these depths as every pixel sees them, without the noise of photons."""
-    frequencies = frequencies or choose("auto", sensor)
+    frequencies = frequencies or choose_frequencies("auto", sensor)
     late = 0 if sensor.delay_bins is None else sensor.delay_bins.astype(np.float64)
     gain = np.ones((sensor.rows, sensor.cols)) if sensor.gain is None else sensor.gain
     turned = np.exp(1j * angular_frequencies(frequencies, sensor.num_bins) * (depth_bins + late)[..., None])
@@ -75,7 +75,7 @@ def reconstruct(name: str, frame: PhotonFrame, sensor: SensorModel, frequencies,
 def run(name: str, frame, sensor: SensorModel, sketch_size: int = 10, **options):
     """The cloud by a method with its own frequencies, of photons or their sketch."""
     m = min(sketch_size, max((sensor.num_bins - 1) // 2, 1))
-    frequencies = choose(METHODS[name].frequencies, sensor, m)
+    frequencies = choose_frequencies(METHODS[name].frequencies, sensor, m)
     if isinstance(frame, PhaseSums):
         return METHODS[name].build(sensor, frequencies, **options)(frame)
     return reconstruct(name, frame, sensor, frequencies, **options)

@@ -11,7 +11,7 @@ from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.keys import keys
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
-from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS, PhaseSums
 from srt3d_ros.errors import InvalidInput
 from tests.core.scenes import assert_finite, simulate
@@ -22,7 +22,7 @@ IRF = np.exp(-np.linspace(-2, 4, 25)**2)
 
 def made(rows=9, cols=12, **changes) -> tuple[SensorModel, tuple[int, ...]]:
     sensor = SensorModel(rows, cols, T, 50e-12, IRF, **changes)
-    return sensor, choose("auto", sensor)
+    return sensor, choose_frequencies("auto", sensor)
 
 
 def garbage(sensor: SensorModel, frequencies, seed: int, photons=MAX_PIXEL_PHOTONS) -> PhaseSums:
@@ -35,7 +35,7 @@ def garbage(sensor: SensorModel, frequencies, seed: int, photons=MAX_PIXEL_PHOTO
 
 def plane(sensor: SensorModel, depth: float, seed=0) -> PhaseSums:
     frame = simulate(np.full((sensor.rows, sensor.cols), depth), np.inf, 20, sensor, seed)
-    return sketch_photons(frame, sensor, choose("auto", sensor))
+    return sketch_photons(frame, sensor, choose_frequencies("auto", sensor))
 
 
 @pytest.mark.parametrize("gain", keys(SensorModel)["gain"].bounds)

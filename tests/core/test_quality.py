@@ -9,7 +9,7 @@ from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
-from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.datasets.irf import spad
 from srt3d_ros.datasets.simulation.scene import StaticScene, default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
@@ -25,11 +25,11 @@ SIMULATED = {       # SBR, ppp: TD at least, FD at most, DAE at most, mm; the mo
     (1, 10): (0.997, 0.005, 0.9)}
 
 SENSOR = SensorModel(60, 80, 800, 50e-12, spad(50e-12), projection=Pinhole.from_fov(60, 80))
-FREQUENCIES = choose("auto", SENSOR, 10)
+FREQUENCIES = choose_frequencies("auto", SENSOR, 10)
 
 
 def reconstruct(frame, sensor, **options):
-    frequencies = choose("auto", sensor, 10)
+    frequencies = choose_frequencies("auto", sensor, 10)
     return Pooled(sensor, frequencies, **options)(sketch_photons(frame, sensor, frequencies))
 
 
@@ -127,7 +127,7 @@ def test_a_sudden_change_of_the_scene_is_not_smeared(before, after, sbr, ppp):
 
 def test_depths_of_a_scene_that_goes_on_are_more_accurate():
     sensor = default_sensor()
-    frequencies = choose("auto", sensor, 10)
+    frequencies = choose_frequencies("auto", sensor, 10)
     frames = [Simulator(sbr=1, ppp=3, seed=5).frame(i) for i in range(4)]
     errors = []
     for pooled in (Pooled(sensor, frequencies, warm_start=warm) for warm in (False, True)):

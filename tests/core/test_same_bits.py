@@ -10,7 +10,7 @@ import numpy as np
 
 from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
-from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from tests.core.scenes import make_sensor, ramp, simulate
 
 SIDE = 141
@@ -24,7 +24,7 @@ def digests() -> list[str]:
                          mask=rng.random(shape) > 0.02)
     near, far = ramp(*shape, 100, 0, 0), ramp(*shape, 300, 0.7, 1.2)
     depth = np.stack([np.where(far < 400, near, far), np.where(far < 500, np.nan, 150)])
-    frequencies = choose("auto", sensor)
+    frequencies = choose_frequencies("auto", sensor)
     pooled = Pooled(sensor, frequencies, surfaces=2, warm_start=True, device="cpu")
     sketches = (sketch_photons(simulate(depth, 2, 8, sensor, seed), sensor, frequencies) for seed in range(2))
     return [digest(pooled(sketch)) for sketch in sketches]

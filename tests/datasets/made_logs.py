@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.core.method.pooled import Pooled
-from srt3d_ros.core.sketching.frequencies import choose
-from srt3d_ros.photons import Photons
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
+from srt3d_ros.core.sketching.frequencies import choose_frequencies
+from srt3d_ros.datasets.reading import Reading
 
 BIN_M = 299_792_458.0 / 2 * 0.8e-9      # of a TMF8829
 REFERENCE_AT = 3.2                      # where its reference pulse lies, bins
@@ -70,10 +71,10 @@ def tmf8829_log(path: Path, frames: list[np.ndarray]) -> Path:
     return path
 
 
-def zones_mm(photons: Photons) -> np.ndarray:
+def zones_mm(photons: Reading) -> np.ndarray:
     """Reconstructed ranges of the zones, float [rows, cols], NaN without a surface."""
-    sensor, frequencies = photons.sensor, choose("auto", photons.sensor)
-    cloud = Pooled(sensor, frequencies, device="cpu")(photons.sketch(frequencies=frequencies))
+    sensor, frequencies = photons.sensor, choose_frequencies("auto", photons.sensor)
+    cloud = Pooled(sensor, frequencies, device="cpu")(sketch_photons(photons.frame, sensor, frequencies))
     ranges = np.full((sensor.rows, sensor.cols), np.nan)
     ranges[cloud.row, cloud.col] = sensor.range_m(cloud.depth_bins) * 1e3
     return ranges

@@ -13,6 +13,7 @@ from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.options import ASSUMED_FOV
+from srt3d_ros.datasets.readers import npz
 from srt3d_ros.datasets.readers.mat import LAYOUTS
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.files import array_files as files
@@ -138,5 +139,5 @@ def test_what_cannot_be_saved_is_named(tmp_path, field, arguments):
 
 def test_every_array_and_layout_is_described(repository):
     text = (repository / "docs" / "photon-file.md").read_text(encoding="utf-8")
-    for name in (*photon_file.KNOWN, *(layout.variable for layout in LAYOUTS)):
+    for name in (*npz.KNOWN, *(layout.variable for layout in LAYOUTS)):
         assert f"`{name}`" in text or re.fullmatch(r"ref_depth_bins_[3-8]", name), name

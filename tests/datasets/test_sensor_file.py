@@ -5,7 +5,7 @@ import pytest
 
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
-from srt3d_ros.core.sketching.frequencies import choose, irf_spectrum
+from srt3d_ros.core.sketching.frequencies import choose_frequencies, irf_spectrum
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import open_sensor, photon_file
 from srt3d_ros.errors import InvalidInput
@@ -43,7 +43,7 @@ def test_what_cannot_be_used_is_named_in_one_line(tmp_path, name, content, says)
 @pytest.mark.parametrize("name", NAMES)
 def test_the_sensors_of_config_open_and_can_be_sketched(repository, name):
     sensor = open_sensor(repository / "config" / "sensors" / f"{name}.json")
-    frequencies = choose("auto", sensor, 10)
+    frequencies = choose_frequencies("auto", sensor, 10)
     assert len(frequencies) == 10 and np.abs(irf_spectrum(sensor, frequencies)).min() > 0.1
     assert np.isfinite(sensor.rays).all() and sensor.range_m(sensor.num_bins) > sensor.range_m(0) >= 0
     assert (sensor.frame_id == "spad_optical") == isinstance(sensor.projection, Pinhole)        # REP-103

@@ -20,7 +20,7 @@ from srt3d_ros.core.matched_frame import MatchedFrame
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frequencies import angular_frequencies, choose, irf_spectrum
+from srt3d_ros.core.sketching.frequencies import angular_frequencies, choose_frequencies, irf_spectrum
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.kernels import cpu, maps
 from srt3d_ros.kernels import torch as oracle
@@ -104,7 +104,7 @@ def make_sketch(sensor: SensorModel, seed: int, light: float = 1.0) -> PhaseSums
     Of `light` 1 there are 20 background photons a pixel and 30 of each surface.
     """
     rng = np.random.default_rng(seed)
-    frequencies = choose("auto", sensor, 7)
+    frequencies = choose_frequencies("auto", sensor, 7)
     omega = angular_frequencies(frequencies, T)
     y, x = np.mgrid[:sensor.rows, :sensor.cols]
     near, far = layers(x, y)
@@ -173,7 +173,7 @@ def make_terms(frame: MatchedFrame, state: np.ndarray) -> np.ndarray:
 def exact_frame(depth: np.ndarray, signal: np.ndarray, background: float) -> MatchedFrame:
     """What is expected of surfaces at these depths with this many photons, [S, rows, cols]: no noise."""
     sensor = SensorModel(*depth.shape[1:], T, 1e-10, np.exp(-np.linspace(-2, 4, 25)**2))
-    frequencies = choose("auto", sensor, 7)
+    frequencies = choose_frequencies("auto", sensor, 7)
     phase = np.exp(1j * angular_frequencies(frequencies, T) * depth[..., None])
     sums = irf_spectrum(sensor, frequencies) * (signal[..., None] * phase).sum(axis=0)
     photons = np.rint(signal.sum(axis=0) + background)

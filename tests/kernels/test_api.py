@@ -1,4 +1,4 @@
-"""The CPU has the names and arguments of the oracle, and what both share needs nothing of what they need."""
+"""Both backends have the names and arguments of the contract, and what they share needs nothing of what they need."""
 
 import inspect
 import subprocess
@@ -6,11 +6,11 @@ import sys
 
 import pytest
 
-from srt3d_ros.kernels import cpu
+from srt3d_ros.kernels import contract, cpu
 from srt3d_ros.kernels import torch as oracle
 
 SHAPE = 2, 3, 1, (1, 2)
-OURS, THEIRS = cpu.for_shape(*SHAPE), oracle.on("cpu").for_shape(*SHAPE)
+NAMES = [name for name, each in vars(contract.Kernels).items() if inspect.isfunction(each) and name[0] != "_"]
 
 
 def arguments(function) -> list[tuple]:
@@ -18,16 +18,22 @@ def arguments(function) -> list[tuple]:
     return [(each.name, each.kind, each.default) for each in inspect.signature(function).parameters.values()]
 
 
-@pytest.mark.parametrize("name", [*oracle.FUNCTIONS, "array", "as_frame", "numpy"])
-def test_the_cpu_has_the_names_and_arguments_of_the_oracle(name):
-    ours, theirs = getattr(OURS, name), getattr(THEIRS, name)
-    assert theirs.__doc__
-    assert arguments(ours) == arguments(theirs)
+@pytest.mark.parametrize("device", [cpu, oracle.on("cpu")], ids=["cpu", "oracle"])
+@pytest.mark.parametrize("name", NAMES)
+def test_a_backend_has_what_the_contract_names(device, name):
+    contracted = getattr(contract.Kernels, name)
+    assert contracted.__doc__
+    if name != "unpack":        # the numbers of arrays differ
+        assert arguments(getattr(device.for_shape(*SHAPE), name)) == arguments(contracted)[1:]
+
+
+def test_the_contract_names_every_kernel():
+    assert set(oracle.FUNCTIONS) <= set(NAMES)
 
 
 def test_what_both_share_needs_numpy_alone():
     names = "{'numba', 'torch', 'srt3d_ros.core', 'srt3d_ros.errors'}"
-    modules = "import sys; from srt3d_ros.kernels import constants, lens, maps"
+    modules = "import sys; from srt3d_ros.kernels import constants, contract, lens, maps"
     program = f"{modules}; sys.exit(str({names} & set(sys.modules) or ''))"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert run.stderr.strip() == ""

@@ -8,7 +8,7 @@ import pytest
 
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frequencies import angular_frequencies, choose, irf_spectrum
+from srt3d_ros.core.sketching.frequencies import angular_frequencies, choose_frequencies, irf_spectrum
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import SLANT, SLANTED_SCORE, START_SCALES, STEEPER, SURE_SCORE, WIDE_SCALE, cell_size
@@ -48,7 +48,7 @@ def test_match_finds_the_highest_peak_wherever_it_lies(backend, size):
     """With one frequency there are fewer cells than are looked at together, with 20 more frequencies than 16."""
     sensor = SensorModel(1, 600, T, 1e-10, np.exp(-np.linspace(-3, 3, 25)**2))
     depth = np.linspace(0, T, 600, endpoint=False)[None]
-    frequencies = choose("auto", sensor, size)
+    frequencies = choose_frequencies("auto", sensor, size)
     sums = 40 * irf_spectrum(sensor, frequencies) * np.exp(1j * angular_frequencies(frequencies, T) * depth[..., None])
     sketch = PhaseSums(frequencies, sums.astype(np.complex64), np.full((1, 600), 40, np.uint32), sensor=sensor)
     frame = matched_frame(sensor, sketch)

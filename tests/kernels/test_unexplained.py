@@ -5,6 +5,7 @@ import pytest
 
 from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.kernels import maps
+from tests.core.scenes import matched_frame
 
 from .frames import (
     CPU,
@@ -55,7 +56,7 @@ def test_prepare_makes_the_frame_of_the_matcher_and_takes_the_background_out(bac
         sensor = sensor.replace(delay_bins=rng.uniform(-9, 9, shape))
     sketch = make_sketch(sensor, seed=2)
     matcher, photons = Matcher(sensor, sketch.frequencies), sketch.photons.astype(np.float32)
-    wide = padded(matcher(sketch))
+    wide = padded(matched_frame(sensor, sketch))
     matched, counts = backend.prepare(sketch.sums, photons, matcher.equaliser, matcher.used)
     np.testing.assert_allclose(matched, wide.matched, atol=1e-5 * np.abs(wide.matched).max())
     np.testing.assert_array_equal(counts, wide.counts)

@@ -19,11 +19,13 @@ from srt3d_ros.kernels.cpu.vectors import (
     lane_numbers,
     lanes_of,
     load,
+    loading,
     rint,
     sqrt,
     store,
     to_cell,
     to_floats,
+    to_longs,
     total,
     where,
 )
@@ -165,6 +167,21 @@ def test_each_function_is_numpys_on_others(processor, tmp_path, repository):
         capture_output=True, env=os.environ | {
             "NUMBA_CPU_NAME": processor, "NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": str(tmp_path)})
     assert done.returncode == 0, done.stderr
+
+
+load_eight = loading(8)
+
+
+@njit
+def add_longs(values, sums):
+    store(sums, 0, load_eight(sums, 0) + to_longs(load_eight(values, 0)))
+
+
+def test_integers_of_32_bits_add_to_64_in_vectors_of_another_width():
+    sums = np.append(2**40 * np.arange(-4, 4), 7)
+    wanted = sums + np.append(WHOLE, 0)
+    add_longs(WHOLE, sums)
+    assert np.array_equal(sums, wanted)
 
 
 def sum_that_begins_as_a_number(values):

@@ -90,6 +90,10 @@ def test_levels_follow_what_happened_since_the_last_report(counted, monkeypatch)
     says(WARN, "dropped: 2 lost on the way here, of 4")
     receive(0, message_lost=3)
     says(ERROR, "dropped: 3 lost on the way here, of 3")
+    diagnostics.internal("KeyError: 'x'")
+    diagnostics.clear()                         # as an activation does
+    says(ERROR, "KeyError: 'x'")                # once
+    says(OK, "0.0 messages/s in, 0.0 out")
     diagnostics.error("ZeroDivisionError: division by zero")
     says(ERROR, "ZeroDivisionError: division by zero")
     diagnostics.warn("late: skipped 3 frames")

@@ -8,7 +8,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
-from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.messages import sensor_message, sketch_message
 
 
@@ -18,7 +18,7 @@ def state(graph, name: str) -> str:
 
 def test_without_autostart_a_node_waits_for_its_manager_and_works_while_it_is_active(graph, sensor, events):
     node = graph.start("reconstructor", autostart=False).says("unconfigured, as autostart is false")
-    sketch = sketch_photons(events, sensor, choose("auto", sensor, 10))
+    sketch = sketch_photons(events, sensor, choose_frequencies("auto", sensor, 10))
     graph.latched("sketch/sensor").publish(sensor_message.encode(sensor))
     sketches, clouds = graph.publisher(PointCloud2, "sketch"), graph.collect(PointCloud2, "points")
     points = f"{graph.namespace}/points"

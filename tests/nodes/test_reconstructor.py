@@ -11,7 +11,7 @@ from std_msgs.msg import String
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
-from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.messages import cdr, points_message, sensor_message, sketch_message
 from srt3d_ros.messages import images_message as image_message
@@ -84,7 +84,8 @@ class Reconstructor:
 @pytest.fixture(scope="module")
 def sketch(sensor, events):
     """The sketch of the plane at bin 50."""
-    return sketch_photons(dataclasses.replace(events, stamp_ns=STAMP_NS), sensor, choose("auto", sensor, 10))
+    frequencies = choose_frequencies("auto", sensor, 10)
+    return sketch_photons(dataclasses.replace(events, stamp_ns=STAMP_NS), sensor, frequencies)
 
 
 @pytest.fixture(scope="module")

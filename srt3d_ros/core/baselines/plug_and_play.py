@@ -7,6 +7,7 @@ import numpy as np
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import APSS_ENOUGH
+from srt3d_ros.kernels.contract import Kernels
 from srt3d_ros.progress import progress
 
 ITERATIONS = 25
@@ -15,7 +16,7 @@ FAINTEST = 0.01             # of the mean intensity: weaker points are removed
 DEPTHS_PER_PITCH = 6.0      # pixel pitches of depth that count as one pixel across
 
 
-def plug_and_play(kernels, step: Callable, depth, intensity, enough, scale_bins, num_bins: int) -> tuple:
+def plug_and_play(kernels: Kernels, step: Callable, depth, intensity, enough, scale_bins, num_bins: int) -> tuple:
     """APSS, then 25 times [step, APSS], and a last step. Arrays are the kernels'.
 
     Args:

@@ -35,11 +35,13 @@ from srt3d_ros.kernels.constants import (
     Window,
     cell_size,
 )
+from srt3d_ros.kernels.contract import Kernels
 from srt3d_ros.kernels.devices import kernels_for
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, STD
 
 
-def frame(kernels, sensor: SensorOnDevice, surfaces: int, explains: bool, photons, sums, start, scores, *background):
+def frame(kernels: Kernels, sensor: SensorOnDevice, surfaces: int, explains: bool, photons, sums, start, scores,
+          *background) -> tuple:
     """One frame, from arrays on the device to arrays on the device.
 
     Args:
@@ -69,7 +71,7 @@ def frame(kernels, sensor: SensorOnDevice, surfaces: int, explains: bool, photon
     return points, left, rest, background, *sensor.listed(*(view[:, :, field] for field in (DEPTH, INTENSITY, STD)))
 
 
-def search(kernels, data, points, scales, enough, further, start=None, confirmed=0.0) -> None:
+def search(kernels: Kernels, data, points, scales, enough, further, start=None, confirmed=0.0) -> None:
     """Search by matched filters on sketches pooled at growing scales; a pixel takes the first sure surface.
 
     Each scale pools the pixels that are still open. A first surface needs a score of `enough` at the last scale and of
@@ -85,7 +87,7 @@ def search(kernels, data, points, scales, enough, further, start=None, confirmed
             kernels.search(data, matched, points, layer, sigma, cell_size(sigma), least, start, confirmed, slanted)
 
 
-def iterate(kernels, data, points, window: Window):
+def iterate(kernels: Kernels, data, points, window: Window):
     """Birth and death of points, then Gauss-Newton steps on the data terms pooled over the window."""
     points, terms = kernels.birth_death(data, points, kernels.expand(data, points), SAME_SURFACE**2)
     for step in range(window.steps):

@@ -39,25 +39,30 @@ class MovingFrame:
         return sum(sketch.sums.nbytes for _, sketch in self.parts)
 
 
-class MovingSketcher(FrameSketcher):
+class MovingSketcher:
     """Sketches the parts of a frame one by one; `finish` moves them to the middle of the frame and adds them up.
 
     A part has the packets of one stamp; in frames of more than PARTS packets, those of 1 / PARTS of the last frame's
-    length. A packet lasts until the next one, so its photons count as in the middle. Arguments as for `FrameSketcher`.
+    length. A packet lasts until the next one, so its photons count as in the middle.
+
+    Args:
+        sensor, frequencies, gate: as of `FrameSketcher`.
 
     Attributes:
         lost: photons of the last finished frame that left the array.
     """
 
     def __init__(self, sensor: SensorModel, frequencies, gate: Gate | None = None):
-        super().__init__(sensor, frequencies, gate=gate)
+        self._open = FrameSketcher(sensor, frequencies, gate=gate)         # of the open part
+        self.gate, self.frequencies, self.sketch_sensor = gate, self._open.frequencies, self._open.sketch_sensor
         self.lost = 0
         self._deskewer = Deskewer(self.sketch_sensor, self.frequencies)
         self._part_ns = 0                           # length of a part; 0: one part a stamp
+        self.reset()
 
     def reset(self) -> None:
         """Forget all photons, and when they came."""
-        super().reset()
+        self._open.reset()
         self._parts: list[tuple[list[int], PhaseSums]] = []        # packets' stamps and sketch
         self._stamps: list[int] = []                # of the packets of the open part
         self._previous_ns: int | None = None        # the last stamp of the frame before
@@ -65,13 +70,13 @@ class MovingSketcher(FrameSketcher):
     @property
     def kept(self) -> int:
         """Photons of the open frame inside the gate."""
-        return super().kept + sum(int(sketch.photons.sum()) for _, sketch in self._parts)
+        return self._open.kept + sum(int(sketch.photons.sum()) for _, sketch in self._parts)
 
     def add(self, frame: PhotonFrame) -> None:
         """Add the photons of a packet that its `check` accepts."""
         if self._stamps and len(self._parts) < PARTS - 1 and self._ends_part(frame.stamp_ns):
             self._end_part()
-        super().add(frame)
+        self._open.add(frame)
         self._stamps.append(frame.stamp_ns)
 
     def end_frame(self) -> MovingFrame:
@@ -105,9 +110,9 @@ class MovingSketcher(FrameSketcher):
 
     def _end_part(self) -> None:
         """Sketch the open part, which has a packet at least, and begin the next."""
-        self._parts.append((self._stamps, self.sketch()))
+        self._parts.append((self._stamps, self._open.sketch()))
         self._stamps = []
-        super().reset()
+        self._open.reset()
 
     def _packet_ns(self, stamps: list[int]) -> int:
         """How long a packet lasts: the median step between stamps, from the last one of the frame before.

@@ -11,7 +11,7 @@ GAP_NS = 500_000_000        # between reports, at most: uniform motion over it e
 MAX_RAD_S = 35.0            # 2000 degrees a second, the range of common gyroscopes
 MAX_M_S = 50.0              # if no twist gives the robot's speed
 JITTER_S = 0.05             # of stamps: added to the time that the robot had to move
-SLACK_M, SLACK_RAD = 0.1, 0.1   # noise of poses: smaller jumps smear a frame less than walking does undeskewed
+SLACK_M, SLACK_RAD = 0.1, 0.1   # noise of poses: a smaller jump blurs a frame less than uncorrected walking
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,16 +50,16 @@ class SensorMotion:
         self._has_speed = self._has_rate = False        # 0 may mean "at rest" or "not filled in"
 
     def add(self, report: MotionReport) -> str:
-        """Add a report; returns why it starts a new trajectory, or "". InvalidInput if it is out of order."""
+        """Add a report; returns the reason to start a new trajectory, or "". InvalidInput if it is out of order."""
         self._has_speed |= report.speed_m_s > 0
         self._has_rate |= bool(report.rate_rad_s.any())
-        last, why = self._last, ""
+        last, reason = self._last, ""
         if last is not None:
             elapsed_ns = report.stamp_ns - last.stamp_ns
             require(elapsed_ns > 0 or elapsed_ns < -GAP_NS, "stamp", report.stamp_ns,
                     f"later than the last, {last.stamp_ns} ns")
-            why = self._break(last, report, elapsed_ns / 1e9)
-        if why:
+            reason = self._break(last, report, elapsed_ns / 1e9)
+        if reason:
             self._former, self.trajectory = self.trajectory, Trajectory()
         self._last = report
         if report.pose is None:
@@ -67,12 +67,13 @@ class SensorMotion:
             self.trajectory.add_turn(report.stamp_ns, self._extrinsics.rotation.T @ rate_rad_s)
         else:
             self.trajectory.add(report.stamp_ns, report.pose @ self._extrinsics)
-        return why
+        return reason
 
     def over(self, first_ns: int, last_ns: int, late: bool) -> tuple[Trajectory | None, str]:
-        """The trajectory over a time, and ""; or None and why there is none; or None and "" while reports may come.
+        """The trajectory from `first_ns` to `last_ns`, and "": or None, and the reason or, while reports may come, "".
 
-        `late` gives up waiting.
+        Args:
+            late: whether to wait no longer for reports.
         """
         for known in (self.trajectory, self._former):
             if known.covers(first_ns, last_ns):

@@ -6,13 +6,19 @@ from typing import NamedTuple
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frequencies import RULES, choose, design, irf_spectrum, passed_energy
+from srt3d_ros.core.sketching.frequencies import (
+    RULES,
+    best_frequencies,
+    choose_frequencies,
+    irf_spectrum,
+    passed_energy,
+)
 from srt3d_ros.core.sketching.gate import AUTO, FORM, OFF, Gate, parse
 from srt3d_ros.core.sketching.light import measure
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
 from srt3d_ros.errors import require
 
-SEEN_SIGMAS = 4.5       # σ at which bins hold more than background; exceeded by chance in one of 3000 frames
+OCCUPIED_SIGMAS = 4.5       # σ at which bins hold more than background; exceeded by chance in one of 3000 frames
 GATE_MARGIN = 1 / 8     # of the occupied bins, per side. Art, SBR 0.1: TD 92.2 % (0: 92.2, 1/2: 91.5, no gate: 88.0)
 WORTHWHILE = 1 / 10     # of the photons; a gate that drops fewer costs TD: 0.1 points at SBR 52 and 1 photon a pixel
 HIGHER = 4              # frequencies for many photons reach at most so many times the highest one for few
@@ -25,13 +31,13 @@ class SketchDesign(NamedTuple):
     frequencies: tuple[int, ...]
 
 
-def design_for(sensor: SensorModel, gate: str | tuple[int, int] = OFF, frequencies: str = "auto",
+def design_sketch(sensor: SensorModel, gate: str | tuple[int, int] = OFF, frequencies: str = "auto",
                sketch_size: int | None = None, frame: PhotonEvents | PhotonHistograms | None = None) -> SketchDesign:
     """The design for a sensor.
 
     Args:
         gate: off, (first, last) bin, or auto: the bins that stand out in the histogram of `frame`, and a margin.
-        frequencies, sketch_size: see `choose`; "auto" follows the photons of `frame`.
+        frequencies, sketch_size: see `choose_frequencies`; "auto" follows the photons of `frame`.
 
     Raises:
         InvalidInput: gate, frequencies or photons do not fit the sensor, its IRF passes none, or auto has no frame.
@@ -39,17 +45,17 @@ def design_for(sensor: SensorModel, gate: str | tuple[int, int] = OFF, frequenci
     bins = parse(gate)
     if bins == AUTO:
         require(frame is not None, "gate", gate, FORM)
-        chosen = choose(frequencies, sensor, sketch_size)
+        chosen = choose_frequencies(frequencies, sensor, sketch_size)
         highest = len(chosen) if frequencies in RULES else max(chosen)      # rules choose again for the gate's T
         bins = _bins_of(histogram(frame, sensor), sensor, 2 * highest + 1)
-    found = None if bins == OFF else Gate(sensor, *bins)
-    within = sensor if found is None else found.sensor
-    chosen = choose(frequencies, within, sketch_size)
+    kept = None if bins == OFF else Gate(sensor, *bins)
+    within = sensor if kept is None else kept.sensor
+    chosen = choose_frequencies(frequencies, within, sketch_size)
     if frequencies == AUTO and frame is not None:
         highest = min(HIGHER * chosen[-1], max((within.num_bins - 1) // 2, 1))
-        chosen = design(within, len(chosen), *measure(frame, sensor, found, highest))
+        chosen = best_frequencies(within, len(chosen), *measure(frame, sensor, kept, highest))
     passed_energy(irf_spectrum(within, chosen), chosen)
-    return SketchDesign(found, chosen)
+    return SketchDesign(kept, chosen)
 
 
 def histogram(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel) -> np.ndarray:
@@ -88,7 +94,7 @@ def occupied(counts: np.ndarray, least_bins: int) -> tuple[int, int] | None:
     first, last = len(counts), -1
     width = least_bins
     while width <= quarter:
-        sure = np.flatnonzero(_deviations(_sums(counts, width), off, width / quarter) > SEEN_SIGMAS)
+        sure = np.flatnonzero(_deviations(_sums(counts, width), off, width / quarter) > OCCUPIED_SIGMAS)
         beside = sure[(sure + width <= first) | (sure > last)]
         if len(beside):
             first, last = min(first, int(beside[0])), max(last, int(beside[-1]) + width - 1)
@@ -108,10 +114,10 @@ def signal_to_background(counts: np.ndarray, sensor: SensorModel) -> float:
 def _bins_of(counts: np.ndarray, sensor: SensorModel, least: int) -> tuple[int, int] | str:
     """The occupied bins and a margin, at least `least` bins and the IRF's length; OFF if that drops few photons."""
     pulse, most = _pulse_bins(sensor), sensor.num_bins - 1
-    seen = occupied(counts, pulse)
-    if seen is None:
+    bins = occupied(counts, pulse)
+    if bins is None:
         return OFF
-    first, last = seen
+    first, last = bins
     length = last - first + 1
     least = max(sensor.irf.shape[-1], least)
     margin = max(pulse, round(GATE_MARGIN * length), math.ceil((least - length) / 2))

@@ -7,7 +7,7 @@ Packets of the open frame may come in any order, because sketches add. A packet 
 that is older by more than a frame shows that the sensor, or a bag, began again.
 
 How long packets may stay away follows from the usual step between their stamps. That is the second largest of the last
-2 · packets + 2: a sensor may send the packets of a frame at once and then pause, and a single leap is not usual.
+2 · packets + 2, so that one pause does not count: a sensor may send the packets of a frame at once and then pause.
 """
 
 from collections import deque

@@ -60,7 +60,7 @@ def passed_energy(spectrum: np.ndarray, frequencies: tuple[int, ...]) -> np.ndar
     return energy
 
 
-def design(sensor: SensorModel, sketch_size: int, score: float = 0.0, confirmed: int = 0) -> tuple[int, ...]:
+def best_frequencies(sensor: SensorModel, sketch_size: int, score: float = 0.0, confirmed: int = 0) -> tuple[int, ...]:
     """The m frequencies, 1 … (T − 1) / 2, of a smooth progression from 1 with the least expected depth error.
 
     Many photons profit from higher frequencies, up to `confirmed`; `score` and `confirmed` come from `light.measure`.
@@ -72,14 +72,14 @@ def design(sensor: SensorModel, sketch_size: int, score: float = 0.0, confirmed:
     return _design(*irf, most, confirmed, BEND_OF_MANY) if many else few
 
 
-RULES = {"auto": design, "consecutive": lambda _, sketch_size: range(1, sketch_size + 1)}
+RULES = {"auto": best_frequencies, "consecutive": lambda _, sketch_size: range(1, sketch_size + 1)}
 
 
-def choose(spec: str, sensor: SensorModel, sketch_size: int | None = None) -> tuple[int, ...]:
+def choose_frequencies(spec: str, sensor: SensorModel, sketch_size: int | None = None) -> tuple[int, ...]:
     """Frequencies from a user's option.
 
     Args:
-        spec: "auto" (`design`), "consecutive" (1 … m, as in the paper's experiments), or a list such as "1,2,5".
+        spec: "auto" (`best_frequencies`), "consecutive" (1 … m, as in the paper), or a list such as "1,2,5".
         sensor: gives T and the IRF.
         sketch_size: m; DEFAULT_SKETCH_SIZE unless given. With a list it must be the list's length, or None.
 

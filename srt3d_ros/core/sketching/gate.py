@@ -11,14 +11,14 @@ from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.errors import InvalidInput, require
 
 OFF, AUTO = "off", "auto"
-FORM = "off, first and last bin such as 100-400, or for a file auto"
+FORM = "off, FIRST-LAST (100-400), or auto (files only)"
 
 
 class Gate:
     """The depths from bin `first` to bin `last` of a sensor, and the ToA of their photons.
 
-    Pixels' delays widen the gate by their spread: a ToA is kept if it is inside for any pixel. The bins that are left
-    wrap around like a period. A surface whose pulse crosses one end may appear at the other, so leave the length of a
+    Pixels' delays widen the gate by their spread: a ToA is kept if it is inside for any pixel. The gated bins are
+    treated as circular. A surface whose pulse crosses one end may appear at the other, so leave the length of a
     pulse at both ends. Ranges do not change.
 
     Args:
@@ -32,9 +32,9 @@ class Gate:
     """
 
     def __init__(self, source: SensorModel, first: int, last: int):
-        shown, most, irf = f"{first}-{last}", source.num_bins - 1, source.irf.shape[-1]
-        require(0 <= first < last <= most, "gate", shown, f"first and last within the sensor's bins, 0 to {most}")
-        require(last - first + 1 >= irf, "gate", shown, f"{irf} bins or more, as many as the IRF has")
+        text, most, irf = f"{first}-{last}", source.num_bins - 1, source.irf.shape[-1]
+        require(0 <= first < last <= most, "gate", text, f"first and last within the sensor's bins, 0 to {most}")
+        require(last - first + 1 >= irf, "gate", text, f"{irf} bins or more, as many as the IRF has")
         self.source, self.first, self.last = source, first, last
         late = source.delay_bins
         used = late if late is None or source.mask is None or not source.mask.any() else late[source.mask]

@@ -16,7 +16,11 @@ MOST_OFF = 0.08     # relative difference of |ĥ|² by photons and by IRF; frequ
 
 
 def measure(frame, sensor, gate, highest: int) -> tuple[float, int]:
-    """The score p √(2n) of the n photons of POOLED_PIXELS in the gate; and the highest k up to which the IRF agrees."""
+    """How much signal the photons in the gate have.
+
+    Returns:
+        The score p √(2n) of the n photons of POOLED_PIXELS, and the highest frequency at which photons and IRF agree.
+    """
     sketch = sketch_photons(frame, sensor, progression(highest, min(RUNGS, highest)), gate)
     within, mask = sketch.sensor, True if sensor.mask is None else sensor.mask
     passed = np.square(np.abs(np.atleast_2d(irf_spectrum(within, sketch.frequencies)))).mean(axis=0)

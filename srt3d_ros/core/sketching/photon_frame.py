@@ -97,9 +97,9 @@ class PhotonGates:
         self.check(sensor)
         form = sensor.gates
         words = self.words.reshape(len(self.words), sensor.pixels).T
-        seen = words != form.no_detection
-        pixel = np.broadcast_to(np.arange(sensor.pixels, dtype=np.uint32)[:, None], words.shape)[seen]
-        words = words[seen]
+        detected = words != form.no_detection
+        pixel = np.broadcast_to(np.arange(sensor.pixels, dtype=np.uint32)[:, None], words.shape)[detected]
+        words = words[detected]
         return PhotonEvents(pixel, words - np.uint16(form.first_word), self.stamp_ns)
 
 

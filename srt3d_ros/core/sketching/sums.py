@@ -95,7 +95,7 @@ class PhaseSums:
                 f"the same as {self.frequencies}")
         if not self.sensor.same_as(other.sensor):
             difference = first_difference(self.sensor, other.sensor)
-            which = "{} {} and {}".format(*difference) if difference else "by rounding"
+            which = "{} {} and {}".format(*difference) if difference else "they differ only by rounding"
             raise InvalidInput("sensor", problem=f"Cannot add sketches of different sensors ({which}).")
         sums, photons = self.sums + other.sums, self.photons.astype(np.uint64) + other.photons
         if photons.max(initial=0) > MAX_PIXEL_PHOTONS:

@@ -113,8 +113,8 @@ class Bag(AbstractContextManager):
         except (InvalidInput, ModuleNotFoundError):
             raise
         except Exception as error:      # of rosbags, of its decompressors, of SQLite
-            why = f"{error}" or type(error).__name__
-            raise InvalidInput(f"bag {self.path.name}", f"unreadable ({why})", COMPLETE_BAG) from None
+            reason = f"{error}" or type(error).__name__
+            raise InvalidInput(f"bag {self.path.name}", f"unreadable ({reason})", COMPLETE_BAG) from None
 
 
 def _limit_chunks() -> None:

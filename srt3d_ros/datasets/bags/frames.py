@@ -71,14 +71,14 @@ def frame_topics(contents: dict[BagTopic, str]) -> list[BagTopic]:
 
 
 def read_frame(path: str | Path, number: int, options: dict, photons_topic: str = "") -> Reading:
-    """Photons or sketch in message `number` of a bag's topic; arguments and errors as for `frames`."""
-    with closing(frames(path, (number,), options, photons_topic)) as found:
-        return next(found)[1]()
+    """Message `number` of a bag's topic; arguments and errors as for `frames`."""
+    with closing(frames(path, (number,), options, photons_topic)) as loaders:
+        return next(loaders)[1]()
 
 
 def frames(path: str | Path, numbers: Sequence[int], options: dict, photons_topic: str = ""
            ) -> Iterator[tuple[int, Callable[[], Reading]]]:
-    """Yield each number, and a function that gives the photons or sketch in that message of a bag's topic.
+    """Yield each number, and a function that reads that message of a bag's topic.
 
     The functions can be pickled. The bag is read once.
 
@@ -120,13 +120,13 @@ def frames(path: str | Path, numbers: Sequence[int], options: dict, photons_topi
 
 def _descriptions(bag: Bag, sensors: tuple[BagTopic, ...], kind: str) -> dict[str, bytes]:
     """The descriptions of sketches by their digests; of photons the first one, by ""."""
-    found = {}
+    descriptions = {}
     for _, raw in bag.messages(sensors):
         if kind != "sketch":
             return {"": raw}
         with suppress(InvalidInput):        # a sketch that needs it says that it is missing
-            found[sensor_message.digest(cdr.read_text(raw))] = raw
-    return found
+            descriptions[sensor_message.digest(cdr.read_text(raw))] = raw
+    return descriptions
 
 
 def _decoded(kind: str, raw: bytes, descriptions: dict[str, bytes], options: dict, name: str, notes: tuple[str, ...]

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.datasets import photon_file
-from srt3d_ros.datasets.readers import isolated
+from srt3d_ros.datasets.readers import isolated, npz
 from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.errors import finite, require
 from srt3d_ros.files.array_files import read_errors
@@ -18,35 +17,35 @@ from srt3d_ros.files.array_files import read_errors
 UNIT, NUM_BINS, LASER = "nanotimes_specs/tcspc_unit", "nanotimes_specs/tcspc_num_bins", \
     "measurement_specs/laser_repetition_rate"
 SPOT_ARRAYS = tuple(f"photon_data*/{name}" for name in ("nanotimes", "detectors", UNIT, NUM_BINS, LASER))
-WANTED = f"Photon-HDF5 with photon_data/nanotimes, {photon_file.WANTED}"
+WANTED = f"Photon-HDF5 with photon_data/nanotimes, {npz.WANTED}"
 
 
 def read(path: Path, options: dict) -> Reading:
     """Photons of an HDF5 file; `channel` is the detector to take of Photon-HDF5, else all. Needs h5py."""
-    names = (*SPOT_ARRAYS, *photon_file.KNOWN, *options.get("columns", ()))
-    found, listed = isolated.arrays_of(path, "h5py", names, "a complete HDF5 file")
+    names = (*SPOT_ARRAYS, *npz.KNOWN, *options.get("columns", ()))
+    content, listed = isolated.arrays_of(path, "h5py", names, "a complete HDF5 file")
     with read_errors(path):
         spots = sorted((int(match[1] or 0), match[0].rpartition("/")[0]) for match in
-                       map(re.compile(r"photon_data(\d{0,9})/nanotimes").fullmatch, found) if match)
+                       map(re.compile(r"photon_data(\d{0,9})/nanotimes").fullmatch, content) if match)
         if spots and "columns" not in options:
-            found |= _spot_arrays(found, [spot for _, spot in spots], options)
+            content |= _spot_arrays(content, [spot for _, spot in spots], options)
             options = {name: value for name, value in options.items() if name != "channel"}
-    return photon_file.from_arrays(path, found, options, WANTED, listed)
+    return npz.from_arrays(path, content, options, WANTED, listed)
 
 
-def _spot_arrays(found: dict[str, np.ndarray], spots: list[str], options: dict) -> dict[str, np.ndarray]:
+def _spot_arrays(content: dict[str, np.ndarray], spots: list[str], options: dict) -> dict[str, np.ndarray]:
     """The arrays of a photon file (docs/photon-file.md) that Photon-HDF5 has in its groups."""
-    times = [_toa(found, spot, options) for spot in spots]
+    times = [_toa(content, spot, options) for spot in spots]
     pixels = options.get("rows", 1) * options.get("cols", 1)
     arrays = {"pixel": np.arange(len(spots)).repeat([len(toa) for toa in times]), "toa": np.concatenate(times)}
-    if len(spots) == 1 and pixels > 1 and f"{spots[0]}/detectors" in found and "channel" not in options:
-        arrays["pixel"] = found[f"{spots[0]}/detectors"]
+    if len(spots) == 1 and pixels > 1 and f"{spots[0]}/detectors" in content and "channel" not in options:
+        arrays["pixel"] = content[f"{spots[0]}/detectors"]
     elif not {"rows", "cols"} & options.keys():
         arrays |= {"rows": np.array(1), "cols": np.array(len(spots))}
     else:
         require(pixels == len(spots), "shape", (options.get("rows"), options.get("cols")),
                 f"rows × cols = {len(spots)}, the spots of the file")
-    width_s, bins, laser_hz = (_number(found, f"{spots[0]}/{name}") for name in (UNIT, NUM_BINS, LASER))
+    width_s, bins, laser_hz = (_number(content, f"{spots[0]}/{name}") for name in (UNIT, NUM_BINS, LASER))
     if width_s:
         arrays["bin_width_s"] = np.array(width_s)
     if bins:        # up to the end of the laser's period; a period that ends inside a bin includes it
@@ -55,9 +54,9 @@ def _spot_arrays(found: dict[str, np.ndarray], spots: list[str], options: dict) 
     return arrays
 
 
-def _toa(found: dict[str, np.ndarray], spot: str, options: dict) -> np.ndarray:
+def _toa(content: dict[str, np.ndarray], spot: str, options: dict) -> np.ndarray:
     """ToA of a spot, of the detector `channel` if given."""
-    toa, detectors = found[f"{spot}/nanotimes"], found.get(f"{spot}/detectors")
+    toa, detectors = content[f"{spot}/nanotimes"], content.get(f"{spot}/detectors")
     require(toa.ndim == 1 and toa.dtype.kind in "iu", f"{spot}/nanotimes", f"{toa.dtype} {toa.shape}",
             "whole numbers [photons]")
     if "channel" not in options:
@@ -69,8 +68,8 @@ def _toa(found: dict[str, np.ndarray], spot: str, options: dict) -> np.ndarray:
     return toa[detectors == channel]
 
 
-def _number(found: dict[str, np.ndarray], name: str) -> float:
+def _number(content: dict[str, np.ndarray], name: str) -> float:
     """One number above 0, or 0 if the file has none."""
-    value = found.get(name, np.zeros(1))
+    value = content.get(name, np.zeros(1))
     require(value.size == 1, name, value.shape, "one number")
     return max(finite(name, value.reshape(-1)[0]), 0.0)

@@ -44,16 +44,16 @@ def arrays_of(path: Path, library: str, names: tuple[str, ...], expected: str) -
                                *names],
                               stdin=subprocess.DEVNULL, capture_output=True, pass_fds=(file.fileno(),),
                               env=os.environ | {"PYTHONPATH": modules, "OPENBLAS_NUM_THREADS": "1"})
-        why = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
-        why = re.sub(r"^(\w+\.)+", "", why)           # the module of the error's class
-        require("MemoryError" not in why, "", problem=f"The arrays take more than {MAX_ARRAY_BYTES} bytes. Save "
+        message = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+        message = re.sub(r"^(\w+\.)+", "", message)           # the module of the error's class
+        require("MemoryError" not in message, "", problem=f"The arrays take more than {MAX_ARRAY_BYTES} bytes. Save "
                 "counts as uint8 or uint16, or as .npy, which may be larger than memory.")
-        kind = getattr(builtins, why.partition(":")[0], None)
+        kind = getattr(builtins, message.partition(":")[0], None)
         if isinstance(kind, type) and issubclass(kind, READER_ERRORS):
-            why = "its reader failed"
+            message = "its reader failed"
         elif done.returncode < 0:
-            why = f"its reader {ending(done)}"
-        require(done.returncode == 0, "", f"unreadable ({why})", expected)
+            message = f"its reader {ending(done)}"
+        require(done.returncode == 0, "", f"unreadable ({message})", expected)
         content = json.loads(done.stdout)
         arrays = {name: np.zeros(shape, kind) if 0 in shape else
                   np.memmap(file, kind, "c", place, tuple(shape), order)

@@ -59,15 +59,15 @@ def matlab_5(path: str, names: tuple[str, ...]) -> Found:
     else:
         cubes = [name for name, shape, kind in shapes if len(shape) == 3 and kind not in ("cell", "struct")]
         content = loadmat(path, variable_names=[*names, *(cubes if len(cubes) == 1 else ())])
-    found = {}
+    arrays = {}
     for name, value in content.items():
         if hasattr(value, "tocoo"):
-            found |= _sparse(name, value)
+            arrays |= _sparse(name, value)
         elif isinstance(value, np.ndarray) and value.dtype.kind == "O":
-            found |= _cells(name, [cell.ravel() for cell in value.flat], value.shape)
+            arrays |= _cells(name, [cell.ravel() for cell in value.flat], value.shape)
         elif isinstance(value, np.ndarray) and value.dtype.kind in "iufbU":
-            found[name] = value
-    return found, shapes
+            arrays[name] = value
+    return arrays, shapes
 
 
 def hdf5(path: str, names: tuple[str, ...]) -> Found:
@@ -79,7 +79,7 @@ def hdf5(path: str, names: tuple[str, ...]) -> Found:
     except OSError as error:        # "Unable to synchronously open file (truncated file: eof = …)"
         raise OSError(str(error).rpartition("(")[2].partition(":")[0].rstrip(")")) from None
     with file:
-        nodes, found = {}, {}
+        nodes, arrays = {}, {}
 
         def visit(name: str, node: h5py.HLObject) -> None:
             inside = name.startswith("#") or name.rpartition("/")[0] in nodes       # of a cell or a sparse array
@@ -93,16 +93,16 @@ def hdf5(path: str, names: tuple[str, ...]) -> Found:
             if cubes != [name] and not any(name == pattern or fnmatchcase(name, pattern) for pattern in names):
                 continue
             if SPARSE in node.attrs:
-                found |= _matlab_sparse(name, node)
+                arrays |= _matlab_sparse(name, node)
             elif node.attrs.get(CLASS) == b"cell":
                 cells = [file[reference] for reference in node[()].T.flat]
-                found |= _cells(name, [np.zeros(0) if EMPTY in cell.attrs else cell[()].ravel() for cell in cells],
+                arrays |= _cells(name, [np.zeros(0) if EMPTY in cell.attrs else cell[()].ravel() for cell in cells],
                                 node.shape[::-1])
             elif _is_numeric(node):
                 if node.external or node.is_virtual:
                     raise ValueError(f"{name} keeps its numbers in another file")
-                found[name] = node[()].T if CLASS in node.attrs else np.asarray(node[()])
-        return found, [(name, shape, _kind(nodes[name])) for name, shape in shapes.items()]
+                arrays[name] = node[()].T if CLASS in node.attrs else np.asarray(node[()])
+        return arrays, [(name, shape, _kind(nodes[name])) for name, shape in shapes.items()]
 
 
 def sdt(path: str, names: tuple[str, ...]) -> Found:
@@ -112,16 +112,16 @@ def sdt(path: str, names: tuple[str, ...]) -> Found:
     """
     import sdtfile
 
-    found, shapes = {}, []
+    arrays, shapes = {}, []
     with sdtfile.SdtFile(path) as file:
         for counts, times in zip(file.data, file.times, strict=True):
             if not counts.size or counts.dtype.kind not in "iu":
                 continue
             for part in counts.reshape(-1, *(1, 1, *counts.shape)[-3:]):
                 name = str(len(shapes))
-                found |= {name: part, f"{name}.width": np.array(times[1] - times[0] if len(times) > 1 else 0.0)}
+                arrays |= {name: part, f"{name}.width": np.array(times[1] - times[0] if len(times) > 1 else 0.0)}
                 shapes.append((name, part.shape, str(part.dtype)))
-    return found, shapes
+    return arrays, shapes
 
 
 READERS = {"scipy": ("scipy.io", matlab_5), "h5py": ("h5py", hdf5), "sdtfile": ("sdtfile", sdt)}    # by library

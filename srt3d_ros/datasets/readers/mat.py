@@ -6,10 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS, MAX_PIXELS
-from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, from_pixels
 from srt3d_ros.datasets.options import check_same, outside_note
-from srt3d_ros.datasets.readers import isolated
+from srt3d_ros.datasets.readers import isolated, npz
 from srt3d_ros.datasets.readers.cubes import cube
 from srt3d_ros.datasets.reading import Reading, in_gate
 from srt3d_ros.datasets.values import MAX_EVENTS
@@ -29,11 +28,11 @@ class Layout(NamedTuple):
     picoseconds: bool = False   # ToA are in picoseconds instead of bins
     window: tuple[str, ...] = ()        # scalars with the first and last ToA of the measured window
 
-    def fits(self, found: dict[str, np.ndarray]) -> bool:
+    def fits(self, arrays: dict[str, np.ndarray]) -> bool:
         """Whether a file has its photons in this layout."""
-        photons = found.get(self.variable, np.zeros(0))
-        counts = photons.dtype.kind in "iuf" and (photons.ndim == 2 or f"{self.variable}.shape" in found)
-        return counts if self.reference else f"{self.variable}.lengths" in found
+        photons = arrays.get(self.variable, np.zeros(0))
+        counts = photons.dtype.kind in "iuf" and (photons.ndim == 2 or f"{self.variable}.shape" in arrays)
+        return counts if self.reference else f"{self.variable}.lengths" in arrays
 
 
 LAYOUTS = (
@@ -45,51 +44,51 @@ LAYOUTS = (
     Layout("spad", 80e-12, "bin"),                  # simulated, sparse: Lindell et al., SIGGRAPH 2018
 )
 WANTED = "; ".join(["one of " + ", ".join(f"{one.variable} ({'[T, rows·cols] counts' if one.reference else 'cells'})"
-                                         for one in LAYOUTS), photon_file.WANTED])
+                                         for one in LAYOUTS), npz.WANTED])
 VARIABLES = (*(name for one in LAYOUTS for name in (one.variable, one.reference, *one.window) if name),
-             *photon_file.KNOWN)
+             *npz.KNOWN)
 
 
 def read(path: Path, options: dict) -> Reading:
     """Photons of a .mat file. The bins are those of the file's window, or those that have photons."""
-    found, listed = isolated.matlab_arrays(path, (*VARIABLES, *options.get("columns", ())))
-    layout = next((one for one in LAYOUTS if one.fits(found)), None)
+    arrays, listed = isolated.matlab_arrays(path, (*VARIABLES, *options.get("columns", ())))
+    layout = next((one for one in LAYOUTS if one.fits(arrays)), None)
     if layout is None or "columns" in options:
-        return photon_file.from_arrays(path, found, options, WANTED, listed)
+        return npz.from_arrays(path, arrays, options, WANTED, listed)
     with read_errors(path):
-        for name in found.keys() & {*layout.window, layout.reference}:
-            require(found[name].dtype.kind in "iuf", name, str(found[name].dtype), "numbers")
-        return (_of_counts if layout.reference else _of_cells)(path, layout, found, options)
+        for name in arrays.keys() & {*layout.window, layout.reference}:
+            require(arrays[name].dtype.kind in "iuf", name, str(arrays[name].dtype), "numbers")
+        return (_of_counts if layout.reference else _of_cells)(path, layout, arrays, options)
 
 
-def _of_counts(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Reading:
+def _of_counts(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options: dict) -> Reading:
     """Photons of counts [T, rows · cols] with reference depths. Sparse counts stay sparse."""
-    name, photons = layout.variable, found[layout.variable]
+    name, photons = layout.variable, arrays[layout.variable]
     width_s, notes = _bin_width(layout, options)
     require(are_whole(np.atleast_2d(photons)), name, problem=f"{name} has negative or fractional counts.")
-    bins, pixels = photons.shape if photons.ndim == 2 else found[f"{name}.shape"][::-1].tolist()
+    bins, pixels = photons.shape if photons.ndim == 2 else arrays[f"{name}.shape"][::-1].tolist()
     _check_bins(options, bins)
-    require(layout.reference in found, layout.reference,
+    require(layout.reference in arrays, layout.reference,
             problem=f"{name} needs the reference depths {layout.reference} [rows, cols].")
-    reference = found[layout.reference].astype(np.float32) - np.float32(1)
+    reference = arrays[layout.reference].astype(np.float32) - np.float32(1)
     require(reference.ndim == 2 and reference.size == pixels <= MAX_PIXELS, f"{layout.reference} shape",
             reference.shape, f"the {pixels} pixels of {name}, {MAX_PIXELS} at most")
     rows, cols = reference.shape
     if photons.ndim == 2:
         counts = photons.reshape(bins, cols, rows).transpose(2, 1, 0)
         return cube(path, counts, options, {"bin_width_s": width_s}, notes, reference[None])
-    total, toa = photons.sum(dtype=np.float64), found[f"{name}.col"]
+    total, toa = photons.sum(dtype=np.float64), arrays[f"{name}.col"]
     require(total <= MAX_KEPT, f"{name} photons", total, f"at most {MAX_KEPT} in a sparse array: save full({name})")
-    col, row = np.divmod(found[f"{name}.row"], rows)
+    col, row = np.divmod(arrays[f"{name}.row"], rows)
     order = np.lexsort((toa, row * cols + col))
     pixel, toa = (values[order].repeat(photons[order].astype(np.int64)) for values in (row * cols + col, toa))
     window = (0, _num_bins(options, bins))
     return _of_events(path, layout, (pixel, toa), reference.shape, window, options, reference[None])
 
 
-def _of_cells(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Reading:
+def _of_cells(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options: dict) -> Reading:
     """Photons of ToA lists, one cell a pixel."""
-    name, toa, lengths = layout.variable, found[layout.variable], found[f"{layout.variable}.lengths"]
+    name, toa, lengths = layout.variable, arrays[layout.variable], arrays[f"{layout.variable}.lengths"]
     require(lengths.ndim == 2 and 0 < lengths.size <= MAX_PIXELS, f"{name} shape", lengths.shape,
             f"[rows, cols], 1 to {MAX_PIXELS} pixels")
     require(toa.dtype.kind in "iuf", f"{name} cells", str(toa.dtype), "lists of numbers")
@@ -101,7 +100,7 @@ def _of_cells(path: Path, layout: Layout, found: dict[str, np.ndarray], options:
             problem=f"{name} has times of arrival below 0 or beyond 2³² bins.")
     bins = np.floor(toa * unit + EDGE).astype(np.int64)
     pixel = np.arange(lengths.size).repeat(lengths.ravel())
-    window = _window(layout, found, unit, bins, options)
+    window = _window(layout, arrays, unit, bins, options)
     return _of_events(path, layout, (pixel, bins), lengths.shape, window, options)
 
 
@@ -123,12 +122,12 @@ def _of_events(path: Path, layout: Layout, photons: tuple[np.ndarray, np.ndarray
     return Reading(sensor, events, in_gate(reference, first, last), path.stem, notes + more + outside)
 
 
-def _window(layout: Layout, found: dict[str, np.ndarray], unit: float, toa: np.ndarray, options: dict
+def _window(layout: Layout, arrays: dict[str, np.ndarray], unit: float, toa: np.ndarray, options: dict
             ) -> tuple[int, int]:
     """First bin and number of bins to keep: the file's window, else `num_bins`, else the bins with photons."""
     given = _num_bins(options, 0)
-    if layout.window and found.keys() >= set(layout.window):
-        low, high = (finite(name, found[name].squeeze().tolist(), "one ToA") * unit for name in layout.window)
+    if layout.window and arrays.keys() >= set(layout.window):
+        low, high = (finite(name, arrays[name].squeeze().tolist(), "one ToA") * unit for name in layout.window)
         first = int(np.floor(low + EDGE))
         return first, given or int(np.ceil(high - EDGE)) - first
     _check_bins(options, int(toa.max(initial=-1)) + 1)

@@ -1,4 +1,4 @@
-"""The kernels on the CPU, in numba: those of `torch` for NumPy arrays, compiled at first use and cached on disk.
+"""The kernels on the CPU (`kernels.contract`), in numba: for NumPy arrays, compiled at first use, cached on disk.
 
 Rows run in parallel; within a row, LANES neighbouring columns are one vector (`vectors`). The time for a frame does not
 depend on its photons, and results do not depend on the number of threads: no sum runs across threads. Results of a

@@ -1,4 +1,4 @@
-"""The kernels in torch, written to be read: the contract that `cpu` fulfils under the same names.
+"""The kernels in torch, written to be read: the equations of what `kernels.contract` names.
 
 `on` returns the functions for tensors of one type on one device. In double precision on the CPU they are the tests'
 oracle, from which `cpu` differs by rounding only. In single precision they run on a GPU: each `fused` function is
@@ -24,13 +24,6 @@ Notation:
                  (`background_table`, Chernoff's bound)
     c(t)         factor by which scores at a depth exceed standard deviations (`clutter`)
     CAPITALS     constants of `kernels.constants` and `kernels.maps`
-
-A frame is a `MatchedFrame` of `core.matched_frame`. Maps of complex numbers are
-float32 [rows, 2m, cols], real parts before imaginary ones. Maps with rows', cols' are padded, and states are float32
-[rows', K, FIELDS, cols'] (`kernels.maps`).
-Results of a kernel within a `recorded` frame are valid until the next frame. Types are those of `cpu`, except that
-complex arrays are pairs of reals on a GPU, [..., 2]. Arrays are on the kernels' device unless said to be NumPy's;
-ON_HOST is True if that is the same.
 """
 
 import torch

@@ -8,7 +8,7 @@ import torch
 
 
 class Kernels:
-    """The kernels on one device, as attributes: the names that the module `cpu` has.
+    """The kernels on one device (`kernels.contract.Kernels`); a GPU allocates what a frame needs as it records it.
 
     Args:
         functions: by name.
@@ -21,11 +21,9 @@ class Kernels:
         self.device, self.dtype, self._is_gpu = device, dtype, device == "cuda"
 
     def for_shape(self, rows: int, cols: int, surfaces: int, frequencies: tuple[int, ...]) -> "Kernels":
-        """These kernels: what a frame needs is allocated when it is recorded."""
         return self
 
     def array(self, values):
-        """Copy a NumPy array to the device, contiguous, without waiting for it to arrive."""
         if np.iscomplexobj(values):
             values = np.ascontiguousarray(values).view(values.real.dtype).reshape(*values.shape, 2)
         dtype = torch.from_numpy(np.empty(0, values.dtype)).dtype
@@ -35,23 +33,17 @@ class Kernels:
         return ours.to(self.device, non_blocking=True)
 
     def numpy(self, values):
-        """Copy an array from the device to NumPy; waits for the kernels that write it."""
         dtype = torch.float32 if values.is_floating_point() else values.dtype
         return torch.empty(values.shape, dtype=dtype, pin_memory=self._is_gpu).copy_(values).numpy()
 
     def unpack(self, values, xyz, number) -> tuple:
-        """The first `number` points of `collect`: the values of `Estimate` from `row` on."""
+        """The first `number` points of `collect`."""
         there = slice(int(number))
         values, xyz = self.numpy(values[:, there]).astype(np.float32, copy=False), self.numpy(xyz[there])
         row, col, rank = values[3:]
         return row.astype(np.uint16), col.astype(np.uint16), rank.astype(np.uint8), values[:3], xyz
 
     def as_frame(self, function: Callable) -> Callable:
-        """A function of arrays as the device runs a frame: a GPU records it in a CUDA graph, and replays that.
-
-        It takes NumPy arrays, the first [rows, cols], arrays on the device, or None. Its results stay on the device,
-        until the next frame.
-        """
         frames: dict[tuple, Callable] = {}
         pool = torch.cuda.graph_pool_handle() if self._is_gpu else None
 

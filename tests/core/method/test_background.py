@@ -9,7 +9,7 @@ from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.metrics import circular_difference, evaluate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
-from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.errors import InvalidInput
@@ -39,7 +39,8 @@ def reconstruct(frame: PhotonEvents, sensor: SensorModel, background="sensor", *
 
 def sketches(sensor: SensorModel, depth_bins=DEPTH, sbr=0.1, ppp=20.0, frames=6) -> list[PhaseSums]:
     """A stream of a scene that does not move."""
-    return [sketch_photons(scenes.simulate(depth_bins, sbr, ppp, sensor, seed), sensor, choose("auto", sensor))
+    frequencies = choose_frequencies("auto", sensor)
+    return [sketch_photons(scenes.simulate(depth_bins, sbr, ppp, sensor, seed), sensor, frequencies)
             for seed in range(frames)]
 
 
@@ -52,7 +53,7 @@ def judged(cloud, depth_bins=DEPTH):
     np.pad(IRF, 10), shift % 9) for shift in range(96)]), "irf_ref": 25}], ids=["plain", "delay", "IRF per pixel"])
 def test_nothing_is_left_of_the_expected_background(shape, changes):
     sensor = make_sensor(8, 12, background_shape=SHAPES[shape], **changes)
-    frequencies = choose("auto", sensor)
+    frequencies = choose_frequencies("auto", sensor)
     late = np.zeros((8, 12)) if sensor.delay_bins is None else sensor.delay_bins
     omega = 2 * np.pi * np.array(frequencies) / T
     one = np.exp(1j * np.outer(omega, BINS)) @ sensor.background_shape.astype(np.float64)
@@ -93,14 +94,14 @@ def test_an_even_background_is_left_alone_bit_for_bit(depth_bins, sbr, surfaces)
 def test_an_irf_that_is_slightly_wrong_is_no_background():
     wider = np.convolve(make_sensor(1, 1).irf, [0.1, 0.8, 0.1], "same")
     frame = simulate(make_sensor(irf=wider), sbr=10, ppp=200)
-    pooled = Pooled(make_sensor(), choose("auto", make_sensor()))
-    pooled(sketch_photons(frame, make_sensor(), choose("auto", make_sensor())))
+    pooled = Pooled(make_sensor(), choose_frequencies("auto", make_sensor()))
+    pooled(sketch_photons(frame, make_sensor(), choose_frequencies("auto", make_sensor())))
     assert pooled.uneven_background == 0
 
 
 def test_a_stream_takes_one_step_a_frame_and_begins_and_ceases_with_the_fog():
     clear, foggy = make_sensor(), make_sensor(background_shape=SHAPES["fog"])
-    pooled = Pooled(clear, choose("auto", clear))
+    pooled = Pooled(clear, choose_frequencies("auto", clear))
     first = [judged(pooled(sketch)) for sketch in sketches(clear, sbr=1, frames=2)]
     assert pooled.uneven_background == 0
     fog = [judged(pooled(sketch)) for sketch in sketches(foggy)]
@@ -112,13 +113,13 @@ def test_a_stream_takes_one_step_a_frame_and_begins_and_ceases_with_the_fog():
 
 def test_forgetting_begins_anew():
     foggy, clear = make_sensor(background_shape=SHAPES["fog"]), make_sensor()
-    pooled, sketch = Pooled(clear, choose("auto", clear)), sketches(foggy, frames=1)[0]
+    pooled, sketch = Pooled(clear, choose_frequencies("auto", clear)), sketches(foggy, frames=1)[0]
     assert judged(pooled(sketch)).true_detections > 0.97 and pooled.uneven_background > 0.1
     pooled.forget()
     assert pooled.uneven_background == 0
-    one, other = (anew(sketch) for anew in (pooled, Pooled(clear, choose("auto", clear))))
+    one, other = (anew(sketch) for anew in (pooled, Pooled(clear, choose_frequencies("auto", clear))))
     np.testing.assert_array_equal(one.depth_bins, other.depth_bins)
-    told = Pooled(foggy, choose("auto", foggy))                 # what the sensor says is where auto begins
+    told = Pooled(foggy, choose_frequencies("auto", foggy))                 # what the sensor says is where auto begins
     assert judged(told(sketch)).true_detections > 0.9
 
 

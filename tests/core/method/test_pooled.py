@@ -6,7 +6,7 @@ import pytest
 from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
-from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from tests.core.scenes import T, background_alone, errors, exact, make_sensor, pooled, ramp, simulate
 
 # ---- Without noise
@@ -107,7 +107,7 @@ def best_depth(toa: np.ndarray, irf: np.ndarray, ref: int, frequencies, num_bins
 @pytest.mark.parametrize("irf", IRFS.values(), ids=IRFS)
 def test_the_mean_depth_of_a_flat_surface_is_that_of_all_its_photons_together(irf):
     sensor = SensorModel(32, 32, 300, 1e-10, irf)
-    frequencies = choose("auto", sensor, 10)
+    frequencies = choose_frequencies("auto", sensor, 10)
     method, off, true_off = Pooled(sensor, frequencies, device="cpu"), [], []
     for k, depth in enumerate(150 + np.arange(8) / 8):
         frame = simulate(np.full((32, 32), depth), np.inf, 50, sensor, seed=k)

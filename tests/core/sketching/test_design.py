@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.design import design_for, histogram, occupied, signal_to_background
-from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.design import design_sketch, histogram, occupied, signal_to_background
+from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.errors import InvalidInput
 from tests.photon_forms import as_histograms
@@ -32,25 +32,25 @@ def seen(seed=0, background=20_000, scene=()) -> np.ndarray:
 
 
 def gate_of(events, sensor=SENSOR, **options):
-    return design_for(sensor, "auto", frame=events, **options).gate
+    return design_sketch(sensor, "auto", frame=events, **options).gate
 
 
 def test_without_auto_the_sensor_alone_counts():
-    assert design_for(SENSOR) == (None, choose("auto", SENSOR))
-    gate, frequencies = design_for(SENSOR, "100:299", "auto", 5)
-    assert gate.sensor.num_bins == 200 and frequencies == choose("auto", gate.sensor, 5)
-    assert design_for(SENSOR, (100, 299), "consecutive", 5).frequencies == (1, 2, 3, 4, 5)
+    assert design_sketch(SENSOR) == (None, choose_frequencies("auto", SENSOR))
+    gate, frequencies = design_sketch(SENSOR, "100:299", "auto", 5)
+    assert gate.sensor.num_bins == 200 and frequencies == choose_frequencies("auto", gate.sensor, 5)
+    assert design_sketch(SENSOR, (100, 299), "consecutive", 5).frequencies == (1, 2, 3, 4, 5)
 
 
 def test_auto_finds_the_scene_and_designs_frequencies_for_its_gate():
-    gate, frequencies = design_for(SENSOR, "auto", frame=frame(200, 240))
+    gate, frequencies = design_sketch(SENSOR, "auto", frame=frame(200, 240))
     assert 170 < gate.first <= 196 and 244 <= gate.last < 270
-    assert frequencies == choose("auto", gate.sensor) != choose("auto", SENSOR)
+    assert frequencies == choose_frequencies("auto", gate.sensor) != choose_frequencies("auto", SENSOR)
 
 
 def test_auto_is_no_gate_where_nothing_can_be_gained():
     for events in (frame(), frame(20, 120, 220, 320, 420, 480), frame(200, background=50)):
-        assert design_for(SENSOR, "auto", frame=events) == (None, choose("auto", SENSOR))
+        assert design_sketch(SENSOR, "auto", frame=events) == (None, choose_frequencies("auto", SENSOR))
 
 
 def test_auto_ends_within_the_sensors_bins():
@@ -64,8 +64,8 @@ def test_auto_has_room_for_the_irf_and_for_the_frequencies():
 
 
 @pytest.mark.parametrize(("settings", "line"), [
-    (("open",), "gate is open: expected off, first and last bin such as 100-400, or for a file auto"),
-    (("auto",), "gate is auto: expected off, first and last bin such as 100-400, or for a file auto"),
+    (("open",), "gate is open: expected off, FIRST-LAST (100-400), or auto (files only)"),
+    (("auto",), "gate is auto: expected off, FIRST-LAST (100-400), or auto (files only)"),
     (("-3:50",), "gate is -3:50: expected a first bin of 0 or more and below the last"),
     (("300:300",), "gate is 300:300: expected a first bin of 0 or more and below the last"),
     (("300:302",), "gate is 300-302: expected 5 bins or more, as many as the IRF has"),
@@ -74,14 +74,14 @@ def test_auto_has_room_for_the_irf_and_for_the_frequencies():
 ])
 def test_a_gate_that_cannot_be_used_is_one_line(settings, line):
     with pytest.raises(InvalidInput) as error:
-        design_for(SENSOR, *settings)
+        design_sketch(SENSOR, *settings)
     assert str(error.value) == line
 
 
 def test_frequencies_of_which_the_irf_passes_none_are_refused_as_methods_refuse_them():
-    assert design_for(SHARP, "off", "1,99").frequencies == (1, 99)
+    assert design_sketch(SHARP, "off", "1,99").frequencies == (1, 99)
     with pytest.raises(InvalidInput, match=r"frequencies is \[98, 99\]: expected some that the sensor's IRF passes"):
-        design_for(SHARP, "off", "98,99")
+        design_sketch(SHARP, "off", "98,99")
 
 
 # ---- The histogram of a frame

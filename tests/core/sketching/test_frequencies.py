@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE, choose, design, irf_spectrum
+from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE, best_frequencies, choose_frequencies, irf_spectrum
 from srt3d_ros.errors import InvalidInput
 
 
@@ -25,17 +25,17 @@ def test_spectrum_of_a_delta_is_the_phase_of_its_distance_from_the_reference():
 
 
 def test_choices():
-    assert choose("consecutive", make()) == tuple(range(1, DEFAULT_SKETCH_SIZE + 1)) == tuple(range(1, 11))
-    assert choose("consecutive", make(), 4) == (1, 2, 3, 4)
-    assert choose("auto", make(), 6) == design(make(), 6)
-    assert choose("1, 2,5", make()) == (1, 2, 5)
-    assert choose("5,1", make(), 2) == (5, 1) and len(choose("auto", make(), 64)) == 64
+    assert choose_frequencies("consecutive", make()) == tuple(range(1, DEFAULT_SKETCH_SIZE + 1)) == tuple(range(1, 11))
+    assert choose_frequencies("consecutive", make(), 4) == (1, 2, 3, 4)
+    assert choose_frequencies("auto", make(), 6) == best_frequencies(make(), 6)
+    assert choose_frequencies("1, 2,5", make()) == (1, 2, 5)
+    assert choose_frequencies("5,1", make(), 2) == (5, 1) and len(choose_frequencies("auto", make(), 64)) == 64
 
 
 @pytest.mark.parametrize(("num_bins", "m"), [(2, 1), (3, 1), (8, 3), (21, 10), (22, 10)])
 @pytest.mark.parametrize("spec", ["auto", "consecutive"])
 def test_without_a_size_a_short_period_gets_as_many_as_it_has(spec, num_bins, m):
-    assert choose(spec, make(num_bins, [1.0])) == tuple(range(1, m + 1))
+    assert choose_frequencies(spec, make(num_bins, [1.0])) == tuple(range(1, m + 1))
 
 
 @pytest.mark.parametrize(("spec", "m", "num_bins", "named"), [
@@ -47,4 +47,4 @@ def test_without_a_size_a_short_period_gets_as_many_as_it_has(spec, num_bins, m)
     (",".join(map(str, range(1, 66))), None, 1000, "sketch size is 65")])
 def test_what_means_nothing_is_refused_by_name(spec, m, num_bins, named):
     with pytest.raises(InvalidInput, match=f"^{named}"):
-        choose(spec, make(num_bins=num_bins), m)
+        choose_frequencies(spec, make(num_bins=num_bins), m)

@@ -8,7 +8,7 @@ from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import (
     angular_frequencies,
-    design,
+    best_frequencies,
     expected_error_bins,
     irf_spectrum,
     nominal_photons,
@@ -46,7 +46,7 @@ def measured_error(sensor: SensorModel, frequencies, signal: float, background: 
 
 
 @pytest.mark.parametrize(("signal", "background"), [(200, 20), (300, 3000), (8, 80)])
-@pytest.mark.parametrize("frequencies", [(1, 2, 3, 5, 7, 10, 15, 22), design(make(), 8)])
+@pytest.mark.parametrize("frequencies", [(1, 2, 3, 5, 7, 10, 15, 22), best_frequencies(make(), 8)])
 def test_the_matched_filter_errs_as_much_as_the_bound_says(frequencies, signal, background):
     sensor, photons = make(), (signal, background)
     ratio = measured_error(sensor, frequencies, *photons) / bound(sensor, frequencies, *photons)[0]
@@ -67,7 +67,7 @@ def test_with_many_photons_the_bound_is_the_sandwich_variance(irf):
 def test_the_design_errs_no_more_than_consecutive_frequencies(irf, m):
     sensor = make(irf)
     designed, simple = (np.log(bound(sensor, frequencies, *nominal_photons(m))).mean()
-                        for frequencies in (design(sensor, m), tuple(range(1, m + 1))))
+                        for frequencies in (best_frequencies(sensor, m), tuple(range(1, m + 1))))
     assert designed <= simple + 0.05
 
 
@@ -76,7 +76,7 @@ def test_the_design_errs_no_more_than_consecutive_frequencies(irf, m):
 def test_designs_are_increasing_and_within_the_band(num_bins, m, width):
     most = max((num_bins - 1) // 2, 1)
     irf = np.exp(-0.5 * ((np.arange(min(num_bins, 61)) - 30) / width)**2) + 1e-30
-    chosen = design(make(irf, num_bins), m)
+    chosen = best_frequencies(make(irf, num_bins), m)
     assert len(set(chosen)) == m and sorted(chosen) == list(chosen) and chosen[0] == 1 and chosen[-1] <= most
     assert all(type(k) is int for k in chosen)
 
@@ -84,9 +84,10 @@ def test_designs_are_increasing_and_within_the_band(num_bins, m, width):
 @pytest.mark.parametrize(("irf", "m", "expected"), [
     (TAIL, 10, (1, 2, 3, 4, 5, 6, 7, 8, 10, 12)), (BELL, 6, (1, 2, 4, 7, 11, 18)), ([1.0], 4, (1, 7, 25, 79))])
 def test_known_designs(irf, m, expected):
-    assert design(make(irf), m) == expected
+    assert best_frequencies(make(irf), m) == expected
 
 
 def test_of_an_irf_per_pixel_the_typical_one_counts():
     late = [np.roll(np.pad(TAIL, 20), shift) for shift in (-20, 20)]
-    assert design(make(np.stack(late)), 10) == design(make(np.pad(TAIL, 20)), 10) == design(make(irf_ref=0), 10)
+    sensors = make(np.stack(late)), make(np.pad(TAIL, 20)), make(irf_ref=0)
+    assert len({best_frequencies(sensor, 10) for sensor in sensors}) == 1

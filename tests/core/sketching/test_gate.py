@@ -117,5 +117,5 @@ def test_a_gate_may_be_written_as_a_list():
 
 @pytest.mark.parametrize("spec", ["", "100:", 5, (5,), (1, 2, 3), "1:2:3", "1.5:4", "9" * 40 + ":1"])
 def test_what_is_no_gate_is_refused(spec):
-    with pytest.raises(InvalidInput, match="^gate is .*: expected off, first and last bin"):
+    with pytest.raises(InvalidInput, match="^gate is .*: expected off, FIRST-LAST"):
         parse(spec)

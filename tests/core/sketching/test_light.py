@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.design import design_for
-from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.design import design_sketch
+from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.light import POOLED_PIXELS, measure
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
@@ -52,10 +52,11 @@ def test_the_irf_is_confirmed_as_far_as_the_photons_are_like_it():
 
 
 def test_auto_follows_many_photons_that_are_as_the_irf_says():
-    few = choose("auto", SENSOR)
-    many = design_for(SENSOR, frame=frame(50, 25)).frequencies
+    few = choose_frequencies("auto", SENSOR)
+    many = design_sketch(SENSOR, frame=frame(50, 25)).frequencies
     assert len(many) == 10 and many[0] == 1 and many[-1] > 1.4 * few[-1]
-    assert design_for(SENSOR, frame=frame(1, 1)).frequencies == few
-    assert design_for(SENSOR, frame=frame(50, 25, irf=np.exp(-np.arange(80) / 9))).frequencies == few
-    assert design_for(SENSOR, frequencies="1,2", frame=frame(50, 25)).frequencies == (1, 2)
-    assert max(design_for(SENSOR, (90, 389), frame=frame(50, 25)).frequencies) > max(choose("auto", SENSOR)) / 2
+    assert design_sketch(SENSOR, frame=frame(1, 1)).frequencies == few
+    assert design_sketch(SENSOR, frame=frame(50, 25, irf=np.exp(-np.arange(80) / 9))).frequencies == few
+    assert design_sketch(SENSOR, frequencies="1,2", frame=frame(50, 25)).frequencies == (1, 2)
+    gated = design_sketch(SENSOR, (90, 389), frame=frame(50, 25)).frequencies
+    assert max(gated) > max(choose_frequencies("auto", SENSOR)) / 2

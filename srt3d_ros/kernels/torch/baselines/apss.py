@@ -20,22 +20,12 @@ CENTRE_FIRST = 4, 0, 1, 2, 3, 5, 6, 7, 8        # pixels of 3 × 3, row by row
 def apss(depth, intensity, normal, enough, scale, num_bins):
     """A pass of the point cloud's denoiser.
 
-    Points of 3 × 3 pixels whose depths lie within APSS_SAME_SURFACE of their mean make a surface, if they are
-    `enough`. For each of the K strongest the pixel's point moves along its line of
-    sight onto the surface that is fitted with weights (1 − distance² / APSS_REACH²)₊²: a plane by least squares without
-    normals, else a sphere u₀ + u · x + u_q |x|² = 0 whose gradient fits them; up to APSS_PROJECTIONS times, until it
-    moves by less than APSS_STILL. Intensity is 1 − APSS_SHARED times the pixel's own, and APSS_SHARED times its
-    neighbours' mean, so that surfaces grow into pixels without a point.
-
-    Args:
-        depth, intensity: float32 [rows', K, cols'], bins and photons.
-        normal: float32 [2, rows', K, cols'], x and y of unit normals with z > 0; None in the first pass.
-        enough: float32 [rows', cols'], of `points_needed`; pixels with 0 get no point.
-        scale: bins that count as one pixel.
-        num_bins: T.
-
-    Returns:
-        Depth, intensity and normal, the strongest point of a pixel first.
+    Points of 3 × 3 pixels whose depths lie within APSS_SAME_SURFACE of their mean make a surface, if they are `enough`.
+    For each of the K strongest the pixel's point moves along its line of sight onto the surface that is fitted with
+    weights (1 − distance² / APSS_REACH²)₊²: a plane by least squares without normals, else a sphere u₀ + u · x +
+    u_q |x|² = 0 whose gradient fits them; up to APSS_PROJECTIONS times, until it moves by less than APSS_STILL.
+    Intensity is 1 − APSS_SHARED times the pixel's own, and APSS_SHARED times its neighbours' mean, so that surfaces
+    grow into pixels without a point.
     """
     origin, strength, onto = _joined(depth, intensity, enough, scale, num_bins)
     for _ in range(constants.APSS_PROJECTIONS):

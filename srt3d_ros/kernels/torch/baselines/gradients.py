@@ -14,17 +14,6 @@ def pixelwise(frame, table, rate, usual, depth, intensity, faintest=0.0):
     Of d_l = (z_l − g Σ_k r_k |ĥ_l|² exp(i ω_l t_k)) exp(−i ω_l t) the table's rows make
     Δ_rt = a₀ · Re d + a₁ · Im d and Δ_r = a₂ · Re d + a₃ · Im d (`core/baselines/weighting.py`). s = g max(r, the new
     r). A step in depth is at most δ, an intensity at least 0. All points move at once.
-
-    Args:
-        frame: a `MatchedFrame`.
-        table: float32 [levels, 4, m], a for shares g r / n from 0 to 1.
-        rate: of the full step in depth.
-        usual: intensity below which points move less than their curvature allows; 0 for none.
-        depth, intensity: float32 [rows', K, cols'], bins and photons.
-        faintest: points below this intensity are removed after the step.
-
-    Returns:
-        Depth and intensity after the step.
     """
     light, there = frame.exposure[:, None], intensity > 0
     wave, gives = waves(frame, depth), (light * intensity)[:, :, None] * frame.energy[:, None]   # [rows, K, m, cols]

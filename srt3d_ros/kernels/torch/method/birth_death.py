@@ -41,9 +41,6 @@ def birth_death(frame, state, terms, max_chi2):
 
     Then SPREAD more times, for pixels with fewer than K surfaces of whose neighbourhood the time before has
     changed: surfaces so grow by as many pixels.
-
-    Returns the next state and its terms, which may take the place of `state` and `terms`. `max_chi2` is the square of
-    the standard deviations within which depths may be one surface's.
     """
     own = log_likelihood_ratio(frame, state, terms)
     may_choose = frame.exposure > 0

@@ -15,11 +15,7 @@ from srt3d_ros.kernels.torch.method.windows import inner
 
 @fused
 def collect(depth, intensity, std, rays, metres_per_bin, metres, num_bins):
-    """The list of points that `unpack` reads, by pixel, the strongest first: xyz = ray · (metres_per_bin · t + metres).
-
-    Depth (bins, [0, T]), intensity (photons; 0 = no point) and standard deviation (bins) are float32 [rows, K, cols],
-    `rays` unit vectors, float32 [rows, cols, 3].
-    """
+    """The list of points that `unpack` reads, by pixel, the strongest first."""
     rows, surfaces, cols = intensity.shape
     there = intensity > 0
     k, row, col = (torch.arange(size, device=intensity.device) for size in (surfaces, rows, cols))
@@ -44,10 +40,7 @@ def collect(depth, intensity, std, rays, metres_per_bin, metres, num_bins):
 def unexplained(frame, points, rest, taken, passed):
     """Sums over the pixels of what the points do not explain; y_l = g Σ_k r_k exp(i ω_l t_k), w = b̄ / n̄.
 
-    Args:
-        points, rest: of `finalise`; `own` are the photons of `rest` in used pixels.
-        taken: float32 [rows, cols], background photons that were subtracted before; None: own.
-        passed: complex [rows or 1, cols or 1, m], q_l: a background photon adds q_l · exp(i ω_l x) to z_l.
+    `own` are the photons of `rest` in used pixels; `taken` is `own` if None.
 
     Returns:
         float32 [4m + 4], sums over the pixels: of w conj(q_l) (z_l − |ĥ_l|² y_l), real parts before imaginary ones;

@@ -23,12 +23,6 @@ def finalise(frame, photons, state, terms, enough):
     I₀) / (E g)² is the variance of own by photon noise, s² the mean square of own − r, both averaged with a
     Gaussian of σ = LOCAL_SIGMA pixels: s² − v is how far the pixels themselves differ (James and Stein's estimator).
     Intensities are kept above 0.
-
-    `photons` are n, masked pixels included, float32 [rows, cols]. `terms` are `expand` of the state.
-
-    Returns:
-        The points: a state with these intensities (0: no point) and standard deviations (bins).
-        (n − g Σ_k r_k)₊ and background photons, float32 [rows, cols].
     """
     view, value = inner(frame, state), inner(frame, terms)[:, :, VALUE]
     counts, exposure = (inner(frame, values)[:, None] for values in (frame.counts, frame.exposure))

@@ -17,9 +17,6 @@ def expand(frame, state):
 
     With z'_l = (z_l − g Σ_{o ≠ k} r_o |ĥ_l|² exp(i ω_l t_o)) exp(−i ω_l t_k), what other surfaces leave of a pixel:
     v = Σ Re z'_l = R(z, t), s = Σ ω_l Im z'_l, b = Σ ω_l² Re z'_l.
-
-    Returns:
-        float32 [rows', K, TERMS, cols']: v, s, b, and n, n, g; 0 where there is no point.
     """
     depth, intensity = state[:, :, DEPTH], state[:, :, INTENSITY]
     omega, (cosine, sine) = 2 * math.pi * frame.bin_frequencies[:, None], waves(frame, depth)
@@ -74,9 +71,6 @@ def log_likelihood_ratio(frame, state, terms):
     μ is s = v / E, clipped to within a factor LIKENESS of g r (its square if there are other surfaces);
     D = μ − s + s ln(s / μ) is half the deviance of a Poisson number. A pixel with n = 0
     gives at least −DEAD_LIMIT.
-
-    Returns:
-        float32 [rows', K, cols'], nats; 0 where there is no point.
     """
     gives = state[:, :, INTENSITY] * frame.exposure[:, None]
     others = gives.sum(dim=1, keepdim=True) - gives
@@ -88,7 +82,7 @@ def log_likelihood_ratio(frame, state, terms):
 
 
 def trim(frame, state, terms, enough):
-    """Remove the points of rims that the photons of the rim do not show: r = 0, in place.
+    """Remove edge points not supported by the photons near the edge: r = 0, in place.
 
     A pixel with a surface is at the rim if RIM of the 8 around are used (g > 0) and have none. What the pixels of
     the rim within VOTE_RADIUS (a square) show is pooled: V = Σ v, p = Σ n, μ = Σ g r, over their points. A point of

@@ -41,11 +41,6 @@ def pooled_step(frame, state, terms, sigma, radius, fine, max_chi2):
     leaves the plane: Q is the mean square distance of the fitted depths from the new plane, of which their own noise
     makes std_before² − std². In the middle of a bowl the error² is twice that. Where S' = 0 nothing is known: T and 0.
     Of pixels without a point only intensity and score, both 0, mean anything.
-
-    Args:
-        sigma, radius: of the window, pixels; radius at most MARGIN.
-        fine: pixels; 1 + 3 i, so that cells begin where it ends.
-        max_chi2: as of `birth_death`.
     """
     if radius // CELL * CELL <= fine:           # no cell's centre is in the window
         return _step(frame, state, ((terms, min(radius, fine), -1, 1),), sigma, radius, max_chi2)

@@ -15,17 +15,7 @@ from srt3d_ros.kernels.torch.method.windows import across_sums, cell_sums, down_
 
 @fused
 def prepare(sums, photons, equaliser, used, taken=None, passed=None, mean=None):
-    """z_l = equaliser_l · sums_l − taken · passed_l β_l, and used · n: a frame's `matched` and `counts`, padded with 0.
-
-    Args:
-        sums: complex [rows, cols, m], Σ_p exp(i ω_l x_p).
-        photons: float32 [rows, cols], n.
-        equaliser: complex [rows or 1, cols or 1, m], conj(ĥ_l) with the pixel's delay; 0 masks it.
-        used: float32 [rows, cols], 1, or 0 in masked pixels.
-        taken: float32 [rows, cols], background photons to subtract; 0 in masked pixels. None for none.
-        passed: complex [rows or 1, cols or 1, m], q_l: a background photon adds q_l · exp(i ω_l x) to z_l.
-        mean: complex [m], β_l, the mean of exp(i ω_l x) of the background.
-    """
+    """z_l = equaliser_l · sums_l − taken · passed_l β_l, and used · n, padded with 0."""
     z = product(sums, equaliser)
     if taken is not None:
         z = (part - taken[..., None] * shown for part, shown in zip(z, product(passed, mean)))
@@ -37,10 +27,7 @@ def match(frame, surfaces):
     """t_k = arg max_t R(z, t), s_k = R(z, t_k) / E, then z_l −= s_k |ĥ_l|² exp(i ω_l t_k); for k = 1 … K.
 
     R has no frequency above max k_l: its peak is found on a grid of 4 max k_l cells (rounded up to 16), and by a
-    parabola through the highest one and its neighbours.
-
-    Returns depth, bins, less than a cell outside [0, T], and intensity (s_k)₊ / g, 0 where g = 0: float32
-    [rows', K, cols'].
+    parabola through the highest one and its neighbours. The intensity is (s_k)₊ / g, 0 where g = 0.
     """
     z, found = frame.matched, []
     for _ in range(surfaces):
@@ -93,10 +80,10 @@ class Pools(NamedTuple):
 def search(frame, matched, state, layer, sigma, step, enough, carried=None, confirmed=0.0, slanted=False):
     """Give open pixels the surface that one scale shows: score = p / √N · ρ(S E / p) / c(t) > `enough`.
 
-    A used pixel is open if it has no surface `layer`, but the one before. The open pixels around each cell are pooled:
-    z̄ = Σ w z, N = Σ w² n and G = Σ w g, with σ / step. Other pixels do not count, or surfaces would grow over pixels
-    that see background alone. t and S are `match` of z̄. q = Σ w² / Σ w is 1 for one pixel, 1/2 for
-    a Gaussian; p = N / q. Since S E ≤ Σ_l |z̄_l|, most cells that are not sure need no filter.
+    A pixel is open if it has `layer` surfaces and could get one more. The open pixels around each cell are pooled:
+    z̄ = Σ w z, N = Σ w² n and G = Σ w g, with σ / step. Other pixels do not count: otherwise surfaces
+    spread into background-only pixels. t and S are `match` of z̄. q = Σ w² / Σ w is 1 for one pixel, 1/2 for a Gaussian;
+    p = N / q. Since S E ≤ Σ_l |z̄_l|, most cells that are not sure need no filter.
 
     If `slanted`, windows along planes follow that rise or fall by SLANT · δ / σ to the right, downwards, or both: the
     sums of cells times exp(−i ω_l slope · position) are pooled, which adds up such a plane as a flat window adds up one
@@ -104,19 +91,8 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
     that has a score from SEEN_SCORE to SURE_SCORE; its own must be above SLANTED_SCORE and √STEEPER times as high.
 
     The cell's open pixels get depth t, the slopes, intensity S / G and standard deviation
-    √(q (S M₁ + (p − S)₊ M₀)) / (S C), at most T.
-
-    Args:
-        matched: float32 [rows', 2m, cols'], z: of the frame, or of `residual`.
-        state: changed in place.
-        layer: index of the surface that is searched for.
-        sigma: σ of the window, pixels; 0: every pixel on its own.
-        step: pixels along the side of a cell.
-        enough: standard deviations.
-        carried: the state of the frame before. Its depth and slopes stay, measured anew at that depth, where the
-            score there is above `confirmed`, and the new one is not better by MOVE_COST: (score² − score_old²) / 2.
-        confirmed: standard deviations.
-        slanted: for a sigma above 0, without `carried`.
+    √(q (S M₁ + (p − S)₊ M₀)) / (S C), at most T. A point of `carried` stays, measured anew at its depth, unless the
+    new one is better by MOVE_COST: (score² − score_old²) / 2.
     """
     found = _search_flat(frame, matched, state, layer, sigma, step, enough, carried, confirmed, slanted)
     if slanted:

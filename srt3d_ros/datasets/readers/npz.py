@@ -1,0 +1,103 @@
+"""Read .npz files: photons (docs/photon-file.md), one frame with its sensor, or what `save` wrote."""
+
+from itertools import takewhile
+from pathlib import Path
+
+import numpy as np
+
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
+from srt3d_ros.datasets import cloud_files, sketch_files
+from srt3d_ros.datasets.arrays import from_events, from_frame, from_pixels
+from srt3d_ros.datasets.photon_file import FIRST_REFERENCES, OTHER_REFERENCES
+from srt3d_ros.datasets.readers import cubes
+from srt3d_ros.datasets.reading import Reading
+from srt3d_ros.datasets.sensor_arrays import (
+    SENSOR_ARRAYS,
+    SENSOR_FIELDS,
+    sensor_options,
+    values_of,
+    vector,
+)
+from srt3d_ros.datasets.values import MAX_EVENTS, listing, sendable
+from srt3d_ros.errors import require
+from srt3d_ros.files.array_files import npz_contents, read_errors, read_npz_arrays
+
+COLUMNS, PIXEL_COLUMNS = ("row", "col", "toa"), ("pixel", "toa")
+KNOWN = (*SENSOR_ARRAYS, "pixel", *COLUMNS, "stamp_ns", *FIRST_REFERENCES, *OTHER_REFERENCES, "fov_deg", "kind")
+SIZES = ("rows", "cols", "num_bins")
+SAVED = {"cloud": cloud_files.read, "sketch": sketch_files.read}      # by `kind`
+PHOTONS = "row, col (or pixel) and toa of each photon (other names: --columns ROW,COL,TOA, or srt3d_ros.from_events)"
+WANTED = f"one numeric array [rows, cols, bins], or {PHOTONS}"
+
+
+def read(path: Path, options: dict) -> Reading:
+    """Photons of an .npz file, one by one or as counts, or a saved Sketch or Cloud; other arrays are ignored."""
+    arrays = read_npz_arrays(path, (*KNOWN, *options.get("columns", ())))
+    kind = arrays.pop("kind", None)         # unchecked: it may be anyone's
+    for name, read_saved in SAVED.items():
+        if np.array_equal(kind, name):
+            return read_saved(path, options)
+    if not _has_photons(arrays, options):
+        arrays = read_npz_arrays(path, KNOWN, and_cubes=True)
+    return from_arrays(path, arrays, options, WANTED, listing(npz_contents(path)))
+
+
+def from_arrays(path: Path, arrays: dict[str, np.ndarray], options: dict, wanted: str, listed: str) -> Reading:
+    """Photons of a file by the names of its arrays: those of an .npz photon file, or else the only array of counts.
+
+    Args:
+        wanted, listed: what the file should have, and what it has, for an error.
+    """
+    has_photons = _has_photons(arrays, options)
+    with read_errors(path):
+        if not has_photons and (not arrays.keys() >= {"counts", *SIZES} or "axes" in options):
+            return cubes.only_cube(path, arrays, options, wanted, listed)
+        usual = PIXEL_COLUMNS if "pixel" in arrays else COLUMNS
+        columns = options.get("columns", usual) if has_photons else ("counts",)
+        values = {name: options[name] for name in SENSOR_FIELDS if name in options}
+        values |= values_of({name: array for name, array in arrays.items()
+                             if name in KNOWN and name not in ("kind", *PIXEL_COLUMNS, *COLUMNS, *columns)})
+        for name in columns:
+            require(name in arrays, name, problem=f"The file has no {name}. It needs {PHOTONS}. It has {listed}.")
+        for name in SIZES:
+            require(name in values, name,
+                    problem=f"The file has no {name}: give it as an option or array. It has {listed}.")
+        own, stamp_ns = sensor_options(values), int(values.get("stamp_ns", 0))
+        if has_photons:
+            describe = from_pixels if columns == PIXEL_COLUMNS else from_events
+            # So that no photon is dropped that the option keeps.
+            used = own | {"num_bins": options.get("num_bins", own["num_bins"])}
+            sensor, frame, assumed = describe(*(_column(name, arrays[name]) for name in columns), stamp_ns, used)
+            sensor = sensor.replace(num_bins=own["num_bins"])
+        else:
+            counts = PhotonHistograms(np.ascontiguousarray(sendable(arrays["counts"])), stamp_ns)
+            sensor, frame, assumed = from_frame(counts, own)
+        reference = _reference(values, sensor)
+    notes = tuple(dict.fromkeys((*values.get("notes", ()), *assumed)))
+    others = {name: value for name, value in options.items() if name != "columns"}
+    return Reading(sensor, frame, reference, path.stem, notes).with_options(others)
+
+
+def _has_photons(arrays: dict[str, np.ndarray], options: dict) -> bool:
+    """Whether the arrays list photons one by one."""
+    return "columns" in options or not {"pixel", "toa"}.isdisjoint(arrays)
+
+
+def _column(name: str, values: np.ndarray) -> np.ndarray:
+    """Numbers [N] of the photons, also of MATLAB's N × 1 and 1 × N."""
+    require(values.dtype.kind in "iufb", f"{name} dtype", str(values.dtype), "numbers")
+    require(values.size <= MAX_EVENTS, "photons", values.size, f"at most {MAX_EVENTS}")
+    return vector(values)
+
+
+def _reference(values: dict, sensor: SensorModel) -> np.ndarray | None:
+    """Reference depths float32 [S, rows, cols], or None."""
+    first = next((name for name in FIRST_REFERENCES if name in values), None)
+    if first is None:
+        return None
+    names = [first, *takewhile(values.__contains__, OTHER_REFERENCES)]
+    shape = (sensor.rows, sensor.cols)
+    for name in names:
+        require(values[name].shape == shape, f"{name} shape", values[name].shape, f"{shape}")
+    return np.stack([values[name] for name in names]).astype(np.float32)
