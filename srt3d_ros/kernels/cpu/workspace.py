@@ -32,6 +32,7 @@ class Workspace:
         self.ratios = zeros(height, surfaces, width)                # of `log_likelihood_ratio`
         # The start: 1 where a pixel is open; by sizes of cells, these, and what each thread needs
         self.wanted, self.cells, self.searches, self.steering = zeros(height, width), {}, {}, steering(frequencies)
+        self.turns = {}                     # `turns_of`, by σ and slope
         for step in {cell_size(sigma) for sigma in (*START_SCALES, WIDE_SCALE)}:
             high, wide = padded_shape(-(-rows // step), -(-cols // step))
             self.cells[step] = Cells(zeros(high, twice, wide), *(zeros(high, 1, wide) for _ in range(3)))

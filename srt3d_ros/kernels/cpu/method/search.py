@@ -293,7 +293,8 @@ def search(work, frame, matched, state, layer, sigma, step, enough, carried=None
         weights, share, cells = maps.window_weights(sigma / step), 0.5, work.cells[step]
     if slanted:
         rise, asked = SLANT * frame.resolution / sigma, min(asked, SEEN)
-        turns = turns_of(weights, frame.bin_frequencies * (step * rise))
+        if (turns := work.turns.get((sigma, rise))) is None:
+            turns = work.turns[sigma, rise] = turns_of(weights, frame.bin_frequencies * (step * rise))
     scale = Scale(state, carried, weights, weights**2, turns, F32(rise), layer, step, F32(share), F32(asked),
                   F32(enough), F32(confirmed))
     _search(frame, pixels, cells, scale, work.steering, work.searches[step])
