@@ -235,7 +235,8 @@ def test_the_first_call_shows_that_it_compiles(repository):
             "def kernel(x): return x + 1\nkernel.__module__ = 'srt3d_ros.kernels.cpu.made_up'\n"
             "kernel = __import__('numba').njit(kernel)\nwith compiling(): kernel(1)\n")
     done = subprocess.run([sys.executable, "-c", code], cwd=repository, capture_output=True, text=True)
-    assert done.stderr.count("compiling kernels (`srt3d compile`") == 2 and f"1/{FIRST_KERNELS}" in done.stderr, done.stderr
+    assert done.stderr.count("compiling kernels (`srt3d compile`") == 2, done.stderr
+    assert f"1/{FIRST_KERNELS}" in done.stderr, done.stderr
 
 
 # ---- What is refused
