@@ -1,8 +1,6 @@
 """Cloud: the points of a frame with notes, to save and to draw: what a reconstruction returns."""
 
-import base64
 import html
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from numbers import Real
@@ -43,14 +41,15 @@ class Cloud(PointCloud):
 
     def _repr_html_(self) -> str:
         """For notebooks: the text with a picture below it; the text alone if a package for drawing is missing."""
-        text, file = f"<pre>{html.escape(repr(self))}</pre>", io.BytesIO()
+        text = f"<pre>{html.escape(repr(self))}</pre>"
         try:
             from srt3d_ros.pictures.annotations import draw_cloud
+            from srt3d_ros.pictures.figures import data_uri
         except ImportError:
             return text
         picture = draw_cloud(self, self.sensor, size_px=NOTEBOOK_PX).convert("RGB")
-        picture.quantize(NOTEBOOK_COLOURS).save(file, "PNG", optimize=True)
-        return f'{text}<img alt="" src="data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}">'
+        uri = data_uri(picture.quantize(NOTEBOOK_COLOURS), "png", optimize=True)
+        return f'{text}<img alt="" src="{uri}">'
 
     def save(self, path: str | Path) -> None:
         """Write the cloud by the suffix: .npz (everything), .ply, .rrd (for rerun); or draw it: .png, .jpg.

@@ -12,11 +12,15 @@ _ANCHORS = {
     "inferno": "000004 0a0722 1e0c45 380962 510e6c 69166e 801f6c 982766 b0315b "
                "c63d4d d94d3d e9612b f47918 fa9407 fcb014 f8cd37 f2ea69 fcffa4",
 }
+# Okabe and Ito (2008): distinct for any colour vision; all but black and yellow are visible on white and on black.
+ORANGE, SKY_BLUE, GREEN, YELLOW = "#e69f00", "#56b4e9", "#009e73", "#f0e442"
+BLUE, VERMILION, PURPLE, BLACK = "#0072b2", "#d55e00", "#cc79a7", "#000000"
 RANGE_MAP, PHOTON_MAP = "viridis", "inferno"
 BACKGROUND = (13, 16, 21)       # almost black; also where there is no value
 _LEAST_BRIGHT = 132     # brightest channel of the darkest colour that is visible on BACKGROUND
 _DARKEST = 0.5          # brightness of the points with the lowest intensity: their range can still be told
 _RANGE_SAMPLES = 4096
+_PERCENTILES = 2, 98     # the ends of a range
 _RANGE_RATE = 0.1       # share of the way to a new frame's range that AdaptiveRange moves
 
 
@@ -69,15 +73,15 @@ def point_table() -> np.ndarray:
     return packed(shaded(range_table()[:, None], np.arange(256)).reshape(-1, 3)).reshape(256, 256)
 
 
-def percentile_range(values: np.ndarray, low: float = 2, high: float = 98) -> tuple[float, float] | None:
-    """Percentiles of the finite values, sampled if there are many; None without any."""
+def percentile_range(values: np.ndarray) -> tuple[float, float] | None:
+    """The 2nd and 98th percentile of the finite values, sampled if there are many; None without any."""
     values = np.asarray(values).ravel()
     values = values[:: max(len(values) // _RANGE_SAMPLES, 1)]
     values = values[np.isfinite(values)]
     if len(values) == 0:
         return None
-    bottom, top = np.percentile(values, (low, high))
-    return float(bottom), float(top)
+    low, high = np.percentile(values, _PERCENTILES)
+    return float(low), float(high)
 
 
 class AdaptiveRange:

@@ -7,10 +7,10 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
+from srt3d_ros.pictures.colours import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY_BLUE, VERMILION
 from srt3d_ros.pictures.figures import save_png, titled_figure
 
-# Okabe and Ito (2008): distinct for any colour vision. Markers and dashes differ, too.
-METHOD_COLOURS = ("#d55e00", "#0072b2", "#009e73", "#000000", "#cc79a7", "#56b4e9", "#e69f00")
+METHOD_COLOURS = VERMILION, BLUE, GREEN, BLACK, PURPLE, SKY_BLUE, ORANGE      # markers and dashes differ, too
 _STYLES = (("o", "-"), ("v", ":"), ("^", "--"), ("D", (0, (5, 1, 1, 1))), ("P", (0, (1, 1))))
 _GRID = "#d9dce0"
 

@@ -1,5 +1,7 @@
 """Create titled figures and save them as small .png files."""
 
+import base64
+import io
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +27,13 @@ def as_image(figure: Figure) -> Image.Image:
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return Image.fromarray(np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3]))
+
+
+def data_uri(image: Image.Image, kind: str, **options) -> str:
+    """A picture as a data: URI; `kind` (png, jpeg) and options as for `Image.save`."""
+    data = io.BytesIO()
+    image.save(data, kind, **options)
+    return f"data:image/{kind};base64,{base64.b64encode(data.getvalue()).decode()}"
 
 
 def save_png(figure: Figure, path: Path) -> None:

@@ -7,11 +7,11 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.pictures.colours import PHOTON_MAP
+from srt3d_ros.pictures.colours import BLUE, PHOTON_MAP, VERMILION
 from srt3d_ros.pictures.figures import save_png, titled_figure
 
 _MOST_STEPS = 1200              # steps in the drawn histogram, about its width in pixels
-_PHOTON_COLOUR, _GATE_COLOUR, _IRF_COLOUR = "#0072b2", "#f3d9a4", "#d55e00"
+_PHOTON_COLOUR, _GATE_COLOUR, _IRF_COLOUR = BLUE, "#f3d9a4", VERMILION
 _IRF_SHOWN = 2e-3                # of its peak; the IRF's tails below it, which may span the period, are not shown
 
 

@@ -9,6 +9,7 @@ from srt3d_ros.core.sensor.projection import AngularScan, Projection
 
 _PERCENTILES = (0.5, 99.5)      # points outside count as outliers
 _FITTING_STEPS = 4              # each step leaves a few per cent of the error
+_MARGIN = 1.1                   # size of the view over that of the cloud
 _SHORTEST_M = 1e-3
 _MOST_POINTS = 8192
 _RADIUS_PER_PITCH = 0.6         # discs of neighbouring pixels just overlap
@@ -40,7 +41,7 @@ def sensor_axes(projection: Projection | None) -> np.ndarray:
 
 
 def look_at(xyz: np.ndarray, projection: Projection | None = None, yaw_deg: float = 15, pitch_deg: float = 10,
-            fov_deg: float = 30, aspect: float = 1.0, margin: float = 1.1) -> Viewpoint:
+            fov_deg: float = 30, aspect: float = 1.0) -> Viewpoint:
     """An eye for which the cloud fills the view, turned around its middle from the sensor's line of sight.
 
     Args:
@@ -49,13 +50,12 @@ def look_at(xyz: np.ndarray, projection: Projection | None = None, yaw_deg: floa
         yaw_deg, pitch_deg: positive to the right of and above the sensor.
         fov_deg: the eye's angle of view.
         aspect: width over height of the view.
-        margin: size of the view over that of the cloud.
     """
     forward, right, up = sensor_axes(projection)
     yaw, pitch = np.radians(yaw_deg), np.radians(pitch_deg)
     towards = np.cos(pitch) * (np.sin(yaw) * right - np.cos(yaw) * forward) + np.sin(pitch) * up
     xyz = _some_points(xyz, forward)
-    half = margin**-1 * np.tan(np.radians(fov_deg) / 2) * np.array([max(aspect, 1), max(1 / aspect, 1)])
+    half = _MARGIN**-1 * np.tan(np.radians(fov_deg) / 2) * np.array([max(aspect, 1), max(1 / aspect, 1)])
     low, high = np.percentile(xyz, _PERCENTILES, axis=0)
     target, distance = (low + high) / 2, max(2 * float(np.linalg.norm(high - low)), _SHORTEST_M)
     for _ in range(_FITTING_STEPS):

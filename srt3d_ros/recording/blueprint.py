@@ -4,20 +4,20 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.pictures.colours import BACKGROUND
+from srt3d_ros.pictures.colours import BACKGROUND, GREEN, ORANGE, SKY_BLUE, YELLOW
 from srt3d_ros.pictures.viewpoint import Viewpoint
 from srt3d_ros.recording import entities
 from srt3d_ros.recording.entities import FRAME_INDEX, metric_path
 
-# Legend and colour of each metric (Okabe and Ito's colours, for any colour vision).
+# Legend and colour of each metric.
 SERIES = {
-    "latency_ms": ("end to end", (240, 228, 66)),
-    "latency_sketch_ms": ("sketch", (0, 158, 115)),
-    "latency_reconstruct_ms": ("reconstruct", (86, 180, 233)),
-    "points": ("points", (86, 180, 233)),
-    "photons": ("photons", (0, 158, 115)),
-    "ppp": ("photons per pixel", (0, 158, 115)),
-    "frame_rate_hz": ("clouds/s", (230, 159, 0)),
+    "latency_ms": ("end to end", YELLOW),
+    "latency_sketch_ms": ("sketch", GREEN),
+    "latency_reconstruct_ms": ("reconstruct", SKY_BLUE),
+    "points": ("points", SKY_BLUE),
+    "photons": ("photons", GREEN),
+    "ppp": ("photons per pixel", GREEN),
+    "frame_rate_hz": ("clouds/s", ORANGE),
 }
 # Plots and their metrics, from the first tab to the last.
 PLOTS = {
@@ -61,7 +61,7 @@ def film_blueprint(eye: Viewpoint, sensor: SensorModel, images: tuple[str, ...],
 
 def plot_styles() -> dict[str, rr.SeriesLines]:
     """Style of each plotted metric by entity path."""
-    return {metric_path(name): rr.SeriesLines(colors=colour, names=title, widths=1.5)
+    return {metric_path(name): rr.SeriesLines(colors=int(f"{colour[1:]}ff", 16), names=title, widths=1.5)
             for name, (title, colour) in SERIES.items()}
 
 

@@ -1,7 +1,5 @@
 """The pictures of a report: notable clouds, clouds over time, and the images of a typical frame."""
 
-import base64
-import io
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +8,7 @@ from PIL import Image
 from srt3d_ros.pictures.annotations import annotated, length_text
 from srt3d_ros.pictures.cloud_renderer import CloudStyle
 from srt3d_ros.pictures.colours import BACKGROUND, PHOTON_MAP, colour_table, levels, percentile_range, range_table
+from srt3d_ros.pictures.figures import data_uri
 from srt3d_ros.pictures.viewpoint import look_at
 from srt3d_ros.recording import entities
 from srt3d_ros.review.recorded import Recorded
@@ -70,12 +69,12 @@ def _cloud_picture(recorded: Recorded, position: int, title: str, image: Image.I
         figures.append(f"latency {latency_ms:.0f} ms")
     stamp = iso_time(index.stamp_ns[position]).replace("T", " ").replace("Z", " UTC")
     return Picture(f"Frame {index.frame_index[position]}: {title}", ", ".join([*figures, stamp]),
-                   _uri(image, "jpeg", **_JPEG))
+                   data_uri(image, "jpeg", **_JPEG))
 
 
 def _thumbnail(recorded: Recorded, position: int, image: np.ndarray) -> Picture:
     caption = f"frame {recorded.index.frame_index[position]}, {recorded.index.points[position]:,} points"
-    return Picture(f"{recorded.seconds[position]:.1f} s", caption, _uri(Image.fromarray(image), "jpeg", **_JPEG))
+    return Picture(f"{recorded.seconds[position]:.1f} s", caption, data_uri(Image.fromarray(image), "jpeg", **_JPEG))
 
 
 def _images(recorded: Recorded, frame: int) -> list[Picture]:
@@ -90,11 +89,5 @@ def _images(recorded: Recorded, frame: int) -> list[Picture]:
                 table, ends = colour_table(PHOTON_MAP), f"{low:.3g} … {high:.3g} {unit}"
             colours = table[levels(values, low, high)]
             colours[~np.isfinite(values)] = BACKGROUND
-            pictures.append(Picture(title, ends, _uri(Image.fromarray(colours), "png", optimize=True)))
+            pictures.append(Picture(title, ends, data_uri(Image.fromarray(colours), "png", optimize=True)))
     return pictures
-
-
-def _uri(image: Image.Image, kind: str, **options) -> str:
-    data = io.BytesIO()
-    image.save(data, kind, **options)
-    return f"data:image/{kind};base64,{base64.b64encode(data.getvalue()).decode()}"

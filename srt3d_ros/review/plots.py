@@ -10,15 +10,14 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from srt3d_ros.pictures.colours import BLUE, GREEN, ORANGE, PURPLE, SKY_BLUE, VERMILION
 from srt3d_ros.pictures.figures import DPI
 from srt3d_ros.recording.reader import Series
 from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.summary import find_gaps, longest_gaps
 
 TIME = "seconds since the first cloud"
-# Okabe and Ito (2008): distinct for any colour vision, visible on white and on black.
-LINE_COLOURS = ("#e69f00", "#0072b2", "#009e73", "#cc79a7", "#56b4e9")
-_GAP_COLOUR = "#d55e00"
+_LINE_COLOURS, _GAP_COLOUR = (ORANGE, BLUE, GREEN, PURPLE, SKY_BLUE), VERMILION
 _PAGE_COLOUR = "#010203"            # placeholder of the page's text colour
 _SIZE_IN = (5.2, 2.35)
 _MOST_PARTS = 600                   # longer lines are drawn as median and range of so many parts
@@ -46,7 +45,7 @@ def _draw_lines(lines: dict[str, tuple[np.ndarray, np.ndarray]], label: str, gap
     def draw(axes: Axes) -> None:
         for first, last in gaps:
             axes.axvspan(first, last, color=_GAP_COLOUR, alpha=0.3, linewidth=1)
-        for (name, (x, y)), colour in zip(lines.items(), LINE_COLOURS):
+        for (name, (x, y)), colour in zip(lines.items(), _LINE_COLOURS):
             finite = np.isfinite(y)
             _draw_line(axes, x[finite], y[finite], color=colour, label=name, linewidth=1.3)
         if len(lines) > 1:
