@@ -95,9 +95,9 @@ def test_each_step_of_a_packet_is_where_the_architecture_says():
     assert len(rows) > 15
     for files, functions in rows:
         code = "".join((ROOT / "srt3d_ros" / file).read_text(encoding="utf-8") for file in re.findall("`(.+?)`", files))
-        names = re.findall(r"\w+", " ".join(re.findall("`(.+?)`", functions)))
-        assert names and [name for name in names if not re.search(rf"\b(def |class ){name}\b|^ *{name}[ :]", code, re.M)
-                          ] == [], files
+        missing = [name for name in re.findall(r"\w+", "".join(re.findall("`.+?`", functions)))
+                   if not re.search(rf"(?m)(def|class) {name}\b|^{name} = |^    {name}: ", code)]
+        assert missing == [], files
 
 
 def test_the_files_that_the_readme_links_to_exist():
