@@ -39,7 +39,7 @@ def _prepare(sums: SUMS, photons: float32[:, ::1], equaliser: complex64[:, :, ::
 
 
 def prepare(work, sums, photons, equaliser, used, taken=None, passed=None, mean=None):
-    rows, cols, m = sums.shape
+    rows, cols = photons.shape
     if taken is None:
         taken, passed, mean = NOTHING
     _prepare(sums, photons, equaliser, used, taken, passed, mean,
