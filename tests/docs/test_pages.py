@@ -18,7 +18,7 @@ from srt3d_ros.errors import InvalidInput
 from srt3d_ros.nodes import all_specs
 from srt3d_ros.nodes.topics import NodeSpec
 
-from .pages import PAGES, ROOT, command_lines, inline
+from .pages import PAGES, ROOT, command_lines, inline, section
 
 FOLDERS = ("benchmarks", "config", "docs", "examples", "launch", "msg_schemas", "scripts", "tests", "tools",
            *(folder.name for folder in (ROOT / "srt3d_ros").iterdir() if folder.is_dir()))
@@ -87,6 +87,17 @@ def test_what_the_page_names_exists(page, options):
     named = {option for code in codes if code.startswith("srt3d ") for option in re.findall(r"(?<!\S)--[a-z-]+", code)}
     assert named <= options
     assert {name for code in inline(PAGES[page]) for name in re.findall(r"^(\w+):=", code)} <= PARAMETERS
+
+
+def test_each_step_of_a_packet_is_where_the_architecture_says():
+    rows = [row.split(" | ")[1:] for row in section(PAGES["docs/architecture.md"], "A packet").splitlines()
+            if row.startswith("| ") and ".py`" in row]
+    assert len(rows) > 15
+    for files, functions in rows:
+        code = "".join((ROOT / "srt3d_ros" / file).read_text(encoding="utf-8") for file in re.findall("`(.+?)`", files))
+        missing = [name for name in re.findall(r"\w+", "".join(re.findall("`.+?`", functions)))
+                   if not re.search(rf"(?m)(def|class) {name}\b|^{name} = |^    {name}: ", code)]
+        assert missing == [], files
 
 
 def test_the_files_that_the_readme_links_to_exist():

@@ -14,6 +14,7 @@ from srt3d_ros.kernels.cpu.vectors import lanes_of, load, store, where
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, LANES, MARGIN, VALUE
 
 SUMS = read_only(complex64[:, :, ::1])
+NOTHING = np.zeros((0, 0), np.float32), np.zeros((1, 1, 0), np.complex64), np.zeros(0, np.complex64)
 
 
 @parallel
@@ -27,19 +28,20 @@ def _prepare(sums: SUMS, photons: float32[:, ::1], equaliser: complex64[:, :, ::
         for l in range(m):
             for j in range(cols):           # by parts: processors round complex products differently
                 z, e = sums[i, j, l], equaliser[i * by_row, j * by_col, l]
+                matched[i, l, j] = z.real * e.real - z.imag * e.imag
+                matched[i, m + l, j] = z.real * e.imag + z.imag * e.real
+            for j in range(cols if len(taken) > 0 else 0):
                 q, b = passed[i * passed_by_row, j * passed_by_col, l], mean[l]
-                matched[i, l, j] = z.real * e.real - z.imag * e.imag - taken[i, j] * (q.real * b.real - q.imag * b.imag)
-                matched[i, m + l, j] = (z.real * e.imag + z.imag * e.real
-                                        - taken[i, j] * (q.real * b.imag + q.imag * b.real))
+                matched[i, l, j] -= taken[i, j] * (q.real * b.real - q.imag * b.imag)
+                matched[i, m + l, j] -= taken[i, j] * (q.real * b.imag + q.imag * b.real)
         for j in range(cols):
             counts[i, j] = photons[i, j] * used[i, j]
 
 
 def prepare(work, sums, photons, equaliser, used, taken=None, passed=None, mean=None):
-    rows, cols, m = sums.shape
+    rows, cols = photons.shape
     if taken is None:
-        taken = np.zeros((rows, cols), np.float32)
-        passed, mean = np.zeros((1, 1, m), np.complex64), np.zeros(m, np.complex64)
+        taken, passed, mean = NOTHING
     _prepare(sums, photons, equaliser, used, taken, passed, mean,
              maps.crop(work.matched, rows, cols), maps.crop(work.counts, rows, cols))
     return work.matched, work.counts
