@@ -116,7 +116,7 @@ def _save_ply(cloud: PointCloud, path: Path, _: tuple[str, ...]) -> None:
 
 
 def _save_recording(cloud: PointCloud, path: Path, notes: tuple[str, ...]) -> None:
-    from srt3d_ros.recording.still import record_cloud
+    from srt3d_ros.recording.writer import record_cloud
 
     path.unlink()       # a recording replaces no file
     record_cloud(cloud, path, notes)

@@ -35,7 +35,7 @@ def points(columns: Mapping[str, np.ndarray], colour: np.ndarray, radius_m: floa
         colour: uint32 [N], 0xRRGGBBAA.
         radius_m: radius of the points; 0 for a fixed size on the screen.
     """
-    # Arrow arrays, because rerun cannot infer the type of an empty NumPy array and warns.
+    # Arrow arrays, because rerun 0.41 cannot infer the type of an empty NumPy array and warns.
     values = {name: pa.array(column) for name, column in columns.items()
               if name == INTENSITY_COMPONENT or name in OF_FULL_CLOUDS}
     radius = radius_m or rr.Radius.ui_points(1.5)

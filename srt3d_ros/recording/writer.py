@@ -14,13 +14,14 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.files.new_files import free
 from srt3d_ros.messages import sensor_message
 from srt3d_ros.pictures.colours import AdaptiveRange, levels, point_table
 from srt3d_ros.pictures.viewpoint import look_at, point_radius_m
 from srt3d_ros.processes.children import end_at_once
-from srt3d_ros.recording import entities, rerun_streams
+from srt3d_ros.recording import entities, rerun_patches
 from srt3d_ros.recording.blueprint import film_blueprint, plot_styles
 
 # A flush writes a chunk of each entity, and rerun keeps 3 kB of index per chunk in memory until the file is finished.
@@ -35,6 +36,7 @@ _TYPES = {"row": np.uint16, "col": np.uint16, "surface": np.uint8}      # other 
 _RADIUS_SAMPLES = 4096
 _RATE_CLOUDS = 10           # whose stamps give the playing speed; the view waits for them, or for the end
 _USUAL_RATE_HZ = 10.0       # if stamps do not grow
+_STILL_IMAGES = entities.DEPTH_PATH, entities.INTENSITY_PATH, entities.BACKGROUND_PATH
 _VIEWER_FOV_DEG, _VIEW_ASPECT = 55, 1.2     # the viewer's 3D view on a wide screen
 
 
@@ -73,13 +75,13 @@ class RecordingWriter(AbstractContextManager):
         self._stream: rr.RecordingStream | None = None      # None once finished
         try:
             self._check_disk()
-            self._create_file()
+            rerun_patches.create_file(self.path)
         except OSError as error:
             raise self._failure(error) from None
         self._stream = rr.RecordingStream(entities.APPLICATION_ID, recording_id=str(uuid.uuid4()),
                                           batcher_config=BATCHING)
         self._stream.save(self.path)
-        # Runs before rerun's exit handler, which can deadlock with a thread that still logs.
+        # Runs before rerun's exit handler, which in rerun 0.41 can deadlock with a thread that still logs.
         atexit.register(self.close)
         self._flushed_s = time.monotonic()
         self._log_static(properties or {})
@@ -177,17 +179,12 @@ class RecordingWriter(AbstractContextManager):
         self._stream.log(entities.SENSOR_PATH, *entities.field_of_view(self._sensor, self._framed), static=True)
         eye = look_at(self._framed, self._sensor.projection, fov_deg=_VIEWER_FOV_DEG, aspect=_VIEW_ASPECT)
         blueprint = film_blueprint(eye, self._sensor, self._images, None if self._still else self._rate_hz())
-        rerun_streams.send_blueprint(self._stream, blueprint)
+        rerun_patches.send_blueprint(self._stream, blueprint)
 
     def _rate_hz(self) -> float:
         """Clouds per second of sensor time, whatever frames were lost."""
         step_ns = float(np.median(np.diff(self._stamps_ns))) if len(self._stamps_ns) > 1 else 0.0
         return 1e9 / step_ns if step_ns > 0 else _USUAL_RATE_HZ
-
-    def _create_file(self) -> None:
-        """Create the file to raise OSError here: rerun would wait for ever. Its header overwrites the byte."""
-        with self.path.open("xb") as file:
-            file.write(b"R")
 
     def _check_disk(self) -> None:
         left = shutil.disk_usage(self.path.parent).free
@@ -208,4 +205,21 @@ class RecordingWriter(AbstractContextManager):
         if ending.is_alive():
             atexit.register(end_at_once, 1)     # called before rerun's handler: last registered, first called
         else:
-            rerun_streams.free_ended()
+            rerun_patches.free_ended()
+
+
+def record_cloud(cloud: PointCloud, path: Path, notes: tuple[str, ...] = ()) -> None:
+    """Write a recording of one frame to a new file; OSError if that fails."""
+    facts = {"method": cloud.method, "device": cloud.device, "frequencies": cloud.frequencies, "notes": notes}
+    at, pixels = (cloud.stamp_ns, 0), cloud.background.size
+    images = (cloud.depth_image(cloud.sensor.projection), cloud.image("intensity"), cloud.background)
+    try:
+        with RecordingWriter(path, cloud.sensor, {entities.RUN: facts}, images=_STILL_IMAGES, still=True) as writer:
+            writer.log_cloud(*at, cloud.xyz, cloud.intensity, row=cloud.row, col=cloud.col, surface=cloud.surface,
+                             depth_std=cloud.depth_std_bins * cloud.sensor.bin_width_m)
+            for name, image in zip(_STILL_IMAGES, images):
+                writer.log_image(name, *at, image)
+            writer.log_scalars(cloud.stamp_ns, {"points": len(cloud), "photons": cloud.photons,
+                                                "ppp": cloud.photons / pixels}, 0)
+    except RecordingFailed as error:
+        raise OSError(error.why) from None

@@ -163,14 +163,15 @@ HANGING_DISK = """
 import os, sys
 import numpy as np
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.recording import writer
+from srt3d_ros.recording import rerun_patches, writer
 
-def create_file(self):
-    os.mkfifo(self.path)
-    self.end = os.open(self.path, os.O_RDONLY | os.O_NONBLOCK)      # which nobody reads from
+def create_file(path):
+    global end
+    os.mkfifo(path)
+    end = os.open(path, os.O_RDONLY | os.O_NONBLOCK)        # which nobody reads from
 
 writer.FLUSH_TIMEOUT_S = writer.END_TIMEOUT_S = 0.5
-writer.RecordingWriter._create_file = create_file
+rerun_patches.create_file = create_file
 one = writer.RecordingWriter(sys.argv[1], SensorModel(2, 3, 50, 1e-10, np.ones(3)))
 try:
     while True:
@@ -224,7 +225,7 @@ def threads_of_streams() -> int:
 
 
 def test_a_recording_is_one_whole_file_that_replaces_none_and_leaves_no_threads_behind(tmp_path, ball):
-    """Without rerun_streams, rerun keeps two threads for each file and two for its blueprint."""
+    """Without rerun_patches, rerun keeps two threads for each file and two for its blueprint."""
     before = threads_of_streams()
     (tmp_path / "a.rrd").write_bytes(b"older")
     with RecordingWriter(tmp_path / "a.rrd", ball[1], {"run": {"namespace": "/"}}) as writer:
