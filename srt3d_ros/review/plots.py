@@ -14,7 +14,7 @@ from srt3d_ros.pictures.colours import BLUE, GREEN, ORANGE, PURPLE, SKY_BLUE, VE
 from srt3d_ros.pictures.figures import DPI
 from srt3d_ros.recording.reader import Series
 from srt3d_ros.review.recorded import Recorded
-from srt3d_ros.review.summary import find_gaps, longest_gaps
+from srt3d_ros.review.summary import find_gaps, longest_gaps, number_text
 
 TIME = "seconds since the first cloud"
 _LINE_COLOURS, _GAP_COLOUR = (ORANGE, BLUE, GREEN, PURPLE, SKY_BLUE), VERMILION
@@ -85,7 +85,7 @@ def _svg(draw: Callable[[Axes], None]) -> str:
         draw(axes)
         for axis, most in ((axes.xaxis, 7), (axes.yaxis, 5)):
             axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
-            axis.set_major_formatter(lambda value, _: f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}")
+            axis.set_major_formatter(lambda value, _: number_text(value, 4))
         text = io.StringIO()
         FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None, "Creator": None})
     svg = text.getvalue()

@@ -117,8 +117,10 @@ def rows(summary: dict) -> list[tuple[str, str]]:
     found += [("latency" if stage == "total" else f"latency, {stage}",
                f"median {v['p50']:,.1f} ms, 95 % {v['p95']:,.1f} ms, worst {v['max']:,.1f} ms")
               for stage, v in s["latency_ms"].items()]
-    found += [(title, f"median {_number(s[name]['median'])}, {_number(s[name]['min'])} … {_number(s[name]['max'])}")
-              for name, title in _SPREADS.items() if s[name]]
+    for name, title in _SPREADS.items():
+        if s[name]:
+            median, least, most = (number_text(s[name][key]) for key in ("median", "min", "max"))
+            found.append((title, f"median {median}, {least} … {most}"))
     found.append(("size", f"{s['bytes_per_point']:.3g} bytes a point, all included"))
     if s["log"]:
         found.append(("log", log_counts(s)))
@@ -178,8 +180,9 @@ def _gaps(summary: dict) -> str:
             f"{longest['seconds']:.3g} s, at {longest['at_s']:.1f} s, after frame {longest['after_frame']}")
 
 
-def _number(value: float) -> str:
-    return f"{value:,.0f}" if value >= 1000 or value == round(value) else f"{value:.3g}"
+def number_text(value: float, digits: int = 3) -> str:
+    """A number in so many digits, whole from 1,000 on."""
+    return f"{value:,.0f}" if abs(value) >= 1000 or value == round(value) else f"{value:.{digits}g}"
 
 
 def _duration(seconds: float) -> str:
