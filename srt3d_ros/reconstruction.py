@@ -44,20 +44,23 @@ class Reconstructor:
         require(false_alarm_rate is None or isinstance(false_alarm_rate, Real), "false_alarm_rate",
                 quoted(false_alarm_rate), "a probability")
         self._frequencies = tuple(as_array("frequencies", frequencies, 1, "iuf").tolist())
-        self._on_photons = find(method).needs == "photons"
+        chosen = find(method)
+        self._on_photons = chosen.needs == "photons"
         require(self._frequencies or self._on_photons, "frequencies",
                 problem=f"{method} reads sketches: give their frequencies, sketch.frequencies.")
         options = {"surfaces": surfaces, "device": device, "false_alarm_rate": false_alarm_rate,
                    "background": background, "warm_start": warm_start or None}
-        self._build = partial(find(method).build, sensor, self._frequencies,
+        self._build = partial(chosen.build, sensor, self._frequencies,
                               **{name: value for name, value in options.items() if value is not None})
         self._name, self._surfaces, self._is_warm = method, surfaces, False
-        has_gpu_kernels = "device" in find(method).options
+        if "device" not in chosen.options:
+            self.device, self.device_reason = "cpu", f"{method} runs on the CPU"
+            self._method = self._build()
+            return
         self.device, self.device_reason = device_for(
-            device, sensor, self._frequencies, lambda name: self._build(device=name)) if has_gpu_kernels else (
-            "cpu", f"{method} runs on the CPU")
+            device, sensor, self._frequencies, lambda name: self._build(device=name))
         try:
-            self._method = self._build(device=self.device) if has_gpu_kernels else self._build()
+            self._method = self._build(device=self.device)
         except RuntimeError as error:
             self._fall_back(error)
 

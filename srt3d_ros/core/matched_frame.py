@@ -45,7 +45,7 @@ class MatchedFrame:
         total_energy: Σ|ĥ_l|², the curvature of the data term in intensity.
         curvature: Σ ω_l² |ĥ_l|², bins⁻²: times r², the curvature of the data term in depth.
         clutter: float32 [T], 1 or more: standard deviation of matched filters at each bin, relative to an even
-            background; None if the background is even.
+            background.
         size: rows, cols if the maps are padded (`kernels.maps`): float32 [rows', 2m, cols'] and [rows', cols'].
     """
 
@@ -62,7 +62,7 @@ class MatchedFrame:
     background_table: np.ndarray
     total_energy: float
     curvature: float
-    clutter: np.ndarray | None = None
+    clutter: np.ndarray
     size: tuple[int, int] | None = None
 
     @property

@@ -68,9 +68,9 @@ class PileUp:
         error = np.where(saturated(sketch, sensor)[at], np.hypot(error, shift), error)
         depth = sensor.wrapped(cloud.depth_bins - shift)
         cloud = replace(cloud, depth_bins=depth, xyz=sensor.xyz(cloud.row, cloud.col, depth),
-                              intensity=(sketch.cycles * signal / sensor.exposure[at]).astype(np.float32),
-                              depth_std_bins=np.hypot(cloud.depth_std_bins, error).astype(np.float32),
-                              background=self._kernels.background(left, sensor.exposure))
+                        intensity=(sketch.cycles * signal / sensor.exposure[at]).astype(np.float32),
+                        depth_std_bins=np.hypot(cloud.depth_std_bins, error).astype(np.float32),
+                        background=self._kernels.background(left, sensor.exposure))
         return cloud, background_share
 
     def _fluxes(self, cloud: PointCloud, sketch: PhaseSums, flux: np.ndarray) -> tuple[np.ndarray, ...]:

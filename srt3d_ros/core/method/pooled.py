@@ -90,9 +90,10 @@ def search(kernels: Kernels, data, points, scales, enough, further, start=None, 
 def iterate(kernels: Kernels, data, points, window: Window):
     """Birth and death of points, then Gauss-Newton steps on the data terms pooled over the window."""
     points, terms = kernels.birth_death(data, points, kernels.expand(data, points), SAME_SURFACE**2)
+    radius = ceil(REACH * window.sigma)
     for step in range(window.steps):
-        terms = kernels.expand(data, points) if step > 0 else terms
-        radius = ceil(REACH * window.sigma)
+        if step > 0:
+            terms = kernels.expand(data, points)
         points = kernels.pooled_step(data, points, terms, window.sigma, radius, window.fine, SAME_SURFACE**2)
     return points
 
@@ -106,7 +107,7 @@ class Frames:
     """
 
     def __init__(self, matcher: Matcher, device: str, surfaces: int, explains: bool = True):
-        self.surfaces, sensor = surfaces, matcher.sensor
+        sensor = matcher.sensor
         self.kernels = kernels_for(device).for_shape(sensor.rows, sensor.cols, surfaces, matcher.frequencies)
         self._sensor = matcher.on(self.kernels)
         self.run = self.kernels.as_frame(partial(frame, self.kernels, self._sensor, surfaces, explains))
@@ -204,20 +205,20 @@ class Pooled:
     def warm_up(self) -> None:
         """Compile the kernels, or load them from the disk, by frames of each kind.
 
-        A CPU needs few pixels for that. A GPU records frames with and without a background, and a start.
+        On a CPU, few pixels with any number of surfaces use all of them. A GPU records frames with and without a
+        background, and a start.
         """
-        sensor = self.sensor.cropped(slice(8), slice(8)) if self.device == "cpu" else self.sensor
-        matcher = Matcher(sensor, self._matcher.frequencies)
-        sketch = noise_sketch(sensor, matcher.frequencies)
+        is_even, matcher = self._background.is_even, self._matcher
+        if self.device == "cpu":
+            matcher = Matcher(self.sensor.cropped(slice(8), slice(8)), matcher.frequencies)
+            several = [Frames(matcher, self.device, self.surfaces, not is_even)]
+        else:
+            several = [self._frames] if self.surfaces == 1 or is_even else [self._frames, self._one_surface]
+        sketch = noise_sketch(matcher.sensor, matcher.frequencies)
         uneven = RemovedBackground(sketch.photons.astype(np.float32), np.zeros(len(matcher.frequencies), np.complex64),
-                                   np.ones(sensor.num_bins, np.float32))
-        several = [self._frames]
-        if self.surfaces > 1 and not self._background.is_even:
-            several.append(self._one_surface)
+                                   np.ones(self.sensor.num_bins, np.float32))
         for frames in several:
-            if self.device == "cpu":
-                frames = Frames(matcher, self.device, frames.surfaces, not self._background.is_even)
-            for removed in ((),) if self._background.is_even else ((), uneven):
+            for removed in ((),) if is_even else ((), uneven):
                 start = frames(self._scores, sketch, removed).points
                 if self._warm_start:
                     frames(self._scores, sketch, removed, deepcopy(start))

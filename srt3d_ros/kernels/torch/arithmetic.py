@@ -28,7 +28,7 @@ def pad(image):
 
 def noise_ratio(frame, depth):
     """c(t), by which scores at these depths exceed standard deviations: `clutter` at the nearest bin."""
-    return 1.0 if frame.clutter is None else frame.clutter[depth.round().long() % frame.num_bins]
+    return frame.clutter[depth.round().long() % frame.num_bins]
 
 
 def wrap(difference, period):

@@ -3,17 +3,14 @@
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
-import numpy as np
 from numba import float32
 
 from srt3d_ros.kernels.cpu.arithmetic import F32
 from srt3d_ros.kernels.maps import MAX_STD
 
-EVEN = np.ones(1, np.float32)       # clutter of an even background
-
 
 class Frame(NamedTuple):
-    """The fields of `MatchedFrame` that kernels read, and two lengths. An even background has `clutter` of size 1."""
+    """The fields of `MatchedFrame` that kernels read, and two lengths."""
 
     matched: float32[:, :, ::1]
     counts: float32[:, ::1]
@@ -38,7 +35,7 @@ class Frame(NamedTuple):
             return frame
         if frame not in FRAMES:
             arrays = (frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, frame.moments,
-                      frame.intensity_moments, frame.background_table, EVEN if frame.clutter is None else frame.clutter)
+                      frame.intensity_moments, frame.background_table, frame.clutter)
             numbers = (frame.max_response, frame.total_energy, frame.curvature, frame.num_bins, frame.resolution_bins,
                        MAX_STD * frame.num_bins)
             FRAMES[frame] = cls(*arrays, *map(F32, numbers))
