@@ -14,7 +14,7 @@ from datetime import date
 from importlib import import_module
 from pathlib import Path
 
-from srt3d_ros.nodes.versions import versions
+from srt3d_ros.nodes.common.versions import versions
 
 NAMES = ("ablation", "accuracy", "calibration", "false_alarms", "figure1", "gpu", "gpu_cost", "motion", "pileup", "ros",
          "table1", "two_machines")

@@ -3,8 +3,8 @@
 import textwrap
 from collections.abc import Iterable
 
-from srt3d_ros.nodes.parameters import Parameter, Value
-from srt3d_ros.nodes.topics import DIAGNOSTICS, FRAMES, MOTION, NodeSpec, Topic
+from srt3d_ros.nodes.common.parameters import Parameter, Value
+from srt3d_ros.nodes.common.topics import DIAGNOSTICS, FRAMES, MOTION, NodeSpec, Topic
 from tools.schema_tables import table
 
 OUTSIDE = dict.fromkeys(("sensor", *(topic.name for topic in FRAMES)), "your driver") | {

@@ -50,7 +50,7 @@ class Listener:
         from diagnostic_msgs.msg import DiagnosticArray
         from rclpy.signals import SignalHandlerOptions
 
-        from srt3d_ros.nodes.reports import Reports, in_a_line
+        from srt3d_ros.nodes.common.reports import Reports, in_a_line
 
         transport.reserve_stale_ports()
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)

@@ -9,9 +9,9 @@ from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.stream import SketchStream
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import odometry
-from srt3d_ros.nodes import topics
-from srt3d_ros.nodes.base import LOG_EVERY_S, QUEUE_DEPTH, PipelineNode
-from srt3d_ros.nodes.parameters import Parameter
+from srt3d_ros.nodes.common import topics
+from srt3d_ros.nodes.common.base import LOG_EVERY_S, QUEUE_DEPTH, PipelineNode
+from srt3d_ros.nodes.common.parameters import Parameter
 
 READERS = {"odom": odometry.decode_odometry, "imu": odometry.decode_imu}
 MOTION_SOURCES = ("off", *READERS)

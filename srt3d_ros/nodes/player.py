@@ -11,14 +11,14 @@ from srt3d_ros.datasets import SIMULATOR
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
 from srt3d_ros.errors import BAD_INPUT, InvalidInput, require
 from srt3d_ros.messages import cdr
-from srt3d_ros.nodes import topics
-from srt3d_ros.nodes.base import FOLLOW_DEPTH, POLL_S, PipelineNode
-from srt3d_ros.nodes.lifecycle import run
-from srt3d_ros.nodes.parameters import Parameter
-from srt3d_ros.nodes.peers import all_acknowledged, unacknowledged_by
-from srt3d_ros.nodes.reports import Chain, Reports
+from srt3d_ros.nodes.common import topics
+from srt3d_ros.nodes.common.base import FOLLOW_DEPTH, POLL_S, PipelineNode
+from srt3d_ros.nodes.common.lifecycle import run
+from srt3d_ros.nodes.common.parameters import Parameter
+from srt3d_ros.nodes.common.peers import all_acknowledged, unacknowledged_by
+from srt3d_ros.nodes.common.reports import Chain, Reports
+from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.sources import PACKETS, open_source
-from srt3d_ros.nodes.topics import NodeSpec
 from srt3d_ros.processes.node_command import FRAMES_LOST
 
 ACKNOWLEDGE_S = 5.0

@@ -19,13 +19,13 @@ from srt3d_ros.kernels.devices import DEVICES, kernels_for
 from srt3d_ros.messages import images_message as image_message
 from srt3d_ros.messages import points_message, sketch_message
 from srt3d_ros.messages.images_message import camera_info
-from srt3d_ros.nodes import topics
-from srt3d_ros.nodes.base import PipelineNode, sensor_summary
-from srt3d_ros.nodes.lifecycle import run
-from srt3d_ros.nodes.parameters import Parameter, Value
+from srt3d_ros.nodes.common import topics
+from srt3d_ros.nodes.common.base import PipelineNode, sensor_summary
+from srt3d_ros.nodes.common.lifecycle import run
+from srt3d_ros.nodes.common.parameters import Parameter, Value
+from srt3d_ros.nodes.common.topics import NodeSpec
+from srt3d_ros.nodes.common.worker import Dropped
 from srt3d_ros.nodes.sketch_queue import QueuedSketch, SketchQueue
-from srt3d_ros.nodes.topics import NodeSpec
-from srt3d_ros.nodes.worker import Dropped
 from srt3d_ros.reconstruction import Reconstructor
 
 PARAMETERS = (

@@ -18,13 +18,13 @@ from srt3d_ros.errors import require
 from srt3d_ros.files.new_files import free
 from srt3d_ros.messages import images_message as image_message
 from srt3d_ros.messages import points_message, sensor_message, sketch_message
-from srt3d_ros.nodes import topics
-from srt3d_ros.nodes.base import PipelineNode
-from srt3d_ros.nodes.lifecycle import run
-from srt3d_ros.nodes.parameters import Parameter, Value
-from srt3d_ros.nodes.topics import NodeSpec
-from srt3d_ros.nodes.versions import versions
-from srt3d_ros.nodes.worker import Dropped
+from srt3d_ros.nodes.common import topics
+from srt3d_ros.nodes.common.base import PipelineNode
+from srt3d_ros.nodes.common.lifecycle import run
+from srt3d_ros.nodes.common.parameters import Parameter, Value
+from srt3d_ros.nodes.common.topics import NodeSpec
+from srt3d_ros.nodes.common.versions import versions
+from srt3d_ros.nodes.common.worker import Dropped
 from srt3d_ros.recording import entities
 from srt3d_ros.recording.frame_index import FrameIndex, RecordedFrame
 from srt3d_ros.recording.writer import RecordingFailed, RecordingWriter

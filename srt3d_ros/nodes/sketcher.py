@@ -18,14 +18,14 @@ from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import sensor_message, sketch_message
 from srt3d_ros.messages.cdr import check_frame_id
 from srt3d_ros.messages.photon_frames import CODECS
-from srt3d_ros.nodes import topics
-from srt3d_ros.nodes.base import PipelineNode, sensor_summary
-from srt3d_ros.nodes.lifecycle import run
+from srt3d_ros.nodes.common import topics
+from srt3d_ros.nodes.common.base import PipelineNode, sensor_summary
+from srt3d_ros.nodes.common.lifecycle import run
+from srt3d_ros.nodes.common.parameters import Parameter, Value
+from srt3d_ros.nodes.common.peers import all_acknowledged, unacknowledged_by
+from srt3d_ros.nodes.common.topics import NodeSpec
+from srt3d_ros.nodes.common.worker import Dropped
 from srt3d_ros.nodes.motion_input import MOTION_PARAMETERS, MotionInput, StaticTransform, parse_extrinsics
-from srt3d_ros.nodes.parameters import Parameter, Value
-from srt3d_ros.nodes.peers import all_acknowledged, unacknowledged_by
-from srt3d_ros.nodes.topics import NodeSpec
-from srt3d_ros.nodes.worker import Dropped
 
 PARAMETERS = (
     Parameter("sensor_file", "", "Description of the sensor, for a driver that publishes none: JSON as on `sensor`, "

@@ -29,7 +29,7 @@ from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import require
 from srt3d_ros.messages import photon_frames, sensor_message
 from srt3d_ros.messages.cdr import NS_PER_S
-from srt3d_ros.nodes.topics import CLOCK, FRAMES, IMU, ODOM, PHOTONS, SENSOR, SKETCH, SKETCH_SENSOR
+from srt3d_ros.nodes.common.topics import CLOCK, FRAMES, IMU, ODOM, PHOTONS, SENSOR, SKETCH, SKETCH_SENSOR
 
 LATE_S = 0.5            # frames that are later are skipped, so that the player catches up after a stall
 MAX_DRAWN_BYTES = 2**28 # of messages that are drawn ahead

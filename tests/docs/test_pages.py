@@ -16,7 +16,7 @@ import yaml
 from srt3d_ros.cli import main, up
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.nodes import all_specs
-from srt3d_ros.nodes.topics import NodeSpec
+from srt3d_ros.nodes.common.topics import NodeSpec
 
 from .pages import PAGES, ROOT, command_lines, inline, section
 

@@ -223,7 +223,7 @@ def shared_graph(ros):
 UNDER_ZENOH = """
 import sys
 from srt3d_ros.cli import node
-from srt3d_ros.nodes import peers
+from srt3d_ros.nodes.common import peers
 peers.get_rmw_implementation_identifier = lambda: "rmw_zenoh_cpp"
 sys.exit(node.start({name!r}, sys.argv[1:]))
 """

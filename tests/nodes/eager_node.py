@@ -30,7 +30,7 @@ def run(output, *arguments: str) -> None:
         os.dup2(output.fileno(), descriptor)
     output.close()
     node.exit_at_once_on_signals()
-    from srt3d_ros.nodes import diagnostics
+    from srt3d_ros.nodes.common import diagnostics
 
     diagnostics.PERIOD_S, stream.MOTION_S = 0.1, 30.0
     sys.exit(node.start(arguments[0], list(arguments[1:])))

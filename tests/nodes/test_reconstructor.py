@@ -15,7 +15,7 @@ from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.messages import cdr, points_message, sensor_message, sketch_message
 from srt3d_ros.messages import images_message as image_message
-from srt3d_ros.nodes import topics
+from srt3d_ros.nodes.common import topics
 from srt3d_ros.nodes.reconstructor import PARAMETERS
 from tests.nodes.conftest import Graph
 

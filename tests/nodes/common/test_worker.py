@@ -4,8 +4,8 @@ import threading
 
 import pytest
 
-from srt3d_ros.nodes import worker as module
-from srt3d_ros.nodes.worker import RECOVERY_S, Worker
+from srt3d_ros.nodes.common import worker as module
+from srt3d_ros.nodes.common.worker import RECOVERY_S, Worker
 
 
 class Probe:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 
-from srt3d_ros.nodes.status import STALE, NodeStatus
+from srt3d_ros.nodes.common.status import STALE, NodeStatus
 from srt3d_ros.processes.node_command import NODES
 
 STALE_S = 5.0           # without a report, which comes once a second

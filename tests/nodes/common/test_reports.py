@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 
-from srt3d_ros.nodes import reports as module
-from srt3d_ros.nodes.reports import Chain, Reports, in_a_line
-from srt3d_ros.nodes.status import NodeStatus
+from srt3d_ros.nodes.common import reports as module
+from srt3d_ros.nodes.common.reports import Chain, Reports, in_a_line
+from srt3d_ros.nodes.common.status import NodeStatus
 
 IDLE = NodeStatus("sketcher", "OK", "fine", state="active", ready=True,
                   counts={"messages_in": 5, "frames_out": 5, "dropped": 0, "message_lost": 0})

@@ -19,9 +19,9 @@ from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from srt3d_ros.core.sketching.counts import Counts
-from srt3d_ros.nodes.lifecycle import ManagedNode
-from srt3d_ros.nodes.peers import Peers, all_acknowledged, names
-from srt3d_ros.nodes.status import ERROR, OK, WARN, NodeStatus
+from srt3d_ros.nodes.common.lifecycle import ManagedNode
+from srt3d_ros.nodes.common.peers import Peers, all_acknowledged, names
+from srt3d_ros.nodes.common.status import ERROR, OK, WARN, NodeStatus
 
 PERIOD_S = 1.0
 LATENCIES_KEPT = 200    # newest frames, for the percentiles

@@ -11,11 +11,11 @@ from rclpy.qos import ReliabilityPolicy
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.nodes.diagnostics import Diagnostics
-from srt3d_ros.nodes.lifecycle import PUBLISH_DEPTH, ManagedNode, TransitionCallbackReturn
-from srt3d_ros.nodes.parameters import Parameters
-from srt3d_ros.nodes.topics import qos_overrides
-from srt3d_ros.nodes.worker import CATCH_UP_S, NEWEST_ONLY, Dropped, Worker
+from srt3d_ros.nodes.common.diagnostics import Diagnostics
+from srt3d_ros.nodes.common.lifecycle import PUBLISH_DEPTH, ManagedNode, TransitionCallbackReturn
+from srt3d_ros.nodes.common.parameters import Parameters
+from srt3d_ros.nodes.common.topics import qos_overrides
+from srt3d_ros.nodes.common.worker import CATCH_UP_S, NEWEST_ONLY, Dropped, Worker
 from srt3d_ros.processes import children
 
 SUBSCRIBE_DEPTH = PUBLISH_DEPTH

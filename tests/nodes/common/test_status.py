@@ -3,7 +3,7 @@
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from srt3d_ros.nodes.status import LEVELS, NodeStatus
+from srt3d_ros.nodes.common.status import LEVELS, NodeStatus
 
 STATUS = NodeStatus("front/sketcher", "ERROR", "gate is 500-600: expected 0 to 399", 12.5, "active", False, "a frame",
                     ("front/reconstructor", "rviz"), (), {"messages_in": 5, "dropped.queue": 1},

@@ -7,7 +7,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.nodes.parameters import Parameter, Parameters
+from srt3d_ros.nodes.common.parameters import Parameter, Parameters
 
 TABLE = (
     Parameter("size", 10, "How many.", "pixels", 1, 100),

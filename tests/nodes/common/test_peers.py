@@ -3,8 +3,8 @@
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
-from srt3d_ros.nodes.lifecycle import ManagedNode
-from srt3d_ros.nodes.peers import DOUBLE_S, Peers, names
+from srt3d_ros.nodes.common.lifecycle import ManagedNode
+from srt3d_ros.nodes.common.peers import DOUBLE_S, Peers, names
 from tests.nodes.conftest import LATCHED
 
 

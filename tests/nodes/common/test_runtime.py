@@ -13,9 +13,9 @@ import sys, time
 from srt3d_ros.cli.node import exit_at_once_on_signals
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages.cdr import read_cloud
-from srt3d_ros.nodes.base import PipelineNode
-from srt3d_ros.nodes.lifecycle import run
-from srt3d_ros.nodes.topics import NodeSpec, Topic
+from srt3d_ros.nodes.common.base import PipelineNode
+from srt3d_ros.nodes.common.lifecycle import run
+from srt3d_ros.nodes.common.topics import NodeSpec, Topic
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 RESUBSCRIBE, LINGER, HANG = 1000, 1001, 1002

@@ -22,7 +22,7 @@ from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 
 from srt3d_ros.errors import BAD_INPUT, InvalidInput, require
-from srt3d_ros.nodes.topics import OVERRIDABLE, NodeSpec, Topic
+from srt3d_ros.nodes.common.topics import OVERRIDABLE, NodeSpec, Topic
 from srt3d_ros.processes import transport
 
 PUBLISH_DEPTH = 8       # at 100 Hz, a subscriber may be kept from the CPU for 80 ms

@@ -11,10 +11,10 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 
-from srt3d_ros.nodes import diagnostics as module
-from srt3d_ros.nodes import peers
-from srt3d_ros.nodes.diagnostics import Diagnostics
-from srt3d_ros.nodes.lifecycle import ManagedNode
+from srt3d_ros.nodes.common import diagnostics as module
+from srt3d_ros.nodes.common import peers
+from srt3d_ros.nodes.common.diagnostics import Diagnostics
+from srt3d_ros.nodes.common.lifecycle import ManagedNode
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 

@@ -8,7 +8,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, Reliabilit
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from srt3d_ros.core.sensor import model
-from srt3d_ros.nodes.parameters import Parameter
+from srt3d_ros.nodes.common.parameters import Parameter
 
 OVERRIDABLE = QoSOverridingOptions(
     (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY))

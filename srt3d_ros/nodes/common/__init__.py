@@ -1,0 +1,1 @@
+"""What every node is made of: its life, worker, parameters, topics and reports."""
