@@ -51,11 +51,14 @@ EMPTY_VOTES = 0.5       # times VOTE by which a neighbour without a surface vote
 NEAR_SIGMA = 1.2        # σ of the neighbourhood that votes, and that tells how far pixels' intensities differ, pixels
 VOTE_RADIUS = ceil(REACH * NEAR_SIGMA)
 LIKENESS = 2.0          # factor by which neighbours' intensities may differ; its square where surfaces share pixels
+NEW_RADIUS = 6          # pixels: half the side of the square over which new pixels share their photons
+HOLE = 2                # pixels within which points on three sides of a pixel make it a hole, not an outline
 SPREAD = 4              # pixels by which surfaces may grow into empty ones in each iteration
 
-# ---- End (`trim`, `finalise`)
+# ---- End (`trim`, `drop_blobs`, `finalise`)
 
 LOCAL_SIGMA = WINDOWS[0].sigma     # pixels, of the window over which pixels are compared
+WHOLE_SCORE = 1.25      # σ above a start's that the best point of a surface needs: growth has fitted it to chance
 RIM = 3                 # pixels without a surface, of the 8 around, that make a point one of the rim
 
 # ---- Geometry and numerics of the pool, not the method's

@@ -107,6 +107,9 @@ class Kernels(Protocol):
     def trim(self, frame, state: Array, terms: Array, enough: float) -> None:
         """Remove edge points not supported by the photons near the edge, in place: r = 0."""
 
+    def drop_blobs(self, frame, state: Array, enough: float) -> None:
+        """Remove points without a score of `enough` within the reach of the last window, in place: r = 0."""
+
     def finalise(self, frame, photons: Array, state: Array, terms: Array, enough: float) -> tuple[Array, Array, Array]:
         """Points with final intensities and standard deviations; photons left, and of the background, [rows, cols].
 

@@ -65,6 +65,7 @@ def frame(kernels: Kernels, sensor: SensorOnDevice, surfaces: int, explains: boo
         points = iterate(kernels, data, points, window)
     terms = kernels.expand(data, points)
     kernels.trim(data, points, terms, scores.keep)
+    kernels.drop_blobs(data, points, scores.whole)
     final, rest, background = kernels.finalise(data, photons, points, terms, scores.keep)
     left = kernels.unexplained(data, final, rest, taken, sensor.passed) if explains else None
     view = maps.crop(final, *data.shape)

@@ -5,7 +5,7 @@ from statistics import NormalDist
 from typing import NamedTuple, Self
 
 from srt3d_ros.errors import require
-from srt3d_ros.kernels.constants import START_SCORE, WIDE_SCALE, cell_size
+from srt3d_ros.kernels.constants import START_SCORE, WHOLE_SCORE, WIDE_SCALE, cell_size
 
 DEFAULT_FALSE_ALARM_RATE = 5e-5         # one pixel in 20,000, such as one of 141 × 141
 MAX_SURFACES = 4
@@ -28,12 +28,14 @@ class Scores(NamedTuple):
         further: a further surface there.
         drop: points below it are removed after the first window.
         keep: a point whose depth is known: by its neighbours, or by the frame before.
+        whole: the best point of a surface at the end; in its outline and depth, it has grown with chance.
     """
 
     find: float
     further: float
     drop: float
     keep: float
+    whole: float
 
     @classmethod
     def of(cls, false_alarm_rate: float, highest: int) -> Self:
@@ -42,7 +44,8 @@ class Scores(NamedTuple):
                 f"a probability above 0, at most {MAX_FALSE_ALARM_RATE:g}")
         started = false_alarm_rate / STAYING
         find = score_threshold(started, highest, WIDE_SCALE)
-        return cls(find, max(find, START_SCORE), score_threshold(started, highest), continuation_threshold(started))
+        return cls(find, max(find, START_SCORE), score_threshold(started, highest), continuation_threshold(started),
+                   find + WHOLE_SCORE)
 
 
 def score_threshold(false_alarm_rate: float, highest: int, sigma: float = 0.0) -> float:

@@ -13,6 +13,7 @@ from srt3d_ros.kernels.cpu.baselines.gradients import median_depth, pixelwise, p
 from srt3d_ros.kernels.cpu.compiling import KERNELS, compile_by_name
 from srt3d_ros.kernels.cpu.device import array, as_frame, numpy, unpack
 from srt3d_ros.kernels.cpu.method.birth_death import birth_death
+from srt3d_ros.kernels.cpu.method.blobs import drop_blobs
 from srt3d_ros.kernels.cpu.method.blur import blur
 from srt3d_ros.kernels.cpu.method.collect import collect
 from srt3d_ros.kernels.cpu.method.expand import expand
@@ -37,8 +38,8 @@ from srt3d_ros.kernels.cpu.workspace import Workspace
 from srt3d_ros.kernels.maps import UNIT
 
 OTHER_METHODS = "apss", "gradients", "match"        # modules whose kernels no frame of the default method needs
-IN_A_WORKSPACE = (birth_death, expand, finalise, log_likelihood_ratio, no_surfaces, pooled_step, prepare, residual,
-                  search, trim, unexplained)
+IN_A_WORKSPACE = (birth_death, drop_blobs, expand, finalise, log_likelihood_ratio, no_surfaces, pooled_step, prepare,
+                  residual, search, trim, unexplained)
 ANYWHERE = (apss, array, as_frame, background, blur, collect, drop_weak, local_mean, match, median_depth, numpy,
             pixelwise, unpack, usual_intensity)
 

@@ -47,6 +47,7 @@ class Workspace:
         self.chosen, self.chosen_ratios = zeros(surfaces, FIELDS, height * width), zeros(surfaces, height * width)
         self.voters = zeros(threads, PLACES * surfaces, VOTER, LANES)
         self.undecided_sketches = zeros(threads, twice, LANES)
+        self.had = zeros(height, width)     # 1 where a pixel had points before
         # The end: v, n and g r at rims, and 1 where a used pixel has no surface
         self.rim, self.blank = zeros(height, 3, width), zeros(height, width)
         # What is averaged around pixels, and each thread's means of a row; photons left, background, and what was taken

@@ -28,6 +28,7 @@ from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, exp, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.method.expand import expand_stale
 from srt3d_ros.kernels.cpu.method.frame import Frame
+from srt3d_ros.kernels.cpu.method.growth import note_surfaces, refuse_growth
 from srt3d_ros.kernels.cpu.method.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio
 from srt3d_ros.kernels.cpu.method.undecided import join_rows, list_row
 from srt3d_ros.kernels.cpu.method.voters import (
@@ -241,9 +242,11 @@ def birth_death(work, frame, state, terms, max_chi2):
     lists = Lists(work.columns, work.numbers, work.listed)
     chosen, scratch = Chosen(work.chosen, work.chosen_ratios, work.near, work.stale), Scratch(
         work.voters, work.undecided_sketches)
+    note_surfaces(work, state)
     work.near[:], work.stale[:] = 1, False
     for spreads in range(1 + SPREAD):
         if not _round(frame, state, own, F32(max_chi2), spreads > 0, lists, chosen, scratch):
             break
     expand_stale(frame, state, terms, work.stale)
+    refuse_growth(work, frame, state, terms)
     return state, terms
