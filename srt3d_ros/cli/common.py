@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from srt3d_ros.core.sensor.keys import Key
+    from srt3d_ros.core.keys import Key
 
 
 def given(args: argparse.Namespace, names: Iterable[str]) -> dict[str, object]:

@@ -8,8 +8,8 @@ from typing import Annotated, Any, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
+from srt3d_ros.core.keys import Key, keys
 from srt3d_ros.core.sensor.bins import HistogramBins
-from srt3d_ros.core.sensor.keys import Key, keys
 from srt3d_ros.core.sensor.model import SPEED_OF_LIGHT, SensorModel
 from srt3d_ros.core.sensor.projection import DEFAULT_FOV_DEG, Pinhole, Projection
 from srt3d_ros.core.sketching.gate import parse

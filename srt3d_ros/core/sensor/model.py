@@ -7,8 +7,8 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from srt3d_ros.core.keys import Key, documented, keys, numbers
 from srt3d_ros.core.sensor.bins import HistogramBins
-from srt3d_ros.core.sensor.keys import Key, documented, keys, numbers
 from srt3d_ros.core.sensor.projection import Pinhole, Projection
 from srt3d_ros.errors import InvalidInput, quoted, require
 
