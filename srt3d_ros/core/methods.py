@@ -1,7 +1,8 @@
 """The reconstruction methods by name: ours, and those that the SRT3D paper compares."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from srt3d_ros.core.baselines.rt3d import RT3D
 from srt3d_ros.core.baselines.sketched import SMLE, SRT3D
@@ -33,7 +34,7 @@ class Method:
     frequencies: str = "auto"
     options: tuple[str, ...] = ()
 
-    def build(self, sensor: SensorModel, frequencies=None, **options) -> Callable:
+    def build(self, sensor: SensorModel, frequencies: Sequence[int] = (), **options: Any) -> Any:
         """A callable from a Sketch, or from a PhotonFrame, to a Cloud.
 
         Args:
