@@ -97,7 +97,7 @@ class Matcher:
         if sensor.mask is not None:
             equaliser = equaliser * sensor.mask.reshape(-1, 1)
         self.equaliser = self._map(equaliser)
-        self.used = np.ones((sensor.rows, sensor.cols), np.float32) if sensor.mask is None else np.float32(sensor.mask)
+        self.used = np.float32(sensor.used)
         self.spectrum = spectrum.mean(axis=0)
         self.energy = energy = energy.astype(np.float32)
         bin_frequencies = (omega / (2 * np.pi)).astype(np.float32)
@@ -189,7 +189,7 @@ def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
     Returns:
         For depth and for intensity, float32 [4] and [2]: `MatchedFrame.moments` and `intensity_moments`.
     """
-    irf = sensor.irf if sensor.irf.ndim == 1 else sensor.irf.mean(axis=0)
+    irf = sensor.mean_irf
     bins, depths = np.arange(len(irf) + 1) - sensor.irf_ref, np.arange(BETWEEN) / BETWEEN
     response = np.exp(1j * (bins - depths[:, None])[..., None] * omega) * filters
     of_depth, of_intensity = (response * omega).imag.sum(axis=2), response[0].real.sum(axis=1)

@@ -36,7 +36,7 @@ def draw_histogram(path: Path, histogram: np.ndarray, counts: np.ndarray, sensor
                           vmax=max(float(np.quantile(counts, 0.995)), 1))
     pixels.set(title="photons in a pixel", xlabel="column", ylabel="row")
     figure.colorbar(image, ax=pixels, shrink=0.8, extend="max")
-    irf = np.atleast_2d(sensor.irf).mean(axis=0)
+    irf = sensor.mean_irf
     response.stairs(irf, np.arange(len(irf) + 1) - sensor.irf_ref - 0.5, fill=True, color=_IRF_COLOUR)
     shown = np.flatnonzero(irf > _IRF_SHOWN * irf.max())
     response.set_xlim(shown[0] - sensor.irf_ref - 1.5, shown[-1] - sensor.irf_ref + 1.5)

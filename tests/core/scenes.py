@@ -39,9 +39,8 @@ def simulate(depth_bins: np.ndarray, sbr: float, ppp: float, sensor=None, seed=0
 def exact(sensor: SensorModel, depth_bins: np.ndarray, signal=20.0, frequencies=None) -> PhaseSums:
     """The expected sketch of surfaces at these depths as every pixel sees them, without the noise of photons."""
     frequencies = frequencies or choose_frequencies("auto", sensor)
-    late = 0 if sensor.delay_bins is None else sensor.delay_bins.astype(np.float64)
     gain = np.ones((sensor.rows, sensor.cols)) if sensor.gain is None else sensor.gain
-    turned = np.exp(1j * angular_frequencies(frequencies, sensor.num_bins) * (depth_bins + late)[..., None])
+    turned = np.exp(1j * angular_frequencies(frequencies, sensor.num_bins) * (depth_bins + sensor.late)[..., None])
     spectrum = irf_spectrum(sensor, frequencies)
     response = spectrum if spectrum.ndim == 1 else spectrum.reshape(turned.shape)
     sums = (gain * signal)[..., None] * response * turned

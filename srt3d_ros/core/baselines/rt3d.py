@@ -90,9 +90,8 @@ class RT3D:
 
     def _likelihood(self, photons: PhotonEvents, ratio: float) -> Likelihood:
         """The likelihood of photons with a background per bin of `ratio` times the signal."""
-        sensor, toa = self.sensor, photons.toa
-        if sensor.delay_bins is not None:
-            toa = toa - sensor.delay_bins.ravel()[photons.pixel]
+        sensor = self.sensor
+        toa = photons.toa - sensor.late.ravel()[photons.pixel]
         mean, slope = (values[:, 1:-1].mean(axis=0, dtype=np.float64) for values in (self._irf, self._slope))
         information = max(float((slope**2 / np.maximum(mean + ratio, TINY)).sum()), TINY)
         starts = np.searchsorted(photons.pixel, np.arange(sensor.pixels + 1, dtype=np.uint32))

@@ -47,8 +47,7 @@ def _covariances(sensor: SensorModel, frequencies) -> np.ndarray:
     Returns:
         float64 [SHARES, 2m, 2m], real parts first.
     """
-    if sensor.irf.ndim > 1:
-        sensor = sensor.replace(irf=sensor.irf.mean(axis=0))
+    sensor = sensor.replace(irf=sensor.mean_irf)
     k = np.asarray(frequencies)
     spectrum = irf_spectrum(sensor, k)
     share = np.linspace(0, 1, SHARES)[:, None, None]

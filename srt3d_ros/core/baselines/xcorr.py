@@ -33,7 +33,7 @@ class XCORR:
         self._overlap = irf.shape[1] - 1                # bins after the last one, for the IRF of late returns
         self._size = next_fast_len(sensor.num_bins + self._overlap, real=True)
         self._weights = np.log1p(irf / (FLOOR * irf.max(axis=1, keepdims=True)))    # 0 outside the IRF
-        self._body, self._whole = (_window(irf.mean(axis=0), share) for share in (BODY_SHARE, WHOLE_SHARE))
+        self._body, self._whole = (_window(sensor.mean_irf, share) for share in (BODY_SHARE, WHOLE_SHARE))
 
     def __call__(self, frame: PhotonFrame) -> PointCloud:
         """The point cloud of one frame."""
@@ -54,8 +54,7 @@ class XCORR:
                  for first in progress(range(0, sensor.pixels, several), "correlating")]
         depth, signal = (np.concatenate([part[n] for part in parts], axis=1) for n in range(2))     # [K, pixels]
         background = np.concatenate([part[2] for part in parts])
-        if sensor.delay_bins is not None:
-            depth = depth - sensor.delay_bins.ravel()
+        depth = depth - sensor.late.ravel()
         seen = np.maximum(sensor.exposure.ravel(), 1e-6)
         depth, signal = (np.ascontiguousarray(values.reshape(-1, rows, cols).swapaxes(0, 1), np.float32)
                          for values in (depth % sensor.num_bins, signal / seen))
@@ -115,7 +114,7 @@ def by_pixel(frame: PhotonFrame, sensor: SensorModel) -> PhotonEvents:
     events.check(sensor)
     if not events.is_sorted:
         events = events.part(np.argsort(events.pixel, kind="stable"))
-    if sensor.mask is not None:
+    if sensor.mask is not None:     # saves a copy
         events = events.part(sensor.mask.ravel()[events.pixel])
     return replace(events, toa=events.toa.astype(np.float32, copy=False))
 

@@ -86,11 +86,7 @@ def histogram(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel) -> np
     Raises InvalidInput if the photons do not fit the sensor.
     """
     frame.check(sensor)
-    late, used = np.zeros(sensor.pixels, np.int64), np.ones(sensor.pixels, bool)
-    if sensor.delay_bins is not None:
-        late = np.rint(sensor.delay_bins).astype(np.int64).reshape(-1)
-    if sensor.mask is not None:
-        used = sensor.mask.reshape(-1)
+    late, used = np.rint(sensor.late).astype(np.int64).reshape(-1), sensor.used.reshape(-1)
     if isinstance(frame, PhotonEvents):
         kept = used[frame.pixel]
         bins = sensor.toa_bins(frame.toa[kept]).astype(np.int64) - late[frame.pixel[kept]]
@@ -150,7 +146,7 @@ def _bins_of(counts: np.ndarray, sensor: SensorModel, least: int) -> tuple[int, 
 
 def _pulse_bins(sensor: SensorModel) -> int:
     """The equivalent width of the mean IRF, 1 / Σ h², bins."""
-    return max(round(1 / float(np.square(np.atleast_2d(sensor.irf).mean(axis=0)).sum())), 1)
+    return max(round(1 / float(np.square(sensor.mean_irf).sum())), 1)
 
 
 def _sums(counts: np.ndarray, width: int) -> np.ndarray:

@@ -54,10 +54,9 @@ def judged(cloud, depth_bins=DEPTH):
 def test_nothing_is_left_of_the_expected_background(shape, changes):
     sensor = make_sensor(8, 12, background_shape=SHAPES[shape], **changes)
     frequencies = choose_frequencies("auto", sensor)
-    late = np.zeros((8, 12)) if sensor.delay_bins is None else sensor.delay_bins
     omega = 2 * np.pi * np.array(frequencies) / T
     one = np.exp(1j * np.outer(omega, BINS)) @ sensor.background_shape.astype(np.float64)
-    sums = (50 * one * np.exp(1j * omega * late[..., None])).astype(np.complex64)
+    sums = (50 * one * np.exp(1j * omega * sensor.late[..., None])).astype(np.complex64)
     sketch = PhaseSums(frequencies, sums, np.full((8, 12), 50, np.uint32), sensor=sensor)
     matcher = Matcher(sensor, frequencies)
     background = Background(matcher, "sensor")
@@ -74,7 +73,7 @@ def test_nothing_is_left_of_the_expected_background(shape, changes):
     ("fog", DEPTH, {}, {"delay_bins": X * 3.0, "gain": 0.5 + X / 48, "mask": (X + Y) % 17 > 0})])
 def test_a_background_that_nobody_knows_is_found(shape, depth_bins, options, changes):
     frame, sensor = simulate(make_sensor(background_shape=SHAPES[shape], **changes), depth_bins), make_sensor(**changes)
-    seen = np.where(np.full((48, 48), True) if sensor.mask is None else sensor.mask, depth_bins, np.nan)
+    seen = np.where(sensor.used, depth_bins, np.nan)
     found, flat = (judged(reconstruct(frame, sensor, how, **options).ordered("strongest"), seen)
                    for how in ("auto", "flat"))
     assert found.true_detections > 0.97 and found.false_detections < 0.03 + 0.02 * (options.get("surfaces") == 2)
