@@ -73,10 +73,10 @@ class MethodOptions(TypedDict, total=False):
     device: Annotated[str, Key("where to compute; auto: on a GPU if it gives the same points faster", choices=DEVICES,
                                default="auto")]
     false_alarm_rate: Annotated[float, Key(
-        "pooled: fraction of the pixels without a surface that may show a false point",
+        "fraction of the pixels without a surface that may show a false point (pooled)",
         bounds=(1e-12, MAX_FALSE_ALARM_RATE), default=DEFAULT_FALSE_ALARM_RATE)]
     background: Annotated[str, Key(
-        "pooled: distribution of the background over the bins. auto: estimated from the photons that clouds do not "
+        "distribution of the background over the bins (pooled). auto: estimated from the photons that clouds do not "
         "explain; even until that is significant. sensor: the sensor's background_shape, or even without one. flat: "
         "even", choices=BACKGROUNDS, default=BACKGROUNDS[0])]
 
@@ -85,8 +85,8 @@ class ReconstructorOptions(MethodOptions, total=False):
     """How to reconstruct successive frames."""
 
     warm_start: Annotated[bool, Key(
-        "pooled: start from the last frame's surfaces where the photons confirm them, which reduces the error while "
-        "the scene changes little", default=False)]
+        "start from the last frame's surfaces where the photons confirm them (pooled): reduces the error while the "
+        "scene changes little", default=False)]
 
 
 OPTIONS = keys(ReconstructorOptions)

@@ -32,7 +32,7 @@ HIGHER = 4              # frequencies for many photons reach at most so many tim
 class SketchOptions(TypedDict, total=False):
     """How to sketch."""
 
-    sketch_size: Annotated[int | None, Key("m, complex numbers per pixel, unless frequencies lists them",
+    sketch_size: Annotated[int | None, Key("complex numbers per pixel (m), unless frequencies lists them",
                                            bounds=(1, MAX_SKETCH_SIZE), default=DEFAULT_SKETCH_SIZE)]
     frequencies: Annotated[str | Sequence[int], Key(
         "frequencies to keep. auto: those with the least expected depth error for the IRF. consecutive: 1 to "
