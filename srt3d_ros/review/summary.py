@@ -113,7 +113,8 @@ def rows(summary: dict) -> list[tuple[str, str]]:
     """(name, figure with unit) of each figure with data."""
     s = summary
     rate = f", {s['frame_rate_hz']:.3g} Hz" if s["frame_rate_hz"] else ""
-    found = [("recorded", f"{s['started'].replace('T', ' ')}, {duration_text(s['duration_s'])}, {size_text(s['bytes'])}"),
+    when = s["started"].replace("T", " ")
+    found = [("recorded", f"{when}, {duration_text(s['duration_s'])}, {size_text(s['bytes'])}"),
              ("frames", f"{s['frames']:,}{rate}"), ("gaps", _gaps(s))]
     found += [("latency" if stage == "total" else f"latency, {stage}",
                f"median {v['p50']:,.1f} ms, 95 % {v['p95']:,.1f} ms, worst {v['max']:,.1f} ms")
