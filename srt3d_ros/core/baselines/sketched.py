@@ -22,7 +22,6 @@ from srt3d_ros.core.baselines.plug_and_play import (
     points_needed,
 )
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher, SensorOnDevice
-from srt3d_ros.core.method.thresholds import check_surfaces
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum
@@ -47,7 +46,6 @@ class SMLE:
     precise = True          # W is the inverse covariance of the sketch, else the identity
 
     def __init__(self, sensor: SensorModel, frequencies: Sequence[int], surfaces: int = 1, device: str = "cpu"):
-        check_surfaces(surfaces)
         self.sensor, self._surfaces, self._matcher = sensor, surfaces, Matcher(sensor, frequencies)
         self._on_device = SensorOnDevice(self._matcher, device, surfaces)
         kernels = self.kernels = self._on_device.kernels

@@ -11,7 +11,6 @@ from importlib import import_module
 
 import numpy as np
 
-from srt3d_ros.core.method.thresholds import check_surfaces
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame
@@ -28,7 +27,6 @@ class XCORR:
     """Reconstructs frames of one sensor from their photons; arguments as for `Pooled`."""
 
     def __init__(self, sensor: SensorModel, surfaces: int = 1):
-        check_surfaces(surfaces)
         self.sensor, self.surfaces = sensor, surfaces
         irf = np.atleast_2d(sensor.irf)
         self._overlap = irf.shape[1] - 1                # bins after the last one, for the IRF of late returns

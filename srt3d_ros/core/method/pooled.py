@@ -19,7 +19,7 @@ from srt3d_ros.core.method.background import Background, RemovedBackground
 from srt3d_ros.core.method.convergence import first_frame, next_frame
 from srt3d_ros.core.method.frame import Frames
 from srt3d_ros.core.method.pile_up import PileUp
-from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, Scores, check_surfaces
+from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, Scores
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sums import PhaseSums, noise_sketch
@@ -38,15 +38,11 @@ class Pooled:
             cloud leaves unexplained, if significant.
         warm_start: begin with the last frame's surfaces where the photons support them: less depth error in a steady
             scene. For consecutive frames.
-
-    Raises:
-        InvalidInput: a parameter that cannot be used.
     """
 
     def __init__(self, sensor: SensorModel, frequencies: Sequence[int], surfaces: int = 1,
                  false_alarm_rate: float = DEFAULT_FALSE_ALARM_RATE, device: str = "cpu", background: str = "auto",
                  warm_start: bool = False):
-        check_surfaces(surfaces)
         self._matcher, self._warm_start = Matcher(sensor, frequencies), warm_start
         self._background = Background(self._matcher, background)
         self._frames = Frames(self._matcher, device, surfaces, warm_start)
