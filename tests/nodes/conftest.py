@@ -4,7 +4,6 @@ import contextlib
 import itertools
 import os
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -63,13 +62,12 @@ class Graph:
 
         return wait(condition, what, describe)
 
-    def start(self, name: str, *ros_args: str, **parameters) -> Process:
-        """Start a node, or a script if `name` is the path of one; parameters as in `-p name:=value`."""
+    def start(self, name: str, *ros_args: str, code: str = "", **parameters) -> EagerNode:
+        """Start a node in a process that first executes `code`; parameters as in `-p name:=value`."""
         arguments = [name, *parameter_arguments(parameters), "-r", f"__ns:={self.namespace}", *ros_args]
-        script = name.endswith(".py")
-        self.processes.append(Process([sys.executable, *arguments]) if script else EagerNode(arguments))
+        self.processes.append(EagerNode(arguments, code))
         renamed = [arg.removeprefix("__node:=") for arg in ros_args if arg.startswith("__node:=")]
-        self._nodes[renamed[0] if renamed else Path(name).stem] = self.processes[-1]
+        self._nodes[renamed[0] if renamed else name] = self.processes[-1]
         return self.processes[-1]
 
     def collect(self, message_type: type, topic: str, depth: int = 1000, raw: bool = False) -> list:
@@ -218,26 +216,6 @@ def shared_graph(ros):
     graph = Graph()
     yield graph
     graph.close()
-
-
-UNDER_ZENOH = """
-import sys
-from srt3d_ros.cli import node
-from srt3d_ros.nodes.common import peers
-peers.get_rmw_implementation_identifier = lambda: "rmw_zenoh_cpp"
-sys.exit(node.start({name!r}, sys.argv[1:]))
-"""
-
-
-@pytest.fixture
-def under_zenoh(tmp_path) -> Callable[[str], str]:
-    """The script of a node that takes its middleware for rmw_zenoh_cpp, of which pip has no wheel."""
-    def script(name: str) -> str:
-        path = tmp_path / f"{name}.py"
-        path.write_text(UNDER_ZENOH.format(name=name))
-        return str(path)
-
-    return script
 
 
 @pytest.fixture(scope="session")

@@ -130,21 +130,9 @@ def test_what_a_stopped_recorder_misses_it_counts_and_nobody_waits_for_it(graph,
                == speaker.sent, "all clouds, recorded or counted")
 
 
-# The node after some lines of Python, as a program of its own.
-PROGRAM = """import sys
-from srt3d_ros.nodes import recorder
-from srt3d_ros.recording import writer
-{}
-sys.exit(recorder.main())
-"""
-BUSY = """on_points = recorder.RecorderNode._on_points        # clouds wait for the end
-recorder.RecorderNode._on_points = lambda self, raw: self.stopping.wait() and on_points(self, raw)"""
-
-
 def test_a_full_disk_ends_the_recording_with_one_error_and_not_the_node(graph, speaker, tmp_path):
-    program = tmp_path / "recorder.py"
-    program.write_text(PROGRAM.format("writer.LEAST_FREE_BYTES = 10**18"))
-    recorder = graph.start(str(program), path=tmp_path / "a.rrd").ready()
+    code = "from srt3d_ros.recording import writer; writer.LEAST_FREE_BYTES = 10**18"
+    recorder = graph.start("recorder", code=code, path=tmp_path / "a.rrd").ready()
     for number in (1, 2):       # another can be tried
         assert number == 1 or (graph.change("recorder", "deactivate") and graph.change("recorder", "activate"))
         report = graph.reports("recorder", "errors", number)
@@ -191,11 +179,13 @@ def test_a_bad_description_is_an_error_until_a_good_one_comes_and_then_in_one_re
     assert graph.reports("recorder", "clouds", 2)["path"] and recorder.end(signal.SIGTERM) == 0
 
 
+BUSY = """from srt3d_ros.nodes.recorder import RecorderNode as Node
+on_points = Node._on_points         # clouds wait for the end
+Node._on_points = lambda self, raw: self.stopping.wait() and on_points(self, raw)"""
+
+
 def test_no_recording_begins_at_the_end_of_another(graph, speaker, sensor, tmp_path):
-    program = tmp_path / "recorder.py"
-    program.write_text(PROGRAM.format(BUSY))
-    recorder = graph.start(str(program), path=tmp_path / "a.rrd").ready()
-    recorder.says("recording to")
+    recorder = graph.start("recorder", code=BUSY, path=tmp_path / "a.rrd").says("recording to")
     speaker.ready().frame()
     graph.reports("recorder", "messages_in", 1)
     for number in (2, 3):
