@@ -16,6 +16,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.srv import ListParameters, SetParametersAtomically
+from rclpy.client import Client
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.parameter import Parameter
@@ -46,6 +47,7 @@ class Graph:
         self.node = rclpy.create_node("tester", namespace=self.namespace)
         self.processes: list[Process] = []
         self._nodes: dict[str, Process] = {}        # the last of each name
+        self._clients: dict[str, Client] = {}       # of services of nodes that have found them
         self._reports: dict[str, list] = {}
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, QoSProfile(depth=100))
         self._executor = SingleThreadedExecutor()
@@ -65,6 +67,7 @@ class Graph:
     def start(self, name: str, *ros_args: str, code: str = "", **parameters) -> EagerNode:
         """Start a node in a process that first executes `code`; parameters as in `-p name:=value`."""
         arguments = [name, *parameter_arguments(parameters), "-r", f"__ns:={self.namespace}", *ros_args]
+        self._clients.clear()
         self.processes.append(EagerNode(arguments, code))
         renamed = [arg.removeprefix("__node:=") for arg in ros_args if arg.startswith("__node:=")]
         self._nodes[renamed[0] if renamed else name] = self.processes[-1]
@@ -103,12 +106,12 @@ class Graph:
 
     def call(self, service_type: type, service: str, request):
         """The answer of a service."""
-        client = self.node.create_client(service_type, service)
-        self.wait(client.service_is_ready, f"the service {service}")
-        self.known_to(service.partition("/")[0])
-        future = client.call_async(request)
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(service_type, service)
+            self.wait(self._clients[service].service_is_ready, f"the service {service}")
+            self.known_to(service.partition("/")[0])
+        future = self._clients[service].call_async(request)
         self.wait(future.done, f"an answer from {service}")
-        self.node.destroy_client(client)
         return future.result()
 
     def known_to(self, name: str) -> None:
