@@ -7,7 +7,7 @@ from typing import Self
 from srt3d_ros.cloud import Cloud, notes_text
 from srt3d_ros.core.methods import DEFAULT_METHOD, SKETCH_METHODS, find
 from srt3d_ros.core.sketching.sums import PhaseSums
-from srt3d_ros.datasets import sketch_files
+from srt3d_ros.datasets import photon_file
 from srt3d_ros.errors import require
 from srt3d_ros.reconstruction import Reconstructor
 
@@ -40,7 +40,7 @@ class Sketch(PhaseSums):
         Raises:
             InvalidInput: another suffix, a path that cannot be written, or an .npz file there that is no sketch.
         """
-        sketch_files.save(self, path, self.notes)
+        photon_file.save_sketch(path, self, self.notes)
 
     def reconstruct(self, *, method: str = DEFAULT_METHOD, surfaces: int = 1, device: str = "auto",
                     false_alarm_rate: float | None = None, background: str | None = None) -> Cloud:
