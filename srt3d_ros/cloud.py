@@ -47,7 +47,7 @@ class Cloud(PointCloud):
             from srt3d_ros.pictures.figures import data_uri
         except ImportError:
             return text
-        picture = draw_cloud(self, self.sensor, size_px=NOTEBOOK_PX).convert("RGB")
+        picture = draw_cloud(self, size_px=NOTEBOOK_PX).convert("RGB")
         uri = data_uri(picture.quantize(NOTEBOOK_COLOURS), "png", optimize=True)
         return f'{text}<img alt="" src="{uri}">'
 
@@ -98,7 +98,7 @@ class Cloud(PointCloud):
         except ImportError as error:
             problem = f"Cannot draw a cloud: {error.name} is missing (pip install '.[pictures]' in the clone)."
             raise InvalidInput("picture", problem=problem) from None
-        return np.array(draw_cloud(self, self.sensor, yaw_deg, pitch_deg, size_px).convert("RGB"))
+        return np.array(draw_cloud(self, yaw_deg, pitch_deg, size_px).convert("RGB"))
 
 
 def notes_text(notes: Sequence[str]) -> str:

@@ -199,7 +199,7 @@ def _report(played: Played, frames: int, rate_hz: float, out: Path, first_ns: in
     if metrics:
         facts |= _accuracy(metrics, played.tolerance_bins, sensor.bin_width_m * 1e3)
         figures["mean depth error"] = f"{facts['dae_mm']:.3g} mm"
-    draw_overview(out / PICTURE, clouds[drawn], sensor, expected[drawn][0], played.title, figures)
+    draw_overview(out / PICTURE, clouds[drawn], expected[drawn][0], played.title, figures)
     (out / SUMMARY).write_text(json.dumps(summary | facts, indent=2) + "\n")
     _say("\n" + align([*rows(summary), *((name.replace("_", " "), str(value)) for name, value in facts.items())]))
     _say(f"\n{out}/  {PICTURE}  {RECORDING} (open it with `rerun`)  {SUMMARY}  {LOG_NAME}")

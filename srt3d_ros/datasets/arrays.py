@@ -126,8 +126,8 @@ def complete(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, option
     if "irf" not in options:
         require(sensor.histograms is None, "irf", problem="Give irf, widened by these bins: histograms cannot show it.")
         sample = sampled(frame.counts) if isinstance(frame, PhotonHistograms) else frame
-        seen = sample if sensor.mask is None else sample.part(sensor.mask.reshape(-1)[sample.pixel])
-        irf, note = irfs.estimated(seen, sensor.num_bins, options.get("guess_irf", False))
+        used = sample.part(sensor.used.reshape(-1)[sample.pixel])
+        irf, note = irfs.estimated(used, sensor.num_bins, options.get("guess_irf", False))
         sensor, notes = sensor.replace(irf=irf, irf_ref=None), (*notes, note)
     return sensor, frame, notes if says_geometry(options) else (*notes, ASSUMED_FOV)
 
@@ -184,4 +184,4 @@ def _times(toa: np.ndarray, sensor: SensorModel) -> np.ndarray:
     require(not in_seconds, "toa", problem="All toa are below 1. They count bins: divide seconds by bin_width_s.")
     if (toa == np.floor(toa)).all():        # integers are faster to sketch
         return toa.astype(np.uint16)
-    return np.minimum(toa.astype(np.float32), np.nextafter(np.float32(sensor.num_bins), np.float32(0)))
+    return sensor.toa_within(toa)

@@ -125,7 +125,7 @@ def _save_recording(cloud: PointCloud, path: Path, notes: tuple[str, ...]) -> No
 def _save_picture(cloud: PointCloud, path: Path, _: tuple[str, ...]) -> None:
     from srt3d_ros.pictures.annotations import draw_cloud
 
-    draw_cloud(cloud, cloud.sensor).save(path, quality=_JPEG_QUALITY)
+    draw_cloud(cloud).save(path, quality=_JPEG_QUALITY)
 
 
 _WRITERS: dict[str, Callable[[PointCloud, Path, tuple[str, ...]], None]] = {

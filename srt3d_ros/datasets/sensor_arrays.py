@@ -8,9 +8,9 @@ from typing import Any, get_args
 
 import numpy as np
 
+from srt3d_ros.core.keys import keys, numbers
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.distortion import PlumbBob
-from srt3d_ros.core.sensor.keys import keys, numbers
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole, Projection
 from srt3d_ros.errors import printable, require

@@ -169,8 +169,7 @@ class RecordingWriter(AbstractContextManager):
         for name, facts in properties.items():
             self.set_properties(name, facts)
         # An IRF per pixel would take hundreds of megabytes.
-        mean_irf = np.atleast_2d(self._sensor.irf).mean(axis=0, dtype=float)
-        description = sensor_message.to_json(self._sensor.replace(irf=mean_irf))
+        description = sensor_message.to_json(self._sensor.replace(irf=self._sensor.mean_irf))
         self.set_properties(entities.SENSOR_PROPERTY, {"description": description})
 
     def _send_view(self) -> None:

@@ -12,9 +12,10 @@ from matplotlib.ticker import MaxNLocator
 
 from srt3d_ros.pictures.colours import BLUE, GREEN, ORANGE, PURPLE, SKY_BLUE, VERMILION
 from srt3d_ros.pictures.figures import DPI
+from srt3d_ros.pictures.units import number_text
 from srt3d_ros.recording.reader import Series
 from srt3d_ros.review.recorded import Recorded
-from srt3d_ros.review.summary import find_gaps, longest_gaps, number_text
+from srt3d_ros.review.summary import find_gaps, longest_gaps
 
 TIME = "seconds since the first cloud"
 _LINE_COLOURS, _GAP_COLOUR = (ORANGE, BLUE, GREEN, PURPLE, SKY_BLUE), VERMILION

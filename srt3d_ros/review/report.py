@@ -7,6 +7,7 @@ from markupsafe import Markup
 
 from srt3d_ros import __version__
 from srt3d_ros.files.new_files import atomic_write, file_errors
+from srt3d_ros.pictures.units import number_text
 from srt3d_ros.review.gallery import make_gallery
 from srt3d_ros.review.plots import draw_plots
 from srt3d_ros.review.recorded import Recorded
@@ -55,4 +56,4 @@ def _text(value) -> str:
         return str(value).lower()
     if isinstance(value, list):
         return f"{len(value)} values" if len(value) > _LONGEST_LIST else ", ".join(_text(one) for one in value)
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    return number_text(value, 6) if isinstance(value, int | float) else str(value)

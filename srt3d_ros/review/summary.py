@@ -7,6 +7,7 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.messages import sensor_message
+from srt3d_ros.pictures.units import duration_text, number_text, size_text
 from srt3d_ros.recording import entities
 from srt3d_ros.review.recorded import Recorded
 
@@ -112,7 +113,8 @@ def rows(summary: dict) -> list[tuple[str, str]]:
     """(name, figure with unit) of each figure with data."""
     s = summary
     rate = f", {s['frame_rate_hz']:.3g} Hz" if s["frame_rate_hz"] else ""
-    found = [("recorded", f"{s['started'].replace('T', ' ')}, {_duration(s['duration_s'])}, {_size(s['bytes'])}"),
+    when = s["started"].replace("T", " ")
+    found = [("recorded", f"{when}, {duration_text(s['duration_s'])}, {size_text(s['bytes'])}"),
              ("frames", f"{s['frames']:,}{rate}"), ("gaps", _gaps(s))]
     found += [("latency" if stage == "total" else f"latency, {stage}",
                f"median {v['p50']:,.1f} ms, 95 % {v['p95']:,.1f} ms, worst {v['max']:,.1f} ms")
@@ -178,17 +180,3 @@ def _gaps(summary: dict) -> str:
     longest = max(summary["gaps"], key=lambda gap: gap["seconds"])
     return (f"{summary['gap_count']:,}, about {summary['missing_frames']:,} frames; the longest "
             f"{longest['seconds']:.3g} s, at {longest['at_s']:.1f} s, after frame {longest['after_frame']}")
-
-
-def number_text(value: float, digits: int = 3) -> str:
-    """A number in so many digits, whole from 1,000 on."""
-    return f"{value:,.0f}" if abs(value) >= 1000 or value == round(value) else f"{value:.{digits}g}"
-
-
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes} min {rest} s" if minutes else f"{seconds:.3g} s"
-
-
-def _size(number: int) -> str:
-    return f"{number / 1e6:,.1f} MB" if number < 1e9 else f"{number / 1e9:,.2f} GB"

@@ -29,7 +29,7 @@ FLUXES = np.concatenate([[0], np.geomspace(0.01, 8, 49)])       # λ of the tabl
 def saturated(sketch: PhaseSums, sensor: SensorModel) -> np.ndarray:
     """Whether a pixel saw a photon in nearly every cycle, bool [rows, cols]; False if masked or not known."""
     full = (sketch.photons > SATURATED * sketch.armed_cycles) & (sketch.cycles > 0)
-    return full if sensor.mask is None else full & sensor.mask
+    return full & sensor.used
 
 
 class PileUp:
@@ -78,9 +78,8 @@ class PileUp:
         sensor, at = self._sensor, (cloud.row, cloud.col)
         cycles, place = np.maximum(sketch.armed_cycles[at], 1), (np.cumsum(cloud.surface == 0) - 1, cloud.surface)
         shape = place[0].max(initial=-1) + 1, cloud.surface.max(initial=0) + 1          # pixels with points, K
-        late = 0 if sensor.delay_bins is None else sensor.delay_bins[at]
         since, recorded, total, most = np.zeros(shape), np.zeros(shape), np.zeros((shape[0], 1)), np.ones((shape[0], 1))
-        since[place] = (cloud.depth_bins + late) % sensor.num_bins / sensor.num_bins    # t / T
+        since[place] = (cloud.depth_bins + sensor.late[at]) % sensor.num_bins / sensor.num_bins    # t / T
         recorded[place] = cloud.intensity * sensor.exposure[at] / cycles                # r / N
         total[place[0], 0], most[place[0], 0] = flux, np.log(2 * cycles)
         nearer = since[:, None] < since[:, :, None]             # [pixels, K, K]: of each surface, those before it

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import numpy as np
 
-from srt3d_ros.core.sensor.keys import Key, documented, numbers
+from srt3d_ros.core.keys import Key, documented, numbers
 from srt3d_ros.errors import require
 
 HALF_BIN = 0.5              # tolerance for the end of the last bin, against rounding

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import numpy as np
 
-from srt3d_ros.core.sensor.keys import Key, documented, numbers
+from srt3d_ros.core.keys import Key, documented, numbers
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.kernels.lens import distorted
 

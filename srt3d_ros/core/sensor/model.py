@@ -7,8 +7,8 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from srt3d_ros.core.keys import Key, documented, keys, numbers
 from srt3d_ros.core.sensor.bins import HistogramBins
-from srt3d_ros.core.sensor.keys import Key, documented, keys, numbers
 from srt3d_ros.core.sensor.projection import Pinhole, Projection
 from srt3d_ros.errors import InvalidInput, quoted, require
 
@@ -152,10 +152,25 @@ class SensorModel:
         return self.projection.rays(self.rows, self.cols)
 
     @cached_property
+    def late(self) -> np.ndarray:
+        """Bins by which the ToA of each pixel come late: `delay_bins`, or 0. float32 [rows, cols]."""
+        return np.zeros((self.rows, self.cols), np.float32) if self.delay_bins is None else self.delay_bins
+
+    @cached_property
+    def used(self) -> np.ndarray:
+        """Where a pixel may be used: `mask`, or everywhere. bool [rows, cols]."""
+        return np.ones((self.rows, self.cols), bool) if self.mask is None else self.mask
+
+    @cached_property
+    def mean_irf(self) -> np.ndarray:
+        """The IRF, or the mean of all pixels'. float32 [L]."""
+        return self.irf if self.irf.ndim == 1 else self.irf.mean(axis=0)
+
+    @cached_property
     def exposure(self) -> np.ndarray:
         """Photons of each pixel relative to one of gain 1: its gain, or 0 if masked. float32 [rows, cols]."""
         gain = np.ones((self.rows, self.cols), np.float32) if self.gain is None else self.gain
-        return gain if self.mask is None else gain * self.mask
+        return gain * self.used
 
     @property
     def bin_width_m(self) -> float:
@@ -174,6 +189,10 @@ class SensorModel:
     def depth_bins(self, range_m: np.ndarray) -> np.ndarray:
         """Depths in bins of ranges along the ray in metres, not wrapped; the inverse of `range_m`."""
         return (range_m - self.range_offset_m) / self.bin_width_m - self.toa_offset_bins
+
+    def toa_within(self, toa: np.ndarray) -> np.ndarray:
+        """ToA in [0, T) as float32, where rounding to T becomes the next number below."""
+        return np.minimum(toa.astype(np.float32), np.nextafter(np.float32(self.num_bins), np.float32(0)))
 
     def wrapped(self, depth_bins: np.ndarray) -> np.ndarray:
         """Depths modulo T: float32 in [0, T), where rounding to T becomes 0."""

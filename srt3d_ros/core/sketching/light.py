@@ -22,15 +22,15 @@ def measure(frame, sensor, gate, highest: int) -> tuple[float, int]:
         The score p √(2n) of the n photons of POOLED_PIXELS, and the highest frequency at which photons and IRF agree.
     """
     sketch = sketch_photons(frame, sensor, progression(highest, min(RUNGS, highest)), gate)
-    within, mask = sketch.sensor, True if sensor.mask is None else sensor.mask
+    within = sketch.sensor
     passed = np.square(np.abs(np.atleast_2d(irf_spectrum(within, sketch.frequencies)))).mean(axis=0)
     passed *= np.sinc(np.array(sketch.frequencies) / within.num_bins)       # depths lie between bins
-    several = (sketch.photons > 1) & mask
+    several = (sketch.photons > 1) & sensor.used
     n = sketch.photons[several].astype(np.float64)[:, None]
     # Divide by n − 1: each pixel then counts by its photons, not by its pairs.
     pairs = ((np.abs(sketch.sums[several])**2 - n) / (n - 1)).sum(axis=0) / max(n.sum(), 1)
     error = np.sqrt((n / (n - 1)).sum()) / max(n.sum(), 1)
     share2 = max(pairs @ passed / (passed @ passed), 1e-12)
     wrong = np.append(np.abs(pairs / share2 - passed) + error / share2 > MOST_OFF * passed, True)
-    score = np.sqrt(2 * POOLED_PIXELS * min(share2, 1) * sketch.photons.mean(where=mask))
+    score = np.sqrt(2 * POOLED_PIXELS * min(share2, 1) * sketch.photons.mean(where=sensor.used))
     return float(score), (0, *sketch.frequencies)[wrong.argmax()]

@@ -166,7 +166,7 @@ class PhotonHistograms:
         if bins is not None:
             toa = bins.centers()[toa] - 0.5         # middles, counted in bins
             if (toa != np.floor(toa)).any():
-                toa = (toa % sensor.num_bins).astype(np.float32) % sensor.num_bins
+                toa = sensor.wrapped(toa)
         toa = toa if toa.dtype == np.float32 else toa.astype(np.uint16)
         return PhotonEvents(pixel.astype(np.uint32).repeat(numbers), toa.repeat(numbers), self.stamp_ns)
 

@@ -25,7 +25,7 @@ def observe(sensor=SENSOR, depth=80.0, dtype=np.uint16, background=20, ordered=T
     """A plane, 60 photons a pixel, and an even background."""
     rng = np.random.default_rng(1)
     pixel = np.repeat(np.arange(sensor.pixels, dtype=np.uint32), 60)
-    late = np.zeros(sensor.pixels) if sensor.delay_bins is None else sensor.delay_bins.reshape(-1).astype(float)
+    late = sensor.late.reshape(-1).astype(float)
     time = depth + rng.normal(0, np.sqrt(3), len(pixel)) + late[pixel]
     pixel = np.concatenate([pixel, rng.integers(0, sensor.pixels, background * sensor.pixels, dtype=np.uint32)])
     time = np.concatenate([time, rng.uniform(0, T, background * sensor.pixels)])
