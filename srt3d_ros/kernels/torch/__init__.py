@@ -41,9 +41,9 @@ from srt3d_ros.kernels.torch.method.search import match, no_surfaces, prepare, r
 from srt3d_ros.kernels.torch.method.windows import blur
 
 FUNCTIONS = {function.__name__: function for function in (
-    apss, background, birth_death, blur, collect, drop_blobs, drop_weak, expand, finalise, local_mean, log_likelihood_ratio,
-    match, median_depth, no_surfaces, pixelwise, pooled_step, prepare, residual, search, trim, unexplained,
-    usual_intensity)}
+    apss, background, birth_death, blur, collect, drop_blobs, drop_weak, expand, finalise, local_mean,
+    log_likelihood_ratio, match, median_depth, no_surfaces, pixelwise, pooled_step, prepare, residual, search, trim,
+    unexplained, usual_intensity)}
 
 
 def on(device: str, dtype: torch.dtype = torch.float32) -> Kernels:

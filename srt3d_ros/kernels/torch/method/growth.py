@@ -19,8 +19,8 @@ def refuse_growth(frame, before, state, terms) -> None:
     A pixel is new if it had no surface `before`. Its v, n and g r are summed over the new pixels within NEW_RADIUS (a
     square). Its points go if the ratios of `log_likelihood_ratio` for its own v, n, g r and for these sums are both
     below 0: photons that no earlier surface has used say "empty", rather than "the surface goes on". Beyond an outline,
-    votes alone would let a dim surface grow in every iteration. A pixel with points that
-    stay within HOLE pixels on three of its four sides keeps its own: it is a hole, and beyond no outline.
+    votes alone would let a dim surface grow in every iteration. A pixel with points that stay within HOLE pixels on
+    three of its four sides keeps its own: it is a hole, and beyond no outline.
     """
     had = (images(inner(frame, before))[:, INTENSITY] > 0).any(0)
     point, terms = images(inner(frame, state)), images(inner(frame, terms))
@@ -30,8 +30,8 @@ def refuse_growth(frame, before, state, terms) -> None:
     own = [(values * new).sum(0) for values in (
         terms[:, VALUE], terms[:, COUNTS], terms[:, EXPOSURE] * intensity)]
     refused = new.any(0)
-    for response, photons, expected in (own, [box(values, NEW_RADIUS) for values in own]):
-        refused = refused & (llr(response, photons, expected, LIKENESS, frame) < 0)
+    for sums in (own, [box(values, NEW_RADIUS) for values in own]):
+        refused = refused & (llr(*sums, LIKENESS, frame) < 0)
     shown, (rows, cols) = there.any(0) & ~refused, frame.shape
     wide = torch.nn.functional.pad(shown.to(state.dtype), (HOLE,) * 4)
     down, across = wide[:, HOLE:HOLE + cols], wide[HOLE:HOLE + rows]
