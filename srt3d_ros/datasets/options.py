@@ -1,12 +1,11 @@
 """Apply the caller's options and sensor to what a file says: the caller wins, and a note lists the replaced values."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, TypedDict
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from srt3d_ros.core.keys import Key, keys
 from srt3d_ros.core.sensor.bins import HistogramBins
@@ -26,6 +25,7 @@ ASSUMED_FOV = (f"geometry taken to be a pinhole of {DEFAULT_FOV_DEG:g}° across 
 ASSUMPTIONS = {"projection": "geometry ", "irf": "IRF ", "bin_width_s": "bin width "}     # beginnings of their notes
 SENSOR_OPTIONS = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols"))
 SENSOR_DEFAULTS = {field.name: field.default for field in fields(SensorModel)}
+Values = np.ndarray | Sequence
 AXES = ("rows", "cols", "bins")
 FILE_OPTIONS = {"channel": "Only .ptu, .sdt and Photon-HDF5 files have channels.",
                 "axes": "Only arrays of counts have axes.",
@@ -41,7 +41,7 @@ class SensorOptions(TypedDict, total=False):
     cols: int
     num_bins: int
     bin_width_s: float
-    irf: Annotated[ArrayLike | str | Path, Key(
+    irf: Annotated[Values | str | Path, Key(
         "impulse response; a file may be .npz (its array irf), .npy, .mat, .csv or .txt",
         more="of .mat its irf, or its only vector; of text one number a line, or time and IRF, below any header. Times "
         "must advance by a bin a line", option=True)]
@@ -52,10 +52,10 @@ class SensorOptions(TypedDict, total=False):
     projection: Projection
     toa_offset_bins: float
     range_offset_m: float
-    gain: ArrayLike
-    delay_bins: ArrayLike
-    mask: ArrayLike
-    background_shape: ArrayLike
+    gain: Values
+    delay_bins: Values
+    mask: Values
+    background_shape: Values
     histograms: HistogramBins
     cycles: int
     frame_id: str

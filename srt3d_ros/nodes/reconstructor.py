@@ -7,15 +7,13 @@ import numpy as np
 from std_msgs.msg import String
 
 from srt3d_ros import precompile
-from srt3d_ros.core.method.background import BACKGROUNDS
 from srt3d_ros.core.method.pile_up import SATURATED, saturated
-from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, MAX_FALSE_ALARM_RATE, MAX_SURFACES
-from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
+from srt3d_ros.core.methods import METHODS, OPTIONS, SKETCH_METHODS, checked
 from srt3d_ros.core.point_cloud import SURFACE_ORDERS, PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.errors import require
-from srt3d_ros.kernels.devices import DEVICES, kernels_for
+from srt3d_ros.kernels.devices import kernels_for
 from srt3d_ros.messages import images_message as image_message
 from srt3d_ros.messages import points_message, sketch_message
 from srt3d_ros.messages.images_message import camera_info
@@ -29,21 +27,14 @@ from srt3d_ros.nodes.sketch_queue import QueuedSketch, SketchQueue
 from srt3d_ros.reconstruction import Reconstructor
 
 PARAMETERS = (
-    Parameter("method", DEFAULT_METHOD, "How to reconstruct. " + "; ".join(
+    Parameter.of(OPTIONS["method"], description="How to reconstruct. " + "; ".join(
         f"{name}: {METHODS[name].about}" for name in SKETCH_METHODS) + ". All but pooled are published with the "
-        "sketcher's `frequencies` consecutive.", choices=SKETCH_METHODS, live=True),
-    Parameter("surfaces", 1, "Most surfaces per pixel.", low=1, high=MAX_SURFACES, live=True),
+        "sketcher's `frequencies` consecutive.", choices=SKETCH_METHODS),
+    Parameter.of(OPTIONS["surfaces"]),
     Parameter("surface_order", "strongest", "The surface of a pixel that comes first in `points`; images show only the "
               "first. With `surfaces` of 2 or more, nearest shows a net or fog, and farthest the scene behind it.",
               choices=tuple(SURFACE_ORDERS), live=True),
-    Parameter("false_alarm_rate", DEFAULT_FALSE_ALARM_RATE, "pooled: fraction of the pixels without a surface "
-              "that may show a false point.", low=1e-12, high=MAX_FALSE_ALARM_RATE, live=True),
-    Parameter("background", BACKGROUNDS[0], "pooled: distribution of the background over the bins. auto: estimated "
-              "from the photons that the last clouds do not explain; even until that is significant. sensor: the "
-              "sensor's background_shape, or even without one. flat: even.", choices=BACKGROUNDS, live=True),
-    Parameter("warm_start", False, "pooled: start from the last frame's surfaces where the photons confirm them. This "
-              "reduces the error while the scene changes little.", live=True),
-    Parameter("device", "auto", "Where to compute. auto: on a GPU if it passes a check.", choices=DEVICES, live=True),
+    *(Parameter.of(OPTIONS[name]) for name in ("false_alarm_rate", "background", "warm_start", "device")),
     Parameter("fields", "xyzi", "Fields of `points`. xyzi: x, y, z, intensity. full: also depth_std, background, row, "
               "col and surface.", choices=("xyzi", "full"), live=True),
     Parameter("organised", False, "Publish `points` as an image of rows × cols: the first point of each pixel by "
@@ -53,23 +44,18 @@ PARAMETERS = (
               "= no limit.", "m", low=0.0, live=True),
     Parameter("max_range_m", 0.0, "Omit points farther than this; 0 = no limit.", "m", low=0.0, live=True),
 )
-DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
-METHOD_OPTIONS = tuple(sorted({name for method in SKETCH_METHODS for name in METHODS[method].options}))
 
 
 def check_together(values: dict[str, Value]) -> None:
     """Raise InvalidInput for values that contradict each other."""
-    method, nearest, farthest = METHODS[values["method"]], values["min_range_m"], values["max_range_m"]
-    for name in METHOD_OPTIONS:
-        require(name in method.options or values[name] == DEFAULTS[name], name, values[name],
-                f"{DEFAULTS[name]}, since {method.name} does not have this option")
+    checked(options(values))
+    nearest, farthest = values["min_range_m"], values["max_range_m"]
     require(farthest == 0 or nearest < farthest, "min_range_m", nearest, f"less than max_range_m, {farthest:g} m")
 
 
 def options(values: dict[str, Value]) -> dict[str, Value]:
     """The parameters of the Reconstructor; the others concern what is published."""
-    names = ("method", "surfaces", "device", *METHODS[values["method"]].options)
-    return {name: values[name] for name in names}
+    return {name: values[name] for name in OPTIONS}
 
 
 def build(described: tuple[SensorModel, tuple[int, ...]] | None, values: dict[str, Value]) -> Reconstructor:

@@ -9,9 +9,10 @@ from std_msgs.msg import String
 from srt3d_ros import precompile
 from srt3d_ros.core.sensor.difference import first_difference
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE, RULES
+from srt3d_ros.core.sketching.design import OPTIONS
+from srt3d_ros.core.sketching.frequencies import RULES
 from srt3d_ros.core.sketching.gate import OFF
-from srt3d_ros.core.sketching.sums import MAX_SKETCH_SIZE, PhaseSums
+from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.core.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets import open_sensor
 from srt3d_ros.errors import InvalidInput, require
@@ -32,11 +33,8 @@ PARAMETERS = (
               "or a photon file. If a driver publishes a different description on `sensor`, its photons are dropped, "
               "and an error in the log and in /diagnostics names the first key that differs.",
               form="a path"),
-    Parameter("sketch_size", DEFAULT_SKETCH_SIZE, "Complex numbers per pixel, unless `frequencies` lists them.",
-              low=1, high=MAX_SKETCH_SIZE, live=True),
-    Parameter("frequencies", "auto", "Frequencies to keep. auto: those with the least expected depth error for "
-              "the IRF. consecutive: 1 to sketch_size, as in the paper. Or a list.",
-              form="auto, consecutive or integers such as 1,2,5", live=True, loose=True),
+    Parameter.of(OPTIONS["sketch_size"]),
+    Parameter.of(OPTIONS["frequencies"], loose=True),
     Parameter("gate", OFF, "First and last depth bin to keep. Photons in other bins are dropped "
               "(`photons_dropped.gate`), and T becomes the gate's length: less background and finer depths at a low "
               "SBR. `srt3d info FILE` proposes one. The spread of the pixels' delays widens it.",

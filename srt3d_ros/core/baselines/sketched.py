@@ -22,7 +22,6 @@ from srt3d_ros.core.baselines.plug_and_play import (
 )
 from srt3d_ros.core.baselines.weighting import weighted_steps
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
-from srt3d_ros.core.method.thresholds import check_surfaces
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sums import PhaseSums, noise_sketch
@@ -44,7 +43,6 @@ class SMLE:
     precise = True          # W is the inverse covariance of the sketch, else the identity
 
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, device: str = "cpu"):
-        check_surfaces(surfaces)
         self.sensor, self.surfaces, self.device, self._matcher = sensor, surfaces, device, Matcher(sensor, frequencies)
         kernels = self._kernels = kernels_for(device).for_shape(
             sensor.rows, sensor.cols, surfaces, self._matcher.frequencies)

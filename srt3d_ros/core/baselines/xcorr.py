@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from srt3d_ros.core.method.thresholds import check_surfaces
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame
@@ -29,7 +28,6 @@ class XCORR:
     def __init__(self, sensor: SensorModel, surfaces: int = 1):
         from scipy.fft import next_fast_len  # here and below: importing SciPy is slow, and few need it
 
-        check_surfaces(surfaces)
         self.sensor, self.surfaces = sensor, surfaces
         irf = np.atleast_2d(sensor.irf)
         self._overlap = irf.shape[1] - 1                # bins after the last one, for the IRF of late returns

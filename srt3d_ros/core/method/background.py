@@ -15,7 +15,6 @@ from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.method.found import Found, Unexplained
 from srt3d_ros.core.sketching.frequencies import angular_frequencies
 from srt3d_ros.core.sketching.sums import PhaseSums
-from srt3d_ros.errors import require
 from srt3d_ros.kernels.constants import EPSILON
 
 BACKGROUNDS = ("auto", "sensor", "flat")
@@ -74,7 +73,6 @@ class Background:
     """
 
     def __init__(self, matcher: Matcher, kind: str = "auto"):
-        require(kind in BACKGROUNDS, "background", kind, " or ".join(BACKGROUNDS))
         sensor = self._sensor = matcher.sensor
         self._matcher, self._omega = matcher, angular_frequencies(matcher.frequencies, sensor.num_bins)
         self._learns = kind == "auto"

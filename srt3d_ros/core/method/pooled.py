@@ -20,7 +20,7 @@ from srt3d_ros.core.method.background import Background, RemovedBackground
 from srt3d_ros.core.method.convergence import Convergence
 from srt3d_ros.core.method.found import Found, Unexplained
 from srt3d_ros.core.method.pile_up import PileUp
-from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, Scores, check_surfaces
+from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, Scores
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sums import PhaseSums, noise_sketch
@@ -142,7 +142,6 @@ class Pooled:
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1,
                  false_alarm_rate: float = DEFAULT_FALSE_ALARM_RATE, device: str = "cpu", background: str = "auto",
                  warm_start: bool = False):
-        check_surfaces(surfaces)
         self.sensor, self.surfaces, self.device, self._warm_start = sensor, surfaces, device, warm_start
         self._matcher = Matcher(sensor, frequencies)
         self._background = Background(self._matcher, background)

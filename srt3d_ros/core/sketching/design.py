@@ -1,12 +1,16 @@
 """Gate and frequencies of a sketch from a user's options; the gate "auto" surrounds what a histogram shows."""
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Annotated, NamedTuple, TypedDict
 
 import numpy as np
 
+from srt3d_ros.core.keys import Key, keys
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import (
+    DEFAULT_SKETCH_SIZE,
+    FREQUENCIES_FORM,
     RULES,
     best_frequencies,
     choose_frequencies,
@@ -16,12 +20,30 @@ from srt3d_ros.core.sketching.frequencies import (
 from srt3d_ros.core.sketching.gate import AUTO, FORM, OFF, Gate, parse
 from srt3d_ros.core.sketching.light import measure
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
+from srt3d_ros.core.sketching.sums import MAX_SKETCH_SIZE
 from srt3d_ros.errors import require
 
 OCCUPIED_SIGMAS = 4.5       # σ at which bins hold more than background; exceeded by chance in one of 3000 frames
 GATE_MARGIN = 1 / 8     # of the occupied bins, per side. Art, SBR 0.1: TD 92.2 % (0: 92.2, 1/2: 91.5, no gate: 88.0)
 WORTHWHILE = 1 / 10     # of the photons; a gate that drops fewer costs TD: 0.1 points at SBR 52 and 1 photon a pixel
 HIGHER = 4              # frequencies for many photons reach at most so many times the highest one for few
+
+
+class SketchOptions(TypedDict, total=False):
+    """How to sketch."""
+
+    sketch_size: Annotated[int | None, Key("complex numbers per pixel (m), unless frequencies lists them",
+                                           bounds=(1, MAX_SKETCH_SIZE), default=DEFAULT_SKETCH_SIZE)]
+    frequencies: Annotated[str | Sequence[int], Key(
+        "frequencies to keep. auto: those with the least expected depth error for the IRF. consecutive: 1 to "
+        "sketch_size, as in the paper. Or a list", form=FREQUENCIES_FORM, default="auto")]
+    gate: Annotated[str | tuple[int, int], Key(
+        "first and last depth bin to keep. Photons in other bins are dropped, and T becomes the gate's length: less "
+        "background and finer depths at a low SBR. auto, for files: the bins whose photons show a scene", form=FORM,
+        default=OFF)]
+
+
+OPTIONS = keys(SketchOptions)
 
 
 class SketchDesign(NamedTuple):
@@ -31,13 +53,12 @@ class SketchDesign(NamedTuple):
     frequencies: tuple[int, ...]
 
 
-def design_sketch(sensor: SensorModel, gate: str | tuple[int, int] = OFF, frequencies: str = "auto",
-               sketch_size: int | None = None, frame: PhotonEvents | PhotonHistograms | None = None) -> SketchDesign:
+def design_sketch(sensor: SensorModel, gate: str | tuple[int, int] = OFF, frequencies: str | Sequence[int] = "auto",
+                  sketch_size: int | None = None, frame: PhotonEvents | PhotonHistograms | None = None) -> SketchDesign:
     """The design for a sensor.
 
     Args:
-        gate: off, (first, last) bin, or auto: the bins that stand out in the histogram of `frame`, and a margin.
-        frequencies, sketch_size: see `choose_frequencies`; "auto" follows the photons of `frame`.
+        gate, frequencies, sketch_size: see `SketchOptions`; "auto" follows the photons of `frame`.
 
     Raises:
         InvalidInput: gate, frequencies or photons do not fit the sensor, its IRF passes none, or auto has no frame.
@@ -46,12 +67,13 @@ def design_sketch(sensor: SensorModel, gate: str | tuple[int, int] = OFF, freque
     if bins == AUTO:
         require(frame is not None, "gate", gate, FORM)
         chosen = choose_frequencies(frequencies, sensor, sketch_size)
-        highest = len(chosen) if frequencies in RULES else max(chosen)      # rules choose again for the gate's T
+        is_rule = isinstance(frequencies, str) and frequencies in RULES
+        highest = len(chosen) if is_rule else max(chosen)       # rules choose again for the gate's T
         bins = _bins_of(histogram(frame, sensor), sensor, 2 * highest + 1)
     kept = None if bins == OFF else Gate(sensor, *bins)
     within = sensor if kept is None else kept.sensor
     chosen = choose_frequencies(frequencies, within, sketch_size)
-    if frequencies == AUTO and frame is not None:
+    if isinstance(frequencies, str) and frequencies == AUTO and frame is not None:
         highest = min(HIGHER * chosen[-1], max((within.num_bins - 1) // 2, 1))
         chosen = best_frequencies(within, len(chosen), *measure(frame, sensor, kept, highest))
     passed_energy(irf_spectrum(within, chosen), chosen)

@@ -14,15 +14,18 @@ V(d) = Σ_x h(x) (q(x) − q(x − d))² from each signal photon; for small d, t
 """
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 
+from srt3d_ros.core.array_checks import as_array
 from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
 from srt3d_ros.core.sketching.sums import MAX_SKETCH_SIZE, check_frequencies
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import require
 
 DEFAULT_SKETCH_SIZE = 10
+FREQUENCIES_FORM = "auto, consecutive or integers such as 1,2,5"
 SBRS = (0.1, 1.0, 10.0)     # signal to background ratios that a design is for
 SCORES = (7.0, 10.0)        # σ by which the photons exceed the background; the start is sure at 7 (START_SCORE)
 BEND = 0.75                 # of the progression: 0 even, 1 geometric
@@ -75,26 +78,27 @@ def best_frequencies(sensor: SensorModel, sketch_size: int, score: float = 0.0, 
 RULES = {"auto": best_frequencies, "consecutive": lambda _, sketch_size: range(1, sketch_size + 1)}
 
 
-def choose_frequencies(spec: str, sensor: SensorModel, sketch_size: int | None = None) -> tuple[int, ...]:
+def choose_frequencies(spec: str | Sequence[int], sensor: SensorModel, sketch_size: int | None = None
+                       ) -> tuple[int, ...]:
     """Frequencies from a user's option.
 
     Args:
-        spec: "auto" (`best_frequencies`), "consecutive" (1 … m, as in the paper), or a list such as "1,2,5".
+        spec: "auto" (`best_frequencies`), "consecutive" (1 … m, as in the paper), or a list such as "1,2,5" or (1, 2).
         sensor: gives T and the IRF.
         sketch_size: m; DEFAULT_SKETCH_SIZE unless given. With a list it must be the list's length, or None.
 
     Raises:
         InvalidInput: m is too large for T, or the list has an impossible frequency.
     """
-    if spec in RULES:
+    if isinstance(spec, str) and spec in RULES:
         most = max(min((sensor.num_bins - 1) // 2, MAX_SKETCH_SIZE), 1)
         m = min(DEFAULT_SKETCH_SIZE, most) if sketch_size is None else sketch_size
         require(1 <= m <= most, "sketch_size", m, f"1 to {most} for T = {sensor.num_bins} bins")
         return check_frequencies(RULES[spec](sensor, m), sensor.num_bins)
-    try:
-        listed = [int(part) for part in spec.split(",")]
-    except ValueError:
-        raise InvalidInput("frequencies", spec, "auto, consecutive, or a list of integers such as 1,2,5") from None
+    listed = spec.split(",") if isinstance(spec, str) else as_array("frequencies", spec, 1, "iuf").tolist()
+    if isinstance(spec, str):
+        require(all(part.strip().isdecimal() for part in listed), "frequencies", spec, FREQUENCIES_FORM)
+        listed = [int(part) for part in listed]
     require(sketch_size in (None, len(listed)), "sketch_size", sketch_size,
             f"{len(listed)}, the number of frequencies listed (or leave it out)")
     return check_frequencies(listed, sensor.num_bins)

@@ -5,10 +5,12 @@ from array import array
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 
+from srt3d_ros.core.keys import Key
 from srt3d_ros.errors import InvalidInput, quoted, require
 
 Value = bool | int | float | str
@@ -42,6 +44,14 @@ class Parameter:
     live: bool = False
     inactive: bool = False
     loose: bool = False
+
+    @classmethod
+    def of(cls, key: Key, **changes: Any) -> "Parameter":
+        """The parameter of an option that the library has, too; it may be changed while the node runs."""
+        low, high = key.bounds or (None, None)
+        own = {"description": f"{key.about[0].upper()}{key.about[1:]}.", "low": low, "high": high,
+               "choices": key.choices, "form": key.form, "live": True}
+        return cls(key.name, key.default, **own | changes)
 
     @property
     def expected(self) -> str:
