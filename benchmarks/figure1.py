@@ -61,7 +61,7 @@ def _call(name: str, sensor: SensorModel, photons: PhotonEvents) -> Callable[[],
     if name == "sketching":
         return lambda: sketcher.add(photons)
     sketcher.add(photons)
-    frame = photons if method.needs == "photons" else sketcher.sketch()
+    frame = photons if method.needs == "photons" else sketcher.end_frame()
     reconstructor = method.build(sensor, sketcher.frequencies, device="cpu")
     return lambda: reconstructor(frame)
 
