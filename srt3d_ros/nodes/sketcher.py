@@ -26,7 +26,7 @@ from srt3d_ros.nodes.common.parameters import Parameter, Value
 from srt3d_ros.nodes.common.peers import all_acknowledged, unacknowledged_by
 from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.common.worker import Dropped
-from srt3d_ros.nodes.motion_input import MOTION_PARAMETERS, MotionInput, StaticTransform, parse_extrinsics
+from srt3d_ros.nodes.motion_input import MOTION_PARAMETERS, MotionInput, parse_extrinsics
 
 PARAMETERS = (
     Parameter("sensor_file", "", "Description of the sensor, for a driver that publishes none: JSON as on `sensor`, "
@@ -60,8 +60,7 @@ PARAMETERS = (
 SPEC = NodeSpec(
     "sketcher",
     inputs=(topics.SENSOR, *topics.FRAMES, *topics.MOTION),
-    outputs=(replace(topics.SENSOR, when="`sensor_file` is set"), topics.SKETCH_SENSOR, topics.SKETCH,
-             topics.TF_STATIC),
+    outputs=(replace(topics.SENSOR, when="`sensor_file` is set"), topics.SKETCH_SENSOR, topics.SKETCH),
     parameters=PARAMETERS,
 )
 
@@ -107,7 +106,6 @@ class SketcherNode(PipelineNode):
         if self._file is not None:
             self._file_publisher = self.advertise("sensor")
         self._sketches, self._descriptions = self.advertise("sketch"), self.advertise("sketch/sensor")
-        self._transform = StaticTransform(self)
 
     def activate(self) -> None:
         self.worker.messages_per_frame = max(self.parameters["packets_per_frame"],
@@ -212,8 +210,7 @@ class SketcherNode(PipelineNode):
 
     def _check(self, values: dict[str, Value]) -> None:
         """Raise InvalidInput for parameters that do not suit the sensor; without one, that suit no sensor."""
-        for name in ("frame_id", "extrinsics_frame"):
-            check_frame_id(name, values[name])
+        check_frame_id("frame_id", values["frame_id"])
         require(not (values["merge_when_busy"] and unacknowledged_by()), "merge_when_busy", "true",
                 f"false with {unacknowledged_by()}, which does not say what readers have received")
         SketchStream(self._sensor or precompile.ANY_SENSOR, stream_options(values))
@@ -274,7 +271,6 @@ class SketcherNode(PipelineNode):
         for sketch in sketches:
             self._describe(sketch.sensor)
             frame_id = values["frame_id"] or self._frame_id
-            self._transform.publish(frame_id)
             data = sketch_message.encode_cdr(sketch, frame_id, values["layout"])
             self.publish_frame(self._sketches, data, sketch.stamp_ns)
             if values["merge_when_busy"]:
