@@ -7,9 +7,11 @@ from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.stream import SketchStream
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import odometry
-from srt3d_ros.nodes.common.base import LOG_EVERY_S, QUEUE_DEPTH, PipelineNode
+from srt3d_ros.nodes.common import topics
+from srt3d_ros.nodes.common.managed_node import LOG_EVERY_S, QUEUE_DEPTH, ManagedNode
 from srt3d_ros.nodes.common.parameters import Parameter
 
+SOURCES = {topic.name: topic for topic in topics.MOTION}
 READERS = {"odom": odometry.decode_odometry, "imu": odometry.decode_imu}
 MOTION_SOURCES = ("off", *READERS)
 MOTION_PARAMETERS = (
@@ -44,12 +46,12 @@ class MotionInput:
         on_report: called in the executor's thread after each report.
     """
 
-    def __init__(self, node: PipelineNode, on_report: Callable[[], None]):
+    def __init__(self, node: ManagedNode, on_report: Callable[[], None]):
         self._node, self._on_report = node, on_report
         kind = node.parameters["motion"]
         self._topic, self._read_report = node.resolve_topic_name(kind), READERS[kind]
         self._reports = deque[tuple[bytes, int]](maxlen=INBOX)
-        node.make_subscription(kind, self._queue, QUEUE_DEPTH, raw=True)
+        node.endpoints.subscribe(SOURCES[kind], self._queue, QUEUE_DEPTH, raw=True)
         if not node.parameters["extrinsics"].strip():
             node.get_logger().warning(f"extrinsics is empty: the sensor is assumed to coincide with the frame that "
                                       f"{self._topic} reports on")

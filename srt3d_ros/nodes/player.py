@@ -12,10 +12,10 @@ from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
 from srt3d_ros.errors import BAD_INPUT, InvalidInput, require
 from srt3d_ros.messages import cdr
 from srt3d_ros.nodes.common import topics
-from srt3d_ros.nodes.common.base import FOLLOW_DEPTH, POLL_S, PipelineNode
-from srt3d_ros.nodes.common.lifecycle import run
+from srt3d_ros.nodes.common.managed_node import FOLLOW_DEPTH, POLL_S, ManagedNode
 from srt3d_ros.nodes.common.parameters import Parameter
 from srt3d_ros.nodes.common.peers import all_acknowledged, unacknowledged_by
+from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.reports import Chain, Reports
 from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.sources import PACKETS, open_source
@@ -57,7 +57,7 @@ SPEC = NodeSpec(
 )
 
 
-class PlayerNode(PipelineNode):
+class PlayerNode(ManagedNode):
     """Publishes each message when it is due; with `wait_for`, also reports which frames became clouds."""
 
     spec = SPEC
@@ -67,8 +67,7 @@ class PlayerNode(PipelineNode):
         for note in self._source.notes:
             self.get_logger().info(f"{self.parameters['input']}: {note}")
         self.diagnostics.frame_id = self._source.frame_id
-        self.spec = replace(SPEC, outputs=self._source.topics)
-        self._outputs = {topic.name: self.advertise(topic.name) for topic in self._source.topics}
+        self._outputs = {topic.name: self.endpoints.advertise(topic) for topic in self._source.topics}
         self._frames = [self._outputs[name] for name in self._source.frames]
         self.diagnostics.output = self._frames[0].topic_name
         names = ", ".join(publisher.topic_name for publisher in self._outputs.values())
@@ -78,7 +77,7 @@ class PlayerNode(PipelineNode):
         names = [self.resolve_topic_name(name)[1:] for name in self.parameters["wait_for"].split()]
         self._chain = Chain(names, reports := Reports()) if names else None
         if names:
-            self.make_subscription("/diagnostics", lambda message, info: reports.add(message), FOLLOW_DEPTH)
+            self.endpoints.subscribe(topics.DIAGNOSTICS, lambda message, info: reports.add(message), FOLLOW_DEPTH)
         for topic, raw in self._source.first.items():
             self._outputs[topic].publish(raw)
         self.worker.call(self._play)

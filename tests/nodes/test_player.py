@@ -83,7 +83,7 @@ def frames(events, sensor) -> list[bytes]:
             for stamp_ns in STAMPS_NS]
 
 
-def test_a_bag_is_played_as_it_was_recorded_once_or_in_a_loop(graph, play, sensor, frames, tmp_path):
+def test_a_bag_is_played_as_it_was_recorded_and_becomes_sketches(graph, play, sensor, frames, tmp_path):
     pose = serialize_message(Odometry())
     bag = write_bag(tmp_path / "bag", [
         ("/sensor", TEXT, sensor_message.encode_cdr(sensor)), ("/photons", CLOUD, frames[0], 10),
@@ -98,7 +98,7 @@ def test_a_bag_is_played_as_it_was_recorded_once_or_in_a_loop(graph, play, senso
 
     described, sketches = graph.collect_latched(String, "sensor"), graph.collect(PointCloud2, "sketch")
     graph.start("sketcher")
-    assert play(bag).code() == 0
+    assert graph.start("player", input=bag, wait_for="sketcher").code() == 0
     graph.wait(lambda: sketches, "sketches of the bag")
     assert sensor_message.from_json(described[0].data).same_as(sensor)
     assert sketches[0].header.stamp.sec * 10**9 + sketches[0].header.stamp.nanosec in STAMPS_NS
