@@ -18,11 +18,9 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from tqdm import tqdm
 
 from benchmarks.fake_gpu import Cost, cost, pretend
-from benchmarks.frames import sensor_of
-from benchmarks.table1 import PAPER_MS
-from srt3d_ros.core.baselines import sketched
+from benchmarks.frames import PAPER_MS, sensor_of
+from srt3d_ros.core import matched_frame
 from srt3d_ros.core.matched_frame import MatchedFrame
-from srt3d_ros.core.method import pooled
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.kernels.torch import FUNCTIONS
@@ -111,14 +109,14 @@ def steps_of(name: str, side: int, m: int, surfaces: int, bar: tqdm) -> dict[str
     """The cost of each call in a frame, by the name of the step."""
     sensor, mode = sensor_of(side), FakeTensorMode()
     kernels, frequencies = FakeKernels(mode), choose_frequencies(METHODS[name].frequencies, sensor, m)
-    pooled.kernels_for = sketched.kernels_for = lambda device: kernels
+    matched_frame.kernels_for = lambda device: kernels
     inputs = [np.empty((side, side), np.float32), np.empty((side, side, m), np.complex64)]
     with mode:
         method = METHODS[name].build(sensor, frequencies, surfaces=surfaces, device="cuda")
         if name == "pooled":
             inputs += [None, np.array(method._scores, np.float32)]
         with Frame({}, bar) as frame:
-            (method._frames.run if name == "pooled" else method._run)(*inputs)
+            (method._frames.run if name == "pooled" else method.run)(*inputs)
     return frame.costs
 
 

@@ -8,7 +8,7 @@ from srt3d_ros.cloud import Cloud, notes_text
 from srt3d_ros.core.keys import written_out
 from srt3d_ros.core.methods import DEFAULT_METHOD, SKETCH_METHODS, MethodOptions
 from srt3d_ros.core.sketching.sums import PhaseSums
-from srt3d_ros.datasets import sketch_files
+from srt3d_ros.datasets import photon_file
 from srt3d_ros.errors import require
 from srt3d_ros.reconstruction import Reconstructor
 
@@ -41,7 +41,7 @@ class Sketch(PhaseSums):
         Raises:
             InvalidInput: another suffix, a path that cannot be written, or an .npz file there that is no sketch.
         """
-        sketch_files.save(self, path, self.notes)
+        photon_file.save_sketch(path, self, self.notes)
 
     @written_out(MethodOptions)
     def reconstruct(self, **options: Unpack[MethodOptions]) -> Cloud:

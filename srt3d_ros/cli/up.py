@@ -12,7 +12,7 @@ from pathlib import Path
 from srt3d_ros import __version__
 from srt3d_ros.cli import health, node
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.files import shared_files
+from srt3d_ros.files import shared_file
 from srt3d_ros.processes.node_command import PLAYER, check_parameter, namespace_arguments
 from srt3d_ros.processes.supervisor import supervise
 
@@ -124,7 +124,7 @@ def ros_arguments(args: argparse.Namespace, specs: list, own_file: str) -> list[
     """The options as arguments for ROS 2; `own_file`: the path of the file from `parameters_yaml`."""
     out = ["--ros-args"]
     for config in args.config:
-        path = shared_files.find(f"config/{config}.yaml") or Path(config)
+        path = shared_file(f"config/{config}.yaml") or Path(config)
         require(isfile(path), "--config", config, "a parameter file, or the name of one in the package")
         out += ["--params-file", str(path)]
     out += ["--params-file", own_file]

@@ -1,6 +1,6 @@
 """The reconstruction methods by name, ours and those that the SRT3D paper compares, and their options."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, TypedDict
 
@@ -38,7 +38,7 @@ class Method:
     frequencies: str = "auto"
     options: tuple[str, ...] = ()
 
-    def build(self, sensor: SensorModel, frequencies: Sequence[int] = (), **options: Any) -> Callable:
+    def build(self, sensor: SensorModel, frequencies: Sequence[int] = (), **options: Any) -> Any:
         """A callable from a sketch, or from a PhotonFrame, to points.
 
         Args:

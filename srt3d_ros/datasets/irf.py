@@ -11,9 +11,9 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.datasets.readers import isolated
 from srt3d_ros.datasets.values import array
 from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.files import isolated
 from srt3d_ros.files.array_files import map_npy, read_errors, read_npz_arrays, require_file
 
 MAX_TEXT_BYTES = 4 * 2**20      # 64 for each number of the longest IRF

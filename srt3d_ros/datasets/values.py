@@ -1,6 +1,5 @@
 """Convert arrays of files and callers to NumPy arrays of numbers."""
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -32,9 +31,3 @@ def sendable(counts: np.ndarray) -> np.ndarray:
     kind = next((kind for kind in COUNT_DTYPES[:-1] if np.iinfo(kind).min <= low and high <= np.iinfo(kind).max), None)
     require(kind is not None, "counts", low if low < 0 else high, "32-bit numbers")
     return counts.astype(kind)
-
-
-def listing(entries: Iterable[tuple[str, tuple[int, ...], str]]) -> str:
-    """Name, shape and type of each array of a file, for an error."""
-    return ", ".join(f"{name} ({' '.join(filter(None, ('×'.join(map(str, shape)), kind)))})"
-                     for name, shape, kind in entries) or "no arrays"

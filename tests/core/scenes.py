@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
+from srt3d_ros.core.matched_frame import MatchedFrame, Matcher, SensorOnDevice
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.point_cloud import PointCloud
@@ -15,7 +15,7 @@ from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
-from srt3d_ros.kernels import cpu, maps
+from srt3d_ros.kernels import maps
 
 T = 586
 IRF = np.exp(-0.5 * ((np.arange(40) - 15) / np.where(np.arange(40) < 15, 3, 5))**2)     # steep rise, slow decay
@@ -105,7 +105,6 @@ def matched_frame(sensor: SensorModel, sketch: PhaseSums) -> MatchedFrame:
     """The frame of a sketch as the CPU's kernels get it, but for the padding of its maps."""
     matcher = Matcher(sensor, sketch.frequencies)
     matcher.check(sketch)
-    kernels = cpu.for_shape(sensor.rows, sensor.cols, 1, matcher.frequencies)
-    frame, _ = matcher.on(kernels).match(sketch.photons.astype(np.float32), sketch.sums)
+    frame, _ = SensorOnDevice(matcher, "cpu", 1).match(sketch.photons.astype(np.float32), sketch.sums)
     matched, counts = (maps.crop(each, *frame.shape).copy() for each in (frame.matched, frame.counts))
-    return replace(frame, matched=matched, counts=counts, exposure=sensor.exposure, size=None)
+    return replace(frame, matched=matched, counts=counts, exposure=sensor.exposure)

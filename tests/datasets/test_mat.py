@@ -6,9 +6,8 @@ from scipy.io import savemat
 from scipy.sparse import csc_matrix
 
 from srt3d_ros import read
-from srt3d_ros.datasets.readers import isolated, isolated_child
-from srt3d_ros.datasets.values import listing
 from srt3d_ros.errors import InvalidInput
+from srt3d_ros.files import isolated, isolated_child
 from srt3d_ros.files.array_files import read_errors
 
 ROWS, COLS = 2, 3
@@ -19,11 +18,11 @@ PIXEL, TOA = [0, 0, 2, 3, 4, 4, 4], [12, 15, 10, 19, 13, 13, 14]
 
 @pytest.fixture(autouse=True)
 def in_this_process(monkeypatch):
-    """Without the child, which takes as long as SciPy to start: test_mat_child.py is with it."""
+    """Without the child, which takes as long as SciPy to start: tests/files/test_isolated.py is with it."""
     def arrays_of(path, library, names, expected):
         with read_errors(path, expected):
             arrays, shapes = isolated_child.matlab_5(path, names)
-        return arrays, listing(shapes)
+        return arrays, isolated_child.listing(shapes)
     monkeypatch.setattr(isolated, "arrays_of", arrays_of)
 
 

@@ -5,8 +5,7 @@ import pytest
 
 from srt3d_ros.core.baselines import plug_and_play
 from srt3d_ros.core.baselines.rt3d import RT3D
-from srt3d_ros.core.baselines.sketched import SMLE, SRT3D
-from srt3d_ros.core.baselines.weighting import weighted_steps
+from srt3d_ros.core.baselines.sketched import SMLE, SRT3D, weighted_steps
 from srt3d_ros.core.baselines.xcorr import by_pixel
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
@@ -226,11 +225,11 @@ def test_a_gpu_finds_the_same_points_and_looks_at_no_value(monkeypatch, method, 
     sketch = sketch_photons(make_photons(sensor, 60), sensor, tuple(range(1, 8)))
 
     def on(kernels):
-        monkeypatch.setattr("srt3d_ros.core.baselines.sketched.kernels_for", lambda name: kernels)
+        monkeypatch.setattr("srt3d_ros.core.matched_frame.kernels_for", lambda name: kernels)
         return method(sensor, sketch.frequencies, surfaces, device="cuda")
 
     found, expected = (on(each.kernels)(sketch) for each in (CPU, ORACLE))
-    on(oracle.on("meta"))._run(np.float32(sketch.photons), sketch.sums)        # torch's device without values
+    on(oracle.on("meta")).run(np.float32(sketch.photons), sketch.sums)        # torch's device without values
     assert len(found) > 300
     for field in ("row", "col", "surface"):
         np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))

@@ -1,4 +1,4 @@
-"""Damaged files are read, or refused in one line; tests/datasets/test_mat_child.py has .mat files."""
+"""Damaged files are read, or refused in one line; tests/files/test_isolated.py has .mat files."""
 
 import io
 import zipfile

@@ -10,7 +10,6 @@ DEFAULT_FALSE_ALARM_RATE = 5e-5         # one pixel in 20,000, such as one of 14
 MAX_SURFACES = 4
 MAX_FALSE_ALARM_RATE = 0.4      # at 0.5, the threshold to keep an existing surface is -inf
 STAYING = 0.5                   # share of false points that survive the iterations (`benchmarks false_alarms`)
-SMALLEST = 1e-300               # least probability: keeps the threshold finite
 
 
 class Scores(NamedTuple):
@@ -49,7 +48,7 @@ def score_threshold(false_alarm_rate: float, highest: int, sigma: float = 0.0) -
     """
     cell = cell_size(sigma)**2
     share = cell / max(4 * math.pi * sigma**2, cell)
-    return -NormalDist().inv_cdf(max(false_alarm_rate / (2 * highest) * share, SMALLEST))
+    return -NormalDist().inv_cdf(false_alarm_rate / (2 * highest) * share)
 
 
 def continuation_threshold(false_alarm_rate: float) -> float:

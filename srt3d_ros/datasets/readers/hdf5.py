@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.datasets.readers import isolated, npz
+from srt3d_ros.datasets.readers import npz
 from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.errors import finite, require
+from srt3d_ros.files import isolated
 from srt3d_ros.files.array_files import read_errors
 
 UNIT, NUM_BINS, LASER = "nanotimes_specs/tcspc_unit", "nanotimes_specs/tcspc_num_bins", \

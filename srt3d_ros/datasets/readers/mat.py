@@ -8,11 +8,12 @@ import numpy as np
 from srt3d_ros.core.sensor.model import MAX_BINS, MAX_PIXELS
 from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, from_pixels
 from srt3d_ros.datasets.options import check_same, outside_note
-from srt3d_ros.datasets.readers import isolated, npz
+from srt3d_ros.datasets.readers import npz
 from srt3d_ros.datasets.readers.cubes import cube
 from srt3d_ros.datasets.reading import Reading, in_gate
 from srt3d_ros.datasets.values import MAX_EVENTS
 from srt3d_ros.errors import finite, require
+from srt3d_ros.files import isolated
 from srt3d_ros.files.array_files import read_errors
 
 EDGE = 1e-6     # of a bin; added to a time before it is rounded down, so that an edge belongs to the bin it begins

@@ -7,7 +7,8 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
-from srt3d_ros.datasets import cloud_files, sketch_files
+from srt3d_ros.core.sketching.sums import PhaseSums
+from srt3d_ros.datasets import cloud_files
 from srt3d_ros.datasets.arrays import from_events, from_frame, from_pixels
 from srt3d_ros.datasets.photon_file import FIRST_REFERENCES, OTHER_REFERENCES
 from srt3d_ros.datasets.readers import cubes
@@ -15,18 +16,19 @@ from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.datasets.sensor_arrays import (
     SENSOR_ARRAYS,
     SENSOR_FIELDS,
+    read_saved,
     sensor_options,
     values_of,
     vector,
 )
-from srt3d_ros.datasets.values import MAX_EVENTS, listing, sendable
+from srt3d_ros.datasets.values import MAX_EVENTS, sendable
 from srt3d_ros.errors import require
 from srt3d_ros.files.array_files import npz_contents, read_errors, read_npz_arrays
+from srt3d_ros.files.isolated_child import listing
 
 COLUMNS, PIXEL_COLUMNS = ("row", "col", "toa"), ("pixel", "toa")
 KNOWN = (*SENSOR_ARRAYS, "pixel", *COLUMNS, "stamp_ns", *FIRST_REFERENCES, *OTHER_REFERENCES, "fov_deg", "kind")
 SIZES = ("rows", "cols", "num_bins")
-SAVED = {"cloud": cloud_files.read, "sketch": sketch_files.read}      # by `kind`
 PHOTONS = "row, col (or pixel) and toa of each photon (other names: --columns ROW,COL,TOA, or srt3d_ros.from_events)"
 WANTED = f"one numeric array [rows, cols, bins], or {PHOTONS}"
 
@@ -35,9 +37,10 @@ def read(path: Path, options: dict) -> Reading:
     """Photons of an .npz file, one by one or as counts, or a saved Sketch or Cloud; other arrays are ignored."""
     arrays = read_npz_arrays(path, (*KNOWN, *options.get("columns", ())))
     kind = arrays.pop("kind", None)         # unchecked: it may be anyone's
-    for name, read_saved in SAVED.items():
-        if np.array_equal(kind, name):
-            return read_saved(path, options)
+    if np.array_equal(kind, "cloud"):
+        return cloud_files.read(path, options)
+    if np.array_equal(kind, "sketch"):
+        return _sketch(path, options)
     if not _has_photons(arrays, options):
         arrays = read_npz_arrays(path, KNOWN, and_cubes=True)
     return from_arrays(path, arrays, options, WANTED, listing(npz_contents(path)))
@@ -77,6 +80,20 @@ def from_arrays(path: Path, arrays: dict[str, np.ndarray], options: dict, wanted
     notes = tuple(dict.fromkeys((*values.get("notes", ()), *assumed)))
     others = {name: value for name, value in options.items() if name != "columns"}
     return Reading(sensor, frame, reference, path.stem, notes).with_options(others)
+
+
+def _sketch(path: Path, options: dict) -> Reading:
+    """A sketch that `photon_file.save_sketch` wrote; options replace values of its sensor."""
+    facts = ("stamp_ns", "sketch_cycles")
+    sensor, values = read_saved(path, ("frequencies", "sums", "photons", "before", *facts))
+    with read_errors(path):
+        before, stamp_ns, cycles = values["before"], *(int(values[name]) for name in facts)
+        fits = before.shape in ((0, 0), (sensor.rows, sensor.cols)) and before.dtype == np.uint32
+        require(fits, "before", f"{before.dtype} {before.shape}", "uint32 of the sensor's pixels, or none")
+        require(cycles >= 0, "sketch_cycles", cycles, "0 or more")
+        sums = PhaseSums(values["frequencies"], values["sums"], values["photons"], stamp_ns, cycles,
+                         before if before.size else None, sensor=sensor)
+    return Reading(sensor, sums, None, path.stem, values["notes"]).with_options(options)
 
 
 def _has_photons(arrays: dict[str, np.ndarray], options: dict) -> bool:

@@ -12,7 +12,6 @@ from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.sketching.sums import PhaseSums
-from srt3d_ros.errors import InvalidInput
 from tests.core import scenes
 from tests.core.scenes import IRF, background_alone, with_photons
 
@@ -143,8 +142,3 @@ def test_a_hot_pixel_does_not_harm_its_neighbours(background):
         error = circular_difference(cloud.depth_bins, DEPTH[cloud.row, cloud.col], T)
         assert beside.sum() > 0.98 * mask.sum() and (np.abs(error[beside]) > 10).mean() < 0.02
         assert beside.all() or not known
-
-
-def test_what_cannot_be_used_is_named():
-    with pytest.raises(InvalidInput, match="^background is dark: expected auto or sensor or flat"):
-        Pooled(make_sensor(), (1, 2, 3), background="dark")

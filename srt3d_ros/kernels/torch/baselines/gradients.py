@@ -12,7 +12,7 @@ def pixelwise(frame, table, rate, usual, depth, intensity, faintest=0.0):
     """Gradient step on n (z − Ψ_θ)ᵀ W (z − Ψ_θ): t += rate Δ_rt s / max(s, usual g)², r += INTENSITY_RATE Δ_r / g.
 
     Of d_l = (z_l − g Σ_k r_k |ĥ_l|² exp(i ω_l t_k)) exp(−i ω_l t) the table's rows make
-    Δ_rt = a₀ · Re d + a₁ · Im d and Δ_r = a₂ · Re d + a₃ · Im d (`core/baselines/weighting.py`). s = g max(r, the new
+    Δ_rt = a₀ · Re d + a₁ · Im d and Δ_r = a₂ · Re d + a₃ · Im d (`core/baselines/sketched.py`). s = g max(r, the new
     r). A step in depth is at most δ, an intensity at least 0. All points move at once.
     """
     light, there = frame.exposure[:, None], intensity > 0

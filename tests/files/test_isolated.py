@@ -11,8 +11,8 @@ from scipy.io import savemat
 from scipy.sparse import csc_matrix
 
 from srt3d_ros import read
-from srt3d_ros.datasets.readers import isolated
 from srt3d_ros.errors import InvalidInput
+from srt3d_ros.files import isolated
 from tests.datasets.test_mat import IRF, cells, write
 
 

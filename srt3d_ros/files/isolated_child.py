@@ -1,16 +1,16 @@
 """The process in which SciPy, h5py or sdtfile reads an untrusted file. Imports nothing of srt3d_ros."""
 
 import importlib
-import json
 import resource
 import sys
 import warnings
+from contextlib import suppress
 from fnmatch import fnmatchcase
 from pathlib import Path
 
 import numpy as np
 
-ALIGNMENT = 64          # bytes, of each array in the file that the caller maps
+ARRAY = "array/"        # begins the names of arrays in what the child writes
 MOST_LISTED = 100       # arrays; an error shows fewer
 CPU_S = 600             # 3 GB unpack in a tenth of it
 # MATLAB says in these attributes of HDF5 what an array was. It stores axes in reverse, and cells in groups that begin
@@ -19,28 +19,34 @@ CLASS, EMPTY, SPARSE = "MATLAB_class", "MATLAB_empty", "MATLAB_sparse"
 Found = tuple[dict[str, np.ndarray], list[tuple[str, tuple, str]]]      # arrays; name, shape, kind of all
 
 
-def main(library: str, path: str, file: str, most: str, *names: str) -> None:
-    """Write the arrays that the library's reader finds to the open file descriptor `file`, their places to stdout.
+def main(library: str, path: str, most: str, *names: str) -> None:
+    """Write the arrays that the library's reader finds to stdout as .npz, with `said`: an error's class, its text, the
+    list of all arrays.
 
     Memory is limited to `most` bytes more than the process has once the library is imported.
     """
     warnings.simplefilter("ignore")
     module, read = READERS[library]
     importlib.import_module(module)
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S))
-    _, hard = resource.getrlimit(resource.RLIMIT_AS)
-    limit = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + int(most)
-    resource.setrlimit(resource.RLIMIT_AS, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
-    (arrays, listed), places = read(path, names), []
-    with open(int(file), "wb") as stream:
-        for name, array in arrays.items():
-            stream.write(bytes(-stream.tell() % ALIGNMENT))
-            order = "F" if array.flags.f_contiguous else "C"
-            places.append((name, array.dtype.str, stream.tell(), array.shape, order))
-            if array.size:
-                stream.write(array.ravel("K").view(np.uint8))
-    json.dump({"arrays": places, "listed": listed[:MOST_LISTED]}, sys.stdout)
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    for limit, value in ((resource.RLIMIT_CPU, CPU_S), (resource.RLIMIT_AS, used + int(most))):
+        with suppress(ValueError):      # a lower limit is set already
+            resource.setrlimit(limit, (value, resource.getrlimit(limit)[1]))
+    arrays, listed, error = {}, [], ("", "")
+    try:
+        arrays, listed = read(path, names)
+    except MemoryError:
+        error = "MemoryError", ""
+    except Exception as raised:
+        error = type(raised).__name__, str(raised)
+    np.savez(sys.stdout.buffer, said=(*error, listing(listed[:MOST_LISTED])),
+             **{ARRAY + name: array for name, array in arrays.items()})
+
+
+def listing(entries: list[tuple[str, tuple, str]]) -> str:
+    """Name, shape and type of each array of a file, for an error."""
+    return ", ".join(f"{name} ({' '.join(filter(None, ('×'.join(map(str, shape)), kind)))})"
+                     for name, shape, kind in entries) or "no arrays"
 
 
 def matlab_5(path: str, names: tuple[str, ...]) -> Found:
@@ -74,11 +80,7 @@ def hdf5(path: str, names: tuple[str, ...]) -> Found:
     """As `matlab_5`, of HDF5 and MATLAB 7.3: an array in a group is GROUP/NAME. `names` may be patterns of fnmatch."""
     import h5py
 
-    try:
-        file = h5py.File(path, "r")
-    except OSError as error:        # "Unable to synchronously open file (truncated file: eof = …)"
-        raise OSError(str(error).rpartition("(")[2].partition(":")[0].rstrip(")")) from None
-    with file:
+    with h5py.File(path) as file:
         nodes, arrays = {}, {}
 
         def visit(name: str, node: h5py.HLObject) -> None:

@@ -1,4 +1,4 @@
-"""Read PicoQuant time-tagged photons (.ptu, T3) with ptufile."""
+"""Read files of TCSPC electronics: PicoQuant's photons (.ptu, T3) and Becker & Hickl's histograms (.sdt)."""
 
 import shutil
 import tempfile
@@ -9,6 +9,7 @@ import numpy as np
 from srt3d_ros.datasets.readers.cubes import cube
 from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.errors import finite, require
+from srt3d_ros.files import isolated
 from srt3d_ros.files.array_files import read_errors
 
 COUNT_DTYPE = np.dtype(np.uint32)
@@ -17,7 +18,7 @@ MARKS = ("ImgHdr_LineStart", "ImgHdr_LineStop", "ImgHdr_Frame")
 SUMMED = slice(None, None, -1)          # ptufile adds up the photons along an axis with this index
 
 
-def read(path: Path, options: dict) -> Reading:
+def read_ptu(path: Path, options: dict) -> Reading:
     """Photons of a .ptu file, all frames added up, of `channel` or the channel with the most. Needs ptufile."""
     import ptufile
 
@@ -44,6 +45,23 @@ def read(path: Path, options: dict) -> Reading:
         counts = counts.reshape(rows, cols, num_bins).view(np.int32)       # int32 is sketched without a copy
     others = {name: value for name, value in options.items() if name != "channel"}
     return cube(path, counts, others, {"bin_width_s": bin_width_s}, notes)
+
+
+def read_sdt(path: Path, options: dict) -> Reading:
+    """Photons of an .sdt file, of the data set `channel`, from 0, or the one with the most. Needs sdtfile."""
+    arrays, _ = isolated.arrays_of(path, "sdtfile", (), "a complete Becker & Hickl .sdt file of histograms")
+    with read_errors(path):
+        sets = [name for name in arrays if name.isdecimal()]
+        require(len(sets) > 0, "data sets", problem="The file has no histograms.")
+        chosen, notes = max(sets, key=lambda name: arrays[name].sum(dtype=np.float64)), ()
+        if "channel" in options:
+            chosen = str(int(finite("channel", options["channel"], "a data set's number")))
+            require(chosen in sets, "channel", chosen, f"a data set of the file: {', '.join(sets)}")
+        elif len(sets) > 1:
+            notes = (f"photons of data set {chosen}, which has the most, of {', '.join(sets)} (--channel)",)
+    width_s = float(arrays[f"{chosen}.width"])
+    others = {name: value for name, value in options.items() if name != "channel"}
+    return cube(path, arrays[chosen], others, {"bin_width_s": width_s} if width_s else {}, notes)
 
 
 def _bins(ptu) -> tuple[int, float]:
