@@ -21,6 +21,7 @@ from srt3d_ros.datasets.options import (
 from srt3d_ros.datasets.values import array, sendable
 from srt3d_ros.errors import InvalidInput, quoted, require
 
+SUBTRACTED = "cycles not used, pile-up not corrected: some counts are negative, so something was subtracted"
 MAX_KEPT = 2**24            # photons in a sample, 100 MB; files with fewer become events
 Described = tuple[SensorModel, PhotonEvents | PhotonHistograms, tuple[str, ...]]     # and notes
 
@@ -123,6 +124,8 @@ def complete(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, option
         require(high > 0 or low == 0, "counts", problem="No count is above 0. If the signal is inverted, negate it.")
         if low < 0:
             notes += ("negative counts outweigh the positive ones: was too much background subtracted?",)
+    if isinstance(frame, PhotonHistograms) and sensor.cycles and frame.has_negative:
+        notes += (SUBTRACTED,)
     if "irf" not in options:
         require(sensor.histograms is None, "irf", problem="Give irf, widened by these bins: histograms cannot show it.")
         sample = sampled(frame.counts) if isinstance(frame, PhotonHistograms) else frame

@@ -10,6 +10,7 @@ With a gate, t counts from its first bin, and N are the cycles without a photon 
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,11 +19,12 @@ from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies
 from srt3d_ros.core.sketching.sums import PhaseSums
-from srt3d_ros.kernels.constants import EPSILON
+from srt3d_ros.kernels.constants import EPSILON, LOCAL_SIGMA
 from srt3d_ros.kernels.devices import kernels_for
 
 SATURATED = 0.95        # share of cycles with a photon, above which the others say little about the flux
 NEWTON_STEPS = 8        # from λ = r / N, they approach the root from below
+POOLED = 4 * np.pi * LOCAL_SIGMA**2     # pixels that count in a local mean
 FLUXES = np.concatenate([[0], np.geomspace(0.01, 8, 49)])       # λ of the tables of shifts
 
 
@@ -30,6 +32,18 @@ def saturated(sketch: PhaseSums, sensor: SensorModel) -> np.ndarray:
     """Whether a pixel saw a photon in nearly every cycle, bool [rows, cols]; False if masked or not known."""
     full = (sketch.photons > SATURATED * sketch.armed_cycles) & (sketch.cycles > 0)
     return full & sensor.used
+
+
+class Seen(NamedTuple):
+    """What one cloud says of pile-up in the next frame.
+
+    Args:
+        background_share: of all photons.
+        shift: float32 [rows, cols], how far each pixel's first surface was moved, bins; 0 without one.
+    """
+
+    background_share: float
+    shift: np.ndarray
 
 
 class PileUp:
@@ -41,24 +55,34 @@ class PileUp:
         self._shifts, self._step_shifts = (
             _shifts(matcher, self._omega, background / matcher.sensor.num_bins) for background in (0, 1))
 
-    def without_decay(self, sketch: PhaseSums, background_share: float) -> PhaseSums:
-        """The sketch without the decay of its background: minus n_b β̂(b), with each pixel's own b.
+    @property
+    def nothing_seen(self) -> Seen:
+        """Before the first cloud: all light may be background."""
+        return Seen(1.0, np.zeros((self._sensor.rows, self._sensor.cols), np.float32))
+
+    def without_decay(self, sketch: PhaseSums, seen: Seen) -> PhaseSums:
+        """The sketch without the decay of its background: minus n_b β̂(b), with each pixel's own b; and turned.
 
         Pile-up makes the background decay as exp(−b x / T): β̂_l(b) = b / (b − i ω_l T). The same share of all photons
-        counts as background everywhere.
+        counts as background everywhere. What is left is turned back by the pixel's `shift`, because pixels of unlike
+        flux are pooled next, and each is moved by its own.
         """
-        flux = (background_share * _flux(sketch))[..., None]
+        flux = (seen.background_share * _flux(sketch))[..., None]
         decay = flux / (flux - 1j * self._omega * self._sensor.num_bins)
-        taken = background_share * sketch.photons[..., None] * decay
-        return replace(sketch, sums=(sketch.sums - taken).astype(np.complex64), cycles=0)
+        taken = seen.background_share * sketch.photons[..., None] * decay
+        turned = (sketch.sums - taken) * np.exp(-1j * self._omega * seen.shift[..., None])
+        return replace(sketch, sums=turned.astype(np.complex64), cycles=0)
 
-    def corrected(self, cloud: PointCloud, sketch: PhaseSums) -> tuple[PointCloud, float]:
-        """Intensities N λ, background N b (local means), depths moved back, std with λ's error; background's share."""
+    def corrected(self, cloud: PointCloud, sketch: PhaseSums, seen: Seen) -> tuple[PointCloud, Seen]:
+        """Intensities N λ, background N b (local means), depths moved back, std with λ's error; what the cloud says.
+
+        `cloud` is that of `without_decay`.
+        """
         sensor, flux, at = self._sensor, _flux(sketch), (cloud.row, cloud.col)
         signal, background, error = self._fluxes(cloud, sketch, flux[at])
-        share, seen = np.ones(flux.shape), sketch.photons * self._used
+        share, photons = np.ones(flux.shape), sketch.photons * self._used
         share[at] = background / np.maximum(flux[at], EPSILON)
-        background_share = float((share * seen).sum() / max(seen.sum(), 1))
+        background_share = float((share * photons).sum() / max(photons.sum(), 1))
         left = flux.copy()
         np.subtract.at(left, at, signal)
         left = (sketch.cycles * left).astype(np.float32)
@@ -66,12 +90,18 @@ class PileUp:
         shift = pulse + background * (step - pulse)
         error = error * np.interp(signal, FLUXES, np.abs(np.gradient(self._shifts, FLUXES)))
         error = np.where(saturated(sketch, sensor)[at], np.hypot(error, shift), error)
+        first, moved = cloud.surface == 0, seen.shift * 0
+        moved[cloud.row[first], cloud.col[first]] = shift[first]
+        there = (moved != 0).astype(np.float32)
+        pooled = self._kernels.local_mean((moved - seen.shift) * there, there)
+        shift = np.where(first, pooled[at], shift - seen.shift[at])
+        error = np.where(first, error / POOLED**0.5, error)
         depth = sensor.wrapped(cloud.depth_bins - shift)
         cloud = replace(cloud, depth_bins=depth, xyz=sensor.xyz(cloud.row, cloud.col, depth),
                         intensity=(sketch.cycles * signal / sensor.exposure[at]).astype(np.float32),
                         depth_std_bins=np.hypot(cloud.depth_std_bins, error).astype(np.float32),
                         background=self._kernels.background(left, sensor.exposure))
-        return cloud, background_share
+        return cloud, Seen(background_share, moved)
 
     def _fluxes(self, cloud: PointCloud, sketch: PhaseSums, flux: np.ndarray) -> tuple[np.ndarray, ...]:
         """λ of each point, b of its pixel, and the standard deviation of λ, float64 [N] each; `flux` is Λ."""

@@ -51,7 +51,7 @@ class Pooled:
 
     def forget(self) -> None:
         """Begin the next frame as if it were the first."""
-        self._is_first, self._learned, self._points, self._background_share = True, self._background.first, None, 1.0
+        self._is_first, self._learned, self._points, self._piled_up = True, self._background.first, None, None
 
     def set_false_alarm_rate(self, false_alarm_rate: float) -> None:
         """Use this false alarm rate from the next frame on."""
@@ -67,15 +67,16 @@ class Pooled:
         return cloud
 
     def _cloud(self, sketch: PhaseSums) -> PointCloud:
-        """The cloud of a frame; the next one starts from its background, its surfaces and its background's share."""
-        seen = self._pile_up.without_decay(sketch, self._background_share) if sketch.cycles else sketch
-        given = self._frames, self._background, self._scores, seen
+        """The cloud of a frame; the next one starts from its background, its surfaces and its pile-up."""
+        piled_up = self._piled_up or self._pile_up.nothing_seen if sketch.cycles else None
+        plain = sketch if piled_up is None else self._pile_up.without_decay(sketch, piled_up)
+        given = self._frames, self._background, self._scores, plain
         found, self._learned = first_frame(*given) if self._is_first else next_frame(
             *given, self._learned, self._points)
         self._points = found.points
-        if not sketch.cycles:
+        if piled_up is None:
             return found.cloud
-        cloud, self._background_share = self._pile_up.corrected(found.cloud, sketch)
+        cloud, self._piled_up = self._pile_up.corrected(found.cloud, sketch, piled_up)
         return cloud
 
     @cached_property

@@ -136,7 +136,7 @@ class FrameSketcher:
     def _add_histograms(self, histograms: PhotonHistograms) -> None:
         counts, (table, of_template) = histograms.counts, self.histogram_tables
         self._kernels.sketch_histograms(counts.reshape(-1, counts.shape[2]), table, of_template, self._sums)
-        self._subtracted |= counts.dtype.kind != "u" or of_template is not None
+        self._subtracted |= of_template is not None or histograms.has_negative
 
     @cached_property
     def histogram_tables(self) -> tuple[np.ndarray, np.ndarray | None]:

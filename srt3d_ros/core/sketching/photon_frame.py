@@ -130,6 +130,11 @@ class PhotonHistograms:
         # Sum parts in 32 bits: exact, and twice as fast as in 64 bits.
         return sum(int(flat[first:first + CHUNK].sum(dtype=np.uint32)) for first in range(0, len(flat), CHUNK))
 
+    @property
+    def has_negative(self) -> bool:
+        """Whether any count is negative: something was subtracted, and the counts are not those of detections."""
+        return self.counts.dtype.kind != "u" and bool((self.counts < 0).any())
+
     def check(self, sensor: SensorModel) -> None:
         """Raise InvalidInput unless the histograms have the sensor's pixels and bins, and finite counts in range."""
         wanted = sensor.rows, sensor.cols, bins_of(sensor)
