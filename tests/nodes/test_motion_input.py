@@ -3,18 +3,15 @@
 import pytest
 from sensor_msgs.msg import PointCloud2
 
-from srt3d_ros.messages import photon_frames
-
 
 @pytest.fixture
-def sketched(graph, sensor, events):
+def sketched(graph, sensor, photons_at):
     """Starts a sketcher and waits for its sketch of a frame from `spad`."""
     def sketched(parent: str, code: str = ""):
         sketches = graph.collect(PointCloud2, "sketch")
         node = graph.start("sketcher", code=code, extrinsics="0.2 0 0.1 0.5 -0.5 0.5 -0.5", extrinsics_frame=parent)
         graph.introduce(sensor)
-        photons = graph.matched(graph.publisher(PointCloud2, "photons"))
-        photons.publish(photon_frames.PHOTONS.encode_cdr(events, sensor, "spad"))
+        graph.matched(graph.publisher(PointCloud2, "photons")).publish(photons_at(0))
         graph.wait(lambda: sketches, "a sketch")
         return node
 

@@ -2,7 +2,6 @@
 
 import signal
 import sys
-from dataclasses import replace
 from itertools import cycle, islice
 
 import numpy as np
@@ -72,9 +71,8 @@ def play(graph):
 
 
 @pytest.fixture
-def frames(events, sensor) -> list[bytes]:
-    return [photon_frames.PHOTONS.encode_cdr(replace(events, stamp_ns=stamp_ns), sensor, "spad")
-            for stamp_ns in STAMPS_NS]
+def frames(photons_at) -> list[bytes]:
+    return [photons_at(stamp_ns) for stamp_ns in STAMPS_NS]
 
 
 def test_a_bag_is_played_as_it_was_recorded_once_or_in_a_loop(graph, play, sensor, frames, tmp_path):
@@ -119,7 +117,7 @@ def test_remapped_photons_of_another_namespace_become_clouds_and_the_clock_is_th
     assert passed_ms == sorted(passed_ms) and {ms % 25 for ms in passed_ms} == {0} and passed_ms[-1] == 1100
 
 
-def test_a_name_that_ros_refuses_is_one_line(play, tmp_path, frames):
+def test_a_name_that_ros_refuses_is_one_line(graph, tmp_path, frames):
     names = f"/{'a' * 300}/photons", "/b/photons"       # in two namespaces, which are kept
-    player = play(write_bag(tmp_path / "bag", [(name, CLOUD, frames[0]) for name in names]))
+    player = graph.start("player", input=write_bag(tmp_path / "bag", [(name, CLOUD, frames[0]) for name in names]))
     assert player.code() == 2 and player.text.splitlines()[-1].startswith("srt3d: error: Cannot use aaa")
