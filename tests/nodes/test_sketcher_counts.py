@@ -65,7 +65,7 @@ def test_a_driver_of_best_effort_is_read_whenever_it_comes_and_not_in_spite_of_t
         """A driver that comes and sends until there is a sketch."""
         driver = graph.node.create_publisher(PointCloud2, "photons", qos_profile_sensor_data)
         before = len(sketches)
-        graph.wait(lambda: driver.publish(photons_at(S)) or len(sketches) > before, "a sketch of a best-effort driver's")
+        graph.wait(lambda: driver.publish(photons_at(S)) or len(sketches) > before, "a sketch of the driver's")
 
     drive()
     assert "incompatible" not in first.text
