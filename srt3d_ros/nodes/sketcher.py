@@ -20,13 +20,13 @@ from srt3d_ros.messages import sensor_message, sketch_message
 from srt3d_ros.messages.cdr import check_frame_id
 from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes.common import topics
-from srt3d_ros.nodes.common.base import PipelineNode, sensor_summary
-from srt3d_ros.nodes.common.lifecycle import run
-from srt3d_ros.nodes.common.parameters import Parameter, Value
+from srt3d_ros.nodes.common.managed_node import ManagedNode, sensor_summary
+from srt3d_ros.nodes.common.parameters import Parameter, Values
 from srt3d_ros.nodes.common.peers import all_acknowledged, unacknowledged_by
+from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.common.worker import Dropped
-from srt3d_ros.nodes.motion_input import MOTION_PARAMETERS, MotionInput, StaticTransform, parse_extrinsics
+from srt3d_ros.nodes.motion_input import MOTION_PARAMETERS, MotionInput, parse_extrinsics
 
 PARAMETERS = (
     Parameter("sensor_file", "", "Description of the sensor, for a driver that publishes none: JSON as on `sensor`, "
@@ -60,13 +60,12 @@ PARAMETERS = (
 SPEC = NodeSpec(
     "sketcher",
     inputs=(topics.SENSOR, *topics.FRAMES, *topics.MOTION),
-    outputs=(replace(topics.SENSOR, when="`sensor_file` is set"), topics.SKETCH_SENSOR, topics.SKETCH,
-             topics.TF_STATIC),
+    outputs=(replace(topics.SENSOR, when="`sensor_file` is set"), topics.SKETCH_SENSOR, topics.SKETCH),
     parameters=PARAMETERS,
 )
 
 
-def stream_options(values: dict[str, Value]) -> StreamOptions:
+def stream_options(values: Values) -> StreamOptions:
     """The parameters that configure a SketchStream; InvalidInput if they contradict each other."""
     spec = values["frequencies"]
     return StreamOptions(values["gate"], spec, values["sketch_size"] if spec in RULES else None,
@@ -78,7 +77,7 @@ LIKELY_PACKETS = 8          # assumed per frame_period_s until the first period 
 BUSY = 2                    # unacknowledged sketches: one is always on its way
 
 
-class SketcherNode(PipelineNode):
+class SketcherNode(ManagedNode):
     """Pushes packets into a SketchStream and publishes its sketches.
 
     The sensor is that of `sensor_file`, with which a description on `sensor` must agree. Without a file, it is the last
@@ -105,9 +104,9 @@ class SketcherNode(PipelineNode):
         if self.parameters["motion"] != OFF:
             precompile.deskewing()
         if self._file is not None:
-            self._file_publisher = self.advertise("sensor")
-        self._sketches, self._descriptions = self.advertise("sketch"), self.advertise("sketch/sensor")
-        self._transform = StaticTransform(self)
+            self._file_publisher = self.endpoints.advertise(topics.SENSOR)
+        self._sketches, self._descriptions = (self.endpoints.advertise(topic) for topic in (
+            topics.SKETCH, topics.SKETCH_SENSOR))
 
     def activate(self) -> None:
         self.worker.messages_per_frame = max(self.parameters["packets_per_frame"],
@@ -118,7 +117,7 @@ class SketcherNode(PipelineNode):
         self._own_description = ""              # published on `sensor`, and received from there
         self._topic, self._file_name = self.resolve_topic_name("sensor"), Path(self.parameters["sensor_file"]).name
         if self._file is None:
-            self.hold_frames_for("a sensor description", "sensor")
+            self.hold_frames_for("a sensor description", topics.SENSOR)
         else:
             self.get_logger().info(f"sensor_file {self._file_name}: {sensor_summary(self._file)}; a description on "
                                    f"{self._topic} must agree")
@@ -129,9 +128,9 @@ class SketcherNode(PipelineNode):
             self.worker.call(self._apply)
         if self.parameters["motion"] != OFF:
             self._motion = MotionInput(self, self._on_motion)
-        self.follow("sensor", self._on_sensor)
-        for topic, codec in CODECS.items():
-            self.subscribe(topic, partial(self._on_packet, codec))
+        self.follow(topics.SENSOR, self._on_sensor)
+        for topic in topics.FRAMES:
+            self.subscribe(topic, partial(self._on_packet, CODECS[topic.name]))
 
     def forget(self) -> None:
         self._flush()
@@ -210,10 +209,9 @@ class SketcherNode(PipelineNode):
         self.diagnostics.show(**self._stream.facts)
         self.release_frames()
 
-    def _check(self, values: dict[str, Value]) -> None:
+    def _check(self, values: Values) -> None:
         """Raise InvalidInput for parameters that do not suit the sensor; without one, that suit no sensor."""
-        for name in ("frame_id", "extrinsics_frame"):
-            check_frame_id(name, values[name])
+        check_frame_id("frame_id", values["frame_id"])
         require(not (values["merge_when_busy"] and unacknowledged_by()), "merge_when_busy", "true",
                 f"false with {unacknowledged_by()}, which does not say what readers have received")
         SketchStream(self._sensor or precompile.ANY_SENSOR, stream_options(values))
@@ -274,7 +272,6 @@ class SketcherNode(PipelineNode):
         for sketch in sketches:
             self._describe(sketch.sensor)
             frame_id = values["frame_id"] or self._frame_id
-            self._transform.publish(frame_id)
             data = sketch_message.encode_cdr(sketch, frame_id, values["layout"])
             self.publish_frame(self._sketches, data, sketch.stamp_ns)
             if values["merge_when_busy"]:
