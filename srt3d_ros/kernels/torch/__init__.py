@@ -32,8 +32,14 @@ from srt3d_ros.kernels.torch.baselines.apss import apss
 from srt3d_ros.kernels.torch.baselines.gradients import median_depth, pixelwise, usual_intensity
 from srt3d_ros.kernels.torch.device import Kernels
 from srt3d_ros.kernels.torch.method.birth_death import birth_death
-from srt3d_ros.kernels.torch.method.collect import collect, unexplained
-from srt3d_ros.kernels.torch.method.finalise import background, drop_weak, finalise, local_mean
+from srt3d_ros.kernels.torch.method.finalise import (
+    background,
+    collect,
+    drop_weak,
+    finalise,
+    local_mean,
+    unexplained,
+)
 from srt3d_ros.kernels.torch.method.likelihood import expand, log_likelihood_ratio, trim
 from srt3d_ros.kernels.torch.method.pooled_step import pooled_step
 from srt3d_ros.kernels.torch.method.search import match, no_surfaces, prepare, residual, search
