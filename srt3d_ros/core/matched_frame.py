@@ -181,7 +181,7 @@ def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
     depths tell how much.
     """
     irf = sensor.mean_irf
-    bins, depths = np.arange(len(irf) + 1) - sensor.irf_ref, np.arange(BETWEEN) / BETWEEN
+    bins, depths = np.arange(len(irf) + 1) + sensor.irf_bins[0], np.arange(BETWEEN) / BETWEEN
     response = np.exp(1j * (bins - depths[:, None])[..., None] * omega) * filters
     of_depth, of_intensity = np.imag(response * omega).sum(axis=2), np.real(response[0]).sum(axis=1)
     shown = np.outer(1 - depths, np.append(irf, 0)) + np.outer(depths, np.append(0, irf))

@@ -108,7 +108,7 @@ def _shifts(matcher: Matcher, omega: np.ndarray, step: float) -> np.ndarray:
     left = np.exp(-np.outer(FLUXES, np.concatenate([[0], np.cumsum(irf)])))         # of the cycles, at edges of bins
     pulses = -np.diff(left, axis=1)
     pulses[0] = irf
-    phases = np.exp(1j * np.outer(np.arange(len(irf)) - matcher.sensor.irf_ref, omega))
+    phases = np.exp(1j * np.outer(matcher.sensor.irf_bins, omega))
     matched = np.conj(matcher.spectrum) * (pulses @ phases) * (1 + step / (1j * omega))
     depths = np.linspace(-3, 3, 6001) / np.sqrt((omega**2 * matcher.energy).sum() / matcher.energy.sum())
     return depths[(matched @ np.exp(-1j * np.outer(omega, depths))).real.argmax(axis=1)]
