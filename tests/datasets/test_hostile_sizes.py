@@ -32,7 +32,7 @@ GIGABYTES = {
     "a.json": (b"[", "a.json is 1073741824 bytes: expected at most", ""),
     "b.npz": (b"PK\3\4", "b.npz is damaged", ""),
     "c.mat": (b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM", "c.mat is unreadable", ""),
-    "d.mcap": (b"\x89MCAP0\r\n", "bag d.mcap has no topics of photons. It has no messages; d.mcap was cut off", ""),
+    "d.mcap": (b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, 2**30 - 17), "bag d.mcap has no topics of photons. It has no messages; d.mcap was cut off", ""),
     "e.db3": (b"SQLite format 3\0", "bag e.db3 is unreadable", ""),
     "g.npy": (b"", "g.npy counts is unreadable", ""),
     "i.ptu": (b"PQTTTR\0\0001.0.00\0\0", "i.ptu is unreadable", "ptufile")}
