@@ -1,4 +1,4 @@
-"""What is held against the oracle: the CPU's kernels, and the oracle itself in single precision, which a GPU runs."""
+"""What the tests of kernels share: the backends of known answers, and a check of the arguments of compiled kernels."""
 
 from importlib import import_module
 
@@ -11,14 +11,14 @@ from numba.core.typeconv import Conversion
 
 from srt3d_ros.kernels.cpu.compiling import Kernel
 
-from .frames import CPU, SINGLE, Backend
+from .frames import CPU, ORACLE, Backend
 
 torch.set_num_threads(1)        # tensors are small, and other tests run beside
 
 
-@pytest.fixture(params=[CPU, SINGLE], ids=lambda backend: backend.name)
+@pytest.fixture(params=[CPU, ORACLE], ids=lambda backend: backend.name)
 def backend(request) -> Backend:
-    """What is held against the oracle."""
+    """What must give known answers."""
     return request.param
 
 

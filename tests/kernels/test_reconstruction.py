@@ -14,7 +14,7 @@ def built(monkeypatch, backend, sensor, frequencies, *arguments, **options) -> P
 
 
 @pytest.mark.parametrize(("shape", "surfaces", "light", "options"), [
-    (SHAPES[0], 1, 1, {}), (SHAPES[1], 1, FAINT, {}), (SHAPES[0], 2, 0.1, {}), ((13, 35), 2, 1, {}),
+    (SHAPES[0], 1, 1, {}), (SHAPES[1], 1, FAINT, {}), (SHAPES[0], 2, 0.1, {}), ((13, 35), 3, 1, {}),
     ((2, 24), 1, 1, {"background": "flat"})])
 def test_whole_reconstructions_agree(monkeypatch, shape, surfaces, light, options):
     sensor = make_sensor(*shape, seed=5)
@@ -22,7 +22,7 @@ def test_whole_reconstructions_agree(monkeypatch, shape, surfaces, light, option
     oracle, *others = (built(monkeypatch, kernels, sensor, sketch.frequencies, surfaces, **options)(sketch)
                        for kernels in (ORACLE, CPU, SINGLE))
     for cloud in others:
-        assert_clouds_agree(cloud, oracle, surfaces, 25)
+        assert_clouds_agree(cloud, oracle, min(surfaces, 2), 25)         # the scene has two layers
         assert cloud.xyz.dtype == cloud.depth_bins.dtype == np.float32 and cloud.row.dtype == np.uint16
 
 

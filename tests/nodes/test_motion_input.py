@@ -5,22 +5,13 @@ from sensor_msgs.msg import PointCloud2
 
 from srt3d_ros.messages import photon_frames
 
-EXTRINSICS = "0.2 0 0.1 0.5 -0.5 0.5 -0.5"
-WITHOUT_TF2 = """import sys
-sys.modules["tf2_msgs.msg"] = None
-from srt3d_ros.nodes import sketcher
-sys.exit(sketcher.main())
-"""
-
 
 @pytest.fixture
-def sketched(graph, sensor, events, tmp_path):
-    """Starts a sketcher, as a program if one is given, and waits for its sketch of a frame from `spad`."""
-    def sketched(program: str = "", **parameters):
-        script = tmp_path / "sketcher.py"
-        script.write_text(program)
+def sketched(graph, sensor, events):
+    """Starts a sketcher and waits for its sketch of a frame from `spad`."""
+    def sketched(parent: str, code: str = ""):
         sketches = graph.collect(PointCloud2, "sketch")
-        node = graph.start(str(script) if program else "sketcher", extrinsics=EXTRINSICS, **parameters).ready()
+        node = graph.start("sketcher", code=code, extrinsics="0.2 0 0.1 0.5 -0.5 0.5 -0.5", extrinsics_frame=parent)
         graph.introduce(sensor)
         photons = graph.matched(graph.publisher(PointCloud2, "photons"))
         photons.publish(photon_frames.PHOTONS.encode_cdr(events, sensor, "spad"))
@@ -31,14 +22,15 @@ def sketched(graph, sensor, events, tmp_path):
 
 
 def test_without_tf2_msgs_the_log_says_that_the_transform_is_missing_and_sketches_are_made(sketched):
+    node = sketched("base_link", code='import sys; sys.modules["tf2_msgs.msg"] = None')
     line = "extrinsics_frame base_link: nothing is published on /tf_static, as tf2_msgs is missing"
-    assert sketched(WITHOUT_TF2, extrinsics_frame="base_link").text.count(line) == 1
+    assert node.text.count(line) == 1
 
 
 def test_the_pose_of_the_sketches_frame_is_on_tf_static_for_late_readers(graph, sketched):
     messages = pytest.importorskip("tf2_msgs.msg")
     parent = f"base_{graph.namespace[1:]}"
-    sketched(extrinsics_frame=parent)
+    sketched(parent)
     heard = graph.collect_latched(messages.TFMessage, "/tf_static")
     (one,) = graph.wait(lambda: [one for message in heard for one in message.transforms
                                  if one.header.frame_id == parent], f"a transform from {parent}")

@@ -8,9 +8,8 @@ from sensor_msgs.msg import PointCloud2
 
 from srt3d_ros.messages.cdr import CloudMessage, Header, write_cloud
 
-SCRIPT = """
+PROBE = """
 import sys, time
-from srt3d_ros.cli.node import exit_at_once_on_signals
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages.cdr import read_cloud
 from srt3d_ros.nodes.common.base import PipelineNode
@@ -47,7 +46,6 @@ class ProbeNode(PipelineNode):
         time.sleep(cloud.width / 10 if cloud.width < RESUBSCRIBE else 0)
         self.publish_frame(self.publisher, raw, cloud.header.stamp_ns)
 
-exit_at_once_on_signals()       # until the node has started, as the command does
 sys.exit(run(ProbeNode))
 """
 
@@ -60,9 +58,9 @@ def message(width: int) -> bytes:
 def start(graph, tmp_path):
     """Starts the probe; `start` is a statement at the end of `configure`."""
     def start(*ros_args: str, start: str = "pass"):
-        script = tmp_path / "probe.py"
-        script.write_text(SCRIPT.format(start=start))
-        return graph.start(str(script), *ros_args)
+        script = tmp_path / "probe.py"      # tracebacks show its lines
+        script.write_text(PROBE.format(start=start))
+        return graph.start("probe", *ros_args, code=f"import runpy; runpy.run_path({str(script)!r})")
 
     return start
 
@@ -166,8 +164,7 @@ def test_bad_input_at_the_start_is_one_line_and_exit_code_2_and_a_mistake_of_our
     assert probe.code() == 1 and "AttributeError" in probe.text
 
 
-def test_a_log_that_cannot_be_written_is_one_line_and_no_node_runs(start, monkeypatch):
-    monkeypatch.setenv("ROS_LOG_DIR", "/proc/nowhere")
-    process = start()
+def test_a_log_that_cannot_be_written_is_one_line_and_no_node_runs(graph):
+    process = graph.start("player", code="import os; os.environ['ROS_LOG_DIR'] = '/proc/nowhere'")
     assert process.code() == 2 and "Traceback" not in process.text
     assert process.lines[-1].startswith("srt3d: error: ") and "directory '/proc/nowhere'" in process.lines[-1]
