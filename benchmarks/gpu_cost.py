@@ -18,8 +18,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from tqdm import tqdm
 
 from benchmarks.fake_gpu import Cost, cost, pretend
-from benchmarks.frames import sensor_of
-from benchmarks.table1 import PAPER_MS
+from benchmarks.frames import PAPER_MS, sensor_of
 from srt3d_ros.core import matched_frame
 from srt3d_ros.core.matched_frame import MatchedFrame
 from srt3d_ros.core.methods import METHODS

@@ -47,9 +47,6 @@ def add_parser(subparsers) -> None:
                                   help="random draws of each setting, averaged (default: 1)")
     photon_files = parser.add_argument_group("photon files")
     common.add_sensor_file(photon_files)
-    photon_files.add_argument("--align", nargs="+", type=int, metavar="S",
-                              help="references, numbered from 1, that were measured with another zero: shift each by "
-                                   "its median offset from the cloud")
     photon_files.add_argument("--held-out-photons", type=float, metavar="SHARE",
                               help="keep this share of the photons out of the reconstruction and score how well the "
                                    "cloud predicts them (default: 0.4 for a file without a reference, else 0)")
@@ -101,24 +98,19 @@ def _cases(args: argparse.Namespace) -> list[Case]:
     scenes = {scene: dict(SCENE_DEFAULTS) for scene in args.scene or (() if args.files else SCENES)}
     if len(files) < len(args.files):
         scenes.setdefault("bust", dict(HEAD_DEFAULTS))
-    unused = (() if scenes else SCENE_DEFAULTS, () if files else ("align", "sensor_file"))
+    unused = (() if scenes else SCENE_DEFAULTS, () if files else ("sensor_file",))
     for names, inputs in zip(unused, ("simulated scenes: add --scene", "photon files")):
         for name in common.given(args, names):
             option = f"--{name.replace('_', '-')}"
             raise InvalidInput(option, problem=f"{option} works only with {inputs}.")
-    align = args.align or ()
     require(args.repeats is None or args.repeats >= 1, "--repeats", args.repeats, "1 or more")
-    require(min(align, default=1) >= 1, "--align", min(align, default=1), "references, numbered from 1")
     require(args.surfaces is None or 1 <= args.surfaces <= MAX_SURFACES, "--surfaces", args.surfaces,
             f"1 to {MAX_SURFACES}")
     share = args.held_out_photons
     require(share is None or 0 <= share < 1, "--held-out-photons", share, "a share of the photons, 0 to below 1")
     require(share is None or (files and not scenes), "--held-out-photons",
             problem="--held-out-photons works with photon files only: simulated scenes are compared with the truth.")
-    cases = of_files(files, args.tolerance, args.surfaces, [number - 1 for number in align], share,
-                     **common.given_sensor(args))
-    for number in align:
-        require(any(number - 1 in case.aligned for case in cases), "--align", number, "a reference of a file")
+    cases = of_files(files, args.tolerance, args.surfaces, share, **common.given_sensor(args))
     for scene, settings in scenes.items():
         settings |= common.given(args, settings)
         cases += simulated(scene, settings["sbr"], settings["ppp"], settings["repeats"], args.tolerance, args.surfaces)
