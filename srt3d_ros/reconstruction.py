@@ -9,11 +9,11 @@ from typing import Any, Unpack
 import numpy as np
 
 from srt3d_ros.cloud import Cloud
-from srt3d_ros.core.array_checks import as_array
 from srt3d_ros.core.keys import written_out
 from srt3d_ros.core.methods import DEFAULT_METHOD, OPTIONS, ReconstructorOptions, checked
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
+from srt3d_ros.core.sketching.sums import as_array
 from srt3d_ros.errors import require
 from srt3d_ros.gpu_check import device_for
 from srt3d_ros.progress import compiling
