@@ -12,10 +12,10 @@ from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
 from srt3d_ros.errors import BAD_INPUT, InvalidInput, require
 from srt3d_ros.messages import cdr
 from srt3d_ros.nodes.common import topics
-from srt3d_ros.nodes.common.base import FOLLOW_DEPTH, POLL_S, PipelineNode
-from srt3d_ros.nodes.common.lifecycle import run
+from srt3d_ros.nodes.common.managed_node import FOLLOW_DEPTH, POLL_S, ManagedNode
 from srt3d_ros.nodes.common.parameters import Parameter
 from srt3d_ros.nodes.common.peers import all_acknowledged, unacknowledged_by
+from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.reports import Chain, Reports
 from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.sources import PACKETS, open_source
@@ -35,9 +35,6 @@ PARAMETERS = (
     Parameter("rate_hz", 10.0, "Photon file and simulator: frames per second.", "Hz", 1e-3, 10_000),
     Parameter("frames", 0, "Exit after this number of frames; 0: no limit.", low=0, high=10**9),
     Parameter("rate", 1.0, "Bag: how many times as fast as recorded.", low=1e-6, high=1e6),
-    Parameter("loop", False, "Bag: begin again at its end."),
-    Parameter("start_offset", 0.0, "Bag: begin this long after its first message.", "s", 0, 1e9),
-    Parameter("clock", 0.0, "Bag: publish its time on /clock at this rate; 0: do not.", "Hz", 0, 10_000),
     Parameter("ppp", 15.0, "Simulator: mean photons per pixel and frame.", low=0, high=10**6),
     Parameter("sbr", 1.0, "Simulator: signal-to-background ratio.", low=1e-6, high=10**6),
     Parameter("cycles", 0, "Simulator: laser cycles per frame. The detector then records only the first photon of each "
@@ -55,12 +52,12 @@ PARAMETERS = (
 SPEC = NodeSpec(
     "player",
     inputs=(topics.DIAGNOSTICS,),
-    outputs=(topics.SENSOR, topics.PHOTONS, replace(topics.ODOM, when="`motion`"), topics.CLOCK),
+    outputs=(topics.SENSOR, topics.PHOTONS, replace(topics.ODOM, when="`motion`")),
     parameters=PARAMETERS,
 )
 
 
-class PlayerNode(PipelineNode):
+class PlayerNode(ManagedNode):
     """Publishes each message when it is due; with `wait_for`, also reports which frames became clouds."""
 
     spec = SPEC
@@ -70,8 +67,7 @@ class PlayerNode(PipelineNode):
         for note in self._source.notes:
             self.get_logger().info(f"{self.parameters['input']}: {note}")
         self.diagnostics.frame_id = self._source.frame_id
-        self.spec = replace(SPEC, outputs=self._source.topics)
-        self._outputs = {topic.name: self.advertise(topic.name) for topic in self._source.topics}
+        self._outputs = {topic.name: self.endpoints.advertise(topic) for topic in self._source.topics}
         self._frames = [self._outputs[name] for name in self._source.frames]
         self.diagnostics.output = self._frames[0].topic_name
         names = ", ".join(publisher.topic_name for publisher in self._outputs.values())
@@ -81,7 +77,7 @@ class PlayerNode(PipelineNode):
         names = [self.resolve_topic_name(name)[1:] for name in self.parameters["wait_for"].split()]
         self._chain = Chain(names, reports := Reports()) if names else None
         if names:
-            self.make_subscription("/diagnostics", lambda message, info: reports.add(message), FOLLOW_DEPTH)
+            self.endpoints.subscribe(topics.DIAGNOSTICS, lambda message, info: reports.add(message), FOLLOW_DEPTH)
         for topic, raw in self._source.first.items():
             self._outputs[topic].publish(raw)
         self.worker.call(self._play)

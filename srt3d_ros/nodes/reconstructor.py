@@ -18,9 +18,9 @@ from srt3d_ros.messages import images_message as image_message
 from srt3d_ros.messages import points_message, sketch_message
 from srt3d_ros.messages.images_message import camera_info
 from srt3d_ros.nodes.common import topics
-from srt3d_ros.nodes.common.base import PipelineNode, sensor_summary
-from srt3d_ros.nodes.common.lifecycle import run
-from srt3d_ros.nodes.common.parameters import Parameter, Value
+from srt3d_ros.nodes.common.managed_node import ManagedNode, sensor_summary
+from srt3d_ros.nodes.common.parameters import Parameter, Values
+from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.common.worker import Dropped
 from srt3d_ros.nodes.sketch_queue import QueuedSketch, SketchQueue
@@ -46,19 +46,19 @@ PARAMETERS = (
 )
 
 
-def check_together(values: dict[str, Value]) -> None:
+def check_together(values: Values) -> None:
     """Raise InvalidInput for values that contradict each other."""
     checked(options(values))
     nearest, farthest = values["min_range_m"], values["max_range_m"]
     require(farthest == 0 or nearest < farthest, "min_range_m", nearest, f"less than max_range_m, {farthest:g} m")
 
 
-def options(values: dict[str, Value]) -> dict[str, Value]:
+def options(values: Values) -> Values:
     """The parameters of the Reconstructor; the others concern what is published."""
     return {name: values[name] for name in OPTIONS}
 
 
-def build(described: tuple[SensorModel, tuple[int, ...]] | None, values: dict[str, Value]) -> Reconstructor:
+def build(described: tuple[SensorModel, tuple[int, ...]] | None, values: Values) -> Reconstructor:
     """The Reconstructor with these parameters; InvalidInput if there is none.
 
     Args:
@@ -67,7 +67,7 @@ def build(described: tuple[SensorModel, tuple[int, ...]] | None, values: dict[st
     return Reconstructor(*(described or (precompile.ANY_SENSOR, (1, 2, 3))), **options(values))
 
 
-def on_the_cpu(described: tuple[SensorModel, tuple[int, ...]] | None, values: dict[str, Value]) -> Reconstructor:
+def on_the_cpu(described: tuple[SensorModel, tuple[int, ...]] | None, values: Values) -> Reconstructor:
     """As `build`, but on the CPU, since a GPU takes seconds; InvalidInput also if the device is missing."""
     kernels_for(values["device"])
     return build(described, values | {"device": "cpu"})
@@ -85,7 +85,7 @@ BUILT_KEPT = 2      # reconstructors: sketches for the previous one may still ar
 WAITED_FOR = "the sketch's description"
 
 
-class ReconstructorNode(PipelineNode):
+class ReconstructorNode(ManagedNode):
     """Publishes a cloud for each sketch, reconstructed with the description that the sketch names."""
 
     spec = SPEC
@@ -103,16 +103,16 @@ class ReconstructorNode(PipelineNode):
         self._settings = self.parameters.as_dict()
         check_together(self._settings)
         on_the_cpu(None, self._settings).warm_up()      # a GPU's kernels depend on the sensor
-        self._points = self.advertise("points")
-        self._images = {topic.name: self.advertise(topic.name) for topic in topics.IMAGE_TOPICS}
-        self._camera_info = self.advertise("camera_info")
+        self._points = self.endpoints.advertise(topics.POINTS)
+        self._images = {topic.name: self.endpoints.advertise(topic) for topic in topics.IMAGE_TOPICS}
+        self._camera_info = self.endpoints.advertise(topics.CAMERA_INFO)
 
     def activate(self) -> None:
         self._sensors = self.resolve_topic_name("sketch/sensor")
         self.diagnostics.wait_for(WAITED_FOR, self._sensors)
         # Subscribe to the description last: a publisher that has found this reader has found that of `sketch`, too.
-        self.subscribe("sketch", self._on_sketch)
-        self.follow("sketch/sensor", self._on_sensor)
+        self.subscribe(topics.SKETCH, self._on_sketch)
+        self.follow(topics.SKETCH_SENSOR, self._on_sensor)
 
     def stop_frames(self, cause: str) -> None:
         super().stop_frames(cause)
@@ -123,7 +123,7 @@ class ReconstructorNode(PipelineNode):
         self._newest = None
         self._built.clear()
 
-    def _check(self, values: dict[str, Value]) -> None:
+    def _check(self, values: Values) -> None:
         """Raise InvalidInput for parameters that cannot be applied."""
         check_together(values)
         if options(values) != options(self.parameters.as_dict()):

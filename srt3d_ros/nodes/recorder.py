@@ -19,15 +19,14 @@ from srt3d_ros.files.new_files import free
 from srt3d_ros.messages import images_message as image_message
 from srt3d_ros.messages import points_message, sensor_message, sketch_message
 from srt3d_ros.nodes.common import topics
-from srt3d_ros.nodes.common.base import PipelineNode
-from srt3d_ros.nodes.common.lifecycle import run
-from srt3d_ros.nodes.common.parameters import Parameter, Value
+from srt3d_ros.nodes.common.managed_node import ManagedNode
+from srt3d_ros.nodes.common.parameters import Parameter, Values
+from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.common.versions import versions
 from srt3d_ros.nodes.common.worker import Dropped
 from srt3d_ros.recording import entities
-from srt3d_ros.recording.frame_index import FrameIndex, RecordedFrame
-from srt3d_ros.recording.writer import RecordingFailed, RecordingWriter
+from srt3d_ros.recording.writer import FrameIndex, RecordedFrame, RecordingFailed, RecordingWriter
 
 RECORDED_IMAGES = tuple(path.strip("/") for path in (entities.DEPTH_PATH, *entities.PHOTON_IMAGES))
 ALL_IMAGES, NO_IMAGES = ",".join(RECORDED_IMAGES), "none"
@@ -68,7 +67,7 @@ SPEC = NodeSpec(
 )
 
 
-class RecorderNode(PipelineNode):
+class RecorderNode(ManagedNode):
     """Writes a recording while it is active, beginning with the first description on `sketch/sensor`."""
 
     spec = SPEC
@@ -90,7 +89,7 @@ class RecorderNode(PipelineNode):
         self._images = checked_images(self.parameters["images"])
         self._versions = versions() | {"rmw": rclpy.get_rmw_implementation_identifier()}
 
-    def _check(self, values: dict[str, Value]) -> None:
+    def _check(self, values: Values) -> None:
         require(self.state != "active", "path", problem="path can be set while the recorder is inactive: "
                 f"ros2 lifecycle set {self.get_fully_qualified_name()} deactivate")
         checked_path(values["path"])
@@ -103,17 +102,17 @@ class RecorderNode(PipelineNode):
         self._sensor: SensorModel | None = None
         self._frames = FrameIndex()
         self._lines = deque(maxlen=LINES_KEPT)
-        self.hold_frames_for("the sketch's description", "sketch/sensor")
+        self.hold_frames_for("the sketch's description", topics.SKETCH_SENSOR)
         self.exit_code = 0
         self.diagnostics.count(clouds=0)
         # Publishers discover these readers in this order: images before points, and the description last.
         for topic in topics.IMAGE_TOPICS:
             if f"/{topic.name}" in self._images:
-                self.subscribe(topic.name, lambda raw, path=f"/{topic.name}": self._on_image(path, raw))
-        self.subscribe("sketch", self._on_sketch)       # before `points`: of a backlog, sketches are read first
-        self.subscribe("points", self._on_points)
-        self.follow("/rosout", self._on_line)
-        self.follow("sketch/sensor", self._on_sensor)
+                self.subscribe(topic, lambda raw, path=f"/{topic.name}": self._on_image(path, raw))
+        self.subscribe(topics.SKETCH, self._on_sketch)       # before `points`: of a backlog, sketches are read first
+        self.subscribe(topics.POINTS, self._on_points)
+        self.follow(topics.ROSOUT, self._on_line)
+        self.follow(topics.SKETCH_SENSOR, self._on_sensor)
         self.diagnostics.show(path=self._path)
 
     def forget(self) -> None:

@@ -129,7 +129,6 @@ def test_an_interrupted_evaluation_leaves_its_rows_and_the_next_one_starts_anew(
     (["few.npz", "--held-out-photons", "0.4"],
      "few has 240 photons: --held-out-photons 0.4 needs 250 or more"),
     (["--scene", "net", "--sensor-file", "a.json"], "--sensor-file works only with photon files"),
-    (["layers.npz", "--align", "3"], "--align is 3: expected a reference of a file"),
     (["bare.npz", "--out", "."], "results.csv was not written by srt3d evaluate"),
 ])
 def test_a_mistake_is_one_line_and_exit_code_2(folder, tmp_path, monkeypatch, refusal, arguments, named):

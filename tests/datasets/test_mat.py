@@ -121,7 +121,7 @@ def test_what_was_assumed_is_said(tmp_path):
     lists = [[random.normal(300 + 30 * row, 4, 30).astype(int) for _ in range(20)] for row in range(20)]
     photons = read(write(tmp_path, Ts=cells(lists)), num_bins=1000)
     assert [note.split(":")[0] for note in photons.notes] == [
-        "bin width taken to be 8 ps", "IRF estimated from the photons, which makes it slightly broad",
+        "bin width taken to be 8 ps", "IRF estimated from the photons, so it is slightly too wide",
         "geometry taken to be a pinhole of 30° across the larger side"]
     assert read(tmp_path / "some name.mat", num_bins=1000, irf=IRF, bin_width_s=1e-12, fov_deg=5).notes == ()
 

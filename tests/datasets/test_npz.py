@@ -77,9 +77,9 @@ def test_a_geometry_that_nobody_gives_is_said_to_be_assumed(tmp_path):
 
 
 @pytest.mark.parametrize(("damage", "said"), [
-    (lambda data: data[:20], r"is damaged: expected a complete \.npz file"),
-    (lambda data: data[:-1], r"is damaged: expected a complete \.npz file"),
-    (lambda data: b"no zip file at all", r"is unreadable \(File is not a zip file\): expected"),
+    (lambda data: data[:20], r"is unreadable .*: expected a complete \.npz file"),
+    (lambda data: data[:-1], r"is unreadable .*: expected a complete \.npz file"),
+    (lambda data: b"no zip file at all", r"is unreadable \(BadZipFile: File is not a zip file\): expected"),
     (lambda data: data.replace(b"\x93NUMPY", b"\x93NUMPI"), r"is unreadable \(Bad CRC-32")])
 def test_damaged_files_are_refused(tmp_path, damage, said):
     path = write(tmp_path)

@@ -10,7 +10,7 @@ OF_MANAGED_NODES = ("change_state", "get_state", "get_available_states", "get_av
                     "get_transition_graph", "transition_event", "describe_parameters", "get_parameter_types",
                     "get_parameters", "list_parameters", "set_parameters", "set_parameters_atomically",
                     "get_type_description")
-NEVER_TOGETHER = {"player": {"odom", "/clock"}, "sketcher": {"odom", "imu", "/tf_static"}}
+NEVER_TOGETHER = {"player": {"odom"}, "sketcher": {"odom", "imu"}}
 
 
 def values_of(parameter) -> list:

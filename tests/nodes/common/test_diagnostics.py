@@ -7,6 +7,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import Log
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
@@ -14,7 +15,6 @@ from sensor_msgs.msg import Image
 from srt3d_ros.nodes.common import diagnostics as module
 from srt3d_ros.nodes.common import peers
 from srt3d_ros.nodes.common.diagnostics import Diagnostics
-from srt3d_ros.nodes.common.lifecycle import ManagedNode
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -22,9 +22,9 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 @pytest.fixture
 def counted(graph):
     """Diagnostics of a node "counted", a function that reports and gives back what arrived, and the node."""
-    node = ManagedNode("counted", namespace=graph.namespace)
-    node.state = "active"
+    node = Node("counted", namespace=graph.namespace)
     diagnostics = Diagnostics(node)
+    diagnostics.state = "active"
     graph.wait(lambda: node.count_subscribers("/diagnostics"), "a subscriber")
     graph.matched(diagnostics.publisher)
 
@@ -58,7 +58,7 @@ def test_totals_and_drops_by_cause_go_on_and_rates_start_again(counted):
 
 
 def test_levels_follow_what_happened_since_the_last_report(counted, monkeypatch):
-    diagnostics, latest, node = counted
+    diagnostics, latest, _ = counted
 
     def receive(frames: int, **others: int) -> None:
         for _ in range(frames):
@@ -126,7 +126,7 @@ def test_levels_follow_what_happened_since_the_last_report(counted, monkeypatch)
     receive(1)
     diagnostics.sent(-0.1)          # as far as clocks may be apart
     says(OK, "messages/s in")
-    node.state = "inactive"
+    diagnostics.state = "inactive"
     says(OK, "inactive")
 
 
