@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.core.array_checks import as_array
 from srt3d_ros.core.point_cloud import POINT_FIELDS, PointCloud
+from srt3d_ros.core.sketching.sums import as_array
 from srt3d_ros.datasets.options import Options
 from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.datasets.sensor_arrays import read_saved, sensor_arrays
