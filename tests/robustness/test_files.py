@@ -121,7 +121,7 @@ def test_a_damaged_array_in_a_saved_file_is_read_or_refused_in_one_line(make, ro
 
 
 @pytest.mark.parametrize(("storage", "packed"), [
-    ("mcap", ""), ("sqlite3", ""), ("mcap", "FILE"), ("sqlite3", "MESSAGE")])
+    ("mcap", ""), ("sqlite3", ""), ("sqlite3", "MESSAGE")])
 def test_a_damaged_bag_is_read_or_refused_in_one_line(storage, packed, rounds, tmp_path):
     messages = [("/sensor", TEXT, cdr.write_text(sensor.to_json(SENSOR))),
                 ("/photons", CLOUD, photon_frames.PHOTONS.encode_cdr(EVENTS, SENSOR, "spad"))]
