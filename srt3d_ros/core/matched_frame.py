@@ -17,6 +17,7 @@ from srt3d_ros.kernels.devices import kernels_for
 
 MAX_SUM = 1.001 * MAX_PIXEL_PHOTONS       # leaves room for rounding
 TABLE_STEPS = 256           # of the background table
+CORRECTED = 4               # powers of ω, from 0 on, that a surface may be wrong by: at most m / 2 of them, at least 2
 BETWEEN = 8                 # depths between two bins, to average over
 WEAKEST_PASSBAND = 0.25     # equalise a pixel's |ĥ| only where it is more than this times the mean of the pixels
 
@@ -46,6 +47,7 @@ class MatchedFrame:
             which they exceed "background alone".
         total_energy: Σ|ĥ_l|², the curvature of the data term in intensity.
         curvature: Σ ω_l² |ĥ_l|², bins⁻²: times r², the curvature of the data term in depth.
+        unlike: float32 [T], by the distance of two surfaces, the part of one that no correction of the other explains.
         clutter: float32 [T], 1 or more: standard deviation of matched filters at each bin, relative to an even
             background.
     """
@@ -64,6 +66,7 @@ class MatchedFrame:
     background_table: Array
     total_energy: float
     curvature: float
+    unlike: Array
     clutter: Array
 
     @property
@@ -111,6 +114,7 @@ class Matcher:
             "num_bins": sensor.num_bins, "moments": moments, "intensity_moments": intensity_moments,
             "max_response": max_response, "background_table": background_table,
             "total_energy": float(self.energy.sum()),
+            "unlike": _unlike(self.energy, omega, sensor.num_bins),
             "curvature": float((self.energy * (2 * np.pi * bin_frequencies)**2).sum())}
 
     def check(self, sketch: PhaseSums) -> None:
@@ -166,6 +170,23 @@ class SensorOnDevice:
     def cloud(self, listed: Sequence[Array], background: Array, stamp_ns: int) -> PointCloud:
         """The cloud of listed points and a background, off the device."""
         return PointCloud.of_list(self._sensor, self.kernels.unpack(*listed), self.kernels.numpy(background), stamp_ns)
+
+
+def _unlike(energy: np.ndarray, omega: np.ndarray, bins: int) -> np.ndarray:
+    """`MatchedFrame.unlike`: ‖u‖ / ‖ĥ‖ for Δ = 0 … T − 1.
+
+    u is what is left of |ĥ_l| exp(i ω_l Δ) after least squares on |ĥ_l| times 1, i ω_l, ω_l² and i ω_l³, of real
+    coefficients: corrections of the intensity, depth, width and skew of a surface (`kernels` `drop_ghosts`).
+    """
+    root = np.sqrt(energy, dtype=float)
+    turns, relative = np.outer(np.arange(bins), omega), omega / omega.max()
+    powers = min(max(len(omega) // 2, 2), CORRECTED)
+    left = np.zeros(bins)
+    for wave, first in ((np.cos(turns), 0), (np.sin(turns), 1)):
+        basis = np.linalg.qr(np.stack([root * relative**power for power in range(first, powers, 2)], axis=1))[0]
+        part = wave * root
+        left += ((part - part @ basis @ basis.T)**2).sum(axis=1)
+    return np.sqrt(left / (root**2).sum()).astype(np.float32)
 
 
 def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,

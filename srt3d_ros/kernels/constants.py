@@ -55,6 +55,15 @@ NEW_RADIUS = 6          # pixels: half the side of the square over which new pix
 HOLE = 2                # pixels within which points on three sides of a pixel make it a hole, not an outline
 SPREAD = 4              # pixels by which surfaces may grow into empty ones in each iteration
 
+# ---- Ghosts (`drop_ghosts`)
+
+# ‖d‖: how far an IRF may be wrong beyond intensity, depth, width and skew. A real head's echo has 1 %; on it 0.015 is
+# enough, for widths wrong by a quarter 0.02. Surfaces with a smaller share of their pixel's light are lost.
+WRONG_SHAPE = 0.02
+# Half the standard deviations by which surfaces may be brighter than their pixel's photons: next to a retro-reflector,
+# the pool makes its halo brighter than all of them, and the wall behind would be a ghost.
+HALO = 1.5
+
 # ---- End (`trim`, `drop_blobs`, `finalise`)
 
 LOCAL_SIGMA = WINDOWS[0].sigma     # pixels, of the window over which pixels are compared

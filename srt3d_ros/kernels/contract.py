@@ -107,6 +107,9 @@ class Kernels(Protocol):
     def trim(self, frame, state: Array, terms: Array, enough: float) -> None:
         """Remove edge points not supported by the photons near the edge, in place: r = 0."""
 
+    def drop_ghosts(self, frame, state: Array) -> None:
+        """Remove surfaces that a wrong IRF may have left of a pixel's stronger ones, in place; others move up."""
+
     def drop_blobs(self, frame, state: Array, enough: float) -> None:
         """Remove points without a score of `enough` within the reach of the last window, in place: r = 0."""
 

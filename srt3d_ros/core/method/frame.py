@@ -54,6 +54,7 @@ def frame(sensor: SensorOnDevice, surfaces: int, photons: Array, sums: Array, st
     search(kernels, data, points, (WIDE_SCALE,), scores.find, scores.further)
     for window in WINDOWS[1:]:
         points = iterate(kernels, data, points, window)
+    kernels.drop_ghosts(data, points)
     terms = kernels.expand(data, points)
     kernels.trim(data, points, terms, scores.keep)
     kernels.drop_blobs(data, points, scores.whole)
@@ -78,6 +79,7 @@ def search(kernels: Kernels, data: MatchedFrame, points: Array, scales: tuple[fl
             least = enough if is_first and sigma == scales[-1] else further
             slanted = is_first and start is None and sigma in START_SCALES[1:]
             kernels.search(data, matched, points, layer, sigma, cell_size(sigma), least, start, confirmed, slanted)
+        kernels.drop_ghosts(data, points)
 
 
 def iterate(kernels: Kernels, data: MatchedFrame, points: Array, window: Window) -> Array:

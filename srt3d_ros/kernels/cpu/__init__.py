@@ -18,6 +18,7 @@ from srt3d_ros.kernels.cpu.method.blur import blur
 from srt3d_ros.kernels.cpu.method.collect import collect
 from srt3d_ros.kernels.cpu.method.expand import expand
 from srt3d_ros.kernels.cpu.method.finalise import background, drop_weak, finalise, local_mean
+from srt3d_ros.kernels.cpu.method.ghosts import drop_ghosts
 from srt3d_ros.kernels.cpu.method.likelihood import log_likelihood_ratio
 from srt3d_ros.kernels.cpu.method.match import match
 from srt3d_ros.kernels.cpu.method.pooled_step import pooled_step
@@ -38,8 +39,8 @@ from srt3d_ros.kernels.cpu.workspace import Workspace
 from srt3d_ros.kernels.maps import UNIT
 
 OTHER_METHODS = "apss", "gradients", "match"        # modules whose kernels no frame of the default method needs
-IN_A_WORKSPACE = (birth_death, drop_blobs, expand, finalise, log_likelihood_ratio, no_surfaces, pooled_step, prepare,
-                  residual, search, trim, unexplained)
+IN_A_WORKSPACE = (birth_death, drop_blobs, drop_ghosts, expand, finalise, log_likelihood_ratio, no_surfaces,
+                  pooled_step, prepare, residual, search, trim, unexplained)
 ANYWHERE = (apss, array, as_frame, background, blur, collect, drop_weak, local_mean, match, median_depth, numpy,
             pixelwise, unpack, usual_intensity)
 

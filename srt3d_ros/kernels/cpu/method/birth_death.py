@@ -28,6 +28,7 @@ from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, exp, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.method.expand import expand_stale
 from srt3d_ros.kernels.cpu.method.frame import Frame
+from srt3d_ros.kernels.cpu.method.ghosts import drop_ghosts
 from srt3d_ros.kernels.cpu.method.growth import note_surfaces, refuse_growth
 from srt3d_ros.kernels.cpu.method.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio
 from srt3d_ros.kernels.cpu.method.undecided import join_rows, list_row
@@ -249,4 +250,7 @@ def birth_death(work, frame, state, terms, max_chi2):
             break
     expand_stale(frame, state, terms, work.stale)
     refuse_growth(work, frame, state, terms)
+    if state.shape[1] > 1:
+        drop_ghosts(work, frame, state)
+        expand_stale(frame, state, terms, work.stale)
     return state, terms

@@ -21,6 +21,7 @@ class Frame(NamedTuple):
     intensity_moments: float32[::1]
     background_table: float32[::1]
     clutter: float32[::1]
+    unlike: float32[::1]
     max_response: float32
     total_energy: float32
     curvature: float32
@@ -35,7 +36,8 @@ class Frame(NamedTuple):
             return frame
         if frame not in FRAMES:
             arrays = (frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, frame.moments,
-                      frame.intensity_moments, frame.background_table, frame.clutter)
+                      frame.intensity_moments, frame.background_table, frame.clutter,
+                      frame.unlike)
             numbers = (frame.max_response, frame.total_energy, frame.curvature, frame.num_bins, frame.resolution_bins,
                        MAX_STD * frame.num_bins)
             FRAMES[frame] = cls(*arrays, *map(F32, numbers))

@@ -13,6 +13,7 @@ from srt3d_ros.kernels.constants import BIRTH_COST, FEWER_COST, SPREAD, TINY, VO
 from srt3d_ros.kernels.maps import DEPTH, FIELDS, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD
 from srt3d_ros.kernels.torch.arithmetic import agreement, explained, has_depth, waves, wrap
 from srt3d_ros.kernels.torch.fusing import fused
+from srt3d_ros.kernels.torch.method.ghosts import drop_ghosts
 from srt3d_ros.kernels.torch.method.growth import refuse_growth
 from srt3d_ros.kernels.torch.method.likelihood import expand, llr, log_likelihood_ratio
 from srt3d_ros.kernels.torch.method.windows import box, images, inner, neighbours, offsets, pad_images
@@ -41,7 +42,8 @@ def birth_death(frame, state, terms, max_chi2):
     as they are where their 3 × 3 neighbourhood agrees with them already.
 
     Then SPREAD more times, for pixels with fewer than K surfaces of whose neighbourhood the time before has
-    changed: surfaces so grow by as many pixels. What no photons show of this growth goes (`refuse_growth`).
+    changed: surfaces so grow by as many pixels. What no photons show of this growth goes (`refuse_growth`), and what a
+    wrong IRF may have left (`drop_ghosts`).
     """
     before, own = state, log_likelihood_ratio(frame, state, terms)
     may_choose = frame.exposure > 0
@@ -49,6 +51,9 @@ def birth_death(frame, state, terms, max_chi2):
         state, own, may_choose = _round(frame, state, own, may_choose, max_chi2)
     terms = expand(frame, state)
     refuse_growth(frame, before, state, terms)
+    if state.shape[1] > 1:
+        drop_ghosts(frame, state)
+        terms = expand(frame, state)
     return state, terms
 
 

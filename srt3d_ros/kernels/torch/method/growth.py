@@ -9,7 +9,7 @@ from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, SCORE, VA
 from srt3d_ros.kernels.torch.arithmetic import noise_ratio
 from srt3d_ros.kernels.torch.fusing import fused
 from srt3d_ros.kernels.torch.method.likelihood import llr
-from srt3d_ros.kernels.torch.method.windows import box, images, inner
+from srt3d_ros.kernels.torch.method.windows import box, images
 
 
 @fused
@@ -22,8 +22,8 @@ def refuse_growth(frame, before, state, terms) -> None:
     votes alone would let a dim surface grow in every iteration. A pixel with points that stay within HOLE pixels on
     three of its four sides keeps its own: it is a hole, and beyond no outline.
     """
-    had = (images(inner(frame, before))[:, INTENSITY] > 0).any(0)
-    point, terms = images(inner(frame, state)), images(inner(frame, terms))
+    had = (images(frame, before)[:, INTENSITY] > 0).any(0)
+    point, terms = images(frame, state), images(frame, terms)
     intensity = point[:, INTENSITY]
     there = intensity > 0
     new = there & ~had
@@ -49,7 +49,7 @@ def drop_blobs(frame, state, enough) -> None:
     A chance maximum of the wide window grows by pixels that do not support it: its score stays about what it started
     with. That of a surface grows with its pixels.
     """
-    point, radius = images(inner(frame, state)), math.ceil(REACH * WINDOWS[-1].sigma)
+    point, radius = images(frame, state), math.ceil(REACH * WINDOWS[-1].sigma)
     intensity = point[:, INTENSITY]
     sure = ((point[:, SCORE] / noise_ratio(frame, point[:, DEPTH]) >= enough) & (intensity > 0)).any(0)
     near = torch.nn.functional.max_pool2d(sure.to(state.dtype)[None], 2 * radius + 1, stride=1, padding=radius)[0]
