@@ -166,6 +166,11 @@ class SensorModel:
         """Where a pixel may be used: `mask`, or everywhere. bool [rows, cols]."""
         return np.ones((self.rows, self.cols), bool) if self.mask is None else self.mask
 
+    @property
+    def irf_bins(self) -> np.ndarray:
+        """The bins of the IRF's entries, counted from the one that marks the depth; int [L]."""
+        return np.arange(self.irf.shape[-1]) - (self.irf_ref or 0)
+
     @cached_property
     def mean_irf(self) -> np.ndarray:
         """The IRF, or the mean of all pixels'. float32 [L]."""

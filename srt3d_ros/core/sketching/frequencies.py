@@ -49,8 +49,7 @@ def irf_spectrum(sensor: SensorModel, frequencies: Sequence[int]) -> np.ndarray:
 
     A return at depth d has the expected sketch ĥ(ω) exp(i ω d).
     """
-    bins = np.arange(sensor.irf.shape[-1]) - sensor.irf_ref
-    phases = np.exp(1j * np.outer(bins, angular_frequencies(frequencies, sensor.num_bins)))
+    phases = np.exp(1j * np.outer(sensor.irf_bins, angular_frequencies(frequencies, sensor.num_bins)))
     return sensor.irf.astype(np.float64) @ phases
 
 
