@@ -4,6 +4,7 @@ import logging
 import shutil
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -73,7 +74,7 @@ def read_sdt(path: Path, options: Options) -> Reading:
     return cube(path, counts, options.without("channel"), {"bin_width_s": width_s} if width_s else {}, notes)
 
 
-def _bins(ptu) -> tuple[int, float]:
+def _bins(ptu: Any) -> tuple[int, float]:
     """T and the bin width in seconds."""
     width_s, period_s = ptu.tcspc_resolution, ptu.global_resolution
     require(0 < width_s <= period_s < 1, "MeasDesc_Resolution, MeasDesc_GlobalResolution", f"{width_s:g}, {period_s:g}",
@@ -82,7 +83,7 @@ def _bins(ptu) -> tuple[int, float]:
     return min(int(np.ceil(period_s / width_s - 1e-3)), ptu.number_bins_max), width_s
 
 
-def _channel(ptu, options: Options) -> tuple[int, tuple[str, ...]]:
+def _channel(ptu: Any, options: Options) -> tuple[int, tuple[str, ...]]:
     """The channel to read; a note if it was chosen among several."""
     channels = ptu.active_channels
     require(len(channels) > 0, "photons", problem="The file has no photons.")
