@@ -8,8 +8,8 @@ from srt3d_ros.core.motion.track import MotionReport, SensorMotion
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.counts import Counts
-from srt3d_ros.core.sketching.design import design_sketch
-from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
+from srt3d_ros.core.sketching.design import SketchDesign, design_sketch
+from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher, check_window
 from srt3d_ros.core.sketching.framing import Framing, OpenFrame
 from srt3d_ros.core.sketching.gate import OFF, in_ranges
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
@@ -50,6 +50,12 @@ class StreamOptions:
                 "1 with motion, which has frames seen from different places")
         require(not self.merge_when_busy or (self.window_frames == 1 and not self.moving), "merge_when_busy", "true",
                 "false with motion or window_frames above 1, whose sketches do not add up")
+
+    def check(self, sensor: SensorModel) -> SketchDesign:
+        """The design for a sensor; InvalidInput if the options do not suit it."""
+        design = design_sketch(sensor, self.gate, self.frequencies, self.sketch_size)
+        check_window(self.window_frames, sensor, design.frequencies)
+        return design
 
 
 @dataclass(eq=False)
@@ -92,7 +98,7 @@ class SketchStream:
         self.sensor, self.options, self.counts = sensor, options, Counts() if counts is None else counts
         self.warning = ""
         self._framing = Framing(options.packets_per_frame, options.frame_period_ns)
-        gate, frequencies = design_sketch(sensor, options.gate, options.frequencies, options.sketch_size)
+        gate, frequencies = options.check(sensor)
         self._moving = MovingSketcher(sensor, frequencies, gate) if options.moving else None
         self._sketcher = self._moving or FrameSketcher(sensor, frequencies, options.window_frames, gate)
         self._motion = SensorMotion(options.extrinsics) if options.moving else None
