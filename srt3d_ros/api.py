@@ -87,7 +87,7 @@ def reconstruct(source: Any, *, sensor: SensorModel | None = None, method: str =
     """The point cloud of photons or of their sketch.
 
     Args:
-        source, sensor, and those that describe the sensor: see `read`.
+        source, sensor: see `read`, also for the arguments that describe the sensor.
 
     Raises:
         InvalidInput: an argument is missing or cannot be used.

@@ -26,8 +26,7 @@ from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.common.versions import versions
 from srt3d_ros.nodes.common.worker import Dropped
 from srt3d_ros.recording import entities
-from srt3d_ros.recording.frame_index import FrameIndex, RecordedFrame
-from srt3d_ros.recording.writer import RecordingFailed, RecordingWriter
+from srt3d_ros.recording.writer import FrameIndex, RecordedFrame, RecordingFailed, RecordingWriter
 
 RECORDED_IMAGES = tuple(path.strip("/") for path in (entities.DEPTH_PATH, *entities.PHOTON_IMAGES))
 ALL_IMAGES, NO_IMAGES = ",".join(RECORDED_IMAGES), "none"

@@ -15,14 +15,13 @@ from srt3d_ros.core.sketching.gate import OFF
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.core.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets import open_sensor
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import sensor_message, sketch_message
 from srt3d_ros.messages.cdr import check_frame_id
 from srt3d_ros.messages.photon_frames import CODECS, Codec
 from srt3d_ros.nodes.common import topics
 from srt3d_ros.nodes.common.managed_node import ManagedNode, sensor_summary
 from srt3d_ros.nodes.common.parameters import Parameter, Values
-from srt3d_ros.nodes.common.peers import all_acknowledged, unacknowledged_by
 from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.common.worker import Dropped
@@ -50,9 +49,6 @@ PARAMETERS = (
     *MOTION_PARAMETERS,
     Parameter("layout", "float32", "Numbers in `sketch`; int16 halves the bandwidth.",
               choices=("float32", "int16"), live=True),
-    Parameter("merge_when_busy", False, "While readers have not acknowledged two sketches, for at most 0.4 s, add the "
-              "next frame to the one that waits: a slow link then gets fewer sketches, with all photons. Not with "
-              "motion or windows of several frames.", live=True),
     topics.MAX_PIXELS_PARAMETER,
     Parameter("frame_id", "", "tf frame of the published messages; if empty, that of the received ones.", live=True),
 )
@@ -70,11 +66,10 @@ def stream_options(values: Values) -> StreamOptions:
     spec = values["frequencies"]
     return StreamOptions(values["gate"], spec, values["sketch_size"] if spec in RULES else None,
                          values["packets_per_frame"], round(values["frame_period_s"] * 1e9), values["window_frames"],
-                         values["motion"] != OFF, parse_extrinsics(values["extrinsics"]), values["merge_when_busy"])
+                         values["motion"] != OFF, parse_extrinsics(values["extrinsics"]))
 
 
 LIKELY_PACKETS = 8          # assumed per frame_period_s until the first period has ended
-BUSY = 2                    # unacknowledged sketches: one is always on its way
 
 
 class SketcherNode(ManagedNode):
@@ -111,7 +106,7 @@ class SketcherNode(ManagedNode):
     def activate(self) -> None:
         self.worker.messages_per_frame = max(self.parameters["packets_per_frame"],
                                              LIKELY_PACKETS if self.parameters["frame_period_s"] else 1)
-        self._frame_id, self._described, self._unacknowledged = "", None, 0
+        self._frame_id, self._described = "", None
         self._wake_s = float("inf")             # when `_wake` will be called, by the node's clock
         self._sensor, self._refused = self._file, ""
         self._own_description = ""              # published on `sensor`, and received from there
@@ -212,8 +207,6 @@ class SketcherNode(ManagedNode):
     def _check(self, values: Values) -> None:
         """Raise InvalidInput for parameters that do not suit the sensor; without one, that suit no sensor."""
         check_frame_id("frame_id", values["frame_id"])
-        require(not (values["merge_when_busy"] and unacknowledged_by()), "merge_when_busy", "true",
-                f"false with {unacknowledged_by()}, which does not say what readers have received")
         stream_options(values).check(self._sensor or precompile.ANY_SENSOR)
 
     # ---- Packets in, sketches out
@@ -229,7 +222,7 @@ class SketcherNode(ManagedNode):
         if self._motion is not None:
             self._motion.read_into(stream)
         try:
-            self._publish(stream, stream.push(photons, self._now_s(), self._is_busy()))
+            self._publish(stream, stream.push(photons, self._now_s()))
         finally:
             self._wake_later(stream)
 
@@ -244,7 +237,7 @@ class SketcherNode(ManagedNode):
         if stream is not None:
             if self._motion is not None:
                 self._motion.read_into(stream)
-            self._publish(stream, stream.poll(self._now_s(), self._is_busy()))
+            self._publish(stream, stream.poll(self._now_s()))
             self._wake_later(stream)
 
     def _wake_later(self, stream: SketchStream) -> None:
@@ -261,12 +254,6 @@ class SketcherNode(ManagedNode):
     def _now_s(self) -> float:
         return self.now_ns() * 1e-9
 
-    def _is_busy(self) -> bool:
-        """Whether readers have not yet acknowledged the last sketches."""
-        if self._unacknowledged >= BUSY and all_acknowledged(self._sketches):
-            self._unacknowledged = 0
-        return self._unacknowledged >= BUSY
-
     def _publish(self, stream: SketchStream, sketches: list[PhaseSums]) -> None:
         """Publish sketches, each after the description that it names."""
         values = self.parameters
@@ -275,8 +262,6 @@ class SketcherNode(ManagedNode):
             frame_id = values["frame_id"] or self._frame_id
             data = sketch_message.encode_cdr(sketch, frame_id, values["layout"])
             self.publish_frame(self._sketches, data, sketch.stamp_ns)
-            if values["merge_when_busy"]:
-                self._unacknowledged += 1
         if sketches:
             self.worker.messages_per_frame = stream.packets_per_frame
             self.diagnostics.show(**stream.facts)

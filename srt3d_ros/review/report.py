@@ -30,7 +30,7 @@ def _page(recorded: Recorded, summary: dict) -> str:
     return environment.get_template("report.html").render(
         version=__version__, title=f"{recorded.path.name}: recording", name=recorded.path.name,
         gallery=make_gallery(recorded),
-        plots=[(title, Markup(svg)) for title, svg in draw_plots(recorded)],
+        plots=[(title, Markup(svg)) for title, svg in draw_plots(recorded, summary["gaps"])],
         gaps=summary["gaps"], gap_count=summary["gap_count"], log=_log(recorded),
         log_summary=log_counts(summary), rows=rows(summary), tables=_tables(summary))
 

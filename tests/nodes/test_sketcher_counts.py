@@ -106,34 +106,3 @@ def test_no_frame_is_lost_while_gate_and_frequencies_change_and_each_names_its_d
     assert len({sketch.fields[-1].name for sketch in sketches}) == 2
     report = graph.reports("sketcher", "frames_out", 24)
     assert int(report["photons_dropped.gate"]) > 0 and report["dropped"] == "0"
-
-
-def test_for_a_reader_that_halts_frames_are_merged_if_the_user_wants_it(graph, sensor, events):
-    sketches = graph.collect(PointCloud2, "sketch")
-    graph.start("sketcher", frequencies="1,3", merge_when_busy=True).ready()
-    reader = graph.start("reconstructor").ready()
-    graph.introduce(sensor)
-    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
-    graph.reports("reconstructor", "num_bins", sensor.num_bins)
-    raw = photon_frames.PHOTONS.encode_cdr(events, sensor, "")
-    photons.publish(raw)
-    graph.wait(lambda: sketches, "a sketch")
-    reader.pause()
-    for k in range(1, 13):
-        photons.publish(cdr.restamp(raw, events.stamp_ns + k * MS))
-        graph.wait(lambda k=k: graph.total("sketcher", "messages_in") == k + 1, "the packet in a report")
-    reader.resume()
-    graph.reports("sketcher", "under_way", 0)
-    packets = graph.total("sketcher", "packets")
-    graph.wait(lambda: len(sketches) == graph.total("sketcher", "frames_out"), "the sketches")
-    decoded = [sketch_message.decode_cdr(serialize_message(message), sensor)[1] for message in sketches]
-    assert sum(int(sketch.photons.sum()) for sketch in decoded) == packets * events.photons
-    assert len(sketches) < packets
-
-
-def test_frames_are_not_merged_by_acknowledgements_that_mean_nothing(graph):
-    """Taking the middleware for rmw_zenoh_cpp, of which pip has no wheel."""
-    code = "from srt3d_ros.nodes.common import peers; peers.get_rmw_implementation_identifier = lambda: 'rmw_zenoh_cpp'"
-    node = graph.start("sketcher", code=code, merge_when_busy=True)
-    assert node.code() == 2 and "Traceback" not in node.text
-    assert "merge_when_busy is true: expected false with rmw_zenoh_cpp, which does not say what readers" in node.text

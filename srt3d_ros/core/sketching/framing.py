@@ -29,6 +29,9 @@ class OpenFrame(NamedTuple):
     photons: int = 0
 
 
+EMPTY = OpenFrame()
+
+
 @dataclass(frozen=True, slots=True)
 class Placed:
     """What to do about a packet, in this order.

@@ -20,7 +20,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from srt3d_ros.core.sketching.counts import Counts
+from srt3d_ros.core.stream import Counts
 from srt3d_ros.nodes.common.peers import Peers, all_acknowledged, names
 from srt3d_ros.nodes.common.status import ERROR, OK, WARN, NodeStatus
 
