@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -12,7 +13,7 @@ from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
 from srt3d_ros.errors import BAD_INPUT, InvalidInput, require
 from srt3d_ros.messages import cdr
 from srt3d_ros.nodes.common import topics
-from srt3d_ros.nodes.common.managed_node import FOLLOW_DEPTH, POLL_S, ManagedNode
+from srt3d_ros.nodes.common.managed_node import FOLLOW_DEPTH, ManagedNode
 from srt3d_ros.nodes.common.parameters import Parameter
 from srt3d_ros.nodes.common.peers import all_acknowledged, unacknowledged_by
 from srt3d_ros.nodes.common.process import run
@@ -22,6 +23,7 @@ from srt3d_ros.nodes.sources import PACKETS, open_source
 from srt3d_ros.processes.node_command import FRAMES_LOST
 
 ACKNOWLEDGE_S = 5.0
+POLL_S = 0.005
 READY_S = 600.0         # timeout for the nodes of `wait_for`: on a busy machine, kernels compile for minutes
 SETTLE_S = 30.0         # without progress, after which the last frames count as lost
 SKIPPED_EVERY_S = 60.0      # at most, a line about skipped frames
@@ -90,7 +92,7 @@ class PlayerNode(ManagedNode):
             if chain is not None:
                 self._wait_for(chain)
             else:
-                self.wait_until(lambda: any(publisher.get_subscription_count() for publisher in self._frames),
+                self._wait_until(lambda: any(publisher.get_subscription_count() for publisher in self._frames),
                                 f"a subscriber on {self._frames[0].topic_name}")
             for topic in self._source.first:
                 self._wait_until_acknowledged(self._outputs[topic])
@@ -108,8 +110,17 @@ class PlayerNode(ManagedNode):
             if not self.stopping.is_set():      # otherwise the node was only deactivated
                 self.finished.set()
 
+    def _wait_until(self, condition: Callable[[], bool], what: str, timeout_s: float = float("inf")) -> bool:
+        """Wait in the worker for a condition, report `what` it waits for, and return the condition's last value."""
+        end_s = time.monotonic() + timeout_s
+        self.diagnostics.wait_for(what)
+        while not (met := condition()) and time.monotonic() < end_s and not self.stopping.wait(POLL_S):
+            pass
+        self.diagnostics.wait_for("")
+        return met
+
     def _wait_until_acknowledged(self, publisher: Publisher) -> None:
-        self.wait_until(lambda: all_acknowledged(publisher), f"the readers of {publisher.topic_name}", ACKNOWLEDGE_S)
+        self._wait_until(lambda: all_acknowledged(publisher), f"the readers of {publisher.topic_name}", ACKNOWLEDGE_S)
 
     def _wait_for(self, chain: Chain) -> None:
         """Wait until the nodes of `wait_for` are ready; InvalidInput if they are not within READY_S."""
@@ -132,7 +143,7 @@ class PlayerNode(ManagedNode):
                 outcome, since_s = now, time.monotonic()
             return not outcome.under_way or time.monotonic() - since_s > SETTLE_S
 
-        self.wait_until(settled, "the last frames")
+        self._wait_until(settled, "the last frames")
         lost = outcome.lost
         reached = ", ".join(f"{name} {count}" for name, count in outcome.arrived.items())
         if not lost:

@@ -26,7 +26,6 @@ QUEUE_DEPTH = 256       # of inputs whose frames are queued rather than dropped
 FOLLOW_DEPTH = 1000     # of reports and log lines, which many nodes send at once: the depth of /rosout's publishers
 OUTDATED_NS = 10 * 10**9    # a frame that seems older comes from another clock and is kept
 LOG_EVERY_S = 2.0       # at most, the same line
-POLL_S = 0.005
 
 
 class ManagedNode(PatchedLifecycleNode):
@@ -246,15 +245,6 @@ class ManagedNode(PatchedLifecycleNode):
     def now_ns(self) -> int:
         """Time of the node's clock, in nanoseconds; it may be simulated."""
         return self.get_clock().now().nanoseconds
-
-    def wait_until(self, condition: Callable[[], bool], what: str, timeout_s: float = float("inf")) -> bool:
-        """Wait in the worker for a condition, report `what` it waits for, and return the condition's last value."""
-        end_s = time.monotonic() + timeout_s
-        self.diagnostics.wait_for(what)
-        while not (met := condition()) and time.monotonic() < end_s and not self.stopping.wait(POLL_S):
-            pass
-        self.diagnostics.wait_for("")
-        return met
 
     def stop_frames(self, cause: str) -> None:
         """Unsubscribe, process queued frames for `drain_s`, drop the others for `cause`, and forget.
