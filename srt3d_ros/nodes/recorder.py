@@ -23,8 +23,8 @@ from srt3d_ros.nodes.common.managed_node import ManagedNode
 from srt3d_ros.nodes.common.parameters import Parameter, Values
 from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.topics import NodeSpec
-from srt3d_ros.nodes.common.versions import versions
 from srt3d_ros.nodes.common.worker import Dropped
+from srt3d_ros.processes.versions import versions
 from srt3d_ros.recording import entities
 from srt3d_ros.recording.writer import FrameIndex, RecordedFrame, RecordingFailed, RecordingWriter
 
