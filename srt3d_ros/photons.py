@@ -8,7 +8,7 @@ from typing import Any, Self, Unpack
 
 import numpy as np
 
-from srt3d_ros.cloud import Cloud, notes_text
+from srt3d_ros.cloud import Cloud, as_noun, notes_text
 from srt3d_ros.core.keys import written_out
 from srt3d_ros.core.methods import DEFAULT_METHOD, MethodOptions, find
 from srt3d_ros.core.sensor.model import SensorModel
@@ -17,8 +17,9 @@ from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.core.sketching.gate import OFF
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonHistograms
 from srt3d_ros.datasets import arrays, photon_file
-from srt3d_ros.datasets.options import SensorOptions, gathered, outside_note
+from srt3d_ros.datasets.options import SensorOptions, gathered
 from srt3d_ros.datasets.reading import IN_MEMORY, Reading
+from srt3d_ros.datasets.values import outside_note
 from srt3d_ros.errors import quoted, require
 from srt3d_ros.progress import compiling
 from srt3d_ros.reconstruction import Reconstructor
@@ -87,10 +88,10 @@ class Photons(Reading):
 
     @classmethod
     def _in_memory(cls, describe, arguments: tuple, sensor: SensorModel | None, options: dict) -> Self:
-        options = gathered(options, sensor)
-        sensor, frame, notes = describe(*arguments, options)
+        given = gathered(options, sensor)
+        sensor, frame, notes = describe(*arguments, given)
         photons = cls(sensor, frame, None, IN_MEMORY, notes)
-        return photons.gated(*options["gate"]) if "gate" in options else photons
+        return photons if given.gate is None else photons.gated(*given.gate)
 
     def __repr__(self) -> str:
         sensor = self.sensor
@@ -117,7 +118,7 @@ class Photons(Reading):
         numbers, mean = 2 * len(chosen), self.photons / self.sensor.pixels
         if sketch_size is not None and numbers > mean:
             notes += (f"the sketch is longer than its photons: {numbers} numbers a pixel for {mean:.3g} photons",)
-        return Sketch.from_sums(sketcher.end_frame(), self.notes + notes)
+        return as_noun(Sketch, sketcher.end_frame(), notes=self.notes + notes)
 
     @written_out(SketchOptions, MethodOptions)
     def reconstruct(self, *, sketch_size: int | None = None, frequencies: str | Sequence[int] | None = None,

@@ -4,16 +4,16 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
-from srt3d_ros.cloud import Cloud
-from srt3d_ros.core.array_checks import as_array
+from srt3d_ros.cloud import Cloud, as_noun
 from srt3d_ros.core.keys import written_out
 from srt3d_ros.core.methods import DEFAULT_METHOD, OPTIONS, ReconstructorOptions, checked
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
+from srt3d_ros.core.sketching.sums import as_array
 from srt3d_ros.errors import require
 from srt3d_ros.gpu_check import device_for
 from srt3d_ros.progress import compiling
@@ -41,15 +41,15 @@ class Reconstructor:
     def __init__(self, sensor: SensorModel, frequencies: Sequence[int] = (), **options: Unpack[ReconstructorOptions]):
         """Prepare for the frames of a sensor."""
         require(isinstance(sensor, SensorModel), "sensor", type(sensor).__name__, "a Sensor")
-        options = {"method": DEFAULT_METHOD, "surfaces": 1, "device": "auto"} | options
-        method, device = options["method"], options["device"]
+        given: dict[str, Any] = {"method": DEFAULT_METHOD, "surfaces": 1, "device": "auto", **options}
+        method, device = given["method"], given["device"]
         self._frequencies = tuple(as_array("frequencies", frequencies, 1, "iuf").tolist())
-        chosen = checked(options)
+        chosen = checked(given)
         self._on_photons = chosen.needs == "photons"
-        require(self._frequencies or self._on_photons, "frequencies",
+        require(bool(self._frequencies) or self._on_photons, "frequencies",
                 problem=f"{method} reads sketches: give their frequencies, sketch.frequencies.")
-        self._name, self._surfaces, self._is_warm = options.pop("method"), options["surfaces"], False
-        self._build = partial(chosen.build, sensor, self._frequencies, **options)
+        self._name, self._surfaces, self._is_warm = given.pop("method"), given["surfaces"], False
+        self._build = partial(chosen.build, sensor, self._frequencies, **given)
         if "device" not in chosen.options:
             self.device, self.device_reason = "cpu", f"{method} runs on the CPU"
             self._method = self._build()
@@ -61,7 +61,7 @@ class Reconstructor:
         except RuntimeError as error:
             self._fall_back(error)
 
-    def __call__(self, seen) -> Cloud:
+    def __call__(self, seen: Any) -> Cloud:
         """The cloud of a frame: of its Sketch, or of its Photons or PhotonFrame for a method on photons."""
         frame = getattr(seen, "events", seen) if self._on_photons else seen
         require(not self._on_photons or isinstance(frame, PhotonFrame), "seen", type(seen).__name__,
@@ -73,8 +73,8 @@ class Reconstructor:
         photons, notes = int(np.sum(seen.photons)), getattr(seen, "notes", ())
         if not photons and not len(points):
             notes += (NO_PHOTONS,)
-        return Cloud.from_points(
-            points, notes=notes, method=self._name, surfaces=self._surfaces, device=self.device, photons=photons,
+        return as_noun(
+            Cloud, points, notes=notes, method=self._name, surfaces=self._surfaces, device=self.device, photons=photons,
             reconstruct_ms=elapsed_ms, frequencies=() if self._on_photons else seen.frequencies)
 
     def __reduce__(self):

@@ -126,7 +126,7 @@ def numbers(part: Any, prefix: str = "") -> dict[str, float]:
 
 def about(kind: type) -> str:
     """What the docstring of a class says before its arguments, in one line."""
-    return " ".join(inspect.getdoc(kind).partition("Args:")[0].split())
+    return " ".join((inspect.getdoc(kind) or "").partition("Args:")[0].split())
 
 
 def documented(kind: type[T]) -> type[T]:

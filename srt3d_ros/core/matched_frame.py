@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.point_cloud import PointCloud
+from srt3d_ros.core.point_cloud import PointCloud, listing
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum, passed_energy
 from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS, PhaseSums, check_frequencies
@@ -144,8 +144,9 @@ class SensorOnDevice:
         self._constants = {name: kernels.array(value) if isinstance(value, np.ndarray) else value
                            for name, value in matcher.constants.items()}
         self.passed, self._equaliser = kernels.array(matcher.passed), kernels.array(matcher.equaliser)
-        self._used, self._rays = kernels.array(matcher.used), kernels.array(sensor.rays)
-        self._even = kernels.array(np.ones(sensor.num_bins, np.float32))
+        self._used, self._even = kernels.array(matcher.used), kernels.array(np.ones(sensor.num_bins, np.float32))
+        rays, *self._scale = listing(sensor)
+        self._rays = kernels.array(rays)
 
     def match(self, photons: Array, sums: Array, background: Array | None = None, mean: Array | None = None,
               clutter: Array | None = None) -> tuple[MatchedFrame, Array | None]:
@@ -160,15 +161,11 @@ class SensorOnDevice:
 
     def listed(self, depth: Array, intensity: Array, std: Array) -> tuple:
         """The list of points, for `unpack`, of `kernels.collect`."""
-        sensor = self._sensor
-        return self.kernels.collect(depth, intensity, std, self._rays, sensor.bin_width_m, float(sensor.range_m(0)),
-                                    sensor.num_bins)
+        return self.kernels.collect(depth, intensity, std, self._rays, *self._scale)
 
     def cloud(self, listed: Sequence[Array], background: Array, stamp_ns: int) -> PointCloud:
         """The cloud of listed points and a background, off the device."""
-        row, col, rank, (depth, intensity, std), xyz = self.kernels.unpack(*listed)
-        return PointCloud(row, col, depth, intensity, std, xyz, rank, self.kernels.numpy(background), stamp_ns,
-                          sensor=self._sensor)
+        return PointCloud.of_list(self._sensor, self.kernels.unpack(*listed), self.kernels.numpy(background), stamp_ns)
 
 
 def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
@@ -184,9 +181,9 @@ def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
     depths tell how much.
     """
     irf = sensor.mean_irf
-    bins, depths = np.arange(len(irf) + 1) - sensor.irf_ref, np.arange(BETWEEN) / BETWEEN
+    bins, depths = np.arange(len(irf) + 1) + sensor.irf_bins[0], np.arange(BETWEEN) / BETWEEN
     response = np.exp(1j * (bins - depths[:, None])[..., None] * omega) * filters
-    of_depth, of_intensity = (response * omega).imag.sum(axis=2), response[0].real.sum(axis=1)
+    of_depth, of_intensity = np.imag(response * omega).sum(axis=2), np.real(response[0]).sum(axis=1)
     shown = np.outer(1 - depths, np.append(irf, 0)) + np.outer(depths, np.append(0, irf))
     mean, square = (shown * of_depth).sum(axis=1), (shown * of_depth**2).sum(axis=1)
     curvature = (omega**2 * energy).sum()

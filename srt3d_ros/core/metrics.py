@@ -56,7 +56,7 @@ def evaluate(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins
     """
     reference = _as_surfaces("reference shape", reference_depth_bins, cloud)
     known = np.isfinite(reference)
-    of_known = known.any(axis=0)[cloud.row, cloud.col]          # points in pixels with references
+    of_known = np.any(known, axis=0)[cloud.row, cloud.col]          # points in pixels with references
     judged = np.ones(len(cloud), bool) if complete else of_known
     error = np.abs(circular_difference(cloud.depth_bins[None], reference[:, cloud.row, cloud.col], num_bins))
     error = np.where(np.isnan(error), np.inf, error)            # of each point from each reference of its pixel, [S, N]

@@ -11,7 +11,7 @@ from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.datasets.bags import frames as bag_frames
 from srt3d_ros.datasets.bags.bag import Bag, is_bag
-from srt3d_ros.datasets.options import SensorOptions, gathered
+from srt3d_ros.datasets.options import Options, SensorOptions, gathered
 from srt3d_ros.datasets.readers import cubes, hdf5, mat, npz, tcspc, tmf8829
 from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.datasets.simulation.simulator import Simulator
@@ -26,8 +26,8 @@ __all__ = ["SIMULATOR", "Reading", "frame_loaders", "frame_numbers", "open_senso
 SIMULATOR = "simulator"     # in place of a path
 # Functions by suffix, of path and options (options.gathered). They raise InvalidInput, naming the file and what in it
 # cannot be used. Those of LOGS yield a function for each frame that reads it.
-FILE_READERS = {".npz": npz.read, ".mat": mat.read, ".npy": cubes.read, ".h5": hdf5.read, ".hdf5": hdf5.read,
-                ".hdf": hdf5.read, ".ptu": tcspc.read_ptu, ".sdt": tcspc.read_sdt}
+FILE_READERS = {".npz": npz.read, ".mat": mat.read, ".ptu": tcspc.read_ptu, ".sdt": tcspc.read_sdt, ".npy": cubes.read,
+                ".h5": hdf5.read, ".hdf5": hdf5.read, ".hdf": hdf5.read}
 LOGS = {".json": tmf8829.frames, ".gz": tmf8829.frames}
 MOST_FRAMES = 10**7         # at once: their numbers take 0.4 GB
 
@@ -49,16 +49,14 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
         return _simulated(frame, sensor, gathered(options))
     path = Path(path)
     with file_errors("photon file", path, "read"):
-        options = gathered(options, sensor)
-        if is_bag(path):
-            return bag_frames.read_frame(path, frame, options, photons_topic)
-        suffixes = FILE_READERS | LOGS
-        require(path.exists() or path.suffix.lower() in suffixes, "photon file", problem=f"{path}: no such file.")
-        require(path.suffix.lower() in suffixes, "photon file", str(path),
-                f"a file that ends in {', '.join(suffixes)}, or a bag")
+        chosen = gathered(options, sensor, guess_irf)
+        if path.suffix.lower() not in (suffixes := FILE_READERS | LOGS):
+            require(is_bag(path) or path.exists(), "photon file", problem=f"{path}: no such file.")
+            require(is_bag(path), "photon file", str(path), f"a file that ends in {', '.join(suffixes)}, or a bag")
+            return bag_frames.read_frame(path, frame, chosen, photons_topic)
         require(not photons_topic, "photons_topic", problem="Only bags have topics.")
         require_file(path, "photon file")
-        return _of_file(path, frame, options | {"guess_irf": guess_irf})
+        return _of_file(path, frame, chosen)
 
 
 def read_photons(path: str | Path, *arguments: Any, **options: Any) -> Reading:
@@ -70,7 +68,7 @@ def read_photons(path: str | Path, *arguments: Any, **options: Any) -> Reading:
     return reading
 
 
-def _of_file(path: Path, frame: int, options: dict) -> Reading:
+def _of_file(path: Path, frame: int, options: Options) -> Reading:
     """Frame `frame` of a file; InvalidInput if it has fewer."""
     require(frame >= 0, "frame", frame, "0 or more")
     suffix, count = path.suffix.lower(), 0
@@ -83,7 +81,7 @@ def _of_file(path: Path, frame: int, options: dict) -> Reading:
     raise InvalidInput("frame", problem=f"{path.name} has no frame {frame} (it has {count}).")
 
 
-def _simulated(frame: int, sensor: SensorModel | None, options: dict) -> Reading:
+def _simulated(frame: int, sensor: SensorModel | None, options: Options) -> Reading:
     """A frame of the head with its true depths, as this sensor sees it: 10 photons a pixel, half of them background."""
     require(frame >= 0, "frame", frame, "0 or more")
     simulator = Simulator(sensor=sensor)
@@ -108,7 +106,7 @@ def frame_numbers(path: str | Path, wanted: str, photons_topic: str = "") -> ran
     else:
         require_file(Path(path), "photon file")
         log = LOGS.get(Path(path).suffix.lower())
-        count = sum(1 for _ in log(Path(path), {})) if log else 1
+        count = sum(1 for _ in log(Path(path), Options())) if log else 1
     first, last = map(int, ends.groups()) if ends else (0, count - 1)
     require(last - first < MOST_FRAMES, "--frames", problem=f"Give at most {MOST_FRAMES:,} frames at once.")
     fits = first <= last < count

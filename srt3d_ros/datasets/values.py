@@ -1,4 +1,4 @@
-"""Convert arrays of files and callers to NumPy arrays of numbers."""
+"""Notes to the user, and arrays of files and callers as NumPy arrays of numbers."""
 
 from typing import Any
 
@@ -8,6 +8,24 @@ from srt3d_ros.core.sketching.photon_frame import COUNT_DTYPES
 from srt3d_ros.errors import InvalidInput, require
 
 MAX_EVENTS = 2**28         # of a frame, one by one
+
+
+class Note(str):
+    """A sentence on a value that was assumed: `field` is its name in SensorModel. Once that is given, the note goes."""
+
+    field: str
+
+    def __new__(cls, text: str, field: str = ""):
+        """The text as a note on a field."""
+        note = super().__new__(cls, text)
+        note.field = field
+        return note
+
+
+def outside_note(dropped: int, photons: int, first: int, last: int) -> tuple[str, ...]:
+    """The note on photons that a gate drops, if any."""
+    note = f"{dropped} of {photons} photons lie outside the gate (bins {first} to {last}): dropped"
+    return (note,) if dropped else ()
 
 
 def array(name: str, values: Any) -> np.ndarray:

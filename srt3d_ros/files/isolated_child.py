@@ -7,15 +7,16 @@ import warnings
 from contextlib import suppress
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 ARRAY = "array/"        # begins the names of arrays in what the child writes
 MOST_LISTED = 100       # arrays; an error shows fewer
 CPU_S = 600             # 3 GB unpack in a tenth of it
-# MATLAB says in these attributes of HDF5 what an array was. It stores axes in reverse, and cells in groups that begin
-# with "#".
-CLASS, EMPTY, SPARSE = "MATLAB_class", "MATLAB_empty", "MATLAB_sparse"
+# MATLAB 7.3 says in these attributes of HDF5 what an array was. It stores axes in reverse, what is in cells in groups
+# that begin with "#".
+CLASS, EMPTY = "MATLAB_class", "MATLAB_empty"
 Found = tuple[dict[str, np.ndarray], list[tuple[str, tuple, str]]]      # arrays; name, shape, kind of all
 
 
@@ -68,9 +69,14 @@ def matlab_5(path: str, names: tuple[str, ...]) -> Found:
     arrays = {}
     for name, value in content.items():
         if hasattr(value, "tocoo"):
-            arrays |= _sparse(name, value)
+            sparse = value.tocoo()
+            arrays |= {name: sparse.data, f"{name}.row": sparse.row, f"{name}.col": sparse.col,
+                       f"{name}.shape": np.array(sparse.shape)}
         elif isinstance(value, np.ndarray) and value.dtype.kind == "O":
-            arrays |= _cells(name, [cell.ravel() for cell in value.flat], value.shape)
+            lists = [cell.ravel() for cell in value.flat]
+            inside = np.concatenate([np.zeros(0, np.int64), *(values for values in lists if values.size)])
+            arrays |= {name: inside[:0] if inside.dtype.kind == "O" else inside,
+                       f"{name}.lengths": np.array([values.size for values in lists]).reshape(value.shape)}
         elif isinstance(value, np.ndarray) and value.dtype.kind in "iufbU":
             arrays[name] = value
     return arrays, shapes
@@ -83,28 +89,22 @@ def hdf5(path: str, names: tuple[str, ...]) -> Found:
     with h5py.File(path) as file:
         nodes, arrays = {}, {}
 
-        def visit(name: str, node: h5py.HLObject) -> None:
-            inside = name.startswith("#") or name.rpartition("/")[0] in nodes       # of a cell or a sparse array
-            if not inside and (SPARSE in node.attrs or getattr(node, "shape", None) is not None):
+        def visit(name: str, node: Any) -> None:
+            if not name.startswith("#") and getattr(node, "shape", None) is not None:
                 nodes[name] = node
 
         file.visititems(visit)
-        shapes = {name: _shape(node) for name, node in nodes.items()}
-        cubes = [name for name, shape in shapes.items() if len(shape) == 3 and _is_numeric(nodes[name])]
-        for name, node in nodes.items():
-            if cubes != [name] and not any(name == pattern or fnmatchcase(name, pattern) for pattern in names):
-                continue
-            if SPARSE in node.attrs:
-                arrays |= _matlab_sparse(name, node)
-            elif node.attrs.get(CLASS) == b"cell":
-                cells = [file[reference] for reference in node[()].T.flat]
-                arrays |= _cells(name, [np.zeros(0) if EMPTY in cell.attrs else cell[()].ravel() for cell in cells],
-                                node.shape[::-1])
-            elif _is_numeric(node):
+        shapes = {name: node.shape[::-1] if CLASS in node.attrs else node.shape for name, node in nodes.items()}
+        numeric = {name: node for name, node in nodes.items() if node.dtype.kind in "iufb" and EMPTY not in node.attrs
+                   and node.attrs.get(CLASS) != b"char"}
+        cubes = [name for name in numeric if len(shapes[name]) == 3]
+        for name, node in numeric.items():
+            if cubes == [name] or any(name == pattern or fnmatchcase(name, pattern) for pattern in names):
                 if node.external or node.is_virtual:
                     raise ValueError(f"{name} keeps its numbers in another file")
                 arrays[name] = node[()].T if CLASS in node.attrs else np.asarray(node[()])
-        return arrays, [(name, shape, _kind(nodes[name])) for name, shape in shapes.items()]
+        kinds = {name: node.attrs.get(CLASS, b"").decode() or str(node.dtype) for name, node in nodes.items()}
+        return arrays, [(name, shape, kinds[name]) for name, shape in shapes.items()]
 
 
 def sdt(path: str, names: tuple[str, ...]) -> Found:
@@ -127,44 +127,6 @@ def sdt(path: str, names: tuple[str, ...]) -> Found:
 
 
 READERS = {"scipy": ("scipy.io", matlab_5), "h5py": ("h5py", hdf5), "sdtfile": ("sdtfile", sdt)}    # by library
-
-
-def _cells(name: str, lists: list[np.ndarray], shape: tuple[int, ...]) -> dict[str, np.ndarray]:
-    inside = np.concatenate([np.zeros(0, np.int64), *(values for values in lists if values.size)])
-    return {name: inside[:0] if inside.dtype.kind == "O" else inside,
-            f"{name}.lengths": np.array([values.size for values in lists]).reshape(shape)}
-
-
-def _sparse(name: str, array) -> dict[str, np.ndarray]:
-    sparse = array.tocoo()
-    return {name: sparse.data, f"{name}.row": sparse.row, f"{name}.col": sparse.col,
-            f"{name}.shape": np.array(sparse.shape)}
-
-
-def _matlab_sparse(name: str, group) -> dict[str, np.ndarray]:
-    from scipy.sparse import csc_array
-
-    numbers, rows, ends = (group[part][()] for part in ("data", "ir", "jc"))
-    sparse = csc_array((numbers, rows.astype(np.int64), ends.astype(np.int64)), _shape(group))
-    sparse.check_format()
-    return _sparse(name, sparse)
-
-
-def _shape(node) -> tuple[int, ...]:
-    """The shape of an array of HDF5 as the program that wrote it says it."""
-    if SPARSE in node.attrs:
-        return int(node.attrs[SPARSE]), len(node["jc"]) - 1
-    return node.shape[::-1] if CLASS in node.attrs else node.shape
-
-
-def _kind(node) -> str:
-    named = node.attrs.get(CLASS)
-    return named.decode() if isinstance(named, bytes) else str(getattr(node, "dtype", "group"))
-
-
-def _is_numeric(node) -> bool:
-    return (SPARSE not in node.attrs and node.dtype.kind in "iufb" and EMPTY not in node.attrs
-            and node.attrs.get(CLASS) != b"char")
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ def test_whole_reconstructions_agree(monkeypatch, shape, surfaces, light, option
 def test_backgrounds_are_taken_out_and_learnt_alike(monkeypatch, shape, surfaces):
     sensor = make_sensor(*shape, seed=5).replace(background_shape=np.exp(-np.arange(300) / 40))
     sketch, found = make_sketch(sensor, 5), []
-    monkeypatch.setattr("srt3d_ros.core.method.convergence.PASSES", 1)      # so few pixels end at an even background
+    monkeypatch.setattr("srt3d_ros.core.method.pooled.PASSES", 1)      # so few pixels end at an even background
     for kernels in (ORACLE, CPU, SINGLE):
         reconstructor = built(monkeypatch, kernels, sensor, sketch.frequencies, surfaces)
         found.append((reconstructor(sketch), reconstructor.uneven_background))

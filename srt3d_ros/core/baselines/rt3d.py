@@ -95,8 +95,8 @@ class RT3D:
         mean, slope = (values[:, 1:-1].mean(axis=0, dtype=np.float64) for values in (self._irf, self._slope))
         information = max(float((slope**2 / np.maximum(mean + ratio, TINY)).sum()), TINY)
         starts = np.searchsorted(photons.pixel, np.arange(sensor.pixels + 1, dtype=np.uint32))
-        return Likelihood(starts, toa, self._irf, self._slope, sensor.irf_ref + 1, information, sensor.num_bins,
-                          sensor.exposure)
+        ref = 1 - int(sensor.irf_bins[0])           # the padding's bin comes first
+        return Likelihood(starts, toa, self._irf, self._slope, ref, information, sensor.num_bins, sensor.exposure)
 
     def _smoother(self, seen: np.ndarray) -> Callable:
         """A function from background photons to their local mean per bin at a gain of 1, float32 [rows, cols]."""

@@ -145,9 +145,9 @@ def _covariances(sensor: SensorModel, frequencies: tuple[int, ...]) -> np.ndarra
     plus = plus * np.conj(np.outer(spectrum, spectrum))
     minus = minus * np.outer(np.conj(spectrum), spectrum)
     energy = np.abs(spectrum)**2
-    real = (minus + plus).real / 2 - share**2 * np.outer(energy, energy)
-    imaginary = (minus - plus).real / 2
-    mixed = (plus - minus).imag / 2                     # E Re u_l · Im u_n
+    real = np.real(minus + plus) / 2 - share**2 * np.outer(energy, energy)
+    imaginary = np.real(minus - plus) / 2
+    mixed = np.imag(plus - minus) / 2                     # E Re u_l · Im u_n
     covariance = np.block([[real, mixed], [mixed.swapaxes(1, 2), imaginary]])
     scale = np.tile(np.abs(spectrum), 2) + 1e-6         # relative to each frequency, else weak ones vanish
     mean = np.diagonal(covariance, axis1=1, axis2=2) @ (1 / scale**2) / len(scale)

@@ -31,21 +31,21 @@ from srt3d_ros.kernels.contract import Array, Kernels
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, STD
 
 
-def frame(sensor: SensorOnDevice, surfaces: int, photons: Array, sums: Array, start: Array | None, numbers: Array,
+def frame(sensor: SensorOnDevice, surfaces: int, photons: Array, sums: Array, start: Array | None, thresholds: Array,
           *removed: Array) -> tuple:
     """One frame on the device.
 
     Args:
         photons, sums: of the sketch.
         start: the points of the frame before, or None.
-        numbers: those of a `Scores`.
+        thresholds: a `Scores`.
         removed: a `RemovedBackground`, or nothing for an even one.
 
     Returns:
         The points, float32 [rows', K, FIELDS, cols'] (`kernels.maps`), for the next start; for `Unexplained`; photons
         that are not the points', and background photons, float32 [rows, cols]; the list of points.
     """
-    kernels, scores = sensor.kernels, Scores(*numbers)
+    kernels, scores = sensor.kernels, Scores(*thresholds)
     data, taken = sensor.match(photons, sums, *removed)
     points = kernels.no_surfaces(data, surfaces)
     search(kernels, data, points, START_SCALES, START_SCORE, START_SCORE, start, scores.keep)

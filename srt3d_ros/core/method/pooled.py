@@ -15,14 +15,16 @@ from functools import cached_property
 import numpy as np
 
 from srt3d_ros.core.matched_frame import Matcher
-from srt3d_ros.core.method.background import Background, RemovedBackground
-from srt3d_ros.core.method.convergence import first_frame, next_frame
-from srt3d_ros.core.method.frame import Frames
+from srt3d_ros.core.method.background import Background, BackgroundEstimate, RemovedBackground
+from srt3d_ros.core.method.frame import Found, Frames
 from srt3d_ros.core.method.pile_up import PileUp
 from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, Scores
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sums import PhaseSums, noise_sketch
+from srt3d_ros.kernels.contract import Array
+
+PASSES = 8              # over a first frame, at most
 
 
 class Pooled:
@@ -69,14 +71,38 @@ class Pooled:
     def _cloud(self, sketch: PhaseSums) -> PointCloud:
         """The cloud of a frame; the next one starts from its background, its surfaces and its background's share."""
         seen = self._pile_up.without_decay(sketch, self._background_share) if sketch.cycles else sketch
-        given = self._frames, self._background, self._scores, seen
-        found, self._learned = first_frame(*given) if self._is_first else next_frame(
-            *given, self._learned, self._points)
+        found, self._learned = self._first(self._frames, seen) if self._is_first else self._next(
+            self._frames, seen, self._learned, self._points)
         self._points = found.points
         if not sketch.cycles:
             return found.cloud
         cloud, self._background_share = self._pile_up.corrected(found.cloud, sketch)
         return cloud
+
+    def _first(self, frames: Frames, sketch: PhaseSums) -> tuple[Found, BackgroundEstimate]:
+        """What a first frame shows once its background has converged, and the background of the next frame."""
+        found, learned = self._next(frames, sketch, self._background.first)
+        for _ in range(PASSES - 1):
+            if learned.converged:
+                break
+            found, learned = self._next(frames, sketch, learned)
+            if learned.mean is None:        # the candidates explain the frame no better
+                break
+        return found, learned
+
+    def _next(self, frames: Frames, sketch: PhaseSums, learned: BackgroundEstimate, start: Array | None = None
+              ) -> tuple[Found, BackgroundEstimate]:
+        """What a frame shows with the background learned from the one before, or a better one; and the next one's."""
+        background, candidates = self._background, self._background.candidates(sketch, learned)
+        if not candidates:
+            found = frames(self._scores, sketch, background.removed(learned, sketch), start)
+            return found, background.learned(learned, found.unexplained)
+        if frames.surfaces > 1:     # further surfaces would be fitted to the background, so one a pixel decides on it
+            _, settled = self._first(frames.with_one_surface, sketch)
+            candidates = candidates[:1] if settled.mean is None else [settled]
+        tried = [(frames(self._scores, sketch, background.removed(each, sketch)), each) for each in candidates]
+        found, removed = min(tried, key=lambda one: one[0].unexplained.misfit)
+        return found, background.learned(removed, found.unexplained)
 
     @cached_property
     def _pile_up(self) -> PileUp:

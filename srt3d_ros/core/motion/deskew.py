@@ -45,7 +45,7 @@ class Deskewer:
         lost: photons of the last call that left the array, without those of masked pixels.
     """
 
-    def __init__(self, sensor: SensorModel, frequencies):
+    def __init__(self, sensor: SensorModel, frequencies: Sequence[int]):
         self.sensor, self.lost = sensor, 0
         self.frequencies = check_frequencies(frequencies, sensor.num_bins)
         self._kernels = kernels_for("cpu")

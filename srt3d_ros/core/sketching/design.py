@@ -8,6 +8,7 @@ import numpy as np
 
 from srt3d_ros.core.keys import Key, keys
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import (
     DEFAULT_SKETCH_SIZE,
     FREQUENCIES_FORM,
@@ -16,16 +17,19 @@ from srt3d_ros.core.sketching.frequencies import (
     choose_frequencies,
     irf_spectrum,
     passed_energy,
+    progression,
 )
 from srt3d_ros.core.sketching.gate import AUTO, FORM, OFF, Gate, parse
-from srt3d_ros.core.sketching.light import measure
-from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonHistograms
 from srt3d_ros.core.sketching.sums import MAX_SKETCH_SIZE
-from srt3d_ros.errors import require
+from srt3d_ros.errors import InvalidInput
 
 OCCUPIED_SIGMAS = 4.5       # σ at which bins hold more than background; exceeded by chance in one of 3000 frames
 GATE_MARGIN = 1 / 8     # of the occupied bins, per side. Art, SBR 0.1: TD 92.2 % (0: 92.2, 1/2: 91.5, no gate: 88.0)
 WORTHWHILE = 1 / 10     # of the photons; a gate that drops fewer costs TD: 0.1 points at SBR 52 and 1 photon a pixel
+RUNGS = 20              # frequencies at which photons and IRF are compared
+POOLED_PIXELS = 4       # pixels that count as one: a reconstruction pools the photons around each point
+MOST_OFF = 0.08         # relative difference of |ĥ|² by photons and by IRF; higher frequencies add to the depth error
 HIGHER = 4              # frequencies for many photons reach at most so many times the highest one for few
 
 
@@ -65,12 +69,13 @@ def design_sketch(sensor: SensorModel, gate: str | tuple[int, int] = OFF, freque
     """
     bins = parse(gate)
     if bins == AUTO:
-        require(frame is not None, "gate", gate, FORM)
+        if frame is None:
+            raise InvalidInput("gate", gate, FORM)
         chosen = choose_frequencies(frequencies, sensor, sketch_size)
         is_rule = isinstance(frequencies, str) and frequencies in RULES
         highest = len(chosen) if is_rule else max(chosen)       # rules choose again for the gate's T
         bins = _bins_of(histogram(frame, sensor), sensor, 2 * highest + 1)
-    kept = None if bins == OFF else Gate(sensor, *bins)
+    kept = None if isinstance(bins, str) else Gate(sensor, *bins)
     within = sensor if kept is None else kept.sensor
     chosen = choose_frequencies(frequencies, within, sketch_size)
     if isinstance(frequencies, str) and frequencies == AUTO and frame is not None:
@@ -78,6 +83,31 @@ def design_sketch(sensor: SensorModel, gate: str | tuple[int, int] = OFF, freque
         chosen = best_frequencies(within, len(chosen), *measure(frame, sensor, kept, highest))
     passed_energy(irf_spectrum(within, chosen), chosen)
     return SketchDesign(kept, chosen)
+
+
+def measure(frame: PhotonFrame, sensor: SensorModel, gate: Gate | None, highest: int) -> tuple[float, int]:
+    """How much signal the photons in the gate have, and up to which frequency they agree with the IRF.
+
+    The distance of two signal photons of a pixel is that of two draws of the IRF, at any depth; a background photon
+    lies anywhere. So the mean of cos ω(x − x') over pairs of a pixel's photons is p² |ĥ(ω)|², p the share of signal. A
+    sketch has the sum over pairs, |Σ_x exp(i ω x)|² = n + 2 Σ cos ω(x − x'): depth and background need not be known.
+
+    Returns:
+        The score p √(2n) of the n photons of POOLED_PIXELS, and the highest frequency at which photons and IRF agree.
+    """
+    sketch = sketch_photons(frame, sensor, progression(highest, min(RUNGS, highest)), gate)
+    within = sketch.sensor
+    passed = np.square(np.abs(np.atleast_2d(irf_spectrum(within, sketch.frequencies)))).mean(axis=0)
+    passed *= np.sinc(np.array(sketch.frequencies) / within.num_bins)       # depths lie between bins
+    several = (sketch.photons > 1) & sensor.used
+    n = sketch.photons[several].astype(np.float64)[:, None]
+    # Divide by n − 1: each pixel then counts by its photons, not by its pairs.
+    pairs = ((np.abs(sketch.sums[several])**2 - n) / (n - 1)).sum(axis=0) / max(n.sum(), 1)
+    error = np.sqrt((n / (n - 1)).sum()) / max(n.sum(), 1)
+    share2 = max(pairs @ passed / (passed @ passed), 1e-12)
+    wrong = np.append(np.abs(pairs / share2 - passed) + error / share2 > MOST_OFF * passed, True)
+    score = np.sqrt(2 * POOLED_PIXELS * min(share2, 1) * sketch.photons.mean(where=sensor.used))
+    return float(score), (0, *sketch.frequencies)[wrong.argmax()]
 
 
 def histogram(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel) -> np.ndarray:

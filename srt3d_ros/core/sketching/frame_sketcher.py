@@ -138,7 +138,7 @@ class FrameSketcher:
         return np.float32(steps), self._kernels.fixed_rows(table)
 
     def _add_gates(self, gates: PhotonGates) -> None:
-        form = self.sensor.gates
+        form = self.sensor.gate_words
         words = self._kernels.array(gates.words).reshape(len(gates.words), self.sensor.pixels)
         self._kernels.sketch_gates(words, self._rows, form.first_word, form.no_detection, self._sums)
 

@@ -49,7 +49,7 @@ class Gate:
             shape = shape if shape.any() else None
         self.sensor = source.replace(
             num_bins=self.num_bins, toa_offset_bins=source.toa_offset_bins + first, background_shape=shape, gates=None,
-            histograms=None, delay_bins=source.delay_bins if least == 0 else source.delay_bins - np.float32(least))
+            histograms=None, delay_bins=None if source.delay_bins is None else source.late - np.float32(least))
 
     def __str__(self) -> str:
         return f"{self.first}-{self.last}"
