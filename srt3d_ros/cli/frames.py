@@ -28,8 +28,7 @@ OPTIONS_FILE = "options.json"
 OF_THE_RUN = ("output", "frame", "frames", "format", "jobs", "dask", "json", "run")     # arguments that change no cloud
 FAILED = 1
 ONE_AT_A_TIME = Lock()      # a worker of Dask may have several threads, but a frame uses them all
-GONE = ("A process has died, or the cluster has gone, for lack of memory perhaps. Give the command again, with fewer "
-        "--jobs: it goes on where it stopped.")
+GONE = "A worker ended, possibly out of memory. Run again with fewer --jobs to resume."
 
 
 def run(args: argparse.Namespace, options: dict) -> int:

@@ -14,7 +14,7 @@ import textwrap
 from srt3d_ros.errors import require
 from srt3d_ros.processes.node_command import NODES, PLAYER, namespace_arguments, parameter_arguments
 
-NO_PARAMETERS = ("run", "namespace", "remap", "ros_args")
+NO_PARAMETERS = ("run", "namespace", "remap")
 
 
 def add_parser(subparsers) -> None:
@@ -45,8 +45,6 @@ def add_parser(subparsers) -> None:
     add("--namespace", metavar="NS", help="namespace of the node and its topics; a bag's photons leave theirs")
     add("-r", dest="remap", metavar="TOPIC:=NAME", action="append", default=[],
         help="rename a topic; may be repeated")
-    add("--ros-args", nargs=argparse.REMAINDER, default=[], metavar="…",
-        help="all following arguments go to ROS 2: remappings, parameters, …")
     parser.set_defaults(run=_play)
 
 
@@ -70,7 +68,7 @@ def _play(args: argparse.Namespace) -> int:
     for rule in args.remap:
         require(all(rule.partition(":=")), "-r", rule, "TOPIC:=NAME")
         names += ["-r", rule]
-    return start(PLAYER, [*parameter_arguments(given), *names, *args.ros_args])
+    return start(PLAYER, [*parameter_arguments(given), *names])
 
 
 def start(name: str, ros_args: list[str]) -> int:

@@ -19,7 +19,7 @@ from srt3d_ros.processes.node_command import NODES
       'motion:="walk"']),
     (["play", "a.npz", "--sensor-file", "spad.json"],
      ["player", "--ros-args", "-p", 'input:="a.npz"', "-p", 'sensor_file:="spad.json"']),
-    (["play", "b.npz", "--frames", "3", "--namespace", "/front/", "--ros-args", "-r", "photons:=/spad/raw"],
+    (["play", "b.npz", "--frames", "3", "--namespace", "/front/", "-r", "photons:=/spad/raw"],
      ["player", "--ros-args", "-p", 'input:="b.npz"', "-p", "frames:=3", "-r", "__ns:=/front", "-r",
       "photons:=/spad/raw"]),
     (["play", "rec.mcap", "--rate", "2", "-r", "/spad/raw:=/photons"],
