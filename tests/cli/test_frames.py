@@ -40,7 +40,7 @@ def cluster():
         yield cluster.scheduler_address
 
 
-@pytest.mark.parametrize("how", ["--jobs=1", "--jobs=2", "--dask"])
+@pytest.mark.parametrize("how", ["--jobs=2", "--dask"])
 def test_every_frame_is_as_it_is_alone_a_broken_one_is_listed_and_a_second_run_goes_on(
         how, bag, srt3d, tmp_path, request):
     options = [f"--dask={request.getfixturevalue('cluster')}" if how == "--dask" else how, "--surfaces=2"]
