@@ -1,4 +1,4 @@
-"""What is held against the oracle: the CPU's kernels, and the oracle itself in single precision, which a GPU runs."""
+"""What all tests of the kernels share."""
 
 from importlib import import_module
 
@@ -11,15 +11,7 @@ from numba.core.typeconv import Conversion
 
 from srt3d_ros.kernels.cpu.compiling import Kernel
 
-from .frames import CPU, SINGLE, Backend
-
 torch.set_num_threads(1)        # tensors are small, and other tests run beside
-
-
-@pytest.fixture(params=[CPU, SINGLE], ids=lambda backend: backend.name)
-def backend(request) -> Backend:
-    """What is held against the oracle."""
-    return request.param
 
 
 @pytest.fixture

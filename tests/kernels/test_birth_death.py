@@ -25,12 +25,12 @@ from .frames import (
 @pytest.mark.parametrize(("shape", "surfaces", "seed", "light", "spread"), [
     *((*case, light, spread) for case in STATES for light, spread in ((1, 0), (FAINT, 4))),
     ((9, 33), 3, 2, FAINT, 1), ((9, 33), 4, 2, 1, 1), ((3, 67), 2, 1, 0.3, 2)])
-def test_birth_death(backend, spreading, shape, surfaces, seed, light, spread):
+def test_birth_death(spreading, shape, surfaces, seed, light, spread):
     spreading(spread)
     frame = make_frame(shape, seed, light)
     state = make_state(frame, surfaces, seed, light)
     terms = make_terms(frame, state)
-    found, after = backend.birth_death(padded(frame), state, terms, GATE)
+    found, after = CPU.birth_death(padded(frame), state, terms, GATE)
     assert found.dtype == np.float32
     assert_states_agree(found, ORACLE.birth_death(padded(frame), state, terms, GATE)[0], shape)
     expected = make_terms(frame, found)

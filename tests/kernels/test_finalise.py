@@ -5,17 +5,17 @@ import pytest
 
 from srt3d_ros.kernels import maps
 
-from .frames import ORACLE, RELATIVE, SHAPES, T, make_frame, make_state, make_terms, padded, with_clutter
+from .frames import CPU, ORACLE, RELATIVE, SHAPES, T, make_frame, make_state, make_terms, padded, with_clutter
 
 
 @pytest.mark.parametrize(("shape", "surfaces", "clutter"), [
     ((4, 40), 1, False), ((3, 33), 2, True), (SHAPES[1], 3, False), ((1, 1), 1, False)])
-def test_finalise(backend, shape, surfaces, clutter):
+def test_finalise(shape, surfaces, clutter):
     frame = make_frame(shape, 1)
     frame = with_clutter(frame) if clutter else frame
     state, photons = make_state(frame, surfaces, 1), frame.counts + 3
     arguments = padded(frame), photons, state, make_terms(frame, state), 9.0
-    (points, *found), (wanted, *expected) = (each.finalise(*arguments) for each in (backend, ORACLE))
+    (points, *found), (wanted, *expected) = (each.finalise(*arguments) for each in (CPU, ORACLE))
     (intensity, std), (wanted_intensity, wanted_std) = (
         [maps.crop(each, *shape)[:, :, field] for field in (maps.INTENSITY, maps.STD)] for each in (points, wanted))
     there = intensity > 0
@@ -28,7 +28,7 @@ def test_finalise(backend, shape, surfaces, clutter):
 
 
 @pytest.mark.parametrize(("shape", "surfaces"), [((5, 40), 1), ((3, 50), 4), ((1, 1), 1)])
-def test_collect_lists_points_by_pixel_the_strongest_first(backend, shape, surfaces):
+def test_collect_lists_points_by_pixel_the_strongest_first(shape, surfaces):
     rng = np.random.default_rng(5)
     depth = maps.crop(make_state(make_frame(shape, 5), surfaces, 5), *shape)[:, :, maps.DEPTH]
     depth[0, :, 0] = T                                      # −ε, rounded: the period's end is its beginning
@@ -36,7 +36,7 @@ def test_collect_lists_points_by_pixel_the_strongest_first(backend, shape, surfa
     intensity *= shape != (1, 1)                            # a list of none
     arguments = depth, intensity, std, rng.normal(size=(*shape, 3)).astype(np.float32), 0.0149, 12.5, T
     found, expected = (each.kernels.unpack(*each.kernels.collect(*map(each.on, arguments)))
-                       for each in (backend, ORACLE))
+                       for each in (CPU, ORACLE))
     assert len(found[0]) == (intensity > 0).sum() and (len(found[0]) > 50 or shape == (1, 1))
     for one, two in zip(found[:4], expected[:4]):
         assert one.dtype == two.dtype and np.array_equal(one, two)

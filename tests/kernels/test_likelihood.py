@@ -11,7 +11,7 @@ from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import llr as kernel
 from srt3d_ros.kernels.cpu.vectors import full, load, store, total
 
-from .frames import FAINT, ORACLE, T, make_frame, make_state, make_terms, padded
+from .frames import CPU, FAINT, ORACLE, T, make_frame, make_state, make_terms, padded
 
 FRAME = Frame.of(make_frame((6, 40), seed=0))
 
@@ -81,11 +81,11 @@ def test_intensities_within_a_factor_of_two_are_one_surfaces():
 
 
 @pytest.mark.parametrize(("shape", "surfaces", "light"), [((6, 40), 1, FAINT), ((9, 33), 2, 1), ((6, 40), 4, FAINT)])
-def test_log_likelihood_ratio(backend, shape, surfaces, light):
+def test_log_likelihood_ratio(shape, surfaces, light):
     frame = make_frame(shape, 1, light)
     state = make_state(frame, surfaces, 1, light)
     arguments = padded(frame), state, make_terms(frame, state)
-    fast, slow = (kernels.log_likelihood_ratio(*arguments) for kernels in (backend, ORACLE))
+    fast, slow = (kernels.log_likelihood_ratio(*arguments) for kernels in (CPU, ORACLE))
     np.testing.assert_allclose(fast, slow, atol=1e-5 * np.abs(slow).max())
     assert (fast > 1).any() and (fast < -0.5).any()
     assert (fast[state[:, :, maps.INTENSITY] == 0] == 0).all()

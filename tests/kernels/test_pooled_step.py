@@ -24,10 +24,10 @@ BOTH = pytest.mark.parametrize("kernels", [CPU, ORACLE])
 
 
 @pytest.mark.parametrize(("shape", "surfaces"), [((6, 40), 1), ((9, 33), 2), ((6, 40), 4)])
-def test_expand(backend, shape, surfaces):
+def test_expand(shape, surfaces):
     frame = make_frame(shape, seed=1)
     state = make_state(frame, surfaces, seed=1)
-    fast, slow = backend.expand(padded(frame), state), ORACLE.expand(padded(frame), state)
+    fast, slow = CPU.expand(padded(frame), state), ORACLE.expand(padded(frame), state)
     assert fast.dtype == np.float32 and fast.shape == slow.shape
     for term in range(maps.TERMS):
         one, other = fast[:, :, term], slow[:, :, term]
@@ -53,24 +53,24 @@ def test_expand_leaves_out_what_the_other_surfaces_explain(kernels):
 @pytest.mark.parametrize(("shape", "surfaces"), [((6, 40), 1), ((9, 33), 2), ((6, 40), 4), ((1, 67), 1)])
 @pytest.mark.parametrize(("sigma", "radius", "fine"), [
     (0.5, 1, 4), (3.5, 4, 4), (4.0, 5, 4), (2.0, 7, 1), (5.0, FAR, 4), (1e3, maps.MARGIN, 4)])
-def test_pooled_step(backend, shape, surfaces, sigma, radius, fine):
+def test_pooled_step(shape, surfaces, sigma, radius, fine):
     frame = make_frame(shape, seed=1)
     state = make_state(frame, surfaces, seed=1)
     terms = make_terms(frame, state)
     arguments = padded(frame), state, terms, sigma, radius, fine, GATE
-    _, before, known, *_ = backend.changed("pooled_step", *arguments)
-    after = backend.pooled_step(*arguments)
+    _, before, known, *_ = CPU.changed("pooled_step", *arguments)
+    after = CPU.pooled_step(*arguments)
     assert np.array_equal(before, state) and np.array_equal(known, terms) and after.dtype == np.float32
     assert_states_agree(after, ORACLE.pooled_step(*arguments), shape)
     assert not after[:, :, maps.INTENSITY][state[:, :, maps.INTENSITY] == 0].any() and np.isfinite(after).all()
 
 
-def test_pooled_step_leaves_margins_empty_and_steps_beside_pixels_without_points(backend):
+def test_pooled_step_leaves_margins_empty_and_steps_beside_pixels_without_points():
     depth = np.full((1, 2, 64), 100.0)
     signal = np.where(np.arange(64) < 40, 20.0, 0) * np.ones((1, 2, 1))
     signal[:, :, 30:35] = 0                                     # dead pixels at the end of the first block
     frame, state = exact_frame(depth, signal, 2), exact_state(depth + 0.5, signal * (np.arange(64) < 30))
-    found = backend.pooled_step(padded(frame), state, make_terms(frame, state), 1.0, 1, 4, GATE)
+    found = CPU.pooled_step(padded(frame), state, make_terms(frame, state), 1.0, 1, 4, GATE)
     view = maps.crop(found, 2, 64)[:, 0]
     assert (view[:, maps.INTENSITY, 30:] == 0).all() and not found[..., :maps.MARGIN].any()
     np.testing.assert_allclose(view[:, maps.DEPTH, :30], 100, atol=0.01)

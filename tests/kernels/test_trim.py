@@ -45,14 +45,14 @@ def grown(there: np.ndarray, pixels: int) -> np.ndarray:
 @pytest.mark.parametrize(("shape", "surfaces", "light", "clutter"), [
     (SHAPES[1], 1, FAINT, False), (SHAPES[0], 1, 1, False), (SHAPES[1], 2, FAINT, False), (SHAPES[0], 3, FAINT, True),
     ((3, 5), 1, 1, False)])
-def test_trim(backend, shape, surfaces, light, clutter):
+def test_trim(shape, surfaces, light, clutter):
     frame = make_frame(shape, 1, light)
     frame = with_clutter(frame) if clutter else frame
     state = make_state(frame, surfaces, 1, light)
     maps.crop(state, *shape)[:, :, maps.DEPTH] += 40 * (np.arange(shape[1]) > 20)       # no photons speak for these
     maps.crop(state, *shape)[:, :, maps.DEPTH] %= 300
     terms = make_terms(frame, state)
-    fast, slow = (kernels.changed("trim", padded(frame), state, terms, ENOUGH)[1] for kernels in (backend, ORACLE))
+    fast, slow = (kernels.changed("trim", padded(frame), state, terms, ENOUGH)[1] for kernels in (CPU, ORACLE))
     assert np.array_equal(np.delete(fast, maps.INTENSITY, axis=2), np.delete(state, maps.INTENSITY, axis=2))
     fast, slow = (maps.crop(after, *shape)[:, :, maps.INTENSITY] > 0 for after in (fast, slow))
     assert np.array_equal(fast, slow)

@@ -22,14 +22,14 @@ from .frames import (
 
 
 @pytest.mark.parametrize(("shape", "surfaces", "each"), [((4, 40), 1, False), ((3, 33), 2, True), ((1, 1), 1, False)])
-def test_unexplained(backend, shape, surfaces, each):
+def test_unexplained(shape, surfaces, each):
     frame, rng = make_frame(shape, 1), np.random.default_rng(2)
     state = make_state(frame, surfaces, 1)
     rest, taken = rng.uniform(0.5, 20, (2, *shape)).astype(np.float32)
     size = (*shape, len(frame.energy)) if each else (1, 1, len(frame.energy))
     passed = (rng.normal(size=size) + 1j * rng.normal(size=size)).astype(np.complex64)
     arguments = padded(frame), state, rest, taken * (frame.exposure > 0) if each else None, passed
-    found, expected = backend.unexplained(*arguments), ORACLE.unexplained(*arguments)
+    found, expected = CPU.unexplained(*arguments), ORACLE.unexplained(*arguments)
     assert found.dtype == np.float32 and found.shape == (4 * len(frame.energy) + 4,)
     np.testing.assert_allclose(found, expected, atol=RELATIVE * np.abs(expected[:-1]).max(), rtol=RELATIVE)
 
@@ -50,14 +50,14 @@ def test_points_that_are_right_leave_nothing_but_the_background():
 
 
 @pytest.mark.parametrize(("shape", "each"), [((3, 40), False), ((2, 5), True)])
-def test_prepare_makes_the_frame_of_the_matcher_and_takes_the_background_out(backend, shape, each):
+def test_prepare_makes_the_frame_of_the_matcher_and_takes_the_background_out(shape, each):
     sensor, rng = make_sensor(*shape, seed=2), np.random.default_rng(4)
     if each:        # an equaliser for each pixel
         sensor = sensor.replace(delay_bins=rng.uniform(-9, 9, shape))
     sketch = make_sketch(sensor, seed=2)
     matcher, photons = Matcher(sensor, sketch.frequencies), sketch.photons.astype(np.float32)
     wide = padded(matched_frame(sensor, sketch))
-    matched, counts = backend.prepare(sketch.sums, photons, matcher.equaliser, matcher.used)
+    matched, counts = CPU.prepare(sketch.sums, photons, matcher.equaliser, matcher.used)
     np.testing.assert_allclose(matched, wide.matched, atol=1e-5 * np.abs(wide.matched).max())
     np.testing.assert_array_equal(counts, wide.counts)
     taken = (rng.uniform(0, 9, shape) * matcher.used).astype(np.float32)
@@ -65,7 +65,7 @@ def test_prepare_makes_the_frame_of_the_matcher_and_takes_the_background_out(bac
     passed, mean = (rng.normal(size=(*each, 2)).astype(np.float32).view(np.complex64)[..., 0]
                     for each in (size, size[2:]))
     arguments = sketch.sums, photons, matcher.equaliser, matcher.used, taken, passed, mean
-    for matched, counts in (backend.prepare(*arguments), ORACLE.prepare(*arguments)):
+    for matched, counts in (CPU.prepare(*arguments), ORACLE.prepare(*arguments)):
         left = maps.crop(matched, *shape).swapaxes(1, 2)
         expected = sketch.sums * matcher.equaliser - taken[..., None] * passed * mean
         np.testing.assert_allclose(left, np.concatenate([expected.real, expected.imag], axis=-1), atol=1e-3)

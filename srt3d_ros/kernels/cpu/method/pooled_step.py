@@ -31,27 +31,11 @@ from numba import float32, int64, prange
 
 from srt3d_ros.kernels.constants import CELL, RIDGE
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, TWO, ZERO, agreement, wrap
-from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.cpu.method.frame import Frame
+from srt3d_ros.kernels.cpu.compiling import floats1d, floats4d, inline, line, parallel
+from srt3d_ros.kernels.cpu.method.frame import Frame, Point, Terms, columns, point_at, put, terms_at
 from srt3d_ros.kernels.cpu.method.likelihood import evidence
 from srt3d_ros.kernels.cpu.vectors import floats, floor, fma, full, lanes_of, load, sqrt, store, where
-from srt3d_ros.kernels.maps import (
-    COUNTS,
-    CURVATURE,
-    DEPTH,
-    EXPOSURE,
-    GRADIENT,
-    INTENSITY,
-    LANES,
-    MARGIN,
-    RESIDUAL,
-    SCORE,
-    SLOPE_COL,
-    SLOPE_ROW,
-    SQUARES,
-    STD,
-    VALUE,
-)
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, LANES, MARGIN, SCORE
 
 EVEN = np.ones(CELL // 2 + 1, np.float32)       # weights in a cell
 TOLERANCE, PRECISION = range(2)                 # of `known`: max_chi2 · std², and 1 / std² (0: no point)
@@ -60,7 +44,7 @@ TOLERANCE, PRECISION = range(2)                 # of `known`: max_chi2 · std²,
 class Window(NamedTuple):
     """Which surfaces a pool adds, and with which weights."""
 
-    weights: float32[::1]       # exp(−d² / 2σ²) for d = 0, 1, … pixels along a row or column
+    weights: floats1d           # exp(−d² / 2σ²) for d = 0, 1, … pixels along a row or column
     most: int64                 # greatest dx² + dy² in the window, pixels²
     max_chi2: float32
     period: float32             # T, bins
@@ -69,11 +53,11 @@ class Window(NamedTuple):
 class Maps(NamedTuple):
     """What a step reads and writes, [rows', K, …, cols'] each."""
 
-    state: float32[:, :, :, ::1]        # the points
-    known: float32[:, :, :, ::1]        # how well their depths are known: TOLERANCE and PRECISION
-    terms: float32[:, :, :, ::1]        # of `expand`
-    cells: float32[:, :, :, ::1]        # the terms of the cells around the points
-    out: float32[:, :, :, ::1]          # the next points
+    state: floats4d     # the points
+    known: floats4d     # how well their depths are known: TOLERANCE and PRECISION
+    terms: floats4d     # of `expand`
+    cells: floats4d     # the terms of the cells around the points
+    out: floats4d       # the next points
 
 
 class Grid(NamedTuple):
@@ -134,20 +118,19 @@ class Rows(NamedTuple):
 def _add(each, row, plane, place, offset, nearness, pixels, period, state, known, terms):
     """Add the surfaces k of neighbours. `nearness` is exp(−distance² / 2σ²), `pixels` 1 or, of a cell, CELL²."""
     (i, k, j), (dx, dy) = place, offset
-    depth = fma(plane.slope_col, dx, fma(plane.slope_row, dy, plane.depth))
+    depth, term = fma(plane.slope_col, dx, fma(plane.slope_row, dy, plane.depth)), terms_at(terms, i, k, j)
     e = wrap(load(state, i, k, DEPTH, j) - depth, period)
     same = agreement(e, load(known, i, k, TOLERANCE, j) + plane.tolerance)
     w = nearness * same * same
-    wb, ws = w * load(terms, i, k, CURVATURE, j), w * load(terms, i, k, GRADIENT, j)
+    wb, ws = w * term.curvature, w * term.gradient
     wbe = wb * e
     f = pixels * w * load(known, i, k, PRECISION, j)
     fx, fe = f * dx, f * e
     return (
-        Each(each.value + (w * load(terms, i, k, VALUE, j) - e * fma(wbe, HALF, ws)), each.gradient + ws + wbe,
-             fma(w * w, load(terms, i, k, SQUARES, j), each.squares),
-             fma(w, load(terms, i, k, COUNTS, j), each.photons),
-             fma(w, load(terms, i, k, EXPOSURE, j), each.exposure), fma(wb, dx, each.bend_x),
-             fma(fx, dx, each.xx), fma(fx, e, each.xe), fma(fe, e, each.ee)),
+        Each(each.value + (w * term.value - e * fma(wbe, HALF, ws)), each.gradient + ws + wbe,
+             fma(w * w, term.squares, each.squares), fma(w, term.counts, each.photons),
+             fma(w, term.exposure, each.exposure), fma(wb, dx, each.bend_x), fma(fx, dx, each.xx),
+             fma(fx, e, each.xe), fma(fe, e, each.ee)),
         Row(row.bend + wb, row.f + f, row.x + fx, row.e + fe))
 
 
@@ -172,9 +155,8 @@ def _add_grid(each, rows, plane, place, grid, window, state, known, terms):
 @inline
 def _begin(state, i, k, j, max_chi2):
     """The planes of points, and sums of nothing."""
-    std, zero = load(state, i, k, STD, j), full(ZERO)
-    plane = Plane(load(state, i, k, DEPTH, j), load(state, i, k, SLOPE_COL, j), load(state, i, k, SLOPE_ROW, j),
-                  max_chi2 * std * std + TINY)
+    point, zero = point_at(state, i, k, j), full(ZERO)
+    plane = Plane(point.depth, point.slope_col, point.slope_row, max_chi2 * point.std * point.std + TINY)
     return (plane, Each(zero, zero, zero, zero, zero, zero, zero, zero, zero),
             Rows(zero, zero, zero, zero, zero, zero, zero, zero, zero))
 
@@ -203,12 +185,12 @@ def _turn(each, rows, plane, steepness):
 
 
 @line
-def _step(place, each, rows, plane, max_chi2, frame, maps):
+def _step(place, each, rows, frame, state, out):
     """Turn the planes, step to the top of the pooled data term, and write the next points."""
-    (i, k, j), state, out = place, maps.state, maps.out
-    total, curvature, period = frame.total_energy, frame.curvature, frame.period
+    (i, k, j), total, curvature, period = place, frame.total_energy, frame.curvature, frame.period
+    point = point_at(state, i, k, j)
     by_signal, by_background, by_bins, of_bins = frame.moments[0], frame.moments[1], frame.moments[2], frame.moments[3]
-    turn_col, turn_row, bend, leverage, off, spread = _turn(each, rows, plane, curvature / total)
+    turn_col, turn_row, bend, leverage, off, spread = _turn(each, rows, point, curvature / total)
     gradient = each.gradient - turn_col * each.bend_x - turn_row * rows.bend_y
     d = min(max(gradient / bend, -frame.resolution), frame.resolution)
     value = each.value + d * (gradient - HALF * d * rows.curvature)             # R
@@ -216,49 +198,45 @@ def _step(place, each, rows, plane, max_chi2, frame, maps):
     signal = min(strength, photons)                                             # S'
     variance = (signal * by_signal + (photons - signal) * by_background) * squares / max(photons, TINY)
     std = min(sqrt(variance) / max(signal * curvature, TINY), period)
-    before = plane.tolerance / max_chi2
-    relief = max(spread + (off - d) * (off - d) - max(before - std * std, ZERO), ZERO)      # q
+    relief = max(spread + (off - d) * (off - d) - max(point.std * point.std - std * std, ZERO), ZERO)       # q
     bowl = relief * relief / (relief + std * std + TINY)
     bins = by_bins * squares / max(photons * signal * curvature * curvature, TINY) + of_bins
     residual = sqrt(std * std * leverage + relief + bowl + bins)
-    seen, depth = load(state, i, k, INTENSITY, j) > 0, plane.depth + d
-    store(out, i, k, DEPTH, j, depth - period * floor(depth / period))
-    store(out, i, k, SLOPE_COL, j, plane.slope_col + turn_col)
-    store(out, i, k, SLOPE_ROW, j, plane.slope_row + turn_row)
-    store(out, i, k, INTENSITY, j, where(seen, max(strength / max(each.exposure, TINY), TINY), 0))
-    store(out, i, k, STD, j, where(signal > 0, std, period))
-    store(out, i, k, SCORE, j, where(seen, evidence(value, photons, squares, frame), 0))
-    store(out, i, k, RESIDUAL, j, where(signal > 0, residual, 0))
+    seen, depth = point.intensity > 0, point.depth + d
+    put(out, i, k, j, Point(
+        depth - period * floor(depth / period), point.slope_col + turn_col, point.slope_row + turn_row,
+        where(seen, max(strength / max(each.exposure, TINY), TINY), 0), where(signal > 0, std, period),
+        where(seen, evidence(value, photons, squares, frame), 0), where(signal > 0, residual, 0)))
 
 
 @line
 def _step_row(i, radius, fine, window, frame, maps):
-    for j in range(MARGIN, maps.state.shape[3] - MARGIN, LANES):
-        for k in range(maps.state.shape[1]):
-            if lanes_of(load(maps.state, i, k, INTENSITY, j) > 0) == 0:     # then no other field is valid
+    state = maps.state
+    near, far = Grid(min(radius, fine), -1, 1), Grid(radius // CELL * CELL, fine, CELL)
+    for j in columns(state):
+        for k in range(state.shape[1]):
+            if lanes_of(load(state, i, k, INTENSITY, j) > 0) == 0:     # then no other field is valid
                 store(maps.out, i, k, INTENSITY, j, ZERO)
                 store(maps.out, i, k, SCORE, j, ZERO)
                 continue
-            plane, each, rows = _begin(maps.state, i, k, j, window.max_chi2)
-            near, far = Grid(min(radius, fine), -1, 1), Grid(radius // CELL * CELL, fine, CELL)
-            each, rows = _add_grid(each, rows, plane, (i, j), near, window, maps.state, maps.known, maps.terms)
+            plane, each, rows = _begin(state, i, k, j, window.max_chi2)
+            each, rows = _add_grid(each, rows, plane, (i, j), near, window, state, maps.known, maps.terms)
             if radius > fine:
-                each, rows = _add_grid(each, rows, plane, (i, j), far, window, maps.state, maps.known, maps.cells)
-            _step((i, k, j), each, rows, plane, window.max_chi2, frame, maps)
+                each, rows = _add_grid(each, rows, plane, (i, j), far, window, state, maps.known, maps.cells)
+            _step((i, k, j), each, rows, frame, state, maps.out)
 
 
 @line
 def _coarsen_row(i, cell, maps):
     """Write the terms of the cells around the points, pooled along their planes."""
-    grid = Grid(CELL // 2, -1, 1)
-    for j in range(MARGIN, maps.state.shape[3] - MARGIN, LANES):
-        for k in range(maps.state.shape[1]):
-            plane, each, rows = _begin(maps.state, i, k, j, cell.max_chi2)
-            each, rows = _add_grid(each, rows, plane, (i, j), grid, cell, maps.state, maps.known, maps.terms)
-            seen = load(maps.state, i, k, INTENSITY, j) > 0
-            for term, pooled in ((VALUE, each.value), (GRADIENT, each.gradient), (CURVATURE, rows.curvature),
-                                 (SQUARES, each.squares), (COUNTS, each.photons), (EXPOSURE, each.exposure)):
-                store(maps.cells, i, k, term, j, where(seen, pooled, 0))
+    grid, state = Grid(CELL // 2, -1, 1), maps.state
+    for j in columns(state):
+        for k in range(state.shape[1]):
+            plane, each, rows = _begin(state, i, k, j, cell.max_chi2)
+            each, rows = _add_grid(each, rows, plane, (i, j), grid, cell, state, maps.known, maps.terms)
+            pooled = Terms(each.value, each.gradient, rows.curvature, each.squares, each.photons, each.exposure)
+            for term in range(len(pooled)):
+                store(maps.cells, i, k, term, j, where(load(state, i, k, INTENSITY, j) > 0, pooled[term], 0))
 
 
 @line
@@ -266,9 +244,10 @@ def _weigh_row(i, max_chi2, state, known):
     """Write how well the depths of points are known, once for all windows that they are in."""
     for j in range(0, state.shape[3], LANES):
         for k in range(state.shape[1]):
-            std = load(state, i, k, STD, j)
-            store(known, i, k, TOLERANCE, j, max_chi2 * std * std)
-            store(known, i, k, PRECISION, j, where(load(state, i, k, INTENSITY, j) > 0, ONE / (std * std + TINY), 0))
+            point = point_at(state, i, k, j)
+            variance = point.std * point.std
+            store(known, i, k, TOLERANCE, j, max_chi2 * variance)
+            store(known, i, k, PRECISION, j, where(point.intensity > 0, ONE / (variance + TINY), 0))
 
 
 @parallel
