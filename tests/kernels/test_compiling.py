@@ -129,15 +129,6 @@ def test_a_folder_that_cannot_be_written_is_read_and_what_it_lacks_is_compiled_a
     assert in_image() == ("0\n", f"(at every start: {folder} {advice})\n")
 
 
-def test_a_start_does_not_wait_for_the_compiling_of_another_copy_of_the_package(tmp_path):
-    shutil.copytree(Path(srt3d_ros.__file__).parent, tmp_path / "srt3d_ros")
-    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    for place in ("", f"import os; os.chdir({str(tmp_path)!r})"):       # Python looks there first
-        assert run(place + PROGRAM, **cache).communicate() == ("0\n", "")
-    (folder,) = (tmp_path / "cache").iterdir()
-    assert len(list(folder.rglob("phase_sums._read_sums.lock"))) == 2       # each has its own
-
-
 def test_a_full_disk_keeps_no_kernel_from_running(tmp_path):
     full = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))" + PROGRAM
     hits, said = run(full, NUMBA_CACHE_DIR=str(tmp_path)).communicate()

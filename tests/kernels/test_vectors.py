@@ -8,7 +8,6 @@ from types import FunctionType
 import numpy as np
 import pytest
 from numba import njit
-from numba.core.errors import TypingError
 
 from srt3d_ros.kernels.cpu.vectors import (
     bits_of,
@@ -180,33 +179,3 @@ def test_integers_of_32_bits_add_to_64_in_vectors_of_another_width():
     wanted = sums + np.append(WHOLE, 0)
     add_longs(WHOLE, sums)
     assert np.array_equal(sums, wanted)
-
-
-def sum_that_begins_as_a_number(values):
-    added = 0.0
-    for at in range(0, len(values), LANES):
-        added += load(values, at)
-    return total(added)
-
-
-def ints_beside_floats(values):
-    return total(load(values, 0) + lane_numbers())
-
-
-def condition_that_is_a_mask(values):
-    return 1 if load(values, 0) > 0 else 0
-
-
-def bits_of_a_number(values):
-    return bits_of(values[0])
-
-
-@pytest.mark.parametrize(("wrong", "says"), [
-    (sum_that_begins_as_a_number, "Cannot unify float64 and float32x16 for 'added"),
-    (ints_beside_floats, "add(float32x16, int32x16)"),
-    (condition_that_is_a_mask, "bool(boolx16)"),
-    (bits_of_a_number, "bits_of(float32)")])
-def test_the_first_lines_of_an_error_say_what_is_used_wrongly(wrong, says):
-    with pytest.raises(TypingError) as caught:
-        njit(wrong)(X)
-    assert says in "".join(str(caught.value).splitlines()[:4])
