@@ -58,7 +58,7 @@ def floats_of(x, y, z, i, table, number):
 
 
 def ints_of(x, i, j, number):
-    added = i
+    added = i + 0
     added += j
     return (
         i + j, i - j, i * j, added, i << 3, i >> 2, max(i, j), min(i, j), i + 1, 7 - i, i * 3,

@@ -151,7 +151,13 @@ def fma(context, a, b, c):
 
 @intrinsic
 def where(context, condition, a, b):
-    """a in the lanes in which the condition holds, else b."""
+    """a in the lanes in which the condition holds, else b; of a named tuple of vectors, field by field."""
+    if isinstance(a, types.NamedUniTuple):
+        def choose(builder, condition, *sides):
+            fields = ([builder.extract_value(side, n) if isinstance(side.type, ir.ArrayType) else side
+                       for n in range(a.count)] for side in sides)
+            return cgutils.pack_array(builder, [builder.select(condition, x, y) for x, y in zip(*fields)])
+        return _emitted(a(mask, a, a if a == b else a.dtype), choose)
     kind = _kind((a, b)) or floats
     return _emitted(kind(mask, kind, kind), _make.select)
 

@@ -9,7 +9,7 @@ from srt3d_ros.kernels.cpu.method.match import steering
 from srt3d_ros.kernels.cpu.method.search import Memory
 from srt3d_ros.kernels.cpu.method.voters import PLACES, Voter
 from srt3d_ros.kernels.cpu.method.windows import SLANTS, Cells
-from srt3d_ros.kernels.maps import FIELDS, LANES, TERMS, padded_shape
+from srt3d_ros.kernels.maps import FIELDS, LANES, SCORE, TERMS, padded_shape
 
 
 class Workspace:
@@ -36,7 +36,7 @@ class Workspace:
             self.cells[step] = Cells(zeros(high, twice, wide), *(zeros(high, 1, wide) for _ in range(3)))
             self.searches[step] = Memory(
                 zeros(threads, twice, wide), *(zeros(threads, 1, wide) for _ in range(2)),
-                *(zeros(threads, wide) for _ in range(3)), zeros(threads, FIELDS, wide),
+                *(zeros(threads, wide) for _ in range(3)), zeros(threads, SCORE + 1, wide),
                 zeros(threads, 2 * SLANTS, twice, wide), zeros(threads, twice + self.steering.cells + 1, LANES),
                 np.zeros((threads, wide), np.int32))
         # Birth and death: the pixels to decide, in each row and in all, what they choose, and 1 near a change

@@ -15,7 +15,7 @@ if that is above what it needs: BIRTH_COST, and EMPTY_VOTES · VOTE · w more fo
 surface; nothing for the first surface of a pixel that has one. Then the photons that it explains, and the surfaces that
 agree with it, are left out, and the next one is chosen. `kernels.torch` has the notation and all rules.
 
-The pixels in which something is to be decided (`undecided`) are listed, and each vector holds LANES of them.
+The pixels in which something is to be decided (`list_row`) are listed, and each vector holds LANES of them.
 """
 
 from typing import NamedTuple
@@ -46,7 +46,7 @@ from srt3d_ros.kernels.cpu.method.voters import (
     voter_at,
 )
 from srt3d_ros.kernels.cpu.vectors import floats, floor, full, lanes_of, load, store, where
-from srt3d_ros.kernels.maps import DEPTH, FIELDS, LANES, MARGIN
+from srt3d_ros.kernels.maps import FIELDS, LANES, MARGIN
 
 ALWAYS = F32(-1e30)         # what a pixel's first surface needs if it has one: less than any has
 CLOSE_BY = tuple(MIDDLE + row * SIDE + col for row in (-1, 0, 1) for col in (-1, 0, 1))     # places of candidates
@@ -122,11 +122,8 @@ def _choose(k, seen, voters, rest, surfaces, frame):
                 value -= seen.dark * (ONE - exp(-expected))
             better = there & (value > best.value)
             found |= better
-            best = Best(where(better, value, best.value), where(better, candidate.depth, best.depth),
-                        where(better, candidate.tolerance, best.tolerance),
-                        where(better, said.depth, best.new_depth), where(better, said.intensity, best.intensity),
-                        where(better, said.own, best.own), where(better, response, best.response),
-                        where(better, ratio, best.ratio))
+            best = where(better, Best(value, candidate.depth, candidate.tolerance, said.depth, said.intensity, said.own,
+                                      response, ratio), best)
     return found, best
 
 
@@ -137,16 +134,13 @@ def _write(k, place, found, best, voters, state, own, chosen, period):
     slope_col, slope_row, std = mean_of(best, voters, period)
     depth = best.new_depth - period * floor(best.new_depth / period)
     point = Point(depth, slope_col, slope_row, best.intensity, std, zero, zero)
+    for one in range(state.shape[1]):
+        point = where(best.own == F32(one), point_at(state, rows, one, cols), point)
     for f in range(FIELDS):
-        value = point[f]
-        for one in range(state.shape[1]):
-            value = where(best.own == F32(one), load(state, rows, one, f, cols), value)
-        if f == DEPTH:
-            depth = value
-        store(chosen.points, k, f, first, where(found, value, ZERO))
+        store(chosen.points, k, f, first, where(found, point[f], ZERO))
     store(chosen.ratios, k, first, where(found, best.ratio, load(own, rows, k, cols)))
     had = point_at(state, rows, k, cols).intensity > 0
-    return depth, (found & (best.own != F32(k))) | (~found & had)
+    return point.depth, (found & (best.own != F32(k))) | (~found & had)
 
 
 @line

@@ -90,10 +90,14 @@ def terms_at(terms, i, k, j):
 
 
 @inline
-def put(fields, i, k, j, values):
-    """Write a Point or Terms."""
-    for f in range(len(values)):
-        store(fields, i, k, f, j, values[f])
+def put(terms, i, k, j, values):
+    """Write Terms."""
+    store(terms, i, k, 0, j, values.value)
+    store(terms, i, k, 1, j, values.gradient)
+    store(terms, i, k, 2, j, values.curvature)
+    store(terms, i, k, 3, j, values.squares)
+    store(terms, i, k, 4, j, values.counts)
+    store(terms, i, k, 5, j, values.exposure)
 
 
 @inline

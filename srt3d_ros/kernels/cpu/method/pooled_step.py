@@ -32,10 +32,26 @@ from numba import float32, int64, prange
 from srt3d_ros.kernels.constants import CELL, RIDGE
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, TWO, ZERO, agreement, wrap
 from srt3d_ros.kernels.cpu.compiling import floats1d, floats4d, inline, line, parallel
-from srt3d_ros.kernels.cpu.method.frame import Frame, Point, Terms, columns, point_at, put, terms_at
+from srt3d_ros.kernels.cpu.method.frame import Frame, Terms, columns, point_at, put
 from srt3d_ros.kernels.cpu.method.likelihood import evidence
 from srt3d_ros.kernels.cpu.vectors import floats, floor, fma, full, lanes_of, load, sqrt, store, where
-from srt3d_ros.kernels.maps import DEPTH, INTENSITY, LANES, MARGIN, SCORE
+from srt3d_ros.kernels.maps import (
+    COUNTS,
+    CURVATURE,
+    DEPTH,
+    EXPOSURE,
+    GRADIENT,
+    INTENSITY,
+    LANES,
+    MARGIN,
+    RESIDUAL,
+    SCORE,
+    SLOPE_COL,
+    SLOPE_ROW,
+    SQUARES,
+    STD,
+    VALUE,
+)
 
 EVEN = np.ones(CELL // 2 + 1, np.float32)       # weights in a cell
 TOLERANCE, PRECISION = range(2)                 # of `known`: max_chi2 · std², and 1 / std² (0: no point)
@@ -118,19 +134,20 @@ class Rows(NamedTuple):
 def _add(each, row, plane, place, offset, nearness, pixels, period, state, known, terms):
     """Add the surfaces k of neighbours. `nearness` is exp(−distance² / 2σ²), `pixels` 1 or, of a cell, CELL²."""
     (i, k, j), (dx, dy) = place, offset
-    depth, term = fma(plane.slope_col, dx, fma(plane.slope_row, dy, plane.depth)), terms_at(terms, i, k, j)
+    depth = fma(plane.slope_col, dx, fma(plane.slope_row, dy, plane.depth))
     e = wrap(load(state, i, k, DEPTH, j) - depth, period)
     same = agreement(e, load(known, i, k, TOLERANCE, j) + plane.tolerance)
     w = nearness * same * same
-    wb, ws = w * term.curvature, w * term.gradient
+    wb, ws = w * load(terms, i, k, CURVATURE, j), w * load(terms, i, k, GRADIENT, j)
     wbe = wb * e
     f = pixels * w * load(known, i, k, PRECISION, j)
     fx, fe = f * dx, f * e
     return (
-        Each(each.value + (w * term.value - e * fma(wbe, HALF, ws)), each.gradient + ws + wbe,
-             fma(w * w, term.squares, each.squares), fma(w, term.counts, each.photons),
-             fma(w, term.exposure, each.exposure), fma(wb, dx, each.bend_x), fma(fx, dx, each.xx),
-             fma(fx, e, each.xe), fma(fe, e, each.ee)),
+        Each(each.value + (w * load(terms, i, k, VALUE, j) - e * fma(wbe, HALF, ws)), each.gradient + ws + wbe,
+             fma(w * w, load(terms, i, k, SQUARES, j), each.squares),
+             fma(w, load(terms, i, k, COUNTS, j), each.photons),
+             fma(w, load(terms, i, k, EXPOSURE, j), each.exposure), fma(wb, dx, each.bend_x),
+             fma(fx, dx, each.xx), fma(fx, e, each.xe), fma(fe, e, each.ee)),
         Row(row.bend + wb, row.f + f, row.x + fx, row.e + fe))
 
 
@@ -203,10 +220,13 @@ def _step(place, each, rows, frame, state, out):
     bins = by_bins * squares / max(photons * signal * curvature * curvature, TINY) + of_bins
     residual = sqrt(std * std * leverage + relief + bowl + bins)
     seen, depth = point.intensity > 0, point.depth + d
-    put(out, i, k, j, Point(
-        depth - period * floor(depth / period), point.slope_col + turn_col, point.slope_row + turn_row,
-        where(seen, max(strength / max(each.exposure, TINY), TINY), 0), where(signal > 0, std, period),
-        where(seen, evidence(value, photons, squares, frame), 0), where(signal > 0, residual, 0)))
+    store(out, i, k, DEPTH, j, depth - period * floor(depth / period))
+    store(out, i, k, SLOPE_COL, j, point.slope_col + turn_col)
+    store(out, i, k, SLOPE_ROW, j, point.slope_row + turn_row)
+    store(out, i, k, INTENSITY, j, where(seen, max(strength / max(each.exposure, TINY), TINY), 0))
+    store(out, i, k, STD, j, where(signal > 0, std, period))
+    store(out, i, k, SCORE, j, where(seen, evidence(value, photons, squares, frame), 0))
+    store(out, i, k, RESIDUAL, j, where(signal > 0, residual, 0))
 
 
 @line
@@ -235,8 +255,7 @@ def _coarsen_row(i, cell, maps):
             plane, each, rows = _begin(state, i, k, j, cell.max_chi2)
             each, rows = _add_grid(each, rows, plane, (i, j), grid, cell, state, maps.known, maps.terms)
             pooled = Terms(each.value, each.gradient, rows.curvature, each.squares, each.photons, each.exposure)
-            for term in range(len(pooled)):
-                store(maps.cells, i, k, term, j, where(load(state, i, k, INTENSITY, j) > 0, pooled[term], 0))
+            put(maps.cells, i, k, j, where(load(state, i, k, INTENSITY, j) > 0, pooled, 0))
 
 
 @line

@@ -6,8 +6,8 @@ highest peak. With q = Σ w² / Σ w and p = N / q,
     score = p / √N · ρ(S E / p) / c(t),    r = S / G,    std = √(q (S M₁ + (p − S)₊ M₀)) / (S C).
 
 Since S E ≤ Σ_l |z̄_l|, most cells that cannot reach the score they need are found without a filter (`_may_reach`).
-The others are matched (`_match_cells`), along the flat window first, then along slanted ones (`slanted`). The pixels
-of a cell take its best surface (`_write_pixels`).
+The others are matched (`_match_cells`), along the flat window first, then along slanted ones (`_search_slanted`). The
+pixels of a cell take its best surface (`_write_pixels`).
 """
 
 from typing import NamedTuple
@@ -80,7 +80,7 @@ class Memory(NamedTuple):
     total: floats2d             # [cols'] of `blur_row`
     least: floats2d             # [cols'], score that a cell needs; NEVER where it is not asked
     flat: floats2d              # [cols'], score of a cell's flat window
-    best: floats3d              # [FIELDS, cols'], the point of a cell
+    best: floats3d              # [SCORE + 1, cols'], the point of a cell
     planes: floats4d            # [2 · SLANTS, 2m, cols'], sums downwards, and windows of these
     filter: floats3d            # [2m + cells + 1, LANES], z and responses of LANES cells
     listed: int32[:, ::1]       # [cols'], columns of the cells that may reach the score they need
@@ -145,7 +145,7 @@ def _match_cells(sketch, window, slopes, enough, scale, steering, frame, memory)
         taken = found.score > max(need, enough)
         if lanes_of(taken) != 0:
             store(least, at, where(taken, found.score, need))
-            for field in range(len(found)):
+            for field in range(SCORE + 1):
                 store(best, field, at, where(taken, found[field], load(best, field, at)))
 
 
@@ -227,7 +227,7 @@ def _write_pixels(row, wanted, sketch, window, scale, frame, memory):
                 old, flat = _carried((pixel_row, col), at, sketch, window, scale, frame), load(memory.flat, at)
                 stays &= (old.score > scale.confirmed) & (flat * flat - old.score * old.score < TWO * F32(MOVE_COST))
             if lanes_of(taken | stays) != 0:
-                for field in range(len(new)):
+                for field in range(SCORE + 1):
                     value = where(taken, new[field], load(state, pixel_row, layer, field, col))
                     store(state, pixel_row, layer, field, col, where(stays, old[field], value))
 

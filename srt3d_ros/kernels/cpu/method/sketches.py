@@ -12,12 +12,18 @@ from numba import boolean, complex64, float32, int64, prange
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.cpu.arithmetic import F32, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import each_row, floats2d, floats3d, floats4d, inline, line, parallel, read_only
-from srt3d_ros.kernels.cpu.method.frame import Frame, Terms, columns, point_at, without
+from srt3d_ros.kernels.cpu.method.frame import Frame, Terms, columns, point_at, put, without
 from srt3d_ros.kernels.cpu.vectors import fma, full, lanes_of, load, store, where
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, LANES, VALUE
 
 SUMS, SPREAD = read_only(complex64[:, :, ::1]), read_only(complex64[:, :, :])
 NOTHING = np.zeros((0, 0), np.float32), np.zeros((1, 1, 1), np.complex64), np.zeros(0, np.complex64)
+
+
+@inline
+def _product(a, b):
+    """Real and imaginary part of a b, by parts: processors round complex products differently."""
+    return a.real * b.real - a.imag * b.imag, a.real * b.imag + a.imag * b.real
 
 
 @parallel
@@ -26,14 +32,12 @@ def _prepare(sums: SUMS, photons: floats2d, equaliser: SPREAD, used: floats2d, t
     rows, cols, m = sums.shape
     for i in prange(rows):
         for l in range(m):
-            for j in range(cols):           # by parts: processors round complex products differently
-                z, e = sums[i, j, l], equaliser[i, j, l]
-                matched[i, l, j] = z.real * e.real - z.imag * e.imag
-                matched[i, m + l, j] = z.real * e.imag + z.imag * e.real
+            for j in range(cols):
+                matched[i, l, j], matched[i, m + l, j] = _product(sums[i, j, l], equaliser[i, j, l])
             for j in range(cols if len(taken) > 0 else 0):
-                q, b = passed[i, j, l], mean[l]
-                matched[i, l, j] -= taken[i, j] * (q.real * b.real - q.imag * b.imag)
-                matched[i, m + l, j] -= taken[i, j] * (q.real * b.imag + q.imag * b.real)
+                re, im = _product(passed[i, j, l], mean[l])
+                matched[i, l, j] -= taken[i, j] * re
+                matched[i, m + l, j] -= taken[i, j] * im
         for j in range(cols):
             counts[i, j] = photons[i, j] * used[i, j]
 
@@ -106,9 +110,7 @@ def expand_stale(i, frame: Frame, state: floats4d, stale: boolean[:, ::1], terms
                 if lanes_of(seen):
                     v, s, b = _data_term(i, k, j, frame, state)
                 counts = load(frame.counts, i, j)
-                values = Terms(v, s, b, counts, counts, load(frame.exposure, i, j))
-                for term in range(len(values)):
-                    store(terms, i, k, term, j, where(seen, values[term], ZERO))
+                put(terms, i, k, j, where(seen, Terms(v, s, b, counts, counts, load(frame.exposure, i, j)), ZERO))
 
 
 def expand(work, frame, state):

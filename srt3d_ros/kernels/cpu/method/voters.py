@@ -82,8 +82,9 @@ def gather_voters(rows, cols, frame, state, own, max_chi2, voters):
                 says = VOTING[place] * min(max(VOTE + load(own, row, k, col), ZERO), MAX_VOTE)
                 voter = Voter(depth, tolerance, point.intensity, point.slope_col, point.slope_row, point.std, weight,
                               says, nothing)
-                for field in range(len(voter)):         # no other field is valid elsewhere
-                    store(voters, q, field, 0, where(there, voter[field], 0))
+                voter = where(there, voter, 0)          # elsewhere no field is valid but the weight
+                for field in range(len(voter)):
+                    store(voters, q, field, 0, voter[field])
         store(voters, place * surfaces, COUNT, 0, count)
         if lanes_of(count == 0):
             gap = where(count == 0, EMPTY_VOTE * VOTING[place], 0)
