@@ -19,25 +19,25 @@ unexport PYTHONDONTWRITEBYTECODE
 # --no-compile: Python compiles what is imported; all of it would take 20 s and 0.1 GB.
 pip = $(VENV)/bin/python -m pip --disable-pip-version-check install --quiet --no-compile $(CONSTRAINTS)
 pytest = $(VENV)/bin/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
-# What takes longest: the commands of the documents, installations, and two machines.
-long = tests/docs tests/test_install.py tests/nodes/test_two_machines.py
+# What takes longest: the commands of the documents, installations, two machines, and compilers.
+long = tests/docs tests/test_install.py tests/nodes/test_two_machines.py tests/kernels/test_device.py \
+	tests/kernels/test_compiling.py
 gpu = $(if $(wildcard /proc/driver/nvidia/version),gpu)
 comma = ,
 installed_from = setup.py pyproject.toml package.xml constraints.txt $(wildcard scripts/nodes/* msg_schemas/* launch/* config/*)
 
-.PHONY: help demo test test-all test-newest test-processors wheels-of-ros docs lint gpu-cost clean
+.PHONY: help demo test test-all test-newest test-processors wheels-of-ros docs lint clean
 
 help:
 	@echo 'make demo [PHOTONS=file] [OUT=demo-out]  photons to point clouds over ROS 2: a recording, a picture, a table'
 	@echo '          MOTION=walk                      the same, of a sensor that moves, deskewed by its odometry'
 	@echo 'make test [ARGS=...]                     the tests; ARGS goes to pytest'
-	@echo 'make test-all                            these, and installations, the commands of the documents, two machines'
+	@echo 'make test-all                            these, and installations, documents, two machines, compilers'
 	@echo 'make test ROS=kilted                     the tests with ROS 2 Kilted instead of Jazzy, in .venv-kilted'
 	@echo 'make test-newest                         the tests with the newest releases that pyproject.toml allows'
 	@echo 'make test-processors                     the tests of the computation, as on processors without AVX, and with AVX2'
 	@echo 'make docs                                the documentation as a web site, build/docs/index.html'
 	@echo 'make lint                                ruff'
-	@echo 'make gpu-cost                            what a frame costs on a GPU, counted without one; 6 GB of torch'
 	@echo 'make clean                               remove .venv, .venv-… and everything that was built'
 	@echo 'Variables: PYTHON=$(PYTHON) (3.11 or newer), ROS=$(ROS), VENV=$(VENV)'
 
@@ -99,17 +99,6 @@ $(VENV)/test-ready: $(VENV)/demo-ready
 	@echo '[test] installing torch and the test tools'
 	@$(if $(gpu),true,$(pip) --retries 0 --timeout 10 --index-url https://download.pytorch.org/whl/cpu torch 2>/dev/null || true)
 	@$(pip) --no-build-isolation --editable '.[test]'
-	@touch $@
-
-# By itself: torch's CUDA build, which the tests do without.
-gpu-cost: .venv-gpu-cost/ready
-	@.venv-gpu-cost/bin/python -W ignore -m benchmarks gpu_cost $(ARGS)
-
-.venv-gpu-cost/ready: pyproject.toml
-	@echo 'installing torch for CUDA into .venv-gpu-cost: 6 GB, minutes'
-	@'$(PYTHON)' -m venv .venv-gpu-cost
-	@.venv-gpu-cost/bin/python -m pip --disable-pip-version-check install --quiet 'setuptools>=77.0.3,<80'
-	@.venv-gpu-cost/bin/python -m pip --disable-pip-version-check install --quiet --no-build-isolation --editable '.[gpu]' torch==2.14.1
 	@touch $@
 
 clean:

@@ -14,10 +14,9 @@ from datetime import date
 from importlib import import_module
 from pathlib import Path
 
-from srt3d_ros.nodes.common.versions import versions
+from srt3d_ros.processes.versions import versions
 
-NAMES = ("ablation", "accuracy", "calibration", "false_alarms", "figure1", "gpu", "gpu_cost", "motion", "pileup", "ros",
-         "table1", "two_machines")
+NAMES = ("ablation", "calibration", "false_alarms", "motion", "pileup", "ros", "speed", "two_machines")
 
 
 def machine() -> dict:

@@ -33,10 +33,12 @@ from srt3d_ros.core.motion.moving_sketcher import MovingSketcher
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose_frequencies
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.sketching.sums import PhaseSums
-from srt3d_ros.datasets.simulation.scene import StaticScene, default_sensor
+from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
-from srt3d_ros.evaluation.scenes import NetScene, net_sensor
+from srt3d_ros.evaluation.cases import SCENES as EVALUATED
+from srt3d_ros.evaluation.cases import simulated
 from srt3d_ros.kernels import constants
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -46,11 +48,10 @@ FILES = {"art_real_unif_ppp5_sbr0.1": (0.8, 10), "art_real_unif_ppp5_sbr1": (0.8
          "art_real_unif_ppp5_sbr10": (0.8, 10), "polystyrene_head_142_full, 1 ppp": (1 / 419, 10),
          "polystyrene_head_142_full, 10 ppp": (10 / 419, 10), "room_64_2_50": (0.8, 3), "room_64_10_50": (0.8, 3),
          "bowling_72x88_2_100": (0.8, 3), "reindeer_72x88_2_100": (0.8, 3), "two_layer_100": (0.8, 40)}
-# SBR, photons per pixel, whether there is fog.
-SCENES = {"bust, SBR 1, 1 ppp": (1, 1, False), "bust, SBR 0.1, 10 ppp": (0.1, 10, False),
-          "bust in fog, SBR 1, 10 ppp": (1, 10, True)}
-HEAD_TOLERANCE_M = 40e-3
-NET, MOTION, STEEP = "net, SBR 1, 10 ppp", "room from a moving sensor, 3 ppp", "steep wall, SBR 0.1, 20 ppp"
+# Scene of `srt3d evaluate`, SBR, photons per pixel, whether there is fog.
+SCENES = {"bust, SBR 1, 1 ppp": ("bust", 1, 1, False), "bust, SBR 0.1, 10 ppp": ("bust", 0.1, 10, False),
+          "bust in fog, SBR 1, 10 ppp": ("bust", 1, 10, True), "net, SBR 1, 10 ppp": ("net", 1, 10, False)}
+MOTION, STEEP = "room from a moving sensor, 3 ppp", "steep wall, SBR 0.1, 20 ppp"
 # Not varied: limits, margins, what equals VOTE, rounding, constants of other methods, what `false_alarms` measures.
 FIXED = ("MAX_SKETCH_SIZE", "MAX_PIXEL_PHOTONS", "REACH", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "VOTE_RADIUS",
          "SEEN_SCORE", "TINY", "EPSILON", "BIRTH_COST", "FEWER_COST", "DEAD_LIMIT", "MOVE_COST")
@@ -64,11 +65,9 @@ class Draw(NamedTuple):
     """A sketch of one draw of the photons, and the truth that its cloud is judged against."""
 
     sketch: PhaseSums
-    sensor: object
-    surfaces: int
-    depth_bins: np.ndarray
+    sensor: SensorModel
+    depth_bins: np.ndarray              # [K, rows, cols]
     tolerance_bins: float
-    counted: np.ndarray | None
     complete: bool
 
 
@@ -85,13 +84,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
-    names = [name for name in (*FILES, *SCENES, NET, MOTION, STEEP) if fits(name, args.only)]
+    names = [name for name in (*FILES, *SCENES, MOTION, STEEP) if fits(name, args.only)]
     variants = [parsed(text) for text in args.set] or list(halved_doubled_off(args.constants))
     with TemporaryDirectory() as folder, ThreadPoolExecutor(args.jobs) as pool:
         for name in tqdm(names, "drawing photons", unit="set"):
-            drawn = list(draws(name, args.draws, args.data))
-            (Path(folder) / f"{name}.pickle").write_bytes(pickle.dumps(drawn))
-            del drawn
+            (Path(folder) / f"{name}.pickle").write_bytes(pickle.dumps(list(draws(name, args.draws, args.data))))
         measured = pool.map(lambda variant: measure_apart(variant, folder), [{}, *variants])
         default = next(measured)
         yield {"variant": "default", "sets": {name: np.nanmean(rows, 0).round(3).tolist()
@@ -128,50 +125,33 @@ def half(number):
 
 def draws(name: str, number: int, data: Path) -> Iterator[Draw]:
     """Draw the photons of a set `number` times."""
-    if name == MOTION:
-        yield from moving(number)
-    elif name == STEEP:
-        yield from steep(number)
-    elif name in FILES:
-        yield from of_file(data / f"{name.partition(',')[0]}.npz", *FILES[name], number)
-    else:
-        sbr, ppp, fog = SCENES.get(name, (1, 10, False))
-        sensor = net_sensor() if name == NET else default_sensor()
-        seen = sensor.replace(background_shape=np.exp(-np.arange(sensor.num_bins) / 60) + 0.02) if fog else sensor
-        frequencies = choose_frequencies("auto", sensor, SKETCH_SIZE)
+    if name in FILES:
+        photons = datasets.read(data / f"{name.partition(',')[0]}.npz")
+        share, tolerance = FILES[name]
         for seed in range(number):
-            frame, depth = Simulator(NetScene(sensor) if name == NET else None, seen, sbr, ppp, seed).frame(0)
-            tolerance = 3 if name == NET else HEAD_TOLERANCE_M / sensor.bin_width_m
-            yield Draw(sketch_photons(frame, sensor, frequencies), sensor, len(depth), depth, tolerance, None, True)
+            frame = photons.events.part(np.random.default_rng(seed).random(photons.events.photons) < share)
+            yield drawn(photons.sensor, frame, photons.reference_depth_bins, tolerance, False)
+    elif name in SCENES:
+        scene, sbr, ppp, fog = SCENES[name]
+        case, = simulated(scene, [sbr], [ppp])
+        sensor = case.sensor
+        seen = sensor.replace(background_shape=np.exp(-np.arange(sensor.num_bins) / 60) + 0.02) if fog else sensor
+        for seed in range(number):
+            frame, depth = Simulator(EVALUATED[scene][0](sensor), seen, sbr, ppp, seed).frame(0)
+            yield drawn(sensor, frame, depth, case.tolerance_bins)
+    elif name == STEEP:         # by four σ of the IRF per column and by two per row
+        sensor = SensorModel(40, 40, 1000, 1e-10, np.exp(-np.arange(-16, 17)**2 / 32))
+        row, col = np.mgrid[:40, :40]
+        for seed in range(100, 100 + number):
+            scene = StaticScene(sensor.range_m(370.0 + 14.3 * col - 8.2 * row))
+            yield drawn(sensor, *Simulator(scene, sensor, 0.1, 20, seed).frame(0), 12)
+    else:
+        yield from moving(number)
 
 
-def of_file(path: Path, share: float, tolerance: float, number: int) -> Iterator[Draw]:
-    """Draws of a photon file that keep each photon with the probability `share`."""
-    photons = datasets.read(path)
-    events, sensor, reference = photons.events, photons.sensor, photons.reference_depth_bins
-    frequencies, counted = choose_frequencies("auto", sensor, SKETCH_SIZE), None
-    if len(reference) > 1:          # the second was measured separately, with another zero of depth
-        from srt3d_ros.core.method.pooled import Pooled
-        from srt3d_ros.evaluation.cases import of_files
-        from srt3d_ros.evaluation.run import aligned_reference
-
-        (case,) = of_files([str(path)], str(tolerance), aligned=(1,))
-        cloud = Pooled(sensor, frequencies, surfaces=2)(sketch_photons(events, sensor, frequencies))
-        reference, counted, _ = aligned_reference(cloud, case, case.observe())
-    for seed in range(number):
-        frame = events.part(np.random.default_rng(seed).random(events.photons) < share)
-        yield Draw(sketch_photons(frame, sensor, frequencies), sensor, len(reference), reference, tolerance, counted,
-                   False)
-
-
-def steep(number: int) -> Iterator[Draw]:
-    """Draws of a wall whose depth changes by four σ of the IRF per column and by two per row."""
-    sensor = SensorModel(40, 40, 1000, 1e-10, np.exp(-np.arange(-16, 17)**2 / 32))
-    row, col = np.mgrid[:40, :40]
-    depth, frequencies = 370.0 + 14.3 * col - 8.2 * row, choose_frequencies("auto", sensor, SKETCH_SIZE)
-    for seed in range(100, 100 + number):
-        frame, _ = Simulator(StaticScene(sensor.range_m(depth)), sensor, 0.1, 20, seed).frame(0)
-        yield Draw(sketch_photons(frame, sensor, frequencies), sensor, 1, depth[None], 12, None, True)
+def drawn(sensor: SensorModel, frame: PhotonEvents, depth: np.ndarray, tolerance: float, complete: bool = True) -> Draw:
+    sketch = sketch_photons(frame, sensor, choose_frequencies("auto", sensor, SKETCH_SIZE))
+    return Draw(sketch, sensor, depth, tolerance, complete)
 
 
 def moving(number: int) -> Iterator[Draw]:
@@ -183,7 +163,7 @@ def moving(number: int) -> Iterator[Draw]:
     sketcher = MovingSketcher(sensor, walk.frequencies)
     for seed in range(number):
         sketch = sketcher.finish(walk.frame(0, views, 3, seed), walk.trajectory)
-        yield Draw(sketch, sensor, 1, sensor.depth_bins(range_m)[None], 10, None, True)
+        yield Draw(sketch, sensor, sensor.depth_bins(range_m)[None], 10, True)
 
 
 def measure_apart(variant: dict, folder: str) -> dict[str, np.ndarray]:
@@ -211,9 +191,9 @@ def measure(variant: dict, folder: str) -> dict[str, list]:
     for path in sorted(Path(folder).glob("*.pickle")):
         found = []
         for draw in pickle.loads(path.read_bytes()):        # noqa: S301, written by `run` a moment ago
-            pooled = Pooled(draw.sensor, draw.sketch.frequencies, draw.surfaces)
+            pooled = Pooled(draw.sensor, draw.sketch.frequencies, len(draw.depth_bins))
             judged = evaluate(pooled(draw.sketch), draw.depth_bins, draw.tolerance_bins, draw.sensor.num_bins,
-                              counted=draw.counted, complete=draw.complete)
+                              complete=draw.complete)
             found.append((100 * judged.true_detections, 100 * judged.false_detections, judged.dae_bins))
         rows[path.stem] = found
     return rows

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
@@ -18,9 +17,9 @@ from srt3d_ros.datasets.simulation.simulator import Simulator
 
 FOV_DEG = 11.0              # that of the default sensor: more pixels see the same scene more finely
 SIDE, SKETCH_SIZE = 141, 10
-PPPS = (1, 3, 10, 30, 100, 300, 1000)
-PPP, SBR, SEED = 10.0, 1.0, 1       # the time of a frame depends on neither PPP nor SBR (Figure 1 of the paper)
-FFT_ROWS = 256              # histograms correlated at a time, 5 MB: they stay in the cache
+PPP, SBR, SEED = 10.0, 1.0, 1
+PAPER_MS = {(141, 10): 7, (705, 10): 88, (282, 10): 18, (423, 10): 35, (564, 10): 60,       # on an RTX 3070 laptop,
+            (141, 5): 6, (705, 5): 68, (282, 5): 12, (423, 5): 28, (564, 5): 55}            # by side and m
 PROCESS = Path("/proc/self")
 
 
@@ -58,22 +57,6 @@ def peak_growth(call: Callable[[], object]) -> int | None:
     before = _status_bytes("VmRSS")
     call()
     return max(_status_bytes("VmHWM") - before, 0)
-
-
-def fft(sensor: SensorModel) -> Callable[[], None]:
-    """The yardstick: correlates a histogram of each pixel with the IRF by SciPy's FFT, float32, on all threads.
-
-    The same block of histograms stands for all of them, so that none is loaded from memory.
-    """
-    length = next_fast_len(sensor.num_bins + sensor.irf.shape[-1] - 1, real=True)
-    spectrum = np.conj(rfft(sensor.irf.astype(np.float32), length))
-    block = np.random.default_rng(0).poisson(0.01, (FFT_ROWS, sensor.num_bins)).astype(np.float32)
-
-    def call() -> None:
-        for first in range(0, sensor.pixels, FFT_ROWS):
-            seen = block[:sensor.pixels - first]
-            irfft(rfft(seen, length, axis=1, workers=-1) * spectrum, length, axis=1, workers=-1).argmax(axis=1)
-    return call
 
 
 def sensor_of(side: int) -> SensorModel:

@@ -76,10 +76,9 @@ class Walk:
         simulator = Simulator(views, self.sensor, SBR, ppp / PARTS / VIEWS, seed, 1 / VIEW_S)
         sketcher, parts, first_s = FrameSketcher(self.sensor, self.frequencies), [], FIRST_S + k * FRAME_S
         for part in range(PARTS):
-            sketcher.reset()
             for view in range(VIEWS):
                 sketcher.add(simulator.frame(part * VIEWS + view)[0])
-            parts.append((round((first_s + (part + 0.5) * FRAME_S / PARTS) * 1e9), sketcher.sketch()))
+            parts.append((round((first_s + (part + 0.5) * FRAME_S / PARTS) * 1e9), sketcher.end_frame()))
         first, middle, last = (round((first_s + share * FRAME_S) * 1e9) for share in (0, 0.5, 1))
         return MovingFrame(parts, first, last, middle)
 

@@ -5,10 +5,14 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from srt3d_ros import datasets
-from srt3d_ros.cloud import Cloud
-from srt3d_ros.core.methods import DEFAULT_METHOD
+from srt3d_ros.cloud import Cloud, as_noun
+from srt3d_ros.core.keys import written_out
+from srt3d_ros.core.method.background import BACKGROUNDS
+from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE
+from srt3d_ros.core.methods import DEFAULT_METHOD, MethodOptions
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.design import SketchOptions
 from srt3d_ros.core.sketching.gate import OFF
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sketching.sums import PhaseSums
@@ -26,6 +30,7 @@ Sensor = SensorModel
 from_events, from_counts = Photons.from_events, Photons.from_counts
 
 
+@written_out()
 def read(source: Any, frame: int = 0, *, photons_topic: str = "", sensor: SensorModel | None = None,
          **options: Unpack[SensorOptions]) -> Photons | Sketch | Cloud:
     """The photons of a file, bag, log or array, with their sensor and the truth, if known; or what `save` wrote.
@@ -49,14 +54,14 @@ def read(source: Any, frame: int = 0, *, photons_topic: str = "", sensor: Sensor
         InvalidInput: the file or an option cannot be used.
     """
     if isinstance(source, str | Path):
-        return as_noun(datasets.read(source, frame, photons_topic, sensor=sensor, **options))
+        return noun_of(datasets.read(source, frame, photons_topic, sensor=sensor, **options))
     for name, value in (("frame", frame), ("photons_topic", photons_topic)):
         require(not value, name, problem=f"{name} {value}: only a bag or a log has one.")
     if isinstance(source, PhaseSums):
         sums, notes = sums_with_options(source, getattr(source, "notes", ()), gathered(options, sensor))
-        return Sketch.from_sums(sums, notes)
+        return as_noun(Sketch, sums, notes=notes)
     if isinstance(source, Reading):
-        return as_noun(source.with_options(gathered(options, sensor)))
+        return noun_of(source.with_options(gathered(options, sensor)))
     if isinstance(source, PhotonEvents | PhotonGates | PhotonHistograms):
         return Photons.from_frame(source, sensor=sensor, **options)
     require(hasattr(source, "__array__") or isinstance(source, list), "source", type(source).__name__,
@@ -64,33 +69,33 @@ def read(source: Any, frame: int = 0, *, photons_topic: str = "", sensor: Sensor
     return Photons.from_counts(source, sensor=sensor, **options)
 
 
-def as_noun(reading: Reading) -> Photons | Sketch | Cloud:
+def noun_of(reading: Reading) -> Photons | Sketch | Cloud:
     """What a reading holds, with its notes, in the class that reconstructs and saves it."""
     if isinstance(reading.frame, PhaseSums):
-        return Sketch.from_sums(reading.frame, reading.notes)
+        return as_noun(Sketch, reading.frame, notes=reading.notes)
     if isinstance(reading.frame, PointCloud):
-        return Cloud.from_points(reading.frame, notes=reading.notes)
+        return as_noun(Cloud, reading.frame, notes=reading.notes)
     return Photons(reading.sensor, reading.frame, reading.reference_depth_bins, reading.name, reading.notes)
 
 
+@written_out(SketchOptions, MethodOptions)
 def reconstruct(source: Any, *, sensor: SensorModel | None = None, method: str = DEFAULT_METHOD,
                 sketch_size: int | None = None, frequencies: str | Sequence[int] | None = None,
                 gate: str | tuple[int, int] = OFF, surfaces: int = 1, device: str = "auto",
-                false_alarm_rate: float | None = None, background: str | None = None, **options: Any) -> Cloud:
+                false_alarm_rate: float = DEFAULT_FALSE_ALARM_RATE, background: str = BACKGROUNDS[0],
+                **options: Unpack[SensorOptions]) -> Cloud:
     """The point cloud of photons or of their sketch.
 
     Args:
-        source, sensor, options: see `read`.
-        method, sketch_size, frequencies, gate, surfaces, device, false_alarm_rate, background: as of
-            `Photons.reconstruct`.
+        source, sensor: see `read`, also for the arguments that describe the sensor.
 
     Raises:
         InvalidInput: an argument is missing or cannot be used.
     """
     seen = source if isinstance(source, Cloud) else read(source, sensor=sensor, **options)
     require(not isinstance(seen, Cloud), "source", problem="A cloud cannot be reconstructed: give photons or a sketch.")
-    own = {"method": method, "surfaces": surfaces, "device": device, "false_alarm_rate": false_alarm_rate,
-           "background": background}
+    own: MethodOptions = {"method": method, "surfaces": surfaces, "device": device,
+                          "false_alarm_rate": false_alarm_rate, "background": background}
     if isinstance(seen, Photons):
         return seen.reconstruct(sketch_size=sketch_size, frequencies=frequencies, gate=gate, **own)
     made_with = {"sketch_size": sketch_size, "frequencies": frequencies, "gate": None if gate == OFF else gate}

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from srt3d_ros.errors import InvalidInput, quoted, require
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+Noun = TypeVar("Noun")
 NOTEBOOK_PX = 320, 240
 NOTEBOOK_COLOURS = 64       # 6 bits a pixel: such a picture takes less than 60 kB whatever it shows
 
@@ -31,11 +32,6 @@ class Cloud(PointCloud):
 
     notes: tuple[str, ...] = ()
 
-    @classmethod
-    def from_points(cls, points: PointCloud, **changes) -> Self:
-        """The cloud of plain points, with other values of some fields."""
-        return cls(**{field.name: getattr(points, field.name) for field in fields(points)} | changes)
-
     def __repr__(self) -> str:
         return super().__repr__() + notes_text(self.notes)
 
@@ -47,7 +43,7 @@ class Cloud(PointCloud):
             from srt3d_ros.pictures.figures import data_uri
         except ImportError:
             return text
-        picture = draw_cloud(self, self.sensor, size_px=NOTEBOOK_PX).convert("RGB")
+        picture = draw_cloud(self, size_px=NOTEBOOK_PX).convert("RGB")
         uri = data_uri(picture.quantize(NOTEBOOK_COLOURS), "png", optimize=True)
         return f'{text}<img alt="" src="{uri}">'
 
@@ -98,7 +94,12 @@ class Cloud(PointCloud):
         except ImportError as error:
             problem = f"Cannot draw a cloud: {error.name} is missing (pip install '.[pictures]' in the clone)."
             raise InvalidInput("picture", problem=problem) from None
-        return np.array(draw_cloud(self, self.sensor, yaw_deg, pitch_deg, size_px).convert("RGB"))
+        return np.array(draw_cloud(self, yaw_deg, pitch_deg, size_px).convert("RGB"))
+
+
+def as_noun(kind: type[Noun], plain: Any, **changes: Any) -> Noun:
+    """Plain points or sums of a frame as a Cloud or a Sketch, with other values of some fields."""
+    return kind(**{field.name: getattr(plain, field.name) for field in fields(plain)} | changes)
 
 
 def notes_text(notes: Sequence[str]) -> str:

@@ -44,7 +44,7 @@ class InvalidInput(ValueError):
         return type(self), (self.field, value, self.expected, self.problem)
 
 
-def require(condition: bool, field: str, value: object = None, expected: str = "", problem: str = "") -> None:
+def require(condition: object, field: str, value: object = None, expected: str = "", problem: str = "") -> None:
     """Raise InvalidInput(field, value, expected, problem) unless the condition holds."""
     if not condition:
         raise InvalidInput(field, value, expected, problem)

@@ -48,8 +48,7 @@ def _frame(sensor: SensorModel, frequencies: tuple[int, ...]) -> PhaseSums:
     """A frame to try: slanted walls with a step, an even background, and photon noise."""
     rng, (row, col) = np.random.default_rng(0), np.mgrid[:sensor.rows, :sensor.cols]
     depth = sensor.num_bins * (0.3 + 0.2 * col / sensor.cols + 0.2 * (2 * row > sensor.rows))
-    late = 0 if sensor.delay_bins is None else sensor.delay_bins
-    phase = np.exp(1j * (depth + late)[..., None] * angular_frequencies(frequencies, sensor.num_bins))
+    phase = np.exp(1j * (depth + sensor.late)[..., None] * angular_frequencies(frequencies, sensor.num_bins))
     spectrum = irf_spectrum(sensor, frequencies)
     spectrum = spectrum if spectrum.ndim == 1 else spectrum.reshape(phase.shape)
     noise = rng.normal(scale=(TRIED_PHOTONS / 2)**0.5, size=(*phase.shape, 2)).view(complex)[..., 0]

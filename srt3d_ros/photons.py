@@ -8,16 +8,18 @@ from typing import Any, Self, Unpack
 
 import numpy as np
 
-from srt3d_ros.cloud import Cloud, notes_text
-from srt3d_ros.core.methods import DEFAULT_METHOD, find
+from srt3d_ros.cloud import Cloud, as_noun, notes_text
+from srt3d_ros.core.keys import written_out
+from srt3d_ros.core.methods import DEFAULT_METHOD, MethodOptions, find
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.design import design_sketch
+from srt3d_ros.core.sketching.design import SketchOptions, design_sketch
+from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.core.sketching.gate import OFF
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonHistograms
-from srt3d_ros.core.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets import arrays, photon_file
-from srt3d_ros.datasets.options import SensorOptions, gathered, outside_note
+from srt3d_ros.datasets.options import SensorOptions, gathered
 from srt3d_ros.datasets.reading import IN_MEMORY, Reading
+from srt3d_ros.datasets.values import outside_note
 from srt3d_ros.errors import quoted, require
 from srt3d_ros.progress import compiling
 from srt3d_ros.reconstruction import Reconstructor
@@ -40,6 +42,7 @@ class Photons(Reading):
     frame: PhotonEvents | PhotonHistograms
 
     @classmethod
+    @written_out()
     def from_events(cls, row: Any, col: Any, toa: Any, *, sensor: SensorModel | None = None, stamp_ns: int = 0,
                     **options: Unpack[SensorOptions]) -> Self:
         """Photons from one entry of row, col and toa each, in any order.
@@ -62,6 +65,7 @@ class Photons(Reading):
         return cls._in_memory(arrays.from_events, (row, col, toa, stamp_ns), sensor, options)
 
     @classmethod
+    @written_out()
     def from_counts(cls, counts: Any, *, sensor: SensorModel | None = None, stamp_ns: int = 0,
                     **options: Unpack[SensorOptions]) -> Self:
         """Photons from counts in bins, whose array gives shape and num_bins.
@@ -76,6 +80,7 @@ class Photons(Reading):
         return cls._in_memory(arrays.from_counts, (counts, stamp_ns), sensor, options)
 
     @classmethod
+    @written_out()
     def from_frame(cls, frame: PhotonFrame, *, sensor: SensorModel | None = None, **options: Unpack[SensorOptions]
                    ) -> Self:
         """Photons from a frame of srt3d_ros.core.sketching.photon_frame; sensor and options as for `from_events`."""
@@ -83,25 +88,20 @@ class Photons(Reading):
 
     @classmethod
     def _in_memory(cls, describe, arguments: tuple, sensor: SensorModel | None, options: dict) -> Self:
-        options = gathered(options, sensor)
-        sensor, frame, notes = describe(*arguments, options)
+        given = gathered(options, sensor)
+        sensor, frame, notes = describe(*arguments, given)
         photons = cls(sensor, frame, None, IN_MEMORY, notes)
-        return photons.gated(*options["gate"]) if "gate" in options else photons
+        return photons if given.gate is None else photons.gated(*given.gate)
 
     def __repr__(self) -> str:
         sensor = self.sensor
         return (f"Photons of {self.name}: {self.photons:,} in {sensor.rows} × {sensor.cols} pixels and "
                 f"{sensor.num_bins} bins{notes_text(self.notes)}")
 
+    @written_out(SketchOptions)
     def sketch(self, sketch_size: int | None = None, *, frequencies: str | Sequence[int] = "auto",
                gate: str | tuple[int, int] = OFF) -> Sketch:
         """The sketch: m complex numbers a pixel for any number of photons.
-
-        Args:
-            sketch_size: m, 10 unless given.
-            frequencies: "auto" (least expected error for the IRF and these photons), "consecutive" (1 to m), or the
-                integers to keep.
-            gate: keep only the photons of the bins (first, last), of those that show a scene ("auto"), or all ("off").
 
         Raises:
             InvalidInput: naming the argument that cannot be used.
@@ -109,47 +109,37 @@ class Photons(Reading):
         require(sketch_size is None or isinstance(sketch_size, int | np.integer), "sketch_size", quoted(sketch_size),
                 "an integer")
         with compiling():
-            kept, chosen = design_sketch(self.sensor, gate, _written(frequencies), sketch_size, self.frame)
-            stream = SketchStream(self.sensor, StreamOptions(str(kept or OFF), _written(chosen)))
-            made, = stream.push(self.frame)
-        outside = stream.counts.photons_dropped["gate"]
+            self.frame.check(self.sensor)
+            kept, chosen = design_sketch(self.sensor, gate, frequencies, sketch_size, self.frame)
+            sketcher = FrameSketcher(self.sensor, chosen, gate=kept)
+            sketcher.add(self.frame)
+        outside = max(self.photons - sketcher.kept, 0)
         notes = outside_note(outside, self.photons, kept.first, kept.last) if kept else ()
         numbers, mean = 2 * len(chosen), self.photons / self.sensor.pixels
         if sketch_size is not None and numbers > mean:
             notes += (f"the sketch is longer than its photons: {numbers} numbers a pixel for {mean:.3g} photons",)
-        return Sketch.from_sums(made, self.notes + notes)
+        return as_noun(Sketch, sketcher.end_frame(), notes=self.notes + notes)
 
-    def reconstruct(self, *, method: str = DEFAULT_METHOD, sketch_size: int | None = None,
-                    frequencies: str | Sequence[int] | None = None, gate: str | tuple[int, int] = OFF,
-                    surfaces: int = 1, device: str = "auto", false_alarm_rate: float | None = None,
-                    background: str | None = None) -> Cloud:
-        """The point cloud.
-
-        Args:
-            method: "pooled", "srt3d", "smle", "xcorr" or "rt3d" (docs/algorithm.md).
-            sketch_size, frequencies, gate: as for `sketch`; default: the frequencies of the method's paper.
-            surfaces: K, the most surfaces in a pixel.
-            device: "cpu", "cuda", or "auto" for a GPU if it gives the same points faster.
-            false_alarm_rate: probability that a pixel with only background shows a point, at most 0.4.
-            background: its shape over the bins (pooled): estimated from the frame ("auto"), the "sensor"'s, or "flat".
+    @written_out(SketchOptions, MethodOptions)
+    def reconstruct(self, *, sketch_size: int | None = None, frequencies: str | Sequence[int] | None = None,
+                    gate: str | tuple[int, int] = OFF, **options: Unpack[MethodOptions]) -> Cloud:
+        """The point cloud; methods that were published with other frequencies than auto take these by default.
 
         Raises:
             InvalidInput: naming the argument that cannot be used.
         """
-        chosen = find(method)
-        own = {"method": method, "surfaces": surfaces, "device": device, "false_alarm_rate": false_alarm_rate,
-               "background": background}
-        if chosen.needs == "sketch":
+        method = find(options.get("method", DEFAULT_METHOD))
+        if method.needs == "sketch":
             started = time.perf_counter()
-            used = chosen.frequencies if frequencies is None else frequencies
+            used = method.frequencies if frequencies is None else frequencies
             sketch = self.sketch(sketch_size, frequencies=used, gate=gate)
             sketch_ms = round((time.perf_counter() - started) * 1e3, 3)
-            return replace(sketch.reconstruct(**own), sketch_ms=sketch_ms)
+            return replace(sketch.reconstruct(**options), sketch_ms=sketch_ms)
         for name, value in (("sketch_size", sketch_size), ("frequencies", frequencies)):
-            require(value is None, name, problem=f"{method} works on all times of arrival and takes no {name}.")
+            require(value is None, name, problem=f"{method.name} works on all times of arrival and takes no {name}.")
         kept = design_sketch(self.sensor, gate, "consecutive", frame=self.frame).gate
         photons = self if kept is None else self.gated(kept.first, kept.last)
-        return Reconstructor(photons.sensor, **own)(photons)
+        return Reconstructor(photons.sensor, **options)(photons)
 
     def save(self, path: str | Path) -> None:
         """Write an .npz photon file with the sensor, true depths and notes, which `srt3d_ros.read` reads again.
@@ -158,8 +148,3 @@ class Photons(Reading):
             InvalidInput: another suffix, a path that cannot be written, or an .npz file there that is none of photons.
         """
         photon_file.save(path, self.sensor, self.frame, self.reference_depth_bins, self.notes)
-
-
-def _written(frequencies: str | Sequence[int]) -> str:
-    """Frequencies as on the command line."""
-    return str(frequencies) if np.ndim(frequencies) == 0 else ",".join(map(str, frequencies))

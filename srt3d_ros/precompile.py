@@ -49,7 +49,7 @@ def sketching() -> None:
     sketcher.add(PhotonGates(np.zeros((1, 1, 2), np.uint16)))
     for pixels in ([0, 1], [1, 0]):
         sketcher.add(PhotonEvents(np.array(pixels, np.uint32), np.zeros(2, np.uint16)))
-    sketcher.sketch()
+    sketcher.end_frame()
 
 
 def deskewing() -> None:

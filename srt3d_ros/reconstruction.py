@@ -4,16 +4,17 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from numbers import Real
+from typing import Any, Unpack
 
 import numpy as np
 
-from srt3d_ros.cloud import Cloud
-from srt3d_ros.core.array_checks import as_array
-from srt3d_ros.core.methods import DEFAULT_METHOD, find
+from srt3d_ros.cloud import Cloud, as_noun
+from srt3d_ros.core.keys import written_out
+from srt3d_ros.core.methods import DEFAULT_METHOD, OPTIONS, ReconstructorOptions, checked
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
-from srt3d_ros.errors import quoted, require
+from srt3d_ros.core.sketching.sums import as_array
+from srt3d_ros.errors import require
 from srt3d_ros.gpu_check import device_for
 from srt3d_ros.progress import compiling
 
@@ -26,8 +27,7 @@ class Reconstructor:
     Args:
         sensor: of the sketches, behind the gate if there is one.
         frequencies: the integers k_l of the sketches; methods on photons need none.
-        method, surfaces, device, false_alarm_rate, background: see `Photons.reconstruct`.
-        warm_start: begin with the last frame's surfaces where this one's photons support them (pooled).
+        method, surfaces, device, false_alarm_rate, background, warm_start: see `__init__`.
 
     Attributes:
         device: "cpu" or "cuda", where it computes.
@@ -37,22 +37,19 @@ class Reconstructor:
         InvalidInput: naming the argument that cannot be used.
     """
 
-    def __init__(self, sensor: SensorModel, frequencies: Sequence[int] = (), *, method: str = DEFAULT_METHOD,
-                 surfaces: int = 1, device: str = "auto", false_alarm_rate: float | None = None,
-                 background: str | None = None, warm_start: bool = False):
+    @written_out(ReconstructorOptions)
+    def __init__(self, sensor: SensorModel, frequencies: Sequence[int] = (), **options: Unpack[ReconstructorOptions]):
+        """Prepare for the frames of a sensor."""
         require(isinstance(sensor, SensorModel), "sensor", type(sensor).__name__, "a Sensor")
-        require(false_alarm_rate is None or isinstance(false_alarm_rate, Real), "false_alarm_rate",
-                quoted(false_alarm_rate), "a probability")
+        given: dict[str, Any] = {"method": DEFAULT_METHOD, "surfaces": 1, "device": "auto", **options}
+        method, device = given["method"], given["device"]
         self._frequencies = tuple(as_array("frequencies", frequencies, 1, "iuf").tolist())
-        chosen = find(method)
+        chosen = checked(given)
         self._on_photons = chosen.needs == "photons"
-        require(self._frequencies or self._on_photons, "frequencies",
+        require(bool(self._frequencies) or self._on_photons, "frequencies",
                 problem=f"{method} reads sketches: give their frequencies, sketch.frequencies.")
-        options = {"surfaces": surfaces, "device": device, "false_alarm_rate": false_alarm_rate,
-                   "background": background, "warm_start": warm_start or None}
-        self._build = partial(chosen.build, sensor, self._frequencies,
-                              **{name: value for name, value in options.items() if value is not None})
-        self._name, self._surfaces, self._is_warm = method, surfaces, False
+        self._name, self._surfaces, self._is_warm = given.pop("method"), given["surfaces"], False
+        self._build = partial(chosen.build, sensor, self._frequencies, **given)
         if "device" not in chosen.options:
             self.device, self.device_reason = "cpu", f"{method} runs on the CPU"
             self._method = self._build()
@@ -64,7 +61,7 @@ class Reconstructor:
         except RuntimeError as error:
             self._fall_back(error)
 
-    def __call__(self, seen) -> Cloud:
+    def __call__(self, seen: Any) -> Cloud:
         """The cloud of a frame: of its Sketch, or of its Photons or PhotonFrame for a method on photons."""
         frame = getattr(seen, "events", seen) if self._on_photons else seen
         require(not self._on_photons or isinstance(frame, PhotonFrame), "seen", type(seen).__name__,
@@ -76,8 +73,8 @@ class Reconstructor:
         photons, notes = int(np.sum(seen.photons)), getattr(seen, "notes", ())
         if not photons and not len(points):
             notes += (NO_PHOTONS,)
-        return Cloud.from_points(
-            points, notes=notes, method=self._name, surfaces=self._surfaces, device=self.device, photons=photons,
+        return as_noun(
+            Cloud, points, notes=notes, method=self._name, surfaces=self._surfaces, device=self.device, photons=photons,
             reconstruct_ms=elapsed_ms, frequencies=() if self._on_photons else seen.frequencies)
 
     def __reduce__(self):
@@ -91,7 +88,7 @@ class Reconstructor:
 
     def set_false_alarm_rate(self, false_alarm_rate: float) -> None:
         """Use this false alarm rate from the next frame on (pooled)."""
-        self._build.keywords["false_alarm_rate"] = false_alarm_rate
+        self._build.keywords["false_alarm_rate"] = OPTIONS["false_alarm_rate"].check(false_alarm_rate)
         self._method.set_false_alarm_rate(false_alarm_rate)
 
     def forget(self) -> None:

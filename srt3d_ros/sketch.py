@@ -1,13 +1,14 @@
 """Sketch: a few complex numbers a pixel in place of a frame's photons, with notes, to save and to reconstruct."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Unpack
 
 from srt3d_ros.cloud import Cloud, notes_text
-from srt3d_ros.core.methods import DEFAULT_METHOD, SKETCH_METHODS, find
+from srt3d_ros.core.keys import written_out
+from srt3d_ros.core.methods import DEFAULT_METHOD, SKETCH_METHODS, MethodOptions
 from srt3d_ros.core.sketching.sums import PhaseSums
-from srt3d_ros.datasets import sketch_files
+from srt3d_ros.datasets import photon_file
 from srt3d_ros.errors import require
 from srt3d_ros.reconstruction import Reconstructor
 
@@ -26,11 +27,6 @@ class Sketch(PhaseSums):
 
     notes: tuple[str, ...] = ()
 
-    @classmethod
-    def from_sums(cls, sums: PhaseSums, notes: tuple[str, ...] = ()) -> Self:
-        """The sketch of plain sums."""
-        return cls(**{field.name: getattr(sums, field.name) for field in fields(sums)} | {"notes": notes})
-
     def __repr__(self) -> str:
         return super().__repr__() + notes_text(self.notes)
 
@@ -40,14 +36,11 @@ class Sketch(PhaseSums):
         Raises:
             InvalidInput: another suffix, a path that cannot be written, or an .npz file there that is no sketch.
         """
-        sketch_files.save(self, path, self.notes)
+        photon_file.save_sketch(path, self, self.notes)
 
-    def reconstruct(self, *, method: str = DEFAULT_METHOD, surfaces: int = 1, device: str = "auto",
-                    false_alarm_rate: float | None = None, background: str | None = None) -> Cloud:
-        """The point cloud; arguments as for `Photons.reconstruct`, of a method on sketches."""
-        wanted = f"one that takes sketches: {', '.join(SKETCH_METHODS)}"
-        require(find(method).needs == "sketch", "method", method, wanted)
-        reconstructor = Reconstructor(
-            self.sensor, self.frequencies, method=method, surfaces=surfaces, device=device,
-            false_alarm_rate=false_alarm_rate, background=background)
-        return reconstructor(self)
+    @written_out(MethodOptions)
+    def reconstruct(self, **options: Unpack[MethodOptions]) -> Cloud:
+        """The point cloud, by a method that takes sketches."""
+        method = options.get("method", DEFAULT_METHOD)
+        require(method in SKETCH_METHODS, "method", method, f"one that takes sketches: {', '.join(SKETCH_METHODS)}")
+        return Reconstructor(self.sensor, self.frequencies, **options)(self)

@@ -248,7 +248,7 @@ def test_the_first_call_shows_that_it_compiles(repository):
     (FRAME, {"frame": 2}, "frame 2: only a bag or a log has one"),
     ("absent.npz", {"frame": "3"}, 'frame is "3": expected an integer'),
     (FRAME, {"gate": (5,)}, r"gate is \(5,\): expected off, "), (FRAME, {"frequencies": [1.5]}, "frequencies is 1.5: "),
-    (FRAME, {"frequencies": []}, "frequencies is empty"), (FRAME, {"shape": 12}, "shape is 12"),
+    (FRAME, {"frequencies": []}, "sketch size is 0"), (FRAME, {"shape": 12}, "shape is 12"),
     (FRAME, {"sensor": 5}, "sensor is int: expected a Sensor"),
     (FRAME, {"method": "smle", "background": "flat"}, "background flat: smle takes only surfaces, device"),
     (FRAME, {"sketch_size": "ten"}, 'sketch_size is "ten"'), (FRAME, {"false_alarm_rate": "x"}, "false_alarm_rate is "),

@@ -6,8 +6,7 @@ import re
 import pytest
 
 from srt3d_ros import gpu_check
-from srt3d_ros.core.baselines import sketched
-from srt3d_ros.core.method import pooled
+from srt3d_ros.core import matched_frame
 from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import choose_frequencies
@@ -20,7 +19,7 @@ SENSOR = make_sensor(12, 17)
 
 
 def kernels_of(method):
-    return method._frames.kernels if isinstance(method, pooled.Pooled) else method._kernels
+    return method._frames.kernels if isinstance(method, Pooled) else method.kernels
 
 
 @pytest.fixture
@@ -32,8 +31,7 @@ def auto(monkeypatch, caplog):
             monkeypatch.setattr(kernels, name, value)
         monkeypatch.setattr(gpu_check, "missing_for_cuda", lambda: "")
         monkeypatch.setattr(gpu_check.time, "perf_counter", lambda: next(now))
-        for module in (pooled, sketched):
-            monkeypatch.setattr(module, "kernels_for", {"cpu": cpu, "cuda": kernels}.get)
+        monkeypatch.setattr(matched_frame, "kernels_for", {"cpu": cpu, "cuda": kernels}.get)
         with caplog.at_level(logging.INFO):
             chosen = Reconstructor(sensor, choose_frequencies("auto", sensor, 7), method=method, surfaces=surfaces)
         return chosen.device, kernels_of(chosen._method) is kernels, chosen.device_reason, caplog.messages
@@ -74,7 +72,7 @@ def test_one_that_fails_is_not(auto):
 
 def test_one_that_fails_later_leaves_its_frames_to_the_cpu(monkeypatch, caplog):
     kernels, frame = oracle.on("cpu"), gpu_check._frame(SENSOR, choose_frequencies("auto", SENSOR, 7))
-    monkeypatch.setattr(pooled, "kernels_for", {"cpu": cpu, "cuda": kernels}.get)
+    monkeypatch.setattr(matched_frame, "kernels_for", {"cpu": cpu, "cuda": kernels}.get)
     reconstructor = Reconstructor(SENSOR, frame.frequencies, device="cuda", surfaces=2)
     reconstructor(frame)
 

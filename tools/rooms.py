@@ -78,4 +78,4 @@ def _used(room: str) -> Iterator[str]:
 
 def _modules() -> list[Path]:
     """The modules of the room NOUNS."""
-    return [file for file in PACKAGE.glob("*.py") if file.stem not in ("__init__", "errors", "progress")]
+    return [file for file in PACKAGE.glob("*.py") if file.stem not in ("__init__", "compat", "errors", "progress")]

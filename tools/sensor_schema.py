@@ -3,9 +3,9 @@
 import json
 from typing import Any
 
+from srt3d_ros.core.keys import Key, about, keys
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.distortion import PlumbBob
-from srt3d_ros.core.sensor.keys import Key, about, keys
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
 from srt3d_ros.datasets.options import option_keys

@@ -16,7 +16,7 @@ from rclpy.executors import ExternalShutdownException
 from sensor_msgs.msg import PointCloud2
 
 from srt3d_ros.messages import cdr
-from srt3d_ros.nodes.common.base import SUBSCRIBE_DEPTH
+from srt3d_ros.nodes.common.managed_node import SUBSCRIBE_DEPTH
 from srt3d_ros.processes import transport
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from srt3d_ros.core.sensor.keys import Key
+    from srt3d_ros.core.keys import Key
 
 
 def given(args: argparse.Namespace, names: Iterable[str]) -> dict[str, object]:
@@ -15,7 +15,27 @@ def given(args: argparse.Namespace, names: Iterable[str]) -> dict[str, object]:
     return {name: getattr(args, name) for name in names if getattr(args, name) is not None}
 
 
-VALUES = {"irf": "FILE", "axes": "A,B,C", "columns": "ROW,COL,TOA", "bin_width_s": "S", "fov_deg": "DEG"}
+VALUES = {"irf": "FILE", "axes": "A,B,C", "columns": "ROW,COL,TOA", "bin_width_s": "S", "fov_deg": "DEG",
+          "method": "NAME", "sketch_size": "M", "frequencies": "auto|consecutive|K1,K2,…", "surfaces": "K",
+          "gate": "FIRST-LAST|auto|off", "false_alarm_rate": "P"}
+
+
+def number(text: str) -> int | float:
+    """A number as it is written: whether it may have a fraction is for its `Key` to say."""
+    try:
+        return int(text)
+    except ValueError:
+        return float(text)
+
+
+def add_options(parser: argparse.ArgumentParser | argparse._ArgumentGroup, options: dict[str, "Key"]) -> None:
+    """An option of the command line for each key."""
+    for name, key in options.items():
+        unit = f", {key.unit}econds" if key.unit == "s" else ""
+        default = "" if key.default is None else f" (default: {key.default})"
+        parser.add_argument(f"--{name.replace('_', '-')}", type=number if {int, float} & {*key.kinds} else str,
+                            metavar=VALUES.get(name, None if key.choices else "N"),
+                            choices=None if name in VALUES else key.choices or None, help=key.about + unit + default)
 
 
 def add_photon_file(parser: argparse.ArgumentParser) -> None:
@@ -29,11 +49,7 @@ def add_photon_file(parser: argparse.ArgumentParser) -> None:
                         help="topic of the photons, if a bag has several")
     sensor = parser.add_argument_group("sensor options (they override the file)")
     add_sensor_file(sensor)
-    for name, key in on_command_line().items():
-        unit = f", {key.unit}econds" if key.unit == "s" else ""
-        kind = key.kinds[0] if key.kinds[0] in (int, float) else str
-        sensor.add_argument(f"--{name.replace('_', '-')}", type=kind, metavar=VALUES.get(name, "N"),
-                            help=key.about + unit)
+    add_options(sensor, on_command_line())
 
 
 def on_command_line() -> dict[str, "Key"]:

@@ -5,7 +5,6 @@ import importlib
 import json
 import math
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,10 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.cli import health
-from srt3d_ros.core.metrics import Metrics, evaluate
+from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.core.stream import SketchStream
 from srt3d_ros.datasets import read_photons
 from srt3d_ros.datasets.bags.bag import is_bag
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
@@ -27,11 +25,8 @@ from srt3d_ros.errors import require
 from srt3d_ros.processes import children
 from srt3d_ros.processes.node_command import FRAMES_LOST, PLAYER
 from srt3d_ros.processes.private_network import join_private_network
-from srt3d_ros.reconstruction import Reconstructor
 
-LEAST_HZ, MOST_HZ = 2.0, 5.0            # MOST_HZ: half of what two idle cores can stream and record
-SHARE = 0.75                            # of the time between two frames: what one process may need for a frame
-WARM_UP = 5                             # frames that are timed
+RATE_HZ = 3.0                           # a third of what two idle cores can stream and record
 SCENE = {"ppp": 15.0, "sbr": 1.0, "seed": 1}
 # Largest depth error of a true detection; 40 mm as for the head in RT3D's paper.
 SIMULATED_TOLERANCE_M, MOVING_TOLERANCE_M, FILE_TOLERANCE_BINS = 0.04, 0.1, 10.0
@@ -45,7 +40,6 @@ class Played:
     """What the demo plays.
 
     Args:
-        frame: gives the photons of a frame by its number.
         at: gives the photons for the picture and the true depths in bins [S, rows, cols], from the time since the first
             frame, s, and the frame rate, Hz.
         tolerance_bins: largest depth error of a true detection.
@@ -54,7 +48,6 @@ class Played:
 
     title: str
     sensor: SensorModel
-    frame: Callable[[int], PhotonEvents]
     at: Callable[[float, float], tuple[PhotonEvents | None, np.ndarray | None]]
     tolerance_bins: float
     player: dict[str, object]
@@ -72,57 +65,37 @@ def add_parser(subparsers) -> None:
                         help="simulate a sensor that moves through a room, and deskew its frames by odometry")
     add("--out", metavar="DIR", type=Path, default=Path("demo-out"),
         help="folder for the results (default: %(default)s)")
-    add("--rate-hz", metavar="HZ", type=float,
-        help=f"frames per second (default: {LEAST_HZ:g} to {MOST_HZ:g}, depending on the speed of this machine)")
+    add("--rate-hz", metavar="HZ", type=float, default=RATE_HZ,
+        help="frames per second; fewer if frames are lost (default: %(default)g)")
     add("--duration-s", metavar="S", type=float, default=20.0, help="seconds to play (default: %(default)g)")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    rate_hz = MOST_HZ if args.rate_hz is None else args.rate_hz
-    require(0 < rate_hz <= 1000, "--rate-hz", rate_hz, "a rate above 0, at most 1000 Hz")
-    require(1 <= round(min(args.duration_s * rate_hz, 1e6)) < 1e6, "--duration-s", args.duration_s,
+    require(0 < args.rate_hz <= 1000, "--rate-hz", args.rate_hz, "a rate above 0, at most 1000 Hz")
+    require(1 <= round(min(args.duration_s * args.rate_hz, 1e6)) < 1e6, "--duration-s", args.duration_s,
             "time for 1 to 1e6 frames")
     importlib.import_module("rclpy")        # fails before anything is written if ROS 2 is not installed
     if args.photons:
         played = from_file(args.photons)
     else:
         played = _moving(args.motion) if args.motion else _simulated()
-    rate_hz = args.rate_hz or _rate_hz(played)
-    frames = max(round(args.duration_s * rate_hz), 1)
+    frames = round(args.duration_s * args.rate_hz)
     args.out.mkdir(parents=True, exist_ok=True)
     for name in RESULTS:        # results of an earlier run
         (args.out / name).unlink(missing_ok=True)
     join_private_network()
-    code, problem, first_ns = _play(played, frames, rate_hz, args.out)
+    code, problem, first_ns = _play(played, frames, args.rate_hz, args.out)
     if problem:
         _say(f"srt3d demo: {problem} ({args.out / LOG_NAME})")
         return 1
-    _report(played, frames, rate_hz, args.out, first_ns)
+    _report(played, frames, args.rate_hz, args.out, first_ns)
     return code
-
-
-def _rate_hz(played: Played) -> float:
-    """A frame rate that this machine can stream now, from the median time of a few frames after the first."""
-    stream, times = SketchStream(played.sensor), []
-    first, = stream.push(played.frame(0))
-    reconstruct = Reconstructor(first.sensor, first.frequencies)
-    reconstruct(first)
-    for k in range(WARM_UP):
-        started = time.perf_counter()
-        for sketch in stream.push(played.frame(1 + k)):
-            reconstruct(sketch)
-        times.append(time.perf_counter() - started)
-    frame_s = float(np.median(times))
-    rate_hz = round(min(max(SHARE / frame_s, LEAST_HZ), MOST_HZ), 1)
-    if rate_hz < MOST_HZ:
-        _say(f"{rate_hz:g} Hz instead of {MOST_HZ:g}: a frame takes {frame_s * 1e3:.0f} ms on this machine now")
-    return rate_hz
 
 
 def _simulated() -> Played:
     simulator = Simulator(**SCENE)
-    return Played("simulated moving scene", simulator.sensor, lambda k: simulator.frame(k)[0],
+    return Played("simulated moving scene", simulator.sensor,
                   lambda time_s, rate_hz: simulator.frame(round(time_s * rate_hz)),
                   SIMULATED_TOLERANCE_M / simulator.sensor.bin_width_m, {"input": "simulator", **SCENE})
 
@@ -132,8 +105,7 @@ def _moving(motion: str) -> Played:
 
     sensor = moving_sensor()
     view = MovingView(Room(), MOTIONS[motion], sensor)
-    simulator = Simulator(view, sensor, **SCENE)
-    return Played(f"simulated room, seen by a moving sensor ({motion})", sensor, lambda k: simulator.frame(k)[0],
+    return Played(f"simulated room, seen by a moving sensor ({motion})", sensor,
                   lambda time_s, rate_hz: (None, sensor.depth_bins(view.at(time_s)[0][None])),
                   MOVING_TOLERANCE_M / sensor.bin_width_m, {"input": "simulator", "motion": motion, **SCENE},
                   {"motion": "odom", "packets_per_frame": PACKETS, "extrinsics": extrinsics()})
@@ -146,10 +118,8 @@ def from_file(path: str) -> Played:
     for note in photons.notes:
         _say(f"note: {note}")
     shown = photons.frame if isinstance(photons.frame, PhotonEvents) else None
-    events = photons.events
-    return Played(photons.name, photons.sensor, lambda k: events,
-                  lambda time_s, rate_hz: (shown, photons.reference_depth_bins), FILE_TOLERANCE_BINS,
-                  {"input": str(Path(path).absolute())})
+    return Played(photons.name, photons.sensor, lambda time_s, rate_hz: (shown, photons.reference_depth_bins),
+                  FILE_TOLERANCE_BINS, {"input": str(Path(path).absolute())})
 
 
 def _play(played: Played, frames: int, rate_hz: float, out: Path) -> tuple[int, str, int]:
@@ -197,21 +167,17 @@ def _report(played: Played, frames: int, rate_hz: float, out: Path, first_ns: in
     figures = {"photons per pixel": summary["ppp"]["median"], "points": len(clouds[drawn]),
                "latency": f"{summary['latency_ms']['total']['p50']:.0f} ms"}
     if metrics:
-        facts |= _accuracy(metrics, played.tolerance_bins, sensor.bin_width_m * 1e3)
+        bin_mm = sensor.bin_width_m * 1e3
+        true, false, dae_bins = np.nanmean(
+            [(one.true_detections, one.false_detections, one.dae_bins) for one in metrics], axis=0)
+        facts |= {"frames_judged": len(metrics), "tolerance_mm": round(played.tolerance_bins * bin_mm, 2),
+                  "true_detections_percent": round(100 * true, 2), "false_detections_percent": round(100 * false, 2),
+                  "dae_bins": round(dae_bins, 3), "dae_mm": round(dae_bins * bin_mm, 3)}
         figures["mean depth error"] = f"{facts['dae_mm']:.3g} mm"
-    draw_overview(out / PICTURE, clouds[drawn], sensor, expected[drawn][0], played.title, figures)
+    draw_overview(out / PICTURE, clouds[drawn], expected[drawn][0], played.title, figures)
     (out / SUMMARY).write_text(json.dumps(summary | facts, indent=2) + "\n")
     _say("\n" + align([*rows(summary), *((name.replace("_", " "), str(value)) for name, value in facts.items())]))
     _say(f"\n{out}/  {PICTURE}  {RECORDING} (open it with `rerun`)  {SUMMARY}  {LOG_NAME}")
-
-
-def _accuracy(metrics: list[Metrics], tolerance_bins: float, bin_mm: float) -> dict[str, float]:
-    """The mean metrics of the judged frames."""
-    true, false, dae_bins = np.nanmean(
-        [(one.true_detections, one.false_detections, one.dae_bins) for one in metrics], axis=0)
-    return {"frames_judged": len(metrics), "tolerance_mm": round(tolerance_bins * bin_mm, 2),
-            "true_detections_percent": round(100 * true, 2), "false_detections_percent": round(100 * false, 2),
-            "dae_bins": round(dae_bins, 3), "dae_mm": round(dae_bins * bin_mm, 3)}
 
 
 def _say(text: str) -> None:

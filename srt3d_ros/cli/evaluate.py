@@ -10,11 +10,12 @@ from srt3d_ros.core.method.thresholds import MAX_SURFACES
 from srt3d_ros.core.methods import METHODS, find
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.datasets import SIMULATOR
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import require
 from srt3d_ros.evaluation.cases import SCENES, Case, of_files, simulated
 
 SCENE_DEFAULTS = {"sbr": [10.0, 1.0, 0.1], "ppp": [1.0, 10.0, 100.0], "repeats": 1}
 HEAD_DEFAULTS = {"sbr": [1.0], "ppp": [10.0], "repeats": 1}         # of `simulator`
+FILE_OPTIONS = ("sensor_file", "held_out_photons")
 NO_FIGURES = "no figures: matplotlib is missing (pip install '.[pictures]' in the clone)"
 
 
@@ -47,9 +48,6 @@ def add_parser(subparsers) -> None:
                                   help="random draws of each setting, averaged (default: 1)")
     photon_files = parser.add_argument_group("photon files")
     common.add_sensor_file(photon_files)
-    photon_files.add_argument("--align", nargs="+", type=int, metavar="S",
-                              help="references, numbered from 1, that were measured with another zero: shift each by "
-                                   "its median offset from the cloud")
     photon_files.add_argument("--held-out-photons", type=float, metavar="SHARE",
                               help="keep this share of the photons out of the reconstruction and score how well the "
                                    "cloud predicts them (default: 0.4 for a file without a reference, else 0)")
@@ -89,8 +87,7 @@ def run(args: argparse.Namespace) -> int:
         else:
             draw(folder, means, drawn)
         bar.set_description("done")
-    for note in notes:
-        print(f"srt3d: {note}", file=sys.stderr)
+    common.print_notes(notes)
     print(f"{_within(cases)}\n\n{scores.markdown(means)}\n\n{folder}/  results.csv  *.png")
     return 0
 
@@ -101,24 +98,17 @@ def _cases(args: argparse.Namespace) -> list[Case]:
     scenes = {scene: dict(SCENE_DEFAULTS) for scene in args.scene or (() if args.files else SCENES)}
     if len(files) < len(args.files):
         scenes.setdefault("bust", dict(HEAD_DEFAULTS))
-    unused = (() if scenes else SCENE_DEFAULTS, () if files else ("align", "sensor_file"))
-    for names, inputs in zip(unused, ("simulated scenes: add --scene", "photon files")):
+    for names, inputs, there in ((SCENE_DEFAULTS, "simulated scenes: add --scene", scenes),
+                                 (FILE_OPTIONS, "photon files", files and not (args.held_out_photons and scenes))):
         for name in common.given(args, names):
             option = f"--{name.replace('_', '-')}"
-            raise InvalidInput(option, problem=f"{option} works only with {inputs}.")
-    align = args.align or ()
+            require(there, option, problem=f"{option} works only with {inputs}.")
+    share = args.held_out_photons
     require(args.repeats is None or args.repeats >= 1, "--repeats", args.repeats, "1 or more")
-    require(min(align, default=1) >= 1, "--align", min(align, default=1), "references, numbered from 1")
     require(args.surfaces is None or 1 <= args.surfaces <= MAX_SURFACES, "--surfaces", args.surfaces,
             f"1 to {MAX_SURFACES}")
-    share = args.held_out_photons
     require(share is None or 0 <= share < 1, "--held-out-photons", share, "a share of the photons, 0 to below 1")
-    require(share is None or (files and not scenes), "--held-out-photons",
-            problem="--held-out-photons works with photon files only: simulated scenes are compared with the truth.")
-    cases = of_files(files, args.tolerance, args.surfaces, [number - 1 for number in align], share,
-                     **common.given_sensor(args))
-    for number in align:
-        require(any(number - 1 in case.aligned for case in cases), "--align", number, "a reference of a file")
+    cases = of_files(files, args.tolerance, args.surfaces, share, **common.given_sensor(args))
     for scene, settings in scenes.items():
         settings |= common.given(args, settings)
         cases += simulated(scene, settings["sbr"], settings["ppp"], settings["repeats"], args.tolerance, args.surfaces)
@@ -137,21 +127,12 @@ def _within(cases: Sequence[Case]) -> str:
 
 
 def _cases_to_draw(cases: Sequence[Case]) -> set[Case]:
-    """The cases to draw: every file, and of a scene at each SBR the one with the fewest photons.
-
-    Where a scene has cases with half a signal photon per pixel or more, only these count.
-    """
-    chosen: dict[tuple, Case] = {}
+    """The cases to draw: every file, and of a scene at each SBR the one with the middle number of photons."""
+    alike: dict[tuple, list[Case]] = {}
     for case in sorted(cases, key=lambda case: case.ppp or 0):
-        key = (case.source, case.sbr)
-        if case.repeat == 1 and (key not in chosen or _signal(chosen[key]) < 0.5):
-            chosen[key] = case
-    return set(chosen.values())
-
-
-def _signal(case: Case) -> float:
-    """Mean signal photons per pixel; 0 for a file."""
-    return 0.0 if case.sbr is None else case.ppp / (1 + 1 / case.sbr)
+        if case.repeat == 1:
+            alike.setdefault((case.source, case.sbr), []).append(case)
+    return {group[len(group) // 2] for group in alike.values()}
 
 
 def _results_folder(path: Path) -> Path:

@@ -28,15 +28,15 @@ OPTIONS_FILE = "options.json"
 OF_THE_RUN = ("output", "frame", "frames", "format", "jobs", "dask", "json", "run")     # arguments that change no cloud
 FAILED = 1
 ONE_AT_A_TIME = Lock()      # a worker of Dask may have several threads, but a frame uses them all
-GONE = ("A process has died, or the cluster has gone, for lack of memory perhaps. Give the command again, with fewer "
-        "--jobs: it goes on where it stopped.")
+GONE = "A worker ended, possibly out of memory. Run again with fewer --jobs to resume."
 
 
 def run(args: argparse.Namespace, options: dict) -> int:
     """Reconstruct the frames that are not in the folder yet; `options` are those of api.reconstruct."""
-    from srt3d_ros.datasets import cloud_files, many_frames
+    from srt3d_ros import datasets
+    from srt3d_ros.datasets import cloud_files
 
-    numbers = many_frames.numbers(args.input, args.frames, args.photons_topic)
+    numbers = datasets.frame_numbers(args.input, args.frames, args.photons_topic)
     require(args.frame == 0, "--frame", args.frame, "none beside --frames")
     require(args.jobs is None or args.jobs > 0, "--jobs", args.jobs, "1 or more")
     cloud_files.check_format(Path(f"0.{args.format}"))
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace, options: dict) -> int:
         there = set(os.listdir(folder))
         name_of = f"{{:06d}}.{args.format}".format
         left = [number for number in numbers if name_of(number) not in there]
-        loaders = many_frames.loaders(args.input, left, args.photons_topic, **common.overrides(args)) if left else ()
+        loaders = datasets.frame_loaders(args.input, left, args.photons_topic, **common.overrides(args)) if left else ()
         tasks = ((number, partial(reconstruct, load, options, folder / name_of(number), threads))
                  for number, load in loaders)
         steps = progress(range(len(left)), "reconstructing")

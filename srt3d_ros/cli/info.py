@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     found = describe(photons)
     facts, gate = found.facts, found.gate
     if args.output is not None:
-        from srt3d_ros.pictures.photon_histogram import draw_histogram
+        from srt3d_ros.pictures.figures import draw_histogram
 
         draw_histogram(args.output, found.histogram, found.counts, photons.sensor, gate, Path(args.input).name)
         facts["output"] = str(args.output)

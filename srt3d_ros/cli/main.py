@@ -4,6 +4,7 @@ import argparse
 import importlib
 import os
 import sys
+from collections.abc import Collection
 
 from srt3d_ros import __version__
 from srt3d_ros.errors import BAD_INPUT, InvalidInput, printable
@@ -49,7 +50,7 @@ def main(argv: list[str] | None = None) -> int:
     Returns:
         The exit code: 0 done, 1 failed, 2 bad input, 130 interrupted.
     """
-    argv = sys.argv[1:] if argv is None else argv
+    argv, args = sys.argv[1:] if argv is None else argv, argparse.Namespace()
     named = argv[0] if argv and argv[0] in COMMANDS else ""
     try:
         top = parser((named,) if named else COMMANDS)
@@ -70,7 +71,7 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     except InvalidInput as error:
-        return _say(str(error), BAD_INPUT)
+        return _say(_in_flags(error, vars(args)), BAD_INPUT)
     except OSError as error:
         if error.filename is None:
             raise
@@ -81,6 +82,16 @@ def main(argv: list[str] | None = None) -> int:
         ros = "source a ROS 2 installation, or " if EXTRAS[error.name] == "ros" else ""
         extra = "review" if named in DRAWING and EXTRAS[error.name] in ("record", "pictures") else EXTRAS[error.name]
         return _say(f"{error.name} is not installed: {ros}pip install '.[{extra}]' in the clone", FAILED)
+
+
+def _in_flags(error: InvalidInput, options: Collection[str]) -> str:
+    """The error with the option of the command line where the library names its argument."""
+    name = error.field
+    if name not in options or name == "input":
+        return str(error)
+    flag = f"--{name.replace('_', '-')}"
+    problem = error.problem.replace(name, flag) if "_" in name else error.problem       # others may be plain words
+    return str(InvalidInput(flag, error.value, error.expected, problem))
 
 
 def _say(message: str, code: int) -> int:

@@ -14,8 +14,7 @@ import textwrap
 from srt3d_ros.errors import require
 from srt3d_ros.processes.node_command import NODES, PLAYER, namespace_arguments, parameter_arguments
 
-NO_PARAMETERS = ("run", "namespace", "remap", "ros_args")
-CLOCK_HZ = 40.0     # as of `ros2 bag play --clock`
+NO_PARAMETERS = ("run", "namespace", "remap")
 
 
 def add_parser(subparsers) -> None:
@@ -43,15 +42,9 @@ def add_parser(subparsers) -> None:
     add("--motion", metavar="HOW",
         help="walk: move the simulator's sensor and publish its pose on `odom` (docs/motion.md)")
     add("--rate", type=float, metavar="X", help="bag: X times as fast as recorded (default: 1)")
-    add("--loop", action="store_true", default=None, help="bag: begin again at its end")
-    add("--start-offset", type=float, metavar="S", help="bag: begin S seconds after its first message")
-    add("--clock", type=float, nargs="?", const=CLOCK_HZ, metavar="HZ",
-        help=f"bag: publish its time on /clock (default: at {CLOCK_HZ:g} Hz)")
     add("--namespace", metavar="NS", help="namespace of the node and its topics; a bag's photons leave theirs")
     add("-r", dest="remap", metavar="TOPIC:=NAME", action="append", default=[],
         help="rename a topic; may be repeated")
-    add("--ros-args", nargs=argparse.REMAINDER, default=[], metavar="…",
-        help="all following arguments go to ROS 2: remappings, parameters, …")
     parser.set_defaults(run=_play)
 
 
@@ -75,7 +68,7 @@ def _play(args: argparse.Namespace) -> int:
     for rule in args.remap:
         require(all(rule.partition(":=")), "-r", rule, "TOPIC:=NAME")
         names += ["-r", rule]
-    return start(PLAYER, [*parameter_arguments(given), *names, *args.ros_args])
+    return start(PLAYER, [*parameter_arguments(given), *names])
 
 
 def start(name: str, ros_args: list[str]) -> int:

@@ -1,18 +1,18 @@
 """`srt3d reconstruct`: reconstruct a photon file or a frame of a bag, without ROS, and save the point cloud."""
 
 import argparse
+from dataclasses import replace
 
 from srt3d_ros.cli import common
-from srt3d_ros.core.method.background import BACKGROUNDS
-from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE
-from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS
-from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
+from srt3d_ros.core.keys import keys
+from srt3d_ros.core.methods import METHODS, MethodOptions
+from srt3d_ros.core.sketching import design
 from srt3d_ros.core.sketching.gate import AUTO, OFF
 from srt3d_ros.errors import require
-from srt3d_ros.kernels.devices import DEVICES
 
 NPZ = "npz"
-METHOD_OPTIONS = ("method", "sketch_size", "frequencies", "surfaces", "device", "false_alarm_rate", "background")
+OPTIONS = design.OPTIONS | keys(MethodOptions) | {
+    "frequencies": replace(design.OPTIONS["frequencies"], default="those of the method's paper; pooled: auto")}
 
 
 def add_parser(subparsers) -> None:
@@ -25,25 +25,8 @@ def add_parser(subparsers) -> None:
     parser.add_argument("-o", "--output", "--out", metavar="OUT", required=True,
                         help="cloud file: .npz (everything), .ply, .rrd (for rerun); or a picture of it: .png, .jpg; "
                              "with --frames, a folder")
-    parser.add_argument("--sketch-size", type=int, metavar="M",
-                        help=f"complex numbers per pixel (default: {DEFAULT_SKETCH_SIZE})")
-    parser.add_argument("--frequencies", metavar="auto|consecutive|k1,k2,…",
-                        help="frequencies to keep: auto (best for the IRF), consecutive (1 … M), or a list (default: "
-                             "those with which the method was published; pooled: auto)")
-    parser.add_argument("--surfaces", type=int, default=1, metavar="K", help="most surfaces per pixel (default: 1)")
-    parser.add_argument("--method", default=DEFAULT_METHOD, metavar="NAME",
-                        help=f"{', '.join(METHODS)} (default: {DEFAULT_METHOD})")
-    parser.add_argument("--device", default="auto", choices=DEVICES,
-                        help="where to compute (default: auto, a GPU if it passes a check)")
-    parser.add_argument("--false-alarm-rate", type=float, metavar="P",
-                        help="pooled: fraction of the pixels without a surface that may show a false point (default: "
-                             f"{DEFAULT_FALSE_ALARM_RATE:g})")
-    parser.add_argument("--background", choices=BACKGROUNDS,
-                        help="pooled: distribution of the background over the bins: auto (default; measured in the "
-                             "frame, flat unless significantly uneven), sensor (from the file), or flat")
-    parser.add_argument("--gate", default=OFF, metavar="FIRST-LAST|auto|off",
-                        help="use only the photons in bins FIRST to LAST, or where the histogram of all photons "
-                             "shows a scene (auto); T becomes the number of these bins (default: off)")
+    common.add_options(parser, OPTIONS)
+    parser.set_defaults(gate=OFF)
     many = parser.add_argument_group("many frames")
     many.add_argument("--frames", metavar="all|FIRST-LAST",
                       help="reconstruct each of these frames of a bag or log into a file of its own in the folder OUT; "
@@ -63,7 +46,9 @@ def run(args: argparse.Namespace) -> int:
     from srt3d_ros.datasets import cloud_files
     from srt3d_ros.files.new_files import check_not_input
 
-    options = common.given(args, METHOD_OPTIONS) | {"gate": args.gate if args.gate == AUTO else OFF}
+    options = common.given(args, OPTIONS)
+    if args.gate != AUTO:
+        options["gate"] = OFF           # `common.overrides` has it
     if args.frames is not None:
         return frames.run(args, options)
     for name, given in (("--format", args.format != NPZ), ("--jobs", args.jobs), ("--dask", args.dask)):

@@ -14,8 +14,8 @@ def add_parser(subparsers) -> None:
         description="Print the figures of a recording (.rrd) and write a report with pictures and plots that opens in "
                     "any browser.")
     parser.add_argument("recording", metavar="RECORDING", type=Path, help="the .rrd file")
-    parser.add_argument("-o", "--output", metavar="OUT", type=Path, help="the report (default: RECORDING.html)")
-    parser.add_argument("--no-report", action="store_true", help="print the figures only")
+    parser.add_argument("-o", "--output", metavar="OUT", type=Path,
+                        help="the report (default: RECORDING.html; with --json: none)")
     common.add_json(parser)
     parser.set_defaults(run=run)
 
@@ -25,23 +25,19 @@ def run(args: argparse.Namespace) -> int:
     from srt3d_ros.review.recorded import Recorded
     from srt3d_ros.review.summary import format_summary, summarise
 
-    report = args.output or args.recording.with_suffix(".html")
-    require(args.output is None or not args.no_report, "-o",
-            problem="-o and --no-report contradict each other: leave one out.")
-    require(report.suffix.lower() in (".html", ".htm"), "-o", str(report), "a file name that ends in .html or .htm")
-    if not args.no_report:
+    report = args.output or (None if args.json else args.recording.with_suffix(".html"))
+    if report:
+        require(report.suffix.lower() in (".html", ".htm"), "output", str(report), "a name that ends in .html")
         check_not_input(report, args.recording)
         check_place(report)
     recorded = Recorded.read(args.recording)
     summary = summarise(recorded)
     if not args.json:
         print(format_summary(summary), flush=True)
-    if not args.no_report:
+    if report:
         from srt3d_ros.review.report import write_report
 
         write_report(recorded, summary, report)
-    if args.json:
-        print(json.dumps(summary | {"report": None if args.no_report else str(report)}, allow_nan=False))
-    elif not args.no_report:
-        print(f"\n{report}")
+    print(json.dumps(summary | {"report": str(report) if report else None}, allow_nan=False) if args.json
+          else f"\n{report}")
     return 0

@@ -2,7 +2,6 @@
 
 import argparse
 import importlib
-import json
 import re
 import sys
 import tempfile
@@ -12,7 +11,8 @@ from pathlib import Path
 from srt3d_ros import __version__
 from srt3d_ros.cli import health, node
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.files import shared_files
+from srt3d_ros.files import shared_file
+from srt3d_ros.kernels.devices import DEVICES
 from srt3d_ros.processes.node_command import PLAYER, check_parameter, namespace_arguments
 from srt3d_ros.processes.supervisor import supervise
 
@@ -22,26 +22,22 @@ NODE_OPTIONS = {"sensor_file": ("sketcher", "sensor_file"), "device": ("reconstr
 LOG_LEVELS = ("debug", "info", "warn", "error", "fatal")
 ABOUT = """\
 Run the sketcher and the reconstructor, each as a process; --input adds the
-player, --record the recorder. Photons come from --input, or from a driver that
-publishes `sensor` and `photons`, `gates` or `histograms`. Ctrl-C stops the
-nodes in order, the recorder last. A node that dies is started again, at most 5
-times in a minute (the player, which begins again, 5 times in all). After that
-all end, except that points go on without a recorder."""
+player, --record the recorder. Without --input, photons come from your driver.
+Ctrl-C stops the nodes in order. A node that dies is started again, at most 5
+times in a minute (the player: 5 times in all); then all end, but points go on
+without a recorder."""
 EXAMPLES = """\
 examples:
   a moving scene, no sensor needed:
     srt3d up --input simulator --record run.rrd
   your own driver:
     srt3d up -r photons:=/spad/raw -r sensor:=/spad/sensor
-  a driver that publishes only gates:
-    srt3d up --config spad_32x32_gates --sensor-file my.json
-  a namespace and a parameter of a node:
-    srt3d up --namespace front -p sketcher.sketch_size:=5
+  parameters of a driver's frames, and of a node:
+    srt3d up --config spad_32x32_gates -p sketcher.sketch_size:=5
 
-precedence: -p, other options, --config (the last first). config/srt3d.yaml
+precedence: -p, other options, --config (later files win). config/srt3d.yaml
 lists every parameter. Exit code: 0 after Ctrl-C or at the player's end, 3 if
-frames of the player were lost, otherwise that of the node that ended all, or of
-a recorder that failed."""
+frames of the player were lost, otherwise that of the node that failed."""
 
 
 def add_parser(subparsers) -> None:
@@ -53,7 +49,7 @@ def add_parser(subparsers) -> None:
     add("--sensor-file", metavar="FILE", help="sensor description (.json), if the driver publishes none")
     add("--config", metavar="FILE", action="append", default=[],
         help="parameter file, or the name of one in the package; may be repeated")
-    add("--device", metavar="DEVICE", help="where to reconstruct: auto, cpu or cuda")
+    add("--device", choices=DEVICES, help="where to reconstruct")
     add("--record", metavar="FILE", help="recording to write (.rrd)")
     add("--namespace", metavar="NS", help="namespace of all nodes and topics")
     add("-r", dest="remap", metavar="TOPIC:=NAME", action="append", default=[],
@@ -92,39 +88,42 @@ def parameters_yaml(args: argparse.Namespace, specs: list) -> str:
     """A parameter file with the options and -p, since ROS 2's `-p NODE:NAME:=VALUE` finds no node in a namespace.
 
     Raises:
-        InvalidInput: a -p has another form, or names an unknown node or parameter.
+        InvalidInput: a -p has another form, names an unknown node or parameter, or has a value that it cannot have.
     """
     import yaml  # comes with rclpy
 
-    values: dict[str, dict[str, str]] = {spec.name: {} for spec in specs}
+    values: dict[str, dict[str, object]] = {spec.name: {} for spec in specs}
+    tables = {spec.name: {parameter.name: parameter for parameter in spec.table} for spec in specs}
     for option, (name, parameter) in NODE_OPTIONS.items():
         if getattr(args, option):
-            values[name][parameter] = json.dumps(getattr(args, option), ensure_ascii=False)
+            values[name][parameter] = getattr(args, option)
     if PLAYER in values:
-        values[PLAYER]["wait_for"] = json.dumps(" ".join(name for name in reversed(values) if name != PLAYER))
+        values[PLAYER]["wait_for"] = " ".join(name for name in reversed(values) if name != PLAYER)
     for setting in args.set:
-        where, assigned, value = setting.partition(":=")
+        where, assigned, text = setting.partition(":=")
         name, _, parameter = where.partition(".")
-        require(assigned and parameter and name in values and "\n" not in value, "-p", setting,
+        require(assigned and parameter and name in values, "-p", setting,
                 f"NODE.PARAMETER:=VALUE, NODE one of {', '.join(values)}")
-        try:        # ROS 2 would refer to a line of the temporary file
-            yaml.safe_load(value)
+        check_parameter(name, parameter, tables[name])
+        try:
+            value = yaml.safe_load(text)
         except yaml.YAMLError:
             raise InvalidInput("-p", setting, "NODE.PARAMETER:=VALUE, VALUE as in a YAML file") from None
-        check_parameter(name, parameter, [one.name for spec in specs if spec.name == name for one in spec.table])
+        if parameter in tables[name]:
+            try:
+                value = tables[name][parameter].check(value)
+            except InvalidInput as error:
+                raise InvalidInput(f"-p {where}", error.value, error.expected, error.problem) from None
         values[name][parameter] = value
-    lines = []
-    for name, given in values.items():
-        if given:
-            lines += [f"/**/{name}:", "  ros__parameters:", *(f"    {key}: {value}" for key, value in given.items())]
-    return "\n".join(lines or ["/**:", "  ros__parameters: {}"]) + "\n"
+    nodes = {f"/**/{name}": {"ros__parameters": given} for name, given in values.items() if given}
+    return yaml.safe_dump(nodes or {"/**": {"ros__parameters": {}}}, allow_unicode=True)
 
 
 def ros_arguments(args: argparse.Namespace, specs: list, own_file: str) -> list[str]:
     """The options as arguments for ROS 2; `own_file`: the path of the file from `parameters_yaml`."""
     out = ["--ros-args"]
     for config in args.config:
-        path = shared_files.find(f"config/{config}.yaml") or Path(config)
+        path = shared_file(f"config/{config}.yaml") or Path(config)
         require(isfile(path), "--config", config, "a parameter file, or the name of one in the package")
         out += ["--params-file", str(path)]
     out += ["--params-file", own_file]

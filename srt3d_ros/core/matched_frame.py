@@ -1,21 +1,22 @@
-"""MatchedFrame: a sketch without delay and IRF of its pixels, on which the iterations work."""
+"""MatchedFrame: a sketch after correction for per-pixel delay and IRF, on which the iterations work."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.point_cloud import PointCloud
+from srt3d_ros.core.point_cloud import PointCloud, listing
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum, passed_energy
 from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS, PhaseSums, check_frequencies
 from srt3d_ros.errors import require
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.contract import Kernels
+from srt3d_ros.kernels.contract import Array
+from srt3d_ros.kernels.devices import kernels_for
 
 MAX_SUM = 1.001 * MAX_PIXEL_PHOTONS       # leaves room for rounding
 TABLE_STEPS = 256           # of the background table
-TILTS_TOGETHER = 2**22            # numbers computed at once, to bound memory
 BETWEEN = 8                 # depths between two bins, to average over
 WEAKEST_PASSBAND = 0.25     # equalise a pixel's |ĥ| only where it is more than this times the mean of the pixels
 
@@ -28,10 +29,11 @@ class MatchedFrame:
     surface add up. A gain g multiplies signal and background photons alike, so it acts as an exposure time.
 
     Args:
-        matched: float32 [rows, 2m, cols], conj(ĥ_l) · sums_l, real parts before imaginary ones; 0 in masked pixels.
-        counts: float32 [rows, cols], photons; of background alone, twice the variance of each part of
+        matched: float32 [rows', 2m, cols'], conj(ĥ_l) · sums_l, real parts before imaginary ones; 0 in masked pixels.
+        counts: float32 [rows', cols'], photons; of background alone, twice the variance of each part of
             `matched` / ĥ_l; 0 in masked pixels.
-        exposure: float32 [rows, cols], g; 0 in masked pixels.
+        exposure: float32 [rows', cols'], g; 0 in masked pixels.
+        shape: rows, cols, of which the maps have more for padding (`kernels.maps`).
         energy: float32 [m], |ĥ_l|².
         bin_frequencies: float32 [m], k_l / T.
         filters: [cells, 2m], cos(2π k_l c / cells) before sin: the matched filters of `match`, on its grid of depths.
@@ -46,29 +48,23 @@ class MatchedFrame:
         curvature: Σ ω_l² |ĥ_l|², bins⁻²: times r², the curvature of the data term in depth.
         clutter: float32 [T], 1 or more: standard deviation of matched filters at each bin, relative to an even
             background.
-        size: rows, cols if the maps are padded (`kernels.maps`): float32 [rows', 2m, cols'] and [rows', cols'].
     """
 
-    matched: np.ndarray
-    counts: np.ndarray
-    exposure: np.ndarray
-    energy: np.ndarray
-    bin_frequencies: np.ndarray
-    filters: np.ndarray
+    matched: Array
+    counts: Array
+    exposure: Array
+    shape: tuple[int, int]
+    energy: Array
+    bin_frequencies: Array
+    filters: Array
     num_bins: int
-    moments: np.ndarray
-    intensity_moments: np.ndarray
+    moments: Array
+    intensity_moments: Array
     max_response: float
-    background_table: np.ndarray
+    background_table: Array
     total_energy: float
     curvature: float
-    clutter: np.ndarray
-    size: tuple[int, int] | None = None
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """rows, cols."""
-        return self.size or self.counts.shape
+    clutter: Array
 
     @property
     def resolution_bins(self) -> float:
@@ -77,45 +73,45 @@ class MatchedFrame:
 
 
 class Matcher:
-    """Makes MatchedFrames of sketches; computes once what depends on sensor and frequencies alone.
+    """What turns sketches into MatchedFrames: all that depends on sensor and frequencies alone.
+
+    Attributes:
+        equaliser: complex64 [1 or rows, 1 or cols, m]: `matched` is equaliser · sums.
+        passed: the same shape: a background photon at bin x adds passed · exp(i ω_l x), whatever the pixel's delay.
+        used: float32 [rows, cols], 1, or 0 in masked pixels.
+        spectrum, energy: complex [m], float32 [m]: ĥ_l and |ĥ_l|², means over the pixels.
+        constants: the other fields of a MatchedFrame.
 
     Raises:
         InvalidInput: impossible frequencies, or the IRF passes none of them.
     """
 
-    def __init__(self, sensor: SensorModel, frequencies):
-        self.sensor = sensor
-        self.frequencies = frequencies = check_frequencies(frequencies, sensor.num_bins)
-        omega = angular_frequencies(frequencies, sensor.num_bins)
-        spectrum = np.atleast_2d(irf_spectrum(sensor, frequencies))                    # [1 or pixels, m]
-        energy = passed_energy(spectrum, frequencies)
+    def __init__(self, sensor: SensorModel, frequencies: Sequence[int]):
+        self.sensor, self.frequencies = sensor, check_frequencies(frequencies, sensor.num_bins)
+        omega = angular_frequencies(self.frequencies, sensor.num_bins)
+        spectrum = np.atleast_2d(irf_spectrum(sensor, self.frequencies))               # [1 or pixels, m]
+        energy = passed_energy(spectrum, self.frequencies)
         weakest = np.maximum(np.abs(spectrum)**2, energy * WEAKEST_PASSBAND**2)
         equaliser = np.conj(spectrum) * energy / weakest
-        self.passed = self._map(equaliser)      # before delays: background does not depend on them
+        self.passed = self._map(equaliser)
         if sensor.delay_bins is not None:
             equaliser = equaliser * np.exp(-1j * np.outer(sensor.delay_bins.reshape(-1), omega))
         if sensor.mask is not None:
             equaliser = equaliser * sensor.mask.reshape(-1, 1)
-        self.equaliser = self._map(equaliser)
-        self.used = np.ones((sensor.rows, sensor.cols), np.float32) if sensor.mask is None else np.float32(sensor.mask)
-        self.spectrum = spectrum.mean(axis=0)
-        self.energy = energy = energy.astype(np.float32)
+        self.equaliser, self.used = self._map(equaliser), sensor.used.astype(np.float32)
+        self.spectrum, self.energy = spectrum.mean(axis=0), energy.astype(np.float32)
         bin_frequencies = (omega / (2 * np.pi)).astype(np.float32)
+        moments, intensity_moments = _score_moments(sensor, omega, np.conj(self.spectrum), self.energy)
         max_response, background_table = _background_table(self.spectrum, self.frequencies)
-        self.moments, intensity_moments = _score_moments(sensor, omega, np.conj(self.spectrum), energy)
         cells = 16 * math.ceil(max(self.frequencies) / 4)
         turns = np.outer(np.arange(cells), self.frequencies) * (2 * np.pi / cells)
-        filters = np.concatenate([np.cos(turns), np.sin(turns)], axis=1)
-        self._constants = {
-            "exposure": sensor.exposure, "energy": energy, "bin_frequencies": bin_frequencies, "filters": filters,
-            "num_bins": sensor.num_bins, "moments": self.moments, "intensity_moments": intensity_moments,
+        self.constants = {
+            "exposure": maps.pad(sensor.exposure), "shape": (sensor.rows, sensor.cols), "energy": self.energy,
+            "bin_frequencies": bin_frequencies, "filters": np.concatenate([np.cos(turns), np.sin(turns)], axis=1),
+            "num_bins": sensor.num_bins, "moments": moments, "intensity_moments": intensity_moments,
             "max_response": max_response, "background_table": background_table,
-            "total_energy": float(energy.sum()), "curvature": float((energy * (2 * np.pi * bin_frequencies)**2).sum())}
-
-    def on(self, kernels: Kernels) -> "SensorOnDevice":
-        """What matches sketches on the device of kernels."""
-        exposure = self.sensor.exposure
-        return SensorOnDevice(self, self._constants | {"exposure": maps.pad(exposure), "size": exposure.shape}, kernels)
+            "total_energy": float(self.energy.sum()),
+            "curvature": float((self.energy * (2 * np.pi * bin_frequencies)**2).sum())}
 
     def check(self, sketch: PhaseSums) -> None:
         """Raise InvalidInput unless it is a Sketch of this size, these frequencies, and sums that photons can give."""
@@ -124,12 +120,8 @@ class Matcher:
         require(sketch.frequencies == self.frequencies, "sketch frequencies", list(sketch.frequencies),
                 f"{list(self.frequencies)}")
         require(sketch.photons.shape == shape, "sketch size", tuple(sketch.photons.shape), f"rows × cols = {shape}")
-        parts = np.ascontiguousarray(sketch.sums, np.complex64).view(np.float32)
-        flat = parts.ravel()
-        with np.errstate(over="ignore"):
-            longest = float(np.sqrt(flat @ flat))   # an upper bound in one pass; NaN if any number is
-        if not longest <= MAX_SUM:
-            longest = float(max(parts.max(), -parts.min()))
+        parts = np.ascontiguousarray(sketch.sums).view(np.float32)
+        longest = float(max(parts.max(), -parts.min()))         # NaN if any number is
         require(longest <= MAX_SUM, "sketch", longest, "sums of unit vectors, as many as photons, everywhere")
 
     def _map(self, values: np.ndarray) -> np.ndarray:
@@ -139,60 +131,59 @@ class Matcher:
 
 
 class SensorOnDevice:
-    """Matches sketches and lists points of one sensor with arrays on a device.
+    """One sensor's arrays on a device: matches sketches there and lists points.
 
     Attributes:
+        kernels: those of the device, for frames of the sensor with `surfaces` a pixel.
         passed: `Matcher.passed`.
     """
 
-    def __init__(self, matcher: Matcher, constants: dict, kernels: Kernels):
+    def __init__(self, matcher: Matcher, device: str, surfaces: int):
         sensor = self._sensor = matcher.sensor
-        self._kernels, self._constants = kernels, {
-            name: kernels.array(value) if isinstance(value, np.ndarray) else value for name, value in constants.items()}
-        self.passed, self._equaliser, self._used, self._rays, self._even = map(kernels.array, (
-            matcher.passed, matcher.equaliser, matcher.used, sensor.rays, np.ones(sensor.num_bins, np.float32)))
+        kernels = self.kernels = kernels_for(device).for_shape(sensor.rows, sensor.cols, surfaces, matcher.frequencies)
+        self._constants = {name: kernels.array(value) if isinstance(value, np.ndarray) else value
+                           for name, value in matcher.constants.items()}
+        self.passed, self._equaliser = kernels.array(matcher.passed), kernels.array(matcher.equaliser)
+        self._used, self._even = kernels.array(matcher.used), kernels.array(np.ones(sensor.num_bins, np.float32))
+        rays, *self._scale = listing(sensor)
+        self._rays = kernels.array(rays)
 
-    def match(self, photons, sums, background=None, mean=None, clutter=None) -> tuple:
-        """The padded MatchedFrame of a sketch, and the background photons that were taken out of it, or None.
+    def match(self, photons: Array, sums: Array, background: Array | None = None, mean: Array | None = None,
+              clutter: Array | None = None) -> tuple[MatchedFrame, Array | None]:
+        """The MatchedFrame of a sketch, and the background photons that were taken out of it, or None.
 
         The last three arguments are those of `background.RemovedBackground`.
         """
-        taken = None if background is None else self._kernels.local_mean(background, self._used)
-        matched, counts = self._kernels.prepare(sums, photons, self._equaliser, self._used, taken, self.passed, mean)
+        taken = None if background is None else self.kernels.local_mean(background, self._used)
+        matched, counts = self.kernels.prepare(sums, photons, self._equaliser, self._used, taken, self.passed, mean)
         clutter = self._even if clutter is None else clutter
         return MatchedFrame(matched, counts, clutter=clutter, **self._constants), taken
 
-    def listed(self, depth, intensity, std) -> tuple:
+    def listed(self, depth: Array, intensity: Array, std: Array) -> tuple:
         """The list of points, for `unpack`, of `kernels.collect`."""
-        sensor = self._sensor
-        return self._kernels.collect(depth, intensity, std, self._rays, sensor.bin_width_m, float(sensor.range_m(0)),
-                                     sensor.num_bins)
+        return self.kernels.collect(depth, intensity, std, self._rays, *self._scale)
 
-    def cloud(self, listed: tuple, background, stamp_ns: int) -> PointCloud:
+    def cloud(self, listed: Sequence[Array], background: Array, stamp_ns: int) -> PointCloud:
         """The cloud of listed points and a background, off the device."""
-        row, col, rank, values, xyz = self._kernels.unpack(*listed)
-        return PointCloud(row, col, *values, xyz, rank, self._kernels.numpy(background), stamp_ns, sensor=self._sensor)
+        return PointCloud.of_list(self._sensor, self.kernels.unpack(*listed), self.kernels.numpy(background), stamp_ns)
 
 
 def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
                    energy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Variances that each expected signal and background photon adds to the scores for depth and intensity.
+    """`MatchedFrame.moments` and `intensity_moments`: variances that each expected photon adds to the scores.
 
     The scores are Σ_l ω_l Im and Σ_l Re of f_l exp(i ω_l b) for a photon b bins from its surface, with filters f_l
     (matched: conj(ĥ_l)): the gradients of the data term in t and r. For Poisson numbers of photons, each expected one
     adds the mean square of its score, over the IRF or over all bins. The sandwich formula turns that into the variances
     of the estimates, for any distribution of the photons over the bins.
 
-    Sensors with an IRF per pixel use the mean IRF. Between bins the IRF counts as linear, so pulses narrower than a bin
-    look wider there; means over BETWEEN depths tell how much.
-
-    Returns:
-        For depth and for intensity, float32 [4] and [2]: `MatchedFrame.moments` and `intensity_moments`.
+    Between bins the (mean) IRF counts as linear, so pulses narrower than a bin look wider there; means over BETWEEN
+    depths tell how much.
     """
-    irf = sensor.irf if sensor.irf.ndim == 1 else sensor.irf.mean(axis=0)
-    bins, depths = np.arange(len(irf) + 1) - sensor.irf_ref, np.arange(BETWEEN) / BETWEEN
+    irf = sensor.mean_irf
+    bins, depths = np.arange(len(irf) + 1) + sensor.irf_bins[0], np.arange(BETWEEN) / BETWEEN
     response = np.exp(1j * (bins - depths[:, None])[..., None] * omega) * filters
-    of_depth, of_intensity = (response * omega).imag.sum(axis=2), response[0].real.sum(axis=1)
+    of_depth, of_intensity = np.imag(response * omega).sum(axis=2), np.real(response[0]).sum(axis=1)
     shown = np.outer(1 - depths, np.append(irf, 0)) + np.outer(depths, np.append(0, irf))
     mean, square = (shown * of_depth).sum(axis=1), (shown * of_depth**2).sum(axis=1)
     curvature = (omega**2 * energy).sum()
@@ -202,26 +193,21 @@ def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
 
 
 def _background_table(spectrum: np.ndarray, frequencies: tuple[int, ...]) -> tuple[float, np.ndarray]:
-    """How many standard deviations a mean response of background photons to a matched filter is worth.
+    """`MatchedFrame.max_response` and `background_table`: √(2 I(u)) for u from 0 to the greatest response.
 
-    The mean response of n photons reaches u with probability exp(−n I(u)) at most, I(u) = max_λ λu − K(λ), where K(λ)
-    is the logarithm of the mean of exp(λ · response) over all bins (Chernoff's bound).
-
-    Returns:
-        The greatest response, and √(2 I(u)) for u from 0 to it: u / √(Σ|ĥ_l|² / 2) for small u, as for a normal
-        distribution, and far less for large u, because a few photons often agree by chance.
+    The mean response of n background photons reaches u with probability exp(−n I(u)) at most, I(u) = max_λ λu − K(λ),
+    where K(λ) is the logarithm of the mean of exp(λ · response) over all bins (Chernoff's bound). That is
+    u / √(Σ|ĥ_l|² / 2) for small u, as for a normal distribution, and far less for large u, because a few photons often
+    agree by chance.
     """
     cells = 16 * max(frequencies)
     coefficients = np.zeros(cells // 2 + 1, complex)
     coefficients[list(frequencies)] = np.conj(spectrum) / 2
     response = np.fft.irfft(coefficients, cells) * cells        # Re Σ conj(ĥ_l) exp(i ω_l b) over all bins
     greatest = response.max()
-    tilts = np.geomspace(1e-3, 100, 200) / greatest
     known, table = [0.0], [0.0]
-    for tilt in np.array_split(tilts, 1 + len(tilts) * len(response) // TILTS_TOGETHER):
-        weights = np.exp(tilt[:, None] * (response - greatest))
-        mean = weights @ response / weights.sum(axis=1)
-        nats = tilt * (mean - greatest) - np.log(weights.mean(axis=1))
-        known, table = np.append(known, mean), np.append(table, np.sqrt(2 * nats))
-    table = np.interp(np.linspace(0, greatest, TABLE_STEPS + 1), known, table)
-    return float(greatest), table.astype(np.float32)
+    for tilt in np.geomspace(1e-3, 100, 200) / greatest:        # one by one, to bound memory
+        weights = np.exp(tilt * (response - greatest))
+        known.append(weights @ response / weights.sum())
+        table.append(math.sqrt(2 * (tilt * (known[-1] - greatest) - math.log(weights.mean()))))
+    return float(greatest), np.interp(np.linspace(0, greatest, TABLE_STEPS + 1), known, table).astype(np.float32)

@@ -1,14 +1,19 @@
-"""The reconstruction methods by name: ours, and those that the SRT3D paper compares."""
+"""The reconstruction methods by name, ours and those that the SRT3D paper compares, and their options."""
 
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Annotated, Any, TypedDict
 
 from srt3d_ros.core.baselines.rt3d import RT3D
 from srt3d_ros.core.baselines.sketched import SMLE, SRT3D
 from srt3d_ros.core.baselines.xcorr import XCORR
+from srt3d_ros.core.keys import Key, keys
+from srt3d_ros.core.method.background import BACKGROUNDS
 from srt3d_ros.core.method.pooled import Pooled
+from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, MAX_FALSE_ALARM_RATE, MAX_SURFACES
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import require
+from srt3d_ros.kernels.devices import DEVICES
 
 DEFAULT_METHOD = "pooled"
 
@@ -23,7 +28,7 @@ class Method:
         needs: "sketch", or "photons" if it needs every time of arrival.
         kind: its class.
         frequencies: default for `frequencies.choose_frequencies`.
-        options: those besides `surfaces`.
+        options: those of `ReconstructorOptions` that it has, besides `method` and `surfaces`.
     """
 
     name: str
@@ -33,24 +38,17 @@ class Method:
     frequencies: str = "auto"
     options: tuple[str, ...] = ()
 
-    def build(self, sensor: SensorModel, frequencies=None, **options) -> Callable:
-        """A callable from a Sketch, or from a PhotonFrame, to a Cloud.
+    def build(self, sensor: SensorModel, frequencies: Sequence[int] = (), **options: Any) -> Any:
+        """A callable from a sketch, or from a PhotonFrame, to points.
 
         Args:
             sensor: geometry, IRF and calibration.
             frequencies: the integers k_l of the sketches; methods on photons ignore them.
-            options: `surfaces`, those of `self.options`, and device="auto" or "cpu" for any method.
-
-        Raises:
-            InvalidInput: an unknown option, or a value that cannot be used.
+            options: see `checked`.
         """
-        known = ("surfaces", *self.options)
-        if "device" not in known:
-            device = options.pop("device", "auto")
-            require(device in ("auto", "cpu"), "device", device, f"cpu or auto: {self.name} runs on the CPU")
-        for option, value in options.items():
-            require(option in known, option, problem=f"{option} {value}: {self.name} takes only {', '.join(known)}.")
-        return self.kind(sensor, *((frequencies,) if self.needs == "sketch" else ()), **options)
+        checked({"method": self.name} | options)
+        own = {name: value for name, value in options.items() if name in ("surfaces", *self.options)}
+        return self.kind(sensor, *((frequencies,) if self.needs == "sketch" else ()), **own)
 
 
 METHODS = {method.name: method for method in (
@@ -67,7 +65,48 @@ METHODS = {method.name: method for method in (
 SKETCH_METHODS = tuple(method.name for method in METHODS.values() if method.needs == "sketch")
 
 
+class MethodOptions(TypedDict, total=False):
+    """How to reconstruct a frame."""
+
+    method: Annotated[str, Key("how to reconstruct: docs/algorithm.md", choices=tuple(METHODS), default=DEFAULT_METHOD)]
+    surfaces: Annotated[int, Key("most surfaces per pixel", bounds=(1, MAX_SURFACES), default=1)]
+    device: Annotated[str, Key("where to compute; auto: on a GPU if it gives the same points faster", choices=DEVICES,
+                               default="auto")]
+    false_alarm_rate: Annotated[float, Key(
+        "fraction of the pixels without a surface that may show a false point (pooled)",
+        bounds=(1e-12, MAX_FALSE_ALARM_RATE), default=DEFAULT_FALSE_ALARM_RATE)]
+    background: Annotated[str, Key(
+        "distribution of the background over the bins (pooled). auto: estimated from the photons that clouds do not "
+        "explain; even until that is significant. sensor: the sensor's background_shape, or even without one. flat: "
+        "even", choices=BACKGROUNDS, default=BACKGROUNDS[0])]
+
+
+class ReconstructorOptions(MethodOptions, total=False):
+    """How to reconstruct successive frames."""
+
+    warm_start: Annotated[bool, Key(
+        "start from the last frame's surfaces where the photons confirm them (pooled): reduces the error while the "
+        "scene changes little", default=False)]
+
+
+OPTIONS = keys(ReconstructorOptions)
+
+
 def find(name: str) -> Method:
     """The method of this name; InvalidInput lists all of them."""
-    require(name in METHODS, "method", name, " or ".join(METHODS))
-    return METHODS[name]
+    return METHODS[OPTIONS["method"].check(name)]
+
+
+def checked(options: Mapping[str, Any]) -> Method:
+    """The method of these options; InvalidInput if one cannot be used, or is not the default of one that it lacks."""
+    method = find(options["method"])
+    for name, value in options.items():
+        if name == "device" and "device" not in method.options:
+            require(value in ("auto", "cpu"), name, value, f"cpu or auto: {method.name} runs on the CPU")
+        elif name not in ("method", "surfaces", *method.options):
+            is_default = name in OPTIONS and value == OPTIONS[name].default
+            require(is_default, name, problem=f"{name} {value}: {method.name} takes only "
+                    f"{', '.join(('surfaces', *method.options))}.")
+        else:
+            OPTIONS[name].check(value)
+    return method

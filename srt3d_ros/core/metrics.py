@@ -43,8 +43,7 @@ def circular_difference(a: np.ndarray, b: np.ndarray, period: float) -> np.ndarr
 
 
 def evaluate(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins: float, num_bins: int,
-             reference_intensity: np.ndarray | None = None, counted: np.ndarray | None = None,
-             complete: bool = False) -> Metrics:
+             reference_intensity: np.ndarray | None = None, complete: bool = False) -> Metrics:
     """Compare a cloud with the truth.
 
     Args:
@@ -53,47 +52,26 @@ def evaluate(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins
         tolerance_bins: τ; a point within it of a surface of its pixel is a true detection.
         num_bins: T, the period of the depths.
         reference_intensity: the same shape, expected signal photons; gives `iae`.
-        counted: bool, the same shape as the depths: references that count; all unless given. Others are neither
-            missed nor found, and points of their pixels are not false.
         complete: pixels without a reference see no surface, as in a simulation: points there are false.
     """
     reference = _as_surfaces("reference shape", reference_depth_bins, cloud)
     known = np.isfinite(reference)
-    counts = known if counted is None else known & (_as_surfaces("counted shape", counted, cloud) > 0)
-    all_count = (counts == known).all(axis=0)
-    of_known = (all_count & known.any(axis=0))[cloud.row, cloud.col]        # points in pixels with references
-    judged = all_count[cloud.row, cloud.col] if complete else of_known
-    error = np.abs(_errors(cloud, reference, num_bins))
+    of_known = np.any(known, axis=0)[cloud.row, cloud.col]          # points in pixels with references
+    judged = np.ones(len(cloud), bool) if complete else of_known
+    error = np.abs(circular_difference(cloud.depth_bins[None], reference[:, cloud.row, cloud.col], num_bins))
+    error = np.where(np.isnan(error), np.inf, error)            # of each point from each reference of its pixel, [S, N]
     nearest, point = _nearest(cloud, reference.shape, error)
-    matched, near = counts & (nearest <= tolerance_bins), error <= tolerance_bins
-    total = max(int(counts.sum()), 1)
+    matched, near = known & (nearest <= tolerance_bins), error <= tolerance_bins
+    total = max(int(known.sum()), 1)
     false = judged & ~near.any(axis=0)
     scaled = of_known & (cloud.depth_std_bins > 0)
     stds = error.min(axis=0)[scaled] / cloud.depth_std_bins[scaled]
     return Metrics(
         float(matched.sum() / total), float(false.sum() / total), _mean(nearest[matched]), len(cloud),
-        tuple(float(found.sum() / max(int(every.sum()), 1)) for found, every in zip(matched, counts)),
+        tuple(float(found.sum() / max(int(every.sum()), 1)) for found, every in zip(matched, known)),
         NAN if reference_intensity is None else
-        _intensity_error(cloud, reference_intensity, counts, matched, point, near, judged),
+        _intensity_error(cloud, reference_intensity, known, matched, point, near, judged),
         _mean(stds <= 1), _mean(stds <= 2))
-
-
-def median_offset(cloud: PointCloud, reference_depth_bins: np.ndarray, within_bins: float, num_bins: int) -> float:
-    """Median of cloud − reference, bins, over the pixels with a point within `within_bins`; 0 if there is none.
-
-    For a reference of one surface, [rows, cols], that was measured separately, with another zero.
-    """
-    reference = _as_surfaces("reference shape", reference_depth_bins, cloud)
-    difference = _errors(cloud, reference, num_bins)
-    nearest, point = _nearest(cloud, reference.shape, np.abs(difference))
-    chosen = point[nearest <= within_bins]
-    return float(np.median(difference[0, chosen])) if len(chosen) else 0.0
-
-
-def _errors(cloud: PointCloud, reference: np.ndarray, num_bins: int) -> np.ndarray:
-    """Depth of each point minus each reference of its pixel, float64 [S, N]; ∞ where there is none."""
-    error = circular_difference(cloud.depth_bins[None], reference[:, cloud.row, cloud.col], num_bins)
-    return np.where(np.isnan(error), np.inf, error)
 
 
 def _nearest(cloud: PointCloud, shape: tuple[int, int, int], error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,6 +8,7 @@ import numpy as np
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole, Projection
 from srt3d_ros.errors import quoted, require
+from srt3d_ros.kernels.devices import kernels_for
 
 # The point of a pixel that comes first: the field that its points are sorted by, and the sign.
 SURFACE_ORDERS = {"strongest": ("intensity", -1), "nearest": ("depth_bins", 1), "farthest": ("depth_bins", -1)}
@@ -59,16 +60,16 @@ class PointCloud:
     def from_layers(cls, sensor: SensorModel, depth: np.ndarray, intensity: np.ndarray, background: np.ndarray,
                     stamp_ns: int) -> Self:
         """The cloud of K layers of surfaces, float32 [rows, K, cols]: depth in bins, intensity 0 = no point."""
-        (_, layers, cols), by_pixel = intensity.shape, intensity.swapaxes(1, 2)
-        order = np.argsort(-by_pixel, axis=2, kind="stable")
-        place = np.flatnonzero(np.take_along_axis(by_pixel, order, axis=2) > 0)
-        (pixel, rank), layer = np.divmod(place, layers), order.take(place)
-        row, col = np.divmod(pixel, cols)
-        depth, intensity = (values[row, layer, col].astype(np.float32) for values in (depth, intensity))
-        depth = sensor.wrapped(depth)
-        return cls(row.astype(np.uint16), col.astype(np.uint16), depth, intensity, np.full_like(depth, np.nan),
-                   sensor.xyz(row, col, depth), rank.astype(np.uint8), background.astype(np.float32), stamp_ns,
-                   sensor=sensor)
+        depth, intensity, background = sensor.wrapped(depth), *(
+            np.asarray(values, np.float32) for values in (intensity, background))
+        points = kernels_for("cpu").collect(depth, intensity, np.full_like(depth, np.nan), *listing(sensor))
+        return cls.of_list(sensor, points, background, stamp_ns)
+
+    @classmethod
+    def of_list(cls, sensor: SensorModel, unpacked: tuple, background: np.ndarray, stamp_ns: int) -> Self:
+        """The cloud of what the kernel `unpack` returns."""
+        row, col, rank, (depth, intensity, std), xyz = unpacked
+        return cls(row, col, depth, intensity, std, xyz, rank, background, stamp_ns, sensor=sensor)
 
     def __len__(self) -> int:
         return len(self.row)
@@ -104,13 +105,10 @@ class PointCloud:
         if min_m <= 0 and max_m == np.inf:
             return self
         range_m = self._range_m()
-        kept = np.flatnonzero((range_m >= min_m) & (range_m <= max_m))
-        if len(kept) == len(self):
-            return self
-        row, col = self.row[kept], self.col[kept]
-        begins = np.flatnonzero((np.diff(row, prepend=-1) != 0) | (np.diff(col, prepend=-1) != 0))
-        rank = np.arange(len(kept)) - np.repeat(begins, np.diff(begins, append=len(kept)))
-        return replace(self._only(kept), surface=rank.astype(np.uint8))
+        kept = self._only(np.flatnonzero((range_m >= min_m) & (range_m <= max_m)))
+        place, pixel = np.arange(len(kept)), kept.row.astype(np.int64) * self.sensor.cols + kept.col
+        begin = np.maximum.accumulate(np.where(np.diff(pixel, prepend=-1) != 0, place, 0))     # of its pixel
+        return replace(kept, surface=(place - begin).astype(np.uint8))
 
     def ordered(self, surface_order: str) -> Self:
         """The cloud with the `strongest`, `nearest` or `farthest` point of each pixel first; ties keep their order."""
@@ -134,3 +132,8 @@ class PointCloud:
         image = np.full(self.background.shape, np.nan, np.float32)
         image[self.row[chosen], self.col[chosen]] = values[chosen]
         return image
+
+
+def listing(sensor: SensorModel) -> tuple[np.ndarray, float, float, int]:
+    """What the kernel `collect` needs of a sensor: rays, metres per bin and at bin 0, T."""
+    return sensor.rays, sensor.bin_width_m, float(sensor.range_m(0)), sensor.num_bins

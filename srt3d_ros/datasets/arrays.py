@@ -1,6 +1,5 @@
 """Turn arrays in memory (row, col and ToA of each photon, or counts) into a frame of photons and its sensor."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -13,9 +12,9 @@ from srt3d_ros.datasets.options import (
     ASSUMED_FOV,
     ASSUMED_WIDTH,
     BIN_OF_ONE_METRE_S,
+    Options,
     described,
     in_order,
-    refuse_file_options,
     says_geometry,
 )
 from srt3d_ros.datasets.values import array, sendable
@@ -25,7 +24,7 @@ MAX_KEPT = 2**24            # photons in a sample, 100 MB; files with fewer beco
 Described = tuple[SensorModel, PhotonEvents | PhotonHistograms, tuple[str, ...]]     # and notes
 
 
-def from_events(row: Any, col: Any, toa: Any, stamp_ns: int, options: dict) -> Described:
+def from_events(row: Any, col: Any, toa: Any, stamp_ns: int, options: Options) -> Described:
     """Photons with one entry each; arguments as for `Photons.from_events`, options from `gathered`."""
     row, col, toa = array("row", row), array("col", col), array("toa", toa)
     fits = row.ndim == 1 and row.shape == col.shape == toa.shape
@@ -37,7 +36,7 @@ def from_events(row: Any, col: Any, toa: Any, stamp_ns: int, options: dict) -> D
     return complete(PhotonEvents(pixel, _times(toa, sensor), stamp_ns), sensor, options, notes + stray)
 
 
-def from_pixels(pixel: np.ndarray, toa: np.ndarray, stamp_ns: int, options: dict) -> Described:
+def from_pixels(pixel: np.ndarray, toa: np.ndarray, stamp_ns: int, options: Options) -> Described:
     """Photons with one entry each, by the index of their pixel."""
     sensor, notes = sensor_of(options)
     require(pixel.ndim == 1 and pixel.shape == toa.shape, "pixel and toa shapes", f"{pixel.shape} and {toa.shape}",
@@ -72,26 +71,26 @@ def fitted(frame: PhotonFrame, sensor: SensorModel) -> tuple[PhotonFrame, tuple[
     return frame, notes
 
 
-def from_counts(counts: Any, stamp_ns: int, options: dict) -> Described:
+def from_counts(counts: Any, stamp_ns: int, options: Options) -> Described:
     """Photons counted in bins; arguments as for `Photons.from_counts`, options from `gathered`."""
-    counts, options, masked = _unmasked(counts, options)
     counts = array("counts", counts)
     require(counts.ndim == 3, "counts", f"{counts.dtype} {counts.shape}", "numbers [rows, cols, bins]")
     counts, options, few_bins = in_order(counts, options)
     histograms = PhotonHistograms(np.ascontiguousarray(sendable(counts)), stamp_ns)
-    sizes = {"rows": counts.shape[0], "cols": counts.shape[1]}
-    if options.get("histograms") is None:
-        sizes["num_bins"] = counts.shape[2]
-    sensor, notes = sensor_of(sizes | options)
+    sizes = dict(zip(("rows", "cols", "num_bins"), counts.shape))
+    if options.known.get("histograms") is not None:
+        del sizes["num_bins"]
+    options = replace(options, known=sizes | options.known)
+    sensor, notes = sensor_of(options)
     try:
         histograms.check(sensor)
     except InvalidInput as error:
         field = error.field.removesuffix(" count").replace("histograms", "counts")      # the name of the argument
         raise InvalidInput(field, error.value, error.expected, error.problem) from None
-    return complete(histograms, sensor, options, masked + notes + few_bins)
+    return complete(histograms, sensor, options, notes + few_bins)
 
 
-def from_frame(frame: PhotonFrame, options: dict) -> Described:
+def from_frame(frame: PhotonFrame, options: Options) -> Described:
     """A frame of photons; gates become events."""
     sensor, notes = sensor_of(options)
     frame, stray = fitted(frame, sensor)
@@ -100,18 +99,19 @@ def from_frame(frame: PhotonFrame, options: dict) -> Described:
     return complete(frame, sensor, options, notes + stray)
 
 
-def sensor_of(options: Mapping[str, Any]) -> tuple[SensorModel, tuple[str, ...]]:
+def sensor_of(options: Options) -> tuple[SensorModel, tuple[str, ...]]:
     """The sensor that the options describe, with an IRF of one bin if they have none; and the note on its bin width."""
-    require({"rows", "cols"} <= options.keys(), "shape", problem="Give shape=(rows, cols), or sensor.")
-    require("num_bins" in options, "num_bins", problem="Give num_bins, the bins of a laser period, or sensor.")
-    refuse_file_options(options)
-    require("irf" in options or "irf_ref" not in options, "irf_ref", problem="irf_ref needs irf.")
-    width_s = options.get("bin_width_s", BIN_OF_ONE_METRE_S)
-    plain = SensorModel(options["rows"], options["cols"], options["num_bins"], width_s, np.ones(1))
-    return described(plain, options), () if "bin_width_s" in options else (ASSUMED_WIDTH,)
+    known = options.known
+    options.refuse_unfollowed()
+    require({"rows", "cols"} <= known.keys(), "shape", problem="Give shape=(rows, cols), or sensor.")
+    require("num_bins" in known, "num_bins", problem="Give num_bins, the bins of a laser period, or sensor.")
+    require("irf" in known or "irf_ref" not in known, "irf_ref", problem="irf_ref needs irf.")
+    width_s = known.get("bin_width_s", BIN_OF_ONE_METRE_S)
+    plain = SensorModel(known["rows"], known["cols"], known["num_bins"], width_s, np.ones(1))
+    return described(plain, known), () if "bin_width_s" in known else (ASSUMED_WIDTH,)
 
 
-def complete(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, options: Mapping[str, Any],
+def complete(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, options: Options,
              notes: tuple[str, ...]) -> Described:
     """The sensor and frame, the IRF estimated from the photons if the options have none; and all notes.
 
@@ -123,24 +123,13 @@ def complete(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, option
         require(high > 0 or low == 0, "counts", problem="No count is above 0. If the signal is inverted, negate it.")
         if low < 0:
             notes += ("negative counts outweigh the positive ones: was too much background subtracted?",)
-    if "irf" not in options:
+    if "irf" not in options.known:
         require(sensor.histograms is None, "irf", problem="Give irf, widened by these bins: histograms cannot show it.")
         sample = sampled(frame.counts) if isinstance(frame, PhotonHistograms) else frame
-        seen = sample if sensor.mask is None else sample.part(sensor.mask.reshape(-1)[sample.pixel])
-        irf, note = irfs.estimated(seen, sensor.num_bins, options.get("guess_irf", False))
+        irf, note = irfs.estimated(sample.part(sensor.used.reshape(-1)[sample.pixel]), sensor.num_bins,
+                                   options.guess_irf)
         sensor, notes = sensor.replace(irf=irf, irf_ref=None), (*notes, note)
-    return sensor, frame, notes if says_geometry(options) else (*notes, ASSUMED_FOV)
-
-
-def _unmasked(counts: Any, options: dict) -> tuple[Any, dict, tuple[str, ...]]:
-    """Masked counts [rows, cols, bins] as 0, and pixels with nothing else in the sensor's mask; and a note."""
-    if not np.ma.is_masked(counts):
-        return counts, options, ()
-    hidden = np.ma.getmaskarray(counts)
-    note = f"{np.count_nonzero(hidden):,} masked counts taken to be 0"
-    if hidden.ndim == 3 and options.get("mask") is None:
-        options = options | {"mask": ~in_order(hidden, options)[0].all(axis=2)}
-    return counts.filled(0), options, (note,)
+    return sensor, frame, notes if says_geometry(options.known) else (*notes, ASSUMED_FOV)
 
 
 def are_whole(counts: np.ndarray) -> bool:
@@ -184,4 +173,4 @@ def _times(toa: np.ndarray, sensor: SensorModel) -> np.ndarray:
     require(not in_seconds, "toa", problem="All toa are below 1. They count bins: divide seconds by bin_width_s.")
     if (toa == np.floor(toa)).all():        # integers are faster to sketch
         return toa.astype(np.uint16)
-    return np.minimum(toa.astype(np.float32), np.nextafter(np.float32(sensor.num_bins), np.float32(0)))
+    return sensor.toa_within(toa)

@@ -1,13 +1,15 @@
 """Save a point cloud as .npz, which `read` reads; as .ply for other programs; as a recording; or as a picture."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.core.array_checks import as_array
 from srt3d_ros.core.point_cloud import POINT_FIELDS, PointCloud
+from srt3d_ros.core.sketching.sums import as_array
+from srt3d_ros.datasets.options import Options
 from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.datasets.sensor_arrays import read_saved, sensor_arrays
 from srt3d_ros.errors import printable, require
@@ -71,10 +73,10 @@ def _save_npz(cloud: PointCloud, path: Path, notes: tuple[str, ...]) -> None:
                  **sensor_arrays(cloud.sensor, notes))
 
 
-def read(path: Path, options: dict) -> Reading:
+def read(path: Path, options: Options) -> Reading:
     """A cloud that `save` wrote as .npz; InvalidInput if it is damaged, or for options: its points are final."""
-    fixed = options.keys() <= {"guess_irf"}
-    require(fixed, path.name, problem=f"{path.name} holds a cloud: no option can change it.")
+    require(replace(options, guess_irf=False) == Options(), path.name,
+            problem=f"{path.name} holds a cloud: no option can change it.")
     sensor, values = read_saved(path, (*_TYPES, *_FACTS.values()))
     with read_errors(path):
         points, pixels = len(values["xyz"]), (sensor.rows, sensor.cols)
@@ -125,7 +127,7 @@ def _save_recording(cloud: PointCloud, path: Path, notes: tuple[str, ...]) -> No
 def _save_picture(cloud: PointCloud, path: Path, _: tuple[str, ...]) -> None:
     from srt3d_ros.pictures.annotations import draw_cloud
 
-    draw_cloud(cloud, cloud.sensor).save(path, quality=_JPEG_QUALITY)
+    draw_cloud(cloud).save(path, quality=_JPEG_QUALITY)
 
 
 _WRITERS: dict[str, Callable[[PointCloud, Path, tuple[str, ...]], None]] = {

@@ -34,7 +34,7 @@ def describe(photons: Reading) -> Description:
     else:
         toa = np.bincount(sensor.toa_bins(frame.toa), minlength=sensor.num_bins).astype(np.float64)
         counts = np.bincount(frame.pixel, minlength=sensor.pixels).reshape(sensor.rows, sensor.cols).astype(np.float64)
-    used = counts if sensor.mask is None else counts[sensor.mask]
+    used = counts[sensor.used]
     irf_width_bins = _irf_width_bins(sensor)
     facts = {"rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins, "bin_width_s": sensor.bin_width_s,
              "range_m": sensor.range_m([0, sensor.num_bins]).tolist(), "photons": round(counts.sum()),
@@ -49,7 +49,7 @@ def describe(photons: Reading) -> Description:
 
 def _irf_width_bins(sensor: SensorModel) -> float:
     """Full width at half maximum of the mean IRF, by linear interpolation."""
-    mean = np.pad(np.atleast_2d(sensor.irf).mean(axis=0), 1)
+    mean = np.pad(sensor.mean_irf, 1)
     peak, half = int(mean.argmax()), 0.5 * mean.max()
     left = peak - int(np.argmax(mean[peak::-1] <= half))
     right = peak + int(np.argmax(mean[peak:] <= half))

@@ -11,9 +11,9 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.datasets.readers import isolated
-from srt3d_ros.datasets.values import array
+from srt3d_ros.datasets.values import Note, array
 from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.files import isolated
 from srt3d_ros.files.array_files import map_npy, read_errors, read_npz_arrays, require_file
 
 MAX_TEXT_BYTES = 4 * 2**20      # 64 for each number of the longest IRF
@@ -25,7 +25,8 @@ LIKELY_UNITS_S = 1.0, 1e-9, 1e-12       # of a time column whose header has none
 WIDTH_TOLERANCE = 0.01      # of a bin: times are rounded, and an IRF of 50 bins is then half a bin too long
 MAT_VECTOR = re.compile(r"(\w+) \((?!1×1 )(?:1×\d+|\d+×1) (?:double|single|u?int\d+)\)")
 
-ESTIMATED = "IRF estimated from the photons, which makes it slightly broad: give irf (--irf)"
+ESTIMATED = Note("IRF estimated from the photons, so it is slightly too wide: give irf (--irf)", "irf")
+GUESSED = Note("IRF taken to be one bin: none can be seen in the photons, give irf (--irf)", "irf")
 # Constants of `estimate`.
 PHOTONS_USED = 100_000
 FEWEST_PHOTONS = 3          # a pixel with fewer tells nothing about the IRF
@@ -138,7 +139,7 @@ def estimated(events: PhotonEvents, num_bins: int, guess: bool = False) -> tuple
     except InvalidInput:
         if not guess:
             raise
-        return np.ones(1), "IRF taken to be one bin: none can be seen in the photons, give irf (--irf)"
+        return np.ones(1), GUESSED
 
 
 def _read_file(path: Path) -> tuple[np.ndarray, TimeColumn | None]:

@@ -1,4 +1,4 @@
-"""Write .npz photon files (docs/photon-file.md): one frame, its sensor and, if known, the true depths."""
+"""Write one frame with its sensor as .npz: photons (docs/photon-file.md) and, if known, true depths; or a sketch."""
 
 from pathlib import Path
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonHistograms
+from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.datasets.sensor_arrays import sensor_arrays
 from srt3d_ros.errors import require
 from srt3d_ros.files.array_files import MAX_ARRAY_BYTES
@@ -48,3 +49,20 @@ def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame, reference_de
         arrays |= dict(zip((FIRST_REFERENCES[-1], *OTHER_REFERENCES), surfaces))
     with file_errors("photon file", path), atomic_write(path) as part, part.open("wb") as file:
         np.savez_compressed(file, **arrays)
+
+
+def save_sketch(path: str | Path, sketch: PhaseSums, notes: tuple[str, ...] = ()) -> None:
+    """Write a sketch atomically; `read` reads it to the bit.
+
+    Its arrays are frequencies (int64), sums (complex64 [rows, cols, m]), photons and before (uint32 [rows, cols]),
+    stamp_ns, sketch_cycles, notes, and the sensor's as in a photon file.
+
+    Raises:
+        InvalidInput: another suffix than .npz, or a file that cannot be written.
+    """
+    path = check_output(path, "sums", suffix=".npz")
+    before = np.zeros((0, 0), np.uint32) if sketch.before is None else sketch.before
+    with file_errors("output", path), atomic_write(path) as part, part.open("wb") as file:
+        np.savez(file, kind="sketch", frequencies=sketch.frequencies, sums=sketch.sums, photons=sketch.photons,
+                 before=before, stamp_ns=sketch.stamp_ns, sketch_cycles=sketch.cycles,
+                 **sensor_arrays(sketch.sensor, notes))

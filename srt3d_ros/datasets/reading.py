@@ -1,8 +1,7 @@
 """Reading: one frame of a file, bag or log as plain data, with its sensor."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -12,8 +11,8 @@ from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.datasets import arrays
-from srt3d_ros.datasets.options import outside_note, redescribed
-from srt3d_ros.datasets.values import MAX_EVENTS
+from srt3d_ros.datasets.options import Options, redescribed
+from srt3d_ros.datasets.values import MAX_EVENTS, outside_note
 from srt3d_ros.errors import require
 
 IN_MEMORY = "arrays"
@@ -64,28 +63,28 @@ class Reading:
         return replace(self, sensor=gate.sensor.replace(gates=self.sensor.gates, cycles=None), frame=events,
                        reference_depth_bins=in_gate(self.reference_depth_bins, first, last), notes=self.notes + note)
 
-    def with_options(self, options: dict[str, Any]) -> Self:
+    def with_options(self, options: Options) -> Self:
         """The same frame with options (options.gathered) in place of their sensor's values; a note lists them."""
         if isinstance(self.frame, PhaseSums):
             frame, notes = sums_with_options(self.frame, self.notes, options)
             return replace(self, sensor=frame.sensor, frame=frame, notes=notes)
         if isinstance(self.frame, PointCloud):
-            require(not options, self.name, problem=f"{self.name} holds a cloud: no option can change it.")
+            require(options == Options(), self.name, problem=f"{self.name} holds a cloud: no option can change it.")
             return self
         sensor, notes = redescribed(self.sensor, self.notes, options)
         frame, stray = arrays.fitted(self.frame, sensor)
         photons = replace(self, sensor=sensor, frame=frame, notes=notes + stray)
-        return photons.gated(*options["gate"]) if "gate" in options else photons
+        return photons if options.gate is None else photons.gated(*options.gate)
 
 
-def sums_with_options(sums: PhaseSums, notes: tuple[str, ...], options: Mapping[str, Any]
+def sums_with_options(sums: PhaseSums, notes: tuple[str, ...], options: Options
                       ) -> tuple[PhaseSums, tuple[str, ...]]:
     """A sketch with options in place of its sensor's values, and its notes.
 
     Raises:
         InvalidInput: the options would have made another sketch.
     """
-    require("gate" not in options, "gate", problem="A sketch cannot be gated: gate the photons.")
+    require(options.gate is None, "gate", problem="A sketch cannot be gated: gate the photons.")
     sensor, notes = redescribed(sums.sensor, notes, options, ("rows", "cols", "num_bins"))
     return replace(sums, sensor=sensor, cycles=sums.cycles or sensor.cycles or 0), notes
 

@@ -1,26 +1,27 @@
 """Sensors in .npz files: the arrays that describe one, and the checks of what was read."""
 
-import math
 import sys
 from dataclasses import replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 
+from srt3d_ros.core.keys import keys, numbers
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.distortion import PlumbBob
-from srt3d_ros.core.sensor.keys import keys, numbers
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole, Projection
-from srt3d_ros.errors import printable, require
+from srt3d_ros.datasets.values import Note
+from srt3d_ros.errors import finite, printable, require
 from srt3d_ros.files.array_files import read_errors, read_npz_arrays
 from srt3d_ros.messages.cdr import MAX_FRAME_ID
 
 KEYS = keys(SensorModel)
 SENSOR_FIELDS = tuple(name for name, key in KEYS.items() if not key.array)      # an array each
 SENSOR_ARRAYS = (*SENSOR_FIELDS, *filter(None, (key.array for key in KEYS.values())), "projection", "distortion",
-                 "histogram_template", "notes")
+                 "histogram_template", "notes", "assumed")
 REQUIRED = (*(name for name, key in KEYS.items() if key.required), "projection")      # of a saved cloud or sketch
 ONE_NUMBER = (*(name for name in SENSOR_FIELDS if {int, float} & {*KEYS[name].kinds}), "fov_deg", "stamp_ns",
               "surfaces", "sketch_cycles", "photons_in_all")
@@ -35,7 +36,8 @@ def sensor_arrays(sensor: SensorModel, notes: tuple[str, ...]) -> dict[str, np.n
     projection, bins, gates = sensor.projection, sensor.histograms, sensor.gates
     arrays = {name: getattr(sensor, name) for name in SENSOR_FIELDS} | {
         "projection": projection.kind, "projection_values": _numbers(projection),
-        "gate_words": gates and _numbers(gates).astype(np.uint16), "notes": notes or None}
+        "gate_words": gates and _numbers(gates).astype(np.uint16), "notes": notes or None,
+        "assumed": [note.field if isinstance(note, Note) else "" for note in notes] or None}
     if getattr(projection, "distortion", None):
         arrays["distortion"] = _numbers(projection.distortion)
     if bins is not None:
@@ -93,13 +95,18 @@ def vector(values: np.ndarray) -> np.ndarray:
     return values.reshape(-1) if values.size == max(values.shape, default=0) else values
 
 
-def values_of(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray | float | str | tuple[str, ...]]:
-    """The values of a file's arrays by their names: texts, numbers or arrays."""
-    return {name: _value_of(name, array) for name, array in arrays.items()}
+def values_of(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+    """The values of a file's arrays by their names: texts, numbers or arrays; `notes` with the fields `assumed`."""
+    values = {name: _value_of(name, array) for name, array in arrays.items()}
+    if "notes" in values:
+        fields = values.pop("assumed", ())
+        values["notes"] = tuple(Note(*parts) for parts in zip_longest(values["notes"], fields[:len(values["notes"])],
+                                                                      fillvalue=""))
+    return values
 
 
 def _value_of(name: str, array: np.ndarray) -> np.ndarray | float | str | tuple[str, ...]:
-    if name == "notes":
+    if name in ("notes", "assumed"):
         return tuple(map(printable, _texts(name, array.reshape(-1), MAX_NOTE)))
     if name in ONE_TEXT:
         require(array.size == 1, f"{name} shape", array.shape, "one text")
@@ -108,8 +115,7 @@ def _value_of(name: str, array: np.ndarray) -> np.ndarray | float | str | tuple[
     if name not in ONE_NUMBER:
         return vector(array) if name in VECTORS else array
     require(array.size == 1, f"{name} shape", array.shape, "one number")
-    require(math.isfinite(array.item()), name, array.item(), "a finite number")
-    return array.item()
+    return finite(name, array.item())
 
 
 def _texts(name: str, array: np.ndarray, most: int) -> list[str]:

@@ -1,6 +1,5 @@
-"""Convert arrays of files and callers to NumPy arrays of numbers."""
+"""Notes to the user, and arrays of files and callers as NumPy arrays of numbers."""
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -9,6 +8,24 @@ from srt3d_ros.core.sketching.photon_frame import COUNT_DTYPES
 from srt3d_ros.errors import InvalidInput, require
 
 MAX_EVENTS = 2**28         # of a frame, one by one
+
+
+class Note(str):
+    """A sentence on a value that was assumed: `field` is its name in SensorModel. Once that is given, the note goes."""
+
+    field: str
+
+    def __new__(cls, text: str, field: str = ""):
+        """The text as a note on a field."""
+        note = super().__new__(cls, text)
+        note.field = field
+        return note
+
+
+def outside_note(dropped: int, photons: int, first: int, last: int) -> tuple[str, ...]:
+    """The note on photons that a gate drops, if any."""
+    note = f"{dropped} of {photons} photons lie outside the gate (bins {first} to {last}): dropped"
+    return (note,) if dropped else ()
 
 
 def array(name: str, values: Any) -> np.ndarray:
@@ -32,9 +49,3 @@ def sendable(counts: np.ndarray) -> np.ndarray:
     kind = next((kind for kind in COUNT_DTYPES[:-1] if np.iinfo(kind).min <= low and high <= np.iinfo(kind).max), None)
     require(kind is not None, "counts", low if low < 0 else high, "32-bit numbers")
     return counts.astype(kind)
-
-
-def listing(entries: Iterable[tuple[str, tuple[int, ...], str]]) -> str:
-    """Name, shape and type of each array of a file, for an error."""
-    return ", ".join(f"{name} ({' '.join(filter(None, ('×'.join(map(str, shape)), kind)))})"
-                     for name, shape, kind in entries) or "no arrays"

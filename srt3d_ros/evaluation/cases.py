@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 
 from srt3d_ros import datasets
-from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
@@ -22,7 +21,6 @@ from srt3d_ros.evaluation.scenes import NetScene, net_sensor
 # Scene, sensor, and default tolerance and surfaces a pixel.
 SCENES = {"bust": (Bust, default_sensor, "40mm", 1), "net": (NetScene, net_sensor, "3", 2)}
 FILE_TOLERANCE = "10"
-SEEN_PHOTONS, SEEN_BINS = 8, 60.0       # an aligned reference counts in pixels with 8 photons within 60 bins
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +55,6 @@ class Case:
     sbr: float | None = None                    # signal over background of a simulation
     ppp: float | None = None                    # mean photons per pixel of a simulation
     repeat: int = 1                             # number of the random draw, from 1
-    aligned: tuple[int, ...] = ()               # references to shift by their median offset from the cloud
     notes: tuple[str, ...] = ()                 # for the user
     held_out: float | None = None               # share of the photons that judges the cloud of the others
 
@@ -92,8 +89,7 @@ def simulated(scene: str, sbrs: Sequence[float], ppps: Sequence[float], repeats:
 
 
 def of_files(files: list[str], tolerance: str | None = None, surfaces: int | None = None,
-             aligned: Sequence[int] = (), held_out_share: float | None = 0, sensor: SensorModel | None = None
-             ) -> list[Case]:
+             held_out_share: float | None = 0, sensor: SensorModel | None = None) -> list[Case]:
     """A case for each photon file; `surfaces` is by default the number of its references.
 
     Args:
@@ -108,8 +104,8 @@ def of_files(files: list[str], tolerance: str | None = None, surfaces: int | Non
         # Held-out photons are judged as they were recorded, with pile-up.
         described = photons.sensor if share is None else photons.sensor.replace(cycles=None)
         cases.append(Case(photons.name, described, partial(_observed, photons, share),
-                          surfaces or max(references, 1), within, aligned=tuple(k for k in aligned if k < references),
-                          notes=tuple(f"{photons.name}: {note}" for note in (*photons.notes, *more)), held_out=share))
+                          surfaces or max(references, 1), within, held_out=share,
+                          notes=tuple(f"{photons.name}: {note}" for note in (*photons.notes, *more))))
     names = [case.source for case in cases]
     for name in names:
         require(names.count(name) == 1, "files", problem=f"Two files are called {name}: rename one.")
@@ -140,13 +136,6 @@ def tolerance_bins(text: str, sensor: SensorModel) -> float:
         raise InvalidInput("--tolerance", text, expected) from None
     require(0 < value < np.inf, "--tolerance", text, expected)
     return value * 1e-3 / sensor.bin_width_m if text.endswith("mm") else value
-
-
-def photons_near(frame: PhotonEvents, depth_bins: np.ndarray, bins: float, sensor: SensorModel) -> np.ndarray:
-    """Number of photons within `bins` of the depth, int [rows, cols]; 0 where the depth is NaN."""
-    position = frame.toa.astype(np.float64)
-    apart = np.abs(circular_difference(position, depth_bins.ravel()[frame.pixel], sensor.num_bins))
-    return np.bincount(frame.pixel[apart <= bins], minlength=sensor.pixels).reshape(sensor.rows, sensor.cols)
 
 
 def _observed(photons: Reading, held_out_share: float | None) -> Observation:

@@ -61,9 +61,7 @@ def _log_ratio(cloud: PointCloud, sensor: SensorModel, pixel: np.ndarray, toa: n
                without: np.ndarray) -> np.ndarray:
     """log(λ / λ₀) of each photon: rate with the cloud over rate without."""
     bins, of_point = sensor.num_bins, _pixel(cloud, sensor)
-    position = toa.astype(np.float64)
-    if sensor.delay_bins is not None:
-        position -= sensor.delay_bins.reshape(-1)[pixel]
+    position = toa - sensor.late.reshape(-1)[pixel].astype(np.float64)
     signal = np.zeros(len(pixel))
     for rank in np.unique(cloud.surface):
         points = cloud.surface == rank

@@ -5,16 +5,15 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import NamedTuple
 
-import numpy as np
 from tqdm import tqdm
 
 from srt3d_ros import __version__
 from srt3d_ros.core.methods import Method
-from srt3d_ros.core.metrics import evaluate, median_offset
+from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation import held_out
-from srt3d_ros.evaluation.cases import SEEN_BINS, SEEN_PHOTONS, Case, Observation, photons_near
+from srt3d_ros.evaluation.cases import Case, Observation
 from srt3d_ros.photons import Photons
 
 
@@ -43,7 +42,7 @@ class Job:
         return {"source": case.source, "sbr": case.sbr, "ppp": case.ppp, "repeat": case.repeat,
                 "method": self.method.name, "sketch_size": self.sketch_size, "surfaces": case.surfaces,
                 "rows": case.sensor.rows, "cols": case.sensor.cols, "tolerance_bins": float(case.tolerance_bins),
-                "aligned": tuple(k + 1 for k in case.aligned) or None, "held_out": case.held_out}
+                "held_out": case.held_out}
 
 
 class Outcome(NamedTuple):
@@ -98,32 +97,10 @@ def reconstruct(job: Job, observation: Observation) -> tuple[PointCloud, dict]:
 
 def judge(cloud: PointCloud, case: Case, observation: Observation) -> dict:
     """Columns of results.csv that compare a cloud with the truth."""
-    num_bins = case.sensor.num_bins
-    reference, counted, offsets = aligned_reference(cloud, case, observation)
-    found = evaluate(cloud, reference, case.tolerance_bins, num_bins, observation.intensity, counted,
+    found = evaluate(cloud, observation.depth_bins, case.tolerance_bins, case.sensor.num_bins, observation.intensity,
                      observation.complete)
     return {"true_detections_percent": 100 * found.true_detections,
             "true_detections_by_surface_percent": tuple(100 * share for share in found.by_surface),
             "false_detections_percent": 100 * found.false_detections, "dae_bins": found.dae_bins,
             "dae_mm": found.dae_bins * case.sensor.bin_width_m * 1e3, "iae": found.iae,
-            "within_1_std_percent": 100 * found.within_1_std, "within_2_std_percent": 100 * found.within_2_std,
-            "offset_bins": offsets or None}
-
-
-def aligned_reference(cloud: PointCloud, case: Case, observation: Observation):
-    """References with `case.aligned` shifted by their median offset from the cloud; where they count; the offsets.
-
-    An aligned reference counts only where photons confirm it. Points far from it are left out of the offset.
-    """
-    reference = np.array(observation.depth_bins, dtype=np.float64)
-    counted, offsets = np.isfinite(reference), []
-    for surface in case.aligned:
-        offset = 0.0
-        for _ in range(2):              # again with the photons near the new position
-            moved = (reference[surface] + offset) % case.sensor.num_bins
-            near = photons_near(observation.frame, moved, SEEN_BINS, case.sensor) >= SEEN_PHOTONS
-            offset += median_offset(cloud, np.where(near, moved, np.nan), SEEN_BINS, case.sensor.num_bins)
-        reference[surface] = (reference[surface] + offset) % case.sensor.num_bins
-        counted[surface] &= near
-        offsets.append(offset)
-    return reference, counted, tuple(offsets)
+            "within_1_std_percent": 100 * found.within_1_std, "within_2_std_percent": 100 * found.within_2_std}

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 SETTINGS = ("source", "sbr", "ppp", "repeat", "method", "sketch_size", "surfaces", "rows", "cols", "tolerance_bins",
-            "aligned", "held_out")
+            "held_out")
 FIGURES = ("frequencies", "num_bins", "bin_width_mm", "photons_per_pixel", "points", "true_detections_percent",
            "true_detections_by_surface_percent", "false_detections_percent", "dae_bins", "dae_mm", "iae",
-           "within_1_std_percent", "within_2_std_percent", "offset_bins", "held_out_nats",
-           "held_out_std", "sketch_ms", "reconstruct_ms", "version")
+           "within_1_std_percent", "within_2_std_percent", "held_out_nats", "held_out_std",
+           "sketch_ms", "reconstruct_ms", "version")
 RESULT_COLUMNS = SETTINGS + FIGURES
 _MEANS = ("photons_per_pixel", "points", "true_detections_percent", "false_detections_percent", "dae_bins", "dae_mm",
           "iae", "within_1_std_percent", "within_2_std_percent", "held_out_nats", "held_out_std", "sketch_ms",
@@ -40,9 +40,9 @@ def table_of_rows(path: Path) -> Iterator[Callable[[dict], None]]:
 
 
 def is_table(path: Path) -> bool:
-    """Whether a file begins like a results.csv."""
+    """Whether a file begins like a results.csv of any version."""
     with open(path, "rb") as file:
-        return file.readline().decode("utf-8", "replace").strip() == ",".join(RESULT_COLUMNS)
+        return file.readline().startswith(",".join(SETTINGS[:6]).encode())
 
 
 def _as_text(value) -> str:

@@ -1,14 +1,13 @@
 """Read arrays from files that may be damaged or hostile: sizes are checked before anything is loaded."""
 
 import io
-import logging
 import math
 import os
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import IO
 
 import numpy as np
 
@@ -22,7 +21,6 @@ MAX_SIDES = 8
 MAX_HEADER_BYTES = 2**14        # of an array; NumPy refuses more than 10,000 characters
 # Errors of a reader that trusts a damaged file: their texts describe its code, not the file.
 READER_ERRORS = (NameError, TypeError, AttributeError, LookupError, AssertionError, ArithmeticError)
-ZIP_MARK = b"PK\x03\x04"      # begins each member of a zip file
 FORMATS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
@@ -34,16 +32,12 @@ def require_file(path: Path, field: str) -> None:
 
 
 @contextmanager
-def read_errors(path: Path, expected: str = "", library: str = "") -> Iterator[None]:
+def read_errors(path: Path, expected: str = "") -> Iterator[None]:
     """Put the file's name in front of any InvalidInput.
 
     Args:
         expected: what the file should be, in words. If given, all other errors become InvalidInput, too.
-        library: name of the reader's logger, which is kept silent.
     """
-    log = logging.getLogger(library or __name__)
-    level = log.level
-    log.setLevel(logging.CRITICAL + 1)
     try:
         yield
     except InvalidInput as error:
@@ -59,8 +53,6 @@ def read_errors(path: Path, expected: str = "", library: str = "") -> Iterator[N
         if isinstance(error, READER_ERRORS):
             reason = "its reader failed"
         raise InvalidInput(path.name, f"unreadable ({reason})", expected) from None
-    finally:
-        log.setLevel(level)
 
 
 def read_npz_arrays(path: Path, names: tuple[str, ...], field: str = "photon file", and_cubes: bool = False
@@ -70,36 +62,22 @@ def read_npz_arrays(path: Path, names: tuple[str, ...], field: str = "photon fil
     InvalidInput if it is no zip file, damaged, or has objects or more than MAX_ARRAY_BYTES in these arrays.
     """
     require_file(path, field)
-    with path.open("rb") as file, read_errors(path):
-        begins_as_zip = file.read(len(ZIP_MARK)) == ZIP_MARK
-        try:
-            with zipfile.ZipFile(file) as archive:
-                return _arrays(archive, names, and_cubes)
-        except InvalidInput:
-            raise
-        except Exception as error:      # zipfile, zlib and NumPy raise a dozen kinds
-            problem = f"unreadable ({error})"
-            if begins_as_zip:           # zipfile reports a cut-off file as no zip file: the directory is at its end
-                problem = "damaged" if isinstance(error, zipfile.BadZipFile) else f"damaged ({error})"
-            raise InvalidInput("", problem, "a complete .npz file (a zip of arrays)") from None
-
-
-def _arrays(archive: zipfile.ZipFile, names: tuple[str, ...], and_cubes: bool) -> dict[str, np.ndarray]:
-    members = {info.filename[:-4]: info for info in archive.infolist() if info.filename.endswith(".npy")}
-    require(len(members) <= MAX_MEMBERS, "members", len(members), f"at most {MAX_MEMBERS}")
-    chosen, size = [], 0
-    for name, info in members.items():
-        if name in names or and_cubes:
-            with archive.open(info) as stream:
-                shape, dtype = npy_header(stream, info.file_size, name)
-            if name in names or len(shape) == 3:
-                chosen.append(name)
-                size += math.prod(shape) * dtype.itemsize
-    require(size <= MAX_ARRAY_BYTES, "size", f"{size} bytes", f"at most {MAX_ARRAY_BYTES}; an .npy may have more")
-    arrays = {}
-    for name in chosen:
-        with archive.open(members[name]) as stream:
-            arrays[name] = np.lib.format.read_array(stream, allow_pickle=False)
+    with read_errors(path, "a complete .npz file (a zip of arrays)"), zipfile.ZipFile(path) as archive:
+        members = {info.filename[:-4]: info for info in archive.infolist() if info.filename.endswith(".npy")}
+        require(len(members) <= MAX_MEMBERS, "members", len(members), f"at most {MAX_MEMBERS}")
+        chosen, size = [], 0
+        for name, info in members.items():
+            if name in names or and_cubes:
+                with archive.open(info) as stream:
+                    shape, dtype = npy_header(stream, info.file_size, name)
+                if name in names or len(shape) == 3:
+                    chosen.append(name)
+                    size += math.prod(shape) * dtype.itemsize
+        require(size <= MAX_ARRAY_BYTES, "size", f"{size} bytes", f"at most {MAX_ARRAY_BYTES}; an .npy may have more")
+        arrays = {}
+        for name in chosen:
+            with archive.open(members[name]) as stream:
+                arrays[name] = np.lib.format.read_array(stream, allow_pickle=False)
     return arrays
 
 
@@ -108,13 +86,10 @@ def npz_contents(path: Path) -> list[tuple[str, tuple[int, ...], str]]:
     contents = []
     with zipfile.ZipFile(path) as archive:
         for info in archive.infolist()[:MAX_MEMBERS]:
-            name = info.filename.removesuffix(".npy")
-            try:
-                with archive.open(info) as stream:
-                    shape, dtype = npy_header(stream, info.file_size, name)
-                contents.append((name, shape, str(dtype)))
-            except Exception:       # as read_npz_arrays says, once the array is asked for
-                contents.append((name, (), "unreadable"))
+            name, shape, kind = info.filename.removesuffix(".npy"), (), "unreadable"
+            with suppress(Exception), archive.open(info) as stream:     # as read_npz_arrays says if it is asked for
+                shape, kind = npy_header(stream, info.file_size, name)
+            contents.append((name, shape, str(kind)))
     return contents
 
 
@@ -126,7 +101,7 @@ def map_npy(path: Path, field: str, most: int = MAX_ARRAY_BYTES) -> np.ndarray:
     return np.load(path, mmap_mode="c", allow_pickle=False)
 
 
-def npy_header(stream: BinaryIO, file_size: int, field: str, most: int = MAX_ARRAY_BYTES) -> tuple[tuple, np.dtype]:
+def npy_header(stream: IO[bytes], file_size: int, field: str, most: int = MAX_ARRAY_BYTES) -> tuple[tuple, np.dtype]:
     """Shape and type in an .npy header; InvalidInput for objects, more than `most` bytes, or another file size."""
     try:
         head = io.BytesIO(stream.read(MAX_HEADER_BYTES))

@@ -143,7 +143,7 @@ class Kernels(Protocol):
         """Depth and intensity after a gradient step on each pixel's sketch.
 
         Args:
-            table: float32 [levels, 4, m], a of `weighting.weighted_steps` for shares g r / n from 0 to 1.
+            table: float32 [levels, 4, m], a of `sketched.weighted_steps` for shares g r / n from 0 to 1.
             rate: of the full step in depth.
             usual: intensity below which points move less than their curvature allows; 0 for none.
             faintest: points below this intensity are removed after the step.

@@ -1,19 +1,12 @@
 """The codecs of photons: PhotonEvents ⇄ PointCloud2, PhotonGates and PhotonHistograms ⇄ Image."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.photon_frame import (
-    PhotonEvents,
-    PhotonFrame,
-    PhotonGates,
-    PhotonHistograms,
-    bins_of,
-    gate_words,
-)
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
 from srt3d_ros.errors import require
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages.packing import pack_cloud, pack_image, unpack_cloud, unpack_image
@@ -31,7 +24,7 @@ class Codec(NamedTuple):
             views.
     """
 
-    encode_cdr: Callable[[PhotonFrame, SensorModel, str], bytes]
+    encode_cdr: Callable[[Any, SensorModel, str], bytes]
     decode_cdr: Callable[[bytes, SensorModel], tuple[cdr.Header, PhotonFrame]]
 
 
@@ -67,7 +60,7 @@ def _encode_gates(gates: PhotonGates, sensor: SensorModel, frame_id: str) -> byt
 def _decode_gates(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, PhotonGates]:
     """The words: a read-only view, or a copy of padded rows; InvalidInput also if the sensor has no `gates`."""
     image = cdr.read_image(raw)
-    form = gate_words(sensor)
+    form = sensor.gate_words
     require(image.width == sensor.cols, "width", image.width, f"the sensor's {sensor.cols} columns")
     require(image.height % sensor.rows == 0, "height", image.height, f"a multiple of the sensor's {sensor.rows} rows")
     # Copies only padded rows and foreign byte order: a copy of 300 MB/s takes a tenth of a core.
@@ -87,7 +80,7 @@ def _decode_histograms(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, Pho
     image = cdr.read_image(raw)
     require(image.height == sensor.rows, "height", image.height, f"the sensor's {sensor.rows} rows")
     require(image.width == sensor.cols, "width", image.width, f"the sensor's {sensor.cols} columns")
-    counts = unpack_image(image, "histograms", bins_of(sensor))
+    counts = unpack_image(image, "histograms", sensor.histogram_size)
     # Copies only padded rows and foreign byte order: a message may have 180 MB.
     counts = np.require(counts, counts.dtype.newbyteorder("="), ["C_CONTIGUOUS", "ALIGNED"])
     return image.header, PhotonHistograms(counts, image.header.stamp_ns)

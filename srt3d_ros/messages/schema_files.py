@@ -5,17 +5,22 @@ from functools import cache
 
 import numpy as np
 
-from srt3d_ros.files import shared_files
+from srt3d_ros.files import shared_file
 
 # sensor_msgs/PointField: name in the schemas → code in messages, and dtype.
 DATATYPES = {"INT8": (1, "<i1"), "UINT8": (2, "<u1"), "INT16": (3, "<i2"), "UINT16": (4, "<u2"),
              "INT32": (5, "<i4"), "UINT32": (6, "<u4"), "FLOAT32": (7, "<f4"), "FLOAT64": (8, "<f8")}
 
 
+def fields_of(kind: np.dtype) -> dict[str, tuple[np.dtype, int]]:
+    """The fields of a structured dtype in order: name → dtype and offset."""
+    return {name: (field[0], field[1]) for name, field in (kind.fields or {}).items()}
+
+
 @cache
 def load(name: str) -> dict:
     """The schema `msg_schemas/<name>.json` from the source tree or from share/srt3d_ros. Do not modify the result."""
-    path = shared_files.find(f"msg_schemas/{name}.json")
+    path = shared_file(f"msg_schemas/{name}.json")
     if path is None:
         raise FileNotFoundError(f"msg_schemas/{name}.json is in no folder above {__file__}: install srt3d_ros again")
     return json.loads(path.read_text(encoding="utf-8"))

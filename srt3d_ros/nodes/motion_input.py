@@ -1,29 +1,27 @@
-"""The sensor on the robot: MotionInput subscribes to `odom` or `imu`, StaticTransform publishes the mounting."""
+"""MotionInput: the sensor's motion, from `odom` or `imu`, for the sketcher."""
 
 from collections import deque
 from collections.abc import Callable
-
-from geometry_msgs.msg import TransformStamped
 
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.stream import SketchStream
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import odometry
 from srt3d_ros.nodes.common import topics
-from srt3d_ros.nodes.common.base import LOG_EVERY_S, QUEUE_DEPTH, PipelineNode
+from srt3d_ros.nodes.common.failures import LOG_EVERY_S
+from srt3d_ros.nodes.common.managed_node import QUEUE_DEPTH, ManagedNode
 from srt3d_ros.nodes.common.parameters import Parameter
 
+SOURCES = {topic.name: topic for topic in topics.MOTION}
 READERS = {"odom": odometry.decode_odometry, "imu": odometry.decode_imu}
 MOTION_SOURCES = ("off", *READERS)
 MOTION_PARAMETERS = (
     Parameter("motion", "off", "Source of the sensor's motion. Photons of a frame of several packets are moved to the "
               "sensor's pose in the middle of the frame, which becomes the stamp, before they are added. odom: "
               "nav_msgs/Odometry. imu: rotation only.", choices=MOTION_SOURCES, loose=True),
-    Parameter("extrinsics", "", "Pose of the sensor in an Odometry's child_frame_id or an Imu's frame, with motion, "
-              "and in extrinsics_frame. If empty, the sensor is assumed to coincide with that frame.",
+    Parameter("extrinsics", "", "Pose of the sensor in an Odometry's child_frame_id or an Imu's frame, with motion. If "
+              "empty, the sensor is assumed to coincide with that frame.",
               form="x y z qx qy qz qw in metres, or nothing", loose=True),
-    Parameter("extrinsics_frame", "", "tf frame, such as base_link: publish `extrinsics` on /tf_static, as the "
-              "transform from this frame to that of the sketches. If empty, publish none."),
 )
 INBOX = 10_000              # reports queued for a busy worker: 10 s of a fast IMU
 
@@ -49,12 +47,12 @@ class MotionInput:
         on_report: called in the executor's thread after each report.
     """
 
-    def __init__(self, node: PipelineNode, on_report: Callable[[], None]):
+    def __init__(self, node: ManagedNode, on_report: Callable[[], None]):
         self._node, self._on_report = node, on_report
         kind = node.parameters["motion"]
         self._topic, self._read_report = node.resolve_topic_name(kind), READERS[kind]
         self._reports = deque[tuple[bytes, int]](maxlen=INBOX)
-        node.make_subscription(kind, self._queue, QUEUE_DEPTH, raw=True)
+        node.endpoints.subscribe(SOURCES[kind], self._queue, QUEUE_DEPTH, raw=True)
         if not node.parameters["extrinsics"].strip():
             node.get_logger().warning(f"extrinsics is empty: the sensor is assumed to coincide with the frame that "
                                       f"{self._topic} reports on")
@@ -89,30 +87,3 @@ class MotionInput:
         self._node.diagnostics.count(**{counted: 1})
         self._node.diagnostics.error(problem, counted=False)
         self._node.get_logger().warning(problem, throttle_duration_sec=LOG_EVERY_S)
-
-
-class StaticTransform:
-    """Publishes `extrinsics` in the frame `extrinsics_frame`, if that is set; without tf2_msgs the log says why not."""
-
-    def __init__(self, node: PipelineNode):
-        self._node, self._parent, self._child = node, node.parameters["extrinsics_frame"], ""
-        self._publisher = None
-        try:
-            if self._parent:
-                self._publisher = node.advertise(topics.TF_STATIC.name)
-        except ModuleNotFoundError:
-            node.get_logger().warning(f"extrinsics_frame {self._parent}: nothing is published on /tf_static, as "
-                                      "tf2_msgs is missing (sudo apt install ros-jazzy-tf2-msgs; pip has none)")
-
-    def publish(self, child: str) -> None:
-        """Publish the pose of the sensor's frame `child`, unless it was the last one."""
-        if self._publisher is None or child == self._child:
-            return
-        pose = parse_extrinsics(self._node.parameters["extrinsics"])
-        message = TransformStamped(child_frame_id=child)
-        message.header.frame_id, message.header.stamp = self._parent, self._node.get_clock().now().to_msg()
-        moved, turned = message.transform.translation, message.transform.rotation
-        moved.x, moved.y, moved.z = pose.translation.tolist()
-        turned.x, turned.y, turned.z, turned.w = pose.quaternion
-        self._node.publish(self._publisher, self._publisher.msg_type(transforms=[message]))
-        self._child = child

@@ -7,43 +7,34 @@ import numpy as np
 from std_msgs.msg import String
 
 from srt3d_ros import precompile
-from srt3d_ros.core.method.background import BACKGROUNDS
 from srt3d_ros.core.method.pile_up import SATURATED, saturated
-from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, MAX_FALSE_ALARM_RATE, MAX_SURFACES
-from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
+from srt3d_ros.core.methods import METHODS, OPTIONS, SKETCH_METHODS, checked
 from srt3d_ros.core.point_cloud import SURFACE_ORDERS, PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.errors import require
-from srt3d_ros.kernels.devices import DEVICES, kernels_for
+from srt3d_ros.kernels.devices import kernels_for
 from srt3d_ros.messages import images_message as image_message
 from srt3d_ros.messages import points_message, sketch_message
 from srt3d_ros.messages.images_message import camera_info
 from srt3d_ros.nodes.common import topics
-from srt3d_ros.nodes.common.base import PipelineNode, sensor_summary
-from srt3d_ros.nodes.common.lifecycle import run
-from srt3d_ros.nodes.common.parameters import Parameter, Value
+from srt3d_ros.nodes.common.managed_node import ManagedNode, sensor_summary
+from srt3d_ros.nodes.common.parameters import Parameter, Values
+from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.common.worker import Dropped
 from srt3d_ros.nodes.sketch_queue import QueuedSketch, SketchQueue
 from srt3d_ros.reconstruction import Reconstructor
 
 PARAMETERS = (
-    Parameter("method", DEFAULT_METHOD, "How to reconstruct. " + "; ".join(
+    Parameter.of(OPTIONS["method"], description="How to reconstruct. " + "; ".join(
         f"{name}: {METHODS[name].about}" for name in SKETCH_METHODS) + ". All but pooled are published with the "
-        "sketcher's `frequencies` consecutive.", choices=SKETCH_METHODS, live=True),
-    Parameter("surfaces", 1, "Most surfaces per pixel.", low=1, high=MAX_SURFACES, live=True),
+        "sketcher's `frequencies` consecutive.", choices=SKETCH_METHODS),
+    Parameter.of(OPTIONS["surfaces"]),
     Parameter("surface_order", "strongest", "The surface of a pixel that comes first in `points`; images show only the "
               "first. With `surfaces` of 2 or more, nearest shows a net or fog, and farthest the scene behind it.",
               choices=tuple(SURFACE_ORDERS), live=True),
-    Parameter("false_alarm_rate", DEFAULT_FALSE_ALARM_RATE, "pooled: fraction of the pixels without a surface "
-              "that may show a false point.", low=1e-12, high=MAX_FALSE_ALARM_RATE, live=True),
-    Parameter("background", BACKGROUNDS[0], "pooled: distribution of the background over the bins. auto: estimated "
-              "from the photons that the last clouds do not explain; even until that is significant. sensor: the "
-              "sensor's background_shape, or even without one. flat: even.", choices=BACKGROUNDS, live=True),
-    Parameter("warm_start", False, "pooled: start from the last frame's surfaces where the photons confirm them. This "
-              "reduces the error while the scene changes little.", live=True),
-    Parameter("device", "auto", "Where to compute. auto: on a GPU if it passes a check.", choices=DEVICES, live=True),
+    *(Parameter.of(OPTIONS[name]) for name in ("false_alarm_rate", "background", "warm_start", "device")),
     Parameter("fields", "xyzi", "Fields of `points`. xyzi: x, y, z, intensity. full: also depth_std, background, row, "
               "col and surface.", choices=("xyzi", "full"), live=True),
     Parameter("organised", False, "Publish `points` as an image of rows × cols: the first point of each pixel by "
@@ -53,38 +44,19 @@ PARAMETERS = (
               "= no limit.", "m", low=0.0, live=True),
     Parameter("max_range_m", 0.0, "Omit points farther than this; 0 = no limit.", "m", low=0.0, live=True),
 )
-DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
-METHOD_OPTIONS = tuple(sorted({name for method in SKETCH_METHODS for name in METHODS[method].options}))
 
 
-def check_together(values: dict[str, Value]) -> None:
-    """Raise InvalidInput for values that contradict each other."""
-    method, nearest, farthest = METHODS[values["method"]], values["min_range_m"], values["max_range_m"]
-    for name in METHOD_OPTIONS:
-        require(name in method.options or values[name] == DEFAULTS[name], name, values[name],
-                f"{DEFAULTS[name]}, since {method.name} does not have this option")
+def check(values: Values) -> None:
+    """Raise InvalidInput for values that contradict each other, or that this machine cannot use."""
+    checked(options(values))
+    kernels_for(values["device"])
+    nearest, farthest = values["min_range_m"], values["max_range_m"]
     require(farthest == 0 or nearest < farthest, "min_range_m", nearest, f"less than max_range_m, {farthest:g} m")
 
 
-def options(values: dict[str, Value]) -> dict[str, Value]:
+def options(values: Values) -> Values:
     """The parameters of the Reconstructor; the others concern what is published."""
-    names = ("method", "surfaces", "device", *METHODS[values["method"]].options)
-    return {name: values[name] for name in names}
-
-
-def build(described: tuple[SensorModel, tuple[int, ...]] | None, values: dict[str, Value]) -> Reconstructor:
-    """The Reconstructor with these parameters; InvalidInput if there is none.
-
-    Args:
-        described: sensor and frequencies of the sketches; None for any, while they are unknown.
-    """
-    return Reconstructor(*(described or (precompile.ANY_SENSOR, (1, 2, 3))), **options(values))
-
-
-def on_the_cpu(described: tuple[SensorModel, tuple[int, ...]] | None, values: dict[str, Value]) -> Reconstructor:
-    """As `build`, but on the CPU, since a GPU takes seconds; InvalidInput also if the device is missing."""
-    kernels_for(values["device"])
-    return build(described, values | {"device": "cpu"})
+    return {name: values[name] for name in OPTIONS}
 
 
 SPEC = NodeSpec(
@@ -99,7 +71,7 @@ BUILT_KEPT = 2      # reconstructors: sketches for the previous one may still ar
 WAITED_FOR = "the sketch's description"
 
 
-class ReconstructorNode(PipelineNode):
+class ReconstructorNode(ManagedNode):
     """Publishes a cloud for each sketch, reconstructed with the description that the sketch names."""
 
     spec = SPEC
@@ -108,25 +80,25 @@ class ReconstructorNode(PipelineNode):
         super().__init__()
         self._queue = SketchQueue()
         self._built: dict[tuple[str, tuple[int, ...]], Reconstructor] = {}      # the last used comes last
-        self._newest: PhaseSums | None = None
         self._settings = self.parameters.as_dict()      # the worker's copy, which changes only between frames
-        self.parameters.on_check = self._check
+        self.parameters.on_check = check
         self.parameters.on_change = lambda: self.worker.call(self._apply)
 
     def configure(self) -> None:
         self._settings = self.parameters.as_dict()
-        check_together(self._settings)
-        on_the_cpu(None, self._settings).warm_up()      # a GPU's kernels depend on the sensor
-        self._points = self.advertise("points")
-        self._images = {topic.name: self.advertise(topic.name) for topic in topics.IMAGE_TOPICS}
-        self._camera_info = self.advertise("camera_info")
+        check(self._settings)
+        # On the CPU, since a GPU's kernels depend on the sensor.
+        Reconstructor(precompile.ANY_SENSOR, (1, 2, 3), **options(self._settings | {"device": "cpu"})).warm_up()
+        self._points = self.endpoints.advertise(topics.POINTS)
+        self._images = {topic.name: self.endpoints.advertise(topic) for topic in topics.IMAGE_TOPICS}
+        self._camera_info = self.endpoints.advertise(topics.CAMERA_INFO)
 
     def activate(self) -> None:
         self._sensors = self.resolve_topic_name("sketch/sensor")
         self.diagnostics.wait_for(WAITED_FOR, self._sensors)
         # Subscribe to the description last: a publisher that has found this reader has found that of `sketch`, too.
-        self.subscribe("sketch", self._on_sketch)
-        self.follow("sketch/sensor", self._on_sensor)
+        self.subscribe(topics.SKETCH, self._on_sketch)
+        self.follow(topics.SKETCH_SENSOR, self._on_sensor)
 
     def stop_frames(self, cause: str) -> None:
         super().stop_frames(cause)
@@ -134,15 +106,7 @@ class ReconstructorNode(PipelineNode):
 
     def forget(self) -> None:
         """Forget the last frame's surfaces and background."""
-        self._newest = None
         self._built.clear()
-
-    def _check(self, values: dict[str, Value]) -> None:
-        """Raise InvalidInput for parameters that cannot be applied."""
-        check_together(values)
-        if options(values) != options(self.parameters.as_dict()):
-            newest = self._newest       # the worker may replace it at any time
-            on_the_cpu(newest and (newest.sensor, newest.frequencies), values)
 
     def _apply(self) -> None:
         """Use the current parameters from the next frame on."""
@@ -204,7 +168,7 @@ class ReconstructorNode(PipelineNode):
         kind, frequencies = (digest, sketch.frequencies), " ".join(map(str, sketch.frequencies))
         reconstructor = self._built.pop(kind, None)
         if reconstructor is None:
-            reconstructor = build((sketch.sensor, sketch.frequencies), self._settings)
+            reconstructor = Reconstructor(sketch.sensor, sketch.frequencies, **options(self._settings))
             reconstructor.warm_up()
             self.get_logger().info(f"sketches: {sensor_summary(sketch.sensor)}, frequencies {frequencies}")
         self._built[kind] = reconstructor
@@ -220,9 +184,8 @@ class ReconstructorNode(PipelineNode):
         organised = settings["organised"]
         data = points_message.encode_cdr(cloud, frame_id, settings["fields"], organised)
         self.publish_frame(self._points, data, cloud.stamp_ns)
-        published = np.count_nonzero(cloud.surface == 0) if organised else len(cloud)
+        published = int(np.count_nonzero(cloud.surface == 0)) if organised else len(cloud)
         self.diagnostics.count(points=published, points_out_of_range=len(seen) - len(cloud), photons=seen.photons)
-        self._newest = sketch
         try:
             self._publish_images(cloud, sketch.sensor, frame_id)
         except Exception as problem:    # not counted as a lost frame: its points have been published

@@ -9,34 +9,31 @@ from std_msgs.msg import String
 from srt3d_ros import precompile
 from srt3d_ros.core.sensor.difference import first_difference
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE, RULES
+from srt3d_ros.core.sketching.design import OPTIONS
+from srt3d_ros.core.sketching.frequencies import RULES
 from srt3d_ros.core.sketching.gate import OFF
-from srt3d_ros.core.sketching.sums import MAX_SKETCH_SIZE, PhaseSums
+from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.core.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets import open_sensor
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import sensor_message, sketch_message
 from srt3d_ros.messages.cdr import check_frame_id
-from srt3d_ros.messages.photon_frames import CODECS
+from srt3d_ros.messages.photon_frames import CODECS, Codec
 from srt3d_ros.nodes.common import topics
-from srt3d_ros.nodes.common.base import PipelineNode, sensor_summary
-from srt3d_ros.nodes.common.lifecycle import run
-from srt3d_ros.nodes.common.parameters import Parameter, Value
-from srt3d_ros.nodes.common.peers import all_acknowledged, unacknowledged_by
+from srt3d_ros.nodes.common.managed_node import ManagedNode, sensor_summary
+from srt3d_ros.nodes.common.parameters import Parameter, Values
+from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.common.worker import Dropped
-from srt3d_ros.nodes.motion_input import MOTION_PARAMETERS, MotionInput, StaticTransform, parse_extrinsics
+from srt3d_ros.nodes.motion_input import MOTION_PARAMETERS, MotionInput, parse_extrinsics
 
 PARAMETERS = (
     Parameter("sensor_file", "", "Description of the sensor, for a driver that publishes none: JSON as on `sensor`, "
               "or a photon file. If a driver publishes a different description on `sensor`, its photons are dropped, "
               "and an error in the log and in /diagnostics names the first key that differs.",
               form="a path"),
-    Parameter("sketch_size", DEFAULT_SKETCH_SIZE, "Complex numbers per pixel, unless `frequencies` lists them.",
-              low=1, high=MAX_SKETCH_SIZE, live=True),
-    Parameter("frequencies", "auto", "Frequencies to keep. auto: those with the least expected depth error for "
-              "the IRF. consecutive: 1 to sketch_size, as in the paper. Or a list.",
-              form="auto, consecutive or integers such as 1,2,5", live=True, loose=True),
+    Parameter.of(OPTIONS["sketch_size"]),
+    Parameter.of(OPTIONS["frequencies"], loose=True),
     Parameter("gate", OFF, "First and last depth bin to keep. Photons in other bins are dropped "
               "(`photons_dropped.gate`), and T becomes the gate's length: less background and finer depths at a low "
               "SBR. `srt3d info FILE` proposes one. The spread of the pixels' delays widens it.",
@@ -52,9 +49,6 @@ PARAMETERS = (
     *MOTION_PARAMETERS,
     Parameter("layout", "float32", "Numbers in `sketch`; int16 halves the bandwidth.",
               choices=("float32", "int16"), live=True),
-    Parameter("merge_when_busy", False, "While readers have not acknowledged two sketches, for at most 0.4 s, add the "
-              "next frame to the one that waits: a slow link then gets fewer sketches, with all photons. Not with "
-              "motion or windows of several frames.", live=True),
     topics.MAX_PIXELS_PARAMETER,
     Parameter("frame_id", "", "tf frame of the published messages; if empty, that of the received ones.", live=True),
 )
@@ -62,25 +56,23 @@ PARAMETERS = (
 SPEC = NodeSpec(
     "sketcher",
     inputs=(topics.SENSOR, *topics.FRAMES, *topics.MOTION),
-    outputs=(replace(topics.SENSOR, when="`sensor_file` is set"), topics.SKETCH_SENSOR, topics.SKETCH,
-             topics.TF_STATIC),
+    outputs=(replace(topics.SENSOR, when="`sensor_file` is set"), topics.SKETCH_SENSOR, topics.SKETCH),
     parameters=PARAMETERS,
 )
 
 
-def stream_options(values: dict[str, Value]) -> StreamOptions:
+def stream_options(values: Values) -> StreamOptions:
     """The parameters that configure a SketchStream; InvalidInput if they contradict each other."""
     spec = values["frequencies"]
     return StreamOptions(values["gate"], spec, values["sketch_size"] if spec in RULES else None,
                          values["packets_per_frame"], round(values["frame_period_s"] * 1e9), values["window_frames"],
-                         values["motion"] != OFF, parse_extrinsics(values["extrinsics"]), values["merge_when_busy"])
+                         values["motion"] != OFF, parse_extrinsics(values["extrinsics"]))
 
 
 LIKELY_PACKETS = 8          # assumed per frame_period_s until the first period has ended
-BUSY = 2                    # unacknowledged sketches: one is always on its way
 
 
-class SketcherNode(PipelineNode):
+class SketcherNode(ManagedNode):
     """Pushes packets into a SketchStream and publishes its sketches.
 
     The sensor is that of `sensor_file`, with which a description on `sensor` must agree. Without a file, it is the last
@@ -107,20 +99,20 @@ class SketcherNode(PipelineNode):
         if self.parameters["motion"] != OFF:
             precompile.deskewing()
         if self._file is not None:
-            self._file_publisher = self.advertise("sensor")
-        self._sketches, self._descriptions = self.advertise("sketch"), self.advertise("sketch/sensor")
-        self._transform = StaticTransform(self)
+            self._file_publisher = self.endpoints.advertise(topics.SENSOR)
+        self._sketches, self._descriptions = (self.endpoints.advertise(topic) for topic in (
+            topics.SKETCH, topics.SKETCH_SENSOR))
 
     def activate(self) -> None:
         self.worker.messages_per_frame = max(self.parameters["packets_per_frame"],
                                              LIKELY_PACKETS if self.parameters["frame_period_s"] else 1)
-        self._frame_id, self._described, self._unacknowledged = "", None, 0
+        self._frame_id, self._described = "", None
         self._wake_s = float("inf")             # when `_wake` will be called, by the node's clock
         self._sensor, self._refused = self._file, ""
         self._own_description = ""              # published on `sensor`, and received from there
         self._topic, self._file_name = self.resolve_topic_name("sensor"), Path(self.parameters["sensor_file"]).name
         if self._file is None:
-            self.hold_frames_for("a sensor description", "sensor")
+            self.hold_frames_for("a sensor description", topics.SENSOR)
         else:
             self.get_logger().info(f"sensor_file {self._file_name}: {sensor_summary(self._file)}; a description on "
                                    f"{self._topic} must agree")
@@ -131,9 +123,9 @@ class SketcherNode(PipelineNode):
             self.worker.call(self._apply)
         if self.parameters["motion"] != OFF:
             self._motion = MotionInput(self, self._on_motion)
-        self.follow("sensor", self._on_sensor)
-        for topic, codec in CODECS.items():
-            self.subscribe(topic, partial(self._on_packet, codec))
+        self.follow(topics.SENSOR, self._on_sensor)
+        for topic in topics.FRAMES:
+            self.subscribe(topic, partial(self._on_packet, CODECS[topic.name]))
 
     def forget(self) -> None:
         self._flush()
@@ -142,7 +134,7 @@ class SketcherNode(PipelineNode):
     def _flush(self) -> None:
         """Publish all frames that have ended, and begin a new frame and a new window."""
         if self._stream is not None:
-            self._publish(self._stream.flush())
+            self._publish(self._stream, self._stream.flush())
 
     # ---- Sensor and parameters
 
@@ -155,7 +147,7 @@ class SketcherNode(PipelineNode):
                 self._compare_with_file(described)
         except InvalidInput as problem:
             if self._stream is not None:        # the open frame may contain photons of the other sensor
-                self._publish(self._stream.reset())
+                self._publish(self._stream, self._stream.reset())
             self._stream, self._refused = None, str(problem)
             self.diagnostics.problem = self._refused
             raise
@@ -203,26 +195,23 @@ class SketcherNode(PipelineNode):
         self._flush()
         self._stream = None                     # stays so if the next line fails
         try:
-            self._stream = SketchStream(sensor, options, self.diagnostics)
+            self._stream = stream = SketchStream(sensor, options, self.diagnostics)
         except InvalidInput as problem:
             self.diagnostics.problem = str(problem)
             raise
-        self._describe(self._stream.sketch_sensor)
+        self._describe(stream, stream.sketch_sensor)
         self.diagnostics.frame_id = sensor.frame_id
-        self.diagnostics.show(**self._stream.facts)
+        self.diagnostics.show(**stream.facts)
         self.release_frames()
 
-    def _check(self, values: dict[str, Value]) -> None:
+    def _check(self, values: Values) -> None:
         """Raise InvalidInput for parameters that do not suit the sensor; without one, that suit no sensor."""
-        for name in ("frame_id", "extrinsics_frame"):
-            check_frame_id(name, values[name])
-        require(not (values["merge_when_busy"] and unacknowledged_by()), "merge_when_busy", "true",
-                f"false with {unacknowledged_by()}, which does not say what readers have received")
-        SketchStream(self._sensor or precompile.ANY_SENSOR, stream_options(values))
+        check_frame_id("frame_id", values["frame_id"])
+        stream_options(values).check(self._sensor or precompile.ANY_SENSOR)
 
     # ---- Packets in, sketches out
 
-    def _on_packet(self, codec, raw: bytes) -> None:
+    def _on_packet(self, codec: Codec, raw: bytes) -> None:
         if self._refused and self._file is not None and self.count_publishers(self._topic) <= 1:
             self._use_file(f"{self._topic} has no other publisher any more")
         stream = self._stream
@@ -233,9 +222,9 @@ class SketcherNode(PipelineNode):
         if self._motion is not None:
             self._motion.read_into(stream)
         try:
-            self._publish(stream.push(photons, self._now_s(), self._is_busy()))
+            self._publish(stream, stream.push(photons, self._now_s()))
         finally:
-            self._wake_later()
+            self._wake_later(stream)
 
     def _on_motion(self) -> None:
         """Have the worker poll if frames wait for motion; called in the executor's thread."""
@@ -244,15 +233,16 @@ class SketcherNode(PipelineNode):
             self.worker.call(self._poll)
 
     def _poll(self) -> None:
-        if self._stream is not None:
+        stream = self._stream
+        if stream is not None:
             if self._motion is not None:
-                self._motion.read_into(self._stream)
-            self._publish(self._stream.poll(self._now_s(), self._is_busy()))
-            self._wake_later()
+                self._motion.read_into(stream)
+            self._publish(stream, stream.poll(self._now_s()))
+            self._wake_later(stream)
 
-    def _wake_later(self) -> None:
+    def _wake_later(self, stream: SketchStream) -> None:
         """Schedule a poll for when a frame may end or be published without another packet."""
-        wait_s = self._stream.wait_s
+        wait_s = stream.wait_s
         if wait_s is not None and self._now_s() + wait_s < self._wake_s:
             self._wake_s = self._now_s() + wait_s
             self.worker.call_after(wait_s, self._wake)
@@ -264,23 +254,14 @@ class SketcherNode(PipelineNode):
     def _now_s(self) -> float:
         return self.now_ns() * 1e-9
 
-    def _is_busy(self) -> bool:
-        """Whether readers have not yet acknowledged the last sketches."""
-        if self._unacknowledged >= BUSY and all_acknowledged(self._sketches):
-            self._unacknowledged = 0
-        return self._unacknowledged >= BUSY
-
-    def _publish(self, sketches: list[PhaseSums]) -> None:
+    def _publish(self, stream: SketchStream, sketches: list[PhaseSums]) -> None:
         """Publish sketches, each after the description that it names."""
-        values, stream = self.parameters, self._stream
+        values = self.parameters
         for sketch in sketches:
-            self._describe(sketch.sensor)
+            self._describe(stream, sketch.sensor)
             frame_id = values["frame_id"] or self._frame_id
-            self._transform.publish(frame_id)
             data = sketch_message.encode_cdr(sketch, frame_id, values["layout"])
             self.publish_frame(self._sketches, data, sketch.stamp_ns)
-            if values["merge_when_busy"]:
-                self._unacknowledged += 1
         if sketches:
             self.worker.messages_per_frame = stream.packets_per_frame
             self.diagnostics.show(**stream.facts)
@@ -288,12 +269,12 @@ class SketcherNode(PipelineNode):
         if sketches and self._motion is not None:
             self._motion.judge(stream)
 
-    def _describe(self, sensor: SensorModel) -> None:
+    def _describe(self, stream: SketchStream, sensor: SensorModel) -> None:
         """Publish a description on `sketch/sensor`, unless it is the last one published."""
         if self._described is None or not sensor.same_as(self._described):
             self._described = sensor
             self.publish(self._descriptions, sensor_message.encode(sensor))
-            facts = self._stream.facts
+            facts = stream.facts
             self.get_logger().info(f"sketches of {sensor_summary(sensor)}: gate {facts['gate']}, frequencies "
                                    f"{facts['frequencies']}")
 

@@ -6,10 +6,10 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from srt3d_ros.core.point_cloud import PointCloud
-from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.pictures.cloud_renderer import CloudStyle, focal_px
 from srt3d_ros.pictures.colours import BACKGROUND, range_table
 from srt3d_ros.pictures.figures import DPI, as_image
+from srt3d_ros.pictures.units import length_text, number_text
 from srt3d_ros.pictures.viewpoint import Viewpoint, look_at
 
 TEXT_COLOUR, DIM_COLOUR = "#e8eaed", "#8b939e"
@@ -57,7 +57,8 @@ def range_bar(axes: Axes, style: CloudStyle, size: float = 13) -> None:
     bar.set_axis_off()
     bar.imshow(range_table()[None], aspect="auto")
     for x, metres, side in ((0, style.near_m, "left"), (1, style.far_m, "right")):
-        bar.text(x, 2, f"{metres:.3g} m", transform=bar.transAxes, color=DIM_COLOUR, size=size, ha=side, va="bottom")
+        bar.text(x, 2, f"{number_text(metres)} m", transform=bar.transAxes, color=DIM_COLOUR, size=size, ha=side,
+                 va="bottom")
 
 
 def annotated(image: np.ndarray, style: CloudStyle, eye: Viewpoint) -> Image.Image:
@@ -70,27 +71,10 @@ def annotated(image: np.ndarray, style: CloudStyle, eye: Viewpoint) -> Image.Ima
     return as_image(figure)
 
 
-def draw_cloud(cloud: PointCloud, sensor: SensorModel, yaw_deg: float = 15, pitch_deg: float = 10,
-               size_px: tuple[int, int] = (1200, 900)) -> Image.Image:
+def draw_cloud(cloud: PointCloud, yaw_deg: float = 15, pitch_deg: float = 10, size_px: tuple[int, int] = (1200, 900)
+               ) -> Image.Image:
     """A cloud seen from above right of the sensor, coloured by range, shaded by intensity, with scale bar."""
     width, height = size_px
-    eye = look_at(cloud.xyz, sensor.projection, yaw_deg, pitch_deg, aspect=width / height)
-    style = CloudStyle.of(cloud, sensor)
+    eye = look_at(cloud.xyz, cloud.sensor.projection, yaw_deg, pitch_deg, aspect=width / height)
+    style = CloudStyle.of(cloud, cloud.sensor)
     return annotated(style.draw(cloud, eye, width, height), style, eye)
-
-
-def length_text(length_m: float) -> str:
-    """A length in a suitable unit: 2 m, 50 cm, 5 mm."""
-    if length_m >= 1:
-        return f"{length_m:g} m"
-    return f"{length_m * 100:g} cm" if length_m >= 0.01 else f"{length_m * 1000:g} mm"
-
-
-def caption(figures: dict) -> str:
-    """Figures in one line, with numbers such as 19,871 or 0.569."""
-    def text(value) -> str:
-        if isinstance(value, (int, np.integer)):
-            return f"{value:,}"
-        return f"{value:.3g}" if isinstance(value, (float, np.floating)) else str(value)
-
-    return "     ".join(f"{name}: {text(value)}" for name, value in figures.items())

@@ -23,6 +23,7 @@ _EDGE_REACHES = (0.004, 0.015)  # distances of edge shading, as a fraction of th
 _EDGE_SLOPE = 0.7               # ratio of depth step to reach that gives 63 % of the greatest darkening
 _DEEPEST_EDGE = 0.02            # of the distance between eye and target; deeper edges are not darker
 _DARKEST_EDGE = 0.5
+_FOG_OPACITY = 0.6              # of one point
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,25 +48,21 @@ class CloudStyle:
         colour[(range_m < self.near_m - 0.2 * span_m) | (range_m > self.far_m + 0.2 * span_m)] = _OUTSIDE
         return colour
 
-    def shaded(self, cloud: PointCloud) -> np.ndarray:
-        """Colours of points by range, darker at low intensity, uint8 [N, 3]."""
+    def draw(self, cloud: PointCloud, eye: Viewpoint, width: int, height: int, finer: int = 2) -> np.ndarray:
+        """A cloud seen from `eye`, uint8 [height, width, 3]; `finer` as for draw_surface."""
         low, high = percentile_range(cloud.intensity) or (0, 1)
-        return shaded(self.colour(cloud.xyz), levels(cloud.intensity, low, high, root=True))
-
-    def draw(self, cloud: PointCloud, eye: Viewpoint, width: int, height: int) -> np.ndarray:
-        """A cloud seen from `eye`, uint8 [height, width, 3]."""
-        return draw_surface(cloud.xyz, self.shaded(cloud), eye, width, height, self.radius_m, BACKGROUND, finer=2)
+        colour = shaded(self.colour(cloud.xyz), levels(cloud.intensity, low, high, root=True))
+        return draw_surface(cloud.xyz, colour, eye, width, height, self.radius_m, finer)
 
 
 def draw_surface(xyz: np.ndarray, colour: np.ndarray, eye: Viewpoint, width: int, height: int, radius_m: float,
-                 background: tuple[int, int, int] = (0, 0, 0), finer: int = 1) -> np.ndarray:
+                 finer: int) -> np.ndarray:
     """Draw points as opaque discs; uint8 [height, width, 3].
 
     Args:
         xyz: float [N, 3], metres; NaN and Inf are skipped.
         colour: uint8 [N, 3].
         radius_m: radius of the discs, which cover at least one pixel.
-        background: colour where there are no points.
         finer: supersampling; 2 gives smooth edges for four times the work.
     """
     width, height = width * finer, height * finer
@@ -78,7 +75,7 @@ def draw_surface(xyz: np.ndarray, colour: np.ndarray, eye: Viewpoint, width: int
     top = _last_disc(x, y, radius_px, width, height)        # the nearest disc
     covered = top >= 0
     image = np.empty((width * height, 3), np.float32)
-    image[:] = background
+    image[:] = BACKGROUND
     buffer = np.full(width * height, np.inf, np.float32)
     buffer[covered] = depth[top[covered]]
     with np.errstate(invalid="ignore"):     # inf − inf in the background
@@ -87,15 +84,9 @@ def draw_surface(xyz: np.ndarray, colour: np.ndarray, eye: Viewpoint, width: int
     return image.reshape(height // finer, finer, width // finer, finer, 3).mean(axis=(1, 3)).astype(np.uint8)
 
 
-def draw_fog(xyz: np.ndarray, colour: np.ndarray, eye: Viewpoint, width: int, height: int, opacity: float,
-             size_px: int = 1, background: tuple[int, int, int] = (0, 0, 0)) -> np.ndarray:
-    """Draw points as translucent squares, brighter where many overlap; uint8 [height, width, 3].
-
-    Args:
-        xyz, colour, eye, width, height, background: as for draw_surface.
-        opacity: of one point, 0 … 1.
-        size_px: side of a point's square.
-    """
+def draw_fog(xyz: np.ndarray, colour: np.ndarray, eye: Viewpoint, width: int, height: int, size_px: int
+             ) -> np.ndarray:
+    """Draw points as translucent squares of `size_px`, brighter where many overlap; uint8 [height, width, 3]."""
     x, y, _ = project(xyz, eye, width, height)
     steps = np.mgrid[:size_px, :size_px].reshape(2, -1, 1) - (size_px - 1) / 2
     x, y = (np.ravel(at + step) for at, step in zip((x, y), steps))
@@ -105,8 +96,8 @@ def draw_fog(xyz: np.ndarray, colour: np.ndarray, eye: Viewpoint, width: int, he
     number = np.bincount(element, minlength=width * height)
     total = np.stack([np.bincount(element, colour[inside, c], minlength=width * height) for c in range(3)], axis=1)
     mean = total / np.maximum(number, 1)[:, None]
-    cover = 1 - (1 - opacity)**number[:, None]
-    return (mean * cover + (1 - cover) * background).reshape(height, width, 3).astype(np.uint8)
+    cover = 1 - (1 - _FOG_OPACITY)**number[:, None]
+    return (mean * cover + (1 - cover) * BACKGROUND).reshape(height, width, 3).astype(np.uint8)
 
 
 def project(xyz: np.ndarray, eye: Viewpoint, width: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -17,32 +17,32 @@ from srt3d_ros.pictures.annotations import DIM_COLOUR, TEXT_COLOUR
 from srt3d_ros.pictures.cloud_renderer import CloudStyle, draw_fog
 from srt3d_ros.pictures.colours import BACKGROUND, range_table
 from srt3d_ros.pictures.figures import DPI, as_image
+from srt3d_ros.pictures.units import number_text
 from srt3d_ros.pictures.viewpoint import Viewpoint, look_at, pixel_pitch_rad, sensor_axes
 
 _WIDTH_PX, _HEIGHT_PX = 2000, 900              # for the sizes of texts and lines
 _FINER = 2                                      # pixels of the file for each of these
 _BOTTOM, _TOP = 0.09, 0.80                      # of the panels, shares of the height
-_PHOTON_OPACITY, _FADE = 0.6, 0.08              # _FADE: width of the faded border over the panel's
+_FADE = 0.08                                    # width of the faded border over the panel's
 _SPARSE = 0.4                                   # photons per pixel below which they are drawn larger
 _MOST_PHOTONS = 1_000_000                       # more are sampled evenly
 
 
-def draw_overview(path, cloud: PointCloud, sensor: SensorModel, photons: PhotonEvents | None, title: str,
-                  figures: dict) -> None:
+def draw_overview(path: Path, cloud: PointCloud, photons: PhotonEvents | None, title: str,
+                  figures: dict[str, float | str]) -> None:
     """Write a .png with photons, cloud and depth map in the same range colours.
 
     Args:
         photons: of the cloud's frame; None omits their panel.
         figures: shown below, in order: {"photons per pixel": 10.0, "points": 19_871, "reconstruction": "35 ms"}.
-
-    Raises:
-        InvalidInput: the picture cannot be written.
     """
-    style = CloudStyle.of(cloud, sensor)
+    sensor, style = cloud.sensor, CloudStyle.of(cloud, cloud.sensor)
     figure = annotations.dark_figure(_WIDTH_PX, _HEIGHT_PX)
     figure.set_dpi(_FINER * DPI)
     annotations.write_line(figure, 0.94, title, 25, TEXT_COLOUR, weight="bold")
-    annotations.write_line(figure, 0.045, annotations.caption(figures), 15, DIM_COLOUR)
+    caption = "     ".join(f"{name}: {value if isinstance(value, str) else number_text(value)}"
+                           for name, value in figures.items())
+    annotations.write_line(figure, 0.045, caption, 15, DIM_COLOUR)
     left, framed = 0.02, cloud.xyz
     if photons is not None:
         xyz = photon_positions(photons, sensor)
@@ -60,7 +60,7 @@ def draw_overview(path, cloud: PointCloud, sensor: SensorModel, photons: PhotonE
         annotations.scale_bar(axes, eye)
     _depth_map(figure, 0.71, 0.235, cloud.range_image(), style)
     with file_errors("picture", path):
-        as_image(figure).save(Path(path), "png")
+        as_image(figure).save(path, "png")
 
 
 def photon_positions(photons: PhotonEvents, sensor: SensorModel) -> np.ndarray:
@@ -77,7 +77,7 @@ def photon_positions(photons: PhotonEvents, sensor: SensorModel) -> np.ndarray:
 def draw_photons(xyz: np.ndarray, style: CloudStyle, eye: Viewpoint, width: int, height: int) -> np.ndarray:
     """Photons as fog, faded at the borders of the panel."""
     size_px = _FINER if len(xyz) > _SPARSE * width * height / _FINER**2 else 2 * _FINER
-    fog = draw_fog(xyz, style.colour(xyz), eye, width, height, _PHOTON_OPACITY, size_px, BACKGROUND)
+    fog = draw_fog(xyz, style.colour(xyz), eye, width, height, size_px)
     inside = [np.clip(np.minimum(np.arange(n), n - 1 - np.arange(n)) / (_FADE * n), 0, 1) for n in (height, width)]
     weight = np.outer(*inside)[..., None]
     return (fog * weight + np.array(BACKGROUND) * (1 - weight)).astype(np.uint8)

@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-from srt3d_ros.files import shared_files
+from srt3d_ros.files import shared_file
 from srt3d_ros.processes.private_network import FIRST_PORT, PORTS
 
 
@@ -143,7 +143,7 @@ def shared_memory_profile(shared_memory: Path = SHARED_MEMORY) -> Path | None:
     except OSError:
         return None
     segment_bytes = min(SEGMENT_BYTES, room.f_bavail * room.f_frsize // PROCESSES)
-    profile = shared_files.find(FAST_DDS.profiles.format("shm"))
+    profile = shared_file(FAST_DDS.profiles.format("shm"))
     if segment_bytes == SEGMENT_BYTES or profile is None:
         return profile
     if segment_bytes < LEAST_SEGMENT_BYTES:

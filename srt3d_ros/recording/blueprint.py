@@ -1,5 +1,7 @@
 """The rerun blueprint of recordings: a large 3D view; images, and tabs of plots and the nodes' log beside it."""
 
+from collections.abc import Collection
+
 import rerun as rr
 import rerun.blueprint as rrb
 
@@ -9,22 +11,13 @@ from srt3d_ros.pictures.viewpoint import Viewpoint
 from srt3d_ros.recording import entities
 from srt3d_ros.recording.entities import FRAME_INDEX, metric_path
 
-# Legend and colour of each metric.
-SERIES = {
-    "latency_ms": ("end to end", YELLOW),
-    "latency_sketch_ms": ("sketch", GREEN),
-    "latency_reconstruct_ms": ("reconstruct", SKY_BLUE),
-    "points": ("points", SKY_BLUE),
-    "photons": ("photons", GREEN),
-    "ppp": ("photons per pixel", GREEN),
-    "frame_rate_hz": ("clouds/s", ORANGE),
-}
-# Plots and their metrics, from the first tab to the last.
+# Plots from the first tab to the last: the legend and colour of each metric.
 PLOTS = {
-    "Latency [ms]": ("latency_ms", "latency_sketch_ms", "latency_reconstruct_ms"),
-    "Points": ("points",),
-    "Photons per pixel": ("ppp",),
-    "Rate [Hz]": ("frame_rate_hz",),
+    "Latency [ms]": {"latency_ms": ("end to end", YELLOW), "latency_sketch_ms": ("sketch", GREEN),
+                     "latency_reconstruct_ms": ("reconstruct", SKY_BLUE)},
+    "Points": {"points": ("points", SKY_BLUE)},
+    "Photons per pixel": {"ppp": ("photons per pixel", GREEN)},
+    "Rate [Hz]": {"frame_rate_hz": ("clouds/s", ORANGE)},
 }
 IMAGE_TITLES = {entities.DEPTH_PATH: "Depth", entities.PHOTONS_PATH: "Photons",
                 entities.INTENSITY_PATH: "Intensity", entities.BACKGROUND_PATH: "Background"}
@@ -62,10 +55,10 @@ def film_blueprint(eye: Viewpoint, sensor: SensorModel, images: tuple[str, ...],
 def plot_styles() -> dict[str, rr.SeriesLines]:
     """Style of each plotted metric by entity path."""
     return {metric_path(name): rr.SeriesLines(colors=int(f"{colour[1:]}ff", 16), names=title, widths=1.5)
-            for name, (title, colour) in SERIES.items()}
+            for metrics in PLOTS.values() for name, (title, colour) in metrics.items()}
 
 
-def _plot(title: str, names: tuple[str, ...]) -> rrb.TimeSeriesView:
+def _plot(title: str, names: Collection[str]) -> rrb.TimeSeriesView:
     corner = rrb.PlotLegend(rrb.Corner2D.LeftTop) if len(names) > 1 else rrb.PlotLegend(visible=False)
     return rrb.TimeSeriesView(origin=entities.METRICS_PATH, contents=[metric_path(name) for name in names], name=title,
                               plot_legend=corner)

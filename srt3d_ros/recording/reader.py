@@ -39,15 +39,13 @@ class RecordedCloud:
     col: np.ndarray | None = None           # uint16 [N]
     surface: np.ndarray | None = None       # uint8 [N], number within the pixel
 
-    def __len__(self) -> int:
-        return len(self.xyz)
-
     def placed(self, sensor: SensorModel) -> PointCloud:
-        """The Cloud, for clouds recorded with all columns; its background is NaN."""
+        """The PointCloud, for clouds recorded with all columns; its background is NaN."""
         depth_bins = sensor.depth_bins(np.linalg.norm(self.xyz.astype(np.float64), axis=1)).astype(np.float32)
-        return PointCloud(self.row, self.col, depth_bins, self.intensity,
-                     self.depth_std_m / np.float32(sensor.bin_width_m), self.xyz, self.surface,
-                     np.full((sensor.rows, sensor.cols), np.nan, np.float32), self.stamp_ns, sensor=sensor)
+        depth_std_bins = self.depth_std_m / np.float32(sensor.bin_width_m)
+        background = np.full((sensor.rows, sensor.cols), np.nan, np.float32)
+        return PointCloud(self.row, self.col, depth_bins, self.intensity, depth_std_bins, self.xyz, self.surface,
+                          background, self.stamp_ns, sensor=sensor)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,10 +110,7 @@ class RecordingReader:
                                 *(_array(item) if item is not None and item.is_valid else None for item in more))
 
     def images(self, path: str, only: Container[int] | None = None) -> Iterator[tuple[int, int, np.ndarray]]:
-        """Yield (stamp_ns, frame_index, image [rows, cols]) of an entity path in the order logged, NaN = none.
-
-        Depth is float32 in metres; other images are in photons, integers or float32 as recorded.
-        """
+        """Yield (stamp_ns, frame_index, image [rows, cols], NaN = none) of an entity path in the order logged."""
         names = ("DepthImage:buffer", "DepthImage:format")
         for stamp, frame, buffer, formats in self._selected(path, only, names):
             image_format = formats.as_py()[0]
@@ -143,17 +138,15 @@ class RecordingReader:
 
     def properties(self) -> dict[str, dict]:
         """The newest facts of each property: {"run": {…}, "sensor": {…}}; lists as arrays."""
-        latest: dict[tuple[str, str], tuple[bytes, pa.Scalar]] = {}     # facts may be set again
+        rows = []       # (row id, property, field, values); facts may be set again
         for chunk in self._chunks(f"{entities.PROPERTIES}/**", static=True):
             batch, name = chunk.to_record_batch(), chunk.entity_path.removeprefix(entities.PROPERTIES).strip("/")
             row_ids = batch.column(_ROW_ID).to_pylist()
             for field in batch.schema.names if name else ():
-                rows = ((row_id, item) for row_id, item in zip(row_ids, batch.column(field)) if item.is_valid)
-                if field != _ROW_ID and (newest := max(rows, key=lambda row: row[0], default=None)):
-                    latest[name, field] = max(newest, latest.get((name, field), newest), key=lambda row: row[0])
+                rows += [(row_id, name, field, item.as_py()) for row_id, item in zip(row_ids, batch.column(field))
+                         if item.is_valid and field != _ROW_ID]
         found: dict[str, dict] = {}
-        for (name, field), (_, item) in latest.items():
-            values = item.as_py()
+        for _, name, field, values in sorted(rows, key=lambda row: row[0]):
             found.setdefault(name, {})[field] = values[0] if len(values) == 1 else np.array(values)
         return found
 
@@ -190,7 +183,6 @@ def _check_ends(path: Path) -> None:
     require(path.is_file(), "recording", problem=f"{path}: no such file.")
     with open(path, "rb") as file:
         header, size = file.read(_HEADER_BYTES), file.seek(0, os.SEEK_END)
-        require(size > 0, "recording", problem=f"{path} is empty.")
         require(header.startswith(_ANY_MARK), "recording", problem=f"{path} is no recording (.rrd).")
         installed, writer = version("rerun-sdk"), list(header[4:7])
         readable = header.startswith(_MARK) and writer[:2] <= [int(part) for part in installed.split(".")[:2]]

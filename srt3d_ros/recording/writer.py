@@ -8,6 +8,7 @@ import uuid
 from collections import defaultdict, deque
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
 
@@ -16,7 +17,6 @@ import rerun as rr
 
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.files.new_files import free
 from srt3d_ros.messages import sensor_message
 from srt3d_ros.pictures.colours import AdaptiveRange, levels, point_table
 from srt3d_ros.pictures.viewpoint import look_at, point_radius_m
@@ -33,11 +33,48 @@ END_TIMEOUT_S = 10.0        # for the footer, after all else is written
 LEAST_FREE_BYTES = 500_000_000      # stop recording below this: the footer and other programs need room
 _LOG_LEVELS = {10: "DEBUG", 20: "INFO", 30: "WARN", 40: "ERROR", 50: "CRITICAL"}      # of rcl_interfaces/Log
 _TYPES = {"row": np.uint16, "col": np.uint16, "surface": np.uint8}      # other columns are float32
-_RADIUS_SAMPLES = 4096
-_RATE_CLOUDS = 10           # whose stamps give the playing speed; the view waits for them, or for the end
+STAMPS_KEPT = 256           # of frames whose numbers are known
+_RATE_CLOUDS = 10           # whose stamps give the rate and the playing speed; the view waits for them, or for the end
 _USUAL_RATE_HZ = 10.0       # if stamps do not grow
 _STILL_IMAGES = entities.DEPTH_PATH, entities.INTENSITY_PATH, entities.BACKGROUND_PATH
 _VIEWER_FOV_DEG, _VIEW_ASPECT = 55, 1.2     # the viewer's 3D view on a wide screen
+
+
+@dataclass
+class RecordedFrame:
+    """A frame, numbered in the order in which stamps were first seen; `sketch_ns` is when its sketch arrived."""
+
+    stamp_ns: int
+    number: int
+    sketch_ns: int | None = None
+
+
+class FrameIndex:
+    """The newest STAMPS_KEPT frames, and the rate of clouds."""
+
+    def __init__(self):
+        self._frames: dict[int, RecordedFrame] = {}
+        self._seen = 0
+        self._clouds: deque[int] = deque(maxlen=_RATE_CLOUDS)
+        self.newest: RecordedFrame | None = None
+
+    def __getitem__(self, stamp_ns: int) -> RecordedFrame:
+        """The frame with this stamp, added if new."""
+        frame = self._frames.get(stamp_ns)
+        if frame is None:
+            frame = self._frames[stamp_ns] = RecordedFrame(stamp_ns, self._seen)
+            self._seen += 1
+            if len(self._frames) > STAMPS_KEPT:
+                del self._frames[next(iter(self._frames))]
+            if self.newest is None or stamp_ns > self.newest.stamp_ns:
+                self.newest = frame
+        return frame
+
+    def cloud_came(self, frame: RecordedFrame) -> float | None:
+        """Count a frame's cloud; clouds per second by their stamps, None for the first."""
+        self._clouds.append(frame.stamp_ns)
+        seconds = (self._clouds[-1] - self._clouds[0]) * 1e-9
+        return (len(self._clouds) - 1) / seconds if seconds > 0 else None
 
 
 class RecordingFailed(Exception):
@@ -54,7 +91,7 @@ class RecordingWriter(AbstractContextManager):
     rerun writes in its own threads; every second, a log_… method waits for them.
 
     Args:
-        path: the .rrd file; if it exists, NAME_2.rrd, NAME_3.rrd, … instead.
+        path: the .rrd file, which must not exist.
         sensor: sets the axes and the size of the points.
         properties: of the recording, {"run": {…}, …}: numbers, strings, lists of them.
         images: entity paths of the images to show in the blueprint.
@@ -67,7 +104,7 @@ class RecordingWriter(AbstractContextManager):
 
     def __init__(self, path, sensor: SensorModel, properties: Mapping[str, Mapping] | None = None, *,
                  images: tuple[str, ...] = (entities.DEPTH_PATH,), still: bool = False):
-        self.path, self._sensor, self._images, self._still = free(Path(path)), sensor, images, still
+        self.path, self._sensor, self._images, self._still = Path(path), sensor, images, still
         self._ranges: dict[str, AdaptiveRange] = defaultdict(AdaptiveRange)        # of colours, by entity path or name
         self._stamps_ns: deque[int] = deque(maxlen=_RATE_CLOUDS)
         self._framed = np.empty((0, 3), np.float32)         # points that the view is to show
@@ -97,11 +134,10 @@ class RecordingWriter(AbstractContextManager):
             self._framed = xyz if len(xyz) else self._framed
             if len(self._framed) and len(self._stamps_ns) == _RATE_CLOUDS:
                 self._send_view()
-        sample = xyz[:: max(len(xyz) // _RADIUS_SAMPLES, 1)]
-        radius_m = point_radius_m(sample, self._sensor)
-        range_m = np.linalg.norm(xyz, axis=1)
-        colours = point_table()[self._levels("range", range_m), self._levels("intensity", columns["intensity"], True)]
-        self._log(stamp_ns, frame_index, {entities.POINTS_PATH: entities.points(columns, colours, radius_m)})
+        range_level = self._levels("range", np.linalg.norm(xyz, axis=1))
+        colours = point_table()[range_level, self._levels("intensity", columns["intensity"], root=True)]
+        archetypes = entities.points(columns, colours, point_radius_m(xyz, self._sensor))
+        self._log(stamp_ns, frame_index, {entities.POINTS_PATH: archetypes})
 
     def log_image(self, path: str, stamp_ns: int, frame_index: int, image: np.ndarray) -> None:
         """Log an image [rows, cols], NaN = none: entities.DEPTH_PATH in metres, entities.PHOTON_IMAGES in photons."""
@@ -169,8 +205,7 @@ class RecordingWriter(AbstractContextManager):
         for name, facts in properties.items():
             self.set_properties(name, facts)
         # An IRF per pixel would take hundreds of megabytes.
-        mean_irf = np.atleast_2d(self._sensor.irf).mean(axis=0, dtype=float)
-        description = sensor_message.to_json(self._sensor.replace(irf=mean_irf))
+        description = sensor_message.to_json(self._sensor.replace(irf=self._sensor.mean_irf))
         self.set_properties(entities.SENSOR_PROPERTY, {"description": description})
 
     def _send_view(self) -> None:

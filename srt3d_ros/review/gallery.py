@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image
 
-from srt3d_ros.pictures.annotations import annotated, length_text
+from srt3d_ros.pictures.annotations import annotated
 from srt3d_ros.pictures.cloud_renderer import CloudStyle
 from srt3d_ros.pictures.colours import BACKGROUND, PHOTON_MAP, colour_table, levels, percentile_range, range_table
 from srt3d_ros.pictures.figures import data_uri
+from srt3d_ros.pictures.units import length_text
 from srt3d_ros.pictures.viewpoint import look_at
 from srt3d_ros.recording import entities
 from srt3d_ros.review.recorded import Recorded
@@ -84,7 +85,7 @@ def _images(recorded: Recorded, frame: int) -> list[Picture]:
             low, high = percentile_range(values) or (0.0, 1.0)
             if unit == "m":
                 table = range_table()
-                ends = " … ".join(length_text(float(f"{end:.3g}")) for end in (low, high))
+                ends = " … ".join(length_text(end) for end in (low, high))
             else:
                 table, ends = colour_table(PHOTON_MAP), f"{low:.3g} … {high:.3g} {unit}"
             colours = table[levels(values, low, high)]

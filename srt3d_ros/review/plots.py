@@ -12,9 +12,9 @@ from matplotlib.ticker import MaxNLocator
 
 from srt3d_ros.pictures.colours import BLUE, GREEN, ORANGE, PURPLE, SKY_BLUE, VERMILION
 from srt3d_ros.pictures.figures import DPI
+from srt3d_ros.pictures.units import number_text
 from srt3d_ros.recording.reader import Series
 from srt3d_ros.review.recorded import Recorded
-from srt3d_ros.review.summary import find_gaps, longest_gaps, number_text
 
 TIME = "seconds since the first cloud"
 _LINE_COLOURS, _GAP_COLOUR = (ORANGE, BLUE, GREEN, PURPLE, SKY_BLUE), VERMILION
@@ -23,16 +23,16 @@ _SIZE_IN = (5.2, 2.35)
 _MOST_PARTS = 600                   # longer lines are drawn as median and range of so many parts
 
 
-def draw_plots(recorded: Recorded) -> list[tuple[str, str]]:
-    """(title, <svg> element) of each plot with values; the longest gaps are shaded."""
+def draw_plots(recorded: Recorded, gaps: list[dict]) -> list[tuple[str, str]]:
+    """(title, <svg> element) of each plot with values; `gaps` as of a summary are shaded."""
     latencies = {stage.replace("total", "end to end"): series for stage, series in recorded.latencies().items()}
     plots = [("Latency", "latency, ms", latencies),
              ("Points a frame", "points", {"points": Series(recorded.index.stamp_ns, recorded.index.points)}),
              ("Photons a frame", "photons", _chosen(recorded, "photons")),
              ("Frame rate", "frames a second", _chosen(recorded, "frame_rate_hz"))]
-    gaps = [(gap["at_s"], gap["at_s"] + gap["seconds"]) for gap in longest_gaps(find_gaps(recorded)[0])]
+    times = [(gap["at_s"], gap["at_s"] + gap["seconds"]) for gap in gaps]
     return [(title, _draw_lines({name: (recorded.since_first(s.stamp_ns), s.values) for name, s in lines.items()},
-                                label, gaps)) for title, label, lines in plots if lines]
+                                label, times)) for title, label, lines in plots if lines]
 
 
 def _chosen(recorded: Recorded, name: str) -> dict[str, Series]:

@@ -7,6 +7,7 @@ from markupsafe import Markup
 
 from srt3d_ros import __version__
 from srt3d_ros.files.new_files import atomic_write, file_errors
+from srt3d_ros.pictures.units import number_text
 from srt3d_ros.review.gallery import make_gallery
 from srt3d_ros.review.plots import draw_plots
 from srt3d_ros.review.recorded import Recorded
@@ -29,7 +30,7 @@ def _page(recorded: Recorded, summary: dict) -> str:
     return environment.get_template("report.html").render(
         version=__version__, title=f"{recorded.path.name}: recording", name=recorded.path.name,
         gallery=make_gallery(recorded),
-        plots=[(title, Markup(svg)) for title, svg in draw_plots(recorded)],
+        plots=[(title, Markup(svg)) for title, svg in draw_plots(recorded, summary["gaps"])],
         gaps=summary["gaps"], gap_count=summary["gap_count"], log=_log(recorded),
         log_summary=log_counts(summary), rows=rows(summary), tables=_tables(summary))
 
@@ -55,4 +56,4 @@ def _text(value) -> str:
         return str(value).lower()
     if isinstance(value, list):
         return f"{len(value)} values" if len(value) > _LONGEST_LIST else ", ".join(_text(one) for one in value)
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    return number_text(value, 6) if isinstance(value, int | float) else str(value)

@@ -7,6 +7,7 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.messages import sensor_message
+from srt3d_ros.pictures.units import duration_text, number_text, size_text
 from srt3d_ros.recording import entities
 from srt3d_ros.review.recorded import Recorded
 
@@ -19,14 +20,12 @@ _SPREADS = {"points": "points a frame", "photons": "photons a frame", "ppp": "ph
 def summarise(recorded: Recorded) -> dict:
     """All figures of a recording; None without data.
 
-    frames, duration_s, frame_rate_hz (mean), period_ms (median), gaps (the longest: after_frame, at_s, seconds, missing
-    frames), gap_count, missing_frames, latency_ms (p50, p95, max for each stage), points, photons and ppp where
-    recorded (median, min, max), bytes and bytes_per_point, log (lines of each level), typical_frame,
-    fewest_points_frame, most_points_frame, and the properties; the sensor without its arrays.
+    frame_rate_hz is the mean, period_ms the median; gaps are the longest ones; log counts the lines of each level. The
+    properties follow, the sensor without its arrays.
     """
     index, seconds = recorded.index, recorded.seconds
     frames, duration = len(index), float(seconds[-1])
-    gaps, period = find_gaps(recorded)
+    gaps, period = _gaps(recorded)
     size = recorded.path.stat().st_size
     typical, fewest, most = notable_frames(recorded)
     summary = {
@@ -34,9 +33,11 @@ def summarise(recorded: Recorded) -> dict:
         "frames": frames, "duration_s": round(duration, _DIGITS),
         "frame_rate_hz": _rounded((frames - 1) / duration) if duration > 0 else None,
         "period_ms": _rounded(period * 1e3) if period else None,
-        "gaps": longest_gaps(gaps), "gap_count": len(gaps), "missing_frames": sum(gap["missing"] for gap in gaps),
-        "latency_ms": {stage: latency(series.values) for stage, series in recorded.latencies().items()},
-        "points": spread(index.points), "photons": _spread(recorded, "photons"), "ppp": _spread(recorded, "ppp"),
+        "gaps": _longest(gaps), "gap_count": len(gaps), "missing_frames": sum(gap["missing"] for gap in gaps),
+        "latency_ms": {stage: _latency(series.values) for stage, series in recorded.latencies().items()},
+        "points": _spread(index.points),
+        **{name: _spread(recorded.series[name].values) if name in recorded.series else None
+           for name in ("photons", "ppp")},
         "bytes": size, "bytes_per_point": _rounded(size / max(int(index.points.sum()), 1)),
         "log": dict(Counter(line.level or "?" for line in recorded.log)),
         "typical_frame": int(index.frame_index[typical]), "fewest_points_frame": int(index.frame_index[fewest]),
@@ -47,7 +48,7 @@ def summarise(recorded: Recorded) -> dict:
                       for name, facts in properties.items() if name not in summary}
 
 
-def find_gaps(recorded: Recorded) -> tuple[list[dict], float]:
+def _gaps(recorded: Recorded) -> tuple[list[dict], float]:
     """Gaps where frames are missing, and the median period in seconds (0 for a single frame)."""
     seconds, frames = recorded.seconds, recorded.index.frame_index
     steps = np.diff(seconds)
@@ -58,8 +59,8 @@ def find_gaps(recorded: Recorded) -> tuple[list[dict], float]:
             for k in positions], period
 
 
-def longest_gaps(gaps: list[dict]) -> list[dict]:
-    """The ten longest gaps, or all if they are fewer, in order of time."""
+def _longest(gaps: list[dict]) -> list[dict]:
+    """The ten longest gaps, in order of time."""
     longest = sorted(gaps, key=lambda gap: -gap["seconds"])[:_LISTED_GAPS]
     return sorted(longest, key=lambda gap: gap["at_s"])
 
@@ -76,15 +77,14 @@ def notable_frames(recorded: Recorded) -> tuple[int, int, int]:
             int(np.argmax(points)))
 
 
-def latency(values: np.ndarray) -> dict[str, float]:
+def _latency(values: np.ndarray) -> dict[str, float]:
     """Median, 95th percentile and maximum of latencies."""
     p50, p95, most = np.percentile(values, (50, 95, 100))
     return {"p50": _rounded(p50), "p95": _rounded(p95), "max": _rounded(most)}
 
 
-def spread(values: np.ndarray) -> dict[str, float] | None:
+def _spread(values: np.ndarray) -> dict[str, float] | None:
     """Median, minimum and maximum of the finite values, or None."""
-    values = np.asarray(values, np.float64)
     values = values[np.isfinite(values)]
     if len(values) == 0:
         return None
@@ -112,8 +112,9 @@ def rows(summary: dict) -> list[tuple[str, str]]:
     """(name, figure with unit) of each figure with data."""
     s = summary
     rate = f", {s['frame_rate_hz']:.3g} Hz" if s["frame_rate_hz"] else ""
-    found = [("recorded", f"{s['started'].replace('T', ' ')}, {_duration(s['duration_s'])}, {_size(s['bytes'])}"),
-             ("frames", f"{s['frames']:,}{rate}"), ("gaps", _gaps(s))]
+    when = s["started"].replace("T", " ")
+    found = [("recorded", f"{when}, {duration_text(s['duration_s'])}, {size_text(s['bytes'])}"),
+             ("frames", f"{s['frames']:,}{rate}"), ("gaps", _gap_text(s))]
     found += [("latency" if stage == "total" else f"latency, {stage}",
                f"median {v['p50']:,.1f} ms, 95 % {v['p95']:,.1f} ms, worst {v['max']:,.1f} ms")
               for stage, v in s["latency_ms"].items()]
@@ -132,11 +133,6 @@ def rows(summary: dict) -> list[tuple[str, str]]:
 def log_counts(summary: dict) -> str:
     """The number of log lines of each level."""
     return ", ".join(f"{count} {level}" for level, count in summary["log"].items())
-
-
-def _spread(recorded: Recorded, name: str) -> dict | None:
-    series = recorded.series.get(name)
-    return None if series is None else spread(series.values)
 
 
 def _rounded(value: float) -> float:
@@ -172,23 +168,9 @@ def _origin(summary: dict) -> list[tuple[str, str]]:
     return found
 
 
-def _gaps(summary: dict) -> str:
+def _gap_text(summary: dict) -> str:
     if not summary["gap_count"]:
         return "none"
     longest = max(summary["gaps"], key=lambda gap: gap["seconds"])
     return (f"{summary['gap_count']:,}, about {summary['missing_frames']:,} frames; the longest "
             f"{longest['seconds']:.3g} s, at {longest['at_s']:.1f} s, after frame {longest['after_frame']}")
-
-
-def number_text(value: float, digits: int = 3) -> str:
-    """A number in so many digits, whole from 1,000 on."""
-    return f"{value:,.0f}" if abs(value) >= 1000 or value == round(value) else f"{value:.{digits}g}"
-
-
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes} min {rest} s" if minutes else f"{seconds:.3g} s"
-
-
-def _size(number: int) -> str:
-    return f"{number / 1e6:,.1f} MB" if number < 1e9 else f"{number / 1e9:,.2f} GB"

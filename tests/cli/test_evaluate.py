@@ -119,18 +119,16 @@ def test_an_interrupted_evaluation_leaves_its_rows_and_the_next_one_starts_anew(
 
 
 @pytest.mark.parametrize(("arguments", "named"), [
-    (["absent.npz"], "absent.npz"), (["results.csv"], "results.csv"),
+    (["absent.npz"], "absent.npz"),
     (["--scene", "head"], "argument --scene: invalid choice: 'head'"),
-    (["layers.npz", "--methods", "magic"], "method is magic"), (["--sbr", "high"], "--sbr"),
-    (["--ppp", "-1"], "--ppp is -1"), (["simulator", "--ppp", "-1"], "--ppp is -1"),
+    (["layers.npz", "--methods", "magic"], "method is magic"), (["simulator", "--ppp", "-1"], "--ppp is -1"),
     (["layers.npz", "--ppp", "3"], "--ppp works only with simulated scenes"),
     (["--sketch-size", "0"], "--sketch-size is 0"), (["layers.npz", "--tolerance", "near"], "--tolerance is near"),
     (["bare.npz", "--held-out-photons", "nan"], "--held-out-photons is nan"),
-    (["bare.npz", "--scene", "net", "--held-out-photons", "0.4"], "works with photon files only"),
+    (["bare.npz", "--scene", "net", "--held-out-photons", "0.4"], "--held-out-photons works only with photon files"),
     (["few.npz", "--held-out-photons", "0.4"],
      "few has 240 photons: --held-out-photons 0.4 needs 250 or more"),
     (["--scene", "net", "--sensor-file", "a.json"], "--sensor-file works only with photon files"),
-    (["layers.npz", "--align", "3"], "--align is 3: expected a reference of a file"),
     (["bare.npz", "--out", "."], "results.csv was not written by srt3d evaluate"),
 ])
 def test_a_mistake_is_one_line_and_exit_code_2(folder, tmp_path, monkeypatch, refusal, arguments, named):

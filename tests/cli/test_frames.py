@@ -8,9 +8,9 @@ from itertools import islice
 import numpy as np
 import pytest
 
+from srt3d_ros import datasets
 from srt3d_ros.cli import frames
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.datasets import many_frames
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
@@ -40,7 +40,7 @@ def cluster():
         yield cluster.scheduler_address
 
 
-@pytest.mark.parametrize("how", ["--jobs=1", "--jobs=2", "--dask"])
+@pytest.mark.parametrize("how", ["--jobs=2", "--dask"])
 def test_every_frame_is_as_it_is_alone_a_broken_one_is_listed_and_a_second_run_goes_on(
         how, bag, srt3d, tmp_path, request):
     options = [f"--dask={request.getfixturevalue('cluster')}" if how == "--dask" else how, "--surfaces=2"]
@@ -71,11 +71,11 @@ def test_a_log_has_frames_and_fails_from_where_it_breaks_off(srt3d, tmp_path, mo
     assert (code, json.loads(out)["reconstructed"], list(json.loads(out)["failed"])) == (1, 2, ["2"])
     assert sorted(os.listdir(tmp_path / "a")) == ["000000.ply", "000001.ply", "options.json"]
 
-    def two(*arguments, read=many_frames.loaders, **options):
+    def two(*arguments, read=datasets.frame_loaders, **options):
         yield from islice(read(*arguments, **options), 2)
         raise InvalidInput("log", problem="The log breaks off.")
 
-    monkeypatch.setattr(many_frames, "loaders", two)
+    monkeypatch.setattr(datasets, "frame_loaders", two)
     code, out, err = srt3d("reconstruct", log, "--frames=all", "-o", tmp_path / "b", "--jobs=1")
     assert (code, err.splitlines()[-1]) == (1, "srt3d: frame 2 to 2: The log breaks off.")
     assert out.startswith("2 of 3 frames reconstructed, 0 were there\n")

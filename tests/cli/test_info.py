@@ -88,5 +88,5 @@ def test_an_empty_file_has_figures_too(srt3d, tmp_path):
 
 
 def test_mistakes_are_one_line(refusal, wall):
-    assert refusal("info", wall, "-o", "a.jpg").startswith("output is a.jpg")
+    assert refusal("info", wall, "-o", "a.jpg").startswith("--output is a.jpg")
     assert refusal("info", wall, "-o", "absent/a.png").endswith(": there is no directory absent.\n")

@@ -33,6 +33,7 @@ def test_what_is_nearer_to_the_command_line_wins(tmp_path):
     (["-p", "sketch_size:=5"], "-p is sketch_size:=5: expected NODE.PARAMETER:=VALUE, NODE one of recorder"),
     (["-p", "sketcher.sketchsize:=5"], "sketcher has no parameter sketchsize: did you mean sketch_size?"),
     (["-p", "sketcher.sketch_size:=[1"], "-p is sketcher.sketch_size:=[1: expected NODE.PARAMETER:=VALUE, VALUE as in"),
+    (["-p", "sketcher.sketch_size:=0"], "-p sketcher.sketch_size is 0: expected an integer from 1 to 64"),
     (["-p", "driver.path:=a"], "-p is driver.path:=a: expected NODE.PARAMETER:=VALUE, NODE one of"),
     (["-r", "photon:=/x"], "-r is photon:=/x: expected TOPIC:=NAME, TOPIC one of background, camera_info"),
     (["-r", "photons=/x"], "-r is photons=/x: expected TOPIC:=NAME"),

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
+from srt3d_ros.core.matched_frame import MatchedFrame, Matcher, SensorOnDevice
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.point_cloud import PointCloud
@@ -15,7 +15,7 @@ from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
-from srt3d_ros.kernels import cpu, maps
+from srt3d_ros.kernels import maps
 
 T = 586
 IRF = np.exp(-0.5 * ((np.arange(40) - 15) / np.where(np.arange(40) < 15, 3, 5))**2)     # steep rise, slow decay
@@ -39,9 +39,8 @@ def simulate(depth_bins: np.ndarray, sbr: float, ppp: float, sensor=None, seed=0
 def exact(sensor: SensorModel, depth_bins: np.ndarray, signal=20.0, frequencies=None) -> PhaseSums:
     """The expected sketch of surfaces at these depths as every pixel sees them, without the noise of photons."""
     frequencies = frequencies or choose_frequencies("auto", sensor)
-    late = 0 if sensor.delay_bins is None else sensor.delay_bins.astype(np.float64)
     gain = np.ones((sensor.rows, sensor.cols)) if sensor.gain is None else sensor.gain
-    turned = np.exp(1j * angular_frequencies(frequencies, sensor.num_bins) * (depth_bins + late)[..., None])
+    turned = np.exp(1j * angular_frequencies(frequencies, sensor.num_bins) * (depth_bins + sensor.late)[..., None])
     spectrum = irf_spectrum(sensor, frequencies)
     response = spectrum if spectrum.ndim == 1 else spectrum.reshape(turned.shape)
     sums = (gain * signal)[..., None] * response * turned
@@ -106,7 +105,6 @@ def matched_frame(sensor: SensorModel, sketch: PhaseSums) -> MatchedFrame:
     """The frame of a sketch as the CPU's kernels get it, but for the padding of its maps."""
     matcher = Matcher(sensor, sketch.frequencies)
     matcher.check(sketch)
-    kernels = cpu.for_shape(sensor.rows, sensor.cols, 1, matcher.frequencies)
-    frame, _ = matcher.on(kernels).match(sketch.photons.astype(np.float32), sketch.sums)
+    frame, _ = SensorOnDevice(matcher, "cpu", 1).match(sketch.photons.astype(np.float32), sketch.sums)
     matched, counts = (maps.crop(each, *frame.shape).copy() for each in (frame.matched, frame.counts))
-    return replace(frame, matched=matched, counts=counts, exposure=sensor.exposure, size=None)
+    return replace(frame, matched=matched, counts=counts, exposure=sensor.exposure)

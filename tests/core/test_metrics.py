@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.metrics import circular_difference, evaluate, median_offset
+from srt3d_ros.core.metrics import circular_difference, evaluate
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput
@@ -67,33 +67,6 @@ def test_difference_on_a_circle_is_the_short_way_round(a, b, difference):
     assert circular_difference(np.float64(a), np.float64(b), T) == difference
 
 
-# ---- Several surfaces, not all of which count
-
-def test_references_that_do_not_count_are_neither_missed_nor_found_nor_make_points_false():
-    reference = np.full((2, 2, 3), NAN)
-    reference[0], reference[1] = 10, 50
-    counted = np.ones_like(reference, bool)
-    counted[1, 0] = False
-    points = (0, 0, 51), (0, 1, 10), (0, 2, 80), (1, 0, 51), (1, 1, 80)
-    found = evaluate(cloud(*points), reference, 3, T, counted=counted)
-    assert found.by_surface == (1 / 6, 1 / 3) and found.true_detections == 2 / 9
-    assert found.false_detections == 1 / 9                       # (1, 1, 80) alone
-    assert found.dae_bins == pytest.approx((0 + 1) / 2)
-    assert found.within_1_std == 1 / 2                           # (1, 0, 51), but not (1, 1, 80)
-    alone = evaluate(cloud((0, 0, 80), (0, 1, 80)), [[10, 10, NAN], [NAN] * 3], 3, T,
-                     counted=[[False, True, True], [True] * 3])
-    assert (alone.true_detections, alone.false_detections, alone.within_1_std) == (0, 1, 0)
-
-
-def test_the_median_offset_of_a_reference_is_found(offset=-7.5):
-    reference = np.array([[10, 20, 30], [40, 95, NAN]])
-    points = [(row, col, (reference[row, col] + offset) % T) for row, col in np.argwhere(np.isfinite(reference))]
-    points += [(1, 2, 50), (0, 0, 70)]                           # without reference, and too far away
-    assert median_offset(cloud(*points), reference, 20, T) == pytest.approx(offset, abs=1e-4)
-    assert median_offset(cloud((0, 0, 70)), reference, 20, T) == 0
-    assert median_offset(cloud(), reference, 20, T) == 0
-
-
 # ---- Intensity
 
 def test_intensities_that_match_nothing_count_in_full():
@@ -108,8 +81,7 @@ def test_intensities_that_match_nothing_count_in_full():
 
 @pytest.mark.parametrize(("changes", "named"), [
     *(({"reference_depth_bins": np.ones(shape)}, "reference shape") for shape in ((3, 2), (6,), (1, 1, 2, 3))),
-    ({"reference_intensity": np.ones((2, 2, 3))}, "intensity shape"),
-    ({"counted": np.ones((3, 2))}, "counted shape")])
+    ({"reference_intensity": np.ones((2, 2, 3))}, "intensity shape")])
 def test_maps_of_another_shape_are_refused(changes, named):
     with pytest.raises(InvalidInput, match=f"^{named} is .*: expected "):
         evaluate(**({"cloud": cloud(), "reference_depth_bins": np.zeros((2, 3)), "tolerance_bins": 3, "num_bins": T}

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from srt3d_ros.core.keys import keys
 from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import circular_difference
-from srt3d_ros.core.sensor.keys import keys
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose_frequencies

@@ -12,7 +12,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.core.stream import MERGE_S, MOTION_S, SketchStream, StreamOptions
+from srt3d_ros.core.stream import MOTION_S, SketchStream, StreamOptions
 from srt3d_ros.errors import InvalidInput
 
 T, MS, START_NS = 100, 1_000_000, 1_700_000_000_000_000_000
@@ -31,7 +31,7 @@ def directly(*ms: float, frequencies=(1, 4, 30), gate: Gate | None = None):
     sketcher = FrameSketcher(SENSOR, frequencies, gate=gate)
     for one in ms:
         sketcher.add(packet(one))
-    return sketcher.sketch()
+    return sketcher.end_frame()
 
 
 def assert_same(sketch, expected):
@@ -39,9 +39,8 @@ def assert_same(sketch, expected):
     np.testing.assert_allclose(sketch.sums, expected.sums, atol=1e-3)
 
 
-def push(stream: SketchStream, *ms: float, now_s: float | None = None, busy: bool = False) -> list:
-    return [sketch for one in ms
-            for sketch in stream.push(packet(one), one / 1000 if now_s is None else now_s, busy)]
+def push(stream: SketchStream, *ms: float, now_s: float | None = None) -> list:
+    return [sketch for one in ms for sketch in stream.push(packet(one), one / 1000 if now_s is None else now_s)]
 
 
 def stamps_ms(sketches) -> list[float]:
@@ -131,38 +130,6 @@ def test_photons_outside_the_gate_are_dropped_and_counted():
     assert sketch.sensor.num_bins == 60 and stream.facts["gate"].startswith("20-79, ")
 
 
-# ---- Merging
-
-MERGING = replace(BY_NUMBER, merge_when_busy=True)
-
-
-def test_while_readers_are_busy_frames_are_merged_and_all_photons_come_out():
-    stream = SketchStream(SENSOR, MERGING)
-    assert len(push(stream, 0)) == 1
-    assert push(stream, 20, 40, busy=True) == [] and stream.wait_s < 0.1
-    assert stream.poll(0.05, busy=True) == []
-    sketch, = stream.poll(0.06)
-    assert_same(sketch, directly(20, 40))
-    assert stamps_ms([sketch]) == [20]
-    assert stream.counts.totals == {"photons_in": 180, "packets": 3, "photons": 180} and stream.wait_s is None
-
-
-def test_readers_that_never_acknowledge_hold_a_frame_for_a_short_time_only():
-    stream = SketchStream(SENSOR, MERGING)
-    push(stream, 0, busy=True)
-    assert push(stream, 10, busy=True) == []
-    assert stream.poll(MERGE_S - 0.01, busy=True) == []
-    assert_same(stream.poll(MERGE_S + 0.01, busy=True)[0], directly(10))
-
-
-@pytest.mark.parametrize("others", [{"window_frames": 2}, {"moving": True}])
-def test_windows_and_motion_are_not_merged(others):
-    with pytest.raises(InvalidInput, match="^merge_when_busy is true: expected false with motion"):
-        replace(MERGING, **others)
-    with pytest.raises(InvalidInput, match="^window_frames is 2: expected 1 with motion"):
-        StreamOptions(window_frames=2, moving=True)
-
-
 # ---- Motion
 
 MOVING = replace(BY_NUMBER, packets_per_frame=4, moving=True)
@@ -207,20 +174,24 @@ def test_frames_that_wait_are_bounded_in_memory(monkeypatch):
     assert len(sketches) == 2 and len(stream.flush()) == 4
 
 
+def test_windows_have_no_motion():
+    with pytest.raises(InvalidInput, match="^window_frames is 2: expected 1 with motion"):
+        StreamOptions(window_frames=2, moving=True)
+
+
 # ---- Accounting
 
 @pytest.mark.parametrize("seed", range(6))
 def test_every_photon_comes_out_or_is_dropped_for_a_cause(seed):
     rng = np.random.default_rng(seed)
-    options = rng.choice([replace(BY_NUMBER, packets_per_frame=3), replace(BY_NUMBER, frame_period_ns=50 * MS), MOVING,
-                          replace(MERGING, packets_per_frame=2)])
+    options = rng.choice([replace(BY_NUMBER, packets_per_frame=3), replace(BY_NUMBER, frame_period_ns=50 * MS), MOVING])
     stream = SketchStream(SENSOR, options)
     sketches, ms, refused = [], 0.0, 0
     for _ in range(80):
         ms += rng.choice([10, 10, 10, 10, 0, -15, 5_000])
         try:
             photons = packet(ms) if rng.random() < 0.95 else replace(packet(ms), pixel=np.full(60, 99, np.uint32))
-            sketches += stream.push(photons, ms / 1000, rng.random() < 0.3)
+            sketches += stream.push(photons, ms / 1000)
         except InvalidInput:
             refused += 1
         if rng.random() < 0.1:

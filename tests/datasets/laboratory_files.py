@@ -64,35 +64,15 @@ def sdt(path: Path, blocks: list[np.ndarray], tac_range_s: float) -> Path:
     return path
 
 
-def matlab_7_3(path: Path, **variables: np.ndarray | list) -> Path:
-    """A .mat file as `save -v7.3` writes it: arrays, sparse ones, and lists of lists as cells."""
+def matlab_7_3(path: Path, **variables: np.ndarray) -> Path:
+    """A .mat file of arrays as `save -v7.3` writes it."""
     import h5py
 
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, values in variables.items():
-            if hasattr(values, "tocsc"):
-                sparse = values.tocsc()
-                group = file.create_group(name)
-                group.attrs["MATLAB_sparse"] = np.uint64(sparse.shape[0])
-                group["data"], group["ir"], group["jc"] = sparse.data, sparse.indices, sparse.indptr
-                continue
-            if isinstance(values, list):
-                cells = np.array([[_cell(file, cell) for cell in row] for row in values], h5py.ref_dtype)
-                file.create_dataset(name, data=cells.T, dtype=h5py.ref_dtype).attrs["MATLAB_class"] = np.bytes_("cell")
-                continue
             array = np.atleast_2d(values)
             stored = file.create_dataset(name, data=array.T, chunks=True, compression="gzip")
             stored.attrs["MATLAB_class"] = np.bytes_("double" if array.dtype == np.float64 else str(array.dtype))
     content = path.read_bytes()
     path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + content[128:])
     return path
-
-
-def _cell(file, numbers: list[int]):
-    """A reference to a new array of these numbers."""
-    refs = file.require_group("#refs#")
-    stored = refs.create_dataset(str(len(refs)), data=np.array(numbers, float)[None] if numbers else np.zeros(2, "u8"))
-    stored.attrs["MATLAB_class"] = np.bytes_("double")
-    if not numbers:
-        stored.attrs["MATLAB_empty"] = np.uint8(1)
-    return stored.ref

@@ -108,15 +108,6 @@ def test_a_cube_that_may_be_turned_is_noted():
         assert note.startswith(f"{shape[0]} × {shape[1]} × {shape[2]} taken for rows × cols × bins")
 
 
-def test_masked_counts_are_zero_and_pixels_without_others_are_masked():
-    masked = np.ma.masked_array(cube(), np.zeros((3, 4, 50), bool))
-    assert counts(masked).notes == () and counts(masked).sensor.mask is None
-    masked[0, 3], masked[1, 1, 7] = np.ma.masked, np.ma.masked
-    found = counts(masked)
-    assert found.frame.photons == 2 and found.notes == ("51 masked counts taken to be 0",)
-    assert np.argwhere(~found.sensor.mask).tolist() == [[0, 3]]
-
-
 @pytest.mark.parametrize("method", ["pooled", "xcorr"])
 def test_an_empty_frame_gives_an_empty_cloud_and_a_note(method):
     cloud = events([], [], []).reconstruct(method=method)
@@ -157,6 +148,7 @@ def test_a_mistake_is_one_line_that_names_it(changes, said):
 
 @pytest.mark.parametrize(("values", "changes", "said"), [
     (np.ones((3, 4)), {}, r"counts is float64 \(3, 4\): expected numbers \[rows, cols, bins\]"),
+    (np.ma.masked_equal(cube(), 0), {}, "counts has masked values: fill them or leave them out"),
     (-cube(np.int32), {}, "No count is above 0. If the signal is inverted, negate it"),
     (np.full((3, 4, 50), np.nan), {}, "counts is nan: expected "),
     (np.full((3, 4, 50), 2**40), {}, "counts is 1099511627776: expected 32-bit numbers"),

@@ -1,9 +1,6 @@
 """Saved clouds, read by parsers of our own; and what happens to a path that cannot be used."""
 
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -88,10 +85,3 @@ def test_a_path_that_cannot_be_used_is_refused_in_one_line(saved, tmp_path, name
     with pytest.raises(InvalidInput, match=f"^{expected}") as caught:
         saved(name)
     assert "\n" not in str(caught.value)
-
-
-def test_rerun_and_matplotlib_are_not_imported_for_the_other_formats(tmp_path):
-    script = ("import sys, srt3d_ros.datasets.cloud_files; "
-              "print([m for m in ('rerun', 'matplotlib', 'PIL') if m in sys.modules])")
-    root = Path(__file__).resolve().parents[2]
-    assert subprocess.run([sys.executable, "-c", script], cwd=root, text=True, capture_output=True).stdout == "[]\n"

@@ -75,13 +75,6 @@ def test_axes_say_where_rows_columns_and_bins_are(tmp_path, suffix):
                                    atol=2e-3)
 
 
-def test_axes_also_order_the_mask_of_the_counts():
-    hidden = np.zeros((120, 8, 6), bool)
-    hidden[:, 2, 1] = True
-    masked = np.ma.MaskedArray(CUBE.transpose(2, 1, 0), hidden)
-    assert np.argwhere(~from_counts(masked, axes="bins,cols,rows", irf=IRF).sensor.mask).tolist() == [[1, 2]]
-
-
 def test_an_irf_that_is_too_long_for_turned_counts_names_axes():
     with pytest.raises(InvalidInput, match=r"^The IRF is longer than the period: 120 × 8 × 6 taken for .*--axes"):
         from_counts(CUBE.transpose(2, 1, 0), irf=np.ones(7))

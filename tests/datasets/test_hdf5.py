@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 from scipy.io import savemat
-from scipy.sparse import csc_array
 
 from srt3d_ros import read
 from srt3d_ros.errors import InvalidInput
 from tests.datasets import laboratory_files as files
-from tests.datasets.test_mat import LISTS, cells
 
 h5py = pytest.importorskip("h5py")
 IRF = [1.0, 3.0, 1.0]
@@ -68,18 +66,14 @@ def test_detectors_of_a_single_spot_are_the_pixels_of_a_sensor_with_as_many(tmp_
         read(path, irf=IRF, shape=(2, 3), channel=2)
 
 
-SPARSE = csc_array(([2.0, 1, 1], ([1, 4, 4], [7, 9, 39])), (6, 40))
 @pytest.mark.parametrize("variables", [
-    {"h": CUBE, "irf": np.array(IRF), "bin_width_s": 1e-10}, {"photon_times": LISTS}, {"Ts": LISTS},
-    {"spad": SPARSE, "bin": np.arange(6.0).reshape(2, 3)},
+    {"h": CUBE, "irf": np.array(IRF), "bin_width_s": 1e-10},
     {"Y": CUBE.reshape(48, 120).T.copy(), "DepthImage": np.ones((6, 8))},
     {"row": [0, 1, 1], "col": [2, 0, 2], "toa": [5.0, 6, 9], "rows": 2, "cols": 3, "num_bins": 20}])
 def test_matlab_7_3_gives_what_matlab_5_does(tmp_path, variables):
-    arrays = {name: value if hasattr(value, "tocsc") or value is LISTS else np.atleast_1d(value)
-              for name, value in variables.items()}
+    arrays = {name: np.atleast_1d(value) for name, value in variables.items()}
     files.matlab_7_3(tmp_path / "new.mat", **arrays)
-    savemat(tmp_path / "old.mat", {name: cells(value, float) if value is LISTS else value
-                                   for name, value in arrays.items()})
+    savemat(tmp_path / "old.mat", arrays)
     new, old = (read(tmp_path / name, irf=IRF, toa_offset_bins=1) for name in ("new.mat", "old.mat"))
     assert new.sensor.same_as(old.sensor) and new.notes == old.notes and new.photons > 0
     np.testing.assert_array_equal(new.frame.pixel, old.frame.pixel)
@@ -106,9 +100,9 @@ def cut_off(path):
 @pytest.mark.parametrize(("name", "make", "said"), [
     ("a.h5", kept_elsewhere, "a.h5 is unreadable .ValueError: a keeps its numbers in another file"),
     ("a.h5", huge, "a.h5: The arrays take more than .* bytes"),
-    ("a.h5", cut_off, r"a.h5 is unreadable \(OSError: truncated file\): expected a complete HDF5 file"),
+    ("a.h5", cut_off, r"a.h5 is unreadable \(OSError: .*\): expected a complete HDF5 file"),
     ("a.mat", lambda path: path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(900)),
-     r"a.mat is unreadable \(OSError: file signature not found\): expected a complete MATLAB .mat file"),
+     r"a.mat is unreadable \(OSError: .*\): expected a complete MATLAB .mat file"),
     ("a.h5", lambda path: write(path, x=np.ones((3, 4)), **{"b/c": np.ones(5)}, n=7),
      r"a.h5: The file needs Photon-HDF5.* --columns.* It has b/c \(5 float64\), n \(int64\), x \(3×4 float64\)\."),
     ("a.h5", lambda path: write(path, photon_data=np.ones(5)), "a.h5: The file needs Photon-HDF5")])

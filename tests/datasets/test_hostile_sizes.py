@@ -19,7 +19,7 @@ from srt3d_ros.datasets import open_sensor
 from srt3d_ros.errors import InvalidInput
 import lz4.frame, rosbags.rosbag2, scipy.io
 used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-resource.setrlimit(resource.RLIMIT_AS, (used + 300 * 2**20,) * 2)
+resource.setrlimit(resource.RLIMIT_AS, (used + 600 * 2**20,) * 2)
 for path in sys.argv[1:]:
     try:
         (open_sensor if path.endswith(".json") else read)(path)
@@ -30,9 +30,10 @@ for path in sys.argv[1:]:
 # Of each file what it begins with, what is said of it, and the library that reads it if that may be missing.
 GIGABYTES = {
     "a.json": (b"[", "a.json is 1073741824 bytes: expected at most", ""),
-    "b.npz": (b"PK\3\4", "b.npz is damaged", ""),
+    "b.npz": (b"PK\3\4", "b.npz is unreadable", ""),
     "c.mat": (b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM", "c.mat is unreadable", ""),
-    "d.mcap": (b"\x89MCAP0\r\n", "bag d.mcap has no topics of photons. It has no messages; d.mcap was cut off", ""),
+    "d.mcap": (b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, 2**30 - 17),
+               "bag d.mcap has no topics of photons. It has no messages; d.mcap was cut off", ""),
     "e.db3": (b"SQLite format 3\0", "bag e.db3 is unreadable", ""),
     "g.npy": (b"", "g.npy counts is unreadable", ""),
     "i.ptu": (b"PQTTTR\0\0001.0.00\0\0", "i.ptu is unreadable", "ptufile")}
@@ -65,7 +66,7 @@ SMALL = {
 
 @pytest.fixture(scope="module")
 def said(tmp_path_factory) -> dict[str, str]:
-    """What a process that may take 300 MB says of each file."""
+    """What a process that may take 600 MB says of each file."""
     folder = tmp_path_factory.mktemp("files")
     for name, (begin, _, library) in GIGABYTES.items():
         if not library or find_spec(library):

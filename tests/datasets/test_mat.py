@@ -6,9 +6,8 @@ from scipy.io import savemat
 from scipy.sparse import csc_matrix
 
 from srt3d_ros import read
-from srt3d_ros.datasets.readers import isolated, isolated_child
-from srt3d_ros.datasets.values import listing
 from srt3d_ros.errors import InvalidInput
+from srt3d_ros.files import isolated, isolated_child
 from srt3d_ros.files.array_files import read_errors
 
 ROWS, COLS = 2, 3
@@ -19,11 +18,11 @@ PIXEL, TOA = [0, 0, 2, 3, 4, 4, 4], [12, 15, 10, 19, 13, 13, 14]
 
 @pytest.fixture(autouse=True)
 def in_this_process(monkeypatch):
-    """Without the child, which takes as long as SciPy to start: test_mat_child.py is with it."""
+    """Without the child, which takes as long as SciPy to start: tests/files/test_isolated.py is with it."""
     def arrays_of(path, library, names, expected):
         with read_errors(path, expected):
             arrays, shapes = isolated_child.matlab_5(path, names)
-        return arrays, listing(shapes)
+        return arrays, isolated_child.listing(shapes)
     monkeypatch.setattr(isolated, "arrays_of", arrays_of)
 
 
@@ -110,19 +109,12 @@ def test_any_other_cube_is_read_by_its_dimensions(tmp_path):
         read(write(tmp_path, a=counts, b=counts), irf=IRF)
 
 
-def test_a_file_that_is_cut_off_is_refused(tmp_path):
-    path = write(tmp_path, Ts=cells(LISTS))
-    path.write_bytes(path.read_bytes()[:-5])
-    with pytest.raises(InvalidInput, match="^some name.mat is unreadable"):
-        read(path, irf=IRF)
-
-
 def test_what_was_assumed_is_said(tmp_path):
     random = np.random.default_rng(0)
     lists = [[random.normal(300 + 30 * row, 4, 30).astype(int) for _ in range(20)] for row in range(20)]
     photons = read(write(tmp_path, Ts=cells(lists)), num_bins=1000)
     assert [note.split(":")[0] for note in photons.notes] == [
-        "bin width taken to be 8 ps", "IRF estimated from the photons, which makes it slightly broad",
+        "bin width taken to be 8 ps", "IRF estimated from the photons, so it is slightly too wide",
         "geometry taken to be a pinhole of 30° across the larger side"]
     assert read(tmp_path / "some name.mat", num_bins=1000, irf=IRF, bin_width_s=1e-12, fov_deg=5).notes == ()
 
@@ -130,23 +122,18 @@ def test_what_was_assumed_is_said(tmp_path):
 @pytest.mark.parametrize(("variables", "options", "field"), [
     ({"X": np.ones((3, 3))}, {}, ".mat counts"), ({"Ts": np.ones((3, 3))}, {}, ".mat counts"),
     ({"Y": cells(LISTS)}, {}, ".mat counts"), ({"Y": np.full((8, 4), 0.5)}, {}, ".mat Y"),
-    ({"Y": np.ones((8, 5))}, {}, ".mat DepthImage"), ({"Ts": cells(LISTS)}, {"rows": 9}, ".mat rows"),
+    ({"Ts": cells(LISTS)}, {"rows": 9}, ".mat rows"),
     ({"Y": np.ones((8, 5)), "DepthImage": np.ones((2, 2))}, {}, ".mat DepthImage shape"),
     ({"spad": csc_matrix(np.eye(4) / 2)}, {}, ".mat spad"), ({"Ts": cells(LISTS)}, {"channel": 1}, ".mat channel"),
     ({"data_processed": cells(LISTS), "mm": np.ones(0), "MM": 3}, {}, ".mat mm"),
-    ({"data_processed": cells(LISTS), "mm": 1, "MM": "end"}, {}, ".mat MM"),
-    ({"Ts": cells([[[1.5]]], float)}, {}, ".mat Ts"), ({"Ts": cells([[[np.nan]]], float)}, {}, ".mat Ts"),
-    ({"Ts": cells([[[-1]]], np.int16)}, {}, ".mat Ts ToA"),
+    ({"Ts": cells([[[1.5]]], float)}, {}, ".mat Ts"), ({"Ts": cells([[[-1]]], np.int16)}, {}, ".mat Ts ToA"),
     ({"data_processed": cells([[[np.nan]]], float)}, {}, ".mat data_processed ToA"),
     ({"Ts": np.array([[np.ones(1), "d"]], object)}, {}, ".mat Ts cells"),
     ({"Ts": cells(LISTS)}, {"num_bins": 1}, ".mat num_bins"),
-    ({"Ts": cells(LISTS)}, {"num_bins": 10**6}, ".mat num_bins"),
     ({"Ts": cells(LISTS)}, {"bin_width_s": 0}, ".mat bin_width_s"),
     ({"Ts": cells(LISTS)}, {"num_bins": "many"}, ".mat num_bins"),
-    ({"Ts": np.empty((0, 3), object)}, {}, ".mat Ts shape"),
     ({"spad": csc_matrix([[2.0**24, 1.0]]), "bin": 1}, {}, ".mat spad photons"),
     ({"h": np.ones((2, 3, 70_000), np.uint8)}, {}, ".mat counts bins"),
-    ({"h": np.ones((2, 3, 9))}, {"num_bins": 1}, ".mat num_bins"),
     ({"h": np.ones((2, 3, 9)), "bin_width_s": [1, 2]}, {}, ".mat bin_width_s shape")])
 def test_what_cannot_be_used_is_named(tmp_path, variables, options, field):
     with pytest.raises(InvalidInput) as caught:

@@ -62,7 +62,7 @@ def test_a_gate_moves_toa_offset_and_reference_together(path):
     ("irf", {"irf": "response.bin"}),
     ("irf dtype", {"irf": ["a"]}), ("irf shape", {"irf": np.ones((2, 2, 2))}), ("fov_deg", {"fov_deg": "wide"}),
     ("channel", {"channel": 1}), ("frame", {"frame": 1}), ("a.npz num_bins", {"num_bins": "many"}),
-    ("fov_deg", {"fov_deg": 10**400}), ("gate", {"gate": (10**400, 2)}), ("irf dtype", {"irf": [10**400]}),
+    ("gate", {"gate": (10**400, 2)}),
     ("irf", {"irf": "a" * 300 + ".npy"}), ("irf", {"irf": "absent.npy"}), ("gate", {"gate": 3}),
     ("gate", {"gate": "off"}), ("irf_sigma_bins", {"irf_sigma_bins": "w"}), ("irf_sigma_bins", {"irf_sigma_bins": 0})])
 def test_unusable_options_are_named(path, field, options):

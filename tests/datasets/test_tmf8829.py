@@ -8,6 +8,7 @@ import pytest
 
 from examples.tmf8829_messages import decode
 from srt3d_ros import read
+from srt3d_ros.datasets.options import Options
 from srt3d_ros.datasets.readers import tmf8829
 from srt3d_ros.errors import InvalidInput
 from tests.datasets import made_logs as made
@@ -78,7 +79,7 @@ def test_a_log_with_the_loggers_fault_is_read_as_row_0(tmp_path):
     """Histogram [y][…] is that of zone y of row 0: seen in the vendor's log, whose results say so."""
     truth = np.linspace(1.0, 3.0, 16)
     faulty = made.zones_16(truth[:, None])
-    photons = next(tmf8829.frames(made.tmf8829_log(tmp_path / "log.json", [faulty]), {}))()
+    photons = next(tmf8829.frames(made.tmf8829_log(tmp_path / "log.json", [faulty]), Options()))()
     sensor, notes = photons.sensor, photons.notes
     assert (sensor.rows, sensor.cols) == (1, 16) and any("row 0" in note for note in notes)
     assert zones_mm(photons)[0] == pytest.approx(truth * 1e3, abs=15)
@@ -111,6 +112,6 @@ def test_the_vendors_log_agrees_with_its_own_results(shared_data):
         results = [frame["results"][0] for frame in json.load(stream)["Result_Set"]]      # of row 0, all that it has
     own, snr = (np.array([[zone["peaks"][0][key] for zone in row] for row in results], float)
                 for key in ("distance", "snr"))
-    found = np.concatenate([zones_mm(frame()) for frame in tmf8829.frames(path, {})])
+    found = np.concatenate([zones_mm(frame()) for frame in tmf8829.frames(path, Options())])
     off = (found - own)[snr >= 20]
     assert (off.size, np.isnan(off).sum()) == (375, 0) and np.median(np.abs(off)) <= 20

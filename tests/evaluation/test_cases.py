@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 from srt3d_ros import read
-from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.evaluation.cases import of_files, photons_near, simulated, tolerance_bins
+from srt3d_ros.evaluation.cases import of_files, simulated, tolerance_bins
 from srt3d_ros.evaluation.scenes import NetScene, net_sensor
 
 
@@ -36,8 +34,8 @@ def test_a_file_has_as_many_surfaces_as_references(layers):
     case, = of_files([str(layers)])
     assert (case.source, case.sbr, case.surfaces, case.tolerance_bins) == ("layers", None, 2, 10)
     assert case.observe().depth_bins.shape == (2, 12, 20) and case.observe().intensity is None
-    case, = of_files([str(layers)], "40", surfaces=1, aligned=(1, 2))
-    assert (case.surfaces, case.tolerance_bins, case.aligned) == (1, 40, (1,))      # it has no third reference
+    case, = of_files([str(layers)], "40", surfaces=1)
+    assert (case.surfaces, case.tolerance_bins) == (1, 40)
 
 
 def test_held_out_photons_are_no_longer_in_the_frame(layers):
@@ -52,12 +50,6 @@ def test_held_out_photons_are_no_longer_in_the_frame(layers):
 def test_files_of_one_name_are_refused(layers):
     with pytest.raises(InvalidInput, match="^Two files are called layers: rename one"):
         of_files([str(layers), str(layers)])
-
-
-def test_photons_near_a_depth_are_counted_around_the_end_of_the_period():
-    sensor = SensorModel(1, 3, 100, 1e-10, [1.0])
-    frame = PhotonEvents(np.array([0, 0, 0, 1, 1, 2], np.uint32), np.array([1, 97, 50, 20, 24, 5], np.uint16))
-    assert photons_near(frame, np.array([[99.0, 20, np.nan]]), 3, sensor).tolist() == [[2, 1, 0]]
 
 
 def test_what_is_to_be_known_about_a_file_is_passed_on(layers, tmp_path):

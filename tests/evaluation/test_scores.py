@@ -17,13 +17,13 @@ def test_a_row_is_on_the_disk_at_once_and_found_by_any_program(tmp_path):
         write(ROW | {"dae_mm": 1 / 3, "points": 19_881, "iae": float("nan"), "frequencies": (1, 2, 5), "sbr": 0.1})
         with open(path, newline="") as file:
             row, = csv.DictReader(file)
-    wanted = {"dae_mm": "0.333333", "points": "19881", "iae": "", "frequencies": "1;2;5", "aligned": "", "sbr": "0.1"}
+    wanted = {"dae_mm": "0.333333", "points": "19881", "iae": "", "frequencies": "1;2;5", "held_out": "", "sbr": "0.1"}
     assert tuple(row) == RESULT_COLUMNS and {name: row[name] for name in wanted} == wanted
 
 
 def test_a_table_is_known_by_its_columns(tmp_path):
     path = tmp_path / "results.csv"
-    for content in (b"", b"a,b\n1,2\n", ",".join((*RESULT_COLUMNS, "format")).encode(), b"\xff\xfe\x00"):
+    for content in (b"", b"a,b\n1,2\n", b"\xff\xfe\x00"):
         path.write_bytes(content)
         assert not is_table(path)
     with table_of_rows(path):

@@ -1,4 +1,4 @@
-"""What all tests of the kernels share."""
+"""What the tests of kernels share: the backends of known answers, and a check of the arguments of compiled kernels."""
 
 from importlib import import_module
 
@@ -11,7 +11,15 @@ from numba.core.typeconv import Conversion
 
 from srt3d_ros.kernels.cpu.compiling import Kernel
 
+from .frames import CPU, ORACLE, Backend
+
 torch.set_num_threads(1)        # tensors are small, and other tests run beside
+
+
+@pytest.fixture(params=[CPU, ORACLE], ids=lambda backend: backend.name)
+def backend(request) -> Backend:
+    """What must give known answers."""
+    return request.param
 
 
 @pytest.fixture

@@ -162,7 +162,7 @@ def with_clutter(frame: MatchedFrame) -> MatchedFrame:
 def padded(frame: MatchedFrame) -> MatchedFrame:
     """The frame with padded maps, as the windowed kernels want them."""
     return replace(frame, matched=maps.pad(frame.matched.swapaxes(1, 2)), counts=maps.pad(frame.counts),
-                   exposure=maps.pad(frame.exposure), size=frame.shape)
+                   exposure=maps.pad(frame.exposure))
 
 
 def make_terms(frame: MatchedFrame, state: np.ndarray) -> np.ndarray:

@@ -25,8 +25,7 @@ QUICK = "expand", "log_likelihood_ratio", "finalise"       # to compile: seconds
 def built(monkeypatch, kernels, method: str, surfaces: int, **options):
     """A reconstruction that computes with these kernels as if they were a GPU's."""
     monkeypatch.setattr("srt3d_ros.core.baselines.plug_and_play.ITERATIONS", 2)     # the others do the same again
-    for module in ("method.pooled", "baselines.sketched"):
-        monkeypatch.setattr(f"srt3d_ros.core.{module}.kernels_for", lambda device: kernels)
+    monkeypatch.setattr("srt3d_ros.core.matched_frame.kernels_for", lambda device: kernels)
     return METHODS[method].build(SENSOR, SKETCHES[0].frequencies, surfaces=surfaces, device="cuda", **options)
 
 
@@ -45,6 +44,16 @@ def compiling(monkeypatch):
 
     yield begin
     forget()
+
+
+def keeping(keep):
+    """`Fused.compile` without a compiler: `keep` gets each function, its graph and its inputs."""
+    def compile(function):
+        def run(graph, inputs):
+            keep(function, graph, inputs)
+            return graph.forward
+        return torch.compile(function.function, fullgraph=True, dynamic=False, backend=run)
+    return compile
 
 
 @pytest.mark.parametrize(("surfaces", "start", "uneven"), [
@@ -68,12 +77,7 @@ def test_no_step_of_a_frame_looks_at_a_value_or_has_a_shape_that_depends_on_one(
 @pytest.mark.parametrize("method", ["pooled", "srt3d"])
 def test_two_frames_compile_each_step_once_as_one_graph_that_needs_nothing_of_the_host(monkeypatch, compiling, method):
     reconstructor, graphs = built(monkeypatch, oracle.on("cpu"), method, 1), defaultdict(list)
-
-    def compile(function):
-        return torch.compile(function.function, fullgraph=True, dynamic=False,
-                             backend=lambda graph, inputs: graphs[function.__name__].append(graph) or graph.forward)
-
-    compiling(lambda name: True, compile)
+    compiling(lambda name: True, keeping(lambda function, graph, _: graphs[function.__name__].append(graph)))
     first = reconstructor(SKETCHES[0])
     compiled = {name: len(each) for name, each in graphs.items()}
     assert set(compiled) >= {
@@ -93,12 +97,7 @@ def test_two_frames_compile_each_step_once_as_one_graph_that_needs_nothing_of_th
 
 def test_a_function_is_compiled_for_more_shapes_than_torch_takes_for_a_mistake(compiling):
     shapes = []
-
-    def compile(function):
-        return torch.compile(function.function, fullgraph=True, dynamic=False,
-                             backend=lambda graph, inputs: shapes.append(inputs[0].shape) or graph.forward)
-
-    compiling(lambda name: True, compile)
+    compiling(lambda name: True, keeping(lambda function, graph, inputs: shapes.append(inputs[0].shape)))
     double = Fused(lambda values: values * 2)
     for size in range(2, 14):
         assert torch.equal(double(torch.ones(size)), torch.full((size,), 2.0))

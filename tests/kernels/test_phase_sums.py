@@ -123,7 +123,7 @@ def test_a_histogram_has_the_sketch_of_its_photons(bins, gate):
     of_counts, of_events = (FrameSketcher(sensor, (1, 2, 7), gate=gate) for _ in range(2))
     of_counts.add(histograms)
     of_events.add(histograms.to_events(sensor))
-    found, wanted = of_counts.sketch(), of_events.sketch()
+    found, wanted = of_counts.end_frame(), of_events.end_frame()
     assert np.array_equal(found.photons, wanted.photons) and found.stamp_ns == 7
     assert found.photons.sum() == histograms.photons if gate is None else 0 < found.photons.sum() < histograms.photons
     assert np.abs(found.sums - wanted.sums).max() < 3e-5 * found.photons.max()

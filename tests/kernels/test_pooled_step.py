@@ -65,12 +65,12 @@ def test_pooled_step(shape, surfaces, sigma, radius, fine):
     assert not after[:, :, maps.INTENSITY][state[:, :, maps.INTENSITY] == 0].any() and np.isfinite(after).all()
 
 
-def test_pooled_step_leaves_margins_empty_and_steps_beside_pixels_without_points():
+def test_pooled_step_leaves_margins_empty_and_steps_beside_pixels_without_points(backend):
     depth = np.full((1, 2, 64), 100.0)
     signal = np.where(np.arange(64) < 40, 20.0, 0) * np.ones((1, 2, 1))
     signal[:, :, 30:35] = 0                                     # dead pixels at the end of the first block
     frame, state = exact_frame(depth, signal, 2), exact_state(depth + 0.5, signal * (np.arange(64) < 30))
-    found = CPU.pooled_step(padded(frame), state, make_terms(frame, state), 1.0, 1, 4, GATE)
+    found = backend.pooled_step(padded(frame), state, make_terms(frame, state), 1.0, 1, 4, GATE)
     view = maps.crop(found, 2, 64)[:, 0]
     assert (view[:, maps.INTENSITY, 30:] == 0).all() and not found[..., :maps.MARGIN].any()
     np.testing.assert_allclose(view[:, maps.DEPTH, :30], 100, atol=0.01)

@@ -45,7 +45,7 @@ def test_blur(shape, sigma):
 
 
 @pytest.mark.parametrize("size", [1, 20])
-def test_match_finds_the_highest_peak_wherever_it_lies(size):
+def test_match_finds_the_highest_peak_wherever_it_lies(backend, size):
     """With one frequency there are fewer cells than are looked at together, with 20 more frequencies than 16."""
     sensor = SensorModel(1, 600, T, 1e-10, np.exp(-np.linspace(-3, 3, 25)**2))
     depth = np.linspace(0, T, 600, endpoint=False)[None]
@@ -53,7 +53,7 @@ def test_match_finds_the_highest_peak_wherever_it_lies(size):
     sums = 40 * irf_spectrum(sensor, frequencies) * np.exp(1j * angular_frequencies(frequencies, T) * depth[..., None])
     sketch = PhaseSums(frequencies, sums.astype(np.complex64), np.full((1, 600), 40, np.uint32), sensor=sensor)
     frame = matched_frame(sensor, sketch)
-    found, intensity = (maps.crop(each, *frame.shape) for each in CPU.match(padded(frame), 1))
+    found, intensity = (maps.crop(each, *frame.shape) for each in backend.match(padded(frame), 1))
     # The parabola through a band-limited peak sampled 4 times a period: a small part of the peak's width.
     assert np.abs(circular_difference(found[:, 0], depth, T)).max() < 0.1 * frame.resolution_bins
     np.testing.assert_allclose(intensity, 40, rtol=0.03)
@@ -147,13 +147,13 @@ def test_slanted_windows_fill_and_replace_what_flat_ones_leave_or_doubt(shape, s
     assert (score[had]**2 > STEEPER * flat[:, 0, maps.SCORE][had]**2).all()
 
 
-def test_slanted_windows_find_planes_in_eight_directions():
+def test_slanted_windows_find_planes_in_eight_directions(backend):
     row, col = np.mgrid[:16, :16] - 8
     rise = SLANT * exact_frame(np.ones((1, 16, 16)), np.ones((1, 16, 16)), 2.0).resolution_bins
     for down, right in product((-1, 0, 1), repeat=2):
         depth = T / 2 + rise * (down * row + right * col)[None]
         frame = padded(exact_frame(depth, np.full((1, 16, 16), 3.0), 2.0))
         state = np.zeros(maps.state_shape(16, 16, 1), np.float32)
-        found = CPU.changed("search", frame, frame.matched, state, 0, 1.0, 1, 5.0, None, 0.0, True)[2]
+        found = backend.changed("search", frame, frame.matched, state, 0, 1.0, 1, 5.0, None, 0.0, True)[2]
         slopes = maps.crop(found, 16, 16)[4:-4, 0, [maps.SLOPE_COL, maps.SLOPE_ROW], 4:-4]
         np.testing.assert_allclose(slopes, np.broadcast_to(np.array([[right], [down]]) * rise, slopes.shape), rtol=1e-5)

@@ -50,14 +50,14 @@ def test_points_that_are_right_leave_nothing_but_the_background():
 
 
 @pytest.mark.parametrize(("shape", "each"), [((3, 40), False), ((2, 5), True)])
-def test_prepare_makes_the_frame_of_the_matcher_and_takes_the_background_out(shape, each):
+def test_prepare_makes_the_frame_of_the_matcher_and_takes_the_background_out(backend, shape, each):
     sensor, rng = make_sensor(*shape, seed=2), np.random.default_rng(4)
     if each:        # an equaliser for each pixel
         sensor = sensor.replace(delay_bins=rng.uniform(-9, 9, shape))
     sketch = make_sketch(sensor, seed=2)
     matcher, photons = Matcher(sensor, sketch.frequencies), sketch.photons.astype(np.float32)
     wide = padded(matched_frame(sensor, sketch))
-    matched, counts = CPU.prepare(sketch.sums, photons, matcher.equaliser, matcher.used)
+    matched, counts = backend.prepare(sketch.sums, photons, matcher.equaliser, matcher.used)
     np.testing.assert_allclose(matched, wide.matched, atol=1e-5 * np.abs(wide.matched).max())
     np.testing.assert_array_equal(counts, wide.counts)
     taken = (rng.uniform(0, 9, shape) * matcher.used).astype(np.float32)
@@ -65,11 +65,11 @@ def test_prepare_makes_the_frame_of_the_matcher_and_takes_the_background_out(sha
     passed, mean = (rng.normal(size=(*each, 2)).astype(np.float32).view(np.complex64)[..., 0]
                     for each in (size, size[2:]))
     arguments = sketch.sums, photons, matcher.equaliser, matcher.used, taken, passed, mean
-    for matched, counts in (CPU.prepare(*arguments), ORACLE.prepare(*arguments)):
-        left = maps.crop(matched, *shape).swapaxes(1, 2)
-        expected = sketch.sums * matcher.equaliser - taken[..., None] * passed * mean
-        np.testing.assert_allclose(left, np.concatenate([expected.real, expected.imag], axis=-1), atol=1e-3)
-        np.testing.assert_array_equal(maps.crop(counts, *shape), sketch.photons * matcher.used)
+    matched, counts = backend.prepare(*arguments)
+    left = maps.crop(matched, *shape).swapaxes(1, 2)
+    expected = sketch.sums * matcher.equaliser - taken[..., None] * passed * mean
+    np.testing.assert_allclose(left, np.concatenate([expected.real, expected.imag], axis=-1), atol=1e-3)
+    np.testing.assert_array_equal(maps.crop(counts, *shape), sketch.photons * matcher.used)
 
 
 def test_complex_products_of_the_background_are_rounded_part_by_part_as_on_any_processor():

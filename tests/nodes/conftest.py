@@ -4,10 +4,10 @@ import contextlib
 import itertools
 import os
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.srv import ListParameters, SetParametersAtomically
+from rclpy.client import Client
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.parameter import Parameter
@@ -25,7 +26,7 @@ from std_msgs.msg import String
 
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.messages import sensor_message
+from srt3d_ros.messages import photon_frames, sensor_message
 from srt3d_ros.processes.node_command import parameter_arguments
 from tests.nodes.eager_node import EagerNode
 from tools.processes import Process, wait
@@ -47,6 +48,7 @@ class Graph:
         self.node = rclpy.create_node("tester", namespace=self.namespace)
         self.processes: list[Process] = []
         self._nodes: dict[str, Process] = {}        # the last of each name
+        self._clients: dict[str, Client] = {}       # of services of nodes that have found them
         self._reports: dict[str, list] = {}
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, QoSProfile(depth=100))
         self._executor = SingleThreadedExecutor()
@@ -63,13 +65,13 @@ class Graph:
 
         return wait(condition, what, describe)
 
-    def start(self, name: str, *ros_args: str, **parameters) -> Process:
-        """Start a node, or a script if `name` is the path of one; parameters as in `-p name:=value`."""
+    def start(self, name: str, *ros_args: str, code: str = "", **parameters) -> EagerNode:
+        """Start a node in a process that first executes `code`; parameters as in `-p name:=value`."""
         arguments = [name, *parameter_arguments(parameters), "-r", f"__ns:={self.namespace}", *ros_args]
-        script = name.endswith(".py")
-        self.processes.append(Process([sys.executable, *arguments]) if script else EagerNode(arguments))
+        self._clients.clear()
+        self.processes.append(EagerNode(arguments, code))
         renamed = [arg.removeprefix("__node:=") for arg in ros_args if arg.startswith("__node:=")]
-        self._nodes[renamed[0] if renamed else Path(name).stem] = self.processes[-1]
+        self._nodes[renamed[0] if renamed else name] = self.processes[-1]
         return self.processes[-1]
 
     def collect(self, message_type: type, topic: str, depth: int = 1000, raw: bool = False) -> list:
@@ -105,12 +107,12 @@ class Graph:
 
     def call(self, service_type: type, service: str, request):
         """The answer of a service."""
-        client = self.node.create_client(service_type, service)
-        self.wait(client.service_is_ready, f"the service {service}")
-        self.known_to(service.partition("/")[0])
-        future = client.call_async(request)
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(service_type, service)
+            self.wait(self._clients[service].service_is_ready, f"the service {service}")
+            self.known_to(service.partition("/")[0])
+        future = self._clients[service].call_async(request)
         self.wait(future.done, f"an answer from {service}")
-        self.node.destroy_client(client)
         return future.result()
 
     def known_to(self, name: str) -> None:
@@ -220,26 +222,6 @@ def shared_graph(ros):
     graph.close()
 
 
-UNDER_ZENOH = """
-import sys
-from srt3d_ros.cli import node
-from srt3d_ros.nodes.common import peers
-peers.get_rmw_implementation_identifier = lambda: "rmw_zenoh_cpp"
-sys.exit(node.start({name!r}, sys.argv[1:]))
-"""
-
-
-@pytest.fixture
-def under_zenoh(tmp_path) -> Callable[[str], str]:
-    """The script of a node that takes its middleware for rmw_zenoh_cpp, of which pip has no wheel."""
-    def script(name: str) -> str:
-        path = tmp_path / f"{name}.py"
-        path.write_text(UNDER_ZENOH.format(name=name))
-        return str(path)
-
-    return script
-
-
 @pytest.fixture(scope="session")
 def sensor() -> SensorModel:
     """A small sensor: 16 × 12 pixels, T = 100."""
@@ -255,6 +237,12 @@ def events(sensor) -> PhotonEvents:
     toa = np.where(rng.random(len(pixel)) < 0.5, rng.integers(0, sensor.num_bins, len(pixel)),
                    np.clip(np.round(rng.normal(50, 2, len(pixel))), 0, sensor.num_bins - 1))
     return PhotonEvents(pixel, toa.astype(np.uint16), stamp_ns=1_000_000_000)
+
+
+@pytest.fixture(scope="session")
+def photons_at(events, sensor) -> Callable[[int], bytes]:
+    """Makes the message of the events, acquired at a stamp [ns]."""
+    return lambda stamp_ns: photon_frames.PHOTONS.encode_cdr(replace(events, stamp_ns=stamp_ns), sensor, "spad")
 
 
 @pytest.fixture(scope="session")

@@ -4,6 +4,7 @@ They are forked from one process that has numba ready, three quarters of the wor
 node: it starts threads, which a fork does not have.
 """
 
+import atexit
 import multiprocessing
 import os
 import sys
@@ -23,8 +24,8 @@ SERVER.set_forkserver_preload([__name__])
 cpu_target.target_context.refresh()
 
 
-def run(output, *arguments: str) -> None:
-    """Be the node of this name and these arguments, and write to the pipe."""
+def run(output, code: str, name: str, *arguments: str) -> None:
+    """Execute `code`, then be the node of this name with these arguments, and write to the pipe."""
     os.setpgid(0, 0)
     for descriptor in (1, 2):
         os.dup2(output.fileno(), descriptor)
@@ -33,15 +34,24 @@ def run(output, *arguments: str) -> None:
     from srt3d_ros.nodes.common import diagnostics
 
     diagnostics.PERIOD_S, stream.MOTION_S = 0.1, 30.0
-    sys.exit(node.start(arguments[0], list(arguments[1:])))
+    sys.argv = [name, *arguments]
+    try:
+        exec(code, {})
+        sys.exit(node.start(name, list(arguments)))
+    finally:
+        atexit._run_exitfuncs()     # which multiprocessing leaves out
 
 
 class EagerNode(Process):
-    """A node that runs. Its command is its name and arguments."""
+    """A node that runs. Its command is its name and arguments; its process first executes `code`."""
+
+    def __init__(self, command: list[str], code: str = ""):
+        self._code = code
+        super().__init__(command)
 
     def _start(self) -> multiprocessing.Process:
         self._pipe, output = SERVER.Pipe(duplex=False)
-        process = SERVER.Process(target=run, args=(output, *self.command), daemon=True)
+        process = SERVER.Process(target=run, args=(output, self._code, *self.command), daemon=True)
         process.start()
         output.close()
         process.stdout = open(self._pipe.fileno(), errors="replace", closefd=False)   # noqa: SIM115

@@ -33,19 +33,35 @@ def test_parameters_that_cannot_be_used_are_one_line(check, value, expected):
 
 
 class Speaker:
-    """Says what sketcher and reconstructor would: the sensor, then clouds."""
+    """Says what sketcher and reconstructor would to a recorder: the sensor, then clouds."""
 
-    def __init__(self, graph, sensor):
+    def __init__(self, graph, sensor, path, code: str = ""):
         self.graph, self.sensor, self.sent = graph, sensor, 0
         self._described = graph.latched("sketch/sensor")
         self._points = graph.publisher(PointCloud2, "points")
         self.describe(sensor)
+        self.recorder = graph.start("recorder", code=code, path=path).ready()
 
     def describe(self, sensor) -> None:
-        self._described.publish(sensor_message.encode(sensor))
+        self.say(sensor_message.encode(sensor).data)
+
+    def say(self, description: str) -> None:
+        self._described.publish(String(data=description))
+
+    def restart(self) -> None:
+        """End the recording and begin another."""
+        assert self.graph.change("recorder", "deactivate") and self.graph.change("recorder", "activate")
+
+    def begin(self, path) -> "Speaker":
+        """Begin a recording of `sensor` in this file, and wait until publisher and recorder have found each other."""
+        assert self.graph.change("recorder", "deactivate")
+        self.graph.wait(lambda: self.graph.node.count_subscribers("points") == 0, "the end of the recording")
+        self.describe(self.sensor)
+        assert self.graph.set("recorder", path=str(path)) == "" and self.graph.change("recorder", "activate")
+        self.recorder.says(f"recording to {path}")
+        return self.ready()
 
     def ready(self) -> "Speaker":
-        """Wait until publisher and recorder have found each other."""
         self.graph.matched(self._points)
         self.graph.wait(lambda: self.graph.report("recorder").get("sent_by"), "a publisher in the recorder's report")
         return self
@@ -58,10 +74,30 @@ class Speaker:
         self.sent += 1
         return stamp_ns
 
+    def record(self, frames: int) -> list[int]:
+        """Send frames and wait until they are recorded; their stamps."""
+        before = self.graph.total("recorder", "clouds")
+        stamps = [self.frame() for _ in range(frames)]
+        self.graph.reports("recorder", "clouds", before + frames)
+        return stamps
+
+    def next_report(self, later: int = 1) -> dict[str, str]:
+        reports = len(self.graph.all_reports("recorder"))
+        self.graph.wait(lambda: len(self.graph.all_reports("recorder")) >= reports + later, "another report")
+        return self.graph.report("recorder")
+
+
+@pytest.fixture(scope="module")
+def shared(shared_graph, sensor, tmp_path_factory):
+    """A recorder that does not end before the tests."""
+    speaker = Speaker(shared_graph, sensor, tmp_path_factory.mktemp("recorder") / "a.rrd")
+    yield speaker
+    assert speaker.recorder.end(signal.SIGINT) == 0 and "Traceback" not in speaker.recorder.text
+
 
 @pytest.fixture
-def speaker(graph, sensor):
-    return Speaker(graph, sensor)
+def speaker(shared, tmp_path):
+    return shared.begin(tmp_path / "a.rrd")
 
 
 def frames_of(*paths) -> list[int]:
@@ -69,134 +105,113 @@ def frames_of(*paths) -> list[int]:
     return sorted(cloud.stamp_ns for path in paths for cloud in RecordingReader(path).clouds())
 
 
-def test_each_activation_is_a_recording_of_its_own(graph, speaker, tmp_path):
-    recorder = graph.start("recorder", path=tmp_path / "out.rrd").ready()
-
-    paths = [tmp_path / "out.rrd", tmp_path / "out_2.rrd"]
-    for number, path in enumerate(paths, start=1):
-        assert number == 1 or graph.change("recorder", "activate")
-        speaker.ready()
-        recorder.says(f"recording to {path}")
-        for _ in range(3):
-            speaker.frame()
-        graph.reports("recorder", "clouds", 3 * number)
-        assert graph.change("recorder", "deactivate")
-        graph.wait(lambda: graph.node.count_subscribers("points") == 0, "the end of the recording")
-    assert [len(frames_of(path)) for path in paths] == [3, 3]
-    assert recorder.end(signal.SIGINT) == 0 and "Traceback" not in recorder.text
+def test_each_activation_is_a_recording_of_its_own(speaker, tmp_path):
+    stamps = [speaker.record(3)]
+    speaker.restart()
+    speaker.recorder.says(f"recording to {tmp_path / 'a_2.rrd'}")
+    stamps.append(speaker.ready().record(3))
+    assert speaker.graph.change("recorder", "deactivate")
+    assert [frames_of(tmp_path / name) for name in ("a.rrd", "a_2.rrd")] == stamps
+    assert speaker.graph.change("recorder", "activate")
 
 
-def test_the_path_is_set_while_the_recorder_is_inactive(graph, speaker, tmp_path):
-    recorder = graph.start("recorder", path=tmp_path / "out.rrd").ready()
-    other = tmp_path / "other.rrd"
+def test_the_path_is_set_while_the_recorder_is_inactive(speaker, tmp_path):
+    graph, other = speaker.graph, tmp_path / "other.rrd"
     assert graph.set("recorder", path=str(other)).startswith("path can be set while the recorder is inactive")
     assert graph.change("recorder", "deactivate")
     assert graph.set("recorder", path=f"{tmp_path}/other.mcap").endswith("expected a path that ends with .rrd")
     assert not graph.set("recorder", path=str(other)) and graph.change("recorder", "activate")
-    recorder.says(f"recording to {other}")
+    speaker.recorder.says(f"recording to {other}")
 
 
-def test_another_sensor_begins_another_recording(graph, speaker, sensor, tmp_path):
-    recorder = graph.start("recorder", path=tmp_path / "a.rrd").ready()
-    speaker.ready()
-    stamps = [speaker.frame() for _ in range(3)]
-    graph.reports("recorder", "clouds", 3)
-    speaker.describe(sensor.replace(range_offset_m=1.0))
-    graph.wait(lambda: recorder.text.count("recording to") == 2, "the other recording")
-    stamps += [speaker.frame() for _ in range(3)]
-    graph.reports("recorder", "clouds", 6)
-    assert recorder.end(signal.SIGINT) == 0, recorder.text
+def test_another_sensor_begins_another_recording(speaker, sensor, tmp_path):
     paths = [tmp_path / "a.rrd", tmp_path / "a_2.rrd"]
-    assert [frames_of(path) for path in paths] == [stamps[:3], stamps[3:]]
+    stamps = [speaker.record(3)]
+    speaker.describe(sensor.replace(range_offset_m=1.0))
+    speaker.recorder.says(f"recording to {paths[1]}")
+    stamps.append(speaker.record(3))
+    assert speaker.graph.change("recorder", "deactivate")
+    assert [frames_of(path) for path in paths] == stamps
     recorded = [RecordingReader(path).properties()["sensor"]["description"] for path in paths]
     assert [sensor_message.from_json(text).range_offset_m for text in recorded] == [0, 1]
+    assert speaker.graph.change("recorder", "activate")
 
 
-def test_what_a_stopped_recorder_misses_it_counts_and_nobody_waits_for_it(graph, speaker, tmp_path):
-    recorder = graph.start("recorder", path=tmp_path / "a.rrd", images="none").ready()
-    speaker.ready().frame()
-    graph.reports("recorder", "clouds", 1)
+def test_what_a_stopped_recorder_misses_it_counts_and_nobody_waits_for_it(speaker):
+    graph = speaker.graph
     reader, = graph.node.get_subscriptions_info_by_topic(f"{graph.namespace}/points")
     assert reader.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
-    recorder.pause()
+    speaker.record(1)
+
+    def counted() -> int:
+        return sum(graph.total("recorder", key) for key in ("clouds", "message_lost", "dropped"))
+
+    sent, before, lost = speaker.sent, counted(), graph.total("recorder", "message_lost")
+    speaker.recorder.pause()
     for _ in range(300):
         speaker.frame()
-    recorder.resume()
-    while not graph.total("recorder", "message_lost"):      # which the next that comes shows
-        reports = len(graph.all_reports("recorder"))
+    speaker.recorder.resume()
+    while graph.total("recorder", "message_lost") == lost:      # which the next that comes shows
         speaker.frame()
-        graph.wait(lambda: len(graph.all_reports("recorder")) > reports, "another report")
-    graph.wait(lambda: sum(graph.total("recorder", key) for key in ("clouds", "message_lost", "dropped"))
-               == speaker.sent, "all clouds, recorded or counted")
+        speaker.next_report()
+    graph.wait(lambda: counted() - before == speaker.sent - sent, "all clouds, recorded or counted")
 
 
-# The node after some lines of Python, as a program of its own.
-PROGRAM = """import sys
-from srt3d_ros.nodes import recorder
-from srt3d_ros.recording import writer
-{}
-sys.exit(recorder.main())
-"""
-BUSY = """on_points = recorder.RecorderNode._on_points        # clouds wait for the end
-recorder.RecorderNode._on_points = lambda self, raw: self.stopping.wait() and on_points(self, raw)"""
-
-
-def test_a_full_disk_ends_the_recording_with_one_error_and_not_the_node(graph, speaker, tmp_path):
-    program = tmp_path / "recorder.py"
-    program.write_text(PROGRAM.format("writer.LEAST_FREE_BYTES = 10**18"))
-    recorder = graph.start(str(program), path=tmp_path / "a.rrd").ready()
-    for number in (1, 2):       # another can be tried
-        assert number == 1 or (graph.change("recorder", "deactivate") and graph.change("recorder", "activate"))
-        report = graph.reports("recorder", "errors", number)
-        assert report["last_error"].startswith(f"recording {tmp_path / 'a.rrd'}: stopped, as the disk has only ")
-        graph.reports("recorder", "path", "")
-        reports = len(graph.all_reports("recorder"))
-        graph.wait(lambda reports=reports: len(graph.all_reports("recorder")) > reports + 2, "three more reports")
-        assert all((one["level"], one["ready"]) == (DiagnosticStatus.ERROR, "False")
-                   and one["message"].startswith("not recording: stopped, as the disk has only ")
-                   for one in graph.all_reports("recorder")[-2:])       # as long as it lasts
-    assert recorder.end(signal.SIGTERM) == 1
-    assert graph.reports("recorder", "state", "finalized")["level"] == DiagnosticStatus.ERROR
-
-
-def test_a_recording_that_is_deleted_is_an_error_until_another_begins(graph, speaker, tmp_path):
-    recorder = graph.start("recorder", path=tmp_path / "a.rrd").ready()
-    speaker.ready().frame()
-    graph.reports("recorder", "clouds", 1)
-    (tmp_path / "a.rrd").unlink()
+def test_a_recording_that_is_deleted_is_an_error_until_another_begins(speaker, tmp_path):
+    graph, path = speaker.graph, tmp_path / "a.rrd"
+    speaker.record(1)
+    path.unlink()
     graph.wait(lambda: speaker.frame() and graph.report("recorder")["message"]
                == "not recording: stopped, as the file is gone", "the error")
     assert graph.report("recorder")["level"] == DiagnosticStatus.ERROR
-    assert graph.change("recorder", "deactivate") and graph.change("recorder", "activate")
-    graph.wait(lambda: recorder.text.count("recording to") == 2, "another recording")
-    graph.wait(lambda: graph.report("recorder")["level"] == DiagnosticStatus.WARN, "the end of the error")
-    assert recorder.end(signal.SIGTERM) == 0 and (tmp_path / "a.rrd").exists()
-
-
-def test_a_bad_description_is_an_error_until_a_good_one_comes_and_then_in_one_report(graph, sensor, tmp_path):
-    bad = graph.latched("sketch/sensor")
-    bad.publish(String(data="{"))
-    recorder = graph.start("recorder", path=tmp_path / "a.rrd").says("broken JSON")
-    for _ in range(2):
-        reports = len(graph.all_reports("recorder"))
-        graph.wait(lambda reports=reports: len(graph.all_reports("recorder")) > reports, "another report")
-        assert graph.report("recorder")["level"] == DiagnosticStatus.ERROR
-    speaker = Speaker(graph, sensor).ready()
-    speaker.frame()
-    graph.reports("recorder", "clouds", 1)
-    bad.publish(String(data="{"))
-    graph.reports("recorder", "errors", 2)
+    speaker.restart()
+    graph.wait(lambda: speaker.recorder.text.count(f"recording to {path}") == 2, "another recording")
     graph.wait(lambda: graph.report("recorder")["level"] != DiagnosticStatus.ERROR, "the end of the error")
+    assert path.exists()
+
+
+def test_a_bad_description_is_an_error_until_a_good_one_comes_and_then_in_one_report(speaker):
+    graph = speaker.graph
+    assert graph.change("recorder", "deactivate")
+    errors = graph.total("recorder", "errors")
+    speaker.say("{")
+    assert graph.change("recorder", "activate")
+    graph.reports("recorder", "errors", errors + 1)
+    assert [speaker.next_report()["level"] for _ in range(2)] == [DiagnosticStatus.ERROR] * 2
+    speaker.describe(speaker.sensor)
+    speaker.ready().record(1)
+    speaker.say("{")
+    graph.reports("recorder", "errors", errors + 2)
+    graph.wait(lambda: graph.report("recorder")["level"] != DiagnosticStatus.ERROR, "the end of the error")
+    speaker.record(1)
+
+
+def test_a_full_disk_ends_the_recording_with_one_error_and_not_the_node(graph, sensor, tmp_path):
+    speaker = Speaker(graph, sensor, tmp_path / "a.rrd",
+                      "from srt3d_ros.recording import writer; writer.LEAST_FREE_BYTES = 10**18")
+    for number in (1, 2):       # another can be tried
+        report = graph.reports("recorder", "errors", number)
+        assert report["last_error"].startswith(f"recording {tmp_path / 'a.rrd'}: stopped, as the disk has only ")
+        graph.reports("recorder", "path", "")
+        speaker.next_report(3)
+        assert all((one["level"], one["ready"]) == (DiagnosticStatus.ERROR, "False")
+                   and one["message"].startswith("not recording: stopped, as the disk has only ")
+                   for one in graph.all_reports("recorder")[-2:])       # as long as it lasts
+        if number == 1:
+            speaker.restart()
+    assert speaker.recorder.end(signal.SIGTERM) == 1
+    assert graph.reports("recorder", "state", "finalized")["level"] == DiagnosticStatus.ERROR
+
+
+BUSY = """from srt3d_ros.nodes.recorder import RecorderNode as Node
+on_points = Node._on_points         # clouds wait for the end
+Node._on_points = lambda self, raw: self.stopping.wait() and on_points(self, raw)"""
+
+
+def test_no_recording_begins_at_the_end_of_another(graph, sensor, tmp_path):
+    speaker = Speaker(graph, sensor, tmp_path / "a.rrd", BUSY).ready()
+    recorder = speaker.recorder.says("recording to")
     speaker.frame()
-    assert graph.reports("recorder", "clouds", 2)["path"] and recorder.end(signal.SIGTERM) == 0
-
-
-def test_no_recording_begins_at_the_end_of_another(graph, speaker, sensor, tmp_path):
-    program = tmp_path / "recorder.py"
-    program.write_text(PROGRAM.format(BUSY))
-    recorder = graph.start(str(program), path=tmp_path / "a.rrd").ready()
-    recorder.says("recording to")
-    speaker.ready().frame()
     graph.reports("recorder", "messages_in", 1)
     for number in (2, 3):
         speaker.describe(sensor.replace(range_offset_m=float(number)))

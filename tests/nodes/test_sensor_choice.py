@@ -9,7 +9,7 @@ from std_msgs.msg import String
 from srt3d_ros.messages import photon_frames, sensor_message
 
 
-def test_a_driver_that_contradicts_the_file_is_an_error_as_long_as_it_does(graph, sensor, events, tmp_path):
+def test_a_driver_that_contradicts_the_file_is_an_error_as_long_as_it_does(graph, sensor, events, photons_at, tmp_path):
     """The file's sensor is published; the driver is there first, is right for a while, wrong again, and goes."""
     published = graph.collect_latched(String, "sensor")
     sketches, described = graph.collect(PointCloud2, "sketch"), graph.latched("sensor")
@@ -34,7 +34,7 @@ def test_a_driver_that_contradicts_the_file_is_an_error_as_long_as_it_does(graph
 
     described.publish(sensor_message.encode(sensor))        # the driver is right now
     process.says(f"sensor_file spad.json is used again: {topic} agrees again")
-    photons.publish(photon_frames.PHOTONS.encode_cdr(events, sensor, "spad"))
+    photons.publish(photons_at(0))
     graph.wait(lambda: sketches, "a sketch")
     assert (sketches[0].height, sketches[0].width) == (16, 12) and process.text.count("[ERROR]") == 1
 
@@ -44,7 +44,7 @@ def test_a_driver_that_contradicts_the_file_is_an_error_as_long_as_it_does(graph
     graph.node.destroy_publisher(described)
     graph.wait(lambda: graph.node.count_publishers("sensor") == 1, "the driver to be gone")
     graph.known_to("sketcher")
-    photons.publish(photon_frames.PHOTONS.encode_cdr(events, sensor, "spad"))
+    photons.publish(photons_at(0))
     process.says(f"is used again: {topic} has no other publisher any more")
     graph.wait(lambda: graph.report("sketcher")["level"] != DiagnosticStatus.ERROR, "the end of the error")
 

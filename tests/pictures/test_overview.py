@@ -1,6 +1,5 @@
 """The overview picture: every panel is filled, whatever the cloud lacks."""
 
-
 import numpy as np
 import pytest
 from PIL import Image
@@ -15,8 +14,8 @@ FIGURES = {"photons per pixel": 10.04, "points": 19_871, "reconstruction": "35 m
 @pytest.fixture
 def drawn(tmp_path, ball):
     """Draw, and give the picture at half its size as an array int [rows, cols, 3]."""
-    def draw(cloud=ball[0], sensor=ball[1], photons=None, title="A ball", figures=FIGURES):
-        draw_overview(tmp_path / "a.png", cloud, sensor, photons, title, figures)
+    def draw(cloud=ball[0], photons=None, title="A ball", figures=FIGURES):
+        draw_overview(tmp_path / "a.png", cloud, photons, title, figures)
         return np.asarray(Image.open(tmp_path / "a.png").convert("RGB").reduce(2)).astype(int)
     return draw
 

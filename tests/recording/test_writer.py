@@ -14,7 +14,7 @@ from srt3d_ros.pictures.colours import point_table
 from srt3d_ros.recording import entities
 from srt3d_ros.recording import writer as writer_module
 from srt3d_ros.recording.reader import RecordingReader
-from srt3d_ros.recording.writer import RecordingFailed, RecordingWriter
+from srt3d_ros.recording.writer import STAMPS_KEPT, FrameIndex, RecordingFailed, RecordingWriter
 from tools.processes import DEADLINE_S
 
 SENSOR = SensorModel(2, 3, 50, 1e-10, np.ones(3))
@@ -137,10 +137,13 @@ def test_small_clouds_share_chunks_whose_index_stays_in_memory(tmp_path):
     assert len(chunks) <= 3 + 1.2 * passed_s / writer_module.FLUSH_PERIOD_S
 
 
-def test_a_path_that_cannot_be_written_is_one_line(tmp_path):
-    with pytest.raises(RecordingFailed) as caught:
-        RecordingWriter(tmp_path / "absent" / "a.rrd", SENSOR)
-    assert str(caught.value) == f"recording {tmp_path}/absent/a.rrd: No such file or directory"
+def test_a_path_that_cannot_be_written_is_one_line_and_no_file_is_replaced(tmp_path):
+    (tmp_path / "a.rrd").write_bytes(b"older")
+    for name, why in (("absent/a.rrd", "No such file or directory"), ("a.rrd", "File exists")):
+        with pytest.raises(RecordingFailed) as caught:
+            RecordingWriter(tmp_path / name, SENSOR)
+        assert str(caught.value) == f"recording {tmp_path}/{name}: {why}"
+    assert (tmp_path / "a.rrd").read_bytes() == b"older"
 
 
 def test_a_process_that_forgets_to_close_ends_with_a_finished_file(tmp_path):
@@ -224,14 +227,12 @@ def threads_of_streams() -> int:
     return sum(comm.startswith(("ChunkBatcher", "RecordingStream")) for comm in comms)
 
 
-def test_a_recording_is_one_whole_file_that_replaces_none_and_leaves_no_threads_behind(tmp_path, ball):
+def test_a_recording_is_one_whole_file_and_leaves_no_threads_behind(tmp_path, ball):
     """Without rerun_patches, rerun keeps two threads for each file and two for its blueprint."""
     before = threads_of_streams()
-    (tmp_path / "a.rrd").write_bytes(b"older")
     with RecordingWriter(tmp_path / "a.rrd", ball[1], {"run": {"namespace": "/"}}) as writer:
         writer.log_cloud(0, 0, *random_cloud(10))
-    assert threads_of_streams() <= before and (tmp_path / "a.rrd").read_bytes() == b"older"
-    assert writer.path == tmp_path / "a_2.rrd"
+    assert threads_of_streams() <= before
     properties = RecordingReader(writer.path).properties()
     assert properties["run"]["namespace"] == "/" and '"rows":40' in properties["sensor"]["description"]
     assert len(RrdReader(writer.path).blueprints()) == 1
@@ -248,3 +249,18 @@ def test_a_disk_that_is_nearly_full_ends_the_recording_with_one_line_and_a_whole
         writer.flush()
     writer.close()
     assert len(list(RecordingReader(tmp_path / "a.rrd").clouds())) == 1
+
+
+def test_frames_count_up_by_their_stamps_and_an_old_one_is_forgotten():
+    frames = FrameIndex()
+    assert [frames[stamp].number for stamp in (10, 30, 20, 30)] == [0, 1, 2, 1]
+    assert frames.newest.stamp_ns == 30
+    for stamp in range(100, 100 + STAMPS_KEPT):
+        last = frames[stamp]
+    assert last.number == 2 + STAMPS_KEPT and frames[10].number == last.number + 1
+
+
+def test_the_rate_is_that_of_the_last_clouds():
+    frames = FrameIndex()
+    rates = [frames.cloud_came(frames[stamp * 10**8]) for stamp in range(20)]
+    assert rates[0] is None and rates[1:] == pytest.approx([10.0] * 19)

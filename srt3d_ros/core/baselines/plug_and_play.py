@@ -7,7 +7,7 @@ import numpy as np
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import APSS_ENOUGH
-from srt3d_ros.kernels.contract import Kernels
+from srt3d_ros.kernels.contract import Array, Kernels
 from srt3d_ros.progress import progress
 
 ITERATIONS = 25
@@ -16,8 +16,9 @@ FAINTEST = 0.01             # of the mean intensity: weaker points are removed
 DEPTHS_PER_PITCH = 6.0      # pixel pitches of depth that count as one pixel across
 
 
-def plug_and_play(kernels: Kernels, step: Callable, depth, intensity, enough, scale_bins, num_bins: int) -> tuple:
-    """APSS, then 25 times [step, APSS], and a last step. Arrays are the kernels'.
+def plug_and_play(kernels: Kernels, step: Callable, depth: Array, intensity: Array, enough: Array, scale_bins: float,
+                  num_bins: int) -> tuple[Array, Array]:
+    """APSS, then 25 times [step, APSS], and a last step.
 
     Args:
         step: from depth and intensity to those after a gradient step and the hard threshold FAINTEST.
@@ -42,7 +43,7 @@ def points_needed(exposure: np.ndarray) -> np.ndarray:
     return maps.pad(np.minimum(high[:, None] * wide, APSS_ENOUGH) * (exposure > 0))
 
 
-def depth_scale_bins(sensor: SensorModel, median_depth, peak_bins: float):
+def depth_scale_bins(sensor: SensorModel, median_depth: Array, peak_bins: float) -> Array:
     """Bins of depth that count as one pixel: six times the distance of neighbouring rays at the scene, as in RT3D.
 
     Limited to half to twice the width of a return's peak: closer depths cannot be resolved, and a larger scale merges

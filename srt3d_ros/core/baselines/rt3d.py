@@ -67,7 +67,7 @@ class RT3D:
         irf = self._irf = np.pad(np.atleast_2d(sensor.irf), [(0, 0), (1, 1)])
         self._slope = np.zeros_like(irf)
         self._slope[:, 1:-1] = (irf[:, 2:] - irf[:, :-2]) / 2
-        self._width_bins = _rms_width(self._irf.mean(axis=0))
+        self._width_bins = _rms_width(sensor.mean_irf)
 
     def __call__(self, frame: PhotonFrame) -> PointCloud:
         """The point cloud of one frame."""
@@ -78,26 +78,25 @@ class RT3D:
         smooth = self._smoother(seen)
         background = smooth(np.float32(background * seen * sensor.num_bins))
 
-        def step(depth, intensity):
+        def step(depth: np.ndarray, intensity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             background[:] = smooth(kernels.poisson(data, background, RATE, usual, depth, intensity))
             return depth, intensity * (intensity >= FAINTEST * usual)
 
         scale = depth_scale_bins(sensor, kernels.median_depth(depth, intensity), self._width_bins)
-        start = (maps.pad(values.swapaxes(1, 2)) for values in (depth, intensity))
-        found = plug_and_play(kernels, step, *start, points_needed(seen), scale, sensor.num_bins)
+        depth, intensity = (maps.pad(values.swapaxes(1, 2)) for values in (depth, intensity))
+        found = plug_and_play(kernels, step, depth, intensity, points_needed(seen), scale, sensor.num_bins)
         depth, intensity = (maps.crop(values, *seen.shape) for values in found)
         return PointCloud.from_layers(sensor, depth, intensity, background * seen * sensor.num_bins, frame.stamp_ns)
 
     def _likelihood(self, photons: PhotonEvents, ratio: float) -> Likelihood:
         """The likelihood of photons with a background per bin of `ratio` times the signal."""
-        sensor, toa = self.sensor, photons.toa
-        if sensor.delay_bins is not None:
-            toa = toa - sensor.delay_bins.ravel()[photons.pixel]
+        sensor = self.sensor
+        toa = photons.toa - sensor.late.ravel()[photons.pixel]
         mean, slope = (values[:, 1:-1].mean(axis=0, dtype=np.float64) for values in (self._irf, self._slope))
         information = max(float((slope**2 / np.maximum(mean + ratio, TINY)).sum()), TINY)
         starts = np.searchsorted(photons.pixel, np.arange(sensor.pixels + 1, dtype=np.uint32))
-        return Likelihood(starts, toa, self._irf, self._slope, sensor.irf_ref + 1, information, sensor.num_bins,
-                          sensor.exposure)
+        ref = 1 - int(sensor.irf_bins[0])           # the padding's bin comes first
+        return Likelihood(starts, toa, self._irf, self._slope, ref, information, sensor.num_bins, sensor.exposure)
 
     def _smoother(self, seen: np.ndarray) -> Callable:
         """A function from background photons to their local mean per bin at a gain of 1, float32 [rows, cols]."""

@@ -5,10 +5,11 @@
     J. Tachella, M. P. Sheehan, M. E. Davies, "Sketched RT3D: how to reconstruct billions of photons per second",
     ICASSP 2022 (SRT3D).
 
-Both minimise n (z − Ψ_θ)ᵀ W (z − Ψ_θ) for each pixel, SRT3D with a regularisation ρ(θ) over all pixels: by gradient
-steps scaled by the inverse curvature, from a matched filter on each pixel's sketch.
+Both minimise n (z − Ψ_θ)ᵀ W (z − Ψ_θ) for each pixel (SRT3D, eq. 6), SRT3D with a regularisation ρ(θ) over all pixels:
+by gradient steps scaled by the inverse curvature, from a matched filter on each pixel's sketch.
 """
 
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -20,18 +21,19 @@ from srt3d_ros.core.baselines.plug_and_play import (
     plug_and_play,
     points_needed,
 )
-from srt3d_ros.core.baselines.weighting import weighted_steps
-from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
-from srt3d_ros.core.method.thresholds import check_surfaces
+from srt3d_ros.core.matched_frame import MatchedFrame, Matcher, SensorOnDevice
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum
 from srt3d_ros.core.sketching.sums import PhaseSums, noise_sketch
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.devices import kernels_for
+from srt3d_ros.kernels.contract import Array
 
 SMLE_STEPS = 10
 SMLE_RATE = 0.5         # each step halves the remaining error
 STEPS_BEFORE = 5        # of SRT3D, before the denoiser
+SHARES = 65             # values of α from 0 to 1
+COVARIANCE_RIDGE = 1e-3     # of the mean variance: short IRFs give all photons of a surface the same sketch
 
 
 class SMLE:
@@ -43,34 +45,32 @@ class SMLE:
 
     precise = True          # W is the inverse covariance of the sketch, else the identity
 
-    def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, device: str = "cpu"):
-        check_surfaces(surfaces)
-        self.sensor, self.surfaces, self.device, self._matcher = sensor, surfaces, device, Matcher(sensor, frequencies)
-        kernels = self._kernels = kernels_for(device).for_shape(
-            sensor.rows, sensor.cols, surfaces, self._matcher.frequencies)
-        self._on_device = self._matcher.on(kernels)
-        self._table, self._enough = map(kernels.array, (
-            weighted_steps(sensor, self._matcher.frequencies, self.precise), points_needed(sensor.exposure)))
-        self._run = kernels.as_frame(self._frame)
+    def __init__(self, sensor: SensorModel, frequencies: Sequence[int], surfaces: int = 1, device: str = "cpu"):
+        self.sensor, self._surfaces, self._matcher = sensor, surfaces, Matcher(sensor, frequencies)
+        self._on_device = SensorOnDevice(self._matcher, device, surfaces)
+        kernels = self.kernels = self._on_device.kernels
+        self._table = kernels.array(weighted_steps(sensor, self._matcher.frequencies, self.precise))
+        self._enough = kernels.array(points_needed(sensor.exposure))
+        self.run = kernels.as_frame(self._frame)
 
     def __call__(self, sketch: PhaseSums) -> PointCloud:
         """The point cloud of one frame's sketch."""
         self._matcher.check(sketch)
-        background, *listed = self._run(sketch.photons.astype(np.float32), sketch.sums)
+        background, *listed = self.run(sketch.photons.astype(np.float32), sketch.sums)
         return self._on_device.cloud(listed, background, sketch.stamp_ns)
 
-    def _frame(self, photons, sums) -> tuple:
+    def _frame(self, photons: Array, sums: Array) -> tuple:
         """Background photons, and the list of points, all on the device."""
         data, _ = self._on_device.match(photons, sums)
-        points = self._points(data, *self._kernels.match(data, self.surfaces))
+        points = self._points(data, *self.kernels.match(data, self._surfaces))
         depth, intensity, exposure = (maps.crop(values, *data.shape) for values in (*points, data.exposure))
         background = (photons - (intensity * exposure[:, None]).sum(1)).clip(min=0)
         return background, *self._on_device.listed(depth % self.sensor.num_bins, intensity, depth * np.nan)
 
-    def _points(self, frame: MatchedFrame, depth, intensity) -> tuple:
+    def _points(self, frame: MatchedFrame, depth: Array, intensity: Array) -> tuple[Array, Array]:
         """Depth (bins) and intensity of the surfaces, float32 [rows', K, cols'], from a start; intensity 0: none."""
         for _ in range(SMLE_STEPS):
-            depth, intensity = self._kernels.pixelwise(frame, self._table, SMLE_RATE, 0.0, depth, intensity)
+            depth, intensity = self.kernels.pixelwise(frame, self._table, SMLE_RATE, 0.0, depth, intensity)
         return depth, intensity
 
     def forget(self) -> None:
@@ -91,10 +91,64 @@ class SRT3D(SMLE):
 
     precise = False
 
-    def _points(self, frame: MatchedFrame, depth, intensity) -> tuple:
-        kernels, usual = self._kernels, self._kernels.usual_intensity(intensity, frame.exposure)
+    def _points(self, frame: MatchedFrame, depth: Array, intensity: Array) -> tuple[Array, Array]:
+        kernels, usual = self.kernels, self.kernels.usual_intensity(intensity, frame.exposure)
         for _ in range(STEPS_BEFORE):
             depth, intensity = kernels.pixelwise(frame, self._table, RATE, usual, depth, intensity)
         scale = depth_scale_bins(self.sensor, kernels.median_depth(depth, intensity), frame.resolution_bins)
         step = partial(kernels.pixelwise, frame, self._table, RATE, usual, faintest=FAINTEST * usual)
         return plug_and_play(kernels, step, depth, intensity, self._enough, scale, frame.num_bins)
+
+
+def weighted_steps(sensor: SensorModel, frequencies: tuple[int, ...], precise: bool) -> np.ndarray:
+    """A = (Uᵀ W U)⁻¹ Uᵀ W for every share α, which turns a residual into the errors of r · t and r.
+
+    U has the derivatives of the expected sketch: i ω_l ĥ_l for a shift, ĥ_l for a change of intensity. A is the
+    Gauss-Newton step on the data term: its gradient, divided by its curvature. Turned back by exp(−i ω_l t), residual
+    and covariance depend on the share α of signal photons only, not on the depth.
+
+    Args:
+        precise: W is the inverse covariance, else the identity.
+
+    Returns:
+        float32 [SHARES, or 1 for the identity, 4, m]: weights of the real and the imaginary parts of the residual of
+        `MatchedFrame.matched`, conj(ĥ_l) · sums_l, for r · t and then for r.
+    """
+    energy = (np.abs(np.atleast_2d(irf_spectrum(sensor, frequencies)))**2).mean(axis=0)
+    zero = np.zeros_like(energy)
+    derivatives = np.stack([np.concatenate([zero, angular_frequencies(frequencies, sensor.num_bins) * energy]),
+                            np.concatenate([energy, zero])], axis=1)                             # U, [2m, 2]
+    weights = np.linalg.inv(_covariances(sensor, frequencies)) if precise else \
+        np.diag(1 / np.tile(np.maximum(energy, 1e-12), 2))[None]
+    scores = derivatives.T @ weights                                                             # Uᵀ W
+    steps = np.linalg.solve(scores @ derivatives, scores)                                        # A, [levels, 2, 2m]
+    return np.ascontiguousarray(steps.reshape(len(steps), 4, len(energy)), dtype=np.float32)
+
+
+def _covariances(sensor: SensorModel, frequencies: tuple[int, ...]) -> np.ndarray:
+    """Σ of one photon's matched sketch, turned back by its surface's depth, for SHARES shares of signal.
+
+    A photon is signal with probability α, else uniform over the bins, so E exp(i ω x) = α ĥ(ω) for ω ≠ 0 and 1 for 0.
+    Products of cosines and sines are sums of those at ω_l ± ω_n. Sensors with an IRF per pixel use the mean IRF.
+
+    Returns:
+        float64 [SHARES, 2m, 2m], real parts first.
+    """
+    sensor = sensor.replace(irf=sensor.mean_irf)
+    k = np.asarray(frequencies)
+    spectrum = irf_spectrum(sensor, k)
+    share = np.linspace(0, 1, SHARES)[:, None, None]
+    plus, minus = (np.where(pairs % sensor.num_bins == 0, 1,
+                            share * irf_spectrum(sensor, pairs.ravel()).reshape(pairs.shape))
+                   for pairs in (k[:, None] + k, k[:, None] - k))
+    # Of u = conj(ĥ) exp(i ω x): E u_l u_n and E u_l conj(u_n).
+    plus = plus * np.conj(np.outer(spectrum, spectrum))
+    minus = minus * np.outer(np.conj(spectrum), spectrum)
+    energy = np.abs(spectrum)**2
+    real = np.real(minus + plus) / 2 - share**2 * np.outer(energy, energy)
+    imaginary = np.real(minus - plus) / 2
+    mixed = np.imag(plus - minus) / 2                     # E Re u_l · Im u_n
+    covariance = np.block([[real, mixed], [mixed.swapaxes(1, 2), imaginary]])
+    scale = np.tile(np.abs(spectrum), 2) + 1e-6         # relative to each frequency, else weak ones vanish
+    mean = np.diagonal(covariance, axis1=1, axis2=2) @ (1 / scale**2) / len(scale)
+    return covariance + np.maximum(COVARIANCE_RIDGE * mean, COVARIANCE_RIDGE**2)[:, None, None] * np.diag(scale**2)

@@ -7,10 +7,10 @@ papers, every pixel with photons shows a point.
 """
 
 from dataclasses import replace
+from importlib import import_module
 
 import numpy as np
 
-from srt3d_ros.core.method.thresholds import check_surfaces
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame
@@ -27,15 +27,13 @@ class XCORR:
     """Reconstructs frames of one sensor from their photons; arguments as for `Pooled`."""
 
     def __init__(self, sensor: SensorModel, surfaces: int = 1):
-        from scipy.fft import next_fast_len  # here and below: importing SciPy is slow, and few need it
-
-        check_surfaces(surfaces)
         self.sensor, self.surfaces = sensor, surfaces
         irf = np.atleast_2d(sensor.irf)
         self._overlap = irf.shape[1] - 1                # bins after the last one, for the IRF of late returns
-        self._size = next_fast_len(sensor.num_bins + self._overlap, real=True)
+        self._fft = import_module("scipy.fft")          # here: importing it is slow, and few need it
+        self._size = self._fft.next_fast_len(sensor.num_bins + self._overlap, real=True)
         self._weights = np.log1p(irf / (FLOOR * irf.max(axis=1, keepdims=True)))    # 0 outside the IRF
-        self._body, self._whole = (_window(irf.mean(axis=0), share) for share in (BODY_SHARE, WHOLE_SHARE))
+        self._body, self._whole = (_window(sensor.mean_irf, share) for share in (BODY_SHARE, WHOLE_SHARE))
 
     def __call__(self, frame: PhotonFrame) -> PointCloud:
         """The point cloud of one frame."""
@@ -56,8 +54,7 @@ class XCORR:
                  for first in progress(range(0, sensor.pixels, several), "correlating")]
         depth, signal = (np.concatenate([part[n] for part in parts], axis=1) for n in range(2))     # [K, pixels]
         background = np.concatenate([part[2] for part in parts])
-        if sensor.delay_bins is not None:
-            depth = depth - sensor.delay_bins.ravel()
+        depth = depth - sensor.late.ravel()
         seen = np.maximum(sensor.exposure.ravel(), 1e-6)
         depth, signal = (np.ascontiguousarray(values.reshape(-1, rows, cols).swapaxes(0, 1), np.float32)
                          for values in (depth % sensor.num_bins, signal / seen))
@@ -87,17 +84,15 @@ class XCORR:
 
     def _highest(self, pixel: np.ndarray, bins: np.ndarray, pixels: slice):
         """The bin at which the IRF begins for the highest peak of each pixel, and the peak's offset, −½ … ½ bin."""
-        from scipy.fft import irfft, rfft
-
         count, num_bins = pixels.stop - pixels.start, self.sensor.num_bins
         places, photons = np.unique(pixel * self._size + bins, return_counts=True)
         histogram = np.zeros((count, self._size), np.float32)
         histogram.reshape(-1)[places] = photons
         histogram[:, num_bins:num_bins + self._overlap] = histogram[:, :self._overlap]
         weights = self._weights if len(self._weights) == 1 else self._weights[pixels]
-        spectrum = rfft(histogram, workers=-1)
-        spectrum *= rfft(weights, n=self._size, workers=-1).conj()
-        response = irfft(spectrum, n=self._size, overwrite_x=True, workers=-1)[:, :num_bins]
+        spectrum = self._fft.rfft(histogram, workers=-1)
+        spectrum *= self._fft.rfft(weights, n=self._size, workers=-1).conj()
+        response = self._fft.irfft(spectrum, n=self._size, overwrite_x=True, workers=-1)[:, :num_bins]
         # Single photons give equal peaks: every second pixel takes the last one, so that no depth is favoured.
         high = response >= (1 - TIE) * response.max(axis=1, keepdims=True)
         first, last = high.argmax(axis=1), num_bins - 1 - high[:, ::-1].argmax(axis=1)
@@ -117,7 +112,7 @@ def by_pixel(frame: PhotonFrame, sensor: SensorModel) -> PhotonEvents:
     events.check(sensor)
     if not events.is_sorted:
         events = events.part(np.argsort(events.pixel, kind="stable"))
-    if sensor.mask is not None:
+    if sensor.mask is not None:     # saves a copy
         events = events.part(sensor.mask.ravel()[events.pixel])
     return replace(events, toa=events.toa.astype(np.float32, copy=False))
 

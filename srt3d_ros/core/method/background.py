@@ -7,15 +7,13 @@ as B·β̂_l before it is reconstructed. What its cloud leaves unexplained corre
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from srt3d_ros.core.matched_frame import Matcher
-from srt3d_ros.core.method.found import Found, Unexplained
 from srt3d_ros.core.sketching.frequencies import angular_frequencies
 from srt3d_ros.core.sketching.sums import PhaseSums
-from srt3d_ros.errors import require
 from srt3d_ros.kernels.constants import EPSILON
 
 BACKGROUNDS = ("auto", "sensor", "flat")
@@ -61,6 +59,36 @@ class RemovedBackground(NamedTuple):
     clutter: np.ndarray
 
 
+class Unexplained(NamedTuple):
+    """What the points leave unexplained of a frame: photons, and the sums of the kernel `unexplained` over all pixels.
+
+    In the sums, each pixel counts by its share, background photons over all photons.
+
+    Args:
+        photons: float32 [rows, cols], photons that are not the points', at least 0 in each pixel.
+        left: complex64 [m], the sketch's phase sums less those of the points.
+        seen: complex64 [m], the phase sums of the points.
+        own, taken: photons that are not the points', and photons of the background that was removed.
+        noise: variance of each number of `left`.
+        misfit: Σ |z_l − what the points explain|², in units of the photons' noise; all pixels count alike.
+    """
+
+    photons: np.ndarray
+    left: np.ndarray
+    seen: np.ndarray
+    own: np.float64
+    taken: np.float64
+    noise: np.float64
+    misfit: np.float64
+
+    @classmethod
+    def unpacked(cls, photons: np.ndarray, sums: np.ndarray) -> Self:
+        """From the kernels' float32 [4m + 4]: real and imaginary parts of `left`, those of `seen`, the four numbers."""
+        left_real, left_imaginary, seen_real, seen_imaginary = sums[:-4].reshape(4, -1)
+        return cls(photons, left_real + 1j * left_imaginary, seen_real + 1j * seen_imaginary,
+                   *sums[-4:].astype(np.float64))
+
+
 class Background:
     """How β̂ and B of one frame follow from those of the frame before; keeps nothing.
 
@@ -74,7 +102,6 @@ class Background:
     """
 
     def __init__(self, matcher: Matcher, kind: str = "auto"):
-        require(kind in BACKGROUNDS, "background", kind, " or ".join(BACKGROUNDS))
         sensor = self._sensor = matcher.sensor
         self._matcher, self._omega = matcher, angular_frequencies(matcher.frequencies, sensor.num_bins)
         self._learns = kind == "auto"
@@ -96,46 +123,41 @@ class Background:
         photons = (sketch.photons if photons is None else photons).astype(np.float32)
         return RemovedBackground(photons, mean.astype(np.complex64), self._clutter(mean))
 
-    def candidates(self, sketch: PhaseSums, learned: BackgroundEstimate) -> tuple[BackgroundEstimate, ...]:
+    def candidates(self, sketch: PhaseSums, learned: BackgroundEstimate) -> list[BackgroundEstimate]:
         """Uneven backgrounds to try on a frame: what the last cloud left, and the mean of all photons.
 
         Two, because each fails once: the first misses fog that was fitted as a surface; the second misses a wall that
         fills the view. None unless the last frame was significantly uneven, or if both are as sharp as a surface.
         """
         if learned.candidate is None:
-            return ()
+            return []
         passed, used = self._matcher.passed, sketch.photons * self._matcher.used
         adds = (np.conj(passed) * self._matcher.equaliser * sketch.sums).sum(axis=(0, 1))
         weights = (np.abs(passed)**2 * used[..., None]).sum(axis=(0, 1))
-        everything = BackgroundEstimate(adds / np.maximum(weights, EPSILON))
-        candidates = BackgroundEstimate(learned.candidate, learned.photons), everything
-        return tuple(each for each in candidates if not self._is_sharp(each.mean))
+        starts = (learned.candidate, learned.photons), (adds / np.maximum(weights, EPSILON), None)
+        return [BackgroundEstimate(mean, photons) for mean, photons in starts if not self._is_sharp(mean)]
 
     def _is_sharp(self, mean: np.ndarray) -> bool:
         """Whether its upper half of frequencies is as strong as that of surfaces."""
         upper = np.argsort(self._matcher.frequencies)[len(mean) // 2:]
         return bool((np.abs(mean[upper])**2).sum() > SHARP**2 * self._matcher.energy[upper].sum())
 
-    def learned(self, before: BackgroundEstimate, found: Found) -> BackgroundEstimate:
+    def learned(self, before: BackgroundEstimate, frame: Unexplained) -> BackgroundEstimate:
         """The background of the next frame, from the one removed from a frame and what the frame's points leave."""
-        return before if self.is_even else self._corrected(before, found.unexplained, found.rest)
-
-    def _corrected(self, before: BackgroundEstimate, sums: Unexplained, photons: np.ndarray) -> BackgroundEstimate:
-        """The background with the mean that the sums show, or an even one; `photons` are those left by the points."""
-        own, taken, noise = (np.maximum(number, EPSILON) for number in (sums.own, sums.taken, sums.noise))
-        mean = np.zeros(len(sums.left)) if before.mean is None else before.mean
-        uneven = sums.left / np.maximum(self._matcher.energy, EPSILON) + taken * mean
-        chi2 = (np.abs(uneven)**2 / (noise + np.abs(WRONG_IRF * sums.seen)**2)).mean()
+        own, taken, noise = (np.maximum(number, EPSILON) for number in (frame.own, frame.taken, frame.noise))
+        mean = np.zeros(len(frame.left)) if before.mean is None else before.mean
+        uneven = frame.left / np.maximum(self._matcher.energy, EPSILON) + taken * mean
+        chi2 = (np.abs(uneven)**2 / (noise + np.abs(WRONG_IRF * frame.seen)**2)).mean()
         shown = uneven / own
         shown = shown / np.maximum(np.abs(shown), 1)        # no longer than 1, as a mean of unit vectors
         if before.mean is None:
-            found = bool(chi2 > SIGNIFICANT)
-            return BackgroundEstimate(None, photons, converged=not found, candidate=shown if found else None)
+            found = self._learns and bool(chi2 > SIGNIFICANT)
+            return BackgroundEstimate(None, frame.photons, converged=not found, candidate=shown if found else None)
         if self._learns and chi2 < SIGNIFICANT / 2:
             return BackgroundEstimate()
         after = shown if self._learns else mean
         change = own * after - taken * mean
-        return BackgroundEstimate(after, photons, converged=bool((np.abs(change)**2).mean() < noise))
+        return BackgroundEstimate(after, frame.photons, converged=bool((np.abs(change)**2).mean() < noise))
 
     def _clutter(self, mean: np.ndarray) -> np.ndarray:
         """`MatchedFrame.clutter`: √(variance of a background photon's response at each bin / its variance if even)."""

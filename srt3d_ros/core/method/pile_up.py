@@ -29,7 +29,7 @@ FLUXES = np.concatenate([[0], np.geomspace(0.01, 8, 49)])       # λ of the tabl
 def saturated(sketch: PhaseSums, sensor: SensorModel) -> np.ndarray:
     """Whether a pixel saw a photon in nearly every cycle, bool [rows, cols]; False if masked or not known."""
     full = (sketch.photons > SATURATED * sketch.armed_cycles) & (sketch.cycles > 0)
-    return full if sensor.mask is None else full & sensor.mask
+    return full & sensor.used
 
 
 class PileUp:
@@ -78,13 +78,13 @@ class PileUp:
         sensor, at = self._sensor, (cloud.row, cloud.col)
         cycles, place = np.maximum(sketch.armed_cycles[at], 1), (np.cumsum(cloud.surface == 0) - 1, cloud.surface)
         shape = place[0].max(initial=-1) + 1, cloud.surface.max(initial=0) + 1          # pixels with points, K
-        late = 0 if sensor.delay_bins is None else sensor.delay_bins[at]
         since, recorded, total, most = np.zeros(shape), np.zeros(shape), np.zeros((shape[0], 1)), np.ones((shape[0], 1))
-        since[place] = (cloud.depth_bins + late) % sensor.num_bins / sensor.num_bins    # t / T
+        since[place] = (cloud.depth_bins + sensor.late[at]) % sensor.num_bins / sensor.num_bins    # t / T
         recorded[place] = cloud.intensity * sensor.exposure[at] / cycles                # r / N
         total[place[0], 0], most[place[0], 0] = flux, np.log(2 * cycles)
         nearer = since[:, None] < since[:, :, None]             # [pixels, K, K]: of each surface, those before it
-        signal = recorded
+        signal = seen = slope = recorded
+        background = total
         for _ in range(NEWTON_STEPS):
             background = np.maximum(total - signal.sum(axis=1, keepdims=True), 0)
             seen = recorded * np.exp(background * since + (nearer * signal[:, None]).sum(axis=2))
@@ -104,11 +104,11 @@ def _shifts(matcher: Matcher, omega: np.ndarray, step: float) -> np.ndarray:
 
     The spectrum of λ h exp(−λ H) − step (1 − exp(−λ H)) is that of its first part times 1 + step / (i ω_l).
     """
-    irf = np.atleast_2d(matcher.sensor.irf).mean(axis=0, dtype=np.float64)
+    irf = matcher.sensor.mean_irf.astype(np.float64)
     left = np.exp(-np.outer(FLUXES, np.concatenate([[0], np.cumsum(irf)])))         # of the cycles, at edges of bins
     pulses = -np.diff(left, axis=1)
     pulses[0] = irf
-    phases = np.exp(1j * np.outer(np.arange(len(irf)) - matcher.sensor.irf_ref, omega))
+    phases = np.exp(1j * np.outer(matcher.sensor.irf_bins, omega))
     matched = np.conj(matcher.spectrum) * (pulses @ phases) * (1 + step / (1j * omega))
     depths = np.linspace(-3, 3, 6001) / np.sqrt((omega**2 * matcher.energy).sum() / matcher.energy.sum())
     return depths[(matched @ np.exp(-1j * np.outer(omega, depths))).real.argmax(axis=1)]

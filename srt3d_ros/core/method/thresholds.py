@@ -4,20 +4,12 @@ import math
 from statistics import NormalDist
 from typing import NamedTuple, Self
 
-from srt3d_ros.errors import require
 from srt3d_ros.kernels.constants import START_SCORE, WIDE_SCALE, cell_size
 
 DEFAULT_FALSE_ALARM_RATE = 5e-5         # one pixel in 20,000, such as one of 141 × 141
 MAX_SURFACES = 4
 MAX_FALSE_ALARM_RATE = 0.4      # at 0.5, the threshold to keep an existing surface is -inf
 STAYING = 0.5                   # share of false points that survive the iterations (`benchmarks false_alarms`)
-SMALLEST = 1e-300               # least probability: keeps the threshold finite
-
-
-def check_surfaces(surfaces: int) -> None:
-    """Raise InvalidInput unless `surfaces` is a possible number of surfaces in a pixel."""
-    require(isinstance(surfaces, int) and 1 <= surfaces <= MAX_SURFACES, "surfaces", surfaces,
-            f"an integer from 1 to {MAX_SURFACES}")
 
 
 class Scores(NamedTuple):
@@ -37,9 +29,7 @@ class Scores(NamedTuple):
 
     @classmethod
     def of(cls, false_alarm_rate: float, highest: int) -> Self:
-        """The scores for a share of false points and k_max; InvalidInput if it is no such share."""
-        require(0 < false_alarm_rate <= MAX_FALSE_ALARM_RATE, "false_alarm_rate", false_alarm_rate,
-                f"a probability above 0, at most {MAX_FALSE_ALARM_RATE:g}")
+        """The scores for a share of false points and k_max."""
         started = false_alarm_rate / STAYING
         find = score_threshold(started, highest, WIDE_SCALE)
         return cls(find, max(find, START_SCORE), score_threshold(started, highest), continuation_threshold(started))
@@ -58,7 +48,7 @@ def score_threshold(false_alarm_rate: float, highest: int, sigma: float = 0.0) -
     """
     cell = cell_size(sigma)**2
     share = cell / max(4 * math.pi * sigma**2, cell)
-    return -NormalDist().inv_cdf(max(false_alarm_rate / (2 * highest) * share, SMALLEST))
+    return -NormalDist().inv_cdf(false_alarm_rate / (2 * highest) * share)
 
 
 def continuation_threshold(false_alarm_rate: float) -> float:

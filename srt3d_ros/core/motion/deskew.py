@@ -45,13 +45,11 @@ class Deskewer:
         lost: photons of the last call that left the array, without those of masked pixels.
     """
 
-    def __init__(self, sensor: SensorModel, frequencies):
+    def __init__(self, sensor: SensorModel, frequencies: Sequence[int]):
         self.sensor, self.lost = sensor, 0
         self.frequencies = check_frequencies(frequencies, sensor.num_bins)
         self._kernels = kernels_for("cpu")
         rows, cols = self._shape = sensor.rows, sensor.cols
-        self._late = np.zeros(self._shape, np.float32) if sensor.delay_bins is None else sensor.delay_bins
-        self._used = np.ones(self._shape, bool) if sensor.mask is None else sensor.mask
         self._bin_frequencies = (np.array(self.frequencies) / sensor.num_bins).astype(np.float32)
         apart = np.linalg.norm(np.diff(sensor.rays, axis=1), axis=-1)
         self._steepest = STEEPEST * float(np.median(apart)) if apart.size else 0.0
@@ -70,14 +68,15 @@ class Deskewer:
         ranges, back, came = self.ranges_m(parts) if range_m is None else range_m, trajectory.at(to_ns).inverse(), 0
         sums = np.zeros((*self._shape, len(self.frequencies)), np.complex64)
         photons = np.zeros(self._shape, np.float32)
-        scene = self._kernels.SeenScene(self._used, self.sensor.rays, ranges, self._late, self._bin_frequencies,
-                                    self.sensor.bin_width_m, self._steepest)
+        sensor = self.sensor
+        scene = self._kernels.SeenScene(sensor.used, sensor.rays, ranges, sensor.late, self._bin_frequencies,
+                                        sensor.bin_width_m, self._steepest)
         for instant_ns, sketch in parts:
             pose = back @ trajectory.at(instant_ns)
             motion = self._kernels.Motion(pose.rotation.astype(np.float32), pose.translation.astype(np.float32))
             self._kernels.move_sketch(sketch.sums, sketch.photons.astype(np.float32), scene,
-                                      self.sensor.projection.lens, motion, sums, photons)
-            came += int(sketch.photons.sum(dtype=np.int64, where=self._used))
+                                      sensor.projection.lens, motion, sums, photons)
+            came += int(sketch.photons.sum(dtype=np.int64, where=sensor.used))
         self.lost = max(came - round(float(photons.sum(dtype=np.float64))), 0)
         whole = np.minimum(np.floor(photons.astype(np.float64) + self._dither), MAX_PIXEL_PHOTONS)
         sums *= self._phases(ranges) * (whole / np.maximum(photons, LEAST_PHOTONS)).astype(np.float32)[..., None]
@@ -92,11 +91,11 @@ class Deskewer:
 
         first, sensor = self.frequencies.index(1), self.sensor
         bins_a_radian = sensor.num_bins / (2 * np.pi)
-        back = np.exp(-1j * self._late / bins_a_radian) * np.conj(irf_spectrum(sensor, (1,)).mean()) * self._used
+        back = np.exp(-1j * sensor.late / bins_a_radian) * np.conj(irf_spectrum(sensor, (1,)).mean()) * sensor.used
         z = sum(sketch.sums[..., first] for _, sketch in parts) * back
         photons = sum(float(sketch.photons.sum()) for _, sketch in parts)
         noise = np.sqrt(photons * z.size / 2) / max(abs(z.sum()), LEAST_PHOTONS) * bins_a_radian     # of a pixel, bins
-        pulse = 1 / float(np.square(np.atleast_2d(sensor.irf).mean(axis=0)).sum())
+        pulse = 1 / float(np.square(sensor.mean_irf).sum())
         # A Gaussian mean divides the noise between neighbours by √(8π) σ².
         sigma = min(np.sqrt(noise / (np.sqrt(8 * np.pi) * RANGE_NOISE * pulse)), max(self._shape))
         mean = gaussian_filter(z.real, sigma) + 1j * gaussian_filter(z.imag, sigma)
@@ -105,7 +104,7 @@ class Deskewer:
 
     def _phases(self, ranges: np.ndarray) -> np.ndarray:
         """exp(i ω_l t) for the depths t of ranges, complex64 [rows, cols, m]; `move_sketch` leaves this factor out."""
-        depth = ranges / np.float32(self.sensor.bin_width_m) + self._late
+        depth = ranges / np.float32(self.sensor.bin_width_m) + self.sensor.late
         turns = depth[..., None] * self._bin_frequencies
         angle = (turns - np.rint(turns)) * np.float32(2 * np.pi)
         phases = np.empty(turns.shape, np.complex64)

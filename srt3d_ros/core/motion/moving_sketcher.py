@@ -1,5 +1,6 @@
 """MovingSketcher: sketches a moving sensor's frames in parts, and moves these to one instant."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
@@ -11,6 +12,7 @@ from srt3d_ros.core.motion.deskew import Deskewer, Parts
 from srt3d_ros.core.motion.trajectory import Trajectory
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
+from srt3d_ros.core.sketching.framing import EMPTY, OpenFrame
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
 from srt3d_ros.core.sketching.sums import PhaseSums
@@ -26,12 +28,16 @@ class MovingFrame:
         parts: instants, ns, and sketches, in order of time.
         first_ns, last_ns: the time that its trajectory must cover.
         stamp_ns: the instant to move to, the middle of its acquisition.
+        content: its packets, and its photons inside the gate.
+        since_s: when it ended, for the caller.
     """
 
     parts: Parts
     first_ns: int
     last_ns: int
     stamp_ns: int
+    content: OpenFrame = EMPTY
+    since_s: float = 0.0
 
     @property
     def nbytes(self) -> int:
@@ -52,7 +58,7 @@ class MovingSketcher:
         lost: photons of the last finished frame that left the array.
     """
 
-    def __init__(self, sensor: SensorModel, frequencies, gate: Gate | None = None):
+    def __init__(self, sensor: SensorModel, frequencies: Sequence[int], gate: Gate | None = None):
         self._open = FrameSketcher(sensor, frequencies, gate=gate)         # of the open part
         self.gate, self.frequencies, self.sketch_sensor = gate, self._open.frequencies, self._open.sketch_sensor
         self.lost = 0
@@ -79,7 +85,7 @@ class MovingSketcher:
         self._open.add(frame)
         self._stamps.append(frame.stamp_ns)
 
-    def end_frame(self) -> MovingFrame:
+    def end_frame(self, content: OpenFrame = EMPTY, now_s: float = 0.0) -> MovingFrame:
         """End the open frame, which needs a packet."""
         self._end_part()
         stamps = sorted({stamp_ns for of_part, _ in self._parts for stamp_ns in of_part})
@@ -91,7 +97,7 @@ class MovingSketcher:
         instants = [to_ns, *(instant_ns for instant_ns, _ in parts)]
         self._part_ns = (length_ns + PARTS - 1) // PARTS if len(stamps) > PARTS else 0
         self._parts, self._previous_ns = [], stamps[-1]
-        return MovingFrame(parts, min(instants), max(instants), to_ns)
+        return MovingFrame(parts, min(instants), max(instants), to_ns, content, now_s)
 
     def finish(self, frame: MovingFrame, trajectory: Trajectory | None) -> PhaseSums:
         """The sketch of a frame at `frame.stamp_ns`; without a trajectory, the sum of its parts as they are."""
@@ -110,9 +116,8 @@ class MovingSketcher:
 
     def _end_part(self) -> None:
         """Sketch the open part, which has a packet at least, and begin the next."""
-        self._parts.append((self._stamps, self._open.sketch()))
+        self._parts.append((self._stamps, self._open.end_frame()))
         self._stamps = []
-        self._open.reset()
 
     def _packet_ns(self, stamps: list[int]) -> int:
         """How long a packet lasts: the median step between stamps, from the last one of the frame before.

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from srt3d_ros.errors import require
 
@@ -27,7 +28,7 @@ class Pose:
     translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     @classmethod
-    def from_quaternion(cls, xyzw, translation=(0, 0, 0)) -> Self:
+    def from_quaternion(cls, xyzw: ArrayLike, translation: ArrayLike = (0, 0, 0)) -> Self:
         """The pose of a quaternion (x, y, z, w), as in ROS; InvalidInput unless finite and of length 1 ± 1 %."""
         quaternion = np.asarray(xyzw, np.float64)
         translation = np.asarray(translation, np.float64)
@@ -37,7 +38,7 @@ class Pose:
         return cls(_rotations().from_quat(quaternion).as_matrix(), translation)
 
     @classmethod
-    def turned(cls, rotation_vector) -> Self:
+    def turned(cls, rotation_vector: ArrayLike) -> Self:
         """A rotation by |v| radians about v."""
         return cls(_rotations().from_rotvec(rotation_vector).as_matrix())
 

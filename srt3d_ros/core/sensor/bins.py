@@ -5,7 +5,7 @@ from typing import Annotated
 
 import numpy as np
 
-from srt3d_ros.core.sensor.keys import Key, documented, numbers
+from srt3d_ros.core.keys import Key, documented, numbers
 from srt3d_ros.errors import require
 
 HALF_BIN = 0.5              # tolerance for the end of the last bin, against rounding
@@ -29,10 +29,6 @@ class HistogramBins:
         more="they are subtracted, and bins far above their mean are left out of sketches; default: none",
         dtype="float32", shape="[n] for all pixels, or [rows · cols, n]", array="histogram_template")] = None
 
-    def __eq__(self, other) -> bool:
-        return isinstance(other, HistogramBins) and all(
-            np.array_equal(getattr(self, name), getattr(other, name)) for name in self.__dataclass_fields__)
-
     def check(self, rows: int, cols: int, num_bins: int) -> None:
         """Raise InvalidInput unless the bins lie on the axis of a sensor of this size."""
         n = self.num_bins
@@ -55,7 +51,7 @@ class HistogramBins:
 
     def cropped(self, rows: slice, cols: slice, shape: tuple[int, int]) -> "HistogramBins":
         """The bins of the pixels `rows`, `cols` of a sensor of this shape."""
-        if np.ndim(self.template) < 2:
+        if self.template is None or np.ndim(self.template) < 2:
             return self
         template = np.reshape(self.template, (*shape, -1))[rows, cols].reshape(-1, self.num_bins)
         return replace(self, template=template)

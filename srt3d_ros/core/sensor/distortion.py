@@ -5,7 +5,7 @@ from typing import Annotated
 
 import numpy as np
 
-from srt3d_ros.core.sensor.keys import Key, documented, numbers
+from srt3d_ros.core.keys import Key, documented, numbers
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.kernels.lens import distorted
 
@@ -50,7 +50,7 @@ class PlumbBob:
 
     def undistorted(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The (x, y) of the rays (x, y, 1) that are seen at these (x', y'), float64; InvalidInput where none is."""
-        at_x, at_y = np.zeros(np.shape(x)), np.zeros(np.shape(y))
+        at_x, at_y, left = np.zeros(np.shape(x)), np.zeros(np.shape(y)), np.ones(np.shape(x), bool)
         with np.errstate(all="ignore"):         # diverging rays are refused below
             for share in np.arange(1, PATH_STEPS + 1) / PATH_STEPS:
                 at_x, at_y, left = self._newton(at_x, at_y, x * share, y * share)
@@ -67,10 +67,11 @@ class PlumbBob:
         share = np.linspace(0, 1, SAMPLES)[:, None]
         with np.errstate(all="ignore"):
             xx, xy, yy = self._slopes(at_x * share, at_y * share)
-            self._refuse(~((xx * yy > xy * xy) & (xx + yy > 0)).all(axis=0), x, y)
+            self._refuse(np.asarray(~((xx * yy > xy * xy) & (xx + yy > 0)).all(axis=0)), x, y)
 
     def _newton(self, x: np.ndarray, y: np.ndarray, wanted_x: np.ndarray, wanted_y: np.ndarray):
         """The solution by Newton's method from (x, y), and a mask of where it did not converge."""
+        left = np.ones(np.shape(x), bool)
         for _ in range(NEWTON_ITERATIONS):
             seen_x, seen_y = distorted(x, y, *astuple(self))
             off_x, off_y = wanted_x - seen_x, wanted_y - seen_y

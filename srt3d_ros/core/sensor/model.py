@@ -5,10 +5,11 @@ from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, DTypeLike
 
+from srt3d_ros.core.keys import Key, documented, keys, numbers
 from srt3d_ros.core.sensor.bins import HistogramBins
-from srt3d_ros.core.sensor.keys import Key, documented, keys, numbers
+from srt3d_ros.core.sensor.difference import first_difference
 from srt3d_ros.core.sensor.projection import Pinhole, Projection
 from srt3d_ros.errors import InvalidInput, quoted, require
 
@@ -33,6 +34,10 @@ class GateWords:
 
     def __post_init__(self) -> None:
         numbers(self, "gates.")
+
+    def last_word(self, num_bins: int) -> int:
+        """The word of the last of `num_bins` bins; words end at 65535."""
+        return min(self.first_word + num_bins, 65_536) - 1
 
 
 @documented
@@ -71,9 +76,9 @@ class SensorModel:
     background_shape: Annotated[np.ndarray | None, Key(
         "how background photons spread over the bins of a pixel without delay", "any",
         more="0 or more, any sum; default: evenly", dtype="float32", shape="[num_bins]")] = None
-    projection: Annotated[Projection | None, Key(
-        "where the pixels look", more="default: a pinhole of 30° across the larger side",
-        array="projection_values")] = None
+    projection: Annotated[Projection, Key(
+        "where the pixels look", more="default: a pinhole of 30° across the larger side", array="projection_values")
+        ] = None        # pyright: ignore[reportAssignmentType]     the default needs rows and cols
     gates: Annotated[GateWords | None, Key("ToA words of the `gates` topic", more="needed only there",
                                            array="gate_words")] = None
     histograms: Annotated[HistogramBins | None, Key(
@@ -111,7 +116,7 @@ class SensorModel:
         return (f"Sensor of {self.rows} × {self.cols} pixels, {self.num_bins} bins of {self.bin_width_s * 1e12:.4g} ps "
                 f"from {self.range_m(0):.4g} m on, IRF of {self.irf.shape[-1]} bins, {self.projection.kind}")
 
-    def _set(self, name: str, value) -> None:
+    def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)
 
     def _check_irf(self) -> None:
@@ -130,7 +135,7 @@ class SensorModel:
         for name in PIXEL_MAPS:
             key, given = keys(SensorModel)[name], getattr(self, name)
             if given is not None:
-                value, (low, high) = _array(name, given, key.dtype), key.bounds
+                value, (low, high) = _array(name, given, key.dtype), key.bounds or (-np.inf, np.inf)
                 require(value.shape == shape, f"{name} shape", value.shape, f"[rows, cols] = {shape}")
                 require(bool(((value >= low) & (value <= high)).all()), name,
                         "has values that are not finite or are outside", f"{key.expected} (use mask for bad pixels)")
@@ -152,10 +157,42 @@ class SensorModel:
         return self.projection.rays(self.rows, self.cols)
 
     @cached_property
+    def late(self) -> np.ndarray:
+        """Bins by which the ToA of each pixel come late: `delay_bins`, or 0. float32 [rows, cols]."""
+        return np.zeros((self.rows, self.cols), np.float32) if self.delay_bins is None else self.delay_bins
+
+    @cached_property
+    def used(self) -> np.ndarray:
+        """Where a pixel may be used: `mask`, or everywhere. bool [rows, cols]."""
+        return np.ones((self.rows, self.cols), bool) if self.mask is None else self.mask
+
+    @property
+    def irf_bins(self) -> np.ndarray:
+        """The bins of the IRF's entries, counted from the one that marks the depth; int [L]."""
+        return np.arange(self.irf.shape[-1]) - (self.irf_ref or 0)
+
+    @cached_property
+    def mean_irf(self) -> np.ndarray:
+        """The IRF, or the mean of all pixels'. float32 [L]."""
+        return self.irf if self.irf.ndim == 1 else self.irf.mean(axis=0)
+
+    @cached_property
     def exposure(self) -> np.ndarray:
         """Photons of each pixel relative to one of gain 1: its gain, or 0 if masked. float32 [rows, cols]."""
         gain = np.ones((self.rows, self.cols), np.float32) if self.gain is None else self.gain
-        return gain if self.mask is None else gain * self.mask
+        return gain * self.used
+
+    @property
+    def gate_words(self) -> GateWords:
+        """How its gates write ToA; InvalidInput if it has none."""
+        if self.gates is None:
+            raise InvalidInput("sensor.gates", "missing", "first_word and no_detection, to read gates")
+        return self.gates
+
+    @property
+    def histogram_size(self) -> int:
+        """Bins of a pixel's histogram."""
+        return self.num_bins if self.histograms is None else self.histograms.num_bins
 
     @property
     def bin_width_m(self) -> float:
@@ -174,6 +211,10 @@ class SensorModel:
     def depth_bins(self, range_m: np.ndarray) -> np.ndarray:
         """Depths in bins of ranges along the ray in metres, not wrapped; the inverse of `range_m`."""
         return (range_m - self.range_offset_m) / self.bin_width_m - self.toa_offset_bins
+
+    def toa_within(self, toa: np.ndarray) -> np.ndarray:
+        """ToA in [0, T) as float32, where rounding to T becomes the next number below."""
+        return np.minimum(toa.astype(np.float32), np.nextafter(np.float32(self.num_bins), np.float32(0)))
 
     def wrapped(self, depth_bins: np.ndarray) -> np.ndarray:
         """Depths modulo T: float32 in [0, T), where rounding to T becomes 0."""
@@ -208,10 +249,8 @@ class SensorModel:
                             projection=self.projection.cropped(first_row, first_col))
 
     def same_as(self, other: "SensorModel | None") -> bool:
-        """True if both describe the same sensor. Skips values that are one object: an IRF per pixel takes 10 ms."""
-        pairs = ((getattr(self, name), getattr(other, name, None)) for name in self.__dataclass_fields__)
-        return self is other or (other is not None and all(mine is its or np.array_equal(mine, its)
-                                                           for mine, its in pairs))
+        """True if both describe the same sensor to the bit."""
+        return first_difference(self, other, rtol=0) is None
 
 
 def _span(name: str, part: slice, side: int) -> tuple[int, int]:
@@ -232,7 +271,7 @@ def _normalised(name: str, density: np.ndarray, wanted: str) -> np.ndarray:
     return np.ascontiguousarray(density, dtype=np.float32)
 
 
-def _array(name: str, value, dtype) -> np.ndarray:
+def _array(name: str, value: ArrayLike, dtype: DTypeLike) -> np.ndarray:
     try:
         with np.errstate(over="ignore"):        # values too large for float32 become infinite and are refused
             return np.ascontiguousarray(value, dtype=dtype)

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import numpy as np
 
+from srt3d_ros.core.keys import Key, documented, numbers
 from srt3d_ros.core.sensor.distortion import PlumbBob
-from srt3d_ros.core.sensor.keys import Key, documented, numbers
 from srt3d_ros.errors import require
 
 DEFAULT_FOV_DEG = 30.0

@@ -1,27 +1,53 @@
 """Gate and frequencies of a sketch from a user's options; the gate "auto" surrounds what a histogram shows."""
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Annotated, NamedTuple, TypedDict
 
 import numpy as np
 
+from srt3d_ros.core.keys import Key, keys
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import (
+    DEFAULT_SKETCH_SIZE,
+    FREQUENCIES_FORM,
     RULES,
     best_frequencies,
     choose_frequencies,
     irf_spectrum,
     passed_energy,
+    progression,
 )
 from srt3d_ros.core.sketching.gate import AUTO, FORM, OFF, Gate, parse
-from srt3d_ros.core.sketching.light import measure
-from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
-from srt3d_ros.errors import require
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonHistograms
+from srt3d_ros.core.sketching.sums import MAX_SKETCH_SIZE
+from srt3d_ros.errors import InvalidInput
 
 OCCUPIED_SIGMAS = 4.5       # σ at which bins hold more than background; exceeded by chance in one of 3000 frames
 GATE_MARGIN = 1 / 8     # of the occupied bins, per side. Art, SBR 0.1: TD 92.2 % (0: 92.2, 1/2: 91.5, no gate: 88.0)
 WORTHWHILE = 1 / 10     # of the photons; a gate that drops fewer costs TD: 0.1 points at SBR 52 and 1 photon a pixel
+RUNGS = 20              # frequencies at which photons and IRF are compared
+POOLED_PIXELS = 4       # pixels that count as one: a reconstruction pools the photons around each point
+MOST_OFF = 0.08         # relative difference of |ĥ|² by photons and by IRF; higher frequencies add to the depth error
 HIGHER = 4              # frequencies for many photons reach at most so many times the highest one for few
+
+
+class SketchOptions(TypedDict, total=False):
+    """How to sketch."""
+
+    sketch_size: Annotated[int | None, Key("complex numbers per pixel (m), unless frequencies lists them",
+                                           bounds=(1, MAX_SKETCH_SIZE), default=DEFAULT_SKETCH_SIZE)]
+    frequencies: Annotated[str | Sequence[int], Key(
+        "frequencies to keep. auto: those with the least expected depth error for the IRF. consecutive: 1 to "
+        "sketch_size, as in the paper. Or a list", form=FREQUENCIES_FORM, default="auto")]
+    gate: Annotated[str | tuple[int, int], Key(
+        "first and last depth bin to keep. Photons in other bins are dropped, and T becomes the gate's length: less "
+        "background and finer depths at a low SBR. auto, for files: the bins whose photons show a scene", form=FORM,
+        default=OFF)]
+
+
+OPTIONS = keys(SketchOptions)
 
 
 class SketchDesign(NamedTuple):
@@ -31,31 +57,57 @@ class SketchDesign(NamedTuple):
     frequencies: tuple[int, ...]
 
 
-def design_sketch(sensor: SensorModel, gate: str | tuple[int, int] = OFF, frequencies: str = "auto",
-               sketch_size: int | None = None, frame: PhotonEvents | PhotonHistograms | None = None) -> SketchDesign:
+def design_sketch(sensor: SensorModel, gate: str | tuple[int, int] = OFF, frequencies: str | Sequence[int] = "auto",
+                  sketch_size: int | None = None, frame: PhotonEvents | PhotonHistograms | None = None) -> SketchDesign:
     """The design for a sensor.
 
     Args:
-        gate: off, (first, last) bin, or auto: the bins that stand out in the histogram of `frame`, and a margin.
-        frequencies, sketch_size: see `choose_frequencies`; "auto" follows the photons of `frame`.
+        gate, frequencies, sketch_size: see `SketchOptions`; "auto" follows the photons of `frame`.
 
     Raises:
         InvalidInput: gate, frequencies or photons do not fit the sensor, its IRF passes none, or auto has no frame.
     """
     bins = parse(gate)
     if bins == AUTO:
-        require(frame is not None, "gate", gate, FORM)
+        if frame is None:
+            raise InvalidInput("gate", gate, FORM)
         chosen = choose_frequencies(frequencies, sensor, sketch_size)
-        highest = len(chosen) if frequencies in RULES else max(chosen)      # rules choose again for the gate's T
+        is_rule = isinstance(frequencies, str) and frequencies in RULES
+        highest = len(chosen) if is_rule else max(chosen)       # rules choose again for the gate's T
         bins = _bins_of(histogram(frame, sensor), sensor, 2 * highest + 1)
-    kept = None if bins == OFF else Gate(sensor, *bins)
+    kept = None if isinstance(bins, str) else Gate(sensor, *bins)
     within = sensor if kept is None else kept.sensor
     chosen = choose_frequencies(frequencies, within, sketch_size)
-    if frequencies == AUTO and frame is not None:
+    if isinstance(frequencies, str) and frequencies == AUTO and frame is not None:
         highest = min(HIGHER * chosen[-1], max((within.num_bins - 1) // 2, 1))
         chosen = best_frequencies(within, len(chosen), *measure(frame, sensor, kept, highest))
     passed_energy(irf_spectrum(within, chosen), chosen)
     return SketchDesign(kept, chosen)
+
+
+def measure(frame: PhotonFrame, sensor: SensorModel, gate: Gate | None, highest: int) -> tuple[float, int]:
+    """How much signal the photons in the gate have, and up to which frequency they agree with the IRF.
+
+    The distance of two signal photons of a pixel is that of two draws of the IRF, at any depth; a background photon
+    lies anywhere. So the mean of cos ω(x − x') over pairs of a pixel's photons is p² |ĥ(ω)|², p the share of signal. A
+    sketch has the sum over pairs, |Σ_x exp(i ω x)|² = n + 2 Σ cos ω(x − x'): depth and background need not be known.
+
+    Returns:
+        The score p √(2n) of the n photons of POOLED_PIXELS, and the highest frequency at which photons and IRF agree.
+    """
+    sketch = sketch_photons(frame, sensor, progression(highest, min(RUNGS, highest)), gate)
+    within = sketch.sensor
+    passed = np.square(np.abs(np.atleast_2d(irf_spectrum(within, sketch.frequencies)))).mean(axis=0)
+    passed *= np.sinc(np.array(sketch.frequencies) / within.num_bins)       # depths lie between bins
+    several = (sketch.photons > 1) & sensor.used
+    n = sketch.photons[several].astype(np.float64)[:, None]
+    # Divide by n − 1: each pixel then counts by its photons, not by its pairs.
+    pairs = ((np.abs(sketch.sums[several])**2 - n) / (n - 1)).sum(axis=0) / max(n.sum(), 1)
+    error = np.sqrt((n / (n - 1)).sum()) / max(n.sum(), 1)
+    share2 = max(pairs @ passed / (passed @ passed), 1e-12)
+    wrong = np.append(np.abs(pairs / share2 - passed) + error / share2 > MOST_OFF * passed, True)
+    score = np.sqrt(2 * POOLED_PIXELS * min(share2, 1) * sketch.photons.mean(where=sensor.used))
+    return float(score), (0, *sketch.frequencies)[wrong.argmax()]
 
 
 def histogram(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel) -> np.ndarray:
@@ -64,11 +116,7 @@ def histogram(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel) -> np
     Raises InvalidInput if the photons do not fit the sensor.
     """
     frame.check(sensor)
-    late, used = np.zeros(sensor.pixels, np.int64), np.ones(sensor.pixels, bool)
-    if sensor.delay_bins is not None:
-        late = np.rint(sensor.delay_bins).astype(np.int64).reshape(-1)
-    if sensor.mask is not None:
-        used = sensor.mask.reshape(-1)
+    late, used = np.rint(sensor.late).astype(np.int64).reshape(-1), sensor.used.reshape(-1)
     if isinstance(frame, PhotonEvents):
         kept = used[frame.pixel]
         bins = sensor.toa_bins(frame.toa[kept]).astype(np.int64) - late[frame.pixel[kept]]
@@ -128,7 +176,7 @@ def _bins_of(counts: np.ndarray, sensor: SensorModel, least: int) -> tuple[int, 
 
 def _pulse_bins(sensor: SensorModel) -> int:
     """The equivalent width of the mean IRF, 1 / Σ h², bins."""
-    return max(round(1 / float(np.square(np.atleast_2d(sensor.irf).mean(axis=0)).sum())), 1)
+    return max(round(1 / float(np.square(sensor.mean_irf).sum())), 1)
 
 
 def _sums(counts: np.ndarray, width: int) -> np.ndarray:

@@ -5,7 +5,9 @@ each photon adds one row. The sums are integers (kernels/cpu/sketching/phase_sum
 photons only, bit for bit: not on their order, their packets or the number of threads.
 """
 
+import math
 from collections import deque
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +18,7 @@ from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, Pho
 from srt3d_ros.core.sketching.sums import PhaseSums, check_frequencies
 from srt3d_ros.errors import require
 from srt3d_ros.kernels.devices import kernels_for
+from srt3d_ros.kernels.maps import ROW_LANES
 
 MAX_WINDOW_BYTES = 2**31
 ROUNDING = 1e-5         # relative error of float32 sums
@@ -23,12 +26,20 @@ FAR = 4.0               # times a template's mean: the noise of higher bins woul
 STEPS = 16              # steps of a bin to which ToA with fractions are rounded
 
 
+def check_window(window_frames: int, sensor: SensorModel, frequencies: Sequence[int]) -> None:
+    """Raise InvalidInput if the sums of a window's frames would take more than MAX_WINDOW_BYTES."""
+    lanes = math.ceil((2 * len(frequencies) + 1) / ROW_LANES) * ROW_LANES
+    frame_bytes = sensor.pixels * lanes * np.dtype(np.int64).itemsize
+    most = max(MAX_WINDOW_BYTES // frame_bytes, 1)
+    require(1 <= window_frames <= most, "window_frames", window_frames, f"1 to {most} for {sensor.rows} × "
+            f"{sensor.cols} pixels, which take {frame_bytes / 1e6:.3g} MB a frame")
+
+
 class FrameSketcher:
     """Adds the photons of frames, in any split and any order, and gives the sketch of the newest W frames.
 
-    Sums grow without end. A window is the sums now less those from before its first frame: integers wrap around, so
-    the difference is exact, and costs the same for any W. Memory: a table, and one set of sums for each frame of the
-    window.
+    Sums of several frames are integers, too: the oldest frame is subtracted exactly, and a window costs the same for
+    any W. Memory: a table, and one set of sums for each frame of the window.
 
     Args:
         sensor: pixels, T and gate words.
@@ -37,33 +48,26 @@ class FrameSketcher:
         gate: of this sensor. Photons outside are dropped; sketches are of `gate.sensor`.
     """
 
-    def __init__(self, sensor: SensorModel, frequencies, window_frames: int = 1, gate: Gate | None = None):
+    def __init__(self, sensor: SensorModel, frequencies: Sequence[int], window_frames: int = 1,
+                 gate: Gate | None = None):
         self.sensor, self.gate = sensor, gate
-        self.frequencies = check_frequencies(frequencies, sensor.num_bins if gate is None else gate.num_bins)
+        self.sketch_sensor = sensor if gate is None else gate.sensor        # of the sketches
+        self.frequencies = check_frequencies(frequencies, self.sketch_sensor.num_bins)
         self._kernels = kernels_for("cpu")
         self._rows = self._kernels.fixed_rows(phase_table(sensor, self.frequencies, gate))
-        self._sums = self._kernels.new_sums(sensor.pixels, self._rows)
+        check_window(window_frames, sensor, self.frequencies)
+        self._sums = self._kernels.new_sums(sensor.pixels, self._rows)      # of the open frame
         self._subtracted = False            # counts may have been negative
-        most = max(MAX_WINDOW_BYTES // self._sums.nbytes, 1)
-        require(1 <= window_frames <= most, "window_frames", window_frames, f"1 to {most} for {sensor.rows} × "
-                f"{sensor.cols} pixels, which take {self._sums.nbytes / 1e6:.3g} MB a frame")
         self.window_frames = window_frames
         self.reset()
-
-    @property
-    def sketch_sensor(self) -> SensorModel:
-        """The sensor of the sketches: that of the photons, or what the gate keeps of it."""
-        return self.sensor if self.gate is None else self.gate.sensor
 
     def reset(self) -> None:
         """Forget all photons, of the open frame and of all before."""
         self._sums[:] = 0
-        self._stamp_ns: int | None = None       # earliest of the open frame
-        self._cycles = 0                        # laser cycles since the reset, 0 if not known
-        # For each frame of the window, the open one last: the sums before it (None: zeros), and the cycles before it.
-        self._before: deque[np.ndarray | None] = deque([None], maxlen=self.window_frames)
-        self._cycles_before: deque[int] = deque([0], maxlen=self.window_frames)
-        self._stamps_ns: deque[int] = deque(maxlen=self.window_frames)
+        self._total = np.zeros(self._sums.shape, self._sums.dtype)      # of the window; no memory until it is used
+        self._stamps_ns: list[int] = []         # of the packets of the open frame
+        self._cycles = 0                        # laser cycles of the open frame, 0 if not known
+        self._window: deque[tuple[np.ndarray, int, int]] = deque()      # sums, stamp and cycles of each frame
 
     def add(self, frame: PhotonFrame) -> None:
         """Add the photons of a frame or packet that its `check` accepts: others would be written outside the sums."""
@@ -73,37 +77,32 @@ class FrameSketcher:
             self._add_gates(frame)
         elif len(frame.toa) > 0:
             self._add_events(frame)
-        self._stamp_ns = frame.stamp_ns if self._stamp_ns is None else min(self._stamp_ns, frame.stamp_ns)
+        self._stamps_ns.append(frame.stamp_ns)
         self._cycles += len(frame.words) if isinstance(frame, PhotonGates) else self.sensor.cycles or 0
 
     @property
     def kept(self) -> int:
         """Photons of the open frame inside the gate: more than came if counts outside are negative."""
-        column, before = 2 * len(self.frequencies), self._before[-1]
-        here = self._sums[:, column] - (0 if before is None else before[:, column])
-        return round(int(here.sum()) / self._kernels.UNIT)
+        return round(int(self._sums[:, 2 * len(self.frequencies)].sum()) / self._kernels.UNIT)
 
     def end_frame(self) -> PhaseSums:
         """End the open frame; the sketch of the window that ends with it."""
-        self._stamps_ns.append(self._stamp_ns or 0)
-        oldest = self._before[0]
-        if oldest is not None:                  # leaves the window now, so its memory takes the difference
-            np.subtract(self._sums, oldest, out=oldest)
-        sketch = self._sketch_of(self._sums if oldest is None else oldest, max(self._stamps_ns),
-                                 self._cycles - self._cycles_before[0])
-        if self.window_frames == 1:             # cheaper than keeping the sums from before
+        stamp_ns = min(self._stamps_ns, default=0)
+        if self.window_frames == 1:
+            sketch = self._sketch_of(self._sums, stamp_ns, self._cycles)
             self.reset()
             return sketch
-        self._stamp_ns = None
-        before = np.empty_like(self._sums) if oldest is None else oldest
-        before[:] = self._sums
-        self._before.append(before)
-        self._cycles_before.append(self._cycles)
-        return sketch
-
-    def sketch(self) -> PhaseSums:
-        """The sketch of all photons added since the last reset."""
-        return self._sketch_of(self._sums, self._stamp_ns or 0, self._cycles)
+        self._window.append((self._sums, stamp_ns, self._cycles))
+        self._total += self._sums
+        if len(self._window) > self.window_frames:
+            self._sums = self._window.popleft()[0]
+            self._total -= self._sums
+            self._sums[:] = 0
+        else:
+            self._sums = np.zeros_like(self._sums)
+        self._stamps_ns, self._cycles = [], 0
+        return self._sketch_of(self._total, max(stamp_ns for _, stamp_ns, _ in self._window),
+                               sum(cycles for *_, cycles in self._window))
 
     def _sketch_of(self, sums: np.ndarray, stamp_ns: int, cycles: int) -> PhaseSums:
         rows, cols, m = self.sensor.rows, self.sensor.cols, len(self.frequencies)
@@ -139,7 +138,7 @@ class FrameSketcher:
         return np.float32(steps), self._kernels.fixed_rows(table)
 
     def _add_gates(self, gates: PhotonGates) -> None:
-        form = self.sensor.gates
+        form = self.sensor.gate_words
         words = self._kernels.array(gates.words).reshape(len(gates.words), self.sensor.pixels)
         self._kernels.sketch_gates(words, self._rows, form.first_word, form.no_detection, self._sums)
 
@@ -168,15 +167,17 @@ class FrameSketcher:
         return table, bins.template @ table
 
 
-def sketch_photons(frame: PhotonFrame, sensor: SensorModel, frequencies, gate: Gate | None = None) -> PhaseSums:
+def sketch_photons(frame: PhotonFrame, sensor: SensorModel, frequencies: Sequence[int], gate: Gate | None = None
+                   ) -> PhaseSums:
     """The sketch of one frame; InvalidInput if a photon is outside the sensor."""
     frame.check(sensor)
     sketcher = FrameSketcher(sensor, frequencies, gate=gate)
     sketcher.add(frame)
-    return sketcher.sketch()
+    return sketcher.end_frame()
 
 
-def phase_table(sensor: SensorModel, frequencies, gate: Gate | None, middles: np.ndarray | None = None) -> np.ndarray:
+def phase_table(sensor: SensorModel, frequencies: Sequence[int], gate: Gate | None,
+                middles: np.ndarray | None = None) -> np.ndarray:
     """exp(i ω_l x) for bins of a sensor: real and imaginary parts in turn, then a column of 1 that counts photons.
 
     All are 0 outside the gate. The last column is 1 before the gate: it counts laser cycles that ended there.

@@ -29,6 +29,9 @@ class OpenFrame(NamedTuple):
     photons: int = 0
 
 
+EMPTY = OpenFrame()
+
+
 @dataclass(frozen=True, slots=True)
 class Placed:
     """What to do about a packet, in this order.
@@ -44,31 +47,6 @@ class Placed:
     forgotten: OpenFrame | None = None
     began_again: bool = False
     late: bool = False
-
-
-class PeriodGrid:
-    """Numbers periods of P nanoseconds.
-
-    Period 0 begins before the first stamp by half the time to the second, at most half a period, so that stamps that
-    jitter stay in their period.
-    """
-
-    def __init__(self, period_ns: int):
-        self._period_ns = period_ns
-        self._begin_ns: int | None = None       # of period 0
-        self._only_ns: int | None = None        # the first stamp, until a second one shows how far apart packets are
-
-    def include(self, stamp_ns: int) -> None:
-        """Place the grid by the first two stamps that differ."""
-        if self._begin_ns is None:
-            self._begin_ns = self._only_ns = stamp_ns
-        elif self._only_ns is not None and stamp_ns != self._only_ns:
-            self._begin_ns -= min(abs(stamp_ns - self._only_ns), self._period_ns) // 2
-            self._only_ns = None
-
-    def number(self, stamp_ns: int) -> int:
-        """The period that a stamp lies in."""
-        return (stamp_ns - self._begin_ns) // self._period_ns
 
 
 class Framing:
@@ -91,8 +69,9 @@ class Framing:
     def clear(self) -> OpenFrame | None:
         """Forget all stamps: the next packet is the first. Returns the open frame, if it has packets."""
         frame, self.open = self.open, OpenFrame()
-        self._grid = PeriodGrid(self._period_ns)
-        self._start_ns: int | None = None       # earliest stamp of the open frame
+        self._begin_ns = 0                      # of period 0
+        self._only_ns: int | None = None        # the first stamp, until a second one shows how far apart packets are
+        self._start_ns = 0                      # earliest stamp of the open frame
         self._newest_ns: int | None = None      # of all packets that were added
         self._ended: int | None = None          # place (`_place`) of the last frame that ended
         return frame if frame.packets else None
@@ -110,7 +89,7 @@ class Framing:
         if began_again:
             frame = self.clear()
             ended, forgotten = (frame, None) if self._period_ns else (None, frame)
-        self._grid.include(stamp_ns)
+        self._place_periods(stamp_ns)
         if self._is_late(stamp_ns):
             return Placed(late=True)
         if self._period_ns and self.open.packets and self._place(stamp_ns) > self._place(self._start_ns):
@@ -119,8 +98,8 @@ class Framing:
 
     def add(self, stamp_ns: int, photons: int = 0) -> OpenFrame | None:
         """Count a packet in the open frame; returns the frame if that completes it."""
+        self._start_ns = min(self._start_ns, stamp_ns) if self.open.packets else stamp_ns
         self.open = OpenFrame(self.open.packets + 1, self.open.photons + photons)
-        self._start_ns = stamp_ns if self._start_ns is None else min(self._start_ns, stamp_ns)
         self._newest_ns = stamp_ns if self._newest_ns is None else max(self._newest_ns, stamp_ns)
         return self._end() if self.open.packets == self._packets else None
 
@@ -152,7 +131,7 @@ class Framing:
         place = self._place(stamp_ns)
         if not self._period_ns:
             return self._ended is not None and place < self._ended
-        before_the_open = self._start_ns is not None and place < self._place(self._start_ns)
+        before_the_open = self.open.packets > 0 and place < self._place(self._start_ns)
         return before_the_open or (self._ended is not None and place <= self._ended)
 
     def _end(self) -> OpenFrame:
@@ -161,12 +140,22 @@ class Framing:
         before, self._ended = self._ended, self._place(self._start_ns)
         if before is not None:
             self._frame_ns = (self._ended - before) * (self._period_ns or 1)
-        self._start_ns = None
         return frame
+
+    def _place_periods(self, stamp_ns: int) -> None:
+        """Begin period 0 before the first stamp by half the time to the second, at most half a period.
+
+        Stamps that jitter then stay in their period.
+        """
+        if self._newest_ns is None:
+            self._begin_ns = self._only_ns = stamp_ns
+        elif self._only_ns not in (None, stamp_ns):
+            self._begin_ns -= min(abs(stamp_ns - self._begin_ns), self._period_ns) // 2
+            self._only_ns = None
 
     def _place(self, stamp_ns: int) -> int:
         """Where a stamp lies in the order of frames: its period, or the stamp itself if frames have no period."""
-        return self._grid.number(stamp_ns) if self._period_ns else stamp_ns
+        return (stamp_ns - self._begin_ns) // self._period_ns if self._period_ns else stamp_ns
 
     def _usual_step_ns(self) -> int | None:
         """The second longest of the newest steps; None while there are not two."""

@@ -14,15 +14,17 @@ V(d) = Σ_x h(x) (q(x) − q(x − d))² from each signal photon; for small d, t
 """
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
-from srt3d_ros.core.sketching.sums import MAX_SKETCH_SIZE, check_frequencies
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.core.sketching.sums import MAX_SKETCH_SIZE, as_array, check_frequencies
+from srt3d_ros.errors import require
 
 DEFAULT_SKETCH_SIZE = 10
+FREQUENCIES_FORM = "auto, consecutive or integers such as 1,2,5"
 SBRS = (0.1, 1.0, 10.0)     # signal to background ratios that a design is for
 SCORES = (7.0, 10.0)        # σ by which the photons exceed the background; the start is sure at 7 (START_SCORE)
 BEND = 0.75                 # of the progression: 0 even, 1 geometric
@@ -37,18 +39,17 @@ OVERSAMPLING = 4            # cells of the depth grid per period of the highest 
 IRFS_COMPARED = 64          # IRFs, of one per pixel, among which the typical one is chosen
 
 
-def angular_frequencies(frequencies, num_bins: int) -> np.ndarray:
+def angular_frequencies(frequencies: Sequence[int], num_bins: int) -> np.ndarray:
     """ω_l = 2π k_l / T in radians per bin, float64 [m]."""
     return 2 * np.pi * np.asarray(frequencies, dtype=np.float64) / num_bins
 
 
-def irf_spectrum(sensor: SensorModel, frequencies) -> np.ndarray:
+def irf_spectrum(sensor: SensorModel, frequencies: Sequence[int]) -> np.ndarray:
     """ĥ(ω_l) = Σ_b irf[b] exp(i ω_l (b − irf_ref)), complex128 [m], or [pixels, m] if the sensor has an IRF per pixel.
 
     A return at depth d has the expected sketch ĥ(ω) exp(i ω d).
     """
-    bins = np.arange(sensor.irf.shape[-1]) - sensor.irf_ref
-    phases = np.exp(1j * np.outer(bins, angular_frequencies(frequencies, sensor.num_bins)))
+    phases = np.exp(1j * np.outer(sensor.irf_bins, angular_frequencies(frequencies, sensor.num_bins)))
     return sensor.irf.astype(np.float64) @ phases
 
 
@@ -63,7 +64,7 @@ def passed_energy(spectrum: np.ndarray, frequencies: tuple[int, ...]) -> np.ndar
 def best_frequencies(sensor: SensorModel, sketch_size: int, score: float = 0.0, confirmed: int = 0) -> tuple[int, ...]:
     """The m frequencies, 1 … (T − 1) / 2, of a smooth progression from 1 with the least expected depth error.
 
-    Many photons profit from higher frequencies, up to `confirmed`; `score` and `confirmed` come from `light.measure`.
+    Many photons profit from higher frequencies, up to `confirmed`; `score` and `confirmed` come from `design.measure`.
     Sensors with an IRF per pixel use the most typical one.
     """
     irf = _typical_irf(sensor).tobytes(), sensor.num_bins, sketch_size
@@ -75,26 +76,29 @@ def best_frequencies(sensor: SensorModel, sketch_size: int, score: float = 0.0, 
 RULES = {"auto": best_frequencies, "consecutive": lambda _, sketch_size: range(1, sketch_size + 1)}
 
 
-def choose_frequencies(spec: str, sensor: SensorModel, sketch_size: int | None = None) -> tuple[int, ...]:
+def choose_frequencies(spec: str | Sequence[int], sensor: SensorModel, sketch_size: int | None = None
+                       ) -> tuple[int, ...]:
     """Frequencies from a user's option.
 
     Args:
-        spec: "auto" (`best_frequencies`), "consecutive" (1 … m, as in the paper), or a list such as "1,2,5".
+        spec: "auto" (`best_frequencies`), "consecutive" (1 … m, as in the paper), or a list such as "1,2,5" or (1, 2).
         sensor: gives T and the IRF.
         sketch_size: m; DEFAULT_SKETCH_SIZE unless given. With a list it must be the list's length, or None.
 
     Raises:
         InvalidInput: m is too large for T, or the list has an impossible frequency.
     """
-    if spec in RULES:
+    if isinstance(spec, str) and spec in RULES:
         most = max(min((sensor.num_bins - 1) // 2, MAX_SKETCH_SIZE), 1)
         m = min(DEFAULT_SKETCH_SIZE, most) if sketch_size is None else sketch_size
         require(1 <= m <= most, "sketch_size", m, f"1 to {most} for T = {sensor.num_bins} bins")
         return check_frequencies(RULES[spec](sensor, m), sensor.num_bins)
-    try:
-        listed = [int(part) for part in spec.split(",")]
-    except ValueError:
-        raise InvalidInput("frequencies", spec, "auto, consecutive, or a list of integers such as 1,2,5") from None
+    if isinstance(spec, str):
+        parts = [part.strip() for part in spec.split(",")]
+        require(all(part.isdecimal() for part in parts), "frequencies", spec, FREQUENCIES_FORM)
+        listed = [int(part) for part in parts]
+    else:
+        listed = as_array("frequencies", spec, 1, "iuf").tolist()
     require(sketch_size in (None, len(listed)), "sketch_size", sketch_size,
             f"{len(listed)}, the number of frequencies listed (or leave it out)")
     return check_frequencies(listed, sensor.num_bins)
@@ -113,7 +117,7 @@ def progression(top: int, sketch_size: int, bend: float = BEND) -> tuple[int, ..
     return tuple(chosen)
 
 
-def expected_error_bins(spectrum: np.ndarray, num_bins: int, frequencies, signal: np.ndarray,
+def expected_error_bins(spectrum: np.ndarray, num_bins: int, frequencies: Sequence[int], signal: np.ndarray,
                         background: np.ndarray) -> np.ndarray:
     """The bound on E|t̂ − t| (see above) of frequencies k, for several photon counts.
 

@@ -36,9 +36,8 @@ class Gate:
         require(0 <= first < last <= most, "gate", text, f"first and last within the sensor's bins, 0 to {most}")
         require(last - first + 1 >= irf, "gate", text, f"{irf} bins or more, as many as the IRF has")
         self.source, self.first, self.last = source, first, last
-        late = source.delay_bins
-        used = late if late is None or source.mask is None or not source.mask.any() else late[source.mask]
-        least, greatest = (0, 0) if late is None else (int(np.floor(used.min())), int(np.ceil(used.max())))
+        lates = source.late[source.used] if source.used.any() else source.late
+        least, greatest = int(np.floor(lates.min())), int(np.ceil(lates.max()))
         self.num_bins = last - first + 1 + greatest - least
         if self.num_bins >= source.num_bins:        # keeps every bin
             self.start, self.num_bins, self.sensor = 0, source.num_bins, source
@@ -50,7 +49,7 @@ class Gate:
             shape = shape if shape.any() else None
         self.sensor = source.replace(
             num_bins=self.num_bins, toa_offset_bins=source.toa_offset_bins + first, background_shape=shape, gates=None,
-            histograms=None, delay_bins=None if late is None else late - np.float32(least))
+            histograms=None, delay_bins=None if source.delay_bins is None else source.late - np.float32(least))
 
     def __str__(self) -> str:
         return f"{self.first}-{self.last}"
@@ -61,10 +60,8 @@ class Gate:
         half, wide = (0.5, np.float64) if events.toa.dtype.kind == "f" else (0, np.int32)
         from_start = (events.toa.astype(wide) + half - self.start) % self.source.num_bins
         inside = np.flatnonzero(from_start < self.num_bins)
-        toa = ((from_start[inside] - half) % self.num_bins).astype(events.toa.dtype)
-        if half:                                                # rounding may have made T
-            toa = np.minimum(toa, np.nextafter(np.float32(self.num_bins), np.float32(0)))
-        return replace(events.part(inside), toa=toa)
+        toa = (from_start[inside] - half) % self.num_bins
+        return replace(events.part(inside), toa=self.sensor.toa_within(toa) if half else toa.astype(events.toa.dtype))
 
 
 def in_ranges(gate: Gate | None) -> str:

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from srt3d_ros.core.sensor.model import GateWords, SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import require
 
 CHUNK = 2**16           # counts of at most 16 bits whose sum fits into 32 bits
@@ -68,12 +68,12 @@ class PhotonGates:
     Args:
         words: uint16 [G, rows, cols]; bin = word − sensor.gates.first_word, sensor.gates.no_detection = no photon.
         stamp_ns: start of acquisition, nanoseconds of the sensor's clock.
-        photons: number of photons, if known.
+        photons: number of photons, if counted.
     """
 
     words: np.ndarray
     stamp_ns: int = 0
-    photons: int | None = None
+    photons: int = 0
 
     def __post_init__(self):
         require(self.words.dtype == np.uint16, "gates dtype", str(self.words.dtype), "uint16")
@@ -83,10 +83,11 @@ class PhotonGates:
         """Raise InvalidInput unless the gates have the sensor's pixels, and words that are bins or `no_detection`."""
         shape = sensor.rows, sensor.cols
         require(self.words.shape[1:] == shape, "gates shape", self.words.shape, f"[cycles, rows, cols] with {shape}")
-        form = gate_words(sensor)
-        outside = (self.words < form.first_word) | (self.words > last_word(sensor))
+        form, last = sensor.gate_words, sensor.gate_words.last_word(sensor.num_bins)
+        outside = (self.words < form.first_word) | (self.words > last)
         stray = self.words[outside & (self.words != form.no_detection)]
-        require(len(stray) == 0, "gates word", int(stray.max(initial=0)), word_wanted(sensor))
+        require(len(stray) == 0, "gates word", int(stray.max(initial=0)),
+                f"{form.first_word} to {last}, or {form.no_detection} for no detection")
 
     def counted(self, sensor: SensorModel) -> SensorModel:
         """The sensor with `cycles` = G, which events of the same photons no longer tell."""
@@ -95,7 +96,7 @@ class PhotonGates:
     def to_events(self, sensor: SensorModel) -> PhotonEvents:
         """The same photons as events sorted by pixel; InvalidInput for gates that are not the sensor's."""
         self.check(sensor)
-        form = sensor.gates
+        form = sensor.gate_words
         words = self.words.reshape(len(self.words), sensor.pixels).T
         detected = words != form.no_detection
         pixel = np.broadcast_to(np.arange(sensor.pixels, dtype=np.uint32)[:, None], words.shape)[detected]
@@ -132,7 +133,7 @@ class PhotonHistograms:
 
     def check(self, sensor: SensorModel) -> None:
         """Raise InvalidInput unless the histograms have the sensor's pixels and bins, and finite counts in range."""
-        wanted = sensor.rows, sensor.cols, bins_of(sensor)
+        wanted = sensor.rows, sensor.cols, sensor.histogram_size
         require(self.counts.shape == wanted, "histograms shape", self.counts.shape, f"[rows, cols, bins] = {wanted}")
         if self.counts.dtype.kind != "u":
             low, high, most = self.counts.min(), self.counts.max(), MAX_OF_PIXEL // wanted[2]
@@ -166,30 +167,9 @@ class PhotonHistograms:
         if bins is not None:
             toa = bins.centers()[toa] - 0.5         # middles, counted in bins
             if (toa != np.floor(toa)).any():
-                toa = (toa % sensor.num_bins).astype(np.float32) % sensor.num_bins
+                toa = sensor.wrapped(toa)
         toa = toa if toa.dtype == np.float32 else toa.astype(np.uint16)
         return PhotonEvents(pixel.astype(np.uint32).repeat(numbers), toa.repeat(numbers), self.stamp_ns)
-
-
-def bins_of(sensor: SensorModel) -> int:
-    """The number of bins of a sensor's histograms."""
-    return sensor.num_bins if sensor.histograms is None else sensor.histograms.num_bins
-
-
-def gate_words(sensor: SensorModel) -> GateWords:
-    """How the sensor's gates say ToA; InvalidInput if it has none."""
-    require(sensor.gates is not None, "sensor.gates", "missing", "first_word and no_detection, to read gates")
-    return sensor.gates
-
-
-def last_word(sensor: SensorModel) -> int:
-    """The highest word of a photon: that of the last bin, at most 65535."""
-    return min(sensor.gates.first_word + sensor.num_bins, 65_536) - 1
-
-
-def word_wanted(sensor: SensorModel) -> str:
-    """The words that gates may have, for an error message."""
-    return f"{sensor.gates.first_word} to {last_word(sensor)}, or {sensor.gates.no_detection} for no detection"
 
 
 PhotonFrame = PhotonEvents | PhotonGates | PhotonHistograms

@@ -2,15 +2,25 @@
 
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
-from srt3d_ros.core.array_checks import as_array
 from srt3d_ros.core.sensor.difference import first_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.kernels.constants import MAX_PIXEL_PHOTONS, MAX_SKETCH_SIZE
+
+
+def as_array(name: str, values: Any, sides: int, kinds: str) -> np.ndarray:
+    """Values as an array of so many dimensions, its dtype of one of these kinds; InvalidInput for others."""
+    expected = f"an array of {sides} dimensions of {'complex ' if kinds == 'c' else ''}numbers"
+    try:
+        array = np.asarray(values)
+    except ValueError:          # lists of different lengths
+        raise InvalidInput(name, type(values).__name__, expected) from None
+    require(array.ndim == sides and array.dtype.kind in kinds, name, f"{array.dtype} {array.shape}", expected)
+    return array
 
 
 def check_frequencies(frequencies: Sequence[int] | np.ndarray, num_bins: int) -> tuple[int, ...]:
@@ -106,7 +116,9 @@ class PhaseSums:
 
     def __radd__(self, nothing: int) -> Self:
         """For sum(), which begins with 0."""
-        return self if nothing == 0 else NotImplemented
+        if nothing != 0:
+            return NotImplemented
+        return self
 
     def __getitem__(self, pixels: slice | tuple[slice, slice]) -> Self:
         """The sketch of a window of pixels; InvalidInput if none is in it."""

@@ -1,18 +1,16 @@
 """Read the topics and serialised messages of rosbag2 bags (mcap or sqlite3) with rosbags."""
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
-from srt3d_ros.datasets.bags.copies import PACKED, journals_of, readable
-from srt3d_ros.datasets.bags.storage import MAX_RECORD_BYTES, CutFile, open_file
+from srt3d_ros.datasets.bags import storage
 from srt3d_ros.errors import InvalidInput, require
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
-MAX_CHUNK_BYTES = MAX_RECORD_BYTES  # unpacked; a chunk holds whole messages
+PACKED = ".zstd"                    # behind these, of a recorder that packs whole files
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"    # begins a packed message; others begin with 00
 COMPLETE_BAG = "a rosbag2 bag (docs/bags.md says what is read of a damaged one)"
 
@@ -27,7 +25,7 @@ class BagTopic:
 
 
 def is_bag(path: str | Path) -> bool:
-    """Whether a path is a folder, or ends in .mcap or .db3, or in these and .zstd."""
+    """Whether a path is a folder, or ends in .mcap or .db3 (or in these and .zstd: Bag says how to unpack it)."""
     path = Path(path)
     return path.is_dir() or Path(path.name.removesuffix(PACKED)).suffix.lower() in STORAGE_SUFFIXES
 
@@ -35,28 +33,20 @@ def is_bag(path: str | Path) -> bool:
 class Bag(AbstractContextManager):
     """A bag open for reading; a context manager. `topics` lists its topics, `notes` what is missing of its files.
 
-    `start_ns` is when it begins. What is left of a file that was cut off is read. metadata.yaml is not needed.
+    `start_ns` is when it begins. What is left of an .mcap file that was cut off is read. metadata.yaml is not needed.
 
     Args:
-        path: the folder of a bag, or one of its .mcap or .db3 files, also packed (.zstd).
+        path: the folder of a bag, or one of its .mcap or .db3 files.
 
     Raises:
         InvalidInput: the bag cannot be read, whatever rosbags raises.
     """
 
     def __init__(self, path: str | Path):
-        _limit_chunks()
         self.path = Path(path)
-        self.notes = ()
         with self._one_error(), ExitStack() as stack:
-            readers = []
-            for file in self._storage_files():
-                if journals := journals_of(file):
-                    self.notes += (f"{file.name} was not closed: read with {journals[0].name}",)
-                copy = stack.enter_context(readable(file))
-                readers.append(open_file(copy, stack, MAX_CHUNK_BYTES))
-                if isinstance(readers[-1], CutFile):
-                    self.notes += (readers[-1].note,)
+            readers = [storage.open_file(file, stack) for file in self._storage_files()]
+            self.notes = tuple(reader.note for reader in readers if isinstance(reader, storage.CutFile))
             self._readers = sorted(readers, key=lambda reader: reader.start_time)
             self.start_ns = self._readers[0].start_time
             counts = Counter()
@@ -95,16 +85,15 @@ class Bag(AbstractContextManager):
     def _storage_files(self) -> list[Path]:
         """The bag's files. rosbags' reader of folders loses messages if a topic's QoS differs between files."""
         require(self.path.exists(), "bag", problem=f"{self.path}: no such bag.")
-        if not self.path.is_dir():
-            require(is_bag(self.path), "bag", str(self.path),
-                    f"a bag's folder, or a file that ends in {' or '.join(STORAGE_SUFFIXES)}")
-            return [self.path]
-        files = sorted(path for path in self.path.iterdir() if is_bag(path) and path.is_file())
-        # While a recorder packs a file, both are there.
-        files = [path for path in files if path.suffix != PACKED or path.with_suffix("") not in files]
-        require(files, "bag", problem=f"{self.path}: no bag, as it has no file that ends in "
-                f"{' or '.join(STORAGE_SUFFIXES)}.")
-        return files
+        suffixes = " or ".join(STORAGE_SUFFIXES)
+        require(is_bag(self.path), "bag", str(self.path), f"a bag's folder, or a file that ends in {suffixes}")
+        inside = sorted(self.path.iterdir()) if self.path.is_dir() else [self.path]
+        files = [path for path in inside if is_bag(path) and path.is_file()]
+        require(files, "bag", problem=f"{self.path}: no bag, as it has no file that ends in {suffixes}.")
+        for path in files:
+            unpacked = path.suffix != PACKED or path.with_suffix("") in files
+            require(unpacked, "bag", problem=f"bag {path.name} is packed as a whole: unpack it with zstd -d {path}")
+        return [path for path in files if path.suffix != PACKED]
 
     @contextmanager
     def _one_error(self):
@@ -117,25 +106,12 @@ class Bag(AbstractContextManager):
             raise InvalidInput(f"bag {self.path.name}", f"unreadable ({reason})", COMPLETE_BAG) from None
 
 
-def _limit_chunks() -> None:
-    """Make rosbags unpack no more of a chunk than its stated size, and at most MAX_CHUNK_BYTES."""
-    from lz4.frame import LZ4FrameDecompressor
-    from rosbags.rosbag2.storage_mcap import DECOMPRESSORS, zstd
-
-    def unpack(begin: Callable, data: bytes, size: int) -> bytes:
-        if size > MAX_CHUNK_BYTES:
-            raise ValueError(f"a chunk has {size} bytes, more than {MAX_CHUNK_BYTES}")
-        return begin().decompress(data, size + 1)
-
-    DECOMPRESSORS.update(lz4=partial(unpack, LZ4FrameDecompressor), zstd=partial(unpack, zstd.ZstdDecompressor))
-
-
 def _unpacked(message: bytes) -> bytes:
     """A message that was packed by itself."""
     from rosbags.rosbag2.storage_mcap import zstd
 
     unpacker = zstd.ZstdDecompressor()
-    raw = unpacker.decompress(message, MAX_CHUNK_BYTES)
+    raw = unpacker.decompress(message, storage.MAX_RECORD_BYTES)
     if not unpacker.eof:
-        raise ValueError(f"a packed message is cut off, or has more than {MAX_CHUNK_BYTES} bytes")
+        raise ValueError(f"a packed message is cut off, or has more than {storage.MAX_RECORD_BYTES} bytes")
     return raw

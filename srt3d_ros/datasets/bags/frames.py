@@ -10,7 +10,7 @@ from pathlib import Path
 from srt3d_ros.core.sketching.photon_frame import PhotonGates
 from srt3d_ros.datasets import arrays
 from srt3d_ros.datasets.bags.bag import Bag, BagTopic
-from srt3d_ros.datasets.options import ASSUMED_FOV
+from srt3d_ros.datasets.options import ASSUMED_FOV, Options
 from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.files import json_text
@@ -70,13 +70,13 @@ def frame_topics(contents: dict[BagTopic, str]) -> list[BagTopic]:
     return [topic for topic in frames if topic.name.rsplit("/", 1)[-1] == contents[topic]] or frames
 
 
-def read_frame(path: str | Path, number: int, options: dict, photons_topic: str = "") -> Reading:
+def read_frame(path: str | Path, number: int, options: Options, photons_topic: str = "") -> Reading:
     """Message `number` of a bag's topic; arguments and errors as for `frames`."""
     with closing(frames(path, (number,), options, photons_topic)) as loaders:
         return next(loaders)[1]()
 
 
-def frames(path: str | Path, numbers: Sequence[int], options: dict, photons_topic: str = ""
+def frames(path: str | Path, numbers: Sequence[int], options: Options, photons_topic: str = ""
            ) -> Iterator[tuple[int, Callable[[], Reading]]]:
     """Yield each number, and a function that reads that message of a bag's topic.
 
@@ -97,7 +97,7 @@ def frames(path: str | Path, numbers: Sequence[int], options: dict, photons_topi
                     "; ".join([f"0 to {most}, the messages on {topics.frames.name}", *bag.notes]))
         sensors = () if topics.sensor is None else (topics.sensor,)
         descriptions = _descriptions(bag, sensors, topics.output)
-        described = bool(descriptions) or {"rows", "cols", "num_bins"} <= options.keys()
+        described = bool(descriptions) or {"rows", "cols", "num_bins"} <= options.known.keys()
         require(described, "bag", problem=f"bag {bag.path.name} has no description of the sensor beside "
                 f"{topics.frames.name}: give a file with one (--sensor-file, in Python sensor=), or rows, cols and "
                 f"num_bins. It has {bag.content()}.")
@@ -129,7 +129,7 @@ def _descriptions(bag: Bag, sensors: tuple[BagTopic, ...], kind: str) -> dict[st
     return descriptions
 
 
-def _decoded(kind: str, raw: bytes, descriptions: dict[str, bytes], options: dict, name: str, notes: tuple[str, ...]
+def _decoded(kind: str, raw: bytes, descriptions: dict[str, bytes], options: Options, name: str, notes: tuple[str, ...]
              ) -> Reading:
     """The photons or sketch in a message: a sketch of the sensor that it names, photons of that before them."""
     if not descriptions:
@@ -144,21 +144,21 @@ def _decoded(kind: str, raw: bytes, descriptions: dict[str, bytes], options: dic
     photons = CODECS[kind].decode_cdr(raw, sensor)[1]
     if isinstance(photons, PhotonGates):
         sensor, photons = photons.counted(sensor), photons.to_events(sensor)
-        options = options | {"cycles": options.get("cycles") or sensor.cycles}      # a given sensor has none
+        options = options.knowing(cycles=options.known.get("cycles") or sensor.cycles)      # a given sensor has none
     if "projection" not in json_text.parse(cdr.read_text(descriptions[""]), "sensor"):
         notes += (ASSUMED_FOV,)
     return Reading(sensor, photons, None, name, notes).with_options(options)
 
 
-def _with_given_sensor(kind: str, raw: bytes, options: dict, name: str, notes: tuple[str, ...]) -> Reading:
+def _with_given_sensor(kind: str, raw: bytes, options: Options, name: str, notes: tuple[str, ...]) -> Reading:
     """The photons or sketch in a message of this kind, of the sensor that the options describe."""
     sensor, _ = arrays.sensor_of(options)
     if kind == "sketch":
-        require("irf" in options, "irf", problem="Give irf, or sensor: sketches do not show it.")
+        require("irf" in options.known, "irf", problem="Give irf, or sensor: sketches do not show it.")
         return Reading(sensor, sketch_message.decode_cdr(raw, sensor)[1], None, name, notes)
     sensor, frame, own = arrays.from_frame(CODECS[kind].decode_cdr(raw, sensor)[1], options)
     photons = Reading(sensor, frame, None, name, notes + own)
-    return photons.gated(*options["gate"]) if "gate" in options else photons
+    return photons if options.gate is None else photons.gated(*options.gate)
 
 
 def _content(bag: Bag, topic: BagTopic) -> str:

@@ -1,20 +1,19 @@
-"""Open a file of a bag with rosbags or, if it was cut off, with readers of each whole message before the damage."""
+"""Open a file of a bag with rosbags or, if an .mcap file was cut off, read its whole messages before the damage."""
 
-import struct
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
-from contextlib import ExitStack, closing, suppress
-from functools import partial
-from io import BytesIO
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
-MAGIC = b"\x89MCAP0\r\n"             # a file begins and ends with it
-HEAD = struct.Struct("<BQ")         # of a record: its kind and length
-SCHEMA, CHANNEL, MESSAGE, CHUNK = 3, 4, 5, 6
-MESSAGE_HEAD = struct.Struct("<HIQQ")       # channel, sequence, time of recording, time of publishing
-MAX_RECORD_BYTES = 2**28            # the largest messages have 180 MB
+from srt3d_ros.compat import bound_rosbags
+from srt3d_ros.errors import require
+
+MAGIC = b"\x89MCAP0\r\n"            # a file begins and ends with it
+MAX_RECORD_BYTES = 2**28            # the largest messages have 180 MB; a chunk holds whole messages
 SQLITE_LIMIT_LENGTH = 0             # SQLite's number of this limit
+JOURNALS = ("-wal", "-journal")     # behind a database's name: where SQLite keeps what it had not yet moved into it
 
 
 class Connection(NamedTuple):
@@ -25,7 +24,28 @@ class Connection(NamedTuple):
     msgcount: int
 
 
-def is_cut(path: Path) -> bool:
+def open_file(file: Path, stack: ExitStack) -> Any:
+    """A reader of an .mcap or .db3 file, of rosbags or a CutFile, open until the end of the stack.
+
+    Raises:
+        InvalidInput: a database that was not closed, of which rosbags would read a part.
+    """
+    from rosbags.rosbag2 import Reader  # imported here: only bags need it
+
+    bound_rosbags(MAX_RECORD_BYTES)
+    if _is_cut(file):
+        return CutFile(file)
+    for journal in (file.with_name(file.name + suffix) for suffix in JOURNALS):
+        closed = not journal.is_file() or not journal.stat().st_size
+        require(closed, "bag", problem=f"bag {file.name} was not closed: {journal.name} has its last messages. "
+                f"sqlite3 {file.name} 'PRAGMA journal_mode = DELETE' moves them into it.")
+    reader = stack.enter_context(Reader(file))
+    if hasattr(reader.storage, "dbconn"):
+        reader.storage.dbconn.limit(SQLITE_LIMIT_LENGTH, MAX_RECORD_BYTES)      # SQLite may compute huge messages
+    return reader
+
+
+def _is_cut(path: Path) -> bool:
     """Whether a file is the beginning of an .mcap file, down to none of it."""
     if path.suffix.lower() != ".mcap":
         return False
@@ -35,40 +55,16 @@ def is_cut(path: Path) -> bool:
         return MAGIC.startswith(begin) and file.read() != MAGIC
 
 
-def open_file(file: Path, stack: ExitStack, most_bytes: int):
-    """A reader of an .mcap or .db3 file, of rosbags or a CutFile, open until the end of the stack.
-
-    Args:
-        most_bytes: of a message; SQLite may compute huge ones.
-    """
-    from rosbags.rosbag2 import Reader  # imported here: only bags need it
-
-    if is_cut(file):
-        return CutFile(file, _of_mcap)
-    try:
-        reader = stack.enter_context(Reader(file))
-    except Exception:
-        if file.suffix.lower() == ".mcap":
-            raise
-        return CutFile(file, _of_database)
-    if hasattr(reader.storage, "dbconn"):
-        reader.storage.dbconn.limit(SQLITE_LIMIT_LENGTH, most_bytes)
-    return reader
-
-
 class CutFile:
-    """What is left of a file that was cut off, with what `Bag` uses of a reader of rosbags; reads it once to count.
+    """What is left of an .mcap file that was cut off, with what `Bag` uses of a reader of rosbags.
 
-    Messages come in the order of recording. `start_time` is the smallest time of a message in nanoseconds.
-
-    Args:
-        whole: gives (topic, type), time and bytes of each message of the file before the first that is damaged.
+    Reads the file once to count. Messages come in the order of recording. `start_time` is the smallest time of a
+    message in nanoseconds.
     """
 
-    def __init__(self, path: Path, whole: Callable[[Path], Iterator[tuple[tuple[str, str], int, bytes]]]):
-        self._messages = partial(whole, path)
-        counts, self.start_time = Counter(), 2**63 - 1
-        for topic, time_ns, _ in self._messages():
+    def __init__(self, path: Path):
+        self._path, self.start_time, counts = path, 2**63 - 1, Counter()
+        for topic, time_ns, _ in self._whole_messages():
             counts[topic] += 1
             self.start_time = min(self.start_time, time_ns)
         self.connections = [Connection(*topic, count) for topic, count in counts.items()]
@@ -78,63 +74,34 @@ class CutFile:
                  ) -> Iterator[tuple[Connection, int, bytes]]:
         """Yield connection, time of recording in nanoseconds and bytes of each message on these, from `start` on."""
         wanted = {(connection.topic, connection.msgtype): connection for connection in connections}
-        for topic, time_ns, raw in self._messages():
+        for topic, time_ns, raw in self._whole_messages():
             if topic in wanted and time_ns >= (start or 0):
                 yield wanted[topic], time_ns, raw
 
+    def _whole_messages(self) -> Iterator[tuple[tuple[str, str], int, bytes]]:
+        """Yield (topic, type), time of recording and bytes of the messages before the first damage."""
+        from mcap.records import Channel, Message, Schema
 
-def _of_database(path: Path) -> Iterator[tuple[tuple[str, str], int, bytes]]:
-    import apsw
+        types, topics = {}, {}
+        with suppress(Exception):       # of the libraries that parse and unpack a damaged record
+            for record in self._records():
+                if isinstance(record, Schema):
+                    types[record.id] = record.name
+                elif isinstance(record, Channel):
+                    topics[record.id] = record.topic, types[record.schema_id]
+                elif isinstance(record, Message):
+                    yield topics[record.channel_id], record.log_time, record.data
 
-    uri = f"{path.absolute().as_uri()}?immutable=1"
-    with closing(apsw.Connection(uri, flags=apsw.SQLITE_OPEN_READONLY | apsw.SQLITE_OPEN_URI)) as database:
-        database.limit(SQLITE_LIMIT_LENGTH, MAX_RECORD_BYTES)
-        database.execute("PRAGMA writable_schema = ON")     # otherwise SQLite opens no file that lacks pages
-        topics = {number: tuple(names) for number, *names in database.execute("SELECT id, name, type FROM topics")}
-        with suppress(Exception):       # at the first damaged page or row
-            for number, time_ns, raw in database.execute("SELECT topic_id, timestamp, data FROM messages"):
-                yield topics[number], time_ns, raw
+    def _records(self) -> Iterator[Any]:
+        """Yield each record, of chunks those inside."""
+        from mcap.records import Chunk
+        from mcap.stream_reader import StreamReader, breakup_chunk
+        from rosbags.rosbag2.storage_mcap import decompress
 
-
-def _of_mcap(path: Path) -> Iterator[tuple[tuple[str, str], int, bytes]]:
-    from mcap.data_stream import ReadDataStream
-    from mcap.records import Channel, Schema
-
-    schemas, channels = {}, {}
-    with suppress(Exception):       # of the libraries that parse and unpack a damaged record
-        for kind, content in _records(path):
-            if kind == SCHEMA:
-                schema = Schema.read(ReadDataStream(BytesIO(content)))
-                schemas[schema.id] = schema.name
-            elif kind == CHANNEL:
-                channel = Channel.read(ReadDataStream(BytesIO(content)))
-                channels[channel.id] = channel.topic, schemas[channel.schema_id]
-            elif kind == MESSAGE:
-                number, _, time_ns, _ = MESSAGE_HEAD.unpack_from(content)
-                yield channels[number], time_ns, content[MESSAGE_HEAD.size:]
-
-
-def _records(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Yield kind and content of each record of an .mcap file, of chunks those inside."""
-    from mcap.data_stream import ReadDataStream
-    from mcap.records import Chunk
-    from rosbags.rosbag2.storage_mcap import decompress
-
-    with path.open("rb") as file:
-        file.seek(len(MAGIC))
-        for kind, content in _whole_records(file, path.stat().st_size):
-            if kind == CHUNK:
-                chunk = Chunk.read(ReadDataStream(BytesIO(content)))
-                raw = decompress(chunk.data, chunk.compression, chunk.uncompressed_size, chunk.uncompressed_crc)
-                yield from _whole_records(BytesIO(raw), len(raw))
-            else:
-                yield kind, content
-
-
-def _whole_records(file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
-    """Yield kind and content of the records from here on, up to one that does not fit into `size`, or zeros."""
-    while len(head := file.read(HEAD.size)) == HEAD.size:
-        kind, length = HEAD.unpack(head)
-        if not kind or length > min(size - file.tell(), MAX_RECORD_BYTES):
-            return
-        yield kind, file.read(length)
+        with self._path.open("rb") as file:
+            for record in StreamReader(file, emit_chunks=True, record_size_limit=MAX_RECORD_BYTES).records:
+                if isinstance(record, Chunk):       # mcap's own decompression has no bound
+                    raw = decompress(record.data, record.compression, record.uncompressed_size, record.uncompressed_crc)
+                    yield from breakup_chunk(replace(record, compression="", data=raw))
+                else:
+                    yield record

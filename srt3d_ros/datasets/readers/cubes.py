@@ -1,5 +1,6 @@
 """Read photon counts [rows, cols, bins] from .npy files, and for other readers."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,10 +8,10 @@ import numpy as np
 from srt3d_ros.core.sensor.model import MAX_BINS
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
 from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, complete, sampled, sensor_of
-from srt3d_ros.datasets.options import check_same, in_order, outside_note, replaced_note
+from srt3d_ros.datasets.options import Options, check_same, in_order, replaced_note
 from srt3d_ros.datasets.reading import Reading, in_gate
 from srt3d_ros.datasets.sensor_arrays import sensor_options, values_of
-from srt3d_ros.datasets.values import sendable
+from srt3d_ros.datasets.values import outside_note, sendable
 from srt3d_ros.errors import finite, require
 from srt3d_ros.files.array_files import MAX_ARRAY_BYTES, map_npy, read_errors
 
@@ -20,7 +21,7 @@ MAX_COUNT = 2**31 - 1
 BESIDE = ("irf", "irf_ref", "bin_width_s", "toa_offset_bins", "range_offset_m", "cycles", "fov_deg")
 
 
-def cube(path: Path, counts: np.ndarray, options: dict, stated: dict | None = None, notes: tuple[str, ...] = (),
+def cube(path: Path, counts: np.ndarray, options: Options, stated: dict | None = None, notes: tuple[str, ...] = (),
          reference: np.ndarray | None = None) -> Reading:
     """Photons of an array of counts: events if there are few, else histograms, which may stay in the file.
 
@@ -33,22 +34,24 @@ def cube(path: Path, counts: np.ndarray, options: dict, stated: dict | None = No
     require(counts.dtype.kind in "iufb" and counts.ndim == 3 and counts.size > 0, field,
             f"{counts.dtype} {counts.shape}", "numbers [rows, cols, bins]")
     rows, cols, bins = counts.shape
-    check_same({"rows": rows, "cols": cols}, options)
-    require(bins <= MAX_BINS or "gate" in options, f"{field} bins", bins, f"at most {MAX_BINS}; or give a gate")
-    known = stated | options
+    check_same({"rows": rows, "cols": cols}, options.known)
+    require(bins <= MAX_BINS or options.gate is not None, f"{field} bins", bins, f"at most {MAX_BINS}; or give a gate")
+    known = stated | options.known
     period = int(finite("num_bins", known.get("num_bins", bins), "a number of bins"))
-    first, last = known.get("gate", (0, period - 1))
+    first, last = options.gate or (0, period - 1)
     num_bins = last - first + 1
     require(2 <= num_bins <= MAX_BINS, "num_bins", num_bins,
             f"2 to {MAX_BINS}: give num_bins, gate or bin_width_s")
-    sensor, width_note = sensor_of(known | {"rows": rows, "cols": cols, "num_bins": num_bins})
+    completed = replace(options, known=known | {"rows": rows, "cols": cols, "num_bins": num_bins})
+    sensor, width_note = sensor_of(completed)
     with read_errors(path, "a whole file of counts"):
         low, high = counts.min().item(), counts.max().item()        # a NaN makes both NaN
         require(bool(-MAX_COUNT <= low and high <= MAX_COUNT), "counts",
                 problem=f"counts holds values beyond {MAX_COUNT}, infinite or NaN.")
         photons = counts.sum(dtype=np.float64)
         frame, kept = _frame_of(counts[..., first:last + 1], num_bins)
-    sensor, _, all_notes = complete(frame, sensor, known, notes + width_note + replaced_note(stated, options))
+    sensor, _, all_notes = complete(frame, sensor, completed,
+                                    notes + width_note + replaced_note(stated, options.known))
     outside = outside_note(round(photons - kept), round(photons), first, last)
     return Reading(sensor.replace(toa_offset_bins=sensor.toa_offset_bins + first), frame,
                    in_gate(reference, first, last), path.stem, all_notes + outside)
@@ -66,7 +69,7 @@ def _frame_of(counts: np.ndarray, num_bins: int) -> tuple[PhotonEvents | PhotonH
     return sampled(kept) if few else PhotonHistograms(kept), photons
 
 
-def only_cube(path: Path, arrays: dict[str, np.ndarray], options: dict, wanted: str, listed: str) -> Reading:
+def only_cube(path: Path, arrays: dict[str, np.ndarray], options: Options, wanted: str, listed: str) -> Reading:
     """Photons of the only numeric array of three dimensions; those BESIDE it describe the sensor.
 
     An error says what is `wanted`, and what the file has: `listed`.
@@ -78,8 +81,8 @@ def only_cube(path: Path, arrays: dict[str, np.ndarray], options: dict, wanted: 
     return cube(path, counts, others, stated, notes)
 
 
-def read(path: Path, options: dict) -> Reading:
+def read(path: Path, options: Options) -> Reading:
     """Photons of an .npy file of counts."""
-    most = MAX_ARRAY_BYTES if "axes" in options else MAX_CUBE_BYTES         # other axes are copied into memory
+    most = MAX_ARRAY_BYTES if options.axes is not None else MAX_CUBE_BYTES         # other axes are copied into memory
     counts, others, notes = in_order(map_npy(path, f"{path.name} counts", most), options)
     return cube(path, counts, others, notes=notes)

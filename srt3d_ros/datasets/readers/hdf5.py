@@ -9,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.datasets.readers import isolated, npz
+from srt3d_ros.datasets.options import Options
+from srt3d_ros.datasets.readers import npz
 from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.errors import finite, require
+from srt3d_ros.files import isolated
 from srt3d_ros.files.array_files import read_errors
 
 UNIT, NUM_BINS, LASER = "nanotimes_specs/tcspc_unit", "nanotimes_specs/tcspc_num_bins", \
@@ -20,30 +22,30 @@ SPOT_ARRAYS = tuple(f"photon_data*/{name}" for name in ("nanotimes", "detectors"
 WANTED = f"Photon-HDF5 with photon_data/nanotimes, {npz.WANTED}"
 
 
-def read(path: Path, options: dict) -> Reading:
+def read(path: Path, options: Options) -> Reading:
     """Photons of an HDF5 file; `channel` is the detector to take of Photon-HDF5, else all. Needs h5py."""
-    names = (*SPOT_ARRAYS, *npz.KNOWN, *options.get("columns", ()))
+    names = (*SPOT_ARRAYS, *npz.KNOWN, *(options.columns or ()))
     content, listed = isolated.arrays_of(path, "h5py", names, "a complete HDF5 file")
     with read_errors(path):
         spots = sorted((int(match[1] or 0), match[0].rpartition("/")[0]) for match in
                        map(re.compile(r"photon_data(\d{0,9})/nanotimes").fullmatch, content) if match)
-        if spots and "columns" not in options:
+        if spots and options.columns is None:
             content |= _spot_arrays(content, [spot for _, spot in spots], options)
-            options = {name: value for name, value in options.items() if name != "channel"}
+            options = options.without("channel")
     return npz.from_arrays(path, content, options, WANTED, listed)
 
 
-def _spot_arrays(content: dict[str, np.ndarray], spots: list[str], options: dict) -> dict[str, np.ndarray]:
+def _spot_arrays(content: dict[str, np.ndarray], spots: list[str], options: Options) -> dict[str, np.ndarray]:
     """The arrays of a photon file (docs/photon-file.md) that Photon-HDF5 has in its groups."""
     times = [_toa(content, spot, options) for spot in spots]
-    pixels = options.get("rows", 1) * options.get("cols", 1)
+    pixels = options.known.get("rows", 1) * options.known.get("cols", 1)
     arrays = {"pixel": np.arange(len(spots)).repeat([len(toa) for toa in times]), "toa": np.concatenate(times)}
-    if len(spots) == 1 and pixels > 1 and f"{spots[0]}/detectors" in content and "channel" not in options:
+    if len(spots) == 1 and pixels > 1 and f"{spots[0]}/detectors" in content and options.channel is None:
         arrays["pixel"] = content[f"{spots[0]}/detectors"]
-    elif not {"rows", "cols"} & options.keys():
+    elif not {"rows", "cols"} & options.known.keys():
         arrays |= {"rows": np.array(1), "cols": np.array(len(spots))}
     else:
-        require(pixels == len(spots), "shape", (options.get("rows"), options.get("cols")),
+        require(pixels == len(spots), "shape", (options.known.get("rows"), options.known.get("cols")),
                 f"rows × cols = {len(spots)}, the spots of the file")
     width_s, bins, laser_hz = (_number(content, f"{spots[0]}/{name}") for name in (UNIT, NUM_BINS, LASER))
     if width_s:
@@ -54,16 +56,16 @@ def _spot_arrays(content: dict[str, np.ndarray], spots: list[str], options: dict
     return arrays
 
 
-def _toa(content: dict[str, np.ndarray], spot: str, options: dict) -> np.ndarray:
+def _toa(content: dict[str, np.ndarray], spot: str, options: Options) -> np.ndarray:
     """ToA of a spot, of the detector `channel` if given."""
     toa, detectors = content[f"{spot}/nanotimes"], content.get(f"{spot}/detectors")
     require(toa.ndim == 1 and toa.dtype.kind in "iu", f"{spot}/nanotimes", f"{toa.dtype} {toa.shape}",
             "whole numbers [photons]")
-    if "channel" not in options:
+    if options.channel is None:
         return toa
     require(detectors is not None and detectors.shape == toa.shape, f"{spot}/detectors",
             problem=f"{spot} has no detector for each photon, from which to take a channel.")
-    channel, numbers = int(finite("channel", options["channel"], "a detector's number")), np.unique(detectors)
+    channel, numbers = int(finite("channel", options.channel, "a detector's number")), np.unique(detectors)
     require(channel in numbers, "channel", channel, f"a detector of {spot}: {', '.join(map(str, numbers))}")
     return toa[detectors == channel]
 

@@ -7,12 +7,13 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS, MAX_PIXELS
 from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, from_pixels
-from srt3d_ros.datasets.options import check_same, outside_note
-from srt3d_ros.datasets.readers import isolated, npz
+from srt3d_ros.datasets.options import Options, check_same
+from srt3d_ros.datasets.readers import npz
 from srt3d_ros.datasets.readers.cubes import cube
 from srt3d_ros.datasets.reading import Reading, in_gate
-from srt3d_ros.datasets.values import MAX_EVENTS
+from srt3d_ros.datasets.values import MAX_EVENTS, Note, outside_note
 from srt3d_ros.errors import finite, require
+from srt3d_ros.files import isolated
 from srt3d_ros.files.array_files import read_errors
 
 EDGE = 1e-6     # of a bin; added to a time before it is rounded down, so that an edge belongs to the bin it begins
@@ -49,25 +50,30 @@ VARIABLES = (*(name for one in LAYOUTS for name in (one.variable, one.reference,
              *npz.KNOWN)
 
 
-def read(path: Path, options: dict) -> Reading:
+def read(path: Path, options: Options) -> Reading:
     """Photons of a .mat file. The bins are those of the file's window, or those that have photons."""
-    arrays, listed = isolated.matlab_arrays(path, (*VARIABLES, *options.get("columns", ())))
+    arrays, listed = isolated.matlab_arrays(path, (*VARIABLES, *(options.columns or ())))
     layout = next((one for one in LAYOUTS if one.fits(arrays)), None)
-    if layout is None or "columns" in options:
+    if layout is None or options.columns is not None:
         return npz.from_arrays(path, arrays, options, WANTED, listed)
     with read_errors(path):
         for name in arrays.keys() & {*layout.window, layout.reference}:
             require(arrays[name].dtype.kind in "iuf", name, str(arrays[name].dtype), "numbers")
-        return (_of_counts if layout.reference else _of_cells)(path, layout, arrays, options)
+        notes = ()
+        if "bin_width_s" not in options.known:
+            options = options.knowing(bin_width_s=layout.bin_width_s)
+            width_ps = layout.bin_width_s * 1e12
+            notes += (Note(f"bin width taken to be {width_ps:g} ps: the file has none", "bin_width_s"),)
+        return (_of_counts if layout.reference else _of_cells)(path, layout, arrays, options, notes)
 
 
-def _of_counts(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options: dict) -> Reading:
+def _of_counts(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options: Options, notes: tuple[str, ...]
+               ) -> Reading:
     """Photons of counts [T, rows · cols] with reference depths. Sparse counts stay sparse."""
     name, photons = layout.variable, arrays[layout.variable]
-    width_s, notes = _bin_width(layout, options)
     require(are_whole(np.atleast_2d(photons)), name, problem=f"{name} has negative or fractional counts.")
     bins, pixels = photons.shape if photons.ndim == 2 else arrays[f"{name}.shape"][::-1].tolist()
-    _check_bins(options, bins)
+    num_bins = _num_bins(options, bins)
     require(layout.reference in arrays, layout.reference,
             problem=f"{name} needs the reference depths {layout.reference} [rows, cols].")
     reference = arrays[layout.reference].astype(np.float32) - np.float32(1)
@@ -76,17 +82,17 @@ def _of_counts(path: Path, layout: Layout, arrays: dict[str, np.ndarray], option
     rows, cols = reference.shape
     if photons.ndim == 2:
         counts = photons.reshape(bins, cols, rows).transpose(2, 1, 0)
-        return cube(path, counts, options, {"bin_width_s": width_s}, notes, reference[None])
+        return cube(path, counts, options, notes=notes, reference=reference[None])
     total, toa = photons.sum(dtype=np.float64), arrays[f"{name}.col"]
     require(total <= MAX_KEPT, f"{name} photons", total, f"at most {MAX_KEPT} in a sparse array: save full({name})")
     col, row = np.divmod(arrays[f"{name}.row"], rows)
     order = np.lexsort((toa, row * cols + col))
     pixel, toa = (values[order].repeat(photons[order].astype(np.int64)) for values in (row * cols + col, toa))
-    window = (0, _num_bins(options, bins))
-    return _of_events(path, layout, (pixel, toa), reference.shape, window, options, reference[None])
+    return _of_events(path, pixel, toa, reference.shape, (0, num_bins or bins), options, notes, reference[None])
 
 
-def _of_cells(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options: dict) -> Reading:
+def _of_cells(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options: Options, notes: tuple[str, ...]
+              ) -> Reading:
     """Photons of ToA lists, one cell a pixel."""
     name, toa, lengths = layout.variable, arrays[layout.variable], arrays[f"{layout.variable}.lengths"]
     require(lengths.ndim == 2 and 0 < lengths.size <= MAX_PIXELS, f"{name} shape", lengths.shape,
@@ -95,62 +101,43 @@ def _of_cells(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options
     require(toa.size <= MAX_EVENTS, f"{name} photons", toa.size, f"at most {MAX_EVENTS}")
     whole = layout.picoseconds or bool((toa == np.floor(toa)).all())
     require(whole, name, problem=f"{name} has times that are not whole bins.")
-    unit = 1e-12 / _bin_width(layout, options)[0] if layout.picoseconds else 1
+    width_s = finite("bin_width_s", options.known["bin_width_s"], "seconds, above 0")
+    require(width_s > 0, "bin_width_s", width_s, "seconds, above 0")
+    unit = 1e-12 / width_s if layout.picoseconds else 1
     require(bool(((toa >= 0) & (toa * unit < 2**32)).all()), f"{name} ToA",
             problem=f"{name} has times of arrival below 0 or beyond 2³² bins.")
     bins = np.floor(toa * unit + EDGE).astype(np.int64)
     pixel = np.arange(lengths.size).repeat(lengths.ravel())
-    window = _window(layout, arrays, unit, bins, options)
-    return _of_events(path, layout, (pixel, bins), lengths.shape, window, options)
+    if layout.window and arrays.keys() >= set(layout.window):
+        low, high = (finite(name, arrays[name].squeeze().tolist(), "one ToA") * unit for name in layout.window)
+        first = int(np.floor(low + EDGE))
+        window = first, _num_bins(options) or int(np.ceil(high - EDGE)) - first
+    else:
+        num_bins = _num_bins(options, int(bins.max(initial=-1)) + 1)
+        window = (0, num_bins) if num_bins or not toa.size else (int(bins.min()), int(np.ptp(bins)) + 1)
+    return _of_events(path, pixel, bins, lengths.shape, window, options, notes)
 
 
-def _of_events(path: Path, layout: Layout, photons: tuple[np.ndarray, np.ndarray], shape: tuple[int, int],
-               window: tuple[int, int], options: dict, reference: np.ndarray | None = None) -> Reading:
-    """Photons (pixel, bin) inside the gate, or else inside `window` = (first bin, number of bins)."""
-    pixel, toa = photons
-    width_s, notes = _bin_width(layout, options)
-    first, last = options.get("gate", (window[0], sum(window) - 1))
+def _of_events(path: Path, pixel: np.ndarray, toa: np.ndarray, shape: tuple[int, int], window: tuple[int, int],
+               options: Options, notes: tuple[str, ...], reference: np.ndarray | None = None) -> Reading:
+    """Photons inside the gate, or else inside `window` = (first bin, number of bins)."""
+    first, last = options.gate or (window[0], sum(window) - 1)
     num_bins = last - first + 1
     require(num_bins <= MAX_BINS, "num_bins", num_bins, f"at most {MAX_BINS}: give a gate or bin_width_s")
     sides = {"rows": shape[0], "cols": shape[1]}
-    check_same(sides, options)
-    own = sides | {"num_bins": num_bins, "bin_width_s": width_s,
-                   "toa_offset_bins": options.get("toa_offset_bins", 0) + first}
+    check_same(sides, options.known)
+    described = options.knowing(**sides, num_bins=num_bins,
+                                toa_offset_bins=options.known.get("toa_offset_bins", 0) + first)
     inside = (toa >= first) & (toa <= last)
-    sensor, events, more = from_pixels(pixel[inside], toa[inside] - first, 0, options | own)
+    sensor, events, more = from_pixels(pixel[inside], toa[inside] - first, 0, described)
     outside = outside_note(len(toa) - events.photons, len(toa), first, last)
     return Reading(sensor, events, in_gate(reference, first, last), path.stem, notes + more + outside)
 
 
-def _window(layout: Layout, arrays: dict[str, np.ndarray], unit: float, toa: np.ndarray, options: dict
-            ) -> tuple[int, int]:
-    """First bin and number of bins to keep: the file's window, else `num_bins`, else the bins with photons."""
-    given = _num_bins(options, 0)
-    if layout.window and arrays.keys() >= set(layout.window):
-        low, high = (finite(name, arrays[name].squeeze().tolist(), "one ToA") * unit for name in layout.window)
-        first = int(np.floor(low + EDGE))
-        return first, given or int(np.ceil(high - EDGE)) - first
-    _check_bins(options, int(toa.max(initial=-1)) + 1)
-    if given or not toa.size:
-        return 0, given
-    return int(toa.min()), int(toa.max() - toa.min()) + 1
-
-
-def _bin_width(layout: Layout, options: dict) -> tuple[float, tuple[str, ...]]:
-    """The bin width from the options, or the authors' with a note."""
-    width_s = finite("bin_width_s", options.get("bin_width_s", layout.bin_width_s), "seconds, above 0")
-    require(width_s > 0, "bin_width_s", width_s, "seconds, above 0")
-    if "bin_width_s" in options:
-        return width_s, ()
-    return width_s, (f"bin width taken to be {width_s * 1e12:g} ps: the file has none",)
-
-
-def _num_bins(options: dict, default: int) -> int:
-    return int(finite("num_bins", options.get("num_bins", default), "a number of bins"))
-
-
-def _check_bins(options: dict, bins: int) -> None:
-    """Raise InvalidInput if `num_bins` would drop photons without a gate."""
-    given = options.get("num_bins", bins)
-    require("gate" in options or finite("num_bins", given, "a number of bins") >= bins, "num_bins", given,
+def _num_bins(options: Options, bins: int = 0) -> int:
+    """The option num_bins, or 0; InvalidInput if it would drop photons of the file's `bins` without a gate."""
+    given = options.known.get("num_bins", 0)
+    number = int(finite("num_bins", given, "a number of bins"))
+    require(options.gate is not None or not number or number >= bins, "num_bins", given,
             f"{bins} or more, up to the file's last bin; or give a gate")
+    return number

@@ -7,43 +7,47 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
-from srt3d_ros.datasets import cloud_files, sketch_files
+from srt3d_ros.core.sketching.sums import PhaseSums
+from srt3d_ros.datasets import cloud_files
 from srt3d_ros.datasets.arrays import from_events, from_frame, from_pixels
+from srt3d_ros.datasets.options import Options
 from srt3d_ros.datasets.photon_file import FIRST_REFERENCES, OTHER_REFERENCES
 from srt3d_ros.datasets.readers import cubes
 from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.datasets.sensor_arrays import (
     SENSOR_ARRAYS,
     SENSOR_FIELDS,
+    read_saved,
     sensor_options,
     values_of,
     vector,
 )
-from srt3d_ros.datasets.values import MAX_EVENTS, listing, sendable
+from srt3d_ros.datasets.values import MAX_EVENTS, sendable
 from srt3d_ros.errors import require
 from srt3d_ros.files.array_files import npz_contents, read_errors, read_npz_arrays
+from srt3d_ros.files.isolated_child import listing
 
 COLUMNS, PIXEL_COLUMNS = ("row", "col", "toa"), ("pixel", "toa")
 KNOWN = (*SENSOR_ARRAYS, "pixel", *COLUMNS, "stamp_ns", *FIRST_REFERENCES, *OTHER_REFERENCES, "fov_deg", "kind")
 SIZES = ("rows", "cols", "num_bins")
-SAVED = {"cloud": cloud_files.read, "sketch": sketch_files.read}      # by `kind`
 PHOTONS = "row, col (or pixel) and toa of each photon (other names: --columns ROW,COL,TOA, or srt3d_ros.from_events)"
 WANTED = f"one numeric array [rows, cols, bins], or {PHOTONS}"
 
 
-def read(path: Path, options: dict) -> Reading:
+def read(path: Path, options: Options) -> Reading:
     """Photons of an .npz file, one by one or as counts, or a saved Sketch or Cloud; other arrays are ignored."""
-    arrays = read_npz_arrays(path, (*KNOWN, *options.get("columns", ())))
+    arrays = read_npz_arrays(path, (*KNOWN, *(options.columns or ())))
     kind = arrays.pop("kind", None)         # unchecked: it may be anyone's
-    for name, read_saved in SAVED.items():
-        if np.array_equal(kind, name):
-            return read_saved(path, options)
+    if np.array_equal(kind, "cloud"):
+        return cloud_files.read(path, options)
+    if np.array_equal(kind, "sketch"):
+        return _sketch(path, options)
     if not _has_photons(arrays, options):
         arrays = read_npz_arrays(path, KNOWN, and_cubes=True)
     return from_arrays(path, arrays, options, WANTED, listing(npz_contents(path)))
 
 
-def from_arrays(path: Path, arrays: dict[str, np.ndarray], options: dict, wanted: str, listed: str) -> Reading:
+def from_arrays(path: Path, arrays: dict[str, np.ndarray], options: Options, wanted: str, listed: str) -> Reading:
     """Photons of a file by the names of its arrays: those of an .npz photon file, or else the only array of counts.
 
     Args:
@@ -51,11 +55,11 @@ def from_arrays(path: Path, arrays: dict[str, np.ndarray], options: dict, wanted
     """
     has_photons = _has_photons(arrays, options)
     with read_errors(path):
-        if not has_photons and (not arrays.keys() >= {"counts", *SIZES} or "axes" in options):
+        if not has_photons and (not arrays.keys() >= {"counts", *SIZES} or options.axes is not None):
             return cubes.only_cube(path, arrays, options, wanted, listed)
         usual = PIXEL_COLUMNS if "pixel" in arrays else COLUMNS
-        columns = options.get("columns", usual) if has_photons else ("counts",)
-        values = {name: options[name] for name in SENSOR_FIELDS if name in options}
+        columns = (options.columns or usual) if has_photons else ("counts",)
+        values = {name: options.known[name] for name in SENSOR_FIELDS if name in options.known}
         values |= values_of({name: array for name, array in arrays.items()
                              if name in KNOWN and name not in ("kind", *PIXEL_COLUMNS, *COLUMNS, *columns)})
         for name in columns:
@@ -66,22 +70,35 @@ def from_arrays(path: Path, arrays: dict[str, np.ndarray], options: dict, wanted
         own, stamp_ns = sensor_options(values), int(values.get("stamp_ns", 0))
         if has_photons:
             describe = from_pixels if columns == PIXEL_COLUMNS else from_events
-            # So that no photon is dropped that the option keeps.
-            used = own | {"num_bins": options.get("num_bins", own["num_bins"])}
+            # The larger num_bins, so that no photon is dropped early.
+            used = Options(own | {"num_bins": options.known.get("num_bins", own["num_bins"])})
             sensor, frame, assumed = describe(*(_column(name, arrays[name]) for name in columns), stamp_ns, used)
             sensor = sensor.replace(num_bins=own["num_bins"])
         else:
             counts = PhotonHistograms(np.ascontiguousarray(sendable(arrays["counts"])), stamp_ns)
-            sensor, frame, assumed = from_frame(counts, own)
+            sensor, frame, assumed = from_frame(counts, Options(own))
         reference = _reference(values, sensor)
     notes = tuple(dict.fromkeys((*values.get("notes", ()), *assumed)))
-    others = {name: value for name, value in options.items() if name != "columns"}
-    return Reading(sensor, frame, reference, path.stem, notes).with_options(others)
+    return Reading(sensor, frame, reference, path.stem, notes).with_options(options.without("columns"))
 
 
-def _has_photons(arrays: dict[str, np.ndarray], options: dict) -> bool:
+def _sketch(path: Path, options: Options) -> Reading:
+    """A sketch that `photon_file.save_sketch` wrote; options replace values of its sensor."""
+    facts = ("stamp_ns", "sketch_cycles")
+    sensor, values = read_saved(path, ("frequencies", "sums", "photons", "before", *facts))
+    with read_errors(path):
+        before, stamp_ns, cycles = values["before"], *(int(values[name]) for name in facts)
+        fits = before.shape in ((0, 0), (sensor.rows, sensor.cols)) and before.dtype == np.uint32
+        require(fits, "before", f"{before.dtype} {before.shape}", "uint32 of the sensor's pixels, or none")
+        require(cycles >= 0, "sketch_cycles", cycles, "0 or more")
+        sums = PhaseSums(values["frequencies"], values["sums"], values["photons"], stamp_ns, cycles,
+                         before if before.size else None, sensor=sensor)
+    return Reading(sensor, sums, None, path.stem, values["notes"]).with_options(options)
+
+
+def _has_photons(arrays: dict[str, np.ndarray], options: Options) -> bool:
     """Whether the arrays list photons one by one."""
-    return "columns" in options or not {"pixel", "toa"}.isdisjoint(arrays)
+    return options.columns is not None or not {"pixel", "toa"}.isdisjoint(arrays)
 
 
 def _column(name: str, values: np.ndarray) -> np.ndarray:

@@ -9,7 +9,6 @@ without a device: the other modes, and the reference pulse where bins are narrow
 
 import gzip
 import json
-from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -20,6 +19,7 @@ import numpy as np
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
+from srt3d_ros.datasets.options import Options
 from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.files.array_files import read_errors
@@ -31,18 +31,18 @@ MEASURED = 218              # steps in a histogram unless the configuration says
 REFERENCE_BINS = 64
 SIZES = {0: (8, 8), 1: (8, 8), 2: (16, 16), 3: (32, 32), 4: (32, 32), 5: (32, 48)}      # rows, columns by mode
 TICK_NS = 1000              # of the device's clock: 26 frames of 33 ms agree
-# Limits of a log, for about 300 frames in 0.5 GB: its text is in memory twice, a number takes 32 bytes, a list 250.
-LOG_LIMITS = {"bytes": 3 * 2**26, "values": 2**23, "lists and objects": 2**20}
+# Limits of a log, for about 300 frames in 0.7 GB: its text is in memory twice, a number takes 32 bytes, a list 250.
+MAX_LOG_BYTES, MAX_VALUES, MAX_LISTS = 3 * 2**26, 2**23, 2**20
 
 
-def frames(path: Path, options: dict) -> Iterator[Callable[[], Reading]]:
+def frames(path: Path, options: Options) -> Iterator[Callable[[], Reading]]:
     """Yield functions that give the frames of a log, stamped by the device's clock; `options` override the log."""
     sets, configuration = _read(path)
     for k, frame in enumerate(sets):
         yield partial(_photons, frame, configuration, path, k, options)
 
 
-def _photons(frame: dict, configuration: dict, path: Path, number: int, options: dict) -> Reading:
+def _photons(frame: dict, configuration: dict, path: Path, number: int, options: Options) -> Reading:
     name = f"{path.name} frame {number}"
     try:
         photons = _of_log(frame, configuration, name)
@@ -57,18 +57,12 @@ def _read(path: Path) -> tuple[list, dict]:
     """The frames and the configuration of a log."""
     opened = gzip.open if path.suffix == ".gz" else open
     with read_errors(path, "a complete log in JSON"), opened(path, "rb") as stream:
-        sizes, at = Counter(), 0
-        while part := stream.read(2**20):       # counts first: a growing text takes twice the memory
-            sizes.update({"bytes": len(part), "values": part.count(b","),
-                          "lists and objects": part.count(b"[") + part.count(b"{")})
-            for what, most in LOG_LIMITS.items():
-                require(sizes[what] <= most, "size", problem=f"The log has more than {most} {what}: split it.")
-        raw = bytearray(sizes["bytes"])
-        stream.seek(0)
-        while part := stream.read(2**20):
-            raw[at:at + len(part)] = part
-            at += len(part)
-        log = json.loads(raw.decode("latin-1").removeprefix("\xef\xbb\xbf"))      # one byte a character
+        raw = stream.read(MAX_LOG_BYTES + 1)
+        lists = raw.count(b"[") + raw.count(b"{")
+        for what, size, most in (("bytes", len(raw), MAX_LOG_BYTES), ("values", raw.count(b","), MAX_VALUES),
+                                 ("lists and objects", lists, MAX_LISTS)):
+            require(size <= most, "size", problem=f"The log has more than {most} {what}: split it.")
+        log = json.loads(raw.decode("utf-8-sig"))
     sets, configuration = (log.get(key) if isinstance(log, dict) else None for key in ("Result_Set", "configuration"))
     require(isinstance(sets, list) and sets, f"{path.name} Result_Set",
             problem=f"{path.name} has no frames in Result_Set: log with combined_results and histograms.")
@@ -84,10 +78,11 @@ def _whole_counts(field: str, lists: list, axes: int) -> np.ndarray:
 
 
 def _of_log(frame: dict, configuration: dict, name: str) -> Reading:
+    """The photons of a frame of a log."""
     zones = _whole_counts(f"{name} mp_histo", [[zone["bin"] for zone in row] for row in frame["mp_histo"]], axes=3)
     references = _whole_counts(f"{name} ref_histo", [pulse["bin"] for pulse in frame["ref_histo"]], axes=2)
-    require(zones.shape[:2] in SIZES.values(), f"{name} mp_histo", zones.shape[:2], "8 × 8 to 32 × 48 zones")
-    mode = next(mode for mode, size in SIZES.items() if size == zones.shape[:2])
+    mode = next((mode for mode, size in SIZES.items() if size == zones.shape[:2]), None)
+    require(mode is not None, f"{name} mp_histo", zones.shape[:2], "8 × 8 to 32 × 48 zones")
     parts = parts_of(mode)
     require(references.shape == (4 * parts, REFERENCE_BINS), f"{name} ref_histo", references.shape,
             f"{4 * parts} histograms of {REFERENCE_BINS} bins")

@@ -99,9 +99,8 @@ class Simulator:
         counts = random.poisson(rates)
         pixel = np.repeat(np.arange(sensor.pixels, dtype=np.uint32), counts.sum(axis=1))
         # ToA = floor(start of the IRF + a draw from it); background photons start at NaN and are drawn below.
-        late = 0 if sensor.delay_bins is None else sensor.delay_bins
         starts = np.full((sensor.pixels, surfaces + 1), np.nan, np.float32)
-        starts[:, :surfaces] = (depth + late - sensor.irf_ref).reshape(surfaces, -1).T
+        starts[:, :surfaces] = (depth + sensor.late - sensor.irf_ref).reshape(surfaces, -1).T
         start = np.repeat(starts.ravel(), counts.ravel())
         toa = self._draw_irf(pixel, random)
         toa += start
@@ -118,8 +117,7 @@ class Simulator:
             return random.integers(0, sensor.num_bins, len(pixel))
         cumulative = np.cumsum(sensor.background_shape, dtype=np.float64)
         bins = np.searchsorted(cumulative, random.random(len(pixel)) * cumulative[-1], side="right")
-        late = 0 if sensor.delay_bins is None else sensor.delay_bins.reshape(-1)[pixel]
-        return bins + random.random(len(pixel)) + late
+        return bins + random.random(len(pixel)) + sensor.late.reshape(-1)[pixel]
 
 
 def _first_of_cycle(pixel: np.ndarray, toa: np.ndarray, cycles: int, random: np.random.Generator

@@ -18,7 +18,8 @@ Notation:
     δ            √(E / C), width of a matched filter's peak, bins (`resolution_bins`)
     R(z, t)      response to the matched filter, Σ_l Re(z_l exp(−i ω_l t))
     M₁, M₀       variance of dR/dt that a signal, a background photon adds (`moments`); I₁, I₀ of R itself
-    M₂, M₃       added by the width of bins: to M₁ for a depth between two bins, and to the depth's variance, bins²
+    M₂           what the width of bins adds to M₁ for a depth between two bins
+    M₃           what it adds to the variance of the depth, bins²
     (·)₊, wrap   the positive part; a difference of depths on the circle, in [−T/2, T/2]
     ρ(u)         evidence of a mean response u of background photons, standard deviations per √photon
                  (`background_table`, Chernoff's bound)
@@ -32,8 +33,14 @@ from srt3d_ros.kernels.torch.baselines.apss import apss
 from srt3d_ros.kernels.torch.baselines.gradients import median_depth, pixelwise, usual_intensity
 from srt3d_ros.kernels.torch.device import Kernels
 from srt3d_ros.kernels.torch.method.birth_death import birth_death
-from srt3d_ros.kernels.torch.method.collect import collect, unexplained
-from srt3d_ros.kernels.torch.method.finalise import background, drop_weak, finalise, local_mean
+from srt3d_ros.kernels.torch.method.finalise import (
+    background,
+    collect,
+    drop_weak,
+    finalise,
+    local_mean,
+    unexplained,
+)
 from srt3d_ros.kernels.torch.method.likelihood import expand, log_likelihood_ratio, trim
 from srt3d_ros.kernels.torch.method.pooled_step import pooled_step
 from srt3d_ros.kernels.torch.method.search import match, no_surfaces, prepare, residual, search

@@ -1,10 +1,10 @@
-"""What the torch kernels share: waves, complex products, padding, and whether depths belong to one surface."""
+"""What the torch kernels share: waves, complex products, and whether depths belong to one surface."""
 
 import math
 
 import torch
 
-from srt3d_ros.kernels.maps import INTENSITY, LANES, MARGIN, MAX_STD, STD
+from srt3d_ros.kernels.maps import INTENSITY, MAX_STD, STD
 
 
 def waves(frame, depth):
@@ -14,16 +14,22 @@ def waves(frame, depth):
     return torch.cos(angle), torch.sin(angle)
 
 
+def explained(frame, wave, signal):
+    """What surfaces with these waves and so many signal photons, [..., cols], add to z: real and imaginary parts."""
+    gives = frame.energy[:, None] * signal[..., None, :]
+    return [gives * part for part in wave]
+
+
+def turned(z, wave):
+    """z exp(−i ω_l t), of real and imaginary parts of z, and of waves."""
+    (re, im), (cosine, sine) = z, wave
+    return re * cosine + im * sine, im * cosine - re * sine
+
+
 def product(a, b):
     """Real and imaginary parts of the product of complex numbers, which are pairs of reals [..., 2]."""
     (a_re, a_im), (b_re, b_im) = a.unbind(-1), b.unbind(-1)
     return a_re * b_re - a_im * b_im, a_re * b_im + a_im * b_re
-
-
-def pad(image):
-    """`maps.pad` of [rows, …, cols]."""
-    right = -image.shape[-1] % LANES + MARGIN
-    return torch.nn.functional.pad(image, (MARGIN, right, *(0, 0) * (image.ndim - 2), MARGIN, MARGIN))
 
 
 def noise_ratio(frame, depth):

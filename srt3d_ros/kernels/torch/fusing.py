@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable
-from functools import partial, update_wrapper
+from functools import update_wrapper
 
 import torch
 from torch._dynamo import config
@@ -21,15 +21,15 @@ class Fused:
 
     def __init__(self, function: Callable):
         self.function, self._compiled = function, None
-        update_wrapper(self, function.func if isinstance(function, partial) else function)
+        update_wrapper(self, function)
 
     def compiles(self, array) -> bool:
         """Whether the function is compiled for this array."""
         return array.is_cuda
 
-    def compile(self, **options) -> Callable:
+    def compile(self) -> Callable:
         """The function, compiled for each new combination of shapes and other arguments."""
-        return torch.compile(self.function, fullgraph=True, dynamic=False, options=OPTIONS | options)
+        return torch.compile(self.function, fullgraph=True, dynamic=False, options=OPTIONS)
 
     def __call__(self, *arguments, **more):
         if torch.compiler.is_compiling() or not self.compiles(getattr(arguments[0], "matched", arguments[0])):

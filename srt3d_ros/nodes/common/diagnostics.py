@@ -14,12 +14,13 @@ from collections import Counter, deque
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from srt3d_ros.core.sketching.counts import Counts
-from srt3d_ros.nodes.common.lifecycle import ManagedNode
+from srt3d_ros.core.stream import Counts
 from srt3d_ros.nodes.common.peers import Peers, all_acknowledged, names
 from srt3d_ros.nodes.common.status import ERROR, OK, WARN, NodeStatus
 
@@ -48,6 +49,7 @@ class Diagnostics(Counts):
         best_effort: whether the node subscribes to frames with best effort.
 
     Attributes:
+        state: of the node's lifecycle.
         output: the topic of the node's frames, whose readers are reported.
         problem: why the node cannot work: an error until it is set to "", or a frame is sent.
         degraded: what the node does not do as asked: a warning until it is set to "".
@@ -55,8 +57,9 @@ class Diagnostics(Counts):
         waiting_for: what the node waits for, if not for a frame.
     """
 
-    def __init__(self, node: ManagedNode, output: str = "", best_effort: bool = False):
+    def __init__(self, node: Node, output: str = "", best_effort: bool = False):
         super().__init__()
+        self.state = "unconfigured"
         self.problem = self.degraded = self.frame_id = self._warning = self._internal = ""
         self._peers = Peers(node)
         self._node, self.output, self._best_effort = node, output, best_effort
@@ -164,7 +167,7 @@ class Diagnostics(Counts):
             if waiting_for:
                 facts["waiting_s"] = f"{now - since:.1f}"
                 waiting = f"waiting for {waiting_for} for {now - since:.0f} s"
-                if self._node.state == "active" and now - since >= PATIENCE_S:
+                if self.state == "active" and now - since >= PATIENCE_S:
                     self._node.get_logger().info(waiting, throttle_duration_sec=WAITING_EVERY_S)
             doubled = self._peers.doubled(self._topics, now)
             if doubled:
@@ -177,7 +180,7 @@ class Diagnostics(Counts):
         hardware = filter(None, (self._node.get_namespace().strip("/"), self.frame_id))
         return NodeStatus(
             self._node.get_fully_qualified_name().lstrip("/"), level,
-            why or f"{rate_in_hz:.1f} messages/s in, {rate_out_hz:.1f} out", now - self._level_since, self._node.state,
+            why or f"{rate_in_hz:.1f} messages/s in, {rate_out_hz:.1f} out", now - self._level_since, self.state,
             self._is_ready(), waiting_for, self.readers(), names(self._peers.publishers(self._topics)), counts, facts,
             "/".join(hardware))
 
@@ -219,7 +222,7 @@ class Diagnostics(Counts):
         A best-effort reader misses frames until it has discovered the publisher; a reliable one gets them later.
         """
         connected = not self._best_effort or all(map(self._node.count_publishers, self._topics))
-        return self._node.state == "active" and connected and not (self.waiting_for or self.problem)
+        return self.state == "active" and connected and not (self.waiting_for or self.problem)
 
     def readers(self) -> tuple[str, ...]:
         """Full names of the nodes that read the published frames."""
@@ -242,12 +245,12 @@ class Diagnostics(Counts):
     def _judge(self, new: Counter, new_drops: Counter, waiting: str, doubled: str) -> tuple[str, str]:
         """The level of a report and the reason; the reason is empty if all is well."""
         problem = self.problem or self._internal
-        if problem and self._node.state in ("active", "finalized"):
+        if problem and self.state in ("active", "finalized"):
             return ERROR, problem
         if new["errors"]:
             return ERROR, self._last_error
-        if self._node.state != "active":
-            return OK, self._node.state
+        if self.state != "active":
+            return OK, self.state
         if new_drops or new["message_lost"]:
             sent, gone = new["messages_in"] + new["message_lost"], new_drops.total() + new["message_lost"]
             why = f"dropped: {_losses_text(new, new_drops)}, of {sent}{waiting and f'; {waiting}'}"

@@ -5,15 +5,18 @@ from array import array
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
 
+from srt3d_ros.core.keys import Key
 from srt3d_ros.errors import InvalidInput, quoted, require
+from srt3d_ros.processes.node_command import OF_EVERY_NODE
 
 Value = bool | int | float | str
-OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides./clock.",
-          "qos_overrides./parameter_events.", "qos_overrides./rosout.")
+Values = dict[str, Any]         # of a node's parameters, checked, by name
 KINDS = {bool: "true or false", int: "an integer", float: "a number", str: "text"}
 
 
@@ -43,6 +46,14 @@ class Parameter:
     inactive: bool = False
     loose: bool = False
 
+    @classmethod
+    def of(cls, key: Key, **changes: Any) -> "Parameter":
+        """The parameter of an option that the library has, too; it may be changed while the node runs."""
+        low, high = key.bounds or (None, None)
+        own = {"description": f"{key.about[0].upper()}{key.about[1:]}.", "low": low, "high": high,
+               "choices": key.choices, "form": key.form, "live": True}
+        return cls(key.name, key.default, **own | changes)
+
     @property
     def expected(self) -> str:
         """The accepted values, in words."""
@@ -60,7 +71,7 @@ class Parameter:
         """When it may be changed after the start: "live", "inactive" or ""."""
         return "live" * self.live or "inactive" * self.inactive
 
-    def check(self, value: Value) -> Value:
+    def check(self, value: Any) -> Any:
         """The value in the parameter's type, or InvalidInput. Numbers are accepted for texts.
 
         For a number, an integer or a text is accepted: `ros2 param set` sends 5 as an integer and 1e-4 as a text.
@@ -103,23 +114,18 @@ class Parameters:
     Args:
         node: made with `automatically_declare_parameters_from_overrides=True`, which reveals unknown parameters.
         table: all parameters.
-        by_rclpy: parameters that rclpy declares, but does not check; texts may be in capitals.
 
     Raises:
         InvalidInput: a value given at the start cannot be used.
     """
 
-    def __init__(self, node: Node, table: Iterable[Parameter], by_rclpy: Iterable[Parameter] = ()):
+    def __init__(self, node: Node, table: Iterable[Parameter]):
         self._table = {parameter.name: parameter for parameter in table}
-        by_rclpy = {parameter.name: parameter for parameter in by_rclpy}
-        self._values: dict[str, Value] = {}
-        self.on_check: Callable[[dict[str, Value]], None] = lambda values: None
+        self._values: Values = {}
+        self.on_check: Callable[[Values], None] = lambda values: None
         self.on_change: Callable[[], None] = lambda: None
         self.on_failure: Callable[[Exception], None] = lambda error: None
-        self._warn_of_unknown(node, [*self._table, *by_rclpy])
-        for name in filter(node.has_parameter, by_rclpy):
-            value = node.get_parameter(name).value
-            by_rclpy[name].check(value.lower() if isinstance(value, str) else value)
+        self._warn_of_unknown(node, list(self._table))
         for name, parameter in self._table.items():
             value = parameter.default
             if node.has_parameter(name):
@@ -130,10 +136,10 @@ class Parameters:
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
 
-    def __getitem__(self, name: str) -> Value:
+    def __getitem__(self, name: str) -> Any:
         return self._values[name]
 
-    def as_dict(self) -> dict[str, Value]:
+    def as_dict(self) -> Values:
         return dict(self._values)
 
     def changed(self) -> list[str]:
@@ -143,13 +149,13 @@ class Parameters:
     @staticmethod
     def _warn_of_unknown(node: Node, known: list[str]) -> None:
         for name in node.list_parameters([], 0).names:
-            if name in known or name.startswith(OF_ROS):
+            if name in known or name.startswith(OF_EVERY_NODE):
                 continue
             near = difflib.get_close_matches(name, known, n=1)
             node.get_logger().warning(f"parameter {name} is ignored: {node.get_name()} has no such parameter"
                                       + (f", did you mean {near[0]}?" if near else ""))
 
-    def _check(self, changes) -> SetParametersResult:
+    def _check(self, changes: list[RosParameter]) -> SetParametersResult:
         try:
             if known := self._known(changes):
                 self.on_check(self._values | known)
@@ -160,12 +166,12 @@ class Parameters:
             return SetParametersResult(successful=False, reason=f"internal failure, see the node's log: {error!r}")
         return SetParametersResult(successful=True)
 
-    def _known(self, changes) -> dict[str, Value]:
+    def _known(self, changes: list[RosParameter]) -> Values:
         """The changes to parameters of the table, checked; the node also has parameters of rclpy."""
         return {change.name: self._table[change.name].check(change.value) for change in changes
                 if change.name in self._table}
 
-    def _apply(self, changes) -> None:
+    def _apply(self, changes: list[RosParameter]) -> None:
         if known := self._known(changes):
             self._values = self._values | known
             self.on_change()

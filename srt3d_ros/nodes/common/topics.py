@@ -1,10 +1,11 @@
 """The topics of the pipeline with their QoS, and NodeSpec, the table of a node's interface."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib import import_module
+from typing import Any
 
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from srt3d_ros.core.sensor import model
@@ -12,10 +13,8 @@ from srt3d_ros.nodes.common.parameters import Parameter
 
 OVERRIDABLE = QoSOverridingOptions(
     (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY))
-MAX_DEPTH = 100_000
 TEXT, CAMERA = "std_msgs/msg/String", "sensor_msgs/msg/CameraInfo"
 CLOUD, IMAGE = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Image"
-POLICIES = {"history": HistoryPolicy, "reliability": ReliabilityPolicy, "durability": DurabilityPolicy}
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ class Topic:
     def durability(self) -> DurabilityPolicy:
         return DurabilityPolicy.TRANSIENT_LOCAL if self.latched else DurabilityPolicy.VOLATILE
 
-    def load(self) -> type:
+    def load(self) -> Any:
         """The message class; ModuleNotFoundError if its package is not installed."""
         package, _, name = self.type.split("/")
         return getattr(import_module(f"{package}.msg"), name)
@@ -66,9 +65,6 @@ IMAGE_TOPICS = (
     Topic("background", IMAGE, "background photons of each pixel", when=WATCHED),
 )
 CAMERA_INFO = Topic("camera_info", CAMERA, "the camera of the images", when=f"{WATCHED}, pinhole sensors only")
-TF_STATIC = Topic("/tf_static", "tf2_msgs/msg/TFMessage", "the sensor's pose on the robot", latched=True,
-                  when="`extrinsics_frame` is set")
-CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", "the time of a bag that is played", when="`clock`")
 DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray",
                     "rates, latency, photons, points, drops by cause, last error")
 ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", "log lines of the nodes, kept for 10 s", latched=True)
@@ -98,17 +94,3 @@ class NodeSpec:
     @property
     def table(self) -> tuple[Parameter, ...]:
         return (*self.parameters, AUTOSTART)
-
-    def topic(self, name: str) -> Topic:
-        return {topic.name: topic for topic in (*self.inputs, *self.outputs)}[name]
-
-
-def qos_overrides(subscribed: Iterable[str], published: Iterable[str]) -> Iterator[Parameter]:
-    """The parameters `qos_overrides.…` of topics with these final names. rclpy declares them, but checks no value."""
-    for entity, topics in (("subscription", subscribed), ("publisher", published)):
-        for topic in topics:
-            prefix = f"qos_overrides.{topic}.{entity}."
-            yield Parameter(f"{prefix}depth", 1, "Messages that may wait.", low=1, high=MAX_DEPTH)
-            for policy, values in POLICIES.items():
-                choices = tuple(value.name.lower() for value in values if value.name != "UNKNOWN")
-                yield Parameter(f"{prefix}{policy}", "system_default", f"The {policy} policy.", choices=choices)

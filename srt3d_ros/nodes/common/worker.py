@@ -55,7 +55,7 @@ class Worker:
         self._thread = threading.Thread(target=self._run, name="worker", daemon=True)
         self._thread.start()
 
-    def call(self, function: Callable, *args) -> None:
+    def call(self, function: Callable, *args: object) -> None:
         """Run function(*args) after the jobs in the queue."""
         self._put(_Job(function, args, frames=0))
 
@@ -65,7 +65,7 @@ class Worker:
         timer.daemon = True
         timer.start()
 
-    def offer(self, function: Callable, *args) -> None:
+    def offer(self, function: Callable, *args: object) -> None:
         """Run function(*args) for a frame, unless the frame is dropped first."""
         self._put(_Job(function, args, frames=1))
 

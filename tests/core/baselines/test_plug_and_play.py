@@ -15,7 +15,7 @@ from tests.core.scenes import make_sensor, run, simulate
 def test_the_papers_numbers_of_steps_and_denoisings_are_run(monkeypatch):
     sensor, calls = make_sensor(8, 8), []
     method = METHODS["srt3d"].build(sensor, (1, 2, 3))
-    kernels = method._kernels
+    kernels = method.kernels
     for name in ("pixelwise", "apss"):
         monkeypatch.setattr(kernels, name, lambda *args, name=name, kernel=getattr(kernels, name), **more: (
             calls.append(name) or kernel(*args, **more)))

@@ -12,7 +12,6 @@ from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.sketching.sums import PhaseSums
-from srt3d_ros.errors import InvalidInput
 from tests.core import scenes
 from tests.core.scenes import IRF, background_alone, with_photons
 
@@ -54,10 +53,9 @@ def judged(cloud, depth_bins=DEPTH):
 def test_nothing_is_left_of_the_expected_background(shape, changes):
     sensor = make_sensor(8, 12, background_shape=SHAPES[shape], **changes)
     frequencies = choose_frequencies("auto", sensor)
-    late = np.zeros((8, 12)) if sensor.delay_bins is None else sensor.delay_bins
     omega = 2 * np.pi * np.array(frequencies) / T
     one = np.exp(1j * np.outer(omega, BINS)) @ sensor.background_shape.astype(np.float64)
-    sums = (50 * one * np.exp(1j * omega * late[..., None])).astype(np.complex64)
+    sums = (50 * one * np.exp(1j * omega * sensor.late[..., None])).astype(np.complex64)
     sketch = PhaseSums(frequencies, sums, np.full((8, 12), 50, np.uint32), sensor=sensor)
     matcher = Matcher(sensor, frequencies)
     background = Background(matcher, "sensor")
@@ -74,7 +72,7 @@ def test_nothing_is_left_of_the_expected_background(shape, changes):
     ("fog", DEPTH, {}, {"delay_bins": X * 3.0, "gain": 0.5 + X / 48, "mask": (X + Y) % 17 > 0})])
 def test_a_background_that_nobody_knows_is_found(shape, depth_bins, options, changes):
     frame, sensor = simulate(make_sensor(background_shape=SHAPES[shape], **changes), depth_bins), make_sensor(**changes)
-    seen = np.where(np.full((48, 48), True) if sensor.mask is None else sensor.mask, depth_bins, np.nan)
+    seen = np.where(sensor.used, depth_bins, np.nan)
     found, flat = (judged(reconstruct(frame, sensor, how, **options).ordered("strongest"), seen)
                    for how in ("auto", "flat"))
     assert found.true_detections > 0.97 and found.false_detections < 0.03 + 0.02 * (options.get("surfaces") == 2)
@@ -144,8 +142,3 @@ def test_a_hot_pixel_does_not_harm_its_neighbours(background):
         error = circular_difference(cloud.depth_bins, DEPTH[cloud.row, cloud.col], T)
         assert beside.sum() > 0.98 * mask.sum() and (np.abs(error[beside]) > 10).mean() < 0.02
         assert beside.all() or not known
-
-
-def test_what_cannot_be_used_is_named():
-    with pytest.raises(InvalidInput, match="^background is dark: expected auto or sensor or flat"):
-        Pooled(make_sensor(), (1, 2, 3), background="dark")

@@ -100,11 +100,9 @@ FULL = {"irf_ref": 1, "toa_offset_bins": 7.5, "range_offset_m": 0.1, "gain": np.
         "histograms": HistogramBins(10, first_bin=1.0, bin_width=2.0, template=np.ones(10))}
 
 
-def test_same_as_sees_equal_values_in_other_arrays_and_compares_none_with_itself(monkeypatch):
+def test_same_as_sees_equal_values_in_other_arrays():
     sensor = make(**FULL)
     assert sensor.same_as(make(**copy.deepcopy(FULL))) and not sensor.same_as(None)
-    monkeypatch.setattr(np, "array_equal", lambda *_: False)
-    assert sensor.same_as(sensor)
 
 
 # ---- Some of the pixels

@@ -85,8 +85,9 @@ def test_packets_in_any_split_order_and_form_give_the_same_sketch_to_the_bit(see
     sketcher = FrameSketcher(SENSOR, FREQUENCIES)
     for k in rng.permutation(len(parts)):
         sketcher.add(photon_forms.as_gates(parts[k], SENSOR) if k in as_gates else parts[k])
-    assert_sketches_are_equal(sketcher.sketch(), sketch_photons(events, SENSOR, FREQUENCIES), each=0)
-    assert sketcher.sketch().stamp_ns == 100
+    sketch = sketcher.end_frame()
+    assert_sketches_are_equal(sketch, sketch_photons(events, SENSOR, FREQUENCIES), each=0)
+    assert sketch.stamp_ns == 100
 
 
 def test_photons_sensors_and_frequencies_that_cannot_be_used_are_named():

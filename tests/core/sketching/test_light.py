@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.design import design_sketch
+from srt3d_ros.core.sketching.design import POOLED_PIXELS, design_sketch, measure
 from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.core.sketching.light import POOLED_PIXELS, measure
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from tests.photon_forms import as_histograms
 

@@ -7,6 +7,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import Log
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
@@ -14,7 +15,6 @@ from sensor_msgs.msg import Image
 from srt3d_ros.nodes.common import diagnostics as module
 from srt3d_ros.nodes.common import peers
 from srt3d_ros.nodes.common.diagnostics import Diagnostics
-from srt3d_ros.nodes.common.lifecycle import ManagedNode
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -22,9 +22,9 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 @pytest.fixture
 def counted(graph):
     """Diagnostics of a node "counted", a function that reports and gives back what arrived, and the node."""
-    node = ManagedNode("counted", namespace=graph.namespace)
-    node.state = "active"
+    node = Node("counted", namespace=graph.namespace)
     diagnostics = Diagnostics(node)
+    diagnostics.state = "active"
     graph.wait(lambda: node.count_subscribers("/diagnostics"), "a subscriber")
     graph.matched(diagnostics.publisher)
 
@@ -58,7 +58,7 @@ def test_totals_and_drops_by_cause_go_on_and_rates_start_again(counted):
 
 
 def test_levels_follow_what_happened_since_the_last_report(counted, monkeypatch):
-    diagnostics, latest, node = counted
+    diagnostics, latest, _ = counted
 
     def receive(frames: int, **others: int) -> None:
         for _ in range(frames):
@@ -126,7 +126,7 @@ def test_levels_follow_what_happened_since_the_last_report(counted, monkeypatch)
     receive(1)
     diagnostics.sent(-0.1)          # as far as clocks may be apart
     says(OK, "messages/s in")
-    node.state = "inactive"
+    diagnostics.state = "inactive"
     says(OK, "inactive")
 
 
@@ -157,15 +157,6 @@ def test_what_comes_twice_is_a_warning(graph, counted, monkeypatch):
         graph.publisher(Image, "photons")
     said = f"2 publishers send frames on {topic}: frames may come twice"
     graph.wait(lambda: latest()["message"] == said and latest()["level"] == WARN, "the warning")
-
-
-def test_what_a_node_waits_for_names_the_topic_and_its_publishers(graph, counted):
-    diagnostics, latest, _ = counted
-    diagnostics.wait_for("a sensor description", f"{graph.namespace}/sensor")
-    said = f"waiting for a sensor description on {graph.namespace}/sensor (publishers: "
-    assert latest()["message"].startswith(f"{said}0) for ")
-    graph.latched("sensor")
-    graph.wait(lambda: latest()["message"].startswith(f"{said}1) for "), "the publisher")
 
 
 def test_a_status_says_how_long_its_level_has_lasted(counted, monkeypatch):

@@ -1,9 +1,9 @@
 """The other nodes on a topic: how many send, whose QoS does not match, and what has been there twice for long."""
 
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
-from srt3d_ros.nodes.common.lifecycle import ManagedNode
 from srt3d_ros.nodes.common.peers import DOUBLE_S, Peers, names
 from tests.nodes.conftest import LATCHED
 
@@ -36,7 +36,7 @@ def test_two_that_stay_are_a_warning_and_one_that_replaces_another_is_none(graph
     assert doubled(21.0) == doubled(20.0 + DOUBLE_S) == ""
     warning = f"2 publishers send frames on {topic}"
     assert doubled(21.0 + DOUBLE_S) == f"{warning}: frames may come twice"
-    namesake = ManagedNode("tester", namespace=graph.namespace)
+    namesake = Node("tester", namespace=graph.namespace)
     graph.wait(lambda: node.get_node_names().count("tester") == 2, "the other node")
     assert doubled(50.0) == f"{warning}: frames may come twice"
     both = f"2 nodes are named {graph.namespace}/tester and {warning}"

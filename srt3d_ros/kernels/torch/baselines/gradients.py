@@ -3,7 +3,7 @@
 import torch
 
 from srt3d_ros.kernels.constants import INTENSITY_RATE, TINY
-from srt3d_ros.kernels.torch.arithmetic import waves
+from srt3d_ros.kernels.torch.arithmetic import explained, turned, waves
 from srt3d_ros.kernels.torch.fusing import fused
 
 
@@ -12,16 +12,13 @@ def pixelwise(frame, table, rate, usual, depth, intensity, faintest=0.0):
     """Gradient step on n (z − Ψ_θ)ᵀ W (z − Ψ_θ): t += rate Δ_rt s / max(s, usual g)², r += INTENSITY_RATE Δ_r / g.
 
     Of d_l = (z_l − g Σ_k r_k |ĥ_l|² exp(i ω_l t_k)) exp(−i ω_l t) the table's rows make
-    Δ_rt = a₀ · Re d + a₁ · Im d and Δ_r = a₂ · Re d + a₃ · Im d (`core/baselines/weighting.py`). s = g max(r, the new
+    Δ_rt = a₀ · Re d + a₁ · Im d and Δ_r = a₂ · Re d + a₃ · Im d (`core/baselines/sketched.py`). s = g max(r, the new
     r). A step in depth is at most δ, an intensity at least 0. All points move at once.
     """
     light, there = frame.exposure[:, None], intensity > 0
-    wave, gives = waves(frame, depth), (light * intensity)[:, :, None] * frame.energy[:, None]   # [rows, K, m, cols]
-    rest_re, rest_im = (z[:, None] - (gives * part).sum(dim=1, keepdim=True)
-                        for z, part in zip(frame.matched.chunk(2, dim=1), wave))
-    cosine, sine = wave
-    re, im = rest_re * cosine + rest_im * sine, rest_im * cosine - rest_re * sine
-
+    wave, z = waves(frame, depth), frame.matched[:, None].chunk(2, dim=2)                # [rows, K, m, cols]
+    given = explained(frame, wave, light * intensity)
+    re, im = turned([part - gives.sum(dim=1, keepdim=True) for part, gives in zip(z, given)], wave)
     last = len(table) - 1
     share = light * intensity / frame.counts[:, None].clamp(min=1)
     level = (share.clamp(max=1) * last + 0.5).long().clamp(0, last)         # of NaN it may be anything

@@ -11,10 +11,10 @@ import torch
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.constants import BIRTH_COST, FEWER_COST, SPREAD, TINY, VOTE, VOTE_RADIUS
 from srt3d_ros.kernels.maps import DEPTH, FIELDS, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD
-from srt3d_ros.kernels.torch.arithmetic import agreement, has_depth, pad, waves, wrap
+from srt3d_ros.kernels.torch.arithmetic import agreement, explained, has_depth, waves, wrap
 from srt3d_ros.kernels.torch.fusing import fused
 from srt3d_ros.kernels.torch.method.likelihood import expand, llr, log_likelihood_ratio
-from srt3d_ros.kernels.torch.method.windows import box, images, inner, neighbours, offsets
+from srt3d_ros.kernels.torch.method.windows import box, images, inner, neighbours, offsets, pad_images
 
 SIDE = 2 * VOTE_RADIUS + 1
 
@@ -52,7 +52,7 @@ def birth_death(frame, state, terms, max_chi2):
 @fused
 def _round(frame, state, own, may_choose, max_chi2) -> tuple:
     """Let all pixels choose from one state: the next state, the ratios of its points, and which pixels choose next."""
-    before, ratios = images(inner(frame, state)), images(inner(frame, own))
+    before, ratios = images(frame, state), images(frame, own)
     around = _around(frame, state, own, max_chi2)
     chooses = inner(frame, may_choose) & around.undecided
     rest, photons, light = (inner(frame, values) for values in (frame.matched, frame.counts, frame.exposure))
@@ -68,14 +68,13 @@ def _round(frame, state, own, may_choose, max_chi2) -> tuple:
         changed = changed | chooses & torch.where(found, best.own != k, before[k, INTENSITY] > 0)
         free = free & ~(best.agree & found)
         gives = torch.where(found, best.response.clamp(min=0) / frame.total_energy, 0)
-        given = gives[:, None] * frame.energy[:, None]
-        rest = [part - given * wave for part, wave in zip(rest, waves(frame, best.depth))]
+        rest = [part - given for part, given in zip(rest, explained(frame, waves(frame, best.depth), gives))]
         photons = torch.where(photons > 0, (photons - gives).clamp(min=0.5), 0)
     points = torch.stack(points)
     has_room = has_depth(points.movedim(1, 0), frame.num_bins).sum(0) < len(before)
     near_change = box(changed.to(state.dtype), VOTE_RADIUS) > 0.5
     may_choose = near_change & has_room & (light > 0)
-    return tuple(pad(values.movedim(-2, 0)) for values in (points, torch.stack(after), may_choose))
+    return tuple(map(pad_images, (points, torch.stack(after), may_choose)))
 
 
 def _close_by(voters):

@@ -6,7 +6,7 @@ import torch
 
 from srt3d_ros.kernels.constants import DEAD_LIMIT, EPSILON, LIKENESS, RIM, SPREAD, VOTE_RADIUS
 from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, VALUE
-from srt3d_ros.kernels.torch.arithmetic import has_depth, noise_ratio, waves
+from srt3d_ros.kernels.torch.arithmetic import explained, has_depth, noise_ratio, turned, waves
 from srt3d_ros.kernels.torch.fusing import fused
 from srt3d_ros.kernels.torch.method.windows import box, images, inner
 
@@ -19,13 +19,12 @@ def expand(frame, state):
     v = Σ Re z'_l = R(z, t), s = Σ ω_l Im z'_l, b = Σ ω_l² Re z'_l.
     """
     depth, intensity = state[:, :, DEPTH], state[:, :, INTENSITY]
-    omega, (cosine, sine) = 2 * math.pi * frame.bin_frequencies[:, None], waves(frame, depth)
-    gives = frame.energy[:, None] * (frame.exposure[:, None] * intensity)[:, :, None]
-    z_re, z_im = frame.matched[:, None].chunk(2, dim=2)
+    omega, wave, z = 2 * math.pi * frame.bin_frequencies[:, None], waves(frame, depth), frame.matched[:, None]
+    z = z.chunk(2, dim=2)
     if state.shape[1] > 1:
-        z_re = z_re - (gives * cosine).sum(dim=1, keepdim=True) + gives * cosine
-        z_im = z_im - (gives * sine).sum(dim=1, keepdim=True) + gives * sine
-    re, im = z_re * cosine + z_im * sine, z_im * cosine - z_re * sine
+        own = explained(frame, wave, frame.exposure[:, None] * intensity)
+        z = [part - gives.sum(dim=1, keepdim=True) + gives for part, gives in zip(z, own)]
+    re, im = turned(z, wave)
     counts, exposure = (values[:, None].expand_as(depth) for values in (frame.counts, frame.exposure))
     terms = [re.sum(dim=2), (omega * im).sum(dim=2), (omega**2 * re).sum(dim=2), counts, counts, exposure]
     return torch.stack(terms, dim=2).masked_fill((intensity <= 0)[:, :, None], 0)
@@ -97,7 +96,7 @@ def trim(frame, state, terms, enough):
 
 @fused
 def _trim_once(frame, state, terms, enough) -> None:
-    point, terms, used = images(inner(frame, state)), images(inner(frame, terms)), inner(frame, frame.exposure) > 0
+    point, terms, used = images(frame, state), images(frame, terms), inner(frame, frame.exposure) > 0
     intensity = point[:, INTENSITY]
     there = has_depth(point.movedim(1, 0), frame.num_bins).any(0)
     rim = there & (box((used & ~there).to(state.dtype), 1) > RIM - 0.5)

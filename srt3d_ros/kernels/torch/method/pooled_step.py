@@ -7,10 +7,10 @@ import torch
 
 from srt3d_ros.kernels.constants import CELL, RIDGE, TINY
 from srt3d_ros.kernels.maps import CURVATURE, DEPTH, INTENSITY, SLOPE_COL, SLOPE_ROW, STD
-from srt3d_ros.kernels.torch.arithmetic import agreement, pad, wrap
+from srt3d_ros.kernels.torch.arithmetic import agreement, wrap
 from srt3d_ros.kernels.torch.fusing import fused
 from srt3d_ros.kernels.torch.method.likelihood import evidence
-from srt3d_ros.kernels.torch.method.windows import images, inner, neighbours, offsets
+from srt3d_ros.kernels.torch.method.windows import images, neighbours, offsets, pad_images
 
 
 def pooled_step(frame, state, terms, sigma, radius, fine, max_chi2):
@@ -51,16 +51,16 @@ def pooled_step(frame, state, terms, sigma, radius, fine, max_chi2):
 @fused
 def _coarsen(frame, state, terms, max_chi2):
     """The terms of the 3 × 3 pixels around each point, pooled along its plane."""
-    own, reach = images(inner(frame, state)), CELL // 2
+    own, reach = images(frame, state), CELL // 2
     weight, e, _ = _weigh(frame, own, state, max_chi2, reach, 1)
     pooled = torch.stack(_pool(weight, e, neighbours(frame, terms, reach)), 1)
-    return pad((pooled * (own[:, INTENSITY, None] > 0)).movedim(-2, 0))
+    return pad_images(pooled * (own[:, INTENSITY, None] > 0))
 
 
 @fused
 def _step(frame, state, parts, sigma, radius, max_chi2):
     """The next state. Each of `parts` has terms of neighbours: up to, beyond, and in steps of how many pixels."""
-    own, pooled, plane = images(inner(frame, state)), 0, 0
+    own, pooled, plane = images(frame, state), 0, 0
     for terms, reach, beyond, step in parts:
         dy, dx = (d[:, None, None] for d in offsets(reach, state, step))
         there = (torch.maximum(dy.abs(), dx.abs()) > beyond) & (dy**2 + dx**2 <= radius * (radius + 1))
@@ -79,7 +79,7 @@ def _step(frame, state, parts, sigma, radius, max_chi2):
     turned = gradient - turn_col * bend_col - turn_row * bend_row
     slopes = own[:, SLOPE_COL] + turn_col, own[:, SLOPE_ROW] + turn_row
     after = _stepped(frame, own, (value, turned, *pooled[2:6]), bend, slopes, fit)
-    return pad(after.where(own[:, INTENSITY, None] > 0, 0).movedim(-2, 0))
+    return pad_images(after.where(own[:, INTENSITY, None] > 0, 0))
 
 
 def _over(values):

@@ -6,11 +6,11 @@ import torch
 
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import EPSILON, MOVE_COST, SEEN_SCORE, SLANT, SLANTED_SCORE, STEEPER, SURE_SCORE
-from srt3d_ros.kernels.maps import INTENSITY, RESIDUAL, SCORE, crop, state_shape
-from srt3d_ros.kernels.torch.arithmetic import noise_ratio, pad, product, waves
+from srt3d_ros.kernels.maps import INTENSITY, RESIDUAL, SCORE, state_shape
+from srt3d_ros.kernels.torch.arithmetic import explained, noise_ratio, product, turned, waves
 from srt3d_ros.kernels.torch.fusing import fused
 from srt3d_ros.kernels.torch.method.likelihood import evidence
-from srt3d_ros.kernels.torch.method.windows import across_sums, cell_sums, down_sums, gaussian, window_sums
+from srt3d_ros.kernels.torch.method.windows import across_sums, cell_sums, down_sums, gaussian, inner, pad, window_sums
 
 
 @fused
@@ -33,7 +33,7 @@ def match(frame, surfaces):
     for _ in range(surfaces):
         depth, value = _peak(z, frame)
         found.append((depth, value / frame.total_energy))
-        z = z - torch.cat([frame.energy[:, None] * found[-1][1][:, None] * wave for wave in waves(frame, depth)], dim=1)
+        z = z - torch.cat(explained(frame, waves(frame, depth), found[-1][1]), dim=1)
     depth, signal = (torch.stack(values, dim=1) for values in zip(*found))
     light = frame.exposure[:, None]
     return depth, signal.clamp(min=0) / light.clamp(min=EPSILON) * (light > 0)
@@ -59,8 +59,8 @@ def residual(frame, state, terms, layer):
     """
     signal = terms[:, :, maps.VALUE].clamp(min=0) / frame.total_energy
     others = torch.arange(state.shape[1], device=state.device)[:, None] != layer
-    signal = (signal * others)[:, :, None] * frame.energy[:, None]
-    return frame.matched - torch.cat([(signal * wave).sum(dim=1) for wave in waves(frame, state[:, :, maps.DEPTH])], 1)
+    given = explained(frame, waves(frame, state[:, :, maps.DEPTH]), signal * others)
+    return frame.matched - torch.cat(given, dim=2).sum(dim=1)
 
 
 def no_surfaces(frame, surfaces):
@@ -105,20 +105,20 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
 @fused
 def _search_flat(frame, matched, state, layer, sigma, step, enough, carried, confirmed, slanted):
     """Search with flat windows; returns cells, pools, open pixels and scores for the slanted ones."""
-    view = crop(state, *frame.shape)
-    point, used = view[:, layer], crop(frame.exposure, *frame.shape) > 0
-    is_open = used & (point[:, INTENSITY] == 0)
+    view = inner(frame, state)
+    point, z, counts, exposure = (view[:, layer], *(inner(frame, values) for values in (
+        matched, frame.counts, frame.exposure)))
+    is_open = (exposure > 0) & (point[:, INTENSITY] == 0)
     if layer > 0:
         is_open = is_open & (view[:, layer - 1, INTENSITY] > 0)
-    pixels = [crop(values, *frame.shape) for values in (matched, frame.counts, frame.exposure)]
-    pools, cells = _pooled(*pixels, is_open, sigma, step)
+    pools, cells = _pooled(z, counts, exposure, is_open, sigma, step)
     shown = _shown(frame, *_peak(pools.z, frame), (0.0, 0.0), pools)
     new = _in_pixels(frame, step, shown)
-    found = _where(is_open & (new[:, SCORE] > enough), new, point)
+    _give(point, is_open & (new[:, SCORE] > enough), new)
     if carried is not None:
-        old = crop(carried, *frame.shape)[:, layer]
-        found = _kept(frame, found, new[:, SCORE], old, step, is_open, pools, confirmed)
-    point[:] = found
+        old = _measured(frame, inner(frame, carried)[:, layer], step, pools)
+        stays = is_open & (inner(frame, carried)[:, layer, INTENSITY] > 0) & (old[:, SCORE] > confirmed)
+        _give(point, stays & (new[:, SCORE]**2 - old[:, SCORE]**2 < 2 * MOVE_COST), old)
     return (cells, pools, is_open, shown[:, SCORE]) if slanted else None
 
 
@@ -135,8 +135,7 @@ def _pooled(matched, counts, exposure, is_open, sigma, step) -> tuple:
 
 def _turned(cells, wave):
     """Sketches [..., 2m, cols] times exp(−iφ), of cos φ and sin φ [..., m, cols]."""
-    (cosine, sine), (re, im) = wave, cells.chunk(2, -2)
-    return torch.cat([re * cosine + im * sine, im * cosine - re * sine], dim=-2)
+    return torch.cat(turned(cells.chunk(2, -2), wave), dim=-2)
 
 
 @fused
@@ -168,12 +167,12 @@ def _best_of(shown):
 @fused
 def _take_planes(frame, state, layer, step, is_open, flat, *planes):
     """Give doubtful pixels the best plane, if its score exceeds the flat window's by enough."""
-    point = crop(state, *frame.shape)[:, layer]
+    point = inner(frame, state)[:, layer]
     plane, flat = _best_of(torch.stack(planes)), flat[:, None]
     least = (STEEPER**0.5 * flat).clamp(min=SLANTED_SCORE)
     enough = _of_cells(frame, step, (flat > SEEN_SCORE) & (plane[:, SCORE:] > least))[:, 0]
     doubtful = is_open & ((point[:, INTENSITY] == 0) | (point[:, SCORE] < SURE_SCORE))
-    point[:] = _where(doubtful & enough, _in_pixels(frame, step, plane), point)
+    _give(point, doubtful & enough, _in_pixels(frame, step, plane))
 
 
 def _shown(frame, depth, signal, slopes, pools):
@@ -199,20 +198,17 @@ def _in_pixels(frame, step, shown):
     return torch.stack([(depth + more[0] * right + more[1] * down) % frame.num_bins, *more], dim=1)
 
 
-def _kept(frame, found, score, old, step, wanted, pools, confirmed):
-    """The points found, or the last frame's where this frame confirms them and the new score is no better."""
+def _measured(frame, point, step, pools):
+    """The fields up to SCORE of points by the pools at their pixels."""
     pools = Pools(*(_of_cells(frame, step, values) for values in pools[:-1]), pools.share)
-    (cosine, sine), (re, im) = waves(frame, old[:, maps.DEPTH]), pools.z.chunk(2, dim=1)
-    slopes = old[:, maps.SLOPE_COL], old[:, maps.SLOPE_ROW]
-    kept = _shown(frame, old[:, maps.DEPTH], (re * cosine + im * sine).sum(dim=1), slopes, pools)
-    stays = wanted & (old[:, INTENSITY] > 0) & (kept[:, SCORE] > confirmed) & (
-        score**2 - kept[:, SCORE]**2 < 2 * MOVE_COST)
-    return _where(stays, kept, found)
+    depth, *slopes = (point[:, field] for field in (maps.DEPTH, maps.SLOPE_COL, maps.SLOPE_ROW))
+    signal, _ = turned(pools.z.chunk(2, dim=1), waves(frame, depth))
+    return _shown(frame, depth, signal.sum(dim=1), slopes, pools)
 
 
-def _where(condition, new, point):
-    """The points, with new fields up to SCORE where the condition holds."""
-    return torch.cat([torch.where(condition[:, None], new, point[:, :RESIDUAL]), point[:, RESIDUAL:]], dim=1)
+def _give(point, condition, new) -> None:
+    """Replace the fields up to SCORE where the condition holds."""
+    point[:, :RESIDUAL] = torch.where(condition[:, None], new, point[:, :RESIDUAL])
 
 
 def _std(frame, signal, photons, share):

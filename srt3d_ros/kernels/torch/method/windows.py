@@ -5,7 +5,7 @@ Once compiled, nothing of [places × rows × cols] is stored: every sum reads it
 
 import torch
 
-from srt3d_ros.kernels.maps import MARGIN, crop
+from srt3d_ros.kernels.maps import LANES, MARGIN, crop
 from srt3d_ros.kernels.torch.fusing import fused
 
 
@@ -14,9 +14,20 @@ def inner(frame, padded):
     return crop(padded, *frame.shape)
 
 
-def images(values):
-    """The view […, rows, cols] of values [rows, …, cols]."""
-    return values.movedim(0, -2)
+def images(frame, padded):
+    """The view […, rows, cols] of a padded map."""
+    return inner(frame, padded).movedim(0, -2)
+
+
+def pad(values):
+    """`maps.pad` of [rows, …, cols]."""
+    right = -values.shape[-1] % LANES + MARGIN
+    return torch.nn.functional.pad(values, (MARGIN, right, *(0, 0) * (values.ndim - 2), MARGIN, MARGIN))
+
+
+def pad_images(values):
+    """`maps.pad` of […, rows, cols]."""
+    return pad(values.movedim(-2, 0))
 
 
 def offsets(radius: int, like, step: int = 1) -> tuple:
@@ -67,10 +78,7 @@ def across_sums(values, weights):
 
 @fused
 def blur(values, sigma):
-    """Gaussian sums Σ_ab w_a w_b · values[i + a, c, j + b] at [i, c, j], 0 outside; w is `maps.window_weights`.
-
-    `values` and the result are float32 [rows, C, cols]; σ in pixels.
-    """
+    """`window_sums` of [rows, C, cols] by a Gaussian, σ in pixels."""
     return window_sums(values, gaussian(sigma, values))
 
 

@@ -1,31 +1,39 @@
-"""Key: what is said of a field of the sensor, once for checks, JSON Schema, files, command line and documents."""
+"""Key: what is said of an option or of a field of the sensor, once for checks, files, command line and documents."""
 
 import inspect
+from collections.abc import Callable, Iterable
 from dataclasses import MISSING, dataclass, is_dataclass, replace
 from functools import cache
+from numbers import Real
+from textwrap import fill
 from types import NoneType
 from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 from srt3d_ros.errors import finite, quoted, require
 
 UNIT_WORDS = {"1": "", "any": "", "bin": "bins", "pixel": "pixels"}
+WIDTH = 116             # of a docstring
 T = TypeVar("T")
+Function = TypeVar("Function", bound=Callable)
 
 
 @dataclass(frozen=True)
 class Key:
-    """A field of a sensor, as the annotation of that field: `rows: Annotated[int, Key("row 0 is the top row")]`.
+    """An option or a field, as its annotation: `rows: Annotated[int, Key("row 0 is the top row")]`.
 
     Args:
-        about: what the field means, in a clause.
+        about: what it means, in a clause.
         unit: of a number, as the documents call it; "any" if only ratios count, "1" if it has none.
         bounds: the least and the most that a number, or each number of an array, may be.
         more: what documents add to `about`.
+        choices: all that a text may be.
+        form: what a text may be, in words.
         dtype, shape: of an array; shape in words, such as "[rows, cols]".
         array: the name in .npz files, if it is another: of an object, the array with its numbers.
         option: whether the command line has it.
         needed: whether JSON must have it although the class has a default.
-        name, kinds, default, required: filled in by `keys`: kinds are the types that a value may have.
+        default: of an option; that of a field stands in its class.
+        name, kinds, required: filled in by `keys`: kinds are the types that a value may have.
     """
 
     about: str
@@ -37,9 +45,11 @@ class Key:
     array: str = ""
     option: bool = False
     needed: bool = False
+    choices: tuple[str, ...] = ()
+    form: str = ""
+    default: Any = None
     name: str = ""
     kinds: tuple[type, ...] = ()
-    default: Any = None
     required: bool = False
 
     @property
@@ -48,14 +58,18 @@ class Key:
         parts = [f"{self.shape}, {self.about}" if self.shape else self.about]
         if self.bounds and self.dtype != "bool":
             parts.append("{:.6g} to {:.6g}".format(*self.bounds))
-        parts.append(self.more)
+        parts += [", ".join(self.choices), self.more]
         if isinstance(self.default, int | float | str) and not self.needed:
             parts.append(f"default {self.default}".removesuffix(".0"))
         return "; ".join(filter(None, parts))
 
     @property
     def expected(self) -> str:
-        """What a number must be, in words."""
+        """What a value must be, in words."""
+        if self.choices or self.form:
+            return self.form or " or ".join(self.choices)
+        if self.kinds == (bool,):
+            return "true or false"
         unit = UNIT_WORDS.get(self.unit, self.unit)
         if self.bounds is None:
             return "an integer" if int in self.kinds else f"a finite number of {unit}".removesuffix(" of ")
@@ -63,6 +77,14 @@ class Key:
         if int in self.kinds:
             return f"an integer from {low} to {high}"
         return f"{low:g} to {high:g} {unit}".rstrip()
+
+    def check(self, value: Any) -> Any:
+        """The value of an option, or InvalidInput."""
+        if self.choices or self.kinds == (bool,):
+            require(value in (self.choices or (True, False)), self.name, value, self.expected)
+            return value
+        require(isinstance(value, Real), self.name, quoted(value), self.expected)
+        return self.number(value)
 
     def number(self, value: Any, prefix: str = "") -> float:
         """`value` as an int or float within the bounds; InvalidInput names the field, with `prefix` in front."""
@@ -84,7 +106,7 @@ def keys(kind: type) -> dict[str, Key]:
         if get_origin(hint) is Annotated:
             plain, key = get_args(hint)
             kinds = tuple(one for one in get_args(plain) or (plain,) if one is not NoneType)
-            default = kind.__dataclass_fields__[name].default if is_dataclass(kind) else None
+            default = kind.__dataclass_fields__[name].default if is_dataclass(kind) else key.default
             missing = default is MISSING
             found[name] = replace(key, name=name, kinds=kinds, default=None if missing else default,
                                   required=missing or key.needed)
@@ -104,15 +126,46 @@ def numbers(part: Any, prefix: str = "") -> dict[str, float]:
 
 def about(kind: type) -> str:
     """What the docstring of a class says before its arguments, in one line."""
-    return " ".join(inspect.getdoc(kind).partition("Args:")[0].split())
+    return " ".join((inspect.getdoc(kind) or "").partition("Args:")[0].split())
 
 
 def documented(kind: type[T]) -> type[T]:
     """Add the keys of a dataclass to its docstring, and leave plain types in its signature."""
-    units = {name: UNIT_WORDS.get(key.unit, key.unit) for name, key in keys(kind).items()}
-    lines = "".join(f"    {name}: {units[name]}{'; ' * bool(units[name])}{key.meaning}.\n"
-                    for name, key in keys(kind).items())
-    before, raises, after = inspect.getdoc(kind).partition("Raises:")
-    kind.__doc__ = f"{before.rstrip()}\n\nArgs:\n{lines}" + (f"\n{raises}{after}" if raises else "")
+    kind.__doc__ = _with_arguments(kind, keys(kind).values())
     kind.__init__.__annotations__ |= get_type_hints(kind)
     return kind
+
+
+def written_out(*kinds: type) -> Callable[[Function], Function]:
+    """A decorator of a function: add the keys of these TypedDicts to its docstring, and show the names of its options.
+
+    `**options: Unpack[Options]` becomes one argument for each option in what help() and documents show.
+    """
+    def decorate(function: Function) -> Function:
+        function.__doc__ = _with_arguments(function, [key for kind in kinds for key in keys(kind).values()])
+        signature = inspect.signature(function)
+        *arguments, options = signature.parameters.values()
+        if options.kind is options.VAR_KEYWORD:
+            of_options, = get_args(options.annotation)
+            known = keys(of_options)
+            arguments += [options.replace(name=name, kind=options.KEYWORD_ONLY, annotation=hint,
+                                          default=known[name].default if name in known else None)
+                          for name, hint in get_type_hints(of_options).items() if name not in signature.parameters]
+            function.__signature__ = signature.replace(parameters=arguments)
+        return function
+
+    return decorate
+
+
+def _with_arguments(documented: Any, own: Iterable[Key]) -> str:
+    """A docstring with these keys at the end of its arguments."""
+    lines = ""
+    for key in own:
+        unit = UNIT_WORDS.get(key.unit, key.unit)
+        line = f"{key.name}: {unit}{'; ' * bool(unit)}{key.meaning}."
+        lines += fill(line, WIDTH, initial_indent=4 * " ", subsequent_indent=8 * " ") + "\n"
+    text = inspect.getdoc(documented) or ""
+    section = min((at for at in map(text.find, ("Returns:", "Raises:")) if at >= 0), default=len(text))
+    before, after = text[:section].rstrip(), text[section:]
+    begin = "\n" if "Args:" in before else "\n\nArgs:\n"
+    return f"{before}{begin}{lines}" + (f"\n{after}" if after else "")

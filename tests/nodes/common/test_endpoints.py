@@ -2,7 +2,7 @@
 
 import pytest
 
-from srt3d_ros.nodes.common.base import SequenceLoss
+from srt3d_ros.nodes.common.endpoints import SequenceLoss
 
 
 @pytest.mark.parametrize("numbers, missed", [

@@ -1,14 +1,17 @@
-"""Read PicoQuant time-tagged photons (.ptu, T3) with ptufile."""
+"""Read files of TCSPC electronics: PicoQuant's photons (.ptu, T3) and Becker & Hickl's histograms (.sdt)."""
 
+import logging
 import shutil
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
+from srt3d_ros.datasets.options import Options
 from srt3d_ros.datasets.readers.cubes import cube
 from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.errors import finite, require
+from srt3d_ros.files import isolated
 from srt3d_ros.files.array_files import read_errors
 
 COUNT_DTYPE = np.dtype(np.uint32)
@@ -17,11 +20,12 @@ MARKS = ("ImgHdr_LineStart", "ImgHdr_LineStop", "ImgHdr_Frame")
 SUMMED = slice(None, None, -1)          # ptufile adds up the photons along an axis with this index
 
 
-def read(path: Path, options: dict) -> Reading:
+def read_ptu(path: Path, options: Options) -> Reading:
     """Photons of a .ptu file, all frames added up, of `channel` or the channel with the most. Needs ptufile."""
     import ptufile
 
-    with read_errors(path, "a complete PicoQuant .ptu file", "ptufile"), ptufile.PtuFile(path) as ptu:
+    logging.getLogger("ptufile").disabled = True        # what it logs of a damaged file is in the error
+    with read_errors(path, "a complete PicoQuant .ptu file"), ptufile.PtuFile(path) as ptu:
         require(ptu.is_t3, "measurement mode", "T2", "T3: record with the laser's pulses on the sync input, in T3 mode")
         for mark in filter(ptu.tags.__contains__, MARKS):
             require(1 <= ptu.tags[mark] <= 8, mark, ptu.tags[mark], "a marker from 1 to 8")
@@ -42,8 +46,24 @@ def read(path: Path, options: dict) -> Reading:
         counts = ptu.decode_image(frame=-1, channel=channel - ptu.active_channels[0], dtime=num_bins, dtype=COUNT_DTYPE,
                                   keepdims=False, out=None if size <= IN_MEMORY_BYTES else "memmap")
         counts = counts.reshape(rows, cols, num_bins).view(np.int32)       # int32 is sketched without a copy
-    others = {name: value for name, value in options.items() if name != "channel"}
-    return cube(path, counts, others, {"bin_width_s": bin_width_s}, notes)
+    return cube(path, counts, options.without("channel"), {"bin_width_s": bin_width_s}, notes)
+
+
+def read_sdt(path: Path, options: Options) -> Reading:
+    """Photons of an .sdt file, of the data set `channel`, from 0, or the one with the most. Needs sdtfile."""
+    arrays, _ = isolated.arrays_of(path, "sdtfile", (), "a complete Becker & Hickl .sdt file of histograms")
+    with read_errors(path):
+        sets = [name for name in arrays if name.isdecimal()]
+        require(len(sets) > 0, "data sets", problem="The file has no histograms.")
+        chosen, notes = max(sets, key=lambda name: arrays[name].sum(dtype=np.float64)), ()
+        if options.channel is not None:
+            chosen = str(int(finite("channel", options.channel, "a data set's number")))
+            require(chosen in sets, "channel", chosen, f"a data set of the file: {', '.join(sets)}")
+        elif len(sets) > 1:
+            notes = (f"photons of data set {chosen}, which has the most, of {', '.join(sets)} (--channel)",)
+    width_s = float(arrays[f"{chosen}.width"])
+    stated = {"bin_width_s": width_s} if width_s else {}
+    return cube(path, arrays[chosen], options.without("channel"), stated, notes)
 
 
 def _bins(ptu) -> tuple[int, float]:
@@ -55,12 +75,12 @@ def _bins(ptu) -> tuple[int, float]:
     return min(int(np.ceil(period_s / width_s - 1e-3)), ptu.number_bins_max), width_s
 
 
-def _channel(ptu, options: dict) -> tuple[int, tuple[str, ...]]:
+def _channel(ptu, options: Options) -> tuple[int, tuple[str, ...]]:
     """The channel to read; a note if it was chosen among several."""
     channels = ptu.active_channels
     require(len(channels) > 0, "photons", problem="The file has no photons.")
-    if "channel" in options:
-        chosen = int(finite("channel", options["channel"], "a channel's number"))
+    if options.channel is not None:
+        chosen = int(finite("channel", options.channel, "a channel's number"))
         require(chosen in channels, "channel", chosen, f"one with photons: {', '.join(map(str, channels))}")
         return chosen, ()
     if len(channels) == 1:

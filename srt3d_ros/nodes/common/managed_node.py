@@ -1,20 +1,23 @@
-"""PipelineNode: the base class of the pipeline's nodes."""
+"""ManagedNode: the base class of the pipeline's nodes."""
 
 import atexit
 import threading
 import time
-import traceback
 from collections.abc import Callable
+from typing import Any, ClassVar
 
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.publisher import Publisher
 from rclpy.qos import ReliabilityPolicy
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.nodes.common.diagnostics import Diagnostics
-from srt3d_ros.nodes.common.lifecycle import PUBLISH_DEPTH, ManagedNode, TransitionCallbackReturn
+from srt3d_ros.nodes.common.endpoints import BEST_AVAILABLE, PUBLISH_DEPTH, Endpoints, SequenceLoss
+from srt3d_ros.nodes.common.failures import Failures
 from srt3d_ros.nodes.common.parameters import Parameters
-from srt3d_ros.nodes.common.topics import qos_overrides
+from srt3d_ros.nodes.common.rclpy_patches import PatchedLifecycleNode
+from srt3d_ros.nodes.common.topics import NodeSpec, Topic
 from srt3d_ros.nodes.common.worker import CATCH_UP_S, NEWEST_ONLY, Dropped, Worker
 from srt3d_ros.processes import children
 
@@ -22,35 +25,38 @@ SUBSCRIBE_DEPTH = PUBLISH_DEPTH
 QUEUE_DEPTH = 256       # of inputs whose frames are queued rather than dropped
 FOLLOW_DEPTH = 1000     # of reports and log lines, which many nodes send at once: the depth of /rosout's publishers
 OUTDATED_NS = 10 * 10**9    # a frame that seems older comes from another clock and is kept
-LOG_EVERY_S = 2.0       # at most, the same line
-POLL_S = 0.005
 
 
-class PipelineNode(ManagedNode):
-    """A managed node whose callbacks only queue messages; its worker thread processes and publishes them.
+class ManagedNode(PatchedLifecycleNode):
+    """A lifecycle node whose callbacks only queue messages; its worker thread processes and publishes them.
 
-    Every frame is either published or dropped for a named cause, and the diagnostics count both.
+    A subclass has a method for each transition, which the executor's thread runs. If it raises, the node keeps its
+    state. Every frame is either published or dropped for a named cause, and the diagnostics count both.
 
     Args:
         queue_limit: frames that may wait for the worker (default: only the newest).
+
+    Attributes:
+        finished: set by a node that is done: its process may end.
+        stopping: set while the node stops: ends every wait of the worker.
+        stop_cause: why nothing may be published; empty while active.
+        received_ns: arrival of the current frame, by the node's clock.
 
     Raises:
         InvalidInput: a parameter cannot be used.
     """
 
+    spec: ClassVar[NodeSpec]
     drain_s = 0.0           # how long a deactivated node still processes queued frames
     queue_depth = QUEUE_DEPTH   # messages per input that the middleware queues if `queue_limit` is larger than 1
     finish_s = 5.0          # deadline for a deactivation, and for the end of the node
     niceness = 0            # of the process
-    reliability = ReliabilityPolicy.BEST_AVAILABLE      # of the subscriptions to frames
+    reliability = BEST_AVAILABLE    # of the subscriptions to frames
 
     def __init__(self, queue_limit: int = NEWEST_ONLY):
         super().__init__(self.spec.name, automatically_declare_parameters_from_overrides=True)
-        published = [*(topic.name for topic in self.spec.outputs), "/diagnostics"]
-        overrides = qos_overrides([self.resolve_topic_name(topic.name) for topic in self.spec.inputs],
-                                  map(self.resolve_topic_name, published))
         try:
-            self.parameters = Parameters(self, self.spec.table, overrides)
+            self.parameters = Parameters(self, self.spec.table)
         except BaseException:
             self.destroy_node()     # a node must not outlive the context
             raise
@@ -58,23 +64,104 @@ class PipelineNode(ManagedNode):
         frames = [self.resolve_topic_name(topic.name) for topic in self.spec.outputs if not topic.latched]
         self.diagnostics = Diagnostics(self, frames[0] if frames else "",
                                        self.reliability == ReliabilityPolicy.BEST_EFFORT)
-        self.finished = threading.Event()       # set by a node that is done: its process may end
-        self.stopping = threading.Event()       # set while the node stops: ends every wait of the worker
+        self._failures = Failures(self.get_logger(), self.diagnostics)
+        self.endpoints = Endpoints(self)
+        self.finished, self.stopping = threading.Event(), threading.Event()
         self.exit_code = 0
-        self.stop_cause = "inactive"            # why nothing may be published; empty while active
-        self._publishing = threading.Lock()
-        self._tracebacks: set[tuple] = set()    # places whose traceback has been logged
+        self.stop_cause = "inactive"
+        self.received_ns = 0
         self.worker = Worker(queue_limit, self.failed, self.diagnostics.drop, CATCH_UP_S)
-        self.received_ns = 0        # arrival of the current frame, by the node's clock
+        self._publishing = threading.Lock()
+        self._problem: Exception | None = None  # why the last transition failed
+        self._starting = False                  # True in `start`, and after it has failed
         # Sending times, by the sender's clock: of the last description, and of the one that frames must not precede.
         self._followed_ns = self._valid_from_ns = 0
+
+    # ---- What a subclass overrides
+
+    def configure(self) -> None:
+        """Open files, compile kernels, create publishers."""
+
+    def activate(self) -> None:
+        """Subscribe and begin to work."""
 
     def forget(self) -> None:
         """Drop the state of past frames. The worker calls it at the end of a deactivation."""
 
+    # ---- Transitions, as `ros2 lifecycle set` asks for them
+
+    @property
+    def state(self) -> str:
+        """The label that `ros2 lifecycle get` shows."""
+        return self.diagnostics.state
+
+    def start(self) -> None:
+        """Configure and activate; raises the exception of a step that fails."""
+        self._starting = True
+        for trigger in (self.trigger_configure, self.trigger_activate):
+            trigger()
+            if self._problem is not None:
+                raise self._problem
+        self._starting = False
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        return self._step(self.configure, "inactive", "configured", self.endpoints.close)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        return self._step(self._activate, "active", "ready", self._deactivate)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        return self._step(self._deactivate, "inactive", "deactivated")
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        return self._step(self.endpoints.close, "unconfigured", "cleaned up")
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """End the node for good; its process waits for a signal."""
+        def finalise() -> None:
+            if self.state == "active":
+                self._deactivate()
+            self.endpoints.close()
+
+        return self._step(finalise, "finalized", "finalized")
+
+    def _activate(self) -> None:
+        require(self.worker.finish(self.finish_s), "worker", problem="The worker still processes a frame of the last "
+                "activation: activate the node again.")
+        self.stopping.clear()
+        self.stop_cause = ""
+        self.diagnostics.degraded = ""
+        self.diagnostics.clear()
+        self.activate()
+
+    def _deactivate(self) -> None:
+        """Stop taking frames, finish the current one, drop or drain the queue, and forget."""
+        self.stop_frames("inactive")
+        self.diagnostics.wait_for("")
+
+    def _step(self, step: Callable[[], None], state: str, done: str,
+              undo: Callable[[], None] = lambda: None) -> TransitionCallbackReturn:
+        """Run the method of a transition and set the state. Unless `start` runs it, log `done` or the failure."""
+        self._problem = None
+        try:
+            try:
+                step()
+            except Exception:
+                undo()
+                raise
+        except Exception as problem:
+            self._problem = problem
+            if not self._starting:
+                self.failed(problem)
+            return TransitionCallbackReturn.FAILURE
+        self.diagnostics.state = state
+        if not self._starting:
+            self.get_logger().info(done)
+        return TransitionCallbackReturn.SUCCESS
+
     # ---- Topics
 
-    def subscribe(self, topic: str, handle: Callable[[bytes], None]) -> None:
+    def subscribe(self, topic: Topic, handle: Callable[[bytes], None]) -> None:
         """Call `handle` in the worker with the bytes of each frame on an input."""
         def work(raw: bytes, sent_ns: int, received_ns: int) -> None:
             if 0 < self._valid_from_ns - sent_ns < OUTDATED_NS:
@@ -87,11 +174,12 @@ class PipelineNode(ManagedNode):
             self.diagnostics.received()
             self.worker.offer(work, raw, info["source_timestamp"], self.now_ns())
 
-        sequence = SequenceLoss(lambda: self.count_publishers(self.resolve_topic_name(topic)))
+        name = self.resolve_topic_name(topic.name)
+        sequence = SequenceLoss(lambda: self.count_publishers(name))
         newest_only = self.worker.limit == NEWEST_ONLY
         depth = SUBSCRIBE_DEPTH * self.worker.messages_per_frame if newest_only else self.queue_depth
-        self.make_subscription(topic, received, min(depth, QUEUE_DEPTH), True, self.reliability)
-        self.diagnostics.expect(self.resolve_topic_name(topic))
+        self.endpoints.subscribe(topic, received, min(depth, QUEUE_DEPTH), True, self.reliability)
+        self.diagnostics.expect(name)
 
     def check_size(self, sensor: SensorModel) -> SensorModel:
         """Return the sensor; InvalidInput, before memory is allocated, if it has more than `max_pixels`."""
@@ -100,12 +188,12 @@ class PipelineNode(ManagedNode):
                 f"max_pixels of {self.get_name()}, {most}: set a larger one.")
         return sensor
 
-    def follow(self, topic: str, handle: Callable[[object], None]) -> None:
+    def follow(self, topic: Topic, handle: Callable[[Any], None]) -> None:
         """Call `handle` in the worker with every message on an input of descriptions, reports or log lines.
 
         If `handle` raises InvalidInput while the node waits for a description, that is its problem until one comes.
         """
-        def work(message, sent_ns: int) -> None:
+        def work(message: object, sent_ns: int) -> None:
             self._followed_ns = sent_ns
             try:
                 handle(message)
@@ -114,8 +202,8 @@ class PipelineNode(ManagedNode):
                     self.diagnostics.problem = str(problem)
                 raise
 
-        self.make_subscription(topic, lambda message, info: self.worker.call(work, message, info["source_timestamp"]),
-                               FOLLOW_DEPTH)
+        self.endpoints.subscribe(topic, lambda message, info: self.worker.call(work, message, info["source_timestamp"]),
+                                 FOLLOW_DEPTH)
 
     def drop_older_frames(self) -> None:
         """Drop the frames that were sent before the description that `follow` handles now."""
@@ -123,12 +211,12 @@ class PipelineNode(ManagedNode):
 
     # ---- Frames
 
-    def hold_frames_for(self, what: str, topic: str) -> None:
+    def hold_frames_for(self, what: str, topic: Topic) -> None:
         """Queue frames until `release_frames`, and report that they wait for `what` on an input.
 
         A latched description and the first frame that needs it arrive in either order.
         """
-        self.diagnostics.wait_for(what, self.resolve_topic_name(topic))
+        self.diagnostics.wait_for(what, self.resolve_topic_name(topic.name))
         self.worker.hold_frames("no_sensor")
 
     def release_frames(self) -> None:
@@ -142,7 +230,7 @@ class PipelineNode(ManagedNode):
         self.publish(publisher, data)
         self.sent(stamp_ns)
 
-    def publish(self, publisher: Publisher, message) -> None:
+    def publish(self, publisher: Publisher, message: object) -> None:
         """Publish a message; Dropped if the node has stopped since the worker began with the frame."""
         with self._publishing:
             if self.stop_cause:
@@ -156,32 +244,6 @@ class PipelineNode(ManagedNode):
     def now_ns(self) -> int:
         """Time of the node's clock, in nanoseconds; it may be simulated."""
         return self.get_clock().now().nanoseconds
-
-    def wait_until(self, condition: Callable[[], bool], what: str, timeout_s: float = float("inf")) -> bool:
-        """Wait in the worker for a condition, report `what` it waits for, and return the condition's last value."""
-        end_s = time.monotonic() + timeout_s
-        self.diagnostics.wait_for(what)
-        while not (met := condition()) and time.monotonic() < end_s and not self.stopping.wait(POLL_S):
-            pass
-        self.diagnostics.wait_for("")
-        return met
-
-    def on_activate(self, state):
-        if not self.worker.finish(self.finish_s):
-            self.problem = InvalidInput("worker", problem="The worker still processes a frame of the last activation: "
-                                                         "activate the node again.")
-            self.failed(self.problem)
-            return TransitionCallbackReturn.FAILURE
-        self.stopping.clear()
-        self.stop_cause = ""
-        self.diagnostics.degraded = ""
-        self.diagnostics.clear()
-        return super().on_activate(state)
-
-    def deactivate(self) -> None:
-        """Stop taking frames, finish the current one, drop or drain the queue, and forget."""
-        self.stop_frames("inactive")
-        self.diagnostics.wait_for("")
 
     def stop_frames(self, cause: str) -> None:
         """Unsubscribe, process queued frames for `drain_s`, drop the others for `cause`, and forget.
@@ -206,7 +268,7 @@ class PipelineNode(ManagedNode):
     def unsubscribe(self) -> None:
         """Destroy the subscriptions, and expect no more frames."""
         self.diagnostics.expect_nothing()
-        super().unsubscribe()
+        self.endpoints.unsubscribe()
 
     def close(self) -> None:
         """Finish the current frame, publish the last diagnostics, and leave the graph."""
@@ -218,60 +280,13 @@ class PipelineNode(ManagedNode):
             if self.drain_s > 0 and self.exit_code == 0:
                 self.exit_code = 1      # queued frames are missing: a recording, say, is incomplete
             atexit.register(children.end_at_once, self.exit_code)       # other exit handlers may wait for the worker
-        self.state = "finalized"
+        self.diagnostics.state = "finalized"
         self.diagnostics.close()
         self.destroy_node()
 
     def failed(self, error: Exception, frames: int = 0) -> None:
         """Log an error, and count it and the frames that it cost."""
-        if isinstance(error, Dropped):
-            self.diagnostics.drop(error.cause, frames)
-            self.get_logger().warning(f"frame dropped: {error}", throttle_duration_sec=LOG_EVERY_S)
-        elif isinstance(error, InvalidInput):
-            self._bad_input(str(error), frames)
-        else:
-            self._internal_error(error, frames)
-
-    def _bad_input(self, text: str, frames: int) -> None:
-        self.diagnostics.error(text, counted=not frames)
-        if frames:
-            self.diagnostics.drop("malformed", frames)
-            self.get_logger().warning(f"frame dropped: {text}", throttle_duration_sec=LOG_EVERY_S)
-        else:
-            self.get_logger().error(text, throttle_duration_sec=LOG_EVERY_S)
-
-    def _internal_error(self, error: Exception, frames: int) -> None:
-        """Count and log a bug of this package: its traceback once, then a line each time."""
-        if frames:
-            self.diagnostics.drop("internal", frames)
-        text = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        self.diagnostics.internal(text)
-        raised_at = tuple((part.filename, part.lineno) for part in traceback.extract_tb(error.__traceback__))
-        if raised_at in self._tracebacks:
-            self.get_logger().error(f"again: {text}", throttle_duration_sec=LOG_EVERY_S)
-        else:
-            self._tracebacks.add(raised_at)
-            self.get_logger().error("".join(traceback.format_exception(error)).rstrip())
-
-
-class SequenceLoss:
-    """Counts the messages of one topic that a subscription has missed.
-
-    They were lost by the network or dropped from a full queue; the middleware's own event reports only the former. With
-    several publishers on the topic, whose numbers cannot be told apart, nothing is counted.
-    """
-
-    def __init__(self, publishers: Callable[[], int]):
-        self._publishers = publishers
-        self._last: int | None = None
-
-    def missed_before(self, number: int | None) -> int:
-        """Messages missed just before the one with this sequence number; 0 if the middleware gives none."""
-        if number is None:
-            return 0
-        last, self._last = self._last, number
-        missed = number - last - 1 if last is not None else 0
-        return missed if missed > 0 and self._publishers() == 1 else 0      # below 0: the publisher restarted
+        self._failures.add(error, frames)
 
 
 def sensor_summary(sensor: SensorModel) -> str:

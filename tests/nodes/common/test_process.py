@@ -8,36 +8,35 @@ from sensor_msgs.msg import PointCloud2
 
 from srt3d_ros.messages.cdr import CloudMessage, Header, write_cloud
 
-SCRIPT = """
+PROBE = """
 import sys, time
-from srt3d_ros.cli.node import exit_at_once_on_signals
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages.cdr import read_cloud
-from srt3d_ros.nodes.common.base import PipelineNode
-from srt3d_ros.nodes.common.lifecycle import run
+from srt3d_ros.nodes.common.managed_node import ManagedNode
+from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.topics import NodeSpec, Topic
 
-CLOUD = "sensor_msgs/msg/PointCloud2"
+IN, OUT = Topic("in", "sensor_msgs/msg/PointCloud2", ""), Topic("out", "sensor_msgs/msg/PointCloud2", "")
 RESUBSCRIBE, LINGER, HANG = 1000, 1001, 1002
 
-class ProbeNode(PipelineNode):
+class ProbeNode(ManagedNode):
     '''Does what the width of its message says: 0 fails, n works for n / 10 s, RESUBSCRIBE does so again and again,
     LINGER works until the node is inactive, HANG for ever.'''
-    spec = NodeSpec("probe", [Topic("in", CLOUD, "")], [Topic("out", CLOUD, "")])
+    spec = NodeSpec("probe", [IN], [OUT])
     def __init__(self):
         super().__init__(queue_limit=8)
     def configure(self):
-        self.publisher = self.advertise("out")
+        self.publisher = self.endpoints.advertise(OUT)
         {start}
     def activate(self):
-        self.subscribe("in", self.on_message)
+        self.subscribe(IN, self.on_message)
     def on_message(self, raw):
         cloud = read_cloud(raw)
         if cloud.width == RESUBSCRIBE:
             sys.setswitchinterval(1e-5)     # to meet the race often
             for _ in range(500):
                 self.unsubscribe()
-                self.subscribe("in", self.on_message)
+                self.subscribe(IN, self.on_message)
             print("resubscribed", flush=True)
             return self.publish_frame(self.publisher, raw, cloud.header.stamp_ns)
         1 / cloud.width
@@ -47,7 +46,6 @@ class ProbeNode(PipelineNode):
         time.sleep(cloud.width / 10 if cloud.width < RESUBSCRIBE else 0)
         self.publish_frame(self.publisher, raw, cloud.header.stamp_ns)
 
-exit_at_once_on_signals()       # until the node has started, as the command does
 sys.exit(run(ProbeNode))
 """
 
@@ -60,9 +58,9 @@ def message(width: int) -> bytes:
 def start(graph, tmp_path):
     """Starts the probe; `start` is a statement at the end of `configure`."""
     def start(*ros_args: str, start: str = "pass"):
-        script = tmp_path / "probe.py"
-        script.write_text(SCRIPT.format(start=start))
-        return graph.start(str(script), *ros_args)
+        script = tmp_path / "probe.py"      # tracebacks show its lines
+        script.write_text(PROBE.format(start=start))
+        return graph.start("probe", *ros_args, code=f"import runpy; runpy.run_path({str(script)!r})")
 
     return start
 
@@ -79,7 +77,7 @@ def test_a_worker_may_replace_subscriptions_while_the_executor_waits_on_them(gra
 
 def test_whatever_a_frame_or_a_callback_raises_is_counted_and_logged_once_and_the_node_goes_on(graph, start):
     probe = start(start="""self.create_timer(0.05, lambda: [].pop())
-        self.make_subscription("in", lambda message, info: {}["key"], 10)""").ready()
+        self.endpoints.subscribe(IN, lambda message, info: {}["key"], 10)""").ready()
     publisher = graph.matched(graph.publisher(PointCloud2, "in"), subscribers=2)
     for width in (0, 0, 1):
         publisher.publish(message(width))
@@ -148,7 +146,7 @@ QOS = "qos_overrides.{namespace}/in.subscription."
 
 
 @pytest.mark.parametrize("ros_args, line", [
-    (["-p", QOS + "reliability:=nonsense"], QOS + "reliability is nonsense: expected system_default or reliable"),
+    (["-p", QOS + "reliability:=nonsense"], "Cannot use in: Unexpected QoS override for policy `reliability`: "),
     (["-r", "in:=/rosout"], "Cannot use /rosout as in: the node already uses it with another type"),
     (["--", "-p", "x:=5"], "-p x:=5: put --ros-args before arguments for ROS 2"),
 ])
@@ -166,8 +164,7 @@ def test_bad_input_at_the_start_is_one_line_and_exit_code_2_and_a_mistake_of_our
     assert probe.code() == 1 and "AttributeError" in probe.text
 
 
-def test_a_log_that_cannot_be_written_is_one_line_and_no_node_runs(start, monkeypatch):
-    monkeypatch.setenv("ROS_LOG_DIR", "/proc/nowhere")
-    process = start()
+def test_a_log_that_cannot_be_written_is_one_line_and_no_node_runs(graph):
+    process = graph.start("player", code="import os; os.environ['ROS_LOG_DIR'] = '/proc/nowhere'")
     assert process.code() == 2 and "Traceback" not in process.text
     assert process.lines[-1].startswith("srt3d: error: ") and "directory '/proc/nowhere'" in process.lines[-1]

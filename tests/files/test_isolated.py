@@ -11,8 +11,8 @@ from scipy.io import savemat
 from scipy.sparse import csc_matrix
 
 from srt3d_ros import read
-from srt3d_ros.datasets.readers import isolated
 from srt3d_ros.errors import InvalidInput
+from srt3d_ros.files import isolated
 from tests.datasets.test_mat import IRF, cells, write
 
 
@@ -74,12 +74,3 @@ def test_a_program_from_stdin_reads_in_the_child_too_which_finds_the_same_module
     (tmp_path / "numpy.py").write_text("raise SystemExit('a stranger')")
     done = subprocess.run([sys.executable, "-"], input=program, cwd=tmp_path, capture_output=True, text=True)
     assert (done.stdout, done.stderr) == ("[0 3]\n", "")
-
-
-def test_the_child_imports_scipy_and_nothing_slower(tmp_path, repository):
-    path = write(tmp_path, Ts=cells([[[12, 15], []]]))
-    program = ("import sys, runpy; runpy.run_path(sys.argv[1], run_name='child')['matlab_5'](sys.argv[2], ())\n"
-               "print({'srt3d_ros', 'numba', 'torch', 'rclpy', 'h5py'} & sys.modules.keys())")
-    command = [sys.executable, "-P", "-c", program, isolated.CHILD, path]
-    done = subprocess.run(command, cwd="/", capture_output=True, text=True)
-    assert (done.stdout, done.stderr) == ("set()\n", "")

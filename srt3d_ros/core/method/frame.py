@@ -1,0 +1,128 @@
+"""One frame by the default method, from sketch to points: docs/algorithm.md, "Steps".
+
+Nothing is kept from frame to frame. `frame` gets and gives arrays on the device and branches on none of their values,
+so that a GPU can record it.
+"""
+
+from copy import deepcopy
+from functools import cached_property, partial
+from math import ceil
+from typing import NamedTuple
+
+import numpy as np
+
+from srt3d_ros.core.matched_frame import MatchedFrame, Matcher, SensorOnDevice
+from srt3d_ros.core.method.background import RemovedBackground, Unexplained
+from srt3d_ros.core.method.thresholds import Scores
+from srt3d_ros.core.point_cloud import PointCloud
+from srt3d_ros.core.sketching.sums import PhaseSums
+from srt3d_ros.kernels import maps
+from srt3d_ros.kernels.constants import (
+    REACH,
+    SAME_SURFACE,
+    START_SCALES,
+    START_SCORE,
+    WIDE_SCALE,
+    WINDOWS,
+    Window,
+    cell_size,
+)
+from srt3d_ros.kernels.contract import Array, Kernels
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, STD
+
+
+def frame(sensor: SensorOnDevice, surfaces: int, photons: Array, sums: Array, start: Array | None, thresholds: Array,
+          *removed: Array) -> tuple:
+    """One frame on the device.
+
+    Args:
+        photons, sums: of the sketch.
+        start: the points of the frame before, or None.
+        thresholds: a `Scores`.
+        removed: a `RemovedBackground`, or nothing for an even one.
+
+    Returns:
+        The points, float32 [rows', K, FIELDS, cols'] (`kernels.maps`), for the next start; for `Unexplained`; photons
+        that are not the points', and background photons, float32 [rows, cols]; the list of points.
+    """
+    kernels, scores = sensor.kernels, Scores(*thresholds)
+    data, taken = sensor.match(photons, sums, *removed)
+    points = kernels.no_surfaces(data, surfaces)
+    search(kernels, data, points, START_SCALES, START_SCORE, START_SCORE, start, scores.keep)
+    points = iterate(kernels, data, points, WINDOWS[0])
+    kernels.drop_weak(points, scores.drop)
+    search(kernels, data, points, (WIDE_SCALE,), scores.find, scores.further)
+    for window in WINDOWS[1:]:
+        points = iterate(kernels, data, points, window)
+    terms = kernels.expand(data, points)
+    kernels.trim(data, points, terms, scores.keep)
+    final, rest, background = kernels.finalise(data, photons, points, terms, scores.keep)
+    left = kernels.unexplained(data, final, rest, taken, sensor.passed)
+    shown = maps.crop(final, *data.shape)
+    return points, left, rest, background, *sensor.listed(shown[:, :, DEPTH], shown[:, :, INTENSITY], shown[:, :, STD])
+
+
+def search(kernels: Kernels, data: MatchedFrame, points: Array, scales: tuple[float, ...], enough: float,
+           further: float, start: Array | None = None, confirmed: float = 0.0) -> None:
+    """Search by matched filters on sketches pooled at growing scales; a pixel takes the first sure surface.
+
+    Each scale pools the pixels that are still open. A first surface needs a score of `enough` at the last scale and of
+    `further` before. Further surfaces, in what the former ones leave unexplained, need `further`; those of `start`
+    need `confirmed`.
+    """
+    for layer in range(points.shape[1]):
+        is_first = layer == 0
+        matched = data.matched if is_first else kernels.residual(data, points, kernels.expand(data, points), layer)
+        for sigma in scales:
+            least = enough if is_first and sigma == scales[-1] else further
+            slanted = is_first and start is None and sigma in START_SCALES[1:]
+            kernels.search(data, matched, points, layer, sigma, cell_size(sigma), least, start, confirmed, slanted)
+
+
+def iterate(kernels: Kernels, data: MatchedFrame, points: Array, window: Window) -> Array:
+    """Birth and death of points, then Gauss-Newton steps on the data terms pooled over the window."""
+    points, terms = kernels.birth_death(data, points, kernels.expand(data, points), SAME_SURFACE**2)
+    radius = ceil(REACH * window.sigma)
+    for step in range(window.steps):
+        if step > 0:
+            terms = kernels.expand(data, points)
+        points = kernels.pooled_step(data, points, terms, window.sigma, radius, window.fine, SAME_SURFACE**2)
+    return points
+
+
+class Found(NamedTuple):
+    """What a frame shows, what it leaves unexplained, and, for a warm start, its points on the device."""
+
+    cloud: PointCloud
+    unexplained: Unexplained
+    points: Array | None
+
+
+class Frames:
+    """Runs `frame` on a device for sketches of one sensor.
+
+    Args:
+        surfaces: K, the most surfaces in a pixel.
+        warm_start: fill `Found.points`.
+    """
+
+    def __init__(self, matcher: Matcher, device: str, surfaces: int, warm_start: bool):
+        self.matcher, self.device, self.surfaces, self._warm_start = matcher, device, surfaces, warm_start
+        self._sensor = SensorOnDevice(matcher, device, surfaces)
+        self.kernels = self._sensor.kernels
+        self.run = self.kernels.as_frame(partial(frame, self._sensor, surfaces))
+
+    def __call__(self, scores: Scores, sketch: PhaseSums, removed: RemovedBackground | tuple[()],
+                 start: Array | None = None) -> Found:
+        """What a sketch shows; `removed` is () for an even background."""
+        points, left, rest, background, *listed = self.run(
+            sketch.photons.astype(np.float32), sketch.sums, start, np.array(scores, np.float32), *removed)
+        unexplained = Unexplained.unpacked(self.kernels.numpy(rest), self.kernels.numpy(left))
+        cloud = self._sensor.cloud(listed, background, sketch.stamp_ns)
+        points = deepcopy(points) if self._warm_start else None         # the next frame overwrites them
+        return Found(cloud, unexplained, points)
+
+    @cached_property
+    def with_one_surface(self) -> "Frames":
+        """The same with one surface a pixel."""
+        return self if self.surfaces == 1 else Frames(self.matcher, self.device, 1, self._warm_start)

@@ -1,0 +1,133 @@
+"""The process in which SciPy, h5py or sdtfile reads an untrusted file. Imports nothing of srt3d_ros."""
+
+import importlib
+import resource
+import sys
+import warnings
+from contextlib import suppress
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+ARRAY = "array/"        # begins the names of arrays in what the child writes
+MOST_LISTED = 100       # arrays; an error shows fewer
+CPU_S = 600             # 3 GB unpack in a tenth of it
+# MATLAB 7.3 says in these attributes of HDF5 what an array was. It stores axes in reverse, what is in cells in groups
+# that begin with "#".
+CLASS, EMPTY = "MATLAB_class", "MATLAB_empty"
+Found = tuple[dict[str, np.ndarray], list[tuple[str, tuple, str]]]      # arrays; name, shape, kind of all
+
+
+def main(library: str, path: str, most: str, *names: str) -> None:
+    """Write the arrays that the library's reader finds to stdout as .npz, with `said`: an error's class, its text, the
+    list of all arrays.
+
+    Memory is limited to `most` bytes more than the process has once the library is imported.
+    """
+    warnings.simplefilter("ignore")
+    module, read = READERS[library]
+    importlib.import_module(module)
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    for limit, value in ((resource.RLIMIT_CPU, CPU_S), (resource.RLIMIT_AS, used + int(most))):
+        with suppress(ValueError):      # a lower limit is set already
+            resource.setrlimit(limit, (value, resource.getrlimit(limit)[1]))
+    arrays, listed, error = {}, [], ("", "")
+    try:
+        arrays, listed = read(path, names)
+    except MemoryError:
+        error = "MemoryError", ""
+    except Exception as raised:
+        error = type(raised).__name__, str(raised)
+    np.savez(sys.stdout.buffer, said=(*error, listing(listed[:MOST_LISTED])),
+             **{ARRAY + name: array for name, array in arrays.items()})
+
+
+def listing(entries: list[tuple[str, tuple, str]]) -> str:
+    """Name, shape and type of each array of a file, for an error."""
+    return ", ".join(f"{name} ({' '.join(filter(None, ('×'.join(map(str, shape)), kind)))})"
+                     for name, shape, kind in entries) or "no arrays"
+
+
+def matlab_5(path: str, names: tuple[str, ...]) -> Found:
+    """The arrays of these names of a MATLAB 5 file, and the only array of three dimensions.
+
+    Cells become NAME, their contents one after the other, and NAME.lengths [rows, cols]. Sparse arrays become NAME, the
+    numbers that are not 0, with NAME.row, NAME.col and NAME.shape.
+    """
+    from scipy.io import loadmat, whosmat
+
+    try:
+        shapes = whosmat(path)      # reads no values
+    except TypeError:               # on objects of classes, which loadmat leaves out
+        content = loadmat(path)
+        shapes = [(name, one.shape, str(one.dtype)) for name, one in content.items() if hasattr(one, "dtype")]
+    else:
+        cubes = [name for name, shape, kind in shapes if len(shape) == 3 and kind not in ("cell", "struct")]
+        content = loadmat(path, variable_names=[*names, *(cubes if len(cubes) == 1 else ())])
+    arrays = {}
+    for name, value in content.items():
+        if hasattr(value, "tocoo"):
+            sparse = value.tocoo()
+            arrays |= {name: sparse.data, f"{name}.row": sparse.row, f"{name}.col": sparse.col,
+                       f"{name}.shape": np.array(sparse.shape)}
+        elif isinstance(value, np.ndarray) and value.dtype.kind == "O":
+            lists = [cell.ravel() for cell in value.flat]
+            inside = np.concatenate([np.zeros(0, np.int64), *(values for values in lists if values.size)])
+            arrays |= {name: inside[:0] if inside.dtype.kind == "O" else inside,
+                       f"{name}.lengths": np.array([values.size for values in lists]).reshape(value.shape)}
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "iufbU":
+            arrays[name] = value
+    return arrays, shapes
+
+
+def hdf5(path: str, names: tuple[str, ...]) -> Found:
+    """As `matlab_5`, of HDF5 and MATLAB 7.3: an array in a group is GROUP/NAME. `names` may be patterns of fnmatch."""
+    import h5py
+
+    with h5py.File(path) as file:
+        nodes, arrays = {}, {}
+
+        def visit(name: str, node: Any) -> None:
+            if not name.startswith("#") and getattr(node, "shape", None) is not None:
+                nodes[name] = node
+
+        file.visititems(visit)
+        shapes = {name: node.shape[::-1] if CLASS in node.attrs else node.shape for name, node in nodes.items()}
+        numeric = {name: node for name, node in nodes.items() if node.dtype.kind in "iufb" and EMPTY not in node.attrs
+                   and node.attrs.get(CLASS) != b"char"}
+        cubes = [name for name in numeric if len(shapes[name]) == 3]
+        for name, node in numeric.items():
+            if cubes == [name] or any(name == pattern or fnmatchcase(name, pattern) for pattern in names):
+                if node.external or node.is_virtual:
+                    raise ValueError(f"{name} keeps its numbers in another file")
+                arrays[name] = node[()].T if CLASS in node.attrs else np.asarray(node[()])
+        kinds = {name: node.attrs.get(CLASS, b"").decode() or str(node.dtype) for name, node in nodes.items()}
+        return arrays, [(name, shape, kinds[name]) for name, shape in shapes.items()]
+
+
+def sdt(path: str, names: tuple[str, ...]) -> Found:
+    """Each data set of counts [rows, cols, bins] of an .sdt file as K, from 0, and K.width, seconds of a bin or 0.
+
+    A block of several detectors has as many data sets. Curves [curves, bins] are a row of pixels. `names` is not used.
+    """
+    import sdtfile
+
+    arrays, shapes = {}, []
+    with sdtfile.SdtFile(path) as file:
+        for counts, times in zip(file.data, file.times, strict=True):
+            if not counts.size or counts.dtype.kind not in "iu":
+                continue
+            for part in counts.reshape(-1, *(1, 1, *counts.shape)[-3:]):
+                name = str(len(shapes))
+                arrays |= {name: part, f"{name}.width": np.array(times[1] - times[0] if len(times) > 1 else 0.0)}
+                shapes.append((name, part.shape, str(part.dtype)))
+    return arrays, shapes
+
+
+READERS = {"scipy": ("scipy.io", matlab_5), "h5py": ("h5py", hdf5), "sdtfile": ("sdtfile", sdt)}    # by library
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
