@@ -3,7 +3,6 @@
 import html
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -85,8 +84,6 @@ class Cloud(PointCloud):
         Raises:
             InvalidInput: matplotlib or Pillow is missing.
         """
-        for name, angle in (("yaw_deg", yaw_deg), ("pitch_deg", pitch_deg)):
-            require(isinstance(angle, Real), name, quoted(angle), "degrees")
         fits = isinstance(size_px, tuple) and all(isinstance(side, int) and side > 0 for side in size_px)
         require(fits and len(size_px) == 2, "size_px", quoted(size_px), "(width, height), above 0")
         try:
