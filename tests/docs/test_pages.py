@@ -63,7 +63,7 @@ def check_settings(spec: NodeSpec, ros_args: list[str]) -> None:
     parameters = {parameter.name: parameter for parameter in spec.table}
     for flag, (name, _, value) in zip(ros_args, (word.partition(":=") for word in ros_args[1:]), strict=False):
         if flag == "-r":
-            spec.topic(name)
+            {topic.name: topic for topic in (*spec.inputs, *spec.outputs)}[name]
         elif flag == "-p":
             parameters[name].check(yaml.safe_load(value))
 

@@ -156,6 +156,12 @@ class Graph:
     def all_reports(self, name: str) -> list[dict[str, str]]:
         return self._reports.get(f"{self.namespace}/{name}".lstrip("/"), [])
 
+    def next_reports(self, name: str, number: int) -> list[dict[str, str]]:
+        """Wait for so many more reports of a node."""
+        before = len(self.all_reports(name))
+        self.wait(lambda: len(self.all_reports(name)) >= before + number, f"{number} more reports of {name}")
+        return self.all_reports(name)[before:]
+
     def reports(self, name: str, key: str, value) -> dict[str, str]:
         """Wait until a node's diagnostics show this value."""
         self.wait(lambda: self.report(name).get(key) == str(value), f"{key} = {value} in the diagnostics of {name}")

@@ -84,18 +84,6 @@ def test_a_bag_is_played_as_it_was_recorded_and_becomes_sketches(graph, sensor, 
     assert sketches[0].header.stamp.sec * 10**9 + sketches[0].header.stamp.nanosec in STAMPS_NS
 
 
-def test_remapped_photons_of_another_namespace_become_clouds(graph, sensor, frames, tmp_path):
-    """The pipeline waits for the bag's description, and the player for the pipeline."""
-    bag = write_bag(tmp_path / "bag", [
-        ("/front/info", TEXT, sensor_message.encode_cdr(sensor), 0),
-        *(("/front/raw", CLOUD, raw, 1000 + 50 * k) for k, raw in enumerate(frames))], "sqlite3")
-    graph.start("reconstructor")
-    graph.start("sketcher")
-    player = graph.start("player", "-r", "raw:=photons", "-r", "info:=sensor", input=bag,
-                         wait_for="sketcher reconstructor")
-    assert player.code() == 0 and "sent 3, none lost" in player.text
-
-
 def test_a_name_that_ros_refuses_is_one_line(graph, tmp_path, frames):
     names = f"/{'a' * 300}/photons", "/b/photons"       # in two namespaces, which are kept
     player = graph.start("player", input=write_bag(tmp_path / "bag", [(name, CLOUD, frames[0]) for name in names]))

@@ -118,9 +118,7 @@ def test_where_the_cycles_are_known_pile_up_is_corrected_and_saturated_pixels_ar
     reconstructor.begin(sensor, sketch)
     most = int(sketch.photons.max())
     plain, piled = (reconstructor(dataclasses.replace(sketch, cycles=cycles))[0][1] for cycles in (0, 2 * most))
-    assert len(plain["xyz"]) == len(piled["xyz"])
     assert piled["intensity"].mean() > 1.1 * plain["intensity"].mean()
-    assert np.linalg.norm(piled["xyz"], axis=1).mean() > np.linalg.norm(plain["xyz"], axis=1).mean()
     reconstructor.graph.reports("reconstructor", "saturated_pixels", 0)
     assert float(reconstructor.graph.report("reconstructor")["background_share"]) < 1
     reconstructor(dataclasses.replace(sketch, cycles=most))
