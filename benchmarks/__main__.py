@@ -14,7 +14,7 @@ from datetime import date
 from importlib import import_module
 from pathlib import Path
 
-from srt3d_ros.nodes.common.versions import versions
+from srt3d_ros.processes.versions import versions
 
 NAMES = ("ablation", "calibration", "false_alarms", "motion", "pileup", "ros", "speed", "two_machines")
 

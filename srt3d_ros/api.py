@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from srt3d_ros import datasets
-from srt3d_ros.cloud import Cloud
+from srt3d_ros.cloud import Cloud, as_noun
 from srt3d_ros.core.keys import written_out
 from srt3d_ros.core.method.background import BACKGROUNDS
 from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE
@@ -54,14 +54,14 @@ def read(source: Any, frame: int = 0, *, photons_topic: str = "", sensor: Sensor
         InvalidInput: the file or an option cannot be used.
     """
     if isinstance(source, str | Path):
-        return as_noun(datasets.read(source, frame, photons_topic, sensor=sensor, **options))
+        return noun_of(datasets.read(source, frame, photons_topic, sensor=sensor, **options))
     for name, value in (("frame", frame), ("photons_topic", photons_topic)):
         require(not value, name, problem=f"{name} {value}: only a bag or a log has one.")
     if isinstance(source, PhaseSums):
         sums, notes = sums_with_options(source, getattr(source, "notes", ()), gathered(options, sensor))
-        return Sketch.from_sums(sums, notes)
+        return as_noun(Sketch, sums, notes=notes)
     if isinstance(source, Reading):
-        return as_noun(source.with_options(gathered(options, sensor)))
+        return noun_of(source.with_options(gathered(options, sensor)))
     if isinstance(source, PhotonEvents | PhotonGates | PhotonHistograms):
         return Photons.from_frame(source, sensor=sensor, **options)
     require(hasattr(source, "__array__") or isinstance(source, list), "source", type(source).__name__,
@@ -69,12 +69,12 @@ def read(source: Any, frame: int = 0, *, photons_topic: str = "", sensor: Sensor
     return Photons.from_counts(source, sensor=sensor, **options)
 
 
-def as_noun(reading: Reading) -> Photons | Sketch | Cloud:
+def noun_of(reading: Reading) -> Photons | Sketch | Cloud:
     """What a reading holds, with its notes, in the class that reconstructs and saves it."""
     if isinstance(reading.frame, PhaseSums):
-        return Sketch.from_sums(reading.frame, reading.notes)
+        return as_noun(Sketch, reading.frame, notes=reading.notes)
     if isinstance(reading.frame, PointCloud):
-        return Cloud.from_points(reading.frame, notes=reading.notes)
+        return as_noun(Cloud, reading.frame, notes=reading.notes)
     return Photons(reading.sensor, reading.frame, reading.reference_depth_bins, reading.name, reading.notes)
 
 

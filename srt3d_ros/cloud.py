@@ -3,9 +3,8 @@
 import html
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from srt3d_ros.errors import InvalidInput, quoted, require
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+Noun = TypeVar("Noun")
 NOTEBOOK_PX = 320, 240
 NOTEBOOK_COLOURS = 64       # 6 bits a pixel: such a picture takes less than 60 kB whatever it shows
 
@@ -30,11 +30,6 @@ class Cloud(PointCloud):
     """
 
     notes: tuple[str, ...] = ()
-
-    @classmethod
-    def from_points(cls, points: PointCloud, **changes) -> Self:
-        """The cloud of plain points, with other values of some fields."""
-        return cls(**{field.name: getattr(points, field.name) for field in fields(points)} | changes)
 
     def __repr__(self) -> str:
         return super().__repr__() + notes_text(self.notes)
@@ -89,8 +84,6 @@ class Cloud(PointCloud):
         Raises:
             InvalidInput: matplotlib or Pillow is missing.
         """
-        for name, angle in (("yaw_deg", yaw_deg), ("pitch_deg", pitch_deg)):
-            require(isinstance(angle, Real), name, quoted(angle), "degrees")
         fits = isinstance(size_px, tuple) and all(isinstance(side, int) and side > 0 for side in size_px)
         require(fits and len(size_px) == 2, "size_px", quoted(size_px), "(width, height), above 0")
         try:
@@ -99,6 +92,11 @@ class Cloud(PointCloud):
             problem = f"Cannot draw a cloud: {error.name} is missing (pip install '.[pictures]' in the clone)."
             raise InvalidInput("picture", problem=problem) from None
         return np.array(draw_cloud(self, yaw_deg, pitch_deg, size_px).convert("RGB"))
+
+
+def as_noun(kind: type[Noun], plain: Any, **changes: Any) -> Noun:
+    """Plain points or sums of a frame as a Cloud or a Sketch, with other values of some fields."""
+    return kind(**{field.name: getattr(plain, field.name) for field in fields(plain)} | changes)
 
 
 def notes_text(notes: Sequence[str]) -> str:

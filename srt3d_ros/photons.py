@@ -8,7 +8,7 @@ from typing import Any, Self, Unpack
 
 import numpy as np
 
-from srt3d_ros.cloud import Cloud, notes_text
+from srt3d_ros.cloud import Cloud, as_noun, notes_text
 from srt3d_ros.core.keys import written_out
 from srt3d_ros.core.methods import DEFAULT_METHOD, MethodOptions, find
 from srt3d_ros.core.sensor.model import SensorModel
@@ -118,7 +118,7 @@ class Photons(Reading):
         numbers, mean = 2 * len(chosen), self.photons / self.sensor.pixels
         if sketch_size is not None and numbers > mean:
             notes += (f"the sketch is longer than its photons: {numbers} numbers a pixel for {mean:.3g} photons",)
-        return Sketch.from_sums(sketcher.end_frame(), self.notes + notes)
+        return as_noun(Sketch, sketcher.end_frame(), notes=self.notes + notes)
 
     @written_out(SketchOptions, MethodOptions)
     def reconstruct(self, *, sketch_size: int | None = None, frequencies: str | Sequence[int] | None = None,

@@ -8,7 +8,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from srt3d_ros.cloud import Cloud
+from srt3d_ros.cloud import Cloud, as_noun
 from srt3d_ros.core.keys import written_out
 from srt3d_ros.core.methods import DEFAULT_METHOD, OPTIONS, ReconstructorOptions, checked
 from srt3d_ros.core.sensor.model import SensorModel
@@ -73,8 +73,8 @@ class Reconstructor:
         photons, notes = int(np.sum(seen.photons)), getattr(seen, "notes", ())
         if not photons and not len(points):
             notes += (NO_PHOTONS,)
-        return Cloud.from_points(
-            points, notes=notes, method=self._name, surfaces=self._surfaces, device=self.device, photons=photons,
+        return as_noun(
+            Cloud, points, notes=notes, method=self._name, surfaces=self._surfaces, device=self.device, photons=photons,
             reconstruct_ms=elapsed_ms, frequencies=() if self._on_photons else seen.frequencies)
 
     def __reduce__(self):

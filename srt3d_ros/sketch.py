@@ -1,8 +1,8 @@
 """Sketch: a few complex numbers a pixel in place of a frame's photons, with notes, to save and to reconstruct."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Self, Unpack
+from typing import Unpack
 
 from srt3d_ros.cloud import Cloud, notes_text
 from srt3d_ros.core.keys import written_out
@@ -26,11 +26,6 @@ class Sketch(PhaseSums):
     """
 
     notes: tuple[str, ...] = ()
-
-    @classmethod
-    def from_sums(cls, sums: PhaseSums, notes: tuple[str, ...] = ()) -> Self:
-        """The sketch of plain sums."""
-        return cls(**{field.name: getattr(sums, field.name) for field in fields(sums)} | {"notes": notes})
 
     def __repr__(self) -> str:
         return super().__repr__() + notes_text(self.notes)

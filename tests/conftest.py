@@ -22,10 +22,10 @@ if threading.current_thread() is threading.main_thread():
 MAX_WORKERS = 4
 # These start first, so that none keeps a single worker busy at the end. Files that wait alternate with files that
 # compute.
-LONG = ("tests/test_demo.py", "tests/docs/test_commands.py", "tests/nodes/test_sketcher_counts.py",
-        "tests/kernels/test_reconstruction.py", "tests/processes/test_supervisor.py",
-        "tests/robustness/test_pipeline.py", "tests/nodes/test_two_machines.py", "tests/kernels/test_compiling.py",
-        "tests/nodes/test_recorder.py")
+LONG = ("tests/test_demo.py", "tests/kernels/test_device.py", "tests/docs/test_commands.py",
+        "tests/kernels/test_compiling.py", "tests/processes/test_supervisor.py", "tests/test_install.py",
+        "tests/nodes/test_two_machines.py", "tests/core/test_same_bits.py", "tests/robustness/test_pipeline.py",
+        "tests/cli/test_frames.py", "tests/nodes/test_recorder.py", "tests/core/test_quality.py")
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 

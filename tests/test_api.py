@@ -9,8 +9,9 @@ import pytest
 
 import srt3d_ros
 from srt3d_ros import api
+from srt3d_ros.core.keys import keys
 from srt3d_ros.core.method.pooled import Pooled
-from srt3d_ros.core.methods import METHODS
+from srt3d_ros.core.methods import METHODS, MethodOptions
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import GateWords
 from srt3d_ros.core.sensor.projection import Pinhole
@@ -274,7 +275,6 @@ def test_what_has_no_sensor_asks_for_one():
 @pytest.mark.parametrize(("call", "said"), [
     (lambda cloud: cloud.image("foo"), "field is foo: expected depth_bins or "),
     (lambda cloud: cloud.image("intensity", "a"), 'surface is "a"'), (lambda cloud: cloud.save(3), "output is int"),
-    (lambda cloud: cloud.render(yaw_deg="a"), 'yaw_deg is "a"'),
     (lambda cloud: srt3d_ros.Reconstructor("a", (1, 2)), "sensor is str"),
     (lambda cloud: srt3d_ros.Reconstructor(SENSOR, 3), "frequencies is "),
     (lambda cloud: srt3d_ros.Reconstructor(SENSOR), "pooled reads sketches: give their frequencies"),
@@ -298,6 +298,17 @@ DOCUMENTED = {
     "Sketch": ("reconstruct", "save"), "Reconstructor": ("forget",),
     "Sensor": ("replace", "cropped", "range_m", "xyz"),
     "Photons": ("sketch", "reconstruct", "save", "from_events", "from_counts", "gated")}
+
+
+def test_options_are_listed_by_name_with_the_defaults_of_their_table():
+    written = inspect.signature(srt3d_ros.reconstruct).parameters
+    assert all(written[name].default == key.default for name, key in keys(MethodOptions).items())
+    for one in (srt3d_ros.reconstruct, srt3d_ros.Photons.reconstruct, srt3d_ros.Sketch.reconstruct,
+                srt3d_ros.Reconstructor, srt3d_ros.read, srt3d_ros.from_events):
+        shown = inspect.signature(one).parameters
+        assert all(argument.kind is not argument.VAR_KEYWORD for argument in shown.values())
+        assert keys(MethodOptions).keys() <= shown.keys() or {"num_bins", "irf", "channel"} <= shown.keys()
+    assert "false_alarm_rate: fraction of the pixels" in srt3d_ros.Photons.reconstruct.__doc__
 
 
 def test_every_argument_of_the_library_has_a_type(repository):

@@ -73,17 +73,6 @@ def test_the_moving_scene_is_compared_with_the_truth_of_the_same_moment(start, t
     assert summary["true_detections_percent"] > 95 and summary["dae_mm"] < 6
 
 
-def test_a_node_that_dies_is_named_and_fails_the_demo(start, tmp_path, photon_file):
-    demo = start("--photons", str(photon_file), "--duration-s", "2")
-    wait(lambda: "recorder" in nodes_of(demo.pid), "the recorder")
-    nodes = nodes_of(demo.pid)
-    nodes["recorder"].kill()
-    assert demo.wait() == 1
-    said = (tmp_path / "out.txt").read_text()
-    assert "srt3d demo: srt3d up: recorder was killed by SIGKILL: the recording is not complete" in said
-    assert not any(node.is_running() for node in nodes.values())
-
-
 def test_ctrl_c_ends_the_demo_and_its_nodes_quietly(start, tmp_path, photon_file):
     demo = start("--photons", str(photon_file), "--duration-s", "60")
     said = tmp_path / "out.txt"

@@ -169,7 +169,7 @@ import numpy as np, srt3d_ros
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.nodes.common.versions import versions
+from srt3d_ros.processes.versions import versions
 sensor = SensorModel(2, 3, 100, 1e-10, [1, 2, 1])
 frame = PhotonEvents(np.repeat(np.arange(6, dtype=np.uint32), 40), np.full(240, 50, np.uint16))
 for name in METHODS:

@@ -8,8 +8,8 @@ from srt3d_ros.core.motion.moving_sketcher import MovingFrame, MovingSketcher
 from srt3d_ros.core.motion.track import MotionReport, SensorMotion
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.design import design_sketch
-from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
+from srt3d_ros.core.sketching.design import SketchDesign, design_sketch
+from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher, check_window
 from srt3d_ros.core.sketching.framing import Framing, OpenFrame
 from srt3d_ros.core.sketching.gate import OFF, in_ranges
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
@@ -66,6 +66,12 @@ class StreamOptions:
         require(self.window_frames == 1 or not self.moving, "window_frames", self.window_frames,
                 "1 with motion, which has frames seen from different places")
 
+    def check(self, sensor: SensorModel) -> SketchDesign:
+        """The design for a sensor; InvalidInput if the options do not suit it."""
+        design = design_sketch(sensor, self.gate, self.frequencies, self.sketch_size)
+        check_window(self.window_frames, sensor, design.frequencies)
+        return design
+
 
 class SketchStream:
     """Sketches the frames of one sensor. Calls never block; one thread at a time.
@@ -88,7 +94,7 @@ class SketchStream:
         self.sensor, self.options, self.counts = sensor, options, Counts() if counts is None else counts
         self.warning = ""
         self._framing = Framing(options.packets_per_frame, options.frame_period_ns)
-        gate, frequencies = design_sketch(sensor, options.gate, options.frequencies, options.sketch_size)
+        gate, frequencies = options.check(sensor)
         self._sketcher = MovingSketcher(sensor, frequencies, gate) if options.moving else FrameSketcher(
             sensor, frequencies, options.window_frames, gate)
         self._motion = SensorMotion(options.extrinsics)

@@ -1,7 +1,7 @@
 """Apply the caller's options and sensor to what a file says: the caller wins, and a note lists the replaced values."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Self, TypedDict
 
@@ -24,7 +24,7 @@ ASSUMED_WIDTH = Note("bin width taken as 2 / 299792458 s: x, y and z count bins,
 ASSUMED_FOV = Note(f"geometry taken to be a pinhole of {DEFAULT_FOV_DEG:g}° across the larger side: give fov_deg "
                    "(--fov-deg), or the projection", "projection")
 SENSOR_OPTIONS = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols"))
-SENSOR_DEFAULTS = {field.name: field.default for field in fields(SensorModel)}
+SENSOR_DEFAULTS = {name: key.default for name, key in keys(SensorModel).items()}
 Values = np.ndarray | Sequence
 AXES = ("rows", "cols", "bins")
 FILE_OPTIONS = {"channel": "Only .ptu, .sdt and Photon-HDF5 files have channels.",

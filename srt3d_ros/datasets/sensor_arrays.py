@@ -2,7 +2,6 @@
 
 import sys
 from dataclasses import replace
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any, get_args
 
@@ -26,6 +25,7 @@ REQUIRED = (*(name for name, key in KEYS.items() if key.required), "projection")
 ONE_NUMBER = (*(name for name in SENSOR_FIELDS if {int, float} & {*KEYS[name].kinds}), "fov_deg", "stamp_ns",
               "surfaces", "sketch_cycles", "photons_in_all")
 ONE_TEXT = ("frame_id", "projection", "kind", "method", "device")
+NOTES = {"notes", "assumed"}
 VECTORS = ("irf", "background_shape", "projection_values", "distortion", "gate_words")
 PROJECTIONS = {kind.kind: kind for kind in get_args(Projection)}
 MAX_NOTE = 9_999            # characters; notes name files
@@ -69,8 +69,9 @@ def sensor_options(values: dict) -> dict:
         count, first, width = _numbers_of(HistogramBins, "histogram_bins", values)
         given["histograms"] = HistogramBins(int(count), first, width, values.get("histogram_template"))
     if "projection" in values:
-        kind = PROJECTIONS.get(values["projection"])
-        require(kind is not None, "projection", values["projection"], f"one of {', '.join(PROJECTIONS)}")
+        require(values["projection"] in PROJECTIONS, "projection", values["projection"],
+                f"one of {', '.join(PROJECTIONS)}")
+        kind = PROJECTIONS[values["projection"]]
         given["projection"] = kind(*_numbers_of(kind, "projection_values", values))
         given.pop("fov_deg", None)
     if "distortion" in values:
@@ -97,17 +98,16 @@ def vector(values: np.ndarray) -> np.ndarray:
 
 def values_of(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
     """The values of a file's arrays by their names: texts, numbers or arrays; `notes` with the fields `assumed`."""
-    values = {name: _value_of(name, array) for name, array in arrays.items()}
-    if "notes" in values:
-        fields = values.pop("assumed", ())
-        values["notes"] = tuple(Note(*parts) for parts in zip_longest(values["notes"], fields[:len(values["notes"])],
-                                                                      fillvalue=""))
+    texts = {name: [*map(printable, _texts(name, arrays[name].reshape(-1), MAX_NOTE))]
+             for name in NOTES & arrays.keys()}
+    values = {name: _value_of(name, array) for name, array in arrays.items() if name not in NOTES}
+    if "notes" in texts:
+        notes, fields = texts["notes"], texts.get("assumed", [])
+        values["notes"] = tuple(map(Note, notes, fields + [""] * (len(notes) - len(fields))))
     return values
 
 
-def _value_of(name: str, array: np.ndarray) -> np.ndarray | float | str | tuple[str, ...]:
-    if name in ("notes", "assumed"):
-        return tuple(map(printable, _texts(name, array.reshape(-1), MAX_NOTE)))
+def _value_of(name: str, array: np.ndarray) -> np.ndarray | float | str:
     if name in ONE_TEXT:
         require(array.size == 1, f"{name} shape", array.shape, "one text")
         return _texts(name, array.reshape(1), MAX_FRAME_ID)[0]

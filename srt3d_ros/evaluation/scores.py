@@ -1,7 +1,7 @@
 """Write results.csv, one row a reconstruction, and the table that summarises it."""
 
 import csv
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -76,7 +76,10 @@ def markdown(rows: list[dict]) -> str:
     """A table of averaged rows without empty columns."""
     lines = [HEADINGS, *map(_cells, rows)]
     filled = [column for column in zip(*lines) if set(column[1:]) != {NOTHING}]
-    return aligned(list(zip(*filled)))
+    lines = list(zip(*filled))
+    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
+    text = ["| " + " | ".join(cell.ljust(width) for cell, width in zip(line, widths)) + " |" for line in lines]
+    return "\n".join([text[0], "|" + "|".join("-" * (width + 2) for width in widths) + "|", *text[1:]])
 
 
 def _cells(row: dict) -> list[str]:
@@ -91,10 +94,3 @@ def _cells(row: dict) -> list[str]:
 
 def _shown(value: float, digits: int) -> str:
     return f"{value:.{digits}f}" if np.isfinite(value) else NOTHING
-
-
-def aligned(lines: Sequence[Sequence[str]]) -> str:
-    """A markdown table with aligned columns; the first line is the heading."""
-    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
-    text = ["| " + " | ".join(cell.ljust(width) for cell, width in zip(line, widths)) + " |" for line in lines]
-    return "\n".join([text[0], "|" + "|".join("-" * (width + 2) for width in widths) + "|", *text[1:]])

@@ -1,4 +1,4 @@
-"""Read a file with SciPy, h5py or sdtfile in a process of its own: a damaged file may end it or fill its memory."""
+"""Read a file with SciPy or h5py in a process of its own: a damaged file may end it or fill its memory."""
 
 import builtins
 import os

@@ -1,4 +1,4 @@
-"""The process in which SciPy, h5py or sdtfile reads an untrusted file. Imports nothing of srt3d_ros."""
+"""The process in which SciPy or h5py reads an untrusted file. Imports nothing of srt3d_ros."""
 
 import importlib
 import resource
@@ -107,26 +107,7 @@ def hdf5(path: str, names: tuple[str, ...]) -> Found:
         return arrays, [(name, shape, kinds[name]) for name, shape in shapes.items()]
 
 
-def sdt(path: str, names: tuple[str, ...]) -> Found:
-    """Each data set of counts [rows, cols, bins] of an .sdt file as K, from 0, and K.width, seconds of a bin or 0.
-
-    A block of several detectors has as many data sets. Curves [curves, bins] are a row of pixels. `names` is not used.
-    """
-    import sdtfile
-
-    arrays, shapes = {}, []
-    with sdtfile.SdtFile(path) as file:
-        for counts, times in zip(file.data, file.times, strict=True):
-            if not counts.size or counts.dtype.kind not in "iu":
-                continue
-            for part in counts.reshape(-1, *(1, 1, *counts.shape)[-3:]):
-                name = str(len(shapes))
-                arrays |= {name: part, f"{name}.width": np.array(times[1] - times[0] if len(times) > 1 else 0.0)}
-                shapes.append((name, part.shape, str(part.dtype)))
-    return arrays, shapes
-
-
-READERS = {"scipy": ("scipy.io", matlab_5), "h5py": ("h5py", hdf5), "sdtfile": ("sdtfile", sdt)}    # by library
+READERS = {"scipy": ("scipy.io", matlab_5), "h5py": ("h5py", hdf5)}    # by library
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ import binascii
 import json
 import math
 from collections import Counter
+from typing import Any
 
 import numpy as np
 
@@ -57,7 +58,7 @@ def read_object(content: dict, properties: dict[str, dict], where: str = "") -> 
     return {name: _value(content[name], schema, where + name) for name, schema in properties.items() if name in content}
 
 
-def write_object(value, properties: dict[str, dict]) -> dict:
+def write_object(value: Any, properties: dict[str, dict]) -> dict:
     """A dict of the attributes that are not None, with arrays in base64."""
     content = {}
     for name, schema in properties.items():
@@ -67,7 +68,7 @@ def write_object(value, properties: dict[str, dict]) -> dict:
     return content
 
 
-def _in_one_line(error) -> InvalidInput:
+def _in_one_line(error: Any) -> InvalidInput:
     """An error of jsonschema as InvalidInput."""
     where, keyword, schema = list(error.absolute_path), error.validator, error.schema
     value, expected = quoted(error.instance), _expected(schema)
@@ -94,10 +95,10 @@ def _expected(schema: dict) -> str:
     return schema.get("x-expected") or IN_WORDS.get(schema.get("type"), "an object")
 
 
-def _value(value, schema: dict, name: str):
+def _value(value: Any, schema: dict, name: str) -> Any:
     kind = schema.get("type")
     if "x-dtype" in schema and isinstance(value, (list, dict)):
-        array = (_from_base64 if isinstance(value, dict) else _from_lists)(value, schema, name)
+        array = _from_base64(value, schema, name) if isinstance(value, dict) else _from_lists(value, schema, name)
         with np.errstate(over="ignore"):        # float32 overflows to Inf, which SensorModel refuses
             return array.astype(schema["x-dtype"])
     if isinstance(value, (int, float)):
@@ -151,5 +152,5 @@ def _object(pairs: list[tuple]) -> dict:
     return content
 
 
-def _no_constant(text: str):
+def _no_constant(text: str) -> None:
     raise InvalidInput("JSON", text, "finite numbers")

@@ -6,7 +6,7 @@ import numpy as np
 
 from srt3d_ros.errors import require
 from srt3d_ros.messages.cdr import CloudMessage, Field, Header, Image
-from srt3d_ros.messages.schema_files import DATATYPES, encodings
+from srt3d_ros.messages.schema_files import DATATYPES, encodings, fields_of
 
 NAMES = {code: name for name, (code, _) in DATATYPES.items()}
 CODES = {np.dtype(stored): code for code, stored in DATATYPES.values()}
@@ -17,8 +17,7 @@ MAX_POINT_STEP = 65_535         # bytes; the largest sketch needs 516
 def pack_cloud(header: Header, points: np.ndarray, is_dense: bool = True) -> CloudMessage:
     """The cloud of a structured array of points, [N] or [rows, cols], in the layout of its dtype."""
     height, width = points.shape if points.ndim == 2 else (1, len(points))
-    fields = tuple(Field(name, points.dtype.fields[name][1], *_wire_type(points.dtype[name]))
-                   for name in points.dtype.names)
+    fields = tuple(Field(name, offset, *_wire_type(kind)) for name, (kind, offset) in fields_of(points.dtype).items())
     step = points.dtype.itemsize
     return CloudMessage(header, height, width, fields, False, step, width * step, _bytes(points), is_dense)
 
@@ -36,7 +35,7 @@ def unpack_cloud(cloud: CloudMessage, layouts: Collection[np.dtype]) -> np.ndarr
         InvalidInput: a field is missing, repeated or of another type, or the sizes contradict each other.
     """
     chosen = {name: _find(cloud, name, {_wire_type(layout[name]) for layout in layouts})
-              for name in next(iter(layouts)).names}
+              for name in fields_of(next(iter(layouts)))}
     end = 0
     for field in sorted(chosen.values(), key=lambda field: field.offset):
         require(field.offset >= end, f"{field.name} offset", field.offset, f"{end} or more, behind the field before it")
@@ -108,4 +107,4 @@ def _wire_type(kind: np.dtype) -> tuple[int, int]:
 
 
 def _bytes(numbers: np.ndarray) -> memoryview:
-    return memoryview(np.ascontiguousarray(numbers).reshape(-1).view(np.uint8))
+    return np.ascontiguousarray(numbers).reshape(-1).view(np.uint8).data

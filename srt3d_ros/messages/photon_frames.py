@@ -1,7 +1,7 @@
 """The codecs of photons: PhotonEvents ⇄ PointCloud2, PhotonGates and PhotonHistograms ⇄ Image."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,7 +24,7 @@ class Codec(NamedTuple):
             views.
     """
 
-    encode_cdr: Callable[[PhotonFrame, SensorModel, str], bytes]
+    encode_cdr: Callable[[Any, SensorModel, str], bytes]
     decode_cdr: Callable[[bytes, SensorModel], tuple[cdr.Header, PhotonFrame]]
 
 

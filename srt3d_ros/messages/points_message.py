@@ -5,7 +5,7 @@ import numpy as np
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages.packing import pack_cloud, unpack_cloud
-from srt3d_ros.messages.schema_files import cloud_layouts
+from srt3d_ros.messages.schema_files import cloud_layouts, fields_of
 
 
 def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", organised: bool = False) -> bytes:
@@ -45,10 +45,10 @@ def decode_cdr(raw: bytes) -> tuple[cdr.Header, dict[str, np.ndarray]]:
     """
     cloud, layouts = cdr.read_cloud(raw), cloud_layouts("points")
     present = {field.name for field in cloud.fields}
-    layout = layouts["full" if present.issuperset(layouts["full"].names) else "xyzi"]
+    layout = layouts["full" if present.issuperset(fields_of(layouts["full"])) else "xyzi"]
     points = unpack_cloud(cloud, [layout]).reshape(-1)
     columns = {"xyz": np.stack([points[axis] for axis in "xyz"], axis=-1, dtype=np.float32)}
-    for name in layout.names[3:]:
+    for name in list(fields_of(layout))[3:]:
         columns[name] = points[name].astype(layout[name])
     placed = np.isfinite(columns["xyz"]).all(axis=1)
     return cloud.header, columns if placed.all() else {name: values[placed] for name, values in columns.items()}
@@ -57,10 +57,11 @@ def decode_cdr(raw: bytes) -> tuple[cdr.Header, dict[str, np.ndarray]]:
 def _image(points: np.ndarray, cloud: PointCloud) -> np.ndarray:
     """The first point of each pixel, [rows, cols]; a pixel without one keeps row, col and background."""
     image = np.zeros(cloud.background.shape, points.dtype)
-    for name in image.dtype.names:
-        if image.dtype[name].kind == "f":
+    fields = fields_of(points.dtype)
+    for name, (kind, _) in fields.items():
+        if kind.kind == "f":
             image[name] = np.nan
-    if "row" in image.dtype.names:
+    if "row" in fields:
         image["row"], image["col"] = np.indices(image.shape)
         image["background"] = cloud.background
     first = cloud.surface == 0

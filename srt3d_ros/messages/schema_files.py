@@ -12,6 +12,11 @@ DATATYPES = {"INT8": (1, "<i1"), "UINT8": (2, "<u1"), "INT16": (3, "<i2"), "UINT
              "INT32": (5, "<i4"), "UINT32": (6, "<u4"), "FLOAT32": (7, "<f4"), "FLOAT64": (8, "<f8")}
 
 
+def fields_of(kind: np.dtype) -> dict[str, tuple[np.dtype, int]]:
+    """The fields of a structured dtype in order: name → dtype and offset."""
+    return {name: (field[0], field[1]) for name, field in (kind.fields or {}).items()}
+
+
 @cache
 def load(name: str) -> dict:
     """The schema `msg_schemas/<name>.json` from the source tree or from share/srt3d_ros. Do not modify the result."""

@@ -10,6 +10,7 @@ from srt3d_ros.core.sketching.sums import PhaseSums, check_frequencies
 from srt3d_ros.errors import require
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages.packing import CODES, pack_cloud, unpack_cloud
+from srt3d_ros.messages.schema_files import fields_of
 from srt3d_ros.messages.sensor_message import digest
 
 INT16_SCALE = 32_767
@@ -124,10 +125,11 @@ def _frequencies(cloud: cdr.CloudMessage) -> tuple[int, ...]:
 
 def _parts(points: np.ndarray, names: list[str]) -> np.ndarray:
     """The two numbers of each of these fields, [rows, cols, 2m]; a view if the fields lie side by side."""
-    offsets, pair = [points.dtype.fields[name][1] for name in names], points.dtype[names[0]]
+    fields = fields_of(points.dtype)
+    offsets, pair = [fields[name][1] for name in names], fields[names[0]][0]
     if offsets == [offsets[0] + l * pair.itemsize for l in range(len(names))]:
-        block = {"names": ["z"], "formats": [(pair.base, 2 * len(names))], "offsets": offsets[:1],
-                 "itemsize": points.dtype.itemsize}
+        block = np.dtype({"names": ["z"], "formats": [(pair.base, 2 * len(names))], "offsets": offsets[:1],
+                          "itemsize": points.dtype.itemsize})
         return points.view(block)["z"]
     return np.concatenate([points[name] for name in names], axis=2)
 

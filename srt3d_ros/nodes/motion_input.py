@@ -8,7 +8,8 @@ from srt3d_ros.core.stream import SketchStream
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import odometry
 from srt3d_ros.nodes.common import topics
-from srt3d_ros.nodes.common.managed_node import LOG_EVERY_S, QUEUE_DEPTH, ManagedNode
+from srt3d_ros.nodes.common.failures import LOG_EVERY_S
+from srt3d_ros.nodes.common.managed_node import QUEUE_DEPTH, ManagedNode
 from srt3d_ros.nodes.common.parameters import Parameter
 
 SOURCES = {topic.name: topic for topic in topics.MOTION}

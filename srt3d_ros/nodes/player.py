@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -12,7 +13,7 @@ from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
 from srt3d_ros.errors import BAD_INPUT, InvalidInput, require
 from srt3d_ros.messages import cdr
 from srt3d_ros.nodes.common import topics
-from srt3d_ros.nodes.common.managed_node import FOLLOW_DEPTH, POLL_S, ManagedNode
+from srt3d_ros.nodes.common.managed_node import FOLLOW_DEPTH, ManagedNode
 from srt3d_ros.nodes.common.parameters import Parameter
 from srt3d_ros.nodes.common.peers import all_acknowledged, unacknowledged_by
 from srt3d_ros.nodes.common.process import run
@@ -22,6 +23,7 @@ from srt3d_ros.nodes.sources import PACKETS, open_source
 from srt3d_ros.processes.node_command import FRAMES_LOST
 
 ACKNOWLEDGE_S = 5.0
+POLL_S = 0.005
 READY_S = 600.0         # timeout for the nodes of `wait_for`: on a busy machine, kernels compile for minutes
 SETTLE_S = 30.0         # without progress, after which the last frames count as lost
 SKIPPED_EVERY_S = 60.0      # at most, a line about skipped frames
@@ -75,31 +77,32 @@ class PlayerNode(ManagedNode):
 
     def activate(self) -> None:
         names = [self.resolve_topic_name(name)[1:] for name in self.parameters["wait_for"].split()]
-        self._chain = Chain(names, reports := Reports()) if names else None
+        chain = None
         if names:
+            chain = Chain(names, reports := Reports())
             self.endpoints.subscribe(topics.DIAGNOSTICS, lambda message, info: reports.add(message), FOLLOW_DEPTH)
         for topic, raw in self._source.first.items():
             self._outputs[topic].publish(raw)
-        self.worker.call(self._play)
+        self.worker.call(self._play, chain)
 
-    def _play(self) -> None:
+    def _play(self, chain: Chain | None) -> None:
         try:
             self.diagnostics.wait_for("the frames to be drawn")
             self._source.prepare(self.stopping.is_set)
-            if self._chain is not None:
-                self._wait_for_chain()
+            if chain is not None:
+                self._wait_for(chain)
             else:
-                self.wait_until(lambda: any(publisher.get_subscription_count() for publisher in self._frames),
+                self._wait_until(lambda: any(publisher.get_subscription_count() for publisher in self._frames),
                                 f"a subscriber on {self._frames[0].topic_name}")
             for topic in self._source.first:
                 self._wait_until_acknowledged(self._outputs[topic])
             sent = self._send_all()
-            if self._chain is None and (middleware := unacknowledged_by()):
+            if chain is None and (middleware := unacknowledged_by()):
                 self.get_logger().warning(f"{middleware} does not say whether readers have received the last frames")
             for publisher in self._frames:
                 self._wait_until_acknowledged(publisher)
-            if self._chain is not None and not self.stopping.is_set():
-                self._follow_last(sent)
+            if chain is not None and not self.stopping.is_set():
+                self._follow_last(chain, sent)
         except Exception as error:
             self.exit_code = BAD_INPUT if isinstance(error, InvalidInput) else 1
             raise
@@ -107,31 +110,40 @@ class PlayerNode(ManagedNode):
             if not self.stopping.is_set():      # otherwise the node was only deactivated
                 self.finished.set()
 
-    def _wait_until_acknowledged(self, publisher: Publisher) -> None:
-        self.wait_until(lambda: all_acknowledged(publisher), f"the readers of {publisher.topic_name}", ACKNOWLEDGE_S)
+    def _wait_until(self, condition: Callable[[], bool], what: str, timeout_s: float = float("inf")) -> bool:
+        """Wait in the worker for a condition, report `what` it waits for, and return the condition's last value."""
+        end_s = time.monotonic() + timeout_s
+        self.diagnostics.wait_for(what)
+        while not (met := condition()) and time.monotonic() < end_s and not self.stopping.wait(POLL_S):
+            pass
+        self.diagnostics.wait_for("")
+        return met
 
-    def _wait_for_chain(self) -> None:
+    def _wait_until_acknowledged(self, publisher: Publisher) -> None:
+        self._wait_until(lambda: all_acknowledged(publisher), f"the readers of {publisher.topic_name}", ACKNOWLEDGE_S)
+
+    def _wait_for(self, chain: Chain) -> None:
         """Wait until the nodes of `wait_for` are ready; InvalidInput if they are not within READY_S."""
         end_s = time.monotonic() + READY_S
-        while (missing := self._chain.missing(self.diagnostics.readers())) and not self.stopping.wait(POLL_S):
+        while (missing := chain.missing(self.diagnostics.readers())) and not self.stopping.wait(POLL_S):
             require(time.monotonic() < end_s, "wait_for",
                     problem=f"Nodes of wait_for were not ready within {READY_S:.0f} s: {missing}")
             self.diagnostics.wait_for(missing)
         self.diagnostics.wait_for("")
         if not self.stopping.is_set():
-            self._chain.begin()
+            chain.begin()
 
-    def _follow_last(self, sent: int) -> None:
+    def _follow_last(self, chain: Chain, sent: int) -> None:
         """Wait until every frame has become a cloud, or none has for SETTLE_S, and log what was lost."""
-        outcome, since_s = None, 0.0
+        outcome, since_s = chain.outcome(sent), time.monotonic()
 
         def settled() -> bool:
             nonlocal outcome, since_s
-            if (now := self._chain.outcome(sent)) != outcome:
+            if (now := chain.outcome(sent)) != outcome:
                 outcome, since_s = now, time.monotonic()
             return not outcome.under_way or time.monotonic() - since_s > SETTLE_S
 
-        self.wait_until(settled, "the last frames")
+        self._wait_until(settled, "the last frames")
         lost = outcome.lost
         reached = ", ".join(f"{name} {count}" for name, count in outcome.arrived.items())
         if not lost:
@@ -143,9 +155,9 @@ class PlayerNode(ManagedNode):
 
     def _send_all(self) -> int:
         """Publish the source's messages when they are due; returns the number of frames."""
-        begun_s, sent, skipped = None, 0, 0
-        for item in self._source.items(lambda: 0 if begun_s is None else round((time.monotonic() - begun_s) * 1e9)):
-            if begun_s is None:         # the clock starts when the first message is ready
+        begun_s = first_ns = sent = skipped = 0
+        for item in self._source.items(lambda: round((time.monotonic() - begun_s) * 1e9) if begun_s else 0):
+            if not begun_s:             # the clock starts when the first message is ready
                 begun_s, first_ns = time.monotonic(), self.now_ns()
             wait_s = begun_s + item.due_ns * 1e-9 - time.monotonic()
             if self.stopping.wait(min(max(wait_s, 0), threading.TIMEOUT_MAX)):

@@ -46,9 +46,10 @@ PARAMETERS = (
 )
 
 
-def check_together(values: Values) -> None:
-    """Raise InvalidInput for values that contradict each other."""
+def check(values: Values) -> None:
+    """Raise InvalidInput for values that contradict each other, or that this machine cannot use."""
     checked(options(values))
+    kernels_for(values["device"])
     nearest, farthest = values["min_range_m"], values["max_range_m"]
     require(farthest == 0 or nearest < farthest, "min_range_m", nearest, f"less than max_range_m, {farthest:g} m")
 
@@ -56,21 +57,6 @@ def check_together(values: Values) -> None:
 def options(values: Values) -> Values:
     """The parameters of the Reconstructor; the others concern what is published."""
     return {name: values[name] for name in OPTIONS}
-
-
-def build(described: tuple[SensorModel, tuple[int, ...]] | None, values: Values) -> Reconstructor:
-    """The Reconstructor with these parameters; InvalidInput if there is none.
-
-    Args:
-        described: sensor and frequencies of the sketches; None for any, while they are unknown.
-    """
-    return Reconstructor(*(described or (precompile.ANY_SENSOR, (1, 2, 3))), **options(values))
-
-
-def on_the_cpu(described: tuple[SensorModel, tuple[int, ...]] | None, values: Values) -> Reconstructor:
-    """As `build`, but on the CPU, since a GPU takes seconds; InvalidInput also if the device is missing."""
-    kernels_for(values["device"])
-    return build(described, values | {"device": "cpu"})
 
 
 SPEC = NodeSpec(
@@ -94,15 +80,15 @@ class ReconstructorNode(ManagedNode):
         super().__init__()
         self._queue = SketchQueue()
         self._built: dict[tuple[str, tuple[int, ...]], Reconstructor] = {}      # the last used comes last
-        self._newest: PhaseSums | None = None
         self._settings = self.parameters.as_dict()      # the worker's copy, which changes only between frames
-        self.parameters.on_check = self._check
+        self.parameters.on_check = check
         self.parameters.on_change = lambda: self.worker.call(self._apply)
 
     def configure(self) -> None:
         self._settings = self.parameters.as_dict()
-        check_together(self._settings)
-        on_the_cpu(None, self._settings).warm_up()      # a GPU's kernels depend on the sensor
+        check(self._settings)
+        # On the CPU, since a GPU's kernels depend on the sensor.
+        Reconstructor(precompile.ANY_SENSOR, (1, 2, 3), **options(self._settings | {"device": "cpu"})).warm_up()
         self._points = self.endpoints.advertise(topics.POINTS)
         self._images = {topic.name: self.endpoints.advertise(topic) for topic in topics.IMAGE_TOPICS}
         self._camera_info = self.endpoints.advertise(topics.CAMERA_INFO)
@@ -120,15 +106,7 @@ class ReconstructorNode(ManagedNode):
 
     def forget(self) -> None:
         """Forget the last frame's surfaces and background."""
-        self._newest = None
         self._built.clear()
-
-    def _check(self, values: Values) -> None:
-        """Raise InvalidInput for parameters that cannot be applied."""
-        check_together(values)
-        if options(values) != options(self.parameters.as_dict()):
-            newest = self._newest       # the worker may replace it at any time
-            on_the_cpu(newest and (newest.sensor, newest.frequencies), values)
 
     def _apply(self) -> None:
         """Use the current parameters from the next frame on."""
@@ -190,7 +168,7 @@ class ReconstructorNode(ManagedNode):
         kind, frequencies = (digest, sketch.frequencies), " ".join(map(str, sketch.frequencies))
         reconstructor = self._built.pop(kind, None)
         if reconstructor is None:
-            reconstructor = build((sketch.sensor, sketch.frequencies), self._settings)
+            reconstructor = Reconstructor(sketch.sensor, sketch.frequencies, **options(self._settings))
             reconstructor.warm_up()
             self.get_logger().info(f"sketches: {sensor_summary(sketch.sensor)}, frequencies {frequencies}")
         self._built[kind] = reconstructor
@@ -206,9 +184,8 @@ class ReconstructorNode(ManagedNode):
         organised = settings["organised"]
         data = points_message.encode_cdr(cloud, frame_id, settings["fields"], organised)
         self.publish_frame(self._points, data, cloud.stamp_ns)
-        published = np.count_nonzero(cloud.surface == 0) if organised else len(cloud)
+        published = int(np.count_nonzero(cloud.surface == 0)) if organised else len(cloud)
         self.diagnostics.count(points=published, points_out_of_range=len(seen) - len(cloud), photons=seen.photons)
-        self._newest = sketch
         try:
             self._publish_images(cloud, sketch.sensor, frame_id)
         except Exception as problem:    # not counted as a lost frame: its points have been published

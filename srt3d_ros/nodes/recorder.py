@@ -8,9 +8,9 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import rclpy
 from rcl_interfaces.msg import Log
 from rclpy.qos import ReliabilityPolicy
+from rclpy.utilities import get_rmw_implementation_identifier
 from std_msgs.msg import String
 
 from srt3d_ros.core.sensor.model import SensorModel
@@ -23,8 +23,8 @@ from srt3d_ros.nodes.common.managed_node import ManagedNode
 from srt3d_ros.nodes.common.parameters import Parameter, Values
 from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.topics import NodeSpec
-from srt3d_ros.nodes.common.versions import versions
 from srt3d_ros.nodes.common.worker import Dropped
+from srt3d_ros.processes.versions import versions
 from srt3d_ros.recording import entities
 from srt3d_ros.recording.writer import FrameIndex, RecordedFrame, RecordingFailed, RecordingWriter
 
@@ -87,7 +87,7 @@ class RecorderNode(ManagedNode):
         """Check the parameters and collect the properties of every recording."""
         checked_path(self.parameters["path"])
         self._images = checked_images(self.parameters["images"])
-        self._versions = versions() | {"rmw": rclpy.get_rmw_implementation_identifier()}
+        self._versions = versions() | {"rmw": get_rmw_implementation_identifier()}
 
     def _check(self, values: Values) -> None:
         require(self.state != "active", "path", problem="path can be set while the recorder is inactive: "
@@ -119,7 +119,7 @@ class RecorderNode(ManagedNode):
         writer, self._path = self._writer, None
         self.diagnostics.show(path="")
         if writer is not None:
-            self._write_lines()
+            self._write_lines(writer)
             self._writer = None
             writer.close()
 
@@ -160,48 +160,50 @@ class RecorderNode(ManagedNode):
 
     def _on_points(self, raw: bytes) -> None:
         header, columns = points_message.decode_cdr(raw)
-        frame, number_of_points = self._frame(header.stamp_ns), len(columns["xyz"])
+        writer, frame = self._frame(header.stamp_ns)
+        number_of_points = len(columns["xyz"])
         sketch_ns = frame.sketch_ns
         series = {"latency_ms": (self.received_ns - frame.stamp_ns) * 1e-6, "points": number_of_points,
                   "latency_reconstruct_ms": None if sketch_ns is None else (self.received_ns - sketch_ns) * 1e-6,
                   "frame_rate_hz": self._frames.cloud_came(frame)}
-        self._writer.log_scalars(frame.stamp_ns, series, frame.number)
+        writer.log_scalars(frame.stamp_ns, series, frame.number)
         recorded = {name: columns[name] for name in ("xyz", "intensity", *entities.OF_FULL_CLOUDS) if name in columns}
-        self._writer.log_cloud(frame.stamp_ns, frame.number, **recorded)
+        writer.log_cloud(frame.stamp_ns, frame.number, **recorded)
         self.diagnostics.count(clouds=1, points=number_of_points)
-        self._logged(frame)
+        self._logged(writer, frame)
 
     def _on_image(self, path: str, raw: bytes) -> None:
         header, image = image_message.decode_cdr(raw)
-        frame = self._frame(header.stamp_ns)
-        self._writer.log_image(path, frame.stamp_ns, frame.number, image)
-        self._logged(frame)
+        writer, frame = self._frame(header.stamp_ns)
+        writer.log_image(path, frame.stamp_ns, frame.number, image)
+        self._logged(writer, frame)
 
     def _on_sketch(self, raw: bytes) -> None:
         header, frequencies, counts = sketch_message.decode_counts_cdr(raw)
-        frame, photons = self._frame(header.stamp_ns), int(counts.sum(dtype=np.int64))
+        writer, frame = self._frame(header.stamp_ns)
+        photons = int(counts.sum(dtype=np.int64))
         if frequencies != self._frequencies:
             self._frequencies = frequencies
-            self._writer.set_properties(entities.RUN, {"frequencies": list(frequencies)})
+            writer.set_properties(entities.RUN, {"frequencies": list(frequencies)})
         frame.sketch_ns = self.received_ns
         series = {"latency_sketch_ms": (self.received_ns - frame.stamp_ns) * 1e-6, "photons": photons,
                   "ppp": photons / max(counts.size, 1)}
-        self._writer.log_scalars(frame.stamp_ns, series, frame.number)
+        writer.log_scalars(frame.stamp_ns, series, frame.number)
         if entities.PHOTONS_PATH in self._images:
-            self._writer.log_image(entities.PHOTONS_PATH, frame.stamp_ns, frame.number, counts)
+            writer.log_image(entities.PHOTONS_PATH, frame.stamp_ns, frame.number, counts)
         self.diagnostics.count(photons=photons)
-        self._logged(frame)
+        self._logged(writer, frame)
 
-    def _frame(self, stamp_ns: int) -> RecordedFrame:
+    def _frame(self, stamp_ns: int) -> tuple[RecordingWriter, RecordedFrame]:
+        """The open recording and its frame with this stamp; Dropped if none is open."""
         if self._writer is None:
             raise Dropped("not_recording", "no recording is open")
-        return self._frames[stamp_ns]
+        return self._writer, self._frames[stamp_ns]
 
-    def _logged(self, frame: RecordedFrame) -> None:
-        if self._lines:
-            self._write_lines()
+    def _logged(self, writer: RecordingWriter, frame: RecordedFrame) -> None:
+        self._write_lines(writer)
         self.sent(frame.stamp_ns)
-        self.diagnostics.show(path=self._writer.path)
+        self.diagnostics.show(path=writer.path)
 
     # ---- The log
 
@@ -211,15 +213,15 @@ class RecorderNode(ManagedNode):
         if namespace == self.get_namespace().strip("/").replace("/", "."):
             self._lines.append((line.stamp.sec * 10**9 + line.stamp.nanosec, f"{name}: {line.msg}", int(line.level)))
             if self._writer is not None and self._frames.newest:
-                self._write_lines()
+                self._write_lines(self._writer)
 
-    def _write_lines(self) -> None:
+    def _write_lines(self, writer: RecordingWriter) -> None:
         newest = self._frames.newest
         while self._lines:
             stamp_ns, text, level = self._lines.popleft()
             if newest is not None and abs(stamp_ns - newest.stamp_ns) > NEAR_NS:
                 stamp_ns = newest.stamp_ns
-            self._writer.log_line(stamp_ns, text, level, newest.number if newest else None)
+            writer.log_line(stamp_ns, text, level, newest.number if newest else None)
 
 
 main = partial(run, RecorderNode)

@@ -18,7 +18,7 @@ from srt3d_ros.datasets import open_sensor
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import sensor_message, sketch_message
 from srt3d_ros.messages.cdr import check_frame_id
-from srt3d_ros.messages.photon_frames import CODECS
+from srt3d_ros.messages.photon_frames import CODECS, Codec
 from srt3d_ros.nodes.common import topics
 from srt3d_ros.nodes.common.managed_node import ManagedNode, sensor_summary
 from srt3d_ros.nodes.common.parameters import Parameter, Values
@@ -134,7 +134,7 @@ class SketcherNode(ManagedNode):
     def _flush(self) -> None:
         """Publish all frames that have ended, and begin a new frame and a new window."""
         if self._stream is not None:
-            self._publish(self._stream.flush())
+            self._publish(self._stream, self._stream.flush())
 
     # ---- Sensor and parameters
 
@@ -147,7 +147,7 @@ class SketcherNode(ManagedNode):
                 self._compare_with_file(described)
         except InvalidInput as problem:
             if self._stream is not None:        # the open frame may contain photons of the other sensor
-                self._publish(self._stream.reset())
+                self._publish(self._stream, self._stream.reset())
             self._stream, self._refused = None, str(problem)
             self.diagnostics.problem = self._refused
             raise
@@ -195,23 +195,23 @@ class SketcherNode(ManagedNode):
         self._flush()
         self._stream = None                     # stays so if the next line fails
         try:
-            self._stream = SketchStream(sensor, options, self.diagnostics)
+            self._stream = stream = SketchStream(sensor, options, self.diagnostics)
         except InvalidInput as problem:
             self.diagnostics.problem = str(problem)
             raise
-        self._describe(self._stream.sketch_sensor)
+        self._describe(stream, stream.sketch_sensor)
         self.diagnostics.frame_id = sensor.frame_id
-        self.diagnostics.show(**self._stream.facts)
+        self.diagnostics.show(**stream.facts)
         self.release_frames()
 
     def _check(self, values: Values) -> None:
         """Raise InvalidInput for parameters that do not suit the sensor; without one, that suit no sensor."""
         check_frame_id("frame_id", values["frame_id"])
-        SketchStream(self._sensor or precompile.ANY_SENSOR, stream_options(values))
+        stream_options(values).check(self._sensor or precompile.ANY_SENSOR)
 
     # ---- Packets in, sketches out
 
-    def _on_packet(self, codec, raw: bytes) -> None:
+    def _on_packet(self, codec: Codec, raw: bytes) -> None:
         if self._refused and self._file is not None and self.count_publishers(self._topic) <= 1:
             self._use_file(f"{self._topic} has no other publisher any more")
         stream = self._stream
@@ -222,9 +222,9 @@ class SketcherNode(ManagedNode):
         if self._motion is not None:
             self._motion.read_into(stream)
         try:
-            self._publish(stream.push(photons, self._now_s()))
+            self._publish(stream, stream.push(photons, self._now_s()))
         finally:
-            self._wake_later()
+            self._wake_later(stream)
 
     def _on_motion(self) -> None:
         """Have the worker poll if frames wait for motion; called in the executor's thread."""
@@ -233,15 +233,16 @@ class SketcherNode(ManagedNode):
             self.worker.call(self._poll)
 
     def _poll(self) -> None:
-        if self._stream is not None:
+        stream = self._stream
+        if stream is not None:
             if self._motion is not None:
-                self._motion.read_into(self._stream)
-            self._publish(self._stream.poll(self._now_s()))
-            self._wake_later()
+                self._motion.read_into(stream)
+            self._publish(stream, stream.poll(self._now_s()))
+            self._wake_later(stream)
 
-    def _wake_later(self) -> None:
+    def _wake_later(self, stream: SketchStream) -> None:
         """Schedule a poll for when a frame may end or be published without another packet."""
-        wait_s = self._stream.wait_s
+        wait_s = stream.wait_s
         if wait_s is not None and self._now_s() + wait_s < self._wake_s:
             self._wake_s = self._now_s() + wait_s
             self.worker.call_after(wait_s, self._wake)
@@ -253,11 +254,11 @@ class SketcherNode(ManagedNode):
     def _now_s(self) -> float:
         return self.now_ns() * 1e-9
 
-    def _publish(self, sketches: list[PhaseSums]) -> None:
+    def _publish(self, stream: SketchStream, sketches: list[PhaseSums]) -> None:
         """Publish sketches, each after the description that it names."""
-        values, stream = self.parameters, self._stream
+        values = self.parameters
         for sketch in sketches:
-            self._describe(sketch.sensor)
+            self._describe(stream, sketch.sensor)
             frame_id = values["frame_id"] or self._frame_id
             data = sketch_message.encode_cdr(sketch, frame_id, values["layout"])
             self.publish_frame(self._sketches, data, sketch.stamp_ns)
@@ -268,12 +269,12 @@ class SketcherNode(ManagedNode):
         if sketches and self._motion is not None:
             self._motion.judge(stream)
 
-    def _describe(self, sensor: SensorModel) -> None:
+    def _describe(self, stream: SketchStream, sensor: SensorModel) -> None:
         """Publish a description on `sketch/sensor`, unless it is the last one published."""
         if self._described is None or not sensor.same_as(self._described):
             self._described = sensor
             self.publish(self._descriptions, sensor_message.encode(sensor))
-            facts = self._stream.facts
+            facts = stream.facts
             self.get_logger().info(f"sketches of {sensor_summary(sensor)}: gate {facts['gate']}, frequencies "
                                    f"{facts['frequencies']}")
 

@@ -68,9 +68,11 @@ def until_end(messages: Iterator[Item], others: Iterator[Item], after_s: float =
 
     def first() -> Iterator[Item]:
         nonlocal end_ns
+        last_ns = 0
         for item in messages:
+            last_ns = item.due_ns
             yield item
-        end_ns = item.due_ns + after_s * NS_PER_S
+        end_ns = last_ns + after_s * NS_PER_S
 
     both = merge(first(), others, key=lambda item: item.due_ns)
     return takewhile(lambda item: item.due_ns <= end_ns, both)

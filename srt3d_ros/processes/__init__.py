@@ -1,1 +1,1 @@
-"""Starts, tunes and ends the processes of the nodes."""
+"""Starts, tunes, describes and ends the processes of the nodes."""

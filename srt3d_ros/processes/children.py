@@ -7,13 +7,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterable
+from typing import Any
 
 STOP_TIMEOUT_S = 60.0       # to write the rest of a recording or a bag
 HAND_OVER_S = 0.3           # for a node's last messages to reach the next node before that ends, too
 LIBC, PR_SET_PDEATHSIG = ctypes.CDLL(None), 1       # linux/prctl.h
 
 
-def start(command: list[str], **options) -> subprocess.Popen:
+def start(command: list[str], **options: Any) -> subprocess.Popen:
     """Start a child that Ctrl-C in the terminal does not reach, and that receives SIGTERM when this process ends."""
     return subprocess.Popen(command, stdin=subprocess.DEVNULL, process_group=0,
                             preexec_fn=lambda: LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGTERM), **options)

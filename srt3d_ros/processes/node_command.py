@@ -32,7 +32,7 @@ def check_parameter(node: str, parameter: str, known: Collection[str]) -> None:
             problem=f"{node} has no parameter {parameter}: {hint}")
 
 
-def node_command(name: str, *ros_args: str, **parameters) -> list[str]:
+def node_command(name: str, *ros_args: str, **parameters: object) -> list[str]:
     """The command that runs a node with these parameters and further arguments for ROS 2."""
     # Without -P, Python in a clone imports the clone's srt3d_ros instead of the installed and compiled one.
     return [sys.executable, "-P", "-m", "srt3d_ros.cli.main", "node", name, *parameter_arguments(parameters), *ros_args]

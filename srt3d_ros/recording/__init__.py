@@ -1,4 +1,4 @@
-"""Write and read recordings (.rrd) without a viewer. No other room imports rerun."""
+"""Write and read recordings (.rrd) without a viewer. Nothing else but compat.py imports rerun."""
 
 import os
 

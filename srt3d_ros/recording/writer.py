@@ -15,17 +15,18 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
+from srt3d_ros import compat
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.messages import sensor_message
 from srt3d_ros.pictures.colours import AdaptiveRange, levels, point_table
 from srt3d_ros.pictures.viewpoint import look_at, point_radius_m
 from srt3d_ros.processes.children import end_at_once
-from srt3d_ros.recording import entities, rerun_patches
+from srt3d_ros.recording import entities
 from srt3d_ros.recording.blueprint import film_blueprint, plot_styles
 
-# A flush writes a chunk of each entity, and rerun keeps 3 kB of index per chunk in memory until the file is finished.
-# Without regular flushes, large clouds keep rerun from writing scalars. rerun's own flushes come on top.
+# A flush writes a chunk of each entity, and rerun keeps 3 kB of index per chunk in memory until the file is finished:
+# few flushes. Without any, large clouds keep rerun from writing scalars.
 FLUSH_PERIOD_S = 1.0
 BATCHING = rr.ChunkBatcherConfig(flush_tick=timedelta(seconds=5 * FLUSH_PERIOD_S))
 FLUSH_TIMEOUT_S = 20.0      # a slower disk counts as hanging
@@ -112,7 +113,7 @@ class RecordingWriter(AbstractContextManager):
         self._stream: rr.RecordingStream | None = None      # None once finished
         try:
             self._check_disk()
-            rerun_patches.create_file(self.path)
+            compat.create_rerun_file(self.path)
         except OSError as error:
             raise self._failure(error) from None
         self._stream = rr.RecordingStream(entities.APPLICATION_ID, recording_id=str(uuid.uuid4()),
@@ -171,7 +172,7 @@ class RecordingWriter(AbstractContextManager):
         self._flushed_s = time.monotonic()
 
     def close(self) -> None:
-        """Finish the file. Idempotent. If the disk hangs, this process will exit with code 1: rerun would never end."""
+        """Finish the file. Idempotent. The process exits with 1 if the disk hangs, because rerun has no timeout."""
         if self._stream is not None:
             if not self._has_view:
                 self._send_view()
@@ -214,7 +215,7 @@ class RecordingWriter(AbstractContextManager):
         self._stream.log(entities.SENSOR_PATH, *entities.field_of_view(self._sensor, self._framed), static=True)
         eye = look_at(self._framed, self._sensor.projection, fov_deg=_VIEWER_FOV_DEG, aspect=_VIEW_ASPECT)
         blueprint = film_blueprint(eye, self._sensor, self._images, None if self._still else self._rate_hz())
-        rerun_patches.send_blueprint(self._stream, blueprint)
+        compat.send_rerun_blueprint(self._stream, blueprint)
 
     def _rate_hz(self) -> float:
         """Clouds per second of sensor time, whatever frames were lost."""
@@ -240,7 +241,7 @@ class RecordingWriter(AbstractContextManager):
         if ending.is_alive():
             atexit.register(end_at_once, 1)     # called before rerun's handler: last registered, first called
         else:
-            rerun_patches.free_ended()
+            compat.free_rerun_streams()
 
 
 def record_cloud(cloud: PointCloud, path: Path, notes: tuple[str, ...] = ()) -> None:

@@ -26,7 +26,6 @@ def summarise(recorded: Recorded) -> dict:
     index, seconds = recorded.index, recorded.seconds
     frames, duration = len(index), float(seconds[-1])
     gaps, period = _gaps(recorded)
-    size = recorded.path.stat().st_size
     typical, fewest, most = notable_frames(recorded)
     summary = {
         "recording": str(recorded.path), "started": iso_time(index.stamp_ns[0]),
@@ -38,7 +37,7 @@ def summarise(recorded: Recorded) -> dict:
         "points": _spread(index.points),
         **{name: _spread(recorded.series[name].values) if name in recorded.series else None
            for name in ("photons", "ppp")},
-        "bytes": size, "bytes_per_point": _rounded(size / max(int(index.points.sum()), 1)),
+        "bytes": recorded.path.stat().st_size,
         "log": dict(Counter(line.level or "?" for line in recorded.log)),
         "typical_frame": int(index.frame_index[typical]), "fewest_points_frame": int(index.frame_index[fewest]),
         "most_points_frame": int(index.frame_index[most]),
@@ -122,7 +121,6 @@ def rows(summary: dict) -> list[tuple[str, str]]:
         if s[name]:
             median, least, most = (number_text(s[name][key]) for key in ("median", "min", "max"))
             found.append((title, f"median {median}, {least} … {most}"))
-    found.append(("size", f"{s['bytes_per_point']:.3g} bytes a point, all included"))
     if s["log"]:
         found.append(("log", log_counts(s)))
     return [*found, *_origin(s), (

@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rclpy.serialization import serialize_message
-from sensor_msgs.msg import PointCloud2, PointField
 
 from srt3d_ros.core.point_cloud import POINT_FIELDS
 from srt3d_ros.messages import points_message as points
@@ -47,13 +45,3 @@ def test_an_organised_cloud_has_the_first_point_of_each_pixel_and_nan_elsewhere(
     assert columns.keys() == listed.keys()
     for name, values in columns.items():
         assert np.array_equal(values, listed[name][:1]) and values.dtype == listed[name].dtype, name
-
-
-def test_organised_cloud_of_others_is_read_row_by_row():
-    names, values = ["x", "y", "z", "intensity", "ring"], np.arange(30, dtype="<f4")
-    fields = [PointField(name=name, offset=4 * at, datatype=PointField.FLOAT32, count=1)
-              for at, name in enumerate(names)]
-    message = PointCloud2(height=2, width=3, fields=fields, point_step=20, row_step=60, data=values.tobytes())
-    _, columns = points.decode_cdr(serialize_message(message))
-    assert columns["xyz"].tolist() == values.reshape(6, 5)[:, :3].tolist()
-    assert columns["intensity"].tolist() == values.reshape(6, 5)[:, 3].tolist()

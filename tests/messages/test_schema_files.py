@@ -6,7 +6,6 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from srt3d_ros.messages import schema_files
-from tools import schema_tables
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMES = sorted(path.stem for path in (ROOT / "msg_schemas").glob("*.json"))
@@ -18,8 +17,3 @@ def test_a_schema_is_of_the_draft_that_it_names_and_has_a_version(name):
     assert schema["$schema"] == Draft202012Validator.META_SCHEMA["$id"]
     Draft202012Validator.check_schema(schema)
     assert (schema["properties"]["schema_version"]["const"] if name == "sensor" else schema["x-version"]) >= 1
-
-
-def test_the_page_has_the_tables_of_all_schemas():
-    text = (ROOT / "docs" / "messages.md").read_text(encoding="utf-8")
-    assert sorted(name for _, name, _ in schema_tables.MARKED.findall(text)) == NAMES

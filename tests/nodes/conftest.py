@@ -7,6 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ from std_msgs.msg import String
 
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.messages import sensor_message
+from srt3d_ros.messages import photon_frames, sensor_message
 from srt3d_ros.processes.node_command import parameter_arguments
 from tests.nodes.eager_node import EagerNode
 from tools.processes import Process, wait
@@ -155,6 +156,12 @@ class Graph:
     def all_reports(self, name: str) -> list[dict[str, str]]:
         return self._reports.get(f"{self.namespace}/{name}".lstrip("/"), [])
 
+    def next_reports(self, name: str, number: int) -> list[dict[str, str]]:
+        """Wait for so many more reports of a node."""
+        before = len(self.all_reports(name))
+        self.wait(lambda: len(self.all_reports(name)) >= before + number, f"{number} more reports of {name}")
+        return self.all_reports(name)[before:]
+
     def reports(self, name: str, key: str, value) -> dict[str, str]:
         """Wait until a node's diagnostics show this value."""
         self.wait(lambda: self.report(name).get(key) == str(value), f"{key} = {value} in the diagnostics of {name}")
@@ -236,6 +243,12 @@ def events(sensor) -> PhotonEvents:
     toa = np.where(rng.random(len(pixel)) < 0.5, rng.integers(0, sensor.num_bins, len(pixel)),
                    np.clip(np.round(rng.normal(50, 2, len(pixel))), 0, sensor.num_bins - 1))
     return PhotonEvents(pixel, toa.astype(np.uint16), stamp_ns=1_000_000_000)
+
+
+@pytest.fixture(scope="session")
+def photons_at(events, sensor) -> Callable[[int], bytes]:
+    """Makes the message of the events, acquired at a stamp [ns]."""
+    return lambda stamp_ns: photon_frames.PHOTONS.encode_cdr(replace(events, stamp_ns=stamp_ns), sensor, "spad")
 
 
 @pytest.fixture(scope="session")

@@ -10,6 +10,7 @@ OF_MANAGED_NODES = ("change_state", "get_state", "get_available_states", "get_av
                     "get_transition_graph", "transition_event", "describe_parameters", "get_parameter_types",
                     "get_parameters", "list_parameters", "set_parameters", "set_parameters_atomically",
                     "get_type_description")
+LIVE_TEXTS = {"frequencies", "frame_id", "gate"}       # without choices; none is a path
 NEVER_TOGETHER = {"player": {"odom"}, "sketcher": {"odom", "imu"}}
 
 
@@ -80,3 +81,12 @@ def test_a_running_node_takes_or_refuses_both_ends_of_each_range_and_goes_on(gra
             graph.wait(lambda before=before: not parameter.live or sum(graph.total(name, key) for key in done)
                        > before + 1, "frames with that value")
     assert graph.total(name, "internal") == 0, graph.report(name)
+
+
+@pytest.mark.parametrize("name", all_specs())
+def test_no_one_on_the_network_can_make_a_node_read_or_replace_a_file(name):
+    for parameter in all_specs()[name].table:
+        if parameter.inactive:
+            assert (name, parameter.name) == ("recorder", "path")      # a recorder replaces no file
+        if parameter.live and isinstance(parameter.default, str) and not parameter.choices:
+            assert parameter.name in LIVE_TEXTS and "path" not in parameter.form and "folder" not in parameter.form

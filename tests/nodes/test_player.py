@@ -1,7 +1,6 @@
 """The player: what it sends, when, and how it ends; with `wait_for`, beside the nodes that it waits for."""
 
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -58,30 +57,20 @@ def test_a_frame_that_does_not_become_a_cloud_is_named_and_fails_the_run(graph, 
 # ---- A bag
 
 @pytest.fixture
-def play(graph):
-    """Plays a bag in the graph's namespace, with these options."""
-    def start(bag, *options: str) -> Process:
-        command = [sys.executable, "-m", "srt3d_ros.cli.main", "play", str(bag), "--namespace", graph.namespace]
-        graph.processes.append(Process([*command, *options]))
-        return graph.processes[-1]
-
-    return start
+def frames(photons_at) -> list[bytes]:
+    return [photons_at(stamp_ns) for stamp_ns in STAMPS_NS]
 
 
-@pytest.fixture
-def frames(events, sensor) -> list[bytes]:
-    return [photon_frames.PHOTONS.encode_cdr(replace(events, stamp_ns=stamp_ns), sensor, "spad")
-            for stamp_ns in STAMPS_NS]
-
-
-def test_a_bag_is_played_as_it_was_recorded_and_becomes_sketches(graph, play, sensor, frames, tmp_path):
+def test_a_bag_is_played_as_it_was_recorded_and_becomes_sketches(graph, sensor, frames, tmp_path):
     pose = serialize_message(Odometry())
     bag = write_bag(tmp_path / "bag", [
         ("/sensor", TEXT, sensor_message.encode_cdr(sensor)), ("/photons", CLOUD, frames[0], 10),
         ("/odom", "nav_msgs/msg/Odometry", pose, 20), ("/points", CLOUD, b"", 30),
         *(("/photons", CLOUD, raw, 60 + 50 * k) for k, raw in enumerate(frames[1:]))])
     poses, photons = graph.collect(Odometry, "odom", raw=True), graph.collect(PointCloud2, "photons", raw=True)
-    player = play(bag, "--rate", "0.5")
+    player = Process([sys.executable, "-m", "srt3d_ros.cli.main", "play", str(bag), "--rate", "0.5",
+                      "--namespace", graph.namespace])
+    graph.processes.append(player)
     assert player.code() == 0 and "sent all of" in player.text
     graph.wait(lambda: len(photons) == 3 and poses, "all messages")
     whole = len(frames[0])      # the middleware may pad messages
@@ -95,19 +84,7 @@ def test_a_bag_is_played_as_it_was_recorded_and_becomes_sketches(graph, play, se
     assert sketches[0].header.stamp.sec * 10**9 + sketches[0].header.stamp.nanosec in STAMPS_NS
 
 
-def test_remapped_photons_of_another_namespace_become_clouds(graph, sensor, frames, tmp_path):
-    """The pipeline waits for the bag's description, and the player for the pipeline."""
-    bag = write_bag(tmp_path / "bag", [
-        ("/front/info", TEXT, sensor_message.encode_cdr(sensor), 0),
-        *(("/front/raw", CLOUD, raw, 1000 + 50 * k) for k, raw in enumerate(frames))], "sqlite3")
-    graph.start("reconstructor")
-    graph.start("sketcher")
-    player = graph.start("player", "-r", "raw:=photons", "-r", "info:=sensor", input=bag,
-                         wait_for="sketcher reconstructor")
-    assert player.code() == 0 and "sent 3, none lost" in player.text
-
-
-def test_a_name_that_ros_refuses_is_one_line(play, tmp_path, frames):
+def test_a_name_that_ros_refuses_is_one_line(graph, tmp_path, frames):
     names = f"/{'a' * 300}/photons", "/b/photons"       # in two namespaces, which are kept
-    player = play(write_bag(tmp_path / "bag", [(name, CLOUD, frames[0]) for name in names]))
+    player = graph.start("player", input=write_bag(tmp_path / "bag", [(name, CLOUD, frames[0]) for name in names]))
     assert player.code() == 2 and player.text.splitlines()[-1].startswith("srt3d: error: Cannot use aaa")

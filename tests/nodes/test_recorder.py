@@ -81,11 +81,6 @@ class Speaker:
         self.graph.reports("recorder", "clouds", before + frames)
         return stamps
 
-    def next_report(self, later: int = 1) -> dict[str, str]:
-        reports = len(self.graph.all_reports("recorder"))
-        self.graph.wait(lambda: len(self.graph.all_reports("recorder")) >= reports + later, "another report")
-        return self.graph.report("recorder")
-
 
 @pytest.fixture(scope="module")
 def shared(shared_graph, sensor, tmp_path_factory):
@@ -153,7 +148,7 @@ def test_what_a_stopped_recorder_misses_it_counts_and_nobody_waits_for_it(speake
     speaker.recorder.resume()
     while graph.total("recorder", "message_lost") == lost:      # which the next that comes shows
         speaker.frame()
-        speaker.next_report()
+        graph.next_reports("recorder", 1)
     graph.wait(lambda: counted() - before == speaker.sent - sent, "all clouds, recorded or counted")
 
 
@@ -177,7 +172,7 @@ def test_a_bad_description_is_an_error_until_a_good_one_comes_and_then_in_one_re
     speaker.say("{")
     assert graph.change("recorder", "activate")
     graph.reports("recorder", "errors", errors + 1)
-    assert [speaker.next_report()["level"] for _ in range(2)] == [DiagnosticStatus.ERROR] * 2
+    assert [report["level"] for report in graph.next_reports("recorder", 2)] == [DiagnosticStatus.ERROR] * 2
     speaker.describe(speaker.sensor)
     speaker.ready().record(1)
     speaker.say("{")
@@ -193,10 +188,9 @@ def test_a_full_disk_ends_the_recording_with_one_error_and_not_the_node(graph, s
         report = graph.reports("recorder", "errors", number)
         assert report["last_error"].startswith(f"recording {tmp_path / 'a.rrd'}: stopped, as the disk has only ")
         graph.reports("recorder", "path", "")
-        speaker.next_report(3)
         assert all((one["level"], one["ready"]) == (DiagnosticStatus.ERROR, "False")
                    and one["message"].startswith("not recording: stopped, as the disk has only ")
-                   for one in graph.all_reports("recorder")[-2:])       # as long as it lasts
+                   for one in graph.next_reports("recorder", 3))        # as long as it lasts
         if number == 1:
             speaker.restart()
     assert speaker.recorder.end(signal.SIGTERM) == 1

@@ -3,7 +3,6 @@
 import dataclasses
 
 import numpy as np
-import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import serialize_message
@@ -18,13 +17,6 @@ from tests.photon_forms import as_gates, as_histograms
 
 STAMP_NS = 1_700_000_000_123_456_789
 ATTEMPTS = 5            # to have a description overtake frames
-
-
-@pytest.fixture
-def photons_at(events, sensor):
-    """The message of the events, acquired at a stamp."""
-    return lambda stamp_ns: photon_frames.PHOTONS.encode_cdr(dataclasses.replace(events, stamp_ns=stamp_ns), sensor,
-                                                             "spad")
 
 
 def test_sketches_are_the_cores_in_all_forms_and_follow_the_parameters(graph, sensor, events, photons_at):

@@ -24,13 +24,6 @@ def test_tables_are_the_published_maps():
         assert np.abs(table - published).max() <= 11 and np.array_equal(table[::15], published[::15])
 
 
-def test_packed_colours_are_the_same_and_opaque():
-    table = colour_table("viridis")
-    assert packed(table).dtype == np.uint32 and packed(table)[0] == 0x440154FF
-    channels = np.stack([packed(table) >> 24, packed(table) >> 16 & 255, packed(table) >> 8 & 255], axis=1)
-    assert np.array_equal(channels, table) and (packed(table) & 255 == 255).all()
-
-
 def test_levels_span_the_range_clip_outside_and_take_nan_and_flat_data():
     values = np.array([-1, 0, 5, 10, 20, np.nan, np.inf])
     assert levels(values, 0, 10).tolist() == [0, 0, 127, 255, 255, 0, 255]

@@ -11,6 +11,7 @@ from rerun.chunk import RrdReader
 from srt3d_ros.processes import supervisor
 from srt3d_ros.processes.node_command import NODES
 from srt3d_ros.processes.supervisor import END, GIVE_UP, MOST_RESTARTS, RESTART, Restarts
+from tests.nodes.conftest import events, photon_file, sensor  # noqa: F401
 from tools.processes import Process, nodes_of, wait
 
 UP = [sys.executable, "-m", "srt3d_ros.cli.main", "up"]
@@ -43,9 +44,9 @@ def runs(node: psutil.Process) -> bool:
     return node.is_running() and node.status() != psutil.STATUS_ZOMBIE
 
 
-def test_the_nodes_end_from_the_source_to_the_recorder_and_the_recording_is_whole(start, tmp_path):
+def test_the_nodes_end_from_the_source_to_the_recorder_and_the_recording_is_whole(start, photon_file, tmp_path):  # noqa: F811
     recording = tmp_path / "run.rrd"
-    up = start(UP, "--input", "simulator", "--record", recording, "--namespace", "front", "-r", "points:=/robot/cloud")
+    up = start(UP, "--input", photon_file, "--record", recording, "--namespace", "front", "-r", "points:=/robot/cloud")
     up.says("starts /front/player, /front/sketcher, /front/reconstructor, /front/recorder; Ctrl-C stops them")
     up.says(f"[front.recorder]: recording to {recording}")
     for name in ("player", "sketcher", "reconstructor"):
@@ -86,26 +87,23 @@ def test_points_go_on_without_a_recorder_that_keeps_dying_and_the_exit_code_says
     assert up.end(signal.SIGINT) == 128 + signal.SIGKILL, up.text
 
 
-def test_a_recording_that_stopped_is_seen_in_the_exit_code(start, tmp_path):
+def test_a_recording_that_stopped_is_seen_in_the_exit_code(start, photon_file, tmp_path):  # noqa: F811
     recording = tmp_path / "run.rrd"
-    up = start(UP, "--input", "simulator", "--record", recording).says("recording to")
+    up = start(UP, "--input", photon_file, "--record", recording).says("recording to")
     wait(lambda: recording.unlink(missing_ok=True) or "stopped, as the file is gone" in up.text, "the recording's end")
     assert up.end(signal.SIGINT) == 1, up.text
 
 
-def test_no_node_outlives_a_killed_parent(start):
-    up = start(UP, "--input", "simulator").says("[player]: ready")
+def test_no_node_outlives_a_killed_parent(start, photon_file):  # noqa: F811
+    up = start(UP, "--input", photon_file).says("[player]: ready")
     nodes = nodes_of(up.pid)
     assert set(nodes) == {"player", "sketcher", "reconstructor"}
     up.kill()
     wait(lambda: not any(map(runs, nodes.values())), "the end of the nodes")
 
 
-@pytest.mark.parametrize("options, code, line", [
-    (["--input", "simulator", "-p", "player.frames:=2"], 0, ""),
-    (["--input", "no such file.npz"], 2,
-     "srt3d: error: no such file.npz: no such file.")])
-def test_a_player_that_ends_or_cannot_start_ends_all_with_its_code(start, options, code, line):
-    up = start(UP, *options)
-    assert up.code() == code and (not line or line in up.lines)
+@pytest.mark.parametrize("file, code", [("", 0), ("no such file.npz", 2)])
+def test_a_player_that_ends_or_cannot_start_ends_all_with_its_code(start, photon_file, file, code):  # noqa: F811
+    up = start(UP, "--input", file or photon_file, "-p", "player.frames:=2")
+    assert up.code() == code and (not file or "srt3d: error: no such file.npz: no such file." in up.lines)
     assert f"srt3d up: player ended with exit code {code}: stopping all nodes" in up.lines

@@ -1,13 +1,12 @@
 """RecordingReader: order, and one clear line for a file that is no recording of ours."""
 
 import numpy as np
-import pyarrow as pa
 import pytest
 import rerun as rr
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.recording.reader import LogLine, RecordingReader
+from srt3d_ros.recording.reader import RecordingReader
 from srt3d_ros.recording.writer import RecordingWriter
 
 SENSOR = SensorModel(2, 3, 50, 1e-10, np.ones(3))
@@ -56,33 +55,6 @@ def test_a_damaged_foreign_or_newer_file_gives_one_line(tmp_path, whole, damage,
     with pytest.raises(InvalidInput, match=expected) as caught:
         list(RecordingReader(path).clouds())
     assert "bad.rrd" in str(caught.value) and "\n" not in str(caught.value)
-
-
-def test_optional_components_images_logs_and_properties_are_read_where_they_are(tmp_path):
-    stream = rr.RecordingStream("srt3d_ros")
-    stream.save(tmp_path / "a.rrd")
-    stream.set_time("stamp", timestamp=np.datetime64(7, "ns"))
-    stream.set_time("frame", sequence=3)
-    half = pa.array(np.float32([0.5, 2]))
-    stream.log("/points", rr.Points3D(np.ones((2, 3), np.float32), colors=np.zeros(2, np.uint32)),
-               rr.AnyValues(intensity=half, depth_std=half, row=pa.array(np.uint16([7, 8]))))
-    counts = np.arange(6).reshape(2, 3)
-    stream.log("/photons", rr.DepthImage(counts.astype(np.uint8)))
-    stream.log("/intensity", rr.DepthImage(counts.astype(np.float32)))
-    stream.log("/background", rr.DepthImage(counts.astype(np.uint32)))
-    stream.log("/log/sketcher", rr.TextLog("a line", level="WARN"))
-    stream.send_property("versions", rr.AnyValues(numpy="2.4"))
-    stream.disconnect()
-    reader = RecordingReader(tmp_path / "a.rrd")
-    (cloud,) = reader.clouds()
-    assert cloud.intensity.tolist() == [0.5, 2] and cloud.intensity.dtype == cloud.depth_std_m.dtype == np.float32
-    assert cloud.depth_std_m.tolist() == [0.5, 2] and cloud.row.tolist() == [7, 8] and cloud.col is None
-    assert [(stamp, frame) for stamp, frame, _ in reader.images("/photons")] == [(7, 3)]
-    assert [np.array_equal(image, counts) for name in ("/photons", "/intensity", "/background")
-            for *_, image in reader.images(name)] == [True] * 3
-    assert list(reader.images("/depth")) == []
-    assert reader.log_lines() == [LogLine(7, "WARN", "a line")]
-    assert reader.properties()["versions"] == {"numpy": "2.4"}
 
 
 def test_clouds_of_another_program_without_intensities_give_one_line(tmp_path):

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -125,18 +124,6 @@ def test_a_flood_of_clouds_does_not_keep_scalars_from_the_file(tmp_path, monkeyp
     assert written == {"/metrics/points"}
 
 
-def test_small_clouds_share_chunks_whose_index_stays_in_memory(tmp_path):
-    """At most a chunk per flush, of the writer and of rerun; without BATCHING, rerun flushes every 0.2 s."""
-    begun_s, logged = time.monotonic(), 0
-    with RecordingWriter(tmp_path / "a.rrd", SENSOR) as writer:
-        while (passed_s := time.monotonic() - begun_s) < 1.5:
-            writer.log_scalars(logged, {"points": 1}, logged)
-            logged += 1
-            time.sleep(0.01)
-    chunks = list(RrdReader(tmp_path / "a.rrd").stream().filter(content="/metrics/points", is_static=False))
-    assert len(chunks) <= 3 + 1.2 * passed_s / writer_module.FLUSH_PERIOD_S
-
-
 def test_a_path_that_cannot_be_written_is_one_line_and_no_file_is_replaced(tmp_path):
     (tmp_path / "a.rrd").write_bytes(b"older")
     for name, why in (("absent/a.rrd", "No such file or directory"), ("a.rrd", "File exists")):
@@ -149,7 +136,6 @@ def test_a_path_that_cannot_be_written_is_one_line_and_no_file_is_replaced(tmp_p
 def test_a_process_that_forgets_to_close_ends_with_a_finished_file(tmp_path):
     script = """
 import sys
-import time
 import numpy as np
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.recording.writer import RecordingWriter
@@ -166,7 +152,8 @@ HANGING_DISK = """
 import os, sys
 import numpy as np
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.recording import rerun_patches, writer
+from srt3d_ros import compat
+from srt3d_ros.recording import writer
 
 def create_file(path):
     global end
@@ -174,7 +161,7 @@ def create_file(path):
     end = os.open(path, os.O_RDONLY | os.O_NONBLOCK)        # which nobody reads from
 
 writer.FLUSH_TIMEOUT_S = writer.END_TIMEOUT_S = 0.5
-rerun_patches.create_file = create_file
+compat.create_rerun_file = create_file
 one = writer.RecordingWriter(sys.argv[1], SensorModel(2, 3, 50, 1e-10, np.ones(3)))
 try:
     while True:
@@ -228,7 +215,7 @@ def threads_of_streams() -> int:
 
 
 def test_a_recording_is_one_whole_file_and_leaves_no_threads_behind(tmp_path, ball):
-    """Without rerun_patches, rerun keeps two threads for each file and two for its blueprint."""
+    """Without compat, rerun keeps two threads for each file and two for its blueprint."""
     before = threads_of_streams()
     with RecordingWriter(tmp_path / "a.rrd", ball[1], {"run": {"namespace": "/"}}) as writer:
         writer.log_cloud(0, 0, *random_cloud(10))

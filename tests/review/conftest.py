@@ -54,8 +54,7 @@ def write_recording():
     return _write
 
 
-def _write(path, cloud, sensor, frames=FRAMES, shift_m=0.0, first_ns=FIRST_NS, missing=MISSING, frame_offset=0,
-           more=lambda stream: None):
+def _write(path, cloud, sensor, frames=FRAMES, missing=MISSING, more=lambda stream: None):
     """Write with rerun alone what docs/bags.md describes; `more` adds to it."""
     stream = rr.RecordingStream("srt3d_ros")
     stream.save(path)
@@ -66,12 +65,10 @@ def _write(path, cloud, sensor, frames=FRAMES, shift_m=0.0, first_ns=FIRST_NS, m
     for k in range(frames):
         if k in missing:
             continue
-        stamp_ns = first_ns + k * PERIOD_NS
-        stream.set_time("stamp", timestamp=np.datetime64(stamp_ns, "ns"))
-        stream.set_time("frame", sequence=frame + frame_offset)
+        stream.set_time("stamp", timestamp=np.datetime64(FIRST_NS + k * PERIOD_NS, "ns"))
+        stream.set_time("frame", sequence=frame)
         n = len(cloud) - {FEWEST: 100, MOST: 0}.get(frame, 10 + k % 3)
-        xyz = (cloud.xyz[:n] + np.float32([0, 0, shift_m])).astype(np.float32)
-        stream.log("/points", rr.Points3D(xyz, colors=np.full(n, 0xFF8000FF, np.uint32), radii=0.01),
+        stream.log("/points", rr.Points3D(cloud.xyz[:n], colors=np.full(n, 0xFF8000FF, np.uint32), radii=0.01),
                    rr.AnyValues(intensity=pa.array(cloud.intensity[:n]),
                                 depth_std=pa.array(cloud.depth_std_bins[:n] * np.float32(sensor.bin_width_m))))
         stream.log("/depth", *entities.image("/depth", cloud.depth_image(sensor.projection), 0, 1)["/depth"])

@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from srt3d_ros.errors import InvalidInput
-from tests.nodes.conftest import events, sensor, shared_graph  # noqa: F401
+from tests.nodes.conftest import events, photons_at, sensor, shared_graph  # noqa: F401
 
 NUMBERS = (0, 1, 255, 2**15, 2**16 - 1, 2**16, 2**24, 2**31 - 1, 2**31, 2**32 - 1, 2**63, 2**64 - 1)
 TEXTS = (b"nan", b"-inf", b"1e999", b"-1", b"0", b"9" * 400, b"null", b"[", b"{}", b'""', b"\xff", b"\0", b"\r\n")

@@ -1,10 +1,11 @@
 """FrameSketcher: photons in, sketches out: the sums Σ_p exp(i ω_l x_p) of every pixel (SRT3D, ICASSP 2022, eq. 3).
 
 exp(i ω_l x) has only T values for integer ToA. A table of T rows of 2m numbers replaces all sines and cosines, and
-each photon adds one row. The sums are integers (kernels/cpu/sketching/rows.py), so a sketch depends on its photons
-only, bit for bit: not on their order, their packets or the number of threads.
+each photon adds one row. The sums are integers (kernels/cpu/sketching/phase_sums.py), so a sketch depends on its
+photons only, bit for bit: not on their order, their packets or the number of threads.
 """
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from functools import cached_property
@@ -17,11 +18,21 @@ from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, Pho
 from srt3d_ros.core.sketching.sums import PhaseSums, check_frequencies
 from srt3d_ros.errors import require
 from srt3d_ros.kernels.devices import kernels_for
+from srt3d_ros.kernels.maps import ROW_LANES
 
 MAX_WINDOW_BYTES = 2**31
 ROUNDING = 1e-5         # relative error of float32 sums
 FAR = 4.0               # times a template's mean: the noise of higher bins would be reconstructed as a surface
 STEPS = 16              # steps of a bin to which ToA with fractions are rounded
+
+
+def check_window(window_frames: int, sensor: SensorModel, frequencies: Sequence[int]) -> None:
+    """Raise InvalidInput if the sums of a window's frames would take more than MAX_WINDOW_BYTES."""
+    lanes = math.ceil((2 * len(frequencies) + 1) / ROW_LANES) * ROW_LANES
+    frame_bytes = sensor.pixels * lanes * np.dtype(np.int64).itemsize
+    most = max(MAX_WINDOW_BYTES // frame_bytes, 1)
+    require(1 <= window_frames <= most, "window_frames", window_frames, f"1 to {most} for {sensor.rows} × "
+            f"{sensor.cols} pixels, which take {frame_bytes / 1e6:.3g} MB a frame")
 
 
 class FrameSketcher:
@@ -44,11 +55,9 @@ class FrameSketcher:
         self.frequencies = check_frequencies(frequencies, self.sketch_sensor.num_bins)
         self._kernels = kernels_for("cpu")
         self._rows = self._kernels.fixed_rows(phase_table(sensor, self.frequencies, gate))
+        check_window(window_frames, sensor, self.frequencies)
         self._sums = self._kernels.new_sums(sensor.pixels, self._rows)      # of the open frame
         self._subtracted = False            # counts may have been negative
-        most = max(MAX_WINDOW_BYTES // self._sums.nbytes, 1)
-        require(1 <= window_frames <= most, "window_frames", window_frames, f"1 to {most} for {sensor.rows} × "
-                f"{sensor.cols} pixels, which take {self._sums.nbytes / 1e6:.3g} MB a frame")
         self.window_frames = window_frames
         self.reset()
 

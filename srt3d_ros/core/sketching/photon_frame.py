@@ -98,10 +98,8 @@ class PhotonGates:
         self.check(sensor)
         form = sensor.gate_words
         words = self.words.reshape(len(self.words), sensor.pixels).T
-        detected = words != form.no_detection
-        pixel = np.broadcast_to(np.arange(sensor.pixels, dtype=np.uint32)[:, None], words.shape)[detected]
-        words = words[detected]
-        return PhotonEvents(pixel, words - np.uint16(form.first_word), self.stamp_ns)
+        pixel, cycle = np.nonzero(words != form.no_detection)
+        return PhotonEvents(pixel.astype(np.uint32), words[pixel, cycle] - np.uint16(form.first_word), self.stamp_ns)
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,7 +56,7 @@ class Bag(AbstractContextManager):
             self._files = stack.pop_all()
         self.topics = tuple(BagTopic(*key, count) for key, count in counts.items())
 
-    def __exit__(self, *exc) -> None:
+    def __exit__(self, *_: object) -> None:
         self._files.close()
 
     def messages(self, topics: Collection[BagTopic]) -> Iterator[tuple[str, bytes]]:

@@ -4,6 +4,7 @@ import logging
 import shutil
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,6 @@ from srt3d_ros.datasets.options import Options
 from srt3d_ros.datasets.readers.cubes import cube
 from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.errors import finite, require
-from srt3d_ros.files import isolated
 from srt3d_ros.files.array_files import read_errors
 
 COUNT_DTYPE = np.dtype(np.uint32)
@@ -50,23 +50,31 @@ def read_ptu(path: Path, options: Options) -> Reading:
 
 
 def read_sdt(path: Path, options: Options) -> Reading:
-    """Photons of an .sdt file, of the data set `channel`, from 0, or the one with the most. Needs sdtfile."""
-    arrays, _ = isolated.arrays_of(path, "sdtfile", (), "a complete Becker & Hickl .sdt file of histograms")
+    """Photons of an .sdt file, of the data set `channel`, from 0, or the one with the most. Needs sdtfile.
+
+    A block of several detectors has as many data sets. Curves [curves, bins] are a row of pixels.
+    """
+    import sdtfile
+
+    with read_errors(path, "a complete Becker & Hickl .sdt file of histograms"), sdtfile.SdtFile(path) as file:
+        sets = [(part, times) for counts, times in zip(file.data, file.times, strict=True)
+                if counts.size and counts.dtype.kind in "iu"
+                for part in counts.reshape(-1, *(1, 1, *counts.shape)[-3:])]
     with read_errors(path):
-        sets = [name for name in arrays if name.isdecimal()]
         require(len(sets) > 0, "data sets", problem="The file has no histograms.")
-        chosen, notes = max(sets, key=lambda name: arrays[name].sum(dtype=np.float64)), ()
+        listed = ", ".join(map(str, range(len(sets))))
+        chosen, notes = int(np.argmax([counts.sum(dtype=np.float64) for counts, _ in sets])), ()
         if options.channel is not None:
-            chosen = str(int(finite("channel", options.channel, "a data set's number")))
-            require(chosen in sets, "channel", chosen, f"a data set of the file: {', '.join(sets)}")
+            chosen = int(finite("channel", options.channel, "a data set's number"))
+            require(chosen in range(len(sets)), "channel", chosen, f"a data set of the file: {listed}")
         elif len(sets) > 1:
-            notes = (f"photons of data set {chosen}, which has the most, of {', '.join(sets)} (--channel)",)
-    width_s = float(arrays[f"{chosen}.width"])
-    stated = {"bin_width_s": width_s} if width_s else {}
-    return cube(path, arrays[chosen], options.without("channel"), stated, notes)
+            notes = (f"photons of data set {chosen}, which has the most, of {listed} (--channel)",)
+    counts, times = sets[chosen]
+    width_s = float(times[1] - times[0]) if len(times) > 1 else 0.0
+    return cube(path, counts, options.without("channel"), {"bin_width_s": width_s} if width_s else {}, notes)
 
 
-def _bins(ptu) -> tuple[int, float]:
+def _bins(ptu: Any) -> tuple[int, float]:
     """T and the bin width in seconds."""
     width_s, period_s = ptu.tcspc_resolution, ptu.global_resolution
     require(0 < width_s <= period_s < 1, "MeasDesc_Resolution, MeasDesc_GlobalResolution", f"{width_s:g}, {period_s:g}",
@@ -75,7 +83,7 @@ def _bins(ptu) -> tuple[int, float]:
     return min(int(np.ceil(period_s / width_s - 1e-3)), ptu.number_bins_max), width_s
 
 
-def _channel(ptu, options: Options) -> tuple[int, tuple[str, ...]]:
+def _channel(ptu: Any, options: Options) -> tuple[int, tuple[str, ...]]:
     """The channel to read; a note if it was chosen among several."""
     channels = ptu.active_channels
     require(len(channels) > 0, "photons", problem="The file has no photons.")

@@ -3,7 +3,6 @@
 import atexit
 import threading
 import time
-import traceback
 from collections.abc import Callable
 from typing import Any, ClassVar
 
@@ -15,6 +14,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.nodes.common.diagnostics import Diagnostics
 from srt3d_ros.nodes.common.endpoints import BEST_AVAILABLE, PUBLISH_DEPTH, Endpoints, SequenceLoss
+from srt3d_ros.nodes.common.failures import Failures
 from srt3d_ros.nodes.common.parameters import Parameters
 from srt3d_ros.nodes.common.rclpy_patches import PatchedLifecycleNode
 from srt3d_ros.nodes.common.topics import NodeSpec, Topic
@@ -25,8 +25,6 @@ SUBSCRIBE_DEPTH = PUBLISH_DEPTH
 QUEUE_DEPTH = 256       # of inputs whose frames are queued rather than dropped
 FOLLOW_DEPTH = 1000     # of reports and log lines, which many nodes send at once: the depth of /rosout's publishers
 OUTDATED_NS = 10 * 10**9    # a frame that seems older comes from another clock and is kept
-LOG_EVERY_S = 2.0       # at most, the same line
-POLL_S = 0.005
 
 
 class ManagedNode(PatchedLifecycleNode):
@@ -66,6 +64,7 @@ class ManagedNode(PatchedLifecycleNode):
         frames = [self.resolve_topic_name(topic.name) for topic in self.spec.outputs if not topic.latched]
         self.diagnostics = Diagnostics(self, frames[0] if frames else "",
                                        self.reliability == ReliabilityPolicy.BEST_EFFORT)
+        self._failures = Failures(self.get_logger(), self.diagnostics)
         self.endpoints = Endpoints(self)
         self.finished, self.stopping = threading.Event(), threading.Event()
         self.exit_code = 0
@@ -73,7 +72,6 @@ class ManagedNode(PatchedLifecycleNode):
         self.received_ns = 0
         self.worker = Worker(queue_limit, self.failed, self.diagnostics.drop, CATCH_UP_S)
         self._publishing = threading.Lock()
-        self._tracebacks: set[tuple] = set()    # places whose traceback has been logged
         self._problem: Exception | None = None  # why the last transition failed
         self._starting = False                  # True in `start`, and after it has failed
         # Sending times, by the sender's clock: of the last description, and of the one that frames must not precede.
@@ -247,15 +245,6 @@ class ManagedNode(PatchedLifecycleNode):
         """Time of the node's clock, in nanoseconds; it may be simulated."""
         return self.get_clock().now().nanoseconds
 
-    def wait_until(self, condition: Callable[[], bool], what: str, timeout_s: float = float("inf")) -> bool:
-        """Wait in the worker for a condition, report `what` it waits for, and return the condition's last value."""
-        end_s = time.monotonic() + timeout_s
-        self.diagnostics.wait_for(what)
-        while not (met := condition()) and time.monotonic() < end_s and not self.stopping.wait(POLL_S):
-            pass
-        self.diagnostics.wait_for("")
-        return met
-
     def stop_frames(self, cause: str) -> None:
         """Unsubscribe, process queued frames for `drain_s`, drop the others for `cause`, and forget.
 
@@ -297,32 +286,7 @@ class ManagedNode(PatchedLifecycleNode):
 
     def failed(self, error: Exception, frames: int = 0) -> None:
         """Log an error, and count it and the frames that it cost."""
-        log = self.get_logger()
-        if isinstance(error, Dropped):
-            self.diagnostics.drop(error.cause, frames)
-            log.warning(f"frame dropped: {error}", throttle_duration_sec=LOG_EVERY_S)
-        elif not isinstance(error, InvalidInput):
-            self._internal_error(error, frames)
-        elif frames:
-            self.diagnostics.error(str(error), counted=False)
-            self.diagnostics.drop("malformed", frames)
-            log.warning(f"frame dropped: {error}", throttle_duration_sec=LOG_EVERY_S)
-        else:
-            self.diagnostics.error(str(error))
-            log.error(str(error), throttle_duration_sec=LOG_EVERY_S)
-
-    def _internal_error(self, error: Exception, frames: int) -> None:
-        """Count and log a bug of this package: its traceback once, then a line each time."""
-        if frames:
-            self.diagnostics.drop("internal", frames)
-        text = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        self.diagnostics.internal(text)
-        raised_at = tuple((part.filename, part.lineno) for part in traceback.extract_tb(error.__traceback__))
-        if raised_at in self._tracebacks:
-            self.get_logger().error(f"again: {text}", throttle_duration_sec=LOG_EVERY_S)
-        else:
-            self._tracebacks.add(raised_at)
-            self.get_logger().error("".join(traceback.format_exception(error)).rstrip())
+        self._failures.add(error, frames)
 
 
 def sensor_summary(sensor: SensorModel) -> str:

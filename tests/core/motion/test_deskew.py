@@ -166,10 +166,3 @@ def test_masked_pixels_give_nothing_and_delays_are_those_of_the_pixel():
     assert lost == 0 and sketch.photons.sum() == 2 == sketch.photons[0, 6]
     expected = np.exp(2j * np.pi * np.array(FREQUENCIES) * (40 + late[0, 6] - late[0, 5]) / T)
     np.testing.assert_allclose(sketch.z[0, 6], expected, atol=1e-3)
-
-
-def test_parts_add_up():
-    deskewer = Deskewer(SENSOR, FREQUENCIES)
-    parts = [(k, sketch_photons(photons(k), SENSOR, FREQUENCIES)) for k in range(3)]
-    sketch = deskewer(parts, after(Pose()), LATER, constant(FAR_M))
-    assert_same(sketch, parts[0][1] + parts[1][1] + parts[2][1])

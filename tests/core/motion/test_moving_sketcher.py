@@ -106,12 +106,3 @@ def test_photons_outside_the_gate_are_dropped_and_those_inside_counted():
     frame = sketcher.end_frame()
     assert sketcher.kept == 0
     assert sketcher.finish(frame, standing()).photons.sum() == 4
-
-
-def test_after_a_reset_nothing_of_the_past_remains():
-    sketcher = MovingSketcher(SENSOR, FREQUENCIES)
-    sketcher.finish(frame_of(sketcher, (0, 10)), standing())
-    sketcher.add(photons(50 * MS))
-    sketcher.reset()
-    sketch = sketcher.finish(frame_of(sketcher, (100,)), standing())
-    assert_same(sketch, sketch_photons(photons(100 * MS), SENSOR, FREQUENCIES))

@@ -159,15 +159,6 @@ def test_what_comes_twice_is_a_warning(graph, counted, monkeypatch):
     graph.wait(lambda: latest()["message"] == said and latest()["level"] == WARN, "the warning")
 
 
-def test_what_a_node_waits_for_names_the_topic_and_its_publishers(graph, counted):
-    diagnostics, latest, _ = counted
-    diagnostics.wait_for("a sensor description", f"{graph.namespace}/sensor")
-    said = f"waiting for a sensor description on {graph.namespace}/sensor (publishers: "
-    assert latest()["message"].startswith(f"{said}0) for ")
-    graph.latched("sensor")
-    graph.wait(lambda: latest()["message"].startswith(f"{said}1) for "), "the publisher")
-
-
 def test_a_status_says_how_long_its_level_has_lasted(counted, monkeypatch):
     diagnostics, latest, _ = counted
     now_s = module.time.monotonic()
