@@ -11,8 +11,9 @@ from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum
 from srt3d_ros.core.sketching.sums import PhaseSums
-from srt3d_ros.kernels.devices import missing_for_cuda, say_once
+from srt3d_ros.kernels.devices import missing_for_cuda
 
+LOG = logging.getLogger(__name__)
 SHARE_ALIKE = 0.999             # of the pixels must have the same points
 SIGMAS = 0.1                    # depths agree within so many standard deviations,
 FLOAT32_STEPS = 2.0**-19        # or, as baselines have none, within this share of T
@@ -27,7 +28,7 @@ def device_for(device: str, sensor: SensorModel, frequencies: tuple[int, ...], b
     if device != "auto":
         return device, "asked for"
     if missing := missing_for_cuda():
-        say_once(missing)
+        LOG.info(f"{missing}: computing on the CPU")
         return "cpu", missing
     frame = _frame(sensor, frequencies)
     try:
@@ -39,7 +40,7 @@ def device_for(device: str, sensor: SensorModel, frequencies: tuple[int, ...], b
         refused = f"{100 * alike:.1f} % of its pixels are as on the CPU" if alike < SHARE_ALIKE else \
             f"{1e3 * gpu_s:.0f} ms a frame instead of {1e3 * cpu_s:.0f}" if gpu_s >= cpu_s else ""
     if refused:
-        logging.getLogger(__name__).warning(f"the GPU is not used ({refused}): computing on the CPU")
+        LOG.warning(f"the GPU is not used ({refused}): computing on the CPU")
     return ("cpu", refused) if refused else ("cuda", f"{1e3 * gpu_s:.0f} ms a frame, on the CPU {1e3 * cpu_s:.0f}")
 
 

@@ -31,16 +31,16 @@ def everything() -> None:
     """Compile all of `names`, one process a core, in at most half of the memory."""
     from tqdm import tqdm  # here: slow
 
-    kernels, left = kernels_for("cpu"), names()
     room = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2 // PROCESS_BYTES
-    cores = max(min(len(os.sched_getaffinity(0)), len(left), room), 1)
-    with (tqdm(total=len(left), disable=None, leave=False, bar_format="{n}/{total} |{bar}| {desc}") as bar,
-          ProcessPoolExecutor(cores, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_DFL)) as pool):
-        bar.set_description_str(f"compiling {', '.join(left[:cores])}")
-        for done in as_completed([pool.submit(kernels.compile_by_name, name) for name in left]):
-            left.remove(done.result())
-            bar.set_description_str(f"compiling {', '.join(left[:cores])}")
-            bar.update()
+    processes = max(min(len(os.sched_getaffinity(0)), room), 1)
+    with ProcessPoolExecutor(processes, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_DFL)) as pool:
+        compiled = [pool.submit(_compile, name) for name in names()]
+        for one in tqdm(as_completed(compiled), "compiling", len(compiled), disable=None, leave=False):
+            one.result()
+
+
+def _compile(name: str) -> None:
+    kernels_for("cpu").KERNELS[name].compile()
 
 
 def sketching() -> None:

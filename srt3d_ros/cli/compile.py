@@ -26,8 +26,7 @@ def run(args: argparse.Namespace) -> int:
     from srt3d_ros import precompile
     from srt3d_ros.kernels.cpu.compiling import FOLDER, NOT_KEPT
 
-    path, defect = NOT_KEPT
-    require(not defect, "NUMBA_CACHE_DIR", problem=f"Cannot keep kernels: {path} is {defect}. Set "
+    require(not NOT_KEPT, "NUMBA_CACHE_DIR", problem=f"Cannot keep kernels: {NOT_KEPT}. Set "
             "NUMBA_CACHE_DIR to a folder that only you can write to.")
     started, before = time.perf_counter(), set(FOLDER.rglob("*.nbc"))
     precompile.everything()

@@ -27,19 +27,16 @@ class Kernels(Protocol):
     # ---- Between the host and the device
 
     def array(self, values: np.ndarray) -> Array:
-        """Copy to the device, if it is not there; contiguous."""
+        """On the device, contiguous."""
 
     def numpy(self, values: Array) -> np.ndarray:
-        """Copy to NumPy, if it is not there; waits for the kernels that write it."""
+        """In NumPy; waits for the kernels that write it."""
 
     def unpack(self, *listed: Array) -> tuple:
         """NumPy arrays of what `collect` listed: row, col, rank [N]; depth, intensity, std [3, N]; xyz [N, 3]."""
 
     def as_frame(self, function: Callable) -> Callable:
-        """A function of arrays, the first [rows, cols], as the device runs frames; a GPU records and replays it.
-
-        It takes NumPy arrays, arrays on the device, or None. Its results stay on the device until the next frame.
-        """
+        """A function of arrays or None, the first [rows, cols], as the device runs frames; a GPU replays it."""
 
     # ---- A frame of the default method, in order
 
@@ -85,7 +82,7 @@ class Kernels(Protocol):
     def birth_death(self, frame, state: Array, terms: Array, max_chi2: float) -> tuple[Array, Array]:
         """The points after each pixel chose among its neighbours' surfaces, and their terms; may replace the arguments.
 
-        `max_chi2` is the square of the standard deviations within which depths may be one surface's.
+        `max_chi2`: square of the standard deviations within which depths may be one surface's.
         """
 
     def log_likelihood_ratio(self, frame, state: Array, terms: Array) -> Array:

@@ -1,9 +1,7 @@
 """Selects the kernels of a device by its name."""
 
 import ctypes
-import logging
 import os
-from functools import lru_cache
 from importlib import import_module
 from importlib.util import find_spec
 from shutil import which
@@ -41,9 +39,3 @@ def missing_for_cuda() -> str:
     if not find_spec("triton"):
         return "triton, which compiles torch's kernels, not installed: pip install triton"
     return "" if any(map(which, (os.environ.get("CC") or "gcc", "clang"))) else "no C compiler, which triton needs: gcc"
-
-
-@lru_cache
-def say_once(text: str) -> None:
-    """Log why the CPU computes."""
-    logging.getLogger(__name__).info(f"{text}: computing on the CPU")

@@ -1,9 +1,12 @@
 """Whole reconstructions against the oracle's, frame after frame."""
 
+from threading import Thread
+
 import numpy as np
 import pytest
 
 from srt3d_ros.core.method.pooled import Pooled
+from srt3d_ros.reconstruction import Reconstructor
 
 from .frames import CPU, FAINT, ORACLE, SHAPES, SINGLE, assert_clouds_agree, make_sensor, make_sketch
 
@@ -52,3 +55,23 @@ def test_frames_begin_with_the_last_ones_surfaces(monkeypatch, shape, surfaces):
         assert_clouds_agree(cloud, clouds[0], surfaces, 8)
         without = built(monkeypatch, kernels, sensor, first.frequencies, surfaces)(second)
         assert not np.array_equal(without.depth_bins, cloud.depth_bins)
+
+
+def test_reconstructors_in_two_threads_do_not_meet():
+    sensor = make_sensor(70, 80, seed=0)        # more than SERIAL_PIXELS
+    sketches = [make_sketch(sensor, seed) for seed in (0, 1)]
+
+    def clouds(found: list) -> None:
+        reconstructor = Reconstructor(sensor, sketches[0].frequencies, surfaces=2, device="cpu")
+        found += [reconstructor(sketch) for sketch in sketches * 3]
+
+    alone, together = [], ([], [])
+    clouds(alone)
+    threads = [Thread(target=clouds, args=(found,)) for found in together]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for found in together:
+        assert len(found) == len(alone)
+        assert all(np.array_equal(one.depth_bins, other.depth_bins) for one, other in zip(found, alone, strict=True))

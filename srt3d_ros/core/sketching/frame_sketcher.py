@@ -1,8 +1,8 @@
 """FrameSketcher: photons in, sketches out: the sums Σ_p exp(i ω_l x_p) of every pixel (SRT3D, ICASSP 2022, eq. 3).
 
 exp(i ω_l x) has only T values for integer ToA. A table of T rows of 2m numbers replaces all sines and cosines, and
-each photon adds one row. The sums are integers (kernels/cpu/sketching/rows.py), so a sketch depends on its photons
-only, bit for bit: not on their order, their packets or the number of threads.
+each photon adds one row. The sums are integers (kernels/cpu/sketching/phase_sums.py), so a sketch depends on its
+photons only, bit for bit: not on their order, their packets or the number of threads.
 """
 
 import math

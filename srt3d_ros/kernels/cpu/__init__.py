@@ -9,30 +9,27 @@ from functools import partial
 from types import SimpleNamespace
 
 from srt3d_ros.kernels.cpu.baselines.apss import apss
-from srt3d_ros.kernels.cpu.baselines.gradients import median_depth, pixelwise, poisson, usual_intensity
-from srt3d_ros.kernels.cpu.compiling import KERNELS, compile_by_name
+from srt3d_ros.kernels.cpu.baselines.gradients import blur, median_depth, pixelwise, poisson, usual_intensity
+from srt3d_ros.kernels.cpu.compiling import KERNELS
 from srt3d_ros.kernels.cpu.device import array, as_frame, numpy, unpack
 from srt3d_ros.kernels.cpu.method.birth_death import birth_death
-from srt3d_ros.kernels.cpu.method.blur import blur
-from srt3d_ros.kernels.cpu.method.collect import collect
-from srt3d_ros.kernels.cpu.method.expand import expand
-from srt3d_ros.kernels.cpu.method.finalise import background, drop_weak, finalise, local_mean
+from srt3d_ros.kernels.cpu.method.finalise import background, collect, drop_weak, finalise, local_mean
 from srt3d_ros.kernels.cpu.method.likelihood import log_likelihood_ratio
 from srt3d_ros.kernels.cpu.method.match import match
 from srt3d_ros.kernels.cpu.method.pooled_step import pooled_step
-from srt3d_ros.kernels.cpu.method.prepare import prepare, residual
 from srt3d_ros.kernels.cpu.method.search import no_surfaces, search
+from srt3d_ros.kernels.cpu.method.sketches import expand, prepare, residual
 from srt3d_ros.kernels.cpu.method.trim import trim
 from srt3d_ros.kernels.cpu.method.unexplained import unexplained
 from srt3d_ros.kernels.cpu.sketching.move_sketch import Motion, SeenScene, move_sketch
 from srt3d_ros.kernels.cpu.sketching.phase_sums import (
+    fixed_rows,
     new_sums,
     read_sums,
     sketch_events,
     sketch_gates,
     sketch_histograms,
 )
-from srt3d_ros.kernels.cpu.sketching.rows import fixed_rows
 from srt3d_ros.kernels.cpu.workspace import Workspace
 from srt3d_ros.kernels.maps import UNIT
 

@@ -66,9 +66,3 @@ def wrap(difference, period):
 def agreement(e, tolerance):
     """(1 − e² / tolerance)₊: how well two depths e bins apart agree, from 1 at e = 0 to 0 at e² = tolerance."""
     return max(ONE - e * e / tolerance, ZERO)
-
-
-@inline
-def is_surface(intensity, std, max_std):
-    """Whether there is a surface whose depth is known."""
-    return (intensity > ZERO) & (std < max_std)

@@ -4,29 +4,29 @@ import fcntl
 import hashlib
 import logging
 import os
-import shutil
 import stat
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from functools import partial, update_wrapper
 from itertools import product
 from pathlib import Path
 
-from numba import __version__, config, njit, types
+from numba import __version__, config, float32, njit, prange, types
 from numba.core import event
 from numba.core.caching import FunctionCache
+
+from srt3d_ros.kernels.maps import MARGIN
 
 # With OpenMP several threads of a process may call kernels at once; numba's own work queue would abort. A choice in the
 # environment wins.
 if "NUMBA_THREADING_LAYER" not in os.environ:
     config.THREADING_LAYER = "omp"
 LOG = logging.getLogger(__name__)
-KEPT = 6            # newest folders kept: a few checkouts, and the version before
 
 
-def _folder() -> tuple[Path | None, tuple[str, str]]:
-    """The folder of the machine code, in NUMBA_CACHE_DIR or ~/.cache/srt3d_ros, or None; a path and any problem of it.
+def _folder() -> tuple[Path | None, str]:
+    """The folder of the machine code, in NUMBA_CACHE_DIR or ~/.cache/srt3d_ros, or None; and a problem of it.
 
     Its name is a hash of all sources of kernels. Numba itself compares the function's own file only, and would run old
     code after a change of a constant or of an inlined function elsewhere. Numba unpickles the files of the folder, so
@@ -35,29 +35,22 @@ def _folder() -> tuple[Path | None, tuple[str, str]]:
     own, digest = Path(__file__).parent, hashlib.sha256(__version__.encode())
     for file in (*sorted(own.parent.glob("*.py")), *sorted(own.rglob("*.py"))):
         digest.update(file.read_bytes())
-    parent: Path | str = config.CACHE_DIR or "~/.cache"
+    parent = Path("~/.cache")
     try:
-        if not config.CACHE_DIR:
-            parent = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "srt3d_ros")
+        parent = Path(config.CACHE_DIR or Path(os.environ.get("XDG_CACHE_HOME") or parent.expanduser(), "srt3d_ros"))
         folder = Path(parent, f"srt3d-kernels-{digest.hexdigest()[:16]}")
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = folder.lstat()
     except (OSError, RuntimeError):         # RuntimeError: this user has no home
-        return None, (str(parent), "not writable")
+        return None, f"{parent} is not writable"
     if found.st_uid != os.getuid():
-        return None, (str(folder), "another user's")
+        return None, f"{folder} is another user's"
     if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        return None, (str(folder), "writable for others (chmod go-w)")
-    if not os.access(folder, os.W_OK):
-        return folder, (str(folder), "not writable")
-    with suppress(OSError):         # another program may remove old folders, too
-        folder.touch()
-        for old in sorted(folder.parent.glob("srt3d-kernels-*"), key=lambda path: -path.stat().st_mtime)[KEPT:]:
-            shutil.rmtree(old, ignore_errors=True)
-    return folder, ("", "")
+        return None, f"{folder} is writable for others (chmod go-w)"
+    return folder, "" if os.access(folder, os.W_OK) else f"{folder} is not writable"
 
 
-FOLDER, NOT_KEPT = _folder()            # NOT_KEPT: a path, and why compiled kernels are not kept there
+FOLDER, NOT_KEPT = _folder()            # NOT_KEPT: why compiled kernels are not kept
 KERNELS: dict[str, "Kernel"] = {}       # by name
 _one_thread = threading.Lock()
 
@@ -65,6 +58,10 @@ _one_thread = threading.Lock()
 def read_only(array: types.Array) -> types.Array:
     """The type of an array that may be read-only, such as one in a message."""
     return array.copy(readonly=True)
+
+
+# Arrays that kernels take
+floats1d, floats2d, floats3d, floats4d = float32[::1], float32[:, ::1], float32[:, :, ::1], float32[:, :, :, ::1]
 
 
 def compiled_type(annotation):
@@ -119,15 +116,19 @@ class Kernel:
         return f"{self.__module__.rpartition('.')[2]}.{self.__name__}"
 
     def compile(self) -> None:
-        """Compile it, or read it from the disk, unless that has been done."""
-        with _alone(self.name, self.compiled._cache.cache_path):
-            if self.is_ready:
-                return
-            for signature in self.signatures:
+        """Compile it, or read it from the disk, unless that has been done.
+
+        Other threads and programs that compile this kernel wait: numba's index of its files has no lock.
+        """
+        with _one_thread, ExitStack() as lock:
+            if folder := self.compiled._cache.cache_path:
+                with suppress(OSError):         # where no lock can be written, no machine code can
+                    fcntl.flock(lock.enter_context(open(Path(folder, f"{self.name}.lock"), "w")), fcntl.LOCK_EX)
+            for signature in () if self.is_ready else self.signatures:
                 try:
                     self.compiled.compile(signature)
                 except OSError as error:        # the disk failed: it is compiled all the same, unless reading failed
-                    if not any(NOT_KEPT):       # else _Watch has said so
+                    if not NOT_KEPT:        # else _Watch has said so
                         LOG.warning(f"compiled kernels cannot be kept in {FOLDER}: {error.strerror}")
                     if signature not in self.compiled.overloads:
                         raise
@@ -147,22 +148,6 @@ class Kernel:
         return self.compiled(*arguments)
 
 
-@contextmanager
-def _alone(name: str, folder: str | None) -> Iterator[None]:
-    """Keep other threads and programs from compiling this copy's kernel: numba's index of its files has no lock."""
-    with _one_thread, ExitStack() as lock:
-        if folder:
-            with suppress(OSError):         # where no lock can be written, no machine code can
-                fcntl.flock(lock.enter_context(open(Path(folder, f"{name}.lock"), "w")), fcntl.LOCK_EX)
-        yield
-
-
-def compile_by_name(name: str) -> str:
-    """Compile a kernel in this process; returns its name."""
-    KERNELS[name].compile()
-    return name
-
-
 class _Watch(event.Listener):
     """Log once that kernels are being compiled, not read from the disk."""
 
@@ -171,8 +156,7 @@ class _Watch(event.Listener):
     def on_start(self, event) -> None:
         if not self.said and (event.data["dispatcher"].__module__ or "").startswith(f"{__package__}."):
             self.said = True
-            path, problem = NOT_KEPT
-            again = (f"at every start: {path} is {problem}; NUMBA_CACHE_DIR names another folder" if problem else
+            again = (f"at every start: {NOT_KEPT}; NUMBA_CACHE_DIR names another folder" if NOT_KEPT else
                      "once; `srt3d compile` does it beforehand")
             LOG.info(f"compiling kernels, for seconds up to two minutes ({again})")
 
@@ -196,6 +180,16 @@ os.register_at_fork(after_in_child=_on_fork)
 # Without fastmath, which is 5 % faster: with it, the last bit differs between a kernel just compiled and the same
 # kernel from the cache.
 parallel = partial(Kernel, parallel={"fusion": False})     # a loop may read what the one before has written
-serial = Kernel                                         # too little work for waking threads
 line = njit(error_model="numpy")                        # called once for a line of pixels or cells
 inline = njit(forceinline=True, error_model="numpy")    # by LLVM: numba's own inlining takes a fifth longer to compile
+
+
+def each_row(body: Callable) -> Kernel:
+    """A kernel that calls `body` in parallel with each row inside the margins of its last argument, a padded map."""
+    names = list(body.__annotations__)
+    given, scope = ", ".join(names), {"row": line(body), "prange": prange, "MARGIN": MARGIN}
+    source = f"def {body.__name__}({given}):\n for i in prange(MARGIN, len({names[-1]}) - MARGIN):\n  row(i, {given})"
+    exec(compile(source, body.__code__.co_filename, "exec"), scope)     # noqa: S102, since numba takes no *arguments
+    function = scope[body.__name__]
+    function.__module__, function.__annotations__ = body.__module__, body.__annotations__
+    return parallel(function)

@@ -107,13 +107,13 @@ for _names, _emits in (
         ("add iadd", {float32: _make.fadd, int32: _make.add, int64: _make.add}),
         ("sub isub", {float32: _make.fsub, int32: _make.sub}),
         ("mul imul", {float32: _make.fmul, int32: _make.mul}),
-        ("truediv itruediv", {float32: _make.fdiv}),
+        ("truediv", {float32: _make.fdiv}),
         ("lshift", {int32: _make.shl}),
         ("rshift", {int32: _make.ashr}),
-        ("and_ iand", {boolean: _make.and_, int32: _make.and_}),
-        ("or_ ior", {boolean: _make.or_, int32: _make.or_}),
+        ("and_ iand", {boolean: _make.and_}),
+        ("or_ ior", {boolean: _make.or_}),
         ("invert", {boolean: _make.not_}),
-        ("neg", {float32: _make.fneg, int32: _make.neg})):
+        ("neg", {float32: _make.fneg})):
     for _name in _names.split():
         _define(getattr(operator, _name), _emits)
 for _name, _sign in (("lt", "<"), ("le", "<="), ("gt", ">"), ("ge", ">="), ("eq", "=="), ("ne", "!=")):
@@ -151,7 +151,13 @@ def fma(context, a, b, c):
 
 @intrinsic
 def where(context, condition, a, b):
-    """a in the lanes in which the condition holds, else b."""
+    """a in the lanes in which the condition holds, else b; of a named tuple of vectors, field by field."""
+    if isinstance(a, types.NamedUniTuple):
+        def choose(builder, condition, *sides):
+            fields = ([builder.extract_value(side, n) if isinstance(side.type, ir.ArrayType) else side
+                       for n in range(a.count)] for side in sides)
+            return cgutils.pack_array(builder, [builder.select(condition, x, y) for x, y in zip(*fields)])
+        return _emitted(a(mask, a, a if a == b else a.dtype), choose)
     kind = _kind((a, b)) or floats
     return _emitted(kind(mask, kind, kind), _make.select)
 
@@ -227,30 +233,33 @@ def _indexed(result, array, indices, *vector):
     return result(array, types.StarArgTuple.from_types([*indices, *vector]))
 
 
-def _pointer(context, builder, sig, args, indices):
-    """The pointer to array[indices]; no index counts from the end, and none is checked."""
+def _pointers(context, builder, sig, args, indices):
+    """The pointer to array[indices], or of each lane if `ints` are among the indices; none counts from the end."""
     array = context.make_array(sig.args[0])(context, builder, args[0])
-    return cgutils.get_item_pointer(context, builder, sig.args[0], array, indices, wraparound=False)
 
+    def in_lane(index, x):
+        return builder.sext(builder.extract_element(index, I32(x)), I64) if index.type == ints.registers else index
 
-def _lane_pointers(context, builder, sig, args, indices):
-    """Each lane's number, and the pointer to array[indices] with the numbers of `ints` indices in this lane."""
-    for x in map(I32, range(LANES)):
-        yield x, _pointer(context, builder, sig, args, [
-            builder.sext(builder.extract_element(index, x), I64) if index.type == ints.registers else index
-            for index in indices])
+    lanes = LANES if any(index.type == ints.registers for index in indices) else 1
+    return [cgutils.get_item_pointer(context, builder, sig.args[0], array, [in_lane(index, x) for index in indices],
+                                     wraparound=False) for x in range(lanes)]
 
 
 def loading(lanes):
     """A function that reads vectors of so many lanes."""
     @intrinsic
     def load(context, array, *indices):
-        """array[indices] and the numbers after it, along the last axis."""
+        """array[indices] and the numbers after it, along the last axis; with `ints` among the indices one a lane."""
         kind = Vector(array.dtype, lanes)
 
         def generate(context, builder, sig, args):
-            pointer = _pointer(context, builder, sig, args, cgutils.unpack_tuple(builder, args[1]))
-            return builder.load(builder.bitcast(pointer, kind.registers.as_pointer()), align=4)
+            pointers = _pointers(context, builder, sig, args, cgutils.unpack_tuple(builder, args[1]))
+            if len(pointers) == 1:
+                return builder.load(builder.bitcast(pointers[0], kind.registers.as_pointer()), align=4)
+            values = ir.Constant(kind.registers, ir.Undefined)
+            for x, pointer in enumerate(pointers):
+                values = builder.insert_element(values, builder.load(pointer, align=4), I32(x))
+            return values
         return _indexed(kind, array, indices), generate
     return load
 
@@ -260,36 +269,16 @@ load = loading(LANES)
 
 @intrinsic
 def store(context, array, *indices_and_vector):
-    """Write a vector, or a number in LANES places, to array[indices] and the places after it."""
+    """Write a vector, or a number in LANES places, where `load` reads; of lanes with one place the last one stays."""
     def generate(context, builder, sig, args):
         *indices, vector = cgutils.unpack_tuple(builder, args[1])
-        pointer = _pointer(context, builder, sig, args, indices)
-        builder.store(vector, builder.bitcast(pointer, vector.type.as_pointer()), align=4)
+        pointers = _pointers(context, builder, sig, args, indices)
+        if len(pointers) == 1:
+            builder.store(vector, builder.bitcast(pointers[0], vector.type.as_pointer()), align=4)
+        else:
+            for x, pointer in enumerate(pointers):
+                builder.store(builder.extract_element(vector, I32(x)), pointer, align=4)
         return context.get_dummy_value()
     *indices, values = indices_and_vector
     kind = Vector(array.dtype, values.lanes if isinstance(values, Vector) else LANES)
     return _indexed(types.void, array, indices, kind), generate
-
-
-@intrinsic
-def gather(context, array, *indices):
-    """array[indices] with `ints` among the indices: one number a lane."""
-    kind = Vector(array.dtype)
-
-    def generate(context, builder, sig, args):
-        values, indices = ir.Constant(kind.registers, ir.Undefined), cgutils.unpack_tuple(builder, args[1])
-        for lane, pointer in _lane_pointers(context, builder, sig, args, indices):
-            values = builder.insert_element(values, builder.load(pointer, align=4), lane)
-        return values
-    return _indexed(kind, array, indices), generate
-
-
-@intrinsic
-def scatter(context, array, *indices_and_vector):
-    """Write a vector to array[indices] with `ints` among the indices; of lanes with one place the last one stays."""
-    def generate(context, builder, sig, args):
-        *indices, vector = cgutils.unpack_tuple(builder, args[1])
-        for lane, pointer in _lane_pointers(context, builder, sig, args, indices):
-            builder.store(builder.extract_element(vector, lane), pointer, align=4)
-        return context.get_dummy_value()
-    return _indexed(types.void, array, indices_and_vector[:-1], Vector(array.dtype)), generate

@@ -5,11 +5,10 @@ import numpy as np
 
 from srt3d_ros.kernels.constants import START_SCALES, WIDE_SCALE, cell_size
 from srt3d_ros.kernels.cpu.device import zeros
-from srt3d_ros.kernels.cpu.method.blur import Cells
 from srt3d_ros.kernels.cpu.method.match import steering
 from srt3d_ros.kernels.cpu.method.search import Memory
-from srt3d_ros.kernels.cpu.method.slanted import SLANTS
-from srt3d_ros.kernels.cpu.method.voters import PLACES, VOTER
+from srt3d_ros.kernels.cpu.method.voters import PLACES, Voter
+from srt3d_ros.kernels.cpu.method.windows import SLANTS, Cells
 from srt3d_ros.kernels.maps import FIELDS, LANES, SCORE, TERMS, padded_shape
 
 
@@ -32,7 +31,6 @@ class Workspace:
         self.ratios = zeros(height, surfaces, width)                # of `log_likelihood_ratio`
         # The start: 1 where a pixel is open; by sizes of cells, these, and what each thread needs
         self.wanted, self.cells, self.searches, self.steering = zeros(height, width), {}, {}, steering(frequencies)
-        self.turns = {}                     # `turns_of`, by σ and slope
         for step in {cell_size(sigma) for sigma in (*START_SCALES, WIDE_SCALE)}:
             high, wide = padded_shape(-(-rows // step), -(-cols // step))
             self.cells[step] = Cells(zeros(high, twice, wide), *(zeros(high, 1, wide) for _ in range(3)))
@@ -45,10 +43,10 @@ class Workspace:
         self.columns, self.numbers = np.zeros((height, width), np.int32), np.zeros(height, np.int32)
         self.listed, self.near = np.zeros((2, height * width), np.int32), zeros(height, width)
         self.chosen, self.chosen_ratios = zeros(surfaces, FIELDS, height * width), zeros(surfaces, height * width)
-        self.voters = zeros(threads, PLACES * surfaces, VOTER, LANES)
+        self.voters = zeros(threads, PLACES * surfaces, len(Voter._fields), LANES)
         self.undecided_sketches = zeros(threads, twice, LANES)
         # The end: v, n and g r at rims, and 1 where a used pixel has no surface
-        self.rim, self.blank = zeros(height, 3, width), zeros(height, width)
+        self.rim, self.blank = zeros(height, 3, width), zeros(height, 1, width)
         # What is averaged around pixels, and each thread's means of a row; photons left, background, and what was taken
         self.compared, self.left, self.seen = zeros(height, 2 * surfaces, width), zeros(height, 2, width), zeros(
             height, 3, width)

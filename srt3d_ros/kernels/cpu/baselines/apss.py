@@ -5,33 +5,24 @@ onto a plane or sphere, fitted with weights (1 − distance² / APSS_REACH²)₊
 depth / scale). `torch.baselines.apss` has the details.
 """
 
-from typing import NamedTuple
-
 import numpy as np
-from numba import boolean, float32, get_num_threads, get_thread_id, prange
+from numba import boolean, float32, get_num_threads, get_thread_id
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, TWO, ZERO, wrap
-from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
+from srt3d_ros.kernels.cpu.compiling import each_row, floats2d, floats3d, floats4d, inline, line
+from srt3d_ros.kernels.cpu.method.frame import columns
 from srt3d_ros.kernels.cpu.vectors import floor, fma, full, lanes_of, load, sqrt, store, where
-from srt3d_ros.kernels.maps import LANES, MARGIN
+from srt3d_ros.kernels.maps import LANES
 
 REACH, SAME_SURFACE, STILL, SHARED, RIDGE = (F32(value) for value in (
     constants.APSS_REACH, constants.APSS_SAME_SURFACE, constants.APSS_STILL, constants.APSS_SHARED,
     constants.APSS_RIDGE))
 CENTRE_FIRST = 4, 0, 1, 2, 3, 5, 6, 7, 8        # pixels of 3 × 3, row by row
 FAR = F32(1e6)                                  # where a point is that is not there
-# Rows of the scratch memory, [ROWS, 9 K, LANES]. Of a point: its depth and z of its normal. Of a surface: how many
-# points it has, their mean depth, its intensity in the pixel itself, later its strength; points, intensity in others.
-Z, NZ, COUNT, MEAN, OWN, NEIGHBOURS, OTHERS, ROWS = range(8)
-
-
-class Points(NamedTuple):
-    """Depths (bins) and intensities [rows', K, cols'], and x and y of the normals [2, rows', K, cols']."""
-
-    depth: float32[:, :, ::1]
-    intensity: float32[:, :, ::1]
-    normal: float32[:, :, :, ::1]
+# Rows of the scratch memory, [ROWS, 9 K, LANES]. Of a point: its depth. Of a surface: how many points it has, their
+# mean depth, its intensity in the pixel itself, later its strength; points, intensity in others.
+Z, COUNT, MEAN, OWN, NEIGHBOURS, OTHERS, ROWS = range(7)
 
 
 @line
@@ -57,22 +48,20 @@ def _join(z, there, strength, is_own, used, scratch):
 
 
 @line
-def _collect(i, j, cloud, scale, period, scratch):
+def _collect(i, j, depth, intensity, scale, period, scratch):
     """Write the points of the 3 × 3 pixels, and join them to surfaces by depth, those of the pixel itself first.
 
     Returns the first point's depth, bins, from which depths count, and how many surfaces a pixel has at most.
     """
-    depth, intensity, normal = cloud
     layers, origin, is_first, used = depth.shape[1], full(ZERO), full(True), 0
     for place in CENTRE_FIRST:
         a, b = i + place // 3 - 1, j + place % 3 - 1
         for k in range(layers):
             strength, t = load(intensity, a, k, b), load(depth, a, k, b)
-            nx, ny, there = load(normal, 0, a, k, b), load(normal, 1, a, k, b), strength > ZERO
+            there = strength > ZERO
             origin, is_first = where(there & is_first, t, origin), is_first & ~there
             z = wrap(t - origin, period) / scale
             store(scratch, Z, place * layers + k, 0, where(there, z, FAR))
-            store(scratch, NZ, place * layers + k, 0, sqrt(max(ONE - nx * nx - ny * ny, ZERO)))
             used = _join(z, there, strength, place == 4, used, scratch)
     return origin, used
 
@@ -139,7 +128,7 @@ def _sphere(i, j, at, normal, scratch):
         right, down = p // layers % 3 - 1, p // layers // 3 - 1
         x, y, z = F32(right), F32(down), load(scratch, Z, p, 0) - at
         u, v = load(normal, 0, i + down, p % layers, j + right), load(normal, 1, i + down, p % layers, j + right)
-        n, (f, square) = load(scratch, NZ, p, 0), _weight(x, y, z)
+        n, (f, square) = sqrt(max(ONE - u * u - v * v, ZERO)), _weight(x, y, z)
         w, wx, wy, wz = w + f, fma(f, x, wx), fma(f, y, wy), fma(f, z, wz)
         wu, wv, wn, wpp = fma(f, u, wu), fma(f, v, wv), fma(f, n, wn), fma(f, square, wpp)
         wpn = fma(f, u * x + v * y + n * z, wpn)
@@ -168,33 +157,29 @@ def _project(i, j, at, there, spheres, normal, scratch):
     return at, u, v
 
 
-@line
-def _apss_row(i, cloud, enough, scale, period, spheres, after, scratch):
-    for j in range(MARGIN, enough.shape[1] - MARGIN, LANES):
+@each_row
+def _apss(i, depth: floats3d, intensity: floats3d, normal: floats4d, scale: float32, period: float32, spheres: boolean,
+          scratch: floats4d, new_depth: floats3d, new_normal: floats4d, enough: floats2d, new_intensity: floats3d):
+    own = scratch[get_thread_id()]
+    for j in columns(enough):
         if lanes_of(load(enough, i, j) > ZERO):
-            origin, used = _collect(i, j, cloud, scale, period, scratch)
-            _weigh(used, load(enough, i, j), scratch)
-            for k in range(cloud.depth.shape[1]):
-                strength, at = _take_strongest(used, scratch)
+            origin, used = _collect(i, j, depth, intensity, scale, period, own)
+            _weigh(used, load(enough, i, j), own)
+            for k in range(depth.shape[1]):
+                strength, at = _take_strongest(used, own)
                 there = strength > ZERO
-                at, u, v = _project(i, j, at, there, spheres, cloud.normal, scratch)
+                at, u, v = _project(i, j, at, there, spheres, normal, own)
                 t = fma(at, scale, origin)
-                store(after.depth, i, k, j, where(there, t - period * floor(t / period), ZERO))
-                store(after.intensity, i, k, j, strength)
-                store(after.normal, 0, i, k, j, u)
-                store(after.normal, 1, i, k, j, v)
-
-
-@parallel
-def _apss(cloud: Points, enough: float32[:, ::1], scale: float32, period: float32, spheres: boolean, after: Points,
-          scratch: float32[:, :, :, ::1]):
-    for turn in prange(len(enough) - 2 * MARGIN):
-        _apss_row(turn + MARGIN, cloud, enough, scale, period, spheres, after, scratch[get_thread_id()])
+                store(new_depth, i, k, j, where(there, t - period * floor(t / period), ZERO))
+                store(new_intensity, i, k, j, strength)
+                store(new_normal, 0, i, k, j, u)
+                store(new_normal, 1, i, k, j, v)
 
 
 def apss(depth, intensity, normal, enough, scale, num_bins):
     known = np.zeros((2, *depth.shape), np.float32) if normal is None else normal
-    after = Points(np.zeros_like(depth), np.zeros_like(intensity), np.zeros_like(known))
-    _apss(Points(depth, intensity, known), enough, F32(scale), F32(num_bins), normal is not None, after,
-          np.empty((get_num_threads(), ROWS, 9 * depth.shape[1], LANES), np.float32))
-    return tuple(after)
+    after = np.zeros_like(depth), np.zeros_like(intensity), np.zeros_like(known)
+    _apss(depth, intensity, known, F32(scale), F32(num_bins), normal is not None,
+          np.empty((get_num_threads(), ROWS, 9 * depth.shape[1], LANES), np.float32), after[0], after[2], enough,
+          after[1])
+    return after

@@ -8,13 +8,13 @@ r += INTENSITY_RATE Δ_r / g, at least 0, with s = g max(r, the new r).
 import numpy as np
 from numba import float32, int64, prange
 
-from srt3d_ros.kernels import constants
+from srt3d_ros.kernels import constants, maps
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO
-from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.cpu.method.expand import others_removed
-from srt3d_ros.kernels.cpu.method.frame import Frame
-from srt3d_ros.kernels.cpu.vectors import floor, full, gather, lanes_of, load, store, to_cell, where
-from srt3d_ros.kernels.maps import LANES, MARGIN
+from srt3d_ros.kernels.cpu.compiling import each_row, floats1d, floats2d, floats3d, inline, line, parallel
+from srt3d_ros.kernels.cpu.method.frame import Frame, columns
+from srt3d_ros.kernels.cpu.method.sketches import others_removed
+from srt3d_ros.kernels.cpu.vectors import floor, full, lanes_of, load, store, to_cell, where
+from srt3d_ros.kernels.maps import MARGIN
 
 RATE = F32(constants.INTENSITY_RATE)
 
@@ -22,7 +22,7 @@ RATE = F32(constants.INTENSITY_RATE)
 @inline
 def _step_at(table, level, row, l):
     """a of a row of the table, at each pixel's level."""
-    return gather(table, level, row, l) if len(table) > 1 else full(table[0, row, l])
+    return load(table, level, row, l) if len(table) > 1 else full(table[0, row, l])
 
 
 @line
@@ -39,9 +39,10 @@ def _errors(i, k, j, frame, table, depth, intensity):
     return shift, change
 
 
-@line
-def _pixelwise_row(i, frame, table, rate, usual, faintest, depth, intensity, new_depth, new_intensity):
-    for j in range(MARGIN, depth.shape[2] - MARGIN, LANES):
+@each_row
+def _pixelwise(i, frame: Frame, table: floats3d, rate: float32, usual: float32, faintest: float32, depth: floats3d,
+               intensity: floats3d, new_depth: floats3d, new_intensity: floats3d):
+    for j in columns(depth):
         for k in range(depth.shape[1]):
             t, r = load(depth, i, k, j), load(intensity, i, k, j)
             there = r > ZERO
@@ -59,18 +60,17 @@ def _pixelwise_row(i, frame, table, rate, usual, faintest, depth, intensity, new
             store(new_intensity, i, k, j, where(r >= faintest, r, ZERO))
 
 
-@parallel
-def _pixelwise(frame: Frame, table: float32[:, :, ::1], rate: float32, usual: float32, faintest: float32,
-               depth: float32[:, :, ::1], intensity: float32[:, :, ::1], new_depth: float32[:, :, ::1],
-               new_intensity: float32[:, :, ::1]):
-    for turn in prange(len(depth) - 2 * MARGIN):
-        _pixelwise_row(turn + MARGIN, frame, table, rate, usual, faintest, depth, intensity, new_depth, new_intensity)
-
-
 def pixelwise(frame, table, rate, usual, depth, intensity, faintest=0.0):
     after = np.zeros_like(depth), np.zeros_like(intensity)
     _pixelwise(frame, table, F32(rate), F32(usual), F32(faintest), depth, intensity, *after)
     return after
+
+
+def blur(values, sigma):
+    from scipy.ndimage import correlate1d  # here: slow
+    for axis in (0, 2):
+        values = correlate1d(values, maps.window_weights(sigma), axis, mode="constant")
+    return values
 
 
 def usual_intensity(intensity, exposure):
@@ -93,10 +93,9 @@ def _between(place, values):
 
 
 @parallel
-def _poisson(starts: int64[::1], toa: float32[::1], irf: float32[:, ::1], slope: float32[:, ::1],
-             exposure: float32[:, ::1], ref: float32, information: float32, num_bins: float32,
-             background: float32[:, ::1], rate: float32, usual: float32, depth: float32[:, :, ::1],
-             intensity: float32[:, :, ::1], stray: float32[:, ::1]):
+def _poisson(starts: int64[::1], toa: floats1d, irf: floats2d, slope: floats2d, exposure: floats2d, ref: float32,
+             information: float32, num_bins: float32, background: floats2d, rate: float32, usual: float32,
+             depth: floats3d, intensity: floats3d, stray: floats2d):
     (rows, cols), surfaces = background.shape, depth.shape[1]
     reach = ONE / np.sqrt(information)
     for i in prange(rows):

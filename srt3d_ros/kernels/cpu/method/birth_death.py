@@ -15,7 +15,7 @@ if that is above what it needs: BIRTH_COST, and EMPTY_VOTES · VOTE · w more fo
 surface; nothing for the first surface of a pixel that has one. Then the photons that it explains, and the surfaces that
 agree with it, are left out, and the next one is chosen. `kernels.torch` has the notation and all rules.
 
-The pixels in which something is to be decided (`undecided`) are listed, and each vector holds LANES of them.
+The pixels in which something is to be decided (`list_row`) are listed, and each vector holds LANES of them.
 """
 
 from typing import NamedTuple
@@ -24,29 +24,29 @@ import numba
 from numba import boolean, float32, int32, prange
 
 from srt3d_ros.kernels.constants import SPREAD, VOTE_RADIUS
-from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, exp, sincos
-from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.cpu.method.expand import expand_stale
-from srt3d_ros.kernels.cpu.method.frame import Frame
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, exp
+from srt3d_ros.kernels.cpu.compiling import floats2d, floats3d, floats4d, line, parallel
+from srt3d_ros.kernels.cpu.method.frame import Frame, Point, point_at, response_at, without
 from srt3d_ros.kernels.cpu.method.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio
-from srt3d_ros.kernels.cpu.method.undecided import join_rows, list_row
+from srt3d_ros.kernels.cpu.method.sketches import expand_stale
 from srt3d_ros.kernels.cpu.method.voters import (
-    AT,
     BIRTH_COST,
     COUNT,
     MIDDLE,
     SAYS,
     SIDE,
-    TOLERANCE,
     WEIGHT,
     agrees,
     gather_voters,
+    join_rows,
+    list_row,
     mean_of,
     speak_against,
     support,
+    voter_at,
 )
-from srt3d_ros.kernels.cpu.vectors import floats, floor, fma, full, gather, lanes_of, load, mask, store, where
-from srt3d_ros.kernels.maps import DEPTH, FIELDS, INTENSITY, LANES, MARGIN, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD
+from srt3d_ros.kernels.cpu.vectors import floats, floor, full, lanes_of, load, store, where
+from srt3d_ros.kernels.maps import FIELDS, LANES, MARGIN
 
 ALWAYS = F32(-1e30)         # what a pixel's first surface needs if it has one: less than any has
 CLOSE_BY = tuple(MIDDLE + row * SIDE + col for row in (-1, 0, 1) for col in (-1, 0, 1))     # places of candidates
@@ -66,17 +66,17 @@ class Chosen(NamedTuple):
     Points [K, FIELDS, N], ratios [K, N], 1 near a change, a map, and which vectors of pixels have changed.
     """
 
-    points: float32[:, :, ::1]
-    ratios: float32[:, ::1]
-    near: float32[:, ::1]
+    points: floats3d
+    ratios: floats2d
+    near: floats2d
     stale: boolean[:, ::1]
 
 
 class Scratch(NamedTuple):
     """Memory of each thread: the voters of LANES pixels, and what the surfaces found leave of their sketches."""
 
-    voters: float32[:, :, :, ::1]       # [threads, PLACES · K, VOTER, LANES]
-    rest: float32[:, :, ::1]            # [threads, 2m, LANES]
+    voters: floats4d        # [threads, PLACES · K, fields of a Voter, LANES]
+    rest: floats3d          # [threads, 2m, LANES]
 
 
 class Seen(NamedTuple):
@@ -92,85 +92,71 @@ class Seen(NamedTuple):
 class Best(NamedTuple):
     """The best candidates so far."""
 
-    found: mask
     value: floats           # ratio and votes, nats
-    at: floats              # where the candidate lies
+    depth: floats           # where the candidate lies
     tolerance: floats       # its v
-    depth: floats
+    new_depth: floats       # of the surface that it makes, and its intensity
     intensity: floats
     own: floats             # which of the pixel's own surfaces it is; −1: none
     response: floats
     ratio: floats
 
 
-@inline
-def _response(rest, depth, bin_frequencies):
-    """R(z, depth) of what is left of the pixels' sketches."""
-    response, m = full(ZERO), len(bin_frequencies)
-    for l in range(m):
-        sine, cosine = sincos(bin_frequencies[l] * depth)
-        response = fma(load(rest, l, 0), cosine, fma(load(rest, m + l, 0), sine, response))
-    return response
-
-
 @line
 def _choose(k, seen, voters, rest, surfaces, frame):
-    """The candidates with the highest log-likelihood ratio as surface k, of those above what is needed."""
-    likeness, any_dark = SHARED_LIKENESS if k > 0 else LIKENESS, lanes_of(seen.dark > 0) != 0
+    """The candidates with the highest log-likelihood ratio as surface k, and whether it is above what is needed."""
+    likeness, any_dark, found = SHARED_LIKENESS if k > 0 else LIKENESS, lanes_of(seen.dark > 0) != 0, full(False)
     nothing = full(ZERO)
-    best = Best(full(False), seen.needed, nothing, nothing, nothing, nothing, nothing, nothing, nothing)
+    best = Best(seen.needed, nothing, nothing, nothing, nothing, nothing, nothing, nothing)
     for place in CLOSE_BY:
         for c in range(place * surfaces, (place + 1) * surfaces):
-            there = load(voters, c, WEIGHT, 0) > 0
+            candidate = voter_at(voters, c)
+            there = candidate.weight > 0
             if lanes_of(there) == 0:
                 continue
             said = support(c, voters, surfaces, frame.period)
-            expected, response = said.intensity * seen.exposure, _response(rest, said.depth, frame.bin_frequencies)
+            expected, response = said.intensity * seen.exposure, response_at(rest, 0, said.depth, frame)
             ratio = llr(response, seen.photons, expected, likeness, frame)
             value = ratio + (said.votes - seen.against)
             if any_dark:
                 value -= seen.dark * (ONE - exp(-expected))
             better = there & (value > best.value)
-            best = Best(
-                best.found | better, where(better, value, best.value), where(better, load(voters, c, AT, 0), best.at),
-                where(better, load(voters, c, TOLERANCE, 0), best.tolerance), where(better, said.depth, best.depth),
-                where(better, said.intensity, best.intensity), where(better, said.own, best.own),
-                where(better, response, best.response), where(better, ratio, best.ratio))
-    return best
+            found |= better
+            best = where(better, Best(value, candidate.depth, candidate.tolerance, said.depth, said.intensity, said.own,
+                                      response, ratio), best)
+    return found, best
 
 
 @line
-def _write(k, place, best, voters, state, own, chosen, period):
+def _write(k, place, found, best, voters, state, own, chosen, period):
     """Write what the pixels choose as surface k; returns its depth, and where it is another than before."""
-    first, rows, cols = place
+    (first, rows, cols), zero = place, full(ZERO)
     slope_col, slope_row, std = mean_of(best, voters, period)
-    depth = best.depth - period * floor(best.depth / period)
-    for f, mean in ((DEPTH, depth), (SLOPE_COL, slope_col), (SLOPE_ROW, slope_row), (INTENSITY, best.intensity),
-                    (STD, std), (SCORE, full(ZERO)), (RESIDUAL, full(ZERO))):
-        value = mean
-        for one in range(state.shape[1]):
-            value = where(best.own == F32(one), gather(state, rows, one, f, cols), value)
-        if f == DEPTH:
-            depth = value
-        store(chosen.points, k, f, first, where(best.found, value, ZERO))
-    store(chosen.ratios, k, first, where(best.found, best.ratio, gather(own, rows, k, cols)))
-    had = gather(state, rows, k, INTENSITY, cols) > 0
-    return depth, (best.found & (best.own != F32(k))) | (~best.found & had)
+    depth = best.new_depth - period * floor(best.new_depth / period)
+    point = Point(depth, slope_col, slope_row, best.intensity, std, zero, zero)
+    for one in range(state.shape[1]):
+        point = where(best.own == F32(one), point_at(state, rows, one, cols), point)
+    for f in range(FIELDS):
+        store(chosen.points, k, f, first, where(found, point[f], ZERO))
+    store(chosen.ratios, k, first, where(found, best.ratio, load(own, rows, k, cols)))
+    had = point_at(state, rows, k, cols).intensity > 0
+    return point.depth, (found & (best.own != F32(k))) | (~found & had)
 
 
 @line
-def _take(best, depth, seen, voters, rest, frame):
+def _take(found, best, depth, seen, voters, rest, frame):
     """Subtract what the chosen surfaces explain, and drop the voters that agree with them; returns the photons left."""
-    m, signal = len(frame.energy), where(best.found, max(best.response, ZERO) / frame.total_energy, ZERO)
+    m, signal = len(frame.energy), where(found, max(best.response, ZERO) / frame.total_energy, ZERO)
     for l in range(m):
-        sine, cosine = sincos(frame.bin_frequencies[l] * depth)
-        store(rest, l, 0, load(rest, l, 0) - signal * frame.energy[l] * cosine)
-        store(rest, m + l, 0, load(rest, m + l, 0) - signal * frame.energy[l] * sine)
+        re, im = without(load(rest, l, 0), load(rest, m + l, 0), l, signal, depth, frame)
+        store(rest, l, 0, re)
+        store(rest, m + l, 0, im)
     for q in range(len(voters)):
-        taken = best.found & agrees(voters[q], best.at, best.tolerance, frame.period)
-        store(voters, q, WEIGHT, 0, where(taken, ZERO, load(voters, q, WEIGHT, 0)))
-        store(voters, q, SAYS, 0, where(taken, ZERO, load(voters, q, SAYS, 0)))
-    return where(best.found, left(seen.photons, signal), seen.photons)
+        voter = voter_at(voters, q)
+        taken = found & agrees(voter, best, frame.period)
+        store(voters, q, WEIGHT, 0, where(taken, ZERO, voter.weight))
+        store(voters, q, SAYS, 0, where(taken, ZERO, voter.says))
+    return where(found, left(seen.photons, signal), seen.photons)
 
 
 @line
@@ -178,17 +164,17 @@ def _judge_part(first, listed, frame, state, own, max_chi2, chosen, voters, rest
     """Let LANES of the listed pixels choose their surfaces, one after the other."""
     rows, cols, surfaces = load(listed, 0, first), load(listed, 1, first), state.shape[1]
     for c in range(len(rest)):
-        store(rest, c, 0, gather(frame.matched, rows, c, cols))
+        store(rest, c, 0, load(frame.matched, rows, c, cols))
     empty, dark = gather_voters(rows, cols, frame, state, own, max_chi2, voters)
-    photons, exposure, nothing = gather(frame.counts, rows, cols), gather(frame.exposure, rows, cols), full(ZERO)
+    photons, exposure, nothing = load(frame.counts, rows, cols), load(frame.exposure, rows, cols), full(ZERO)
     has_surface = load(voters, MIDDLE * surfaces, COUNT, 0) > 0
     needed, dark = where(has_surface, BIRTH_COST, BIRTH_COST + empty), where(has_surface, ZERO, dark)
     seen = Seen(photons, exposure, where(has_surface, ALWAYS, needed), dark, nothing)
     for k in range(surfaces):
         if k > 0:
             seen = Seen(seen.photons, exposure, needed, dark, speak_against(k, voters, surfaces))
-        best = _choose(k, seen, voters, rest, surfaces, frame)
-        depth, changed = _write(k, (first, rows, cols), best, voters, state, own, chosen, frame.period)
+        found, best = _choose(k, seen, voters, rest, surfaces, frame)
+        depth, changed = _write(k, (first, rows, cols), found, best, voters, state, own, chosen, frame.period)
         bits = lanes_of(changed)
         for x in range(LANES):
             if bits >> x & 1:
@@ -196,7 +182,7 @@ def _judge_part(first, listed, frame, state, own, max_chi2, chosen, voters, rest
                 chosen.near[row - VOTE_RADIUS:row + VOTE_RADIUS + 1, col - VOTE_RADIUS:col + VOTE_RADIUS + 1] = ONE
                 chosen.stale[row, col // LANES] = True
         if k + 1 < surfaces:
-            seen = Seen(_take(best, depth, seen, voters, rest, frame), exposure, needed, dark, nothing)
+            seen = Seen(_take(found, best, depth, seen, voters, rest, frame), exposure, needed, dark, nothing)
 
 
 @line
@@ -214,8 +200,8 @@ def _adopt(listed, number, chosen, state, own):
 
 
 @parallel
-def _round(frame: Frame, state: float32[:, :, :, ::1], own: float32[:, :, ::1], max_chi2: float32, grows: boolean,
-           lists: Lists, chosen: Chosen, scratch: Scratch):
+def _round(frame: Frame, state: floats4d, own: floats3d, max_chi2: float32, grows: boolean, lists: Lists,
+           chosen: Chosen, scratch: Scratch):
     """List the undecided pixels, let them choose, and adopt what they have chosen; whether anything has changed.
 
     `own` are the points' ratios.
@@ -245,5 +231,5 @@ def birth_death(work, frame, state, terms, max_chi2):
     for spreads in range(1 + SPREAD):
         if not _round(frame, state, own, F32(max_chi2), spreads > 0, lists, chosen, scratch):
             break
-    expand_stale(frame, state, terms, work.stale)
+    expand_stale(frame, state, work.stale, terms)
     return state, terms

@@ -6,48 +6,49 @@ n − g Σ_k r_k; g times their local mean over that of g is the background. `ke
 """
 
 import numpy as np
-from numba import float32, get_num_threads, get_thread_id, prange
+from numba import float32, float64, get_num_threads, get_thread_id, int64, prange, uint8, uint16
 
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import LOCAL_SIGMA
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, ONE, TINY, ZERO
-from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.cpu.method.blur import blur, blur_row
-from srt3d_ros.kernels.cpu.method.frame import Frame
+from srt3d_ros.kernels.cpu.compiling import (
+    each_row,
+    floats1d,
+    floats2d,
+    floats3d,
+    floats4d,
+    inline,
+    line,
+    parallel,
+    read_only,
+)
+from srt3d_ros.kernels.cpu.method.frame import Frame, columns, point_at
 from srt3d_ros.kernels.cpu.method.likelihood import noise_at
+from srt3d_ros.kernels.cpu.method.windows import blur_row
 from srt3d_ros.kernels.cpu.vectors import load, sqrt, store, where
-from srt3d_ros.kernels.maps import DEPTH, INTENSITY, LANES, MARGIN, RESIDUAL, SCORE, STD, VALUE
-
-
-@parallel
-def _drop_weak(state: float32[:, :, :, ::1], enough: float32):
-    for i in prange(len(state)):
-        for k in range(state.shape[1]):
-            for j in range(0, state.shape[3], LANES):
-                keeps = load(state, i, k, SCORE, j) >= enough
-                store(state, i, k, INTENSITY, j, where(keeps, load(state, i, k, INTENSITY, j), ZERO))
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, MARGIN, SCORE, STD, VALUE
 
 
 def drop_weak(state, enough):
-    _drop_weak(state, F32(enough))
+    state[:, :, INTENSITY][state[:, :, SCORE] < enough] = 0
 
 
 @inline
-def _excess(i, k, j, frame, state, terms):
+def _excess(i, k, j, frame, intensity, terms):
     """own − r, and E g."""
     gain = frame.total_energy * max(load(frame.exposure, i, j), EPSILON)
-    return load(terms, i, k, VALUE, j) / gain - load(state, i, k, INTENSITY, j), gain
+    return load(terms, i, k, VALUE, j) / gain - intensity, gain
 
 
 @line
 def _compare_row(i, frame, state, terms, compared):
     """Write (own − r)² and v of each surface, of which s² and the mean of v are made; 0 without a surface."""
     of_signal, of_background = frame.intensity_moments[0], frame.intensity_moments[1]
-    for j in range(MARGIN, state.shape[3] - MARGIN, LANES):
+    for j in columns(state):
         for k in range(state.shape[1]):
-            there = load(state, i, k, INTENSITY, j) > ZERO
-            excess, gain = _excess(i, k, j, frame, state, terms)
-            signal = load(state, i, k, INTENSITY, j) * max(load(frame.exposure, i, j), EPSILON)
+            intensity = load(state, i, k, INTENSITY, j)
+            excess, gain = _excess(i, k, j, frame, intensity, terms)
+            signal, there = intensity * max(load(frame.exposure, i, j), EPSILON), intensity > ZERO
             variance = signal * of_signal + max(load(frame.counts, i, j) - signal, ZERO) * of_background
             store(compared, i, 2 * k, j, where(there, excess * excess, ZERO))
             store(compared, i, 2 * k + 1, j, where(there, variance / (gain * gain), ZERO))
@@ -56,52 +57,44 @@ def _compare_row(i, frame, state, terms, compared):
 @line
 def _decide_row(i, frame, state, terms, enough, means, points, left, rest):
     """Write the points and the photons that they leave; `rest` has all photons before."""
-    for j in range(MARGIN, state.shape[3] - MARGIN, LANES):
+    for j in columns(state):
         light, unexplained = load(frame.exposure, i, j), load(rest, i, j)
         for k in range(state.shape[1]):
-            pooled, depth = load(state, i, k, INTENSITY, j), load(state, i, k, DEPTH, j)
-            std, residual = load(state, i, k, STD, j), load(state, i, k, RESIDUAL, j)
-            excess, _ = _excess(i, k, j, frame, state, terms)
+            point = point_at(state, i, k, j)
+            pooled, (excess, _) = point.intensity, _excess(i, k, j, frame, point.intensity, terms)
             differ = ONE - min(load(means, 2 * k + 1, j) / max(load(means, 2 * k, j), TINY), ONE)
-            stays = (pooled > ZERO) & (load(state, i, k, SCORE, j) / noise_at(frame, depth) > enough)
+            stays = (pooled > ZERO) & (point.score / noise_at(frame, point.depth) > enough)
             intensity = where(stays, max(pooled + excess * differ, EPSILON * pooled), ZERO)
+            std = sqrt(point.std * point.std + point.residual * point.residual)
             unexplained -= intensity * light
-            store(points, i, k, DEPTH, j, depth)
+            store(points, i, k, DEPTH, j, point.depth)
             store(points, i, k, INTENSITY, j, intensity)
-            store(points, i, k, STD, j, min(max(sqrt(std * std + residual * residual), EPSILON), frame.period))
+            store(points, i, k, STD, j, min(max(std, EPSILON), frame.period))
         store(rest, i, j, max(unexplained, ZERO))
         store(left, i, 0, j, where(light > ZERO, unexplained, ZERO))
         store(left, i, 1, j, light + EPSILON)
 
 
-@line
-def _spread_row(i, exposure, means, background):
+@parallel
+def _finalise(frame: Frame, state: floats4d, terms: floats4d, enough: float32, weights: floats1d, compared: floats3d,
+              means: floats3d, left: floats3d, points: floats4d, rest: floats2d):
+    for i in prange(MARGIN, len(state) - MARGIN):
+        _compare_row(i, frame, state, terms, compared)
+    for i in prange(MARGIN, len(state) - MARGIN):
+        own = means[get_thread_id()]
+        blur_row(compared, i, weights, own[-1], own[-2], own)
+        _decide_row(i, frame, state, terms, enough, own, points, left, rest)
+
+
+@each_row
+def _background(i, exposure: floats2d, weights: floats1d, left: floats3d, means: floats3d, background: floats2d):
     """Write g times the mean of the photons left over that of g; masked pixels keep what they have."""
-    for j in range(MARGIN, exposure.shape[1] - MARGIN, LANES):
+    own = means[get_thread_id()]
+    blur_row(left, i, weights, own[-1], own[-2], own)
+    for j in columns(exposure):
         light = load(exposure, i, j)
-        rate = max(load(means, 0, j) / load(means, 1, j), ZERO)
+        rate = max(load(own, 0, j) / load(own, 1, j), ZERO)
         store(background, i, j, where(light > ZERO, rate * light, load(background, i, j)))
-
-
-@parallel
-def _finalise(frame: Frame, state: float32[:, :, :, ::1], terms: float32[:, :, :, ::1], enough: float32,
-              weights: float32[::1], compared: float32[:, :, ::1], means: float32[:, :, ::1], left: float32[:, :, ::1],
-              points: float32[:, :, :, ::1], rest: float32[:, ::1]):
-    for turn in prange(len(state) - 2 * MARGIN):
-        _compare_row(turn + MARGIN, frame, state, terms, compared)
-    for turn in prange(len(state) - 2 * MARGIN):
-        own = means[get_thread_id()]
-        blur_row(compared, turn + MARGIN, weights, own[-1], own[-2], own)
-        _decide_row(turn + MARGIN, frame, state, terms, enough, own, points, left, rest)
-
-
-@parallel
-def _background(exposure: float32[:, ::1], weights: float32[::1], left: float32[:, :, ::1], means: float32[:, :, ::1],
-                background: float32[:, ::1]):
-    for turn in prange(len(exposure) - 2 * MARGIN):
-        own = means[get_thread_id()]
-        blur_row(left, turn + MARGIN, weights, own[-1], own[-2], own)
-        _spread_row(turn + MARGIN, exposure, own, background)
 
 
 def finalise(work, frame, photons, state, terms, enough):
@@ -123,5 +116,46 @@ def background(left, exposure):
 
 
 def local_mean(values, used):
-    sums = blur(np.stack([values * used, used + EPSILON], axis=1), LOCAL_SIGMA)
-    return sums[:, 0] / sums[:, 1] * used
+    return background(values * used, used)
+
+
+MAP, RAYS = read_only(float32[:, :, :]), read_only(floats3d)
+
+
+@line
+def _rank(intensity, i, k, j):
+    """How many surfaces of the pixel come before surface k: the stronger ones, of equals those with a lower index."""
+    rank = 0
+    for other in range(intensity.shape[1]):
+        more = intensity[i, other, j] - intensity[i, k, j]
+        rank += more > ZERO or (more == ZERO and other < k)
+    return rank
+
+
+@parallel
+def _collect(depth: MAP, intensity: MAP, std: MAP, rays: RAYS, first: int64[::1], scale: float64[::1], row: uint16[::1],
+             col: uint16[::1], rank: uint8[::1], values: floats2d, xyz: floats2d):
+    """Write the points of each row of pixels from place `first` on; `scale` is metres_per_bin, metres, num_bins."""
+    for i in prange(len(intensity)):
+        place = first[i]
+        for j in range(intensity.shape[2]):
+            number = 0
+            for k in range(intensity.shape[1]):
+                if intensity[i, k, j] > ZERO:
+                    at, number = place + _rank(intensity, i, k, j), number + 1
+                    t = depth[i, k, j] if depth[i, k, j] < scale[2] else ZERO       # rounded up to T
+                    row[at], col[at], rank[at] = i, j, at - place
+                    values[0, at], values[1, at], values[2, at] = t, intensity[i, k, j], std[i, k, j]
+                    for axis in range(3):
+                        xyz[at, axis] = rays[i, j, axis] * (t * scale[0] + scale[1])
+            place += number
+
+
+def collect(depth, intensity, std, rays, metres_per_bin, metres, num_bins):
+    of_rows = np.count_nonzero(intensity > 0, axis=(1, 2))
+    ends = np.cumsum(of_rows)
+    row, col, rank = (np.empty(ends[-1], kind) for kind in (np.uint16, np.uint16, np.uint8))
+    values, xyz = np.empty((3, ends[-1]), np.float32), np.empty((ends[-1], 3), np.float32)
+    _collect(depth, intensity, std, rays, ends - of_rows, np.array([metres_per_bin, metres, num_bins], float), row, col,
+             rank, values, xyz)
+    return row, col, rank, values, xyz

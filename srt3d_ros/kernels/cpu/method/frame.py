@@ -1,26 +1,28 @@
-"""A `MatchedFrame` as compiled code takes it: arrays, and numbers in single precision."""
+"""What the kernels of a frame read and write: a `MatchedFrame` as compiled code takes it, points and their terms."""
 
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 from numba import float32
 
-from srt3d_ros.kernels.cpu.arithmetic import F32
-from srt3d_ros.kernels.maps import MAX_STD
+from srt3d_ros.kernels.cpu.arithmetic import F32, ZERO, sincos
+from srt3d_ros.kernels.cpu.compiling import floats1d, floats2d, floats3d, inline
+from srt3d_ros.kernels.cpu.vectors import floats, full, load, store
+from srt3d_ros.kernels.maps import LANES, MARGIN, MAX_STD
 
 
 class Frame(NamedTuple):
     """The fields of `MatchedFrame` that kernels read, and two lengths."""
 
-    matched: float32[:, :, ::1]
-    counts: float32[:, ::1]
-    exposure: float32[:, ::1]
-    energy: float32[::1]
-    bin_frequencies: float32[::1]
-    moments: float32[::1]
-    intensity_moments: float32[::1]
-    background_table: float32[::1]
-    clutter: float32[::1]
+    matched: floats3d
+    counts: floats2d
+    exposure: floats2d
+    energy: floats1d
+    bin_frequencies: floats1d
+    moments: floats1d
+    intensity_moments: floats1d
+    background_table: floats1d
+    clutter: floats1d
     max_response: float32
     total_energy: float32
     curvature: float32
@@ -34,8 +36,7 @@ class Frame(NamedTuple):
         if isinstance(frame, cls):
             return frame
         if frame not in FRAMES:
-            arrays = (frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, frame.moments,
-                      frame.intensity_moments, frame.background_table, frame.clutter)
+            arrays = (getattr(frame, name) for name in cls._fields[:9])
             numbers = (frame.max_response, frame.total_energy, frame.curvature, frame.num_bins, frame.resolution_bins,
                        MAX_STD * frame.num_bins)
             FRAMES[frame] = cls(*arrays, *map(F32, numbers))
@@ -43,3 +44,81 @@ class Frame(NamedTuple):
 
 
 FRAMES: WeakKeyDictionary[object, Frame] = WeakKeyDictionary()
+
+
+class Point(NamedTuple):
+    """LANES points, by the fields of `maps`."""
+
+    depth: floats
+    slope_col: floats
+    slope_row: floats
+    intensity: floats
+    std: floats
+    score: floats
+    residual: floats
+
+
+class Terms(NamedTuple):
+    """Data terms of LANES points, by the terms of `maps`."""
+
+    value: floats
+    gradient: floats
+    curvature: floats
+    squares: floats
+    counts: floats
+    exposure: floats
+
+
+@inline
+def columns(padded):
+    """Where the vectors of a row of a padded map begin."""
+    return range(MARGIN, padded.shape[-1] - MARGIN, LANES)
+
+
+@inline
+def point_at(state, i, k, j):
+    """The points k of the pixels (i, j …); fields that the caller does not use are not read."""
+    return Point(load(state, i, k, 0, j), load(state, i, k, 1, j), load(state, i, k, 2, j), load(state, i, k, 3, j),
+                 load(state, i, k, 4, j), load(state, i, k, 5, j), load(state, i, k, 6, j))
+
+
+@inline
+def terms_at(terms, i, k, j):
+    """The terms k of the pixels (i, j …); those that the caller does not use are not read."""
+    return Terms(load(terms, i, k, 0, j), load(terms, i, k, 1, j), load(terms, i, k, 2, j), load(terms, i, k, 3, j),
+                 load(terms, i, k, 4, j), load(terms, i, k, 5, j))
+
+
+@inline
+def put(terms, i, k, j, values):
+    """Write Terms."""
+    store(terms, i, k, 0, j, values.value)
+    store(terms, i, k, 1, j, values.gradient)
+    store(terms, i, k, 2, j, values.curvature)
+    store(terms, i, k, 3, j, values.squares)
+    store(terms, i, k, 4, j, values.counts)
+    store(terms, i, k, 5, j, values.exposure)
+
+
+@inline
+def is_surface(point, frame):
+    """Whether there is a surface whose depth is known."""
+    return (point.intensity > ZERO) & (point.std < frame.max_std)
+
+
+@inline
+def without(re, im, l, signal, depth, frame):
+    """z_l − signal |ĥ_l|² exp(i ω_l depth): real and imaginary part."""
+    sine, cosine = sincos(frame.bin_frequencies[l] * depth)
+    given = signal * frame.energy[l]
+    return re - given * cosine, im - given * sine
+
+
+@inline
+def response_at(z, at, depth, frame):
+    """R(z, depth) of sketches [2m, …] in the columns `at`."""
+    response, m = full(ZERO), len(frame.bin_frequencies)
+    for l in range(m):
+        sine, cosine = sincos(frame.bin_frequencies[l] * depth)
+        response += load(z, l, at) * cosine + load(z, m + l, at) * sine
+    return response

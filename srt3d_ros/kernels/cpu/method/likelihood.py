@@ -7,14 +7,12 @@ within a factor LIKENESS of the expected g r, or its square where the pixel has 
 is at least −DEAD_LIMIT.
 """
 
-from numba import float32, prange
-
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, ZERO, log
-from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.cpu.method.frame import Frame
-from srt3d_ros.kernels.cpu.vectors import floor, full, gather, load, rint, sqrt, store, to_cell, to_floats, where
-from srt3d_ros.kernels.maps import INTENSITY, LANES, VALUE
+from srt3d_ros.kernels.cpu.compiling import each_row, floats3d, floats4d, inline
+from srt3d_ros.kernels.cpu.method.frame import Frame, columns
+from srt3d_ros.kernels.cpu.vectors import floor, full, load, rint, sqrt, store, to_cell, to_floats, where
+from srt3d_ros.kernels.maps import INTENSITY, VALUE
 
 DEAD_LIMIT, LIKENESS = F32(constants.DEAD_LIMIT), F32(constants.LIKENESS)
 SHARED_LIKENESS = LIKENESS * LIKENESS
@@ -25,7 +23,7 @@ def noise_at(frame, depth):
     """c(t), `clutter` at the nearest bin, at depths in [0, T]."""
     bins = F32(len(frame.clutter))
     bin = rint(depth)
-    return gather(frame.clutter, to_cell(bin - bins * floor(bin / bins), bins - ONE))
+    return load(frame.clutter, to_cell(bin - bins * floor(bin / bins), bins - ONE))
 
 
 @inline
@@ -34,7 +32,7 @@ def evidence(response, photons, squares, frame):
     table, last, photons = frame.background_table, F32(len(frame.background_table) - 1), max(photons, EPSILON)
     at = min(max(response / (photons * frame.max_response), ZERO), ONE) * last
     low = to_cell(at, last - ONE)
-    before, after = gather(table, low), gather(table, low + 1)
+    before, after = load(table, low), load(table, low + 1)
     return photons / sqrt(max(squares, EPSILON)) * (before + (at - to_floats(low)) * (after - before))
 
 
@@ -63,10 +61,10 @@ def llr(response, photons, expected, likeness, frame):
     return where(photons > ZERO, ratio, max(ratio, -DEAD_LIMIT))
 
 
-@line
-def _ratios_of_row(i, frame, state, terms, out):
-    surfaces, cols = state.shape[1], state.shape[3]
-    for j in range(0, cols, LANES):
+@each_row
+def _log_likelihood_ratio(i, frame: Frame, state: floats4d, terms: floats4d, out: floats3d):
+    surfaces = state.shape[1]
+    for j in columns(state):
         counts, exposure, given = load(frame.counts, i, j), load(frame.exposure, i, j), full(ZERO)
         for k in range(surfaces):
             given += load(state, i, k, INTENSITY, j) * exposure
@@ -76,13 +74,6 @@ def _ratios_of_row(i, frame, state, terms, out):
             likeness = where(others > ZERO, SHARED_LIKENESS, LIKENESS)
             ratio = llr(load(terms, i, k, VALUE, j), left(counts, others), expected, likeness, frame)
             store(out, i, k, j, where(expected > ZERO, ratio, ZERO))
-
-
-@parallel
-def _log_likelihood_ratio(frame: Frame, state: float32[:, :, :, ::1], terms: float32[:, :, :, ::1],
-                          out: float32[:, :, ::1]):
-    for i in prange(len(state)):
-        _ratios_of_row(i, frame, state, terms, out)
 
 
 def log_likelihood_ratio(work, frame, state, terms):

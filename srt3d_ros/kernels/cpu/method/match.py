@@ -10,19 +10,19 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import float32, get_num_threads, get_thread_id, int64, prange
+from numba import get_num_threads, get_thread_id, int64
 
-from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, sincos
-from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.cpu.method.frame import Frame
-from srt3d_ros.kernels.cpu.vectors import fma, full, gather, lane_numbers, load, store, to_cell, where
-from srt3d_ros.kernels.maps import LANES, MARGIN
+from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO
+from srt3d_ros.kernels.cpu.compiling import each_row, floats3d, inline, line
+from srt3d_ros.kernels.cpu.method.frame import Frame, columns, without
+from srt3d_ros.kernels.cpu.vectors import fma, full, lane_numbers, load, store, to_cell, where
+from srt3d_ros.kernels.maps import LANES
 
 
 class Steering(NamedTuple):
     """Cosines and sines of ω_l t at the cells of the first quarter of the period."""
 
-    waves: float32[:, :, ::1]   # [pairs of cells, m, 4]: cosines at both cells, sines at both
+    waves: floats3d             # [pairs of cells, m, 4]: cosines at both cells, sines at both
     order: int64[::1]           # [m], which l comes first: those with an even k_l before those with an odd one
     even: int64                 # how many k_l are even
     cells: int64                # of the whole period
@@ -79,18 +79,18 @@ def peaks(z, steering, period, response):
     for cell in range(1, steering.cells):
         here = load(response, cell, 0)
         top, height = where(here > height, F32(cell), top), max(here, height)
-    before = gather(response, to_cell(where(top > ZERO, top, cells) - ONE, cells), lane_numbers())
-    after = gather(response, to_cell(top + ONE, cells), lane_numbers())
+    before = load(response, to_cell(where(top > ZERO, top, cells) - ONE, cells), lane_numbers())
+    after = load(response, to_cell(top + ONE, cells), lane_numbers())
     bend = before - TWO * height + after
     shift = where(bend < ZERO, HALF * (before - after) / bend, ZERO)
     return (top + shift) * (period / cells), height - F32(0.25) * (before - after) * shift
 
 
-@line
-def _match_row(i, frame, steering, scratch, depth, intensity):
-    m = len(steering.order)
-    z, response = scratch[:2 * m], scratch[2 * m:]
-    for col in range(MARGIN, depth.shape[2] - MARGIN, LANES):
+@each_row
+def _match(i, frame: Frame, steering: Steering, scratch: floats3d, depth: floats3d, intensity: floats3d):
+    m, own = len(steering.order), scratch[get_thread_id()]
+    z, response = own[:2 * m], own[2 * m:]
+    for col in columns(depth):
         for n in range(m):
             store(z, n, 0, load(frame.matched, i, steering.order[n], col))
             store(z, m + n, 0, load(frame.matched, i, m + steering.order[n], col))
@@ -100,17 +100,9 @@ def _match_row(i, frame, steering, scratch, depth, intensity):
             store(depth, i, k, col, place)
             store(intensity, i, k, col, signal)
             for n in range(m):
-                l = steering.order[n]
-                sine, cosine = sincos(place * frame.bin_frequencies[l])
-                store(z, n, 0, load(z, n, 0) - signal * frame.energy[l] * cosine)
-                store(z, m + n, 0, load(z, m + n, 0) - signal * frame.energy[l] * sine)
-
-
-@parallel
-def _match(frame: Frame, steering: Steering, scratch: float32[:, :, ::1], depth: float32[:, :, ::1],
-           intensity: float32[:, :, ::1]):
-    for turn in prange(len(depth) - 2 * MARGIN):
-        _match_row(turn + MARGIN, frame, steering, scratch[get_thread_id()], depth, intensity)
+                re, im = without(load(z, n, 0), load(z, m + n, 0), steering.order[n], signal, place, frame)
+                store(z, n, 0, re)
+                store(z, m + n, 0, im)
 
 
 def match(frame, surfaces):

@@ -31,8 +31,8 @@ from numba import float32, int64, prange
 
 from srt3d_ros.kernels.constants import CELL, RIDGE
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, TWO, ZERO, agreement, wrap
-from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.cpu.method.frame import Frame
+from srt3d_ros.kernels.cpu.compiling import floats1d, floats4d, inline, line, parallel
+from srt3d_ros.kernels.cpu.method.frame import Frame, Terms, columns, point_at, put
 from srt3d_ros.kernels.cpu.method.likelihood import evidence
 from srt3d_ros.kernels.cpu.vectors import floats, floor, fma, full, lanes_of, load, sqrt, store, where
 from srt3d_ros.kernels.maps import (
@@ -60,7 +60,7 @@ TOLERANCE, PRECISION = range(2)                 # of `known`: max_chi2 · std²,
 class Window(NamedTuple):
     """Which surfaces a pool adds, and with which weights."""
 
-    weights: float32[::1]       # exp(−d² / 2σ²) for d = 0, 1, … pixels along a row or column
+    weights: floats1d           # exp(−d² / 2σ²) for d = 0, 1, … pixels along a row or column
     most: int64                 # greatest dx² + dy² in the window, pixels²
     max_chi2: float32
     period: float32             # T, bins
@@ -69,11 +69,11 @@ class Window(NamedTuple):
 class Maps(NamedTuple):
     """What a step reads and writes, [rows', K, …, cols'] each."""
 
-    state: float32[:, :, :, ::1]        # the points
-    known: float32[:, :, :, ::1]        # how well their depths are known: TOLERANCE and PRECISION
-    terms: float32[:, :, :, ::1]        # of `expand`
-    cells: float32[:, :, :, ::1]        # the terms of the cells around the points
-    out: float32[:, :, :, ::1]          # the next points
+    state: floats4d     # the points
+    known: floats4d     # how well their depths are known: TOLERANCE and PRECISION
+    terms: floats4d     # of `expand`
+    cells: floats4d     # the terms of the cells around the points
+    out: floats4d       # the next points
 
 
 class Grid(NamedTuple):
@@ -172,9 +172,8 @@ def _add_grid(each, rows, plane, place, grid, window, state, known, terms):
 @inline
 def _begin(state, i, k, j, max_chi2):
     """The planes of points, and sums of nothing."""
-    std, zero = load(state, i, k, STD, j), full(ZERO)
-    plane = Plane(load(state, i, k, DEPTH, j), load(state, i, k, SLOPE_COL, j), load(state, i, k, SLOPE_ROW, j),
-                  max_chi2 * std * std + TINY)
+    point, zero = point_at(state, i, k, j), full(ZERO)
+    plane = Plane(point.depth, point.slope_col, point.slope_row, max_chi2 * point.std * point.std + TINY)
     return (plane, Each(zero, zero, zero, zero, zero, zero, zero, zero, zero),
             Rows(zero, zero, zero, zero, zero, zero, zero, zero, zero))
 
@@ -203,12 +202,12 @@ def _turn(each, rows, plane, steepness):
 
 
 @line
-def _step(place, each, rows, plane, max_chi2, frame, maps):
+def _step(place, each, rows, frame, state, out):
     """Turn the planes, step to the top of the pooled data term, and write the next points."""
-    (i, k, j), state, out = place, maps.state, maps.out
-    total, curvature, period = frame.total_energy, frame.curvature, frame.period
+    (i, k, j), total, curvature, period = place, frame.total_energy, frame.curvature, frame.period
+    point = point_at(state, i, k, j)
     by_signal, by_background, by_bins, of_bins = frame.moments[0], frame.moments[1], frame.moments[2], frame.moments[3]
-    turn_col, turn_row, bend, leverage, off, spread = _turn(each, rows, plane, curvature / total)
+    turn_col, turn_row, bend, leverage, off, spread = _turn(each, rows, point, curvature / total)
     gradient = each.gradient - turn_col * each.bend_x - turn_row * rows.bend_y
     d = min(max(gradient / bend, -frame.resolution), frame.resolution)
     value = each.value + d * (gradient - HALF * d * rows.curvature)             # R
@@ -216,15 +215,14 @@ def _step(place, each, rows, plane, max_chi2, frame, maps):
     signal = min(strength, photons)                                             # S'
     variance = (signal * by_signal + (photons - signal) * by_background) * squares / max(photons, TINY)
     std = min(sqrt(variance) / max(signal * curvature, TINY), period)
-    before = plane.tolerance / max_chi2
-    relief = max(spread + (off - d) * (off - d) - max(before - std * std, ZERO), ZERO)      # q
+    relief = max(spread + (off - d) * (off - d) - max(point.std * point.std - std * std, ZERO), ZERO)       # q
     bowl = relief * relief / (relief + std * std + TINY)
     bins = by_bins * squares / max(photons * signal * curvature * curvature, TINY) + of_bins
     residual = sqrt(std * std * leverage + relief + bowl + bins)
-    seen, depth = load(state, i, k, INTENSITY, j) > 0, plane.depth + d
+    seen, depth = point.intensity > 0, point.depth + d
     store(out, i, k, DEPTH, j, depth - period * floor(depth / period))
-    store(out, i, k, SLOPE_COL, j, plane.slope_col + turn_col)
-    store(out, i, k, SLOPE_ROW, j, plane.slope_row + turn_row)
+    store(out, i, k, SLOPE_COL, j, point.slope_col + turn_col)
+    store(out, i, k, SLOPE_ROW, j, point.slope_row + turn_row)
     store(out, i, k, INTENSITY, j, where(seen, max(strength / max(each.exposure, TINY), TINY), 0))
     store(out, i, k, STD, j, where(signal > 0, std, period))
     store(out, i, k, SCORE, j, where(seen, evidence(value, photons, squares, frame), 0))
@@ -233,32 +231,31 @@ def _step(place, each, rows, plane, max_chi2, frame, maps):
 
 @line
 def _step_row(i, radius, fine, window, frame, maps):
-    for j in range(MARGIN, maps.state.shape[3] - MARGIN, LANES):
-        for k in range(maps.state.shape[1]):
-            if lanes_of(load(maps.state, i, k, INTENSITY, j) > 0) == 0:     # then no other field is valid
+    state = maps.state
+    near, far = Grid(min(radius, fine), -1, 1), Grid(radius // CELL * CELL, fine, CELL)
+    for j in columns(state):
+        for k in range(state.shape[1]):
+            if lanes_of(load(state, i, k, INTENSITY, j) > 0) == 0:     # then no other field is valid
                 store(maps.out, i, k, INTENSITY, j, ZERO)
                 store(maps.out, i, k, SCORE, j, ZERO)
                 continue
-            plane, each, rows = _begin(maps.state, i, k, j, window.max_chi2)
-            near, far = Grid(min(radius, fine), -1, 1), Grid(radius // CELL * CELL, fine, CELL)
-            each, rows = _add_grid(each, rows, plane, (i, j), near, window, maps.state, maps.known, maps.terms)
+            plane, each, rows = _begin(state, i, k, j, window.max_chi2)
+            each, rows = _add_grid(each, rows, plane, (i, j), near, window, state, maps.known, maps.terms)
             if radius > fine:
-                each, rows = _add_grid(each, rows, plane, (i, j), far, window, maps.state, maps.known, maps.cells)
-            _step((i, k, j), each, rows, plane, window.max_chi2, frame, maps)
+                each, rows = _add_grid(each, rows, plane, (i, j), far, window, state, maps.known, maps.cells)
+            _step((i, k, j), each, rows, frame, state, maps.out)
 
 
 @line
 def _coarsen_row(i, cell, maps):
     """Write the terms of the cells around the points, pooled along their planes."""
-    grid = Grid(CELL // 2, -1, 1)
-    for j in range(MARGIN, maps.state.shape[3] - MARGIN, LANES):
-        for k in range(maps.state.shape[1]):
-            plane, each, rows = _begin(maps.state, i, k, j, cell.max_chi2)
-            each, rows = _add_grid(each, rows, plane, (i, j), grid, cell, maps.state, maps.known, maps.terms)
-            seen = load(maps.state, i, k, INTENSITY, j) > 0
-            for term, pooled in ((VALUE, each.value), (GRADIENT, each.gradient), (CURVATURE, rows.curvature),
-                                 (SQUARES, each.squares), (COUNTS, each.photons), (EXPOSURE, each.exposure)):
-                store(maps.cells, i, k, term, j, where(seen, pooled, 0))
+    grid, state = Grid(CELL // 2, -1, 1), maps.state
+    for j in columns(state):
+        for k in range(state.shape[1]):
+            plane, each, rows = _begin(state, i, k, j, cell.max_chi2)
+            each, rows = _add_grid(each, rows, plane, (i, j), grid, cell, state, maps.known, maps.terms)
+            pooled = Terms(each.value, each.gradient, rows.curvature, each.squares, each.photons, each.exposure)
+            put(maps.cells, i, k, j, where(load(state, i, k, INTENSITY, j) > 0, pooled, 0))
 
 
 @line
@@ -266,9 +263,10 @@ def _weigh_row(i, max_chi2, state, known):
     """Write how well the depths of points are known, once for all windows that they are in."""
     for j in range(0, state.shape[3], LANES):
         for k in range(state.shape[1]):
-            std = load(state, i, k, STD, j)
-            store(known, i, k, TOLERANCE, j, max_chi2 * std * std)
-            store(known, i, k, PRECISION, j, where(load(state, i, k, INTENSITY, j) > 0, ONE / (std * std + TINY), 0))
+            point = point_at(state, i, k, j)
+            variance = point.std * point.std
+            store(known, i, k, TOLERANCE, j, max_chi2 * variance)
+            store(known, i, k, PRECISION, j, where(point.intensity > 0, ONE / (variance + TINY), 0))
 
 
 @parallel

@@ -6,11 +6,10 @@ highest peak. With q = Σ w² / Σ w and p = N / q,
     score = p / √N · ρ(S E / p) / c(t),    r = S / G,    std = √(q (S M₁ + (p − S)₊ M₀)) / (S C).
 
 Since S E ≤ Σ_l |z̄_l|, most cells that cannot reach the score they need are found without a filter (`_may_reach`).
-The others are matched (`_match_cells`), along the flat window first, then along slanted ones (`slanted`). The pixels
-of a cell take its best surface (`_write_pixels`).
+The others are matched (`_match_cells`), along the flat window first, then along slanted ones (`_search_slanted`). The
+pixels of a cell take its best surface (`_write_pixels`).
 """
 
-from collections import namedtuple
 from typing import NamedTuple
 
 import numpy as np
@@ -18,28 +17,37 @@ from numba import float32, get_thread_id, int32, int64, prange
 
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import MOVE_COST, SEEN_SCORE, SLANT, SLANTED_SCORE, STEEPER, SURE_SCORE
-from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, sincos
-from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.cpu.method.blur import NEVER, Cells, bin_row, blur_row
-from srt3d_ros.kernels.cpu.method.frame import Frame
+from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO
+from srt3d_ros.kernels.cpu.compiling import floats1d, floats2d, floats3d, floats4d, inline, line, parallel
+from srt3d_ros.kernels.cpu.method.frame import Frame, Point, columns, point_at, response_at
 from srt3d_ros.kernels.cpu.method.likelihood import evidence, noise_at
 from srt3d_ros.kernels.cpu.method.match import Steering, peaks
-from srt3d_ros.kernels.cpu.method.slanted import DOWN, RIGHT, SLANTS, bound_across, pool_along, size, turns_of
+from srt3d_ros.kernels.cpu.method.windows import (
+    DOWN,
+    NEVER,
+    RIGHT,
+    SLANTS,
+    Cells,
+    bin_row,
+    blur_row,
+    bound_across,
+    pool_along,
+    size,
+    turns_of,
+)
 from srt3d_ros.kernels.cpu.vectors import (
     floor,
     full,
-    gather,
     lane_numbers,
     lanes_of,
     load,
-    scatter,
     sqrt,
     store,
     to_cell,
     to_floats,
     where,
 )
-from srt3d_ros.kernels.maps import DEPTH, INTENSITY, LANES, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD
+from srt3d_ros.kernels.maps import INTENSITY, LANES, MARGIN, SCORE
 
 NO_WINDOW, NO_TURNS = np.ones(1, np.float32), np.empty((0, 1, 3), np.float32)
 NO_STATE = np.empty((0, 0, 0, 0), np.float32)
@@ -49,37 +57,33 @@ SEEN, SURE, SLANTED, ROOT_STEEPER = F32(SEEN_SCORE), F32(SURE_SCORE), F32(SLANTE
 class Scale(NamedTuple):
     """What one scale of the start searches, and which scores it needs."""
 
-    state: float32[:, :, :, ::1]
-    carried: float32[:, :, :, ::1]      # the last frame's state; [0, …] without one
-    weights: float32[::1]               # of a window's rows and columns of cells
-    squares: float32[::1]
-    turns: float32[:, :, ::1]           # [m, reach, 3] of `turns_of`; [0, …] without slanted windows
-    rise: float32                       # slope of slanted windows, bins per pixel
-    layer: int64                        # index of the surface
-    step: int64                         # pixels along the side of a cell
-    share: float32                      # q
-    asked: float32                      # score below which a flat window is of no use
-    enough: float32                     # score that a new surface needs
-    confirmed: float32                  # score with which a carried surface stays
+    state: floats4d
+    carried: floats4d           # the last frame's state; [0, …] without one
+    weights: floats1d           # of a window's rows and columns of cells
+    squares: floats1d
+    turns: floats3d             # [m, reach, 3] of `turns_of`; [0, …] without slanted windows
+    rise: float32               # slope of slanted windows, bins per pixel
+    layer: int64                # index of the surface
+    step: int64                 # pixels along the side of a cell
+    share: float32              # q
+    asked: float32              # score below which a flat window is of no use
+    enough: float32             # score that a new surface needs
+    confirmed: float32          # score with which a carried surface stays
 
 
 class Memory(NamedTuple):
     """Memory for a row of cells; in `_search`, of each thread."""
 
-    z: float32[:, :, ::1]           # [2m, cols'], windows: sketches
-    counts: float32[:, :, ::1]      # [1, cols'], N
-    exposure: float32[:, :, ::1]    # G
-    total: float32[:, ::1]          # [cols'] of `blur_row`
-    least: float32[:, ::1]          # [cols'], score that a cell needs; NEVER where it is not asked
-    flat: float32[:, ::1]           # [cols'], score of a cell's flat window
-    best: float32[:, :, ::1]        # [SCORE + 1, cols'], the surface of a cell
-    planes: float32[:, :, :, ::1]   # [2 · SLANTS, 2m, cols'], sums downwards, and windows of these
-    filter: float32[:, :, ::1]      # [2m + cells + 1, LANES], z and responses of LANES cells
-    listed: int32[:, ::1]           # [cols'], columns of the cells that may reach the score they need
-
-
-# What cells or pixels show, `floats` each: the fields of a state up to SCORE
-Surface = namedtuple("Surface", "depth slope_col slope_row intensity std score")
+    z: floats3d                 # [2m, cols'], windows: sketches
+    counts: floats3d            # [1, cols'], N
+    exposure: floats3d          # G
+    total: floats2d             # [cols'] of `blur_row`
+    least: floats2d             # [cols'], score that a cell needs; NEVER where it is not asked
+    flat: floats2d              # [cols'], score of a cell's flat window
+    best: floats3d              # [SCORE + 1, cols'], the point of a cell
+    planes: floats4d            # [2 · SLANTS, 2m, cols'], sums downwards, and windows of these
+    filter: floats3d            # [2m + cells + 1, LANES], z and responses of LANES cells
+    listed: int32[:, ::1]       # [cols'], columns of the cells that may reach the score they need
 
 
 @inline
@@ -92,7 +96,7 @@ def _may_reach(need, response, photons, scale, frame):
 def _list_cells(sketch, counts, scale, frame, memory):
     """List the cells of a row that may reach the score they need; returns how many. The last one fills a vector."""
     found, m, least, listed = 0, len(frame.energy), memory.least, memory.listed
-    for col in range(MARGIN, len(least) - MARGIN, LANES):
+    for col in columns(least):
         need = load(least, col)
         if lanes_of(need < NEVER) == 0:
             continue
@@ -119,7 +123,7 @@ def _measure(depth, slopes, response, photons, light, scale, frame):
     by_background = max(photons / share - by_signal, ZERO)
     spread = share * (by_signal * frame.moments[0] + by_background * frame.moments[1])
     std = min(sqrt(spread) / (by_signal * frame.curvature), period)
-    return Surface(depth, slope_col, slope_row, signal / max(light, EPSILON), std, score)
+    return Point(depth, slope_col, slope_row, signal / max(light, EPSILON), std, score, full(ZERO))
 
 
 @line
@@ -131,25 +135,25 @@ def _match_cells(sketch, window, slopes, enough, scale, steering, frame, memory)
     for first in range(0, _list_cells(sketch, counts, scale, frame, memory), LANES):
         at = load(listed, first)
         for n in range(m):
-            store(z, n, 0, gather(sketch, steering.order[n], at))
-            store(z, m + n, 0, gather(sketch, m + steering.order[n], at))
+            store(z, n, 0, load(sketch, steering.order[n], at))
+            store(z, m + n, 0, load(sketch, m + steering.order[n], at))
         place, height = peaks(z, steering, frame.period, response)
-        found = _measure(place, (full(slope_col), full(slope_row)), height, gather(counts, 0, at),
-                         gather(exposure, 0, at), scale, frame)
-        scatter(flat, at, found.score)
-        need = gather(least, at)
+        found = _measure(place, (full(slope_col), full(slope_row)), height, load(counts, 0, at),
+                         load(exposure, 0, at), scale, frame)
+        store(flat, at, found.score)
+        need = load(least, at)
         taken = found.score > max(need, enough)
         if lanes_of(taken) != 0:
-            scatter(least, at, where(taken, found.score, need))
-            for field in range(len(found)):
-                scatter(best, field, at, where(taken, found[field], gather(best, field, at)))
+            store(least, at, where(taken, found.score, need))
+            for field in range(SCORE + 1):
+                store(best, field, at, where(taken, found[field], load(best, field, at)))
 
 
 @line
 def _doubt(scale, memory):
     """Ask for a slanted window where a flat one shows a surface, but not surely; whether there is such a cell."""
     lanes, least = 0, memory.least
-    for col in range(MARGIN, len(least) - MARGIN, LANES):
+    for col in columns(least):
         flat = load(memory.flat, col)
         doubtful = (flat > SEEN) & ((flat < SURE) | (flat <= scale.enough))
         store(least, col, where(doubtful, max(flat * ROOT_STEEPER, SLANTED), NEVER))
@@ -160,7 +164,7 @@ def _doubt(scale, memory):
 @line
 def _rule_out(lines, counts, scale, frame, least):
     """Ask no longer for the cells in which no slanted window can reach the score they need: nearly all of them."""
-    for col in range(MARGIN, len(least) - MARGIN, LANES):
+    for col in columns(least):
         need = load(least, col)
         if lanes_of(need < NEVER) != 0:
             bound = bound_across(lines, col, scale.turns)
@@ -184,22 +188,19 @@ def _search_slanted(row, cells, window, scale, steering, frame, memory):
 @inline
 def _shown(best, at, right, down, period):
     """The surfaces of cells in the columns `at`, moved along their planes to pixels so far from their middles."""
-    slope_col, slope_row = gather(best, SLOPE_COL, at), gather(best, SLOPE_ROW, at)
-    depth = gather(best, DEPTH, at) + slope_col * right + slope_row * down
-    return Surface(depth - period * floor(depth / period), slope_col, slope_row, gather(best, INTENSITY, at),
-                   gather(best, STD, at), gather(best, SCORE, at))
+    depth, slope_col, slope_row = load(best, 0, at), load(best, 1, at), load(best, 2, at)
+    depth += slope_col * right + slope_row * down
+    return Point(depth - period * floor(depth / period), slope_col, slope_row, load(best, 3, at), load(best, 4, at),
+                 load(best, 5, at), full(ZERO))
 
 
 @inline
 def _carried(place, at, sketch, window, scale, frame):
     """The surfaces of the last frame in pixels whose cells are in the columns `at`, measured anew at their depths."""
-    (row, col), (counts, exposure), old, layer = place, window, scale.carried, scale.layer
-    response, m, depth = full(ZERO), len(frame.energy), load(old, row, layer, DEPTH, col)
-    for l in range(m):
-        sine, cosine = sincos(depth * frame.bin_frequencies[l])
-        response += gather(sketch, l, at) * cosine + gather(sketch, m + l, at) * sine
-    slopes = load(old, row, layer, SLOPE_COL, col), load(old, row, layer, SLOPE_ROW, col)
-    return _measure(depth, slopes, response, gather(counts, 0, at), gather(exposure, 0, at), scale, frame)
+    (row, col), (counts, exposure) = place, window
+    old = point_at(scale.carried, row, scale.layer, col)
+    return _measure(old.depth, (old.slope_col, old.slope_row), response_at(sketch, at, old.depth, frame),
+                    load(counts, 0, at), load(exposure, 0, at), scale, frame)
 
 
 @line
@@ -212,7 +213,7 @@ def _write_pixels(row, wanted, sketch, window, scale, frame, memory):
     middle = HALF * F32(step - 1)
     for a in range(step):
         pixel_row = (row - MARGIN) * step + MARGIN + a
-        for col in range(MARGIN, state.shape[3] - MARGIN, LANES):
+        for col in columns(state):
             is_open = load(wanted, pixel_row, 0, col) > ZERO
             if lanes_of(is_open) == 0:
                 continue
@@ -223,10 +224,10 @@ def _write_pixels(row, wanted, sketch, window, scale, frame, memory):
             taken, stays, old = is_open & (new.score > ZERO), full(False), new
             if len(scale.carried) > 0:
                 stays = is_open & (load(scale.carried, pixel_row, layer, INTENSITY, col) > ZERO)
-                old, flat = _carried((pixel_row, col), at, sketch, window, scale, frame), gather(memory.flat, at)
+                old, flat = _carried((pixel_row, col), at, sketch, window, scale, frame), load(memory.flat, at)
                 stays &= (old.score > scale.confirmed) & (flat * flat - old.score * old.score < TWO * F32(MOVE_COST))
             if lanes_of(taken | stays) != 0:
-                for field in range(len(new)):
+                for field in range(SCORE + 1):
                     value = where(taken, new[field], load(state, pixel_row, layer, field, col))
                     store(state, pixel_row, layer, field, col, where(stays, old[field], value))
 
@@ -246,7 +247,7 @@ def _search_row(row, pixels, cells, scale, steering, frame, memory):
     least, any_open = memory.least, full(False)
     least[:], memory.flat[:] = NEVER, ZERO
     memory.best[SCORE, :] = ZERO
-    for col in range(MARGIN, len(least) - MARGIN, LANES):
+    for col in columns(least):
         is_open = load(cells.wanted, row, 0, col) > ZERO
         store(least, col, where(is_open, scale.asked, NEVER))
         any_open |= is_open
@@ -293,8 +294,7 @@ def search(work, frame, matched, state, layer, sigma, step, enough, carried=None
         weights, share, cells = maps.window_weights(sigma / step), 0.5, work.cells[step]
     if slanted:
         rise, asked = SLANT * frame.resolution / sigma, min(asked, SEEN)
-        if (turns := work.turns.get((sigma, rise))) is None:
-            turns = work.turns[sigma, rise] = turns_of(weights, frame.bin_frequencies * (step * rise))
+        turns = turns_of(weights, frame.bin_frequencies * (step * rise))
     scale = Scale(state, carried, weights, weights**2, turns, F32(rise), layer, step, F32(share), F32(asked),
                   F32(enough), F32(confirmed))
     _search(frame, pixels, cells, scale, work.steering, work.searches[step])

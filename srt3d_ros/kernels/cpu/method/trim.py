@@ -9,12 +9,12 @@ import numpy as np
 from numba import boolean, float32, prange
 
 from srt3d_ros.kernels.constants import RIM, SPREAD, VOTE_RADIUS
-from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, is_surface
-from srt3d_ros.kernels.cpu.compiling import line, parallel
-from srt3d_ros.kernels.cpu.method.frame import Frame
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO
+from srt3d_ros.kernels.cpu.compiling import floats3d, floats4d, inline, line, parallel
+from srt3d_ros.kernels.cpu.method.frame import Frame, columns, is_surface, point_at, terms_at
 from srt3d_ros.kernels.cpu.method.likelihood import llr, noise_at, score_of
 from srt3d_ros.kernels.cpu.vectors import full, lanes_of, load, store, where
-from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, LANES, MARGIN, STD, VALUE
+from srt3d_ros.kernels.maps import INTENSITY, MARGIN
 
 RESPONSE, PHOTONS, EXPECTED = range(3)      # rows of `rim`: v, n, g r
 
@@ -22,28 +22,35 @@ RESPONSE, PHOTONS, EXPECTED = range(3)      # rows of `rim`: v, n, g r
 @line
 def _find_blank(i, frame, state, blank):
     """Write 1 where a used pixel has no surface, else 0."""
-    for j in range(MARGIN, state.shape[3] - MARGIN, LANES):
+    for j in columns(state):
         is_blank = load(frame.exposure, i, j) > ZERO
         for k in range(state.shape[1]):
-            is_blank &= ~is_surface(load(state, i, k, INTENSITY, j), load(state, i, k, STD, j), frame.max_std)
-        store(blank, i, j, where(is_blank, ONE, ZERO))
+            is_blank &= ~is_surface(point_at(state, i, k, j), frame)
+        store(blank, i, 0, j, where(is_blank, ONE, ZERO))
+
+
+@inline
+def _around(values, i, c, j, radius):
+    """The sums over the squares around pixels."""
+    value = full(ZERO)
+    for a in range(i - radius, i + radius + 1):
+        for b in range(j - radius, j + radius + 1):
+            value += load(values, a, c, b)
+    return value
 
 
 @line
 def _find_rim(i, state, terms, blank, rim):
     """Write v, n and g r of the pixels at rims, 0 elsewhere."""
-    for j in range(MARGIN, state.shape[3] - MARGIN, LANES):
-        blanks, response, photons, expected = full(ZERO), full(ZERO), full(ZERO), full(ZERO)
-        for a in range(i - 1, i + 2):
-            for b in range(j - 1, j + 2):
-                blanks += load(blank, a, b)
-        at_rim = (load(blank, i, j) == ZERO) & (blanks >= RIM)
+    for j in columns(state):
+        response, photons, expected = full(ZERO), full(ZERO), full(ZERO)
+        at_rim = (load(blank, i, 0, j) == ZERO) & (_around(blank, i, 0, j, 1) >= RIM)
         for k in range(state.shape[1]):
-            intensity = load(state, i, k, INTENSITY, j)
+            intensity, term = load(state, i, k, INTENSITY, j), terms_at(terms, i, k, j)
             there = at_rim & (intensity > ZERO)
-            response += where(there, load(terms, i, k, VALUE, j), ZERO)
-            photons += where(there, load(terms, i, k, COUNTS, j), ZERO)
-            expected += where(there, load(terms, i, k, EXPOSURE, j) * intensity, ZERO)
+            response += where(there, term.value, ZERO)
+            photons += where(there, term.counts, ZERO)
+            expected += where(there, term.exposure * intensity, ZERO)
         store(rim, i, RESPONSE, j, response)
         store(rim, i, PHOTONS, j, photons)
         store(rim, i, EXPECTED, j, expected)
@@ -53,39 +60,34 @@ def _find_rim(i, state, terms, blank, rim):
 def _drop_row(i, rim, frame, enough, state):
     """Remove the points that the rim does not show; whether there are any."""
     dropped = False
-    for j in range(MARGIN, state.shape[3] - MARGIN, LANES):
+    for j in columns(state):
         at_rim = load(rim, i, EXPECTED, j) > ZERO
         if lanes_of(at_rim):
-            response, photons, expected = full(ZERO), full(ZERO), full(ZERO)
-            for a in range(i - VOTE_RADIUS, i + VOTE_RADIUS + 1):
-                for b in range(j - VOTE_RADIUS, j + VOTE_RADIUS + 1):
-                    response += load(rim, a, RESPONSE, b)
-                    photons += load(rim, a, PHOTONS, b)
-                    expected += load(rim, a, EXPECTED, b)
-            score = score_of(response, photons, frame)
+            response, photons = _around(rim, i, RESPONSE, j, VOTE_RADIUS), _around(rim, i, PHOTONS, j, VOTE_RADIUS)
+            expected, score = _around(rim, i, EXPECTED, j, VOTE_RADIUS), score_of(response, photons, frame)
             unlikely = at_rim & (llr(response, photons, expected, ONE, frame) < ZERO)
             for k in range(state.shape[1]):
-                intensity, noise = load(state, i, k, INTENSITY, j), noise_at(frame, load(state, i, k, DEPTH, j))
-                goes = unlikely & (intensity > ZERO) & (score <= enough * noise)
-                store(state, i, k, INTENSITY, j, where(goes, ZERO, intensity))
+                point = point_at(state, i, k, j)
+                goes = unlikely & (point.intensity > ZERO) & (score <= enough * noise_at(frame, point.depth))
+                store(state, i, k, INTENSITY, j, where(goes, ZERO, point.intensity))
                 dropped |= lanes_of(goes) > 0
     return dropped
 
 
 @parallel
-def _trim(frame: Frame, enough: float32, state: float32[:, :, :, ::1], terms: float32[:, :, :, ::1],
-          blank: float32[:, ::1], rim: float32[:, :, ::1], dropped: boolean[::1]):
+def _trim(frame: Frame, enough: float32, state: floats4d, terms: floats4d, blank: floats3d, rim: floats3d,
+          dropped: boolean[::1]):
     """Remove the points of rims once; `dropped` are the rows that lose some."""
-    for turn in prange(len(dropped)):
-        _find_blank(turn + MARGIN, frame, state, blank)
-    for turn in prange(len(dropped)):
-        _find_rim(turn + MARGIN, state, terms, blank, rim)
-    for turn in prange(len(dropped)):
-        dropped[turn] = _drop_row(turn + MARGIN, rim, frame, enough, state)
+    for i in prange(MARGIN, len(state) - MARGIN):
+        _find_blank(i, frame, state, blank)
+    for i in prange(MARGIN, len(state) - MARGIN):
+        _find_rim(i, state, terms, blank, rim)
+    for i in prange(MARGIN, len(state) - MARGIN):
+        dropped[i] = _drop_row(i, rim, frame, enough, state)
 
 
 def trim(work, frame, state, terms, enough):
-    dropped = np.zeros(len(state) - 2 * MARGIN, np.bool_)
+    dropped = np.zeros(len(state), np.bool_)
     for _ in range(SPREAD):
         _trim(frame, F32(enough), state, terms, work.blank, work.rim, dropped)
         if not dropped.any():

@@ -6,31 +6,24 @@ used pixels, b̄ and n̄ local means of own and of n. Rows are summed in float32
 """
 
 import numpy as np
-from numba import float32, get_thread_id, prange
+from numba import get_thread_id, prange
 
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import LOCAL_SIGMA
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, ONE, TINY, ZERO, sincos
-from srt3d_ros.kernels.cpu.compiling import line, parallel
-from srt3d_ros.kernels.cpu.method.blur import blur_row
-from srt3d_ros.kernels.cpu.method.frame import Frame
-from srt3d_ros.kernels.cpu.vectors import fma, full, gather, lane_numbers, lanes_of, load, store, total, where
-from srt3d_ros.kernels.maps import DEPTH, INTENSITY, LANES, MARGIN
+from srt3d_ros.kernels.cpu.compiling import floats1d, floats2d, floats3d, floats4d, line, parallel
+from srt3d_ros.kernels.cpu.method.frame import Frame, columns, point_at
+from srt3d_ros.kernels.cpu.method.windows import blur_row
+from srt3d_ros.kernels.cpu.vectors import fma, full, lane_numbers, lanes_of, load, store, total, where
+from srt3d_ros.kernels.maps import MARGIN
 
 OWN, PHOTONS, USED = range(3)       # of `seen`: own, n, 1 in used pixels
 
 
 @line
-def _passed_at(passed, i, j, c):
-    """Part c of q in the pixels (i, j …), of a map or of one number for all rows or columns."""
-    at = min(lane_numbers() + j, passed.shape[1] - 1)
-    return gather(passed, i, at, c) if passed.shape[1] > 1 else full(passed[i, 0, c])
-
-
-@line
 def _see_row(i, frame, rest, seen):
     """Write what is averaged around pixels."""
-    for j in range(MARGIN, rest.shape[1] - MARGIN, LANES):
+    for j in columns(rest):
         used = where(load(frame.exposure, i, j) > ZERO, ONE, ZERO)
         store(seen, i, OWN, j, load(rest, i, j) * used)
         store(seen, i, PHOTONS, j, load(frame.counts, i, j))
@@ -42,18 +35,19 @@ def _shown_at(i, j, l, frame, points):
     """Re y_l and Im y_l."""
     re = im = full(ZERO)
     for k in range(points.shape[1]):
-        signal = load(points, i, k, INTENSITY, j) * load(frame.exposure, i, j)
+        point = point_at(points, i, k, j)
+        signal = point.intensity * load(frame.exposure, i, j)
         if lanes_of(signal > ZERO):
-            sine, cosine = sincos(frame.bin_frequencies[l] * load(points, i, k, DEPTH, j))
+            sine, cosine = sincos(frame.bin_frequencies[l] * point.depth)
             re, im = fma(signal, cosine, re), fma(signal, sine, im)
     return re, im
 
 
 @line
 def _sum_row(i, frame, points, seen, taken, passed, means, sums):
-    m, ends = len(frame.energy), points.shape[3] - MARGIN
+    m, last = len(frame.energy), passed.shape[1] - 1
     own = given = counts = misfit = full(ZERO)
-    for j in range(MARGIN, ends, LANES):
+    for j in columns(points):
         used = load(frame.exposure, i, j) > ZERO
         around = max(where(used, load(means, PHOTONS, j) / load(means, USED, j), ZERO), EPSILON)
         w = where(used, load(means, OWN, j) / load(means, USED, j), ZERO) / around
@@ -63,12 +57,14 @@ def _sum_row(i, frame, points, seen, taken, passed, means, sums):
         store(means, PHOTONS, j, ONE / around)
     for l in range(m):
         energy, left_re, left_im, shown_re, shown_im = frame.energy[l], full(ZERO), full(ZERO), full(ZERO), full(ZERO)
-        for j in range(MARGIN, ends, LANES):
+        for j in columns(points):
             w, inverse = load(means, OWN, j), load(means, PHOTONS, j)
             y_re, y_im = _shown_at(i, j, l, frame, points)
             re, im = load(frame.matched, i, l, j) - energy * y_re, load(frame.matched, i, m + l, j) - energy * y_im
-            row, col = min(i - MARGIN, len(passed) - 1), j - MARGIN
-            q_re, q_im = _passed_at(passed, row, col, 2 * l), _passed_at(passed, row, col, 2 * l + 1)
+            row, cols = min(i - MARGIN, len(passed) - 1), min(lane_numbers() + (j - MARGIN), last)
+            q_re, q_im = full(passed[row, 0, 2 * l]), full(passed[row, 0, 2 * l + 1])
+            if last > 0:
+                q_re, q_im = load(passed, row, cols, 2 * l), load(passed, row, cols, 2 * l + 1)
             left_re, left_im = left_re + w * (re * q_re + im * q_im), left_im + w * (im * q_re - re * q_im)
             shown_re, shown_im = fma(w, y_re, shown_re), fma(w, y_im, shown_im)
             misfit += (re * re + im * im) * inverse / max(energy, TINY)
@@ -79,15 +75,14 @@ def _sum_row(i, frame, points, seen, taken, passed, means, sums):
 
 
 @parallel
-def _unexplained(frame: Frame, points: float32[:, :, :, ::1], rest: float32[:, ::1], taken: float32[:, ::1],
-                 passed: float32[:, :, ::1], weights: float32[::1], seen: float32[:, :, ::1],
-                 means: float32[:, :, ::1], out: float32[:, ::1]):
-    for turn in prange(len(out)):
-        _see_row(turn + MARGIN, frame, rest, seen)
-    for turn in prange(len(out)):
+def _unexplained(frame: Frame, points: floats4d, rest: floats2d, taken: floats2d, passed: floats3d, weights: floats1d,
+                 seen: floats3d, means: floats3d, out: floats2d):
+    for i in prange(MARGIN, len(rest) - MARGIN):
+        _see_row(i, frame, rest, seen)
+    for i in prange(MARGIN, len(rest) - MARGIN):
         own = means[get_thread_id()]
-        blur_row(seen, turn + MARGIN, weights, own[-1], own[-2], own)
-        _sum_row(turn + MARGIN, frame, points, seen, taken, passed, own, out[turn])
+        blur_row(seen, i, weights, own[-1], own[-2], own)
+        _sum_row(i, frame, points, seen, taken, passed, own, out[i - MARGIN])
 
 
 def unexplained(work, frame, points, rest, taken, passed):

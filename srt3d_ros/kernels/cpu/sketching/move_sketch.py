@@ -20,7 +20,7 @@ import numpy as np
 from numba import boolean, float32, int32, int64, prange, types
 
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, ZERO, sincos
-from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
+from srt3d_ros.kernels.cpu.compiling import floats1d, floats2d, inline, line, parallel
 from srt3d_ros.kernels.lens import distorted
 
 BAND = 16               # rows collected by one thread; photons on the border of two bands are turned twice
@@ -35,10 +35,10 @@ class SeenScene(NamedTuple):
     """A sensor's pixels and the surfaces that they see after the motion; [rows, cols] is one axis in compiled code."""
 
     used: boolean[::1]              # [rows, cols]; photons of other pixels are left out
-    rays: float32[:, ::1]           # [rows, cols, 3], unit vectors
-    ranges: float32[::1]            # [rows, cols], ρ' along each ray, m
-    late: float32[::1]              # [rows, cols], delays, bins
-    bin_frequencies: float32[::1]   # [m], k_l / T
+    rays: floats2d           # [rows, cols, 3], unit vectors
+    ranges: floats1d            # [rows, cols], ρ' along each ray, m
+    late: floats1d              # [rows, cols], delays, bins
+    bin_frequencies: floats1d   # [m], k_l / T
     metres_per_bin: float32
     steepest: float32               # share of ρ' by which the four pixels may differ from the nearest of them
 
@@ -46,16 +46,16 @@ class SeenScene(NamedTuple):
 class Motion(NamedTuple):
     """The sensor's motion, from X before to R X + p after."""
 
-    rotation: float32[:, ::1]       # R, [3, 3]
-    offset: float32[::1]            # p, [3], m
+    rotation: floats2d       # R, [3, 3]
+    offset: floats1d            # p, [3], m
 
 
 class Targets(NamedTuple):
     """Where the photons of each pixel go."""
 
     pixels: int32[:, ::1]       # [pixels, 4]; first −1: nowhere
-    weights: float32[:, ::1]    # [pixels, 4], w_i
-    depth: float32[::1]         # [pixels], ρ / metres_per_bin + late, bins
+    weights: floats2d    # [pixels, 4], w_i
+    depth: floats1d         # [pixels], ρ / metres_per_bin + late, bins
     reached: int64[:, ::1]      # [rows, 2], the first and the last pixel that a row's photons may reach
 
 
@@ -154,14 +154,14 @@ def _find_row(i, photons, scene, lens, motion, targets):
 
 
 @parallel
-def _find_targets(photons: float32[:, ::1], scene: SeenScene, lens: LENSES, motion: Motion, targets: Targets):
+def _find_targets(photons: floats2d, scene: SeenScene, lens: LENSES, motion: Motion, targets: Targets):
     for i in prange(len(photons)):      # its body in a function: numba drops what a loop writes to a tuple's arrays
         _find_row(i, photons, scene, lens, motion, targets)
 
 
 @parallel
-def _collect(sums: float32[:, ::1], photons: float32[:, ::1], scene: SeenScene, targets: Targets,
-             moved: float32[:, ::1], numbers: float32[::1]):
+def _collect(sums: floats2d, photons: floats2d, scene: SeenScene, targets: Targets,
+             moved: floats2d, numbers: floats1d):
     (rows, cols), twice, reached, bin_frequencies = photons.shape, sums.shape[1], targets.reached, scene.bin_frequencies
     for band in prange((rows + BAND - 1) // BAND):
         begin, end = band * BAND * cols, min((band + 1) * BAND * cols, rows * cols)
