@@ -47,7 +47,7 @@ def add_photon_file(parser: argparse.ArgumentParser) -> None:
                         help="number of the photon message in a bag, from 0 (default: 0)")
     parser.add_argument("--photons-topic", default="", metavar="TOPIC",
                         help="topic of the photons, if a bag has several")
-    sensor = parser.add_argument_group("sensor options (they override the file)")
+    sensor = parser.add_argument_group("sensor options (what the file lacks; they override it)")
     add_sensor_file(sensor)
     add_options(sensor, on_command_line())
 

@@ -48,9 +48,5 @@ def test_an_option_that_is_for_another_source_is_refused_in_one_line():
     assert play.returncode == 2 and "rate 2.0: only for a bag, and input a.npz is a photon file" in play.stderr
 
 
-def test_a_name_without_another_is_refused(refusal):
-    assert refusal("play", "rec.mcap", "-r", "photons").startswith("-r is photons: expected TOPIC:=NAME")
-
-
 def test_a_namespace_is_checked(refusal):
     assert refusal("play", "simulator", "--namespace", "a-b").startswith("--namespace is a-b: expected names")

@@ -6,16 +6,13 @@ import numpy as np
 import pytest
 
 import srt3d_ros
-from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.messages import photon_frames, sensor_message
-from srt3d_ros.messages.photon_frames import HISTOGRAMS as histograms
-from tests.bags import CLOUD, IMAGE, TEXT, write_bag
-from tests.photon_forms import as_histograms
+from tests.bags import CLOUD, TEXT, write_bag
 
 SENSOR = SensorModel(12, 20, 300, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2), toa_offset_bins=1_000)
 DEPTH = np.stack([np.full((12, 20), 80.0), np.full((12, 20), 200.0)])
@@ -33,7 +30,7 @@ def photons(tmp_path_factory):
 @pytest.fixture(scope="module", autouse=True)
 def compiled(photons):
     """Compile the kernels of every method beforehand: in a fresh clone a bar on stderr says that it is done."""
-    for method in METHODS:
+    for method in ("pooled", "srt3d", "smle", "xcorr"):
         srt3d_ros.reconstruct(photons[0], method=method, surfaces=2)
 
 
@@ -53,7 +50,6 @@ def reconstruct(photons, tmp_path, srt3d):
     (["--method", "smle", "--frequencies", "consecutive", "--sketch-size", "4"],
      {"method": "smle", "frequencies": "consecutive", "sketch_size": 4}),
     (["--method", "srt3d", "--frequencies", "9,2"], {"method": "srt3d", "frequencies": (9, 2)}),
-    (["--method", "rt3d"], {"method": "rt3d"}),
     (["--method", "xcorr", "--gate", "40:250"], {"method": "xcorr", "gate": (40, 250)}),
     (["--gate", "auto"], {"gate": "auto"}),
     (["--bin-width-s", "1e-10", "--fov-deg", "20", "--num-bins", "400", "--irf-ref", "0"],
@@ -97,38 +93,26 @@ def test_a_frame_of_a_bag_is_reconstructed_as_from_a_file(photons, reconstruct, 
     _, from_file = reconstruct(out="file.npz")
     _, from_bag = reconstruct("--frame", "1", "--photons-topic", "/left/photons", source=bag)
     assert np.array_equal(np.load(from_file)["xyz"], np.load(from_bag)["xyz"])
-    bag = write_bag(tmp_path / "histograms", [
-        described, ("/tof/raw", IMAGE, histograms.encode_cdr(as_histograms(photons[1], SENSOR), SENSOR, ""))])
-    for options in ((), ("--gate", "auto"), ("--gate", "60:230")):
-        _, from_file = reconstruct(*options, out="file.npz")
-        _, from_bag = reconstruct(*options, source=bag)
-        one, other = (np.load(path)["xyz"] for path in (from_file, from_bag))
-        assert one.shape == other.shape and np.allclose(one, other, atol=1e-3)      # sums of float32 products
 
 
 OUT = ("-o", "a.npz")
 
 @pytest.mark.parametrize(("arguments", "expected"), [
     (("absent.npz", *OUT), "absent.npz"), ((".", *OUT), ".: no bag, as it has no file that ends in .mcap or .db3"),
-    (("notes.txt", *OUT), "notes.txt"), (("broken.npz", *OUT), "broken.npz"),
     (("\x1b[2Jno\nfile.npz", *OUT), "\\x1b[2Jno file.npz"),
-    (("FILE", *OUT, "--frame", "1"), "frame is 1"), (("FILE",), "-o"),
+    (("FILE", *OUT, "--frame", "1"), "--frame is 1"), (("FILE",), "-o"),
     (("FILE", "-o", "cloud.las"), "output is cloud.las"), (("FILE", "-o", "absent/a.npz"), "no directory absent"),
-    (("FILE", *OUT, "--surfaces", "5"), "surfaces is 5"), (("FILE", *OUT, "--surfaces", "two"), "--surfaces"),
-    (("FILE", *OUT, "--method", "magic"), "method is magic"),
-    (("FILE", *OUT, "--gate", "5"), "gate is 5: expected off, FIRST-LAST (100-400)"),
+    (("FILE", *OUT, "--surfaces", "5"), "--surfaces is 5"), (("FILE", *OUT, "--surfaces", "two"), "--surfaces"),
+    (("FILE", *OUT, "--gate", "5"), "--gate is 5: expected off, FIRST-LAST (100-400)"),
     (("FILE", *OUT, "--irf", "absent.npy"), "absent.npy: no such"),
     (("FILE", *OUT, "--num-bins", "100"), "photons lie outside 0 to below 100 bins"),
     (("FILE", *OUT, "--method", "xcorr", "--sketch-size", "5"),
-     "xcorr works on all times of arrival and takes no sketch_size"),
+     "xcorr works on all times of arrival and takes no --sketch-size"),
 ], ids=lambda value: None)
 def test_a_mistake_is_one_line_and_exit_code_2(photons, tmp_path, monkeypatch, refusal, arguments, expected):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "notes.txt").write_text("no photons")
-    (tmp_path / "broken.npz").write_bytes(photons[0].read_bytes()[:500])
-    before = sorted(tmp_path.iterdir())
     assert expected in refusal("reconstruct", *(photons[0] if word == "FILE" else word for word in arguments))
-    assert sorted(tmp_path.iterdir()) == before
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("option", ["INPUT", "--irf"])

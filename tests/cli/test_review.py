@@ -1,8 +1,6 @@
 """`srt3d review`: what it prints and writes."""
 
 import json
-import subprocess
-import sys
 
 import pytest
 
@@ -39,10 +37,3 @@ def test_json_is_one_line(srt3d, recording):
 def test_a_mistake_is_one_line(refusal, recording, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert "ends in .html" in refusal("review", recording, "-o", "a.pdf") and list(tmp_path.iterdir()) == []
-
-
-def test_it_needs_no_ros(recording):
-    code = ("import sys\nsys.modules['rclpy'] = sys.modules['torch'] = None\nfrom srt3d_ros.cli.main import main\n"
-            f"sys.exit(main(['review', {str(recording)!r}, '--json']))")
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr

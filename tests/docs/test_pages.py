@@ -25,9 +25,6 @@ FOLDERS = ("benchmarks", "config", "docs", "examples", "launch", "msg_schemas", 
 PARSER = main.parser(main.COMMANDS)
 PARAMETERS = {one.name for spec in all_specs().values() for one in spec.table} | {"use_sim_time"}     # of any ROS node
 
-# Figures of a page that docs/RESULTS.md must have, too.
-REPEATED = (("README.md", r"^\| \S+, (?:this|the|its|a) .*$"),
-            ("README.md", r"xcorr takes (\d+) times and rt3d (\d+) times"))
 # Parts of a quoted message that differ from case to case.
 VARIABLE = (r'…|[\d.]+|/\w+|"\w+"|[:,;()]|waiting for'
             r"|\b(is|are|of|on|expected|no_sensor|malformed|queue|my_sensor.json)\b")
@@ -100,17 +97,11 @@ def test_each_step_of_a_packet_is_where_the_architecture_says():
         assert missing == [], files
 
 
-def test_the_files_that_the_readme_links_to_exist():
-    """The site's build checks the links of all other pages."""
-    links = re.findall(r"\]\((?!http)([^)#]+)", PAGES["README.md"])
-    assert links and [link for link in links if not (ROOT / link).exists()] == []
-
-
-@pytest.mark.parametrize("page, figures", REPEATED)
-def test_a_page_repeats_the_results(page, figures):
+def test_the_readme_repeats_the_results():
     results = (ROOT / "docs/RESULTS.md").read_text(encoding="utf-8")
-    quoted, measured = (set(re.findall(figures, text, re.MULTILINE)) for text in (PAGES[page], results))
-    assert quoted and quoted <= measured
+    for figures in (r"^\| \S+, (?:this|the|its|a) .*$", r"xcorr takes (\d+) times and rt3d (\d+) times"):
+        quoted, measured = (set(re.findall(figures, text, re.MULTILINE)) for text in (PAGES["README.md"], results))
+        assert quoted and quoted <= measured
 
 
 def test_troubleshooting_quotes_the_messages_of_the_nodes():

@@ -136,10 +136,10 @@ def _covariances(sensor: SensorModel, frequencies: tuple[int, ...]) -> np.ndarra
     """
     sensor = sensor.replace(irf=sensor.mean_irf)
     k = np.asarray(frequencies)
-    spectrum = irf_spectrum(sensor, k)
+    spectrum = irf_spectrum(sensor, frequencies)
     share = np.linspace(0, 1, SHARES)[:, None, None]
     plus, minus = (np.where(pairs % sensor.num_bins == 0, 1,
-                            share * irf_spectrum(sensor, pairs.ravel()).reshape(pairs.shape))
+                            share * irf_spectrum(sensor, pairs.ravel().tolist()).reshape(pairs.shape))
                    for pairs in (k[:, None] + k, k[:, None] - k))
     # Of u = conj(ĥ) exp(i ω x): E u_l u_n and E u_l conj(u_n).
     plus = plus * np.conj(np.outer(spectrum, spectrum))

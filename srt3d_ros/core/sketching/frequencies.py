@@ -39,12 +39,12 @@ OVERSAMPLING = 4            # cells of the depth grid per period of the highest 
 IRFS_COMPARED = 64          # IRFs, of one per pixel, among which the typical one is chosen
 
 
-def angular_frequencies(frequencies: Sequence[int], num_bins: int) -> np.ndarray:
+def angular_frequencies(frequencies: Sequence[int] | np.ndarray, num_bins: int) -> np.ndarray:
     """ω_l = 2π k_l / T in radians per bin, float64 [m]."""
     return 2 * np.pi * np.asarray(frequencies, dtype=np.float64) / num_bins
 
 
-def irf_spectrum(sensor: SensorModel, frequencies: Sequence[int]) -> np.ndarray:
+def irf_spectrum(sensor: SensorModel, frequencies: Sequence[int] | np.ndarray) -> np.ndarray:
     """ĥ(ω_l) = Σ_b irf[b] exp(i ω_l (b − irf_ref)), complex128 [m], or [pixels, m] if the sensor has an IRF per pixel.
 
     A return at depth d has the expected sketch ĥ(ω) exp(i ω d).
