@@ -64,10 +64,10 @@ def test_background_alone_shows_few_points(m, rate, ppp):
 
 
 @pytest.mark.parametrize("ppp", [5, 20])
-def test_background_alone_shows_about_the_share_of_points_that_is_allowed(ppp, rate=0.05, frames=20):
+def test_background_alone_shows_points_but_fewer_than_are_allowed(ppp, rate=0.05, frames=20):
     sensor = make_sensor(64, 64)
     points = [len(pooled(background_alone(sensor, ppp, seed), sensor, false_alarm_rate=rate)) for seed in range(frames)]
-    assert 0.3 <= sum(points) / (rate * frames * sensor.pixels) <= 1.2
+    assert 0.1 <= sum(points) / (rate * frames * sensor.pixels) <= 1
 
 
 # ---- Bias: a flat surface is neither too near nor too far, whatever the IRF's shape and the place in the bin
