@@ -15,6 +15,7 @@ from srt3d_ros.errors import require
 from srt3d_ros.processes.node_command import NODES, PLAYER, namespace_arguments, parameter_arguments
 
 NO_PARAMETERS = ("run", "namespace", "remap")
+CLOCK_HZ = 40.0     # as of `ros2 bag play --clock`
 
 
 def add_parser(subparsers) -> None:
@@ -42,6 +43,10 @@ def add_parser(subparsers) -> None:
     add("--motion", metavar="HOW",
         help="walk: move the simulator's sensor and publish its pose on `odom` (docs/motion.md)")
     add("--rate", type=float, metavar="X", help="bag: X times as fast as recorded (default: 1)")
+    add("--loop", action="store_true", default=None, help="bag: begin again at its end")
+    add("--start-offset", type=float, metavar="S", help="bag: begin S seconds after its first message")
+    add("--clock", type=float, nargs="?", const=CLOCK_HZ, metavar="HZ",
+        help=f"bag: publish its time on /clock (default: at {CLOCK_HZ:g} Hz)")
     add("--namespace", metavar="NS", help="namespace of the node and its topics; a bag's photons leave theirs")
     add("-r", dest="remap", metavar="TOPIC:=NAME", action="append", default=[],
         help="rename a topic; may be repeated")

@@ -37,6 +37,9 @@ PARAMETERS = (
     Parameter("rate_hz", 10.0, "Photon file and simulator: frames per second.", "Hz", 1e-3, 10_000),
     Parameter("frames", 0, "Exit after this number of frames; 0: no limit.", low=0, high=10**9),
     Parameter("rate", 1.0, "Bag: how many times as fast as recorded.", low=1e-6, high=1e6),
+    Parameter("loop", False, "Bag: begin again at its end."),
+    Parameter("start_offset", 0.0, "Bag: begin this long after its first message.", "s", 0, 1e9),
+    Parameter("clock", 0.0, "Bag: publish its time on /clock at this rate; 0: do not.", "Hz", 0, 10_000),
     Parameter("ppp", 15.0, "Simulator: mean photons per pixel and frame.", low=0, high=10**6),
     Parameter("sbr", 1.0, "Simulator: signal-to-background ratio.", low=1e-6, high=10**6),
     Parameter("cycles", 0, "Simulator: laser cycles per frame. The detector then records only the first photon of each "
@@ -54,7 +57,7 @@ PARAMETERS = (
 SPEC = NodeSpec(
     "player",
     inputs=(topics.DIAGNOSTICS,),
-    outputs=(topics.SENSOR, topics.PHOTONS, replace(topics.ODOM, when="`motion`")),
+    outputs=(topics.SENSOR, topics.PHOTONS, replace(topics.ODOM, when="`motion`"), topics.CLOCK),
     parameters=PARAMETERS,
 )
 

@@ -3,13 +3,15 @@
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
 from heapq import merge
-from itertools import takewhile
+from itertools import count, takewhile
 from math import ceil
 from pathlib import Path
 from typing import NamedTuple
 
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock as ClockMessage
 
 from srt3d_ros import datasets
 from srt3d_ros.core.motion.trajectory import Pose
@@ -27,10 +29,11 @@ from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import require
 from srt3d_ros.messages import photon_frames, sensor_message
 from srt3d_ros.messages.cdr import NS_PER_S
-from srt3d_ros.nodes.common.topics import FRAMES, IMU, ODOM, PHOTONS, SENSOR, SKETCH, SKETCH_SENSOR
+from srt3d_ros.nodes.common.topics import CLOCK, FRAMES, IMU, ODOM, PHOTONS, SENSOR, SKETCH, SKETCH_SENSOR
 
 LATE_S = 0.5            # frames that are later are skipped, so that the player catches up after a stall
 MAX_DRAWN_BYTES = 2**28 # of messages that are drawn ahead
+LOOP_PAUSE_NS = NS_PER_S // 10  # before a bag begins again: one of a single frame would flood the network
 PACKETS = 10            # per frame of the moving sensor
 SCENE_HZ = 10.0         # frame k of the head shows it at k / SCENE_HZ, whatever the rate
 BAG, FILE = "a bag", "a photon file"
@@ -38,7 +41,7 @@ THE_SIMULATOR = "the simulator"
 PARAMETERS_OF = {       # of the player's parameters, those that only some sources take
     FILE: ("sensor_file", "rate_hz"),
     THE_SIMULATOR: ("rate_hz", "ppp", "sbr", "cycles", "seed", "motion"),
-    BAG: ("rate",),
+    BAG: ("rate", "loop", "start_offset", "clock"),
 }
 KINDS = {topic.name: topic for topic in (ODOM, IMU, SENSOR, *FRAMES, SKETCH)}
 Clock = Callable[[], int]       # gives the nanoseconds since the first message was sent
@@ -221,7 +224,7 @@ class Recorded:
     In a namespace, the topics take it in place of the namespace in which the photons were recorded.
 
     Raises:
-        InvalidInput: the bag cannot be read, or has neither photons nor sketches.
+        InvalidInput: the bag cannot be read, or has neither photons nor sketches, or none after `start_offset`.
     """
 
     frame_id = ""       # messages name their own
@@ -242,29 +245,48 @@ class Recorded:
         require(len({topic.name for topic in self.topics}) == len(self.topics), "bag", problem=f"bag {bag.path.name} "
                 f"has two topics to play as one: {', '.join(sorted(topic.name for topic in self.topics))}.")
         self.frames = tuple(self._names[topic.name] for topic in frames)
-        messages = bag.timed_messages(motion + frames)
-        self._start_ns = next((time_ns for _, time_ns, raw in messages if raw), bag.start_ns)
+        messages = bag.timed_messages(motion + frames, bag.start_ns + round(parameters["start_offset"] * NS_PER_S))
+        self._start_ns = next((time_ns for _, time_ns, raw in messages if raw), None)
+        require(self._start_ns is not None, "start_offset", parameters["start_offset"], "less: no message is left")
         self.first: dict[str, bytes] = {}       # the last description before the start, or else the first
         for topic, time_ns, raw in bag.timed_messages(sensors):
             if self._names[topic] not in self.first or time_ns <= self._start_ns:
                 self.first[self._names[topic]] = raw
+        if parameters["clock"]:
+            self.topics += (CLOCK,)
+            self.first |= {CLOCK.name: self._tick(0).raw}
 
     def prepare(self, stopped: Callable[[], bool]) -> None:
         """Nothing is to be drawn."""
 
     def items(self, elapsed_ns: Clock) -> Iterator[Item]:
-        """Yield the descriptions, then the messages in the order of recording, from the beginning at each call."""
-        yield from (Item(name, raw, 0) for name, raw in self.first.items())
-        left = self._parameters["frames"]
-        for topic, time_ns, raw in self._bag.timed_messages(self._played, self._start_ns):
-            if not raw:         # after a message of zero bytes, Fast DDS delivers no other
-                continue
-            item = Item(self._names[topic], raw, round((time_ns - self._start_ns) / self._parameters["rate"]))
-            yield item
-            if item.topic in self.frames:
-                left -= 1
-                if left == 0:
+        """Yield the messages in the order of recording, from the beginning at each call."""
+        begun_ns, left = 0, self._parameters["frames"] or float("inf")
+        while True:
+            messages = self._messages()
+            if self._parameters["clock"]:
+                messages = until_end(messages, map(self._tick, count()))
+            for item in messages:
+                due_ns = begun_ns + item.due_ns
+                yield item._replace(due_ns=due_ns)
+                left -= item.topic in self.frames
+                if not left:
                     return
+            if not self._parameters["loop"]:
+                return
+            begun_ns = due_ns + LOOP_PAUSE_NS
+
+    def _messages(self) -> Iterator[Item]:
+        """Yield the descriptions and then the bag's messages, once."""
+        yield from (Item(name, raw, 0) for name, raw in self.first.items())
+        for topic, time_ns, raw in self._bag.timed_messages(self._played, self._start_ns):
+            if raw:         # after a message of zero bytes, Fast DDS delivers no other
+                yield Item(self._names[topic], raw, round((time_ns - self._start_ns) / self._parameters["rate"]))
+
+    def _tick(self, k: int) -> Item:
+        elapsed_ns = k * NS_PER_S / self._parameters["clock"]
+        now = Time(nanoseconds=self._start_ns + round(elapsed_ns * self._parameters["rate"]))
+        return Item(CLOCK.name, serialize_message(ClockMessage(clock=now.to_msg())), round(elapsed_ns))
 
 
 def _names(topics: list[BagTopic], frames: list[BagTopic], namespace: str) -> dict[str, str]:

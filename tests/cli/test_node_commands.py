@@ -22,8 +22,9 @@ from srt3d_ros.processes.node_command import NODES
     (["play", "b.npz", "--frames", "3", "--namespace", "/front/", "-r", "photons:=/spad/raw"],
      ["player", "--ros-args", "-p", 'input:="b.npz"', "-p", "frames:=3", "-r", "__ns:=/front", "-r",
       "photons:=/spad/raw"]),
-    (["play", "rec.mcap", "--rate", "2", "-r", "/spad/raw:=/photons"],
-     ["player", "--ros-args", "-p", 'input:="rec.mcap"', "-p", "rate:=2.0", "-r", "/spad/raw:=/photons"]),
+    (["play", "rec.mcap", "--rate", "2", "--loop", "--start-offset", "3", "--clock", "-r", "/spad/raw:=/photons"],
+     ["player", "--ros-args", "-p", 'input:="rec.mcap"', "-p", "rate:=2.0", "-p", "loop:=true", "-p",
+      "start_offset:=3.0", "-p", "clock:=40.0", "-r", "/spad/raw:=/photons"]),
 ])
 def test_options_become_parameters(monkeypatch, srt3d, command, expected):
     seen = []

@@ -1,16 +1,19 @@
 """The player: what it sends, when, and how it ends; with `wait_for`, beside the nodes that it waits for."""
 
+import signal
 import sys
+from itertools import cycle, islice
 
 import numpy as np
 import pytest
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
 from srt3d_ros.messages import photon_frames, sensor_message
-from tests.bags import CLOUD, TEXT, write_bag
+from tests.bags import CLOUD, START_NS, TEXT, write_bag
 from tools.processes import Process
 
 PLAYER = "from srt3d_ros.nodes import player; player"
@@ -78,10 +81,31 @@ def test_a_bag_is_played_as_it_was_recorded_and_becomes_sketches(graph, sensor, 
 
     described, sketches = graph.collect_latched(String, "sensor"), graph.collect(PointCloud2, "sketch")
     graph.start("sketcher")
-    assert graph.start("player", input=bag, wait_for="sketcher").code() == 0
-    graph.wait(lambda: sketches, "sketches of the bag")
+    player = graph.start("player", input=bag, loop=True)
+    graph.wait(lambda: sketches and len(photons) > 8, "sketches of a bag that is played again and again")
+    again = [raw[:whole] for raw in photons[3:]]
+    first = frames.index(again[0])      # the player begins with its first subscriber, which may be the sketcher
+    assert again == list(islice(cycle(frames), first, first + len(again)))
     assert sensor_message.from_json(described[0].data).same_as(sensor)
     assert sketches[0].header.stamp.sec * 10**9 + sketches[0].header.stamp.nanosec in STAMPS_NS
+    player.send(signal.SIGINT)
+    assert player.code() == 0
+
+
+def test_remapped_photons_of_another_namespace_become_clouds_and_the_clock_is_the_bags(graph, sensor, frames, tmp_path):
+    """The pipeline waits for the bag's description, and the player for the pipeline."""
+    bag = write_bag(tmp_path / "bag", [
+        ("/front/info", TEXT, sensor_message.encode_cdr(sensor), 0),
+        *(("/front/raw", CLOUD, raw, 1000 + 50 * k) for k, raw in enumerate(frames))], "sqlite3")
+    times = graph.collect(Clock, "/clock")
+    graph.start("reconstructor")
+    graph.start("sketcher")
+    player = graph.start("player", "-r", "raw:=photons", "-r", "info:=sensor", input=bag, clock=40.0,
+                         wait_for="sketcher reconstructor")
+    assert player.code() == 0 and "sent 3, none lost" in player.text
+    graph.wait(lambda: times, "/clock")
+    passed_ms = [(one.clock.sec * 10**9 + one.clock.nanosec - START_NS) / 1e6 for one in times]
+    assert passed_ms == sorted(passed_ms) and {ms % 25 for ms in passed_ms} == {0} and passed_ms[-1] == 1100
 
 
 def test_a_name_that_ros_refuses_is_one_line(graph, tmp_path, frames):

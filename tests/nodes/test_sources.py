@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
@@ -17,7 +18,7 @@ from srt3d_ros.messages import photon_frames, sensor_message, sketch_message
 from srt3d_ros.nodes import player, sources
 from srt3d_ros.nodes.motion_input import parse_extrinsics
 from srt3d_ros.nodes.sources import BEFORE_S, PACKETS, open_source
-from tests.bags import CLOUD, TEXT, write_bag
+from tests.bags import CLOUD, START_NS, TEXT, write_bag
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 SENSOR = SensorModel(rows=2, cols=3, num_bins=50, bin_width_s=1e-10, irf=[1, 2, 1], frame_id="spad")
@@ -57,7 +58,8 @@ def test_cycles_of_a_simulated_frame_make_its_photons_pile_up(given, packets):
 @pytest.mark.parametrize("given, line", [
     ({"input": "nowhere.npz"}, "nowhere.npz"),
     ({"sensor_file": "sensor.json"}, "sensor_file sensor.json: only for a photon file, and input simulator is the"),
-    ({"rate": 2.0}, "rate 2.0: only for a bag, and input simulator is the simulator"),
+    ({"clock": 40.0}, "clock 40.0: only for a bag, and input simulator is the simulator"),
+    ({"input": "a.npz", "loop": True}, "loop True: only for a bag, and input a.npz is a photon file"),
     ({"input": "a.npz", "sbr": 2.0}, "sbr 2.0: only for the simulator, and input a.npz is a photon file"),
     ({"input": "rec.db3", "rate_hz": 5.0}, "rate_hz 5.0: only for a photon file or the simulator, and input rec.db3"),
     ({"input": "bag.mcap"}, "bag.mcap: no such bag"),
@@ -126,20 +128,26 @@ def test_what_reconstruct_reads_is_played_in_the_namespace_of_the_player(tmp_pat
 @pytest.mark.parametrize("topics, given, line", [
     ({"/sensor": TEXT, "/odom": ODOMETRY}, {}, "bag has no photons and no sketches. It has /sensor"),
     ({"/front/photons": CLOUD, "/odom": ODOMETRY, "/front/odom": ODOMETRY}, {"namespace": "/left"}, "two topics"),
+    ({"/photons": CLOUD}, {"start_offset": 1.0}, "start_offset is 1.0: expected less"),
     ({"/photons": CLOUD}, {"motion": "walk"}, "motion walk: only for the simulator")])
 def test_a_bag_that_cannot_be_played_is_refused(tmp_path, topics, given, line):
     with pytest.raises(InvalidInput, match=line):
         source(input=recorded(tmp_path / "bag", topics), **given)
 
 
-def test_a_bag_is_played_at_a_rate_with_the_description_of_its_first_frame(tmp_path):
+def test_a_bag_is_played_from_an_offset_at_a_rate_with_the_description_of_then(tmp_path):
     bag = write_bag(tmp_path / "bag", [
-        ("/sensor", TEXT, DESCRIBED, 0), ("/sensor", TEXT, OTHER, 50),
-        *(("/photons", CLOUD, PHOTONS, 100 * k) for k in range(1, 5)), ("/sensor", TEXT, DESCRIBED, 150)])
-    played = source(input=bag, rate=2.0, frames=3)
+        ("/sensor", TEXT, DESCRIBED, 0), *(("/photons", CLOUD, PHOTONS, 100 * k) for k in range(5)),
+        ("/sensor", TEXT, OTHER, 150)])
+    played = source(input=bag, start_offset=0.15, rate=2.0, clock=10.0)
     assert played.first["sensor"] == OTHER
     items = list(played.items(lambda: 0))
     assert [item.due_ns // MS for item in items if item.topic == "photons"] == [0, 50, 100]
+    times = [deserialize_message(item.raw, Clock).clock for item in items if item.topic == "/clock"]
+    assert [time.sec * 10**9 + time.nanosec - START_NS for time in times] == [200 * MS, 200 * MS, 400 * MS]
+    again = [item for item in islice(source(input=bag, loop=True, frames=7).items(lambda: 0), 99)]
+    photons = [item.due_ns // MS for item in again if item.topic == "photons"]
+    assert photons == [0, 100, 200, 300, 400, 500, 600]
 
 
 # ---- A sensor that moves: packets and odometry of one time

@@ -31,6 +31,17 @@ def test_the_version_of_fast_dds_is_that_of_the_first_folder_of_libraries_that_h
     assert transport.installed_fast_dds() is found
 
 
+@pytest.mark.parametrize("purpose", ["shm", "network"])
+def test_the_profiles_of_both_versions_differ_in_names_alone(repository, purpose):
+    old, new = ((repository / version.profiles.format(purpose)).read_text()
+                for version in (transport.FAST_DDS_2, transport.FAST_DDS_3))
+    names = {"Fast DDS 2 (ROS 2 Jazzy)": "Fast DDS 3 (ROS 2 Kilted)", "FASTRTPS_DEFAULT": "FASTDDS_DEFAULT",
+             "fastdds_shm": "fastdds3_shm", "heartbeatPeriod": "heartbeat_period"}
+    for name, other in names.items():
+        old = old.replace(name, other)
+    assert old == new
+
+
 @pytest.mark.parametrize("free_mb, segment_mb", [(1000, 64), (256, 64), (64, 16), (16, 4), (15, None)])
 def test_the_segment_fits_four_times_into_free_shared_memory(monkeypatch, free_mb, segment_mb):
     room = os.statvfs_result((4096, 4096, 0, 0, free_mb * 256, 0, 0, 0, 0, 255))
