@@ -145,7 +145,8 @@ def results(tasks: Iterator[tuple[int, Callable]], pool: Executor, processes: in
         try:
             common.print_notes(task())
         except InvalidInput as error:
-            require(str(error) != first, error.field, problem=str(error))
+            if str(error) == first:
+                raise
             first = str(error)
             yield number, first
         else:
