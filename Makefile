@@ -37,7 +37,7 @@ help:
 	@echo 'make test-newest                         the tests with the newest releases that pyproject.toml allows'
 	@echo 'make test-processors                     the tests of the computation, as on processors without AVX, and with AVX2'
 	@echo 'make docs                                the documentation as a web site, build/docs/index.html'
-	@echo 'make lint                                ruff'
+	@echo 'make lint                                ruff, and pyright where types are kept'
 	@echo 'make clean                               remove .venv, .venv-… and everything that was built'
 	@echo 'Variables: PYTHON=$(PYTHON) (3.11 or newer), ROS=$(ROS), VENV=$(VENV)'
 
@@ -67,6 +67,7 @@ docs: $(VENV)/docs-ready
 
 lint: $(VENV)/test-ready
 	@$(VENV)/bin/ruff check .
+	@$(VENV)/bin/pyright --pythonpath $(VENV)/bin/python
 
 # PyPI has them for x86_64 only.
 wheels-of-ros:
