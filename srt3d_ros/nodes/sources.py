@@ -26,7 +26,7 @@ from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.simulation.room import Room
 from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
-from srt3d_ros.errors import require
+from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import photon_frames, sensor_message
 from srt3d_ros.messages.cdr import NS_PER_S
 from srt3d_ros.nodes.common.topics import CLOCK, FRAMES, IMU, ODOM, PHOTONS, SENSOR, SKETCH, SKETCH_SENSOR
@@ -246,8 +246,10 @@ class Recorded:
                 f"has two topics to play as one: {', '.join(sorted(topic.name for topic in self.topics))}.")
         self.frames = tuple(self._names[topic.name] for topic in frames)
         messages = bag.timed_messages(motion + frames, bag.start_ns + round(parameters["start_offset"] * NS_PER_S))
-        self._start_ns = next((time_ns for _, time_ns, raw in messages if raw), None)
-        require(self._start_ns is not None, "start_offset", parameters["start_offset"], "less: no message is left")
+        first = next((time_ns for _, time_ns, raw in messages if raw), None)
+        if first is None:
+            raise InvalidInput("start_offset", parameters["start_offset"], "less: no message is left")
+        self._start_ns = first
         self.first: dict[str, bytes] = {}       # the last description before the start, or else the first
         for topic, time_ns, raw in bag.timed_messages(sensors):
             if self._names[topic] not in self.first or time_ns <= self._start_ns:
@@ -261,7 +263,7 @@ class Recorded:
 
     def items(self, elapsed_ns: Clock) -> Iterator[Item]:
         """Yield the messages in the order of recording, from the beginning at each call."""
-        begun_ns, left = 0, self._parameters["frames"] or float("inf")
+        begun_ns, due_ns, left = 0, 0, self._parameters["frames"] or float("inf")
         while True:
             messages = self._messages()
             if self._parameters["clock"]:
