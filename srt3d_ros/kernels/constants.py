@@ -52,7 +52,7 @@ NEAR_SIGMA = 1.2        # σ of the neighbourhood that votes, and that tells how
 VOTE_RADIUS = ceil(REACH * NEAR_SIGMA)
 LIKENESS = 2.0          # factor by which neighbours' intensities may differ; its square where surfaces share pixels
 NEW_RADIUS = 6          # pixels: half the side of the square over which new pixels share their photons
-HOLE = 2                # pixels within which points on three sides of a pixel make it a hole, not an outline
+HOLE, HOLE_SIDES = 2, 3     # pixels within which points on so many of a pixel's sides make it a hole, not an outline
 SPREAD = 4              # pixels by which surfaces may grow into empty ones in each iteration
 
 # ---- Ghosts (`drop_ghosts`)

@@ -90,7 +90,7 @@ class PileUp:
         shift = pulse + background * (step - pulse)
         error = error * np.interp(signal, FLUXES, np.abs(np.gradient(self._shifts, FLUXES)))
         error = np.where(saturated(sketch, sensor)[at], np.hypot(error, shift), error)
-        first, moved = cloud.surface == 0, seen.shift * 0
+        first, moved = cloud.surface == 0, np.zeros_like(seen.shift)
         moved[cloud.row[first], cloud.col[first]] = shift[first]
         there = (moved != 0).astype(np.float32)
         pooled = self._kernels.local_mean((moved - seen.shift) * there, there)

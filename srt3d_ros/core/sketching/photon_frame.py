@@ -129,18 +129,23 @@ class PhotonHistograms:
         # Sum parts in 32 bits: exact, and twice as fast as in 64 bits.
         return sum(int(flat[first:first + CHUNK].sum(dtype=np.uint32)) for first in range(0, len(flat), CHUNK))
 
+    @cached_property
+    def lowest(self) -> float:
+        """The lowest count, or 0 for types that have no negative ones; NaN if any count is."""
+        return 0 if self.counts.dtype.kind == "u" else self.counts.min().item()
+
     @property
     def has_negative(self) -> bool:
         """Whether any count is negative: something was subtracted, and the counts are not those of detections."""
-        return self.counts.dtype.kind != "u" and bool((self.counts < 0).any())
+        return self.lowest < 0
 
     def check(self, sensor: SensorModel) -> None:
         """Raise InvalidInput unless the histograms have the sensor's pixels and bins, and finite counts in range."""
         wanted = sensor.rows, sensor.cols, sensor.histogram_size
         require(self.counts.shape == wanted, "histograms shape", self.counts.shape, f"[rows, cols, bins] = {wanted}")
         if self.counts.dtype.kind != "u":
-            low, high, most = self.counts.min(), self.counts.max(), MAX_OF_PIXEL // wanted[2]
-            require(bool(-most <= low and high <= most), "histograms count", (high if high > most else low).item(),
+            low, high, most = self.lowest, self.counts.max().item(), MAX_OF_PIXEL // wanted[2]
+            require(-most <= low and high <= most, "histograms count", high if high > most else low,
                     f"{-most} to {most}, photons in a bin")     # a NaN makes low and high NaN
 
     def on_axis(self, sensor: SensorModel) -> np.ndarray:

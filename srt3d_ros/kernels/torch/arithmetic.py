@@ -34,7 +34,12 @@ def product(a, b):
 
 def noise_ratio(frame, depth):
     """c(t), by which scores at these depths exceed standard deviations: `clutter` at the nearest bin."""
-    return frame.clutter[depth.round().long() % frame.num_bins]
+    return by_bin(frame.clutter, depth)
+
+
+def by_bin(table, depth):
+    """The entries [T] of a table at the bins nearest to depths, or to distances, around the circle."""
+    return table[depth.round().long() % len(table)]
 
 
 def wrap(difference, period):

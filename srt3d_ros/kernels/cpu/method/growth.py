@@ -2,7 +2,7 @@
 
 Growth: a pixel is new if birth/death has given it its first surface. Its v, n and g r are summed over the new pixels
 within NEW_RADIUS (a square). Its points go if the log-likelihood ratios of its own v, n, g r and of these sums are both
-below 0. A pixel with points that stay within HOLE pixels on three of its four sides keeps its own: it is a hole.
+below 0. A pixel with points that stay within HOLE pixels on HOLE_SIDES of its sides keeps its own: it is a hole.
 
 Ghosts: a surface goes if r_k Π_j ‖u(t_k − t_j)‖ < WRONG_SHAPE · min(Σ_j r_j, (√n + HALO)² / g), j: the pixel's stronger
 surfaces. `frame.unlike` has ‖u‖ by the bin of the distance.
@@ -14,15 +14,14 @@ from numba import boolean, get_thread_id, prange
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.constants import HOLE, NEW_RADIUS
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, ONE, TWO, ZERO
-from srt3d_ros.kernels.cpu.compiling import floats2d, floats3d, floats4d, inline, line, parallel
-from srt3d_ros.kernels.cpu.method.frame import Frame, columns, terms_at
-from srt3d_ros.kernels.cpu.method.likelihood import LIKENESS, llr
-from srt3d_ros.kernels.cpu.vectors import floor, full, lanes_of, load, rint, sqrt, store, to_cell, where
+from srt3d_ros.kernels.cpu.compiling import floats2d, floats3d, floats4d, line, parallel
+from srt3d_ros.kernels.cpu.method.frame import Frame, columns
+from srt3d_ros.kernels.cpu.method.likelihood import EXPECTED, LIKENESS, PHOTONS, RESPONSE, by_bin, llr, shown_by
+from srt3d_ros.kernels.cpu.vectors import full, lanes_of, load, sqrt, store, where
 from srt3d_ros.kernels.maps import DEPTH, FIELDS, INTENSITY, LANES, MARGIN, TERMS
 
-RESPONSE, PHOTONS, EXPECTED = range(3)      # rows of `fresh`: v, n, g r
 EMPTY, SHOWN, REFUSED = ZERO, ONE, TWO      # values of `mark`
-HOLE_SIDES = F32(3)
+HOLE_SIDES = F32(constants.HOLE_SIDES)
 WRONG_SHAPE, HALO = F32(constants.WRONG_SHAPE), F32(constants.HALO)
 
 
@@ -42,19 +41,16 @@ def _note(state: floats4d, had: floats2d):
 
 
 @line
-def _find_new(i, frame, state, terms, had, fresh, mark):
+def _find_new(i, state, terms, had, fresh, mark):
     """Write v, n and g r of the new pixels of a row, 0 elsewhere, and its marks; whether there are new ones."""
     found = False
     for j in columns(state):
-        exposure, there = load(frame.exposure, i, j), _has_points(i, j, state)
+        there = _has_points(i, j, state)
         is_new = there & (load(had, i, j) == ZERO)
         response, photons, expected = full(ZERO), full(ZERO), full(ZERO)
         for k in range(state.shape[1]):
-            intensity, term = load(state, i, k, INTENSITY, j), terms_at(terms, i, k, j)
-            new = is_new & (intensity > ZERO)
-            response += where(new, term.value, ZERO)
-            photons += where(new, term.counts, ZERO)
-            expected += where(new, exposure * intensity, ZERO)
+            shown = shown_by(is_new, i, k, j, state, terms)
+            response, photons, expected = response + shown[0], photons + shown[1], expected + shown[2]
         store(fresh, i, RESPONSE, j, response)
         store(fresh, i, PHOTONS, j, photons)
         store(fresh, i, EXPECTED, j, expected)
@@ -112,7 +108,7 @@ def _remove_row(i, mark, state, terms):
 def _refuse(frame: Frame, state: floats4d, terms: floats4d, had: floats2d,
             fresh: floats3d, mark: floats3d, sums: floats3d, found: boolean[::1]):
     for i in prange(MARGIN, len(state) - MARGIN):
-        found[i] = _find_new(i, frame, state, terms, had, fresh, mark)
+        found[i] = _find_new(i, state, terms, had, fresh, mark)
     if found.any():
         for i in prange(MARGIN, len(state) - MARGIN):
             found[i] = found[i] and _judge_row(i, frame, fresh, sums[get_thread_id()], mark)
@@ -130,13 +126,6 @@ def refuse_growth(work, frame, state, terms):
     """Remove the points that the change since `note_surfaces` should not have made, and their terms, in place."""
     found = np.zeros(len(state), np.bool_)
     _refuse(frame, state, terms, work.had, work.rim, work.blank, work.means, found)
-
-
-@inline
-def _unlike(distance, table):
-    """‖u‖ at distances in bins."""
-    bins, bin = F32(len(table)), rint(distance)
-    return load(table, to_cell(bin - bins * floor(bin / bins), bins - ONE))
 
 
 @line
@@ -160,10 +149,11 @@ def _judge_surfaces(i, frame, state, kept, stale):
                     is_stronger = (other > own) | ((other == own) & (o < k))
                     is_stronger &= other > ZERO
                     stronger += where(is_stronger, other, ZERO)
-                    shown *= where(is_stronger, _unlike(depth - load(state, i, o, DEPTH, j), frame.unlike), ONE)
+                    shown *= where(is_stronger, by_bin(frame.unlike, depth - load(state, i, o, DEPTH, j)), ONE)
             ghost = (own > ZERO) & (shown < WRONG_SHAPE * min(stronger, most))
             stale[i, j // LANES] |= lanes_of(ghost) > 0
             store(kept, i, k, j, where(ghost, ZERO, own))
+
 
 @line
 def _move_up(i, kept, stale, state):

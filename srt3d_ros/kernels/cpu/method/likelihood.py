@@ -10,20 +10,35 @@ is at least −DEAD_LIMIT.
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, ZERO, log
 from srt3d_ros.kernels.cpu.compiling import each_row, floats3d, floats4d, inline
-from srt3d_ros.kernels.cpu.method.frame import Frame, columns
+from srt3d_ros.kernels.cpu.method.frame import Frame, columns, terms_at
 from srt3d_ros.kernels.cpu.vectors import floor, full, load, rint, sqrt, store, to_cell, to_floats, where
 from srt3d_ros.kernels.maps import INTENSITY, VALUE
 
+RESPONSE, PHOTONS, EXPECTED = range(3)      # rows of maps of v, n and g r
 DEAD_LIMIT, LIKENESS = F32(constants.DEAD_LIMIT), F32(constants.LIKENESS)
 SHARED_LIKENESS = LIKENESS * LIKENESS
 
 
 @inline
+def by_bin(table, depth):
+    """The entries [T] of a table at the bins nearest to depths, or to distances, around the circle."""
+    bins, bin = F32(len(table)), rint(depth)
+    return load(table, to_cell(bin - bins * floor(bin / bins), bins - ONE))
+
+
+@inline
 def noise_at(frame, depth):
-    """c(t), `clutter` at the nearest bin, at depths in [0, T]."""
-    bins = F32(len(frame.clutter))
-    bin = rint(depth)
-    return load(frame.clutter, to_cell(bin - bins * floor(bin / bins), bins - ONE))
+    """c(t), `clutter` at the nearest bin."""
+    return by_bin(frame.clutter, depth)
+
+
+@inline
+def shown_by(which, i, k, j, state, terms):
+    """v, n and g r of the points k of those pixels (i, j …) that `which` selects; 0 without a point."""
+    intensity, term = load(state, i, k, INTENSITY, j), terms_at(terms, i, k, j)
+    there = which & (intensity > ZERO)
+    return where(there, term.value, ZERO), where(there, term.counts, ZERO), where(
+        there, term.exposure * intensity, ZERO)
 
 
 @inline

@@ -16,12 +16,11 @@ from numba import boolean, float32, prange
 from srt3d_ros.kernels.constants import REACH, RIM, SPREAD, VOTE_RADIUS, WINDOWS
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO
 from srt3d_ros.kernels.cpu.compiling import floats2d, floats3d, floats4d, inline, line, parallel
-from srt3d_ros.kernels.cpu.method.frame import Frame, columns, is_surface, point_at, terms_at
-from srt3d_ros.kernels.cpu.method.likelihood import llr, noise_at, score_of
+from srt3d_ros.kernels.cpu.method.frame import Frame, columns, is_surface, point_at
+from srt3d_ros.kernels.cpu.method.likelihood import EXPECTED, PHOTONS, RESPONSE, llr, noise_at, score_of, shown_by
 from srt3d_ros.kernels.cpu.vectors import full, lanes_of, load, store, where
 from srt3d_ros.kernels.maps import INTENSITY, MARGIN
 
-RESPONSE, PHOTONS, EXPECTED = range(3)      # rows of `rim`: v, n, g r
 RADIUS = ceil(REACH * WINDOWS[-1].sigma)
 
 
@@ -52,11 +51,8 @@ def _find_rim(i, state, terms, blank, rim):
         response, photons, expected = full(ZERO), full(ZERO), full(ZERO)
         at_rim = (load(blank, i, 0, j) == ZERO) & (_around(blank, i, 0, j, 1) >= RIM)
         for k in range(state.shape[1]):
-            intensity, term = load(state, i, k, INTENSITY, j), terms_at(terms, i, k, j)
-            there = at_rim & (intensity > ZERO)
-            response += where(there, term.value, ZERO)
-            photons += where(there, term.counts, ZERO)
-            expected += where(there, term.exposure * intensity, ZERO)
+            shown = shown_by(at_rim, i, k, j, state, terms)
+            response, photons, expected = response + shown[0], photons + shown[1], expected + shown[2]
         store(rim, i, RESPONSE, j, response)
         store(rim, i, PHOTONS, j, photons)
         store(rim, i, EXPECTED, j, expected)

@@ -4,11 +4,11 @@ import torch
 
 from srt3d_ros.kernels.constants import EPSILON, HALO, WRONG_SHAPE
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY
+from srt3d_ros.kernels.torch.arithmetic import by_bin
 from srt3d_ros.kernels.torch.fusing import fused
 from srt3d_ros.kernels.torch.method.windows import images, inner
 
 
-@fused
 def drop_ghosts(frame, state) -> None:
     """Remove ghosts, in place: r = 0. The surfaces of a pixel still come first, without a gap.
 
@@ -20,18 +20,22 @@ def drop_ghosts(frame, state) -> None:
 
         r_k Π_j ‖u(t_k − t_j)‖ < WRONG_SHAPE · min(Σ_j r_j, (√n + HALO)² / g),    j: the pixel's stronger surfaces.
     """
+    if state.shape[1] > 1:          # with one surface a pixel, nothing is to be launched
+        _drop_ghosts(frame, state)
+
+
+@fused
+def _drop_ghosts(frame, state) -> None:
     point = images(frame, state)
     depth, intensity = point[:, DEPTH], point[:, INTENSITY].clone()
     light = (inner(frame, frame.counts).sqrt() + HALO)**2 / inner(frame, frame.exposure).clamp(min=EPSILON)
     for k in range(len(point)):
-        others = [o for o in range(len(point)) if o != k]
         stronger, shown = torch.zeros_like(light), intensity[k]
-        for o in others:
+        for o in (*range(k), *range(k + 1, len(point))):
             is_stronger = (intensity[o] > intensity[k]) | ((intensity[o] == intensity[k]) & (o < k))
             is_stronger = is_stronger & (intensity[o] > 0)
             stronger = stronger + intensity[o] * is_stronger
-            at = (depth[k] - depth[o]).round().long() % frame.num_bins
-            shown = torch.where(is_stronger, shown * frame.unlike[at], shown)
+            shown = torch.where(is_stronger, shown * by_bin(frame.unlike, depth[k] - depth[o]), shown)
         point[k, INTENSITY].masked_fill_(shown < WRONG_SHAPE * torch.minimum(stronger, light), 0)
     for last in range(len(point) - 1, 0, -1):
         for k in range(last):

@@ -4,7 +4,7 @@ import math
 
 import torch
 
-from srt3d_ros.kernels.constants import HOLE, LIKENESS, NEW_RADIUS, REACH, WINDOWS
+from srt3d_ros.kernels.constants import HOLE, HOLE_SIDES, LIKENESS, NEW_RADIUS, REACH, WINDOWS
 from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, SCORE, VALUE
 from srt3d_ros.kernels.torch.arithmetic import noise_ratio
 from srt3d_ros.kernels.torch.fusing import fused
@@ -20,7 +20,7 @@ def refuse_growth(frame, before, state, terms) -> None:
     square). Its points go if the ratios of `log_likelihood_ratio` for its own v, n, g r and for these sums are both
     below 0: photons that no earlier surface has used say "empty", rather than "the surface goes on". Beyond an outline,
     votes alone would let a dim surface grow in every iteration. A pixel with points that stay within HOLE pixels on
-    three of its four sides keeps its own: it is a hole, and beyond no outline.
+    HOLE_SIDES of its sides keeps its own: it is a hole, and beyond no outline.
     """
     had = (images(frame, before)[:, INTENSITY] > 0).any(0)
     point, terms = images(frame, state), images(frame, terms)
@@ -37,7 +37,7 @@ def refuse_growth(frame, before, state, terms) -> None:
     down, across = wide[:, HOLE:HOLE + cols], wide[HOLE:HOLE + rows]
     sides = sum(part.unfold(axis, HOLE, 1).amax(-1).narrow(axis, first, size) for part, axis, size in (
         (down, 0, rows), (across, 1, cols)) for first in (0, HOLE + 1))
-    refused = refused & (sides < 3)
+    refused = refused & (sides < HOLE_SIDES)
     intensity.masked_fill_(refused, 0)
     terms.masked_fill_(refused, 0)
 
