@@ -16,7 +16,7 @@ from srt3d_ros.kernels.constants import HOLE, NEW_RADIUS
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, ONE, TWO, ZERO
 from srt3d_ros.kernels.cpu.compiling import floats2d, floats3d, floats4d, line, parallel
 from srt3d_ros.kernels.cpu.method.frame import Frame, columns
-from srt3d_ros.kernels.cpu.method.likelihood import EXPECTED, LIKENESS, PHOTONS, RESPONSE, by_bin, llr, shown_by
+from srt3d_ros.kernels.cpu.method.likelihood import EXPECTED, LIKENESS, PHOTONS, RESPONSE, by_bin, llr, write_shown
 from srt3d_ros.kernels.cpu.vectors import full, lanes_of, load, sqrt, store, where
 from srt3d_ros.kernels.maps import DEPTH, FIELDS, INTENSITY, LANES, MARGIN, TERMS
 
@@ -47,13 +47,7 @@ def _find_new(i, state, terms, had, fresh, mark):
     for j in columns(state):
         there = _has_points(i, j, state)
         is_new = there & (load(had, i, j) == ZERO)
-        response, photons, expected = full(ZERO), full(ZERO), full(ZERO)
-        for k in range(state.shape[1]):
-            shown = shown_by(is_new, i, k, j, state, terms)
-            response, photons, expected = response + shown[0], photons + shown[1], expected + shown[2]
-        store(fresh, i, RESPONSE, j, response)
-        store(fresh, i, PHOTONS, j, photons)
-        store(fresh, i, EXPECTED, j, expected)
+        write_shown(is_new, i, j, state, terms, fresh)
         store(mark, i, 0, j, where(there, SHOWN, EMPTY))
         found |= lanes_of(is_new) > 0
     return found

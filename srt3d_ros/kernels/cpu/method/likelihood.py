@@ -33,12 +33,18 @@ def noise_at(frame, depth):
 
 
 @inline
-def shown_by(which, i, k, j, state, terms):
-    """v, n and g r of the points k of those pixels (i, j …) that `which` selects; 0 without a point."""
-    intensity, term = load(state, i, k, INTENSITY, j), terms_at(terms, i, k, j)
-    there = which & (intensity > ZERO)
-    return where(there, term.value, ZERO), where(there, term.counts, ZERO), where(
-        there, term.exposure * intensity, ZERO)
+def write_shown(which, i, j, state, terms, out):
+    """Write v, n and g r of the points of those pixels (i, j …) that `which` selects, 0 elsewhere."""
+    response, photons, expected = full(ZERO), full(ZERO), full(ZERO)
+    for k in range(state.shape[1]):
+        intensity, term = load(state, i, k, INTENSITY, j), terms_at(terms, i, k, j)
+        there = which & (intensity > ZERO)
+        response += where(there, term.value, ZERO)
+        photons += where(there, term.counts, ZERO)
+        expected += where(there, term.exposure * intensity, ZERO)
+    store(out, i, RESPONSE, j, response)
+    store(out, i, PHOTONS, j, photons)
+    store(out, i, EXPECTED, j, expected)
 
 
 @inline

@@ -17,7 +17,7 @@ from srt3d_ros.kernels.constants import REACH, RIM, SPREAD, VOTE_RADIUS, WINDOWS
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO
 from srt3d_ros.kernels.cpu.compiling import floats2d, floats3d, floats4d, inline, line, parallel
 from srt3d_ros.kernels.cpu.method.frame import Frame, columns, is_surface, point_at
-from srt3d_ros.kernels.cpu.method.likelihood import EXPECTED, PHOTONS, RESPONSE, llr, noise_at, score_of, shown_by
+from srt3d_ros.kernels.cpu.method.likelihood import EXPECTED, PHOTONS, RESPONSE, llr, noise_at, score_of, write_shown
 from srt3d_ros.kernels.cpu.vectors import full, lanes_of, load, store, where
 from srt3d_ros.kernels.maps import INTENSITY, MARGIN
 
@@ -48,14 +48,8 @@ def _around(values, i, c, j, radius):
 def _find_rim(i, state, terms, blank, rim):
     """Write v, n and g r of the pixels at rims, 0 elsewhere."""
     for j in columns(state):
-        response, photons, expected = full(ZERO), full(ZERO), full(ZERO)
         at_rim = (load(blank, i, 0, j) == ZERO) & (_around(blank, i, 0, j, 1) >= RIM)
-        for k in range(state.shape[1]):
-            shown = shown_by(at_rim, i, k, j, state, terms)
-            response, photons, expected = response + shown[0], photons + shown[1], expected + shown[2]
-        store(rim, i, RESPONSE, j, response)
-        store(rim, i, PHOTONS, j, photons)
-        store(rim, i, EXPECTED, j, expected)
+        write_shown(at_rim, i, j, state, terms, rim)
 
 
 @line
