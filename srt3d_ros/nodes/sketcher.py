@@ -25,7 +25,7 @@ from srt3d_ros.nodes.common.parameters import Parameter, Values
 from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.common.worker import Dropped
-from srt3d_ros.nodes.motion_input import MOTION_PARAMETERS, MotionInput, parse_extrinsics
+from srt3d_ros.nodes.motion_input import MotionInput, motion_parameters, parse_extrinsics
 
 PARAMETERS = (
     Parameter("sensor_file", "", "Description of the sensor, for a driver that publishes none: JSON as on `sensor`, "
@@ -46,7 +46,9 @@ PARAMETERS = (
               "s", 0, 1000, live=True),
     Parameter("window_frames", 1, "Frames (not messages) in the sliding window of a sketch. With packets_per_frame 2, "
               "a window of 3 frames covers 6 messages. With motion: 1.", low=1, high=1000, live=True),
-    *MOTION_PARAMETERS,
+    *motion_parameters(
+        "Photons of a frame of several packets are moved to the sensor's pose in the middle of the frame, which "
+        "becomes the stamp, before they are added. odom: nav_msgs/Odometry. imu: rotation only."),
     Parameter("layout", "float32", "Numbers in `sketch`; int16 halves the bandwidth.",
               choices=("float32", "int16"), live=True),
     topics.MAX_PIXELS_PARAMETER,
@@ -123,6 +125,7 @@ class SketcherNode(ManagedNode):
             self.worker.call(self._apply)
         if self.parameters["motion"] != OFF:
             self._motion = MotionInput(self, self._on_motion)
+            self.diagnostics.count(frames_deskewed=0, frames_undeskewed=0)
         self.follow(topics.SENSOR, self._on_sensor)
         for topic in topics.FRAMES:
             self.subscribe(topic, partial(self._on_packet, CODECS[topic.name]))
@@ -220,7 +223,7 @@ class SketcherNode(ManagedNode):
         header, photons = codec.decode_cdr(raw, stream.sensor)
         self._frame_id = header.frame_id or stream.sensor.frame_id
         if self._motion is not None:
-            self._motion.read_into(stream)
+            self._motion.read_into(stream.add_motion)
         try:
             self._publish(stream, stream.push(photons, self._now_s()))
         finally:
@@ -236,7 +239,7 @@ class SketcherNode(ManagedNode):
         stream = self._stream
         if stream is not None:
             if self._motion is not None:
-                self._motion.read_into(stream)
+                self._motion.read_into(stream.add_motion)
             self._publish(stream, stream.poll(self._now_s()))
             self._wake_later(stream)
 
@@ -267,7 +270,9 @@ class SketcherNode(ManagedNode):
             self.diagnostics.show(**stream.facts)
         self.diagnostics.show(packets_open=stream.frame.packets)
         if sketches and self._motion is not None:
-            self._motion.judge(stream)
+            self._motion.judge(stream.warning and f"frames go on undeskewed: {stream.warning}",
+                               "frames are deskewed again")
+            stream.warning = ""
 
     def _describe(self, stream: SketchStream, sensor: SensorModel) -> None:
         """Publish a description on `sketch/sensor`, unless it is the last one published."""
