@@ -1,11 +1,10 @@
-"""MotionInput: the sensor's motion, from `odom` or `imu`, for the sketcher."""
+"""MotionInput: the motion of the robot, from `odom` or `imu`, for a node's worker."""
 
 from collections import deque
 from collections.abc import Callable
 
-from srt3d_ros.core.motion.trajectory import Pose
-from srt3d_ros.core.stream import SketchStream
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.core.motion.track import MotionReport
+from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import odometry
 from srt3d_ros.nodes.common import topics
 from srt3d_ros.nodes.common.failures import LOG_EVERY_S
@@ -26,64 +25,49 @@ MOTION_PARAMETERS = (
 INBOX = 10_000              # reports queued for a busy worker: 10 s of a fast IMU
 
 
-def parse_extrinsics(text: str) -> Pose:
-    """The pose in the parameter `extrinsics`, the identity if it is empty; InvalidInput if it is no pose."""
-    if not text.strip():
-        return Pose()
-    try:
-        x, y, z, *quaternion = map(float, text.replace(",", " ").split())
-        require(len(quaternion) == 4, "extrinsics", text, "7 numbers")
-        return Pose.from_quaternion(quaternion, (x, y, z))
-    except ValueError as problem:       # also InvalidInput
-        raise InvalidInput("extrinsics", text, "x y z in metres and a quaternion qx qy qz qw of length 1, or nothing"
-                           ) from problem
-
-
 class MotionInput:
     """Queues reports in the executor's thread until the worker reads all of them, which is cheaper than one by one.
 
     Args:
-        node: has the parameters `motion`, which is not off, and `extrinsics`.
+        kind: "odom" or "imu".
         on_report: called in the executor's thread after each report.
+
+    Attributes:
+        topic: the resolved name.
     """
 
-    def __init__(self, node: ManagedNode, on_report: Callable[[], None]):
+    def __init__(self, node: ManagedNode, kind: str = "odom", on_report: Callable[[], None] = lambda: None):
         self._node, self._on_report = node, on_report
-        kind = node.parameters["motion"]
-        self._topic, self._read_report = node.resolve_topic_name(kind), READERS[kind]
+        self.topic, self._read_report = node.resolve_topic_name(kind), READERS[kind]
         self._reports = deque[tuple[bytes, int]](maxlen=INBOX)
         node.endpoints.subscribe(SOURCES[kind], self._queue, QUEUE_DEPTH, raw=True)
-        if not node.parameters["extrinsics"].strip():
-            node.get_logger().warning(f"extrinsics is empty: the sensor is assumed to coincide with the frame that "
-                                      f"{self._topic} reports on")
-        node.diagnostics.count(frames_deskewed=0, frames_undeskewed=0, motion_refused=0, motion_restarts=0)
+        node.diagnostics.count(motion_refused=0, motion_restarts=0)
 
-    def read_into(self, stream: SketchStream) -> None:
-        """Pass the queued reports to a stream; count and log those that cannot be used."""
+    def read_into(self, add: Callable[[MotionReport], str]) -> None:
+        """Pass the queued reports on, as to `SensorMotion.add`; count and log those that cannot be used."""
         while self._reports:
             raw, received_ns = self._reports.popleft()
             try:
                 report = self._read_report(raw)
-                if cause := stream.add_motion(report):
+                if cause := add(report):
                     self._report_problem("motion_restarts", f"{cause}; a new trajectory begins")
                 self._node.diagnostics.show(motion_latency_ms=f"{(received_ns - report.stamp_ns) / 1e6:.0f}")
             except InvalidInput as problem:
                 self._report_problem("motion_refused", str(problem))
 
-    def judge(self, stream: SketchStream) -> None:
-        """Report while frames are not deskewed, and log when that begins and ends."""
+    def judge(self, warning: str, good: str) -> None:
+        """Report a warning while there is one, and log when that begins and, by `good`, ends."""
         diagnostics, before = self._node.diagnostics, self._node.diagnostics.degraded
-        diagnostics.degraded = stream.warning and f"frames go on undeskewed: {stream.warning} ({self._topic})"
-        if bool(before) != bool(diagnostics.degraded):
-            self._node.get_logger().warning(diagnostics.degraded or "frames are deskewed again")
-        stream.warning = ""
+        diagnostics.degraded = warning and f"{warning} ({self.topic})"
+        if bool(before) != bool(warning):
+            self._node.get_logger().warning(diagnostics.degraded or good)
 
     def _queue(self, raw: bytes, _) -> None:
         self._reports.append((raw, self._node.now_ns()))
         self._on_report()
 
     def _report_problem(self, counted: str, problem: str) -> None:
-        problem = f"{self._topic}: {problem}"
+        problem = f"{self.topic}: {problem}"
         self._node.diagnostics.count(**{counted: 1})
         self._node.diagnostics.error(problem, counted=False)
         self._node.get_logger().warning(problem, throttle_duration_sec=LOG_EVERY_S)
