@@ -1,4 +1,4 @@
-"""MotionInput: the motion of the robot, from `odom` or `imu`, for a node's worker."""
+"""MotionInput: the sensor's motion, from `odom` or `imu`, for any node."""
 
 from collections import deque
 from collections.abc import Callable
@@ -14,29 +14,31 @@ from srt3d_ros.nodes.common.parameters import Parameter
 SOURCES = {topic.name: topic for topic in topics.MOTION}
 READERS = {"odom": odometry.decode_odometry, "imu": odometry.decode_imu}
 MOTION_SOURCES = ("off", *READERS)
-MOTION_PARAMETERS = (
-    Parameter("motion", "off", "Source of the sensor's motion. Photons of a frame of several packets are moved to the "
-              "sensor's pose in the middle of the frame, which becomes the stamp, before they are added. odom: "
-              "nav_msgs/Odometry. imu: rotation only.", choices=MOTION_SOURCES, loose=True),
-    Parameter("extrinsics", "", "Pose of the sensor in an Odometry's child_frame_id or an Imu's frame, with motion. If "
-              "empty, the sensor is assumed to coincide with that frame.",
-              form="x y z qx qy qz qw in metres, or nothing", loose=True),
-)
 INBOX = 10_000              # reports queued for a busy worker: 10 s of a fast IMU
+
+
+def motion_parameters(about: str) -> tuple[Parameter, Parameter]:
+    """`motion` and `extrinsics`; `about` says what a node does with the motion."""
+    return (
+        Parameter("motion", "off", f"Source of the sensor's motion. {about}", choices=MOTION_SOURCES, loose=True),
+        Parameter("extrinsics", "", "Pose of the sensor in an Odometry's child_frame_id or an Imu's frame, with "
+                  "motion. If empty, the sensor is assumed to coincide with that frame.",
+                  form="x y z qx qy qz qw in metres, or nothing", loose=True),
+    )
 
 
 class MotionInput:
     """Queues reports in the executor's thread until the worker reads all of them, which is cheaper than one by one.
 
     Args:
-        kind: "odom" or "imu".
         on_report: called in the executor's thread after each report.
+        kind: "odom" or "imu".
 
     Attributes:
         topic: the resolved name.
     """
 
-    def __init__(self, node: ManagedNode, kind: str = "odom", on_report: Callable[[], None] = lambda: None):
+    def __init__(self, node: ManagedNode, on_report: Callable[[], None], kind: str = topics.ODOM.name):
         self._node, self._on_report = node, on_report
         self.topic, self._read_report = node.resolve_topic_name(kind), READERS[kind]
         self._reports = deque[tuple[bytes, int]](maxlen=INBOX)
@@ -44,7 +46,7 @@ class MotionInput:
         node.diagnostics.count(motion_refused=0, motion_restarts=0)
 
     def read_into(self, add: Callable[[MotionReport], str]) -> None:
-        """Pass the queued reports on, as to `SensorMotion.add`; count and log those that cannot be used."""
+        """Pass the queued reports to `add` of a SensorMotion; count and log restarts, and reports that it refuses."""
         while self._reports:
             raw, received_ns = self._reports.popleft()
             try:
@@ -55,12 +57,12 @@ class MotionInput:
             except InvalidInput as problem:
                 self._report_problem("motion_refused", str(problem))
 
-    def judge(self, warning: str, good: str) -> None:
-        """Report a warning while there is one, and log when that begins and, by `good`, ends."""
+    def judge(self, problem: str, solved: str) -> None:
+        """Warn in /diagnostics while motion has a `problem`; log when that begins, and `solved` when it ends."""
         diagnostics, before = self._node.diagnostics, self._node.diagnostics.degraded
-        diagnostics.degraded = warning and f"{warning} ({self.topic})"
-        if bool(before) != bool(warning):
-            self._node.get_logger().warning(diagnostics.degraded or good)
+        diagnostics.degraded = problem and f"{problem} ({self.topic})"
+        if bool(before) != bool(diagnostics.degraded):
+            self._node.get_logger().warning(diagnostics.degraded or solved)
 
     def _queue(self, raw: bytes, _) -> None:
         self._reports.append((raw, self._node.now_ns()))

@@ -26,7 +26,7 @@ from srt3d_ros.nodes.common.parameters import Parameter, Values
 from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.common.worker import Dropped
-from srt3d_ros.nodes.motion_input import MOTION_PARAMETERS, MotionInput
+from srt3d_ros.nodes.motion_input import MotionInput, motion_parameters
 
 PARAMETERS = (
     Parameter("sensor_file", "", "Description of the sensor, for a driver that publishes none: JSON as on `sensor`, "
@@ -47,7 +47,9 @@ PARAMETERS = (
               "s", 0, 1000, live=True),
     Parameter("window_frames", 1, "Frames (not messages) in the sliding window of a sketch. With packets_per_frame 2, "
               "a window of 3 frames covers 6 messages. With motion: 1.", low=1, high=1000, live=True),
-    *MOTION_PARAMETERS,
+    *motion_parameters(
+        "Photons of a frame of several packets are moved to the sensor's pose in the middle of the frame, which "
+        "becomes the stamp, before they are added. odom: nav_msgs/Odometry. imu: rotation only."),
     Parameter("layout", "float32", "Numbers in `sketch`; int16 halves the bandwidth.",
               choices=("float32", "int16"), live=True),
     topics.MAX_PIXELS_PARAMETER,
@@ -124,7 +126,7 @@ class SketcherNode(ManagedNode):
             self._own_description = message.data
             self.worker.call(self._apply)
         if self.parameters["motion"] != OFF:
-            self._motion = MotionInput(self, self.parameters["motion"], self._on_motion)
+            self._motion = MotionInput(self, self._on_motion, self.parameters["motion"])
             self.diagnostics.count(frames_deskewed=0, frames_undeskewed=0)
         self.follow(topics.SENSOR, self._on_sensor)
         for topic in topics.FRAMES:
