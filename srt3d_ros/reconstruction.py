@@ -10,7 +10,7 @@ import numpy as np
 
 from srt3d_ros.cloud import Cloud, as_noun
 from srt3d_ros.core.keys import written_out
-from srt3d_ros.core.methods import DEFAULT_METHOD, OPTIONS, ReconstructorOptions, checked
+from srt3d_ros.core.methods import DEFAULT_METHOD, OPTIONS, MethodOptions, checked
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
 from srt3d_ros.core.sketching.sums import as_array
@@ -27,7 +27,7 @@ class Reconstructor:
     Args:
         sensor: of the sketches, behind the gate if there is one.
         frequencies: the integers k_l of the sketches; methods on photons need none.
-        method, surfaces, device, false_alarm_rate, background, warm_start: see `__init__`.
+        method, surfaces, device, false_alarm_rate, background: see `__init__`.
 
     Attributes:
         device: "cpu" or "cuda", where it computes.
@@ -37,8 +37,8 @@ class Reconstructor:
         InvalidInput: naming the argument that cannot be used.
     """
 
-    @written_out(ReconstructorOptions)
-    def __init__(self, sensor: SensorModel, frequencies: Sequence[int] = (), **options: Unpack[ReconstructorOptions]):
+    @written_out(MethodOptions)
+    def __init__(self, sensor: SensorModel, frequencies: Sequence[int] = (), **options: Unpack[MethodOptions]):
         """Prepare for the frames of a sensor."""
         require(isinstance(sensor, SensorModel), "sensor", type(sensor).__name__, "a Sensor")
         given: dict[str, Any] = {"method": DEFAULT_METHOD, "surfaces": 1, "device": "auto", **options}

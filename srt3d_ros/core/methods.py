@@ -28,7 +28,7 @@ class Method:
         needs: "sketch", or "photons" if it needs every time of arrival.
         kind: its class.
         frequencies: default for `frequencies.choose_frequencies`.
-        options: those of `ReconstructorOptions` that it has, besides `method` and `surfaces`.
+        options: those of `MethodOptions` that it has, besides `method` and `surfaces`.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Method:
 METHODS = {method.name: method for method in (
     Method("pooled", "SRT3D's data term, summed over the neighbours on the same surface, where SRT3D smooths depths "
            "with APSS afterwards", "sketch", Pooled,
-           options=("device", "false_alarm_rate", "background", "warm_start")),
+           options=("device", "false_alarm_rate", "background")),
     Method("srt3d", "SRT3D as published, gradient steps on pixels' sketches and an APSS denoiser", "sketch", SRT3D,
            "consecutive", ("device",)),
     Method("smle", "maximum likelihood on each pixel's sketch", "sketch", SMLE, "consecutive", ("device",)),
@@ -81,15 +81,7 @@ class MethodOptions(TypedDict, total=False):
         "even", choices=BACKGROUNDS, default=BACKGROUNDS[0])]
 
 
-class ReconstructorOptions(MethodOptions, total=False):
-    """How to reconstruct successive frames."""
-
-    warm_start: Annotated[bool, Key(
-        "start from the last frame's surfaces where the photons confirm them (pooled): reduces the error while the "
-        "scene changes little", default=False)]
-
-
-OPTIONS = keys(ReconstructorOptions)
+OPTIONS = keys(MethodOptions)
 
 
 def find(name: str) -> Method:

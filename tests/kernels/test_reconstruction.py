@@ -42,21 +42,6 @@ def test_backgrounds_are_taken_out_and_learnt_alike(monkeypatch, shape, surfaces
         assert uneven == pytest.approx(found[0][1], rel=1e-3) and uneven > 0.05
 
 
-@pytest.mark.parametrize(("shape", "surfaces"), [((6, 40), 1), ((6, 40), 2)])
-def test_frames_begin_with_the_last_ones_surfaces(monkeypatch, shape, surfaces):
-    sensor = make_sensor(*shape, seed=5)
-    first, second = make_sketch(sensor, 5), make_sketch(sensor, 6, 0.2)
-    clouds = []
-    for kernels in (ORACLE, CPU, SINGLE):
-        reconstructor = built(monkeypatch, kernels, sensor, first.frequencies, surfaces, warm_start=True)
-        reconstructor(first)
-        clouds.append(reconstructor(second))
-    for kernels, cloud in zip((CPU, SINGLE), clouds[1:], strict=True):
-        assert_clouds_agree(cloud, clouds[0], surfaces, 8)
-        without = built(monkeypatch, kernels, sensor, first.frequencies, surfaces)(second)
-        assert not np.array_equal(without.depth_bins, cloud.depth_bins)
-
-
 def test_reconstructors_in_two_threads_do_not_meet():
     sensor = make_sensor(70, 80, seed=0)        # more than SERIAL_PIXELS
     sketches = [make_sketch(sensor, seed) for seed in (0, 1)]
