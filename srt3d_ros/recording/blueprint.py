@@ -25,10 +25,12 @@ _WIDE_ASPECT = 2.0                  # columns over rows above which images are s
 
 
 def cloud_view(eye: Viewpoint) -> rrb.Spatial3DView:
-    """The 3D view of the cloud and the sensor, orbiting about the target of `eye`."""
+    """The 3D view of the cloud and the sensor, orbiting about the target of `eye`; empty rays are hidden at first."""
     controls = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=eye.position, look_target=eye.target,
                                  eye_up=eye.up)
-    return rrb.Spatial3DView(origin="/", name="Point cloud", contents=[entities.POINTS_PATH, entities.SENSOR_PATH],
+    return rrb.Spatial3DView(origin="/", name="Point cloud",
+                             contents=[entities.POINTS_PATH, entities.SENSOR_PATH, entities.FREE_PATH],
+                             overrides={entities.FREE_PATH: rrb.EntityBehavior(visible=False)},
                              background=BACKGROUND, line_grid=False, eye_controls=controls)
 
 

@@ -140,6 +140,10 @@ class RecordingWriter(AbstractContextManager):
         archetypes = entities.points(columns, colours, point_radius_m(xyz, self._sensor))
         self._log(stamp_ns, frame_index, {entities.POINTS_PATH: archetypes})
 
+    def log_free(self, stamp_ns: int, frame_index: int, ends: np.ndarray) -> None:
+        """Log how far it is empty: the ends of rays without a point, float32 [N, 3], metres."""
+        self._log(stamp_ns, frame_index, {entities.FREE_PATH: entities.fan(ends)})
+
     def log_image(self, path: str, stamp_ns: int, frame_index: int, image: np.ndarray) -> None:
         """Log an image [rows, cols], NaN = none: entities.DEPTH_PATH in metres, entities.PHOTON_IMAGES in photons."""
         whole = np.asarray(image).dtype.kind in "iu"
