@@ -4,8 +4,7 @@ from collections import deque
 from collections.abc import Callable
 
 from srt3d_ros.core.motion.track import MotionReport
-from srt3d_ros.core.motion.trajectory import Pose
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import odometry
 from srt3d_ros.nodes.common import topics
 from srt3d_ros.nodes.common.failures import LOG_EVERY_S
@@ -28,36 +27,22 @@ def motion_parameters(about: str) -> tuple[Parameter, Parameter]:
     )
 
 
-def parse_extrinsics(text: str) -> Pose:
-    """The pose in the parameter `extrinsics`, the identity if it is empty; InvalidInput if it is no pose."""
-    if not text.strip():
-        return Pose()
-    try:
-        x, y, z, *quaternion = map(float, text.replace(",", " ").split())
-        require(len(quaternion) == 4, "extrinsics", text, "7 numbers")
-        return Pose.from_quaternion(quaternion, (x, y, z))
-    except ValueError as problem:       # also InvalidInput
-        raise InvalidInput("extrinsics", text, "x y z in metres and a quaternion qx qy qz qw of length 1, or nothing"
-                           ) from problem
-
-
 class MotionInput:
     """Queues reports in the executor's thread until the worker reads all of them, which is cheaper than one by one.
 
     Args:
-        node: has the parameters `motion`, which is not off, and `extrinsics`.
         on_report: called in the executor's thread after each report.
+        kind: "odom" or "imu".
+
+    Attributes:
+        topic: the resolved name.
     """
 
-    def __init__(self, node: ManagedNode, on_report: Callable[[], None]):
+    def __init__(self, node: ManagedNode, on_report: Callable[[], None], kind: str = topics.ODOM.name):
         self._node, self._on_report = node, on_report
-        kind = node.parameters["motion"]
-        self._topic, self._read_report = node.resolve_topic_name(kind), READERS[kind]
+        self.topic, self._read_report = node.resolve_topic_name(kind), READERS[kind]
         self._reports = deque[tuple[bytes, int]](maxlen=INBOX)
         node.endpoints.subscribe(SOURCES[kind], self._queue, QUEUE_DEPTH, raw=True)
-        if not node.parameters["extrinsics"].strip():
-            node.get_logger().warning(f"extrinsics is empty: the sensor is assumed to coincide with the frame that "
-                                      f"{self._topic} reports on")
         node.diagnostics.count(motion_refused=0, motion_restarts=0)
 
     def read_into(self, add: Callable[[MotionReport], str]) -> None:
@@ -75,7 +60,7 @@ class MotionInput:
     def judge(self, problem: str, solved: str) -> None:
         """Warn in /diagnostics while motion has a `problem`; log when that begins, and `solved` when it ends."""
         diagnostics, before = self._node.diagnostics, self._node.diagnostics.degraded
-        diagnostics.degraded = problem and f"{problem} ({self._topic})"
+        diagnostics.degraded = problem and f"{problem} ({self.topic})"
         if bool(before) != bool(diagnostics.degraded):
             self._node.get_logger().warning(diagnostics.degraded or solved)
 
@@ -84,7 +69,7 @@ class MotionInput:
         self._on_report()
 
     def _report_problem(self, counted: str, problem: str) -> None:
-        problem = f"{self._topic}: {problem}"
+        problem = f"{self.topic}: {problem}"
         self._node.diagnostics.count(**{counted: 1})
         self._node.diagnostics.error(problem, counted=False)
         self._node.get_logger().warning(problem, throttle_duration_sec=LOG_EVERY_S)

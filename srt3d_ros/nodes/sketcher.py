@@ -7,6 +7,7 @@ from pathlib import Path
 from std_msgs.msg import String
 
 from srt3d_ros import precompile
+from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.difference import first_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import OPTIONS
@@ -25,7 +26,7 @@ from srt3d_ros.nodes.common.parameters import Parameter, Values
 from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.common.worker import Dropped
-from srt3d_ros.nodes.motion_input import MotionInput, motion_parameters, parse_extrinsics
+from srt3d_ros.nodes.motion_input import MotionInput, motion_parameters
 
 PARAMETERS = (
     Parameter("sensor_file", "", "Description of the sensor, for a driver that publishes none: JSON as on `sensor`, "
@@ -68,9 +69,10 @@ def stream_options(values: Values) -> StreamOptions:
     spec = values["frequencies"]
     return StreamOptions(values["gate"], spec, values["sketch_size"] if spec in RULES else None,
                          values["packets_per_frame"], round(values["frame_period_s"] * 1e9), values["window_frames"],
-                         values["motion"] != OFF, parse_extrinsics(values["extrinsics"]))
+                         values["motion"] != OFF)
 
 
+AT_ORIGIN = "0 0 0 0 0 0 1"
 LIKELY_PACKETS = 8          # assumed per frame_period_s until the first period has ended
 
 
@@ -124,7 +126,7 @@ class SketcherNode(ManagedNode):
             self._own_description = message.data
             self.worker.call(self._apply)
         if self.parameters["motion"] != OFF:
-            self._motion = MotionInput(self, self._on_motion)
+            self._motion = MotionInput(self, self._on_motion, self.parameters["motion"])
             self.diagnostics.count(frames_deskewed=0, frames_undeskewed=0)
         self.follow(topics.SENSOR, self._on_sensor)
         for topic in topics.FRAMES:
@@ -193,6 +195,8 @@ class SketcherNode(ManagedNode):
         if sensor is None or self._refused or self.stop_cause:
             return
         options = stream_options(self.parameters.as_dict())
+        if options.moving:
+            sensor = self._mounted(sensor)
         if stream is not None and stream.sensor.same_as(sensor) and options == stream.options:
             return
         self._flush()
@@ -202,14 +206,22 @@ class SketcherNode(ManagedNode):
         except InvalidInput as problem:
             self.diagnostics.problem = str(problem)
             raise
+        if options.moving and sensor.extrinsics == AT_ORIGIN:
+            self.get_logger().warning("extrinsics is empty: the sensor is assumed to coincide with the frame that "
+                                      f"{self.resolve_topic_name(self.parameters['motion'])} reports on")
         self._describe(stream, stream.sketch_sensor)
         self.diagnostics.frame_id = sensor.frame_id
         self.diagnostics.show(**stream.facts)
         self.release_frames()
 
+    def _mounted(self, sensor: SensorModel) -> SensorModel:
+        """The sensor with its pose on the robot: that of the parameter, or else of its description."""
+        return sensor.replace(extrinsics=self.parameters["extrinsics"].strip() or sensor.extrinsics or AT_ORIGIN)
+
     def _check(self, values: Values) -> None:
         """Raise InvalidInput for parameters that do not suit the sensor; without one, that suit no sensor."""
         check_frame_id("frame_id", values["frame_id"])
+        Pose.from_text(values["extrinsics"])
         stream_options(values).check(self._sensor or precompile.ANY_SENSOR)
 
     # ---- Packets in, sketches out

@@ -69,7 +69,7 @@ class Simulator:
         random = np.random.default_rng([self._seed, k])
         events = self._draw(depth, signal, background, random)
         if self.sensor.cycles:
-            events = _first_of_cycle(*events, self.sensor.cycles, random)
+            events = first_of_cycle(*events, self.sensor.cycles, random)
         stamp_ns = round(k * 1e9 / self._frame_rate_hz)
         return PhotonEvents(*events, stamp_ns), depth
 
@@ -120,7 +120,7 @@ class Simulator:
         return bins + random.random(len(pixel)) + sensor.late.reshape(-1)[pixel]
 
 
-def _first_of_cycle(pixel: np.ndarray, toa: np.ndarray, cycles: int, random: np.random.Generator
+def first_of_cycle(pixel: np.ndarray, toa: np.ndarray, cycles: int, random: np.random.Generator
                     ) -> tuple[np.ndarray, np.ndarray]:
     """The photons of pixels that detect only the first one in each laser cycle, sorted by pixel."""
     cycle = random.integers(0, cycles, len(pixel))
