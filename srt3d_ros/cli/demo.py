@@ -43,7 +43,7 @@ class Played:
         at: gives the photons for the picture and the true depths in bins [S, rows, cols], from the time since the first
             frame, s, and the frame rate, Hz.
         tolerance_bins: largest depth error of a true detection.
-        player, others: parameters of the player, and, as NODE.PARAMETER, of the others.
+        player, sketcher: parameters of these nodes.
     """
 
     title: str
@@ -51,7 +51,7 @@ class Played:
     at: Callable[[float, float], tuple[PhotonEvents | None, np.ndarray | None]]
     tolerance_bins: float
     player: dict[str, object]
-    others: dict[str, object] = field(default_factory=dict)
+    sketcher: dict[str, object] = field(default_factory=dict)
 
 
 def add_parser(subparsers) -> None:
@@ -108,9 +108,7 @@ def _moving(motion: str) -> Played:
     return Played(f"simulated room, seen by a moving sensor ({motion})", sensor,
                   lambda time_s, rate_hz: (None, sensor.depth_bins(view.at(time_s)[0][None])),
                   MOVING_TOLERANCE_M / sensor.bin_width_m, {"input": "simulator", "motion": motion, **SCENE},
-                  {"sketcher.packets_per_frame": PACKETS} | {
-                      f"{node}.{name}": value for node in ("sketcher", "recorder")
-                      for name, value in (("motion", "odom"), ("extrinsics", extrinsics()))})
+                  {"motion": "odom", "packets_per_frame": PACKETS, "extrinsics": extrinsics()})
 
 
 def from_file(path: str) -> Played:
@@ -127,7 +125,8 @@ def from_file(path: str) -> Played:
 def _play(played: Played, frames: int, rate_hz: float, out: Path) -> tuple[int, str, int]:
     """Run the nodes on all frames and record the clouds; returns exit code, error, and the first frame's stamp."""
     settings = {"reconstructor.fields": "full", "player.rate_hz": rate_hz, "player.frames": frames} | {
-        f"player.{key}": value for key, value in played.player.items()} | played.others
+        f"sketcher.{key}": value for key, value in played.sketcher.items()} | {
+        f"player.{key}": value for key, value in played.player.items()}
     command = [sys.executable, "-P", "-m", "srt3d_ros.cli.main", "up", "--record", str(out / RECORDING),
                "--input", played.player["input"],
                *(f"-p{name}:={json.dumps(value)}" for name, value in settings.items())]

@@ -14,6 +14,7 @@ from rclpy.utilities import get_rmw_implementation_identifier
 from std_msgs.msg import String
 
 from srt3d_ros.core.motion.track import SensorMotion
+from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import require
 from srt3d_ros.files.new_files import free
@@ -25,7 +26,7 @@ from srt3d_ros.nodes.common.parameters import Parameter, Values
 from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.common.worker import Dropped
-from srt3d_ros.nodes.motion_input import MotionInput, motion_parameters, parse_extrinsics
+from srt3d_ros.nodes.motion_input import MotionInput
 from srt3d_ros.processes.versions import versions
 from srt3d_ros.recording import entities
 from srt3d_ros.recording.writer import IMAGES_HZ, FrameIndex, RecordedFrame, RecordingFailed, RecordingWriter
@@ -38,8 +39,6 @@ PARAMETERS = (
               "is replaced: where there is one, and for further recordings, NAME_2.rrd, NAME_3.rrd, ….",
               form="a path that ends with .rrd", inactive=True),
     Parameter("images", ALL_IMAGES, f"Images to record, of at most {IMAGES_HZ} frames a second.", form=WHICH_IMAGES),
-    *motion_parameters("odom: nav_msgs/Odometry; records the sensor's pose with each cloud, and the 3D view stands in "
-                       "the fixed frame, with the clouds of the last 10 s. imu: as off, since it gives no position."),
 )
 
 
@@ -87,14 +86,13 @@ class RecorderNode(ManagedNode):
         self.parameters.on_check = self._check
         self._writer: RecordingWriter | None = None
         self._path: Path | None = None      # of the recording that is open or begins next
-        self._motion: MotionInput | None = None
+        self._track: SensorMotion | None = None     # of a sensor with extrinsics
         self._unplaced: deque[tuple[RecordedFrame, np.ndarray, np.ndarray]] = deque()      # with xyz and intensity
 
     def configure(self) -> None:
         """Check the parameters and collect the properties of every recording."""
         checked_path(self.parameters["path"])
         self._images = checked_images(self.parameters["images"])
-        self._extrinsics = parse_extrinsics(self.parameters["extrinsics"])
         self._versions = versions() | {"rmw": get_rmw_implementation_identifier()}
 
     def _check(self, values: Values) -> None:
@@ -113,9 +111,7 @@ class RecorderNode(ManagedNode):
         self.hold_frames_for("the sketch's description", topics.SKETCH_SENSOR)
         self.exit_code = 0
         self.diagnostics.count(clouds=0, images_skipped=0)
-        if self.parameters["motion"] == topics.ODOM.name:
-            self._motion, self._track = MotionInput(self, self._on_motion), SensorMotion(self._extrinsics)
-            self.diagnostics.count(clouds_placed=0, clouds_unplaced=0)
+        self._motion = MotionInput(self, self._on_motion)
         # Publishers discover these readers in this order: images before points, and the description last.
         for topic in topics.IMAGE_TOPICS:
             if f"/{topic.name}" in self._images:
@@ -132,7 +128,6 @@ class RecorderNode(ManagedNode):
         if self._writer is not None:
             self._write_lines(self._writer)
             self._end_recording(self._writer)
-        self._motion = None
 
     def _end_recording(self, writer: RecordingWriter) -> None:
         self._place(writer, at_once=True)
@@ -143,13 +138,14 @@ class RecorderNode(ManagedNode):
         sensor = sensor_message.from_json(message.data)
         if self._path is None or (self._writer is not None and sensor.same_as(self._sensor)):
             return
+        track = None if sensor.extrinsics is None else SensorMotion(Pose.from_text(sensor.extrinsics))
         if self._writer is not None:        # another sensor needs another recording
             self._end_recording(self._writer)
             if self.stopping.is_set():      # a node that stops begins no recording; the remaining frames are dropped
                 self._path = None
                 return
             self._path = free(self._asked)
-        self._sensor, self._frequencies, self.diagnostics.frame_id = sensor, (), sensor.frame_id
+        self._track, self._sensor, self._frequencies, self.diagnostics.frame_id = track, sensor, (), sensor.frame_id
         self.get_logger().info(f"recording to {self._path}")
         about_run = {"namespace": self.get_namespace(), "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
                      "machine": platform.node(), "cpus": os.cpu_count()}
@@ -186,7 +182,7 @@ class RecorderNode(ManagedNode):
         recorded = {name: columns[name] for name in ("xyz", "intensity", *entities.OF_FULL_CLOUDS) if name in columns}
         writer.log_cloud(frame.stamp_ns, frame.number, **recorded)
         self.diagnostics.count(clouds=1, points=number_of_points)
-        if self._motion is not None:
+        if self._track is not None:
             self._unplaced.append((frame, columns["xyz"], columns["intensity"]))
             self._place(writer)
         self._logged(writer, frame)
@@ -198,7 +194,7 @@ class RecorderNode(ManagedNode):
 
     def _place(self, writer: RecordingWriter, at_once: bool = False) -> None:
         """Log the poses of clouds that odometry has reached by now; give up those that have waited for POSE_NS."""
-        if self._motion is None:
+        if self._track is None:
             return
         self._motion.read_into(self._track.add)
         newest_ns, problem = self._unplaced[-1][0].stamp_ns if self._unplaced else 0, ""
@@ -209,6 +205,8 @@ class RecorderNode(ManagedNode):
             if trajectory is None and not reason:
                 return
             self._unplaced.popleft()
+            if trajectory is None and self._track.trajectory.newest_ns is None:
+                continue                # the robot has no odometry
             if trajectory is None:
                 problem = f"clouds are recorded without a pose: {reason}"
                 self.diagnostics.count(clouds_unplaced=1)

@@ -43,12 +43,12 @@ START_NS = 10**18
 class Speaker:
     """Says what sketcher and reconstructor would to a recorder: the sensor, then clouds."""
 
-    def __init__(self, graph, sensor, path, code: str = "", **parameters):
+    def __init__(self, graph, sensor, path, code: str = ""):
         self.graph, self.sensor, self.sent = graph, sensor, 0
         self._described = graph.latched("sketch/sensor")
         self._points = graph.publisher(PointCloud2, "points")
         self.describe(sensor)
-        self.recorder = graph.start("recorder", code=code, path=path, **parameters).ready()
+        self.recorder = graph.start("recorder", code=code, path=path).ready()
 
     def describe(self, sensor) -> None:
         self.say(sensor_message.encode(sensor).data)
@@ -209,7 +209,7 @@ def test_with_odometry_each_cloud_has_the_sensors_pose_and_without_it_the_record
     path, mount = tmp_path / "a.rrd", Pose.from_quaternion((0.5, -0.5, 0.5, -0.5), (0.2, 0, 0.1))
     reports = graph.publisher(Odometry, "odom")
     images = graph.publisher(Image, "depth")
-    speaker = Speaker(graph, sensor, path, motion="odom", extrinsics="0.2 0 0.1 0.5 -0.5 0.5 -0.5").ready()
+    speaker = Speaker(graph, sensor.replace(extrinsics="0.2 0 0.1 0.5 -0.5 0.5 -0.5"), path).ready()
     graph.matched(reports), graph.matched(images)
 
     def body(stamp_ns: int) -> Pose:
