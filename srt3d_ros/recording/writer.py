@@ -21,7 +21,7 @@ from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.messages import sensor_message
-from srt3d_ros.pictures.colours import AdaptiveRange, grey_table, levels, point_table
+from srt3d_ros.pictures.colours import AdaptiveRange, grey_table, levels, packed, point_table
 from srt3d_ros.pictures.viewpoint import LEVEL, look_at, point_radius_m
 from srt3d_ros.processes.children import end_at_once
 from srt3d_ros.recording import entities
@@ -180,7 +180,7 @@ class RecordingWriter(AbstractContextManager):
         step = max(math.ceil(len(xyz) / _ROOM_POINTS), 1)
         xyz, intensity = xyz[frame_index % step::step], intensity[frame_index % step::step]
         fixed = pose(xyz).astype(np.float32)
-        grey = grey_table()[self._levels("brightness", intensity * (xyz**2).sum(axis=1), root=True)]
+        grey = packed(grey_table())[self._levels("brightness", intensity * (xyz**2).sum(axis=1), root=True)]
         radius = point_radius_m(xyz, self._sensor) or None
         self._log(stamp_ns, frame_index, {entities.ROOM_PATH: [rr.Points3D(fixed, colors=grey, radii=radius)]})
         self._room.append(fixed[::max(len(fixed) // _SAMPLES, 1)])
