@@ -58,6 +58,8 @@ class SensorOptions(TypedDict, total=False):
     background_shape: Values
     histograms: HistogramBins
     cycles: int
+    dead_time_s: float
+    period_s: float
     frame_id: str
     gate: Annotated[tuple[int, int], Key(
         "first and last bin to keep (--gate FIRST-LAST)", more="T becomes the number of bins plus the spread of the "

@@ -27,7 +27,7 @@ class Simulator:
     A scene that later moves nearer or brightens gives more photons, as with a real sensor.
 
     If the sensor has `cycles`, each photon falls into a random one, and a pixel detects only the first photon of a
-    cycle: fewer than `ppp`.
+    cycle, or, with a `dead_time_s` of a period or longer, those after it: fewer than `ppp`.
 
     Args:
         scene: by default `Bust`, the moving head and shoulders.
@@ -69,7 +69,7 @@ class Simulator:
         random = np.random.default_rng([self._seed, k])
         events = self._draw(depth, signal, background, random)
         if self.sensor.cycles:
-            events = _first_of_cycle(*events, self.sensor.cycles, random)
+            events = _detected(*events, self.sensor, random)
         stamp_ns = round(k * 1e9 / self._frame_rate_hz)
         return PhotonEvents(*events, stamp_ns), depth
 
@@ -120,14 +120,26 @@ class Simulator:
         return bins + random.random(len(pixel)) + sensor.late.reshape(-1)[pixel]
 
 
-def _first_of_cycle(pixel: np.ndarray, toa: np.ndarray, cycles: int, random: np.random.Generator
-                    ) -> tuple[np.ndarray, np.ndarray]:
-    """The photons of pixels that detect only the first one in each laser cycle, sorted by pixel."""
+def _detected(pixel: np.ndarray, toa: np.ndarray, sensor: SensorModel, random: np.random.Generator
+              ) -> tuple[np.ndarray, np.ndarray]:
+    """The photons that pixels detect in the sensor's laser cycles, sorted by pixel."""
+    cycles, dead = sensor.cycles or 1, sensor.dead_time
     cycle = random.integers(0, cycles, len(pixel))
     order = np.lexsort((toa, cycle, pixel))
     pixel, toa, cycle = pixel[order], toa[order], cycle[order]
     first = (np.diff(pixel.astype(np.int64), prepend=-1) != 0) | (np.diff(cycle, prepend=-1) != 0)
-    return pixel[first], toa[first]
+    if not dead.periods:
+        return pixel[first], toa[first]
+    bins = dead.periods * dead.period + dead.rest
+    at = (pixel.astype(np.int64) * (cycles + dead.periods + 2) + cycle) * dead.period + toa
+    photon, detected = np.flatnonzero(np.diff(pixel.astype(np.int64), prepend=-1)), []
+    while len(photon):
+        detected.append(photon)
+        after = np.searchsorted(at, at[photon] + bins)
+        photon = after[pixel[np.minimum(after, len(at) - 1)] == pixel[photon]]
+        photon = photon[photon < len(at)]
+    kept = np.sort(np.concatenate(detected)) if detected else photon
+    return pixel[kept], toa[kept]
 
 
 class _IrfSampler:
