@@ -8,8 +8,8 @@ if TYPE_CHECKING:
 
 __version__ = "0.2.0"
 
-__all__ = ["Cloud", "InvalidInput", "Photons", "Reconstructor", "Sensor", "Sketch", "from_counts", "from_events",
-           "read", "reconstruct"]
+__all__ = ["Cloud", "FreeSpaceStream", "InvalidInput", "Photons", "Reconstructor", "Sensor", "Sketch", "from_counts",
+           "from_events", "read", "reconstruct"]
 
 
 def __getattr__(name: str) -> Any:

@@ -12,6 +12,7 @@ from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE
 from srt3d_ros.core.methods import DEFAULT_METHOD, MethodOptions
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.signs_of_life import FreeSpaceStream
 from srt3d_ros.core.sketching.design import SketchOptions
 from srt3d_ros.core.sketching.gate import OFF
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
@@ -23,8 +24,8 @@ from srt3d_ros.photons import Photons
 from srt3d_ros.reconstruction import Reconstructor
 from srt3d_ros.sketch import Sketch
 
-__all__ = ["Cloud", "InvalidInput", "Photons", "Reconstructor", "Sensor", "Sketch", "from_counts", "from_events",
-           "read", "reconstruct"]
+__all__ = ["Cloud", "FreeSpaceStream", "InvalidInput", "Photons", "Reconstructor", "Sensor", "Sketch", "from_counts",
+           "from_events", "read", "reconstruct"]
 
 Sensor = SensorModel
 from_events, from_counts = Photons.from_events, Photons.from_counts

@@ -35,6 +35,8 @@ class PointCloud:
         photons: number of photons in the frame.
         frequencies: the integers k_l of the sketch; none if the method works on photons.
         sketch_ms, reconstruct_ms: how long sketching and reconstructing took, milliseconds; None if not measured.
+        clutter: the largest factor by which an uneven background raises the scores of `pooled`, 1 if it is even; None:
+            not known (another method, or read from a file).
     """
 
     row: np.ndarray
@@ -55,6 +57,7 @@ class PointCloud:
     frequencies: tuple[int, ...] = ()
     sketch_ms: float | None = None
     reconstruct_ms: float | None = None
+    clutter: float | None = None
 
     @classmethod
     def from_layers(cls, sensor: SensorModel, depth: np.ndarray, intensity: np.ndarray, background: np.ndarray,

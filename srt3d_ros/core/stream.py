@@ -2,7 +2,7 @@
 
 import threading
 from collections import Counter, deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from srt3d_ros.core.motion.moving_sketcher import MovingFrame, MovingSketcher
 from srt3d_ros.core.motion.track import MotionReport, SensorMotion
@@ -50,7 +50,6 @@ class StreamOptions:
         packets_per_frame, frame_period_ns: as of Framing.
         window_frames: frames in the sliding window of a sketch.
         moving: deskew each frame to the sensor's pose in its middle, with the reports given to `add_motion`.
-        extrinsics: the pose of the sensor in the frame of the reported body.
     """
 
     gate: str = OFF
@@ -60,7 +59,6 @@ class StreamOptions:
     frame_period_ns: int = 0
     window_frames: int = 1
     moving: bool = False
-    extrinsics: Pose = field(default_factory=Pose, compare=False)
 
     def __post_init__(self) -> None:
         require(self.window_frames == 1 or not self.moving, "window_frames", self.window_frames,
@@ -79,7 +77,7 @@ class SketchStream:
     Every packet and photon is in a returned sketch, in an open or waiting frame, or counted as dropped for a cause.
 
     Args:
-        sensor: of the photons that come in.
+        sensor: of the photons that come in; its `extrinsics` are where it sits on the body that is reported on.
         counts: receives totals `photons_in`, `packets` and `photons` (of returned sketches), and drops by cause.
 
     Attributes:
@@ -97,7 +95,7 @@ class SketchStream:
         gate, frequencies = options.check(sensor)
         self._sketcher = MovingSketcher(sensor, frequencies, gate) if options.moving else FrameSketcher(
             sensor, frequencies, options.window_frames, gate)
-        self._motion = SensorMotion(options.extrinsics)
+        self._motion = SensorMotion(Pose.from_text(sensor.extrinsics or ""))
         self._waiting: deque[MovingFrame] = deque()
         self._came_s = -float("inf")
         self.packets_per_frame = options.packets_per_frame

@@ -61,6 +61,7 @@ class SensorOptions(TypedDict, total=False):
     dead_time_s: float
     period_s: float
     frame_id: str
+    extrinsics: str
     gate: Annotated[tuple[int, int], Key(
         "first and last bin to keep (--gate FIRST-LAST)", more="T becomes the number of bins plus the spread of the "
         "pixels' delays, toa_offset_bins grows by the first bin, and photons outside are dropped and counted in notes")]

@@ -24,7 +24,7 @@ SENSOR_ARRAYS = (*SENSOR_FIELDS, *filter(None, (key.array for key in KEYS.values
 REQUIRED = (*(name for name, key in KEYS.items() if key.required), "projection")      # of a saved cloud or sketch
 ONE_NUMBER = (*(name for name in SENSOR_FIELDS if {int, float} & {*KEYS[name].kinds}), "fov_deg", "stamp_ns",
               "surfaces", "sketch_cycles", "photons_in_all")
-ONE_TEXT = ("frame_id", "projection", "kind", "method", "device")
+ONE_TEXT = ("frame_id", "extrinsics", "projection", "kind", "method", "device")
 NOTES = {"notes", "assumed"}
 VECTORS = ("irf", "background_shape", "projection_values", "distortion", "gate_words")
 PROJECTIONS = {kind.kind: kind for kind in get_args(Projection)}

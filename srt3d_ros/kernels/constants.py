@@ -52,7 +52,8 @@ NEAR_SIGMA = 1.2        # σ of the neighbourhood that votes, and that tells how
 VOTE_RADIUS = ceil(REACH * NEAR_SIGMA)
 LIKENESS = 2.0          # factor by which neighbours' intensities may differ; its square where surfaces share pixels
 NEW_RADIUS = 6          # pixels: half the side of the square over which new pixels share their photons
-HOLE, HOLE_SIDES = 2, 3     # pixels within which points on so many of a pixel's sides make it a hole, not an outline
+HOLE = 2                # pixels within which points on so many of a pixel's sides …
+HOLE_SIDES = 3          # … make it a hole, not an outline
 SPREAD = 4              # pixels by which surfaces may grow into empty ones in each iteration
 
 # ---- Ghosts (`drop_ghosts`)
@@ -67,8 +68,10 @@ HALO = 1.5
 # ---- End (`trim`, `drop_blobs`, `finalise`)
 
 LOCAL_SIGMA = WINDOWS[0].sigma     # pixels, of the window over which pixels are compared
-WHOLE_SCORE = 1.25      # σ above a start's that the best point of a surface needs: growth has fitted it to chance
+WHOLE_SCORE = 2.0       # σ above a start's that the best point of a surface needs: growth has fitted it to chance
+RELIEF_SCORE = 3.0      # σ by which pixels' own photons disagree with their pools where depth_std grows
 RIM = 3                 # pixels without a surface, of the 8 around, that make a point one of the rim
+TRIMMED = 2 * SPREAD    # pixels of dim outlines that may go: the start's windows reach beyond them, then growth
 
 # ---- Geometry and numerics of the pool, not the method's
 

@@ -21,7 +21,7 @@ def decode_odometry(raw: bytes) -> MotionReport:
         InvalidInput: the message is cut off, or its pose is impossible.
     """
     reader = Reader(raw)
-    stamp_ns = reader.header().stamp_ns
+    header = reader.header()
     reader.text("child_frame_id")
     x, y, z, *quaternion = reader.doubles("pose", 7)
     require(all(abs(value) <= MAX_M for value in (x, y, z)), "position", [x, y, z], "finite metres")      # NaN fails
@@ -31,8 +31,8 @@ def decode_odometry(raw: bytes) -> MotionReport:
     reader.end()
     if not max(map(abs, twist)) <= MAX_M_S or math.isnan(sum(twist)):
         twist = (0.0,) * 6
-    return MotionReport(stamp_ns, Pose.from_quaternion(quaternion, (x, y, z)), math.hypot(*twist[:3]),
-                        np.array(twist[3:]))
+    return MotionReport(header.stamp_ns, Pose.from_quaternion(quaternion, (x, y, z)), math.hypot(*twist[:3]),
+                        np.array(twist[3:]), header.frame_id)
 
 
 def decode_imu(raw: bytes) -> MotionReport:

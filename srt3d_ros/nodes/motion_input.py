@@ -1,11 +1,10 @@
-"""MotionInput: the sensor's motion, from `odom` or `imu`, for the sketcher."""
+"""MotionInput: the sensor's motion, from `odom` or `imu`, for any node."""
 
 from collections import deque
 from collections.abc import Callable
 
-from srt3d_ros.core.motion.trajectory import Pose
-from srt3d_ros.core.stream import SketchStream
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.core.motion.track import MotionReport
+from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import odometry
 from srt3d_ros.nodes.common import topics
 from srt3d_ros.nodes.common.failures import LOG_EVERY_S
@@ -15,75 +14,62 @@ from srt3d_ros.nodes.common.parameters import Parameter
 SOURCES = {topic.name: topic for topic in topics.MOTION}
 READERS = {"odom": odometry.decode_odometry, "imu": odometry.decode_imu}
 MOTION_SOURCES = ("off", *READERS)
-MOTION_PARAMETERS = (
-    Parameter("motion", "off", "Source of the sensor's motion. Photons of a frame of several packets are moved to the "
-              "sensor's pose in the middle of the frame, which becomes the stamp, before they are added. odom: "
-              "nav_msgs/Odometry. imu: rotation only.", choices=MOTION_SOURCES, loose=True),
-    Parameter("extrinsics", "", "Pose of the sensor in an Odometry's child_frame_id or an Imu's frame, with motion. If "
-              "empty, the sensor is assumed to coincide with that frame.",
-              form="x y z qx qy qz qw in metres, or nothing", loose=True),
-)
 INBOX = 10_000              # reports queued for a busy worker: 10 s of a fast IMU
 
 
-def parse_extrinsics(text: str) -> Pose:
-    """The pose in the parameter `extrinsics`, the identity if it is empty; InvalidInput if it is no pose."""
-    if not text.strip():
-        return Pose()
-    try:
-        x, y, z, *quaternion = map(float, text.replace(",", " ").split())
-        require(len(quaternion) == 4, "extrinsics", text, "7 numbers")
-        return Pose.from_quaternion(quaternion, (x, y, z))
-    except ValueError as problem:       # also InvalidInput
-        raise InvalidInput("extrinsics", text, "x y z in metres and a quaternion qx qy qz qw of length 1, or nothing"
-                           ) from problem
+def motion_parameters(about: str) -> tuple[Parameter, Parameter]:
+    """`motion` and `extrinsics`; `about` says what a node does with the motion."""
+    return (
+        Parameter("motion", "off", f"Source of the sensor's motion. {about}", choices=MOTION_SOURCES, loose=True),
+        Parameter("extrinsics", "", "Pose of the sensor in an Odometry's child_frame_id or an Imu's frame, with "
+                  "motion. If empty, the sensor is assumed to coincide with that frame.",
+                  form="x y z qx qy qz qw in metres, or nothing", loose=True),
+    )
 
 
 class MotionInput:
     """Queues reports in the executor's thread until the worker reads all of them, which is cheaper than one by one.
 
     Args:
-        node: has the parameters `motion`, which is not off, and `extrinsics`.
         on_report: called in the executor's thread after each report.
+        kind: "odom" or "imu".
+
+    Attributes:
+        topic: the resolved name.
     """
 
-    def __init__(self, node: ManagedNode, on_report: Callable[[], None]):
+    def __init__(self, node: ManagedNode, on_report: Callable[[], None], kind: str = topics.ODOM.name):
         self._node, self._on_report = node, on_report
-        kind = node.parameters["motion"]
-        self._topic, self._read_report = node.resolve_topic_name(kind), READERS[kind]
+        self.topic, self._read_report = node.resolve_topic_name(kind), READERS[kind]
         self._reports = deque[tuple[bytes, int]](maxlen=INBOX)
         node.endpoints.subscribe(SOURCES[kind], self._queue, QUEUE_DEPTH, raw=True)
-        if not node.parameters["extrinsics"].strip():
-            node.get_logger().warning(f"extrinsics is empty: the sensor is assumed to coincide with the frame that "
-                                      f"{self._topic} reports on")
-        node.diagnostics.count(frames_deskewed=0, frames_undeskewed=0, motion_refused=0, motion_restarts=0)
+        node.diagnostics.count(motion_refused=0, motion_restarts=0)
 
-    def read_into(self, stream: SketchStream) -> None:
-        """Pass the queued reports to a stream; count and log those that cannot be used."""
+    def read_into(self, add: Callable[[MotionReport], str]) -> None:
+        """Pass the queued reports to `add` of a SensorMotion; count and log restarts, and reports that it refuses."""
         while self._reports:
             raw, received_ns = self._reports.popleft()
             try:
                 report = self._read_report(raw)
-                if cause := stream.add_motion(report):
+                if cause := add(report):
                     self._report_problem("motion_restarts", f"{cause}; a new trajectory begins")
                 self._node.diagnostics.show(motion_latency_ms=f"{(received_ns - report.stamp_ns) / 1e6:.0f}")
             except InvalidInput as problem:
                 self._report_problem("motion_refused", str(problem))
 
-    def judge(self, stream: SketchStream) -> None:
-        """Report while frames are not deskewed, and log when that begins and ends."""
+    def judge(self, problem: str, solved: str) -> None:
+        """Warn in /diagnostics while motion has a `problem`; log when that begins, and `solved` when it ends."""
         diagnostics, before = self._node.diagnostics, self._node.diagnostics.degraded
-        diagnostics.degraded = stream.warning and f"frames go on undeskewed: {stream.warning} ({self._topic})"
+        diagnostics.degraded = problem and f"{problem} ({self.topic})"
         if bool(before) != bool(diagnostics.degraded):
-            self._node.get_logger().warning(diagnostics.degraded or "frames are deskewed again")
-        stream.warning = ""
+            self._node.get_logger().warning(diagnostics.degraded or solved)
 
     def _queue(self, raw: bytes, _) -> None:
         self._reports.append((raw, self._node.now_ns()))
         self._on_report()
 
     def _report_problem(self, counted: str, problem: str) -> None:
-        problem = f"{self._topic}: {problem}"
+        problem = f"{self.topic}: {problem}"
         self._node.diagnostics.count(**{counted: 1})
         self._node.diagnostics.error(problem, counted=False)
         self._node.get_logger().warning(problem, throttle_duration_sec=LOG_EVERY_S)

@@ -7,6 +7,7 @@ from pathlib import Path
 from std_msgs.msg import String
 
 from srt3d_ros import precompile
+from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.difference import first_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import OPTIONS
@@ -25,7 +26,7 @@ from srt3d_ros.nodes.common.parameters import Parameter, Values
 from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.common.worker import Dropped
-from srt3d_ros.nodes.motion_input import MOTION_PARAMETERS, MotionInput, parse_extrinsics
+from srt3d_ros.nodes.motion_input import MotionInput, motion_parameters
 
 PARAMETERS = (
     Parameter("sensor_file", "", "Description of the sensor, for a driver that publishes none: JSON as on `sensor`, "
@@ -46,7 +47,9 @@ PARAMETERS = (
               "s", 0, 1000, live=True),
     Parameter("window_frames", 1, "Frames (not messages) in the sliding window of a sketch. With packets_per_frame 2, "
               "a window of 3 frames covers 6 messages. With motion: 1.", low=1, high=1000, live=True),
-    *MOTION_PARAMETERS,
+    *motion_parameters(
+        "Photons of a frame of several packets are moved to the sensor's pose in the middle of the frame, which "
+        "becomes the stamp, before they are added. odom: nav_msgs/Odometry. imu: rotation only."),
     Parameter("layout", "float32", "Numbers in `sketch`; int16 halves the bandwidth.",
               choices=("float32", "int16"), live=True),
     topics.MAX_PIXELS_PARAMETER,
@@ -66,9 +69,10 @@ def stream_options(values: Values) -> StreamOptions:
     spec = values["frequencies"]
     return StreamOptions(values["gate"], spec, values["sketch_size"] if spec in RULES else None,
                          values["packets_per_frame"], round(values["frame_period_s"] * 1e9), values["window_frames"],
-                         values["motion"] != OFF, parse_extrinsics(values["extrinsics"]))
+                         values["motion"] != OFF)
 
 
+AT_ORIGIN = "0 0 0 0 0 0 1"
 LIKELY_PACKETS = 8          # assumed per frame_period_s until the first period has ended
 
 
@@ -122,7 +126,8 @@ class SketcherNode(ManagedNode):
             self._own_description = message.data
             self.worker.call(self._apply)
         if self.parameters["motion"] != OFF:
-            self._motion = MotionInput(self, self._on_motion)
+            self._motion = MotionInput(self, self._on_motion, self.parameters["motion"])
+            self.diagnostics.count(frames_deskewed=0, frames_undeskewed=0)
         self.follow(topics.SENSOR, self._on_sensor)
         for topic in topics.FRAMES:
             self.subscribe(topic, partial(self._on_packet, CODECS[topic.name]))
@@ -190,6 +195,8 @@ class SketcherNode(ManagedNode):
         if sensor is None or self._refused or self.stop_cause:
             return
         options = stream_options(self.parameters.as_dict())
+        if options.moving:
+            sensor = self._mounted(sensor)
         if stream is not None and stream.sensor.same_as(sensor) and options == stream.options:
             return
         self._flush()
@@ -199,14 +206,22 @@ class SketcherNode(ManagedNode):
         except InvalidInput as problem:
             self.diagnostics.problem = str(problem)
             raise
+        if options.moving and sensor.extrinsics == AT_ORIGIN:
+            self.get_logger().warning("extrinsics is empty: the sensor is assumed to coincide with the frame that "
+                                      f"{self.resolve_topic_name(self.parameters['motion'])} reports on")
         self._describe(stream, stream.sketch_sensor)
         self.diagnostics.frame_id = sensor.frame_id
         self.diagnostics.show(**stream.facts)
         self.release_frames()
 
+    def _mounted(self, sensor: SensorModel) -> SensorModel:
+        """The sensor with its pose on the robot: that of the parameter, or else of its description."""
+        return sensor.replace(extrinsics=self.parameters["extrinsics"].strip() or sensor.extrinsics or AT_ORIGIN)
+
     def _check(self, values: Values) -> None:
         """Raise InvalidInput for parameters that do not suit the sensor; without one, that suit no sensor."""
         check_frame_id("frame_id", values["frame_id"])
+        Pose.from_text(values["extrinsics"])
         stream_options(values).check(self._sensor or precompile.ANY_SENSOR)
 
     # ---- Packets in, sketches out
@@ -220,7 +235,7 @@ class SketcherNode(ManagedNode):
         header, photons = codec.decode_cdr(raw, stream.sensor)
         self._frame_id = header.frame_id or stream.sensor.frame_id
         if self._motion is not None:
-            self._motion.read_into(stream)
+            self._motion.read_into(stream.add_motion)
         try:
             self._publish(stream, stream.push(photons, self._now_s()))
         finally:
@@ -236,7 +251,7 @@ class SketcherNode(ManagedNode):
         stream = self._stream
         if stream is not None:
             if self._motion is not None:
-                self._motion.read_into(stream)
+                self._motion.read_into(stream.add_motion)
             self._publish(stream, stream.poll(self._now_s()))
             self._wake_later(stream)
 
@@ -267,7 +282,9 @@ class SketcherNode(ManagedNode):
             self.diagnostics.show(**stream.facts)
         self.diagnostics.show(packets_open=stream.frame.packets)
         if sketches and self._motion is not None:
-            self._motion.judge(stream)
+            self._motion.judge(stream.warning and f"frames go on undeskewed: {stream.warning}",
+                               "frames are deskewed again")
+            stream.warning = ""
 
     def _describe(self, stream: SketchStream, sensor: SensorModel) -> None:
         """Publish a description on `sketch/sensor`, unless it is the last one published."""

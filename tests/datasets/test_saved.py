@@ -52,7 +52,7 @@ def differences(one, other, name: str = ""):
         yield name
 
 
-OF_THE_RUN = {".name", ".sketch_ms", ".reconstruct_ms"}       # not saved
+OF_THE_RUN = {".name", ".clutter", ".sketch_ms", ".reconstruct_ms"}       # not saved
 
 
 @pytest.mark.parametrize("result", RESULTS.values(), ids=RESULTS)

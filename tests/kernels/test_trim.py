@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import SPREAD
+from srt3d_ros.kernels.constants import TRIMMED
 
 from .frames import (
     CPU,
@@ -24,9 +24,9 @@ from .frames import (
 
 BOTH = pytest.mark.parametrize("kernels", [CPU, ORACLE])
 ENOUGH = 2.3
-SHAPE = (21, 30)
+SHAPE = (31, 40)
 WALL = np.zeros(SHAPE, bool)
-WALL[6:15, 8:22] = True
+WALL[11:20, 13:27] = True
 DEPTH = np.full((1, *SHAPE), 100.0)
 
 
@@ -63,10 +63,10 @@ def test_trim(shape, surfaces, light, clutter):
 @BOTH
 def test_points_that_no_photons_pay_for_go_and_those_behind_them_stay(kernels):
     frame = exact_frame(DEPTH, 4.0 * WALL[None], 8)
-    for swollen in range(1, SPREAD + 1):
+    for swollen in range(1, TRIMMED + 1):
         state = exact_state(DEPTH, 3.0 * grown(WALL, swollen)[None])
         assert np.array_equal(trimmed(kernels, frame, state)[:, 0], WALL)
-    more = trimmed(kernels, frame, exact_state(DEPTH, 3.0 * grown(WALL, SPREAD + 1)[None]))[:, 0]
+    more = trimmed(kernels, frame, exact_state(DEPTH, 3.0 * grown(WALL, TRIMMED + 1)[None]))[:, 0]
     assert (more >= WALL).all() and 0 < (more & ~WALL).sum()                    # a round takes one pixel
 
 

@@ -49,7 +49,8 @@ def test_text_is_the_golden_one(name, content):
 
 
 @pytest.mark.parametrize("changes", [
-    {"gain": None, "delay_bins": None, "mask": None, "gates": None, "cycles": 1504},
+    {"gain": None, "delay_bins": None, "mask": None, "gates": None, "cycles": 1504,
+     "extrinsics": "0 0 1 0 0 0 1"},
     {"irf": np.random.default_rng(3).random((6, 100)), "irf_ref": 99, "background_shape": np.arange(100)}])
 def test_optional_parts_make_the_trip(changes):
     content = FULL.replace(**changes)

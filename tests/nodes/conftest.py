@@ -134,10 +134,11 @@ class Graph:
         self.node.destroy_client(client)
 
     def introduce(self, sensor: SensorModel) -> None:
-        """Publish `sensor`, as a driver does when it starts, and wait until the sketcher uses it."""
+        """Publish `sensor`, as a driver does when it starts, and wait until the sketcher uses it, wherever it sits."""
         described = self.collect_latched(String, "sketch/sensor")
         self.latched("sensor").publish(sensor_message.encode(sensor))
-        self.wait(lambda: any(sensor_message.from_json(one.data).same_as(sensor) for one in described), "sketch/sensor")
+        self.wait(lambda: any(sensor_message.from_json(one.data).replace(extrinsics=sensor.extrinsics).same_as(sensor)
+                              for one in described), "sketch/sensor")
 
     def matched(self, publisher, subscribers: int = 1):
         """The publisher, once it has its subscribers."""

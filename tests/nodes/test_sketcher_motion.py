@@ -13,13 +13,15 @@ from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets.simulation.motion_profiles import Measured
-from srt3d_ros.messages import odometry, photon_frames, sketch_message
+from srt3d_ros.messages import odometry, photon_frames, sensor_message, sketch_message
+from srt3d_ros.messages.cdr import read_cloud
 from srt3d_ros.nodes import sources
 
 MS = 1_000_000
 START_NS = 1_700_000_000_000 * MS
 SPEED_M_S, TURN_RAD_S = np.array([0.3, 0.0, 1.0]), np.array([0.0, 0.5, 0.0])
 PACKET_MS, PACKETS = 25, 4
+EXTRINSICS = "0.2 0 0.1 0.5 -0.5 0.5 -0.5"
 
 
 def odom(ms: float) -> Odometry:
@@ -38,13 +40,12 @@ def packets(events: PhotonEvents, frame: int) -> list[PhotonEvents]:
 def test_frames_wait_for_the_odometry_that_covers_them_and_bad_reports_cost_none(graph, sensor, events):
     sketches = graph.collect(PointCloud2, "sketch")
     node = graph.start("sketcher", motion="odom", packets_per_frame=PACKETS, frequencies="1,3",
-                       extrinsics="0.2 0 0.1 0.5 -0.5 0.5 -0.5").ready()
+                       extrinsics=EXTRINSICS).ready()
     graph.introduce(sensor)
     photons = graph.matched(graph.publisher(PointCloud2, "photons"))
     reports = graph.matched(graph.publisher(Odometry, "odom"))
-    stream = SketchStream(sensor, StreamOptions(
-        frequencies="1,3", packets_per_frame=PACKETS, moving=True,
-        extrinsics=Pose.from_quaternion((0.5, -0.5, 0.5, -0.5), (0.2, 0, 0.1))))
+    mounted = sensor.replace(extrinsics=EXTRINSICS)
+    stream = SketchStream(mounted, StreamOptions(frequencies="1,3", packets_per_frame=PACKETS, moving=True))
 
     def report(*instants_ms: float) -> None:
         for message in map(odom, instants_ms):
@@ -59,7 +60,9 @@ def test_frames_wait_for_the_odometry_that_covers_them_and_bad_reports_cost_none
     def check(expected: list) -> None:
         graph.wait(lambda: len(sketches) >= len(expected), "the sketches")
         for one in expected:
-            _, sketch = sketch_message.decode_cdr(serialize_message(sketches.pop(0)), sensor)
+            raw = serialize_message(sketches.pop(0))
+            _, sketch = sketch_message.decode_cdr(raw, mounted)
+            assert sketch_message.description_of(read_cloud(raw)) == sensor_message.digest(mounted)
             assert sketch.stamp_ns == one.stamp_ns
             np.testing.assert_array_equal(sketch.photons, one.photons)
             np.testing.assert_allclose(sketch.z, one.z, atol=2e-4)

@@ -8,6 +8,7 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 
+from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
@@ -16,7 +17,6 @@ from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import photon_frames, sensor_message, sketch_message
 from srt3d_ros.nodes import player, sources
-from srt3d_ros.nodes.motion_input import parse_extrinsics
 from srt3d_ros.nodes.sources import BEFORE_S, PACKETS, open_source
 from tests.bags import CLOUD, START_NS, TEXT, write_bag
 
@@ -178,4 +178,4 @@ def test_odometry_repeats_with_packets_that_do(moving, monkeypatch):
 
 def test_the_extrinsics_that_it_tells_are_where_the_sensor_is(moving):
     note, = moving().notes
-    np.testing.assert_allclose(parse_extrinsics(note.split("'")[-2]).rotation, OPTICAL.rotation, atol=1e-9)
+    np.testing.assert_allclose(Pose.from_text(note.split("'")[-2]).rotation, OPTICAL.rotation, atol=1e-9)

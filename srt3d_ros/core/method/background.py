@@ -159,6 +159,10 @@ class Background:
         change = own * after - taken * mean
         return BackgroundEstimate(after, frame.photons, converged=bool((np.abs(change)**2).mean() < noise))
 
+    def most_clutter(self, background: BackgroundEstimate) -> float:
+        """The largest clutter of a background at any depth; 1 if it is even."""
+        return 1.0 if background.mean is None else float(self._clutter(background.mean).max())
+
     def _clutter(self, mean: np.ndarray) -> np.ndarray:
         """`MatchedFrame.clutter`: √(variance of a background photon's response at each bin / its variance if even)."""
         bins, (response, square, energy) = self._sensor.num_bins, self._responses

@@ -10,6 +10,7 @@ pixels around it instead, each weighted by how surely it sees the same surface: 
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -75,9 +76,9 @@ class Pooled:
         found, self._learned = self._first(self._frames, plain) if self._is_first else self._next(
             self._frames, plain, self._learned, self._points)
         self._points = found.points
-        if piled_up is None:
-            return found.cloud
-        cloud, self._piled_up = self._pile_up.corrected(found.cloud, sketch, piled_up)
+        cloud = replace(found.cloud, clutter=self._background.most_clutter(self._learned))
+        if piled_up is not None:
+            cloud, self._piled_up = self._pile_up.corrected(cloud, sketch, piled_up)
         return cloud
 
     def _first(self, frames: Frames, sketch: PhaseSums) -> tuple[Found, BackgroundEstimate]:

@@ -23,18 +23,21 @@ class MotionReport:
         pose: from the body's frame to a fixed one; None from an IMU.
         speed_m_s: 0 if not known.
         rate_rad_s: float64 [3], angular velocity in the body's frame.
+        frame_id: of the fixed frame.
     """
 
     stamp_ns: int
     pose: Pose | None = None
     speed_m_s: float = 0.0
     rate_rad_s: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    frame_id: str = ""
 
 
 class SensorMotion:
     """The trajectory of a sensor that is fixed to the reported body.
 
     A new trajectory starts, so that no frame is moved across the break, if
+    - poses are in another fixed frame;
     - no report came for GAP_NS, or stamps fell back by more: lost odometry, a bag or a clock that began again;
     - the body moved or turned by more than its twist explains (a correction by SLAM, a robot that was carried), or, if
       reports never have a speed or a rate, faster than MAX_M_S or MAX_RAD_S.
@@ -93,6 +96,8 @@ class SensorMotion:
             return f"stamps fell back by {-elapsed_s:.3f} s"
         if elapsed_s * 1e9 > GAP_NS:
             return f"no report for {elapsed_s:.3f} s of stamps"
+        if last.frame_id != report.frame_id:
+            return f"frame_id changed from {last.frame_id!r} to {report.frame_id!r}"
         if last.pose is None or report.pose is None:
             return ""
         moved = last.pose.inverse() @ report.pose

@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from srt3d_ros.errors import require
+from srt3d_ros.errors import InvalidInput, require
 
 KEPT_NS = 10 * 10**9        # of a trajectory: longer than frames wait for motion
 SMOOTH_NS = 150_000_000     # each way: stamps off by 20 ms err by 4 mm at 1 m/s; 1 mm of a hand's tremor is lost
@@ -36,6 +36,19 @@ class Pose:
         length = math.hypot(*quaternion)
         require(abs(length - 1) < 0.01, "orientation", quaternion.tolist(), "a quaternion of length 1")    # refuses NaN
         return cls(_rotations().from_quat(quaternion).as_matrix(), translation)
+
+    @classmethod
+    def from_text(cls, text: str) -> Self:
+        """The pose of the text `x y z qx qy qz qw`, the identity if it is empty; InvalidInput for any other."""
+        if not text.strip():
+            return cls()
+        try:
+            x, y, z, *quaternion = map(float, text.replace(",", " ").split())
+            require(len(quaternion) == 4, "extrinsics", text, "7 numbers")
+            return cls.from_quaternion(quaternion, (x, y, z))
+        except ValueError as problem:       # also InvalidInput
+            raise InvalidInput("extrinsics", text, "x y z in metres and a quaternion qx qy qz qw of length 1, or "
+                               "nothing") from problem
 
     @classmethod
     def turned(cls, rotation_vector: ArrayLike) -> Self:

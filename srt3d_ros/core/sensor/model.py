@@ -96,6 +96,9 @@ class SensorModel:
         "laser period, for `dead_time_s`", "s", (1e-18, 1e5), "default: num_bins bins; longer where these are a gate"
         )] = None
     frame_id: Annotated[str, Key("the sensor's frame in tf")] = "lidar"
+    extrinsics: Annotated[str | None, Key(
+        "pose of the sensor in the frame that `odom` reports on, x y z in metres and a quaternion qx qy qz qw",
+        more="default: unknown, or the sensor does not move")] = None
 
     def __post_init__(self) -> None:
         for name, value in numbers(self).items():
@@ -113,6 +116,7 @@ class SensorModel:
             require(value is None or isinstance(value, kinds), name, quoted(value),
                     f"{' or '.join(kind.__name__ for kind in kinds)}, or None")
         require(isinstance(self.frame_id, str), "frame_id", self.frame_id, "text")
+        require(isinstance(self.extrinsics, str | None), "extrinsics", self.extrinsics, "text")
         if self.histograms is not None:
             self.histograms.check(self.rows, self.cols, self.num_bins)
         if self.projection is None:

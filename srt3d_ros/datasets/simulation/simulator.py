@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from srt3d_ros.core.sensor.dead_time import DeadTime
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets.simulation.bust import Bust
@@ -69,7 +70,7 @@ class Simulator:
         random = np.random.default_rng([self._seed, k])
         events = self._draw(depth, signal, background, random)
         if self.sensor.cycles:
-            events = _detected(*events, self.sensor, random)
+            events = first_of_cycle(*events, self.sensor.cycles, random, self.sensor.dead_time)
         stamp_ns = round(k * 1e9 / self._frame_rate_hz)
         return PhotonEvents(*events, stamp_ns), depth
 
@@ -120,15 +121,14 @@ class Simulator:
         return bins + random.random(len(pixel)) + sensor.late.reshape(-1)[pixel]
 
 
-def _detected(pixel: np.ndarray, toa: np.ndarray, sensor: SensorModel, random: np.random.Generator
-              ) -> tuple[np.ndarray, np.ndarray]:
-    """The photons that pixels detect in the sensor's laser cycles, sorted by pixel."""
-    cycles, dead = sensor.cycles or 1, sensor.dead_time
+def first_of_cycle(pixel: np.ndarray, toa: np.ndarray, cycles: int, random: np.random.Generator,
+                   dead: DeadTime | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """The photons of pixels that detect only the first one in each laser cycle, or after a long dead time, sorted."""
     cycle = random.integers(0, cycles, len(pixel))
     order = np.lexsort((toa, cycle, pixel))
     pixel, toa, cycle = pixel[order], toa[order], cycle[order]
     first = (np.diff(pixel.astype(np.int64), prepend=-1) != 0) | (np.diff(cycle, prepend=-1) != 0)
-    if not dead.periods:
+    if dead is None or not dead.periods:
         return pixel[first], toa[first]
     bins = dead.periods * dead.period + dead.rest
     at = (pixel.astype(np.int64) * (cycles + dead.periods + 2) + cycle) * dead.period + toa

@@ -28,7 +28,7 @@ def cloud_of(where: np.ndarray, signal: float, background: float, seed: int, **o
 
 
 @pytest.mark.parametrize(("sbr", "signal", "most"), [
-    (np.inf, 0.1, 1), (np.inf, 0.5, 1), (10, 0.1, 2), (10, 0.5, 1), (1, 0.5, 1.5), (1, 0.1, 4)])
+    (np.inf, 0.1, 0.5), (np.inf, 0.5, 0.5), (10, 0.1, 1), (10, 0.5, 0.5), (1, 0.5, 1), (1, 0.1, 3)])
 def test_a_dim_wall_ends_within_pixels_of_its_edge(sbr, signal, most):
     wall = np.arange(96) < 48
     beyond, missing = [], []
@@ -36,15 +36,15 @@ def test_a_dim_wall_ends_within_pixels_of_its_edge(sbr, signal, most):
         cloud = cloud_of(np.tile(wall, (80, 1)), signal, signal / sbr, seed)
         beyond.append((~wall[cloud.col]).sum() / 80)
         missing.append(20 - ((cloud.col >= 28) & (cloud.col < 48)).sum() / 80)
-    assert np.mean(beyond) <= most and np.mean(missing) <= 1
+    assert np.mean(beyond) <= most and np.mean(missing) <= 0.2 / signal
 
 
 def test_a_dim_object_does_not_fill_a_small_frame():
     row, col = np.mgrid[:24, :32]
     there = np.maximum(abs(row - 12), abs(col - 16)) <= 8
-    for seed in range(4):
-        cloud = cloud_of(there, 0.05, 0.0005, seed)
-        assert (~there[cloud.row, cloud.col]).mean() * len(cloud) <= 0.15 * (~there).sum(), seed
+    clouds = [cloud_of(there, 0.05, 0.0005, seed) for seed in range(12)]
+    false = np.mean([(~there[cloud.row, cloud.col]).sum() for cloud in clouds])
+    assert false <= 0.15 * (~there).sum()
 
 
 # Without `drop_blobs`, each of these frames shows a blob of 70 to 370 points.

@@ -1,5 +1,7 @@
 """The trajectory of a sensor from reports of its robot: what it follows, refuses, and where it begins again."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -58,6 +60,7 @@ def test_stamps_that_are_not_later_are_refused_and_the_trajectory_goes_on(stamps
 @pytest.mark.parametrize("then, why", [
     (report(20, 1.0), "jumped by 1.00 m and 0°"),
     (report(20, 0.02, turn=0.5), "jumped by 0.02 m and 29°"),
+    (replace(report(20, 0.02), frame_id="map"), "frame_id changed from '' to 'map'"),
     (report(-60_000, 0), "fell back by 60.000 s"),
     (report(GAP_NS / MS + 1, 0.5), "no report for 0.501 s"),
 ])

@@ -90,6 +90,15 @@ def test_smoothing_averages_noise_of_stamps():
     assert np.sqrt(np.mean(np.square(errors))) < 0.4 * noise_s.std()                # at 1 m/s
 
 
+def test_a_pose_is_read_from_seven_numbers_and_no_other_text():
+    pose = Pose.from_text("0.2 0, 0.1 0.5 -0.5 0.5 -0.5")
+    np.testing.assert_allclose(pose([[0, 0, 1]]), [[1.2, 0, 0.1]], atol=1e-12)
+    assert Pose.from_text(" ").translation.tolist() == [0, 0, 0]
+    for text in ("1 2 3", "0 0 0 0 0 0 2", "0 0 inf 0 0 0 1", "a"):
+        with pytest.raises(InvalidInput, match=f"extrinsics is {text}: expected x y z in metres"):
+            Pose.from_text(text)
+
+
 def test_few_poses_are_not_smoothed():
     sparse = through((k * 100_000_000, Pose(translation=np.array([float(k**2), 0, 0]))) for k in range(5))
     assert sparse.at(250_000_000).translation[0] == pytest.approx(6.5)

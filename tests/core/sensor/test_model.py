@@ -30,7 +30,7 @@ def holed(value) -> np.ndarray:
 REFUSED = {
     "rows": (0, 2.5, "two", None, float("nan"), 65_537, 10**400), "cols": ([3], float("inf")),
     "num_bins": (1, MAX_BINS + 1), "bin_width_s": (0.0, float("nan"), 1e-320, 2.0),
-    "toa_offset_bins": (float("inf"),), "range_offset_m": (None,),
+    "extrinsics": (7, [0, 0, 1]), "toa_offset_bins": (float("inf"),), "range_offset_m": (None,),
     "irf": ([1, -1e-9], [1, float("inf")], [0, 0], [[1, 1]] * 5 + [[0, 0]], "flat", [[1, 2], [1]], [1, 10**400],
             [1e308, 1e308]),
     "irf_ref": (-1, 4, 0.5), "cycles": (0, -3, 1.5, "many", 2e9), "dead_time_s": (-1e-9, np.nan),
@@ -97,7 +97,7 @@ def test_replace_changes_one_field_and_checks_again():
 
 FULL = {"irf_ref": 1, "toa_offset_bins": 7.5, "range_offset_m": 0.1, "gain": np.full(SHAPE, 2.0),
         "delay_bins": np.ones(SHAPE), "mask": np.eye(2, 3, dtype=bool), "projection": Pinhole(1, 1, 0, 0),
-        "gates": GateWords(1, 0), "frame_id": "spad", "background_shape": np.ones(50),
+        "gates": GateWords(1, 0), "frame_id": "spad", "extrinsics": "0 0 1 0 0 0 1", "background_shape": np.ones(50),
         "histograms": HistogramBins(10, first_bin=1.0, bin_width=2.0, template=np.ones(10))}
 
 

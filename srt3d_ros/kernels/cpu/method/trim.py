@@ -2,7 +2,7 @@
 
 A pixel with a surface is at the rim if RIM of the 8 around are used (g > 0) and have none. Over the rim within
 VOTE_RADIUS, V = Σ v, p = Σ n and μ = Σ g r are pooled. Its points go if √p ρ(V₊ / p) ≤ enough · c(t) and the
-log-likelihood ratio of V, p and μ is below 0. That is done SPREAD times: surfaces grow by as many pixels an iteration.
+log-likelihood ratio of V, p and μ is below 0. That is done TRIMMED times, a pixel each.
 
 Drop blobs: of the points that are left, those stay that have one with score / c(t) of `enough` within the reach of the
 last window (a square).
@@ -13,7 +13,7 @@ from math import ceil
 import numpy as np
 from numba import boolean, float32, prange
 
-from srt3d_ros.kernels.constants import REACH, RIM, SPREAD, VOTE_RADIUS, WINDOWS
+from srt3d_ros.kernels.constants import REACH, RIM, TRIMMED, VOTE_RADIUS, WINDOWS
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO
 from srt3d_ros.kernels.cpu.compiling import floats2d, floats3d, floats4d, inline, line, parallel
 from srt3d_ros.kernels.cpu.method.frame import Frame, columns, is_surface, point_at
@@ -84,7 +84,7 @@ def _trim(frame: Frame, enough: float32, state: floats4d, terms: floats4d, blank
 
 def trim(work, frame, state, terms, enough):
     dropped = np.zeros(len(state), np.bool_)
-    for _ in range(SPREAD):
+    for _ in range(TRIMMED):
         _trim(frame, F32(enough), state, terms, work.blank, work.rim, dropped)
         if not dropped.any():
             break

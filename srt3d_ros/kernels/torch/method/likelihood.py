@@ -4,7 +4,7 @@ import math
 
 import torch
 
-from srt3d_ros.kernels.constants import DEAD_LIMIT, EPSILON, LIKENESS, RIM, SPREAD, VOTE_RADIUS
+from srt3d_ros.kernels.constants import DEAD_LIMIT, EPSILON, LIKENESS, RIM, TRIMMED, VOTE_RADIUS
 from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, VALUE
 from srt3d_ros.kernels.torch.arithmetic import explained, has_depth, noise_ratio, turned, waves
 from srt3d_ros.kernels.torch.fusing import fused
@@ -87,10 +87,10 @@ def trim(frame, state, terms, enough):
     the rim within VOTE_RADIUS (a square) show is pooled: V = Σ v, p = Σ n, μ = Σ g r, over their points. A point of
     the pixel goes if these photons do not show a surface of any intensity, √p ρ(V₊ / p) / c(t) ≤ `enough`, and are
     less likely with a surface as bright as the pools of `pooled_step` make it than with none: for this V, p and μ the
-    ratio of `log_likelihood_ratio` is below 0. The pixels behind are the next rim: SPREAD rounds, as many as surfaces
-    grow by in an iteration. `terms` are `expand` of the state.
+    ratio of `log_likelihood_ratio` is below 0. The pixels behind are the next rim, TRIMMED times. `terms` are `expand`
+    of the state.
     """
-    for _ in range(SPREAD):
+    for _ in range(TRIMMED):
         _trim_once(frame, state, terms, enough)
 
 

@@ -1,0 +1,165 @@
+"""FreeSpace: how far pixels without a point are empty (docs/algorithm.md, "Empty space").
+
+A surface that sends r_min photons into a pixel would have been found; so where nothing was found, nothing that bright
+is there. An object sends A / R² photons from R metres, A at 1 m: as R grows, it falls below r_min, and the claim ends.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from srt3d_ros.core.matched_frame import Matcher
+from srt3d_ros.core.point_cloud import PointCloud
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.sums import PhaseSums
+from srt3d_ros.errors import require
+from srt3d_ros.kernels.constants import EPSILON, START_SCORE
+from srt3d_ros.kernels.maps import window_weights
+
+MARGIN = 2.0            # times r_min; at 1, up to 8 % of the pixels of poles claimed emptiness behind them
+NEAR = 2                # pixels within which a point ends a claim: outlines of objects at r_min are not found
+QUANTILE = 1.645        # σ by which the expected score exceeds the start's, to reach it in 95 of 100 frames
+SIZE = 5                # pixels along the side of the object that r_min is for
+SIGMAS = 1.0, 3.0       # pixels, of the means of photons; the larger counts, because bright things beside hide dim ones
+NEAREST_M = 0.3         # beginning of the period or gate, above which the space before it is unseen
+NOISE = 1.3             # of photons as large as their number; more, if background was subtracted from that
+SAMPLE = 2000           # pairs of pixels that tell
+HALVINGS = 14           # of an interval of ranges: a claim is too short by far / 2¹⁴ at most
+
+
+class FreeSpace:
+    """Tells how far the pixels of a sensor are empty, each frame by itself: a dead pixel counts as a dark one.
+
+    Args:
+        sensor, frequencies: of the sketches.
+    """
+
+    def __init__(self, sensor: SensorModel, frequencies: Sequence[int]):
+        from scipy import ndimage  # here: slow, and few need it
+
+        self._filters, self._sensor = ndimage, sensor
+        self._photons, self._least = least_intensities(Matcher(sensor, frequencies))
+        bins, (first, last) = sensor.histograms, (0.0, float(sensor.num_bins))
+        if bins is not None:
+            first, last = bins.first_bin, min(bins.first_bin + bins.num_bins * bins.bin_width, last)
+        self._begin_m, self._end_m = map(float, sensor.range_m([first, last]))
+        self._sees_near = self._begin_m <= NEAREST_M and (bins is None or bins.template is None)
+
+    def range_m(self, sketch: PhaseSums, cloud: PointCloud, brightness: float, max_range_m: float = 0.0,
+                exposure: np.ndarray | None = None) -> np.ndarray:
+        """The range up to which each pixel holds no object of `brightness` or more.
+
+        That of objects of 3 × 3, 2 × 5 or 1 × 30 pixels on: at most 5 % of their pixels claim more. The claim ends
+        where S(R) N (1 − exp(−A g / (N R²))) / g falls to 2 r_min: N cycles, S survival of the photons that come before
+        in a cycle (both only where cycles are known), g exposure; and at any point within 2 pixels.
+
+        Args:
+            sketch: of the frame.
+            cloud: that `pooled` made of it, with all its points.
+            brightness: A, signal photons of the object's pixel in the frame at 1 m.
+            max_range_m: no claim exceeds it; 0 = no limit but the end of the period or gate.
+            exposure: float32 [rows, cols] of this frame, if not the sensor's.
+
+        Returns:
+            float32 [rows, cols], metres; NaN where a pixel has a point or is masked. All NaN if background was
+            subtracted from the photons, or if period or gate begin beyond 0.3 m.
+
+        Raises:
+            InvalidInput: the brightness is not above 0, or the cloud is not of this sketch.
+        """
+        require(np.isfinite(brightness) and brightness > 0, "brightness", brightness, "above 0 photons a frame at 1 m")
+        require(cloud.clutter is not None and cloud.background.shape == sketch.photons.shape, "cloud",
+                problem="cloud: expected one that pooled has reconstructed from this sketch.")
+        nearest = self._nearest(cloud)
+        free = np.full(nearest.shape, np.nan, np.float32)
+        exposure = self._sensor.exposure if exposure is None else exposure
+        open_ = np.isinf(nearest) & (exposure > 0)
+        if not self._sees_near or _is_subtracted(sketch, open_):
+            return free
+        most = self._most_photons(sketch.photons, exposure)[open_]
+        least = MARGIN * self._least_intensity(most, float(cloud.clutter or 1))
+        g = exposure[open_]
+        seen = least / np.minimum(self._filters.gaussian_filter(exposure, SIGMAS[0])[open_], g)
+        end = self.end_m(max_range_m)
+        if sketch.cycles:
+            cycles, late = sketch.armed_cycles[open_], self._sensor.late[open_]
+            claim = self._piled_up(seen, brightness, g, cycles, most, late, end)
+        else:
+            claim = np.minimum(np.sqrt(brightness / seen), end)
+        claim = np.minimum(claim, self._filters.minimum_filter(nearest, 2 * NEAR + 1, mode="nearest")[open_])
+        free[open_] = np.where(claim > self._begin_m, claim, np.nan)
+        return free
+
+    def end_m(self, max_range_m: float = 0.0) -> np.float32:
+        """The end of the longest claims, metres."""
+        return np.float32(min(self._end_m, max_range_m or np.inf))
+
+    def _nearest(self, cloud: PointCloud) -> np.ndarray:
+        """Range of each pixel's nearest point, float32 [rows, cols]; Inf without one."""
+        nearest = np.full(cloud.background.shape, np.inf, np.float32)
+        np.minimum.at(nearest, (cloud.row, cloud.col), self._sensor.range_m(cloud.depth_bins).astype(np.float32))
+        return nearest
+
+    def _most_photons(self, photons: np.ndarray, exposure: np.ndarray) -> np.ndarray:
+        """Photons of a pixel, of all kinds: the largest local mean plus two standard deviations; float32."""
+        used, most = (exposure > 0).astype(np.float32), np.zeros(photons.shape, np.float32)
+        for sigma in SIGMAS:
+            area = 4 * np.pi * sigma**2         # pixels that count in the mean
+            n = self._filters.gaussian_filter(photons * used, sigma)
+            n /= np.maximum(self._filters.gaussian_filter(used, sigma), EPSILON)
+            np.maximum(most, n + 2 * np.sqrt(n / area) + 1 / area, out=most)
+        return most
+
+    def _least_intensity(self, photons: np.ndarray, clutter: float) -> np.ndarray:
+        """r_min(n, c) = c² r_min(n / c², 1): clutter c lowers scores c times; at a given r / n they grow with √n."""
+        curve = np.interp(np.log(photons / clutter**2), self._photons, self._least)
+        return clutter**2 * np.exp(curve)
+
+    def _piled_up(self, least: np.ndarray, brightness: float, g: np.ndarray, cycles: np.ndarray, photons: np.ndarray,
+                  late: np.ndarray, end_m: np.float32) -> np.ndarray:
+        """The largest R with S(R) N (1 − exp(−A g / (N R²))) / g ≥ least; S = exp(−Λ t(R) / T), Λ by `pile_up`."""
+        bins = self._sensor.num_bins
+        flux = -np.log1p(-np.minimum(photons / (cycles + 0.5), 1 - EPSILON))
+        low, high, middle = np.zeros_like(least), np.full_like(least, end_m), np.full_like(least, end_m)
+        for _ in range(1 + HALVINGS):           # the end first
+            time = np.clip((self._sensor.depth_bins(middle) + late) / bins, 0, 1)
+            shown = -cycles * np.expm1(-brightness * g / (cycles * middle**2)) * np.exp(-flux * time) / g
+            seen = shown >= least
+            low, high = np.where(seen, middle, low), np.where(seen, high, middle)
+            middle = (low + high) / 2
+        return low
+
+
+def least_intensities(matcher: Matcher) -> tuple[np.ndarray, np.ndarray]:
+    """r_min by the background photons b of a pixel: logarithms of b, growing, and of r_min.
+
+    The search's window w of σ = 1 pixel lies on an object of 5 × 5 pixels with r signal photons each. It has
+    N = b Σw² + r Σ_object w² and, w being Gaussian, p = 2 N; V = r E Σ_object w. With u = V / p the score is
+    2 √N ρ(u) (docs/algorithm.md), so each u gives N for the score that is wanted, and N gives r and b.
+    """
+    side = window_weights(1.0)
+    inside = np.abs(np.arange(len(side)) - len(side) // 2) <= SIZE // 2
+    on, squares, full = side[inside].sum()**2, (side[inside]**2).sum()**2, (side**2).sum()**2
+    energy, response, table = (matcher.constants[name] for name in (
+        "total_energy", "max_response", "background_table"))
+    # no u is larger: there b is 0, or all photons respond alike
+    u = np.geomspace(1e-6, min(on * energy / (2 * squares * response), 1), 500)[:-1]
+    rho = np.interp(u * (len(table) - 1), np.arange(len(table)), table)
+    n = ((START_SCORE + QUANTILE) / (2 * rho))**2
+    r = 2 * n * u * response / (on * energy)
+    return np.log((n - squares * r) / full)[::-1], np.log(r)[::-1]
+
+
+def _is_subtracted(sketch: PhaseSums, quiet: np.ndarray) -> bool:
+    """Whether sums vary more than so many photons do, because background was subtracted; or nothing tells.
+
+    The sums of quiet neighbours differ by the noise of their photons, |difference|² = n₁ + n₂ on average.
+    """
+    photons = sketch.photons.astype(np.float32)
+    pairs = photons[:, 1:] + photons[:, :-1]
+    row, col = np.nonzero(quiet[:, 1:] & quiet[:, :-1] & (pairs > 0))
+    chosen = slice(None, None, max(len(row) // SAMPLE, 1))
+    row, col = row[chosen], col[chosen]
+    difference = sketch.sums[row, col + 1] - sketch.sums[row, col]
+    noise = (np.abs(difference)**2).mean(axis=1) / pairs[row, col]
+    return len(noise) == 0 or bool(np.median(noise) > NOISE)

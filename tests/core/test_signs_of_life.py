@@ -1,0 +1,84 @@
+"""Pixels without photons claim nothing unless something says that they work."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from srt3d_ros import FreeSpaceStream
+from srt3d_ros.core.method.pooled import Pooled
+from srt3d_ros.core.signs_of_life import SignsOfLife
+from srt3d_ros.core.sketching.sums import noise_sketch
+from tests.core.scenes import make_sensor
+
+SIDE, STEP_NS = 48, 100_000_000
+ALL = np.ones((SIDE, SIDE), bool)
+BLOCK, COLUMNS = np.zeros((2, SIDE, SIDE), bool)
+BLOCK[16:24, 30:38] = COLUMNS[:, 20:23] = True
+
+
+def known(b: float, frames: int, change, step_ns: int = STEP_NS) -> list[np.ndarray]:
+    """Which pixels work, after each frame; `change(k, mean)` gives its expected photons and where it has points."""
+    rng, life, out = np.random.default_rng(1), SignsOfLife(), []
+    for k in range(frames):
+        mean, has_point = change(k, np.full((SIDE, SIDE), b))
+        out.append(life((k + 1) * step_ns, rng.poisson(mean), has_point, -1))
+    return out
+
+
+def dying(where: np.ndarray, at: int = 40):
+    return lambda k, mean: (mean * ~(where & (k >= at)), ALL & False)
+
+
+@pytest.mark.parametrize(("b", "alive"), [(0.01, 0.0), (0.1, 0.94), (1.0, 0.999), (10.0, 1.0)])
+def test_dark_pixels_work_and_those_dead_from_the_start_do_not(b, alive):
+    last = known(b, 40, dying(BLOCK, 0))[-1]
+    assert not last[BLOCK].any() and last[:, :26].mean() >= alive and last[:, :26].mean() <= alive + 0.06
+
+
+@pytest.mark.parametrize(("where", "b", "frames"), [
+    (BLOCK, 10.0, 0), (BLOCK, 1.0, 2), (BLOCK, 0.1, 12), (COLUMNS, 10.0, 0), (COLUMNS, 1.0, 3), (COLUMNS, 0.1, 30)])
+def test_pixels_that_die_claim_nothing_soon(where, b, frames):
+    seen = known(b, 41 + frames, dying(where))
+    assert seen[39][where].mean() > 0.8 and not seen[-1][where].any()
+
+
+def test_what_leaves_leaves_pixels_that_work_and_a_wall_before_dead_pixels_does_not():
+    def leaves(k, mean):
+        return mean + 30 * (BLOCK & (k < 40)), BLOCK & (k < 40)
+
+    def dies(k, mean):
+        return np.where(BLOCK & (k >= 40), 0, mean + 30 * BLOCK), BLOCK & (k < 40)
+    assert known(1.0, 41, leaves)[-1][BLOCK].all()
+    assert not any(seen[BLOCK].any() for seen in known(1.0, 60, dies)[40:])
+
+
+def test_a_covered_lens_and_dim_light_claim_nothing_and_light_that_halves_does():
+    def covered(k, mean):
+        return mean * (0.03 if k >= 40 else 1), ALL & False
+
+    def shaded(k, mean):
+        return mean * (0.5 if k >= 40 else 1), ALL & False
+    assert not any(seen.any() for seen in known(10.0, 100, covered)[40:])
+    assert all(seen.mean() > 0.99 for seen in known(10.0, 100, shaded)[40:])
+
+
+def test_frames_may_come_fast_and_stamps_may_leap():
+    """At 100 Hz a block dies as fast as at 10 Hz, and few sums are kept; after a leap, signs are needed anew."""
+    fast = known(0.1, 500, dying(BLOCK, 400), STEP_NS // 10)
+    assert fast[399].mean() > 0.9 and not fast[-1][BLOCK].any()
+    life, photons = SignsOfLife(), np.full((SIDE, SIDE), 1)
+    for k in range(1, 500):
+        life(k * STEP_NS // 10, photons, ALL & False, -1)
+    assert len(life._slots) <= 31
+    stamps = [*range(101, 110), 200, 201, 150]
+    works = [life(stamp * STEP_NS, photons, ALL & False, -1).mean() > 0.5 for stamp in stamps]
+    assert works == [False, *[True] * 8, False, True, False]
+
+
+def test_a_laser_that_is_off_claims_nothing():
+    sensor = make_sensor(SIDE, SIDE)
+    stream, noise = FreeSpaceStream(sensor, (1, 2, 3)), noise_sketch(sensor, (1, 2, 3))
+    cloud = Pooled(sensor, (1, 2, 3))(noise).within(max_m=-1)
+    stamped = [replace(noise, stamp_ns=k * STEP_NS) for k in range(1, 30)]
+    assert not any(np.isfinite(stream(each, cloud, 10.0)).any() for each in stamped)
