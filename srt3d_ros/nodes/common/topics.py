@@ -58,9 +58,12 @@ SKETCH = Topic("sketch", CLOUD, "photon count and m complex numbers per pixel; t
                "description")
 POINTS = Topic("points", CLOUD, "points on the surfaces, metres, in the sensor's frame")
 WATCHED = "while it has subscribers"
+FREE = Topic("free", CLOUD, "how far pixels without a point are empty, for costmaps to clear: one point at the end of "
+             "each empty ray", when=f"{WATCHED} and `free_brightness` is above 0")
 IMAGE_TOPICS = (
     Topic("depth", IMAGE, "depth of each pixel's first point (`surface_order`), metres: z for a pinhole sensor, range "
-          "for a scanner", when=WATCHED),
+          "for a scanner; +Inf where it is empty to `max_range_m` or, without, the end of the "
+          "period (needs `free_brightness`)", when=WATCHED),
     Topic("intensity", IMAGE, "signal photons of each pixel's first point", when=WATCHED),
     Topic("background", IMAGE, "background photons of each pixel", when=WATCHED),
 )
