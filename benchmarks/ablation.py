@@ -71,7 +71,7 @@ FIXED = {"limits of inputs": ("MAX_SKETCH_SIZE", "MAX_PIXEL_PHOTONS", "MAX_SURFA
 OTHER = {"START_SCALES": [(0.0, 2.5)], "WINDOWS": [((2.0, 4, 2), (9.0, 4, 1))], "REACH": [1.0, 1.75],
          "HOLE_SIDES": [2, 5]}
 OFF = {"LIKENESS": 1e6, "VOTE": 0, "MAX_VOTES": 1e6, "EMPTY_VOTES": 0, "SPREAD": 0, "WRONG_IRF": 0, "SHARP": 1,
-       "NEW_RADIUS": 0, "WRONG_SHAPE": 0, "HALO": 0, "WHOLE_SCORE": -100}
+       "NEW_RADIUS": 0, "WRONG_SHAPE": 0, "WHOLE_SCORE": -100}
 
 
 class Draw(NamedTuple):
@@ -102,8 +102,8 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
     with TemporaryDirectory() as folder, ThreadPoolExecutor(args.jobs) as pool:
         for name in tqdm(names, "drawing photons", unit="set"):
             (Path(folder) / f"{name}.pickle").write_bytes(pickle.dumps(list(draws(name, args.draws, args.data))))
-        default = measure_apart({}, folder)
-        measured = pool.map(lambda variant: measure_apart(variant, folder), variants)
+        measured = pool.map(lambda variant: measure_apart(variant, folder), [{}, *variants])
+        default = next(measured)
         yield {"variant": "default", **listed(), "sets": {name: np.nanmean(rows, 0).round(3).tolist()
                                                           for name, rows in default.items()}}
         for variant, rows in zip(tqdm(variants, unit="variant"), measured):
@@ -236,19 +236,19 @@ def moving(number: int) -> Iterator[Draw]:
 def measure_apart(variant: dict, folder: str) -> dict[str, np.ndarray]:
     """TD and FD (%) and DAE (bins) of each set, [draws, 3], measured in a process that compiles this variant.
 
-    It takes the default's kernels, which were compiled first, if no constant of theirs is varied.
+    It takes the default's kernels, from where this user keeps them, if no constant of theirs is varied.
     """
-    own, names = Path(folder, "kernels"), set(variant)
+    from srt3d_ros.kernels.cpu.compiling import FOLDER
+
+    names = set(variant)
     while further := following(names) - names:
         names |= further
-    with TemporaryDirectory() as copy:
-        cache = copy if variant else own
-        if variant:
-            shutil.copytree(own, copy, dirs_exist_ok=True)
-            for module in using(names):
-                for file in Path(copy).rglob(f"{module}.*"):
-                    file.unlink()
-        environment = {"NUMBA_CACHE_DIR": str(cache), "NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    with TemporaryDirectory() as cache:
+        shutil.copytree(FOLDER, Path(cache, FOLDER.name))
+        for module in using(names):
+            for file in Path(cache).rglob(f"{module}.*"):
+                file.unlink()
+        environment = {"NUMBA_CACHE_DIR": cache, "NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
         done = subprocess.run([sys.executable, "-m", "benchmarks.ablation", repr(variant), folder], cwd=REPOSITORY,
                               env=os.environ | environment, stdout=subprocess.PIPE, check=True)
     return {name: np.array(rows) for name, rows in json.loads(done.stdout).items()}
