@@ -17,6 +17,7 @@ from srt3d_ros.review.summary import iso_time, notable_frames
 
 _LARGE_PX, _SMALL_PX = (1200, 700), (320, 240)
 _STRIP = 12
+_NEAR = 50              # frames between the typical one and one with images, at most
 _JPEG = {"quality": 88, "subsampling": 0}
 _TITLES_AND_UNITS = {
     entities.DEPTH_PATH: ("depth", "m"), entities.INTENSITY_PATH: ("intensity", "photons"),
@@ -81,7 +82,8 @@ def _thumbnail(recorded: Recorded, position: int, image: np.ndarray) -> Picture:
 def _images(recorded: Recorded, frame: int) -> list[Picture]:
     pictures = []
     for path, (title, unit) in _TITLES_AND_UNITS.items():
-        for _, _, values in recorded.reader.images(path, {frame}):
+        near = recorded.reader.images(path, range(frame - _NEAR, frame + _NEAR + 1))
+        for _, _, values in filter(None, [min(near, key=lambda image: abs(image[1] - frame), default=None)]):
             low, high = percentile_range(values) or (0.0, 1.0)
             if unit == "m":
                 table = range_table()
