@@ -64,7 +64,8 @@ MODULES = ("core.matched_frame", "core.method.background", "core.method.threshol
 FIXED = {"limits of inputs": ("MAX_SKETCH_SIZE", "MAX_PIXEL_PHOTONS", "MAX_SURFACES", "*_FALSE_ALARM_RATE"),
          "rounding": ("TINY", "EPSILON", "RIDGE"), "speed alone": ("CELL",), "baselines": ("INTENSITY_RATE", "APSS_*"),
          "steps of a solution that has converged": ("PASSES", "NEWTON_STEPS"),
-         "sampling of tables": ("FLUXES", "TABLE_STEPS", "BETWEEN"), "widen depth_std alone": ("SATURATED", "RELIEF_SCORE"),
+         "sampling of tables": ("FLUXES", "TABLE_STEPS", "BETWEEN"),
+         "widen depth_std alone": ("SATURATED", "RELIEF_SCORE"),
          "powers that mean intensity, depth, width and skew": ("CORRECTED",),
          "sensors with an IRF for each pixel": ("WEAKEST_PASSBAND",)}
 # Instead of half and twice: MARGIN allows a REACH of 1.77; with more than four sides nothing is a hole.
