@@ -75,8 +75,8 @@ def point_table() -> np.ndarray:
 
 @cache
 def grey_table() -> np.ndarray:
-    """Colours of what was seen before, uint32 [256], 0xRRGGBBAA: duller than any of `point_table`."""
-    return packed(np.linspace((34, 38, 46), (164, 170, 180), 256).astype(np.uint8))
+    """Colours of what was seen before, uint8 [256, 3]: duller than any of `point_table`."""
+    return np.linspace((34, 38, 46), (164, 170, 180), 256).astype(np.uint8)
 
 
 def percentile_range(values: np.ndarray) -> tuple[float, float] | None:

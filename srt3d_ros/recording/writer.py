@@ -21,7 +21,7 @@ from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.messages import sensor_message
-from srt3d_ros.pictures.colours import AdaptiveRange, grey_table, levels, point_table
+from srt3d_ros.pictures.colours import AdaptiveRange, grey_table, levels, packed, point_table
 from srt3d_ros.pictures.viewpoint import LEVEL, look_at, point_radius_m
 from srt3d_ros.processes.children import end_at_once
 from srt3d_ros.recording import entities
@@ -162,11 +162,16 @@ class RecordingWriter(AbstractContextManager):
         archetypes = entities.points(columns, colours, point_radius_m(xyz, self._sensor))
         self._log(stamp_ns, frame_index, {entities.POINTS_PATH: archetypes})
 
+    def log_free(self, stamp_ns: int, frame_index: int, ends: np.ndarray) -> None:
+        """Log how far it is empty: the ends of rays without a point, float32 [N, 3], metres."""
+        self._log(stamp_ns, frame_index, {entities.FREE_PATH: entities.fan(ends)})
+
     def log_pose(self, stamp_ns: int, frame_index: int, pose: Pose) -> None:
         """Log the sensor's pose in a fixed frame with z up, in which the 3D view stands from the first pose on."""
         if self._pose is None:
             self._stream.log("/", rr.ViewCoordinates.FLU, static=True)
-            self._stream.log(entities.POINTS_PATH, rr.CoordinateFrame(f"tf#{entities.POSE_PATH}"), static=True)
+            for path in (entities.POINTS_PATH, entities.FREE_PATH):
+                self._stream.log(path, rr.CoordinateFrame(f"tf#{entities.POSE_PATH}"), static=True)
         self._log(stamp_ns, frame_index, entities.pose(pose, self._pose or pose))
         self._pose = pose
 
@@ -175,7 +180,7 @@ class RecordingWriter(AbstractContextManager):
         step = max(math.ceil(len(xyz) / _ROOM_POINTS), 1)
         xyz, intensity = xyz[frame_index % step::step], intensity[frame_index % step::step]
         fixed = pose(xyz).astype(np.float32)
-        grey = grey_table()[self._levels("brightness", intensity * (xyz**2).sum(axis=1), root=True)]
+        grey = packed(grey_table())[self._levels("brightness", intensity * (xyz**2).sum(axis=1), root=True)]
         radius = point_radius_m(xyz, self._sensor) or None
         self._log(stamp_ns, frame_index, {entities.ROOM_PATH: [rr.Points3D(fixed, colors=grey, radii=radius)]})
         self._room.append(fixed[::max(len(fixed) // _SAMPLES, 1)])
