@@ -10,10 +10,11 @@ import numpy as np
 
 from srt3d_ros.cloud import Cloud, as_noun
 from srt3d_ros.core.keys import written_out
+from srt3d_ros.core.method.pile_up import contradiction
 from srt3d_ros.core.methods import DEFAULT_METHOD, OPTIONS, ReconstructorOptions, checked
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
-from srt3d_ros.core.sketching.sums import as_array
+from srt3d_ros.core.sketching.sums import PhaseSums, as_array
 from srt3d_ros.errors import require
 from srt3d_ros.gpu_check import device_for
 from srt3d_ros.progress import compiling
@@ -71,6 +72,8 @@ class Reconstructor:
         points = self._or_on_the_cpu(lambda: self._method(frame))
         elapsed_ms = round((time.perf_counter() - started) * 1e3, 3)
         photons, notes = int(np.sum(seen.photons)), getattr(seen, "notes", ())
+        if isinstance(seen, PhaseSums) and self._name == DEFAULT_METHOD and (problem := contradiction(seen)):
+            notes += (problem,)
         if not photons and not len(points):
             notes += (NO_PHOTONS,)
         return as_noun(

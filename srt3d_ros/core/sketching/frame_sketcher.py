@@ -108,7 +108,8 @@ class FrameSketcher:
         rows, cols, m = self.sensor.rows, self.sensor.cols, len(self.frequencies)
         before = None
         if cycles and self.gate is not None:
-            before = (sums[:, 2 * m + 1] // self._kernels.UNIT).astype(np.uint32).reshape(rows, cols)
+            units = sums[:, 2 * m + 1] * (self.sensor.dead_time.periods + 1)
+            before = np.rint(units / self._kernels.UNIT).astype(np.uint32).reshape(rows, cols)
         sums, photons = self._kernels.read_sums(sums, m)
         if self._subtracted:        # subtraction can leave n < |sum|; raise n so that |z| ≤ 1
             longest = np.abs(sums).max(axis=1) * (1 - ROUNDING)
@@ -180,7 +181,8 @@ def phase_table(sensor: SensorModel, frequencies: Sequence[int], gate: Gate | No
                 middles: np.ndarray | None = None) -> np.ndarray:
     """exp(i ω_l x) for bins of a sensor: real and imaginary parts in turn, then a column of 1 that counts photons.
 
-    All are 0 outside the gate. The last column is 1 before the gate: it counts laser cycles that ended there.
+    All are 0 outside the gate. The last column is 1 before the gate: it counts laser cycles that ended there. After a
+    dead time of q ≥ 1 periods, it has all photons outside the gate, and the cycles that each costs, over q + 1.
 
     Args:
         middles: of n bins, counted in bins of the sensor; its own, 0.5, 1.5, …, unless given.
@@ -196,5 +198,7 @@ def phase_table(sensor: SensorModel, frequencies: Sequence[int], gate: Gate | No
     turns = np.outer(half_bins, (*frequencies, 0)) % period / period
     inside = from_start < num_bins
     phases = np.exp(2j * np.pi * turns) * inside[:, None]
-    phases[:, -1] += 1j * (~inside & (middles < start))
+    dead = sensor.dead_time if gate is None else gate.sensor.dead_time
+    cost = dead.blinded((middles - start) % dead.period) / (dead.periods + 1) if dead.periods else middles < start
+    phases[:, -1] += 1j * ~inside * cost
     return phases.astype(np.complex64).view(np.float32)

@@ -51,7 +51,8 @@ class PhaseSums:
         photons: uint32 [rows, cols], n; pixels with more than MAX_PIXEL_PHOTONS keep so many and the same mean.
         stamp_ns: start of acquisition of the earliest photons; for a window, of its newest frame.
         cycles: N, the laser cycles, if the photons are the first of each; 0: not known, pile-up is not corrected.
-        before: uint32 [rows, cols], photons before the gate, each of which ended its cycle; None: none.
+        before: uint32 [rows, cols], cycles that photons outside the gate cost: one for each before the gate, or, with
+            a dead time of a period or longer, those for which each blinds the gate, on average; None: none.
         sensor: of the photons, behind the gate if there is one.
 
     Raises:
