@@ -34,12 +34,11 @@ CASES = {"objects": [{"b": b, "shape": shape} for b in (0.01, 0.1, 1, 10, 30) fo
 BLOCK, STRIP = np.zeros((2, SIDE, SIDE), bool)
 BLOCK[24:32, 40:48] = STRIP[:, 20:23] = True
 EVERYWHERE = np.ones_like(BLOCK)
-# What happens, where, and there what is left of the photons: before it, and after it; and whether points go with it.
+# What happens, where, the share of photons there before and after, and whether points go with it.
 EVENTS = (("alive", EVERYWHERE, 1, 1, False), ("dead from the start", BLOCK, 0, 0, False), ("dies", BLOCK, 1, 0, False),
-          ("three columns die", STRIP, 1, 0, False), ("dies before a wall", BLOCK, 1, 0, True),
-          ("an object leaves", BLOCK, 1, 1, True), ("30 % light", EVERYWHERE, 1, 0.3, False),
-          ("covered", EVERYWHERE, 1, 0.03, False))
-AFTER = 0, 1, 2, 5, 10, 30, 100
+          ("three columns die", STRIP, 1, 0, False), ("dies before a wall", BLOCK, 1, 0, True), ("an object leaves",
+           BLOCK, 1, 1, True), ("30 % light", EVERYWHERE, 1, 0.3, False), ("covered", EVERYWHERE, 1, 0.03, False))
+AFTER = {"before": -1} | {f"+{k}": k for k in (0, 1, 2, 5, 10, 30, 100)}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -69,10 +68,6 @@ def missed(objects: int, at_end: bool, shape: str, b: float, num_bins: int = 100
     constants = Matcher(sensor, frequencies).constants
     behind_m = 3 * sensor.bin_width_m * np.sqrt(constants["total_energy"] / constants["curvature"])
     background = b * gradient**np.linspace(-0.5, 0.5, SIDE) * np.ones(size)
-
-    def frame(range_m: np.ndarray, r: np.ndarray) -> PhaseSums:
-        return sketch_photons(drawn(rng, sensor, background, spread, range_m, r, sigma), sensor, frequencies)
-
     claiming, pixels, frames = 0, 0, 4 if fog else 1        # in which the background is learned
     while objects > 0:
         areas = placed(rng, SHAPES[shape], edge)
@@ -84,7 +79,7 @@ def missed(objects: int, at_end: bool, shape: str, b: float, num_bins: int = 100
             r[max(rows.min() - 2, 0):rows.max() + 3, right:right + 8] = bright
         r[np.any(areas, axis=0)] = wall
         r[:, -20:] += 5 * (fog > 0)                 # a wall, without which fog is taken for a surface
-        empty = frame(range_m, r)
+        empty = drawn(rng, sensor, frequencies, background, spread, range_m, r, sigma)
         cloud = [pooled(empty) for _ in range(frames)][-1].within(max_m=-1)     # as if it had no points
         claim, light = free.range_m(empty, cloud, brightness), []
         for area in areas:
@@ -93,7 +88,7 @@ def missed(objects: int, at_end: bool, shape: str, b: float, num_bins: int = 100
             light.append(brightness if cycles else at**2 * r_min * (1 if at_end else rng.uniform(1, 4)))
             range_m[area] = at * rng.uniform(0.6, 1) if cycles and not at_end else at
             r[area] = light[-1] / range_m[area]**2
-        seen = frame(range_m, r)
+        seen = drawn(rng, sensor, frequencies, background, spread, range_m, r, sigma)
         cloud = pooled(seen)
         for area, a in zip(areas, light):           # at the end, only points near it may keep a pixel from claiming
             claim = free.range_m(seen, cloud, a if cycles or not at_end else 1e6 * a)
@@ -116,23 +111,24 @@ def placed(rng: np.random.Generator, shape: tuple[int, int], edge: bool) -> list
     return areas
 
 
-def drawn(rng: np.random.Generator, sensor: SensorModel, background: np.ndarray, spread: np.ndarray,
-          range_m: np.ndarray, r: np.ndarray, sigma: float) -> PhotonEvents:
-    """Photons of one surface in each pixel, r a pixel at exposure 1, and of the background."""
+def drawn(rng: np.random.Generator, sensor: SensorModel, frequencies: tuple[int, ...], background: np.ndarray,
+          spread: np.ndarray, range_m: np.ndarray, r: np.ndarray, sigma: float) -> PhaseSums:
+    """The sketch of one surface in each pixel, r a pixel at exposure 1, and of the background."""
     stray, signal = (rng.poisson(light * sensor.exposure).ravel() for light in (background, r))
     pixel = np.repeat(np.tile(np.arange(sensor.pixels, dtype=np.uint32), 2), np.r_[stray, signal])
     depth = np.repeat(sensor.depth_bins(range_m).ravel(), signal)
     toa = np.r_[rng.choice(sensor.num_bins, stray.sum(), p=spread), np.rint(rng.normal(depth, sigma)) % sensor.num_bins]
     order = np.argsort(pixel, kind="stable")
     photons = pixel[order], toa[order].astype(np.uint16)
-    return PhotonEvents(*(first_of_cycle(*photons, sensor.cycles, rng) if sensor.cycles else photons))
+    photons = first_of_cycle(*photons, sensor.cycles, rng) if sensor.cycles else photons
+    return sketch_photons(PhotonEvents(*photons), sensor, frequencies)
 
 
 def known(b: float, area: np.ndarray, before: float, after: float, with_points: bool) -> dict[str, float]:
     """Percent of an area's pixels that are known to work, before an event in frame 60 and after it."""
     rng, life, out = np.random.default_rng(3), SignsOfLife(), {}
-    for k in range(61 + AFTER[-1]):
+    for k in range(161):
         has_point = area & (with_points and k < 60)
         mean = np.where(area, b * (before if k < 60 else after), b) + 30 * has_point
         out[k - 60] = life((k + 1) * 100_000_000, rng.poisson(mean), has_point, -1)[area].mean()
-    return {name: round(100 * float(out[k]), 1) for name, k in {"before": -1, **{f"+{k}": k for k in AFTER}}.items()}
+    return {name: round(100 * float(out[k]), 1) for name, k in AFTER.items()}

@@ -80,7 +80,7 @@ class FreeSpace:
         least = MARGIN * self._least_intensity(most, float(cloud.clutter or 1))
         g = exposure[open_]
         seen = least / np.minimum(self._filters.gaussian_filter(exposure, SIGMAS[0])[open_], g)
-        end = min(self._end_m, max_range_m or np.inf)
+        end = self.end_m(max_range_m)
         if sketch.cycles:
             cycles, late = sketch.armed_cycles[open_], self._sensor.late[open_]
             claim = self._piled_up(seen, brightness, g, cycles, most, late, end)
@@ -89,6 +89,10 @@ class FreeSpace:
         claim = np.minimum(claim, self._filters.minimum_filter(nearest, 2 * NEAR + 1, mode="nearest")[open_])
         free[open_] = np.where(claim > self._begin_m, claim, np.nan)
         return free
+
+    def end_m(self, max_range_m: float = 0.0) -> np.float32:
+        """The end of the longest claims, metres."""
+        return np.float32(min(self._end_m, max_range_m or np.inf))
 
     def _nearest(self, cloud: PointCloud) -> np.ndarray:
         """Range of each pixel's nearest point, float32 [rows, cols]; Inf without one."""
@@ -112,17 +116,17 @@ class FreeSpace:
         return clutter**2 * np.exp(curve)
 
     def _piled_up(self, least: np.ndarray, brightness: float, g: np.ndarray, cycles: np.ndarray, photons: np.ndarray,
-                  late: np.ndarray, end_m: float) -> np.ndarray:
+                  late: np.ndarray, end_m: np.float32) -> np.ndarray:
         """The largest R with S(R) N (1 − exp(−A g / (N R²))) / g ≥ least; S = exp(−Λ t(R) / T), Λ by `pile_up`."""
         bins = self._sensor.num_bins
         flux = -np.log1p(-np.minimum(photons / (cycles + 0.5), 1 - EPSILON))
-        low, high = np.zeros_like(least), np.full_like(least, end_m)
-        for _ in range(HALVINGS):
-            middle = (low + high) / 2
+        low, high, middle = np.zeros_like(least), np.full_like(least, end_m), np.full_like(least, end_m)
+        for _ in range(1 + HALVINGS):           # the end first
             time = np.clip((self._sensor.depth_bins(middle) + late) / bins, 0, 1)
             shown = -cycles * np.expm1(-brightness * g / (cycles * middle**2)) * np.exp(-flux * time) / g
             seen = shown >= least
             low, high = np.where(seen, middle, low), np.where(seen, high, middle)
+            middle = (low + high) / 2
         return low
 
 

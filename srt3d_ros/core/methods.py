@@ -16,6 +16,7 @@ from srt3d_ros.errors import require
 from srt3d_ros.kernels.devices import DEVICES
 
 DEFAULT_METHOD = "pooled"
+MAX_WINDOW = 1000
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Method:
         needs: "sketch", or "photons" if it needs every time of arrival.
         kind: its class.
         frequencies: default for `frequencies.choose_frequencies`.
-        options: those of `MethodOptions` that it has, besides `method` and `surfaces`.
+        options: those of `ReconstructorOptions` that it has, besides `method` and `surfaces`.
     """
 
     name: str
@@ -54,7 +55,7 @@ class Method:
 METHODS = {method.name: method for method in (
     Method("pooled", "SRT3D's data term, summed over the neighbours on the same surface, where SRT3D smooths depths "
            "with APSS afterwards", "sketch", Pooled,
-           options=("device", "false_alarm_rate", "background")),
+           options=("device", "false_alarm_rate", "background", "window_frames")),
     Method("srt3d", "SRT3D as published, gradient steps on pixels' sketches and an APSS denoiser", "sketch", SRT3D,
            "consecutive", ("device",)),
     Method("smle", "maximum likelihood on each pixel's sketch", "sketch", SMLE, "consecutive", ("device",)),
@@ -81,7 +82,15 @@ class MethodOptions(TypedDict, total=False):
         "even", choices=BACKGROUNDS, default=BACKGROUNDS[0])]
 
 
-OPTIONS = keys(MethodOptions)
+class ReconstructorOptions(MethodOptions, total=False):
+    """How to reconstruct successive frames."""
+
+    window_frames: Annotated[int, Key(
+        "frames (not messages) that count in a cloud, newer ones more (pooled): more points and less error, but what "
+        "moves in the scene smears. If the sensor moves: docs/motion.md", bounds=(1, MAX_WINDOW), default=1)]
+
+
+OPTIONS = keys(ReconstructorOptions)
 
 
 def find(name: str) -> Method:

@@ -130,6 +130,7 @@ class FreeSpaceStream:
 
     def __init__(self, sensor: SensorModel, frequencies: Sequence[int]):
         self._free, self._life, self._used = FreeSpace(sensor, frequencies), SignsOfLife(), sensor.used
+        self.end_m = self._free.end_m
 
     def __call__(self, sketch: PhaseSums, cloud: PointCloud, brightness: float, max_range_m: float = 0.0,
                  false_alarm_rate: float = DEFAULT_FALSE_ALARM_RATE) -> np.ndarray:

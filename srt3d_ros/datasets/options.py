@@ -58,6 +58,8 @@ class SensorOptions(TypedDict, total=False):
     background_shape: Values
     histograms: HistogramBins
     cycles: int
+    dead_time_s: float
+    period_s: float
     frame_id: str
     extrinsics: str
     gate: Annotated[tuple[int, int], Key(

@@ -60,14 +60,12 @@ SPREAD = 4              # pixels by which surfaces may grow into empty ones in e
 # ‖d‖: how far an IRF may be wrong beyond intensity, depth, width and skew. A real head's echo has 1 %; on it 0.015 is
 # enough, for widths wrong by a quarter 0.02. Surfaces with a smaller share of their pixel's light are lost.
 WRONG_SHAPE = 0.02
-# Half the standard deviations by which surfaces may be brighter than their pixel's photons: next to a retro-reflector,
-# the pool makes its halo brighter than all of them, and the wall behind would be a ghost.
-HALO = 1.5
 
 # ---- End (`trim`, `drop_blobs`, `finalise`)
 
 LOCAL_SIGMA = WINDOWS[0].sigma     # pixels, of the window over which pixels are compared
 WHOLE_SCORE = 2.0       # σ above a start's that the best point of a surface needs: growth has fitted it to chance
+RELIEF_SCORE = 3.0      # σ by which pixels' own photons disagree with their pools where depth_std grows
 RIM = 3                 # pixels without a surface, of the 8 around, that make a point one of the rim
 TRIMMED = 2 * SPREAD    # pixels of dim outlines that may go: the start's windows reach beyond them, then growth
 

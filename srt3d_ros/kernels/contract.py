@@ -36,7 +36,7 @@ class Kernels(Protocol):
         """NumPy arrays of what `collect` listed: row, col, rank [N]; depth, intensity, std [3, N]; xyz [N, 3]."""
 
     def as_frame(self, function: Callable) -> Callable:
-        """A function of arrays, the first [rows, cols], as the device runs frames; a GPU replays it."""
+        """A function of arrays or None, the first [rows, cols], as the device runs frames; a GPU replays it."""
 
     # ---- A frame of the default method, in order
 

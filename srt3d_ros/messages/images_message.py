@@ -16,7 +16,7 @@ MODEL = "plumb_bob"     # five coefficients: k1, k2, p1, p2, k3
 
 
 def encode_cdr(image: np.ndarray, stamp_ns: int, frame_id: str) -> bytes:
-    """The serialised message of an image, float32 [rows, cols], NaN = missing."""
+    """The serialised message of an image, float32 [rows, cols], NaN = missing, +Inf = empty."""
     return cdr.write_image(pack_image(cdr.Header(stamp_ns, frame_id), image[:, :, None], "images"))
 
 

@@ -9,13 +9,16 @@ from std_msgs.msg import String
 from srt3d_ros import precompile
 from srt3d_ros.core.method.pile_up import SATURATED, saturated
 from srt3d_ros.core.methods import METHODS, OPTIONS, SKETCH_METHODS, checked
+from srt3d_ros.core.motion.track import SensorMotion
+from srt3d_ros.core.motion.trajectory import Pose, Trajectory
 from srt3d_ros.core.point_cloud import SURFACE_ORDERS, PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.signs_of_life import FreeSpaceStream
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.errors import require
 from srt3d_ros.kernels.devices import kernels_for
+from srt3d_ros.messages import free_message, points_message, sketch_message
 from srt3d_ros.messages import images_message as image_message
-from srt3d_ros.messages import points_message, sketch_message
 from srt3d_ros.messages.images_message import camera_info
 from srt3d_ros.nodes.common import topics
 from srt3d_ros.nodes.common.managed_node import ManagedNode, sensor_summary
@@ -23,6 +26,7 @@ from srt3d_ros.nodes.common.parameters import Parameter, Values
 from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.common.worker import Dropped
+from srt3d_ros.nodes.motion_input import MotionInput
 from srt3d_ros.nodes.sketch_queue import QueuedSketch, SketchQueue
 from srt3d_ros.reconstruction import Reconstructor
 
@@ -34,7 +38,7 @@ PARAMETERS = (
     Parameter("surface_order", "strongest", "The surface of a pixel that comes first in `points`; images show only the "
               "first. With `surfaces` of 2 or more, nearest shows a net or fog, and farthest the scene behind it.",
               choices=tuple(SURFACE_ORDERS), live=True),
-    *(Parameter.of(OPTIONS[name]) for name in ("false_alarm_rate", "background", "device")),
+    *(Parameter.of(OPTIONS[name]) for name in ("false_alarm_rate", "background", "window_frames", "device")),
     Parameter("fields", "xyzi", "Fields of `points`. xyzi: x, y, z, intensity. full: also depth_std, background, row, "
               "col and surface.", choices=("xyzi", "full"), live=True),
     Parameter("organised", False, "Publish `points` as an image of rows × cols: the first point of each pixel by "
@@ -43,6 +47,10 @@ PARAMETERS = (
     Parameter("min_range_m", 0.0, "Omit points nearer than this along their pixel's ray, from `points` and images; 0 "
               "= no limit.", "m", low=0.0, live=True),
     Parameter("max_range_m", 0.0, "Omit points farther than this; 0 = no limit.", "m", low=0.0, live=True),
+    Parameter("free_brightness", 0.0, "Publish on `free` how far pixels without a point hold nothing so bright or "
+              "brighter: signal photons that the darkest object of interest sends into a pixel in a frame from 1 m "
+              "(docs/robot-stack.md says how to measure it); 0 = nothing is claimed. Only with method pooled.",
+              "photons", low=0.0, live=True),
 )
 
 
@@ -52,6 +60,8 @@ def check(values: Values) -> None:
     kernels_for(values["device"])
     nearest, farthest = values["min_range_m"], values["max_range_m"]
     require(farthest == 0 or nearest < farthest, "min_range_m", nearest, f"less than max_range_m, {farthest:g} m")
+    require(values["free_brightness"] == 0 or values["method"] == "pooled", "free_brightness",
+            values["free_brightness"], f"0 with method {values['method']}: only pooled tells what is empty")
 
 
 def options(values: Values) -> Values:
@@ -61,8 +71,8 @@ def options(values: Values) -> Values:
 
 SPEC = NodeSpec(
     "reconstructor",
-    inputs=(topics.SKETCH_SENSOR, topics.SKETCH),
-    outputs=(topics.POINTS, *topics.IMAGE_TOPICS, topics.CAMERA_INFO),
+    inputs=(topics.SKETCH_SENSOR, topics.SKETCH, topics.ODOM),
+    outputs=(topics.POINTS, topics.FREE, *topics.IMAGE_TOPICS, topics.CAMERA_INFO),
     parameters=PARAMETERS,
 )
 
@@ -75,11 +85,14 @@ class ReconstructorNode(ManagedNode):
     """Publishes a cloud for each sketch, reconstructed with the description that the sketch names."""
 
     spec = SPEC
+    _motion: MotionInput | None = None          # of windows
+    _before_ns = 0                              # stamp of the last sketch
 
     def __init__(self):
         super().__init__()
         self._queue = SketchQueue()
         self._built: dict[tuple[str, tuple[int, ...]], Reconstructor] = {}      # the last used comes last
+        self._free_of: tuple | None = None          # the sensor and the frequencies that `_free` is for
         self._settings = self.parameters.as_dict()      # the worker's copy, which changes only between frames
         self.parameters.on_check = check
         self.parameters.on_change = lambda: self.worker.call(self._apply)
@@ -90,6 +103,7 @@ class ReconstructorNode(ManagedNode):
         # On the CPU, since a GPU's kernels depend on the sensor.
         Reconstructor(precompile.ANY_SENSOR, (1, 2, 3), **options(self._settings | {"device": "cpu"})).warm_up()
         self._points = self.endpoints.advertise(topics.POINTS)
+        self._ends = self.endpoints.advertise(topics.FREE)
         self._images = {topic.name: self.endpoints.advertise(topic) for topic in topics.IMAGE_TOPICS}
         self._camera_info = self.endpoints.advertise(topics.CAMERA_INFO)
 
@@ -105,8 +119,11 @@ class ReconstructorNode(ManagedNode):
         self.diagnostics.drop(cause, self._queue.clear())
 
     def forget(self) -> None:
-        """Forget the last frame's surfaces and background."""
+        """Forget the last frames' surfaces, background and signs of life, and the motion of the sensor."""
         self._built.clear()
+        self._free_of = None
+        self.endpoints.unsubscribe()            # the worker may have subscribed since `unsubscribe`
+        self._motion = None
 
     def _apply(self) -> None:
         """Use the current parameters from the next frame on."""
@@ -124,6 +141,7 @@ class ReconstructorNode(ManagedNode):
         sensor = self.check_size(self._queue.describe(message.data))
         self.diagnostics.problem, self.diagnostics.frame_id = "", sensor.frame_id
         self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins)
+        self._hear_motion_of(sensor)
         self._reconstruct_all()
 
     def _on_sketch(self, raw: bytes) -> None:
@@ -146,7 +164,7 @@ class ReconstructorNode(ManagedNode):
     def _reconstruct(self, sensor: SensorModel, queued: QueuedSketch) -> None:
         sketch = sketch_message.decode(queued.message, self.check_size(sensor))
         reconstructor = self._reconstructor(queued.digest, sketch)
-        seen = reconstructor(sketch)
+        seen = reconstructor(sketch, self._trajectory(sketch))
         self._warn_of_saturation(sketch)
         light = seen.background.sum() + seen.intensity.sum() if sketch.cycles else seen.photons
         share = float(seen.background.sum()) / max(light, 1)
@@ -161,7 +179,26 @@ class ReconstructorNode(ManagedNode):
             pixels = int(saturated(sketch, sketch.sensor).sum())
             self.diagnostics.show(cycles=sketch.cycles, saturated_pixels=pixels)
         warning = f"saturated pixels: {pixels} (a photon in over {SATURATED:.0%} of the cycles)"
-        self.diagnostics.degraded = warning if pixels else ""
+        if pixels or self._motion is None:
+            self.diagnostics.degraded = warning if pixels else ""
+
+    def _hear_motion_of(self, sensor: SensorModel) -> None:
+        """Subscribe to `odom` for windows of a sensor that moves, unless that is done."""
+        if self._motion is None and self._settings["window_frames"] > 1 and sensor.extrinsics:
+            self._motion, self._mount = MotionInput(self, lambda: None), ""
+
+    def _trajectory(self, sketch: PhaseSums) -> Trajectory | None:
+        """The sensor's motion since the last sketch, for a window; empty if it is not known, None if it is at rest."""
+        self._hear_motion_of(sketch.sensor)
+        mount, (before_ns, self._before_ns) = sketch.sensor.extrinsics, (self._before_ns, sketch.stamp_ns)
+        if self._motion is None or not mount or self._settings["window_frames"] == 1:
+            return None
+        if mount != self._mount:
+            self._mount, self._track = mount, SensorMotion(Pose.from_text(mount))
+        self._motion.read_into(self._track.add)
+        trajectory, cause = self._track.over(min(before_ns or sketch.stamp_ns, sketch.stamp_ns), sketch.stamp_ns, True)
+        self._motion.judge(cause and f"windows of one frame: {cause}", "windows follow the motion again")
+        return trajectory or Trajectory()
 
     def _reconstructor(self, digest: str, sketch: PhaseSums) -> Reconstructor:
         """The Reconstructor for a description and frequencies, with its memory of their last frames."""
@@ -187,12 +224,33 @@ class ReconstructorNode(ManagedNode):
         published = int(np.count_nonzero(cloud.surface == 0)) if organised else len(cloud)
         self.diagnostics.count(points=published, points_out_of_range=len(seen) - len(cloud), photons=seen.photons)
         try:
-            self._publish_images(cloud, sketch.sensor, frame_id)
+            free_m = self._free_range_m(seen, sketch)
+            if free_m is not None:
+                ends = free_message.encode_cdr(free_m, sketch.sensor, cloud.stamp_ns, frame_id)
+                self.publish(self._ends, ends)
+            self._publish_images(cloud, sketch.sensor, frame_id, free_m)
         except Exception as problem:    # not counted as a lost frame: its points have been published
             self.failed(problem)
 
-    def _publish_images(self, cloud: PointCloud, sensor: SensorModel, frame_id: str) -> None:
-        draw = {"depth": partial(cloud.depth_image, sensor.projection), "intensity": partial(cloud.image, "intensity"),
+    def _free_range_m(self, seen: PointCloud, sketch: PhaseSums) -> np.ndarray | None:
+        """How far pixels are empty, for readers of `free` and `depth`; None without, and signs of life begin anew."""
+        brightness, kind = self._settings["free_brightness"], (sketch.sensor, sketch.frequencies)
+        readers = (self._ends, self._images["depth"])
+        if not brightness or not any(each.get_subscription_count() for each in readers):
+            self._free_of = None
+            return None
+        if kind != self._free_of:
+            self._free_of, self._free = kind, FreeSpaceStream(*kind)
+        return self._free(sketch, seen, brightness, self._settings["max_range_m"], self._settings["false_alarm_rate"])
+
+    def _publish_images(self, cloud: PointCloud, sensor: SensorModel, frame_id: str, free_m: np.ndarray | None
+                        ) -> None:
+        def depth() -> np.ndarray:
+            image = cloud.depth_image(sensor.projection)
+            if free_m is not None:
+                image[free_m >= self._free.end_m(self._settings["max_range_m"])] = np.inf
+            return image
+        draw = {"depth": depth, "intensity": partial(cloud.image, "intensity"),
                 "background": lambda: cloud.background}
         for name, publisher in self._images.items():
             if publisher.get_subscription_count():

@@ -13,20 +13,23 @@ from rclpy.qos import ReliabilityPolicy
 from rclpy.utilities import get_rmw_implementation_identifier
 from std_msgs.msg import String
 
+from srt3d_ros.core.motion.track import SensorMotion
+from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import require
 from srt3d_ros.files.new_files import free
+from srt3d_ros.messages import free_message, points_message, sensor_message, sketch_message
 from srt3d_ros.messages import images_message as image_message
-from srt3d_ros.messages import points_message, sensor_message, sketch_message
 from srt3d_ros.nodes.common import topics
 from srt3d_ros.nodes.common.managed_node import ManagedNode
 from srt3d_ros.nodes.common.parameters import Parameter, Values
 from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.common.worker import Dropped
+from srt3d_ros.nodes.motion_input import MotionInput
 from srt3d_ros.processes.versions import versions
 from srt3d_ros.recording import entities
-from srt3d_ros.recording.writer import FrameIndex, RecordedFrame, RecordingFailed, RecordingWriter
+from srt3d_ros.recording.writer import IMAGES_HZ, FrameIndex, RecordedFrame, RecordingFailed, RecordingWriter
 
 RECORDED_IMAGES = tuple(path.strip("/") for path in (entities.DEPTH_PATH, *entities.PHOTON_IMAGES))
 ALL_IMAGES, NO_IMAGES = ",".join(RECORDED_IMAGES), "none"
@@ -35,7 +38,7 @@ PARAMETERS = (
     Parameter("path", "", "Path of the recording; if empty, recording_<UTC time>.rrd in the working directory. No file "
               "is replaced: where there is one, and for further recordings, NAME_2.rrd, NAME_3.rrd, ….",
               form="a path that ends with .rrd", inactive=True),
-    Parameter("images", ALL_IMAGES, "Images to record.", form=WHICH_IMAGES),
+    Parameter("images", ALL_IMAGES, f"Images to record, of at most {IMAGES_HZ} frames a second.", form=WHICH_IMAGES),
 )
 
 
@@ -56,13 +59,15 @@ def checked_images(text: str) -> tuple[str, ...]:
 
 
 QUEUE = 128             # messages that wait for the disk
-RECORDED_DEPTH = 32     # messages of each topic that the middleware keeps: six topics, sketches of 2 MB
+RECORDED_DEPTH = 32     # messages of each topic that the middleware keeps: seven topics, sketches of 2 MB
 LINES_KEPT = 1000       # log lines from before the first frame
+POSE_NS = 10**9         # clouds wait for their pose this long, by their stamps
 NEAR_NS = 60 * 10**9    # log lines farther from the frames, as in a replay, get the stamp of the newest frame
 
 SPEC = NodeSpec(
     "recorder",
-    inputs=(topics.SKETCH_SENSOR, topics.POINTS, *topics.IMAGE_TOPICS, topics.SKETCH, topics.ROSOUT),
+    inputs=(topics.SKETCH_SENSOR, topics.POINTS, topics.FREE, *topics.IMAGE_TOPICS, topics.SKETCH, topics.ROSOUT,
+            topics.ODOM),
     parameters=PARAMETERS,
 )
 
@@ -82,6 +87,8 @@ class RecorderNode(ManagedNode):
         self.parameters.on_check = self._check
         self._writer: RecordingWriter | None = None
         self._path: Path | None = None      # of the recording that is open or begins next
+        self._track: SensorMotion | None = None     # of a sensor with extrinsics
+        self._unplaced: deque[tuple[RecordedFrame, np.ndarray, np.ndarray]] = deque()      # with xyz and intensity
 
     def configure(self) -> None:
         """Check the parameters and collect the properties of every recording."""
@@ -104,11 +111,13 @@ class RecorderNode(ManagedNode):
         self._lines = deque(maxlen=LINES_KEPT)
         self.hold_frames_for("the sketch's description", topics.SKETCH_SENSOR)
         self.exit_code = 0
-        self.diagnostics.count(clouds=0)
+        self.diagnostics.count(clouds=0, images_skipped=0)
+        self._motion = MotionInput(self, self._on_motion)
         # Publishers discover these readers in this order: images before points, and the description last.
         for topic in topics.IMAGE_TOPICS:
             if f"/{topic.name}" in self._images:
                 self.subscribe(topic, lambda raw, path=f"/{topic.name}": self._on_image(path, raw))
+        self.subscribe(topics.FREE, self._on_free)
         self.subscribe(topics.SKETCH, self._on_sketch)       # before `points`: of a backlog, sketches are read first
         self.subscribe(topics.POINTS, self._on_points)
         self.follow(topics.ROSOUT, self._on_line)
@@ -116,25 +125,29 @@ class RecorderNode(ManagedNode):
         self.diagnostics.show(path=self._path)
 
     def forget(self) -> None:
-        writer, self._path = self._writer, None
+        self._path = None
         self.diagnostics.show(path="")
-        if writer is not None:
-            self._write_lines(writer)
-            self._writer = None
-            writer.close()
+        if self._writer is not None:
+            self._write_lines(self._writer)
+            self._end_recording(self._writer)
+
+    def _end_recording(self, writer: RecordingWriter) -> None:
+        self._place(writer, at_once=True)
+        self._writer = None
+        writer.close()
 
     def _on_sensor(self, message: String) -> None:
         sensor = sensor_message.from_json(message.data)
         if self._path is None or (self._writer is not None and sensor.same_as(self._sensor)):
             return
+        track = None if sensor.extrinsics is None else SensorMotion(Pose.from_text(sensor.extrinsics))
         if self._writer is not None:        # another sensor needs another recording
-            writer, self._writer = self._writer, None
-            writer.close()
+            self._end_recording(self._writer)
             if self.stopping.is_set():      # a node that stops begins no recording; the remaining frames are dropped
                 self._path = None
                 return
             self._path = free(self._asked)
-        self._sensor, self._frequencies, self.diagnostics.frame_id = sensor, (), sensor.frame_id
+        self._track, self._sensor, self._frequencies, self.diagnostics.frame_id = track, sensor, (), sensor.frame_id
         self.get_logger().info(f"recording to {self._path}")
         about_run = {"namespace": self.get_namespace(), "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
                      "machine": platform.node(), "cpus": os.cpu_count()}
@@ -150,6 +163,7 @@ class RecorderNode(ManagedNode):
         self.diagnostics.error(str(error))
         self.diagnostics.drop("not_recording", frames)
         self._writer = None
+        self._unplaced.clear()
         self.unsubscribe()
         self.release_frames()
         self.forget()
@@ -170,13 +184,59 @@ class RecorderNode(ManagedNode):
         recorded = {name: columns[name] for name in ("xyz", "intensity", *entities.OF_FULL_CLOUDS) if name in columns}
         writer.log_cloud(frame.stamp_ns, frame.number, **recorded)
         self.diagnostics.count(clouds=1, points=number_of_points)
+        if self._track is not None:
+            self._unplaced.append((frame, columns["xyz"], columns["intensity"]))
+            self._place(writer)
+        self._logged(writer, frame)
+
+    def _on_motion(self) -> None:
+        """Have the worker place clouds if some wait; called in the executor's thread."""
+        if self._unplaced:
+            self.worker.call(lambda: self._writer and self._place(self._writer))
+
+    def _place(self, writer: RecordingWriter, at_once: bool = False) -> None:
+        """Log the poses of clouds that odometry has reached by now; give up those that have waited for POSE_NS."""
+        if self._track is None:
+            return
+        self._motion.read_into(self._track.add)
+        newest_ns, problem = self._unplaced[-1][0].stamp_ns if self._unplaced else 0, ""
+        while self._unplaced:
+            frame, xyz, intensity = self._unplaced[0]
+            late = at_once or not 0 <= newest_ns - frame.stamp_ns < POSE_NS
+            trajectory, reason = self._track.over(frame.stamp_ns, frame.stamp_ns, late)
+            if trajectory is None and not reason:
+                return
+            self._unplaced.popleft()
+            if trajectory is None and self._track.trajectory.newest_ns is None:
+                continue                # the robot has no odometry
+            if trajectory is None:
+                problem = f"clouds are recorded without a pose: {reason}"
+                self.diagnostics.count(clouds_unplaced=1)
+            else:
+                problem, pose = "", trajectory.at(frame.stamp_ns)
+                writer.log_pose(frame.stamp_ns, frame.number, pose)
+                if frame.has_images:
+                    writer.log_room(frame.stamp_ns, frame.number, pose, xyz, intensity)
+                self.diagnostics.count(clouds_placed=1)
+            self._motion.judge(problem, "clouds have poses again")
+
+    def _on_free(self, raw: bytes) -> None:
+        header, ends = free_message.decode_cdr(raw)
+        writer, frame = self._frame(header.stamp_ns)
+        writer.log_free(frame.stamp_ns, frame.number, ends)
         self._logged(writer, frame)
 
     def _on_image(self, path: str, raw: bytes) -> None:
         header, image = image_message.decode_cdr(raw)
         writer, frame = self._frame(header.stamp_ns)
-        writer.log_image(path, frame.stamp_ns, frame.number, image)
+        self._log_image(writer, frame, path, image)
         self._logged(writer, frame)
+
+    def _log_image(self, writer: RecordingWriter, frame: RecordedFrame, path: str, image: np.ndarray) -> None:
+        if frame.has_images:
+            writer.log_image(path, frame.stamp_ns, frame.number, image)
+        else:
+            self.diagnostics.count(images_skipped=1)
 
     def _on_sketch(self, raw: bytes) -> None:
         header, frequencies, counts = sketch_message.decode_counts_cdr(raw)
@@ -190,7 +250,7 @@ class RecorderNode(ManagedNode):
                   "ppp": photons / max(counts.size, 1)}
         writer.log_scalars(frame.stamp_ns, series, frame.number)
         if entities.PHOTONS_PATH in self._images:
-            writer.log_image(entities.PHOTONS_PATH, frame.stamp_ns, frame.number, counts)
+            self._log_image(writer, frame, entities.PHOTONS_PATH, counts)
         self.diagnostics.count(photons=photons)
         self._logged(writer, frame)
 

@@ -73,6 +73,12 @@ def point_table() -> np.ndarray:
     return packed(shaded(range_table()[:, None], np.arange(256)).reshape(-1, 3)).reshape(256, 256)
 
 
+@cache
+def grey_table() -> np.ndarray:
+    """Colours of what was seen before, uint8 [256, 3]: duller than any of `point_table`."""
+    return np.linspace((34, 38, 46), (164, 170, 180), 256).astype(np.uint8)
+
+
 def percentile_range(values: np.ndarray) -> tuple[float, float] | None:
     """The 2nd and 98th percentile of the finite values, sampled if there are many; None without any."""
     values = np.asarray(values).ravel()

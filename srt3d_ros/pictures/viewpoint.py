@@ -7,6 +7,8 @@ import numpy as np
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan, Projection
 
+# Forward, right and up, as rows: ahead in a frame with z up (REP-103); and down on it, as on a map, x to the right.
+LEVEL, FROM_ABOVE = np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, 1]]), np.array([[0.0, 0, -1], [1, 0, 0], [0, 1, 0]])
 _PERCENTILES = (0.5, 99.5)      # points outside count as outliers
 _FITTING_STEPS = 4              # each step leaves a few per cent of the error
 _MARGIN = 1.1                   # size of the view over that of the cloud
@@ -36,12 +38,12 @@ class Viewpoint:
 def sensor_axes(projection: Projection | None) -> np.ndarray:
     """Forward, right and up in the sensor's frame (optical, or REP-103 for a scan) as rows of [3, 3]."""
     if isinstance(projection, AngularScan):
-        return np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, 1]])
+        return LEVEL
     return np.array([[0.0, 0, 1], [1, 0, 0], [0, -1, 0]])
 
 
 def look_at(xyz: np.ndarray, projection: Projection | None = None, yaw_deg: float = 15, pitch_deg: float = 10,
-            fov_deg: float = 30, aspect: float = 1.0) -> Viewpoint:
+            fov_deg: float = 30, aspect: float = 1.0, axes: np.ndarray | None = None) -> Viewpoint:
     """An eye for which the cloud fills the view, turned around its middle from the sensor's line of sight.
 
     Args:
@@ -50,8 +52,9 @@ def look_at(xyz: np.ndarray, projection: Projection | None = None, yaw_deg: floa
         yaw_deg, pitch_deg: positive to the right of and above the sensor.
         fov_deg: the eye's angle of view.
         aspect: width over height of the view.
+        axes: forward, right and up of points that are not in the sensor's frame, as rows of [3, 3].
     """
-    forward, right, up = sensor_axes(projection)
+    forward, right, up = sensor_axes(projection) if axes is None else axes
     yaw, pitch = np.radians(yaw_deg), np.radians(pitch_deg)
     towards = np.cos(pitch) * (np.sin(yaw) * right - np.cos(yaw) * forward) + np.sin(pitch) * up
     xyz = _some_points(xyz, forward)

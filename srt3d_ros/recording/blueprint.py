@@ -9,7 +9,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.pictures.colours import BACKGROUND, GREEN, ORANGE, SKY_BLUE, YELLOW
 from srt3d_ros.pictures.viewpoint import Viewpoint
 from srt3d_ros.recording import entities
-from srt3d_ros.recording.entities import FRAME_INDEX, metric_path
+from srt3d_ros.recording.entities import FRAME_INDEX, STAMP, metric_path
 
 # Plots from the first tab to the last: the legend and colour of each metric.
 PLOTS = {
@@ -21,22 +21,36 @@ PLOTS = {
 }
 IMAGE_TITLES = {entities.DEPTH_PATH: "Depth", entities.PHOTONS_PATH: "Photons",
                 entities.INTENSITY_PATH: "Intensity", entities.BACKGROUND_PATH: "Background"}
+ROOM_S = 10.0                       # how long a moving sensor's clouds stay
 _WIDE_ASPECT = 2.0                  # columns over rows above which images are stacked
 
 
-def cloud_view(eye: Viewpoint) -> rrb.Spatial3DView:
-    """The 3D view of the cloud and the sensor, orbiting about the target of `eye`."""
+def cloud_view(eye: Viewpoint, moving_rate_hz: float | None = None) -> rrb.Spatial3DView:
+    """The 3D view of the cloud and the sensor, orbiting about the target of `eye`; empty rays are hidden at first.
+
+    With the rate of clouds of a moving sensor, it shows the clouds and the way of the last ROOM_S, too.
+    """
     controls = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=eye.position, look_target=eye.target,
                                  eye_up=eye.up)
-    return rrb.Spatial3DView(origin="/", name="Point cloud", contents=[entities.POINTS_PATH, entities.SENSOR_PATH],
-                             background=BACKGROUND, line_grid=False, eye_controls=controls)
+    contents, recent = [entities.POINTS_PATH, entities.SENSOR_PATH, entities.FREE_PATH], {}
+    hidden = {entities.FREE_PATH: rrb.EntityBehavior(visible=False)}
+    if moving_rate_hz is not None:
+        bound = rrb.TimeRangeBoundary.cursor_relative
+        recent = {path: rrb.VisibleTimeRanges([
+            rrb.VisibleTimeRange(FRAME_INDEX, start=bound(seq=round(-ROOM_S * moving_rate_hz)), end=bound(seq=last)),
+            rrb.VisibleTimeRange(STAMP, start=bound(seconds=-ROOM_S), end=bound(seconds=last / moving_rate_hz))])
+            for path, last in ((entities.ROOM_PATH, -1), (entities.WAY_PATH, 0))}   # the cloud of now would flicker
+        contents = [entities.POINTS_PATH, entities.MOVING_SENSOR_PATH, entities.FREE_PATH, *recent]
+    return rrb.Spatial3DView(origin="/", name="Point cloud", contents=contents, background=BACKGROUND, line_grid=False,
+                             eye_controls=controls, overrides=hidden | recent)
 
 
-def film_blueprint(eye: Viewpoint, sensor: SensorModel, images: tuple[str, ...], rate_hz: float | None
-                   ) -> rrb.Blueprint:
+def film_blueprint(eye: Viewpoint, sensor: SensorModel, images: tuple[str, ...], rate_hz: float | None,
+                   moving: bool = False) -> rrb.Blueprint:
     """Blueprint that plays all frames in a loop: the cloud on the left; images, plots and log on the right.
 
-    With None for `rate_hz`, the frames per second, it shows a single frame: without plots and log.
+    With None for `rate_hz`, the frames per second, it shows a single frame: without plots and log. For a sensor that is
+    `moving`, the 3D view stands in the fixed frame.
     """
     panes = _image_panes([path for path in IMAGE_TITLES if path in images])
     wide = sensor.cols > _WIDE_ASPECT * sensor.rows
@@ -47,7 +61,8 @@ def film_blueprint(eye: Viewpoint, sensor: SensorModel, images: tuple[str, ...],
         right.append(rrb.Tabs(*(_plot(title, names) for title, names in PLOTS.items()), log, active_tab=0))
     # By frames: on the timeline of stamps, log lines come seconds before the first frame.
     time = rrb.TimePanel(state="collapsed", timeline=FRAME_INDEX, fps=rate_hz, play_state="playing", loop_mode="all")
-    return rrb.Blueprint(rrb.Horizontal(cloud_view(eye), rrb.Vertical(*right), column_shares=[3, 2]),
+    view = cloud_view(eye, rate_hz if moving else None)
+    return rrb.Blueprint(rrb.Horizontal(view, rrb.Vertical(*right), column_shares=[3, 2]),
                          rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed"), time,
                          auto_views=False, auto_layout=False)
 

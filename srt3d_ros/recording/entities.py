@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow as pa
 import rerun as rr
 
+from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.pictures.colours import BACKGROUND as BLACK
@@ -15,6 +16,9 @@ from srt3d_ros.pictures.viewpoint import sensor_axes
 APPLICATION_ID = "srt3d_ros"
 STAMP, FRAME_INDEX = "stamp", "frame"               # timelines
 POINTS_PATH, DEPTH_PATH, METRICS_PATH, LOG_PATH, SENSOR_PATH = "/points", "/depth", "/metrics", "/log", "/sensor"
+FREE_PATH = "/free"                                 # empty rays, hidden until someone shows them
+POSE_PATH, ROOM_PATH, WAY_PATH = "/pose", "/room", "/way"           # of a sensor that moves: the last two fixed
+MOVING_SENSOR_PATH = f"{POSE_PATH}{SENSOR_PATH}"
 NO_DEPTH = f"{DEPTH_PATH}/none"                     # drawn over the depth image
 PHOTON_IMAGES = INTENSITY_PATH, BACKGROUND_PATH, PHOTONS_PATH = "/intensity", "/background", "/photons"     # photons
 INTENSITY_COMPONENT = "intensity"                   # component of points, in photons
@@ -24,6 +28,8 @@ PROPERTIES = "/__properties"                        # rerun's entity path for pr
 
 _DARK = 45 / 210        # ratio of dark colours that colours.range_table leaves out to those that it keeps
 _LEAST_SPAN = 1e-6
+_FAN, MOST_RAYS = (38, 52, 60), 1500               # dim; more rays would hide the points
+_WAY_COLOUR, _WAY_WIDTH = (230, 159, 0), rr.Radius.ui_points(1.5)
 _FRUSTUM, _FRUSTUM_WIDTH = (60, 66, 77), rr.Radius.ui_points(0.4)      # dim and thin, behind the points
 
 
@@ -40,6 +46,18 @@ def points(columns: Mapping[str, np.ndarray], colour: np.ndarray, radius_m: floa
               if name == INTENSITY_COMPONENT or name in OF_FULL_CLOUDS}
     radius = radius_m or rr.Radius.ui_points(1.5)
     return [rr.Points3D(columns["xyz"], colors=colour, radii=radius), rr.AnyValues(**values)]
+
+
+def fan(ends: np.ndarray) -> list:
+    """Archetypes of empty rays from the sensor to their ends [N, 3], of at most MOST_RAYS of them."""
+    ends = ends[::max(-(-len(ends) // MOST_RAYS), 1)]
+    return [rr.LineStrips3D(np.stack([np.zeros_like(ends), ends], axis=1), colors=_FAN, radii=_FRUSTUM_WIDTH)]
+
+
+def pose(pose: Pose, last: Pose) -> dict[str, list]:
+    """Archetypes by entity path of the sensor's pose, and of its way from the last one."""
+    way = rr.LineStrips3D([np.stack([last.translation, pose.translation])], colors=_WAY_COLOUR, radii=_WAY_WIDTH)
+    return {POSE_PATH: [rr.Transform3D(translation=pose.translation, quaternion=pose.quaternion)], WAY_PATH: [way]}
 
 
 def image(path: str, values: np.ndarray, low: float, high: float) -> dict[str, list]:

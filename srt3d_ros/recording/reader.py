@@ -12,6 +12,7 @@ from rerun import ChannelDatatype
 from rerun.chunk import Chunk, RrdReader
 from tqdm import tqdm
 
+from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput, require
@@ -116,6 +117,12 @@ class RecordingReader:
             image_format = formats.as_py()[0]
             dtype = ChannelDatatype(image_format["channel_datatype"]).to_np_dtype()
             yield stamp, frame, _array(buffer).view(dtype).reshape(image_format["height"], image_format["width"])
+
+    def poses(self) -> dict[int, Pose]:
+        """Poses of a sensor that moved, from its frame to a fixed one, by frame index."""
+        columns = "Transform3D:translation", "Transform3D:quaternion"
+        return {frame: Pose.from_quaternion(_array(turn), _array(at))
+                for _, frame, at, turn in self._selected(entities.POSE_PATH, None, columns)}
 
     def series(self) -> dict[str, Series]:
         """All time series by name."""

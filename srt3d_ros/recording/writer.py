@@ -1,6 +1,7 @@
 """Record clouds, images, scalars and log lines in an .rrd file."""
 
 import atexit
+import math
 import shutil
 import threading
 import time
@@ -16,11 +17,12 @@ import numpy as np
 import rerun as rr
 
 from srt3d_ros import compat
+from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.messages import sensor_message
-from srt3d_ros.pictures.colours import AdaptiveRange, levels, point_table
-from srt3d_ros.pictures.viewpoint import look_at, point_radius_m
+from srt3d_ros.pictures.colours import AdaptiveRange, grey_table, levels, packed, point_table
+from srt3d_ros.pictures.viewpoint import LEVEL, look_at, point_radius_m
 from srt3d_ros.processes.children import end_at_once
 from srt3d_ros.recording import entities
 from srt3d_ros.recording.blueprint import film_blueprint, plot_styles
@@ -39,14 +41,24 @@ _RATE_CLOUDS = 10           # whose stamps give the rate and the playing speed; 
 _USUAL_RATE_HZ = 10.0       # if stamps do not grow
 _STILL_IMAGES = entities.DEPTH_PATH, entities.INTENSITY_PATH, entities.BACKGROUND_PATH
 _VIEWER_FOV_DEG, _VIEW_ASPECT = 55, 1.2     # the viewer's 3D view on a wide screen
+_ROOM_YAW_DEG, _ROOM_PITCH_DEG = 30, 40     # of the eye on a room
+_FRUSTUM_SHARE = 0.15       # of the clouds' range, so that a sensor in a room is seen
+IMAGES_HZ = 5       # at most; the viewer's limit of memory does not count images (rerun issues 12591, 12688)
+_IMAGES_NS, _JITTER_NS = 10**9 // IMAGES_HZ, 10**9 // IMAGES_HZ // 4
+_ROOM_POINTS = 10_000       # of a cloud; 10 s of clouds are half a million
+_SAMPLES, _SAMPLED_CLOUDS = 200, 1000       # points of each, of rooms that the view is to show
 
 
 @dataclass
 class RecordedFrame:
-    """A frame, numbered in the order in which stamps were first seen; `sketch_ns` is when its sketch arrived."""
+    """A frame, numbered in the order in which stamps were first seen; `sketch_ns` is when its sketch arrived.
+
+    Its images are recorded if `has_images`, at most IMAGES_HZ times a second of stamps.
+    """
 
     stamp_ns: int
     number: int
+    has_images: bool = True
     sketch_ns: int | None = None
 
 
@@ -57,19 +69,27 @@ class FrameIndex:
         self._frames: dict[int, RecordedFrame] = {}
         self._seen = 0
         self._clouds: deque[int] = deque(maxlen=_RATE_CLOUDS)
+        self._images_due_ns = 0
         self.newest: RecordedFrame | None = None
 
     def __getitem__(self, stamp_ns: int) -> RecordedFrame:
         """The frame with this stamp, added if new."""
         frame = self._frames.get(stamp_ns)
         if frame is None:
-            frame = self._frames[stamp_ns] = RecordedFrame(stamp_ns, self._seen)
+            frame = self._frames[stamp_ns] = RecordedFrame(stamp_ns, self._seen, self._has_images(stamp_ns))
             self._seen += 1
             if len(self._frames) > STAMPS_KEPT:
                 del self._frames[next(iter(self._frames))]
             if self.newest is None or stamp_ns > self.newest.stamp_ns:
                 self.newest = frame
         return frame
+
+    def _has_images(self, stamp_ns: int) -> bool:
+        early_ns = self._images_due_ns - stamp_ns
+        if _JITTER_NS < early_ns < 5 * _IMAGES_NS:      # earlier still: stamps fell back
+            return False
+        self._images_due_ns = (self._images_due_ns if abs(early_ns) <= _JITTER_NS else stamp_ns) + _IMAGES_NS
+        return True
 
     def cloud_came(self, frame: RecordedFrame) -> float | None:
         """Count a frame's cloud; clouds per second by their stamps, None for the first."""
@@ -110,6 +130,8 @@ class RecordingWriter(AbstractContextManager):
         self._stamps_ns: deque[int] = deque(maxlen=_RATE_CLOUDS)
         self._framed = np.empty((0, 3), np.float32)         # points that the view is to show
         self._has_view = False
+        self._pose: Pose | None = None                      # the last one logged
+        self._room: list[np.ndarray] = []                   # samples of clouds in the fixed frame
         self._stream: rr.RecordingStream | None = None      # None once finished
         try:
             self._check_disk()
@@ -139,6 +161,31 @@ class RecordingWriter(AbstractContextManager):
         colours = point_table()[range_level, self._levels("intensity", columns["intensity"], root=True)]
         archetypes = entities.points(columns, colours, point_radius_m(xyz, self._sensor))
         self._log(stamp_ns, frame_index, {entities.POINTS_PATH: archetypes})
+
+    def log_free(self, stamp_ns: int, frame_index: int, ends: np.ndarray) -> None:
+        """Log how far it is empty: the ends of rays without a point, float32 [N, 3], metres."""
+        self._log(stamp_ns, frame_index, {entities.FREE_PATH: entities.fan(ends)})
+
+    def log_pose(self, stamp_ns: int, frame_index: int, pose: Pose) -> None:
+        """Log the sensor's pose in a fixed frame with z up, in which the 3D view stands from the first pose on."""
+        if self._pose is None:
+            self._stream.log("/", rr.ViewCoordinates.FLU, static=True)
+            for path in (entities.POINTS_PATH, entities.FREE_PATH):
+                self._stream.log(path, rr.CoordinateFrame(f"tf#{entities.POSE_PATH}"), static=True)
+        self._log(stamp_ns, frame_index, entities.pose(pose, self._pose or pose))
+        self._pose = pose
+
+    def log_room(self, stamp_ns: int, frame_index: int, pose: Pose, xyz: np.ndarray, intensity: np.ndarray) -> None:
+        """Log some points of a cloud in the fixed frame, to be shown for some seconds, grey as in a photograph."""
+        step = max(math.ceil(len(xyz) / _ROOM_POINTS), 1)
+        xyz, intensity = xyz[frame_index % step::step], intensity[frame_index % step::step]
+        fixed = pose(xyz).astype(np.float32)
+        grey = packed(grey_table())[self._levels("brightness", intensity * (xyz**2).sum(axis=1), root=True)]
+        radius = point_radius_m(xyz, self._sensor) or None
+        self._log(stamp_ns, frame_index, {entities.ROOM_PATH: [rr.Points3D(fixed, colors=grey, radii=radius)]})
+        self._room.append(fixed[::max(len(fixed) // _SAMPLES, 1)])
+        if len(self._room) > _SAMPLED_CLOUDS:
+            del self._room[::2]
 
     def log_image(self, path: str, stamp_ns: int, frame_index: int, image: np.ndarray) -> None:
         """Log an image [rows, cols], NaN = none: entities.DEPTH_PATH in metres, entities.PHOTON_IMAGES in photons."""
@@ -174,7 +221,7 @@ class RecordingWriter(AbstractContextManager):
     def close(self) -> None:
         """Finish the file. Idempotent. The process exits with 1 if the disk hangs, because rerun has no timeout."""
         if self._stream is not None:
-            if not self._has_view:
+            if not self._has_view or self._pose is not None:        # of a room, once all of it was seen
                 self._send_view()
             self.flush()
             self._finish()
@@ -210,11 +257,19 @@ class RecordingWriter(AbstractContextManager):
         self.set_properties(entities.SENSOR_PROPERTY, {"description": description})
 
     def _send_view(self) -> None:
-        """Log the sensor's field of view and the blueprint with an eye on the newest cloud that has points."""
-        self._has_view = True
-        self._stream.log(entities.SENSOR_PATH, *entities.field_of_view(self._sensor, self._framed), static=True)
-        eye = look_at(self._framed, self._sensor.projection, fov_deg=_VIEWER_FOV_DEG, aspect=_VIEW_ASPECT)
-        blueprint = film_blueprint(eye, self._sensor, self._images, None if self._still else self._rate_hz())
+        """Log the sensor's field of view and the blueprint with an eye on the newest cloud with points, or the room."""
+        self._has_view, moving = True, self._pose is not None
+        if moving:
+            frustum = entities.field_of_view(self._sensor, _FRUSTUM_SHARE * self._framed)[1:]       # not its place
+            self._stream.log(entities.MOVING_SENSOR_PATH, *frustum, static=True)
+        else:
+            self._stream.log(entities.SENSOR_PATH, *entities.field_of_view(self._sensor, self._framed), static=True)
+        options = {"fov_deg": _VIEWER_FOV_DEG, "aspect": _VIEW_ASPECT}
+        if moving and self._room:
+            eye = look_at(np.concatenate(self._room), None, _ROOM_YAW_DEG, _ROOM_PITCH_DEG, axes=LEVEL, **options)
+        else:
+            eye = look_at(self._framed, self._sensor.projection, **options)
+        blueprint = film_blueprint(eye, self._sensor, self._images, None if self._still else self._rate_hz(), moving)
         compat.send_rerun_blueprint(self._stream, blueprint)
 
     def _rate_hz(self) -> float:

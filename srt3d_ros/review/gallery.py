@@ -14,9 +14,11 @@ from srt3d_ros.pictures.viewpoint import look_at
 from srt3d_ros.recording import entities
 from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.summary import iso_time, notable_frames
+from srt3d_ros.review.way import draw_way
 
 _LARGE_PX, _SMALL_PX = (1200, 700), (320, 240)
 _STRIP = 12
+_NEAR = 50              # frames between the typical one and one with images, at most
 _JPEG = {"quality": 88, "subsampling": 0}
 _TITLES_AND_UNITS = {
     entities.DEPTH_PATH: ("depth", "m"), entities.INTENSITY_PATH: ("intensity", "photons"),
@@ -37,7 +39,8 @@ def make_gallery(recorded: Recorded) -> dict:
 
     Returns:
         `typical`, a Picture of a typical cloud; `ends`, of those with the fewest and the most points; `strip`,
-        of clouds spaced evenly in time; `images`, those recorded with the typical cloud.
+        of clouds spaced evenly in time; `way`, that of a sensor that moved, or None; `images`, those recorded with or
+        near the typical cloud.
     """
     index = recorded.index
     typical, fewest, most = notable_frames(recorded)
@@ -56,8 +59,15 @@ def make_gallery(recorded: Recorded) -> dict:
         "typical": large.pop(typical), "ends": list(large.values()),
         "strip": [_thumbnail(recorded, position, style.draw(clouds[position], far, *_SMALL_PX))
                   for position in strip],
+        "way": _way(recorded),
         "images": _images(recorded, frames[typical]),
     }
+
+
+def _way(recorded: Recorded) -> Picture | None:
+    drawn = draw_way(recorded, *_LARGE_PX)
+    return drawn and Picture("From above", f"The sensor's way, {length_text(drawn[1])}, to the dot. Points more than "
+                             "0.5 m above the sensor are left out.", data_uri(drawn[0], "jpeg", **_JPEG))
 
 
 def _cloud_picture(recorded: Recorded, position: int, title: str, image: Image.Image) -> Picture:
@@ -81,7 +91,8 @@ def _thumbnail(recorded: Recorded, position: int, image: np.ndarray) -> Picture:
 def _images(recorded: Recorded, frame: int) -> list[Picture]:
     pictures = []
     for path, (title, unit) in _TITLES_AND_UNITS.items():
-        for _, _, values in recorded.reader.images(path, {frame}):
+        near = recorded.reader.images(path, range(frame - _NEAR, frame + _NEAR + 1))
+        for _, _, values in filter(None, [min(near, key=lambda image: abs(image[1] - frame), default=None)]):
             low, high = percentile_range(values) or (0.0, 1.0)
             if unit == "m":
                 table = range_table()

@@ -96,6 +96,16 @@ def test_with_cycles_a_pixel_sees_the_first_photon_of_each():
         assert abs(share - seen) < SIGMAS * np.sqrt(seen * (1 - seen) / cycles)
 
 
+def test_after_a_photon_a_pixel_is_blind_for_a_long_dead_time():
+    sensor = make_sensor(60, 60, cycles=200)
+    dead = sensor.replace(dead_time_s=2.5 * T * sensor.bin_width_s)
+    seen, detected = (Simulator(flat_scene(one, 80), one, sbr=1.0, ppp=400.0, seed=3).frame(0)[0]
+                      for one in (sensor, dead))
+    # A renewal process: one photon per dead time and mean wait, T / 2 at 2 photons a cycle.
+    assert detected.is_sorted and detected.photons / sensor.pixels == pytest.approx(200 / (2.5 + 0.5), rel=0.02)
+    assert np.bincount(detected.pixel).max() <= 81 and seen.photons > 2 * detected.photons
+
+
 def test_gain_and_mask_of_the_sensor_are_obeyed():
     gain, mask = np.where(np.arange(30) < 15, 0.5, 2.0) * np.ones((20, 1)), np.ones((20, 30), bool)
     mask[:, 7] = False

@@ -63,7 +63,7 @@ def test_no_step_of_a_frame_looks_at_a_value_or_has_a_shape_that_depends_on_one(
     kernels, sketch = oracle.on("meta"), SKETCHES[0]
     pooled, photons = built(monkeypatch, kernels, "pooled", surfaces), sketch.photons.astype(np.float32)
     background = (photons, np.ones(7, np.complex64), np.ones(SENSOR.num_bins, np.float32)) if uneven else ()
-    found = pooled._frames.run(photons, sketch.sums, np.array(pooled._scores, np.float32), *background)
+    found = pooled._frames.run(photons, sketch.sums, None, np.array(pooled._scores, np.float32), *background)
     assert {each.device.type for each in found} == {"meta"}
     _, rest, background, values, xyz, number = found
     most = 9 * 33 * surfaces + 1

@@ -1,5 +1,6 @@
 """Whole reconstructions against the oracle's, frame after frame."""
 
+from dataclasses import replace
 from threading import Thread
 
 import numpy as np
@@ -40,6 +41,16 @@ def test_backgrounds_are_taken_out_and_learnt_alike(monkeypatch, shape, surfaces
     for cloud, uneven in found[1:]:
         assert_clouds_agree(cloud, found[0][0], surfaces, 25)
         assert uneven == pytest.approx(found[0][1], rel=1e-3) and uneven > 0.05
+
+
+def test_exposures_of_a_window_count_alike(monkeypatch):
+    sensor = make_sensor(*SHAPES[0], seed=5)
+    sketch = make_sketch(sensor, 5)
+    exposure = np.linspace(1, 4, sensor.pixels, dtype=np.float32).reshape(sketch.photons.shape)
+    oracle, *others = (built(monkeypatch, kernels, sensor, sketch.frequencies, window_frames=2)._cloud(
+        replace(sketch, exposure=exposure)) for kernels in (ORACLE, CPU, SINGLE))
+    for cloud in others:
+        assert_clouds_agree(cloud, oracle, 1, 25)
 
 
 def test_reconstructors_in_two_threads_do_not_meet():

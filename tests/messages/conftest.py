@@ -15,6 +15,7 @@ from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sketching.sums import PhaseSums
+from srt3d_ros.messages import free_message as free
 from srt3d_ros.messages import images_message as images
 from srt3d_ros.messages import photon_frames
 from srt3d_ros.messages import points_message as points
@@ -74,6 +75,8 @@ CLOUD = PointCloud(row=np.array([0, 2], np.uint16), col=np.array([1, 3], np.uint
               depth_std_bins=np.array([1, 2], np.float32), xyz=np.array([[1, 2, 3], [-4, 5, 6]], np.float32),
               surface=np.array([0, 1], np.uint8), background=np.arange(12, dtype=np.float32).reshape(3, 4),
               stamp_ns=STAMP_NS, sensor=SENSOR)
+FREE = np.full((3, 4), np.nan, np.float32)
+FREE[0, 1], FREE[2, 3] = 2, 6.5
 IMAGE = np.array([[1, np.nan], [0.5, -2], [3, 4]], np.float32)
 
 
@@ -99,6 +102,7 @@ CODECS = {
     "sketch_int16": _codec(sketch, PointCloud2, SKETCH, ("lidar", "int16"), (SENSOR,)),
     "points_xyzi": _codec(points, PointCloud2, CLOUD, ("lidar",), ()),
     "points_full": _codec(points, PointCloud2, CLOUD, ("lidar", "full"), ()),
+    "free_xyz": _codec(free, PointCloud2, FREE, (SENSOR, STAMP_NS, "lidar"), ()),
     "image_32FC1": _codec(images, Image, IMAGE, (STAMP_NS, "lidar"), ()),
 }
 

@@ -5,16 +5,21 @@ import signal
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Log
 from rclpy.qos import ReliabilityPolicy
-from sensor_msgs.msg import PointCloud2
+from rclpy.time import Time
+from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
+from srt3d_ros.core.motion.trajectory import Pose
+from srt3d_ros.datasets.simulation.motion_profiles import Measured
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import points_message, sensor_message
+from srt3d_ros.messages import images_message, points_message, sensor_message
 from srt3d_ros.messages.cdr import Header, write_cloud
 from srt3d_ros.messages.packing import pack_cloud
 from srt3d_ros.nodes.recorder import checked_images, checked_path
+from srt3d_ros.nodes.sources import odometry
 from srt3d_ros.recording.reader import RecordingReader
 
 
@@ -30,6 +35,9 @@ def test_parameters_that_cannot_be_used_are_one_line(check, value, expected):
 
 
 # ---- The recorder by itself: the test speaks for the other nodes
+
+
+START_NS = 10**18
 
 
 class Speaker:
@@ -68,7 +76,7 @@ class Speaker:
 
     def frame(self) -> int:
         """Send the next frame, 10 ms after the last: a cloud of 50 points; its stamp."""
-        stamp_ns = 10**18 + self.sent * 10**7
+        stamp_ns = START_NS + self.sent * 10**7
         cloud = np.ones(50, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
         self._points.publish(write_cloud(pack_cloud(Header(stamp_ns, "spad"), cloud)))
         self.sent += 1
@@ -195,6 +203,68 @@ def test_a_full_disk_ends_the_recording_with_one_error_and_not_the_node(graph, s
             speaker.restart()
     assert speaker.recorder.end(signal.SIGTERM) == 1
     assert graph.reports("recorder", "state", "finalized")["level"] == DiagnosticStatus.ERROR
+
+
+def test_with_odometry_each_cloud_has_the_sensors_pose_and_without_it_the_recording_goes_on(graph, sensor, tmp_path):
+    path, mount = tmp_path / "a.rrd", Pose.from_quaternion((0.5, -0.5, 0.5, -0.5), (0.2, 0, 0.1))
+    reports = graph.publisher(Odometry, "odom")
+    images = graph.publisher(Image, "depth")
+    speaker = Speaker(graph, sensor.replace(extrinsics="0.2 0 0.1 0.5 -0.5 0.5 -0.5"), path).ready()
+    graph.matched(reports), graph.matched(images)
+
+    def body(stamp_ns: int) -> Pose:
+        t_s = (stamp_ns - START_NS) * 1e-9
+        return Pose(Pose.turned([0, 0, 0.5 * t_s]).rotation, np.array([t_s, 0, 0]))
+
+    def report(stamp_ns: int, frame_id: str = "odom", x_m: float = 0.0) -> None:
+        pose = body(stamp_ns)
+        message = odometry(Measured(0, Pose(pose.rotation, pose.translation + (x_m, 0, 0)), np.ones(3), np.ones(3)))
+        message.header.stamp, message.header.frame_id = Time(nanoseconds=stamp_ns).to_msg(), frame_id
+        reports.publish(message)
+
+    early = speaker.record(3)                           # before odometry
+    for ms in range(1000, 1500, 20):
+        report(START_NS + ms * 10**6)
+    bad = Odometry()
+    bad.pose.pose.position.x = np.nan
+    reports.publish(bad)
+    speaker.sent = 110
+    placed = []
+    for _ in range(20):                                 # 100 Hz
+        placed.append(speaker.frame())
+        images.publish(images_message.encode_cdr(np.ones((16, 12), np.float32), placed[-1], "spad"))
+    graph.reports("recorder", "clouds_placed", 20)
+    graph.reports("recorder", "clouds_unplaced", 3)
+    graph.reports("recorder", "images_skipped", 18)
+    speaker.sent = 160
+    late = [speaker.frame()]                            # whose odometry comes after it
+    graph.reports("recorder", "clouds", 24)
+    assert graph.total("recorder", "clouds_placed") == 20
+    for ms in range(1500, 1700, 20):
+        report(START_NS + ms * 10**6)
+    report(START_NS + 1700 * 10**6, "map", 30.0)         # another frame: a jump of 30 m
+    report(START_NS + 1800 * 10**6, "map", 30.0)
+    speaker.sent = 175
+    late.append(speaker.frame())
+    graph.reports("recorder", "clouds_placed", 22)
+    said = graph.report("recorder")
+    assert (said["motion_restarts"], said["motion_refused"]) == ("1", "1")
+    speaker.sent = 400
+    speaker.record(2)                                   # odometry has stopped
+    assert speaker.recorder.end(signal.SIGTERM) == 0 and "Traceback" not in speaker.recorder.text
+    graph.reports("recorder", "clouds_unplaced", 5)
+
+    reader = RecordingReader(path)
+    clouds = {cloud.frame_index: cloud for cloud in reader.clouds()}
+    poses = {clouds[frame].stamp_ns: pose for frame, pose in reader.poses().items()}
+    assert sorted(poses) == placed + late and not set(early) & set(poses)
+    for stamp_ns, pose in poses.items():
+        expected = Pose((body(stamp_ns) @ mount).rotation, (body(stamp_ns) @ mount).translation
+                        + (30 * (stamp_ns == late[1]), 0, 0))
+        np.testing.assert_allclose(pose.translation, expected.translation, atol=1e-3)
+        np.testing.assert_allclose(pose.rotation, expected.rotation, atol=1e-4)
+    assert all((cloud.xyz == 1).all() for cloud in clouds.values())         # as they came
+    assert [stamp_ns for stamp_ns, _, _ in reader.images("/depth")] == [placed[0], placed[15]]     # 5 Hz ± 50 ms
 
 
 BUSY = """from srt3d_ros.nodes.recorder import RecorderNode as Node

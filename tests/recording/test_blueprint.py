@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.pictures.viewpoint import look_at
+from srt3d_ros.pictures.viewpoint import LEVEL, look_at
 from srt3d_ros.recording import entities
 from srt3d_ros.recording import writer as writer_module
 from srt3d_ros.recording.writer import RecordingWriter
@@ -50,6 +51,37 @@ def test_film_plays_cloud_images_plots_and_log_by_frames_at_the_speed_of_the_sta
     (position,), (target,) = columns["EyeControls3D:position"][-1], columns["EyeControls3D:look_target"][-1]
     assert np.allclose(position, eye.position) and np.allclose(target, eye.target)
     assert ["frame"] in columns["TimePanelBlueprint:timeline"] and [10] in columns["TimePanelBlueprint:fps"]
+
+
+def test_empty_rays_start_at_the_sensor_are_few_and_are_hidden_at_first(tmp_path, ball):
+    ends = np.random.default_rng(0).normal(size=(4000, 3)).astype(np.float32)
+    with RecordingWriter(tmp_path / "a.rrd", ball[1]) as writer:
+        writer.log_cloud(0, 0, ball[0].xyz, ball[0].intensity)
+        writer.log_free(0, 0, ends)
+        writer.log_free(10**8, 1, ends[:0])
+    strips = [value for chunk in RrdReader(tmp_path / "a.rrd").stream() if chunk.entity_path == entities.FREE_PATH
+              for value in chunk.to_record_batch().column("LineStrips3D:strips").to_pylist()]
+    assert [len(each) for each in strips] == [1334, 0]
+    assert np.allclose(strips[0][1], [np.zeros(3), ends[3]])
+    assert [False] in blueprint_columns(tmp_path / "a.rrd")["EntityBehavior:visible"]
+
+
+def test_the_view_of_a_sensor_that_moves_stands_and_shows_the_room_of_the_last_ten_seconds(tmp_path, ball):
+    cloud, sensor = ball
+    walls = np.array([[x, y, z] for x in (-9, 9) for y in (-9, 9) for z in (0, 3)], np.float32)
+    with RecordingWriter(tmp_path / "a.rrd", sensor) as writer:
+        for k in range(3):
+            writer.log_cloud(k * 10**8, k, cloud.xyz, cloud.intensity)
+            writer.log_pose(k * 10**8, k, Pose())
+            writer.log_room(k * 10**8, k, Pose(), walls, np.ones(8, np.float32))
+    columns = blueprint_columns(tmp_path / "a.rrd")
+    (target,), (position,) = columns["EyeControls3D:look_target"][-1], columns["EyeControls3D:position"][-1]
+    eye = look_at(np.tile(walls, (3, 1)), None, 30, 40, 55, 1.2, LEVEL)
+    assert np.allclose(position, eye.position) and np.allclose(target, eye.target) and position[2] > 9
+    ranges = [(one["timeline"], one["range"]["start"], one["range"]["end"])
+              for item in columns["VisibleTimeRanges:ranges"] if item for one in item]
+    assert sorted(ranges) == [("frame", -100, -1), ("frame", -100, 0), ("stamp", -10**10, -10**8),
+                              ("stamp", -10**10, 0)]
 
 
 def test_a_still_shows_one_frame_with_its_images_and_all_that_a_review_needs(tmp_path, ball):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.pictures.colours import point_table
 from srt3d_ros.recording import entities
@@ -59,6 +60,45 @@ def test_near_points_are_yellow_far_ones_blue_and_weak_ones_darker(tmp_path):
         assert set(shown[its_m < near]) == {table[0]} and set(shown[its_m > far]) == {table[255]}
         rank = np.argsort(table)[np.searchsorted(np.sort(table), shown)]
         assert (np.diff(rank[np.argsort(its_m)]) >= 0).all() and len(set(rank)) > 30
+
+
+def test_poses_are_kept_and_the_room_stands_where_the_sensor_saw_it(tmp_path, ball):
+    cloud, sensor = ball
+    poses = [Pose(Pose.turned([0, 0, 0.3 * k]).rotation, np.array([0.5 * k, 0, 1])) for k in range(3)]
+    with RecordingWriter(tmp_path / "a.rrd", sensor) as writer:
+        writer.log_cloud(0, 0, cloud.xyz, cloud.intensity)      # before odometry has come
+        for k, pose in enumerate(poses):
+            writer.log_cloud(10**8 * (k + 1), k + 1, cloud.xyz, cloud.intensity)
+            writer.log_pose(10**8 * (k + 1), k + 1, pose)
+            writer.log_room(10**8 * (k + 1), k + 1, pose, cloud.xyz, cloud.intensity)
+    reader = RecordingReader(tmp_path / "a.rrd")
+    read = reader.poses()
+    assert list(read) == [1, 2, 3]
+    for pose, kept in zip(poses, read.values()):
+        np.testing.assert_allclose(kept.translation, pose.translation, atol=1e-6)
+        np.testing.assert_allclose(kept.rotation, pose.rotation, atol=1e-6)
+    assert all(np.array_equal(one.xyz, cloud.xyz) for one in reader.clouds())       # in the sensor's frame
+    batches = [chunk.to_record_batch() for chunk in RrdReader(tmp_path / "a.rrd").stream().filter(content="/room")]
+    rooms = [xyz.as_py() for batch in batches for xyz in batch.column("Points3D:positions")]
+    for pose, room in zip(poses, rooms, strict=True):
+        np.testing.assert_allclose(room, pose(cloud.xyz), atol=1e-5)
+    batches = [chunk.to_record_batch() for chunk in RrdReader(tmp_path / "a.rrd").stream().filter(content="/points")]
+    frames = [batch.column("CoordinateFrame:frame")[0].as_py() for batch in batches
+              if "CoordinateFrame:frame" in batch.schema.names]
+    assert frames == [["tf#/pose"]]
+
+
+def test_images_come_five_times_a_second_of_stamps_at_most():
+    def chosen(*stamps_ms) -> list[float]:
+        frames = FrameIndex()
+        return [ms for ms in stamps_ms if frames[round(ms * 1e6)].has_images]
+
+    jitter_ms = np.random.default_rng(1).uniform(-3, 3, 1000)
+    for rate_hz, least_hz in ((3, 3), (5, 5), (7.3, 3.6), (10, 5), (30, 5), (100, 5)):
+        seconds = 1000 / rate_hz
+        kept = chosen(*(np.arange(1000) / 1000 * seconds * 1e3 + jitter_ms + 1000))
+        assert 0.99 * least_hz * seconds < len(kept) <= 5 * seconds + 1, rate_hz
+    assert chosen(5000, 5100, 0, 100, 200) == [5000, 0, 200]      # a bag that begins again
 
 
 def test_images_are_kept_as_they_are(tmp_path):

@@ -4,6 +4,7 @@ Nothing is kept from frame to frame. `frame` gets and gives arrays on the device
 so that a GPU can record it.
 """
 
+from dataclasses import replace
 from functools import cached_property, partial
 from math import ceil
 from typing import NamedTuple
@@ -30,12 +31,13 @@ from srt3d_ros.kernels.contract import Array, Kernels
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, STD
 
 
-def frame(sensor: SensorOnDevice, surfaces: int, photons: Array, sums: Array, thresholds: Array, *removed: Array
-          ) -> tuple:
+def frame(sensor: SensorOnDevice, surfaces: int, photons: Array, sums: Array, exposure: Array | None,
+          thresholds: Array, *removed: Array) -> tuple:
     """One frame on the device.
 
     Args:
         photons, sums: of the sketch.
+        exposure: of the MatchedFrame, or None: the sensor's.
         thresholds: a `Scores`.
         removed: a `RemovedBackground`, or nothing for an even one.
 
@@ -44,7 +46,7 @@ def frame(sensor: SensorOnDevice, surfaces: int, photons: Array, sums: Array, th
         points.
     """
     kernels, scores = sensor.kernels, Scores(*thresholds)
-    data, taken = sensor.match(photons, sums, *removed)
+    data, taken = sensor.match(photons, sums, exposure, *removed)
     points = kernels.no_surfaces(data, surfaces)
     search(kernels, data, points, START_SCALES, START_SCORE, START_SCORE)
     points = iterate(kernels, data, points, WINDOWS[0])
@@ -113,9 +115,18 @@ class Frames:
     def __call__(self, scores: Scores, sketch: PhaseSums, removed: RemovedBackground | tuple[()]) -> Found:
         """What a sketch shows; `removed` is () for an even background."""
         left, rest, background, *listed = self.run(
-            sketch.photons.astype(np.float32), sketch.sums, np.array(scores, np.float32), *removed)
+            sketch.photons.astype(np.float32), sketch.sums, self._exposure(sketch), np.array(scores, np.float32),
+            *removed)
         unexplained = Unexplained.unpacked(self.kernels.numpy(rest), self.kernels.numpy(left))
-        return Found(self._sensor.cloud(listed, background, sketch.stamp_ns), unexplained)
+        cloud = self._sensor.cloud(listed, background, sketch.stamp_ns)
+        if sketch.exposure is not None:
+            cloud = replace(cloud, background=cloud.background / sketch.exposure)
+            unexplained = unexplained._replace(photons=unexplained.photons / sketch.exposure)
+        return Found(cloud, unexplained)
+
+    def _exposure(self, sketch: PhaseSums) -> np.ndarray | None:
+        """Exposures of `MatchedFrame`, if they are the sketch's own."""
+        return None if sketch.exposure is None else maps.pad(self.matcher.sensor.exposure * sketch.exposure)
 
     @cached_property
     def with_one_surface(self) -> "Frames":

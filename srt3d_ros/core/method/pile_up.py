@@ -6,7 +6,8 @@ from the background. Of the surface it records
     r / N = exp(−b t / T − Σ_nearer λ_j) (1 − exp(−λ)),   with the pulse λ h exp(−λ H),
 
 which is dim and too near. Behind the surface, exp(−λ) of the background is left: the step down moves the peak, too.
-With a gate, t counts from its first bin, and N are the cycles without a photon before it.
+With a gate, t counts from its first bin, and N are the cycles without a photon before it. A dead time longer than a
+cycle has its own equations: `LiveTime`.
 """
 
 from dataclasses import replace
@@ -15,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from srt3d_ros.core.matched_frame import Matcher
+from srt3d_ros.core.method.live_time import LiveTime, recorded_pulses
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies
@@ -22,7 +24,7 @@ from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.kernels.constants import EPSILON, LOCAL_SIGMA
 from srt3d_ros.kernels.devices import kernels_for
 
-SATURATED = 0.95        # share of cycles with a photon, above which the others say little about the flux
+SATURATED = 0.95        # share of cycles that photons cost, above which the others say little about the flux
 NEWTON_STEPS = 8        # from λ = r / N, they approach the root from below
 POOLED = 4 * np.pi * LOCAL_SIGMA**2     # pixels that count in a local mean
 FLUXES = np.concatenate([[0], np.geomspace(0.01, 8, 49)])       # λ of the tables of shifts
@@ -30,8 +32,26 @@ FLUXES = np.concatenate([[0], np.geomspace(0.01, 8, 49)])       # λ of the tabl
 
 def saturated(sketch: PhaseSums, sensor: SensorModel) -> np.ndarray:
     """Whether a pixel saw a photon in nearly every cycle, bool [rows, cols]; False if masked or not known."""
-    full = (sketch.photons > SATURATED * sketch.armed_cycles) & (sketch.cycles > 0)
-    return full & sensor.used
+    return (_cost(sensor) * sketch.photons > SATURATED * sketch.armed_cycles) & (sketch.cycles > 0) & sensor.used
+
+
+def contradiction(sketch: PhaseSums) -> str:
+    """What photons, `cycles` and `dead_time_s` say against each other, or ""."""
+    sensor = sketch.sensor
+    if not sketch.cycles:
+        return "dead_time_s not used, pile-up not corrected: give cycles" if sensor.dead_time_s else ""
+    more = (_cost(sensor) * sketch.photons > sketch.cycles)[sensor.used]
+    if not more.any():
+        return ""
+    rule = f"dead_time_s {sensor.dead_time_s:g}" if sensor.dead_time.periods else "one photon a cycle"
+    return (f"pile-up is not corrected well: {more.mean():.1%} of the pixels have more photons than "
+            f"{sketch.cycles} cycles with {rule} allow")
+
+
+def _cost(sensor: SensorModel) -> float:
+    """Laser cycles that a photon costs."""
+    dead = sensor.dead_time
+    return max(dead.periods + dead.rest / dead.period, 1)
 
 
 class Seen(NamedTuple):
@@ -51,9 +71,13 @@ class PileUp:
 
     def __init__(self, matcher: Matcher):
         self._sensor, self._used, self._kernels = matcher.sensor, matcher.used > 0, kernels_for("cpu")
-        self._omega = angular_frequencies(matcher.frequencies, matcher.sensor.num_bins)
-        self._shifts, self._step_shifts = (
-            _shifts(matcher, self._omega, background / matcher.sensor.num_bins) for background in (0, 1))
+        omega = self._omega = angular_frequencies(matcher.frequencies, matcher.sensor.num_bins)
+        dead, step = matcher.sensor.dead_time, 1 / matcher.sensor.num_bins / (1j * omega)
+        self._live = LiveTime(matcher.sensor, FLUXES) if dead.periods else None
+        if self._live and dead.rest < dead.num_bins:
+            step = step * (1 - np.exp(1j * omega * dead.rest))          # the background is back
+        pulses = self._live.pulses if self._live else recorded_pulses(FLUXES, matcher.sensor.mean_irf)
+        self._shifts, self._step_shifts = (_shifts(matcher, omega, pulses, 1 + height * step) for height in (0, 1))
 
     @property
     def nothing_seen(self) -> Seen:
@@ -64,12 +88,13 @@ class PileUp:
         """The sketch without the decay of its background: minus n_b β̂(b), with each pixel's own b; and turned.
 
         Pile-up makes the background decay as exp(−b x / T): β̂_l(b) = b / (b − i ω_l T). The same share of all photons
-        counts as background everywhere. What is left is turned back by the pixel's `shift`, because pixels of unlike
-        flux are pooled next, and each is moved by its own.
+        counts as background everywhere; after a long dead time, it does not decay. What is left is turned back by the
+        pixel's `shift`, because pixels of unlike flux are pooled next, and each is moved by its own.
         """
-        flux = (seen.background_share * _flux(sketch))[..., None]
+        share = 0.0 if self._live else seen.background_share
+        flux = (share * self._flux(sketch))[..., None]
         decay = flux / (flux - 1j * self._omega * self._sensor.num_bins)
-        taken = seen.background_share * sketch.photons[..., None] * decay
+        taken = share * sketch.photons[..., None] * decay
         turned = (sketch.sums - taken) * np.exp(-1j * self._omega * seen.shift[..., None])
         return replace(sketch, sums=turned.astype(np.complex64), cycles=0)
 
@@ -78,8 +103,8 @@ class PileUp:
 
         `cloud` is that of `without_decay`.
         """
-        sensor, flux, at = self._sensor, _flux(sketch), (cloud.row, cloud.col)
-        signal, background, error = self._fluxes(cloud, sketch, flux[at])
+        sensor, flux, at = self._sensor, self._flux(sketch), (cloud.row, cloud.col)
+        signal, background, error = self._fluxes(cloud, sketch, flux)
         share, photons = np.ones(flux.shape), sketch.photons * self._used
         share[at] = background / np.maximum(flux[at], EPSILON)
         background_share = float((share * photons).sum() / max(photons.sum(), 1))
@@ -103,15 +128,27 @@ class PileUp:
                         background=self._kernels.background(left, sensor.exposure))
         return cloud, Seen(background_share, moved)
 
+    def _flux(self, sketch: PhaseSums) -> np.ndarray:
+        """Λ = −ln(1 − n / (N + ½)), photons per cycle without pile-up, float64 [rows, cols]."""
+        if self._live:      # as if all were background
+            return sketch.photons / np.maximum(sketch.armed_cycles - self._live.mean * sketch.photons, 1)
+        return -np.log1p(-(sketch.photons / (sketch.armed_cycles + 0.5)))
+
     def _fluxes(self, cloud: PointCloud, sketch: PhaseSums, flux: np.ndarray) -> tuple[np.ndarray, ...]:
-        """λ of each point, b of its pixel, and the standard deviation of λ, float64 [N] each; `flux` is Λ."""
+        """λ of each point, b of its pixel, and the standard deviation of λ, float64 [N] each; `LiveTime` corrects Λ."""
         sensor, at = self._sensor, (cloud.row, cloud.col)
         cycles, place = np.maximum(sketch.armed_cycles[at], 1), (np.cumsum(cloud.surface == 0) - 1, cloud.surface)
         shape = place[0].max(initial=-1) + 1, cloud.surface.max(initial=0) + 1          # pixels with points, K
         since, recorded, total, most = np.zeros(shape), np.zeros(shape), np.zeros((shape[0], 1)), np.ones((shape[0], 1))
         since[place] = (cloud.depth_bins + sensor.late[at]) % sensor.num_bins / sensor.num_bins    # t / T
-        recorded[place] = cloud.intensity * sensor.exposure[at] / cycles                # r / N
-        total[place[0], 0], most[place[0], 0] = flux, np.log(2 * cycles)
+        exposed = 1 if sketch.exposure is None else sketch.exposure[at]
+        recorded[place] = cloud.intensity * sensor.exposure[at] * exposed / cycles      # r / N
+        if self._live:
+            total[place[0], 0], most[place[0], 0] = sketch.photons[at] / cycles, cycles
+            signal, background, std = self._live(since * sensor.num_bins, recorded, total, most)
+            flux[at] = (background + signal.sum(axis=1))[place[0]]
+            return signal[place], np.maximum(background, 0)[place[0]], std[place]
+        total[place[0], 0], most[place[0], 0] = flux[at], np.log(2 * cycles)
         nearer = since[:, None] < since[:, :, None]             # [pixels, K, K]: of each surface, those before it
         signal = seen = slope = recorded
         background = total
@@ -120,25 +157,17 @@ class PileUp:
             seen = recorded * np.exp(background * since + (nearer * signal[:, None]).sum(axis=2))
             slope = np.exp(-signal) + since * seen * (background > 0)
             signal = np.clip(signal + (seen + np.expm1(-signal)) / slope, 0, most)
-        std = (since * seen / slope)[place] * np.sqrt(np.expm1(flux) / cycles)      # by Λ; r is pooled, hence sure
+        std = (since * seen / slope)[place] * np.sqrt(np.expm1(flux[at]) / cycles)      # by Λ; r is pooled, hence sure
         return signal[place], background[place[0], 0], std
 
 
-def _flux(sketch: PhaseSums) -> np.ndarray:
-    """Λ = −ln(1 − n / (N + ½)), photons per cycle without pile-up, float64 [rows, cols]."""
-    return -np.log1p(-(sketch.photons / (sketch.armed_cycles + 0.5)))
+def _shifts(matcher: Matcher, omega: np.ndarray, pulses: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """How far the matched filter's peak lies from t, bins, for each λ of FLUXES.
 
-
-def _shifts(matcher: Matcher, omega: np.ndarray, step: float) -> np.ndarray:
-    """How far the matched filter's peak lies from t, bins, for each λ of FLUXES and `step` background photons a bin.
-
-    The spectrum of λ h exp(−λ H) − step (1 − exp(−λ H)) is that of its first part times 1 + step / (i ω_l).
+    The spectrum of a pulse λ h exp(−λ H) and the step of the background behind it, −(b / T) (1 − exp(−λ H)), is that
+    of the pulse times `step`, 1 + b / (i ω_l T).
     """
-    irf = matcher.sensor.mean_irf.astype(np.float64)
-    left = np.exp(-np.outer(FLUXES, np.concatenate([[0], np.cumsum(irf)])))         # of the cycles, at edges of bins
-    pulses = -np.diff(left, axis=1)
-    pulses[0] = irf
     phases = np.exp(1j * np.outer(matcher.sensor.irf_bins, omega))
-    matched = np.conj(matcher.spectrum) * (pulses @ phases) * (1 + step / (1j * omega))
+    matched = np.conj(matcher.spectrum) * (pulses @ phases) * step
     depths = np.linspace(-3, 3, 6001) / np.sqrt((omega**2 * matcher.energy).sum() / matcher.energy.sum())
     return depths[(matched @ np.exp(-1j * np.outer(omega, depths))).real.argmax(axis=1)]

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from srt3d_ros.core.keys import Key, documented, keys, numbers
 from srt3d_ros.core.sensor.bins import HistogramBins
+from srt3d_ros.core.sensor.dead_time import DeadTime
 from srt3d_ros.core.sensor.difference import first_difference
 from srt3d_ros.core.sensor.projection import Pinhole, Projection
 from srt3d_ros.errors import InvalidInput, quoted, require
@@ -88,6 +89,12 @@ class SensorModel:
         "laser cycles of a frame, to correct pile-up in a detector that records only the first photon of each cycle",
         "cycle", (1, 10**9), "those of `gates` messages are counted; default: unknown, no correction",
         option=True)] = None
+    dead_time_s: Annotated[float | None, Key(
+        "how long a pixel is blind after a photon, for `cycles` where that is a laser period or longer", "s", (0, 1),
+        "default: to the end of the cycle", option=True)] = None
+    period_s: Annotated[float | None, Key(
+        "laser period, for `dead_time_s`", "s", (1e-18, 1e5), "default: num_bins bins; longer where these are a gate"
+        )] = None
     frame_id: Annotated[str, Key("the sensor's frame in tf")] = "lidar"
     extrinsics: Annotated[str | None, Key(
         "pose of the sensor in the frame that `odom` reports on, x y z in metres and a quaternion qx qy qz qw",
@@ -103,6 +110,7 @@ class SensorModel:
                 "bin_width_s and range_offset_m")
         self._check_irf()
         self._check_maps()
+        require(self.dead_time.period >= self.num_bins, "period_s", self.period_s, f"{self.num_bins} bins or more")
         for name in ("projection", "gates", "histograms"):
             value, kinds = getattr(self, name), keys(SensorModel)[name].kinds
             require(value is None or isinstance(value, kinds), name, quoted(value),
@@ -185,6 +193,13 @@ class SensorModel:
         """Photons of each pixel relative to one of gain 1: its gain, or 0 if masked. float32 [rows, cols]."""
         gain = np.ones((self.rows, self.cols), np.float32) if self.gain is None else self.gain
         return gain * self.used
+
+    @cached_property
+    def dead_time(self) -> DeadTime:
+        """Which bins a photon blinds its pixel for."""
+        period, dead = (round((time_s or 0) / self.bin_width_s, 6) for time_s in (self.period_s, self.dead_time_s))
+        periods, rest = divmod(dead, period or self.num_bins)
+        return DeadTime(int(periods), rest if periods else 0.0, period or self.num_bins, self.num_bins)
 
     @property
     def gate_words(self) -> GateWords:

@@ -47,9 +47,11 @@ class Gate:
         if shape is not None:
             shape = np.take(shape, np.arange(first, first + self.num_bins), mode="wrap")
             shape = shape if shape.any() else None
+        period_s = source.dead_time.period * source.bin_width_s if source.dead_time.periods else source.period_s
         self.sensor = source.replace(
             num_bins=self.num_bins, toa_offset_bins=source.toa_offset_bins + first, background_shape=shape, gates=None,
-            histograms=None, delay_bins=None if source.delay_bins is None else source.late - np.float32(least))
+            histograms=None, period_s=period_s,
+            delay_bins=None if source.delay_bins is None else source.late - np.float32(least))
 
     def __str__(self) -> str:
         return f"{self.first}-{self.last}"

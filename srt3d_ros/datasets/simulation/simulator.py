@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from srt3d_ros.core.sensor.dead_time import DeadTime
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets.simulation.bust import Bust
@@ -27,7 +28,7 @@ class Simulator:
     A scene that later moves nearer or brightens gives more photons, as with a real sensor.
 
     If the sensor has `cycles`, each photon falls into a random one, and a pixel detects only the first photon of a
-    cycle: fewer than `ppp`.
+    cycle, or, with a `dead_time_s` of a period or longer, those after it: fewer than `ppp`.
 
     Args:
         scene: by default `Bust`, the moving head and shoulders.
@@ -69,7 +70,7 @@ class Simulator:
         random = np.random.default_rng([self._seed, k])
         events = self._draw(depth, signal, background, random)
         if self.sensor.cycles:
-            events = first_of_cycle(*events, self.sensor.cycles, random)
+            events = first_of_cycle(*events, self.sensor.cycles, random, self.sensor.dead_time)
         stamp_ns = round(k * 1e9 / self._frame_rate_hz)
         return PhotonEvents(*events, stamp_ns), depth
 
@@ -120,14 +121,25 @@ class Simulator:
         return bins + random.random(len(pixel)) + sensor.late.reshape(-1)[pixel]
 
 
-def first_of_cycle(pixel: np.ndarray, toa: np.ndarray, cycles: int, random: np.random.Generator
-                    ) -> tuple[np.ndarray, np.ndarray]:
-    """The photons of pixels that detect only the first one in each laser cycle, sorted by pixel."""
+def first_of_cycle(pixel: np.ndarray, toa: np.ndarray, cycles: int, random: np.random.Generator,
+                   dead: DeadTime | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """The photons of pixels that detect only the first one in each laser cycle, or after a long dead time, sorted."""
     cycle = random.integers(0, cycles, len(pixel))
     order = np.lexsort((toa, cycle, pixel))
     pixel, toa, cycle = pixel[order], toa[order], cycle[order]
     first = (np.diff(pixel.astype(np.int64), prepend=-1) != 0) | (np.diff(cycle, prepend=-1) != 0)
-    return pixel[first], toa[first]
+    if dead is None or not dead.periods:
+        return pixel[first], toa[first]
+    bins = dead.periods * dead.period + dead.rest
+    at = (pixel.astype(np.int64) * (cycles + dead.periods + 2) + cycle) * dead.period + toa
+    photon, detected = np.flatnonzero(np.diff(pixel.astype(np.int64), prepend=-1)), []
+    while len(photon):
+        detected.append(photon)
+        after = np.searchsorted(at, at[photon] + bins)
+        photon = after[pixel[np.minimum(after, len(at) - 1)] == pixel[photon]]
+        photon = photon[photon < len(at)]
+    kept = np.sort(np.concatenate(detected)) if detected else photon
+    return pixel[kept], toa[kept]
 
 
 class _IrfSampler:

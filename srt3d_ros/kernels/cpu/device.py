@@ -33,7 +33,7 @@ def unpack(*points) -> tuple:
 
 def as_frame(function: Callable) -> Callable:
     def frame(*inputs):
-        arrays = [array(values) for values in inputs]
+        arrays = [values if values is None else array(values) for values in inputs]
         threads = numba.get_num_threads()
         numba.set_num_threads(1 if arrays[0].size <= SERIAL_PIXELS else threads)
         try:

@@ -51,7 +51,8 @@ class Workspace:
         # What is averaged around pixels, and each thread's means of a row; photons left, background, and what was taken
         self.compared, self.left, self.seen = zeros(height, 2 * surfaces, width), zeros(height, 2, width), zeros(
             height, 3, width)
-        self.means = zeros(threads, 2 * surfaces + 3, width)
+        self.relief, self.smooth = zeros(height, 3 * surfaces, width), zeros(height, 3, LANES)
+        self.means = zeros(threads, 3 * surfaces + 2, width)
         self.rest, self.background, self.taken = zeros(height, width), zeros(height, width), zeros(height, width)
 
     def other_state(self, state: np.ndarray) -> np.ndarray:

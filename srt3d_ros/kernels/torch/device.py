@@ -51,7 +51,7 @@ class Kernels:
             arrays = [self.array(each) if isinstance(each, np.ndarray) else each for each in inputs]
             if not self._is_gpu:
                 return function(*arrays)
-            kind = tuple((each.shape, each.dtype) for each in arrays)
+            kind = tuple(None if each is None else (each.shape, each.dtype) for each in arrays)
             if kind not in frames:
                 frames[kind] = _record(function, arrays, pool)
             return frames[kind](arrays)
@@ -63,7 +63,7 @@ def _record(function: Callable, arrays: list, pool) -> Callable:
 
     The function first runs unrecorded, which compiles its fused parts. Graphs of one pool share temporary memory.
     """
-    inputs = [each.clone() for each in arrays]
+    inputs = [None if each is None else each.clone() for each in arrays]
     with exact_products():
         aside = torch.cuda.Stream()
         aside.wait_stream(torch.cuda.current_stream())
@@ -77,7 +77,8 @@ def _record(function: Callable, arrays: list, pool) -> Callable:
 
     def replay(arrays: list) -> tuple:
         for ours, given in zip(inputs, arrays):
-            ours.copy_(given, non_blocking=True)
+            if ours is not None:
+                ours.copy_(given, non_blocking=True)
         graph.replay()
         return outputs
     return replay

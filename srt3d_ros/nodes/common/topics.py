@@ -50,7 +50,7 @@ PHOTONS = Topic("photons", CLOUD, "photons as events: row, col, time of arrival 
 GATES = Topic("gates", IMAGE, "photons as the ToA words of a gated SPAD array")
 HISTOGRAMS = Topic("histograms", IMAGE, "photons as counts in bins, from a histogramming sensor")
 FRAMES = (PHOTONS, GATES, HISTOGRAMS)       # a driver publishes one of them
-ODOM = Topic("odom", "nav_msgs/msg/Odometry", "pose and twist of the robot", when="`motion` is odom")
+ODOM = Topic("odom", "nav_msgs/msg/Odometry", "pose and twist of the robot", when="`motion` is odom, or with windows")
 IMU = Topic("imu", "sensor_msgs/msg/Imu", "angular velocity of the robot", when="`motion` is imu")
 MOTION = (ODOM, IMU)
 SKETCH_SENSOR = Topic("sketch/sensor", TEXT, "the sensor of the sketches, behind the gate (JSON)", latched=True)
@@ -58,9 +58,12 @@ SKETCH = Topic("sketch", CLOUD, "photon count and m complex numbers per pixel; t
                "description")
 POINTS = Topic("points", CLOUD, "points on the surfaces, metres, in the sensor's frame")
 WATCHED = "while it has subscribers"
+FREE = Topic("free", CLOUD, "how far pixels without a point are empty, for costmaps to clear: one point at the end of "
+             "each empty ray", when=f"{WATCHED} and `free_brightness` is above 0")
 IMAGE_TOPICS = (
     Topic("depth", IMAGE, "depth of each pixel's first point (`surface_order`), metres: z for a pinhole sensor, range "
-          "for a scanner", when=WATCHED),
+          "for a scanner; +Inf where it is empty to `max_range_m` or, without, the end of the "
+          "period (needs `free_brightness`)", when=WATCHED),
     Topic("intensity", IMAGE, "signal photons of each pixel's first point", when=WATCHED),
     Topic("background", IMAGE, "background photons of each pixel", when=WATCHED),
 )

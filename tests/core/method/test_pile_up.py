@@ -163,3 +163,66 @@ def test_a_note_says_why_counts_are_not_corrected(bright):
     (note,) = (note for note in cloud_of(counts, cycles=CYCLES).notes if "cycles" in note)
     assert note == "cycles not used, pile-up not corrected: some counts are negative, so something was subtracted"
     assert not any("cycles" in note for note in cloud_of(bright, cycles=CYCLES).notes)
+
+
+def free_running(rate: np.ndarray, cycles: int, dead_bins: float, seed: int = 0) -> np.ndarray:
+    """Counts of detectors that are live again `dead_bins` after each photon, uint16 [rows, cols, T]."""
+    rng, bins = np.random.default_rng(seed), rate.shape[2]
+    light = np.concatenate([np.zeros((rate[..., 0].size, 1)), np.cumsum(rate.reshape(-1, bins), axis=1)], axis=1)
+    counts, live, at = np.zeros((len(light), bins), np.uint16), np.zeros(len(light)), np.arange(len(light))
+    while len(at):
+        cycle, bin_ = np.divmod(live[at], bins)
+        low = bin_.astype(int)
+        start = light[at, low] + (bin_ - low) * (light[at, low + 1] - light[at, low])
+        turns, rest = np.divmod(start + rng.exponential(size=len(at)), light[at, -1])
+        low = np.minimum((light[at] <= rest[:, None]).sum(axis=1) - 1, bins - 1)
+        part = (rest - light[at, low]) / (light[at, low + 1] - light[at, low])
+        time = (cycle + turns) * bins + low + np.minimum(part, 0.999)
+        seen = time < cycles * bins
+        at, low, time = at[seen], low[seen], time[seen]
+        counts[at, low] += 1
+        live[at] = time + dead_bins
+    return counts.reshape(rate.shape)
+
+
+@pytest.mark.parametrize(("periods", "light", "background"), [(1.5, 0.3, 0.1), (2.0, 0.7, 0.3), (1.02, 0.7, 0.3),
+                                                              (2.97, 0.7, 0.3)])
+def test_a_dead_time_longer_than_a_cycle(periods, light, background):
+    counts = free_running(rates([(WALL, light)], background), 600, periods * BINS)
+    cloud = cloud_of(counts, cycles=600, dead_time_s=periods * BINS * 1e-10)
+    found, bias, intensity = errors(cloud, WALL, 600 * light)
+    assert found > 0.99 and abs(bias) < 0.05 and abs(intensity - 1) < 0.05
+    assert cloud.background.mean() == pytest.approx(600 * background, rel=0.05)
+    error = cloud.depth_bins - WALL[cloud.row, cloud.col]
+    assert 0.6 < np.sqrt((error**2).mean() / (cloud.depth_std_bins**2).mean()) < 1.3
+    blind = cloud_of(counts, cycles=600)
+    assert errors(blind, WALL, 600 * light)[2] < 0.8
+
+
+def test_a_dead_time_with_two_surfaces_and_behind_a_gate():
+    near, dead = np.full((SIDE, SIDE), 60.0), {"cycles": 600, "dead_time_s": 2.8 * BINS * 1e-10}
+    photons = srt3d_ros.from_counts(free_running(rates([(near, 0.3), (WALL, 0.4)], 0.3), 600, 2.8 * BINS),
+                                    bin_width_s=1e-10, irf=IRF, fov_deg=10, **dead)
+    cloud = photons.reconstruct(surfaces=2).ordered("nearest")
+    for surface, (depth, light) in enumerate(((near, 0.3), (WALL, 0.4))):
+        found, bias, intensity = errors(cloud, depth, 600 * light, surface)
+        assert found > 0.98 and abs(bias) < 0.05 and abs(intensity - 1) < 0.05, surface
+    sketch = photons.sketch(gate=(150, 349))
+    assert sketch.sensor.dead_time.period == pytest.approx(BINS) and sketch.sensor.dead_time.periods == 2
+    found, bias, intensity = errors(sketch.reconstruct(), WALL - 150, 600 * 0.4)
+    assert found > 0.99 and abs(bias) < 0.1 and abs(intensity - 1) < 0.1
+
+
+def test_a_dead_time_shorter_than_a_cycle_changes_nothing(bright):
+    cloud, expected = (cloud_of(bright, cycles=CYCLES, **dead) for dead in ({"dead_time_s": 0.9 * BINS * 1e-10}, {}))
+    for name in (*POINT_FIELDS, "background"):
+        np.testing.assert_array_equal(getattr(cloud, name), getattr(expected, name), strict=True)
+
+
+def test_a_note_says_that_photons_contradict_cycles_and_dead_time(bright):
+    def note(**options) -> str:
+        return " ".join(note for note in cloud_of(bright, **options).notes if "pile-up" in note)
+    assert "100.0% of the pixels have more photons than 40 cycles with one photon a cycle allow" in note(cycles=40)
+    assert "cycles with dead_time_s 1e-07 allow" in note(cycles=CYCLES, dead_time_s=1e-7)
+    assert note(dead_time_s=1e-7) == "dead_time_s not used, pile-up not corrected: give cycles"
+    assert note(cycles=CYCLES) == note(cycles=CYCLES, dead_time_s=1e-9) == note() == ""

@@ -1,16 +1,18 @@
 """The end of a frame: final intensity and standard deviation of each point, and the background.
 
 With own = R(z, t) / (g E), its variance by photon noise v and the local mean square s² of own − r, a point gets
-r + (own − r) (1 − v / s²)₊ and √(std² + residual²) if score / c(t) is enough. The photons that the points leave are
-n − g Σ_k r_k; g times their local mean over that of g is the background. `kernels.torch` says why.
+r + (own − r) (1 − v / s²)₊ and √(std² + max(residual², τ²)) if score / c(t) is enough. τ² is Σ d / Σ (g r)² with
+d = gradient² / C² − (V / C² − (g r std)²)₊, over the window of WIDE_SCALE if Σ d is significant there, else over all
+other points, if it is there. The photons that the points leave are n − g Σ_k r_k; g times their local mean over that of
+g is the background. `kernels.torch` says why.
 """
 
 import numpy as np
 from numba import float32, float64, get_num_threads, get_thread_id, int64, prange, uint8, uint16
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import LOCAL_SIGMA
-from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, ONE, TINY, ZERO
+from srt3d_ros.kernels.constants import LOCAL_SIGMA, RELIEF_SCORE, WIDE_SCALE
+from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, ONE, TINY, TWO, ZERO
 from srt3d_ros.kernels.cpu.compiling import (
     each_row,
     floats1d,
@@ -25,8 +27,10 @@ from srt3d_ros.kernels.cpu.compiling import (
 from srt3d_ros.kernels.cpu.method.frame import Frame, columns, point_at
 from srt3d_ros.kernels.cpu.method.likelihood import noise_at
 from srt3d_ros.kernels.cpu.method.windows import blur_row
-from srt3d_ros.kernels.cpu.vectors import load, sqrt, store, where
-from srt3d_ros.kernels.maps import DEPTH, INTENSITY, MARGIN, SCORE, STD, VALUE
+from srt3d_ros.kernels.cpu.vectors import full, load, sqrt, store, where
+from srt3d_ros.kernels.maps import DEPTH, GRADIENT, INTENSITY, LANES, MARGIN, SCORE, STD, VALUE
+
+RELIEF_SCORE = F32(RELIEF_SCORE)
 
 
 def drop_weak(state, enough):
@@ -55,8 +59,9 @@ def _compare_row(i, frame, state, terms, compared):
 
 
 @line
-def _decide_row(i, frame, state, terms, enough, means, points, left, rest):
-    """Write the points and the photons that they leave; `rest` has all photons before."""
+def _decide_row(i, frame, state, terms, enough, means, points, left, rest, relief):
+    """Write the points but for their std, d, (g r)², d², and the photons left; `rest` has all photons before."""
+    of_signal, of_background = frame.moments[0], frame.moments[1]
     for j in columns(state):
         light, unexplained = load(frame.exposure, i, j), load(rest, i, j)
         for k in range(state.shape[1]):
@@ -65,25 +70,85 @@ def _decide_row(i, frame, state, terms, enough, means, points, left, rest):
             differ = ONE - min(load(means, 2 * k + 1, j) / max(load(means, 2 * k, j), TINY), ONE)
             stays = (pooled > ZERO) & (point.score / noise_at(frame, point.depth) > enough)
             intensity = where(stays, max(pooled + excess * differ, EPSILON * pooled), ZERO)
-            std = sqrt(point.std * point.std + point.residual * point.residual)
-            unexplained -= intensity * light
+            signal, slope = intensity * light, load(terms, i, k, GRADIENT, j) / frame.curvature
+            variance = signal * of_signal + (load(frame.counts, i, j) - signal) * of_background
+            shared = signal * point.std
+            noise = max(variance / (frame.curvature * frame.curvature) - shared * shared, ZERO)
+            differs = where(stays, slope * slope - noise, ZERO)
+            unexplained -= signal
             store(points, i, k, DEPTH, j, point.depth)
             store(points, i, k, INTENSITY, j, intensity)
-            store(points, i, k, STD, j, min(max(std, EPSILON), frame.period))
+            store(relief, i, 3 * k, j, differs)
+            store(relief, i, 3 * k + 1, j, signal * signal)
+            store(relief, i, 3 * k + 2, j, differs * differs)
         store(rest, i, j, max(unexplained, ZERO))
         store(left, i, 0, j, where(light > ZERO, unexplained, ZERO))
         store(left, i, 1, j, light + EPSILON)
 
 
+@inline
+def _tau2(differs, gives, squares, weight):
+    """τ², 0 if chance may be its cause; `weight` is Σ w / Σ w² of the window."""
+    shown = differs > RELIEF_SCORE * sqrt(squares / weight)
+    return where(shown, differs / max(gives, TINY), ZERO)
+
+
+@line
+def _relief_row(i, relief, means, tau2, rest):
+    """Write τ² of the windows around points, and sums over those where that is 0, of LANES columns each."""
+    differs, gives, squares = full(ZERO), full(ZERO), full(ZERO)
+    for k in range(relief.shape[1] // 3):
+        for j in columns(relief):
+            around = _tau2(load(means, 3 * k, j), load(means, 3 * k + 1, j), load(means, 3 * k + 2, j), TWO)
+            store(tau2, i, k, j, around)
+            differs += where(around > ZERO, ZERO, load(relief, i, 3 * k, j))
+            gives += where(around > ZERO, ZERO, load(relief, i, 3 * k + 1, j))
+            squares += where(around > ZERO, ZERO, load(relief, i, 3 * k + 2, j))
+    store(rest, i, 0, 0, differs)
+    store(rest, i, 1, 0, gives)
+    store(rest, i, 2, 0, squares)
+
+
+@line
+def _whole(rest):
+    """τ² of all points that windows show none of."""
+    differs, gives, squares = ZERO, ZERO, ZERO
+    for i in range(MARGIN, len(rest) - MARGIN):
+        for lane in range(LANES):
+            differs += rest[i, 0, lane]
+            gives += rest[i, 1, lane]
+            squares += rest[i, 2, lane]
+    return differs / max(gives, TINY) if differs > RELIEF_SCORE * sqrt(squares) else ZERO
+
+
+@line
+def _std_row(i, frame, state, tau2, whole, points):
+    """Write √(std² + max(residual², τ²))."""
+    for j in columns(state):
+        for k in range(state.shape[1]):
+            point, around = point_at(state, i, k, j), load(tau2, i, k, j)
+            relief = max(point.residual * point.residual, where(around > ZERO, around, whole))
+            std = sqrt(point.std * point.std + relief)
+            store(points, i, k, STD, j, min(max(std, EPSILON), frame.period))
+
+
 @parallel
-def _finalise(frame: Frame, state: floats4d, terms: floats4d, enough: float32, weights: floats1d, compared: floats3d,
-              means: floats3d, left: floats3d, points: floats4d, rest: floats2d):
+def _finalise(frame: Frame, state: floats4d, terms: floats4d, enough: float32, weights: floats1d, wide: floats1d,
+              compared: floats3d, means: floats3d, left: floats3d, points: floats4d, rest: floats2d, relief: floats3d,
+              smooth: floats3d):
     for i in prange(MARGIN, len(state) - MARGIN):
         _compare_row(i, frame, state, terms, compared)
     for i in prange(MARGIN, len(state) - MARGIN):
         own = means[get_thread_id()]
         blur_row(compared, i, weights, own[-1], own[-2], own)
-        _decide_row(i, frame, state, terms, enough, own, points, left, rest)
+        _decide_row(i, frame, state, terms, enough, own, points, left, rest, relief)
+    for i in prange(MARGIN, len(state) - MARGIN):
+        own = means[get_thread_id()]
+        blur_row(relief, i, wide, own[-1], own[-2], own)
+        _relief_row(i, relief, own, compared, smooth)
+    whole = _whole(smooth)
+    for i in prange(MARGIN, len(state) - MARGIN):
+        _std_row(i, frame, state, compared, whole, points)
 
 
 @each_row
@@ -99,9 +164,10 @@ def _background(i, exposure: floats2d, weights: floats1d, left: floats3d, means:
 
 def finalise(work, frame, photons, state, terms, enough):
     points, rest, background = work.other_state(state), work.rest, work.background
-    inner, weights = maps.crop(rest, *frame.shape), maps.window_weights(LOCAL_SIGMA)
+    inner, weights, wide = maps.crop(rest, *frame.shape), *map(maps.window_weights, (LOCAL_SIGMA, WIDE_SCALE))
     inner[:] = photons
-    _finalise(frame, state, terms, F32(enough), weights, work.compared, work.means, work.left, points, rest)
+    _finalise(frame, state, terms, F32(enough), weights, wide, work.compared, work.means, work.left, points, rest,
+              work.relief, work.smooth)
     background[:] = rest
     _background(frame.exposure, weights, work.left, work.means, background)
     return points, inner.copy(), maps.crop(background, *frame.shape).copy()

@@ -2,8 +2,8 @@
 
 import torch
 
-from srt3d_ros.kernels.constants import EPSILON, LOCAL_SIGMA, TINY
-from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, STD, VALUE
+from srt3d_ros.kernels.constants import EPSILON, LOCAL_SIGMA, RELIEF_SCORE, TINY, WIDE_SCALE
+from srt3d_ros.kernels.maps import DEPTH, GRADIENT, INTENSITY, RESIDUAL, SCORE, STD, VALUE
 from srt3d_ros.kernels.torch.arithmetic import noise_ratio, waves
 from srt3d_ros.kernels.torch.fusing import fused
 from srt3d_ros.kernels.torch.method.windows import blur, inner
@@ -17,12 +17,12 @@ def drop_weak(state, enough) -> None:
 
 @fused
 def finalise(frame, photons, state, terms, enough):
-    """Points with score / c(t) > `enough`: r + (own − r) (1 − v / s²)₊, √(std² + residual²); and the background.
+    """Points with score / c(t) > `enough`: r + (own − r) (1 − v / s²)₊, √(std² + max(residual², τ²)); background.
 
     own = R(z, t) / (g E) is the intensity from the point's own pixel alone, r from its pool. v = (g r I₁ + (n − g r)₊
     I₀) / (E g)² is the variance of own by photon noise, s² the mean square of own − r, both averaged with a
     Gaussian of σ = LOCAL_SIGMA pixels: s² − v is how far the pixels themselves differ (James and Stein's estimator).
-    Intensities are kept above 0.
+    Intensities are kept above 0. τ² is that of `relief`.
     """
     view, value = inner(frame, state), inner(frame, terms)[:, :, VALUE]
     counts, exposure = (inner(frame, values)[:, None] for values in (frame.counts, frame.exposure))
@@ -36,10 +36,37 @@ def finalise(frame, photons, state, terms, enough):
     intensity = torch.maximum(pooled + excess * differ, EPSILON * pooled) * (there & (score > enough))
     points = state.clone()
     inner(frame, points)[:, :, INTENSITY] = intensity
-    inner(frame, points)[:, :, STD] = (view[:, :, STD]**2 + view[:, :, RESIDUAL]**2).sqrt().clamp(
+    tau2 = relief(frame, counts, intensity * exposure, view[:, :, STD], inner(frame, terms)[:, :, GRADIENT])
+    inner(frame, points)[:, :, STD] = (view[:, :, STD]**2 + torch.maximum(view[:, :, RESIDUAL]**2, tau2)).sqrt().clamp(
         EPSILON, frame.num_bins)
     left = photons - (intensity * exposure).sum(dim=1)
     return points, left.clamp(min=0), background(left, exposure[:, 0])
+
+
+def relief(frame, counts, signal, std, gradient):
+    """τ², bins²: how far the pixels' own photons lie from their points, less photon noise; 0 if that may be chance.
+
+    A point of g r photons whose own pixel shows a gradient s is s / (C g r) bins off, for photon noise with the
+    variance V / (C g r)², V = g r M₀ + (n − g r) M₁, of which the pool shares at least std². So the mean of
+    d = s² / C² − (V / C² − (g r std)²)₊ is at most 0, or (g r τ)² on relief that pools have averaged out, and
+    τ² = Σ d / Σ (g r)². The sums are those of the window σ = WIDE_SCALE with weights w if
+    Σ w d > RELIEF_SCORE √(Σ w² d²), for Σ w² d² = Σ w d² / 2. All points where that fails share one τ², by the same
+    rule. Uncalibrated delays of pixels look the same, and so does an IRF that is too narrow.
+    """
+    variance = signal * frame.moments[0] + (counts - signal) * frame.moments[1]
+    there = signal > 0
+    noise = (variance / frame.curvature**2 - (signal * std)**2).clamp(min=0)
+    differs = ((gradient / frame.curvature)**2 - noise) * there
+    each = differs, signal**2, differs**2
+    around = _tau2(*(blur(values, WIDE_SCALE) for values in each), 2)
+    smooth = around <= 0
+    return around.where(~smooth, _tau2(*((values * smooth).sum() for values in each), 1))
+
+
+def _tau2(differs, gives, squares, weight):
+    """Σ d / Σ (g r)², 0 if chance may be its cause; `weight` is Σ w / Σ w² of the window."""
+    shown = differs > RELIEF_SCORE * (squares / weight).sqrt()
+    return (differs / gives.clamp(min=TINY)).where(shown, 0)
 
 
 def background(left, exposure):
