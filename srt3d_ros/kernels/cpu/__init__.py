@@ -19,9 +19,8 @@ from srt3d_ros.kernels.cpu.method.likelihood import log_likelihood_ratio
 from srt3d_ros.kernels.cpu.method.match import match
 from srt3d_ros.kernels.cpu.method.pooled_step import pooled_step
 from srt3d_ros.kernels.cpu.method.search import no_surfaces, search
-from srt3d_ros.kernels.cpu.method.sketches import expand, prepare, residual
+from srt3d_ros.kernels.cpu.method.sketches import expand, prepare, residual, unexplained
 from srt3d_ros.kernels.cpu.method.trim import drop_blobs, trim
-from srt3d_ros.kernels.cpu.method.unexplained import unexplained
 from srt3d_ros.kernels.cpu.sketching.move_sketch import Motion, SeenScene, move_sketch, turn_sketch
 from srt3d_ros.kernels.cpu.sketching.phase_sums import (
     fixed_rows,
