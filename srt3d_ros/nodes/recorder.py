@@ -18,8 +18,8 @@ from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import require
 from srt3d_ros.files.new_files import free
+from srt3d_ros.messages import free_message, points_message, sensor_message, sketch_message
 from srt3d_ros.messages import images_message as image_message
-from srt3d_ros.messages import points_message, sensor_message, sketch_message
 from srt3d_ros.nodes.common import topics
 from srt3d_ros.nodes.common.managed_node import ManagedNode
 from srt3d_ros.nodes.common.parameters import Parameter, Values
@@ -59,14 +59,15 @@ def checked_images(text: str) -> tuple[str, ...]:
 
 
 QUEUE = 128             # messages that wait for the disk
-RECORDED_DEPTH = 32     # messages of each topic that the middleware keeps: six topics, sketches of 2 MB
+RECORDED_DEPTH = 32     # messages of each topic that the middleware keeps: seven topics, sketches of 2 MB
 LINES_KEPT = 1000       # log lines from before the first frame
 POSE_NS = 10**9         # clouds wait for their pose this long, by their stamps
 NEAR_NS = 60 * 10**9    # log lines farther from the frames, as in a replay, get the stamp of the newest frame
 
 SPEC = NodeSpec(
     "recorder",
-    inputs=(topics.SKETCH_SENSOR, topics.POINTS, *topics.IMAGE_TOPICS, topics.SKETCH, topics.ROSOUT, topics.ODOM),
+    inputs=(topics.SKETCH_SENSOR, topics.POINTS, topics.FREE, *topics.IMAGE_TOPICS, topics.SKETCH, topics.ROSOUT,
+            topics.ODOM),
     parameters=PARAMETERS,
 )
 
@@ -116,6 +117,7 @@ class RecorderNode(ManagedNode):
         for topic in topics.IMAGE_TOPICS:
             if f"/{topic.name}" in self._images:
                 self.subscribe(topic, lambda raw, path=f"/{topic.name}": self._on_image(path, raw))
+        self.subscribe(topics.FREE, self._on_free)
         self.subscribe(topics.SKETCH, self._on_sketch)       # before `points`: of a backlog, sketches are read first
         self.subscribe(topics.POINTS, self._on_points)
         self.follow(topics.ROSOUT, self._on_line)
@@ -217,6 +219,12 @@ class RecorderNode(ManagedNode):
                     writer.log_room(frame.stamp_ns, frame.number, pose, xyz, intensity)
                 self.diagnostics.count(clouds_placed=1)
             self._motion.judge(problem, "clouds have poses again")
+
+    def _on_free(self, raw: bytes) -> None:
+        header, ends = free_message.decode_cdr(raw)
+        writer, frame = self._frame(header.stamp_ns)
+        writer.log_free(frame.stamp_ns, frame.number, ends)
+        self._logged(writer, frame)
 
     def _on_image(self, path: str, raw: bytes) -> None:
         header, image = image_message.decode_cdr(raw)

@@ -26,22 +26,23 @@ _WIDE_ASPECT = 2.0                  # columns over rows above which images are s
 
 
 def cloud_view(eye: Viewpoint, moving_rate_hz: float | None = None) -> rrb.Spatial3DView:
-    """The 3D view of the cloud and the sensor, orbiting about the target of `eye`.
+    """The 3D view of the cloud and the sensor, orbiting about the target of `eye`; empty rays are hidden at first.
 
     With the rate of clouds of a moving sensor, it shows the clouds and the way of the last ROOM_S, too.
     """
     controls = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=eye.position, look_target=eye.target,
                                  eye_up=eye.up)
-    contents, recent = [entities.POINTS_PATH, entities.SENSOR_PATH], {}
+    contents, recent = [entities.POINTS_PATH, entities.SENSOR_PATH, entities.FREE_PATH], {}
+    hidden = {entities.FREE_PATH: rrb.EntityBehavior(visible=False)}
     if moving_rate_hz is not None:
         bound = rrb.TimeRangeBoundary.cursor_relative
         recent = {path: rrb.VisibleTimeRanges([
             rrb.VisibleTimeRange(FRAME_INDEX, start=bound(seq=round(-ROOM_S * moving_rate_hz)), end=bound(seq=last)),
             rrb.VisibleTimeRange(STAMP, start=bound(seconds=-ROOM_S), end=bound(seconds=last / moving_rate_hz))])
             for path, last in ((entities.ROOM_PATH, -1), (entities.WAY_PATH, 0))}   # the cloud of now would flicker
-        contents = [entities.POINTS_PATH, entities.MOVING_SENSOR_PATH, *recent]
+        contents = [entities.POINTS_PATH, entities.MOVING_SENSOR_PATH, entities.FREE_PATH, *recent]
     return rrb.Spatial3DView(origin="/", name="Point cloud", contents=contents, background=BACKGROUND, line_grid=False,
-                             eye_controls=controls, overrides=recent)
+                             eye_controls=controls, overrides=hidden | recent)
 
 
 def film_blueprint(eye: Viewpoint, sensor: SensorModel, images: tuple[str, ...], rate_hz: float | None,

@@ -16,6 +16,7 @@ from srt3d_ros.pictures.viewpoint import sensor_axes
 APPLICATION_ID = "srt3d_ros"
 STAMP, FRAME_INDEX = "stamp", "frame"               # timelines
 POINTS_PATH, DEPTH_PATH, METRICS_PATH, LOG_PATH, SENSOR_PATH = "/points", "/depth", "/metrics", "/log", "/sensor"
+FREE_PATH = "/free"                                 # empty rays, hidden until someone shows them
 POSE_PATH, ROOM_PATH, WAY_PATH = "/pose", "/room", "/way"           # of a sensor that moves: the last two fixed
 MOVING_SENSOR_PATH = f"{POSE_PATH}{SENSOR_PATH}"
 NO_DEPTH = f"{DEPTH_PATH}/none"                     # drawn over the depth image
@@ -27,6 +28,7 @@ PROPERTIES = "/__properties"                        # rerun's entity path for pr
 
 _DARK = 45 / 210        # ratio of dark colours that colours.range_table leaves out to those that it keeps
 _LEAST_SPAN = 1e-6
+_FAN, MOST_RAYS = (38, 52, 60), 1500               # dim; more rays would hide the points
 _WAY_COLOUR, _WAY_WIDTH = (230, 159, 0), rr.Radius.ui_points(1.5)
 _FRUSTUM, _FRUSTUM_WIDTH = (60, 66, 77), rr.Radius.ui_points(0.4)      # dim and thin, behind the points
 
@@ -44,6 +46,12 @@ def points(columns: Mapping[str, np.ndarray], colour: np.ndarray, radius_m: floa
               if name == INTENSITY_COMPONENT or name in OF_FULL_CLOUDS}
     radius = radius_m or rr.Radius.ui_points(1.5)
     return [rr.Points3D(columns["xyz"], colors=colour, radii=radius), rr.AnyValues(**values)]
+
+
+def fan(ends: np.ndarray) -> list:
+    """Archetypes of empty rays from the sensor to their ends [N, 3], of at most MOST_RAYS of them."""
+    ends = ends[::max(-(-len(ends) // MOST_RAYS), 1)]
+    return [rr.LineStrips3D(np.stack([np.zeros_like(ends), ends], axis=1), colors=_FAN, radii=_FRUSTUM_WIDTH)]
 
 
 def pose(pose: Pose, last: Pose) -> dict[str, list]:

@@ -162,11 +162,16 @@ class RecordingWriter(AbstractContextManager):
         archetypes = entities.points(columns, colours, point_radius_m(xyz, self._sensor))
         self._log(stamp_ns, frame_index, {entities.POINTS_PATH: archetypes})
 
+    def log_free(self, stamp_ns: int, frame_index: int, ends: np.ndarray) -> None:
+        """Log how far it is empty: the ends of rays without a point, float32 [N, 3], metres."""
+        self._log(stamp_ns, frame_index, {entities.FREE_PATH: entities.fan(ends)})
+
     def log_pose(self, stamp_ns: int, frame_index: int, pose: Pose) -> None:
         """Log the sensor's pose in a fixed frame with z up, in which the 3D view stands from the first pose on."""
         if self._pose is None:
             self._stream.log("/", rr.ViewCoordinates.FLU, static=True)
-            self._stream.log(entities.POINTS_PATH, rr.CoordinateFrame(f"tf#{entities.POSE_PATH}"), static=True)
+            for path in (entities.POINTS_PATH, entities.FREE_PATH):
+                self._stream.log(path, rr.CoordinateFrame(f"tf#{entities.POSE_PATH}"), static=True)
         self._log(stamp_ns, frame_index, entities.pose(pose, self._pose or pose))
         self._pose = pose
 

@@ -53,6 +53,19 @@ def test_film_plays_cloud_images_plots_and_log_by_frames_at_the_speed_of_the_sta
     assert ["frame"] in columns["TimePanelBlueprint:timeline"] and [10] in columns["TimePanelBlueprint:fps"]
 
 
+def test_empty_rays_start_at_the_sensor_are_few_and_are_hidden_at_first(tmp_path, ball):
+    ends = np.random.default_rng(0).normal(size=(4000, 3)).astype(np.float32)
+    with RecordingWriter(tmp_path / "a.rrd", ball[1]) as writer:
+        writer.log_cloud(0, 0, ball[0].xyz, ball[0].intensity)
+        writer.log_free(0, 0, ends)
+        writer.log_free(10**8, 1, ends[:0])
+    strips = [value for chunk in RrdReader(tmp_path / "a.rrd").stream() if chunk.entity_path == entities.FREE_PATH
+              for value in chunk.to_record_batch().column("LineStrips3D:strips").to_pylist()]
+    assert [len(each) for each in strips] == [1334, 0]
+    assert np.allclose(strips[0][1], [np.zeros(3), ends[3]])
+    assert [False] in blueprint_columns(tmp_path / "a.rrd")["EntityBehavior:visible"]
+
+
 def test_the_view_of_a_sensor_that_moves_stands_and_shows_the_room_of_the_last_ten_seconds(tmp_path, ball):
     cloud, sensor = ball
     walls = np.array([[x, y, z] for x in (-9, 9) for y in (-9, 9) for z in (0, 3)], np.float32)
