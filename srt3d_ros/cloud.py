@@ -47,8 +47,8 @@ class Cloud(PointCloud):
         return f'{text}<img alt="" src="{uri}">'
 
     def save(self, path: str | Path) -> None:
-        """Write the cloud by the suffix: .npz (everything), .ply, .pcd, .csv, .tif (the depth image), .rrd (for rerun); or
-        draw it: .png, .jpg.
+        """Write the cloud by the suffix: .npz (everything), .ply, .pcd, .csv, .tif (the depth image), .rrd (for rerun);
+        or draw it: .png, .jpg.
 
         Raises:
             InvalidInput: another suffix, a path that cannot be written, or an .npz file there that is no cloud.

@@ -58,7 +58,7 @@ def test_pcd_is_as_its_document_says(saved, ball):
     """https://pointclouds.org/documentation/tutorials/pcd_file_format.html: this order of lines, then packed points."""
     head, _, body = saved("a.pcd").read_bytes().partition(b"DATA binary\n")
     lines = [line.split() for line in head.decode("ascii").splitlines()]
-    assert [name for name, *_ in lines] == "VERSION FIELDS SIZE TYPE COUNT WIDTH HEIGHT VIEWPOINT POINTS".split()
+    assert " ".join(name for name, *_ in lines) == "VERSION FIELDS SIZE TYPE COUNT WIDTH HEIGHT VIEWPOINT POINTS"
     header = {name: values for name, *values in lines}
     assert (header["VERSION"], header["HEIGHT"], header["WIDTH"]) == (["0.7"], ["1"], header["POINTS"])
     kinds = [f"<{kind.lower()}{size}" for kind, size in zip(header["TYPE"], header["SIZE"], strict=True)]
