@@ -1,11 +1,12 @@
 """Accuracy of `pooled` with each of its constants halved, doubled and off.
 
-    python -m benchmarks ablation                               # everything: half an hour on two cores
-    python -m benchmarks ablation --constants VOTE,SPREAD --only "head*,room*"
+    python -m benchmarks ablation                               # everything: an hour on two cores
+    python -m benchmarks ablation --constants VOTE,SPREAD --only "head*,room*" --draws 4
 
 Each set of photons is drawn several times: a simulated scene with other seeds, a photon file by keeping each photon
 with the probability in `FILES`. All variants see the same draws, so changes are paired. The first line has the means
-with the default constants. Every other line has, for each set, the mean change of true and false detections (percentage
+with the default constants, and the names of all numbers of the method: varied, fixed (FIXED says why), and those that
+follow from others. Every other line has, for each set, the mean change of true and false detections (percentage
 points) and of the depth error (%), each with its standard error.
 """
 
@@ -14,12 +15,15 @@ import ast
 import json
 import os
 import pickle
+import re
+import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from fnmatch import fnmatch
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -52,13 +56,23 @@ FILES = {"art_real_unif_ppp5_sbr0.1": (0.8, 10), "art_real_unif_ppp5_sbr1": (0.8
 SCENES = {"bust, SBR 1, 1 ppp": ("bust", 1, 1, False), "bust, SBR 0.1, 10 ppp": ("bust", 0.1, 10, False),
           "bust in fog, SBR 1, 10 ppp": ("bust", 1, 10, True), "net, SBR 1, 10 ppp": ("net", 1, 10, False)}
 MOTION, STEEP = "room from a moving sensor, 3 ppp", "steep wall, SBR 0.1, 20 ppp"
-# Not varied: limits, margins, what equals VOTE, rounding, constants of other methods, what `false_alarms` measures.
-FIXED = ("MAX_SKETCH_SIZE", "MAX_PIXEL_PHOTONS", "REACH", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "VOTE_RADIUS",
-         "SEEN_SCORE", "TINY", "EPSILON", "BIRTH_COST", "FEWER_COST", "DEAD_LIMIT", "MOVE_COST")
-VOTES = "VOTE", "BIRTH_COST", "FEWER_COST", "DEAD_LIMIT", "MOVE_COST"       # equal, and varied together
-OFF = {"START_SCALES": (0.0, 2.5), "WINDOWS": ((2.0, 4, 2), (9.0, 4, 1)), "LIKENESS": 1e6,
-       "VOTE": 0, "MAX_VOTES": 1e6, "EMPTY_VOTES": 0, "SPREAD": 0, "WRONG_IRF": 0, "SHARP": 1}
-BACKGROUND = "srt3d_ros.core.method.background"         # has constants of the method, too
+DIM = {"dim disc, SBR 10": 0.2, "dim rods, SBR 10": 1.0}      # signal photons of a pixel with a surface
+WIDE, RETRO = "wall, IRF 10 % too wide, two surfaces", "retro-reflector before a wall, two surfaces"
+MODULES = ("core.matched_frame", "core.method.background", "core.method.thresholds", "core.method.pooled",
+           "core.method.pile_up")
+# Not varied, by reason.
+FIXED = {"limits of inputs": ("MAX_SKETCH_SIZE", "MAX_PIXEL_PHOTONS", "MAX_SURFACES", "*_FALSE_ALARM_RATE"),
+         "rounding": ("TINY", "EPSILON", "RIDGE"), "speed alone": ("CELL",), "baselines": ("INTENSITY_RATE", "APSS_*"),
+         "steps of a solution that has converged": ("PASSES", "NEWTON_STEPS"),
+         "sampling of tables": ("FLUXES", "TABLE_STEPS", "BETWEEN"),
+         "widen depth_std alone": ("SATURATED", "RELIEF_SCORE"),
+         "powers that mean intensity, depth, width and skew": ("CORRECTED",),
+         "sensors with an IRF for each pixel": ("WEAKEST_PASSBAND",)}
+# Instead of half and twice: MARGIN allows a REACH of 1.77; with more than four sides nothing is a hole.
+OTHER = {"START_SCALES": [(0.0, 2.5)], "WINDOWS": [((2.0, 4, 2), (9.0, 4, 1))], "REACH": [1.0, 1.75],
+         "HOLE_SIDES": [2, 5]}
+OFF = {"LIKENESS": 1e6, "VOTE": 0, "MAX_VOTES": 1e6, "EMPTY_VOTES": 0, "SPREAD": 0, "WRONG_IRF": 0, "SHARP": 1,
+       "NEW_RADIUS": 0, "WRONG_SHAPE": 0, "WHOLE_SCORE": -100}
 
 
 class Draw(NamedTuple):
@@ -84,15 +98,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
-    names = [name for name in (*FILES, *SCENES, MOTION, STEEP) if fits(name, args.only)]
+    names = [name for name in (*FILES, *SCENES, MOTION, STEEP, *DIM, WIDE, RETRO) if fits(name, args.only)]
     variants = [parsed(text) for text in args.set] or list(halved_doubled_off(args.constants))
     with TemporaryDirectory() as folder, ThreadPoolExecutor(args.jobs) as pool:
         for name in tqdm(names, "drawing photons", unit="set"):
             (Path(folder) / f"{name}.pickle").write_bytes(pickle.dumps(list(draws(name, args.draws, args.data))))
         measured = pool.map(lambda variant: measure_apart(variant, folder), [{}, *variants])
         default = next(measured)
-        yield {"variant": "default", "sets": {name: np.nanmean(rows, 0).round(3).tolist()
-                                              for name, rows in default.items()}}
+        yield {"variant": "default", **listed(), "sets": {name: np.nanmean(rows, 0).round(3).tolist()
+                                                          for name, rows in default.items()}}
         for variant, rows in zip(tqdm(variants, unit="variant"), measured):
             yield {"variant": variant, "sets": {name: changes(default[name], rows[name]) for name in rows}}
 
@@ -106,16 +120,40 @@ def parsed(text: str) -> dict:
     return {name: ast.literal_eval(value) for name, value in (pair.split("=") for pair in text.split(";"))}
 
 
+def numbers() -> dict[str, tuple[str, ast.expr]]:
+    """Module and expression of every number that the method's modules name."""
+    found = {}
+    for module in (constants.__name__, *(f"srt3d_ros.{name}" for name in MODULES)):
+        for node in ast.parse(Path(find_spec(module).origin).read_text()).body:
+            if isinstance(node, ast.Assign):
+                names = [name.id for name in ast.walk(node.targets[0]) if isinstance(name, ast.Name)]
+                found |= {name: (module, node.value) for name in names if name.isupper() and name != "BACKGROUNDS"}
+    return found
+
+
+def following(names: Iterable[str]) -> set[str]:
+    """The numbers that are computed from `names`."""
+    return {name for name, (_, value) in numbers().items() if any(
+        isinstance(part, ast.Name) and part.id in names for part in ast.walk(value))}
+
+
+def listed() -> dict:
+    """The names of the numbers that are varied, fixed, and follow from others."""
+    found, kept = numbers(), ",".join(name for names in FIXED.values() for name in names)
+    follow = following(found)
+    fixed = [name for name in found if fits(name, kept) and name not in follow]
+    varied = [name for name in found if name not in (*fixed, *follow)]
+    return {"varied": varied, "fixed": fixed, "follow": sorted(follow)}
+
+
 def halved_doubled_off(patterns: str) -> Iterator[dict]:
-    """Variants of each constant: numbers halved, doubled and off; tables as in OFF."""
-    for name, value in (vars(constants) | vars(import_module(BACKGROUND))).items():
-        if not name.isupper() or name == "BACKGROUNDS" or fits(name, ",".join(FIXED)) or not fits(name, patterns):
-            continue
-        tried = [] if isinstance(value, tuple) else [half(value), 2 * value]
-        if name in OFF:
-            tried.append(type(value)(OFF[name]))
-        names = VOTES if name == "VOTE" else (name,)
-        yield from (dict.fromkeys(names, new) for new in dict.fromkeys(tried) if new != value)
+    """Variants of each constant: halved, doubled and off, or as in OTHER."""
+    for name in listed()["varied"]:
+        if fits(name, patterns):
+            value = getattr(import_module(numbers()[name][0]), name)
+            tried = OTHER[name] if name in OTHER else [half(value), 2 * value]
+            tried = tried + ([type(value)(OFF[name])] if name in OFF else [])
+            yield from ({name: new} for new in dict.fromkeys(tried) if new != value)
 
 
 def half(number):
@@ -145,8 +183,38 @@ def draws(name: str, number: int, data: Path) -> Iterator[Draw]:
         for seed in range(100, 100 + number):
             scene = StaticScene(sensor.range_m(370.0 + 14.3 * col - 8.2 * row))
             yield drawn(sensor, *Simulator(scene, sensor, 0.1, 20, seed).frame(0), 12)
-    else:
+    elif name == MOTION:
         yield from moving(number)
+    else:
+        yield from (lit(name, seed) for seed in range(number))
+
+
+def lit(name: str, seed: int) -> Draw:
+    """Photons that are drawn here, on 64 × 64 pixels: dim shapes before nothing, and two surfaces a pixel."""
+    rng, (row, col) = np.random.default_rng(seed), np.mgrid[:64, :64]
+    far = np.hypot(row - 32, col - 32)
+    depth, photons, width = np.full((2, 64, 64), np.nan), np.zeros((2, 64, 64)), 1.0
+    depth[0] = 420.3 + 0.3 * row
+    if name in DIM:
+        there = far < 20 if "disc" in name else col % 16 // 2 == 3
+        depth, photons = np.where(there, depth[:1], np.nan), DIM[name] * there[None]
+        background = DIM[name] / 10
+    elif name == WIDE:
+        photons[0], background, width = 2000, 20, 1.1
+    else:           # ten thousand times the light of the wall, a halo of 0.1 %
+        photons[0], background = 50, 10
+        depth[1] = np.where(far < 40, 270.3, np.nan)
+        photons[1] = np.where(far < 4, 50000, 50 * np.exp((4 - far) / 8)) * (far < 40)
+        photons[0, far < 4] = 0
+        depth[0, far < 4] = np.nan
+    bins = np.arange(-24, 25)
+    sensor = SensorModel(64, 64, 1000, 1e-11, np.exp(-bins**2 / (2 * (4 * width)**2)))
+    place = np.repeat(np.arange(photons.size), rng.poisson(photons).ravel())
+    pixel, toa = place % 4096, depth.ravel()[place] + 4 * rng.standard_normal(len(place))
+    other = rng.poisson(background * 4096)
+    frame = PhotonEvents(np.r_[pixel, rng.integers(0, 4096, other)].astype(np.uint32),
+                         np.r_[np.rint(toa) % 1000, rng.integers(0, 1000, other)].astype(np.uint16))
+    return drawn(sensor, frame, depth, 12)
 
 
 def drawn(sensor: SensorModel, frame: PhotonEvents, depth: np.ndarray, tolerance: float, complete: bool = True) -> Draw:
@@ -167,12 +235,34 @@ def moving(number: int) -> Iterator[Draw]:
 
 
 def measure_apart(variant: dict, folder: str) -> dict[str, np.ndarray]:
-    """TD and FD (%) and DAE (bins) of each set, [draws, 3], measured in a process that compiles this variant."""
+    """TD and FD (%) and DAE (bins) of each set, [draws, 3], measured in a process that compiles this variant.
+
+    It takes the default's kernels, from where this user keeps them, if no constant of theirs is varied.
+    """
+    from srt3d_ros.kernels.cpu.compiling import FOLDER
+
+    names = set(variant)
+    while further := following(names) - names:
+        names |= further
     with TemporaryDirectory() as cache:
+        shutil.copytree(FOLDER, Path(cache, FOLDER.name))
+        for module in using(names):
+            for file in Path(cache).rglob(f"{module}.*"):
+                file.unlink()
         environment = {"NUMBA_CACHE_DIR": cache, "NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
         done = subprocess.run([sys.executable, "-m", "benchmarks.ablation", repr(variant), folder], cwd=REPOSITORY,
                               env=os.environ | environment, stdout=subprocess.PIPE, check=True)
     return {name: np.array(rows) for name, rows in json.loads(done.stdout).items()}
+
+
+def using(names: Iterable[str]) -> set[str]:
+    """The modules of the CPU's kernels that use one of the constants, or what a module that does defines."""
+    texts = {file.stem: file.read_text() for file in Path(constants.__file__).parent.joinpath("cpu").rglob("*.py")}
+    found = {module for module, text in texts.items() if any(re.search(rf"\b{name}\b", text) for name in names)}
+    while further := {module for module, text in texts.items() if module not in found and any(
+            f".{one} import" in text for one in found)}:
+        found |= further
+    return found
 
 
 def measure(variant: dict, folder: str) -> dict[str, list]:
@@ -183,8 +273,13 @@ def measure(variant: dict, folder: str) -> dict[str, list]:
     """
     if "WINDOWS" in variant:
         variant["WINDOWS"] = tuple(constants.Window(*each) for each in variant["WINDOWS"])
-    vars(constants).update(variant)
-    vars(import_module(BACKGROUND)).update(variant)
+    follow = following(numbers())
+    for name, (module, value) in numbers().items():         # in order, so that others follow
+        if name in variant:
+            setattr(import_module(module), name, variant[name])
+        elif module == constants.__name__ and name in follow:
+            own = compile(ast.Expression(value), module, "eval")
+            setattr(constants, name, eval(own, vars(constants)))        # noqa: S307, the module's own line
     from srt3d_ros.core.method.pooled import Pooled
 
     rows = {}

@@ -2,8 +2,9 @@
 
     python -m benchmarks false_alarms           # five minutes on two cores
 
-Frames of 141 × 141 pixels of background are reconstructed until PATCHES patches of false points have appeared. `share`
-is the share of pixels with a point; `over_rate` is `share` over the `false_alarm_rate` that was set.
+Frames of background are reconstructed until PATCHES patches of false points have appeared. `share` is the share of
+pixels with a point; `over_rate` is `share` over the `false_alarm_rate` that was set; `blobs_percent` of the frames have
+a patch of more than BLOB points: false points come together, so a share alone says little.
 """
 
 import argparse
@@ -21,37 +22,43 @@ from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import irf
 
-SIDE, SKETCH_SIZE = 141, 10
+SKETCH_SIZE = 10
 # T, and the width of a bin (s); the IRF is 0.3 ns wide.
 PERIODS = {586: 16e-12, 1024: 50e-12, 4613: 16e-12}
-PATCHES = 30            # end of a measurement, …
-FRAMES = 400            # … or after so many frames
+PATCHES = 30            # end of a measurement, or after --frames
+BLOB = 30               # points
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rates", type=float, nargs="+", default=[1e-2, 1e-3], help="false_alarm_rate")
-    parser.add_argument("--ppp", type=float, nargs="+", default=[1, 10, 100], help="photons per pixel")
+    parser.add_argument("--ppp", type=float, nargs="+", default=[0.2, 1, 10, 100], help="photons per pixel")
+    parser.add_argument("--side", type=int, default=141, help="rows and columns (%(default)s)")
+    parser.add_argument("--frames", type=int, default=400, help="most frames of a measurement (%(default)s)")
     parser.add_argument("--surfaces", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--periods", type=int, nargs="+", default=list(PERIODS), help="T, bins")
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
     for num_bins, ppp, surfaces, rate in tqdm(list(product(args.periods, args.ppp, args.surfaces, args.rates))):
-        yield measured(num_bins, ppp, surfaces, rate)
+        yield measured(num_bins, ppp, surfaces, rate, args.side, args.frames)
 
 
-def measured(num_bins: int, ppp: float, surfaces: int, rate: float) -> dict:
+def measured(num_bins: int, ppp: float, surfaces: int, rate: float, side: int, most: int) -> dict:
     width_s = PERIODS[num_bins]
-    sensor = SensorModel(SIDE, SIDE, num_bins, width_s, irf.spad(width_s, fwhm_s=300e-12, tail_s=100e-12))
+    sensor = SensorModel(side, side, num_bins, width_s, irf.spad(width_s, fwhm_s=300e-12, tail_s=100e-12))
     frequencies = choose_frequencies("auto", sensor, SKETCH_SIZE)
     pooled = Pooled(sensor, frequencies, surfaces, rate, background="flat")
-    rng, points, patches, frames = np.random.default_rng(0), 0, 0, 0
-    while patches < PATCHES and frames < FRAMES:
-        pixel = np.repeat(np.arange(SIDE**2, dtype=np.uint32), rng.poisson(ppp, SIDE**2))
+    rng, points, patches, blobs, frames = np.random.default_rng(0), 0, 0, 0, 0
+    while patches < PATCHES and frames < most:
+        pixel = np.repeat(np.arange(side**2, dtype=np.uint32), rng.poisson(ppp, side**2))
         toa = rng.integers(0, num_bins, len(pixel)).astype(np.uint16)
         cloud = pooled(sketch_photons(PhotonEvents(pixel, toa), sensor, frequencies))
         shown = np.isfinite(cloud.image("depth_bins"))
-        points, patches, frames = points + int(shown.sum()), patches + label(shown)[1], frames + 1
-    share = points / (frames * SIDE**2)
-    return {"num_bins": num_bins, "ppp": ppp, "surfaces": surfaces, "false_alarm_rate": rate, "frames": frames,
-            "patches": patches, "share": float(f"{share:.3g}"), "over_rate": round(share / rate, 2)}
+        patch, number = label(shown, np.ones((3, 3)))
+        sizes = np.bincount(patch.ravel())[1:]
+        points, patches, frames = points + int(shown.sum()), patches + number, frames + 1
+        blobs += int((sizes > BLOB).any())
+    share = points / (frames * side**2)
+    return {"num_bins": num_bins, "ppp": ppp, "surfaces": surfaces, "side": side, "false_alarm_rate": rate,
+            "frames": frames, "patches": patches, "blobs_percent": round(100 * blobs / frames, 2),
+            "share": float(f"{share:.3g}"), "over_rate": round(share / rate, 2)}

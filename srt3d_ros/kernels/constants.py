@@ -61,9 +61,6 @@ SPREAD = 4              # pixels by which surfaces may grow into empty ones in e
 # ‖d‖: how far an IRF may be wrong beyond intensity, depth, width and skew. A real head's echo has 1 %; on it 0.015 is
 # enough, for widths wrong by a quarter 0.02. Surfaces with a smaller share of their pixel's light are lost.
 WRONG_SHAPE = 0.02
-# Half the standard deviations by which surfaces may be brighter than their pixel's photons: next to a retro-reflector,
-# the pool makes its halo brighter than all of them, and the wall behind would be a ghost.
-HALO = 1.5
 
 # ---- End (`trim`, `drop_blobs`, `finalise`)
 

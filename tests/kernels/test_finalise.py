@@ -27,6 +27,27 @@ def test_finalise(shape, surfaces, clutter):
     assert clutter or (intensity[view[:, :, maps.SCORE] <= 9] == 0).all()
 
 
+@pytest.mark.parametrize("surfaces", [1, 2])
+@pytest.mark.parametrize(("share", "rough", "smooth"), [(0.2, 0, 0), (4, 24, 40), (1.2, 96, 96)])
+def test_points_are_less_sure_where_their_own_photons_contradict_them(surfaces, share, rough, smooth):
+    """In windows or, if too little for one, everywhere: before the column `rough`, `share` of the noise is seen."""
+    frame = make_frame((9, 96), 1)
+    state = make_state(frame, surfaces, 1)
+    view, terms = maps.crop(state, *frame.shape), make_terms(frame, state)
+    view[:, :, maps.STD], view[:, :, maps.RESIDUAL] = 0.05, 0
+    signal = view[:, :, maps.INTENSITY] * frame.exposure[:, None]
+    variance = signal * frame.moments[0] + (frame.counts[:, None] - signal) * frame.moments[1]
+    shown = np.sqrt(variance.clip(min=0)) * np.where(np.arange(96) < rough, share, 0.2)
+    maps.crop(terms, *frame.shape)[:, :, maps.GRADIENT] = shown
+    (points, *_), (wanted, *_) = (
+        each.finalise(padded(frame), frame.counts + 3, state, terms, 1.0) for each in (CPU, ORACLE))
+    found, expected = (maps.crop(each, *frame.shape)[:, :, maps.STD] for each in (points, wanted))
+    there = maps.crop(points, *frame.shape)[:, :, maps.INTENSITY] > 0
+    np.testing.assert_allclose(found[there], expected[there], rtol=RELATIVE)
+    grows = found > 0.051
+    assert grows[..., :rough][there[..., :rough]].all() and not grows[..., smooth:][there[..., smooth:]].any()
+
+
 @pytest.mark.parametrize(("shape", "surfaces"), [((5, 40), 1), ((3, 50), 4), ((1, 1), 1)])
 def test_collect_lists_points_by_pixel_the_strongest_first(shape, surfaces):
     rng = np.random.default_rng(5)

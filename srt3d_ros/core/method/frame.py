@@ -5,6 +5,7 @@ so that a GPU can record it.
 """
 
 from copy import deepcopy
+from dataclasses import replace
 from functools import cached_property, partial
 from math import ceil
 from typing import NamedTuple
@@ -31,12 +32,13 @@ from srt3d_ros.kernels.contract import Array, Kernels
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, STD
 
 
-def frame(sensor: SensorOnDevice, surfaces: int, photons: Array, sums: Array, start: Array | None, thresholds: Array,
-          *removed: Array) -> tuple:
+def frame(sensor: SensorOnDevice, surfaces: int, photons: Array, sums: Array, exposure: Array | None,
+          start: Array | None, thresholds: Array, *removed: Array) -> tuple:
     """One frame on the device.
 
     Args:
         photons, sums: of the sketch.
+        exposure: of the MatchedFrame, or None: the sensor's.
         start: the points of the frame before, or None.
         thresholds: a `Scores`.
         removed: a `RemovedBackground`, or nothing for an even one.
@@ -46,7 +48,7 @@ def frame(sensor: SensorOnDevice, surfaces: int, photons: Array, sums: Array, st
         that are not the points', and background photons, float32 [rows, cols]; the list of points.
     """
     kernels, scores = sensor.kernels, Scores(*thresholds)
-    data, taken = sensor.match(photons, sums, *removed)
+    data, taken = sensor.match(photons, sums, exposure, *removed)
     points = kernels.no_surfaces(data, surfaces)
     search(kernels, data, points, START_SCALES, START_SCORE, START_SCORE, start, scores.keep)
     points = iterate(kernels, data, points, WINDOWS[0])
@@ -119,11 +121,19 @@ class Frames:
                  start: Array | None = None) -> Found:
         """What a sketch shows; `removed` is () for an even background."""
         points, left, rest, background, *listed = self.run(
-            sketch.photons.astype(np.float32), sketch.sums, start, np.array(scores, np.float32), *removed)
+            sketch.photons.astype(np.float32), sketch.sums, self._exposure(sketch), start,
+            np.array(scores, np.float32), *removed)
         unexplained = Unexplained.unpacked(self.kernels.numpy(rest), self.kernels.numpy(left))
         cloud = self._sensor.cloud(listed, background, sketch.stamp_ns)
+        if sketch.exposure is not None:
+            cloud = replace(cloud, background=cloud.background / sketch.exposure)
+            unexplained = unexplained._replace(photons=unexplained.photons / sketch.exposure)
         points = deepcopy(points) if self._warm_start else None         # the next frame overwrites them
         return Found(cloud, unexplained, points)
+
+    def _exposure(self, sketch: PhaseSums) -> np.ndarray | None:
+        """Exposures of `MatchedFrame`, if they are the sketch's own."""
+        return None if sketch.exposure is None else maps.pad(self.matcher.sensor.exposure * sketch.exposure)
 
     @cached_property
     def with_one_surface(self) -> "Frames":

@@ -20,6 +20,8 @@ from srt3d_ros.core.method.background import Background, BackgroundEstimate, Rem
 from srt3d_ros.core.method.frame import Found, Frames
 from srt3d_ros.core.method.pile_up import PileUp
 from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, Scores
+from srt3d_ros.core.motion.trajectory import Pose, Trajectory
+from srt3d_ros.core.motion.window import MovingWindow
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sums import PhaseSums, noise_sketch
@@ -41,11 +43,13 @@ class Pooled:
             cloud leaves unexplained, if significant.
         warm_start: begin with the last frame's surfaces where the photons support them: less depth error in a steady
             scene. For consecutive frames.
+        window_frames: W, frames of which each cloud is made (`MovingWindow`).
     """
 
     def __init__(self, sensor: SensorModel, frequencies: Sequence[int], surfaces: int = 1,
                  false_alarm_rate: float = DEFAULT_FALSE_ALARM_RATE, device: str = "cpu", background: str = "auto",
-                 warm_start: bool = False):
+                 warm_start: bool = False, window_frames: int = 1):
+        self._window = MovingWindow(sensor, frequencies, window_frames) if window_frames > 1 else None
         self._matcher, self._warm_start = Matcher(sensor, frequencies), warm_start
         self._background = Background(self._matcher, background)
         self._frames = Frames(self._matcher, device, surfaces, warm_start)
@@ -55,18 +59,29 @@ class Pooled:
     def forget(self) -> None:
         """Begin the next frame as if it were the first."""
         self._is_first, self._learned, self._points, self._piled_up = True, self._background.first, None, None
+        self._last: PointCloud | None = None
+        if self._window is not None:
+            self._window.forget()
 
     def set_false_alarm_rate(self, false_alarm_rate: float) -> None:
         """Use this false alarm rate from the next frame on."""
         self._scores = Scores.of(false_alarm_rate, max(self._matcher.frequencies))
 
-    def __call__(self, sketch: PhaseSums) -> PointCloud:
-        """The point cloud of one frame's sketch; where the laser cycles are known, pile-up is corrected."""
+    def __call__(self, sketch: PhaseSums, trajectory: Trajectory | None = None) -> PointCloud:
+        """The point cloud of one frame's sketch, or of the window that ends with it, with the photons of one frame.
+
+        Where the laser cycles are known, pile-up is corrected.
+
+        Args:
+            trajectory: of the sensor, for a window; None if it is at rest.
+        """
         self._matcher.check(sketch)
+        if self._window is not None:
+            sketch = self._window(sketch, trajectory, self._last)
         cloud = self._cloud(sketch)
         if self._is_first and sketch.cycles:        # again: the first cloud says how much of the light is background
             cloud = self._cloud(sketch)
-        self._is_first = False
+        self._is_first, self._last = False, cloud
         return cloud
 
     def _cloud(self, sketch: PhaseSums) -> PointCloud:
@@ -127,10 +142,22 @@ class Pooled:
             sensor = sensor.cropped(slice(8), slice(8))
             several = [Frames(Matcher(sensor, self._matcher.frequencies), "cpu", frames.surfaces, self._warm_start)]
         sketch = noise_sketch(sensor, self._matcher.frequencies)
+        if self._window is not None:
+            sketch = replace(sketch, exposure=np.ones(sketch.photons.shape, np.float32))
         uneven = RemovedBackground(sketch.photons.astype(np.float32), np.zeros(len(sketch.frequencies), np.complex64),
                                    np.ones(sensor.num_bins, np.float32))
         for each in dict.fromkeys(several):
             for removed in ((),) if self._background.is_even else ((), uneven):
-                start = each(self._scores, sketch, removed).points
-                if start is not None:
-                    each(self._scores, sketch, removed, start)
+                found = each(self._scores, sketch, removed)
+                if found.points is not None:
+                    each(self._scores, sketch, removed, found.points)
+                if self._window is not None:
+                    _move(sketch, found.cloud)
+
+
+def _move(sketch: PhaseSums, cloud: PointCloud) -> None:
+    """Compile the kernels of a window that moves."""
+    window, still = MovingWindow(sketch.sensor, sketch.frequencies, 2), Trajectory()
+    for stamp_ns in range(2):
+        still.add(stamp_ns, Pose())
+        window(replace(sketch, stamp_ns=stamp_ns), still, cloud)

@@ -2,9 +2,9 @@
 
 With own = R(z, t) / (g E), its variance by photon noise v and the local mean square s² of own − r, a point gets
 r + (own − r) (1 − v / s²)₊ and √(std² + max(residual², τ²)) if score / c(t) is enough. τ² is Σ d / Σ (g r)² with
-d = (gradient² − V) / C² + (g r std)², over the window of WIDE_SCALE if Σ d is significant there, else over all other
-points, if it is there. The photons that the points leave are n − g Σ_k r_k; g times their local mean over that of g is
-the background. `kernels.torch` says why.
+d = gradient² / C² − (V / C² − (g r std)²)₊, over the window of WIDE_SCALE if Σ d is significant there, else over all
+other points, if it is there. The photons that the points leave are n − g Σ_k r_k; g times their local mean over that of
+g is the background. `kernels.torch` says why.
 """
 
 import numpy as np
@@ -73,7 +73,7 @@ def _decide_row(i, frame, state, terms, enough, means, points, left, rest, relie
             signal, slope = intensity * light, load(terms, i, k, GRADIENT, j) / frame.curvature
             variance = signal * of_signal + (load(frame.counts, i, j) - signal) * of_background
             shared = signal * point.std
-            noise = variance / (frame.curvature * frame.curvature) - shared * shared
+            noise = max(variance / (frame.curvature * frame.curvature) - shared * shared, ZERO)
             differs = where(stays, slope * slope - noise, ZERO)
             unexplained -= signal
             store(points, i, k, DEPTH, j, point.depth)

@@ -4,7 +4,7 @@ Growth: a pixel is new if birth/death has given it its first surface. Its v, n a
 within NEW_RADIUS (a square). Its points go if the log-likelihood ratios of its own v, n, g r and of these sums are both
 below 0. A pixel with points that stay within HOLE pixels on HOLE_SIDES of its sides keeps its own: it is a hole.
 
-Ghosts: a surface goes if r_k Π_j ‖u(t_k − t_j)‖ < WRONG_SHAPE · min(Σ_j r_j, (√n + HALO)² / g), j: the pixel's stronger
+Ghosts: a surface goes if r_k Π_j ‖u(t_k − t_j)‖ < WRONG_SHAPE · min(Σ_j r_j, n / g), j: the pixel's stronger
 surfaces. `frame.unlike` has ‖u‖ by the bin of the distance.
 """
 
@@ -17,12 +17,12 @@ from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, ONE, TWO, ZERO
 from srt3d_ros.kernels.cpu.compiling import floats2d, floats3d, floats4d, line, parallel
 from srt3d_ros.kernels.cpu.method.frame import Frame, columns
 from srt3d_ros.kernels.cpu.method.likelihood import EXPECTED, LIKENESS, PHOTONS, RESPONSE, by_bin, llr, write_shown
-from srt3d_ros.kernels.cpu.vectors import full, lanes_of, load, sqrt, store, where
+from srt3d_ros.kernels.cpu.vectors import full, lanes_of, load, store, where
 from srt3d_ros.kernels.maps import DEPTH, FIELDS, INTENSITY, LANES, MARGIN, TERMS
 
 EMPTY, SHOWN, REFUSED = ZERO, ONE, TWO      # values of `mark`
 HOLE_SIDES = F32(constants.HOLE_SIDES)
-WRONG_SHAPE, HALO = F32(constants.WRONG_SHAPE), F32(constants.HALO)
+WRONG_SHAPE = F32(constants.WRONG_SHAPE)
 
 
 @line
@@ -132,8 +132,7 @@ def _judge_surfaces(i, frame, state, kept, stale):
         stale[i, j // LANES] = False
         if lanes_of(further) == 0:
             continue
-        light = sqrt(load(frame.counts, i, j)) + HALO
-        most = light * light / max(load(frame.exposure, i, j), EPSILON)
+        light = load(frame.counts, i, j) / max(load(frame.exposure, i, j), EPSILON)
         for k in range(state.shape[1]):
             own, depth = load(state, i, k, INTENSITY, j), load(state, i, k, DEPTH, j)
             stronger, shown = full(ZERO), own
@@ -144,7 +143,7 @@ def _judge_surfaces(i, frame, state, kept, stale):
                     is_stronger &= other > ZERO
                     stronger += where(is_stronger, other, ZERO)
                     shown *= where(is_stronger, by_bin(frame.unlike, depth - load(state, i, o, DEPTH, j)), ONE)
-            ghost = (own > ZERO) & (shown < WRONG_SHAPE * min(stronger, most))
+            ghost = (own > ZERO) & (shown < WRONG_SHAPE * min(stronger, light))
             stale[i, j // LANES] |= lanes_of(ghost) > 0
             store(kept, i, k, j, where(ghost, ZERO, own))
 

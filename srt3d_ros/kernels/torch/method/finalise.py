@@ -48,14 +48,15 @@ def relief(frame, counts, signal, std, gradient):
 
     A point of g r photons whose own pixel shows a gradient s is s / (C g r) bins off, for photon noise with the
     variance V / (C g r)², V = g r M₀ + (n − g r) M₁, of which the pool shares at least std². So the mean of
-    d = (s² − V) / C² + (g r std)² is at most 0, or (g r τ)² on relief that pools have averaged out, and
+    d = s² / C² − (V / C² − (g r std)²)₊ is at most 0, or (g r τ)² on relief that pools have averaged out, and
     τ² = Σ d / Σ (g r)². The sums are those of the window σ = WIDE_SCALE with weights w if
     Σ w d > RELIEF_SCORE √(Σ w² d²), for Σ w² d² = Σ w d² / 2. All points where that fails share one τ², by the same
     rule. Uncalibrated delays of pixels look the same, and so does an IRF that is too narrow.
     """
     variance = signal * frame.moments[0] + (counts - signal) * frame.moments[1]
     there = signal > 0
-    differs = ((gradient**2 - variance) / frame.curvature**2 + (signal * std)**2) * there
+    noise = (variance / frame.curvature**2 - (signal * std)**2).clamp(min=0)
+    differs = ((gradient / frame.curvature)**2 - noise) * there
     each = differs, signal**2, differs**2
     around = _tau2(*(blur(values, WIDE_SCALE) for values in each), 2)
     smooth = around <= 0

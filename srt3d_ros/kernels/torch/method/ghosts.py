@@ -2,7 +2,7 @@
 
 import torch
 
-from srt3d_ros.kernels.constants import EPSILON, HALO, WRONG_SHAPE
+from srt3d_ros.kernels.constants import EPSILON, WRONG_SHAPE
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY
 from srt3d_ros.kernels.torch.arithmetic import by_bin
 from srt3d_ros.kernels.torch.fusing import fused
@@ -18,7 +18,9 @@ def drop_ghosts(frame, state) -> None:
     width and skew explains (‖u‖ / ‖ĥ‖ is `frame.unlike`). What d leaves beyond these shows a second
     surface with r₂ ‖u(Δ)‖ ≤ ‖d‖ r₁ (Cauchy-Schwarz). So a surface goes if
 
-        r_k Π_j ‖u(t_k − t_j)‖ < WRONG_SHAPE · min(Σ_j r_j, (√n + HALO)² / g),    j: the pixel's stronger surfaces.
+        r_k Π_j ‖u(t_k − t_j)‖ < WRONG_SHAPE · min(Σ_j r_j, n / g),    j: the pixel's stronger surfaces.
+
+    n / g, because the pool makes the halo of a retro-reflector brighter than all of a pixel's photons.
     """
     if state.shape[1] > 1:          # with one surface a pixel, nothing is to be launched
         _drop_ghosts(frame, state)
@@ -28,7 +30,7 @@ def drop_ghosts(frame, state) -> None:
 def _drop_ghosts(frame, state) -> None:
     point = images(frame, state)
     depth, intensity = point[:, DEPTH], point[:, INTENSITY].clone()
-    light = (inner(frame, frame.counts).sqrt() + HALO)**2 / inner(frame, frame.exposure).clamp(min=EPSILON)
+    light = inner(frame, frame.counts) / inner(frame, frame.exposure).clamp(min=EPSILON)
     for k in range(len(point)):
         stronger, shown = torch.zeros_like(light), intensity[k]
         for o in (*range(k), *range(k + 1, len(point))):
