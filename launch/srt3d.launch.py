@@ -41,7 +41,7 @@ ARGUMENTS = {
     "gates": "Topic of the photons, as gates.",
     "histograms": "Topic of the photons, as histograms.",
     "sensor": "Topic of the sensor's description.",
-    "odom": "Topic of the robot's odometry, with sketcher.motion:=odom.",
+    "odom": "Topic of the robot's odometry, with sketcher.motion:=odom; windows follow it, too.",
     "imu": "Topic of the robot's IMU, with sketcher.motion:=imu.",
     "points": "Topic of the clouds.",
     "depth": "Topic of the depth images.",

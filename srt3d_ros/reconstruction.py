@@ -12,6 +12,7 @@ from srt3d_ros.cloud import Cloud, as_noun
 from srt3d_ros.core.keys import written_out
 from srt3d_ros.core.method.pile_up import contradiction
 from srt3d_ros.core.methods import DEFAULT_METHOD, OPTIONS, ReconstructorOptions, checked
+from srt3d_ros.core.motion.trajectory import Trajectory
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
 from srt3d_ros.core.sketching.sums import PhaseSums, as_array
@@ -28,7 +29,7 @@ class Reconstructor:
     Args:
         sensor: of the sketches, behind the gate if there is one.
         frequencies: the integers k_l of the sketches; methods on photons need none.
-        method, surfaces, device, false_alarm_rate, background, warm_start: see `__init__`.
+        method, surfaces, device, false_alarm_rate, background, window_frames: see `__init__`.
 
     Attributes:
         device: "cpu" or "cuda", where it computes.
@@ -62,14 +63,21 @@ class Reconstructor:
         except RuntimeError as error:
             self._fall_back(error)
 
-    def __call__(self, seen: Any) -> Cloud:
-        """The cloud of a frame: of its Sketch, or of its Photons or PhotonFrame for a method on photons."""
+    def __call__(self, seen: Any, trajectory: Trajectory | None = None) -> Cloud:
+        """The cloud of a frame: of its Sketch, or of its Photons or PhotonFrame for a method on photons.
+
+        `trajectory` is that of a sensor that moves, with `window_frames` above 1. A window begins again where it does
+        not reach from the last frame's stamp to this one's.
+        """
+        moving = () if trajectory is None else (trajectory,)
+        require(not moving or self._build.keywords.get("window_frames", 1) > 1, "trajectory",
+                problem="Only windows follow a trajectory: give window_frames above 1.")
         frame = getattr(seen, "events", seen) if self._on_photons else seen
         require(not self._on_photons or isinstance(frame, PhotonFrame), "seen", type(seen).__name__,
                 "Photons, or their frame")       # `Matcher.check` asks for a Sketch
         self.warm_up()
         started = time.perf_counter()
-        points = self._or_on_the_cpu(lambda: self._method(frame))
+        points = self._or_on_the_cpu(lambda: self._method(frame, *moving))
         elapsed_ms = round((time.perf_counter() - started) * 1e3, 3)
         photons, notes = int(np.sum(seen.photons)), getattr(seen, "notes", ())
         if isinstance(seen, PhaseSums) and self._name == DEFAULT_METHOD and (problem := contradiction(seen)):

@@ -152,16 +152,18 @@ class SensorOnDevice:
         rays, *self._scale = listing(sensor)
         self._rays = kernels.array(rays)
 
-    def match(self, photons: Array, sums: Array, background: Array | None = None, mean: Array | None = None,
-              clutter: Array | None = None) -> tuple[MatchedFrame, Array | None]:
+    def match(self, photons: Array, sums: Array, exposure: Array | None = None, background: Array | None = None,
+              mean: Array | None = None, clutter: Array | None = None) -> tuple[MatchedFrame, Array | None]:
         """The MatchedFrame of a sketch, and the background photons that were taken out of it, or None.
 
-        The last three arguments are those of `background.RemovedBackground`.
+        `exposure` is that of the MatchedFrame; None: the sensor's. The last three arguments are those of
+        `background.RemovedBackground`.
         """
         taken = None if background is None else self.kernels.local_mean(background, self._used)
         matched, counts = self.kernels.prepare(sums, photons, self._equaliser, self._used, taken, self.passed, mean)
         clutter = self._even if clutter is None else clutter
-        return MatchedFrame(matched, counts, clutter=clutter, **self._constants), taken
+        constants = self._constants if exposure is None else self._constants | {"exposure": exposure}
+        return MatchedFrame(matched, counts, clutter=clutter, **constants), taken
 
     def listed(self, depth: Array, intensity: Array, std: Array) -> tuple:
         """The list of points, for `unpack`, of `kernels.collect`."""

@@ -9,12 +9,11 @@ from srt3d_ros.core.motion.track import MotionReport, SensorMotion
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import SketchDesign, design_sketch
-from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher, check_window
+from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.core.sketching.framing import Framing, OpenFrame
 from srt3d_ros.core.sketching.gate import OFF, in_ranges
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
 from srt3d_ros.core.sketching.sums import PhaseSums
-from srt3d_ros.errors import require
 
 MOTION_S = 1.0          # longest wait for motion: odometry comes 10 to 100 ms late; after a second it has stopped
 MOST_FRAMES, MOST_BYTES = 4, 2**28      # frames that may wait for motion; more while all take less memory than this
@@ -48,7 +47,6 @@ class StreamOptions:
     Args:
         gate, frequencies, sketch_size: see `design_sketch`.
         packets_per_frame, frame_period_ns: as of Framing.
-        window_frames: frames in the sliding window of a sketch.
         moving: deskew each frame to the sensor's pose in its middle, with the reports given to `add_motion`.
     """
 
@@ -57,18 +55,11 @@ class StreamOptions:
     sketch_size: int | None = None
     packets_per_frame: int = 1
     frame_period_ns: int = 0
-    window_frames: int = 1
     moving: bool = False
-
-    def __post_init__(self) -> None:
-        require(self.window_frames == 1 or not self.moving, "window_frames", self.window_frames,
-                "1 with motion, which has frames seen from different places")
 
     def check(self, sensor: SensorModel) -> SketchDesign:
         """The design for a sensor; InvalidInput if the options do not suit it."""
-        design = design_sketch(sensor, self.gate, self.frequencies, self.sketch_size)
-        check_window(self.window_frames, sensor, design.frequencies)
-        return design
+        return design_sketch(sensor, self.gate, self.frequencies, self.sketch_size)
 
 
 class SketchStream:
@@ -94,7 +85,7 @@ class SketchStream:
         self._framing = Framing(options.packets_per_frame, options.frame_period_ns)
         gate, frequencies = options.check(sensor)
         self._sketcher = MovingSketcher(sensor, frequencies, gate) if options.moving else FrameSketcher(
-            sensor, frequencies, options.window_frames, gate)
+            sensor, frequencies, gate)
         self._motion = SensorMotion(Pose.from_text(sensor.extrinsics or ""))
         self._waiting: deque[MovingFrame] = deque()
         self._came_s = -float("inf")
@@ -179,7 +170,7 @@ class SketchStream:
         """Size, gate and frequencies of the next sketches, for people to read."""
         sensor = self.sketch_sensor
         return {"rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins,
-                "window_frames": self.options.window_frames, "gate": in_ranges(self._sketcher.gate),
+                "gate": in_ranges(self._sketcher.gate),
                 "frequencies": " ".join(map(str, self._sketcher.frequencies))}
 
     # ---- Frames

@@ -9,6 +9,8 @@ from std_msgs.msg import String
 from srt3d_ros import precompile
 from srt3d_ros.core.method.pile_up import SATURATED, saturated
 from srt3d_ros.core.methods import METHODS, OPTIONS, SKETCH_METHODS, checked
+from srt3d_ros.core.motion.track import SensorMotion
+from srt3d_ros.core.motion.trajectory import Pose, Trajectory
 from srt3d_ros.core.point_cloud import SURFACE_ORDERS, PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.signs_of_life import FreeSpaceStream
@@ -24,6 +26,7 @@ from srt3d_ros.nodes.common.parameters import Parameter, Values
 from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.common.worker import Dropped
+from srt3d_ros.nodes.motion_input import MotionInput
 from srt3d_ros.nodes.sketch_queue import QueuedSketch, SketchQueue
 from srt3d_ros.reconstruction import Reconstructor
 
@@ -35,7 +38,7 @@ PARAMETERS = (
     Parameter("surface_order", "strongest", "The surface of a pixel that comes first in `points`; images show only the "
               "first. With `surfaces` of 2 or more, nearest shows a net or fog, and farthest the scene behind it.",
               choices=tuple(SURFACE_ORDERS), live=True),
-    *(Parameter.of(OPTIONS[name]) for name in ("false_alarm_rate", "background", "warm_start", "device")),
+    *(Parameter.of(OPTIONS[name]) for name in ("false_alarm_rate", "background", "window_frames", "device")),
     Parameter("fields", "xyzi", "Fields of `points`. xyzi: x, y, z, intensity. full: also depth_std, background, row, "
               "col and surface.", choices=("xyzi", "full"), live=True),
     Parameter("organised", False, "Publish `points` as an image of rows × cols: the first point of each pixel by "
@@ -68,7 +71,7 @@ def options(values: Values) -> Values:
 
 SPEC = NodeSpec(
     "reconstructor",
-    inputs=(topics.SKETCH_SENSOR, topics.SKETCH),
+    inputs=(topics.SKETCH_SENSOR, topics.SKETCH, topics.ODOM),
     outputs=(topics.POINTS, topics.FREE, *topics.IMAGE_TOPICS, topics.CAMERA_INFO),
     parameters=PARAMETERS,
 )
@@ -82,6 +85,8 @@ class ReconstructorNode(ManagedNode):
     """Publishes a cloud for each sketch, reconstructed with the description that the sketch names."""
 
     spec = SPEC
+    _motion: MotionInput | None = None          # of windows
+    _before_ns = 0                              # stamp of the last sketch
 
     def __init__(self):
         super().__init__()
@@ -114,9 +119,11 @@ class ReconstructorNode(ManagedNode):
         self.diagnostics.drop(cause, self._queue.clear())
 
     def forget(self) -> None:
-        """Forget the last frames' surfaces, background and signs of life."""
+        """Forget the last frames' surfaces, background and signs of life, and the motion of the sensor."""
         self._built.clear()
         self._free_of = None
+        self.endpoints.unsubscribe()            # the worker may have subscribed since `unsubscribe`
+        self._motion = None
 
     def _apply(self) -> None:
         """Use the current parameters from the next frame on."""
@@ -134,6 +141,7 @@ class ReconstructorNode(ManagedNode):
         sensor = self.check_size(self._queue.describe(message.data))
         self.diagnostics.problem, self.diagnostics.frame_id = "", sensor.frame_id
         self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins)
+        self._hear_motion_of(sensor)
         self._reconstruct_all()
 
     def _on_sketch(self, raw: bytes) -> None:
@@ -156,7 +164,7 @@ class ReconstructorNode(ManagedNode):
     def _reconstruct(self, sensor: SensorModel, queued: QueuedSketch) -> None:
         sketch = sketch_message.decode(queued.message, self.check_size(sensor))
         reconstructor = self._reconstructor(queued.digest, sketch)
-        seen = reconstructor(sketch)
+        seen = reconstructor(sketch, self._trajectory(sketch))
         self._warn_of_saturation(sketch)
         light = seen.background.sum() + seen.intensity.sum() if sketch.cycles else seen.photons
         share = float(seen.background.sum()) / max(light, 1)
@@ -171,7 +179,26 @@ class ReconstructorNode(ManagedNode):
             pixels = int(saturated(sketch, sketch.sensor).sum())
             self.diagnostics.show(cycles=sketch.cycles, saturated_pixels=pixels)
         warning = f"saturated pixels: {pixels} (a photon in over {SATURATED:.0%} of the cycles)"
-        self.diagnostics.degraded = warning if pixels else ""
+        if pixels or self._motion is None:
+            self.diagnostics.degraded = warning if pixels else ""
+
+    def _hear_motion_of(self, sensor: SensorModel) -> None:
+        """Subscribe to `odom` for windows of a sensor that moves, unless that is done."""
+        if self._motion is None and self._settings["window_frames"] > 1 and sensor.extrinsics:
+            self._motion, self._mount = MotionInput(self, lambda: None), ""
+
+    def _trajectory(self, sketch: PhaseSums) -> Trajectory | None:
+        """The sensor's motion since the last sketch, for a window; empty if it is not known, None if it is at rest."""
+        self._hear_motion_of(sketch.sensor)
+        mount, (before_ns, self._before_ns) = sketch.sensor.extrinsics, (self._before_ns, sketch.stamp_ns)
+        if self._motion is None or not mount or self._settings["window_frames"] == 1:
+            return None
+        if mount != self._mount:
+            self._mount, self._track = mount, SensorMotion(Pose.from_text(mount))
+        self._motion.read_into(self._track.add)
+        trajectory, cause = self._track.over(min(before_ns or sketch.stamp_ns, sketch.stamp_ns), sketch.stamp_ns, True)
+        self._motion.judge(cause and f"windows of one frame: {cause}", "windows follow the motion again")
+        return trajectory or Trajectory()
 
     def _reconstructor(self, digest: str, sketch: PhaseSums) -> Reconstructor:
         """The Reconstructor for a description and frequencies, with its memory of their last frames."""

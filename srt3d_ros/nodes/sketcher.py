@@ -45,8 +45,6 @@ PARAMETERS = (
               "the first packet of a later period, or when packets_per_frame have arrived. If the packets of a frame "
               "share one stamp, use any value up to the time between frames. 0: define frames by number only.",
               "s", 0, 1000, live=True),
-    Parameter("window_frames", 1, "Frames (not messages) in the sliding window of a sketch. With packets_per_frame 2, "
-              "a window of 3 frames covers 6 messages. With motion: 1.", low=1, high=1000, live=True),
     *motion_parameters(
         "Photons of a frame of several packets are moved to the sensor's pose in the middle of the frame, which "
         "becomes the stamp, before they are added. odom: nav_msgs/Odometry. imu: rotation only."),
@@ -68,7 +66,7 @@ def stream_options(values: Values) -> StreamOptions:
     """The parameters that configure a SketchStream; InvalidInput if they contradict each other."""
     spec = values["frequencies"]
     return StreamOptions(values["gate"], spec, values["sketch_size"] if spec in RULES else None,
-                         values["packets_per_frame"], round(values["frame_period_s"] * 1e9), values["window_frames"],
+                         values["packets_per_frame"], round(values["frame_period_s"] * 1e9),
                          values["motion"] != OFF)
 
 

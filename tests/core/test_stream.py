@@ -56,13 +56,11 @@ def test_a_packet_is_a_frame_and_its_sketch_names_its_sensor():
     assert stream.counts.totals == {"photons_in": 120, "packets": 2, "photons": 120} and not +stream.counts.dropped
 
 
-def test_packets_make_frames_and_frames_make_windows():
-    stream = SketchStream(SENSOR, replace(BY_NUMBER, packets_per_frame=2, window_frames=2))
-    first, second, third = push(stream, *range(0, 60, 10))
-    assert_same(second, directly(0, 10, 20, 30))
-    assert_same(third, directly(20, 30, 40, 50))
-    assert stamps_ms([first, second, third]) == [0, 20, 40]
-    assert stream.facts["window_frames"] == 2
+def test_packets_make_frames():
+    stream = SketchStream(SENSOR, replace(BY_NUMBER, packets_per_frame=2))
+    first, second = push(stream, *range(0, 40, 10))
+    assert_same(second, directly(20, 30))
+    assert stamps_ms([first, second]) == [0, 20]
 
 
 def test_frames_by_period_end_with_the_next_and_late_packets_are_dropped():
@@ -85,8 +83,8 @@ def test_silence_ends_a_frame_by_period_when_polled():
     assert stream.wait_s is None and stream.poll(99) == []
 
 
-def test_stamps_that_leap_begin_a_new_frame_and_a_new_window():
-    stream = SketchStream(SENSOR, replace(BY_NUMBER, packets_per_frame=3, window_frames=2))
+def test_stamps_that_leap_begin_a_new_frame():
+    stream = SketchStream(SENSOR, replace(BY_NUMBER, packets_per_frame=3))
     assert len(push(stream, 0, 10, 20, 30, 40)) == 1
     sketch, = push(stream, 60_000, 60_010, 60_020)
     assert_same(sketch, directly(60_000, 60_010, 60_020))
@@ -112,8 +110,8 @@ def test_flush_ends_what_does_not_wait_for_its_number(options, left):
     assert all(sketch.photons.sum() == 120 for sketch in sketches)
 
 
-def test_a_reset_drops_the_open_frame_and_begins_a_new_window():
-    stream = SketchStream(SENSOR, replace(BY_NUMBER, packets_per_frame=2, window_frames=2))
+def test_a_reset_drops_the_open_frame():
+    stream = SketchStream(SENSOR, replace(BY_NUMBER, packets_per_frame=2))
     push(stream, 0, 10, 20)
     assert stream.reset() == [] and +stream.counts.dropped == {"incomplete": 1}
     assert_same(push(stream, 30, 40)[0], directly(30, 40))
@@ -172,34 +170,3 @@ def test_frames_that_wait_are_bounded_in_memory(monkeypatch):
     stream = SketchStream(SENSOR, MOVING)
     sketches = push(stream, *range(0, 600, 25), now_s=0.0)      # 6 frames; 4 may wait in any case
     assert len(sketches) == 2 and len(stream.flush()) == 4
-
-
-def test_windows_have_no_motion():
-    with pytest.raises(InvalidInput, match="^window_frames is 2: expected 1 with motion"):
-        StreamOptions(window_frames=2, moving=True)
-
-
-# ---- Accounting
-
-@pytest.mark.parametrize("seed", range(6))
-def test_every_photon_comes_out_or_is_dropped_for_a_cause(seed):
-    rng = np.random.default_rng(seed)
-    options = rng.choice([replace(BY_NUMBER, packets_per_frame=3), replace(BY_NUMBER, frame_period_ns=50 * MS), MOVING])
-    stream = SketchStream(SENSOR, options)
-    sketches, ms, refused = [], 0.0, 0
-    for _ in range(80):
-        ms += rng.choice([10, 10, 10, 10, 0, -15, 5_000])
-        try:
-            photons = packet(ms) if rng.random() < 0.95 else replace(packet(ms), pixel=np.full(60, 99, np.uint32))
-            sketches += stream.push(photons, ms / 1000)
-        except InvalidInput:
-            refused += 1
-        if rng.random() < 0.1:
-            sketches += stream.poll(ms / 1000 + rng.choice([0.001, 2]))
-        elif rng.random() < 0.05:
-            sketches += stream.reset()
-    sketches += stream.flush()
-    counts = stream.counts
-    assert counts.totals["packets"] + counts.dropped.total() == 80 - refused
-    assert counts.totals["photons"] == sum(int(sketch.photons.sum()) for sketch in sketches)
-    assert counts.totals["photons"] + counts.photons_dropped.total() == 60 * (80 - refused)

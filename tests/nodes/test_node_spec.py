@@ -11,7 +11,7 @@ OF_MANAGED_NODES = ("change_state", "get_state", "get_available_states", "get_av
                     "get_parameters", "list_parameters", "set_parameters", "set_parameters_atomically",
                     "get_type_description")
 LIVE_TEXTS = {"frequencies", "frame_id", "gate"}       # without choices; none is a path
-NEVER_TOGETHER = {"player": {"odom", "/clock"}, "sketcher": {"odom", "imu"}}
+NEVER_TOGETHER = {"player": {"odom", "/clock"}, "sketcher": {"odom", "imu"}, "reconstructor": {"odom"}}
 
 
 def values_of(parameter) -> list:

@@ -54,9 +54,9 @@ def test_sketches_are_the_cores_in_all_forms_and_follow_the_parameters(graph, se
     outside = int(report["photons_dropped.gate"])
     assert [int(report[key]) for key in ("photons_in", "photons")] == [3 * events.photons, 3 * events.photons - outside]
 
-    live = {"frequencies": "1,4,9", "window_frames": 5, "layout": "int16", "frame_id": "mast", "gate": False}
+    live = {"frequencies": "1,4,9", "packets_per_frame": 1, "layout": "int16", "frame_id": "mast", "gate": False}
     assert graph.set("sketcher", **live) == ""
-    graph.reports("sketcher", "window_frames", 5)
+    graph.reports("sketcher", "frequencies", "1 4 9")
     header, sketch = sketch_of(photons_at(STAMP_NS + 3))
     assert (header.frame_id, sketch.frequencies, sketches[0].point_step) == ("mast", (1, 4, 9), 4 + 4 * 3)
     for name, value, shown in (("gate", [40, 89], "40-89, 0.5996 to 1.334 m"), ("gate", False, "off"),      # YAML's off
@@ -89,7 +89,7 @@ def test_a_parameter_that_does_not_suit_the_sensor_is_an_error_until_it_is_corre
     assert graph.report("sketcher")["level"] != DiagnosticStatus.ERROR
     described.publish(String(data="{"))
     graph.wait(lambda: graph.report("sketcher")["level"] == DiagnosticStatus.ERROR, "another error")
-    assert graph.set("sketcher", window_frames=2) == ""     # which does not make the description a good one
+    assert graph.set("sketcher", frequencies="consecutive") == ""     # which does not make the description a good one
     graph.known_to("sketcher")
     photons.publish(photons_at(STAMP_NS))
     assert graph.reports("sketcher", "dropped.no_sensor", 1)["ready"] == "False" and not sketches

@@ -34,7 +34,8 @@ class BackgroundEstimate:
 
     Args:
         mean: complex [m], β̂; None: even.
-        photons: float32 [rows, cols], background photons of the last cloud; None: all photons of the frame.
+        photons: float32 [rows, cols], background photons of the last cloud, in one frame; None: all photons of the
+            frame.
         converged: another pass over the same frame would change it by less than noise.
         candidate: complex [m], β̂ to try if the last frame, taken for even, was significantly uneven; else None.
     """
@@ -120,7 +121,11 @@ class Background:
         mean, photons = background.mean, background.photons
         if mean is None:
             return ()
-        photons = (sketch.photons if photons is None else photons).astype(np.float32)
+        if photons is None:
+            photons = sketch.photons
+        elif sketch.exposure is not None:
+            photons = photons * sketch.exposure
+        photons = photons.astype(np.float32)
         return RemovedBackground(photons, mean.astype(np.complex64), self._clutter(mean))
 
     def candidates(self, sketch: PhaseSums, learned: BackgroundEstimate) -> list[BackgroundEstimate]:

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from srt3d_ros.core.motion.trajectory import Trajectory
+from srt3d_ros.core.motion.trajectory import Pose, Trajectory
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import irf_spectrum
 from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS, PhaseSums, added_cycles, check_frequencies
@@ -65,23 +65,42 @@ class Deskewer:
             to_ns: the instant, and the stamp of the result.
             range_m: float32 [rows, cols], metres along each pixel's ray; from the photons unless given.
         """
-        ranges, back, came = self.ranges_m(parts) if range_m is None else range_m, trajectory.at(to_ns).inverse(), 0
-        sums = np.zeros((*self._shape, len(self.frequencies)), np.complex64)
-        photons = np.zeros(self._shape, np.float32)
-        sensor = self.sensor
-        scene = self._kernels.SeenScene(sensor.used, sensor.rays, ranges, sensor.late, self._bin_frequencies,
-                                        sensor.bin_width_m, self._steepest)
-        for instant_ns, sketch in parts:
-            pose = back @ trajectory.at(instant_ns)
-            motion = self._kernels.Motion(pose.rotation.astype(np.float32), pose.translation.astype(np.float32))
-            self._kernels.move_sketch(sketch.sums, sketch.photons.astype(np.float32), scene,
-                                      sensor.projection.lens, motion, sums, photons)
-            came += int(sketch.photons.sum(dtype=np.int64, where=sensor.used))
+        ranges, back = self.ranges_m(parts) if range_m is None else range_m, trajectory.at(to_ns).inverse()
+        sums, photons = self.moved([(back @ trajectory.at(instant_ns), sketch.sums, sketch.photons.astype(np.float32))
+                                    for instant_ns, sketch in parts], ranges)
+        came = sum(int(sketch.photons.sum(dtype=np.int64, where=self.sensor.used)) for _, sketch in parts)
         self.lost = max(came - round(float(photons.sum(dtype=np.float64))), 0)
-        whole = np.minimum(np.floor(photons.astype(np.float64) + self._dither), MAX_PIXEL_PHOTONS)
-        sums *= self._phases(ranges) * (whole / np.maximum(photons, LEAST_PHOTONS)).astype(np.float32)[..., None]
-        return PhaseSums(self.frequencies, sums, whole.astype(np.uint32), to_ns,
-                      *added_cycles([sketch for _, sketch in parts]), sensor=self.sensor)
+        sums, whole = self.whole(sums, photons)
+        return PhaseSums(self.frequencies, sums, whole, to_ns, *added_cycles([sketch for _, sketch in parts]),
+                         sensor=self.sensor)
+
+    def moved(self, parts: Sequence[tuple[Pose, np.ndarray, np.ndarray]], ranges: np.ndarray
+              ) -> tuple[np.ndarray, np.ndarray]:
+        """Sums and photons of parts after the motion of each, added up.
+
+        Args:
+            parts: motions of the sensor, from X before to X after; sums, complex64 [rows, cols, m + k], where k further
+                maps move with the sums, but do not turn; and photons, float32 [rows, cols], without which nothing of a
+                pixel moves.
+            ranges: after the motions, float32 [rows, cols], metres.
+        """
+        sensor, m, channels = self.sensor, len(self.frequencies), parts[0][1].shape[2]
+        sums, photons = np.zeros((*self._shape, channels), np.complex64), np.zeros(self._shape, np.float32)
+        turning = np.append(self._bin_frequencies, np.zeros(channels - m, np.float32))
+        scene = self._kernels.SeenScene(sensor.used, sensor.rays, ranges, sensor.late, turning, sensor.bin_width_m,
+                                        self._steepest)
+        for pose, before, numbers in parts:
+            motion = self._kernels.Motion(pose.rotation.astype(np.float32), pose.translation.astype(np.float32))
+            self._kernels.move_sketch(before, numbers, scene, sensor.projection.lens, motion, sums, photons)
+        self._kernels.turn_sketch(sums, ranges / np.float32(sensor.bin_width_m) + sensor.late, turning)
+        return sums, photons
+
+    def whole(self, sums: np.ndarray, photons: np.ndarray, scale: np.ndarray | int = 1
+              ) -> tuple[np.ndarray, np.ndarray]:
+        """Sums of scale · photons, rounded to whole ones, and these, uint32 [rows, cols]."""
+        whole = np.minimum(np.floor(photons.astype(np.float64) * scale + self._dither), MAX_PIXEL_PHOTONS)
+        share = (whole / np.maximum(photons, LEAST_PHOTONS)).astype(np.float32)
+        return sums * share[..., None], whole.astype(np.uint32)
 
     def ranges_m(self, parts: Parts) -> np.ndarray:
         """The range along each pixel's ray, by its photons and its neighbours'; float32 [rows, cols], metres."""
@@ -101,12 +120,3 @@ class Deskewer:
         mean = gaussian_filter(z.real, sigma) + 1j * gaussian_filter(z.imag, sigma)
         depth = np.mod(np.angle(mean), 2 * np.pi) * bins_a_radian
         return np.maximum(sensor.range_m(depth), NEAREST_M).astype(np.float32)
-
-    def _phases(self, ranges: np.ndarray) -> np.ndarray:
-        """exp(i ω_l t) for the depths t of ranges, complex64 [rows, cols, m]; `move_sketch` leaves this factor out."""
-        depth = ranges / np.float32(self.sensor.bin_width_m) + self.sensor.late
-        turns = depth[..., None] * self._bin_frequencies
-        angle = (turns - np.rint(turns)) * np.float32(2 * np.pi)
-        phases = np.empty(turns.shape, np.complex64)
-        phases.real, phases.imag = np.cos(angle), np.sin(angle)
-        return phases

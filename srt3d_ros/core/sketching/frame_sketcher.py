@@ -5,8 +5,6 @@ each photon adds one row. The sums are integers (kernels/cpu/sketching/phase_sum
 photons only, bit for bit: not on their order, their packets or the number of threads.
 """
 
-import math
-from collections import deque
 from collections.abc import Sequence
 from functools import cached_property
 
@@ -16,58 +14,37 @@ from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sketching.sums import PhaseSums, check_frequencies
-from srt3d_ros.errors import require
 from srt3d_ros.kernels.devices import kernels_for
-from srt3d_ros.kernels.maps import ROW_LANES
 
-MAX_WINDOW_BYTES = 2**31
 ROUNDING = 1e-5         # relative error of float32 sums
 FAR = 4.0               # times a template's mean: the noise of higher bins would be reconstructed as a surface
 STEPS = 16              # steps of a bin to which ToA with fractions are rounded
 
 
-def check_window(window_frames: int, sensor: SensorModel, frequencies: Sequence[int]) -> None:
-    """Raise InvalidInput if the sums of a window's frames would take more than MAX_WINDOW_BYTES."""
-    lanes = math.ceil((2 * len(frequencies) + 1) / ROW_LANES) * ROW_LANES
-    frame_bytes = sensor.pixels * lanes * np.dtype(np.int64).itemsize
-    most = max(MAX_WINDOW_BYTES // frame_bytes, 1)
-    require(1 <= window_frames <= most, "window_frames", window_frames, f"1 to {most} for {sensor.rows} × "
-            f"{sensor.cols} pixels, which take {frame_bytes / 1e6:.3g} MB a frame")
-
-
 class FrameSketcher:
-    """Adds the photons of frames, in any split and any order, and gives the sketch of the newest W frames.
-
-    Sums of several frames are integers, too: the oldest frame is subtracted exactly, and a window costs the same for
-    any W. Memory: a table, and one set of sums for each frame of the window.
+    """Adds the photons of a frame, in any split and any order, and gives its sketch.
 
     Args:
         sensor: pixels, T and gate words.
         frequencies: the integers k_l.
-        window_frames: W, 1 or more; InvalidInput if the window would take more than MAX_WINDOW_BYTES.
         gate: of this sensor. Photons outside are dropped; sketches are of `gate.sensor`.
     """
 
-    def __init__(self, sensor: SensorModel, frequencies: Sequence[int], window_frames: int = 1,
-                 gate: Gate | None = None):
+    def __init__(self, sensor: SensorModel, frequencies: Sequence[int], gate: Gate | None = None):
         self.sensor, self.gate = sensor, gate
         self.sketch_sensor = sensor if gate is None else gate.sensor        # of the sketches
         self.frequencies = check_frequencies(frequencies, self.sketch_sensor.num_bins)
         self._kernels = kernels_for("cpu")
         self._rows = self._kernels.fixed_rows(phase_table(sensor, self.frequencies, gate))
-        check_window(window_frames, sensor, self.frequencies)
         self._sums = self._kernels.new_sums(sensor.pixels, self._rows)      # of the open frame
         self._subtracted = False            # counts may have been negative
-        self.window_frames = window_frames
         self.reset()
 
     def reset(self) -> None:
-        """Forget all photons, of the open frame and of all before."""
+        """Forget the photons of the open frame."""
         self._sums[:] = 0
-        self._total = np.zeros(self._sums.shape, self._sums.dtype)      # of the window; no memory until it is used
-        self._stamps_ns: list[int] = []         # of the packets of the open frame
-        self._cycles = 0                        # laser cycles of the open frame, 0 if not known
-        self._window: deque[tuple[np.ndarray, int, int]] = deque()      # sums, stamp and cycles of each frame
+        self._stamps_ns: list[int] = []         # of its packets
+        self._cycles = 0                        # its laser cycles, 0 if not known
 
     def add(self, frame: PhotonFrame) -> None:
         """Add the photons of a frame or packet that its `check` accepts: others would be written outside the sums."""
@@ -86,23 +63,10 @@ class FrameSketcher:
         return round(int(self._sums[:, 2 * len(self.frequencies)].sum()) / self._kernels.UNIT)
 
     def end_frame(self) -> PhaseSums:
-        """End the open frame; the sketch of the window that ends with it."""
-        stamp_ns = min(self._stamps_ns, default=0)
-        if self.window_frames == 1:
-            sketch = self._sketch_of(self._sums, stamp_ns, self._cycles)
-            self.reset()
-            return sketch
-        self._window.append((self._sums, stamp_ns, self._cycles))
-        self._total += self._sums
-        if len(self._window) > self.window_frames:
-            self._sums = self._window.popleft()[0]
-            self._total -= self._sums
-            self._sums[:] = 0
-        else:
-            self._sums = np.zeros_like(self._sums)
-        self._stamps_ns, self._cycles = [], 0
-        return self._sketch_of(self._total, max(stamp_ns for _, stamp_ns, _ in self._window),
-                               sum(cycles for *_, cycles in self._window))
+        """End the open frame; its sketch."""
+        sketch = self._sketch_of(self._sums, min(self._stamps_ns, default=0), self._cycles)
+        self.reset()
+        return sketch
 
     def _sketch_of(self, sums: np.ndarray, stamp_ns: int, cycles: int) -> PhaseSums:
         rows, cols, m = self.sensor.rows, self.sensor.cols, len(self.frequencies)

@@ -53,6 +53,8 @@ class PhaseSums:
         cycles: N, the laser cycles, if the photons are the first of each; 0: not known, pile-up is not corrected.
         before: uint32 [rows, cols], cycles that photons outside the gate cost: one for each before the gate, or, with
             a dead time of a period or longer, those for which each blinds the gate, on average; None: none.
+        exposure: float32 [rows, cols], frames that each pixel has seen, of a `MovingWindow`: `cycles` are those of one
+            frame, and clouds have the intensities of one. None: one frame. Sketches with it do not add.
         sensor: of the photons, behind the gate if there is one.
 
     Raises:
@@ -65,6 +67,7 @@ class PhaseSums:
     stamp_ns: int = 0
     cycles: int = 0
     before: np.ndarray | None = None
+    exposure: np.ndarray | None = None
     _: KW_ONLY
     sensor: SensorModel
 
@@ -98,12 +101,14 @@ class PhaseSums:
     def armed_cycles(self) -> np.ndarray:
         """Cycles in which a pixel could still see a photon in the sketch's bins; float64 [rows, cols]."""
         before = np.zeros(self.photons.shape) if self.before is None else self.before
-        return np.maximum(self.cycles - before, self.photons).astype(np.float64)
+        cycles = self.cycles if self.exposure is None else self.cycles * self.exposure
+        return np.maximum(cycles - before, self.photons).astype(np.float64)
 
     def __add__(self, other: Self) -> Self:
         """The sketch of both sets of photons; InvalidInput unless frequencies and sensor are the same."""
         require(self.frequencies == other.frequencies, "frequencies", other.frequencies,
                 f"the same as {self.frequencies}")
+        require(self.exposure is None and other.exposure is None, "exposure", problem="Windows do not add.")
         if not self.sensor.same_as(other.sensor):
             difference = first_difference(self.sensor, other.sensor)
             which = "{} {} and {}".format(*difference) if difference else "they differ only by rounding"

@@ -22,7 +22,7 @@ from srt3d_ros.kernels.cpu.method.search import no_surfaces, search
 from srt3d_ros.kernels.cpu.method.sketches import expand, prepare, residual
 from srt3d_ros.kernels.cpu.method.trim import drop_blobs, trim
 from srt3d_ros.kernels.cpu.method.unexplained import unexplained
-from srt3d_ros.kernels.cpu.sketching.move_sketch import Motion, SeenScene, move_sketch
+from srt3d_ros.kernels.cpu.sketching.move_sketch import Motion, SeenScene, move_sketch, turn_sketch
 from srt3d_ros.kernels.cpu.sketching.phase_sums import (
     fixed_rows,
     new_sums,
@@ -31,6 +31,7 @@ from srt3d_ros.kernels.cpu.sketching.phase_sums import (
     sketch_gates,
     sketch_histograms,
 )
+from srt3d_ros.kernels.cpu.sketching.seen_ranges import seen_ranges
 from srt3d_ros.kernels.cpu.workspace import Workspace
 from srt3d_ros.kernels.maps import UNIT
 

@@ -50,7 +50,7 @@ PHOTONS = Topic("photons", CLOUD, "photons as events: row, col, time of arrival 
 GATES = Topic("gates", IMAGE, "photons as the ToA words of a gated SPAD array")
 HISTOGRAMS = Topic("histograms", IMAGE, "photons as counts in bins, from a histogramming sensor")
 FRAMES = (PHOTONS, GATES, HISTOGRAMS)       # a driver publishes one of them
-ODOM = Topic("odom", "nav_msgs/msg/Odometry", "pose and twist of the robot", when="`motion` is odom")
+ODOM = Topic("odom", "nav_msgs/msg/Odometry", "pose and twist of the robot", when="`motion` is odom, or with windows")
 IMU = Topic("imu", "sensor_msgs/msg/Imu", "angular velocity of the robot", when="`motion` is imu")
 MOTION = (ODOM, IMU)
 SKETCH_SENSOR = Topic("sketch/sensor", TEXT, "the sensor of the sketches, behind the gate (JSON)", latched=True)

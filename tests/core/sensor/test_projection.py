@@ -6,7 +6,7 @@ import pytest
 from srt3d_ros.core.sensor.distortion import PlumbBob
 from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.kernels.cpu.sketching.move_sketch import NOWHERE, _place
+from srt3d_ros.kernels.cpu.sketching.move_sketch import NOWHERE, place
 
 
 def test_pinhole_looks_along_z_from_its_principal_point_x_to_the_right_y_down():
@@ -67,12 +67,12 @@ LENSES = [Pinhole(30, 40, 3.2, 1.1), Pinhole(300, 310, 5, 3, PlumbBob(-0.3, 0.1,
 @pytest.mark.parametrize("lens", LENSES)
 def test_points_on_a_pixels_ray_are_seen_at_its_place(lens):
     for at in np.ndindex(6, 9):
-        np.testing.assert_allclose(_place(*lens.rays(6, 9)[at] * np.float32(3.7), tuple(lens.lens)), at, atol=1e-3)
+        np.testing.assert_allclose(place(*lens.rays(6, 9)[at] * np.float32(3.7), tuple(lens.lens)), at, atol=1e-3)
 
 
 def test_a_camera_sees_nothing_behind_it_or_where_its_lens_model_turns_back():
     lens = Pinhole(100, 100, 50, 50, PlumbBob(k1=-0.3))
     assert lens.distortion.reach == pytest.approx(1 / 0.9)
     for xyz, seen in (((0.1, 0, -1), False), ((1.2, 0, 1), False), ((0, 0, 0), False), ((1, 0, 1), True)):
-        assert (_place(*np.float32(xyz), tuple(lens.lens))[0] != NOWHERE) == seen
+        assert (place(*np.float32(xyz), tuple(lens.lens))[0] != NOWHERE) == seen
     assert PlumbBob(k1=0.1).reach == np.inf == PlumbBob().reach

@@ -1,4 +1,4 @@
-"""Move a sketch to where its photons would be seen from, after the sensor has moved: `move_sketch`.
+"""Move a sketch to where its photons would be seen from, after the sensor has moved: `move_sketch`, `turn_sketch`.
 
 The photons of a pixel with ray d come from range ρ, so what they show lies at X = ρ R d + p after the motion. The four
 pixels i around the place at which X is then seen share the photons by bilinear weights w_i, each as if its part of the
@@ -63,7 +63,7 @@ LENSES = types.UniTuple(float32, 4), types.UniTuple(float32, 10)      # of `kern
 
 
 @inline
-def _place(x, y, z, lens):
+def place(x, y, z, lens):
     """Row and column at which a point is seen; NOWHERE where there is none."""
     if len(lens) > 4:
         fx, fy, cx, cy, k1, k2, p1, p2, k3, reach = lens
@@ -83,7 +83,7 @@ def _look(turned, length, offset, lens, rows, seen):
     x, y, z, cols = turned[0], turned[1], turned[2], len(length)
     (row, col, nearest), p, q, r = seen, offset[0], offset[1], offset[2]
     for j in range(cols):
-        row[j], col[j] = _place(x[j] * length[j] + p, y[j] * length[j] + q, z[j] * length[j] + r, lens)
+        row[j], col[j] = place(x[j] * length[j] + p, y[j] * length[j] + q, z[j] * length[j] + r, lens)
         inside = (row[j] >= -HALF) & (row[j] < F32(rows) - HALF) & (col[j] >= -HALF) & (col[j] < F32(cols) - HALF)
         nearest[j] = np.int32(row[j] + HALF) * cols + np.int32(col[j] + HALF) if inside else -1
 
@@ -96,11 +96,11 @@ def _measure(nearest, offset, rays, ranges, length):
         pixel = nearest[j]
         if pixel >= 0:
             own = ranges[pixel]
-            length[j] = _length(rays[pixel, 0] * own - p, rays[pixel, 1] * own - q, rays[pixel, 2] * own - r)
+            length[j] = norm(rays[pixel, 0] * own - p, rays[pixel, 1] * own - q, rays[pixel, 2] * own - r)
 
 
 @inline
-def _length(x, y, z):
+def norm(x, y, z):
     return np.sqrt(x * x + y * y + z * z)
 
 
@@ -146,8 +146,8 @@ def _find_row(i, photons, scene, lens, motion, targets):
         if to >= 0 and photons[i, j] > ZERO and scene.used[at]:
             there = _share(row[j], col[j], to, photons.shape, scene, pixels, weights)
             x, y, z = turned[0, j] * length[j] + p, turned[1, j] * length[j] + q, turned[2, j] * length[j] + r
-            scale = there / _length(x, y, z)
-            distance = _length(x * scale - p, y * scale - q, z * scale - r)
+            scale = there / norm(x, y, z)
+            distance = norm(x * scale - p, y * scale - q, z * scale - r)
             targets.depth[at] = distance / scene.metres_per_bin + scene.late[at]
             first, last = min(first, to), max(last, to)
     targets.reached[i, 0], targets.reached[i, 1] = first - cols - 1, last + cols + 1
@@ -190,6 +190,38 @@ def _collect(sums: floats2d, photons: floats2d, scene: SeenScene, targets: Targe
                             moved[pixel, l] += weight * z[l]
 
 
+@parallel
+def _turn(sums: floats2d, depth: floats2d, bin_frequencies: floats1d):
+    rows, cols = depth.shape
+    for i in prange(rows):
+        cosine, sine = np.empty_like(bin_frequencies), np.empty_like(bin_frequencies)
+        for j in range(cols):
+            for l in range(len(bin_frequencies)):
+                sine[l], cosine[l] = sincos(bin_frequencies[l] * depth[i, j])
+            for l in range(sums.shape[1] // 2):
+                re, im = sums[i * cols + j, 2 * l], sums[i * cols + j, 2 * l + 1]
+                sums[i * cols + j, 2 * l] = re * cosine[l] - im * sine[l]
+                sums[i * cols + j, 2 * l + 1] = im * cosine[l] + re * sine[l]
+
+
+def turn_sketch(sums, depth, bin_frequencies):
+    """Multiply each pixel's sums by exp(i ω_l t), in place: what `move_sketch` leaves out.
+
+    Args:
+        sums: complex64 [rows, cols, m].
+        depth: t, float32 [rows, cols], bins.
+        bin_frequencies: float32 [m], k_l / T.
+    """
+    _turn(sums.view(np.float32).reshape(depth.size, -1), depth, _padded(bin_frequencies))
+
+
+def _padded(bin_frequencies):
+    """Frequencies in whole vectors."""
+    padded = np.zeros(-(-len(bin_frequencies) // WIDTH) * WIDTH, np.float32)
+    padded[:len(bin_frequencies)] = bin_frequencies
+    return padded
+
+
 def move_sketch(sums, photons, scene, lens, motion, moved, numbers):
     """Add the photons of one instant to `moved` and `numbers`, where they would be seen from after a motion; in place.
 
@@ -207,10 +239,9 @@ def move_sketch(sums, photons, scene, lens, motion, moved, numbers):
         numbers: float32 [rows, cols].
     """
     rows, cols, m = sums.shape
-    size, bin_frequencies = rows * cols, np.zeros(-(-m // WIDTH) * WIDTH, np.float32)
-    bin_frequencies[:m] = scene.bin_frequencies
+    size = rows * cols
     flat = (values.reshape(size, *values.shape[2:]) for values in scene[:4])
-    scene = SeenScene(*flat, bin_frequencies, F32(scene.metres_per_bin), F32(scene.steepest))
+    scene = SeenScene(*flat, _padded(scene.bin_frequencies), F32(scene.metres_per_bin), F32(scene.steepest))
     targets = Targets(np.empty((size, 4), np.int32), np.empty((size, 4), np.float32), np.empty(size, np.float32),
                       np.empty((rows, 2), np.int64))
     _find_targets(photons, scene, tuple(lens), motion, targets)
