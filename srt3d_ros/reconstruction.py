@@ -29,7 +29,7 @@ class Reconstructor:
     Args:
         sensor: of the sketches, behind the gate if there is one.
         frequencies: the integers k_l of the sketches; methods on photons need none.
-        method, surfaces, device, false_alarm_rate, background, warm_start, window_frames: see `__init__`.
+        method, surfaces, device, false_alarm_rate, background, window_frames: see `__init__`.
 
     Attributes:
         device: "cpu" or "cuda", where it computes.

@@ -38,7 +38,7 @@ def sketches(sensor) -> Iterator:
 
 
 def run_as_nodes_do() -> set[str]:
-    """Frames of two kinds of lenses, of one and two surfaces, moved, started warm; the kernels that ran."""
+    """Frames of two kinds of lenses, of one and two surfaces, moved; the kernels that ran."""
     for projection in (None, AngularScan(0.0, 0.01, 0.0, -0.01)):
         sensor = make_sensor(20, 24, gain=np.full((20, 24), 1.1), projection=projection, gates=GateWords())
         trajectory = Trajectory()
@@ -47,7 +47,7 @@ def run_as_nodes_do() -> set[str]:
         for surfaces in (1, 2):
             for background in ("flat", "auto"):
                 reconstruct = Reconstructor(sensor, FREQUENCIES, surfaces=surfaces, background=background,
-                                            warm_start=True, device="cpu")
+                                            device="cpu")
                 for made in sketches(sensor):
                     raw = sketch_message.encode_cdr(made, "spad")
                     seen = sketch_message.decode_cdr(raw, sensor)[1]

@@ -38,6 +38,9 @@ class FreeSpace:
         from scipy import ndimage  # here: slow, and few need it
 
         self._filters, self._sensor = ndimage, sensor
+        used = self._used = sensor.used.astype(np.float32)
+        self._seen = [np.maximum(ndimage.gaussian_filter(used, sigma), EPSILON) for sigma in SIGMAS]
+        self._share = np.minimum(ndimage.gaussian_filter(sensor.exposure, SIGMAS[0]), sensor.exposure)
         self._photons, self._least = least_intensities(Matcher(sensor, frequencies))
         bins, (first, last) = sensor.histograms, (0.0, float(sensor.num_bins))
         if bins is not None:
@@ -45,8 +48,7 @@ class FreeSpace:
         self._begin_m, self._end_m = map(float, sensor.range_m([first, last]))
         self._sees_near = self._begin_m <= NEAREST_M and (bins is None or bins.template is None)
 
-    def range_m(self, sketch: PhaseSums, cloud: PointCloud, brightness: float, max_range_m: float = 0.0,
-                exposure: np.ndarray | None = None) -> np.ndarray:
+    def range_m(self, sketch: PhaseSums, cloud: PointCloud, brightness: float, max_range_m: float = 0.0) -> np.ndarray:
         """The range up to which each pixel holds no object of `brightness` or more.
 
         That of objects of 3 × 3, 2 × 5 or 1 × 30 pixels on: at most 5 % of their pixels claim more. The claim ends
@@ -58,7 +60,6 @@ class FreeSpace:
             cloud: that `pooled` made of it, with all its points.
             brightness: A, signal photons of the object's pixel in the frame at 1 m.
             max_range_m: no claim exceeds it; 0 = no limit but the end of the period or gate.
-            exposure: float32 [rows, cols] of this frame, if not the sensor's.
 
         Returns:
             float32 [rows, cols], metres; NaN where a pixel has a point or is masked. All NaN if background was
@@ -72,18 +73,18 @@ class FreeSpace:
                 problem="cloud: expected one that pooled has reconstructed from this sketch.")
         nearest = self._nearest(cloud)
         free = np.full(nearest.shape, np.nan, np.float32)
-        exposure = self._sensor.exposure if exposure is None else exposure
-        open_ = np.isinf(nearest) & (exposure > 0)
+        open_ = np.isinf(nearest) & self._sensor.used
         if not self._sees_near or _is_subtracted(sketch, open_):
             return free
-        most = self._most_photons(sketch.photons, exposure)[open_]
-        least = MARGIN * self._least_intensity(most, float(cloud.clutter or 1))
-        g = exposure[open_]
-        seen = least / np.minimum(self._filters.gaussian_filter(exposure, SIGMAS[0])[open_], g)
+        most = self._most_photons(sketch.photons)[open_]
+        seen = MARGIN * self._least_intensity(most, float(cloud.clutter or 1)) / self._share[open_]
         end = self.end_m(max_range_m)
         if sketch.cycles:
-            cycles, late = sketch.armed_cycles[open_], self._sensor.late[open_]
-            claim = self._piled_up(seen, brightness, g, cycles, most, late, end)
+            dead = self._sensor.dead_time
+            cost = dead.periods + dead.rest / dead.period
+            cycles = np.maximum(sketch.armed_cycles[open_] - cost * most, EPSILON)
+            light, late = brightness * cycles / sketch.cycles, self._sensor.late[open_]
+            claim = self._piled_up(seen, light, self._sensor.exposure[open_], cycles, most, late, end)
         else:
             claim = np.minimum(np.sqrt(brightness / seen), end)
         claim = np.minimum(claim, self._filters.minimum_filter(nearest, 2 * NEAR + 1, mode="nearest")[open_])
@@ -100,13 +101,12 @@ class FreeSpace:
         np.minimum.at(nearest, (cloud.row, cloud.col), self._sensor.range_m(cloud.depth_bins).astype(np.float32))
         return nearest
 
-    def _most_photons(self, photons: np.ndarray, exposure: np.ndarray) -> np.ndarray:
+    def _most_photons(self, photons: np.ndarray) -> np.ndarray:
         """Photons of a pixel, of all kinds: the largest local mean plus two standard deviations; float32."""
-        used, most = (exposure > 0).astype(np.float32), np.zeros(photons.shape, np.float32)
-        for sigma in SIGMAS:
-            area = 4 * np.pi * sigma**2         # pixels that count in the mean
-            n = self._filters.gaussian_filter(photons * used, sigma)
-            n /= np.maximum(self._filters.gaussian_filter(used, sigma), EPSILON)
+        photons, most = photons.astype(np.float32) * self._used, np.zeros(photons.shape, np.float32)
+        for sigma, seen in zip(SIGMAS, self._seen):
+            area = np.float32(4 * np.pi * sigma**2)         # pixels that count in the mean
+            n = self._filters.gaussian_filter(photons, sigma) / seen
             np.maximum(most, n + 2 * np.sqrt(n / area) + 1 / area, out=most)
         return most
 
@@ -115,14 +115,17 @@ class FreeSpace:
         curve = np.interp(np.log(photons / clutter**2), self._photons, self._least)
         return clutter**2 * np.exp(curve)
 
-    def _piled_up(self, least: np.ndarray, brightness: float, g: np.ndarray, cycles: np.ndarray, photons: np.ndarray,
-                  late: np.ndarray, end_m: np.float32) -> np.ndarray:
-        """The largest R with S(R) N (1 − exp(−A g / (N R²))) / g ≥ least; S = exp(−Λ t(R) / T), Λ by `pile_up`."""
-        bins = self._sensor.num_bins
+    def _piled_up(self, least: np.ndarray, brightness: np.ndarray, g: np.ndarray, cycles: np.ndarray,
+                  photons: np.ndarray, late: np.ndarray, end_m: np.float32) -> np.ndarray:
+        """The largest R with S(R) N (1 − exp(−A g / (N R²))) / g ≥ least; S = exp(−Λ t(R) / T), Λ by `pile_up`.
+
+        After a long dead time, `cycles` are without those that the photons cost, and S = 1.
+        """
+        bins, decays = self._sensor.num_bins, float(self._sensor.dead_time.periods == 0)
         flux = -np.log1p(-np.minimum(photons / (cycles + 0.5), 1 - EPSILON))
         low, high, middle = np.zeros_like(least), np.full_like(least, end_m), np.full_like(least, end_m)
         for _ in range(1 + HALVINGS):           # the end first
-            time = np.clip((self._sensor.depth_bins(middle) + late) / bins, 0, 1)
+            time = np.clip((self._sensor.depth_bins(middle) + late) / bins, 0, decays)
             shown = -cycles * np.expm1(-brightness * g / (cycles * middle**2)) * np.exp(-flux * time) / g
             seen = shown >= least
             low, high = np.where(seen, middle, low), np.where(seen, high, middle)
@@ -155,11 +158,9 @@ def _is_subtracted(sketch: PhaseSums, quiet: np.ndarray) -> bool:
 
     The sums of quiet neighbours differ by the noise of their photons, |difference|² = n₁ + n₂ on average.
     """
-    photons = sketch.photons.astype(np.float32)
+    some = slice(None, None, max(quiet.size // SAMPLE, 1))          # rows
+    photons, sums, quiet = sketch.photons[some].astype(np.float32), sketch.sums[some], quiet[some]
     pairs = photons[:, 1:] + photons[:, :-1]
-    row, col = np.nonzero(quiet[:, 1:] & quiet[:, :-1] & (pairs > 0))
-    chosen = slice(None, None, max(len(row) // SAMPLE, 1))
-    row, col = row[chosen], col[chosen]
-    difference = sketch.sums[row, col + 1] - sketch.sums[row, col]
-    noise = (np.abs(difference)**2).mean(axis=1) / pairs[row, col]
+    told = quiet[:, 1:] & quiet[:, :-1] & (pairs > 0)
+    noise = (np.abs(sums[:, 1:][told] - sums[:, :-1][told])**2).mean(axis=1) / pairs[told]
     return len(noise) == 0 or bool(np.median(noise) > NOISE)

@@ -55,7 +55,7 @@ class Method:
 METHODS = {method.name: method for method in (
     Method("pooled", "SRT3D's data term, summed over the neighbours on the same surface, where SRT3D smooths depths "
            "with APSS afterwards", "sketch", Pooled,
-           options=("device", "false_alarm_rate", "background", "warm_start", "window_frames")),
+           options=("device", "false_alarm_rate", "background", "window_frames")),
     Method("srt3d", "SRT3D as published, gradient steps on pixels' sketches and an APSS denoiser", "sketch", SRT3D,
            "consecutive", ("device",)),
     Method("smle", "maximum likelihood on each pixel's sketch", "sketch", SMLE, "consecutive", ("device",)),
@@ -85,9 +85,6 @@ class MethodOptions(TypedDict, total=False):
 class ReconstructorOptions(MethodOptions, total=False):
     """How to reconstruct successive frames."""
 
-    warm_start: Annotated[bool, Key(
-        "start from the last frame's surfaces where the photons confirm them (pooled): reduces the error while the "
-        "scene changes little", default=False)]
     window_frames: Annotated[int, Key(
         "frames (not messages) that count in a cloud, newer ones more (pooled): more points and less error, but what "
         "moves in the scene smears. If the sensor moves: docs/motion.md", bounds=(1, MAX_WINDOW), default=1)]

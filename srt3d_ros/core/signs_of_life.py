@@ -21,7 +21,7 @@ SLOT_NS = 100_000_000   # frames nearer in time than this are kept as one, to bo
 EXPECTED = 24           # photons that tell a fall of the background to a quarter from chance
 FALL = 0.25             # of the background: pixels that surely (2 σ) saw less may have died
 HALF_LIFE_S = 10.0      # of the memory of how bright the background was
-LOOKBACKS = 1, 2, 3, 4, 6, 8, 11, 16, 22, 30    # slots; the dimmer, the more are needed to tell a fall
+LOOKBACKS = 1, 3, 6, 11     # slots, and all; the dimmer, the more are needed to tell a fall
 CLOUDS = 10             # whose median number of pixels with a point shows that the laser is on …
 OVER_CHANCE = 5         # … if it is so many times that of the false points that are accepted
 SIDES = NARROW, WIDE = 3, 5     # pixels, of squares: dead columns show in the narrow one, dim light in the wide one
@@ -73,7 +73,8 @@ class SignsOfLife:
         if not 0 < step_ns <= MEMORY_NS:
             self.forget()
         if not self._slots:
-            step_ns, self._since, self._usual = 0, np.zeros(photons.shape, np.float32), np.zeros(1, np.float32)
+            step_ns, self._since, self._usual = 0, np.zeros(photons.shape, np.float32), np.zeros((2, 1, 1), np.float32)
+            self._total = np.zeros((4, *photons.shape), np.float32)         # of all slots; whole numbers: no drift
         self._last_ns = stamp_ns
         quiet = ~self._near(has_point, 2 * NEAR + 1)
         self._add(stamp_ns, photons.astype(np.float32), quiet)
@@ -89,7 +90,8 @@ class SignsOfLife:
         self._since = (self._since + around[-1]) * quiet
         sums = np.stack([photons, quiet, *around], dtype=np.float32)
         while self._slots and stamp_ns - self._slots[-1].stamp_ns >= MEMORY_NS:
-            self._slots.pop()
+            self._total -= self._slots.pop().sums
+        self._total += sums
         if self._slots and stamp_ns - self._slots[0].stamp_ns < SLOT_NS:
             begin_ns, before = self._slots.popleft()
             self._slots.appendleft(Slot(begin_ns, before + sums))
@@ -98,27 +100,30 @@ class SignsOfLife:
 
     def _fallen(self, fading: float) -> tuple[np.ndarray, np.ndarray]:
         """Photons of the last 3 s; and where the background around has fallen below a quarter of the usual."""
-        total, looks = np.zeros_like(self._slots[0].sums), []
-        for back, slot in enumerate(self._slots, 1):
-            total += slot.sums
+        part, fell = np.zeros_like(self._total[1:]), np.zeros(self._total.shape[1:], bool)
+        self._usual *= fading
+        for back, slot in zip(range(1, LOOKBACKS[-1] + 1), self._slots):
+            part += slot.sums[1:]
             if back in LOOKBACKS:
-                looks.append(total[1:].copy())
-        now = np.where(total[2:] >= SIGNS, total[2:] / np.maximum(total[1], 1), 0)
-        self._usual = np.maximum(now, self._usual * fading)
-        fell = np.zeros(now.shape[1:], bool)
-        for frames, *seen in looks:
-            expected = frames * self._usual
-            less = (expected >= EXPECTED) & (seen + 2 * np.sqrt(seen) < FALL * expected)
-            fell |= less[0] | less[1]
-        return total[0], fell
+                fell |= self._less(part)
+        fell |= self._less(self._total[1:])
+        now = np.where(self._total[2:] >= SIGNS, self._total[2:] / np.maximum(self._total[1], 1), 0)
+        self._usual = np.maximum(now, self._usual)
+        return self._total[0], fell
+
+    def _less(self, part: np.ndarray) -> np.ndarray:
+        """Where surely (2 σ) less than a quarter of the usual photons came in frames whose sums[1:] are `part`."""
+        expected = part[0] * self._usual
+        less = (expected >= EXPECTED) & (part[1:] + 2 * np.sqrt(part[1:]) < FALL * expected)
+        return less[0] | less[1]
 
     def _near(self, where: np.ndarray, side: int) -> np.ndarray:
         """Where any pixel of a square around is true, bool."""
         return np.asarray(self._filters.maximum_filter(where, side), bool)
 
     def _box(self, values: np.ndarray, side: int) -> np.ndarray:
-        """Sums over squares of pixels; 0 beyond the image."""
-        return self._filters.uniform_filter(values, side, mode="constant") * np.float32(side**2)
+        """Sums of whole numbers over squares of pixels; 0 beyond the image."""
+        return np.rint(self._filters.uniform_filter(values, side, mode="constant") * np.float32(side**2))
 
 
 class FreeSpaceStream:

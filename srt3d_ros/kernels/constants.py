@@ -45,7 +45,6 @@ VOTE = 0.45             # nats that a neighbour's surface adds to its log-likeli
 BIRTH_COST = VOTE       # nats that a new surface needs
 FEWER_COST = VOTE       # nats by which a neighbour with fewer surfaces votes against a further one
 DEAD_LIMIT = VOTE       # nats by which a pixel without photons speaks against a surface, at most: it may be dead
-MOVE_COST = VOTE        # nats by which another depth has to be better than the last frame's (`search`)
 MAX_VOTES = 1.5         # times VOTE that a neighbour adds, at most: a bright one is still one neighbour
 EMPTY_VOTES = 0.5       # times VOTE by which a neighbour without a surface votes against a new one, at most
 NEAR_SIGMA = 1.2        # σ of the neighbourhood that votes, and that tells how far pixels' intensities differ, pixels

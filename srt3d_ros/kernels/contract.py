@@ -59,7 +59,7 @@ class Kernels(Protocol):
         """Points: none."""
 
     def search(self, frame, matched: Array, state: Array, layer: int, sigma: float, step: int, enough: float,
-               carried: Array | None = None, confirmed: float = 0.0, slanted: bool = False) -> None:
+               slanted: bool = False) -> None:
         """Give open pixels the surface that one window shows with a score above `enough`.
 
         Args:
@@ -68,9 +68,8 @@ class Kernels(Protocol):
             layer: index of the surface that is searched for.
             sigma: σ of the window, pixels; 0: every pixel on its own.
             step: pixels along the side of a cell.
-            enough, confirmed: standard deviations.
-            carried: points of the frame before, which stay where their score is above `confirmed`.
-            slanted: windows along planes, too; for a sigma above 0, without `carried`.
+            enough: standard deviations.
+            slanted: windows along planes, too; for a sigma above 0.
         """
 
     def residual(self, frame, state: Array, terms: Array, layer: int) -> Array:

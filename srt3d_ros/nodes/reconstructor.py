@@ -38,8 +38,7 @@ PARAMETERS = (
     Parameter("surface_order", "strongest", "The surface of a pixel that comes first in `points`; images show only the "
               "first. With `surfaces` of 2 or more, nearest shows a net or fog, and farthest the scene behind it.",
               choices=tuple(SURFACE_ORDERS), live=True),
-    *(Parameter.of(OPTIONS[name]) for name in (
-        "false_alarm_rate", "background", "warm_start", "window_frames", "device")),
+    *(Parameter.of(OPTIONS[name]) for name in ("false_alarm_rate", "background", "window_frames", "device")),
     Parameter("fields", "xyzi", "Fields of `points`. xyzi: x, y, z, intensity. full: also depth_std, background, row, "
               "col and surface.", choices=("xyzi", "full"), live=True),
     Parameter("organised", False, "Publish `points` as an image of rows × cols: the first point of each pixel by "

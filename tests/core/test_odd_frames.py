@@ -61,20 +61,6 @@ def test_a_sketch_that_is_not_of_numbers_is_refused(method, value):
         METHODS[method].build(sensor, frequencies, device="cpu")(sketch)
 
 
-def test_after_garbage_a_warm_start_finds_the_scene_as_a_cold_one():
-    sensor, frequencies = made()
-    warm, cold = (Pooled(sensor, frequencies, warm_start=warm) for warm in (True, False))
-    for seed in range(5):
-        assert_finite(warm(garbage(sensor, frequencies, seed, photons=50 if seed % 2 else MAX_PIXEL_PHOTONS)), T)
-        sketch = plane(sensor, 120.0, seed)
-        found, expected = warm(sketch), cold(sketch)
-        assert len(found) == len(expected) == sensor.pixels
-        assert np.abs(found.depth_bins - 120).max() < 2
-    warm(garbage(sensor, frequencies, 9))
-    warm.forget()
-    assert warm(sketch).depth_bins.tobytes() == expected.depth_bins.tobytes()
-
-
 @pytest.mark.parametrize(("depth", "late"), [(0.0, 0.0), (0.5, -40.0), (T - 0.01, 0.0), (T - 12.0, 17.25), (12.0, 1e5)])
 def test_a_surface_at_the_ends_of_the_period_is_found_there_whatever_the_delay(depth, late):
     sensor, frequencies = made(delay_bins=np.full((9, 12), late))

@@ -25,7 +25,6 @@ SIMULATED = {       # SBR, ppp: TD at least, FD at most, DAE at most, mm; the mo
     (1, 10): (0.997, 0.005, 0.9)}
 
 SENSOR = SensorModel(60, 80, 800, 50e-12, spad(50e-12), projection=Pinhole.from_fov(60, 80))
-FREQUENCIES = choose_frequencies("auto", SENSOR, 10)
 
 
 def reconstruct(frame, sensor, **options):
@@ -90,48 +89,3 @@ def test_surfaces_end_at_their_silhouettes(sbr, ppp, share):
     empty = np.isnan(depth[0])
     seen = np.isfinite(cloud.image("depth_bins"))
     assert seen[~empty].mean() > 0.98 and seen[empty].mean() < share
-
-
-# ---- A warm start: better where the scene goes on, no worse where not
-
-def ball(at: int | None, range_m: float = 2.0) -> np.ndarray:
-    """Ranges (m) of a wall at 3 m, and of a ball before it."""
-    y, x = np.mgrid[:SENSOR.rows, :SENSOR.cols]
-    wall = 3 + 0.002 * x
-    return wall if at is None else np.where(np.hypot(y - 30, x - at) < 14, range_m, wall)
-
-
-def seen(range_m, seed, sbr=1.0, ppp=1.0):
-    """Sketch and truth of a frame."""
-    frame, depth = Simulator(StaticScene(range_m.astype(np.float32)), SENSOR, sbr=sbr, ppp=ppp, seed=seed).frame(0)
-    return sketch_photons(frame, SENSOR, FREQUENCIES), depth
-
-
-@pytest.mark.parametrize(("before", "after", "sbr", "ppp"), [
-    (ball(22), ball(48), 1.0, 1.0), (ball(22), ball(None), 1.0, 10.0), (ball(None), ball(22), 0.1, 10.0),
-    (ball(None), ball(22, 2.9), 1.0, 10.0)], ids=["moved", "gone", "come", "come a little before the wall"])
-def test_a_sudden_change_of_the_scene_is_not_smeared(before, after, sbr, ppp):
-    cold, warm = (Pooled(SENSOR, FREQUENCIES, warm_start=warm) for warm in (False, True))
-    for seed in (1, 2):
-        for pooled in (cold, warm):
-            pooled(seen(before, seed, sbr, ppp)[0])
-    sketch, depth = seen(after, 3, sbr, ppp)
-    clouds = [pooled(sketch) for pooled in (cold, warm)]
-    one, other = (evaluate(cloud, depth, 0.04 / SENSOR.bin_width_m, SENSOR.num_bins) for cloud in clouds)
-    # 8 of 2304 pixels: single ones at the edges go either way.
-    assert other.true_detections >= one.true_detections - 0.0035
-    assert other.false_detections <= one.false_detections + 0.0035
-    anew = Pooled(SENSOR, FREQUENCIES)(sketch)          # without a warm start no frame depends on the one before
-    np.testing.assert_array_equal(clouds[0].depth_bins, anew.depth_bins)
-
-
-def test_depths_of_a_scene_that_goes_on_are_more_accurate():
-    sensor = default_sensor()
-    frequencies = choose_frequencies("auto", sensor, 10)
-    frames = [Simulator(sbr=1, ppp=3, seed=5).frame(i) for i in range(4)]
-    errors = []
-    for pooled in (Pooled(sensor, frequencies, warm_start=warm) for warm in (False, True)):
-        found = [evaluate(pooled(sketch_photons(frame, sensor, frequencies)), depth, 40e-3 / sensor.bin_width_m,
-                          sensor.num_bins) for frame, depth in frames]
-        errors.append(np.mean([one.dae_bins for one in found[1:]]))
-    assert errors[1] < 0.95 * errors[0]

@@ -18,14 +18,14 @@ THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_
 
 
 def digests() -> list[str]:
-    """Of every bit of the clouds of a cold and of a warm start, of a step, a slope and a half window before it."""
+    """Of every bit of the clouds of two frames of a step, a slope and a half window before it."""
     rng, shape = np.random.default_rng(1), (SIDE, SIDE)
     sensor = make_sensor(*shape, gain=rng.uniform(0.5, 1.5, shape), delay_bins=rng.uniform(-5, 5, shape),
                          mask=rng.random(shape) > 0.02)
     near, far = ramp(*shape, 100, 0, 0), ramp(*shape, 300, 0.7, 1.2)
     depth = np.stack([np.where(far < 400, near, far), np.where(far < 500, np.nan, 150)])
     frequencies = choose_frequencies("auto", sensor)
-    pooled = Pooled(sensor, frequencies, surfaces=2, warm_start=True, device="cpu")
+    pooled = Pooled(sensor, frequencies, surfaces=2, device="cpu")
     sketches = (sketch_photons(simulate(depth, 2, 8, sensor, seed), sensor, frequencies) for seed in range(2))
     return [digest(pooled(sketch)) for sketch in sketches]
 

@@ -43,21 +43,6 @@ def test_backgrounds_are_taken_out_and_learnt_alike(monkeypatch, shape, surfaces
         assert uneven == pytest.approx(found[0][1], rel=1e-3) and uneven > 0.05
 
 
-@pytest.mark.parametrize(("shape", "surfaces"), [((6, 40), 1), ((6, 40), 2)])
-def test_frames_begin_with_the_last_ones_surfaces(monkeypatch, shape, surfaces):
-    sensor = make_sensor(*shape, seed=5)
-    first, second = make_sketch(sensor, 5), make_sketch(sensor, 6, 0.2)
-    clouds = []
-    for kernels in (ORACLE, CPU, SINGLE):
-        reconstructor = built(monkeypatch, kernels, sensor, first.frequencies, surfaces, warm_start=True)
-        reconstructor(first)
-        clouds.append(reconstructor(second))
-    for kernels, cloud in zip((CPU, SINGLE), clouds[1:], strict=True):
-        assert_clouds_agree(cloud, clouds[0], surfaces, 8)
-        without = built(monkeypatch, kernels, sensor, first.frequencies, surfaces)(second)
-        assert not np.array_equal(without.depth_bins, cloud.depth_bins)
-
-
 def test_exposures_of_a_window_count_alike(monkeypatch):
     sensor = make_sensor(*SHAPES[0], seed=5)
     sketch = make_sketch(sensor, 5)

@@ -83,16 +83,15 @@ def test_residual(shape, surfaces, layer):
     assert np.abs(expected - maps.crop(padded(frame).matched, *shape)).max() > 0.1
 
 
-def check_search(frame, state, layer, scale, enough, carried=None):
-    """The state after a search, which agrees with the oracle's and leaves other points as they were."""
-    arguments = padded(frame), padded(frame).matched, state, layer, *scale, enough, carried, 2.0
+def check_search(frame, state, layer, scale, enough):
+    """A search, which agrees with the oracle's and leaves other points as they were."""
+    arguments = padded(frame), padded(frame).matched, state, layer, *scale, enough
     found, expected = (kernels.changed("search", *arguments)[2] for kernels in (CPU, ORACLE))
     if frame.shape != (1, 1):
         assert (found[:, layer, maps.INTENSITY] > 0).sum() > (state[:, layer, maps.INTENSITY] > 0).sum() + 10
         assert_states_agree(found, expected, frame.shape)
     was = expected[:, layer, maps.INTENSITY] == state[:, layer, maps.INTENSITY]
     assert np.array_equal(found[:, layer].swapaxes(0, 1)[:, was], state[:, layer].swapaxes(0, 1)[:, was])
-    return maps.crop(found, *frame.shape)
 
 
 @pytest.mark.parametrize(("shape", "surfaces", "scale", "light", "clutter"), [
@@ -105,20 +104,6 @@ def test_search(shape, surfaces, scale, light, clutter):
     state = make_state(frame, surfaces, 3)
     state[:, -1, maps.INTENSITY, ::3] = 0
     check_search(frame, state, surfaces - 1, scale, 4.0 if light < 1 else 9.0 if surfaces == 1 else 3.0)
-
-
-@pytest.mark.parametrize(("surfaces", "scale", "clutter"), [(1, SCALES[0], False), (1, SCALES[2], True),
-                                                            (2, SCALES[1], False)])
-def test_search_keeps_carried_surfaces_that_photons_confirm(surfaces, scale, clutter):
-    frame = make_frame((6, 40), 2, 0.2)
-    frame = with_clutter(frame) if clutter else frame
-    carried = make_state(frame, surfaces, 1)
-    state = make_state(frame, surfaces, 1)
-    state[:, -1, maps.INTENSITY] = 0
-    view = check_search(frame, state, surfaces - 1, scale, 4.0, carried)
-    there = view[:, -1, maps.INTENSITY] > 0
-    same = view[:, -1, maps.DEPTH][there] == maps.crop(carried, *frame.shape)[:, -1, maps.DEPTH][there]
-    assert same.sum() > 10 and (~same).sum() > 2
 
 
 def make_steep_frame(shape, sigma):
@@ -137,7 +122,7 @@ def test_slanted_windows_fill_and_replace_what_flat_ones_leave_or_doubt(shape, s
     frame = make_steep_frame(shape, scale[0])
     before = np.zeros(maps.state_shape(*shape, 1), np.float32)
     before[:, 0, maps.INTENSITY, ::3] = 1
-    arguments = padded(frame), padded(frame).matched, before, 0, *scale, 4.0, None, 0.0
+    arguments = padded(frame), padded(frame).matched, before, 0, *scale, 4.0
     (_, _, flat, *_), (_, _, found, *_) = (CPU.changed("search", *arguments, slanted) for slanted in (False, True))
     assert_states_agree(found, ORACLE.changed("search", *arguments, True)[2], shape)
     changed = (found != flat).any(axis=2)[:, 0]
@@ -154,6 +139,6 @@ def test_slanted_windows_find_planes_in_eight_directions(backend):
         depth = T / 2 + rise * (down * row + right * col)[None]
         frame = padded(exact_frame(depth, np.full((1, 16, 16), 3.0), 2.0))
         state = np.zeros(maps.state_shape(16, 16, 1), np.float32)
-        found = backend.changed("search", frame, frame.matched, state, 0, 1.0, 1, 5.0, None, 0.0, True)[2]
+        found = backend.changed("search", frame, frame.matched, state, 0, 1.0, 1, 5.0, True)[2]
         slopes = maps.crop(found, 16, 16)[4:-4, 0, [maps.SLOPE_COL, maps.SLOPE_ROW], 4:-4]
         np.testing.assert_allclose(slopes, np.broadcast_to(np.array([[right], [down]]) * rise, slopes.shape), rtol=1e-5)

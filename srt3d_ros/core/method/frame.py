@@ -4,7 +4,6 @@ Nothing is kept from frame to frame. `frame` gets and gives arrays on the device
 so that a GPU can record it.
 """
 
-from copy import deepcopy
 from dataclasses import replace
 from functools import cached_property, partial
 from math import ceil
@@ -33,24 +32,23 @@ from srt3d_ros.kernels.maps import DEPTH, INTENSITY, STD
 
 
 def frame(sensor: SensorOnDevice, surfaces: int, photons: Array, sums: Array, exposure: Array | None,
-          start: Array | None, thresholds: Array, *removed: Array) -> tuple:
+          thresholds: Array, *removed: Array) -> tuple:
     """One frame on the device.
 
     Args:
         photons, sums: of the sketch.
         exposure: of the MatchedFrame, or None: the sensor's.
-        start: the points of the frame before, or None.
         thresholds: a `Scores`.
         removed: a `RemovedBackground`, or nothing for an even one.
 
     Returns:
-        The points, float32 [rows', K, FIELDS, cols'] (`kernels.maps`), for the next start; for `Unexplained`; photons
-        that are not the points', and background photons, float32 [rows, cols]; the list of points.
+        For `Unexplained`; photons that are not the points', and background photons, float32 [rows, cols]; the list of
+        points.
     """
     kernels, scores = sensor.kernels, Scores(*thresholds)
     data, taken = sensor.match(photons, sums, exposure, *removed)
     points = kernels.no_surfaces(data, surfaces)
-    search(kernels, data, points, START_SCALES, START_SCORE, START_SCORE, start, scores.keep)
+    search(kernels, data, points, START_SCALES, START_SCORE, START_SCORE)
     points = iterate(kernels, data, points, WINDOWS[0])
     kernels.drop_weak(points, scores.drop)
     search(kernels, data, points, (WIDE_SCALE,), scores.find, scores.further)
@@ -63,24 +61,23 @@ def frame(sensor: SensorOnDevice, surfaces: int, photons: Array, sums: Array, ex
     final, rest, background = kernels.finalise(data, photons, points, terms, scores.keep)
     left = kernels.unexplained(data, final, rest, taken, sensor.passed)
     shown = maps.crop(final, *data.shape)
-    return points, left, rest, background, *sensor.listed(shown[:, :, DEPTH], shown[:, :, INTENSITY], shown[:, :, STD])
+    return left, rest, background, *sensor.listed(shown[:, :, DEPTH], shown[:, :, INTENSITY], shown[:, :, STD])
 
 
 def search(kernels: Kernels, data: MatchedFrame, points: Array, scales: tuple[float, ...], enough: float,
-           further: float, start: Array | None = None, confirmed: float = 0.0) -> None:
+           further: float) -> None:
     """Search by matched filters on sketches pooled at growing scales; a pixel takes the first sure surface.
 
     Each scale pools the pixels that are still open. A first surface needs a score of `enough` at the last scale and of
-    `further` before. Further surfaces, in what the former ones leave unexplained, need `further`; those of `start`
-    need `confirmed`.
+    `further` before. Further surfaces, in what the former ones leave unexplained, need `further`.
     """
     for layer in range(points.shape[1]):
         is_first = layer == 0
         matched = data.matched if is_first else kernels.residual(data, points, kernels.expand(data, points), layer)
         for sigma in scales:
             least = enough if is_first and sigma == scales[-1] else further
-            slanted = is_first and start is None and sigma in START_SCALES[1:]
-            kernels.search(data, matched, points, layer, sigma, cell_size(sigma), least, start, confirmed, slanted)
+            slanted = is_first and sigma in START_SCALES[1:]
+            kernels.search(data, matched, points, layer, sigma, cell_size(sigma), least, slanted)
         kernels.drop_ghosts(data, points)
 
 
@@ -96,11 +93,10 @@ def iterate(kernels: Kernels, data: MatchedFrame, points: Array, window: Window)
 
 
 class Found(NamedTuple):
-    """What a frame shows, what it leaves unexplained, and, for a warm start, its points on the device."""
+    """What a frame shows, and what it leaves unexplained."""
 
     cloud: PointCloud
     unexplained: Unexplained
-    points: Array | None
 
 
 class Frames:
@@ -108,28 +104,25 @@ class Frames:
 
     Args:
         surfaces: K, the most surfaces in a pixel.
-        warm_start: fill `Found.points`.
     """
 
-    def __init__(self, matcher: Matcher, device: str, surfaces: int, warm_start: bool):
-        self.matcher, self.device, self.surfaces, self._warm_start = matcher, device, surfaces, warm_start
+    def __init__(self, matcher: Matcher, device: str, surfaces: int):
+        self.matcher, self.device, self.surfaces = matcher, device, surfaces
         self._sensor = SensorOnDevice(matcher, device, surfaces)
         self.kernels = self._sensor.kernels
         self.run = self.kernels.as_frame(partial(frame, self._sensor, surfaces))
 
-    def __call__(self, scores: Scores, sketch: PhaseSums, removed: RemovedBackground | tuple[()],
-                 start: Array | None = None) -> Found:
+    def __call__(self, scores: Scores, sketch: PhaseSums, removed: RemovedBackground | tuple[()]) -> Found:
         """What a sketch shows; `removed` is () for an even background."""
-        points, left, rest, background, *listed = self.run(
-            sketch.photons.astype(np.float32), sketch.sums, self._exposure(sketch), start,
-            np.array(scores, np.float32), *removed)
+        left, rest, background, *listed = self.run(
+            sketch.photons.astype(np.float32), sketch.sums, self._exposure(sketch), np.array(scores, np.float32),
+            *removed)
         unexplained = Unexplained.unpacked(self.kernels.numpy(rest), self.kernels.numpy(left))
         cloud = self._sensor.cloud(listed, background, sketch.stamp_ns)
         if sketch.exposure is not None:
             cloud = replace(cloud, background=cloud.background / sketch.exposure)
             unexplained = unexplained._replace(photons=unexplained.photons / sketch.exposure)
-        points = deepcopy(points) if self._warm_start else None         # the next frame overwrites them
-        return Found(cloud, unexplained, points)
+        return Found(cloud, unexplained)
 
     def _exposure(self, sketch: PhaseSums) -> np.ndarray | None:
         """Exposures of `MatchedFrame`, if they are the sketch's own."""
@@ -138,4 +131,4 @@ class Frames:
     @cached_property
     def with_one_surface(self) -> "Frames":
         """The same with one surface a pixel."""
-        return self if self.surfaces == 1 else Frames(self.matcher, self.device, 1, self._warm_start)
+        return self if self.surfaces == 1 else Frames(self.matcher, self.device, 1)

@@ -25,13 +25,12 @@ from srt3d_ros.core.motion.window import MovingWindow
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sums import PhaseSums, noise_sketch
-from srt3d_ros.kernels.contract import Array
 
 PASSES = 8              # over a first frame, at most
 
 
 class Pooled:
-    """Reconstructs frames of one sensor in turn; remembers their background and, for a warm start, their surfaces.
+    """Reconstructs frames of one sensor in turn; remembers their background.
 
     Args:
         sensor: geometry, IRF and calibration.
@@ -41,24 +40,22 @@ class Pooled:
         device: "cpu" or "cuda".
         background: how it spreads over the bins: "sensor": by its background_shape; "flat"; or "auto": what the last
             cloud leaves unexplained, if significant.
-        warm_start: begin with the last frame's surfaces where the photons support them: less depth error in a steady
-            scene. For consecutive frames.
         window_frames: W, frames of which each cloud is made (`MovingWindow`).
     """
 
     def __init__(self, sensor: SensorModel, frequencies: Sequence[int], surfaces: int = 1,
                  false_alarm_rate: float = DEFAULT_FALSE_ALARM_RATE, device: str = "cpu", background: str = "auto",
-                 warm_start: bool = False, window_frames: int = 1):
+                 window_frames: int = 1):
         self._window = MovingWindow(sensor, frequencies, window_frames) if window_frames > 1 else None
-        self._matcher, self._warm_start = Matcher(sensor, frequencies), warm_start
+        self._matcher = Matcher(sensor, frequencies)
         self._background = Background(self._matcher, background)
-        self._frames = Frames(self._matcher, device, surfaces, warm_start)
+        self._frames = Frames(self._matcher, device, surfaces)
         self.set_false_alarm_rate(false_alarm_rate)
         self.forget()
 
     def forget(self) -> None:
         """Begin the next frame as if it were the first."""
-        self._is_first, self._learned, self._points, self._piled_up = True, self._background.first, None, None
+        self._is_first, self._learned, self._piled_up = True, self._background.first, None
         self._last: PointCloud | None = None
         if self._window is not None:
             self._window.forget()
@@ -85,12 +82,11 @@ class Pooled:
         return cloud
 
     def _cloud(self, sketch: PhaseSums) -> PointCloud:
-        """The cloud of a frame; the next one starts from its background, its surfaces and its pile-up."""
+        """The cloud of a frame; the next one starts from its background and its pile-up."""
         piled_up = self._piled_up or self._pile_up.nothing_seen if sketch.cycles else None
         plain = sketch if piled_up is None else self._pile_up.without_decay(sketch, piled_up)
-        found, self._learned = self._first(self._frames, plain) if self._is_first else self._next(
-            self._frames, plain, self._learned, self._points)
-        self._points = found.points
+        found, self._learned = (self._first(self._frames, plain) if self._is_first
+                                else self._next(self._frames, plain, self._learned))
         cloud = replace(found.cloud, clutter=self._background.most_clutter(self._learned))
         if piled_up is not None:
             cloud, self._piled_up = self._pile_up.corrected(cloud, sketch, piled_up)
@@ -107,12 +103,12 @@ class Pooled:
                 break
         return found, learned
 
-    def _next(self, frames: Frames, sketch: PhaseSums, learned: BackgroundEstimate, start: Array | None = None
+    def _next(self, frames: Frames, sketch: PhaseSums, learned: BackgroundEstimate
               ) -> tuple[Found, BackgroundEstimate]:
         """What a frame shows with the background learned from the one before, or a better one; and the next one's."""
         background, candidates = self._background, self._background.candidates(sketch, learned)
         if not candidates:
-            found = frames(self._scores, sketch, background.removed(learned, sketch), start)
+            found = frames(self._scores, sketch, background.removed(learned, sketch))
             return found, background.learned(learned, found.unexplained)
         if frames.surfaces > 1:     # further surfaces would be fitted to the background, so one a pixel decides on it
             _, settled = self._first(frames.with_one_surface, sketch)
@@ -132,7 +128,7 @@ class Pooled:
         return 0.0 if mean is None else float(np.abs(mean).mean())
 
     def warm_up(self) -> None:
-        """Compile the kernels, or load them from the disk, by frames with and without a background and a start.
+        """Compile the kernels, or load them from the disk, by frames with and without a background.
 
         A GPU records each kind, for its pixels; on a CPU, few pixels use all kernels.
         """
@@ -140,7 +136,7 @@ class Pooled:
         several = [frames] if self._background.is_even else [frames, frames.with_one_surface]
         if frames.device == "cpu":
             sensor = sensor.cropped(slice(8), slice(8))
-            several = [Frames(Matcher(sensor, self._matcher.frequencies), "cpu", frames.surfaces, self._warm_start)]
+            several = [Frames(Matcher(sensor, self._matcher.frequencies), "cpu", frames.surfaces)]
         sketch = noise_sketch(sensor, self._matcher.frequencies)
         if self._window is not None:
             sketch = replace(sketch, exposure=np.ones(sketch.photons.shape, np.float32))
@@ -149,8 +145,6 @@ class Pooled:
         for each in dict.fromkeys(several):
             for removed in ((),) if self._background.is_even else ((), uneven):
                 found = each(self._scores, sketch, removed)
-                if found.points is not None:
-                    each(self._scores, sketch, removed, found.points)
                 if self._window is not None:
                     _move(sketch, found.cloud)
 

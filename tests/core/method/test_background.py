@@ -68,7 +68,7 @@ def test_nothing_is_left_of_the_expected_background(shape, changes):
 # Not the wall in fog: there is nothing to tell the fog's sharp edge from a second wall.
 @pytest.mark.parametrize(("shape", "depth_bins", "options", "changes"), [
     ("fog", DEPTH, {}, {}), ("fog", SLOPE, {}, {}), ("ramp", SLOPE, {}, {}), ("lump", WALL, {}, {}),
-    ("fog", DEPTH, {"surfaces": 2}, {}), ("fog", DEPTH, {"warm_start": True}, {}),
+    ("fog", DEPTH, {"surfaces": 2}, {}),
     ("fog", DEPTH, {}, {"delay_bins": X * 3.0, "gain": 0.5 + X / 48, "mask": (X + Y) % 17 > 0})])
 def test_a_background_that_nobody_knows_is_found(shape, depth_bins, options, changes):
     frame, sensor = simulate(make_sensor(background_shape=SHAPES[shape], **changes), depth_bins), make_sensor(**changes)

@@ -16,10 +16,10 @@ import numpy as np
 from numba import float32, get_thread_id, int32, int64, prange
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import MOVE_COST, SEEN_SCORE, SLANT, SLANTED_SCORE, STEEPER, SURE_SCORE
-from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO
+from srt3d_ros.kernels.constants import SEEN_SCORE, SLANT, SLANTED_SCORE, STEEPER, SURE_SCORE
+from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, ZERO
 from srt3d_ros.kernels.cpu.compiling import floats1d, floats2d, floats3d, floats4d, inline, line, parallel
-from srt3d_ros.kernels.cpu.method.frame import Frame, Point, columns, point_at, response_at
+from srt3d_ros.kernels.cpu.method.frame import Frame, Point, columns
 from srt3d_ros.kernels.cpu.method.likelihood import evidence, noise_at
 from srt3d_ros.kernels.cpu.method.match import Steering, peaks
 from srt3d_ros.kernels.cpu.method.windows import (
@@ -50,7 +50,6 @@ from srt3d_ros.kernels.cpu.vectors import (
 from srt3d_ros.kernels.maps import INTENSITY, LANES, MARGIN, SCORE
 
 NO_WINDOW, NO_TURNS = np.ones(1, np.float32), np.empty((0, 1, 3), np.float32)
-NO_STATE = np.empty((0, 0, 0, 0), np.float32)
 SEEN, SURE, SLANTED, ROOT_STEEPER = F32(SEEN_SCORE), F32(SURE_SCORE), F32(SLANTED_SCORE), F32(STEEPER**0.5)
 
 
@@ -58,7 +57,6 @@ class Scale(NamedTuple):
     """What one scale of the start searches, and which scores it needs."""
 
     state: floats4d
-    carried: floats4d           # the last frame's state; [0, …] without one
     weights: floats1d           # of a window's rows and columns of cells
     squares: floats1d
     turns: floats3d             # [m, reach, 3] of `turns_of`; [0, …] without slanted windows
@@ -68,7 +66,6 @@ class Scale(NamedTuple):
     share: float32              # q
     asked: float32              # score below which a flat window is of no use
     enough: float32             # score that a new surface needs
-    confirmed: float32          # score with which a carried surface stays
 
 
 class Memory(NamedTuple):
@@ -194,21 +191,9 @@ def _shown(best, at, right, down, period):
                  load(best, 5, at), full(ZERO))
 
 
-@inline
-def _carried(place, at, sketch, window, scale, frame):
-    """The surfaces of the last frame in pixels whose cells are in the columns `at`, measured anew at their depths."""
-    (row, col), (counts, exposure) = place, window
-    old = point_at(scale.carried, row, scale.layer, col)
-    return _measure(old.depth, (old.slope_col, old.slope_row), response_at(sketch, at, old.depth, frame),
-                    load(counts, 0, at), load(exposure, 0, at), scale, frame)
-
-
 @line
-def _write_pixels(row, wanted, sketch, window, scale, frame, memory):
-    """Give the open pixels in row `row` of cells their cell's surface, moved along its plane, or the last frame's.
-
-    That stays if its score is confirmed, and the new one not better by MOVE_COST nats.
-    """
+def _write_pixels(row, wanted, scale, period, memory):
+    """Give the open pixels in row `row` of cells their cell's surface, moved along its plane."""
     state, layer, step = scale.state, scale.layer, scale.step
     middle = HALF * F32(step - 1)
     for a in range(step):
@@ -220,16 +205,12 @@ def _write_pixels(row, wanted, sketch, window, scale, frame, memory):
             x = to_floats(lane_numbers() + (col - MARGIN))
             cell = floor((x + HALF) / F32(step))
             at = to_cell(cell, F32(state.shape[3])) + MARGIN
-            new = _shown(memory.best, at, x - cell * F32(step) - middle, F32(a) - middle, frame.period)
-            taken, stays, old = is_open & (new.score > ZERO), full(False), new
-            if len(scale.carried) > 0:
-                stays = is_open & (load(scale.carried, pixel_row, layer, INTENSITY, col) > ZERO)
-                old, flat = _carried((pixel_row, col), at, sketch, window, scale, frame), load(memory.flat, at)
-                stays &= (old.score > scale.confirmed) & (flat * flat - old.score * old.score < TWO * F32(MOVE_COST))
-            if lanes_of(taken | stays) != 0:
+            new = _shown(memory.best, at, x - cell * F32(step) - middle, F32(a) - middle, period)
+            taken = is_open & (new.score > ZERO)
+            if lanes_of(taken) != 0:
                 for field in range(SCORE + 1):
-                    value = where(taken, new[field], load(state, pixel_row, layer, field, col))
-                    store(state, pixel_row, layer, field, col, where(stays, old[field], value))
+                    own = load(state, pixel_row, layer, field, col)
+                    store(state, pixel_row, layer, field, col, where(taken, new[field], own))
 
 
 @line
@@ -262,7 +243,7 @@ def _search_row(row, pixels, cells, scale, steering, frame, memory):
     _match_cells(sketch, window, (ZERO, ZERO), scale.enough, scale, steering, frame, memory)
     if len(scale.turns) > 0 and _doubt(scale, memory):
         _search_slanted(row, cells, window, scale, steering, frame, memory)
-    _write_pixels(row, pixels.wanted, sketch, window, scale, frame, memory)
+    _write_pixels(row, pixels.wanted, scale, frame.period, memory)
 
 
 @parallel
@@ -285,16 +266,15 @@ def no_surfaces(work, frame, surfaces):
     return work.states[0]
 
 
-def search(work, frame, matched, state, layer, sigma, step, enough, carried=None, confirmed=0.0, slanted=False):
+def search(work, frame, matched, state, layer, sigma, step, enough, slanted=False):
     frame = Frame.of(frame)
     cells = pixels = Cells(matched, *(values[:, None] for values in (frame.counts, frame.exposure, work.wanted)))
-    weights, share, rise, turns = NO_WINDOW, 1.0, 0.0, NO_TURNS
-    carried, asked = (NO_STATE, enough) if carried is None else (carried, min(enough, confirmed))
+    weights, share, rise, turns, asked = NO_WINDOW, 1.0, 0.0, NO_TURNS, enough
     if sigma > 0:
         weights, share, cells = maps.window_weights(sigma / step), 0.5, work.cells[step]
     if slanted:
-        rise, asked = SLANT * frame.resolution / sigma, min(asked, SEEN)
+        rise, asked = SLANT * frame.resolution / sigma, min(enough, SEEN)
         turns = turns_of(weights, frame.bin_frequencies * (step * rise))
-    scale = Scale(state, carried, weights, weights**2, turns, F32(rise), layer, step, F32(share), F32(asked),
-                  F32(enough), F32(confirmed))
+    scale = Scale(state, weights, weights**2, turns, F32(rise), layer, step, F32(share), F32(asked),
+                  F32(enough))
     _search(frame, pixels, cells, scale, work.steering, work.searches[step])

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import torch
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import EPSILON, MOVE_COST, SEEN_SCORE, SLANT, SLANTED_SCORE, STEEPER, SURE_SCORE
+from srt3d_ros.kernels.constants import EPSILON, SEEN_SCORE, SLANT, SLANTED_SCORE, STEEPER, SURE_SCORE
 from srt3d_ros.kernels.maps import INTENSITY, RESIDUAL, SCORE, state_shape
 from srt3d_ros.kernels.torch.arithmetic import explained, noise_ratio, product, turned, waves
 from srt3d_ros.kernels.torch.fusing import fused
@@ -77,7 +77,7 @@ class Pools(NamedTuple):
     share: float                # q: 1/2 of a Gaussian window, 1 of a pixel
 
 
-def search(frame, matched, state, layer, sigma, step, enough, carried=None, confirmed=0.0, slanted=False):
+def search(frame, matched, state, layer, sigma, step, enough, slanted=False):
     """Give open pixels the surface that one scale shows: score = p / √N · ρ(S E / p) / c(t) > `enough`.
 
     A pixel is open if it has `layer` surfaces and could get one more. The open pixels around each cell are pooled:
@@ -91,10 +91,9 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
     that has a score from SEEN_SCORE to SURE_SCORE; its own must be above SLANTED_SCORE and √STEEPER times as high.
 
     The cell's open pixels get depth t, the slopes, intensity S / G and standard deviation
-    √(q (S M₁ + (p − S)₊ M₀)) / (S C), at most T. A point of `carried` stays, measured anew at its depth, unless the
-    new one is better by MOVE_COST: (score² − score_old²) / 2.
+    √(q (S M₁ + (p − S)₊ M₀)) / (S C), at most T.
     """
-    found = _search_flat(frame, matched, state, layer, sigma, step, enough, carried, confirmed, slanted)
+    found = _search_flat(frame, matched, state, layer, sigma, step, enough, slanted)
     if slanted:
         cells, pools, is_open, flat = found
         lines, rises = _pool_down(frame, cells, sigma, step)
@@ -103,7 +102,7 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
 
 
 @fused
-def _search_flat(frame, matched, state, layer, sigma, step, enough, carried, confirmed, slanted):
+def _search_flat(frame, matched, state, layer, sigma, step, enough, slanted):
     """Search with flat windows; returns cells, pools, open pixels and scores for the slanted ones."""
     view = inner(frame, state)
     point, z, counts, exposure = (view[:, layer], *(inner(frame, values) for values in (
@@ -115,10 +114,6 @@ def _search_flat(frame, matched, state, layer, sigma, step, enough, carried, con
     shown = _shown(frame, *_peak(pools.z, frame), (0.0, 0.0), pools)
     new = _in_pixels(frame, step, shown)
     _give(point, is_open & (new[:, SCORE] > enough), new)
-    if carried is not None:
-        old = _measured(frame, inner(frame, carried)[:, layer], step, pools)
-        stays = is_open & (inner(frame, carried)[:, layer, INTENSITY] > 0) & (old[:, SCORE] > confirmed)
-        _give(point, stays & (new[:, SCORE]**2 - old[:, SCORE]**2 < 2 * MOVE_COST), old)
     return (cells, pools, is_open, shown[:, SCORE]) if slanted else None
 
 
@@ -196,14 +191,6 @@ def _in_pixels(frame, step, shown):
     depth, *more = _of_cells(frame, step, shown).unbind(1)
     right, down = (place % step - (step - 1) / 2 for place in (col, row[:, None]))
     return torch.stack([(depth + more[0] * right + more[1] * down) % frame.num_bins, *more], dim=1)
-
-
-def _measured(frame, point, step, pools):
-    """The fields up to SCORE of points by the pools at their pixels."""
-    pools = Pools(*(_of_cells(frame, step, values) for values in pools[:-1]), pools.share)
-    depth, *slopes = (point[:, field] for field in (maps.DEPTH, maps.SLOPE_COL, maps.SLOPE_ROW))
-    signal, _ = turned(pools.z.chunk(2, dim=1), waves(frame, depth))
-    return _shown(frame, depth, signal.sum(dim=1), slopes, pools)
 
 
 def _give(point, condition, new) -> None:
