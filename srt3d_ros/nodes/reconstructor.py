@@ -249,7 +249,7 @@ class ReconstructorNode(ManagedNode):
     def _publish_images(self, cloud: PointCloud, sensor: SensorModel, frame_id: str, free_m: np.ndarray | None
                         ) -> None:
         def depth() -> np.ndarray:
-            image = cloud.depth_image(sensor.projection)
+            image = cloud.depth_image()
             if free_m is not None:
                 image[free_m >= self._free.end_m(self._settings["max_range_m"])] = np.inf
             return image
