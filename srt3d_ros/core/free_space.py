@@ -57,7 +57,7 @@ class FreeSpace:
 
         Args:
             sketch: of the frame.
-            cloud: that `pooled` made of it, with all its points.
+            cloud: that `pooled` made of it alone, not of a window, with all its points.
             brightness: A, signal photons of the object's pixel in the frame at 1 m.
             max_range_m: no claim exceeds it; 0 = no limit but the end of the period or gate.
 
