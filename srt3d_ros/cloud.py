@@ -47,12 +47,18 @@ class Cloud(PointCloud):
         return f'{text}<img alt="" src="{uri}">'
 
     def save(self, path: str | Path) -> None:
-        """Write the cloud by the suffix: .npz (everything), .ply, .rrd (for rerun); or draw it: .png, .jpg.
+        """Write the cloud by the suffix: .npz (everything), .ply, .pcd, .csv, .tif (the depth image), .rrd (for rerun);
+        or draw it: .png, .jpg.
 
         Raises:
             InvalidInput: another suffix, a path that cannot be written, or an .npz file there that is no cloud.
         """
         cloud_files.save(self, path, self.notes)
+
+    def to_records(self) -> np.ndarray:
+        """The points as a structured array [N], as `pandas.DataFrame` takes it: x, y, z (metres), intensity (photons),
+        depth_std (metres), background (photons of the pixel), row, col and surface (0 for the first of its pixel)."""
+        return cloud_files.records(self)
 
     def plot(self, ax: "Axes | None" = None, *, yaw_deg: float = 15, pitch_deg: float = 10) -> "Axes":
         """Draw the cloud into axes of matplotlib: coloured by range, shaded by intensity, with a scale bar.

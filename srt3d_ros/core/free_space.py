@@ -57,7 +57,7 @@ class FreeSpace:
 
         Args:
             sketch: of the frame.
-            cloud: that `pooled` made of it, with all its points.
+            cloud: that `pooled` made of it alone, not of a window, with all its points.
             brightness: A, signal photons of the object's pixel in the frame at 1 m.
             max_range_m: no claim exceeds it; 0 = no limit but the end of the period or gate.
 
@@ -80,8 +80,11 @@ class FreeSpace:
         seen = MARGIN * self._least_intensity(most, float(cloud.clutter or 1)) / self._share[open_]
         end = self.end_m(max_range_m)
         if sketch.cycles:
-            cycles, late = sketch.armed_cycles[open_], self._sensor.late[open_]
-            claim = self._piled_up(seen, brightness, self._sensor.exposure[open_], cycles, most, late, end)
+            dead = self._sensor.dead_time
+            cost = dead.periods + dead.rest / dead.period
+            cycles = np.maximum(sketch.armed_cycles[open_] - cost * most, EPSILON)
+            light, late = brightness * cycles / sketch.cycles, self._sensor.late[open_]
+            claim = self._piled_up(seen, light, self._sensor.exposure[open_], cycles, most, late, end)
         else:
             claim = np.minimum(np.sqrt(brightness / seen), end)
         claim = np.minimum(claim, self._filters.minimum_filter(nearest, 2 * NEAR + 1, mode="nearest")[open_])
@@ -112,14 +115,17 @@ class FreeSpace:
         curve = np.interp(np.log(photons / clutter**2), self._photons, self._least)
         return clutter**2 * np.exp(curve)
 
-    def _piled_up(self, least: np.ndarray, brightness: float, g: np.ndarray, cycles: np.ndarray, photons: np.ndarray,
-                  late: np.ndarray, end_m: np.float32) -> np.ndarray:
-        """The largest R with S(R) N (1 − exp(−A g / (N R²))) / g ≥ least; S = exp(−Λ t(R) / T), Λ by `pile_up`."""
-        bins = self._sensor.num_bins
+    def _piled_up(self, least: np.ndarray, brightness: np.ndarray, g: np.ndarray, cycles: np.ndarray,
+                  photons: np.ndarray, late: np.ndarray, end_m: np.float32) -> np.ndarray:
+        """The largest R with S(R) N (1 − exp(−A g / (N R²))) / g ≥ least; S = exp(−Λ t(R) / T), Λ by `pile_up`.
+
+        After a long dead time, `cycles` are without those that the photons cost, and S = 1.
+        """
+        bins, decays = self._sensor.num_bins, float(self._sensor.dead_time.periods == 0)
         flux = -np.log1p(-np.minimum(photons / (cycles + 0.5), 1 - EPSILON))
         low, high, middle = np.zeros_like(least), np.full_like(least, end_m), np.full_like(least, end_m)
         for _ in range(1 + HALVINGS):           # the end first
-            time = np.clip((self._sensor.depth_bins(middle) + late) / bins, 0, 1)
+            time = np.clip((self._sensor.depth_bins(middle) + late) / bins, 0, decays)
             shown = -cycles * np.expm1(-brightness * g / (cycles * middle**2)) * np.exp(-flux * time) / g
             seen = shown >= least
             low, high = np.where(seen, middle, low), np.where(seen, high, middle)

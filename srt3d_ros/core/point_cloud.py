@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sensor.projection import Pinhole, Projection
+from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.errors import quoted, require
 from srt3d_ros.kernels.devices import kernels_for
 
@@ -96,12 +96,12 @@ class PointCloud:
         """Range along the ray of each pixel's first point, metres; float32 [rows, cols], NaN = no point."""
         return self._image(self._range_m())
 
-    def depth_image(self, projection: Projection) -> np.ndarray:
+    def depth_image(self) -> np.ndarray:
         """What a depth image shows (REP-118) of the first points; float32 [rows, cols], metres, NaN = no point.
 
         That is z in the optical frame for a pinhole, the range along the ray for a scanner.
         """
-        return self._image(self.xyz[:, 2]) if isinstance(projection, Pinhole) else self.range_image()
+        return self._image(self.xyz[:, 2]) if isinstance(self.sensor.projection, Pinhole) else self.range_image()
 
     def within(self, min_m: float = 0.0, max_m: float = np.inf) -> Self:
         """Only the points whose range along the ray is from `min_m` to `max_m` metres; `surface` counts those left."""

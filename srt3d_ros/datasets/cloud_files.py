@@ -1,4 +1,4 @@
-"""Save a point cloud as .npz, which `read` reads; as .ply for other programs; as a recording; or as a picture."""
+"""Save a point cloud as .npz, which `read` reads; for other programs; as a recording; or as a picture."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,18 +16,29 @@ from srt3d_ros.errors import printable, require
 from srt3d_ros.files.array_files import read_errors
 from srt3d_ros.files.new_files import atomic_write, check_output, file_errors
 
-PICTURES = (".png", ".jpg", ".jpeg")
-_NEEDED = {".rrd": ("rerun", "record")} | dict.fromkeys(PICTURES, ("matplotlib", "pictures"))   # package and extra
+PICTURES, DEPTH_IMAGES = (".png", ".jpg", ".jpeg"), (".tif", ".tiff")
+_NEEDED = {".rrd": ("rerun", "record")} | dict.fromkeys(PICTURES, ("matplotlib", "pictures")) | dict.fromkeys(
+    DEPTH_IMAGES, ("PIL", "pictures"))      # package and extra
 _JPEG_QUALITY = 90
 _TYPES = dict(zip(POINT_FIELDS, (np.uint16, np.uint16, *[np.float32] * 4, np.uint8))) | {"background": np.float32}
 _FACTS = {"stamp_ns": "stamp_ns", "method": "method", "surfaces": "surfaces", "device": "device",
           "photons": "photons_in_all", "frequencies": "frequencies"}       # fields of PointCloud: names in the file
 _FLOATS = [(name, "<f4") for name in ("x", "y", "z", "intensity")]
 _BYTES = [(name, "u1") for name in ("red", "green", "blue")]
-# Properties that CloudCompare shows as the scalar fields depth_std, ….
-_SCALARS = [("scalar_depth_std", "<f4"), ("scalar_background", "<f4"), ("scalar_row", "<u2"), ("scalar_col", "<u2"),
-            ("scalar_surface", "u1")]
+_SCALARS = [("depth_std", "<f4"), ("background", "<f4"), ("row", "<u2"), ("col", "<u2"), ("surface", "u1")]
 _PLY_TYPES = {"<f4": "float", "<u2": "ushort", "u1": "uchar"}
+
+
+def records(cloud: PointCloud) -> np.ndarray:
+    """The points as a structured array [N] of x, y, z (metres), intensity (photons), depth_std (metres), background
+    (photons of the pixel), row, col, surface."""
+    points = np.empty(len(cloud), _FLOATS + _SCALARS)
+    points["x"], points["y"], points["z"] = cloud.xyz.T
+    points["depth_std"] = cloud.depth_std_bins * cloud.sensor.bin_width_m
+    points["background"] = cloud.background[cloud.row, cloud.col]
+    for name in ("intensity", "row", "col", "surface"):
+        points[name] = getattr(cloud, name)
+    return points
 
 
 def save(cloud: PointCloud, path: str | Path, notes: tuple[str, ...] = ()) -> None:
@@ -38,9 +49,11 @@ def save(cloud: PointCloud, path: str | Path, notes: tuple[str, ...] = ()) -> No
     stamp_ns, frequencies, notes, method, surfaces, device; and the sensor, as in a photon file. Timings are left out,
     so that files are reproducible.
     .ply: binary, x y z intensity, and the range's colour as red green blue.
+    .pcd, .csv: `records`, binary for PCL, and as text with a line of names.
+    .tif: the depth image, float32 in metres, NaN = no point (needs Pillow).
     .rrd: a recording of one frame, for `rerun` (needs rerun-sdk).
     .png, .jpg: a picture (needs matplotlib).
-    A .ply also has scalar_depth_std (metres), scalar_background (photons), scalar_row, scalar_col and scalar_surface.
+    A .ply also has the other fields of `records`, as scalar_depth_std, …: CloudCompare's scalar fields.
 
     Raises:
         InvalidInput: another suffix, or a file that cannot be written.
@@ -99,22 +112,40 @@ def read(path: Path, options: Options) -> Reading:
 def _save_ply(cloud: PointCloud, path: Path, _: tuple[str, ...]) -> None:
     from srt3d_ros.pictures.colours import levels, percentile_range, range_table
 
-    properties = _FLOATS + _BYTES + _SCALARS
-    points = np.empty(len(cloud), properties)
-    points["x"], points["y"], points["z"] = cloud.xyz.T
-    points["intensity"] = cloud.intensity
+    properties = _FLOATS + _BYTES + [(f"scalar_{name}", kind) for name, kind in _SCALARS]
+    points, columns = np.empty(len(cloud), properties), records(cloud)
+    for name in columns.dtype.names:
+        points[name if name in points.dtype.names else f"scalar_{name}"] = columns[name]
     range_m = np.linalg.norm(cloud.xyz, axis=1)
     level = levels(range_m, *percentile_range(range_m) or (0, 1))
     points["red"], points["green"], points["blue"] = range_table()[level].T
-    points["scalar_depth_std"] = cloud.depth_std_bins * cloud.sensor.bin_width_m
-    points["scalar_background"] = cloud.background[cloud.row, cloud.col]
-    for name in ("row", "col", "surface"):
-        points[f"scalar_{name}"] = getattr(cloud, name)
     frame = printable(cloud.sensor.frame_id)
     header = ["ply", "format binary_little_endian 1.0", f"comment metres in the frame {frame}",
               f"element vertex {len(points)}"]
     header += [f"property {_PLY_TYPES[kind]} {name}" for name, kind in properties]
     path.write_bytes("\n".join([*header, "end_header\n"]).encode() + points.tobytes())
+
+
+def _save_pcd(cloud: PointCloud, path: Path, _: tuple[str, ...]) -> None:
+    points = records(cloud)
+    kinds = [points.dtype[name] for name in points.dtype.names]
+    header = {"VERSION": [0.7], "FIELDS": points.dtype.names, "SIZE": [kind.itemsize for kind in kinds],
+              "TYPE": [kind.kind.upper() for kind in kinds], "COUNT": [1] * len(kinds), "WIDTH": [len(points)],
+              "HEIGHT": [1], "VIEWPOINT": [0, 0, 0, 1, 0, 0, 0], "POINTS": [len(points)], "DATA": ["binary"]}
+    lines = [" ".join(map(str, (name, *values))) for name, values in header.items()]
+    path.write_bytes("\n".join([*lines, ""]).encode() + points.tobytes())
+
+
+def _save_csv(cloud: PointCloud, path: Path, _: tuple[str, ...]) -> None:
+    points = records(cloud)
+    forms = ["%.9g" if points.dtype[name].kind == "f" else "%d" for name in points.dtype.names]     # float32 exactly
+    np.savetxt(path, points, forms, ",", header=",".join(points.dtype.names), comments="")
+
+
+def _save_depth(cloud: PointCloud, path: Path, _: tuple[str, ...]) -> None:
+    from PIL import Image
+
+    Image.fromarray(cloud.depth_image()).save(path, "TIFF")
 
 
 def _save_recording(cloud: PointCloud, path: Path, notes: tuple[str, ...]) -> None:
@@ -131,5 +162,5 @@ def _save_picture(cloud: PointCloud, path: Path, _: tuple[str, ...]) -> None:
 
 
 _WRITERS: dict[str, Callable[[PointCloud, Path, tuple[str, ...]], None]] = {
-    ".npz": _save_npz, ".ply": _save_ply,
-} | dict.fromkeys(PICTURES, _save_picture) | {".rrd": _save_recording}
+    ".npz": _save_npz, ".ply": _save_ply, ".pcd": _save_pcd, ".csv": _save_csv,
+} | dict.fromkeys(DEPTH_IMAGES, _save_depth) | dict.fromkeys(PICTURES, _save_picture) | {".rrd": _save_recording}

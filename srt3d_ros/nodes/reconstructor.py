@@ -49,8 +49,8 @@ PARAMETERS = (
     Parameter("max_range_m", 0.0, "Omit points farther than this; 0 = no limit.", "m", low=0.0, live=True),
     Parameter("free_brightness", 0.0, "Publish on `free` how far pixels without a point hold nothing so bright or "
               "brighter: signal photons that the darkest object of interest sends into a pixel in a frame from 1 m "
-              "(docs/robot-stack.md says how to measure it); 0 = nothing is claimed. Only with method pooled.",
-              "photons", low=0.0, live=True),
+              "(docs/robot-stack.md says how to measure it); 0 = nothing is claimed. Only with method pooled and "
+              "`window_frames` of 1.", "photons", low=0.0, live=True),
 )
 
 
@@ -62,6 +62,9 @@ def check(values: Values) -> None:
     require(farthest == 0 or nearest < farthest, "min_range_m", nearest, f"less than max_range_m, {farthest:g} m")
     require(values["free_brightness"] == 0 or values["method"] == "pooled", "free_brightness",
             values["free_brightness"], f"0 with method {values['method']}: only pooled tells what is empty")
+    require(values["free_brightness"] == 0 or values["window_frames"] == 1, "free_brightness",
+            values["free_brightness"], f"0 with window_frames {values['window_frames']}: what appears is found later "
+            "in a window than in its first frame")
 
 
 def options(values: Values) -> Values:
@@ -246,7 +249,7 @@ class ReconstructorNode(ManagedNode):
     def _publish_images(self, cloud: PointCloud, sensor: SensorModel, frame_id: str, free_m: np.ndarray | None
                         ) -> None:
         def depth() -> np.ndarray:
-            image = cloud.depth_image(sensor.projection)
+            image = cloud.depth_image()
             if free_m is not None:
                 image[free_m >= self._free.end_m(self._settings["max_range_m"])] = np.inf
             return image

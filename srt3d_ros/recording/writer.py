@@ -303,7 +303,7 @@ def record_cloud(cloud: PointCloud, path: Path, notes: tuple[str, ...] = ()) -> 
     """Write a recording of one frame to a new file; OSError if that fails."""
     facts = {"method": cloud.method, "device": cloud.device, "frequencies": cloud.frequencies, "notes": notes}
     at, pixels = (cloud.stamp_ns, 0), cloud.background.size
-    images = (cloud.depth_image(cloud.sensor.projection), cloud.image("intensity"), cloud.background)
+    images = (cloud.depth_image(), cloud.image("intensity"), cloud.background)
     try:
         with RecordingWriter(path, cloud.sensor, {entities.RUN: facts}, images=_STILL_IMAGES, still=True) as writer:
             writer.log_cloud(*at, cloud.xyz, cloud.intensity, row=cloud.row, col=cloud.col, surface=cloud.surface,

@@ -74,6 +74,9 @@ def test_photons_that_come_before_in_a_cycle_shorten_claims():
     without_m = np.nanmedian(FREE.range_m(replace(empty, cycles=0, sensor=SENSOR), cloud, 400.0))
     survival = np.exp(np.log1p(-0.6) * SENSOR.depth_bins(claim_m) / SENSOR.num_bins)
     assert claim_m == pytest.approx(without_m * np.sqrt(survival), rel=0.06)
+    dead = sensor.replace(dead_time_s=1.2 * SENSOR.num_bins * SENSOR.bin_width_s)
+    claim_m = np.nanmedian(FreeSpace(dead, FREQUENCIES).range_m(replace(empty, sensor=dead), cloud, 400.0))
+    assert 0.5 < claim_m / (without_m * np.sqrt(0.28)) < 1      # live in 28 of 100 cycles
 
 
 def test_gain_mask_limits_and_points_near_end_claims():

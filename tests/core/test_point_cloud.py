@@ -1,5 +1,7 @@
 """Cloud: its images, limits and the order of a pixel's points."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,10 @@ from srt3d_ros.errors import InvalidInput
 
 NAN = np.nan
 METRES = SensorModel(2, 3, 100, 2 / SPEED_OF_LIGHT, [1.0])      # a bin is a metre
+
+
+def seen_by(projection, cloud: PointCloud) -> PointCloud:
+    return replace(cloud, sensor=cloud.sensor.replace(projection=projection))
 
 
 @pytest.fixture
@@ -28,8 +34,8 @@ def two_in_one_pixel() -> PointCloud:
     (lambda cloud: cloud.image("depth_std_bins"), [[NAN, 0.5, NAN], [NAN, NAN, 0.25]]),
     (lambda cloud: cloud.image("depth_bins", surface=1), [[NAN, 6, NAN], [NAN] * 3]),
     (lambda cloud: cloud.range_image(), [[NAN, 2, NAN], [NAN, NAN, 5]]),
-    (lambda cloud: cloud.depth_image(Pinhole(10, 10, 1, 0.5)), [[NAN, 2, NAN], [NAN, NAN, 4]]),
-    (lambda cloud: cloud.depth_image(AngularScan(0, 0.1, 0, 0.1)), [[NAN, 2, NAN], [NAN, NAN, 5]])])
+    (lambda cloud: seen_by(Pinhole(10, 10, 1, 0.5), cloud).depth_image(), [[NAN, 2, NAN], [NAN, NAN, 4]]),
+    (lambda cloud: seen_by(AngularScan(0, 0.1, 0, 0.1), cloud).depth_image(), [[NAN, 2, NAN], [NAN, NAN, 5]])])
 def test_images_show_the_first_points_and_nan_elsewhere(two_in_one_pixel, image, expected):
     shown = image(two_in_one_pixel)
     assert shown.dtype == np.float32

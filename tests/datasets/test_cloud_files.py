@@ -54,6 +54,33 @@ def test_ply_holds_the_points_their_colours_and_what_cloudcompare_shows_as_scala
     assert near["red"] > 200 and near["green"] > 200 and far["blue"] > max(far["red"], far["green"])
 
 
+def test_pcd_is_as_its_document_says(saved, ball):
+    """https://pointclouds.org/documentation/tutorials/pcd_file_format.html: this order of lines, then packed points."""
+    head, _, body = saved("a.pcd").read_bytes().partition(b"DATA binary\n")
+    lines = [line.split() for line in head.decode("ascii").splitlines()]
+    assert " ".join(name for name, *_ in lines) == "VERSION FIELDS SIZE TYPE COUNT WIDTH HEIGHT VIEWPOINT POINTS"
+    header = {name: values for name, *values in lines}
+    assert (header["VERSION"], header["HEIGHT"], header["WIDTH"]) == (["0.7"], ["1"], header["POINTS"])
+    kinds = [f"<{kind.lower()}{size}" for kind, size in zip(header["TYPE"], header["SIZE"], strict=True)]
+    points = np.frombuffer(body, list(zip(header["FIELDS"], kinds, strict=True)))
+    assert np.array_equal(points, ball[0].to_records()) and header["POINTS"] == [str(len(ball[0]))]
+
+
+def test_csv_has_every_number_to_the_bit(saved, ball):
+    records = ball[0].to_records()
+    read = np.genfromtxt(saved("a.csv"), delimiter=",", names=True, dtype=np.float64)
+    assert read.dtype.names == records.dtype.names
+    for name in records.dtype.names:
+        assert np.array_equal(read[name].astype(records.dtype[name]), records[name]), name
+    assert np.array_equal(np.stack([records[axis] for axis in "xyz"], axis=1), ball[0].xyz)
+
+
+def test_tif_is_the_depth_image(saved, ball):
+    with Image.open(saved("a.tif")) as image:
+        assert (image.format, image.mode) == ("TIFF", "F")
+        assert np.array_equal(np.asarray(image), ball[0].depth_image(), equal_nan=True)
+
+
 def test_a_picture_shows_the_cloud(saved, ball):
     with Image.open(saved("a.JPEG", ball[0])) as image:
         assert (image.format, image.size) == ("JPEG", (1200, 900))
@@ -71,10 +98,11 @@ def test_a_missing_package_is_named_before_anything_is_computed(monkeypatch, tmp
 def test_an_empty_cloud_is_a_valid_file(saved, ball):
     nothing = ball[0].within(max_m=0)
     assert len(np.load(saved("a.npz", nothing))["row"]) == len(read_ply(saved("a.ply", nothing))) == 0
+    assert saved("a.csv", nothing).read_text().count("\n") == 1 and b"POINTS 0" in saved("a.pcd", nothing).read_bytes()
 
 
 @pytest.mark.parametrize("name, expected", [
-    ("cloud.las", "output is .*cloud.las: expected a file name that ends in .npz, .ply, .png"),
+    ("cloud.las", "output is .*cloud.las: expected a file name that ends in .npz, .ply, .pcd, .csv, .tif"),
     ("cloud", "output is .*cloud: expected a file name that ends in"),
     ("absent/cloud.ply", "Cannot write .*cloud.ply: there is no directory .*absent"),
     ("folder.ply", "Cannot write .*folder.ply: it is a directory"),

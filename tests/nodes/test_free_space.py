@@ -110,3 +110,5 @@ def test_depth_says_where_it_is_empty_and_nothing_is_claimed_without_a_brightnes
     assert len(spad.free) == seen
     assert spad.graph.set("reconstructor", method="smle", free_brightness=5.0).startswith(
         "free_brightness is 5.0: expected 0 with method smle")
+    assert spad.graph.set("reconstructor", window_frames=3, free_brightness=5.0).startswith(
+        "free_brightness is 5.0: expected 0 with window_frames 3")

@@ -135,7 +135,7 @@ def test_arrays_may_be_reused_after_logging_and_need_not_be_contiguous(tmp_path)
 
 def test_depth_is_yellow_when_near_and_black_where_there_is_none(tmp_path, ball):
     """The viewer turns its map round for a range that falls, and draws one image over the other."""
-    depth_m = ball[0].depth_image(ball[1].projection)
+    depth_m = ball[0].depth_image()
     drawn = entities.image(entities.DEPTH_PATH, depth_m, 1.0, 1.5)[entities.DEPTH_PATH][0]
     far, near = drawn.depth_range.as_arrow_array()[0].as_py()
     assert (far, near) == pytest.approx((1.5 + 0.5 * 45 / 210, 1.0))

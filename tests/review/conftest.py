@@ -71,7 +71,7 @@ def _write(path, cloud, sensor, frames=FRAMES, missing=MISSING, more=lambda stre
         stream.log("/points", rr.Points3D(cloud.xyz[:n], colors=np.full(n, 0xFF8000FF, np.uint32), radii=0.01),
                    rr.AnyValues(intensity=pa.array(cloud.intensity[:n]),
                                 depth_std=pa.array(cloud.depth_std_bins[:n] * np.float32(sensor.bin_width_m))))
-        stream.log("/depth", *entities.image("/depth", cloud.depth_image(sensor.projection), 0, 1)["/depth"])
+        stream.log("/depth", *entities.image("/depth", cloud.depth_image(), 0, 1)["/depth"])
         stream.log("/background", rr.DepthImage(cloud.background.astype(np.float16)))
         series = {"latency_ms": 30 + frame, "latency_sketch_ms": 5, "points": n, "photons": 9000 + k, "ppp": 4.5}
         for name, value in series.items():
