@@ -54,7 +54,7 @@ SCENES = {"bust, SBR 1, 1 ppp": ("bust", 1, 1, False), "bust, SBR 0.1, 10 ppp": 
 MOTION, STEEP = "room from a moving sensor, 3 ppp", "steep wall, SBR 0.1, 20 ppp"
 # Not varied: limits, margins, what equals VOTE, rounding, constants of other methods, what `false_alarms` measures.
 FIXED = ("MAX_SKETCH_SIZE", "MAX_PIXEL_PHOTONS", "REACH", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "VOTE_RADIUS",
-         "SEEN_SCORE", "TINY", "EPSILON", "BIRTH_COST", "FEWER_COST", "DEAD_LIMIT", "MOVE_COST")
+         "SEEN_SCORE", "TINY", "EPSILON", "BIRTH_COST", "FEWER_COST", "DEAD_LIMIT", "MOVE_COST", "PLANE_STEP")
 VOTES = "VOTE", "BIRTH_COST", "FEWER_COST", "DEAD_LIMIT", "MOVE_COST"       # equal, and varied together
 OFF = {"START_SCALES": (0.0, 2.5), "WINDOWS": ((2.0, 4, 2), (9.0, 4, 1)), "LIKENESS": 1e6,
        "VOTE": 0, "MAX_VOTES": 1e6, "EMPTY_VOTES": 0, "SPREAD": 0, "WRONG_IRF": 0, "SHARP": 1}
