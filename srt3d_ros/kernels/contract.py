@@ -72,6 +72,9 @@ class Kernels(Protocol):
             slanted: windows along planes, too; for a sigma above 0.
         """
 
+    def turn_planes(self, frame, state: Array) -> None:
+        """Turn the planes of first surfaces to what the depths around show, in place."""
+
     def residual(self, frame, state: Array, terms: Array, layer: int) -> Array:
         """`matched` without what the surfaces but `layer` explain."""
 

@@ -17,6 +17,7 @@ from srt3d_ros.kernels.cpu.method.finalise import background, collect, drop_weak
 from srt3d_ros.kernels.cpu.method.growth import drop_ghosts
 from srt3d_ros.kernels.cpu.method.likelihood import log_likelihood_ratio
 from srt3d_ros.kernels.cpu.method.match import match
+from srt3d_ros.kernels.cpu.method.planes import turn_planes
 from srt3d_ros.kernels.cpu.method.pooled_step import pooled_step
 from srt3d_ros.kernels.cpu.method.search import no_surfaces, search
 from srt3d_ros.kernels.cpu.method.sketches import expand, prepare, residual, unexplained
@@ -36,7 +37,7 @@ from srt3d_ros.kernels.maps import UNIT
 
 OTHER_METHODS = "apss", "gradients", "match"        # modules whose kernels no frame of the default method needs
 IN_A_WORKSPACE = (birth_death, drop_blobs, drop_ghosts, expand, finalise, log_likelihood_ratio, no_surfaces,
-                  pooled_step, prepare, residual, search, trim, unexplained)
+                  pooled_step, prepare, residual, search, trim, turn_planes, unexplained)
 ANYWHERE = (apss, array, as_frame, background, blur, collect, drop_weak, local_mean, match, median_depth, numpy,
             pixelwise, unpack, usual_intensity)
 
