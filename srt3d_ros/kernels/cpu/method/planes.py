@@ -4,28 +4,30 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.kernels.constants import PLANE_RADIUS, PLANE_STEP, SLANT, TURN_GAIN
-from srt3d_ros.kernels.cpu.arithmetic import F32, ZERO, agreement, wrap
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, agreement, wrap
 from srt3d_ros.kernels.cpu.compiling import floats3d, floats4d, inline, line, parallel
 from srt3d_ros.kernels.cpu.method.frame import Frame, columns
 from srt3d_ros.kernels.cpu.vectors import fma, full, lanes_of, load, store, where
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, MARGIN, SLOPE_COL, SLOPE_ROW
 
-ANY = F32(np.inf)       # tolerance with which all points agree; a support that no plane has
+NEVER = F32(np.inf)     # a support that no plane has
 GAIN, SLOPES = F32(TURN_GAIN), (SLOPE_COL, SLOPE_ROW)
 
 
 @line
 def _support(place, slope_col, slope_row, tolerance, period, state):
-    """Σ (1 − e² / tolerance)₊² over the points around, e their depths off the planes."""
-    (i, j), support = place, full(ZERO)
+    """Σ (1 − e² / tolerance)₊² over the points around, e their depths off the planes; and how many these are."""
+    (i, j), support, most = place, full(ZERO), full(ZERO)
     depth = load(state, i, 0, DEPTH, j)
     for dy in range(-PLANE_RADIUS, PLANE_RADIUS + 1, PLANE_STEP):
         for dx in range(-PLANE_RADIUS, PLANE_RADIUS + 1, PLANE_STEP):
             if dy != 0 or dx != 0:
                 plane = fma(slope_col, F32(dx), fma(slope_row, F32(dy), depth))
                 same = agreement(wrap(load(state, i + dy, 0, DEPTH, j + dx) - plane, period), tolerance)
-                support += where(load(state, i + dy, 0, INTENSITY, j + dx) > ZERO, same * same, ZERO)
-    return support
+                there = load(state, i + dy, 0, INTENSITY, j + dx) > ZERO
+                support += where(there, same * same, ZERO)
+                most += where(there, ONE, ZERO)
+    return support, most
 
 
 @inline
@@ -55,7 +57,7 @@ def _turn(place, own, least, tolerance, period, state):
                     slope_col, beside = _rise(0, right * PLANE_RADIUS, own[0], place, period, state)
                     slope_row, below = _rise(1, down * PLANE_RADIUS, own[1], place, period, state)
                     there = beside & below
-                support = _support(place, slope_col, slope_row, tolerance, period, state)
+                support, _ = _support(place, slope_col, slope_row, tolerance, period, state)
                 better = there & (support > least)
                 least = where(better, support, least)
                 best_col, best_row = where(better, slope_col, best_col), where(better, slope_row, best_row)
@@ -68,9 +70,9 @@ def _turn_planes(frame: Frame, state: floats4d, turned: floats3d):
     for i in prange(MARGIN, len(state) - MARGIN):
         for j in columns(state):
             slope_col, slope_row = load(state, i, 0, SLOPE_COL, j), load(state, i, 0, SLOPE_ROW, j)
-            own = _support((i, j), slope_col, slope_row, tolerance, frame.period, state)
-            least = where(load(state, i, 0, INTENSITY, j) > ZERO, GAIN * own, ANY)
-            if lanes_of(least < _support((i, j), slope_col, slope_row, ANY, frame.period, state)) != 0:
+            own, most = _support((i, j), slope_col, slope_row, tolerance, frame.period, state)
+            least = where(load(state, i, 0, INTENSITY, j) > ZERO, GAIN * own, NEVER)
+            if lanes_of(least < most) != 0:
                 slope_col, slope_row = _turn((i, j), (slope_col, slope_row), least, tolerance, frame.period, state)
             store(turned, i, 0, j, slope_col)
             store(turned, i, 1, j, slope_row)
