@@ -170,7 +170,7 @@ def test_a_recording_that_is_deleted_is_an_error_until_another_begins(speaker, t
     speaker.restart()
     graph.wait(lambda: speaker.recorder.text.count(f"recording to {path}") == 2, "another recording")
     graph.wait(lambda: graph.report("recorder")["level"] != DiagnosticStatus.ERROR, "the end of the error")
-    assert path.exists()
+    graph.wait(path.exists, "its file")
 
 
 def test_a_bad_description_is_an_error_until_a_good_one_comes_and_then_in_one_report(speaker):

@@ -112,7 +112,7 @@ class Pooled:
             return found, background.learned(learned, found.unexplained)
         if frames.surfaces > 1:     # further surfaces would be fitted to the background, so one a pixel decides on it
             _, settled = self._first(frames.with_one_surface, sketch)
-            candidates = candidates[:1] if settled.mean is None else [settled]
+            candidates = [learned, candidates[0] if settled.mean is None else settled]
         tried = [(frames(self._scores, sketch, background.removed(each, sketch)), each) for each in candidates]
         found, removed = min(tried, key=lambda one: one[0].unexplained.misfit)
         return found, background.learned(removed, found.unexplained)

@@ -19,7 +19,7 @@ class Scores(NamedTuple):
         find: a first surface, in the widest window.
         further: a further surface there.
         drop: points below it are removed after the first window.
-        keep: a point whose depth is known: by its neighbours, or by the frame before.
+        keep: a point whose depth is known, by its neighbours.
         whole: the best point of a surface at the end; in its outline and depth, it has grown with chance.
     """
 

@@ -64,10 +64,10 @@ def test_background_alone_shows_few_points(m, rate, ppp):
 
 
 @pytest.mark.parametrize("ppp", [5, 20])
-def test_background_alone_shows_points_but_fewer_than_are_allowed(ppp, rate=0.05, frames=20):
+def test_background_alone_shows_fewer_points_than_are_allowed(ppp, rate=0.05, frames=20):
     sensor = make_sensor(64, 64)
     points = [len(pooled(background_alone(sensor, ppp, seed), sensor, false_alarm_rate=rate)) for seed in range(frames)]
-    assert 0.1 <= sum(points) / (rate * frames * sensor.pixels) <= 1
+    assert sum(points) <= rate * frames * sensor.pixels
 
 
 # ---- Bias: a flat surface is neither too near nor too far, whatever the IRF's shape and the place in the bin
