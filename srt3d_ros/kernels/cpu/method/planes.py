@@ -48,6 +48,8 @@ def _turn(place, own, least, tolerance, period, state):
     (i, j), (best_col, best_row) = place, own
     for down in range(-1, 2):
         for right in range(-1, 2):
+            if down == 0 and right == 0:        # its own plane, both times
+                continue
             for handed_on in (True, False):
                 if handed_on:
                     row, col = i + down * PLANE_STEP, j + right * PLANE_STEP

@@ -1,5 +1,7 @@
 """Planes of the start, by the depths around."""
 
+import itertools
+
 import torch
 
 from srt3d_ros.kernels.constants import PLANE_RADIUS, PLANE_STEP, SLANT, TURN_GAIN
@@ -38,17 +40,15 @@ def turn_planes(frame, state) -> None:
     def rise(side, place, slope):
         return (slope, point[INTENSITY] > 0) if side == 0 else (apart[place] / (side * PLANE_RADIUS), there[place])
 
-    for down in (-1, 0, 1):
-        for right in (-1, 0, 1):
-            near = (middle + down) * (last + 1) + middle + right
-            slope_col, beside = rise(right, middle * (last + 1) + middle + right * middle, own[0])
-            slope_row, below = rise(down, (middle + down * middle) * (last + 1) + middle, own[1])
-            for slopes, is_there in (((around[near, SLOPE_COL], around[near, SLOPE_ROW]), there[near]),
-                                     ((slope_col, slope_row), beside & below)):
-                value = support(*slopes)
-                better = is_there & (value > least)
-                least = torch.where(better, value, least)
-                best_col, best_row = (torch.where(better, new, old)
-                                      for new, old in zip(slopes, (best_col, best_row)))
+    for down, right in (side for side in itertools.product((-1, 0, 1), repeat=2) if any(side)):
+        near = (middle + down) * (last + 1) + middle + right
+        slope_col, beside = rise(right, middle * (last + 1) + middle + right * middle, own[0])
+        slope_row, below = rise(down, (middle + down * middle) * (last + 1) + middle, own[1])
+        for slopes, is_there in (((around[near, SLOPE_COL], around[near, SLOPE_ROW]), there[near]),
+                                 ((slope_col, slope_row), beside & below)):
+            value = support(*slopes)
+            better = is_there & (value > least)
+            least = torch.where(better, value, least)
+            best_col, best_row = (torch.where(better, new, old) for new, old in zip(slopes, (best_col, best_row)))
     for field, best in zip((SLOPE_COL, SLOPE_ROW), (best_col, best_row)):
         point[field].copy_(torch.where(point[INTENSITY] > 0, best, point[field]))
