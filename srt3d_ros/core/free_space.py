@@ -80,9 +80,7 @@ class FreeSpace:
         seen = MARGIN * self._least_intensity(most, float(cloud.clutter or 1)) / self._share[open_]
         end = self.end_m(max_range_m)
         if sketch.cycles:
-            dead = self._sensor.dead_time
-            cost = dead.periods + dead.rest / dead.period
-            cycles = np.maximum(sketch.armed_cycles[open_] - cost * most, EPSILON)
+            cycles = np.maximum(sketch.armed_cycles[open_] - self._sensor.dead_time.cycles * most, EPSILON)
             light, late = brightness * cycles / sketch.cycles, self._sensor.late[open_]
             claim = self._piled_up(seen, light, self._sensor.exposure[open_], cycles, most, late, end)
         else:

@@ -9,7 +9,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.pictures.colours import BACKGROUND, GREEN, ORANGE, SKY_BLUE, YELLOW
 from srt3d_ros.pictures.viewpoint import Viewpoint
 from srt3d_ros.recording import entities
-from srt3d_ros.recording.entities import FRAME_INDEX, STAMP, metric_path
+from srt3d_ros.recording.entities import FRAME_INDEX, STAMP, metric_path, rgba
 
 # Plots from the first tab to the last: the legend and colour of each metric.
 PLOTS = {
@@ -69,7 +69,7 @@ def film_blueprint(eye: Viewpoint, sensor: SensorModel, images: tuple[str, ...],
 
 def plot_styles() -> dict[str, rr.SeriesLines]:
     """Style of each plotted metric by entity path."""
-    return {metric_path(name): rr.SeriesLines(colors=int(f"{colour[1:]}ff", 16), names=title, widths=1.5)
+    return {metric_path(name): rr.SeriesLines(colors=rgba(colour), names=title, widths=1.5)
             for metrics in PLOTS.values() for name, (title, colour) in metrics.items()}
 
 

@@ -10,7 +10,7 @@ from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.pictures.colours import BACKGROUND as BLACK
-from srt3d_ros.pictures.colours import PHOTON_MAP, RANGE_MAP
+from srt3d_ros.pictures.colours import ORANGE, PHOTON_MAP, RANGE_MAP
 from srt3d_ros.pictures.viewpoint import sensor_axes
 
 APPLICATION_ID = "srt3d_ros"
@@ -29,8 +29,13 @@ PROPERTIES = "/__properties"                        # rerun's entity path for pr
 _DARK = 45 / 210        # ratio of dark colours that colours.range_table leaves out to those that it keeps
 _LEAST_SPAN = 1e-6
 _FAN, MOST_RAYS = (38, 52, 60), 1500               # dim; more rays would hide the points
-_WAY_COLOUR, _WAY_WIDTH = (230, 159, 0), rr.Radius.ui_points(1.5)
+_WAY_WIDTH = rr.Radius.ui_points(1.5)
 _FRUSTUM, _FRUSTUM_WIDTH = (60, 66, 77), rr.Radius.ui_points(0.4)      # dim and thin, behind the points
+
+
+def rgba(colour: str) -> int:
+    """0xRRGGBBAA of an opaque colour, "#rrggbb"."""
+    return int(f"{colour[1:]}ff", 16)
 
 
 def points(columns: Mapping[str, np.ndarray], colour: np.ndarray, radius_m: float) -> list:
@@ -56,7 +61,7 @@ def fan(ends: np.ndarray) -> list:
 
 def pose(pose: Pose, last: Pose) -> dict[str, list]:
     """Archetypes by entity path of the sensor's pose, and of its way from the last one."""
-    way = rr.LineStrips3D([np.stack([last.translation, pose.translation])], colors=_WAY_COLOUR, radii=_WAY_WIDTH)
+    way = rr.LineStrips3D([np.stack([last.translation, pose.translation])], colors=rgba(ORANGE), radii=_WAY_WIDTH)
     return {POSE_PATH: [rr.Transform3D(translation=pose.translation, quaternion=pose.quaternion)], WAY_PATH: [way]}
 
 

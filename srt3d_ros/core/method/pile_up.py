@@ -49,9 +49,8 @@ def contradiction(sketch: PhaseSums) -> str:
 
 
 def _cost(sensor: SensorModel) -> float:
-    """Laser cycles that a photon costs."""
-    dead = sensor.dead_time
-    return max(dead.periods + dead.rest / dead.period, 1)
+    """Laser cycles that a photon costs, 1 at least."""
+    return max(sensor.dead_time.cycles, 1)
 
 
 class Seen(NamedTuple):

@@ -110,7 +110,9 @@ class Pooled:
         if not candidates:
             found = frames(self._scores, sketch, background.removed(learned, sketch))
             return found, background.learned(learned, found.unexplained)
-        if frames.surfaces > 1:     # further surfaces would be fitted to the background, so one a pixel decides on it
+        if frames.surfaces > 1:
+            # Further surfaces would be fitted to the background, so one a pixel tells which it is. But dim surfaces
+            # that are dropped look uneven, too: the last frame's background is tried beside it.
             _, settled = self._first(frames.with_one_surface, sketch)
             candidates = [learned, candidates[0] if settled.mean is None else settled]
         tried = [(frames(self._scores, sketch, background.removed(each, sketch)), each) for each in candidates]
@@ -142,11 +144,10 @@ class Pooled:
             sketch = replace(sketch, exposure=np.ones(sketch.photons.shape, np.float32))
         uneven = RemovedBackground(sketch.photons.astype(np.float32), np.zeros(len(sketch.frequencies), np.complex64),
                                    np.ones(sensor.num_bins, np.float32))
-        for each in dict.fromkeys(several):
-            for removed in ((),) if self._background.is_even else ((), uneven):
-                found = each(self._scores, sketch, removed)
-                if self._window is not None:
-                    _move(sketch, found.cloud)
+        kinds = ((),) if self._background.is_even else ((), uneven)
+        clouds = [each(self._scores, sketch, removed).cloud for each in dict.fromkeys(several) for removed in kinds]
+        if self._window is not None:
+            _move(sketch, clouds[0])
 
 
 def _move(sketch: PhaseSums, cloud: PointCloud) -> None:

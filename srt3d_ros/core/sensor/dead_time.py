@@ -16,6 +16,11 @@ class DeadTime(NamedTuple):
     period: float       # P, bins
     num_bins: int       # T
 
+    @property
+    def cycles(self) -> float:
+        """Laser cycles that a photon costs; 0 if the dead time is less than a period."""
+        return self.periods + self.rest / self.period
+
     def blinded(self, x: np.ndarray) -> np.ndarray:
         """How often a photon at x, in [0, P), blinds its pixel for a bin of the axis, on average."""
         after = np.clip(np.minimum(self.num_bins - x, self.rest), 0, None)
