@@ -34,6 +34,8 @@ def test_points_are_less_sure_where_their_own_photons_contradict_them(surfaces, 
     frame = make_frame((9, 96), 1)
     state = make_state(frame, surfaces, 1)
     view, terms = maps.crop(state, *frame.shape), make_terms(frame, state)
+    view[:, :, [maps.DEPTH, maps.SLOPE_COL, maps.SLOPE_ROW]] = np.array([20, 0.5, 0])[:, None]
+    view[:, :, maps.DEPTH] += 0.5 * np.arange(96)
     view[:, :, maps.STD], view[:, :, maps.RESIDUAL] = 0.05, 0
     signal = view[:, :, maps.INTENSITY] * frame.exposure[:, None]
     variance = signal * frame.moments[0] + (frame.counts[:, None] - signal) * frame.moments[1]
