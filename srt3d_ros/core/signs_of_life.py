@@ -67,7 +67,7 @@ class SignsOfLife:
         dark = around * quiet
         fallen = self._fallen(photons, dark, quiet)
         self._since = (self._since + around[1]) * quiet
-        self._sums = self._sums * np.float32(math.exp(-step_s / MEMORY_S)) + np.stack([around[0], quiet, *dark])
+        self._sums = np.stack([around[0], quiet, *dark]) + np.float32(math.exp(-step_s / MEMORY_S)) * self._sums
         recent, frames, light = self._sums[0], self._sums[1], self._sums[2:]
         now = np.where(light >= SIGNS, light / np.maximum(frames, EPSILON), 0)
         self._usual = np.maximum(self._usual * np.float32(0.5**(step_s / HALF_LIFE_S)), now)
@@ -90,7 +90,7 @@ class SignsOfLife:
 
     def _near(self, where: np.ndarray, side: int) -> np.ndarray:
         """Where any pixel of a square around is true, bool."""
-        return np.asarray(self._filters.maximum_filter(where, side), bool)
+        return np.asarray(self._filters.maximum_filter(where, side), bool) if where.any() else where
 
     def _box(self, photons: np.ndarray, side: int) -> np.ndarray:
         """Sums over squares of pixels, whole numbers, float32; 0 beyond the image."""

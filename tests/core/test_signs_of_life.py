@@ -32,7 +32,7 @@ def dying(where: np.ndarray, at: int = 40):
 
 @pytest.mark.parametrize(("b", "alive"), [(0.01, 0.0), (0.1, 0.94), (1.0, 0.999), (10.0, 1.0)])
 def test_dark_pixels_work_and_those_dead_from_the_start_do_not(b, alive):
-    last = known(b, 40, dying(BLOCK, 0))[-1]
+    last = known(b, 60, dying(BLOCK, 0))[-1]
     assert not last[BLOCK].any() and last[:, :26].mean() >= alive and last[:, :26].mean() <= alive + 0.06
 
 
