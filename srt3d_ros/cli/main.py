@@ -11,8 +11,7 @@ from srt3d_ros.errors import BAD_INPUT, InvalidInput, printable
 
 # Each has a module here with add_parser(subparsers), which sets run(args) -> int. `srt3d --help` imports all of them,
 # so slow packages (torch, ROS) are imported in run().
-COMMANDS = ("reconstruct", "info", "evaluate", "up", "health", "play", "node", "review", "demo", "compile")
-MODULES = {"play": "node"}      # modules that have another name than their command
+COMMANDS = ("reconstruct", "info", "evaluate", "up", "health", "node", "review", "demo", "compile")
 
 # The extra of this package that installs each optional package.
 EXTRAS = {"rclpy": "ros", "std_msgs": "ros", "diagnostic_msgs": "ros", "sensor_msgs": "ros", "nav_msgs": "ros",
@@ -39,8 +38,8 @@ def parser(commands: tuple[str, ...]) -> argparse.ArgumentParser:
                         epilog="Try srt3d reconstruct simulator -o cloud.png, and srt3d COMMAND --help.")
     top.add_argument("--version", action="version", version=f"srt3d {__version__}")
     subparsers = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for module in dict.fromkeys(MODULES.get(name, name) for name in commands):
-        importlib.import_module(f"srt3d_ros.cli.{module}").add_parser(subparsers)
+    for name in commands:
+        importlib.import_module(f"srt3d_ros.cli.{name}").add_parser(subparsers)
     return top
 
 
