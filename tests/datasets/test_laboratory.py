@@ -6,6 +6,7 @@ import pytest
 from srt3d_ros import read
 from srt3d_ros.errors import InvalidInput
 from tests.datasets import laboratory_files as files
+from tests.datasets.laboratory_files import t3
 
 CUBE = files.pulse_cube()
 IRF = [0.1, 0.25, 0.3, 0.25, 0.1]
@@ -18,10 +19,6 @@ def counts_of(photons) -> np.ndarray:
     sensor, counts = photons.sensor, np.zeros((photons.sensor.pixels, photons.sensor.num_bins), int)
     np.add.at(counts, (photons.frame.pixel, photons.frame.toa), 1)
     return counts.reshape(sensor.rows, sensor.cols, -1)
-
-
-def t3(tick: int, toa: int, channel: int = 0) -> int:
-    return channel << 25 | toa << 10 | tick
 
 
 @pytest.fixture
