@@ -20,7 +20,7 @@ CLOCK_HZ = 40.0     # as of `ros2 bag play --clock`
 
 def add_parser(subparsers) -> None:
     node = subparsers.add_parser(
-        "node", help="run one ROS 2 node, as `ros2 run srt3d_ros NAME` does",
+        "node",
         description="Run one node until Ctrl-C, as `ros2 run srt3d_ros NAME` does. NAME --help lists its parameters.",
         epilog="example: srt3d node sketcher --ros-args -p sketch_size:=5")
     node.add_argument("name", choices=NODES, metavar="NAME", help=", ".join(NODES))
@@ -30,7 +30,7 @@ def add_parser(subparsers) -> None:
     node.set_defaults(run=lambda args: _help(args.name) if args.ros_args[:1] in (["-h"], ["--help"])
                       else start(args.name, args.ros_args))
     parser = subparsers.add_parser(
-        "play", help="publish photons over ROS 2, from a photon file, a bag or the simulator",
+        "play",
         description="Publish the photons of a file again and again, or those of the simulator's moving scene, as a "
                     "sensor's driver does. Defaults: those of the player node. Of a bag, publish what the nodes of "
                     "this package read (docs/bags.md).")

@@ -118,6 +118,11 @@ class RecordingReader:
             dtype = ChannelDatatype(image_format["channel_datatype"]).to_np_dtype()
             yield stamp, frame, _array(buffer).view(dtype).reshape(image_format["height"], image_format["width"])
 
+    def empty_rays(self, only: Container[int] | None = None) -> Iterator[tuple[int, int, np.ndarray]]:
+        """Yield (stamp_ns, frame_index, ends of rays [N, 3], float32, metres) in the order logged."""
+        for stamp, frame, strips in self._selected(entities.FREE_PATH, only, ("LineStrips3D:strips",)):
+            yield stamp, frame, _array(strips).reshape(-1, 2, 3)[:, 1]
+
     def poses(self) -> dict[int, Pose]:
         """Poses of a sensor that moved, from its frame to a fixed one, by frame index."""
         columns = "Transform3D:translation", "Transform3D:quaternion"

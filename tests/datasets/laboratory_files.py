@@ -56,8 +56,8 @@ def phu(path: Path, curves: list[np.ndarray], bin_width_s: float, laser_hz: int 
     return path
 
 
-def sdt(path: Path, blocks: list[np.ndarray], tac_range_s: float) -> Path:
-    """An .sdt file of these images uint16 [rows, cols, bins], one data block each."""
+def sdt(path: Path, blocks: list[np.ndarray], tac_range_s: float, laser_hz: float = 0.0) -> Path:
+    """An .sdt file of these images uint16 [rows, cols, bins], one data block each; the laser's rate is StopInfo's."""
     from sdtfile import sdtfile
 
     header = np.zeros(1, np.dtype(sdtfile.FILE_HEADER).newbyteorder("<"))
@@ -65,6 +65,7 @@ def sdt(path: Path, blocks: list[np.ndarray], tac_range_s: float) -> Path:
     rows, cols, bins = blocks[0].shape
     measure["scan_x"], measure["scan_y"], measure["adc_re"] = cols, rows, bins
     measure["tac_r"], measure["tac_g"] = tac_range_s, 1
+    measure["StopInfo"]["max_sync_rate"] = laser_hz
     info = b"*IDENTIFICATION\r\nID : SPC Setup & Data File\r\n*END\r\n"
     block_type = np.dtype(sdtfile.BLOCK_HEADER).newbyteorder("<")
     header["revision"], header["header_valid"], header["chksum"] = 0x28F, 0x5555, 0x55AA

@@ -84,6 +84,13 @@ def test_the_fullest_data_set_of_an_sdt_file_is_read_unless_another_is_chosen(tm
         read(path, channel=2)
 
 
+@pytest.mark.parametrize(("laser_hz", "num_bins"), [(0, 120), (80e6, 125), (1e6, 120), (1e9, 120)])
+def test_the_period_of_an_sdt_file_is_the_laser_s_where_the_tac_records_nearly_all_of_it(tmp_path, laser_hz, num_bins):
+    pytest.importorskip("sdtfile")
+    photons = read(files.sdt(tmp_path / "a.sdt", [CUBE], 120e-10, laser_hz), irf=IRF)
+    assert photons.sensor.num_bins == num_bins and photons.photons == CUBE.sum()
+
+
 @pytest.mark.parametrize(("name", "array"), [("counts", CUBE), ("anything", np.asfortranarray(CUBE))])
 def test_npz_cubes_may_describe_their_sensor(tmp_path, name, array):
     described = {"irf": IRF, "bin_width_s": 1e-10, "fov_deg": 9.0}

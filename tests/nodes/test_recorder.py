@@ -15,7 +15,7 @@ from std_msgs.msg import String
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.datasets.simulation.motion_profiles import Measured
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import images_message, points_message, sensor_message
+from srt3d_ros.messages import free_message, images_message, points_message, sensor_message
 from srt3d_ros.messages.cdr import Header, write_cloud
 from srt3d_ros.messages.packing import pack_cloud
 from srt3d_ros.nodes.recorder import checked_images, checked_path
@@ -116,6 +116,20 @@ def test_each_activation_is_a_recording_of_its_own(speaker, tmp_path):
     assert speaker.graph.change("recorder", "deactivate")
     assert [frames_of(tmp_path / name) for name in ("a.rrd", "a_2.rrd")] == stamps
     assert speaker.graph.change("recorder", "activate")
+
+
+def test_empty_rays_are_recorded_in_the_frames_of_their_clouds(speaker, sensor, tmp_path):
+    graph, far = speaker.graph, np.full((sensor.rows, sensor.cols), np.nan, np.float32)
+    free = graph.matched(graph.publisher(PointCloud2, "free"))
+    far[:2] = 7
+    stamps = speaker.record(2)
+    free.publish(free_message.encode_cdr(far, sensor, stamps[1], "spad"))
+    graph.reports("recorder", "frames_out", graph.total("recorder", "frames_out") + 1)
+    assert graph.change("recorder", "deactivate")
+    (stamp_ns, frame, ends), = RecordingReader(tmp_path / "a.rrd").empty_rays()
+    assert (stamp_ns, frame) == (stamps[1], 1) and len(ends) == 2 * sensor.cols
+    assert np.allclose(ends, 7 * sensor.rays[:2].reshape(-1, 3), rtol=1e-6)
+    assert graph.change("recorder", "activate")
 
 
 def test_the_path_is_set_while_the_recorder_is_inactive(speaker, tmp_path):
