@@ -21,7 +21,7 @@ NO_FIGURES = "no figures: matplotlib is missing (pip install '.[pictures]' in th
 
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
-        "evaluate", help="compare the methods on simulated scenes or on photon files",
+        "evaluate",
         description="Reconstruct simulated scenes (or the photon files given) with every method and compare the "
                     "clouds with the truth: a table, DIR/results.csv, and pictures in DIR. "
                     "docs/evaluation.md explains the figures.")

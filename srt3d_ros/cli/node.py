@@ -13,7 +13,7 @@ from srt3d_ros.processes.node_command import NODES
 
 def add_parser(subparsers) -> None:
     node = subparsers.add_parser(
-        "node", help="run one ROS 2 node, as `ros2 run srt3d_ros NAME` does",
+        "node",
         description="Run one node until Ctrl-C, as `ros2 run srt3d_ros NAME` does. NAME --help lists its parameters.",
         epilog="example: srt3d node sketcher --ros-args -p sketch_size:=5")
     node.add_argument("name", choices=NODES, metavar="NAME", help=", ".join(NODES))

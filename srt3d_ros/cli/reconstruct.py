@@ -17,7 +17,7 @@ OPTIONS = design.OPTIONS | keys(MethodOptions) | {
 
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
-        "reconstruct", help="reconstruct a photon file or a frame of a bag and save the point cloud",
+        "reconstruct",
         description="Sketch the photons of a file, reconstruct them and save the cloud. Some published .mat files lack "
                     "bin width, IRF or gate: give them as options.",
         epilog="Methods. " + " ".join(f"{method.name}: {method.about}." for method in METHODS.values())

@@ -41,8 +41,7 @@ frames of the player were lost, otherwise that of the node that failed."""
 
 
 def add_parser(subparsers) -> None:
-    parser = subparsers.add_parser("up", help="run the whole pipeline",
-                                   description=ABOUT, epilog=EXAMPLES,
+    parser = subparsers.add_parser("up", description=ABOUT, epilog=EXAMPLES,
                                    formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
     add("--input", metavar="INPUT", help="photon file to play, or: simulator")

@@ -26,7 +26,7 @@ _FACTS = {"stamp_ns": "stamp_ns", "method": "method", "surfaces": "surfaces", "d
 _FLOATS = [(name, "<f4") for name in ("x", "y", "z", "intensity")]
 _BYTES = [(name, "u1") for name in ("red", "green", "blue")]
 _SCALARS = [("depth_std", "<f4"), ("background", "<f4"), ("row", "<u2"), ("col", "<u2"), ("surface", "u1")]
-_PLY_TYPES = {"<f4": "float", "<u2": "ushort", "u1": "uchar"}
+_PLY_TYPES = {"<f4": "float", "<u2": "uint16", "u1": "uchar"}      # Open3D 0.20 skips ushort
 
 
 def records(cloud: PointCloud) -> np.ndarray:

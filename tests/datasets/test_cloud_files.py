@@ -10,7 +10,7 @@ from srt3d_ros.datasets import cloud_files
 from srt3d_ros.errors import InvalidInput
 
 FREQUENCIES = (1, 2, 5)
-PLY_TYPES = {"float": "<f4", "uchar": "u1", "ushort": "<u2"}
+PLY_TYPES = {"float": "<f4", "uchar": "u1", "uint16": "<u2"}
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ import pytest
 from srt3d_ros import read
 from srt3d_ros.errors import InvalidInput
 from tests.datasets import laboratory_files as files
+from tests.datasets.laboratory_files import t3
 
 CUBE = files.pulse_cube()
 IRF = [0.1, 0.25, 0.3, 0.25, 0.1]
@@ -18,10 +19,6 @@ def counts_of(photons) -> np.ndarray:
     sensor, counts = photons.sensor, np.zeros((photons.sensor.pixels, photons.sensor.num_bins), int)
     np.add.at(counts, (photons.frame.pixel, photons.frame.toa), 1)
     return counts.reshape(sensor.rows, sensor.cols, -1)
-
-
-def t3(tick: int, toa: int, channel: int = 0) -> int:
-    return channel << 25 | toa << 10 | tick
 
 
 @pytest.fixture
@@ -85,6 +82,13 @@ def test_the_fullest_data_set_of_an_sdt_file_is_read_unless_another_is_chosen(tm
     assert np.array_equal(counts_of(read(path, irf=IRF, channel=0)), CUBE)
     with pytest.raises(InvalidInput, match="^a.sdt channel is 2: expected a data set of the file: 0, 1"):
         read(path, channel=2)
+
+
+@pytest.mark.parametrize(("laser_hz", "num_bins"), [(0, 120), (80e6, 125), (1e6, 120), (1e9, 120)])
+def test_the_period_of_an_sdt_file_is_the_laser_s_where_the_tac_records_nearly_all_of_it(tmp_path, laser_hz, num_bins):
+    pytest.importorskip("sdtfile")
+    photons = read(files.sdt(tmp_path / "a.sdt", [CUBE], 120e-10, laser_hz), irf=IRF)
+    assert photons.sensor.num_bins == num_bins and photons.photons == CUBE.sum()
 
 
 @pytest.mark.parametrize(("name", "array"), [("counts", CUBE), ("anything", np.asfortranarray(CUBE))])

@@ -71,12 +71,13 @@ def from_arrays(path: Path, arrays: dict[str, np.ndarray], options: Options, wan
         if has_photons:
             describe = from_pixels if columns == PIXEL_COLUMNS else from_events
             # The larger num_bins, so that no photon is dropped early.
-            used = Options(own | {"num_bins": options.known.get("num_bins", own["num_bins"])})
+            used = Options(own | {"num_bins": options.known.get("num_bins", own["num_bins"])},
+                           guess_irf=options.guess_irf)
             sensor, frame, assumed = describe(*(_column(name, arrays[name]) for name in columns), stamp_ns, used)
             sensor = sensor.replace(num_bins=own["num_bins"])
         else:
             counts = PhotonHistograms(np.ascontiguousarray(sendable(arrays["counts"])), stamp_ns)
-            sensor, frame, assumed = from_frame(counts, Options(own))
+            sensor, frame, assumed = from_frame(counts, Options(own, guess_irf=options.guess_irf))
         reference = _reference(values, sensor)
     notes = tuple(dict.fromkeys((*values.get("notes", ()), *assumed)))
     return Reading(sensor, frame, reference, path.stem, notes).with_options(options.without("columns"))

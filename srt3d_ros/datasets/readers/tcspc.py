@@ -17,6 +17,7 @@ from srt3d_ros.files.array_files import read_errors
 COUNT_DTYPE = np.dtype(np.uint32)
 IN_MEMORY_BYTES, MAX_COUNT_BYTES = 2**28, 2**34       # larger counts go to a temporary file
 MARKS = ("ImgHdr_LineStart", "ImgHdr_LineStop", "ImgHdr_Frame")
+LONGEST_PERIOD = 1.25       # of a TAC's range: of a longer one the bins without records would count as empty
 SUMMED = slice(None, None, -1)          # ptufile adds up the photons along an axis with this index
 
 
@@ -52,7 +53,8 @@ def read_ptu(path: Path, options: Options) -> Reading:
 def read_sdt(path: Path, options: Options) -> Reading:
     """Photons of an .sdt file, of the data set `channel`, from 0, or the one with the most. Needs sdtfile.
 
-    A block of several detectors has as many data sets. Curves [curves, bins] are a row of pixels.
+    A block of several detectors has as many data sets. Curves [curves, bins] are a row of pixels. T is the range of the
+    TAC, or the laser's period if that is a little longer.
     """
     import sdtfile
 
@@ -60,6 +62,8 @@ def read_sdt(path: Path, options: Options) -> Reading:
         sets = [(part, times) for counts, times in zip(file.data, file.times, strict=True)
                 if counts.size and counts.dtype.kind in "iu"
                 for part in counts.reshape(-1, *(1, 1, *counts.shape)[-3:])]
+        names = file.measure_info[0].dtype.names
+        laser_hz = float(file.measure_info[0]["StopInfo"]["max_sync_rate"].item()) if "StopInfo" in names else 0.0
     with read_errors(path):
         require(len(sets) > 0, "data sets", problem="The file has no histograms.")
         listed = ", ".join(map(str, range(len(sets))))
@@ -71,7 +75,11 @@ def read_sdt(path: Path, options: Options) -> Reading:
             notes = (f"photons of data set {chosen}, which has the most, of {listed} (--channel)",)
     counts, times = sets[chosen]
     width_s = float(times[1] - times[0]) if len(times) > 1 else 0.0
-    return cube(path, counts, options.without("channel"), {"bin_width_s": width_s} if width_s else {}, notes)
+    stated = {"bin_width_s": width_s} if width_s else {}
+    period = round(1 / (laser_hz * width_s)) if laser_hz * width_s > 1e-9 else 0
+    if counts.shape[2] < period <= LONGEST_PERIOD * counts.shape[2]:
+        stated["num_bins"] = period
+    return cube(path, counts, options.without("channel"), stated, notes)
 
 
 def _bins(ptu: Any) -> tuple[int, float]:

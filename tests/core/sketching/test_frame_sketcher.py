@@ -57,7 +57,7 @@ def test_sketch_is_the_mean_of_the_photons_phases(dtype, ordered):
     assert sketch.frequencies == FREQUENCIES and sketch.stamp_ns == 1_000
 
 
-@pytest.mark.parametrize(("num_bins", "steps"), [(100, 16), (20_000, 3), (65_535, 1)])
+@pytest.mark.parametrize(("num_bins", "steps"), [(100, 16), (20_000, 3), (65_535, 1), (65_536, 1)])
 def test_times_with_fractions_are_rounded_as_finely_as_16_bits_allow(num_bins, steps):
     sensor = SensorModel(1, 4, num_bins, 1e-10, [1.0])
     toa = np.array([0, 1 / 3, num_bins - 2 + 0.4, num_bins - 0.004], np.float32)
