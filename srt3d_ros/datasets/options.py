@@ -28,7 +28,7 @@ SENSOR_OPTIONS = tuple(name for name in SensorModel.__dataclass_fields__ if name
 SENSOR_DEFAULTS = {name: key.default for name, key in keys(SensorModel).items()}
 Values = np.ndarray | Sequence
 AXES = ("rows", "cols", "bins")
-FILE_OPTIONS = {"channel": "Only .ptu, .sdt and Photon-HDF5 files have channels.",
+FILE_OPTIONS = {"channel": "Only .ptu, .phu, .sdt and Photon-HDF5 files have channels.",
                 "axes": "Only arrays of counts have axes.",
                 "columns": "Only .npz, HDF5 and .mat files of photons have columns."}
 PIXEL_MAPS = tuple(name for name, key in keys(SensorModel).items() if key.dtype and name != "irf")

@@ -2,12 +2,14 @@
 
 import logging
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from srt3d_ros.errors import require
 from srt3d_ros.files.array_files import read_errors
+
+LONGEST_PERIOD = 1.25       # of what is recorded: of a longer one the bins without records would count as empty
 
 
 class Histograms(NamedTuple):
@@ -15,7 +17,7 @@ class Histograms(NamedTuple):
 
     counts: np.ndarray          # whole numbers [..., bins]
     bin_width_s: float          # 0 if the file has none
-    period_bins: int = 0        # of the laser, rounded up; 0 if the file has none
+    period_bins: int = 0        # of the laser, if it is stated and nearly all of it was recorded, else 0
 
 
 def sdt_sets(path: Path) -> list[Histograms]:
@@ -26,7 +28,9 @@ def sdt_sets(path: Path) -> list[Histograms]:
     import sdtfile
 
     with read_errors(path, "a complete Becker & Hickl .sdt file of histograms"), sdtfile.SdtFile(path) as file:
-        sets = [Histograms(part, float(times[1] - times[0]) if len(times) > 1 else 0.0)
+        names = file.measure_info[0].dtype.names
+        laser_hz = float(file.measure_info[0]["StopInfo"]["max_sync_rate"].item()) if "StopInfo" in names else 0.0
+        sets = [_histograms(part, float(times[1] - times[0]) if len(times) > 1 else 0.0, laser_hz, part.shape[-1])
                 for counts, times in zip(file.data, file.times, strict=True)
                 if counts.size and counts.dtype.kind in "iu"
                 for part in counts.reshape(-1, *(1, 1, *counts.shape)[-3:])]
@@ -47,8 +51,8 @@ def phu_curves(path: Path) -> list[Histograms]:
         rates = tags.get("HistResDscr_SyncRate") or [tags.get("HistResult_SyncRate", 0)] * curves
         found = file.histograms()
         require([len(one) for one in found] == lengths, "", problem="The file is cut off.")
-    return [Histograms(np.trim_zeros(counts, "b"), float(width_s), _period_bins(rate, width_s))
-            for counts, width_s, rate in zip(found, widths, rates, strict=True)]
+    return [_histograms(np.trim_zeros(counts, "b"), float(width_s), rate, bins)
+            for counts, width_s, rate, bins in zip(found, widths, rates, lengths, strict=True)]
 
 
 def ptu_channels(path: Path) -> list[Histograms]:
@@ -58,9 +62,18 @@ def ptu_channels(path: Path) -> list[Histograms]:
     logging.getLogger("ptufile").disabled = True        # what it logs of a damaged file is in the error
     with read_errors(path, "a complete PicoQuant .ptu file"), ptufile.PtuFile(path) as file:
         require(file.is_t3, "measurement mode", "T2", "T3, whose photons have times since the laser's pulse")
-        width_s, bins = file.tcspc_resolution, file.number_bins_max
-        bins = min(_period_bins(1 / file.global_resolution, width_s) or bins, bins)
+        bins, width_s = ptu_bins(file)
         return [Histograms(counts, width_s, bins) for counts in file.decode_histogram(dtime=bins, dtype=np.uint32)]
+
+
+def ptu_bins(file: Any) -> tuple[int, float]:
+    """T and the bin width in seconds of an open T3 .ptu file."""
+    width_s, period_s = file.tcspc_resolution, file.global_resolution
+    require(0 < width_s <= period_s < 1, "MeasDesc_Resolution, MeasDesc_GlobalResolution", f"{width_s:g}, {period_s:g}",
+            "the bin and the laser period, in seconds")
+    # Round up: a period that is not a whole number of bins ends inside the last one.
+    return min(int(np.ceil(period_s / width_s - 1e-3)), file.number_bins_max), width_s
+
 
 
 READERS = {".sdt": sdt_sets, ".phu": phu_curves, ".ptu": ptu_channels}
@@ -71,6 +84,7 @@ def brightest(sets: list[Histograms]) -> int:
     return int(np.argmax([one.counts.sum(dtype=np.float64) for one in sets]))
 
 
-def _period_bins(rate_hz: float, width_s: float) -> int:
-    """Bins of a laser period; a period that ends inside a bin includes it."""
-    return int(np.ceil(1 / (rate_hz * width_s) - 1e-3)) if rate_hz > 0 and width_s > 0 else 0
+def _histograms(counts: np.ndarray, width_s: float, laser_hz: float, recorded: int) -> Histograms:
+    """A data set of so many recorded bins, whose last ones may be left out of the counts."""
+    period = round(1 / (laser_hz * width_s)) if laser_hz * width_s > 1e-9 else 0
+    return Histograms(counts, width_s, period if period <= LONGEST_PERIOD * recorded else 0)

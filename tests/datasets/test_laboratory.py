@@ -91,6 +91,26 @@ def test_the_period_of_an_sdt_file_is_the_laser_s_where_the_tac_records_nearly_a
     assert photons.sensor.num_bins == num_bins and photons.photons == CUBE.sum()
 
 
+@pytest.mark.parametrize(("laser_hz", "num_bins", "said"), [
+    (80_000_000, 125, ""), (0, 44, "T taken to be 44 bins, up to the last photon"),
+    (1_000_000_000, 44, "have photons: the laser's rate in the file means 10")])
+def test_a_phu_file_gives_its_brightest_curve_or_one_a_pixel(tmp_path, laser_hz, num_bins, said):
+    pytest.importorskip("ptufile")
+    curves = [np.roll(np.pad(np.array([9, 30, 8]), (0, 117)), at) for at in (40, 30, 20, 41)]
+    curves[1] *= 2
+    path = files.phu(tmp_path / "a.phu", curves, 1e-10, laser_hz)
+    photons = read(path, irf=IRF, rows=2, cols=2)
+    assert photons.sensor.num_bins == num_bins and said in " ".join(photons.notes)
+    assert np.array_equal(counts_of(photons).reshape(4, -1)[:, :44], np.array(curves)[:, :44])
+    alone = read(path, irf=IRF)
+    assert np.array_equal(np.trim_zeros(counts_of(alone).ravel(), "b"), np.trim_zeros(curves[1], "b"))
+    assert "photons of data set 1" in alone.notes[0]
+    assert read(path, irf=IRF, channel=3).photons == 47
+    (tmp_path / "a.phu").write_bytes(path.read_bytes()[:-8])
+    with pytest.raises(InvalidInput, match="^a.phu: The file is cut off"):
+        read(path)
+
+
 @pytest.mark.parametrize(("name", "array"), [("counts", CUBE), ("anything", np.asfortranarray(CUBE))])
 def test_npz_cubes_may_describe_their_sensor(tmp_path, name, array):
     described = {"irf": IRF, "bin_width_s": 1e-10, "fov_deg": 9.0}
