@@ -30,7 +30,7 @@ Values = np.ndarray | Sequence
 AXES = ("rows", "cols", "bins")
 FILE_OPTIONS = {"channel": "Only .ptu, .phu, .sdt and Photon-HDF5 files have channels.",
                 "axes": "Only arrays of counts have axes.",
-                "columns": "Only .npz, HDF5 and .mat files of photons have columns."}
+                "columns": "Only .npz, HDF5, .mat and .csv files of photons have columns."}
 PIXEL_MAPS = tuple(name for name, key in keys(SensorModel).items() if key.dtype and name != "irf")
 
 
@@ -69,9 +69,10 @@ class SensorOptions(TypedDict, total=False):
     channel: Annotated[int, Key("detector channel or data set (default: brightest; all for Photon-HDF5)", option=True)]
     axes: Annotated[str | tuple[str, str, str], Key(
         "order of the axes of an array of counts: bins,rows,cols (default: rows,cols,bins)", option=True)]
-    columns: Annotated[str | tuple[str, str, str], Key(
+    columns: Annotated[str | tuple[str, ...], Key(
         "names of the arrays with row, column and ToA of each photon (default: row,col,toa)",
-        more="y,x,t say; in a group of HDF5 scan/y", option=True)]
+        more="y,x,t say; two are pixel index and ToA, one the ToA of a single pixel; in an HDF5 group or table scan/y",
+        option=True)]
 
 
 def option_keys() -> dict[str, Key]:
@@ -135,7 +136,7 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None, guess_
     if "gate" in given:
         given["gate"] = gate = parse(given["gate"])
         require(not isinstance(gate, str), "gate", quoted(gate), "first and last bin, both kept")
-    given |= {name: _three_names(name, given[name]) for name in ("axes", "columns") if name in given}
+    given |= {name: _names(name, given[name]) for name in ("axes", "columns") if name in given}
     given |= {name: array(name, given[name]) for name in PIXEL_MAPS if name in given}
     if "irf_sigma_bins" in given:
         given["irf"] = irfs.gaussian(finite("irf_sigma_bins", given.pop("irf_sigma_bins"), "bins, above 0"))
@@ -224,11 +225,12 @@ def in_order(counts: np.ndarray, options: Options) -> tuple[np.ndarray, Options,
     return counts, options, (note,)
 
 
-def _three_names(option: str, value: Any) -> tuple[str, ...]:
-    """Three names, or the order of AXES, given as a text with commas or one by one."""
+def _names(option: str, value: Any) -> tuple[str, ...]:
+    """Up to three columns, or the order of AXES, given as a text with commas or one by one."""
     names = tuple(name.strip().strip("/") for name in value.split(",")) if isinstance(value, str) else value
-    expected = "rows, cols and bins in the order of the array" if option == "axes" else "the arrays of row, col and ToA"
-    fits = isinstance(names, list | tuple) and len(names) == 3 and all(isinstance(name, str) and name for name in names)
+    expected = "rows, cols and bins in the order of the array" if option == "axes" else \
+        "the arrays of row, col and ToA, of pixel and ToA, or of ToA"
+    fits = isinstance(names, list | tuple) and len(names) in (1, 2, 3) and all(isinstance(x, str) and x for x in names)
     require(fits and (option != "axes" or set(names) == set(AXES)), option, quoted(value), expected)
     return tuple(names)
 
