@@ -34,7 +34,8 @@ def choose(arrays: dict[str, np.ndarray], options: Options, wanted: str, listed:
     if options.array is not None:
         require(options.array in arrays, "array", problem=f"The file has no {options.array}. It has {listed}.")
         return options.array, options.without("array")
-    cubes = [name for name, values in arrays.items() if may_be_counts(values.shape, str(values.dtype))]
+    cubes = [name for name, values in arrays.items()
+             if values.dtype.kind in "iufb" and may_be_counts(values.shape, str(values.dtype))]
     cubes = ["counts"] if "counts" in cubes else cubes
     require(len(cubes) == 1, "counts", problem=f"The file needs {wanted}, or array (--array NAME). It has {listed}.")
     return cubes[0], options

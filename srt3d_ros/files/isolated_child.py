@@ -17,6 +17,7 @@ CPU_S = 600             # 3 GB unpack in a tenth of it
 # MATLAB 7.3 says in these attributes of HDF5 what an array was. It stores axes in reverse, what is in cells in groups
 # that begin with "#".
 CLASS, EMPTY = "MATLAB_class", "MATLAB_empty"
+NO_NUMBERS = "cell", "struct", "char", "object", "function", "opaque"      # kinds of MATLAB's arrays, and of NumPy's
 Found = tuple[dict[str, np.ndarray], list[tuple[str, tuple, str]]]      # arrays; name, shape, kind of all
 
 
@@ -52,8 +53,7 @@ def listing(entries: list[tuple[str, tuple, str]]) -> str:
 
 def may_be_counts(shape: tuple, kind: str) -> bool:
     """Whether an array may hold counts: numbers with three or four axes, but no picture (bytes of 3 or 4 colours)."""
-    numbers = kind.startswith(("int", "uint", "float", "double", "single", "bool", "logical"))
-    return len(shape) in (3, 4) and numbers and not (kind == "uint8" and shape[-1] in (3, 4))
+    return len(shape) in (3, 4) and kind not in NO_NUMBERS and not (kind == "uint8" and shape[-1] in (3, 4))
 
 
 def matlab_5(path: str, names: tuple[str, ...]) -> Found:

@@ -87,5 +87,6 @@ def only_cube(path: Path, arrays: dict[str, np.ndarray], options: Options, wante
 def read(path: Path, options: Options) -> Reading:
     """Photons of an .npy file of counts."""
     most = MAX_ARRAY_BYTES if options.axes is not None else MAX_CUBE_BYTES         # other axes are copied into memory
-    counts, others, notes, frames = in_order(map_npy(path, f"{path.name} counts", most), options, {})
+    with read_errors(path):
+        counts, others, notes, frames = in_order(map_npy(path, f"{path.name} counts", most), options, {})
     return replace(cube(path, counts, others, notes=notes), frames=frames)
