@@ -31,7 +31,7 @@ AXES, FRAMES = ("rows", "cols", "bins"), "frames"
 FILE_OPTIONS = {"channel": "Only .ptu, .phu, .sdt and Photon-HDF5 files have channels.",
                 "axes": "Only arrays of counts have axes.",
                 "array": "Only .npz, HDF5 and .mat files of counts have arrays to choose from.",
-                "columns": "Only .npz, HDF5 and .mat files of photons have columns."}
+                "columns": "Only .npz, HDF5, .mat and .csv files of photons have columns."}
 PIXEL_MAPS = tuple(name for name, key in keys(SensorModel).items() if key.dtype and name != "irf")
 
 
@@ -72,9 +72,10 @@ class SensorOptions(TypedDict, total=False):
     axes: Annotated[str | tuple[str, ...], Key(
         "order of the axes of an array of counts: bins,rows,cols (default: rows,cols,bins, or what the file states)",
         more="of one with four axes, with frames, too", option=True)]
-    columns: Annotated[str | tuple[str, str, str], Key(
+    columns: Annotated[str | tuple[str, ...], Key(
         "names of the arrays with row, column and ToA of each photon (default: row,col,toa)",
-        more="y,x,t say; in a group of HDF5 scan/y", option=True)]
+        more="y,x,t say; two are pixel index and ToA, one the ToA of a single pixel; in an HDF5 group or table scan/y",
+        option=True)]
 
 
 def option_keys() -> dict[str, Key]:
@@ -219,12 +220,14 @@ def check_same(own: Known, known: Known) -> None:
 
 
 def _names(option: str, value: Any) -> tuple[str, ...]:
-    """Three names, or the order of AXES, perhaps with FRAMES, given as a text with commas or one by one."""
+    """Up to three columns, or the order of AXES, perhaps with FRAMES, given as a text with commas or one by one."""
     names = tuple(name.strip().strip("/") for name in value.split(",")) if isinstance(value, str) else value
-    expected = "rows, cols and bins in the order of the array" if option == "axes" else "the arrays of row, col and ToA"
-    fits = isinstance(names, list | tuple) and all(isinstance(name, str) and name for name in names)
-    orders = [set(AXES), {*AXES, FRAMES}] if option == "axes" else [set(names)] if fits else []
-    require(fits and set(names) in orders and len(names) == max(len(set(names)), 3), option, quoted(value), expected)
+    expected = "rows, cols and bins in the order of the array" if option == "axes" else \
+        "the arrays of row, col and ToA, of pixel and ToA, or of ToA"
+    fits = isinstance(names, list | tuple) and len(names) in (1, 2, 3, 4) and all(
+        isinstance(x, str) and x for x in names)
+    require(fits and (sorted(names) in (sorted(AXES), sorted((*AXES, FRAMES))) if option == "axes" else len(names) < 4),
+            option, quoted(value), expected)
     return tuple(names)
 
 
