@@ -250,7 +250,8 @@ def test_the_first_call_shows_that_it_compiles(repository):
 # ---- What is refused
 
 @pytest.mark.parametrize(("source", "options", "said"), [
-    (3, {}, "source is int: expected a path, an array of counts, Photons or a Sketch"),
+    (3, {}, "source is int: expected one path .*, an array of counts, Photons or a Sketch"),
+    (["a.npz", "b.npz"], {}, r"source is list of 2 paths: expected one path \(read several in a loop\)"),
     (FRAME, {"irff": [1]}, 'option name is "irff": expected one of shape, rows, cols, '),
     ("absent.npz", {}, "absent.npz: no such file"),
     (FRAME, {"frame": 2}, "frame 2: only a bag or a log has one"),

@@ -1,6 +1,5 @@
 """Every dependency has a lower and an upper bound, and is pinned between them."""
 
-import importlib.metadata
 import re
 import tomllib
 import xml.etree.ElementTree as ElementTree
@@ -10,13 +9,12 @@ from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-import srt3d_ros
-
 
 @pytest.fixture(scope="module")
-def requirements() -> dict[str, Requirement]:
-    """The requirements of the installed package and its extras, by their text in pyproject.toml."""
-    texts = importlib.metadata.requires(srt3d_ros.__name__)
+def requirements(repository) -> dict[str, Requirement]:
+    """The requirements of the package and its extras, by their text in pyproject.toml."""
+    project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
+    texts = [*project["dependencies"], *(text for extra in project["optional-dependencies"].values() for text in extra)]
     return {text: Requirement(text) for text in texts if not text.startswith("srt3d_ros[")}
 
 

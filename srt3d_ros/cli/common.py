@@ -41,7 +41,7 @@ def add_options(parser: argparse.ArgumentParser | argparse._ArgumentGroup, optio
 def add_photon_file(parser: argparse.ArgumentParser) -> None:
     """Add INPUT and the options that choose its frame and describe its sensor."""
     parser.add_argument("input", metavar="INPUT",
-                        help="photon file (.npz, .npy, .mat, .h5, .ptu, .sdt, a log of histograms: "
+                        help="photon file (.npz, .npy, .mat, .csv, .h5, .ptu, .phu, .sdt, a log of histograms: "
                              "docs/photon-file.md), bag (docs/bags.md), or: simulator")
     parser.add_argument("--frame", type=int, default=0, metavar="N",
                         help="number of the photon message in a bag, from 0 (default: 0)")

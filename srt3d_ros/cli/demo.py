@@ -113,7 +113,7 @@ def _moving(motion: str) -> Played:
 
 def from_file(path: str) -> Played:
     """The photons of a file, again and again."""
-    require(not is_bag(path), "--photons", path, "a photon file; srt3d up --input BAG --record FILE plays a bag")
+    require(not is_bag(path), "--photons", path, "a photon file")
     photons = read_photons(path)
     for note in photons.notes:
         _say(f"note: {note}")

@@ -17,13 +17,11 @@ COMMANDS = {
     "evaluate": "compare the methods on simulated scenes or on photon files",
     "up": "run the whole pipeline",
     "health": "print the state of every node, from /diagnostics",
-    "play": "publish photons over ROS 2, from a photon file, a bag or the simulator",
     "node": "run one ROS 2 node, as `ros2 run srt3d_ros NAME` does",
     "review": "print the figures of a recording and write a report with pictures and plots",
     "demo": "run the whole pipeline on this machine: a recording, a picture and a table",
     "compile": "compile the kernels of the default method ahead of the first start",
 }
-MODULES = {"play": "node"}      # modules that have another name than their command
 
 # The extra of this package that installs each optional package.
 EXTRAS = {"rclpy": "ros", "std_msgs": "ros", "diagnostic_msgs": "ros", "sensor_msgs": "ros", "nav_msgs": "ros",
@@ -50,12 +48,11 @@ def parser(commands: Collection[str]) -> argparse.ArgumentParser:
                         epilog="Try srt3d reconstruct simulator -o cloud.png, and srt3d COMMAND --help.")
     top.add_argument("--version", action="version", version=f"srt3d {__version__}")
     subparsers = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    modules = dict.fromkeys(MODULES.get(name, name) for name in commands)
     for name, about in COMMANDS.items():
-        if MODULES.get(name, name) not in modules:
+        if name in commands:
+            importlib.import_module(f"srt3d_ros.cli.{name}").add_parser(subparsers)
+        else:
             subparsers.add_parser(name, help=about)
-    for module in modules:
-        importlib.import_module(f"srt3d_ros.cli.{module}").add_parser(subparsers)
     return top
 
 

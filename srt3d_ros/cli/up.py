@@ -44,7 +44,7 @@ def add_parser(subparsers) -> None:
     parser = subparsers.add_parser("up", description=ABOUT, epilog=EXAMPLES,
                                    formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
-    add("--input", metavar="INPUT", help="photon file or bag to play, or: simulator")
+    add("--input", metavar="INPUT", help="photon file to play, or: simulator")
     add("--sensor-file", metavar="FILE", help="sensor description (.json), if the driver publishes none")
     add("--config", metavar="FILE", action="append", default=[],
         help="parameter file, or the name of one in the package; may be repeated")

@@ -12,7 +12,7 @@ from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.datasets.bags import frames as bag_frames
 from srt3d_ros.datasets.bags.bag import Bag, is_bag
 from srt3d_ros.datasets.options import Options, SensorOptions, gathered
-from srt3d_ros.datasets.readers import cubes, hdf5, mat, npz, tcspc, tmf8829
+from srt3d_ros.datasets.readers import csv_lists, cubes, hdf5, histograms, mat, npz, ptu, tmf8829
 from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput, quoted, require
@@ -26,8 +26,8 @@ __all__ = ["SIMULATOR", "Reading", "frame_loaders", "frame_numbers", "open_senso
 SIMULATOR = "simulator"     # in place of a path
 # Functions by suffix, of path and options (options.gathered). They raise InvalidInput, naming the file and what in it
 # cannot be used. Those of LOGS yield a function for each frame that reads it.
-FILE_READERS = {".npz": npz.read, ".mat": mat.read, ".ptu": tcspc.read_ptu, ".sdt": tcspc.read_sdt, ".npy": cubes.read,
-                ".h5": hdf5.read, ".hdf5": hdf5.read, ".hdf": hdf5.read}
+FILE_READERS = {".npz": npz.read, ".npy": cubes.read, ".mat": mat.read, ".csv": csv_lists.read, ".ptu": ptu.read,
+                ".sdt": histograms.read, ".phu": histograms.read} | dict.fromkeys((".h5", ".hdf5", ".hdf"), hdf5.read)
 LOGS = {".json": tmf8829.frames, ".gz": tmf8829.frames}
 MOST_FRAMES = 10**7         # at once: their numbers take 0.4 GB
 

@@ -101,7 +101,7 @@ def from_frame(frame: PhotonFrame, options: Options) -> Described:
 
 
 def sensor_of(options: Options) -> tuple[SensorModel, tuple[str, ...]]:
-    """The sensor that the options describe, with an IRF of one bin if they have none; and the note on its bin width."""
+    """The sensor that the options describe, with an IRF of one bin if they have none; and notes on it."""
     known = options.known
     options.refuse_unfollowed()
     require({"rows", "cols"} <= known.keys(), "shape", problem="Give shape=(rows, cols), or sensor.")
@@ -109,7 +109,8 @@ def sensor_of(options: Options) -> tuple[SensorModel, tuple[str, ...]]:
     require("irf" in known or "irf_ref" not in known, "irf_ref", problem="irf_ref needs irf.")
     width_s = known.get("bin_width_s", BIN_OF_ONE_METRE_S)
     plain = SensorModel(known["rows"], known["cols"], known["num_bins"], width_s, np.ones(1))
-    return described(plain, known), () if "bin_width_s" in known else (ASSUMED_WIDTH,)
+    sensor, notes = described(plain, known)
+    return sensor, notes if "bin_width_s" in known else (ASSUMED_WIDTH, *notes)
 
 
 def complete(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, options: Options,

@@ -64,19 +64,26 @@ def from_arrays(path: Path, arrays: dict[str, np.ndarray], options: Options, wan
                              if name in KNOWN and name not in ("kind", *PIXEL_COLUMNS, *COLUMNS, *columns)})
         for name in columns:
             require(name in arrays, name, problem=f"The file has no {name}. It needs {PHOTONS}. It has {listed}.")
+        if columns == columns[-1:] and has_photons:
+            values = {"rows": 1, "cols": 1} | values
         for name in SIZES:
             require(name in values, name,
                     problem=f"The file has no {name}: give it as an option or array. It has {listed}.")
+        steps = None if "irf" in arrays else options.known.get("irf_steps")
         own, stamp_ns = sensor_options(values), int(values.get("stamp_ns", 0))
         if has_photons:
-            describe = from_pixels if columns == PIXEL_COLUMNS else from_events
+            photons = [_column(name, arrays[name]) for name in columns]
+            photons = [np.zeros(photons[0].shape, np.uint8), *photons] if len(photons) == 1 else photons
+            describe = from_pixels if len(photons) == 2 else from_events
             # The larger num_bins, so that no photon is dropped early.
-            used = Options(own | {"num_bins": options.known.get("num_bins", own["num_bins"])})
-            sensor, frame, assumed = describe(*(_column(name, arrays[name]) for name in columns), stamp_ns, used)
+            used = {"num_bins": options.known.get("num_bins", own["num_bins"]), "irf_steps": steps}
+            used = Options(own | used, guess_irf=options.guess_irf)
+            sensor, frame, assumed = describe(*photons, stamp_ns, used)
             sensor = sensor.replace(num_bins=own["num_bins"])
         else:
             counts = PhotonHistograms(np.ascontiguousarray(sendable(arrays["counts"])), stamp_ns)
-            sensor, frame, assumed = from_frame(counts, Options(own))
+            used = Options(own | {"irf_steps": steps}, guess_irf=options.guess_irf)
+            sensor, frame, assumed = from_frame(counts, used)
         reference = _reference(values, sensor)
     notes = tuple(dict.fromkeys((*values.get("notes", ()), *assumed)))
     return Reading(sensor, frame, reference, path.stem, notes).with_options(options.without("columns"))
