@@ -8,7 +8,7 @@ from srt3d_ros.errors import require
 
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
-        "compile", help="compile the kernels of the default method ahead of the first start",
+        "compile",
         description="Compile the CPU's kernels for this user and processor, or the GPU's for one sensor. Kernels of "
                     "other methods are compiled at their first use.")
     parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu",

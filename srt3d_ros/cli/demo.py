@@ -56,7 +56,7 @@ class Played:
 
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
-        "demo", help="run the whole pipeline on this machine: a recording, a picture and a table",
+        "demo",
         description="Run player, sketcher, reconstructor and recorder as processes, stream a simulated moving scene or "
                     "a photon file through them, and report the accuracy, the latency and the losses.")
     add, source = parser.add_argument, parser.add_mutually_exclusive_group()
@@ -113,7 +113,7 @@ def _moving(motion: str) -> Played:
 
 def from_file(path: str) -> Played:
     """The photons of a file, again and again."""
-    require(not is_bag(path), "--photons", path, "a photon file; srt3d up --input BAG --record FILE plays a bag")
+    require(not is_bag(path), "--photons", path, "a photon file")
     photons = read_photons(path)
     for note in photons.notes:
         _say(f"note: {note}")

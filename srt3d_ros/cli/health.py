@@ -21,7 +21,7 @@ COLUMNS = {"level": "level", "for s": "since_s", "in/s": "rate_in_hz", "out/s": 
 
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
-        "health", help="print the state of every node, from /diagnostics",
+        "health",
         description="Print a line for each node: level and since when, messages per second in and out, latency, "
                     "messages dropped and lost since its start, and what it says. STALE: its reports have stopped. "
                     f"Exit code: 1 if a node is ERROR or STALE, or none reports within {HEAR_S:.0f} s.")

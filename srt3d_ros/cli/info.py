@@ -15,7 +15,7 @@ suggested: gate {gate_words}, frequencies {frequency_words}: a sketch of {sketch
 
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
-        "info", help="print size, SBR and IRF of a photon file, and a suitable gate and frequencies",
+        "info",
         description="Print size, photons per pixel, SBR, bins, range, IRF width and notes of a photon file, and a gate "
                     "and frequencies that suit it.")
     common.add_photon_file(parser)

@@ -41,11 +41,10 @@ frames of the player were lost, otherwise that of the node that failed."""
 
 
 def add_parser(subparsers) -> None:
-    parser = subparsers.add_parser("up", help="run the whole pipeline",
-                                   description=ABOUT, epilog=EXAMPLES,
+    parser = subparsers.add_parser("up", description=ABOUT, epilog=EXAMPLES,
                                    formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
-    add("--input", metavar="INPUT", help="photon file or bag to play, or: simulator")
+    add("--input", metavar="INPUT", help="photon file to play, or: simulator")
     add("--sensor-file", metavar="FILE", help="sensor description (.json), if the driver publishes none")
     add("--config", metavar="FILE", action="append", default=[],
         help="parameter file, or the name of one in the package; may be repeated")

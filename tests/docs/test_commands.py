@@ -27,7 +27,7 @@ from tools.processes import Process
 from .conftest import HEAD, HOT, TRUE
 from .pages import PAGES, ROOT, command_lines, fenced, indented, inline, section
 
-LONG = r"evaluate (?!head.npz --methods)|--device cuda|--dask"
+LONG = r"evaluate (?!head.npz --methods)|--device cuda"
 ELSEWHERE = ("IncludeLaunchDescription", "my_sensor.json")      # a launch file; run by the test of the quick start
 QUICKSTART = PAGES["docs/quickstart.md"]
 ran: set[str] = set()       # commands that pages have run

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from srt3d_ros import read
 from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation.cases import of_files, simulated, tolerance_bins
@@ -36,15 +35,6 @@ def test_a_file_has_as_many_surfaces_as_references(layers):
     assert case.observe().depth_bins.shape == (2, 12, 20) and case.observe().intensity is None
     case, = of_files([str(layers)], "40", surfaces=1)
     assert (case.surfaces, case.tolerance_bins) == (1, 40)
-
-
-def test_held_out_photons_are_no_longer_in_the_frame(layers):
-    photons = read(layers)
-    case, = of_files([str(layers)], held_out_share=0.25)
-    seen = case.observe()
-    assert case.held_out == 0.25 and seen.frame.photons + seen.held_out.photons == photons.frame.photons
-    assert seen.held_out.photons / photons.frame.photons == pytest.approx(0.25, abs=0.02)
-    assert np.array_equal(seen.depth_bins, photons.reference_depth_bins)
 
 
 def test_files_of_one_name_are_refused(layers):

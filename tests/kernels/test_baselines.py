@@ -212,7 +212,7 @@ def test_apss_agrees(shape, surfaces):
 @pytest.mark.parametrize("surfaces", [1, 2])
 def test_a_gpu_finds_the_same_points_and_looks_at_no_value(monkeypatch, method, surfaces):
     sensor = make_sensor(12, 33)
-    monkeypatch.setattr(plug_and_play, "ITERATIONS", 8)
+    monkeypatch.setattr(plug_and_play, "ITERATIONS", 4)
     sketch = sketch_photons(make_photons(sensor, 60), sensor, tuple(range(1, 8)))
 
     def on(kernels):

@@ -17,6 +17,7 @@ import srt3d_ros
 from srt3d_ros.kernels import cpu
 from srt3d_ros.kernels.cpu.compiling import KERNELS, Kernel
 
+ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = """
 import numpy as np
 from srt3d_ros.kernels.cpu.sketching import phase_sums
@@ -41,6 +42,13 @@ def run(program: str, *arguments: str, **variables) -> subprocess.Popen:
     """A Python program that has begun."""
     return subprocess.Popen([sys.executable, "-c", program, *arguments], text=True, env=os.environ | variables,
                             stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+
+
+@pytest.mark.parametrize("processor", ["x86-64", "x86-64-v3"])
+def test_vectors_are_numpys_on_other_processors(processor, tmp_path):
+    with run("from tests.kernels.test_vectors import compare; compare()", NUMBA_CPU_NAME=processor,
+             NUMBA_CPU_FEATURES="", NUMBA_CACHE_DIR=str(tmp_path), PYTHONPATH=str(ROOT)) as emulated:
+        assert emulated.communicate()[1] == "" and emulated.returncode == 0
 
 
 def test_no_kernel_is_compiled_with_fastmath():

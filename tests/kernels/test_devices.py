@@ -1,7 +1,10 @@
-"""Which device computes, and what is said where the one that is asked for is missing."""
+"""Both backends keep the contract; which device computes, and what is said where the one asked for is missing."""
 
+import inspect
 import logging
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -9,7 +12,9 @@ import torch
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput
+from srt3d_ros.kernels import contract, cpu
 from srt3d_ros.kernels import devices as device
+from srt3d_ros.kernels import torch as oracle
 from srt3d_ros.kernels.devices import kernels_for
 from srt3d_ros.reconstruction import Reconstructor
 
@@ -52,3 +57,33 @@ def test_cuda_is_the_oracle_in_single_precision(missing):
     kernels = kernels_for("cuda")
     assert (kernels.device, kernels.dtype) == ("cuda", torch.float32)
     assert kernels_for("cpu") is kernels_for("auto")
+
+
+SHAPE = 2, 3, 1, (1, 2)
+NAMES = [name for name, each in vars(contract.Kernels).items() if inspect.isfunction(each) and name[0] != "_"]
+
+
+def arguments(function) -> list[tuple]:
+    """Names, kinds and default values of a function's arguments."""
+    return [(each.name, each.kind, each.default) for each in inspect.signature(function).parameters.values()]
+
+
+@pytest.mark.parametrize("device", [cpu, oracle.on("cpu")], ids=["cpu", "oracle"])
+@pytest.mark.parametrize("name", NAMES)
+def test_a_backend_has_what_the_contract_names(device, name):
+    contracted = getattr(contract.Kernels, name)
+    assert contracted.__doc__
+    if name != "unpack":        # the numbers of arrays differ
+        assert arguments(getattr(device.for_shape(*SHAPE), name)) == arguments(contracted)[1:]
+
+
+def test_the_contract_names_every_kernel():
+    assert set(oracle.FUNCTIONS) <= set(NAMES)
+
+
+def test_what_both_share_needs_numpy_alone():
+    names = "{'numba', 'torch', 'srt3d_ros.core', 'srt3d_ros.errors'}"
+    modules = "import sys; from srt3d_ros.kernels import constants, contract, lens, maps"
+    program = f"{modules}; sys.exit(str({names} & set(sys.modules) or ''))"
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert run.stderr.strip() == ""

@@ -1,4 +1,4 @@
-"""Read files of TCSPC electronics: PicoQuant's photons (.ptu, T3) and Becker & Hickl's histograms (.sdt)."""
+"""Read PicoQuant's photons (.ptu, T3) with ptufile."""
 
 import logging
 import shutil
@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from srt3d_ros.datasets.options import Options
+from srt3d_ros.datasets.readers import ptu_t2
 from srt3d_ros.datasets.readers.cubes import cube
 from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.errors import finite, require
 from srt3d_ros.files.array_files import read_errors
+from srt3d_ros.files.tcspc_files import ptu_bins
 
 COUNT_DTYPE = np.dtype(np.uint32)
 IN_MEMORY_BYTES, MAX_COUNT_BYTES = 2**28, 2**34       # larger counts go to a temporary file
@@ -20,16 +22,17 @@ MARKS = ("ImgHdr_LineStart", "ImgHdr_LineStop", "ImgHdr_Frame")
 SUMMED = slice(None, None, -1)          # ptufile adds up the photons along an axis with this index
 
 
-def read_ptu(path: Path, options: Options) -> Reading:
+def read(path: Path, options: Options) -> Reading:
     """Photons of a .ptu file, all frames added up, of `channel` or the channel with the most. Needs ptufile."""
     import ptufile
 
     logging.getLogger("ptufile").disabled = True        # what it logs of a damaged file is in the error
     with read_errors(path, "a complete PicoQuant .ptu file"), ptufile.PtuFile(path) as ptu:
-        require(ptu.is_t3, "measurement mode", "T2", "T3: record with the laser's pulses on the sync input, in T3 mode")
+        if not ptu.is_t3:
+            return ptu_t2.read(path, ptu, options)
         for mark in filter(ptu.tags.__contains__, MARKS):
             require(1 <= ptu.tags[mark] <= 8, mark, ptu.tags[mark], "a marker from 1 to 8")
-        num_bins, bin_width_s = _bins(ptu)
+        num_bins, bin_width_s = ptu_bins(ptu)
         channel, notes = _channel(ptu, options)
         scanned = ptu.shape[1:-2]       # (rows, cols) of an image, (cols,) of a line, () of a point
         rows = scanned[-2] if len(scanned) > 1 else 1
@@ -47,40 +50,6 @@ def read_ptu(path: Path, options: Options) -> Reading:
                                   keepdims=False, out=None if size <= IN_MEMORY_BYTES else "memmap")
         counts = counts.reshape(rows, cols, num_bins).view(np.int32)       # int32 is sketched without a copy
     return cube(path, counts, options.without("channel"), {"bin_width_s": bin_width_s}, notes)
-
-
-def read_sdt(path: Path, options: Options) -> Reading:
-    """Photons of an .sdt file, of the data set `channel`, from 0, or the one with the most. Needs sdtfile.
-
-    A block of several detectors has as many data sets. Curves [curves, bins] are a row of pixels.
-    """
-    import sdtfile
-
-    with read_errors(path, "a complete Becker & Hickl .sdt file of histograms"), sdtfile.SdtFile(path) as file:
-        sets = [(part, times) for counts, times in zip(file.data, file.times, strict=True)
-                if counts.size and counts.dtype.kind in "iu"
-                for part in counts.reshape(-1, *(1, 1, *counts.shape)[-3:])]
-    with read_errors(path):
-        require(len(sets) > 0, "data sets", problem="The file has no histograms.")
-        listed = ", ".join(map(str, range(len(sets))))
-        chosen, notes = int(np.argmax([counts.sum(dtype=np.float64) for counts, _ in sets])), ()
-        if options.channel is not None:
-            chosen = int(finite("channel", options.channel, "a data set's number"))
-            require(chosen in range(len(sets)), "channel", chosen, f"a data set of the file: {listed}")
-        elif len(sets) > 1:
-            notes = (f"photons of data set {chosen}, which has the most, of {listed} (--channel)",)
-    counts, times = sets[chosen]
-    width_s = float(times[1] - times[0]) if len(times) > 1 else 0.0
-    return cube(path, counts, options.without("channel"), {"bin_width_s": width_s} if width_s else {}, notes)
-
-
-def _bins(ptu: Any) -> tuple[int, float]:
-    """T and the bin width in seconds."""
-    width_s, period_s = ptu.tcspc_resolution, ptu.global_resolution
-    require(0 < width_s <= period_s < 1, "MeasDesc_Resolution, MeasDesc_GlobalResolution", f"{width_s:g}, {period_s:g}",
-            "the bin and the laser period, in seconds")
-    # Round up: a period that is not a whole number of bins ends inside the last one.
-    return min(int(np.ceil(period_s / width_s - 1e-3)), ptu.number_bins_max), width_s
 
 
 def _channel(ptu: Any, options: Options) -> tuple[int, tuple[str, ...]]:
