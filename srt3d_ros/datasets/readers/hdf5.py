@@ -26,13 +26,13 @@ WANTED = f"Photon-HDF5 with photon_data/nanotimes, {npz.WANTED}"
 
 def read(path: Path, options: Options) -> Reading:
     """Photons of an HDF5 file; `channel` is the detector to take of Photon-HDF5, else all. Needs h5py."""
-    names = (*SPOT_ARRAYS, *npz.KNOWN, *(options.columns or ()))
+    names = (*SPOT_ARRAYS, *npz.KNOWN, *options.named)
     content, listed = isolated.arrays_of(path, "h5py", names, "a complete HDF5 file")
     with read_errors(path):
         spots = sorted((int(match[2] or 0), match[1]) for match in
                        map(re.compile(r"(photon_data(\d{0,9})/)nanotimes").fullmatch, content) if match)
         groups = [spot for _, spot in spots] or [""] * ("nanotimes" in content)
-        if groups and options.columns is None:
+        if groups and not options.named:
             content |= _spot_arrays(content, groups, options)
             options = options.without("channel")
     return npz.from_arrays(path, content, options, WANTED, listed)
