@@ -32,7 +32,7 @@ def test_a_halo_too_dim_for_second_surfaces_is_no_uneven_background():
     far, wall = np.hypot(row - 32, col - 32), 420.3 + 0.3 * row
     reflector = np.where(far < 4, 50_000.0, 50 * np.exp((4 - far) / 12) * (far < 40))
     halo = [(wall, np.where(far < 4, 0.0, 50.0)), (np.full_like(wall, 270.3), reflector)]
-    cloud = drawn(halo, 500, 4.0, 5, surfaces=2)
+    cloud = drawn(halo, 500, 4.0, 6, surfaces=2)
     near = np.abs(cloud.depth_bins - wall[cloud.row, cloud.col]) < 4
     assert near.sum() > 0.9 * wall.size
 
