@@ -31,6 +31,8 @@ AXES, FRAMES = ("rows", "cols", "bins"), "frames"
 FILE_OPTIONS = {"channel": "Only .ptu, .phu, .sdt and Photon-HDF5 files have channels.",
                 "axes": "Only arrays of counts have axes.",
                 "array": "Only .npz, HDF5 and .mat files of counts have arrays to choose from.",
+                "no_detection": "Only .npy, .npz, HDF5 and .mat files of words [frames, rows, cols] have it.",
+                "first_word": "Only files of words have it, with no_detection.",
                 "columns": "Only .npz, HDF5, .mat and .csv files of photons have columns."}
 PIXEL_MAPS = tuple(name for name, key in keys(SensorModel).items() if key.dtype and name != "irf")
 
@@ -72,6 +74,10 @@ class SensorOptions(TypedDict, total=False):
     axes: Annotated[str | tuple[str, ...], Key(
         "order of the axes of an array of counts: bins,rows,cols (default: rows,cols,bins, or what the file states)",
         more="of one with four axes, with frames, too", option=True)]
+    no_detection: Annotated[float, Key(
+        "the array has the words of a SPAD array [frames, rows, cols], with this one where a pixel saw nothing",
+        option=True)]
+    first_word: Annotated[float, Key("word of bin 0 (default: 0)", more="with no_detection", option=True)]
     columns: Annotated[str | tuple[str, ...], Key(
         "names of the arrays with row, column and ToA of each photon (default: row,col,toa)",
         more="y,x,t say; two are pixel index and ToA, one the ToA of a single pixel; in an HDF5 group or table scan/y",
@@ -101,6 +107,8 @@ class Options:
     array: str | None = None
     axes: tuple[str, ...] | None = None
     columns: tuple[str, ...] | None = None
+    no_detection: float | None = None
+    first_word: float | None = None
     guess_irf: bool = False         # one bin if none can be estimated
     frame: int = 0                  # of a file with several
 
@@ -220,13 +228,14 @@ def check_same(own: Known, known: Known) -> None:
 
 
 def _names(option: str, value: Any) -> tuple[str, ...]:
-    """Up to three columns, or the order of AXES, perhaps with FRAMES, given as a text with commas or one by one."""
+    """Up to three columns, or the order of AXES, perhaps with or of FRAMES, as a text with commas or one by one."""
     names = tuple(name.strip().strip("/") for name in value.split(",")) if isinstance(value, str) else value
     expected = "rows, cols and bins in the order of the array" if option == "axes" else \
         "the arrays of row, col and ToA, of pixel and ToA, or of ToA"
     fits = isinstance(names, list | tuple) and len(names) in (1, 2, 3, 4) and all(
         isinstance(x, str) and x for x in names)
-    require(fits and (sorted(names) in (sorted(AXES), sorted((*AXES, FRAMES))) if option == "axes" else len(names) < 4),
+    known = {*AXES}, {*AXES, FRAMES}, {FRAMES, *AXES[:2]}
+    require(fits and (len({*names}) == len(names) and {*names} in known if option == "axes" else len(names) < 4),
             option, quoted(value), expected)
     return tuple(names)
 
