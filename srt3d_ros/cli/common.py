@@ -33,6 +33,9 @@ def add_options(parser: argparse.ArgumentParser | argparse._ArgumentGroup, optio
     for name, key in options.items():
         unit = f", {key.unit}econds" if key.unit == "s" else ""
         default = "" if key.default is None else f" (default: {key.default})"
+        if key.kinds == (bool,):
+            parser.add_argument(f"--{name.replace('_', '-')}", action="store_const", const=True, help=key.about)
+            continue
         parser.add_argument(f"--{name.replace('_', '-')}", type=number if {int, float} & {*key.kinds} else str,
                             metavar=VALUES.get(name, None if key.choices else "N"),
                             choices=None if name in VALUES else key.choices or None, help=key.about + unit + default)
