@@ -53,13 +53,6 @@ def test_a_field_of_view_spans_the_larger_side_and_impossible_ones_are_refused()
             Pinhole.from_fov(10, 10, fov_deg)
 
 
-def coordinates(lens, rows: int, cols: int) -> np.ndarray:
-    """What is even over the pixels, [rows, cols, 2]: x/z and y/z of a camera, the angles of a scan."""
-    x, y, z = np.moveaxis(lens.rays(rows, cols).astype(np.float64), -1, 0)
-    pair = (x / z, y / z) if lens.kind == "pinhole" else (np.arctan2(y, x), np.arcsin(z))
-    return np.stack(pair, axis=-1)
-
-
 LENSES = [Pinhole(30, 40, 3.2, 1.1), Pinhole(300, 310, 5, 3, PlumbBob(-0.3, 0.1, 1e-3, -2e-3, -0.02)),
           AngularScan(0.5, -0.25, -0.2, 0.1), AngularScan(-3, 2 * np.pi / 9, 0.3, -0.1)]
 
