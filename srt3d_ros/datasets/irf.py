@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from srt3d_ros.core.sensor.model import MAX_BINS
+from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets.values import Note
 from srt3d_ros.errors import InvalidInput, require
@@ -17,6 +17,9 @@ NOISE_SIGMAS = 3.0      # above the floor: still pulse
 PULSE_ABOVE = 0.01      # of the peak
 ESTIMATED = Note("IRF estimated from the photons, so it is slightly too wide: give irf (--irf)", "irf")
 GUESSED = Note("IRF taken to be one bin: none can be seen in the photons, give irf (--irf)", "irf")
+WRONG_TAIL = Note("the IRF's tail is before its peak: if times run backwards, give reversed (--reversed); if only the "
+                  "IRF's do, reverse it", "irf")
+TAIL_ENDS, TAIL_RATIO = 0.05, 1.5       # of the peak; of the bins from the peak to there
 # Constants of `estimate`.
 PHOTONS_USED = 100_000
 FEWEST_PHOTONS = 3          # a pixel with fewer tells nothing about the IRF
@@ -124,6 +127,14 @@ def estimate(events: PhotonEvents, num_bins: int) -> np.ndarray:
         irf = np.bincount(at.ravel(), votes.ravel(), minlength=len(irf))
         irf = np.roll(irf, middle - int(np.argmax(_smooth(irf))))
     return _cut_out(irf[middle - reach: middle + reach + 1])
+
+
+def tail_note(sensor: SensorModel) -> tuple[str, ...]:
+    """A note if the IRF rises more slowly than it falls: a laser's pulse and a SPAD's diffusion do the opposite."""
+    mean = np.pad(_smooth(sensor.mean_irf), 1)
+    peak, low = int(mean.argmax()), TAIL_ENDS * mean.max()
+    rise, fall = int(np.argmax(mean[peak::-1] <= low)), int(np.argmax(mean[peak:] <= low))
+    return (WRONG_TAIL,) if rise > TAIL_RATIO * fall + 1 else ()
 
 
 def estimated(events: PhotonEvents, num_bins: int, guess: bool = False) -> tuple[np.ndarray, str]:

@@ -32,6 +32,9 @@ AXES, FRAMES = ("rows", "cols", "bins"), "frames"
 FILE_OPTIONS = {"channel": "Only .ptu, .phu, .sdt and Photon-HDF5 files have channels.",
                 "axes": "Only arrays of counts have axes.",
                 "array": "Only .npz, HDF5 and .mat files of counts have arrays to choose from.",
+                "reversed": "Only photon files have reversed; photons have the method reversed().",
+                "no_detection": "Only .npy, .npz, HDF5 and .mat files of words [frames, rows, cols] have it.",
+                "first_word": "Only files of words have it, with no_detection.",
                 "columns": "Only .npz, HDF5, .mat and .csv files of photons have columns."}
 PIXEL_MAPS = tuple(name for name, key in keys(SensorModel).items() if key.dtype and name != "irf")
 
@@ -75,6 +78,13 @@ class SensorOptions(TypedDict, total=False):
     axes: Annotated[str | tuple[str, ...], Key(
         "order of the axes of an array of counts: bins,rows,cols (default: rows,cols,bins, or what the file states)",
         more="of one with four axes, with frames, too", option=True)]
+    reversed: Annotated[bool, Key(
+        "times run backwards, from the photon to the next laser pulse",
+        more="bin b becomes T − 1 − b, of irf and background_shape, too; gate counts after that", option=True)]
+    no_detection: Annotated[float, Key(
+        "the array has the words of a SPAD array [frames, rows, cols], with this one where a pixel saw nothing",
+        option=True)]
+    first_word: Annotated[float, Key("word of bin 0 (default: 0)", more="with no_detection", option=True)]
     columns: Annotated[str | tuple[str, ...], Key(
         "names of the arrays with row, column and ToA of each photon (default: row,col,toa)",
         more="y,x,t say; two are pixel index and ToA, one the ToA of a single pixel; in an HDF5 group or table scan/y",
@@ -104,6 +114,9 @@ class Options:
     array: str | None = None
     axes: tuple[str, ...] | None = None
     columns: tuple[str, ...] | None = None
+    no_detection: float | None = None
+    first_word: float | None = None
+    reversed: bool | None = None
     guess_irf: bool = False         # one bin if none can be estimated
     mask_hot: bool | None = None    # leave out hot pixels; None: if nobody gives a mask
     frame: int = 0                  # of a file with several
@@ -142,6 +155,8 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None, guess_
     for name, other in (("fov_deg", "projection"), ("irf_sigma_bins", "irf")):
         require(not {name, other} <= given.keys(), name, problem=f"Give {name} or {other}, not both.")
     require(sensor is None or isinstance(sensor, SensorModel), "sensor", type(sensor).__name__, "a Sensor")
+    if sensor is not None and given.get("reversed"):        # what a reading of the file turns round again
+        sensor = backwards(sensor)
     known = {} if sensor is None else {name: getattr(sensor, name) for name in ("rows", "cols", *SENSOR_OPTIONS)}
     if "shape" in given:
         shape = array("shape", given.pop("shape"))
@@ -163,6 +178,13 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None, guess_
         known.pop("projection", None)
     of_file = {name: given.pop(name) for name in ("gate", *FILE_OPTIONS) if name in given}
     return Options(known | given, guess_irf=guess_irf, mask_hot=mask_hot, **of_file)
+
+
+def backwards(sensor: SensorModel) -> SensorModel:
+    """The sensor of reversed times: bin b is T − 1 − b."""
+    shape = sensor.background_shape
+    return sensor.replace(irf=sensor.irf[..., ::-1], irf_ref=sensor.irf.shape[-1] - 1 - (sensor.irf_ref or 0),
+                          background_shape=None if shape is None else shape[::-1])
 
 
 def described(sensor: SensorModel, known: Known) -> tuple[SensorModel, tuple[str, ...]]:
@@ -227,13 +249,14 @@ def check_same(own: Known, known: Known) -> None:
 
 
 def _names(option: str, value: Any) -> tuple[str, ...]:
-    """Up to three columns, or the order of AXES, perhaps with FRAMES, given as a text with commas or one by one."""
+    """Up to three columns, or the order of AXES, perhaps with or of FRAMES, as a text with commas or one by one."""
     names = tuple(name.strip().strip("/") for name in value.split(",")) if isinstance(value, str) else value
     expected = "rows, cols and bins in the order of the array" if option == "axes" else \
         "the arrays of row, col and ToA, of pixel and ToA, or of ToA"
     fits = isinstance(names, list | tuple) and len(names) in (1, 2, 3, 4) and all(
         isinstance(x, str) and x for x in names)
-    require(fits and (sorted(names) in (sorted(AXES), sorted((*AXES, FRAMES))) if option == "axes" else len(names) < 4),
+    known = {*AXES}, {*AXES, FRAMES}, {FRAMES, *AXES[:2]}
+    require(fits and (len({*names}) == len(names) and {*names} in known if option == "axes" else len(names) < 4),
             option, quoted(value), expected)
     return tuple(names)
 

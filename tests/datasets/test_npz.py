@@ -34,14 +34,11 @@ def write(tmp_path, **changes):
     return path
 
 
-def test_the_better_reference_is_preferred(tmp_path):
+def test_the_better_reference_is_preferred_and_arrays_of_other_names_are_left_alone(tmp_path):
     one, two, three = (np.full((2, 3), value, np.float32) for value in (1, 2, 3))
     photons = read(write(tmp_path, ref_depth_bins=one, ref_depth_ml_bins=two, ref_depth_bins_2=three))
     assert photons.reference_depth_bins[:, 0, 0].tolist() == [2, 3]
     assert read(write(tmp_path)).reference_depth_bins is None
-
-
-def test_arrays_of_other_names_are_left_alone(tmp_path):
     path = write(tmp_path, anything=np.array([{"an": "object"}], dtype=object), source="a text", fov_deg=20.0)
     photons = read(path)
     assert photons.frame.photons == 4 and photons.sensor.projection == Pinhole.from_fov(2, 3, 20)

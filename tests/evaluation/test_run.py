@@ -1,14 +1,20 @@
-"""Running methods: each once, its row complete and right."""
+"""Running methods: each once, its row complete and right; the table, results.csv and the clouds side by side."""
+
+import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from srt3d_ros.core.methods import METHODS, Method
 from srt3d_ros.core.metrics import evaluate
+from srt3d_ros.core.point_cloud import POINT_FIELDS
 from srt3d_ros.evaluation.cases import of_files, simulated
+from srt3d_ros.evaluation.drawings import draw_row
 from srt3d_ros.evaluation.run import jobs_for, judge, run
-from srt3d_ros.evaluation.scores import RESULT_COLUMNS
+from srt3d_ros.evaluation.scores import HEADINGS, RESULT_COLUMNS, averaged, is_table, markdown, table_of_rows
 
 POOLED = METHODS["pooled"]
 
@@ -20,10 +26,15 @@ def outcomes(cases, methods=(POOLED,), sizes=(10,)):
         return list(run(jobs, notes, bar)), notes
 
 
-def test_methods_on_photons_run_once_and_those_on_sketches_for_each_size():
+def test_methods_run_once_or_for_each_size_and_what_they_refuse_is_a_note():
     on_photons = Method("all", "", "photons", object)
     jobs = jobs_for(simulated("net", [10], [3]), [POOLED, on_photons], (5, 10))
     assert [(job.method.name, job.sketch_size) for job in jobs] == [("pooled", 5), ("pooled", 10), ("all", None)]
+    found, notes = outcomes(simulated("net", [10], [3]), sizes=(1000, 10))
+    assert len(notes) == 1 and notes[0].startswith("net, SBR 10, 3 ppp: pooled, m = 1000: sketch_size is 1000")
+    assert [outcome.job.sketch_size for outcome in found] == [10]
+    (outcome,), _ = outcomes(simulated("net", [10], [30]), [METHODS["smle"]], (5,))
+    assert tuple(outcome.row["frequencies"]) == (1, 2, 3, 4, 5)
 
 
 def test_a_simulated_scene_is_judged_in_every_respect():
@@ -47,12 +58,6 @@ def test_points_in_empty_pixels_of_a_scene_are_false_and_those_of_files_are_not(
         assert judge(cloud, case, observation)["false_detections_percent"] == pytest.approx(100 * false)
 
 
-def test_what_a_method_refuses_is_a_note_and_the_others_go_on():
-    found, notes = outcomes(simulated("net", [10], [3]), sizes=(1000, 10))
-    assert len(notes) == 1 and notes[0].startswith("net, SBR 10, 3 ppp: pooled, m = 1000: sketch_size is 1000")
-    assert [outcome.job.sketch_size for outcome in found] == [10]
-
-
 def test_the_true_cloud_is_perfect(layers):
     for case in (*of_files([str(layers)]), *simulated("net", [10], [3])):
         observation = case.observe()
@@ -61,6 +66,68 @@ def test_the_true_cloud_is_perfect(layers):
         assert (found.true_detections, found.false_detections) == (1, 0) and not found.iae > 1e-6
 
 
-def test_frequencies_are_those_that_the_method_asks_for():
-    (outcome,), _ = outcomes(simulated("net", [10], [30]), [METHODS["smle"]], (5,))
-    assert tuple(outcome.row["frequencies"]) == (1, 2, 3, 4, 5)
+ROW = {"source": "bust", "sbr": 1.0, "ppp": 10.0, "repeat": 1, "method": "pooled", "sketch_size": 10,
+       "photons_per_pixel": 9.9, "points": 100}
+JUDGED = ROW | {"true_detections_percent": 90.0, "true_detections_by_surface_percent": (90.0,), "dae_mm": 2.0}
+
+
+def test_a_row_is_on_the_disk_at_once_and_found_by_any_program(tmp_path):
+    path = tmp_path / "results.csv"
+    with table_of_rows(path) as write:
+        write(ROW | {"dae_mm": 1 / 3, "points": 19_881, "iae": float("nan"), "frequencies": (1, 2, 5), "sbr": 0.1})
+        with open(path, newline="") as file:
+            row, = csv.DictReader(file)
+    wanted = {"dae_mm": "0.333333", "points": "19881", "iae": "", "frequencies": "1;2;5", "sbr": "0.1"}
+    assert tuple(row) == RESULT_COLUMNS and {name: row[name] for name in wanted} == wanted
+
+
+def test_a_table_is_known_by_its_columns(tmp_path):
+    path = tmp_path / "results.csv"
+    for content in (b"", b"a,b\n1,2\n", b"\xff\xfe\x00"):
+        path.write_bytes(content)
+        assert not is_table(path)
+    with table_of_rows(path):
+        pass
+    assert is_table(path)
+
+
+def test_repeats_are_averaged_and_other_settings_are_not():
+    other = JUDGED | {"repeat": 2, "true_detections_percent": 96.0, "dae_mm": float("nan"),
+                      "true_detections_by_surface_percent": (96.0,)}
+    rows = averaged([JUDGED, JUDGED | {"sketch_size": 5}, other])
+    assert [row["sketch_size"] for row in rows] == [10, 5]
+    assert rows[0]["true_detections_percent"] == 93 and rows[0]["dae_mm"] == 2
+    assert rows[0]["true_detections_by_surface_percent"] == (93,) and np.isnan(rows[0]["iae"])
+
+
+def test_the_table_shows_what_is_known_and_a_dash_for_what_others_have():
+    judged = JUDGED | {"true_detections_by_surface_percent": (99.06, 80.0), "false_detections_percent": 0.04}
+    unjudged = ROW | {"sbr": None, "sketch_size": None, "source": "tower"}
+    lines = markdown(averaged([judged, unjudged])).splitlines()
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    assert set(cells[0]) < set(HEADINGS) and len({len(line) for line in cells}) == 1
+    assert dict(zip(cells[0], cells[2])) == {
+        "source": "bust", "SBR": "1", "photons / pixel": "9.9", "method": "pooled", "m": "10", "TD %": "99.1 + 80.0",
+        "FD %": "0.0", "DAE mm": "2.00", "points": "100"}
+    assert cells[3][:6] == ["tower", "–", "9.9", "pooled", "–", "–"]
+
+
+@pytest.fixture
+def images():
+    """Draw a row of clouds; its images, float [rows, cols, 3] from 0 to 255."""
+    def call(*clouds):
+        figure = Figure().subfigures(1, 1)
+        draw_row(figure, 3, [("a$b_{", cloud, "caption") for cloud in clouds])
+        return [axes.images[0].get_array().astype(float) for axes in figure.axes if axes.images]
+    return call
+
+
+def test_clouds_stand_beside_the_truth_in_the_same_colours_and_an_empty_one_is_dark(ball, images):
+    truth, _ = ball
+    part = replace(truth, **{name: getattr(truth, name)[truth.col < 24] for name in POINT_FIELDS})
+    whole, half = images(truth, part)
+    points = half.max(axis=2) > 60
+    assert 0.1 < points.mean() < 0.8 * (whole.max(axis=2) > 60).mean()
+    assert (np.abs(half - whole).max(axis=2)[points] < 60).mean() > 0.7
+    empty, = images(ball[0].within(max_m=0))
+    assert (empty.max(axis=2) < 60).all()
