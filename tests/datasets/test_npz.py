@@ -65,9 +65,10 @@ def test_malformed_files_are_named_in_one_line(tmp_path, field, changes):
 
 
 def test_a_geometry_that_nobody_gives_is_said_to_be_assumed(tmp_path):
-    assert read(write(tmp_path, fov_deg=20.0)).notes == ()
-    assert read(write(tmp_path)).notes == (ASSUMED_FOV,)
-    assert read(write(tmp_path), fov_deg=30).notes == ()
+    assert read(write(tmp_path, fov_deg=20.0, range_offset_m=0.0)).notes == ()
+    assert read(write(tmp_path, range_offset_m=0.0)).notes == (ASSUMED_FOV,)
+    assert [note[:10] for note in read(write(tmp_path), fov_deg=30).notes] == ["ranges are"]
+    assert read(write(tmp_path), fov_deg=30, range_offset_m=0.1).notes == ()
     assert read(write(tmp_path), toa_offset_bins=3).notes == (ASSUMED_FOV,)
 
 
