@@ -88,7 +88,7 @@ def test_ctrl_c_ends_the_demo_and_its_nodes_quietly(start, tmp_path, photon_file
 
 @pytest.mark.parametrize("options, said", [
     (["--photons", "no such file.npz"], "no such file.npz: no such file"),
-    (["--photons", "rec.mcap"], "--photons is rec.mcap: expected a photon file; srt3d up --input BAG"),
+    (["--photons", "rec.mcap"], "--photons is rec.mcap: expected a photon file"),
     (["--rate-hz", "0"], "--rate-hz is 0.0: expected a rate above 0"),
     (["--duration-s", "0"], "--duration-s is 0.0: expected time for 1 to"),
 ])

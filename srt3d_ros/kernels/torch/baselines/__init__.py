@@ -1,1 +1,0 @@
-"""The gradient steps and the APSS denoiser of the published methods: torch."""
