@@ -69,7 +69,7 @@ def _measure(name: str, sensor: SensorModel, photons: PhotonEvents, m: int, args
     method = METHODS[name]
     frequencies = choose_frequencies(method.frequencies, sensor, m)
     frame = photons if method.needs == "photons" else sketch_photons(photons, sensor, frequencies)
-    device = args.device if "device" in method.options else "cpu"
+    device = args.device if method.needs == "sketch" else "cpu"
     reconstruct = method.build(sensor, frequencies, surfaces=args.surfaces, device=device)
     began = time.perf_counter()
     reconstruct.warm_up()           # compiles, and allocates what would otherwise count as the frame's memory

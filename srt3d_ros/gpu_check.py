@@ -16,7 +16,7 @@ from srt3d_ros.kernels.devices import missing_for_cuda
 LOG = logging.getLogger(__name__)
 SHARE_ALIKE = 0.999             # of the pixels must have the same points
 SIGMAS = 0.1                    # depths agree within so many standard deviations,
-FLOAT32_STEPS = 2.0**-19        # or within this share of T
+FLOAT32_STEPS = 2.0**-19        # or, as baselines have none, within this share of T
 TRIED_PHOTONS = 40              # in each pixel of the frame that is tried, half of them signal
 
 

@@ -252,7 +252,7 @@ def test_the_first_call_shows_that_it_compiles(repository):
     (FRAME, {"gate": (5,)}, r"gate is \(5,\): expected off, "), (FRAME, {"frequencies": [1.5]}, "frequencies is 1.5: "),
     (FRAME, {"frequencies": []}, "sketch size is 0"), (FRAME, {"shape": 12}, "shape is 12"),
     (FRAME, {"sensor": 5}, "sensor is int: expected a Sensor"),
-    (FRAME, {"method": "smle", "background": "flat"}, "background flat: smle takes only surfaces"),
+    (FRAME, {"method": "smle", "background": "flat"}, "background flat: smle takes only surfaces, device"),
     (FRAME, {"sketch_size": "ten"}, 'sketch_size is "ten"'), (FRAME, {"false_alarm_rate": "x"}, "false_alarm_rate is "),
     (FRAME, {"projection": "pinhole"}, 'projection is "pinhole"'), (FRAME, {"stamp_ns": 1}, "option name is "),
     (FRAME, {"irf": 2}, "irf shape is .*irf_sigma_bins makes a Gaussian"),

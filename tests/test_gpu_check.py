@@ -18,10 +18,14 @@ from tests.core.scenes import make_sensor
 SENSOR = make_sensor(12, 17)
 
 
+def kernels_of(method):
+    return method._frames.kernels if isinstance(method, Pooled) else method.kernels
+
+
 @pytest.fixture
 def auto(monkeypatch, caplog):
     """The device that `auto` takes, and what the log says, where this many milliseconds pass for each frame."""
-    def take(sensor: SensorModel = SENSOR, gpu_ms: float = 5.0, surfaces=1, **changes) -> tuple:
+    def take(sensor: SensorModel = SENSOR, gpu_ms: float = 5.0, surfaces=1, method="pooled", **changes) -> tuple:
         kernels, now = oracle.on("cpu"), iter([0.0, 0.02, 1.0, 1 + gpu_ms / 1e3])
         for name, value in changes.items():
             monkeypatch.setattr(kernels, name, value)
@@ -29,15 +33,16 @@ def auto(monkeypatch, caplog):
         monkeypatch.setattr(gpu_check.time, "perf_counter", lambda: next(now))
         monkeypatch.setattr(matched_frame, "kernels_for", {"cpu": cpu, "cuda": kernels}.get)
         with caplog.at_level(logging.INFO):
-            chosen = Reconstructor(sensor, choose_frequencies("auto", sensor, 7), surfaces=surfaces)
-        return chosen.device, chosen._method._frames.kernels is kernels, chosen.device_reason, caplog.messages
+            chosen = Reconstructor(sensor, choose_frequencies("auto", sensor, 7), method=method, surfaces=surfaces)
+        return chosen.device, kernels_of(chosen._method) is kernels, chosen.device_reason, caplog.messages
     return take
 
 
-@pytest.mark.parametrize(("surfaces", "late"), [(1, 0), (2, 0), (1, 90)])
-def test_a_gpu_that_does_the_same_and_sooner_is_taken(auto, surfaces, late):
+@pytest.mark.parametrize(("surfaces", "late", "method"), [
+    (1, 0, "pooled"), (2, 0, "pooled"), (1, 90, "pooled"), (2, 90, "srt3d")])
+def test_a_gpu_that_does_the_same_and_sooner_is_taken(auto, surfaces, late, method):
     sensor = make_sensor(12, 17, delay_bins=late * (SENSOR.rays[..., 0] > 0))
-    assert auto(sensor, surfaces=surfaces) == ("cuda", True, "5 ms a frame, on the CPU 20", [])
+    assert auto(sensor, surfaces=surfaces, method=method) == ("cuda", True, "5 ms a frame, on the CPU 20", [])
 
 
 def test_one_that_is_slower_is_not(auto):
@@ -61,7 +66,7 @@ def test_one_that_fails_is_not(auto):
     def fail(*arguments, **more):
         raise RuntimeError("CUDA out of memory.\nTried to allocate")
 
-    assert auto(search=fail) == ("cpu", False, "CUDA out of memory.", [
+    assert auto(match=fail, search=fail) == ("cpu", False, "CUDA out of memory.", [
         "the GPU is not used (CUDA out of memory.): computing on the CPU"])
 
 

@@ -57,11 +57,11 @@ METHODS = {method.name: method for method in (
            "with APSS afterwards", "sketch", Pooled,
            options=("device", "false_alarm_rate", "background", "window_frames")),
     Method("srt3d", "SRT3D as published, gradient steps on pixels' sketches and an APSS denoiser", "sketch", SRT3D,
-           "consecutive"),
-    Method("smle", "maximum likelihood on each pixel's sketch", "sketch", SMLE, "consecutive"),
-    Method("xcorr", "matched filter on each pixel's histogram", "photons", XCORR),
-    Method("rt3d", "RT3D as published, gradient steps on every time of arrival and an APSS denoiser", "photons",
-           RT3D),
+           "consecutive", ("device",)),
+    Method("smle", "maximum likelihood on each pixel's sketch", "sketch", SMLE, "consecutive", ("device",)),
+    Method("xcorr", "matched filter on each pixel's histogram, on the CPU", "photons", XCORR),
+    Method("rt3d", "RT3D as published, gradient steps on every time of arrival and an APSS denoiser, on the CPU",
+           "photons", RT3D),
 )}
 SKETCH_METHODS = tuple(method.name for method in METHODS.values() if method.needs == "sketch")
 

@@ -135,7 +135,7 @@ class Kernels(Protocol):
         `rays` unit vectors, float32 [rows, cols, 3].
         """
 
-    # ---- Of the baselines, on the CPU only. Depth (bins), intensity (photons; 0: no point): float32 [rows', K, cols'].
+    # ---- Of the baselines. Depth (bins) and intensity (photons; 0: no point) are float32 [rows', K, cols'].
 
     def match(self, frame, surfaces: int) -> tuple[Array, Array]:
         """Depth, less than a cell outside [0, T], and intensity of the highest peaks of each pixel."""

@@ -5,15 +5,16 @@ import pytest
 
 from srt3d_ros.core.baselines import plug_and_play
 from srt3d_ros.core.baselines.rt3d import RT3D
-from srt3d_ros.core.baselines.sketched import weighted_steps
+from srt3d_ros.core.baselines.sketched import SMLE, SRT3D, weighted_steps
 from srt3d_ros.core.baselines.xcorr import by_pixel
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.kernels import cpu, maps
+from srt3d_ros.kernels import torch as oracle
 from tests.core.scenes import matched_frame, simulate
 
-from .frames import CPU, T, padded
+from .frames import CPU, ORACLE, T, padded
 
 SCALE = 5.0         # bins that count as one pixel
 
@@ -41,11 +42,11 @@ def pad(layers):
     return maps.pad(layers.swapaxes(1, 2))
 
 
-def apss(depth, intensity, normal, seen):
+def apss(kernels, depth, intensity, normal, seen):
     """`apss` of maps without padding."""
     normal = normal if normal is None else np.stack([pad(part) for part in normal])
     needed = plug_and_play.points_needed(seen)
-    *found, normal = CPU.apss(pad(depth), pad(intensity), normal, needed, SCALE, T)
+    *found, normal = kernels.apss(pad(depth), pad(intensity), normal, needed, SCALE, T)
     *found, u, v = (maps.crop(each, *seen.shape) for each in (*found, *normal))
     return *found, np.stack([u, v])
 
@@ -66,7 +67,7 @@ def assert_moved(points, before, move, grown, most):
 
 @pytest.mark.parametrize(("shape", "surfaces", "precise", "usual"), [
     ((8, 40), 1, False, 20.0), ((8, 33), 2, True, 0.0), ((1, 9), 3, True, 20.0), ((5, 9), 2, False, 0.0)])
-def test_pixelwise(shape, surfaces, precise, usual):
+def test_pixelwise(backend, shape, surfaces, precise, usual):
     sensor, frequencies = make_sensor(*shape), tuple(range(1, 8))
     frame = matched_frame(sensor, sketch_photons(make_photons(sensor), sensor, frequencies))
     table = weighted_steps(sensor, frequencies, precise)
@@ -100,7 +101,7 @@ def test_pixelwise(shape, surfaces, precise, usual):
     grown = np.maximum(r + 0.5 * error_r / np.maximum(g, 1e-12), 0)
     signal = g * np.maximum(r, grown)
     move = 0.3 * error_rt * signal / (np.maximum(signal, usual * g)**2 + 1e-12)
-    points = (maps.crop(each, *shape) for each in CPU.pixelwise(padded(frame), table, 0.3, usual, pad(t), pad(r)))
+    points = (maps.crop(each, *shape) for each in backend.pixelwise(padded(frame), table, 0.3, usual, pad(t), pad(r)))
     assert_moved(tuple(points), (t, r), move, grown, frame.resolution_bins)
 
 
@@ -144,12 +145,12 @@ def make_plane(shape):
 
 @pytest.mark.parametrize("spheres", [False, True])
 @pytest.mark.parametrize("shape", [(20, 30), (1, 9), (9, 1)])
-def test_apss_keeps_a_plane_with_its_normals_and_leaves_out_masked_pixels(shape, spheres):
+def test_apss_keeps_a_plane_with_its_normals_and_leaves_out_masked_pixels(backend, shape, spheres):
     plane, normal = make_plane(shape)
     seen = np.ones(shape, np.float32)
     seen[0, 0] = min(shape) == 1            # a line's second pixel would see too few points beside a masked one
     lit = 10 * seen[:, None]
-    depth, intensity, facing = apss(plane, lit, normal if spheres else None, seen)
+    depth, intensity, facing = apss(backend, plane, lit, normal if spheres else None, seen)
     np.testing.assert_allclose(intensity, lit, rtol=1e-5)
     there = intensity > 0
     np.testing.assert_allclose(circular_difference(depth, plane, T)[there], 0, atol=0.01)
@@ -158,11 +159,11 @@ def test_apss_keeps_a_plane_with_its_normals_and_leaves_out_masked_pixels(shape,
     assert (depth[~there] == 0).all() and (facing[:, ~there] == 0).all()
 
 
-def test_apss_keeps_two_surfaces_apart_the_strongest_first():
+def test_apss_keeps_two_surfaces_apart_the_strongest_first(backend):
     depth = np.tile(np.array([100, 200], np.float32)[:, None], (6, 1, 7))
     intensity = np.tile(np.array([5, 20], np.float32)[:, None], (6, 1, 7))
     intensity[2, :, 3] = 50, 0
-    out = apss(depth, intensity, None, np.ones((6, 7), np.float32))
+    out = apss(backend, depth, intensity, None, np.ones((6, 7), np.float32))
     usual = np.ones((6, 7), bool)
     usual[1:4, 2:5] = False
     for k, (t, r) in enumerate([(200, 20), (100, 5)]):
@@ -172,25 +173,57 @@ def test_apss_keeps_two_surfaces_apart_the_strongest_first():
     np.testing.assert_allclose(out[1][2, :, 3], [0.9 * 50 + 0.1 * 5, 0.1 * 20], rtol=1e-5)
 
 
-def test_spheres_keep_a_ball_round_where_planes_flatten_it():
+def test_spheres_keep_a_ball_round_where_planes_flatten_it(backend):
     y, x = np.mgrid[-6:7, -6:7]
     radius = 20.0
     ball = (150 - SCALE * np.sqrt(radius**2 - x**2 - y**2)).astype(np.float32)[:, None]
     lit, seen = np.ones(ball.shape, np.float32), np.ones(x.shape, np.float32)
     normal = np.stack([x / radius, y / radius])[:, :, None].astype(np.float32) * -1
     inside = np.s_[2:-2, 0, 2:-2]
-    by_spheres = np.abs(apss(ball, lit, normal, seen)[0] - ball)[inside]
-    by_planes = np.abs(apss(ball, lit, None, seen)[0] - ball)[inside]
+    by_spheres = np.abs(apss(backend, ball, lit, normal, seen)[0] - ball)[inside]
+    by_planes = np.abs(apss(backend, ball, lit, None, seen)[0] - ball)[inside]
     assert by_spheres.max() < 0.01 < 0.05 < by_planes.max()
 
 
-def test_apss_creates_points_among_four_and_removes_those_among_three():
+def test_apss_creates_points_among_four_and_removes_those_among_three(backend):
     depth, intensity = np.full((3, 1, 3), 100, np.float32), np.zeros((3, 1, 3), np.float32)
     seen = np.ones((3, 3), np.float32)
     intensity[0, 0], intensity[1, 0, 0] = 10, 10
-    out = apss(depth, intensity, None, seen)
+    out = apss(backend, depth, intensity, None, seen)
     assert out[1][1, 0, 1] == pytest.approx(1.0) and out[0][1, 0, 1] == pytest.approx(100)
     intensity[1, 0, 0] = 0
-    assert apss(depth, intensity, None, seen)[1][1, 0, 1] == 0
+    assert apss(backend, depth, intensity, None, seen)[1][1, 0, 1] == 0
     intensity[2, 0, 0], depth[2, 0, 0] = 10, 160                    # a fourth one far behind is another surface's
-    assert apss(depth, intensity, None, seen)[1][1, 0, 1] == 0
+    assert apss(backend, depth, intensity, None, seen)[1][1, 0, 1] == 0
+
+
+@pytest.mark.parametrize(("shape", "surfaces"), [((8, 40), 1), ((9, 12), 3), ((1, 9), 3), ((9, 1), 2), ((1, 1), 1)])
+def test_apss_agrees(shape, surfaces):
+    seen, (depth, intensity), normal = make_sensor(*shape).exposure, make_points(make_sensor(*shape), surfaces), None
+    for _ in range(3):
+        found, expected = (apss(kernels, depth, intensity, normal, seen) for kernels in (CPU, ORACLE))
+        np.testing.assert_allclose(circular_difference(found[0], expected[0], T), 0, atol=1e-3)
+        for one, other in zip(found[1:], expected[1:]):
+            np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-4)
+        depth, intensity, normal = found
+
+
+@pytest.mark.parametrize("method", [SRT3D, SMLE])
+@pytest.mark.parametrize("surfaces", [1, 2])
+def test_a_gpu_finds_the_same_points_and_looks_at_no_value(monkeypatch, method, surfaces):
+    sensor = make_sensor(12, 33)
+    monkeypatch.setattr(plug_and_play, "ITERATIONS", 4)
+    sketch = sketch_photons(make_photons(sensor, 60), sensor, tuple(range(1, 8)))
+
+    def on(kernels):
+        monkeypatch.setattr("srt3d_ros.core.matched_frame.kernels_for", lambda name: kernels)
+        return method(sensor, sketch.frequencies, surfaces, device="cuda")
+
+    found, expected = (on(each.kernels)(sketch) for each in (CPU, ORACLE))
+    on(oracle.on("meta")).run(np.float32(sketch.photons), sketch.sums)        # torch's device without values
+    assert len(found) > 300
+    for field in ("row", "col", "surface"):
+        np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
+    assert np.abs(circular_difference(found.depth_bins, expected.depth_bins, T)).max() < 1e-3
+    for field in ("intensity", "background", "xyz"):
+        np.testing.assert_allclose(getattr(found, field), getattr(expected, field), rtol=1e-3, atol=1e-3)

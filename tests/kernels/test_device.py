@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from srt3d_ros.core.method.pooled import Pooled
+from srt3d_ros.core.methods import METHODS
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels import torch as oracle
 from srt3d_ros.kernels.torch.device import exact_products
@@ -22,10 +22,11 @@ SKETCHES = [make_sketch(SENSOR, seed) for seed in (0, 1)]
 QUICK = "expand", "log_likelihood_ratio", "finalise"       # to compile: seconds each
 
 
-def built(monkeypatch, kernels, surfaces: int):
+def built(monkeypatch, kernels, method: str, surfaces: int, **options):
     """A reconstruction that computes with these kernels as if they were a GPU's."""
+    monkeypatch.setattr("srt3d_ros.core.baselines.plug_and_play.ITERATIONS", 2)     # the others do the same again
     monkeypatch.setattr("srt3d_ros.core.matched_frame.kernels_for", lambda device: kernels)
-    return Pooled(SENSOR, SKETCHES[0].frequencies, surfaces=surfaces, device="cuda")
+    return METHODS[method].build(SENSOR, SKETCHES[0].frequencies, surfaces=surfaces, device="cuda", **options)
 
 
 @pytest.fixture
@@ -62,7 +63,7 @@ def test_no_step_of_a_frame_looks_at_a_value_or_has_a_shape_that_depends_on_one(
     """On torch's device `meta`, which has shapes but no values, nor any copies to or from the host."""
     spreading(1)        # each further pixel does the same again
     kernels, sketch = oracle.on("meta"), SKETCHES[0]
-    pooled, photons = built(monkeypatch, kernels, surfaces), sketch.photons.astype(np.float32)
+    pooled, photons = built(monkeypatch, kernels, "pooled", surfaces), sketch.photons.astype(np.float32)
     background = (photons, np.ones(7, np.complex64), np.ones(SENSOR.num_bins, np.float32)) if uneven else ()
     exposure = maps.pad(np.full(SHAPE, 3, np.float32)) if exposed else None         # of a window
     found = pooled._frames.run(photons, sketch.sums, exposure, np.array(pooled._scores, np.float32), *background)
@@ -73,14 +74,18 @@ def test_no_step_of_a_frame_looks_at_a_value_or_has_a_shape_that_depends_on_one(
     assert (values.shape, xyz.shape, number.shape) == ((6, most), (most, 3), (1,))
 
 
-def test_two_frames_compile_each_step_once_as_one_graph_that_needs_nothing_of_the_host(monkeypatch, compiling):
-    reconstructor, graphs = built(monkeypatch, oracle.on("cpu"), 1), defaultdict(list)
+@pytest.mark.parametrize("method", ["pooled", "srt3d"])
+def test_two_frames_compile_each_step_once_as_one_graph_that_needs_nothing_of_the_host(monkeypatch, compiling, method):
+    reconstructor, graphs = built(monkeypatch, oracle.on("cpu"), method, 1), defaultdict(list)
     compiling(lambda name: True, keeping(lambda function, graph, _: graphs[function.__name__].append(graph)))
     first = reconstructor(SKETCHES[0])
     compiled = {name: len(each) for name, each in graphs.items()}
-    assert set(compiled) >= {"_search_flat", "_pool_down", "_search_across", "_take_planes", "_round", "_step",
-                             "finalise", "collect"}
-    reconstructor.set_false_alarm_rate(1e-2)
+    assert set(compiled) >= {
+        "pooled": {"_search_flat", "_pool_down", "_search_across", "_take_planes", "_round", "_step", "finalise",
+                   "collect"},
+        "srt3d": {"match", "pixelwise", "_joined", "_projected", "_moved"}}[method]
+    if method == "pooled":
+        reconstructor.set_false_alarm_rate(1e-2)
     assert len(reconstructor(SKETCHES[1])) != len(first)
     assert {name: len(each) for name, each in graphs.items()} == compiled
     for graph in sum(graphs.values(), []):
@@ -102,7 +107,7 @@ def test_a_function_is_compiled_for_more_shapes_than_torch_takes_for_a_mistake(c
 @pytest.mark.skipif(not shutil.which("g++"), reason="torch compiles for a CPU by g++")
 def test_what_is_compiled_gives_the_points_of_what_runs_step_by_step(monkeypatch, compiling):
     """The functions that compile in seconds; all of them do it in minutes."""
-    reconstructor, found = built(monkeypatch, oracle.on("cpu"), 1), []
+    reconstructor, found = built(monkeypatch, oracle.on("cpu"), "pooled", 1), []
     for names in ((), QUICK):
         compiling(lambda name: name in names)
         reconstructor.forget()

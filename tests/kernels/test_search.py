@@ -16,9 +16,13 @@ from tests.core.scenes import matched_frame
 
 from .frames import (
     CPU,
+    DEPTH_TOLERANCE,
     FAINT,
+    FARTHEST_AT_TIES,
     ORACLE,
+    RELATIVE,
     SHAPES,
+    SHARE_AT_TIES,
     T,
     assert_states_agree,
     exact_frame,
@@ -41,7 +45,7 @@ def test_blur(shape, sigma):
 
 
 @pytest.mark.parametrize("size", [1, 20])
-def test_match_finds_the_highest_peak_wherever_it_lies(size):
+def test_match_finds_the_highest_peak_wherever_it_lies(backend, size):
     """With one frequency there are fewer cells than are looked at together, with 20 more frequencies than 16."""
     sensor = SensorModel(1, 600, T, 1e-10, np.exp(-np.linspace(-3, 3, 25)**2))
     depth = np.linspace(0, T, 600, endpoint=False)[None]
@@ -49,10 +53,24 @@ def test_match_finds_the_highest_peak_wherever_it_lies(size):
     sums = 40 * irf_spectrum(sensor, frequencies) * np.exp(1j * angular_frequencies(frequencies, T) * depth[..., None])
     sketch = PhaseSums(frequencies, sums.astype(np.complex64), np.full((1, 600), 40, np.uint32), sensor=sensor)
     frame = matched_frame(sensor, sketch)
-    found, intensity = (maps.crop(each, *frame.shape) for each in CPU.match(padded(frame), 1))
+    found, intensity = (maps.crop(each, *frame.shape) for each in backend.match(padded(frame), 1))
     # The parabola through a band-limited peak sampled 4 times a period: a small part of the peak's width.
     assert np.abs(circular_difference(found[:, 0], depth, T)).max() < 0.1 * frame.resolution_bins
     np.testing.assert_allclose(intensity, 40, rtol=0.03)
+
+
+@pytest.mark.parametrize(("shape", "surfaces", "light"), [((6, 40), 1, FAINT), ((9, 33), 2, 1), ((5, 7), 3, 1)])
+def test_match(shape, surfaces, light):
+    frame = make_frame(shape, 4, light)
+    found, expected = ([maps.crop(each, *shape) for each in kernels.match(padded(frame), surfaces)]
+                       for kernels in (CPU, ORACLE))
+    seen = (frame.counts > 0)[:, None] & (expected[1] > 0)
+    apart = np.abs(circular_difference(found[0], expected[0], T))
+    wrong = apart > surfaces * DEPTH_TOLERANCE      # each is found in what those before leave
+    assert apart[seen].max() <= FARTHEST_AT_TIES * DEPTH_TOLERANCE
+    wrong |= np.abs(found[1] - expected[1]) > RELATIVE * np.abs(expected[1]) + 1e-5
+    assert seen.sum() > 20 and (wrong & seen).sum() <= seen.sum() * SHARE_AT_TIES
+    assert (found[1][(frame.counts == 0)[:, None].repeat(surfaces, 1)] == 0).all()
 
 
 @pytest.mark.parametrize(("shape", "surfaces", "layer"), [((6, 40), 2, 1), ((9, 33), 2, 0), ((5, 7), 4, 3)])

@@ -40,14 +40,14 @@ class SMLE:
     """Reconstructs frames of one sensor from their sketches; as in the paper, every pixel with photons shows a point.
 
     The sketch of n photons is normally distributed around Ψ_θ with covariance Σ_θ / n. So W = Σ_θ⁻¹ is maximum
-    likelihood, except for the determinant, which n outweighs.
+    likelihood, except for the determinant, which n outweighs. Arguments as for `Pooled`.
     """
 
     precise = True          # W is the inverse covariance of the sketch, else the identity
 
-    def __init__(self, sensor: SensorModel, frequencies: Sequence[int], surfaces: int = 1):
+    def __init__(self, sensor: SensorModel, frequencies: Sequence[int], surfaces: int = 1, device: str = "cpu"):
         self.sensor, self._surfaces, self._matcher = sensor, surfaces, Matcher(sensor, frequencies)
-        self._on_device = SensorOnDevice(self._matcher, "cpu", surfaces)
+        self._on_device = SensorOnDevice(self._matcher, device, surfaces)
         kernels = self.kernels = self._on_device.kernels
         self._table = kernels.array(weighted_steps(sensor, self._matcher.frequencies, self.precise))
         self._enough = kernels.array(points_needed(sensor.exposure))

@@ -4,7 +4,7 @@
 oracle, from which `cpu` differs by rounding only. In single precision they run on a GPU: each `fused` function is
 compiled, and no step of a frame branches on a value, so that one CUDA graph holds a whole frame.
 
-Sketching, moving sketches and the baselines run on the CPU alone (`cpu.sketching`, `cpu.baselines`).
+Sketching and moving sketches run on the CPU alone (`cpu.sketching`).
 
 Notation:
     T            bins of a period (`num_bins`); depths are bins on a circle of T
@@ -29,6 +29,8 @@ Notation:
 
 import torch
 
+from srt3d_ros.kernels.torch.baselines.apss import apss
+from srt3d_ros.kernels.torch.baselines.gradients import median_depth, pixelwise, usual_intensity
 from srt3d_ros.kernels.torch.device import Kernels
 from srt3d_ros.kernels.torch.method.birth_death import birth_death
 from srt3d_ros.kernels.torch.method.finalise import (
@@ -44,12 +46,13 @@ from srt3d_ros.kernels.torch.method.growth import drop_blobs
 from srt3d_ros.kernels.torch.method.likelihood import expand, log_likelihood_ratio, trim
 from srt3d_ros.kernels.torch.method.planes import turn_planes
 from srt3d_ros.kernels.torch.method.pooled_step import pooled_step
-from srt3d_ros.kernels.torch.method.search import no_surfaces, prepare, residual, search
+from srt3d_ros.kernels.torch.method.search import match, no_surfaces, prepare, residual, search
 from srt3d_ros.kernels.torch.method.windows import blur
 
 FUNCTIONS = {function.__name__: function for function in (
-    background, birth_death, blur, collect, drop_blobs, drop_ghosts, drop_weak, expand, finalise, local_mean,
-    log_likelihood_ratio, no_surfaces, pooled_step, prepare, residual, search, trim, turn_planes, unexplained)}
+    apss, background, birth_death, blur, collect, drop_blobs, drop_ghosts, drop_weak, expand, finalise, local_mean,
+    log_likelihood_ratio, match, median_depth, no_surfaces, pixelwise, pooled_step, prepare, residual, search, trim,
+    turn_planes, unexplained, usual_intensity)}
 
 
 def on(device: str, dtype: torch.dtype = torch.float32) -> Kernels:

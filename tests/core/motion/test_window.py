@@ -133,7 +133,7 @@ def test_clouds_of_a_window_have_more_points_and_the_photons_of_one_frame(cycles
 
 
 def test_only_windows_take_a_trajectory_and_only_pooled_has_windows():
-    with pytest.raises(InvalidInput, match="window_frames 3: smle takes only surfaces"):
+    with pytest.raises(InvalidInput, match="window_frames 3: smle takes only surfaces, device"):
         Reconstructor(SENSOR, FREQUENCIES, method="smle", window_frames=3)
     with pytest.raises(InvalidInput, match="Only windows follow a trajectory"):
         Reconstructor(SENSOR, FREQUENCIES, device="cpu")(seen(40, 9), Trajectory())

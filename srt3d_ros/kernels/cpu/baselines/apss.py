@@ -1,14 +1,8 @@
-"""Algebraic point set surfaces (APSS): smooth a point cloud, create and remove points, spread intensities.
+"""Algebraic point set surfaces (APSS): project each point onto the surface that fits the points of its 3 × 3 pixels.
 
-    G. Guennebaud, M. Gross, "Algebraic point set surfaces", SIGGRAPH 2007, as the denoiser of RT3D (J. Tachella et al.,
-    Nature Communications 10, 2019) and of SRT3D.
-
-Points of 3 × 3 pixels whose depths lie within APSS_SAME_SURFACE of their mean make a surface, if they are `enough`. For
-each of the K strongest the pixel's point moves along its line of sight onto the surface that is fitted with weights
-(1 − distance² / APSS_REACH²)₊²: a plane by least squares without normals, else a sphere u₀ + u · x + u_q |x|² = 0 whose
-gradient fits them; up to APSS_PROJECTIONS times, until it moves by less than APSS_STILL. Intensity is 1 − APSS_SHARED
-times the pixel's own, and APSS_SHARED times its neighbours' mean, so that surfaces grow into pixels without a point.
-Lengths are in pixels: (column, row, depth / scale), so that all three directions smooth alike.
+The points near in depth form surfaces; for each of the K strongest of a pixel, its point moves along the line of sight
+onto a plane or sphere, fitted with weights (1 − distance² / APSS_REACH²)₊². Lengths are in pixels here: (column, row,
+depth / scale). `torch.baselines.apss` has the details.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""The start: `prepare`, `search` and `residual`."""
+"""The start: `prepare`, `match`, `search` and `residual`."""
 
 from typing import NamedTuple
 
@@ -22,12 +22,25 @@ def prepare(sums, photons, equaliser, used, taken=None, passed=None, mean=None):
     return pad(torch.cat(tuple(z), dim=-1).movedim(2, 1)), pad(photons * used)
 
 
-def _peak(z, frame):
-    """Place (bins) and height of the highest peak of R(z, t), [..., cols] each, of z [..., 2m, cols].
+@fused
+def match(frame, surfaces):
+    """t_k = arg max_t R(z, t), s_k = R(z, t_k) / E, then z_l −= s_k |ĥ_l|² exp(i ω_l t_k); for k = 1 … K.
 
     R has no frequency above max k_l: its peak is found on a grid of 4 max k_l cells (rounded up to 16), and by a
-    parabola through the highest one and its neighbours.
+    parabola through the highest one and its neighbours. The intensity is (s_k)₊ / g, 0 where g = 0.
     """
+    z, found = frame.matched, []
+    for _ in range(surfaces):
+        depth, value = _peak(z, frame)
+        found.append((depth, value / frame.total_energy))
+        z = z - torch.cat(explained(frame, waves(frame, depth), found[-1][1]), dim=1)
+    depth, signal = (torch.stack(values, dim=1) for values in zip(*found))
+    light = frame.exposure[:, None]
+    return depth, signal.clamp(min=0) / light.clamp(min=EPSILON) * (light > 0)
+
+
+def _peak(z, frame):
+    """Place (bins) and height of the highest peak of R(z, t), [..., cols] each, of z [..., 2m, cols]."""
     cells, sketches = len(frame.filters), z.movedim(-2, 0)
     response = (frame.filters @ sketches.flatten(1)).unflatten(1, sketches.shape[1:])
     peak, top = response.max(dim=0, keepdim=True)
@@ -69,8 +82,8 @@ def search(frame, matched, state, layer, sigma, step, enough, slanted=False):
 
     A pixel is open if it has `layer` surfaces and could get one more. The open pixels around each cell are pooled:
     z̄ = Σ w z, N = Σ w² n and G = Σ w g, with σ / step. Other pixels do not count: otherwise surfaces
-    spread into background-only pixels. S is the height of the highest peak of R(z̄, t), at t. q = Σ w² / Σ w is 1 for
-    one pixel, 1/2 for a Gaussian; p = N / q. Since S E ≤ Σ_l |z̄_l|, most cells that are not sure need no filter.
+    spread into background-only pixels. t and S are `match` of z̄. q = Σ w² / Σ w is 1 for one pixel, 1/2 for a Gaussian;
+    p = N / q. Since S E ≤ Σ_l |z̄_l|, most cells that are not sure need no filter.
 
     If `slanted`, windows along planes follow that rise or fall by SLANT · δ / σ to the right, downwards, or both: the
     sums of cells times exp(−i ω_l slope · position) are pooled, which adds up such a plane as a flat window adds up one

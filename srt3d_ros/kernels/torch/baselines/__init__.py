@@ -1,0 +1,1 @@
+"""The gradient steps and the APSS denoiser of the published methods: torch."""
