@@ -3,6 +3,7 @@
 import inspect
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -224,10 +225,16 @@ def test_a_cloud_is_drawn(cloud):
     left, right = (cloud.render(yaw_deg=yaw_deg, size_px=(300, 200)) for yaw_deg in (-20, 20))
     assert left.shape == (200, 300, 3) and not np.array_equal(left, right)
     axes = Figure().subplots()
-    assert cloud.plot(axes) is axes and np.array_equal(axes.images[0].get_array(), image)
+    assert cloud.plot(ax=axes) is axes and np.array_equal(axes.images[0].get_array(), image)
     assert isinstance(cloud.plot(yaw_deg=0), type(axes))
-    with pytest.raises(srt3d_ros.InvalidInput, match=r"^size_px is \(0, 9\)"):
-        cloud.render(size_px=(0, 9))
+    quantities = "range", "intensity", "depth_std", "snr"
+    assert len({cloud.render(name, size_px=(300, 200)).tobytes() for name in quantities}) == 4
+    wrong = ({"size_px": (0, 9)}, r"size_px is \(0, 9\)"), ({"colour_by": "hue"}, "colour_by is .hue")
+    for options, expected in wrong:
+        with pytest.raises(srt3d_ros.InvalidInput, match=f"^{expected}"):
+            cloud.render(**options)
+    with pytest.raises(srt3d_ros.InvalidInput, match=r"^rt3d gives points no depth_std\.$"):
+        replace(cloud, method="rt3d", depth_std_bins=np.full(len(cloud), np.nan, np.float32)).plot("depth_std")
 
 
 def test_the_first_call_shows_that_it_compiles(repository):

@@ -22,7 +22,7 @@ def run(args: argparse.Namespace, options: dict) -> int:
     from srt3d_ros import api, datasets
     from srt3d_ros.datasets import cloud_files
 
-    numbers = datasets.frame_numbers(args.input, args.frames, args.photons_topic)
+    numbers = datasets.frame_numbers(args.input, args.frames, args.photons_topic, **common.overrides(args))
     require(args.frame == 0, "--frame", args.frame, "none beside --frames")
     cloud_files.check_format(Path(f"0.{args.format}"))
     folder = folder_for(args)

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
@@ -12,7 +13,7 @@ from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.datasets.bags import frames as bag_frames
 from srt3d_ros.datasets.bags.bag import Bag, is_bag
 from srt3d_ros.datasets.options import Options, SensorOptions, gathered
-from srt3d_ros.datasets.readers import cubes, hdf5, histograms, mat, npz, ptu, tmf8829
+from srt3d_ros.datasets.readers import csv_lists, cubes, hdf5, histograms, mat, npz, ptu, tmf8829
 from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput, quoted, require
@@ -26,8 +27,9 @@ __all__ = ["SIMULATOR", "Reading", "frame_loaders", "frame_numbers", "open_senso
 SIMULATOR = "simulator"     # in place of a path
 # Functions by suffix, of path and options (options.gathered). They raise InvalidInput, naming the file and what in it
 # cannot be used. Those of LOGS yield a function for each frame that reads it.
-FILE_READERS = {".npz": npz.read, ".mat": mat.read, ".ptu": ptu.read, ".sdt": histograms.read,
-                ".phu": histograms.read, ".npy": cubes.read, ".h5": hdf5.read, ".hdf5": hdf5.read, ".hdf": hdf5.read}
+FILE_READERS = {".npz": npz.read, ".npy": cubes.read, ".mat": mat.read, ".csv": csv_lists.read, ".ptu": ptu.read,
+                ".sdt": histograms.read, ".phu": histograms.read,
+                **dict.fromkeys((".h5", ".hdf5", ".hdf", ".nc"), hdf5.read)}
 LOGS = {".json": tmf8829.frames, ".gz": tmf8829.frames}
 MOST_FRAMES = 10**7         # at once: their numbers take 0.4 GB
 
@@ -73,8 +75,9 @@ def _of_file(path: Path, frame: int, options: Options) -> Reading:
     require(frame >= 0, "frame", frame, "0 or more")
     suffix, count = path.suffix.lower(), 0
     if suffix in FILE_READERS:
-        require(frame == 0, "frame", frame, f"0, the only frame of {path.name}")
-        return FILE_READERS[suffix](path, options)
+        reading = FILE_READERS[suffix](path, replace(options, frame=frame))
+        require(frame < reading.frames, "frame", frame, f"0, the only frame of {path.name}")
+        return reading
     for count, load in enumerate(LOGS[suffix](path, options), start=1):
         if count > frame:
             return load()
@@ -89,8 +92,10 @@ def _simulated(frame: int, sensor: SensorModel | None, options: Options) -> Read
     return Reading(simulator.sensor, events, depth_bins, SIMULATOR).with_options(options)
 
 
-def frame_numbers(path: str | Path, wanted: str, photons_topic: str = "") -> range:
+def frame_numbers(path: str | Path, wanted: str, photons_topic: str = "", **options: Any) -> range:
     """The frames of a file, bag or log that `wanted` names: "all", or the first and the last one such as "0-99".
+
+    `options` are those of `read`, which say which array has them.
 
     Raises:
         InvalidInput: it has no such frames, or cannot be read; or all are wanted of the simulator, which has no end.
@@ -106,7 +111,7 @@ def frame_numbers(path: str | Path, wanted: str, photons_topic: str = "") -> ran
     else:
         require_file(Path(path), "photon file")
         log = LOGS.get(Path(path).suffix.lower())
-        count = sum(1 for _ in log(Path(path), Options())) if log else 1
+        count = sum(1 for _ in log(Path(path), Options())) if log else read(path, guess_irf=True, **options).frames
     first, last = map(int, ends.groups()) if ends else (0, count - 1)
     require(last - first < MOST_FRAMES, "--frames", problem=f"Give at most {MOST_FRAMES:,} frames at once.")
     fits = first <= last < count

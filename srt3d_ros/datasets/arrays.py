@@ -7,6 +7,7 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
+from srt3d_ros.datasets import axes
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.options import (
     ASSUMED_FOV,
@@ -14,7 +15,6 @@ from srt3d_ros.datasets.options import (
     BIN_OF_ONE_METRE_S,
     Options,
     described,
-    in_order,
     says_geometry,
 )
 from srt3d_ros.datasets.values import array, sendable
@@ -74,9 +74,11 @@ def fitted(frame: PhotonFrame, sensor: SensorModel) -> tuple[PhotonFrame, tuple[
 
 def from_counts(counts: Any, stamp_ns: int, options: Options) -> Described:
     """Photons counted in bins; arguments as for `Photons.from_counts`, options from `gathered`."""
-    counts = array("counts", counts)
-    require(counts.ndim == 3, "counts", f"{counts.dtype} {counts.shape}", "numbers [rows, cols, bins]")
-    counts, options, few_bins = in_order(counts, options)
+    dims, counts = getattr(counts, "dims", ()), array("counts", counts)
+    dims = dims if isinstance(dims, tuple) and all(isinstance(dim, str) for dim in dims) else ()
+    given = f"{counts.dtype} {counts.shape}"
+    counts, options, few_bins, frames = axes.in_order(counts, options, {}, dims)
+    require(counts.ndim == 3 and frames == 1, "counts", given, "numbers [rows, cols, bins] of one frame")
     histograms = PhotonHistograms(np.ascontiguousarray(sendable(counts)), stamp_ns)
     sizes = dict(zip(("rows", "cols", "num_bins"), counts.shape))
     if options.known.get("histograms") is not None:

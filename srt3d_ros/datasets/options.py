@@ -27,10 +27,11 @@ ASSUMED_FOV = Note(f"geometry taken to be a pinhole of {DEFAULT_FOV_DEG:g}° acr
 SENSOR_OPTIONS = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols"))
 SENSOR_DEFAULTS = {name: key.default for name, key in keys(SensorModel).items()}
 Values = np.ndarray | Sequence
-AXES = ("rows", "cols", "bins")
+AXES, FRAMES = ("rows", "cols", "bins"), "frames"
 FILE_OPTIONS = {"channel": "Only .ptu, .phu, .sdt and Photon-HDF5 files have channels.",
                 "axes": "Only arrays of counts have axes.",
-                "columns": "Only .npz, HDF5 and .mat files of photons have columns."}
+                "array": "Only .npz, HDF5 and .mat files of counts have arrays to choose from.",
+                "columns": "Only .npz, HDF5, .mat and .csv files of photons have columns."}
 PIXEL_MAPS = tuple(name for name, key in keys(SensorModel).items() if key.dtype and name != "irf")
 
 
@@ -67,11 +68,14 @@ class SensorOptions(TypedDict, total=False):
         "first and last bin to keep (--gate FIRST-LAST)", more="T becomes the number of bins plus the spread of the "
         "pixels' delays, toa_offset_bins grows by the first bin, and photons outside are dropped and counted in notes")]
     channel: Annotated[int, Key("detector channel or data set (default: brightest; all for Photon-HDF5)", option=True)]
-    axes: Annotated[str | tuple[str, str, str], Key(
-        "order of the axes of an array of counts: bins,rows,cols (default: rows,cols,bins)", option=True)]
-    columns: Annotated[str | tuple[str, str, str], Key(
+    array: Annotated[str, Key("name of the array of counts, if the file has several", option=True)]
+    axes: Annotated[str | tuple[str, ...], Key(
+        "order of the axes of an array of counts: bins,rows,cols (default: rows,cols,bins, or what the file states)",
+        more="of one with four axes, with frames, too", option=True)]
+    columns: Annotated[str | tuple[str, ...], Key(
         "names of the arrays with row, column and ToA of each photon (default: row,col,toa)",
-        more="y,x,t say; in a group of HDF5 scan/y", option=True)]
+        more="y,x,t say; two are pixel index and ToA, one the ToA of a single pixel; in an HDF5 group or table scan/y",
+        option=True)]
 
 
 def option_keys() -> dict[str, Key]:
@@ -94,9 +98,16 @@ class Options:
     known: Known = field(default_factory=dict)
     gate: tuple[int, int] | None = None
     channel: int | None = None
+    array: str | None = None
     axes: tuple[str, ...] | None = None
     columns: tuple[str, ...] | None = None
     guess_irf: bool = False         # one bin if none can be estimated
+    frame: int = 0                  # of a file with several
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """Names of arrays that the caller wants."""
+        return (*(self.columns or ()), *([self.array] if self.array else ()))
 
     def without(self, *names: str) -> Self:
         """The other options."""
@@ -135,7 +146,7 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None, guess_
     if "gate" in given:
         given["gate"] = gate = parse(given["gate"])
         require(not isinstance(gate, str), "gate", quoted(gate), "first and last bin, both kept")
-    given |= {name: _three_names(name, given[name]) for name in ("axes", "columns") if name in given}
+    given |= {name: _names(name, given[name]) for name in ("axes", "columns") if name in given}
     given |= {name: array(name, given[name]) for name in PIXEL_MAPS if name in given}
     if "irf_sigma_bins" in given:
         given["irf"] = irfs.gaussian(finite("irf_sigma_bins", given.pop("irf_sigma_bins"), "bins, above 0"))
@@ -208,28 +219,15 @@ def check_same(own: Known, known: Known) -> None:
         require(known.get(name, value) == value, name, quoted(known.get(name)), f"{value}, as in the file")
 
 
-def in_order(counts: np.ndarray, options: Options) -> tuple[np.ndarray, Options, tuple[str, ...]]:
-    """Counts [rows, cols, bins] by the option `axes`, the other options, and a note if they may need `axes`."""
-    if counts.ndim != 3:
-        return counts, options.without("axes"), ()
-    if options.axes is not None:
-        return counts.transpose([options.axes.index(name) for name in AXES]), options.without("axes"), ()
-    rows, cols, bins = counts.shape
-    if rows <= max(cols, bins) and not 1 < bins < min(rows, cols):
-        return counts, options, ()
-    note = (f"{rows} × {cols} × {bins} taken for rows × cols × bins: if the first axis has the bins, give "
-            "axes=bins,rows,cols (--axes)")
-    irf = options.known.get("irf")
-    require(irf is None or irf.shape[-1] <= bins, "axes", problem=f"The IRF is longer than the period: {note}.")
-    return counts, options, (note,)
-
-
-def _three_names(option: str, value: Any) -> tuple[str, ...]:
-    """Three names, or the order of AXES, given as a text with commas or one by one."""
+def _names(option: str, value: Any) -> tuple[str, ...]:
+    """Up to three columns, or the order of AXES, perhaps with FRAMES, given as a text with commas or one by one."""
     names = tuple(name.strip().strip("/") for name in value.split(",")) if isinstance(value, str) else value
-    expected = "rows, cols and bins in the order of the array" if option == "axes" else "the arrays of row, col and ToA"
-    fits = isinstance(names, list | tuple) and len(names) == 3 and all(isinstance(name, str) and name for name in names)
-    require(fits and (option != "axes" or set(names) == set(AXES)), option, quoted(value), expected)
+    expected = "rows, cols and bins in the order of the array" if option == "axes" else \
+        "the arrays of row, col and ToA, of pixel and ToA, or of ToA"
+    fits = isinstance(names, list | tuple) and len(names) in (1, 2, 3, 4) and all(
+        isinstance(x, str) and x for x in names)
+    require(fits and (sorted(names) in (sorted(AXES), sorted((*AXES, FRAMES))) if option == "axes" else len(names) < 4),
+            option, quoted(value), expected)
     return tuple(names)
 
 

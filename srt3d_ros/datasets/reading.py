@@ -30,6 +30,7 @@ class Reading:
             SensorModel), NaN = unknown or no surface; None if the source has none.
         name: the file's name without its suffix.
         notes: a line for each assumption, estimate or omission. Show them to the user.
+        frames: number of frames in the source, if it is an array of counts.
     """
 
     sensor: SensorModel
@@ -37,6 +38,7 @@ class Reading:
     reference_depth_bins: np.ndarray | None = None
     name: str = IN_MEMORY
     notes: tuple[str, ...] = ()
+    frames: int = 1
 
     @property
     def photons(self) -> int:

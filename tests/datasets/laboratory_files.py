@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 T3, T2 = 0x00010307, 0x00010207         # record types of a MultiHarp
+PICOHARP_T2 = 0x00010203
 _TAG_INT, _TAG_FLOAT, _TAG_BOOL, _TAG_EMPTY = 0x10000008, 0x20000008, 0x00000008, 0xFFFF0008
 
 

@@ -57,10 +57,26 @@ def test_channels_and_incomplete_frames(tmp_path):
         read(path, irf=[1], channel=5)
 
 
-def test_t2_is_refused_in_one_line(tmp_path):
+@pytest.mark.parametrize(("record_type", "sync", "bits"), [(files.T2, 1 << 31, 25), (files.PICOHARP_T2, 0, 28)])
+def test_times_of_t2_count_from_the_laser_s_pulses(tmp_path, monkeypatch, record_type, sync, bits):
+    pytest.importorskip("ptufile")
+    monkeypatch.setattr("srt3d_ros.datasets.readers.ptu_t2.RECORDS", 7)
+    overflow = 0xF0000000 if record_type == files.PICOHARP_T2 else 1 << 31 | 63 << 25 | 1
+    body = [1 << bits | 3, sync | 1000, 1 << bits | 1250, sync | 2000, 2 << bits | 2300, 2 << bits | 2900, sync | 3000,
+            overflow, 2 << bits | 1, sync | 500, 2 << bits | 1501]
+    path = files.ptu(tmp_path / "t2.ptu", body, record_type, {"Measurement_SubMode": 0})
+    photons = read(path, irf=[1], bin_width_s=1e-10)
+    assert (photons.sensor.pixels, photons.sensor.num_bins) == (1, 10)
+    wrap = {files.T2: 33_554_432, files.PICOHARP_T2: 210_698_240}[record_type]
+    assert sorted(photons.frame.toa) == sorted([3, 9, round((wrap + 1 - 3000) % 1000 / 100), 0])
+    assert "1000" not in photons.notes[0] and "pulses on the sync channel, 1 ns apart, of channel 2" in photons.notes[0]
+    assert read(path, irf=[1], channel=1).frame.toa.tolist() == [250]
+
+
+def test_t2_without_the_laser_s_pulses_is_refused_in_one_line(tmp_path):
     pytest.importorskip("ptufile")
     path = files.ptu(tmp_path / "t2.ptu", [1 << 25 | 5], files.T2, SCAN)
-    with pytest.raises(InvalidInput, match="t2.ptu measurement mode is T2: expected T3"):
+    with pytest.raises(InvalidInput, match="t2.ptu sync channel is 0 events: expected the laser's pulses"):
         read(path, irf=[1])
 
 
@@ -122,7 +138,7 @@ def test_npz_cubes_may_describe_their_sensor(tmp_path, name, array):
 
 @pytest.mark.parametrize(("array", "options", "said"), [
     (CUBE[0, 0], {"bin_width_s": 1e-10}, "a.npy counts is uint16"),
-    (CUBE, {"bin_width_s": 1e-10, "rows": 5}, "rows is 5: expected 6"),
+    (CUBE, {"bin_width_s": 1e-10, "rows": 5}, "a.npy counts shape is 6 × 8 × 120: expected axes that fit rows = 5"),
     (np.full((2, 2, 9), np.nan), {"bin_width_s": 1e-10}, "a.npy: counts holds values beyond")])
 def test_what_cannot_be_used_is_said_in_one_line(tmp_path, array, options, said):
     np.save(tmp_path / "a.npy", array)

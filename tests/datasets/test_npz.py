@@ -112,7 +112,7 @@ def test_arrays_that_are_too_much_together_are_refused(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("name", "expected"), [
-    ("photons.npz.zip", "expected a file that ends in .npz, .mat, .ptu"), ("absent.mat", "no such file"),
+    ("photons.npz.zip", "expected a file that ends in .npz, .npy, .mat, .csv"), ("absent.mat", "no such file"),
     ("simulater", "simulater: no such file"),
     ("folder.npz", "no such file"), ("a" * 300 + ".npz", "^Cannot read "), ("a" * 300 + ".mcap", "^Cannot read ")])
 def test_what_is_no_photon_file_is_named(tmp_path, name, expected):

@@ -1,14 +1,20 @@
-"""Running methods: each once, its row complete and right."""
+"""Running methods: each once, its row complete and right; the table, results.csv and the clouds side by side."""
+
+import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from srt3d_ros.core.methods import METHODS, Method
 from srt3d_ros.core.metrics import evaluate
+from srt3d_ros.core.point_cloud import POINT_FIELDS
 from srt3d_ros.evaluation.cases import of_files, simulated
+from srt3d_ros.evaluation.drawings import draw_row
 from srt3d_ros.evaluation.run import jobs_for, judge, run
-from srt3d_ros.evaluation.scores import RESULT_COLUMNS
+from srt3d_ros.evaluation.scores import HEADINGS, RESULT_COLUMNS, averaged, is_table, markdown, table_of_rows
 
 POOLED = METHODS["pooled"]
 
@@ -64,3 +70,73 @@ def test_the_true_cloud_is_perfect(layers):
 def test_frequencies_are_those_that_the_method_asks_for():
     (outcome,), _ = outcomes(simulated("net", [10], [30]), [METHODS["smle"]], (5,))
     assert tuple(outcome.row["frequencies"]) == (1, 2, 3, 4, 5)
+
+
+ROW = {"source": "bust", "sbr": 1.0, "ppp": 10.0, "repeat": 1, "method": "pooled", "sketch_size": 10,
+       "photons_per_pixel": 9.9, "points": 100}
+JUDGED = ROW | {"true_detections_percent": 90.0, "true_detections_by_surface_percent": (90.0,), "dae_mm": 2.0}
+
+
+def test_a_row_is_on_the_disk_at_once_and_found_by_any_program(tmp_path):
+    path = tmp_path / "results.csv"
+    with table_of_rows(path) as write:
+        write(ROW | {"dae_mm": 1 / 3, "points": 19_881, "iae": float("nan"), "frequencies": (1, 2, 5), "sbr": 0.1})
+        with open(path, newline="") as file:
+            row, = csv.DictReader(file)
+    wanted = {"dae_mm": "0.333333", "points": "19881", "iae": "", "frequencies": "1;2;5", "sbr": "0.1"}
+    assert tuple(row) == RESULT_COLUMNS and {name: row[name] for name in wanted} == wanted
+
+
+def test_a_table_is_known_by_its_columns(tmp_path):
+    path = tmp_path / "results.csv"
+    for content in (b"", b"a,b\n1,2\n", b"\xff\xfe\x00"):
+        path.write_bytes(content)
+        assert not is_table(path)
+    with table_of_rows(path):
+        pass
+    assert is_table(path)
+
+
+def test_repeats_are_averaged_and_other_settings_are_not():
+    other = JUDGED | {"repeat": 2, "true_detections_percent": 96.0, "dae_mm": float("nan"),
+                      "true_detections_by_surface_percent": (96.0,)}
+    rows = averaged([JUDGED, JUDGED | {"sketch_size": 5}, other])
+    assert [row["sketch_size"] for row in rows] == [10, 5]
+    assert rows[0]["true_detections_percent"] == 93 and rows[0]["dae_mm"] == 2
+    assert rows[0]["true_detections_by_surface_percent"] == (93,) and np.isnan(rows[0]["iae"])
+
+
+def test_the_table_shows_what_is_known_and_a_dash_for_what_others_have():
+    judged = JUDGED | {"true_detections_by_surface_percent": (99.06, 80.0), "false_detections_percent": 0.04}
+    unjudged = ROW | {"sbr": None, "sketch_size": None, "source": "tower"}
+    lines = markdown(averaged([judged, unjudged])).splitlines()
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    assert set(cells[0]) < set(HEADINGS) and len({len(line) for line in cells}) == 1
+    assert dict(zip(cells[0], cells[2])) == {
+        "source": "bust", "SBR": "1", "photons / pixel": "9.9", "method": "pooled", "m": "10", "TD %": "99.1 + 80.0",
+        "FD %": "0.0", "DAE mm": "2.00", "points": "100"}
+    assert cells[3][:6] == ["tower", "–", "9.9", "pooled", "–", "–"]
+
+
+@pytest.fixture
+def images():
+    """Draw a row of clouds; its images, float [rows, cols, 3] from 0 to 255."""
+    def call(*clouds):
+        figure = Figure().subfigures(1, 1)
+        draw_row(figure, 3, [("a$b_{", cloud, "caption") for cloud in clouds])
+        return [axes.images[0].get_array().astype(float) for axes in figure.axes if axes.images]
+    return call
+
+
+def test_clouds_stand_beside_the_truth_in_the_same_colours_and_place(ball, images):
+    truth, _ = ball
+    part = replace(truth, **{name: getattr(truth, name)[truth.col < 24] for name in POINT_FIELDS})
+    whole, half = images(truth, part)
+    points = half.max(axis=2) > 60
+    assert 0.1 < points.mean() < 0.8 * (whole.max(axis=2) > 60).mean()
+    assert (np.abs(half - whole).max(axis=2)[points] < 60).mean() > 0.7
+
+
+def test_an_empty_cloud_is_drawn(ball, images):
+    empty, = images(ball[0].within(max_m=0))
+    assert (empty.max(axis=2) < 60).all()

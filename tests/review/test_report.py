@@ -2,6 +2,7 @@
 
 import base64
 import io
+import re
 import shutil
 import subprocess
 
@@ -101,3 +102,36 @@ def test_a_long_log_is_sorted_and_counted_and_many_gaps_are_the_ten_longest(tmp_
     assert summary["gap_count"] == 30 and len(summary["gaps"]) == 10 and summary["missing_frames"] == len(missing)
     assert [gap["at_s"] for gap in summary["gaps"]] == sorted(gap["at_s"] for gap in summary["gaps"])
     assert "the longest 0.4 s, at 8.9 s, after frame " in text
+
+
+EVIL = "\"'><script>alert(1)</script><img src=x onerror=alert(2)>{{ 7 * 7 }}]]>--><svg onload=alert(3)>"
+
+
+@pytest.fixture
+def hostile_report(ball, write_recording, tmp_path):
+    """The report of a recording in which every text that it can carry is hostile, its own name included."""
+    path, out = tmp_path / f"{EVIL.replace('/', '∕')}.rrd", tmp_path / "report.html"
+    write_recording(path, *ball, frames=6, more=log_hostile_texts)
+    recorded = Recorded.read(path)
+    write_report(recorded, summarise(recorded), out)
+    return out.read_text()
+
+
+def log_hostile_texts(stream):
+    stream.send_property("run", rr.AnyValues(machine=EVIL, **{EVIL: EVIL}))
+    stream.send_property("versions", rr.AnyValues(srt3d_ros=EVIL, rmw=EVIL))
+    for name in (f"latency_{EVIL}_ms", EVIL):
+        stream.log(["metrics", name], rr.Scalars(4.0))
+    stream.log("/log", rr.TextLog(EVIL, level=EVIL))
+
+
+def test_no_text_of_a_recording_becomes_a_part_of_the_page(hostile_report):
+    page = Page(hostile_report)
+    assert "@import" not in hostile_report and not re.search(r"url\((?!#)", hostile_report)
+    assert page.text.count(EVIL) >= 5
+    assert {tag for tag, _ in page.tags}.isdisjoint({"script", "iframe", "object", "embed", "link", "base", "form"})
+    for tag, attributes in page.tags:
+        assert not any(name.startswith("on") for name in attributes), (tag, attributes)
+        for name in ("src", "href", "xlink:href"):
+            target = attributes.get(name) or "#"
+            assert target.startswith(("data:image/", "#")), (tag, target[:80])

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from srt3d_ros.datasets.options import Options
+from srt3d_ros.datasets.readers import ptu_t2
 from srt3d_ros.datasets.readers.cubes import cube
 from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.errors import finite, require
@@ -27,7 +28,8 @@ def read(path: Path, options: Options) -> Reading:
 
     logging.getLogger("ptufile").disabled = True        # what it logs of a damaged file is in the error
     with read_errors(path, "a complete PicoQuant .ptu file"), ptufile.PtuFile(path) as ptu:
-        require(ptu.is_t3, "measurement mode", "T2", "T3: record with the laser's pulses on the sync input, in T3 mode")
+        if not ptu.is_t3:
+            return ptu_t2.read(path, ptu, options)
         for mark in filter(ptu.tags.__contains__, MARKS):
             require(1 <= ptu.tags[mark] <= 8, mark, ptu.tags[mark], "a marker from 1 to 8")
         num_bins, bin_width_s = ptu_bins(ptu)

@@ -1,13 +1,19 @@
-"""What readers make of the statuses of nodes: which are STALE, and what became of a player's frames."""
+"""What nodes report, and what readers make of it: statuses, missed messages, peers, and what became of frames."""
 
 from dataclasses import replace
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import String
 
 from srt3d_ros.nodes.common import reports as module
+from srt3d_ros.nodes.common.endpoints import SequenceLoss
+from srt3d_ros.nodes.common.peers import DOUBLE_S, Peers, names
 from srt3d_ros.nodes.common.reports import Chain, Reports, in_a_line
-from srt3d_ros.nodes.common.status import NodeStatus
+from srt3d_ros.nodes.common.status import LEVELS, NodeStatus
+from tests.nodes.conftest import LATCHED
 
 IDLE = NodeStatus("sketcher", "OK", "fine", state="active", ready=True,
                   counts={"messages_in": 5, "frames_out": 5, "dropped": 0, "message_lost": 0})
@@ -73,3 +79,71 @@ def test_frames_are_accounted_for_from_node_to_node():
     assert lost == {"on the way to sketcher": 1, "queue in reconstructor": 2, "unfinished in reconstructor": 1,
                     "on the way to recorder": 1}
     assert in_a_line(reports.values()) == "8.6 clouds/s, 171,093 points/s, 35 ms old; dropped so far: 16"
+
+
+STATUS = NodeStatus("front/sketcher", "ERROR", "gate is 500-600: expected 0 to 399", 12.5, "active", False, "a frame",
+                    ("front/reconstructor", "rviz"), (), {"messages_in": 5, "dropped.queue": 1},
+                    {"rate_in_hz": 9.5, "device": "cpu: no GPU"}, "front/spad")
+
+
+def test_a_status_is_the_same_behind_its_message():
+    assert NodeStatus.from_message(STATUS.to_message()) == STATUS
+    assert {name: NodeStatus("a", name).failed for name in LEVELS} == {
+        "OK": False, "WARN": False, "ERROR": True, "STALE": True}
+
+
+@pytest.mark.parametrize("level, values", [
+    (b"\0", {"state": "active", "ready": "True"}), (b"\0", {"since_s": "long", "ready": "True"}),
+    (b"\7", {"since_s": "1.0", "ready": "True"})])
+def test_what_others_report_is_no_status(level, values):
+    pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
+    assert NodeStatus.from_message(DiagnosticStatus(name="lidar", level=level, values=pairs)) is None
+
+
+@pytest.mark.parametrize("numbers, missed", [
+    ([1, 2, 3], [0, 0, 0]),
+    ([7, 8], [0, 0]),                       # what came before we listened was not for us
+    ([1, 3, 7], [0, 1, 3]),
+    ([5, 6, 1, 3], [0, 0, 0, 1]),           # the publisher started again
+    ([None, None], [0, 0]),
+])
+def test_gaps_between_the_numbers_of_one_publisher_are_misses(numbers, missed):
+    for publishers, counted in ((1, missed), (2, [0] * len(missed))):       # numbers of two look alike
+        gaps = SequenceLoss(lambda: publishers)
+        assert [gaps.missed_before(number) for number in numbers] == counted
+
+
+def test_publishers_are_counted_and_a_qos_that_does_not_match_is_named(graph):
+    topic, peers = f"{graph.namespace}/sensor", Peers(graph.node)
+    assert peers.on([topic, "/gates"]) == f"{topic} or /gates (publishers: 0)"
+    graph.collect_latched(String, topic)
+    graph.latched(topic)
+    graph.wait(lambda: peers.on([topic]) == f"{topic} (publishers: 1)", "a latched publisher")
+    graph.node.create_publisher(String, topic, QoSProfile(depth=1, durability=DurabilityPolicy.VOLATILE))
+    graph.wait(lambda: peers.on([topic]) == f"{topic} (publishers: 2, QoS does not match: Volatile publisher and "
+                                            "transient local subscription)", "another")
+    name = f"{graph.namespace}/tester"[1:]
+    assert names(peers.publishers([topic])) == names(peers.readers([topic])) == (name,)
+
+
+def test_two_that_stay_are_a_warning_and_one_that_replaces_another_is_none(graph):
+    topic, node = f"{graph.namespace}/photons", graph.node
+    publishers, peers = [node.create_publisher(String, topic, LATCHED) for _ in range(2)], Peers(node)
+
+    def doubled(now_s: float, number: int = 2) -> str:
+        graph.wait(lambda: node.count_publishers(topic) == number, "the publishers")
+        return peers.doubled([topic], now_s)
+
+    assert doubled(0.0) == ""
+    node.destroy_publisher(publishers.pop())
+    assert doubled(20.0, number=1) == ""
+    publishers.append(node.create_publisher(String, topic, LATCHED))
+    assert doubled(21.0) == doubled(20.0 + DOUBLE_S) == ""
+    warning = f"2 publishers send frames on {topic}"
+    assert doubled(21.0 + DOUBLE_S) == f"{warning}: frames may come twice"
+    namesake = Node("tester", namespace=graph.namespace)
+    graph.wait(lambda: node.get_node_names().count("tester") == 2, "the other node")
+    assert doubled(50.0) == f"{warning}: frames may come twice"
+    both = f"2 nodes are named {graph.namespace}/tester and {warning}"
+    assert doubled(50.0 + DOUBLE_S) == f"{both}: frames may come twice"
+    namesake.destroy_node()

@@ -1,4 +1,4 @@
-"""Every dependency has a lower and an upper bound, and is pinned between them."""
+"""Dependencies are bounded and pinned, nothing unpickles, and generated files are up to date."""
 
 import re
 import tomllib
@@ -8,6 +8,9 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
+
+from srt3d_ros.nodes import all_specs
+from tools.generate_docs import generated
 
 
 @pytest.fixture(scope="module")
@@ -49,3 +52,25 @@ def test_package_xml_names_all_that_is_imported_and_agrees_with_pip_on_what_both
     for key, name in (("python3-numpy", "numpy"), ("python3-scipy", "scipy"), ("python3-tqdm", "tqdm")):
         wanted = next(wanted.specifier for wanted in requirements.values() if wanted.name == name)
         assert wanted == SpecifierSet(f">={bounds[key]['version_gte']},<{bounds[key]['version_lt']}"), key
+
+
+CODE = ("srt3d_ros", "launch", "examples", "scripts", "tools", "benchmarks")
+UNPICKLES = r"allow_pickle=(?!False\b)|torch\.(load|hub)\b|(cloudpickle|dill|joblib|yaml\.(unsafe|full))[._]load"
+
+
+def test_no_module_unpickles(repository):
+    paths = [path for name in CODE for path in (repository / name).rglob("*.py")]
+    assert len(paths) > 100
+    assert not [path for path in paths if re.search(UNPICKLES, path.read_text())]
+
+
+def test_generated_files_are_up_to_date(repository):
+    for path, text in generated().items():
+        assert (repository / path).read_text(encoding="utf-8") == text, f"{path}: run python -m tools.generate_docs"
+
+
+@pytest.mark.parametrize("name", all_specs())
+def test_the_page_has_every_topic_of_a_node(repository, name):
+    text = (repository / "docs" / "nodes.md").read_text(encoding="utf-8")
+    for topic in (*all_specs()[name].inputs, *all_specs()[name].outputs):
+        assert re.search(rf"^\| `{topic.name}` \|.*\b{name}\b", text, re.MULTILINE), topic.name
