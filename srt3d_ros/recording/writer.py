@@ -1,4 +1,4 @@
-"""Record clouds, images, scalars and log lines in an .rrd file."""
+"""Record clouds, images and scalars in an .rrd file."""
 
 import atexit
 import math
@@ -34,7 +34,6 @@ BATCHING = rr.ChunkBatcherConfig(flush_tick=timedelta(seconds=5 * FLUSH_PERIOD_S
 FLUSH_TIMEOUT_S = 20.0      # a slower disk counts as hanging
 END_TIMEOUT_S = 10.0        # for the footer, after all else is written
 LEAST_FREE_BYTES = 500_000_000      # stop recording below this: the footer and other programs need room
-_LOG_LEVELS = {10: "DEBUG", 20: "INFO", 30: "WARN", 40: "ERROR", 50: "CRITICAL"}      # of rcl_interfaces/Log
 _TYPES = {"row": np.uint16, "col": np.uint16, "surface": np.uint8}      # other columns are float32
 STAMPS_KEPT = 256           # of frames whose numbers are known
 _RATE_CLOUDS = 10           # whose stamps give the rate and the playing speed; the view waits for them, or for the end
@@ -116,7 +115,7 @@ class RecordingWriter(AbstractContextManager):
         sensor: sets the axes and the size of the points.
         properties: of the recording, {"run": {…}, …}: numbers, strings, lists of them.
         images: entity paths of the images to show in the blueprint.
-        still: show a single frame, without plots and log.
+        still: show a single frame, without plots.
 
     Raises:
         RecordingFailed: the file cannot be written, or the disk has less than 500 MB left. Methods raise it, too; then
@@ -197,10 +196,6 @@ class RecordingWriter(AbstractContextManager):
         """Log a value of each time series: {"latency_ms": 35.1, "points": 19_871}; None is skipped."""
         self._log(stamp_ns, frame_index, {entities.metric_path(name): [rr.Scalars(float(value))]
                                           for name, value in values.items() if value is not None})
-
-    def log_line(self, stamp_ns: int, text: str, level: int = 20, frame_index: int | None = None) -> None:
-        """Log a line of a node's log; `level` as in rcl_interfaces/Log."""
-        self._log(stamp_ns, frame_index, {entities.LOG_PATH: [rr.TextLog(text, level=_LOG_LEVELS.get(level, "INFO"))]})
 
     def set_properties(self, name: str, facts: Mapping) -> None:
         """Set facts of a property of the recording."""

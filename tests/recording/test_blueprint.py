@@ -41,15 +41,14 @@ def record(path, cloud, sensor, images=(entities.DEPTH_PATH, *entities.PHOTON_IM
             writer.log_image(entities.DEPTH_PATH, k * 10**8, k, cloud.range_image())
             for path in entities.PHOTON_IMAGES:
                 writer.log_image(path, k * 10**8, k, cloud.image("intensity"))
-            writer.log_line(k * 10**8, "sketcher: ready", 20, k)
             writer.log_scalars(k * 10**8, {"latency_ms": 30 + k, "points": len(cloud), "ppp": 9}, k)
 
 
-def test_film_plays_cloud_images_plots_and_log_by_frames_at_the_speed_of_the_stamps(tmp_path, ball):
+def test_film_plays_cloud_images_and_plots_by_frames_at_the_speed_of_the_stamps(tmp_path, ball):
     record(tmp_path / "a.rrd", *ball, images=(entities.DEPTH_PATH, entities.BACKGROUND_PATH))
     columns = blueprint_columns(tmp_path / "a.rrd")
     origins = {origin for (origin,) in columns["ViewBlueprint:space_origin"]}
-    assert origins == {"/", "/depth", "/background", "/metrics", "/log"}         # views of the recorded images only
+    assert origins == {"/", "/depth", "/background", "/metrics"}         # views of the recorded images only
     eye = look_at(ball[0].xyz, ball[1].projection, fov_deg=55, aspect=1.2)
     (position,), (target,) = columns["EyeControls3D:position"][-1], columns["EyeControls3D:look_target"][-1]
     assert np.allclose(position, eye.position) and np.allclose(target, eye.target)
@@ -153,7 +152,7 @@ def test_a_recording_without_a_frame_is_empty_not_broken(tmp_path):
     RecordingWriter(tmp_path / "a.rrd", SENSOR).close()
     reader = RecordingReader(tmp_path / "a.rrd")
     assert list(reader.clouds()) == [] and list(reader.images("/depth")) == []
-    assert reader.series() == {} and reader.log_lines() == []
+    assert reader.series() == {}
 
 
 def with_version(data, minor):
