@@ -10,8 +10,8 @@ from hypothesis.extra import numpy as arrays
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 
-from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr, photon_frames
 from srt3d_ros.messages.cdr import Header
@@ -74,16 +74,6 @@ def test_other_order_padding_and_further_fields_are_read(small_sensor, order, co
     _, found = photon_frames.PHOTONS.decode_cdr(serialize_message(message), small_sensor)
     assert found.pixel.tolist() == [11, 0, 6][:count] and found.toa.tolist() == [99.5, 0, 7.25][:count]
     assert found.toa.dtype == np.float32
-
-
-@pytest.mark.parametrize("form, word, expected", [
-    (GateWords(10, 0), 110, "10 to 109, or 0"),
-    (GateWords(65_500, 0), 63, "65500 to 65535, or 0")])       # (63 − 65500) mod 2¹⁶ = 99 would be a bin
-def test_a_word_that_is_no_bin_is_refused(small_sensor, form, word, expected):
-    sensor, words = small_sensor.replace(gates=form), np.zeros((2, 3, 4), np.uint16)
-    words[1, 2, 3] = word
-    with pytest.raises(InvalidInput, match=f"^gates word is {word}: expected {expected}"):
-        gates.encode_cdr(PhotonGates(words), sensor, "spad")
 
 
 def test_a_frame_that_does_not_fit_the_description_says_what_would(codecs, small_sensor):

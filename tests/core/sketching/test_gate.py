@@ -5,7 +5,7 @@ import pytest
 
 from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher, sketch_photons
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.gate import Gate, parse
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.errors import InvalidInput
@@ -96,16 +96,6 @@ def test_the_background_is_cut_and_one_without_photons_inside_is_even():
     np.testing.assert_allclose(gate.sensor.background_shape, shape[50:120] / shape[50:120].sum(), rtol=1e-6)
     elsewhere = SENSOR.replace(background_shape=np.where(np.arange(T) < 50, 1.0, 0.0))
     assert Gate(elsewhere, *GATE).sensor.background_shape is None
-
-
-def test_the_open_frame_has_the_photons_inside_of_its_packets():
-    gate, kept = Gate(SENSOR, *GATE), 0
-    sketcher = FrameSketcher(SENSOR, FREQUENCIES, gate=gate)
-    for k in range(3):
-        sketcher.add(observe(depth=70 + k, stamp_ns=k))
-        kept += gate.photons(observe(depth=70 + k)).photons
-        assert sketcher.kept == kept
-    assert sketcher.end_frame().photons.sum() == kept and sketcher.kept == 0
 
 
 def test_a_gate_may_be_written_as_a_list():
