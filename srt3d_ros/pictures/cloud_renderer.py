@@ -40,7 +40,7 @@ class CloudStyle:
     def of(cls, cloud: PointCloud, sensor: SensorModel, colour_by: str = "range") -> "CloudStyle":
         """The style that suits a cloud; InvalidInput if its points have no such quantity."""
         quantity, (low, high) = quantity_of(cloud, colour_by)
-        if quantity is RANGE and not len(cloud):
+        if quantity is RANGE and not len(cloud.xyz):
             low, high = sensor.range_m(np.array([0, sensor.num_bins]))
         return cls(float(low), float(high), _RADIUS_FACTOR * point_radius_m(cloud.xyz, sensor), quantity)
 
