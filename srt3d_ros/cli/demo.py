@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from srt3d_ros.cli import health
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
@@ -112,15 +113,13 @@ def _play(played: Played, frames: int, rate_hz: float, out: Path) -> tuple[int, 
     command = [sys.executable, "-P", "-m", "srt3d_ros.cli.main", "up", "--record", str(out / RECORDING),
                "--input", played.player["input"],
                *(f"-p{name}:={json.dumps(value)}" for name, value in settings.items())]
-    from srt3d_ros.nodes.common.reports import Listener  # after `join_private_network`
-
     _say("starting the nodes")
-    listener, first_ns = Listener(), 0
+    listener, first_ns = health.Listener(), 0
     with (out / LOG_NAME).open("w") as log:
         nodes = children.start(command, stdout=log, stderr=log)
         try:
             while nodes.poll() is None:
-                listener.listen(POLL_NODES_S)
+                listener.spin_once(POLL_NODES_S)
                 if not first_ns and PLAYER in listener.reports and (
                         first_ns := listener.reports[PLAYER].counts.get("first_stamp_ns", 0)):
                     _say(f"streaming the {played.title} at {rate_hz:g} Hz for {frames / rate_hz:.3g} s")

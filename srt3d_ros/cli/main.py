@@ -17,6 +17,7 @@ COMMANDS = {
     "inspect": "draw one pixel of a photon file: its histogram, its points, and what they leave",
     "evaluate": "compare the methods on simulated scenes or on photon files",
     "up": "run the whole pipeline",
+    "health": "print the state of every node, from /diagnostics",
     "node": "run one ROS 2 node, as `ros2 run srt3d_ros NAME` does",
     "review": "print the figures of a recording and write a report with pictures and plots",
     "demo": "run the whole pipeline on this machine: a recording, a picture and a table",

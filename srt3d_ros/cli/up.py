@@ -9,7 +9,7 @@ from os.path import isfile
 from pathlib import Path
 
 from srt3d_ros import __version__
-from srt3d_ros.cli import node
+from srt3d_ros.cli import health, node
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.files import shared_file
 from srt3d_ros.kernels.devices import DEVICES
@@ -68,11 +68,7 @@ def run(args: argparse.Namespace) -> int:
         ros_args = ros_arguments(args, specs, own.name)
         print(overview(args, specs), flush=True)
         names = full_names(args, specs)
-        listener = None
-        if sys.stdout.isatty():
-            from srt3d_ros.nodes.common.reports import Listener  # here: rclpy is slow
-
-            listener = Listener()
+        listener = health.Listener() if sys.stdout.isatty() else None
         return supervise([spec.name for spec in specs], ros_args, lambda: listener and listener.print_line(names))
 
 
@@ -149,7 +145,7 @@ def overview(args: argparse.Namespace, specs: list) -> str:
     """What `srt3d up` prints: the nodes that it starts, and useful commands."""
     nodes = ", ".join(f"/{name}" for name in full_names(args, specs))
     lines = [f"srt3d {__version__}: starts {nodes}; Ctrl-C stops them",
-             "  topics    ros2 topic list -t", "  health    ros2 topic echo /diagnostics"]
+             "  topics    ros2 topic list -t", "  health    srt3d health --watch"]
     if not args.input:
         lines.append("  waiting   for a driver: sensor, then photons, gates or histograms (docs/quickstart.md)")
     return "\n".join(lines)

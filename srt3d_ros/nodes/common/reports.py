@@ -1,20 +1,16 @@
 """Readers of /diagnostics: the newest statuses of the nodes, and what became of a player's frames."""
 
-import os
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.signals import SignalHandlerOptions
 
 from srt3d_ros.nodes.common.status import STALE, NodeStatus
-from srt3d_ros.processes import transport
+from srt3d_ros.processes.node_command import NODES
 
 STALE_S = 5.0           # without a report, which comes once a second
-LINE_S = 5.0            # between status lines
 
 
 class Reports(dict[str, NodeStatus]):
@@ -22,44 +18,33 @@ class Reports(dict[str, NodeStatus]):
 
     def __init__(self):
         super().__init__()
-        self._heard_s: dict[str, float] = {}
+        self._heard_s: dict[str, float] = {}    # also of nodes that have not reported: when others first named them
 
     def add(self, message: DiagnosticArray) -> None:
         """Keep the statuses of a message."""
+        now_s = time.monotonic()
         for status in filter(None, map(NodeStatus.from_message, message.status)):
-            self[status.name], self._heard_s[status.name] = status, time.monotonic()
+            self[status.name], self._heard_s[status.name] = status, now_s
+            for name in (*status.read_by, *status.sent_by):
+                if name.rpartition("/")[2] in NODES:
+                    self._heard_s.setdefault(name, now_s)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every node that others name has reported, or is STALE."""
+        return all(name in self or time.monotonic() - heard_s >= STALE_S for name, heard_s in self._heard_s.items())
 
     def current(self) -> list[NodeStatus]:
         """The statuses, STALE those of nodes that have stopped to report; without nodes that have ended in order."""
         now_s, found = time.monotonic(), []
-        for name, status in self.items():
-            if (silent_s := now_s - self._heard_s[name]) < STALE_S:
+        for name, heard_s in self._heard_s.items():
+            status, silent_s = self.get(name, NodeStatus(name, STALE)), now_s - heard_s
+            if silent_s >= STALE_S and status.state != "finalized":
+                why = f"no report for {silent_s:.0f} s"
+                found.append(replace(status, level=STALE, why=why, since_s=round(silent_s, 1), ready=False))
+            elif silent_s < STALE_S and name in self:
                 found.append(status)
-            elif status.state != "finalized":
-                found.append(replace(status, level=STALE, why=f"no report for {silent_s:.0f} s", ready=False))
         return found
-
-
-class Listener:
-    """Subscribes to /diagnostics in a process without a node, and keeps what it hears in `reports`."""
-
-    def __init__(self):
-        transport.reserve_stale_ports()
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        self._node = rclpy.create_node(f"srt3d_listener_{os.getpid()}", enable_rosout=False)
-        self.reports, self._line_s = Reports(), time.monotonic()
-        self._node.create_subscription(DiagnosticArray, "/diagnostics", self.reports.add, 100)
-
-    def listen(self, timeout_s: float) -> None:
-        """Take a report; wait for one if there is none."""
-        rclpy.spin_once(self._node, timeout_sec=timeout_s)
-
-    def print_line(self, names: list[str]) -> None:
-        """Print a status line of the named nodes if the last is older than LINE_S; call it often."""
-        self.listen(0)
-        if time.monotonic() - self._line_s > LINE_S:
-            self._line_s = time.monotonic()
-            print(in_a_line(one for one in self.reports.current() if one.name in names), flush=True)
 
 
 def in_a_line(statuses: Iterable[NodeStatus]) -> str:

@@ -32,14 +32,17 @@ def clock(monkeypatch):
 
 def test_a_node_that_stops_to_report_is_stale_and_one_that_ends_is_gone(clock):
     reports = Reports()
-    report(reports, "a/sketcher", read_by=("a/reconstructor", "rviz"))
+    report(reports, "a/sketcher", read_by=("a/reconstructor", "rviz"), sent_by=("a/player", "spad_driver"))
     report(reports, "a/recorder", state="finalized")
-    assert [one.level for one in reports.current()] == ["OK", "OK"]
+    assert [one.level for one in reports.current()] == ["OK", "OK"] and not reports.complete
     clock[0] += 7.5
-    sketcher, = reports.current()
-    assert sketcher == replace(IDLE, name="a/sketcher", level="STALE", why="no report for 8 s", ready=False,
-                               read_by=("a/reconstructor", "rviz"))
-    assert in_a_line([sketcher]) == "no clouds; dropped so far: 0; a/sketcher STALE: no report for 8 s"
+    sketcher, reconstructor, player = reports.current()
+    assert sketcher == replace(IDLE, name="a/sketcher", level="STALE", why="no report for 8 s", since_s=7.5,
+                               ready=False, read_by=("a/reconstructor", "rviz"),
+                               sent_by=("a/player", "spad_driver"))
+    assert (reconstructor.name, reconstructor.level, reports.complete) == ("a/reconstructor", "STALE", True)
+    assert in_a_line([sketcher, player]) == ("no clouds; dropped so far: 0; a/sketcher STALE: no report for 8 s; "
+                                             "a/player STALE: no report for 8 s")
     report(reports, "a/sketcher", facts={"reconstruct_ms": 9.5, "latency_p50_ms": 35.4})
     assert reports.current()[0].level == "OK" and in_a_line(reports.values()).startswith("no clouds; ")
 
