@@ -60,5 +60,5 @@ def quantity_of(cloud: PointCloud, name: str) -> tuple[Quantity, tuple[float, fl
     """A quantity and what the ends of its colours show in a cloud; InvalidInput if there is no such quantity."""
     require(name in QUANTITIES, "colour_by", quoted(name), ", ".join(QUANTITIES))
     ends = percentile_range(QUANTITIES[name].values(cloud))
-    require(ends or not len(cloud), "colour_by", problem=f"{cloud.method} gives points no {name}.")
+    require(ends or not len(cloud), "colour_by", problem=f"The points have no {name}: their method gives none.")
     return QUANTITIES[name], ends or (0.0, 1.0)
