@@ -12,6 +12,7 @@ from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.datasets.bags import frames as bag_frames
 from srt3d_ros.datasets.bags.bag import Bag, is_bag
+from srt3d_ros.datasets.irf import tail_note
 from srt3d_ros.datasets.options import Options, SensorOptions, gathered
 from srt3d_ros.datasets.readers import csv_lists, cubes, hdf5, histograms, mat, npz, ptu, tmf8829
 from srt3d_ros.datasets.reading import Reading
@@ -75,9 +76,13 @@ def _of_file(path: Path, frame: int, options: Options) -> Reading:
     require(frame >= 0, "frame", frame, "0 or more")
     suffix, count = path.suffix.lower(), 0
     if suffix in FILE_READERS:
-        reading = FILE_READERS[suffix](path, replace(options, frame=frame))
+        gate = options.gate if options.reversed else None       # it counts after the reversal
+        whole = options.without("reversed", "gate") if gate else options.without("reversed")
+        reading = FILE_READERS[suffix](path, replace(whole, frame=frame))
         require(frame < reading.frames, "frame", frame, f"0, the only frame of {path.name}")
-        return reading
+        reading = reading.reversed() if options.reversed else reading
+        reading = reading.gated(*gate) if gate else reading
+        return replace(reading, notes=(*reading.notes, *tail_note(reading.sensor)))
     for count, load in enumerate(LOGS[suffix](path, options), start=1):
         if count > frame:
             return load()

@@ -105,4 +105,5 @@ def _doubt(shape: tuple[int, ...]) -> str:
               ] * (first > max(middle, bins) or (middle == bins > first > 1) or (first == middle > bins > 1))
     orders += ["rows,bins,cols"] * (middle > max(first, bins) or (first == middle > bins > 1))
     return " × ".join(map(str, shape)) + (" taken for rows × cols × bins: if another axis has the bins, give axes="
-                                          f"{'; or '.join(orders)} (--axes)") if orders else ""
+                                          f"{'; or '.join(orders)} (--axes); of the words of a SPAD array [frames, "
+                                          "rows, cols], give no_detection (--no-detection)") if orders else ""
