@@ -15,9 +15,10 @@ def given(args: argparse.Namespace, names: Iterable[str]) -> dict[str, object]:
     return {name: getattr(args, name) for name in names if getattr(args, name) is not None}
 
 
-VALUES = {"irf": "FILE", "array": "NAME", "axes": "A,B,C", "columns": "ROW,COL,TOA", "bin_width_s": "S",
-          "fov_deg": "DEG", "method": "NAME", "sketch_size": "M", "frequencies": "auto|consecutive|K1,K2,…",
-          "surfaces": "K", "gate": "FIRST-LAST|auto|off", "false_alarm_rate": "P"}
+VALUES = {"irf": "FILE", "array": "NAME", "mask": "auto|off", "axes": "A,B,C", "columns": "ROW,COL,TOA",
+          "bin_width_s": "S", "fov_deg": "DEG", "method": "NAME", "sketch_size": "M",
+          "frequencies": "auto|consecutive|K1,K2,…", "surfaces": "K", "gate": "FIRST-LAST|auto|off",
+          "false_alarm_rate": "P"}
 
 
 def number(text: str) -> int | float:

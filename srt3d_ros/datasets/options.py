@@ -24,6 +24,7 @@ ASSUMED_WIDTH = Note("bin width taken as 2 / 299792458 s: x, y and z count bins,
                      "(--bin-width-s)", "bin_width_s")
 ASSUMED_FOV = Note(f"geometry taken to be a pinhole of {DEFAULT_FOV_DEG:g}° across the larger side: give fov_deg "
                    "(--fov-deg), or the projection", "projection")
+HALF_BIN_M = 1e-3       # a range error that is not said
 SENSOR_OPTIONS = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols"))
 SENSOR_DEFAULTS = {name: key.default for name, key in keys(SensorModel).items()}
 Values = np.ndarray | Sequence
@@ -59,7 +60,9 @@ class SensorOptions(TypedDict, total=False):
     range_offset_m: float
     gain: Values
     delay_bins: Values
-    mask: Values
+    mask: Annotated[Values | str, Key(
+        "auto: leave out hot pixels (default, unless file or sensor say which); off: keep them",
+        more="or an array [rows, cols], false where a pixel must not be used", option=True)]
     background_shape: Values
     histograms: HistogramBins
     cycles: int
@@ -115,6 +118,7 @@ class Options:
     first_word: float | None = None
     reversed: bool | None = None
     guess_irf: bool = False         # one bin if none can be estimated
+    mask_hot: bool | None = None    # leave out hot pixels; None: if nobody gives a mask
     frame: int = 0                  # of a file with several
 
     @property
@@ -162,6 +166,7 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None, guess_
         given["gate"] = gate = parse(given["gate"])
         require(not isinstance(gate, str), "gate", quoted(gate), "first and last bin, both kept")
     given |= {name: _names(name, given[name]) for name in ("axes", "columns") if name in given}
+    mask_hot = given.pop("mask") == "auto" if str(given.get("mask")) in ("auto", "off") else None
     given |= {name: array(name, given[name]) for name in PIXEL_MAPS if name in given}
     if "irf_sigma_bins" in given:
         given["irf"] = irfs.gaussian(finite("irf_sigma_bins", given.pop("irf_sigma_bins"), "bins, above 0"))
@@ -172,7 +177,7 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None, guess_
     if "fov_deg" in given:
         known.pop("projection", None)
     of_file = {name: given.pop(name) for name in ("gate", *FILE_OPTIONS) if name in given}
-    return Options(known | given, guess_irf=guess_irf, **of_file)
+    return Options(known | given, guess_irf=guess_irf, mask_hot=mask_hot, **of_file)
 
 
 def backwards(sensor: SensorModel) -> SensorModel:
@@ -195,7 +200,8 @@ def described(sensor: SensorModel, known: Known) -> tuple[SensorModel, tuple[str
         sensor = sensor.replace(**changes | {"irf": np.ones(1), "irf_ref": None})
         width_known = "bin_width_s" in known or sensor.bin_width_s != BIN_OF_ONE_METRE_S
         irf, ref, notes = irf_files.fitted(irf, changes["irf_ref"], known.get("irf_steps"), sensor, width_known)
-        changes = {"irf": irf, "irf_ref": ref}
+        irf, more = irfs.checked(irf, changes["irf_ref"])
+        changes, notes = {"irf": irf, "irf_ref": ref}, notes + more
     changed = sensor.replace(**changes) if changes else sensor
     require("mask" not in known or bool(changed.used.any()), "mask",
             problem="mask is False everywhere: True marks the pixels to use.")
@@ -213,7 +219,8 @@ def redescribed(sensor: SensorModel, notes: tuple[str, ...], options: Options,
     check_same({name: getattr(sensor, name) for name in fixed}, known)
     changed, irf_notes = described(sensor, known)
     before, after = ({name: getattr(one, name) for name in SENSOR_OPTIONS} for one in (sensor, changed))
-    known_now = known | ({"projection": changed.projection} if says_geometry(known) else {})
+    known_now = {*known, *(["projection"] if says_geometry(known) else ()), *(["irf_ref"] if "irf" in known else ()),
+                 *(["toa_offset_bins"] if "range_offset_m" in known else ())}
     replaced = {note for note in notes if isinstance(note, Note) and note.field in known_now}
     for note in replaced:       # an assumption, not a value of the file
         before = {name: value for name, value in before.items() if name not in (note.field, f"{note.field}_ref")}

@@ -90,6 +90,9 @@ class Reading:
             return self
         sensor, notes = redescribed(self.sensor, self.notes, options)
         frame, stray = arrays.fitted(self.frame, sensor)
+        if options.mask_hot:
+            sensor, _, more = arrays.looked_through(frame, sensor, options)
+            stray += tuple(note for note in more if getattr(note, "field", "") == "mask")
         photons = replace(self, sensor=sensor, frame=frame, notes=notes + stray)
         return photons if options.gate is None else photons.gated(*options.gate)
 

@@ -34,13 +34,10 @@ def test_what_goes_wrong_is_one_line_and_an_exit_code(monkeypatch, srt3d, error,
     assert srt3d("node", "sketcher") == (code, "", line)
 
 
-def test_review_asks_once_for_all_that_it_needs(monkeypatch, srt3d):
+def test_review_asks_once_for_all_that_it_needs_and_our_defects_are_not_disguised(monkeypatch, srt3d):
     monkeypatch.setattr("srt3d_ros.cli.review.run", failing_with(ModuleNotFoundError(name="pyarrow")))
     expected = "srt3d: error: pyarrow is not installed: pip install '.[review]' in the clone\n"
     assert srt3d("review", "a.rrd") == (1, "", expected)
-
-
-def test_a_defect_of_ours_is_not_disguised_as_bad_input(monkeypatch):
     monkeypatch.setattr(node, "start", failing_with(ValueError("a defect")))
     with pytest.raises(ValueError):
         main.main(["node", "sketcher"])

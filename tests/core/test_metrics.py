@@ -22,15 +22,12 @@ def cloud(*points: tuple) -> PointCloud:
                  np.zeros(n, np.uint8), np.zeros((2, 3), np.float32), sensor=SensorModel(2, 3, T, 1e-10, [1.0]))
 
 
-def test_points_within_the_tolerance_are_true_and_the_others_false():
+def test_points_within_the_tolerance_are_true_also_round_the_period_and_the_others_false():
     reference = [[10, 20, 30], [40, 50, 60]]
     found = evaluate(cloud((0, 0, 12), (0, 1, 17), (0, 2, 34), (1, 0, 40)), reference, 3, T)
     assert found.true_detections == 3 / 6 and found.false_detections == 1 / 6 and found.points == 4
     assert found.dae_bins == pytest.approx((2 + 3 + 0) / 3)          # the tolerance itself is within
     assert evaluate(cloud((0, 0, 12.01)), np.full((2, 3), 10.0), 2, T).true_detections == 0
-
-
-def test_depths_wrap_around_the_period():
     found = evaluate(cloud((0, 0, 99), (0, 1, 1)), [[1, 98, NAN], [NAN, NAN, NAN]], 3, T)
     assert (found.true_detections, found.false_detections) == (1, 0) and found.dae_bins == pytest.approx(2.5)
 

@@ -42,7 +42,7 @@ def test_images_show_the_first_points_and_nan_elsewhere(two_in_one_pixel, image,
     np.testing.assert_array_equal(shown, expected)
 
 
-def test_limits_are_ranges_along_the_ray_and_count_themselves_in(two_in_one_pixel):
+def test_limits_are_ranges_along_the_ray_and_further_surfaces_keep_their_order(two_in_one_pixel):
     assert two_in_one_pixel.within() is two_in_one_pixel
     assert len(two_in_one_pixel.within(2, 6)) == 3
     kept = two_in_one_pixel.within(min_m=4.5)
@@ -52,9 +52,6 @@ def test_limits_are_ranges_along_the_ray_and_count_themselves_in(two_in_one_pixe
     assert len(two_in_one_pixel.within(max_m=1)) == 0
     np.testing.assert_array_equal(kept.range_image(), [[NAN, 6, NAN], [NAN, NAN, 5]])       # the first that is left
     assert kept.ordered("nearest") is kept
-
-
-def test_further_surfaces_within_the_limits_keep_their_order():
     row, col = np.array([0, 0, 0, 0, 1], np.uint16), np.array([0, 2, 2, 2, 0], np.uint16)
     ones = np.ones(5, np.float32)
     cloud = PointCloud(row, col, np.array([1, 9, 2, 3, 1], np.float32), ones, ones, np.zeros((5, 3), np.float32),

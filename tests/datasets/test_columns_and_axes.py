@@ -65,7 +65,7 @@ def test_what_is_missing_is_named_and_what_is_there_listed(tmp_path, arrays, opt
 @pytest.mark.parametrize("suffix", [".npy", ".npz", ".h5", ".mat", "array"])
 def test_axes_say_where_rows_columns_and_bins_are(tmp_path, suffix):
     turned = np.ascontiguousarray(CUBE.transpose(2, 1, 0))
-    given = {"irf": IRF, "bin_width_s": 1e-10, "fov_deg": 20}
+    given = {"irf": IRF, "bin_width_s": 1e-10, "fov_deg": 20, "toa_offset_bins": 0.5}
     for axes in ("bins,cols,rows", ("bins", "cols", "rows")):
         photons = (from_counts(turned, axes=axes, **given) if suffix == "array" else
                    read(write(tmp_path / f"a{suffix}", {"counts": turned}), axes=axes, **given))

@@ -33,7 +33,8 @@ def photon_hdf5(path, **spots):
 
 
 def test_the_only_cube_of_an_hdf5_file_is_read_from_any_group(tmp_path):
-    arrays = {"scan/hist": CUBE, "scan/mean": CUBE.mean(axis=2), "bin_width_s": 2e-10, "irf": IRF, "title": "a text"}
+    arrays = {"scan/hist": CUBE, "scan/mean": CUBE.mean(axis=2), "bin_width_s": 2e-10, "irf": IRF, "title": "a text",
+              "toa_offset_bins": 0.0}
     photons = read(write(tmp_path / "a.h5", **arrays), fov_deg=9)
     expected = read(write(tmp_path / "b.hdf5", a=np.asfortranarray(CUBE.astype(">f8"))), irf=IRF, bin_width_s=2e-10)
     assert photons.sensor.same_as(expected.sensor.replace(projection=photons.sensor.projection))

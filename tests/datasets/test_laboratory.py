@@ -129,7 +129,7 @@ def test_a_phu_file_gives_its_brightest_curve_or_one_a_pixel(tmp_path, laser_hz,
 
 @pytest.mark.parametrize(("name", "array"), [("counts", CUBE), ("anything", np.asfortranarray(CUBE))])
 def test_npz_cubes_may_describe_their_sensor(tmp_path, name, array):
-    described = {"irf": IRF, "bin_width_s": 1e-10, "fov_deg": 9.0}
+    described = {"irf": IRF, "bin_width_s": 1e-10, "fov_deg": 9.0, "range_offset_m": 0.0}
     np.savez_compressed(tmp_path / "a.npz", **{name: array}, mean=CUBE.mean(axis=2), **described)
     photons = read(tmp_path / "a.npz")
     assert np.array_equal(counts_of(photons), CUBE) and photons.notes == ()

@@ -29,15 +29,12 @@ def test_the_net_waves_before_the_plane():
     assert np.nanmax(np.abs(later - net)) > 0.05 and np.array_equal(same, plane, equal_nan=True)
 
 
-def test_a_file_has_as_many_surfaces_as_references(layers):
+def test_a_file_has_as_many_surfaces_as_references_and_a_name_of_its_own(layers):
     case, = of_files([str(layers)])
     assert (case.source, case.sbr, case.surfaces, case.tolerance_bins) == ("layers", None, 2, 10)
     assert case.observe().depth_bins.shape == (2, 12, 20) and case.observe().intensity is None
     case, = of_files([str(layers)], "40", surfaces=1)
     assert (case.surfaces, case.tolerance_bins) == (1, 40)
-
-
-def test_files_of_one_name_are_refused(layers):
     with pytest.raises(InvalidInput, match="^Two files are called layers: rename one"):
         of_files([str(layers), str(layers)])
 

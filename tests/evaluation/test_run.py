@@ -26,10 +26,15 @@ def outcomes(cases, methods=(POOLED,), sizes=(10,)):
         return list(run(jobs, notes, bar)), notes
 
 
-def test_methods_on_photons_run_once_and_those_on_sketches_for_each_size():
+def test_methods_run_once_or_for_each_size_and_what_they_refuse_is_a_note():
     on_photons = Method("all", "", "photons", object)
     jobs = jobs_for(simulated("net", [10], [3]), [POOLED, on_photons], (5, 10))
     assert [(job.method.name, job.sketch_size) for job in jobs] == [("pooled", 5), ("pooled", 10), ("all", None)]
+    found, notes = outcomes(simulated("net", [10], [3]), sizes=(1000, 10))
+    assert len(notes) == 1 and notes[0].startswith("net, SBR 10, 3 ppp: pooled, m = 1000: sketch_size is 1000")
+    assert [outcome.job.sketch_size for outcome in found] == [10]
+    (outcome,), _ = outcomes(simulated("net", [10], [30]), [METHODS["smle"]], (5,))
+    assert tuple(outcome.row["frequencies"]) == (1, 2, 3, 4, 5)
 
 
 def test_a_simulated_scene_is_judged_in_every_respect():
@@ -53,23 +58,12 @@ def test_points_in_empty_pixels_of_a_scene_are_false_and_those_of_files_are_not(
         assert judge(cloud, case, observation)["false_detections_percent"] == pytest.approx(100 * false)
 
 
-def test_what_a_method_refuses_is_a_note_and_the_others_go_on():
-    found, notes = outcomes(simulated("net", [10], [3]), sizes=(1000, 10))
-    assert len(notes) == 1 and notes[0].startswith("net, SBR 10, 3 ppp: pooled, m = 1000: sketch_size is 1000")
-    assert [outcome.job.sketch_size for outcome in found] == [10]
-
-
 def test_the_true_cloud_is_perfect(layers):
     for case in (*of_files([str(layers)]), *simulated("net", [10], [3])):
         observation = case.observe()
         cloud = observation.true_cloud(case.sensor)
         found = evaluate(cloud, observation.depth_bins, 0.01, case.sensor.num_bins, observation.intensity)
         assert (found.true_detections, found.false_detections) == (1, 0) and not found.iae > 1e-6
-
-
-def test_frequencies_are_those_that_the_method_asks_for():
-    (outcome,), _ = outcomes(simulated("net", [10], [30]), [METHODS["smle"]], (5,))
-    assert tuple(outcome.row["frequencies"]) == (1, 2, 3, 4, 5)
 
 
 ROW = {"source": "bust", "sbr": 1.0, "ppp": 10.0, "repeat": 1, "method": "pooled", "sketch_size": 10,
@@ -128,15 +122,12 @@ def images():
     return call
 
 
-def test_clouds_stand_beside_the_truth_in_the_same_colours_and_place(ball, images):
+def test_clouds_stand_beside_the_truth_in_the_same_colours_and_an_empty_one_is_dark(ball, images):
     truth, _ = ball
     part = replace(truth, **{name: getattr(truth, name)[truth.col < 24] for name in POINT_FIELDS})
     whole, half = images(truth, part)
     points = half.max(axis=2) > 60
     assert 0.1 < points.mean() < 0.8 * (whole.max(axis=2) > 60).mean()
     assert (np.abs(half - whole).max(axis=2)[points] < 60).mean() > 0.7
-
-
-def test_an_empty_cloud_is_drawn(ball, images):
     empty, = images(ball[0].within(max_m=0))
     assert (empty.max(axis=2) < 60).all()

@@ -77,11 +77,8 @@ def test_a_backend_has_what_the_contract_names(device, name):
         assert arguments(getattr(device.for_shape(*SHAPE), name)) == arguments(contracted)[1:]
 
 
-def test_the_contract_names_every_kernel():
+def test_the_contract_names_every_kernel_and_what_both_share_needs_numpy_alone():
     assert set(oracle.FUNCTIONS) <= set(NAMES)
-
-
-def test_what_both_share_needs_numpy_alone():
     names = "{'numba', 'torch', 'srt3d_ros.core', 'srt3d_ros.errors'}"
     modules = "import sys; from srt3d_ros.kernels import constants, contract, lens, maps"
     program = f"{modules}; sys.exit(str({names} & set(sys.modules) or ''))"

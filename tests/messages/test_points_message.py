@@ -18,14 +18,11 @@ from srt3d_ros.messages.packing import unpack_cloud
 from srt3d_ros.messages.schema_files import cloud_layouts
 
 
-def test_is_dense_says_whether_every_point_is_finite(codecs):
+def test_an_empty_cloud_is_valid_and_is_dense_says_whether_points_are_finite(codecs):
     cloud = codecs["points_xyzi"].content
     for x, dense in ((1.0, True), (np.nan, False), (np.inf, False)):
         moved = replace(cloud, xyz=np.array([[1, 2, 3], [x, 5, 6]], np.float32))
         assert read_cloud(points.encode_cdr(moved, "lidar")).is_dense is dense
-
-
-def test_empty_cloud_is_valid(codecs):
     cloud = codecs["points_xyzi"].content
     cloud = replace(cloud, **{name: getattr(cloud, name)[:0] for name in POINT_FIELDS})
     for layout in ("xyzi", "full"):
@@ -53,7 +50,7 @@ def test_an_organised_cloud_has_the_first_point_of_each_pixel_and_nan_elsewhere(
         assert np.array_equal(values, listed[name][:1]) and values.dtype == listed[name].dtype, name
 
 
-def test_it_projects_a_point_of_the_sensor_onto_its_pixel(small_sensor):
+def test_the_camera_projects_points_onto_pixels_has_the_lens_and_a_scanner_has_none(small_sensor):
     sensor = small_sensor.replace(projection=Pinhole(fx=50.0, fy=60.0, cx=1.5, cy=1.0))
     info = camera_info(sensor, 1_500_000_000, "lidar")
     x, y, z = sensor.xyz(np.array([2]), np.array([3]), np.array([40.0]))[0]
@@ -63,9 +60,6 @@ def test_it_projects_a_point_of_the_sensor_onto_its_pixel(small_sensor):
     assert (info.height, info.width, info.distortion_model, list(info.d)) == (3, 4, "plumb_bob", [0.0] * 5)
     assert (info.r.reshape(3, 3) == np.eye(3)).all() and (info.binning_x, info.roi.width) == (0, 0)
     assert (info.header.stamp.sec, info.header.stamp.nanosec, info.header.frame_id) == (1, 500_000_000, "lidar")
-
-
-def test_a_lens_is_in_d_and_a_scanner_has_none(small_sensor):
     lens = Pinhole(50.0, 60.0, 7.5, 5.25, PlumbBob(-0.2, 0.05, 0.01, -0.005, 0.002))
     info = camera_info(small_sensor.replace(projection=lens), 0, "lidar")
     assert list(info.d) == [-0.2, 0.05, 0.01, -0.005, 0.002]

@@ -19,29 +19,20 @@ def summary(recorded):
     return json.loads(json.dumps(summarise(recorded), allow_nan=False))
 
 
-def test_duration_frames_rate_and_gaps(summary):
+def test_durations_gaps_latencies_points_photons_and_the_text_are_those_of_the_recording(summary, ball):
     assert summary["frames"] == FRAMES - len(MISSING) and summary["duration_s"] == (FRAMES - 1) / 10
     assert summary["period_ms"] == 100 and summary["frame_rate_hz"] == round(27 / 2.9, 3)
     (gap,) = summary["gaps"]
     assert gap == {"after_frame": 9, "at_s": 0.9, "seconds": 0.3, "missing": 2}
     assert summary["gap_count"] == 1 and summary["missing_frames"] == 2
     assert summary["started"] == "2026-11-21T18:18:42.000Z" and summary["run"]["frequencies"] == [1, 2, 5]
-
-
-def test_latency_percentiles_of_each_stage(summary):
     values = 30 + np.arange(28)
     assert summary["latency_ms"]["total"] == {"p50": 43.5, "p95": round(float(np.percentile(values, 95)), 3), "max": 57}
     assert summary["latency_ms"]["sketch"] == {"p50": 5, "p95": 5, "max": 5}
-
-
-def test_points_and_photons(summary, ball):
     assert (summary["points"]["min"], summary["points"]["max"]) == (len(ball[0]) - 100, len(ball[0]))
     assert (summary["photons"]["min"], summary["photons"]["max"]) == (9000, 9029)
     assert (summary["fewest_points_frame"], summary["most_points_frame"]) == (FEWEST, MOST)
     assert summary["typical_frame"] not in (FEWEST, MOST)
-
-
-def test_text_has_the_same_figures(summary):
     text = format_summary(summary)
     for expected in ("28, 9.31 Hz", "1, about 2 frames; the longest 0.3 s, at 0.9 s, after frame 9", "median 43.5 ms",
                      "40 × 48 pixels, 600 bins of 20 ps", "0.1.0", "1 WARN"):
@@ -49,7 +40,7 @@ def test_text_has_the_same_figures(summary):
     assert "5 min 0 s" in format_summary(summary | {"duration_s": 299.96})
 
 
-def test_a_recording_without_a_sensor_is_one_line(tmp_path):
+def test_a_recording_without_a_sensor_or_clouds_is_one_line(tmp_path, ball):
     stream = rr.RecordingStream("other")
     stream.save(tmp_path / "a.rrd")
     stream.set_time("stamp", timestamp=np.datetime64(5, "ns"))
@@ -58,13 +49,10 @@ def test_a_recording_without_a_sensor_is_one_line(tmp_path):
     stream.disconnect()
     with pytest.raises(InvalidInput, match="a.rrd has no description of its sensor"):
         Recorded.read(tmp_path / "a.rrd")
-
-
-def test_a_recording_without_clouds_is_one_line(tmp_path, ball):
-    with RecordingWriter(tmp_path / "a.rrd", ball[1]) as writer:
+    with RecordingWriter(tmp_path / "b.rrd", ball[1]) as writer:
         writer.log_scalars(0, {"points": 1}, 0)
-    with pytest.raises(InvalidInput, match="a.rrd has no clouds at /points"):
-        Recorded.read(tmp_path / "a.rrd")
+    with pytest.raises(InvalidInput, match="b.rrd has no clouds at /points"):
+        Recorded.read(tmp_path / "b.rrd")
 
 
 def test_the_sensor_is_found_again(recorded, ball, tmp_path):

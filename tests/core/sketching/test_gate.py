@@ -71,7 +71,7 @@ def test_a_gate_leaves_ranges_and_points_as_they_are(sensor, depth):
     np.testing.assert_allclose(cloud.background.mean(), 20 * gate.num_bins / T, rtol=0.15)
 
 
-def test_t_is_the_gates_length_and_the_spread_of_the_delays():
+def test_t_is_the_gates_length_and_the_spread_of_the_delays_and_the_ends_are_inside():
     assert Gate(SENSOR, *GATE).sensor.num_bins == 70
     delayed = Gate(SENSORS["delays"], *GATE)
     assert delayed.sensor.num_bins == 70 + 13 and delayed.sensor.delay_bins.min() == 0.5
@@ -79,9 +79,6 @@ def test_t_is_the_gates_length_and_the_spread_of_the_delays():
     delays, mask = LATE.copy(), np.ones(LATE.shape, bool)
     delays[2, 3], mask[2, 3] = 100, False
     assert Gate(SENSOR.replace(delay_bins=delays, mask=mask), *GATE).num_bins == 70 + 13
-
-
-def test_photons_at_the_ends_are_inside():
     gate = Gate(SENSOR, *GATE)
     toa = np.array([49, 50, 119, 120], np.uint16)
     assert gate.photons(PhotonEvents(np.arange(4, dtype=np.uint32), toa)).toa.tolist() == [0, 69]

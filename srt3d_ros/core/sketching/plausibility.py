@@ -1,0 +1,82 @@
+"""Photons that look wrong: hot pixels, a leak that piles up in one bin, times in another unit. A text, or nothing."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
+
+REACH = 2                   # pixels around, 24 neighbours
+BRIGHTEST_LEFT_OUT = 3      # of the neighbours: other hot pixels. A line one pixel wide has 4
+HOT = 4                     # times the photons of the next neighbour and 2 more: no chance of any mean reaches it
+LEAK_SHARE, LEAK_RATIO = 0.05, 10       # of an end bin, least: of all photons; times the bin beside it
+ENOUGH = 50                 # photons, before anything is said
+SMALL_PART = 1 / 8          # of T
+
+
+class Light(NamedTuple):
+    """Where the photons of a frame are."""
+
+    of_bins: np.ndarray         # float64 [n], of all pixels
+    dark: np.ndarray            # float64 [rows, cols], in the emptiest quarter of the bins, where signal is rare
+    of_pixels: np.ndarray       # float64 [rows, cols]
+
+
+def light_of(frame: PhotonFrame, sensor: SensorModel) -> Light:
+    """The photons in bins and pixels."""
+    frame = frame.to_events(sensor) if isinstance(frame, PhotonGates) else frame
+    if isinstance(frame, PhotonHistograms):
+        of_bins = frame.counts.sum(axis=(0, 1), dtype=np.float64)
+        first, end = _emptiest_quarter(of_bins)
+        dark = frame.counts[..., first:end].sum(axis=2, dtype=np.float64)
+        return Light(of_bins, dark, frame.counts.sum(axis=2, dtype=np.float64))
+    toa = sensor.toa_bins(frame.toa)
+    of_bins = np.bincount(toa, minlength=sensor.num_bins).astype(np.float64)
+    first, end = _emptiest_quarter(of_bins)
+    inside = frame.pixel[(toa >= first) & (toa < end)]
+    dark, of_pixels = (np.bincount(pixel, minlength=sensor.pixels).reshape(sensor.rows, sensor.cols).astype(np.float64)
+                       for pixel in (inside, frame.pixel))
+    return Light(of_bins, dark, of_pixels)
+
+
+def hot_pixels(light: Light, sensor: SensorModel) -> np.ndarray:
+    """Used pixels far brighter than those around where signal is rare, and that have hardly any; bool [rows, cols]."""
+    dark = light.dark * sensor.used
+    if min(dark.shape) <= REACH:
+        return np.zeros(dark.shape, bool)
+    side = 2 * REACH + 1
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(dark, REACH, "reflect"), (side, side))
+    around = np.delete(around.reshape(*dark.shape, -1), side**2 // 2, axis=2)
+    bright = -np.partition(-around, BRIGHTEST_LEFT_OUT, axis=2)[..., BRIGHTEST_LEFT_OUT]
+    return (dark > HOT * (bright + 2)) & (light.of_pixels < 2 * dark * len(light.of_bins) / _quarter(light.of_bins))
+
+
+def leak(light: Light) -> str:
+    """A warning of photons that pile up in the first or the last bin."""
+    photons = light.of_bins.sum()
+    for name, (end, beside) in (("first", light.of_bins[:2]), ("last", light.of_bins[:-3:-1])):
+        if end >= max(LEAK_SHARE * photons, LEAK_RATIO * beside, ENOUGH):
+            return (f"{end / photons:.0%} of the photons are in the {name} bin, and hardly any beside it: a leak or an "
+                    "overflow, which hides dimmer surfaces; leave it out (gate)")
+    return ""
+
+
+def other_unit(events: PhotonEvents, sensor: SensorModel) -> str:
+    """A warning of ToA with fractions that all lie in a small part of the bins."""
+    toa = events.toa
+    if toa.dtype.kind != "f" or len(toa) < ENOUGH or toa.max() >= SMALL_PART * sensor.num_bins:
+        return ""
+    return (f"all ToA have fractions and lie below {toa.max():.4g} of {sensor.num_bins} bins: if they are nanoseconds, "
+            "divide them by the bin width in nanoseconds")
+
+
+def _quarter(of_bins: np.ndarray) -> int:
+    return max(len(of_bins) // 4, 1)
+
+
+def _emptiest_quarter(of_bins: np.ndarray) -> tuple[int, int]:
+    """The first bin of the quarter of the bins with the fewest photons, and its end."""
+    width, below = _quarter(of_bins), np.concatenate([[0], np.cumsum(of_bins)])
+    first = int((below[width:] - below[:-width]).argmin())
+    return first, first + width
