@@ -1,6 +1,5 @@
 """Recordings as they are read: their order, blueprint and eye, and one line for a file that is none of ours."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,12 +12,8 @@ from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.pictures.viewpoint import LEVEL, look_at
 from srt3d_ros.recording import entities
-from srt3d_ros.recording import writer as writer_module
 from srt3d_ros.recording.reader import RecordingReader
 from srt3d_ros.recording.writer import RecordingWriter
-from srt3d_ros.review.gallery import make_gallery
-from srt3d_ros.review.recorded import Recorded
-from srt3d_ros.review.summary import summarise
 
 
 def blueprint_columns(path):
@@ -84,29 +79,6 @@ def test_the_view_of_a_sensor_that_moves_stands_and_shows_the_room_of_the_last_t
               for item in columns["VisibleTimeRanges:ranges"] if item for one in item]
     assert sorted(ranges) == [("frame", -100, -1), ("frame", -100, 0), ("stamp", -10**10, -10**8),
                               ("stamp", -10**10, 0)]
-
-
-def test_a_still_shows_one_frame_with_its_images_and_all_that_a_review_needs(tmp_path, ball):
-    cloud = replace(ball[0], photons=5000, frequencies=(1, 2, 5), notes=("IRF assumed",))
-    cloud.save(tmp_path / "a.rrd")
-    cloud.save(tmp_path / "a.rrd")       # replaces the first
-    assert [path.name for path in tmp_path.iterdir()] == ["a.rrd"]
-    origins = {origin for (origin,) in blueprint_columns(tmp_path / "a.rrd")["ViewBlueprint:space_origin"]}
-    assert origins == {"/", "/depth", "/intensity", "/background"}
-    recorded = Recorded.read(tmp_path / "a.rrd")
-    (read,) = recorded.reader.clouds()
-    assert np.array_equal(read.placed(recorded.sensor).xyz, cloud.xyz) and read.stamp_ns == cloud.stamp_ns
-    summary = summarise(recorded)
-    assert (summary["photons"]["median"], summary["run"]["notes"]) == (5000, "IRF assumed")
-    assert make_gallery(recorded)["typical"].title == "Frame 0: typical"
-
-
-def test_a_cloud_that_cannot_be_recorded_is_one_line_and_leaves_the_old_file(tmp_path, ball, monkeypatch):
-    monkeypatch.setattr(writer_module, "LEAST_FREE_BYTES", 10**18)
-    (tmp_path / "a.rrd").write_text("old")
-    with pytest.raises(InvalidInput, match=r"^Cannot write \S*/a.rrd .stopped, as the disk has only \d+ MB left.\.$"):
-        ball[0].save(tmp_path / "a.rrd")
-    assert [path.read_text() for path in tmp_path.iterdir()] == ["old"]
 
 
 @pytest.mark.parametrize("scanner", [False, True])
