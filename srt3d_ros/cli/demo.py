@@ -4,6 +4,8 @@ import argparse
 import importlib
 import json
 import math
+import os
+import shutil
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -177,7 +179,8 @@ def _report(played: Played, frames: int, rate_hz: float, out: Path, first_ns: in
     draw_overview(out / PICTURE, clouds[drawn], expected[drawn][0], played.title, figures)
     (out / SUMMARY).write_text(json.dumps(summary | facts, indent=2) + "\n")
     _say("\n" + align([*rows(summary), *((name.replace("_", " "), str(value)) for name, value in facts.items())]))
-    _say(f"\n{out}/  {PICTURE}  {RECORDING} (open it with `rerun`)  {SUMMARY}  {LOG_NAME}")
+    viewer = "rerun" if shutil.which("rerun") else os.path.relpath(Path(sys.executable).with_name("rerun"))
+    _say(f"\n{out}/  {PICTURE}  {RECORDING}  {SUMMARY}  {LOG_NAME}\n{viewer} {out / RECORDING}   # shows the recording")
 
 
 def _say(text: str) -> None:

@@ -86,7 +86,7 @@ OUT = ("-o", "a.npz")
     (("absent.npz", *OUT), "absent.npz"), ((".", *OUT), ".: no bag, as it has no file that ends in .mcap or .db3"),
     (("\x1b[2Jno\nfile.npz", *OUT), "\\x1b[2Jno file.npz"),
     (("FILE", *OUT, "--frame", "1"), "--frame is 1"), (("FILE",), "-o"),
-    (("FILE", "-o", "cloud.las"), "output is cloud.las"), (("FILE", "-o", "absent/a.npz"), "no directory absent"),
+    (("FILE", "-o", "cloud.obj"), "output is cloud.obj"), (("FILE", "-o", "absent/a.npz"), "no directory absent"),
     (("FILE", *OUT, "--surfaces", "5"), "--surfaces is 5"), (("FILE", *OUT, "--surfaces", "two"), "--surfaces"),
     (("FILE", *OUT, "--gate", "5"), "--gate is 5: expected off, FIRST-LAST (100-400)"),
     (("FILE", *OUT, "--irf", "absent.npy"), "absent.npy: no such"),
