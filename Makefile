@@ -10,7 +10,6 @@ VENV = .venv$(addprefix -,$(other_ros))
 MACHINE := $(shell uname -m)
 CONSTRAINTS = -c constraints.txt
 OUT = demo-out
-PHOTONS =
 MOTION =
 ARGS =
 # Containers set it, and each of the hundreds of processes of a test run would compile its modules anew.
@@ -29,7 +28,7 @@ installed_from = setup.py pyproject.toml package.xml constraints.txt $(wildcard 
 .PHONY: help demo test test-all test-newest test-processors wheels-of-ros docs lint clean
 
 help:
-	@echo 'make demo [PHOTONS=file] [OUT=demo-out]  photons to point clouds over ROS 2: a recording, a picture, a table'
+	@echo 'make demo [OUT=demo-out]                 photons to point clouds over ROS 2: a recording, a picture, a table'
 	@echo '          MOTION=walk                      the same, of a sensor that moves, deskewed by its odometry'
 	@echo 'make test [ARGS=...]                     the tests; ARGS goes to pytest'
 	@echo 'make test-all                            these, and installations, documents, two machines, compilers'
@@ -42,7 +41,7 @@ help:
 	@echo 'Variables: PYTHON=$(PYTHON) (3.11 or newer), ROS=$(ROS), VENV=$(VENV)'
 
 demo: $(VENV)/demo-ready
-	@$(VENV)/bin/srt3d demo $(if $(PHOTONS),--photons '$(PHOTONS)') $(if $(MOTION),--motion '$(MOTION)') --out '$(OUT)'
+	@$(VENV)/bin/srt3d demo $(if $(MOTION),--motion '$(MOTION)') --out '$(OUT)'
 
 test: $(VENV)/test-ready
 	@$(pytest) $(addprefix --ignore=,$(long)) $(ARGS)

@@ -235,7 +235,7 @@ def test_a_cloud_is_drawn(cloud):
     for options, expected in wrong:
         with pytest.raises(srt3d_ros.InvalidInput, match=f"^{expected}"):
             cloud.render(**options)
-    with pytest.raises(srt3d_ros.InvalidInput, match=r"^rt3d gives points no depth_std\.$"):
+    with pytest.raises(srt3d_ros.InvalidInput, match=r"^The points have no depth_std: "):
         replace(cloud, method="rt3d", depth_std_bins=np.full(len(cloud), np.nan, np.float32)).plot("depth_std")
 
 

@@ -14,7 +14,7 @@ from srt3d_ros.datasets.bags import frames as bag_frames
 from srt3d_ros.datasets.bags.bag import Bag, is_bag
 from srt3d_ros.datasets.irf import tail_note
 from srt3d_ros.datasets.options import Options, SensorOptions, gathered
-from srt3d_ros.datasets.readers import csv_lists, cubes, hdf5, histograms, mat, npz, ptu, tmf8829
+from srt3d_ros.datasets.readers import csv_lists, cubes, hdf5, histograms, mat, npz, ptu, tmf8829, tttr
 from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput, quoted, require
@@ -30,7 +30,15 @@ SIMULATOR = "simulator"     # in place of a path
 # cannot be used. Those of LOGS yield a function for each frame that reads it.
 FILE_READERS = {".npz": npz.read, ".npy": cubes.read, ".mat": mat.read, ".csv": csv_lists.read, ".ptu": ptu.read,
                 ".sdt": histograms.read, ".phu": histograms.read,
+                **dict.fromkeys((".spc", ".pt3", ".ht3"), tttr.read),
                 **dict.fromkeys((".h5", ".hdf5", ".hdf", ".nc"), hdf5.read)}
+# What to do with files that are not read, by suffix.
+CONVERTERS = {
+    **dict.fromkeys((".pt2", ".ht2", ".t2r", ".t3r"), "PicoQuant's software and tttrlib convert it to .ptu"),
+    **dict.fromkeys((".phd", ".hhd", ".thd"), "PicoQuant's software exports it as text, which --irf takes; counts of a "
+                                              "scene are read as .npy [rows, cols, bins]"),
+    ".ttbin": "TimeTagger.FileReader of Swabian's package reads it: give row, col and toa to srt3d_ros.from_events",
+    ".set": "It is the setup of a measurement: give the .spc or .sdt file"}
 LOGS = {".json": tmf8829.frames, ".gz": tmf8829.frames}
 MOST_FRAMES = 10**7         # at once: their numbers take 0.4 GB
 
@@ -55,6 +63,8 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
         chosen = gathered(options, sensor, guess_irf)
         if path.suffix.lower() not in (suffixes := FILE_READERS | LOGS):
             require(is_bag(path) or path.exists(), "photon file", problem=f"{path}: no such file.")
+            if path.suffix.lower() in CONVERTERS:
+                raise InvalidInput("photon file", problem=f"{path.name}: {CONVERTERS[path.suffix.lower()]}.")
             require(is_bag(path), "photon file", str(path), f"a file that ends in {', '.join(suffixes)}, or a bag")
             return bag_frames.read_frame(path, frame, chosen, photons_topic)
         require(not photons_topic, "photons_topic", problem="Only bags have topics.")

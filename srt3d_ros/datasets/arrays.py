@@ -153,7 +153,7 @@ def looked_through(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, 
     """The sensor, hot pixels masked unless options say otherwise; where they are; and notes on what looks wrong."""
     light, known = plausibility.light_of(frame, sensor), options.known
     hot = plausibility.hot_pixels(light, sensor)
-    notes = [plausibility.leak(light)]
+    notes = [Note(plausibility.leak(light), "gate")]
     if isinstance(frame, PhotonEvents):
         notes.append(plausibility.other_unit(frame, sensor))
     if hot.any():

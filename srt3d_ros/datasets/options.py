@@ -220,7 +220,7 @@ def redescribed(sensor: SensorModel, notes: tuple[str, ...], options: Options,
     changed, irf_notes = described(sensor, known)
     before, after = ({name: getattr(one, name) for name in SENSOR_OPTIONS} for one in (sensor, changed))
     known_now = {*known, *(["projection"] if says_geometry(known) else ()), *(["irf_ref"] if "irf" in known else ()),
-                 *(["toa_offset_bins"] if "range_offset_m" in known else ())}
+                 *(["toa_offset_bins"] if "range_offset_m" in known else ()), *(["gate"] if options.gate else ())}
     replaced = {note for note in notes if isinstance(note, Note) and note.field in known_now}
     for note in replaced:       # an assumption, not a value of the file
         before = {name: value for name, value in before.items() if name not in (note.field, f"{note.field}_ref")}

@@ -53,7 +53,8 @@ def sendable(counts: np.ndarray) -> np.ndarray:
             at_end, between = (np.count_nonzero(counts > most * share) for share in (1 - AT_END, AT_END))
             require(at_end < MOST_AT_END * counts.size or between > 2 * at_end, "counts",
                     problem=f"{at_end / counts.size:.0%} of the counts are {high} or little less: unsigned numbers "
-                    "wrapped when something was subtracted. Subtract signed ones, counts.astype(np.int32) - dark.")
+                    "wrapped when something was subtracted. Subtract signed ones, counts.astype(np.int32) - dark. Of "
+                    "ToA words of a SPAD array, give no_detection (--no-detection).")
     if counts.dtype in COUNT_DTYPES and counts.dtype.isnative:
         return counts
     if counts.dtype.kind == "f":

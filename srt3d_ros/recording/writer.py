@@ -1,4 +1,4 @@
-"""Record clouds, images, scalars and log lines in an .rrd file."""
+"""Record clouds, images and scalars in an .rrd file."""
 
 import atexit
 import math
@@ -18,7 +18,6 @@ import rerun as rr
 
 from srt3d_ros import compat
 from srt3d_ros.core.motion.trajectory import Pose
-from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.messages import sensor_message
 from srt3d_ros.pictures.colours import AdaptiveRange, grey_table, levels, packed, point_table
@@ -34,12 +33,10 @@ BATCHING = rr.ChunkBatcherConfig(flush_tick=timedelta(seconds=5 * FLUSH_PERIOD_S
 FLUSH_TIMEOUT_S = 20.0      # a slower disk counts as hanging
 END_TIMEOUT_S = 10.0        # for the footer, after all else is written
 LEAST_FREE_BYTES = 500_000_000      # stop recording below this: the footer and other programs need room
-_LOG_LEVELS = {10: "DEBUG", 20: "INFO", 30: "WARN", 40: "ERROR", 50: "CRITICAL"}      # of rcl_interfaces/Log
 _TYPES = {"row": np.uint16, "col": np.uint16, "surface": np.uint8}      # other columns are float32
 STAMPS_KEPT = 256           # of frames whose numbers are known
 _RATE_CLOUDS = 10           # whose stamps give the rate and the playing speed; the view waits for them, or for the end
 _USUAL_RATE_HZ = 10.0       # if stamps do not grow
-_STILL_IMAGES = entities.DEPTH_PATH, entities.INTENSITY_PATH, entities.BACKGROUND_PATH
 _VIEWER_FOV_DEG, _VIEW_ASPECT = 55, 1.2     # the viewer's 3D view on a wide screen
 _ROOM_YAW_DEG, _ROOM_PITCH_DEG = 30, 40     # of the eye on a room
 _FRUSTUM_SHARE = 0.15       # of the clouds' range, so that a sensor in a room is seen
@@ -116,7 +113,6 @@ class RecordingWriter(AbstractContextManager):
         sensor: sets the axes and the size of the points.
         properties: of the recording, {"run": {…}, …}: numbers, strings, lists of them.
         images: entity paths of the images to show in the blueprint.
-        still: show a single frame, without plots and log.
 
     Raises:
         RecordingFailed: the file cannot be written, or the disk has less than 500 MB left. Methods raise it, too; then
@@ -124,8 +120,8 @@ class RecordingWriter(AbstractContextManager):
     """
 
     def __init__(self, path, sensor: SensorModel, properties: Mapping[str, Mapping] | None = None, *,
-                 images: tuple[str, ...] = (entities.DEPTH_PATH,), still: bool = False):
-        self.path, self._sensor, self._images, self._still = Path(path), sensor, images, still
+                 images: tuple[str, ...] = (entities.DEPTH_PATH,)):
+        self.path, self._sensor, self._images = Path(path), sensor, images
         self._ranges: dict[str, AdaptiveRange] = defaultdict(AdaptiveRange)        # of colours, by entity path or name
         self._stamps_ns: deque[int] = deque(maxlen=_RATE_CLOUDS)
         self._framed = np.empty((0, 3), np.float32)         # points that the view is to show
@@ -198,10 +194,6 @@ class RecordingWriter(AbstractContextManager):
         self._log(stamp_ns, frame_index, {entities.metric_path(name): [rr.Scalars(float(value))]
                                           for name, value in values.items() if value is not None})
 
-    def log_line(self, stamp_ns: int, text: str, level: int = 20, frame_index: int | None = None) -> None:
-        """Log a line of a node's log; `level` as in rcl_interfaces/Log."""
-        self._log(stamp_ns, frame_index, {entities.LOG_PATH: [rr.TextLog(text, level=_LOG_LEVELS.get(level, "INFO"))]})
-
     def set_properties(self, name: str, facts: Mapping) -> None:
         """Set facts of a property of the recording."""
         entities.log_properties(self._stream, name, facts)
@@ -269,7 +261,7 @@ class RecordingWriter(AbstractContextManager):
             eye = look_at(np.concatenate(self._room), None, _ROOM_YAW_DEG, _ROOM_PITCH_DEG, axes=LEVEL, **options)
         else:
             eye = look_at(self._framed, self._sensor.projection, **options)
-        blueprint = film_blueprint(eye, self._sensor, self._images, None if self._still else self._rate_hz(), moving)
+        blueprint = film_blueprint(eye, self._sensor, self._images, self._rate_hz(), moving)
         compat.send_rerun_blueprint(self._stream, blueprint)
 
     def _rate_hz(self) -> float:
@@ -297,20 +289,3 @@ class RecordingWriter(AbstractContextManager):
             atexit.register(end_at_once, 1)     # called before rerun's handler: last registered, first called
         else:
             compat.free_rerun_streams()
-
-
-def record_cloud(cloud: PointCloud, path: Path, notes: tuple[str, ...] = ()) -> None:
-    """Write a recording of one frame to a new file; OSError if that fails."""
-    facts = {"method": cloud.method, "device": cloud.device, "frequencies": cloud.frequencies, "notes": notes}
-    at, pixels = (cloud.stamp_ns, 0), cloud.background.size
-    images = (cloud.depth_image(), cloud.image("intensity"), cloud.background)
-    try:
-        with RecordingWriter(path, cloud.sensor, {entities.RUN: facts}, images=_STILL_IMAGES, still=True) as writer:
-            writer.log_cloud(*at, cloud.xyz, cloud.intensity, row=cloud.row, col=cloud.col, surface=cloud.surface,
-                             depth_std=cloud.depth_std_bins * cloud.sensor.bin_width_m)
-            for name, image in zip(_STILL_IMAGES, images):
-                writer.log_image(name, *at, image)
-            writer.log_scalars(cloud.stamp_ns, {"points": len(cloud), "photons": cloud.photons,
-                                                "ppp": cloud.photons / pixels}, 0)
-    except RecordingFailed as error:
-        raise OSError(error.why) from None

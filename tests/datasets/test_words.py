@@ -7,7 +7,7 @@ from scipy.io import savemat
 from srt3d_ros import read
 from srt3d_ros.errors import InvalidInput
 
-OPTIONS = {"irf": [1, 2, 1], "num_bins": 50, "bin_width_s": 1e-10, "fov_deg": 10}
+OPTIONS = {"irf": [1, 2, 1], "num_bins": 50, "bin_width_s": 1e-10, "fov_deg": 10, "toa_offset_bins": 0}
 FRAMES, ROWS, COLS = 200, 3, 4
 
 

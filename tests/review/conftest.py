@@ -33,7 +33,7 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="session")
 def ball_recording(tmp_path_factory, ball):
-    """The path of a recording of the ball: clouds, a depth image each, series, log and properties.
+    """The path of a recording of the ball: clouds, a depth image each, series and properties.
 
     Frame k has 100 points less at FEWEST, all at MOST, otherwise 10 or so less; latency_ms is 30 + k.
     """
@@ -78,6 +78,5 @@ def write_ball(path, cloud, sensor, frames=FRAMES, missing=MISSING, more=lambda 
             if (name, frame) != ("photons", 7):
                 stream.log(f"/metrics/{name}", rr.Scalars(float(value)))
         frame += 1
-    stream.log("/log", rr.TextLog("sketcher: <script>alert(1)</script>", level="WARN"))
     more(stream)
     stream.disconnect()

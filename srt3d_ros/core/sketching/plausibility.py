@@ -13,6 +13,7 @@ HOT = 4                     # times the photons of the next neighbour and 2 more
 LEAK_SHARE, LEAK_RATIO = 0.05, 10       # of an end bin, least: of all photons; times the bin beside it
 ENOUGH = 50                 # photons, before anything is said
 SMALL_PART = 1 / 8          # of T
+WATCH_S = 1.0               # between looks at a stream
 
 
 class Light(NamedTuple):
@@ -80,3 +81,42 @@ def _emptiest_quarter(of_bins: np.ndarray) -> tuple[int, int]:
     width, below = _quarter(of_bins), np.concatenate([[0], np.cumsum(of_bins)])
     first = int((below[width:] - below[:-width]).argmin())
     return first, first + width
+
+
+class LightWatch:
+    """Looks at the photons of a stream: for hot pixels in the first second, for a leak then once a second.
+
+    Attributes:
+        sensor: of the stream.
+        hot: bool [rows, cols] once the first second has passed.
+        warning: what looks wrong, or "".
+    """
+
+    def __init__(self, sensor: SensorModel):
+        self.sensor, self.warning = sensor, ""
+        self.hot: np.ndarray | None = None
+        self._since_s: float | None = None
+        self._light: Light | None = None
+
+    def masked(self, sensor: SensorModel) -> SensorModel:
+        """The sensor without the hot pixels, if there are any; as it is if it has a mask."""
+        if sensor.mask is not None or self.hot is None or not self.hot.any():
+            return sensor
+        return sensor.replace(mask=~self.hot)
+
+    def look(self, frame: PhotonFrame, now_s: float) -> bool:
+        """Look at a frame or packet of the sensor at this time; returns whether `hot` is new."""
+        self._since_s = now_s if self._since_s is None else self._since_s
+        ended = not 0 <= now_s - self._since_s < WATCH_S
+        if self.hot is not None and not ended:
+            return False
+        light = light_of(frame, self.sensor)
+        if self.hot is None and self._light is not None:
+            light = Light(*map(np.add, light, self._light))
+        self._light = light
+        if not ended or light.of_bins.sum() < ENOUGH:
+            return False
+        self._since_s, self._light, self.warning = now_s, None, leak(light)
+        is_first = self.hot is None
+        self.hot = hot_pixels(light, self.sensor) if is_first else self.hot
+        return is_first

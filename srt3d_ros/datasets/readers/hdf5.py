@@ -27,7 +27,11 @@ WANTED = f"Photon-HDF5 with photon_data/nanotimes, {npz.WANTED}"
 def read(path: Path, options: Options) -> Reading:
     """Photons of an HDF5 file; `channel` is the detector to take of Photon-HDF5, else all. Needs h5py."""
     names = (*SPOT_ARRAYS, *npz.KNOWN, *options.named)
-    content, listed = isolated.arrays_of(path, "h5py", names, "a complete HDF5 file")
+    return photons(path, *isolated.arrays_of(path, "h5py", names, "a complete HDF5 file"), options)
+
+
+def photons(path: Path, content: dict[str, np.ndarray], listed: str, options: Options) -> Reading:
+    """Photons of arrays by their names in an HDF5 file; `listed` says what it has, for an error."""
     with read_errors(path):
         spots = sorted((int(match[2] or 0), match[1]) for match in
                        map(re.compile(r"(photon_data(\d{0,9})/)nanotimes").fullmatch, content) if match)

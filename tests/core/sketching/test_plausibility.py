@@ -5,7 +5,7 @@ import pytest
 
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
-from srt3d_ros.core.sketching.plausibility import hot_pixels, leak, light_of, other_unit
+from srt3d_ros.core.sketching.plausibility import LightWatch, hot_pixels, leak, light_of, other_unit
 
 SENSOR = SensorModel(16, 20, 80, 1e-10, [1, 2, 1], gates=GateWords())
 HOT = [(0, 0), (3, 7), (3, 8), (15, 10)]
@@ -68,3 +68,16 @@ def test_times_that_fill_a_small_part_of_the_bins_may_be_nanoseconds(toa, said):
     events = PhotonEvents(np.zeros(len(toa), np.uint32), toa.astype(np.float32))
     assert bool(other_unit(events, SENSOR)) == said
     assert not other_unit(PhotonEvents(events.pixel, toa.astype(np.uint16)), SENSOR)
+
+
+def test_a_stream_is_looked_at_for_a_second_and_then_once_a_second():
+    dark, bright = (PhotonHistograms(cube(extra)) for extra in ((), [(3, 7, slice(None), 1)]))
+    leaking = PhotonHistograms(cube([(slice(None), slice(None), 0, 2)]))
+    watch = LightWatch(SENSOR)
+    assert [watch.look(frame, now_s) for frame, now_s in ((bright, 7), (bright, 7.5), (dark, 8), (leaking, 8.5))] == [
+        False, False, True, False]
+    assert [*zip(*np.nonzero(watch.hot))] == [(3, 7)] and watch.warning == ""
+    assert not watch.masked(SENSOR).used[3, 7] and watch.masked(SENSOR.replace(mask=watch.hot)).used.sum() == 1
+    assert not watch.look(leaking, 9) and "first bin" in watch.warning
+    assert not watch.look(dark, 3) and watch.warning == ""      # a clock that was set back
+    assert LightWatch(SENSOR).masked(SENSOR) is SENSOR
