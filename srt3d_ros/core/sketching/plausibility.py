@@ -19,7 +19,7 @@ WATCH_S = 1.0               # between looks at a stream
 class Light(NamedTuple):
     """Where the photons of a frame are."""
 
-    of_bins: np.ndarray         # float64 [n], of all pixels
+    of_bins: np.ndarray         # float64 [T], of all pixels
     dark: np.ndarray            # float64 [rows, cols], in the emptiest quarter of the bins, where signal is rare
     of_pixels: np.ndarray       # float64 [rows, cols]
 
@@ -28,10 +28,10 @@ def light_of(frame: PhotonFrame, sensor: SensorModel) -> Light:
     """The photons in bins and pixels."""
     frame = frame.to_events(sensor) if isinstance(frame, PhotonGates) else frame
     if isinstance(frame, PhotonHistograms):
-        of_bins = frame.counts.sum(axis=(0, 1), dtype=np.float64)
+        counts = frame.on_axis(sensor)
+        of_bins = counts.sum(axis=(0, 1), dtype=np.float64)
         first, end = _emptiest_quarter(of_bins)
-        dark = frame.counts[..., first:end].sum(axis=2, dtype=np.float64)
-        return Light(of_bins, dark, frame.counts.sum(axis=2, dtype=np.float64))
+        return Light(of_bins, *(part.sum(axis=2, dtype=np.float64) for part in (counts[..., first:end], counts)))
     toa = sensor.toa_bins(frame.toa)
     of_bins = np.bincount(toa, minlength=sensor.num_bins).astype(np.float64)
     first, end = _emptiest_quarter(of_bins)
