@@ -35,6 +35,7 @@ CONVERTERS = {
     **dict.fromkeys((".pt2", ".ht2", ".t2r", ".t3r"), "PicoQuant's software and tttrlib convert it to .ptu"),
     **dict.fromkeys((".phd", ".hhd", ".thd"), "PicoQuant's software exports it as text, which --irf takes; counts of a "
                                               "scene are read as .npy [rows, cols, bins]"),
+    **dict.fromkeys((".txt", ".dat", ".asc"), "Text is an --irf, or a .csv whose first line names row, col and toa"),
     ".ttbin": "TimeTagger.FileReader of Swabian's package reads it: give row, col and toa to srt3d_ros.from_events",
     ".set": "It is the setup of a measurement: give the .spc or .sdt file"}
 LOGS = {".json": tmf8829.frames, ".gz": tmf8829.frames}

@@ -13,7 +13,7 @@ from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
 from srt3d_ros.errors import BAD_INPUT, InvalidInput, require
 from srt3d_ros.messages import cdr, sensor_message
 from srt3d_ros.nodes.common import topics
-from srt3d_ros.nodes.common.managed_node import FOLLOW_DEPTH, ManagedNode
+from srt3d_ros.nodes.common.managed_node import QUEUE_DEPTH, ManagedNode
 from srt3d_ros.nodes.common.parameters import Parameter
 from srt3d_ros.nodes.common.peers import all_acknowledged
 from srt3d_ros.nodes.common.process import run
@@ -79,7 +79,7 @@ class PlayerNode(ManagedNode):
         chain = None
         if names:
             chain = Chain(names, reports := Reports())
-            self.endpoints.subscribe(topics.DIAGNOSTICS, lambda message, info: reports.add(message), FOLLOW_DEPTH)
+            self.endpoints.subscribe(topics.DIAGNOSTICS, lambda message, info: reports.add(message), QUEUE_DEPTH)
         self._outputs[topics.SENSOR.name].publish(sensor_message.encode_cdr(self._source.sensor))
         self.worker.call(self._play, chain)
 

@@ -67,7 +67,6 @@ class FrameIndex:
         self._seen = 0
         self._clouds: deque[int] = deque(maxlen=_RATE_CLOUDS)
         self._images_due_ns = 0
-        self.newest: RecordedFrame | None = None
 
     def __getitem__(self, stamp_ns: int) -> RecordedFrame:
         """The frame with this stamp, added if new."""
@@ -77,8 +76,6 @@ class FrameIndex:
             self._seen += 1
             if len(self._frames) > STAMPS_KEPT:
                 del self._frames[next(iter(self._frames))]
-            if self.newest is None or stamp_ns > self.newest.stamp_ns:
-                self.newest = frame
         return frame
 
     def _has_images(self, stamp_ns: int) -> bool:
@@ -189,7 +186,7 @@ class RecordingWriter(AbstractContextManager):
         image = np.array(image, np.uint32 if whole else np.float32, order="C")
         self._log(stamp_ns, frame_index, entities.image(path, image, *self._ranges[path].update(image)))
 
-    def log_scalars(self, stamp_ns: int, values: Mapping[str, float], frame_index: int | None = None) -> None:
+    def log_scalars(self, stamp_ns: int, values: Mapping[str, float], frame_index: int) -> None:
         """Log a value of each time series: {"latency_ms": 35.1, "points": 19_871}; None is skipped."""
         self._log(stamp_ns, frame_index, {entities.metric_path(name): [rr.Scalars(float(value))]
                                           for name, value in values.items() if value is not None})
@@ -221,12 +218,11 @@ class RecordingWriter(AbstractContextManager):
     def __exit__(self, *_) -> None:
         self.close()
 
-    def _log(self, stamp_ns: int, frame_index: int | None, archetypes: Mapping[str, list]) -> None:
+    def _log(self, stamp_ns: int, frame_index: int, archetypes: Mapping[str, list]) -> None:
         """Log archetypes, given by entity path."""
         self._stream.reset_time()
         self._stream.set_time(entities.STAMP, timestamp=np.datetime64(int(stamp_ns), "ns"))
-        if frame_index is not None:
-            self._stream.set_time(entities.FRAME_INDEX, sequence=int(frame_index))
+        self._stream.set_time(entities.FRAME_INDEX, sequence=int(frame_index))
         for path, of_path in archetypes.items():
             self._stream.log(path, *of_path)
         if time.monotonic() - self._flushed_s > FLUSH_PERIOD_S:

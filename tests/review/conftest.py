@@ -38,7 +38,7 @@ def ball_recording(tmp_path_factory, ball):
     Frame k has 100 points less at FEWEST, all at MOST, otherwise 10 or so less; latency_ms is 30 + k.
     """
     path = tmp_path_factory.mktemp("recording") / "ball.rrd"
-    _write(path, *ball)
+    write_ball(path, *ball)
     return path
 
 
@@ -51,10 +51,10 @@ def recorded(ball_recording):
 @pytest.fixture(scope="session")
 def write_recording():
     """Write another recording of the ball: (path, cloud, sensor, and what is to be different)."""
-    return _write
+    return write_ball
 
 
-def _write(path, cloud, sensor, frames=FRAMES, missing=MISSING, more=lambda stream: None):
+def write_ball(path, cloud, sensor, frames=FRAMES, missing=MISSING, more=lambda stream: None):
     """Write with rerun alone what docs/bags.md describes; `more` adds to it."""
     stream = rr.RecordingStream("srt3d_ros")
     stream.save(path)
