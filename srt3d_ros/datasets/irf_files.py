@@ -86,12 +86,16 @@ def fitted(irf: np.ndarray, ref: int | None, steps: Steps | None, sensor: Sensor
 
 
 def resampled(irf: np.ndarray, ref: int, ratio: float, steps: Steps) -> tuple[np.ndarray, int]:
-    """An IRF in bins, of which a step has `ratio`, and its irf_ref: that bin's centre is that of the step `ref`."""
-    middle = ref + 0.5
-    before, after = (math.ceil(reach * ratio - 0.5) for reach in (middle, len(irf) - middle))
+    """An IRF in bins, of which a step has `ratio`, and its irf_ref.
+
+    The centre of that bin is the centre of the step `ref`; but the step 0 begins where the bin 0 does, as on one axis.
+    """
+    part = 0.5 if ref else 0.0
+    at = ref + part
+    before, after = math.ceil(at * ratio - part), math.ceil((len(irf) - at) * ratio + part) - 1
     require(before + after < MAX_STEPS, "irf", problem=f"{steps.name} has an entry every {steps.text}, which is "
             f"{ratio:.3g} bins: correct bin_width_s, or the unit in the file.")
-    edges = middle + (np.arange(-before, after + 2) - 0.5) / ratio
+    edges = at + (np.arange(-before, after + 2) - part) / ratio
     below = np.interp(edges, np.arange(len(irf) + 1), np.concatenate([[0], np.cumsum(irf)]))
     return np.diff(below), before
 

@@ -75,7 +75,6 @@ def ptu_bins(file: Any) -> tuple[int, float]:
     return min(int(np.ceil(period_s / width_s - 1e-3)), file.number_bins_max), width_s
 
 
-
 READERS = {".sdt": sdt_sets, ".phu": phu_curves, ".ptu": ptu_channels}
 
 

@@ -111,6 +111,12 @@ def test_other_steps_are_resampled_and_the_pulse_keeps_its_place_and_shape(tmp_p
     assert after == pytest.approx(before, abs=0.6)      # ps
 
 
+def test_an_irf_of_another_step_on_the_axis_of_the_data_begins_where_it_does(tmp_path):
+    (tmp_path / "a.txt").write_text("t [ps] n\n" + "\n".join(f"{40 * at} {9 * (at == 5)}" for at in range(20)))
+    sensor, _ = sensor_with(tmp_path / "a.txt", 1e-11, 300, irf_ref=0)
+    assert sensor.irf_ref == 0 and np.flatnonzero(sensor.irf).tolist() == [20, 21, 22, 23]
+
+
 def test_an_irf_longer_than_the_period_is_cut_if_its_pulse_fits(tmp_path):
     long = np.ones(400)
     long[[250, 251, 252]] = 300, 500, 200
