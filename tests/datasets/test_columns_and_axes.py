@@ -15,6 +15,7 @@ CUBE = files.pulse_cube()
 IRF = [0.1, 0.25, 0.3, 0.25, 0.1]
 ROW, COL, TOA = [0, 2, 1, 2], [3, 0, 1, 3], [5, 49, 0, 7]
 SIZES = {"rows": 3, "cols": 4, "num_bins": 50}
+pytestmark = pytest.mark.usefixtures("in_this_process")
 
 
 def write(path, arrays: dict):
