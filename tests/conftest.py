@@ -24,7 +24,7 @@ MAX_WORKERS = 4
 # compute.
 LONG = ("tests/test_demo.py", "tests/kernels/test_device.py", "tests/docs/test_commands.py",
         "tests/kernels/test_compiling.py", "tests/processes/test_supervisor.py", "tests/test_install.py",
-        "tests/nodes/test_two_machines.py", "tests/core/test_odd_frames.py", "tests/robustness/test_pipeline.py",
+        "tests/nodes/test_two_machines.py", "tests/core/test_same_bits.py", "tests/robustness/test_pipeline.py",
         "tests/cli/test_frames.py", "tests/nodes/test_recorder.py", "tests/core/test_quality.py")
 REPOSITORY = Path(__file__).resolve().parent.parent
 

@@ -45,7 +45,7 @@ def add_options(parser: argparse.ArgumentParser | argparse._ArgumentGroup, optio
 def add_photon_file(parser: argparse.ArgumentParser, **several: str) -> None:
     """Add INPUT, `several` of which nargs="+" allows, and the options that choose its frame and describe its sensor."""
     parser.add_argument("input", metavar="INPUT", **several,
-                        help="photon file (.npz, .npy, .mat, .csv, .h5, .ptu, .phu, .sdt, a log of histograms: "
+                        help="photon file (.npz, .npy, .mat, .csv, .h5, .ptu, .phu, .sdt, .spc, a log of histograms: "
                              "docs/photon-file.md), bag (docs/bags.md), or: simulator")
     parser.add_argument("--frame", type=int, default=0, metavar="N",
                         help="number of the photon message in a bag, from 0 (default: 0)")

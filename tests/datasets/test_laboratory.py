@@ -69,6 +69,7 @@ def test_times_of_t2_count_from_the_laser_s_pulses(tmp_path, monkeypatch, record
     assert (photons.sensor.pixels, photons.sensor.num_bins) == (1, 10)
     wrap = {files.T2: 33_554_432, files.PICOHARP_T2: 210_698_240}[record_type]
     assert sorted(photons.frame.toa) == sorted([3, 9, round((wrap + 1 - 3000) % 1000 / 100), 0])
+    assert not any("truncates" in note for note in photons.notes)
     assert "pulses on the sync channel, 1 ns apart, of channel 2" in photons.notes[0]
     assert read(path, irf=[1], channel=1).frame.toa.tolist() == [250]
 

@@ -10,7 +10,7 @@ from srt3d_ros.datasets import CONVERTERS
 from srt3d_ros.errors import InvalidInput
 
 ADC, ROUTES = np.array([4095, 4000, 3995, 100]), np.array([0, 3, 0, 0])
-KNOWN = {"irf": [1, 2, 1], "fov_deg": 10}
+KNOWN = {"irf": [1, 2, 1], "fov_deg": 10, "toa_offset_bins": 0.5}
 
 
 @pytest.fixture

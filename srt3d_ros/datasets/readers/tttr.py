@@ -1,6 +1,5 @@
 """Read photons of older TCSPC formats with phconvert: Becker & Hickl's FIFO .spc, PicoQuant's .pt3 and .ht3 (T3)."""
 
-import shutil
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -37,8 +36,9 @@ def _spc(path: Path) -> dict[str, Any]:
 
     beside = next((one for one in map(path.with_suffix, (".set", ".SET")) if one.is_file()), None)
     with tempfile.TemporaryDirectory() as folder:
-        setup = Path(folder) / "setup.set"
-        setup.write_bytes(NO_SETUP) if beside is None else shutil.copyfile(beside, setup)
+        setup = beside or Path(folder) / "setup.set"
+        if beside is None:
+            setup.write_bytes(NO_SETUP)
         found = bhreader.load_spc(path, setup, "auto" if beside else USUAL_CARD)
     data, known = found["photon_data"], found["meta"]["setup"]
     photons = ~np.isin(data["detectors"], data["marker_ids"])
