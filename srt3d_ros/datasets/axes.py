@@ -70,12 +70,13 @@ def in_order(counts: np.ndarray, options: Options, stated: dict[str, Any], dims:
         require(len(names) == 1, "axes",
                 problem=f"The axes of {text} may be {' or '.join(fitting)} ({said}): give axes (--axes).")
         notes += () if axes else (f"axes of {text} taken to be {fitting[0]}: {said}",)
+        counts = counts.transpose([names[0].index(name) for name in AXES])
     elif not (axes or exact or sizes.keys() >= {*SIZES[:2]}) and (doubt := _doubt(shape)):
         irf = options.known.get("irf")
         require(irf is None or irf.shape[-1] <= shape[2], "axes",
                 problem=f"The IRF is longer than the period: {doubt}.")
         notes += (doubt,)
-    return Ordered(counts.transpose([names[0].index(name) for name in AXES]), options, notes, frames)
+    return Ordered(counts, options, notes, frames)
 
 
 def _named(dims: tuple[str, ...], axes: int) -> tuple[str, ...]:
