@@ -48,7 +48,7 @@ class Cloud(PointCloud):
 
     def save(self, path: str | Path) -> None:
         """Write the cloud by the suffix: .npz (everything), .ply, .pcd, .las, .csv, .tif (the depth image), .html (to
-        turn in any browser), .rrd (for rerun); or draw it: .png, .jpg.
+        turn in any browser); or draw it: .png, .jpg.
 
         Raises:
             InvalidInput: another suffix, a path that cannot be written, or an .npz file there that is no cloud.

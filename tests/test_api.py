@@ -33,7 +33,7 @@ np.add.at(COUNTS, (ROW, COL, FRAME.toa), 1)
 FREQUENCIES = design_sketch(SENSOR, frame=FRAME).frequencies
 PHOTONS = srt3d_ros.from_events(ROW, COL, FRAME.toa, sensor=SENSOR)
 ARRAYS = {"shape": (12, 20), "num_bins": 300, "bin_width_s": 5e-11, "irf": SENSOR.irf, "fov_deg": 20,
-          "projection": None}
+          "projection": None, "toa_offset_bins": 0}
 
 
 def same(one: PointCloud, other: PointCloud, fields=("row", "col", "depth_bins", "intensity", "xyz", "background")):
@@ -91,10 +91,12 @@ def test_what_a_photon_file_lacks_can_be_given(tmp_path):
     with pytest.raises(srt3d_ros.InvalidInput, match=r"^a.npz: irf_ref needs irf"):
         srt3d_ros.read(tmp_path / "a.npz", irf_ref=3)
     assert [note[:9] for note in srt3d_ros.read(tmp_path / "a.npz").notes] == ["bin width", "IRF estim", "geometry "]
-    assert srt3d_ros.read(tmp_path / "a.npz", bin_width_s=5e-11, irf=SENSOR.irf, fov_deg=20).notes == ()
+    assert srt3d_ros.read(tmp_path / "a.npz", bin_width_s=5e-11, irf=SENSOR.irf, fov_deg=20,
+                         toa_offset_bins=0).notes == ()
     estimated = srt3d_ros.read(tmp_path / "a.npz", bin_width_s=5e-11)
-    assert [note.split()[0] for note in estimated.notes] == ["IRF", "geometry"]
-    for given in ({"irf": SENSOR.irf, "fov_deg": 30}, {"sensor": SENSOR}):      # what is known is assumed no longer
+    assert [note.split()[0] for note in estimated.notes] == ["IRF", "ranges", "geometry"]
+    # What is known is assumed no longer.
+    for given in ({"irf": SENSOR.irf, "fov_deg": 30, "range_offset_m": 0}, {"sensor": SENSOR}):
         assert srt3d_ros.read(estimated, **given).notes == ()
     np.save(tmp_path / "cube.npy", COUNTS)
     plain = srt3d_ros.reconstruct(tmp_path / "cube.npy", irf_sigma_bins=2)
@@ -233,7 +235,7 @@ def test_a_cloud_is_drawn(cloud):
     for options, expected in wrong:
         with pytest.raises(srt3d_ros.InvalidInput, match=f"^{expected}"):
             cloud.render(**options)
-    with pytest.raises(srt3d_ros.InvalidInput, match=r"^rt3d gives points no depth_std\.$"):
+    with pytest.raises(srt3d_ros.InvalidInput, match=r"^The points have no depth_std: "):
         replace(cloud, method="rt3d", depth_std_bins=np.full(len(cloud), np.nan, np.float32)).plot("depth_std")
 
 

@@ -14,6 +14,7 @@ from srt3d_ros.errors import BAD_INPUT, InvalidInput, printable
 COMMANDS = {
     "reconstruct": "reconstruct a photon file or a frame of a bag and save the point cloud",
     "info": "print size, SBR and IRF of photon files, and a suitable gate and frequencies",
+    "inspect": "draw one pixel of a photon file: its histogram, its points, and what they leave",
     "evaluate": "compare the methods on simulated scenes or on photon files",
     "up": "run the whole pipeline",
     "health": "print the state of every node, from /diagnostics",
@@ -27,7 +28,7 @@ COMMANDS = {
 EXTRAS = {"rclpy": "ros", "std_msgs": "ros", "diagnostic_msgs": "ros", "sensor_msgs": "ros", "nav_msgs": "ros",
           "rerun": "record", "pyarrow": "record", "matplotlib": "pictures", "PIL": "pictures",
           "jinja2": "review", "rosbags": "bags", "mcap": "bags", "torch": "gpu", "ptufile": "lab", "sdtfile": "lab",
-          "h5py": "lab", "laspy": "lab"}
+          "h5py": "lab", "phconvert": "tttr", "laspy": "lab"}
 DRAWING = ("demo", "review")        # commands that need all of `review`, which includes `record`
 
 FAILED = 1

@@ -24,7 +24,7 @@ def add_parser(subparsers) -> None:
                + " Details: docs/algorithm.md.")
     parser.add_argument("-o", "--output", "--out", metavar="OUT", required=True,
                         help="cloud file: .npz (everything), .ply, .pcd, .las, .csv, .tif (depths), .html (turns in "
-                             "a browser), .rrd; or a picture: .png, .jpg; with --frames, a folder")
+                             "a browser); or a picture: .png, .jpg; with --frames, a folder")
     common.add_options(parser, OPTIONS)
     parser.set_defaults(gate=OFF)
     many = parser.add_argument_group("many frames")

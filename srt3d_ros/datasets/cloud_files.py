@@ -1,4 +1,4 @@
-"""Save a point cloud as .npz, which `read` reads; for other programs; as a recording; or as a picture."""
+"""Save a point cloud as .npz, which `read` reads; for other programs; or as a picture."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,7 +17,7 @@ from srt3d_ros.files.array_files import read_errors
 from srt3d_ros.files.new_files import atomic_write, check_output, file_errors
 
 PICTURES, DEPTH_IMAGES = (".png", ".jpg", ".jpeg"), (".tif", ".tiff")
-_NEEDED = ({".rrd": ("rerun", "record"), ".las": ("laspy", "lab")} | dict.fromkeys(DEPTH_IMAGES, ("PIL", "pictures"))
+_NEEDED = ({".las": ("laspy", "lab")} | dict.fromkeys(DEPTH_IMAGES, ("PIL", "pictures"))
            | dict.fromkeys(PICTURES, ("matplotlib", "pictures")))       # package and extra
 _JPEG_QUALITY = 90
 _LAS_STEP_M = 1e-5
@@ -55,7 +55,6 @@ def save(cloud: PointCloud, path: str | Path, notes: tuple[str, ...] = ()) -> No
     .las: version 1.4, x, y, z in metres to 10 µm or 2⁻³¹ of the extent; `intensity` to 65,535 at most, and in photons
     as `photons`; the pixel's points as returns (needs laspy).
     .html: a page in which the cloud can be turned, for any browser.
-    .rrd: a recording of one frame, for `rerun` (needs rerun-sdk).
     .png, .jpg: a picture (needs matplotlib).
     A .ply also has the other fields of `records`, as scalar_depth_std, …: CloudCompare's scalar fields.
 
@@ -177,13 +176,6 @@ def _save_page(cloud: PointCloud, path: Path, notes: tuple[str, ...]) -> None:
     write_page(cloud, records(cloud), path, notes)
 
 
-def _save_recording(cloud: PointCloud, path: Path, notes: tuple[str, ...]) -> None:
-    from srt3d_ros.recording.writer import record_cloud
-
-    path.unlink()       # a recording replaces no file
-    record_cloud(cloud, path, notes)
-
-
 def _save_picture(cloud: PointCloud, path: Path, _: tuple[str, ...]) -> None:
     from srt3d_ros.pictures.annotations import draw_cloud
 
@@ -192,4 +184,4 @@ def _save_picture(cloud: PointCloud, path: Path, _: tuple[str, ...]) -> None:
 
 _WRITERS: dict[str, Callable[[PointCloud, Path, tuple[str, ...]], None]] = {
     ".npz": _save_npz, ".ply": _save_ply, ".pcd": _save_pcd, ".csv": _save_csv, ".las": _save_las, ".html": _save_page,
-} | dict.fromkeys(DEPTH_IMAGES, _save_depth) | dict.fromkeys(PICTURES, _save_picture) | {".rrd": _save_recording}
+} | dict.fromkeys(DEPTH_IMAGES, _save_depth) | dict.fromkeys(PICTURES, _save_picture)

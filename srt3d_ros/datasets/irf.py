@@ -4,13 +4,22 @@ import math
 
 import numpy as np
 
-from srt3d_ros.core.sensor.model import MAX_BINS
+from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets.values import Note
 from srt3d_ros.errors import InvalidInput, require
 
+FLOOR_SHARE = 0.02      # of the IRF's photons: intensities then become so much too large
+FLAT = 1.3              # photons of the second eighth of an IRF with a floor over those of the first
+SMOOTHING = 0.25, 0.5, 0.25
+SMOOTH_NOISE = math.hypot(*SMOOTHING)
+NOISE_SIGMAS = 3.0      # above the floor: still pulse
+PULSE_ABOVE = 0.01      # of the peak
 ESTIMATED = Note("IRF estimated from the photons, so it is slightly too wide: give irf (--irf)", "irf")
 GUESSED = Note("IRF taken to be one bin: none can be seen in the photons, give irf (--irf)", "irf")
+WRONG_TAIL = Note("the IRF's tail is before its peak: if times run backwards, give reversed (--reversed); if only the "
+                  "IRF's do, reverse it", "irf")
+TAIL_ENDS, TAIL_RATIO = 0.05, 1.5       # of the peak; of the bins from the peak to there
 # Constants of `estimate`.
 PHOTONS_USED = 100_000
 FEWEST_PHOTONS = 3          # a pixel with fewer tells nothing about the IRF
@@ -52,6 +61,37 @@ def gaussian(sigma_bins: float) -> np.ndarray:
     return np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma_bins) ** 2)
 
 
+def checked(irf: np.ndarray, ref: int | None) -> tuple[np.ndarray, tuple[Note, ...]]:
+    """A measured IRF [L] or [pixels, L] without its floor, and notes on the floor and on a peak far from the start.
+
+    The floor, of dark counts or ambient light, is the level at the darker end of the IRF if that is flat. The pulse
+    ends where noise hides it.
+
+    Args:
+        ref: its irf_ref, if known.
+    """
+    mean, notes = np.atleast_2d(irf).mean(axis=0), ()
+    eighth, peak = len(mean) // 8, int(np.argmax(mean))
+    end, beside = min(((mean[:eighth], mean[eighth:2 * eighth]), (mean[::-1][:eighth], mean[::-1][eighth:2 * eighth])),
+                      key=lambda ends: ends[0].sum())
+    floor = end.mean() if eighth > 1 and end.size else 0.0
+    if floor * len(mean) > FLOOR_SHARE * mean.sum() and beside.mean() < FLAT * floor < 0.5 * mean[peak]:
+        low = _smooth(mean) - floor <= NOISE_SIGMAS * end.std() * SMOOTH_NOISE
+        before, after = np.flatnonzero(low[:peak]), np.flatnonzero(low[peak:])
+        pulse = slice(before[-1] + 1 if before.size else 0, peak + after[0] if after.size else len(mean))
+        floors = irf[..., :eighth].mean(axis=-1, keepdims=True) if end[0] == mean[0] else \
+            irf[..., -eighth:].mean(axis=-1, keepdims=True)
+        clean = np.zeros_like(irf)
+        clean[..., pulse] = np.maximum(irf - floors, 0)[..., pulse]
+        notes += Note(f"the IRF's floor (dark counts), {floor / mean[peak]:.2g} of its peak, was taken off", "irf"),
+        irf, mean = clean, np.atleast_2d(clean).mean(axis=0)
+    pulse = np.flatnonzero(mean >= PULSE_ABOVE * mean[peak])
+    if ref is None and mean[peak] > 0 and pulse[0] > np.ptp(pulse) + 1:
+        notes += Note(f"the IRF peaks in its bin {peak}, which is taken to mark the depth: if it was recorded at range "
+                      "0 on the time axis of the data, give irf_ref=0 (--irf-ref 0)", "irf_ref"),
+    return irf, notes
+
+
 def estimate(events: PhotonEvents, num_bins: int) -> np.ndarray:
     """Estimate the IRF from one frame, with an unknown depth for each pixel; float64 [L], slightly too broad.
 
@@ -87,6 +127,14 @@ def estimate(events: PhotonEvents, num_bins: int) -> np.ndarray:
         irf = np.bincount(at.ravel(), votes.ravel(), minlength=len(irf))
         irf = np.roll(irf, middle - int(np.argmax(_smooth(irf))))
     return _cut_out(irf[middle - reach: middle + reach + 1])
+
+
+def tail_note(sensor: SensorModel) -> tuple[str, ...]:
+    """A note if the IRF rises more slowly than it falls: a laser's pulse and a SPAD's diffusion do the opposite."""
+    mean = np.pad(_smooth(sensor.mean_irf), 1)
+    peak, low = int(mean.argmax()), TAIL_ENDS * mean.max()
+    rise, fall = int(np.argmax(mean[peak::-1] <= low)), int(np.argmax(mean[peak:] <= low))
+    return (WRONG_TAIL,) if rise > TAIL_RATIO * fall + 1 else ()
 
 
 def estimated(events: PhotonEvents, num_bins: int, guess: bool = False) -> tuple[np.ndarray, str]:
@@ -159,4 +207,4 @@ def _cut_out(irf: np.ndarray) -> np.ndarray:
 
 
 def _smooth(irf: np.ndarray) -> np.ndarray:
-    return np.convolve(irf, (0.25, 0.5, 0.25), mode="same")
+    return np.convolve(irf, SMOOTHING, mode="same")

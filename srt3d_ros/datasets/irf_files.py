@@ -21,6 +21,7 @@ MAX_STEPS = 2**20               # of a file whose steps become bins
 UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "ps": 1e-12, "fs": 1e-15}
 UNIT = re.compile(rf"(?<![a-zµ])({'|'.join(UNITS_S)})(?![a-z])")
 STEP = re.compile(rf"({'|'.join(UNITS_S)})\s*(?:/|per)\s*(?:bin|ch)\w*\W*?([\d.]+(?:e[-+]?\d+)?)")     # of PicoQuant
+LEAST_STEP_S = 1e-18
 LIKELY_UNITS_S = 1.0, 1e-9, 1e-12       # of a time column whose header has none
 WIDTH_TOLERANCE = 0.01          # of a bin: times are rounded, and an IRF of 50 bins is then half a bin too long
 LEAST_KEPT = 0.9                # of the photons of an IRF that is cut to a period
@@ -47,6 +48,8 @@ def read(source: str | Path | np.ndarray | list) -> tuple[np.ndarray, Steps | No
     irf = irf.squeeze() if irf.ndim == 2 and 1 in irf.shape else irf
     require(irf.ndim in (1, 2) and 0 < irf.shape[-1] <= (MAX_STEPS if steps else MAX_BINS), "irf shape", irf.shape,
             f"[L] or [pixels, L], L from 1 to {MAX_BINS}; irf_sigma_bins makes a Gaussian")
+    fits = steps is None or all(LEAST_STEP_S <= width_s <= 1 for width_s in steps.widths_s)
+    require(fits, "irf", problem=f"{steps and steps.name}: a time step of {steps and steps.text} is not possible.")
     return irf, steps
 
 
@@ -86,12 +89,16 @@ def fitted(irf: np.ndarray, ref: int | None, steps: Steps | None, sensor: Sensor
 
 
 def resampled(irf: np.ndarray, ref: int, ratio: float, steps: Steps) -> tuple[np.ndarray, int]:
-    """An IRF in bins, of which a step has `ratio`, and its irf_ref: that bin's centre is that of the step `ref`."""
-    middle = ref + 0.5
-    before, after = (math.ceil(reach * ratio - 0.5) for reach in (middle, len(irf) - middle))
+    """An IRF in bins, of which a step has `ratio`, and its irf_ref.
+
+    The centre of that bin is the centre of the step `ref`; but the step 0 begins where the bin 0 does, as on one axis.
+    """
+    part = 0.5 if ref else 0.0
+    at = ref + part
+    before, after = math.ceil(at * ratio - part), math.ceil((len(irf) - at) * ratio + part) - 1
     require(before + after < MAX_STEPS, "irf", problem=f"{steps.name} has an entry every {steps.text}, which is "
             f"{ratio:.3g} bins: correct bin_width_s, or the unit in the file.")
-    edges = middle + (np.arange(-before, after + 2) - 0.5) / ratio
+    edges = at + (np.arange(-before, after + 2) - part) / ratio
     below = np.interp(edges, np.arange(len(irf) + 1), np.concatenate([[0], np.cumsum(irf)]))
     return np.diff(below), before
 

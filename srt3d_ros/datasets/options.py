@@ -24,6 +24,7 @@ ASSUMED_WIDTH = Note("bin width taken as 2 / 299792458 s: x, y and z count bins,
                      "(--bin-width-s)", "bin_width_s")
 ASSUMED_FOV = Note(f"geometry taken to be a pinhole of {DEFAULT_FOV_DEG:g}° across the larger side: give fov_deg "
                    "(--fov-deg), or the projection", "projection")
+HALF_BIN_M = 1e-3       # a range error that is not said
 SENSOR_OPTIONS = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols"))
 SENSOR_DEFAULTS = {name: key.default for name, key in keys(SensorModel).items()}
 Values = np.ndarray | Sequence
@@ -31,6 +32,9 @@ AXES, FRAMES = ("rows", "cols", "bins"), "frames"
 FILE_OPTIONS = {"channel": "Only .ptu, .phu, .sdt and Photon-HDF5 files have channels.",
                 "axes": "Only arrays of counts have axes.",
                 "array": "Only .npz, HDF5 and .mat files of counts have arrays to choose from.",
+                "reversed": "Only photon files have reversed; photons have the method reversed().",
+                "no_detection": "Only .npy, .npz, HDF5 and .mat files of words [frames, rows, cols] have it.",
+                "first_word": "Only files of words have it, with no_detection.",
                 "columns": "Only .npz, HDF5, .mat and .csv files of photons have columns."}
 PIXEL_MAPS = tuple(name for name, key in keys(SensorModel).items() if key.dtype and name != "irf")
 
@@ -56,7 +60,9 @@ class SensorOptions(TypedDict, total=False):
     range_offset_m: float
     gain: Values
     delay_bins: Values
-    mask: Values
+    mask: Annotated[Values | str, Key(
+        "auto: leave out hot pixels (default, unless file or sensor say which); off: keep them",
+        more="or an array [rows, cols], false where a pixel must not be used", option=True)]
     background_shape: Values
     histograms: HistogramBins
     cycles: int
@@ -72,6 +78,13 @@ class SensorOptions(TypedDict, total=False):
     axes: Annotated[str | tuple[str, ...], Key(
         "order of the axes of an array of counts: bins,rows,cols (default: rows,cols,bins, or what the file states)",
         more="of one with four axes, with frames, too", option=True)]
+    reversed: Annotated[bool, Key(
+        "times run backwards, from the photon to the next laser pulse",
+        more="bin b becomes T − 1 − b, of irf and background_shape, too; gate counts after that", option=True)]
+    no_detection: Annotated[float, Key(
+        "the array has the words of a SPAD array [frames, rows, cols], with this one where a pixel saw nothing",
+        option=True)]
+    first_word: Annotated[float, Key("word of bin 0 (default: 0)", more="with no_detection", option=True)]
     columns: Annotated[str | tuple[str, ...], Key(
         "names of the arrays with row, column and ToA of each photon (default: row,col,toa)",
         more="y,x,t say; two are pixel index and ToA, one the ToA of a single pixel; in an HDF5 group or table scan/y",
@@ -101,7 +114,11 @@ class Options:
     array: str | None = None
     axes: tuple[str, ...] | None = None
     columns: tuple[str, ...] | None = None
+    no_detection: float | None = None
+    first_word: float | None = None
+    reversed: bool | None = None
     guess_irf: bool = False         # one bin if none can be estimated
+    mask_hot: bool | None = None    # leave out hot pixels; None: if nobody gives a mask
     frame: int = 0                  # of a file with several
 
     @property
@@ -138,6 +155,8 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None, guess_
     for name, other in (("fov_deg", "projection"), ("irf_sigma_bins", "irf")):
         require(not {name, other} <= given.keys(), name, problem=f"Give {name} or {other}, not both.")
     require(sensor is None or isinstance(sensor, SensorModel), "sensor", type(sensor).__name__, "a Sensor")
+    if sensor is not None and given.get("reversed"):        # what a reading of the file turns round again
+        sensor = backwards(sensor)
     known = {} if sensor is None else {name: getattr(sensor, name) for name in ("rows", "cols", *SENSOR_OPTIONS)}
     if "shape" in given:
         shape = array("shape", given.pop("shape"))
@@ -147,6 +166,7 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None, guess_
         given["gate"] = gate = parse(given["gate"])
         require(not isinstance(gate, str), "gate", quoted(gate), "first and last bin, both kept")
     given |= {name: _names(name, given[name]) for name in ("axes", "columns") if name in given}
+    mask_hot = given.pop("mask") == "auto" if str(given.get("mask")) in ("auto", "off") else None
     given |= {name: array(name, given[name]) for name in PIXEL_MAPS if name in given}
     if "irf_sigma_bins" in given:
         given["irf"] = irfs.gaussian(finite("irf_sigma_bins", given.pop("irf_sigma_bins"), "bins, above 0"))
@@ -157,7 +177,14 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None, guess_
     if "fov_deg" in given:
         known.pop("projection", None)
     of_file = {name: given.pop(name) for name in ("gate", *FILE_OPTIONS) if name in given}
-    return Options(known | given, guess_irf=guess_irf, **of_file)
+    return Options(known | given, guess_irf=guess_irf, mask_hot=mask_hot, **of_file)
+
+
+def backwards(sensor: SensorModel) -> SensorModel:
+    """The sensor of reversed times: bin b is T − 1 − b."""
+    shape = sensor.background_shape
+    return sensor.replace(irf=sensor.irf[..., ::-1], irf_ref=sensor.irf.shape[-1] - 1 - (sensor.irf_ref or 0),
+                          background_shape=None if shape is None else shape[::-1])
 
 
 def described(sensor: SensorModel, known: Known) -> tuple[SensorModel, tuple[str, ...]]:
@@ -173,7 +200,8 @@ def described(sensor: SensorModel, known: Known) -> tuple[SensorModel, tuple[str
         sensor = sensor.replace(**changes | {"irf": np.ones(1), "irf_ref": None})
         width_known = "bin_width_s" in known or sensor.bin_width_s != BIN_OF_ONE_METRE_S
         irf, ref, notes = irf_files.fitted(irf, changes["irf_ref"], known.get("irf_steps"), sensor, width_known)
-        changes = {"irf": irf, "irf_ref": ref}
+        irf, more = irfs.checked(irf, changes["irf_ref"])
+        changes, notes = {"irf": irf, "irf_ref": ref}, notes + more
     changed = sensor.replace(**changes) if changes else sensor
     require("mask" not in known or bool(changed.used.any()), "mask",
             problem="mask is False everywhere: True marks the pixels to use.")
@@ -191,7 +219,8 @@ def redescribed(sensor: SensorModel, notes: tuple[str, ...], options: Options,
     check_same({name: getattr(sensor, name) for name in fixed}, known)
     changed, irf_notes = described(sensor, known)
     before, after = ({name: getattr(one, name) for name in SENSOR_OPTIONS} for one in (sensor, changed))
-    known_now = known | ({"projection": changed.projection} if says_geometry(known) else {})
+    known_now = {*known, *(["projection"] if says_geometry(known) else ()), *(["irf_ref"] if "irf" in known else ()),
+                 *(["toa_offset_bins"] if "range_offset_m" in known else ()), *(["gate"] if options.gate else ())}
     replaced = {note for note in notes if isinstance(note, Note) and note.field in known_now}
     for note in replaced:       # an assumption, not a value of the file
         before = {name: value for name, value in before.items() if name not in (note.field, f"{note.field}_ref")}
@@ -220,13 +249,14 @@ def check_same(own: Known, known: Known) -> None:
 
 
 def _names(option: str, value: Any) -> tuple[str, ...]:
-    """Up to three columns, or the order of AXES, perhaps with FRAMES, given as a text with commas or one by one."""
+    """Up to three columns, or the order of AXES, perhaps with or of FRAMES, as a text with commas or one by one."""
     names = tuple(name.strip().strip("/") for name in value.split(",")) if isinstance(value, str) else value
     expected = "rows, cols and bins in the order of the array" if option == "axes" else \
         "the arrays of row, col and ToA, of pixel and ToA, or of ToA"
     fits = isinstance(names, list | tuple) and len(names) in (1, 2, 3, 4) and all(
         isinstance(x, str) and x for x in names)
-    require(fits and (sorted(names) in (sorted(AXES), sorted((*AXES, FRAMES))) if option == "axes" else len(names) < 4),
+    known = {*AXES}, {*AXES, FRAMES}, {FRAMES, *AXES[:2]}
+    require(fits and (len({*names}) == len(names) and {*names} in known if option == "axes" else len(names) < 4),
             option, quoted(value), expected)
     return tuple(names)
 

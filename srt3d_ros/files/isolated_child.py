@@ -16,6 +16,7 @@ MOST_LISTED = 100       # arrays; an error shows fewer
 CPU_S = 600             # 3 GB unpack in a tenth of it
 # MATLAB 7.3 says in these attributes of HDF5 what an array was. It stores axes in reverse, what is in cells in groups
 # that begin with "#".
+# PyTables keeps its indices in groups that begin with "_i_".
 CLASS, EMPTY = "MATLAB_class", "MATLAB_empty"
 NO_NUMBERS = "cell", "struct", "char", "object", "function", "opaque"      # kinds of MATLAB's arrays, and of NumPy's
 Found = tuple[dict[str, np.ndarray], list[tuple[str, tuple, str]]]      # arrays; name, shape, kind of all
@@ -95,11 +96,13 @@ def hdf5(path: str, names: tuple[str, ...]) -> Found:
     """
     import h5py
 
+    with suppress(ImportError):
+        import hdf5plugin  # noqa: F401     registers filters
     with h5py.File(path) as file:
         nodes, arrays = {}, {}
 
         def visit(name: str, node: Any) -> None:
-            if not name.startswith("#") and getattr(node, "shape", None) is not None:
+            if not name.startswith("#") and "_i_" not in name and getattr(node, "shape", None) is not None:
                 nodes[name] = node
 
         file.visititems(visit)
@@ -109,13 +112,30 @@ def hdf5(path: str, names: tuple[str, ...]) -> Found:
         cubes = [name for name, node in numeric.items() if may_be_counts(shapes[name], str(node.dtype))]
         for name, node in numeric.items():
             if cubes == [name] or any(name == pattern or fnmatchcase(name, pattern) for pattern in names):
-                if node.external or node.is_virtual:
-                    raise ValueError(f"{name} keeps its numbers in another file")
-                arrays[name] = node[()].T if CLASS in node.attrs else np.asarray(node[()])
+                content = _content(name, node, ())
+                arrays[name] = content.T if CLASS in node.attrs else content
                 dims = [Path(dim[0].name).name if len(dim) else dim.label for dim in node.dims]
                 arrays |= {f"{name}.dims": np.array(dims)} if any(dims) else {}
+        columns = {f"{name}/{column}": (node, column) for name, node in nodes.items()
+                   for column in node.dtype.names or ()}
+        arrays |= {name: _content(name, *column) for name, column in columns.items() if name in names}
         kinds = {name: node.attrs.get(CLASS, b"").decode() or str(node.dtype) for name, node in nodes.items()}
-        return arrays, [(name, shape, kinds[name]) for name, shape in shapes.items()]
+        listed = [(name, node.shape, str(node.dtype[column])) for name, (node, column) in columns.items()]
+        return arrays, listed + [(name, shape, kinds[name]) for name, shape in shapes.items()
+                                 if not nodes[name].dtype.names]
+
+
+def _content(name: str, node: Any, part: str | tuple) -> np.ndarray:
+    """A data set or a column of one."""
+    import h5py
+
+    if node.external or node.is_virtual:
+        raise ValueError(f"{name} keeps its numbers in another file")
+    created = node.id.get_create_plist()
+    filters = [created.get_filter(index)[0] for index in range(created.get_nfilters())]
+    if not all(map(h5py.h5z.filter_avail, filters)):
+        raise ValueError(f"pip install hdf5plugin to unpack {name}")
+    return np.asarray(node[part])
 
 
 READERS = {"scipy": ("scipy.io", matlab_5), "h5py": ("h5py", hdf5)}    # by library

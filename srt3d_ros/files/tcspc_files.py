@@ -51,8 +51,8 @@ def phu_curves(path: Path) -> list[Histograms]:
         rates = tags.get("HistResDscr_SyncRate") or [tags.get("HistResult_SyncRate", 0)] * curves
         found = file.histograms()
         require([len(one) for one in found] == lengths, "", problem="The file is cut off.")
-    return [_histograms(np.trim_zeros(counts, "b"), float(width_s), rate, bins)
-            for counts, width_s, rate, bins in zip(found, widths, rates, lengths, strict=True)]
+        return [_histograms(np.trim_zeros(counts, "b"), float(width_s), rate, bins)
+                for counts, width_s, rate, bins in zip(found, widths, rates, lengths, strict=True)]
 
 
 def ptu_channels(path: Path) -> list[Histograms]:
@@ -73,7 +73,6 @@ def ptu_bins(file: Any) -> tuple[int, float]:
             "the bin and the laser period, in seconds")
     # Round up: a period that is not a whole number of bins ends inside the last one.
     return min(int(np.ceil(period_s / width_s - 1e-3)), file.number_bins_max), width_s
-
 
 
 READERS = {".sdt": sdt_sets, ".phu": phu_curves, ".ptu": ptu_channels}

@@ -13,9 +13,9 @@ from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
 from srt3d_ros.errors import BAD_INPUT, InvalidInput, require
 from srt3d_ros.messages import cdr, sensor_message
 from srt3d_ros.nodes.common import topics
-from srt3d_ros.nodes.common.managed_node import FOLLOW_DEPTH, ManagedNode
+from srt3d_ros.nodes.common.managed_node import QUEUE_DEPTH, ManagedNode
 from srt3d_ros.nodes.common.parameters import Parameter
-from srt3d_ros.nodes.common.peers import all_acknowledged, unacknowledged_by
+from srt3d_ros.nodes.common.peers import all_acknowledged
 from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.reports import Chain, Reports
 from srt3d_ros.nodes.common.topics import NodeSpec
@@ -79,7 +79,7 @@ class PlayerNode(ManagedNode):
         chain = None
         if names:
             chain = Chain(names, reports := Reports())
-            self.endpoints.subscribe(topics.DIAGNOSTICS, lambda message, info: reports.add(message), FOLLOW_DEPTH)
+            self.endpoints.subscribe(topics.DIAGNOSTICS, lambda message, info: reports.add(message), QUEUE_DEPTH)
         self._outputs[topics.SENSOR.name].publish(sensor_message.encode_cdr(self._source.sensor))
         self.worker.call(self._play, chain)
 
@@ -93,8 +93,6 @@ class PlayerNode(ManagedNode):
                 self._wait_until(self._photons.get_subscription_count, f"a subscriber on {self._photons.topic_name}")
             self._wait_until_acknowledged(self._outputs[topics.SENSOR.name])
             sent = self._send_all()
-            if chain is None and (middleware := unacknowledged_by()):
-                self.get_logger().warning(f"{middleware} does not say whether readers have received the last frames")
             self._wait_until_acknowledged(self._photons)
             if chain is not None and not self.stopping.is_set():
                 self._follow_last(chain, sent)

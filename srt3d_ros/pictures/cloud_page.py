@@ -9,7 +9,7 @@ import numpy as np
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.errors import printable
 from srt3d_ros.pictures.cloud_renderer import CloudStyle
-from srt3d_ros.pictures.quantities import QUANTITIES, RANGE, quantity_of
+from srt3d_ros.pictures.quantities import QUANTITIES, RANGE
 from srt3d_ros.pictures.viewpoint import look_at, sensor_axes
 
 _YAW_DEG, _PITCH_DEG = 15.0, 10.0
@@ -23,7 +23,8 @@ def write_page(cloud: PointCloud, records: np.ndarray, path: Path, notes: tuple[
     shown = [name for name, one in QUANTITIES.items() if np.isfinite(one.values(cloud)).any() or not len(cloud)]
     eye = look_at(cloud.xyz, cloud.sensor.projection, _YAW_DEG, _PITCH_DEG)
     quantities, levels = [], []
-    for quantity, ends in (quantity_of(cloud, name) for name in shown):
+    for style in (CloudStyle.of(cloud, cloud.sensor, name) for name in shown):
+        quantity, ends = style.quantity, (style.low, style.high)
         quantities.append({"label": f"{quantity.label}, {quantity.unit}".removesuffix(", "),
                            "ends": [quantity.text(end) for end in ends], "shaded": quantity is RANGE,
                            "table": base64.b64encode(quantity.table().tobytes()).decode()})
@@ -36,7 +37,7 @@ def write_page(cloud: PointCloud, records: np.ndarray, path: Path, notes: tuple[
              "axes": sensor_axes(cloud.sensor.projection).tolist(), "target": eye.target.tolist(),
              "distance": float(np.linalg.norm(eye.position - eye.target)), "fov_deg": eye.fov_deg,
              "yaw": np.radians(_YAW_DEG), "pitch": np.radians(_PITCH_DEG),
-             "radius_m": CloudStyle.of(cloud, cloud.sensor).radius_m}
+             "radius_m": style.radius_m}
     page = Path(__file__).with_suffix(".html").read_text(encoding="utf-8")
     points = base64.b64encode(records.tobytes() + b"".join(levels)).decode()
     text = json.dumps(facts).replace("<", r"\u003c")      # no note can end the script

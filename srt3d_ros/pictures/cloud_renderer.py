@@ -11,8 +11,9 @@ import numpy as np
 
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.errors import quoted, require
 from srt3d_ros.pictures.colours import BACKGROUND, levels, percentile_range, shaded
-from srt3d_ros.pictures.quantities import RANGE, Quantity, quantity_of
+from srt3d_ros.pictures.quantities import QUANTITIES, RANGE, Quantity
 from srt3d_ros.pictures.viewpoint import Viewpoint, point_radius_m
 
 _OUTSIDE = (96, 104, 116)
@@ -39,9 +40,13 @@ class CloudStyle:
     @classmethod
     def of(cls, cloud: PointCloud, sensor: SensorModel, colour_by: str = "range") -> "CloudStyle":
         """The style that suits a cloud; InvalidInput if its points have no such quantity."""
-        quantity, (low, high) = quantity_of(cloud, colour_by)
-        if quantity is RANGE and not len(cloud):
-            low, high = sensor.range_m(np.array([0, sensor.num_bins]))
+        require(colour_by in QUANTITIES, "colour_by", quoted(colour_by), ", ".join(QUANTITIES))
+        quantity = QUANTITIES[colour_by]
+        values = quantity.values(cloud)
+        ends = percentile_range(values)
+        require(ends or not len(values), "colour_by",
+                problem=f"The points have no {colour_by}: their method gives none.")
+        low, high = ends or (sensor.range_m(np.array([0, sensor.num_bins])) if quantity is RANGE else (0, 1))
         return cls(float(low), float(high), _RADIUS_FACTOR * point_radius_m(cloud.xyz, sensor), quantity)
 
     def colour(self, values: np.ndarray) -> np.ndarray:

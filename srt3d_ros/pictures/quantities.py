@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from srt3d_ros.core.point_cloud import PointCloud
-from srt3d_ros.errors import quoted, require
-from srt3d_ros.pictures.colours import levels, percentile_range, photon_table, range_table
+from srt3d_ros.pictures.colours import levels, photon_table, range_table
 from srt3d_ros.pictures.units import number_text
 
 
@@ -54,11 +53,3 @@ QUANTITIES = {
     "depth_std": Quantity("depth_std", "mm", lambda cloud: 1e3 * cloud.sensor.bin_width_m * cloud.depth_std_bins),
     "snr": Quantity("signal to noise", "", _snr),
 }
-
-
-def quantity_of(cloud: PointCloud, name: str) -> tuple[Quantity, tuple[float, float]]:
-    """A quantity and what the ends of its colours show in a cloud; InvalidInput if there is no such quantity."""
-    require(name in QUANTITIES, "colour_by", quoted(name), ", ".join(QUANTITIES))
-    ends = percentile_range(QUANTITIES[name].values(cloud))
-    require(ends or not len(cloud), "colour_by", problem=f"{cloud.method} gives points no {name}.")
-    return QUANTITIES[name], ends or (0.0, 1.0)

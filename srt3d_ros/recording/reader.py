@@ -1,4 +1,4 @@
-"""Read a recording's clouds, images, time series, log lines and properties without a viewer."""
+"""Read a recording's clouds, images, time series and properties without a viewer."""
 
 import os
 from collections.abc import Container, Iterator
@@ -69,15 +69,6 @@ class CloudIndex:
         return len(self.stamp_ns)
 
 
-@dataclass(frozen=True)
-class LogLine:
-    """A line of a node's log; `level` is INFO, WARN, …"""
-
-    stamp_ns: int
-    level: str
-    text: str
-
-
 class RecordingReader:
     """An .rrd file of RecordingWriter; InvalidInput if it is absent, no recording, of a newer rerun, or cut off."""
 
@@ -141,12 +132,6 @@ class RecordingReader:
             order = np.argsort(stamps, kind="stable")
             found[name] = Series(stamps[order], values[order])
         return found
-
-    def log_lines(self) -> list[LogLine]:
-        """The nodes' log lines in the order recorded."""
-        rows = self._rows(f"{entities.LOG_PATH}/**", entities.STAMP, "TextLog:level", "TextLog:text")
-        return [LogLine(int(stamp), (level.as_py() or [""])[0], (text.as_py() or [""])[0])
-                for _, *columns in rows for stamp, level, text in zip(*columns)]
 
     def properties(self) -> dict[str, dict]:
         """The newest facts of each property: {"run": {…}, "sensor": {…}}; lists as arrays."""

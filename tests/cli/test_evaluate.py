@@ -2,31 +2,25 @@
 
 import csv
 import re
+import shutil
 import sys
 
-import numpy as np
 import pytest
 
+from srt3d_ros import read
 from srt3d_ros.core.methods import METHODS
-from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.datasets import photon_file
-from srt3d_ros.datasets.simulation.scene import StaticScene
-from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.evaluation import run as evaluation
 from srt3d_ros.evaluation.run import reconstruct
 from srt3d_ros.messages import sensor_message
 
-SENSOR = SensorModel(12, 20, 300, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2), toa_offset_bins=1_000)
-
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(tmp_path_factory, layers):
     """layers.npz: photons of two surfaces; bare.npz: photons without reference."""
-    path = tmp_path_factory.mktemp("evaluate")
-    depth = np.stack([np.full((12, 20), 80.0), np.full((12, 20), 200.0)])
-    events, truth = Simulator(StaticScene(SENSOR.range_m(depth)), SENSOR, sbr=10, ppp=60).frame(0)
-    photon_file.save(path / "layers.npz", SENSOR, events, truth)
-    photon_file.save(path / "bare.npz", SENSOR, events)
+    path, photons = tmp_path_factory.mktemp("evaluate"), read(layers)
+    shutil.copy(layers, path)
+    photon_file.save(path / "bare.npz", photons.sensor, photons.frame)
     (path / "results.csv").write_text("of something else")
     return path
 
@@ -54,7 +48,7 @@ def test_every_method_is_held_against_a_file(run, tmp_path):
 
 
 def test_a_file_without_a_reference_has_clouds_and_no_figures_and_a_sensor_file_replaces_its_own(run, tmp_path):
-    (tmp_path / "wider.json").write_text(sensor_message.to_json(SENSOR.replace(bin_width_s=1e-10)))
+    (tmp_path / "wider.json").write_text(sensor_message.to_json(read("layers.npz").sensor.replace(bin_width_s=1e-10)))
     code, out, err, (bare, layers) = run("bare.npz", "layers.npz", "--methods", "pooled", "--surfaces", "2",
                                          "--sensor-file", tmp_path / "wider.json", "--tolerance", "75mm")
     assert code == 0 and not bare["true_detections_percent"] and layers["true_detections_percent"]

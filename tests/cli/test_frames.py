@@ -73,7 +73,7 @@ def test_a_log_has_frames_and_fails_from_where_it_breaks_off(srt3d, tmp_path, mo
     (["--frames=all", "-o", "file"], "file is a file: with --frames, give a folder"),
     (["--frames=all", "-o", "absent/out"], "Cannot write absent/out (No such file or directory)"),
     (["--frames=all", "--surfaces=9"], "--surfaces is 9"),
-    (["--frames=all", "--format=las"], "output is 0.las"), (["--frames=all", "-o", "mixed"], "mixed has clouds of"),
+    (["--frames=all", "--format=obj"], "output is 0.obj"), (["--frames=all", "-o", "mixed"], "mixed has clouds of"),
     (["--frames=all", "--frame=2"], "--frame is 2: expected none beside --frames"),
     (["--format=ply"], "--format needs --frames"), (["--frames=0-10000000"], "Give at most 10,000,000 frames at once."),
     (["--frames=all", "-o", "BAG"], "it is the input")])

@@ -104,3 +104,13 @@ def test_packed_files_and_other_json_are_refused_for_what_they_are(srt3d, tmp_pa
     (tmp_path / name).write_text('{"histograms": [1, 2]}')
     code, _, err = srt3d("info", tmp_path / name)
     assert code == 2 and said in err and err.count("\n") == 1
+
+
+def test_several_files_in_one_start(srt3d, refusal, wall, cube, tmp_path):
+    code, words, err = srt3d("info", wall, tmp_path / "no.npz", cube)
+    assert code == 2 and words.count("12 × 20 pixels") == 2 and "no.npz: no such file" in err
+    assert [line for line in words.splitlines() if line.endswith((".npz", ".npy"))] == [
+        str(path) for path in (wall, tmp_path / "no.npz", cube)]
+    code, lines, _ = srt3d("info", wall, wall, "--json")
+    assert code == 0 and [json.loads(line)["input"] for line in lines.splitlines()] == [str(wall)] * 2
+    assert "--output draws one file" in refusal("info", wall, wall, "-o", tmp_path / "a.png")

@@ -1,10 +1,6 @@
-"""Odd sensors and frames give numbers or one line; one position of time counts; the same photons give the same bits."""
+"""Odd sensors and frames give numbers or one line, and times count from one position."""
 
-import hashlib
-import os
-import subprocess
-import sys
-from dataclasses import fields, replace
+from dataclasses import replace
 from math import exp
 from statistics import NormalDist
 
@@ -24,7 +20,7 @@ from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS, PhaseSums
 from srt3d_ros.errors import InvalidInput
-from tests.core.scenes import assert_finite, make_sensor, ramp, run, simulate
+from tests.core.scenes import assert_finite, run, simulate
 
 T = 300
 IRF = np.exp(-np.linspace(-2, 4, 25)**2)
@@ -77,53 +73,6 @@ def test_a_surface_at_the_ends_of_the_period_is_found_there_whatever_the_delay(d
     cloud = Pooled(sensor, frequencies)(plane(sensor, depth))
     assert len(cloud) == sensor.pixels and (cloud.depth_bins >= 0).all() and (cloud.depth_bins < T).all()
     assert np.abs(circular_difference(cloud.depth_bins.astype(float), depth, T)).max() < 1.5
-
-
-SIDE = 141
-THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-
-
-def digests() -> list[str]:
-    """Of every bit of the clouds of two frames of a step, a slope and a half window before it."""
-    rng, shape = np.random.default_rng(1), (SIDE, SIDE)
-    sensor = make_sensor(*shape, gain=rng.uniform(0.5, 1.5, shape), delay_bins=rng.uniform(-5, 5, shape),
-                         mask=rng.random(shape) > 0.02)
-    near, far = ramp(*shape, 100, 0, 0), ramp(*shape, 300, 0.7, 1.2)
-    depth = np.stack([np.where(far < 400, near, far), np.where(far < 500, np.nan, 150)])
-    frequencies = choose_frequencies("auto", sensor)
-    pooled = Pooled(sensor, frequencies, surfaces=2, device="cpu")
-    sketches = (sketch_photons(simulate(depth, 2, 8, sensor, seed), sensor, frequencies) for seed in range(2))
-    return [digest(pooled(sketch)) for sketch in sketches]
-
-
-def digest(cloud) -> str:
-    values = [getattr(cloud, field.name) for field in fields(cloud)]
-    return hashlib.sha256(b"".join(value.tobytes() if isinstance(value, np.ndarray) else str(value).encode()
-                                   for value in values)).hexdigest()
-
-
-def test_a_cloud_is_the_same_to_the_bit_in_processes_of_any_number_of_threads(repository):
-    command = [sys.executable, "-c", "from tests.core import test_odd_frames; print(*test_odd_frames.digests())"]
-    one, three = (subprocess.run(command, cwd=repository, env=os.environ | dict.fromkeys(THREADS, threads),
-                                 capture_output=True, text=True, check=True).stdout for threads in "13")
-    assert one == three and len(one.split()) == 2
-
-
-STEP = """
-import hashlib
-from tests.kernels.frames import CPU, GATE, make_frame, make_state, make_terms, padded
-frame = make_frame((24, 40), 0)
-state = make_state(frame, 1, 0)
-found = CPU.pooled_step(padded(frame), state, make_terms(frame, state), 4.5, 7, 1, GATE)
-print(hashlib.sha256(found.tobytes()).hexdigest())
-"""
-
-
-def test_a_kernel_gives_the_same_bits_compiled_and_read_from_the_disk(repository, tmp_path):
-    compiled, read = (subprocess.run([sys.executable, "-c", STEP], cwd=repository, check=True, capture_output=True,
-                                     text=True, env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}).stdout
-                      for _ in range(2))
-    assert list(tmp_path.rglob("*.nbc")) and compiled == read
 
 
 ROWS, COLS, BINS, WAIT = 12, 14, 153, 40         # the gate opens WAIT bins after the laser pulse

@@ -152,7 +152,7 @@ def test_a_picture_shows_the_cloud(saved, ball):
 
 def test_a_missing_package_is_named_before_anything_is_computed(monkeypatch, tmp_path):
     monkeypatch.setattr(cloud_files, "find_spec", lambda name: None)
-    for name, package, extra in (("a.png", "matplotlib", "pictures"), ("a.rrd", "rerun", "record")):
+    for name, package, extra in (("a.png", "matplotlib", "pictures"), ("a.las", "laspy", "lab")):
         with pytest.raises(InvalidInput, match=rf"{name}: {package} is missing .pip install '.\[{extra}\]'"):
             cloud_files.check(tmp_path / name)
     cloud_files.check(tmp_path / "a.npz")

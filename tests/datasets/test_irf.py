@@ -1,5 +1,7 @@
 """Instrument responses: drawn, read and estimated."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.io import savemat
@@ -12,6 +14,8 @@ from srt3d_ros.errors import InvalidInput
 from srt3d_ros.photons import Photons
 from tests.datasets import laboratory_files as files
 from tests.datasets.laboratory_files import t3
+
+pytestmark = pytest.mark.usefixtures("in_this_process")
 
 
 def width_at_half(response: np.ndarray) -> float:
@@ -47,7 +51,7 @@ VALUES = np.array([0, 1.5, 3, 0.5])
 def sensor_with(irf_file, bin_width_s, num_bins=50, **options):
     """The sensor of a photon with this IRF, and the notes on the IRF."""
     photons = Photons.from_events([0], [0], [1], shape=(1, 1), num_bins=num_bins, bin_width_s=bin_width_s,
-                                  irf=irf_file, fov_deg=10, **options)
+                                  irf=irf_file, fov_deg=10, toa_offset_bins=0, **options)
     return photons.sensor, " ".join(photons.notes)
 
 
@@ -109,14 +113,51 @@ def test_other_steps_are_resampled_and_the_pulse_keeps_its_place_and_shape(tmp_p
     assert after == pytest.approx(before, abs=0.6)      # ps
 
 
+def test_an_irf_of_another_step_on_the_axis_of_the_data_begins_where_it_does(tmp_path):
+    (tmp_path / "a.txt").write_text("t [ps] n\n" + "\n".join(f"{40 * at} {9 * (at == 5)}" for at in range(20)))
+    sensor, _ = sensor_with(tmp_path / "a.txt", 1e-11, 300, irf_ref=0)
+    assert sensor.irf_ref == 0 and np.flatnonzero(sensor.irf).tolist() == [20, 21, 22, 23]
+
+
 def test_an_irf_longer_than_the_period_is_cut_if_its_pulse_fits(tmp_path):
     long = np.ones(400)
     long[[250, 251, 252]] = 300, 500, 200
     sensor, notes = sensor_with(long, 1e-10, 100)
     assert "IRF cut from 400 bins to the 100" in notes
-    assert sensor.irf.argmax() == sensor.irf_ref and sensor.irf[sensor.irf_ref - 1] / sensor.irf.max() == 0.6
+    assert sensor.irf.argmax() == sensor.irf_ref and (
+        sensor.irf[sensor.irf_ref - 1] / sensor.irf.max() == pytest.approx(299 / 499))
     with pytest.raises(InvalidInput, match="irf length is 401: expected at most num_bins = 100: a period would hold"):
         sensor_with(irf.gaussian(49.9), 1e-10, 100)
+
+
+@pytest.mark.parametrize("share", [0.005, 0.05, 0.3])
+@pytest.mark.parametrize("noise", [False, True])
+def test_the_floor_of_an_irf_is_taken_off_and_noted(share, noise):
+    pulse, floor = np.zeros(400), 10_000 * share
+    pulse[150:150 + 121] = 10_000 * np.exp(-0.5 * ((np.arange(121) - 40) / 10)**2)
+    pulse[200:271] += 2000 * np.exp(-np.arange(71) / 15)
+    measured = np.random.default_rng(0).poisson(pulse + floor) if noise else pulse + floor
+    found, notes = irf.checked(measured.astype(float), 190)
+    assert len(notes) == 1 and "the IRF's floor (dark counts), 0." in notes[0]
+    assert found.sum() == pytest.approx(pulse.sum(), rel=0.02)
+    again, none = irf.checked(found, 190)
+    assert none == () and np.array_equal(again, found)
+    of_pixels, notes = irf.checked(np.stack([measured, 2 * measured]).astype(float), 190)
+    assert of_pixels[1].sum() == pytest.approx(2 * found.sum(), rel=0.02) and len(notes) == 1
+
+
+@pytest.mark.parametrize("values", [
+    irf.gaussian(3), irf.gaussian(3)[6:-6], irf.spad(8e-12), [1, 2, 1], np.exp(-np.arange(80) / 20), np.ones(30),
+    np.exp(-0.5 * (np.arange(-20, 21) / 10)**2)])
+def test_a_pulse_without_a_floor_is_kept(values):
+    found, notes = irf.checked(np.array(values, float), None)
+    assert notes == () and np.array_equal(found, values)
+
+
+def test_an_irf_on_the_time_axis_of_the_data_is_noted_until_irf_ref_is_given():
+    late = np.concatenate([np.zeros(100), irf.gaussian(3), np.zeros(50)])
+    assert re.search("peaks in its bin 112.* irf_ref=0", sensor_with(late, 1e-10, 300)[1])
+    assert sensor_with(late, 1e-10, 300, irf_ref=0)[1] == ""
 
 
 @pytest.mark.parametrize("name", ["a.sdt", "a.phu", "a.ptu"])

@@ -60,7 +60,7 @@ def test_channels_and_incomplete_frames(tmp_path):
 @pytest.mark.parametrize(("record_type", "sync", "bits"), [(files.T2, 1 << 31, 25), (files.PICOHARP_T2, 0, 28)])
 def test_times_of_t2_count_from_the_laser_s_pulses(tmp_path, monkeypatch, record_type, sync, bits):
     pytest.importorskip("ptufile")
-    monkeypatch.setattr("srt3d_ros.datasets.readers.ptu_t2.RECORDS", 7)
+    monkeypatch.setattr("srt3d_ros.datasets.readers.ptu_t2.RECORDS", 10)
     overflow = 0xF0000000 if record_type == files.PICOHARP_T2 else 1 << 31 | 63 << 25 | 1
     body = [1 << bits | 3, sync | 1000, 1 << bits | 1250, sync | 2000, 2 << bits | 2300, 2 << bits | 2900, sync | 3000,
             overflow, 2 << bits | 1, sync | 500, 2 << bits | 1501]
@@ -69,7 +69,8 @@ def test_times_of_t2_count_from_the_laser_s_pulses(tmp_path, monkeypatch, record
     assert (photons.sensor.pixels, photons.sensor.num_bins) == (1, 10)
     wrap = {files.T2: 33_554_432, files.PICOHARP_T2: 210_698_240}[record_type]
     assert sorted(photons.frame.toa) == sorted([3, 9, round((wrap + 1 - 3000) % 1000 / 100), 0])
-    assert "1000" not in photons.notes[0] and "pulses on the sync channel, 1 ns apart, of channel 2" in photons.notes[0]
+    assert not any("truncates" in note for note in photons.notes)
+    assert "pulses on the sync channel, 1 ns apart, of channel 2" in photons.notes[0]
     assert read(path, irf=[1], channel=1).frame.toa.tolist() == [250]
 
 
@@ -129,7 +130,7 @@ def test_a_phu_file_gives_its_brightest_curve_or_one_a_pixel(tmp_path, laser_hz,
 
 @pytest.mark.parametrize(("name", "array"), [("counts", CUBE), ("anything", np.asfortranarray(CUBE))])
 def test_npz_cubes_may_describe_their_sensor(tmp_path, name, array):
-    described = {"irf": IRF, "bin_width_s": 1e-10, "fov_deg": 9.0}
+    described = {"irf": IRF, "bin_width_s": 1e-10, "fov_deg": 9.0, "range_offset_m": 0.0}
     np.savez_compressed(tmp_path / "a.npz", **{name: array}, mean=CUBE.mean(axis=2), **described)
     photons = read(tmp_path / "a.npz")
     assert np.array_equal(counts_of(photons), CUBE) and photons.notes == ()

@@ -226,16 +226,13 @@ def test_points_that_no_photons_pay_for_go_and_those_behind_them_stay(backend):
     assert (more >= WALL).all() and 0 < (more & ~WALL).sum()                    # a round takes one pixel
 
 
-def test_a_rim_that_is_darker_than_its_pool_stays_if_its_own_photons_show_it(backend):
+def test_rims_go_or_stay_by_their_own_photons_and_borders_are_none(backend):
     inside = ~grown(~WALL, 1)
     signal = np.where(inside, 20.0, 4.0) * WALL
     frame, state = exact_frame(DEPTH, signal[None], 8), exact_state(DEPTH, 20.0 * WALL[None])
     assert np.array_equal(trimmed(backend, frame, state)[:, 0], WALL)
     frame = exact_frame(DEPTH, np.where(inside, 20.0, 0.3)[None] * WALL, 8)
     assert np.array_equal(trimmed(backend, frame, state)[:, 0], inside)
-
-
-def test_borders_masked_pixels_and_other_surfaces_make_no_rim(backend):
     dark = exact_frame(DEPTH, 0 * DEPTH, 8)
     assert trimmed(backend, dark, exact_state(DEPTH, 0 * DEPTH + 3)).all()               # the border of the image
     state = exact_state(np.where(WALL, 100.0, 200.0)[None], 0 * DEPTH + 3)

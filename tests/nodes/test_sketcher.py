@@ -13,6 +13,7 @@ from std_msgs.msg import String
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.gate import Gate
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.messages import cdr, photon_frames, sensor_message, sketch_message
 from tests.photon_forms import as_gates, as_histograms
 
@@ -74,6 +75,29 @@ def test_sketches_are_the_cores_in_all_forms_and_follow_the_parameters(graph, se
                            ({"sensor_file": "a.json"}, "read-only")):
         assert reason in graph.set("sketcher", **values)
     assert graph.report("sketcher")["errors"] == "0"
+
+
+def test_hot_pixels_are_left_out_after_a_second_and_a_leak_is_warned_of(graph, sensor, events):
+    sketches, described = graph.collect(PointCloud2, "sketch"), graph.collect_latched(String, "sketch/sensor")
+    graph.start("sketcher", frequencies="1,3").ready()
+    graph.introduce(sensor)
+    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
+    hot = np.concatenate([events.pixel, np.full(1000, 77, np.uint32)])
+    leak = np.concatenate([events.toa, np.arange(1000, dtype=np.uint16) % 100])
+
+    def send(pixel: np.ndarray, toa: np.ndarray) -> bool:
+        before, frame = len(sketches), PhotonEvents(pixel, toa, STAMP_NS)
+        photons.publish(photon_frames.PHOTONS.encode_cdr(frame, sensor, "spad"))
+        return graph.wait(lambda: len(sketches) > before, "a sketch") is not None
+
+    graph.wait(lambda: send(hot, leak) and graph.report("sketcher").get("hot_pixels") == "1", "the hot pixel")
+    last = graph.wait(lambda: [one for one in map(sensor_message.from_json, [one.data for one in described])
+                               if one.mask is not None], "the mask")[-1]
+    assert np.flatnonzero(~last.used).tolist() == [77]
+    graph.wait(lambda: send(events.pixel, events.toa * (events.toa < 50)) and "photons are in the first bin" in
+               graph.report("sketcher")["message"], "the leak")
+    assert graph.set("sketcher", mask="off") == ""
+    graph.wait(lambda: sensor_message.from_json(described[-1].data).mask is None, "no mask")
 
 
 def test_a_parameter_that_does_not_suit_the_sensor_is_an_error_until_it_is_corrected(graph, sensor, photons_at):

@@ -72,16 +72,13 @@ def test_what_is_late_is_skipped_by_whole_frames_and_the_number_that_was_asked_f
     assert (np.diff([item.stamp_ns for item in first]) / (100 * MS)).tolist() == [1, 1 + jump, 1]
 
 
-def test_what_is_played_was_drawn_before_and_the_scene_repeats_without_a_jump(monkeypatch):
+def test_scenes_are_drawn_before_repeat_without_a_jump_and_stay_within_a_limit(monkeypatch):
     played = source(ppp=2.0, rate_hz=20.0)
     monkeypatch.setattr(played, "_draw", None)      # nothing more can be drawn
     frames = [item.raw for item in islice(played.items(lambda: 0), 81)]
     assert frames[80] == frames[0] != frames[1]
     depths = [Simulator(ppp=2.0).expected(k)[0] for k in (0, 80)]
     np.testing.assert_allclose(*depths, atol=0.1)   # bins
-
-
-def test_drawn_frames_stay_within_a_limit(monkeypatch):
     monkeypatch.setattr(sources, "MAX_DRAWN_BYTES", 500_000)
     frames = [item.raw for item in islice(source(ppp=1.0).items(lambda: 0), 20)]
     one_lap = frames.index(frames[0], 1)

@@ -22,10 +22,14 @@ def plane(z, colour, x_from=-2.0):
     return xyz, np.tile(np.array(colour, np.uint8), (len(xyz), 1))
 
 
-def test_points_appear_where_they_are():
+def test_points_appear_where_they_are_and_the_nearer_hides_the_farther():
     x, y, depth = project(np.array([[0, 0, 2], [1, 0, 2], [0, 1, 2], [0.5, 0, 1]]), EYE, 120, 100)
     assert np.allclose(x, [60, 110, 60, 110], atol=0.01) and np.allclose(y, [50, 50, 100, 50], atol=0.01)
     assert np.allclose(depth, [2, 2, 2, 1])
+    points, colours = np.array([[0, 0, 1.0], [0, 0, 2]]), np.array([RED, BLUE])
+    for order in ([0, 1], [1, 0]):
+        image = surface(points[order], colours[order], radius_m=0.1)
+        assert tuple(image[50, 60]) == RED and not (image[..., 2] > BACKGROUND[2]).any()
 
 
 def test_a_point_is_a_disc_of_its_size_in_its_colour():
@@ -38,13 +42,6 @@ def test_a_point_is_a_disc_of_its_size_in_its_colour():
     smooth = surface([[0.2, 0, 2]], [RED], radius_m=0.2, finer=2)       # the same, but for its edge
     assert smooth.shape == image.shape and smooth.mean() == pytest.approx(image.mean(), rel=0.02)
     assert len(np.unique(smooth)) > 2
-
-
-def test_the_nearer_point_hides_the_farther_whatever_their_order():
-    points, colours = np.array([[0, 0, 1.0], [0, 0, 2]]), np.array([RED, BLUE])
-    for order in ([0, 1], [1, 0]):
-        image = surface(points[order], colours[order], radius_m=0.1)
-        assert tuple(image[50, 60]) == RED and not (image[..., 2] > BACKGROUND[2]).any()
 
 
 def test_points_behind_the_eye_far_aside_or_missing_are_left_out():
@@ -102,14 +99,11 @@ def test_axes_are_upright_and_the_cloud_is_in_view(box, projection, yaw_deg, pit
     assert (seen[:, 2] > 0).all() and (np.abs(seen[:, :2]) < half * seen[:, 2:]).mean() > 0.99
 
 
-def test_outliers_and_missing_points_do_not_move_the_eye(box):
+def test_outliers_do_not_move_the_eye_and_without_points_it_looks_ahead(box):
     axes = sensor_axes(None)
     spoiled = np.concatenate([box, np.full((20, 3), 1e4), np.full((20, 3), np.nan)])
     there, here = look_at(box @ axes), look_at(spoiled @ axes)
     assert np.linalg.norm(there.position - here.position) < 0.1
-
-
-def test_an_empty_cloud_gives_an_eye_that_looks_ahead():
     eye = look_at(np.empty((0, 3)))
     assert np.isfinite(eye.position).all() and eye.axes()[2] @ [0, 0, 1] > 0
 

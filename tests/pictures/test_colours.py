@@ -41,14 +41,11 @@ def test_the_colours_of_ranges_are_yellow_when_near_and_blue_when_far_and_none_i
     assert int(point_table()[0, 0]) >> 24 == int(0.5 * near[0])        # weak points are darker
 
 
-def test_percentile_range_ignores_outliers_and_gaps():
+def test_ranges_of_values_ignore_outliers_and_follow_slowly():
     values = np.concatenate([np.linspace(1, 2, 9800), np.full(100, 1e9), np.full(100, np.nan)])
     low, high = percentile_range(values)
     assert 1 <= low < 1.1 and 1.9 < high <= 2.01
     assert percentile_range(np.full(5, np.nan)) is None
-
-
-def test_adaptive_range_starts_at_the_data_and_follows_slowly():
     adaptive = AdaptiveRange()
     assert adaptive.update(np.empty(0)) == (0.0, 1.0)
     first = adaptive.update(np.linspace(0, 10, 1000))

@@ -184,12 +184,9 @@ def claims(monkeypatch):
         claim.close()
 
 
-def test_no_two_programs_have_the_same_domain(claims):
+def test_no_two_programs_have_the_same_domain_and_one_in_use_is_left_alone(claims, monkeypatch):
     claimed = [claim_domain() for _ in range(20)]
     assert len(set(claimed)) == 20 and all(1 <= domain <= MOST for domain in claimed)
-
-
-def test_a_domain_that_is_in_use_is_left_alone(claims, monkeypatch):
     monkeypatch.setattr(private_network, "MOST", 2)
     monkeypatch.setattr(private_network, "FIRST_PORT", 30_000)      # others on this machine may use the real ones
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as used:

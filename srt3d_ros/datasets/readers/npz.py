@@ -78,14 +78,14 @@ def from_arrays(path: Path, arrays: dict[str, np.ndarray], options: Options, wan
             describe = from_pixels if len(photons) == 2 else from_events
             # The larger num_bins, so that no photon is dropped early.
             used = {"num_bins": options.known.get("num_bins", own["num_bins"]), "irf_steps": steps}
-            used = Options(own | used, guess_irf=options.guess_irf)
+            used = Options(own | used, guess_irf=options.guess_irf, mask_hot=options.mask_hot)
             sensor, frame, assumed = describe(*photons, stamp_ns, used)
             sensor = sensor.replace(num_bins=own["num_bins"])
         else:
             sizes = {} if "histograms" in own else {name: own[name] for name in SIZES}
             counts, _, ordered, frames = in_order(arrays["counts"], Options(frame=options.frame), sizes)
             histograms = PhotonHistograms(np.ascontiguousarray(sendable(counts)), stamp_ns)
-            used = Options(own | {"irf_steps": steps}, guess_irf=options.guess_irf)
+            used = Options(own | {"irf_steps": steps}, guess_irf=options.guess_irf, mask_hot=options.mask_hot)
             sensor, frame, assumed = from_frame(histograms, used)
             assumed = ordered + assumed
         reference = _reference(values, sensor)

@@ -43,7 +43,7 @@ def read(path: Path, ptu: Any, options: Options) -> Reading:
     require(0 <= chosen < len(photons) and photons[chosen], "channel", chosen, f"one with photons: {listed}")
     notes = (f"T2: ToA since the pulses on the sync channel, {period * tick_s * 1e9:.6g} ns apart, of channel {chosen} "
              f"({listed} have photons), all in one pixel",)
-    stated = {"bin_width_s": width_s, "num_bins": bins}
+    stated = {"bin_width_s": width_s, "num_bins": bins, "toa_offset_bins": 0.0}       # rounded, not truncated
     return cube(path, counts[None, chosen, None], options.without("channel"), stated, notes)
 
 

@@ -70,7 +70,6 @@ IMAGE_TOPICS = (
 CAMERA_INFO = Topic("camera_info", CAMERA, "the camera of the images", when=f"{WATCHED}, pinhole sensors only")
 DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray",
                     "rates, latency, photons, points, drops by cause, last error")
-ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", "log lines of the nodes, kept for 10 s", latched=True)
 
 
 AUTOSTART = Parameter("autostart", True, "true: configure and activate at the start. false: leave it to a manager.")

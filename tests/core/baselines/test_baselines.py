@@ -103,22 +103,11 @@ def test_depth_counts_by_the_distance_of_neighbouring_rays_within_what_the_peak_
 
 # ---- On measured photons: TD at least, FD and DAE at most; m = 10, τ = 10 bins
 
-MEASURED = {
-    ("rt3d", "polystyrene_head_142_1ppp"): (0.95, 0.03, 1.3),
-    ("srt3d", "polystyrene_head_142_full"): (0.995, 0.01, 0.45),
-    ("srt3d", "art_real_unif_ppp5_sbr1"): (0.87, 0.03, 2.0)}
-
 
 def measured(folder, name: str, method: str) -> tuple[Metrics, object]:
     photons = read(folder / "photons" / f"{name}.npz")
     cloud = run(method, photons.frame, photons.sensor)
     return evaluate(cloud, photons.reference_depth_bins, 10, photons.sensor.num_bins), photons
-
-
-@pytest.mark.parametrize(("method", "name"), MEASURED)
-def test_quality_on_measured_photons(shared_data, method, name):
-    (found, _), (true, false, error) = measured(shared_data, name, method), MEASURED[method, name]
-    assert found.true_detections >= true and found.false_detections <= false and found.dae_bins <= error, found
 
 
 def test_rt3d_is_as_good_as_its_authors_program_on_the_same_photons(shared_data):

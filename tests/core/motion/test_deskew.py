@@ -59,7 +59,7 @@ def test_a_step_forward_shifts_the_photons_of_the_middle():
         assert_same(sketch, sketch_photons(shifted, sensor, FREQUENCIES))
 
 
-def test_a_turn_by_a_column_is_the_image_by_a_column():
+def test_turns_by_columns_and_lines_without_a_step_across():
     sensor = SENSOR.replace(rows=1, projection=AngularScan(0.1, -STEP, 0, STEP))
     events = photons(sensor=sensor)
     sketch, lost = moved(events, Pose.turned([0, 0, -2 * STEP]), None, sensor)      # to the right by two
@@ -68,14 +68,23 @@ def test_a_turn_by_a_column_is_the_image_by_a_column():
     np.testing.assert_allclose(sketch.sums[:, 2:], before.sums[:, :-2], atol=0.05)
     assert sketch.photons[:, :2].sum() == 0
     assert lost == before.photons[:, -2:].sum()
+    sensor = SENSOR.replace(rows=1, projection=AngularScan(0.1, -STEP, 0, 0))
+    sketch, lost = moved(photons(sensor=sensor), Pose(), None, sensor)
+    assert_same(sketch, sketch_photons(photons(sensor=sensor), sensor, FREQUENCIES))
+    assert lost == 0
 
 
-def test_half_a_column_shares_photons_and_keeps_their_number():
+def test_half_a_column_shares_photons_but_not_across_an_edge():
     sensor = SENSOR.replace(rows=1, projection=AngularScan(0.1, -STEP, 0, STEP))
     events = PhotonEvents(np.full(101, 5, np.uint32), np.full(101, 40, np.uint16))
     sketch, lost = moved(events, Pose.turned([0, 0, -0.5 * STEP]), None, sensor)
     assert set(sketch.photons[0, 5:7]) <= {50, 51} and sketch.photons.sum() in (100, 101, 102) and lost == 0
     np.testing.assert_allclose(np.abs(sketch.z[0, 5:7]), 1, atol=1e-5)
+    sensor = SENSOR.replace(rows=1, projection=AngularScan(0.1, -STEP, 0, STEP))
+    range_m = np.where(np.arange(COLS) < 6, 1.0, 4.0)[None].astype(np.float32)
+    events = PhotonEvents(np.full(100, 5, np.uint32), np.full(100, 40, np.uint16))
+    sketch, _ = moved(events, Pose.turned([0, 0, -0.3 * STEP]), range_m, sensor)     # 5.3: pixel 6 is another surface
+    assert sketch.photons[0, 5] == 100 and sketch.photons[0, 6] == 0
 
 
 @pytest.mark.parametrize("ppp", [0.1, 1, 10])
@@ -85,13 +94,6 @@ def test_rounding_keeps_the_number_of_photons_however_few_there_are(ppp):
     sketch, lost = moved(events, Pose.turned([0, 0.5 * STEP, 0.5 * STEP]), None, sensor)
     most = np.sqrt(sensor.pixels)       # 3.5 standard deviations of as many roundings
     assert int(sketch.photons.sum()) == pytest.approx(events.photons - lost, abs=most)
-
-
-def test_a_line_without_a_step_across_sees_what_is_on_it():
-    sensor = SENSOR.replace(rows=1, projection=AngularScan(0.1, -STEP, 0, 0))
-    sketch, lost = moved(photons(sensor=sensor), Pose(), None, sensor)
-    assert_same(sketch, sketch_photons(photons(sensor=sensor), sensor, FREQUENCIES))
-    assert lost == 0
 
 
 def test_parallax_needs_the_range_and_is_that_of_the_point():
@@ -150,14 +152,6 @@ def test_photons_stay_on_a_slope_wherever_they_are_shared():
     np.testing.assert_allclose(sketch.z[inner], expected[inner], atol=0.05)     # 0.08 bins; neighbours are 17 apart
 
 
-def test_photons_do_not_cross_an_edge():
-    sensor = SENSOR.replace(rows=1, projection=AngularScan(0.1, -STEP, 0, STEP))
-    range_m = np.where(np.arange(COLS) < 6, 1.0, 4.0)[None].astype(np.float32)
-    events = PhotonEvents(np.full(100, 5, np.uint32), np.full(100, 40, np.uint16))
-    sketch, _ = moved(events, Pose.turned([0, 0, -0.3 * STEP]), range_m, sensor)     # 5.3: pixel 6 is another surface
-    assert sketch.photons[0, 5] == 100 and sketch.photons[0, 6] == 0
-
-
 def test_masked_pixels_give_nothing_and_delays_are_those_of_the_pixel():
     mask = np.ones((1, COLS), bool)
     mask[0, 3] = False
@@ -203,20 +197,14 @@ def test_each_stamp_is_a_part_in_the_middle_of_its_packet(order):
         assert_same(sketch, sketch_photons(packet(stamp * MS), SENSOR, FREQUENCIES))
 
 
-def test_packets_with_one_stamp_are_one_part_and_lost_packets_make_none_longer():
+def test_parts_last_until_the_next_stamp_and_a_pause_is_no_packet():
     frame = frame_of(MovingSketcher(SENSOR, FREQUENCIES), (0, 0, 10, 40, 40, 50))
     assert instants_ms(frame) == [5, 15, 45, 55]
     assert [int(sketch.photons.sum()) for _, sketch in frame.parts] == [400, 200, 400, 200]
-
-
-def test_a_frame_of_one_packet_lasts_until_the_next():
     sketcher = MovingSketcher(SENSOR, FREQUENCIES)
     first, second = (frame_of(sketcher, (stamp,)) for stamp in (0, 100))
     assert (instants_ms(first), first.stamp_ns) == ([0], 0)            # nothing is known yet
     assert (instants_ms(second), second.stamp_ns) == ([150], 150 * MS)
-
-
-def test_of_two_packets_a_frame_and_a_pause_the_pause_is_no_packet():
     sketcher = MovingSketcher(SENSOR, FREQUENCIES)
     for first in (0, 100, 200):
         frame = frame_of(sketcher, (first, first + 10))

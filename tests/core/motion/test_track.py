@@ -33,16 +33,13 @@ def test_the_trajectory_is_that_of_the_sensor():
     np.testing.assert_allclose(moved(np.array([0, -1.0, 0])), [0, -0.9, 0], atol=1e-12)
 
 
-def test_an_imus_rate_turns_with_the_sensor():
+def test_an_imus_rate_turns_with_the_sensor_and_changes_evenly_between_reports():
     tilted = Pose(Pose.turned([0, np.pi / 2, 0]).rotation)
     track, _ = followed(*(MotionReport(ms * MS, rate_rad_s=np.array([0, 0, 0.5])) for ms in (0, 100, 200)),
                         extrinsics=tilted)
     turned = tilted.inverse() @ Pose.turned([0, 0, 0.1]) @ tilted
     np.testing.assert_allclose(track.trajectory.at(200 * MS).rotation, turned.rotation, atol=1e-12)
     np.testing.assert_array_equal(track.trajectory.at(200 * MS).translation, 0)
-
-
-def test_an_imus_rate_changes_evenly_between_reports():
     track, _ = followed(*(MotionReport(ms * MS, rate_rad_s=np.array([0, 0, ms / 100])) for ms in (0, 20, 40, 60)))
     np.testing.assert_allclose(track.trajectory.at(60 * MS).rotation_vector, [0, 0, 0.6 * 0.06 / 2], atol=1e-12)
 
@@ -132,7 +129,7 @@ def test_between_poses_the_sensor_moves_evenly_and_motion_says_where_a_point_of_
     np.testing.assert_allclose(moved(np.array([3.0, 0, 0])), [0, -1, 0], atol=1e-12)
 
 
-def test_a_trajectory_knows_what_it_covers_and_refuses_the_rest():
+def test_a_trajectory_knows_what_it_covers_refuses_the_rest_and_keeps_the_last_seconds():
     trajectory = Trajectory()
     assert not trajectory.covers(0, 0) and trajectory.newest_ns is None
     with pytest.raises(InvalidInput, match="no pose"):
@@ -144,9 +141,6 @@ def test_a_trajectory_knows_what_it_covers_and_refuses_the_rest():
         trajectory.at(21)
     with pytest.raises(InvalidInput, match="later than"):
         trajectory.add(20, Pose())
-
-
-def test_a_trajectory_keeps_the_last_seconds_only():
     trajectory = through((k * KEPT_NS // 4, Pose()) for k in range(100))
     assert trajectory.covers(98 * KEPT_NS // 4 - KEPT_NS // 2, 99 * KEPT_NS // 4) and not trajectory.covers(0, 0)
 
@@ -156,12 +150,17 @@ def _turning(t_s: float) -> Pose:
     return Pose(Pose.turned(t_s * np.array([0.2, 0.4, np.sqrt(0.8)])).rotation, t_s * np.array([0.6, 0.8, 0]))
 
 
-def test_smoothing_leaves_an_even_motion_as_it_is():
+def test_smoothing_leaves_even_motions_few_poses_and_gaps_as_they_are():
     exact = through((k * 10_000_000, _turning(k * 0.01)) for k in range(60))
     for stamp_ns in (0, 3_000_000, 255_000_000, 590_000_000):       # also at the ends
         pose, true = exact.at(stamp_ns), _turning(stamp_ns / 1e9)
         np.testing.assert_allclose(pose.translation, true.translation, atol=1e-9)
         np.testing.assert_allclose(pose.rotation, true.rotation, atol=1e-9)
+    sparse = through((k * 100_000_000, Pose(translation=np.array([float(k**2), 0, 0]))) for k in range(5))
+    assert sparse.at(250_000_000).translation[0] == pytest.approx(6.5)
+    broken = through((k * 10_000_000, Pose(translation=np.array([(k / 100) ** 2, 0, 0])))
+                     for k in [*range(30), *range(60, 90)])
+    assert broken.at(430_000_000).translation[0] == pytest.approx(0.29**2 + 14 / 31 * (0.6**2 - 0.29**2))
 
 
 def test_smoothing_averages_noise_of_stamps():
@@ -179,14 +178,3 @@ def test_a_pose_is_read_from_seven_numbers_and_no_other_text():
     for text in ("1 2 3", "0 0 0 0 0 0 2", "0 0 inf 0 0 0 1", "a"):
         with pytest.raises(InvalidInput, match=f"extrinsics is {text}: expected x y z in metres"):
             Pose.from_text(text)
-
-
-def test_few_poses_are_not_smoothed():
-    sparse = through((k * 100_000_000, Pose(translation=np.array([float(k**2), 0, 0]))) for k in range(5))
-    assert sparse.at(250_000_000).translation[0] == pytest.approx(6.5)
-
-
-def test_in_a_gap_the_motion_is_even():
-    broken = through((k * 10_000_000, Pose(translation=np.array([(k / 100) ** 2, 0, 0])))
-                     for k in [*range(30), *range(60, 90)])
-    assert broken.at(430_000_000).translation[0] == pytest.approx(0.29**2 + 14 / 31 * (0.6**2 - 0.29**2))

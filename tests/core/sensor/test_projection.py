@@ -12,13 +12,10 @@ from srt3d_ros.errors import InvalidInput
 from srt3d_ros.kernels.cpu.sketching.move_sketch import NOWHERE, place
 
 
-def test_pinhole_looks_along_z_from_its_principal_point_x_to_the_right_y_down():
+def test_rays_of_a_camera_start_at_its_principal_point_and_those_of_a_scan_are_angles():
     rays = Pinhole(30, 40, 3, 1).rays(4, 7)
     np.testing.assert_allclose(rays / rays[..., 2:], np.stack(np.broadcast_arrays(
         (np.arange(7) - 3) / 30, (np.arange(4)[:, None] - 1) / 40, 1), axis=-1), atol=1e-6)
-
-
-def test_scan_angles_are_azimuth_and_elevation():
     rays = AngularScan(0.5, -0.25, -0.2, 0.1).rays(5, 6).astype(np.float64)
     azimuth, elevation = np.arctan2(rays[..., 1], rays[..., 0]), np.arcsin(rays[..., 2])
     np.testing.assert_allclose(azimuth, np.broadcast_to(0.5 - 0.25 * np.arange(6), (5, 6)), atol=1e-6)
@@ -54,13 +51,6 @@ def test_a_field_of_view_spans_the_larger_side_and_impossible_ones_are_refused()
     for fov_deg in (0, 180, np.nan):
         with pytest.raises(InvalidInput, match="^fov_deg is"):
             Pinhole.from_fov(10, 10, fov_deg)
-
-
-def coordinates(lens, rows: int, cols: int) -> np.ndarray:
-    """What is even over the pixels, [rows, cols, 2]: x/z and y/z of a camera, the angles of a scan."""
-    x, y, z = np.moveaxis(lens.rays(rows, cols).astype(np.float64), -1, 0)
-    pair = (x / z, y / z) if lens.kind == "pinhole" else (np.arctan2(y, x), np.arcsin(z))
-    return np.stack(pair, axis=-1)
 
 
 LENSES = [Pinhole(30, 40, 3.2, 1.1), Pinhole(300, 310, 5, 3, PlumbBob(-0.3, 0.1, 1e-3, -2e-3, -0.02)),

@@ -50,22 +50,13 @@ def test_without_auto_the_sensor_alone_counts():
     assert design_sketch(SENSOR, (100, 299), "consecutive", 5).frequencies == (1, 2, 3, 4, 5)
 
 
-def test_auto_finds_the_scene_and_designs_frequencies_for_its_gate():
+def test_auto_finds_the_scene_has_room_and_is_no_gate_where_nothing_can_be_gained():
     gate, frequencies = design_sketch(SENSOR, "auto", frame=frame(200, 240))
     assert 170 < gate.first <= 196 and 244 <= gate.last < 270
     assert frequencies == choose_frequencies("auto", gate.sensor) != choose_frequencies("auto", SENSOR)
-
-
-def test_auto_is_no_gate_where_nothing_can_be_gained():
     for events in (frame(), frame(20, 120, 220, 320, 420, 480), frame(200, background=50)):
         assert design_sketch(SENSOR, "auto", frame=events) == (None, choose_frequencies("auto", SENSOR))
-
-
-def test_auto_ends_within_the_sensors_bins():
     assert gate_of(frame(3, 9)).first == 0 and gate_of(frame(496, 480)).last == T - 1
-
-
-def test_auto_has_room_for_the_irf_and_for_the_frequencies():
     assert gate_of(frame(200), SENSOR.replace(irf=np.concatenate([SENSOR.irf, np.zeros(150)]))).num_bins >= 155
     assert gate_of(frame(200), frequencies="1,2,80").num_bins >= 161
     assert gate_of(frame(200), sketch_size=30).num_bins >= 61
@@ -118,14 +109,11 @@ def test_few_photons_at_one_depth_are_seen_at_any_background(background, photons
         assert 68 <= first <= 70 and 90 <= last <= 92, seed
 
 
-def test_a_faint_part_that_spreads_is_seen_by_wider_windows_and_does_not_widen_a_sharp_one():
+def test_faint_parts_and_fog_are_seen_and_hide_none():
     first, last = occupied(seen(scene=[(2000, 70)]), 2)
     assert 68 <= first and last <= 72
     first, last = occupied(seen(scene=[(2000, 70), *((20, b) for b in range(110, 140))]), 2)
     assert 68 <= first and 125 <= last <= 155
-
-
-def test_fog_counts_as_scene_and_hides_none():
     fog = np.round(1200 * np.exp(-np.arange(150) / 25)).astype(int)
     first, last = occupied(seen(scene=[(1500, 100), *((n, 20 + b) for b, n in enumerate(fog))]), 2)
     assert first <= 21 and last >= 100

@@ -126,15 +126,12 @@ def test_counts_that_are_no_photons_cannot_be_told_one_by_one(dtype, count):
         histograms(np.full((3, 4, 100), count), dtype).to_events(SENSOR)
 
 
-def test_photons_lie_in_the_middle_of_their_bin():
+def test_counts_lie_in_the_middle_of_their_bin_on_the_axis_without_their_template():
     bins = HistogramBins(20, first_bin=10, bin_width=2.5)
     counts = np.zeros((3, 4, 20))
     counts[0, 0, 0], counts[0, 0, 1] = 1, 1             # middles 11.25 and 13.75 bins from the beginning of bin 0
     found = histograms(counts).to_events(SENSOR.replace(histograms=bins))
     assert found.toa.dtype == np.float32 and found.toa.mean() == 12 and np.ptp(found.toa) == 2.5
-
-
-def test_histograms_lie_on_the_axis_without_their_template():
     bins = HistogramBins(2, first_bin=5, bin_width=4, template=np.array([1, 0]))
     found = histograms(np.full((3, 4, 2), 3)).on_axis(SENSOR.replace(histograms=bins))
     assert found.shape == (3, 4, 100) and found.sum() == 12 * 5

@@ -38,14 +38,11 @@ def test_the_highest_frequency_has_more_than_two_bins_a_turn(num_bins, most):
         check_frequencies([most + 1], num_bins)
 
 
-def test_z_is_the_mean_over_the_photons_and_0_without_any():
+def test_z_is_the_mean_and_sketches_add_and_keep_the_earliest_stamp():
     sketch = PhaseSums((1, 2), np.array([[[4, 2j], [1, 1j], [0, 0]]], np.complex64), np.array([[4, 1, 0]], np.uint32),
                     sensor=sensor(1, 3))
     assert sketch.z.dtype == np.complex64
     np.testing.assert_allclose(sketch.z, [[[1, 0.5j], [1, 1j], [0, 0]]])
-
-
-def test_sketches_add_and_keep_the_earliest_stamp():
     one, other = make(seed=1, stamp_ns=7), make(seed=2, stamp_ns=5)
     total = one + other
     np.testing.assert_allclose(total.sums, one.sums + other.sums)

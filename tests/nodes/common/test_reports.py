@@ -4,16 +4,14 @@ from dataclasses import replace
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
 from srt3d_ros.nodes.common import reports as module
 from srt3d_ros.nodes.common.endpoints import SequenceLoss
-from srt3d_ros.nodes.common.peers import DOUBLE_S, Peers, names
+from srt3d_ros.nodes.common.peers import Peers, names
 from srt3d_ros.nodes.common.reports import Chain, Reports, in_a_line
 from srt3d_ros.nodes.common.status import LEVELS, NodeStatus
-from tests.nodes.conftest import LATCHED
 
 IDLE = NodeStatus("sketcher", "OK", "fine", state="active", ready=True,
                   counts={"messages_in": 5, "frames_out": 5, "dropped": 0, "message_lost": 0})
@@ -124,26 +122,3 @@ def test_publishers_are_counted_and_a_qos_that_does_not_match_is_named(graph):
                                             "transient local subscription)", "another")
     name = f"{graph.namespace}/tester"[1:]
     assert names(peers.publishers([topic])) == names(peers.readers([topic])) == (name,)
-
-
-def test_two_that_stay_are_a_warning_and_one_that_replaces_another_is_none(graph):
-    topic, node = f"{graph.namespace}/photons", graph.node
-    publishers, peers = [node.create_publisher(String, topic, LATCHED) for _ in range(2)], Peers(node)
-
-    def doubled(now_s: float, number: int = 2) -> str:
-        graph.wait(lambda: node.count_publishers(topic) == number, "the publishers")
-        return peers.doubled([topic], now_s)
-
-    assert doubled(0.0) == ""
-    node.destroy_publisher(publishers.pop())
-    assert doubled(20.0, number=1) == ""
-    publishers.append(node.create_publisher(String, topic, LATCHED))
-    assert doubled(21.0) == doubled(20.0 + DOUBLE_S) == ""
-    warning = f"2 publishers send frames on {topic}"
-    assert doubled(21.0 + DOUBLE_S) == f"{warning}: frames may come twice"
-    namesake = Node("tester", namespace=graph.namespace)
-    graph.wait(lambda: node.get_node_names().count("tester") == 2, "the other node")
-    assert doubled(50.0) == f"{warning}: frames may come twice"
-    both = f"2 nodes are named {graph.namespace}/tester and {warning}"
-    assert doubled(50.0 + DOUBLE_S) == f"{both}: frames may come twice"
-    namesake.destroy_node()
