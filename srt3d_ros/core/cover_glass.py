@@ -7,7 +7,7 @@ from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectr
 from srt3d_ros.core.sketching.sums import PhaseSums
 
 NEARLY_ALL = 0.9            # of the pixels at one depth
-FEWEST_PIXELS, MOST_PIXELS = 16, 4096       # looked at
+FEWEST_PIXELS, MOST_PIXELS = 16, 1024       # looked at
 LOW = 0.8                   # |ĥ|², least: an IRF 10 % too wide leaves 0.05 % of the energy there
 TOGETHER = 32               # neighbours in a row, whose photons are added up: what they see lies at about one depth
 MORE_ENERGY = 0.01          # of the plane's, in the rest: another surface with an eighth of its photons
@@ -31,20 +31,20 @@ def hidden_scene(sketch: PhaseSums, cloud: PointCloud) -> str:
     if len(there) < NEARLY_ALL * pixels:
         return ""
     some = there[::-(-len(there) // MOST_PIXELS)]
-    row, col = cloud.row[some], cloud.col[some]
-    omega, spectrum = angular_frequencies(sketch.frequencies, sensor.num_bins), irf_spectrum(sensor, sketch.frequencies)
-    spectrum = spectrum[row.astype(np.int64) * sensor.cols + col] if spectrum.ndim == 2 else spectrum[None]
+    row, col = cloud.row[some].astype(np.int64), cloud.col[some].astype(np.int64)
+    spectrum = np.atleast_2d(irf_spectrum(sensor, sketch.frequencies))
     energy = np.square(np.abs(spectrum)).mean(axis=0)
-    low = energy >= min(LOW, np.sort(energy)[-2:].min())
-    at = depth[some] + sensor.late[row, col]
-    model = (spectrum * np.exp(1j * np.outer(at, omega)))[:, low]
-    sums, photons = sketch.sums[row, col][:, low], sketch.photons[row, col].astype(np.float64)
-    fitted = (model.conj() * sums).real.sum(axis=1) / np.square(np.abs(model)).sum(axis=1)
+    low = np.flatnonzero(energy >= min(LOW, np.sort(energy)[-2:].min()))
+    omega = angular_frequencies(sketch.frequencies, sensor.num_bins)[low]
+    at = np.where(len(spectrum) > 1, row * sensor.cols + col, 0)
+    model = spectrum[at[:, None], low] * np.exp(1j * np.outer(depth[some] + sensor.late[row, col], omega))
+    sums, photons = sketch.sums[row[:, None], col[:, None], low], sketch.photons[row, col].astype(np.float64)
+    fitted = np.real(model.conj() * sums).sum(axis=1) / np.square(np.abs(model)).sum(axis=1)
     blocks = np.arange(0, len(some), TOGETHER)
     rest, of_plane, n = (np.add.reduceat(values, blocks) for values in (
         sums - fitted[:, None] * model, fitted[:, None] * np.abs(model), photons))
-    more = np.square(np.abs(rest)).sum() - low.sum() * n.sum()
-    if more < max(MORE_ENERGY * np.square(of_plane).sum(), MORE_SIGMAS * np.sqrt(low.sum() * np.square(n).sum())):
+    more = np.square(np.abs(rest)).sum() - len(low) * n.sum()
+    if more < max(MORE_ENERGY * np.square(of_plane).sum(), MORE_SIGMAS * np.sqrt(len(low) * np.square(n).sum())):
         return ""
     share = min(len(there) / pixels, 1)
     return (f"{share:.0%} of the pixels have their point at {sensor.range_m(plane):.3g} m, and more photons at other "

@@ -167,9 +167,9 @@ def _is_subtracted(sketch: PhaseSums, quiet: np.ndarray) -> bool:
 
     The sums of quiet neighbours differ by the noise of their photons, |difference|² = n₁ + n₂ on average.
     """
-    some = slice(None, None, max(quiet.size // SAMPLE, 1))          # rows
-    photons, sums, quiet = sketch.photons[some].astype(np.float32), sketch.sums[some], quiet[some]
-    pairs = photons[:, 1:] + photons[:, :-1]
-    told = quiet[:, 1:] & quiet[:, :-1] & (pairs > 0)
-    noise = (np.abs(sums[:, 1:][told] - sums[:, :-1][told])**2).mean(axis=1) / pairs[told]
-    return len(noise) == 0 or bool(np.median(noise) > NOISE)
+    photons, sums, quiet = sketch.photons.ravel().astype(np.float32), sketch.sums.reshape(quiet.size, -1), quiet.ravel()
+    pairs = photons[1:] + photons[:-1]
+    at = np.flatnonzero(quiet[1:] & quiet[:-1] & (pairs > 0))
+    at = at[::len(at) // SAMPLE + 1]
+    noise = (np.abs(sums[at + 1] - sums[at])**2).mean(axis=1) / pairs[at]
+    return len(at) == 0 or bool(np.median(noise) > NOISE)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from srt3d_ros.datasets.options import AXES, FRAMES, Options
-from srt3d_ros.errors import require
+from srt3d_ros.errors import finite, require
 from srt3d_ros.files.isolated_child import may_be_counts
 
 SIZES = ("rows", "cols", "num_bins")
@@ -56,27 +56,27 @@ def in_order(counts: np.ndarray, options: Options, stated: dict[str, Any], dims:
     if counts.ndim not in (3, 4):
         return Ordered(counts, options.without("axes"))
     counts, axes, notes, frames = _frame(counts, axes, options)
-    options, shape = options.without("axes"), counts.shape
-    sizes = {name: int(size) for name in SIZES if (size := (stated | options.known).get(name)) is not None}
-    orders = [order for order in permutations(range(3)) if axes in ((), tuple(AXES[order.index(k)] for k in range(3)))
-              and all(sizes.get(name, shape[k]) == shape[k] for name, k in zip(("rows", "cols"), order))]
+    options, known, shape = options.without("axes"), stated | options.known, counts.shape
+    sizes = {name: int(finite(name, known[name])) for name in SIZES if known.get(name) is not None}
     said = ", ".join(f"{name} = {size}" for name, size in sizes.items())
-    require(len(orders) > 0, "counts shape", " × ".join(map(str, shape)), f"axes that fit {said}")
-    exact = [order for order in orders if sizes.get("num_bins") == shape[order[2]]]
-    orders = exact or orders
-    if orders[0] == (0, 1, 2) and not (axes or exact or sizes.keys() >= {"rows", "cols"}):
-        doubt = _doubt(shape)
+    names = [axes] if axes else [*permutations(AXES)]       # of the array's axes; that of AXES is the first
+    names = [one for one in names if all(shape[one.index(name)] == sizes.get(name, shape[one.index(name)])
+                                         for name in SIZES[:2])]
+    require(len(names) > 0, "counts shape", " × ".join(map(str, shape)), f"axes that fit {said}")
+    exact = [one for one in names if shape[one.index("bins")] == sizes.get("num_bins")]
+    names = exact or names
+    if names[0] != AXES:
+        fitting, text = [",".join(one) for one in names], f"{' × '.join(map(str, shape))} counts"
+        require(len(names) == 1, "axes",
+                problem=f"The axes of {text} may be {' or '.join(fitting)} ({said}): give axes (--axes).")
+        notes += () if axes else (f"axes of {text} taken to be {fitting[0]}: {said}",)
+        counts = counts.transpose([names[0].index(name) for name in AXES])
+    elif not (axes or exact or sizes.keys() >= {*SIZES[:2]}) and (doubt := _doubt(shape)):
         irf = options.known.get("irf")
-        require(not doubt or irf is None or irf.shape[-1] <= shape[2], "axes",
+        require(irf is None or irf.shape[-1] <= shape[2], "axes",
                 problem=f"The IRF is longer than the period: {doubt}.")
-        return Ordered(counts, options, notes + (doubt,) * bool(doubt), frames)
-    if orders[0] != (0, 1, 2):
-        names = [",".join(AXES[order.index(k)] for k in range(3)) for order in orders]
-        text = f"{' × '.join(map(str, shape))} counts"
-        require(len(orders) == 1, "axes", problem=f"The axes of {text} may be {' or '.join(names)} ({said}): give axes "
-                "(--axes).")
-        notes += () if axes else (f"axes of {text} taken to be {names[0]}: {said}",)
-    return Ordered(counts.transpose(orders[0]), options, notes, frames)
+        notes += (doubt,)
+    return Ordered(counts, options, notes, frames)
 
 
 def _named(dims: tuple[str, ...], axes: int) -> tuple[str, ...]:

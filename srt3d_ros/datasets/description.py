@@ -7,7 +7,7 @@ import numpy as np
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import design_sketch, histogram, signal_to_background
 from srt3d_ros.core.sketching.gate import AUTO, Gate
-from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
+from srt3d_ros.core.sketching.plausibility import light_of
 from srt3d_ros.datasets.reading import Reading
 
 WORD_BYTES = 4              # of each real number and of the count in a sketch
@@ -28,12 +28,7 @@ def describe(photons: Reading) -> Description:
     frame, sensor = photons.frame, photons.sensor
     gate, frequencies = design_sketch(sensor, AUTO, frame=frame)
     sbr = signal_to_background(histogram(frame, sensor), sensor)
-    if isinstance(frame, PhotonHistograms):
-        cube = frame.on_axis(sensor)
-        toa, counts = cube.sum(axis=(0, 1), dtype=np.float64), cube.sum(axis=2, dtype=np.float64)
-    else:
-        toa = np.bincount(sensor.toa_bins(frame.toa), minlength=sensor.num_bins).astype(np.float64)
-        counts = np.bincount(frame.pixel, minlength=sensor.pixels).reshape(sensor.rows, sensor.cols).astype(np.float64)
+    toa, _, counts = light_of(frame, sensor)
     used = counts[sensor.used]
     irf_width_bins = _irf_width_bins(sensor)
     facts = {"rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins, "bin_width_s": sensor.bin_width_s,

@@ -137,7 +137,7 @@ def frame_loaders(path: str | Path, numbers: Sequence[int], photons_topic: str =
                   sensor: SensorModel | None = None, **options: Any) -> Iterator[tuple[int, Callable[[], Reading]]]:
     """Yield each of the numbers, which ascend, and a function that gives what `read` gives for this frame, in one pass.
 
-    The functions can be pickled. Arguments and errors as for `read`; a function raises what is wrong with its frame.
+    Arguments and errors as for `read`; a function raises what is wrong with its frame.
     """
     suffix = Path(path).suffix.lower()
     if str(path) != SIMULATOR and is_bag(path):

@@ -15,6 +15,7 @@ CUBE = files.pulse_cube()
 IRF = [0.1, 0.25, 0.3, 0.25, 0.1]
 ROW, COL, TOA = [0, 2, 1, 2], [3, 0, 1, 3], [5, 49, 0, 7]
 SIZES = {"rows": 3, "cols": 4, "num_bins": 50}
+pytestmark = pytest.mark.usefixtures("in_this_process")
 
 
 def write(path, arrays: dict):
@@ -110,6 +111,12 @@ def test_sizes_that_fit_no_order_or_several_are_refused(tmp_path):
 def test_an_order_in_doubt_is_noted_with_those_that_fit(shape, orders):
     notes = from_counts(np.ones(shape), irf=[1], fov_deg=9, bin_width_s=1e-12).notes
     assert len(notes) == bool(orders) and all(re.search(orders, note) for note in notes)
+    assert from_counts(np.ones(shape), irf=[1], fov_deg=9, bin_width_s=1e-12, num_bins=shape[2]).notes == ()
+
+
+def test_the_number_of_bins_alone_leaves_two_orders():
+    with pytest.raises(InvalidInput, match="bins,rows,cols or bins,cols,rows"):
+        from_counts(CUBE.transpose(2, 0, 1), irf=[1], num_bins=120)
 
 
 @pytest.mark.parametrize("suffix", [".nc", "array"])

@@ -13,6 +13,12 @@ IRF = [1.0, 3.0, 1.0]
 CUBE = files.pulse_cube()
 
 
+@pytest.fixture(autouse=True)
+def in_a_child_where_it_matters(request):
+    if "cannot" not in request.node.name:
+        request.getfixturevalue("in_this_process")
+
+
 def write(path, **arrays):
     with h5py.File(path, "w") as file:
         for name, values in arrays.items():

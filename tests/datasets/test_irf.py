@@ -15,6 +15,8 @@ from srt3d_ros.photons import Photons
 from tests.datasets import laboratory_files as files
 from tests.datasets.laboratory_files import t3
 
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
 
 def width_at_half(response: np.ndarray) -> float:
     above = np.flatnonzero(response >= response.max() / 2)

@@ -19,7 +19,7 @@ WATCH_S = 1.0               # between looks at a stream
 class Light(NamedTuple):
     """Where the photons of a frame are."""
 
-    of_bins: np.ndarray         # float64 [n], of all pixels
+    of_bins: np.ndarray         # float64 [T], of all pixels
     dark: np.ndarray            # float64 [rows, cols], in the emptiest quarter of the bins, where signal is rare
     of_pixels: np.ndarray       # float64 [rows, cols]
 
@@ -28,10 +28,10 @@ def light_of(frame: PhotonFrame, sensor: SensorModel) -> Light:
     """The photons in bins and pixels."""
     frame = frame.to_events(sensor) if isinstance(frame, PhotonGates) else frame
     if isinstance(frame, PhotonHistograms):
-        of_bins = frame.counts.sum(axis=(0, 1), dtype=np.float64)
+        counts = frame.on_axis(sensor)
+        of_bins = counts.sum(axis=(0, 1), dtype=np.float64)
         first, end = _emptiest_quarter(of_bins)
-        dark = frame.counts[..., first:end].sum(axis=2, dtype=np.float64)
-        return Light(of_bins, dark, frame.counts.sum(axis=2, dtype=np.float64))
+        return Light(of_bins, *(part.sum(axis=2, dtype=np.float64) for part in (counts[..., first:end], counts)))
     toa = sensor.toa_bins(frame.toa)
     of_bins = np.bincount(toa, minlength=sensor.num_bins).astype(np.float64)
     first, end = _emptiest_quarter(of_bins)
@@ -87,36 +87,31 @@ class LightWatch:
     """Looks at the photons of a stream: for hot pixels in the first second, for a leak then once a second.
 
     Attributes:
-        sensor: of the stream.
-        hot: bool [rows, cols] once the first second has passed.
+        hot: bool [rows, cols], none before the first second has passed.
         warning: what looks wrong, or "".
     """
 
     def __init__(self, sensor: SensorModel):
-        self.sensor, self.warning = sensor, ""
-        self.hot: np.ndarray | None = None
-        self._since_s: float | None = None
+        self.hot, self.warning = np.zeros((sensor.rows, sensor.cols), bool), ""
+        self._sensor, self._since_s, self._first_second = sensor, -np.inf, True
         self._light: Light | None = None
+
+    def look(self, frame: PhotonFrame, now_s: float) -> bool:
+        """Look at a frame or packet of the sensor at this time; returns whether the first second has just passed."""
+        if self._first_second:
+            light = light_of(frame, self._sensor)
+            self._since_s = now_s if self._light is None else self._since_s
+            self._light = light if self._light is None else Light(*map(np.add, light, self._light))
+        if 0 <= now_s - self._since_s < WATCH_S:
+            return False
+        self._since_s, light = now_s, self._light or light_of(frame, self._sensor)
+        if light.of_bins.sum() < ENOUGH:
+            return False
+        self.warning, first = leak(light), self._first_second
+        if first:
+            self.hot, self._first_second, self._light = hot_pixels(light, self._sensor), False, None
+        return first
 
     def masked(self, sensor: SensorModel) -> SensorModel:
         """The sensor without the hot pixels, if there are any; as it is if it has a mask."""
-        if sensor.mask is not None or self.hot is None or not self.hot.any():
-            return sensor
-        return sensor.replace(mask=~self.hot)
-
-    def look(self, frame: PhotonFrame, now_s: float) -> bool:
-        """Look at a frame or packet of the sensor at this time; returns whether `hot` is new."""
-        self._since_s = now_s if self._since_s is None else self._since_s
-        ended = not 0 <= now_s - self._since_s < WATCH_S
-        if self.hot is not None and not ended:
-            return False
-        light = light_of(frame, self.sensor)
-        if self.hot is None and self._light is not None:
-            light = Light(*map(np.add, light, self._light))
-        self._light = light
-        if not ended or light.of_bins.sum() < ENOUGH:
-            return False
-        self._since_s, self._light, self.warning = now_s, None, leak(light)
-        is_first = self.hot is None
-        self.hot = hot_pixels(light, self.sensor) if is_first else self.hot
-        return is_first
+        return sensor.replace(mask=~self.hot) if sensor.mask is None and self.hot.any() else sensor

@@ -39,6 +39,7 @@ def test_hot_pixels_are_found_in_every_form_of_photons_at_edges_and_in_pairs():
 
 @pytest.mark.parametrize("extra", [
     (), [(5, 5, slice(49, 52), 200)],                               # a retro-reflector
+    [(5, 5, slice(None), 4), (5, 5, slice(49, 52), 300)],           # a white spot in the sun
     [(8, slice(None), slice(None), 4)],                             # a line in the sun
     [(slice(0, 8), slice(0, 10), slice(None), 4)]])                 # a window
 def test_bright_surfaces_and_bright_regions_are_no_hot_pixels(extra):
