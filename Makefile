@@ -10,7 +10,6 @@ VENV = .venv$(addprefix -,$(other_ros))
 MACHINE := $(shell uname -m)
 CONSTRAINTS = -c constraints.txt
 OUT = demo-out
-PHOTONS =
 MOTION =
 ARGS =
 # Containers set it, and each of the hundreds of processes of a test run would compile its modules anew.
@@ -19,8 +18,9 @@ unexport PYTHONDONTWRITEBYTECODE
 # --no-compile: Python compiles what is imported; all of it would take 20 s and 0.1 GB.
 pip = $(VENV)/bin/python -m pip --disable-pip-version-check install --quiet --no-compile $(CONSTRAINTS)
 pytest = $(VENV)/bin/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
-# What takes longest: the commands of the documents, installations, two machines, and compilers.
-long = tests/docs tests/test_install.py tests/nodes/test_two_machines.py tests/kernels/test_device.py \
+# What takes longest: programs as users start them, the documents' commands, installations, two machines, compilers.
+long = tests/test_demo.py tests/processes/test_supervisor.py tests/docs tests/test_install.py \
+	tests/nodes/test_two_machines.py tests/core/test_same_bits.py tests/kernels/test_device.py \
 	tests/kernels/test_compiling.py
 gpu = $(if $(wildcard /proc/driver/nvidia/version),gpu)
 comma = ,
@@ -29,10 +29,10 @@ installed_from = setup.py pyproject.toml package.xml constraints.txt $(wildcard 
 .PHONY: help demo test test-all test-newest test-processors wheels-of-ros docs lint clean
 
 help:
-	@echo 'make demo [PHOTONS=file] [OUT=demo-out]  photons to point clouds over ROS 2: a recording, a picture, a table'
+	@echo 'make demo [OUT=demo-out]                 photons to point clouds over ROS 2: a recording, a picture, a table'
 	@echo '          MOTION=walk                      the same, of a sensor that moves, deskewed by its odometry'
 	@echo 'make test [ARGS=...]                     the tests; ARGS goes to pytest'
-	@echo 'make test-all                            these, and installations, documents, two machines, compilers'
+	@echo 'make test-all                            these, and demo, `srt3d up`, installations, documents, compilers'
 	@echo 'make test ROS=kilted                     the tests with ROS 2 Kilted instead of Jazzy, in .venv-kilted'
 	@echo 'make test-newest                         the tests with the newest releases that pyproject.toml allows'
 	@echo 'make test-processors                     the tests of the computation, as on processors without AVX, and with AVX2'
@@ -42,7 +42,7 @@ help:
 	@echo 'Variables: PYTHON=$(PYTHON) (3.11 or newer), ROS=$(ROS), VENV=$(VENV)'
 
 demo: $(VENV)/demo-ready
-	@$(VENV)/bin/srt3d demo $(if $(PHOTONS),--photons '$(PHOTONS)') $(if $(MOTION),--motion '$(MOTION)') --out '$(OUT)'
+	@$(VENV)/bin/srt3d demo $(if $(MOTION),--motion '$(MOTION)') --out '$(OUT)'
 
 test: $(VENV)/test-ready
 	@$(pytest) $(addprefix --ignore=,$(long)) $(ARGS)

@@ -20,7 +20,8 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.11",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed"], f"{NAME}.review": ["report.html"]},
+    package_data={NAME: ["py.typed"], f"{NAME}.review": ["report.html"],
+                  f"{NAME}.pictures": ["cloud_page.html"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from srt3d_ros.processes.versions import versions
 
-NAMES = ("ablation", "calibration", "false_alarms", "free", "motion", "pileup", "ros", "speed", "two_machines")
+NAMES = ("ablation", "calibration", "false_alarms", "free", "motion", "pileup", "ros", "speed")
 
 
 def machine() -> dict:

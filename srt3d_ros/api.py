@@ -65,8 +65,10 @@ def read(source: Any, frame: int = 0, *, photons_topic: str = "", sensor: Sensor
         return noun_of(source.with_options(gathered(options, sensor)))
     if isinstance(source, PhotonEvents | PhotonGates | PhotonHistograms):
         return Photons.from_frame(source, sensor=sensor, **options)
-    require(hasattr(source, "__array__") or isinstance(source, list), "source", type(source).__name__,
-            "a path, an array of counts, Photons or a Sketch")
+    paths = isinstance(source, list | tuple) and all(isinstance(one, str | Path) for one in source)
+    require((hasattr(source, "__array__") or isinstance(source, list)) and not paths, "source",
+            f"{type(source).__name__} of {len(source)} paths" if paths else type(source).__name__,
+            "one path (read several in a loop), an array of counts, Photons or a Sketch")
     return Photons.from_counts(source, sensor=sensor, **options)
 
 

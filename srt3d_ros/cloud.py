@@ -47,8 +47,8 @@ class Cloud(PointCloud):
         return f'{text}<img alt="" src="{uri}">'
 
     def save(self, path: str | Path) -> None:
-        """Write the cloud by the suffix: .npz (everything), .ply, .pcd, .csv, .tif (the depth image), .rrd (for rerun);
-        or draw it: .png, .jpg.
+        """Write the cloud by the suffix: .npz (everything), .ply, .pcd, .las, .csv, .tif (the depth image), .html (to
+        turn in any browser); or draw it: .png, .jpg.
 
         Raises:
             InvalidInput: another suffix, a path that cannot be written, or an .npz file there that is no cloud.
@@ -60,17 +60,20 @@ class Cloud(PointCloud):
         depth_std (metres), background (photons of the pixel), row, col and surface (0 for the first of its pixel)."""
         return cloud_files.records(self)
 
-    def plot(self, ax: "Axes | None" = None, *, yaw_deg: float = 15, pitch_deg: float = 10) -> "Axes":
-        """Draw the cloud into axes of matplotlib: coloured by range, shaded by intensity, with a scale bar.
+    def plot(self, colour_by: str = "range", ax: "Axes | None" = None, *, yaw_deg: float = 15, pitch_deg: float = 10
+             ) -> "Axes":
+        """Draw the cloud into axes of matplotlib, with a scale bar.
 
         Args:
+            colour_by: what colours show: "range", shaded by intensity; "intensity", "depth_std" (mm), or "snr", the
+                point's signal photons over the standard deviation of all photons in its pulse.
             ax: to draw into; those of a new figure unless given.
             yaw_deg, pitch_deg: from where it is seen: to the right of the sensor and above it.
 
         Raises:
-            InvalidInput: matplotlib or Pillow is missing.
+            InvalidInput: matplotlib or Pillow is missing, or the method gives no such quantity.
         """
-        image = self.render(yaw_deg=yaw_deg, pitch_deg=pitch_deg)
+        image = self.render(colour_by, yaw_deg=yaw_deg, pitch_deg=pitch_deg)
         if ax is None:
             from matplotlib import pyplot
 
@@ -79,16 +82,16 @@ class Cloud(PointCloud):
         ax.set_axis_off()
         return ax
 
-    def render(self, *, yaw_deg: float = 15, pitch_deg: float = 10, size_px: tuple[int, int] = (1200, 900)
-               ) -> np.ndarray:
+    def render(self, colour_by: str = "range", *, yaw_deg: float = 15, pitch_deg: float = 10,
+               size_px: tuple[int, int] = (1200, 900)) -> np.ndarray:
         """The cloud as a picture, uint8 [height, width, 3]; `save` writes one to a file.
 
         Args:
-            yaw_deg, pitch_deg: see `plot`.
+            colour_by, yaw_deg, pitch_deg: see `plot`.
             size_px: width and height of the picture.
 
         Raises:
-            InvalidInput: matplotlib or Pillow is missing.
+            InvalidInput: as for `plot`.
         """
         fits = isinstance(size_px, tuple) and all(isinstance(side, int) and side > 0 for side in size_px)
         require(fits and len(size_px) == 2, "size_px", quoted(size_px), "(width, height), above 0")
@@ -97,7 +100,7 @@ class Cloud(PointCloud):
         except ImportError as error:
             problem = f"Cannot draw a cloud: {error.name} is missing (pip install '.[pictures]' in the clone)."
             raise InvalidInput("picture", problem=problem) from None
-        return np.array(draw_cloud(self, yaw_deg, pitch_deg, size_px).convert("RGB"))
+        return np.array(draw_cloud(self, yaw_deg, pitch_deg, size_px, colour_by).convert("RGB"))
 
 
 def as_noun(kind: type[Noun], plain: Any, **changes: Any) -> Noun:

@@ -9,17 +9,20 @@ from typing import Any, Unpack
 import numpy as np
 
 from srt3d_ros.cloud import Cloud, as_noun
+from srt3d_ros.core.cover_glass import hidden_scene
 from srt3d_ros.core.keys import written_out
 from srt3d_ros.core.method.pile_up import contradiction
 from srt3d_ros.core.methods import DEFAULT_METHOD, OPTIONS, ReconstructorOptions, checked
 from srt3d_ros.core.motion.trajectory import Trajectory
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
 from srt3d_ros.core.sketching.sums import PhaseSums, as_array
 from srt3d_ros.errors import require
 from srt3d_ros.gpu_check import device_for
 from srt3d_ros.progress import compiling
 
+LOOKED_AT = (1, 2, 3)       # frequencies, to see through a cover glass
 NO_PHOTONS = "the frame has no photons, so its cloud has no points"
 
 
@@ -82,6 +85,10 @@ class Reconstructor:
         photons, notes = int(np.sum(seen.photons)), getattr(seen, "notes", ())
         if isinstance(seen, PhaseSums) and self._name == DEFAULT_METHOD and (problem := contradiction(seen)):
             notes += (problem,)
+        if self._surfaces == 1 and len(points):
+            most = max((points.sensor.num_bins - 1) // 2, 1)
+            sketch = seen if isinstance(seen, PhaseSums) else sketch_photons(frame, points.sensor, LOOKED_AT[:most])
+            notes += tuple(filter(None, [hidden_scene(sketch, points)]))
         if not photons and not len(points):
             notes += (NO_PHOTONS,)
         return as_noun(

@@ -106,3 +106,20 @@ def ball():
                   sensor.xyz(row, col, depth), surface, np.full((40, 48), 2.5, np.float32),
                   stamp_ns=1_234_567_890, sensor=sensor)
     return cloud, sensor
+
+
+@pytest.fixture(scope="session")
+def layers(tmp_path_factory) -> Path:
+    """A photon file of 12 × 20 pixels and 300 bins: two layers, at bins 80 and 200, 60 photons a pixel, SBR 10."""
+    import numpy as np
+
+    from srt3d_ros.core.sensor.model import SensorModel
+    from srt3d_ros.datasets import photon_file
+    from srt3d_ros.datasets.simulation.scene import StaticScene
+    from srt3d_ros.datasets.simulation.simulator import Simulator
+
+    sensor = SensorModel(12, 20, 300, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2), toa_offset_bins=1_000)
+    scene = StaticScene(sensor.range_m(np.array([80.0, 200.0])[:, None, None] + np.zeros((12, 20))))
+    path = tmp_path_factory.mktemp("photons") / "layers.npz"
+    photon_file.save(path, sensor, *Simulator(scene, sensor, sbr=10, ppp=60).frame(0))
+    return path

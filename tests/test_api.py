@@ -3,6 +3,7 @@
 import inspect
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ np.add.at(COUNTS, (ROW, COL, FRAME.toa), 1)
 FREQUENCIES = design_sketch(SENSOR, frame=FRAME).frequencies
 PHOTONS = srt3d_ros.from_events(ROW, COL, FRAME.toa, sensor=SENSOR)
 ARRAYS = {"shape": (12, 20), "num_bins": 300, "bin_width_s": 5e-11, "irf": SENSOR.irf, "fov_deg": 20,
-          "projection": None}
+          "projection": None, "toa_offset_bins": 0}
 
 
 def same(one: PointCloud, other: PointCloud, fields=("row", "col", "depth_bins", "intensity", "xyz", "background")):
@@ -90,10 +91,12 @@ def test_what_a_photon_file_lacks_can_be_given(tmp_path):
     with pytest.raises(srt3d_ros.InvalidInput, match=r"^a.npz: irf_ref needs irf"):
         srt3d_ros.read(tmp_path / "a.npz", irf_ref=3)
     assert [note[:9] for note in srt3d_ros.read(tmp_path / "a.npz").notes] == ["bin width", "IRF estim", "geometry "]
-    assert srt3d_ros.read(tmp_path / "a.npz", bin_width_s=5e-11, irf=SENSOR.irf, fov_deg=20).notes == ()
+    assert srt3d_ros.read(tmp_path / "a.npz", bin_width_s=5e-11, irf=SENSOR.irf, fov_deg=20,
+                         toa_offset_bins=0).notes == ()
     estimated = srt3d_ros.read(tmp_path / "a.npz", bin_width_s=5e-11)
-    assert [note.split()[0] for note in estimated.notes] == ["IRF", "geometry"]
-    for given in ({"irf": SENSOR.irf, "fov_deg": 30}, {"sensor": SENSOR}):      # what is known is assumed no longer
+    assert [note.split()[0] for note in estimated.notes] == ["IRF", "ranges", "geometry"]
+    # What is known is assumed no longer.
+    for given in ({"irf": SENSOR.irf, "fov_deg": 30, "range_offset_m": 0}, {"sensor": SENSOR}):
         assert srt3d_ros.read(estimated, **given).notes == ()
     np.save(tmp_path / "cube.npy", COUNTS)
     plain = srt3d_ros.reconstruct(tmp_path / "cube.npy", irf_sigma_bins=2)
@@ -224,10 +227,16 @@ def test_a_cloud_is_drawn(cloud):
     left, right = (cloud.render(yaw_deg=yaw_deg, size_px=(300, 200)) for yaw_deg in (-20, 20))
     assert left.shape == (200, 300, 3) and not np.array_equal(left, right)
     axes = Figure().subplots()
-    assert cloud.plot(axes) is axes and np.array_equal(axes.images[0].get_array(), image)
+    assert cloud.plot(ax=axes) is axes and np.array_equal(axes.images[0].get_array(), image)
     assert isinstance(cloud.plot(yaw_deg=0), type(axes))
-    with pytest.raises(srt3d_ros.InvalidInput, match=r"^size_px is \(0, 9\)"):
-        cloud.render(size_px=(0, 9))
+    quantities = "range", "intensity", "depth_std", "snr"
+    assert len({cloud.render(name, size_px=(300, 200)).tobytes() for name in quantities}) == 4
+    wrong = ({"size_px": (0, 9)}, r"size_px is \(0, 9\)"), ({"colour_by": "hue"}, "colour_by is .hue")
+    for options, expected in wrong:
+        with pytest.raises(srt3d_ros.InvalidInput, match=f"^{expected}"):
+            cloud.render(**options)
+    with pytest.raises(srt3d_ros.InvalidInput, match=r"^The points have no depth_std: "):
+        replace(cloud, method="rt3d", depth_std_bins=np.full(len(cloud), np.nan, np.float32)).plot("depth_std")
 
 
 def test_the_first_call_shows_that_it_compiles(repository):
@@ -243,7 +252,8 @@ def test_the_first_call_shows_that_it_compiles(repository):
 # ---- What is refused
 
 @pytest.mark.parametrize(("source", "options", "said"), [
-    (3, {}, "source is int: expected a path, an array of counts, Photons or a Sketch"),
+    (3, {}, "source is int: expected one path .*, an array of counts, Photons or a Sketch"),
+    (["a.npz", "b.npz"], {}, r"source is list of 2 paths: expected one path \(read several in a loop\)"),
     (FRAME, {"irff": [1]}, 'option name is "irff": expected one of shape, rows, cols, '),
     ("absent.npz", {}, "absent.npz: no such file"),
     (FRAME, {"frame": 2}, "frame 2: only a bag or a log has one"),

@@ -50,6 +50,14 @@ def test_one_that_is_slower_is_not(auto):
         "the GPU is not used (21 ms a frame instead of 20): computing on the CPU"])
 
 
+def test_one_that_fails_is_not(auto):
+    def fail(*arguments, **more):
+        raise RuntimeError("CUDA out of memory.\nTried to allocate")
+
+    assert auto(match=fail, search=fail) == ("cpu", False, "CUDA out of memory.", [
+        "the GPU is not used (CUDA out of memory.): computing on the CPU"])
+
+
 def test_one_that_computes_otherwise_is_not(auto):
     def wrong(frame, state, *others, **more):
         after = oracle.FUNCTIONS["pooled_step"](frame, state, *others, **more)
@@ -60,14 +68,6 @@ def test_one_that_computes_otherwise_is_not(auto):
     assert taken == ["cpu", False] and len(said) == 1
     expected = r"the GPU is not used \(\d\d\.\d % of its pixels are as on the CPU\): computing on the CPU"
     assert re.fullmatch(expected, said[0])
-
-
-def test_one_that_fails_is_not(auto):
-    def fail(*arguments, **more):
-        raise RuntimeError("CUDA out of memory.\nTried to allocate")
-
-    assert auto(match=fail, search=fail) == ("cpu", False, "CUDA out of memory.", [
-        "the GPU is not used (CUDA out of memory.): computing on the CPU"])
 
 
 def test_one_that_fails_later_leaves_its_frames_to_the_cpu(monkeypatch, caplog):

@@ -1,6 +1,6 @@
 """The launch file starts every node, with parameters and topics that exist.
 
-This reads the file, since pip does not install the launch package. tests/test_install.py runs it where ROS 2 is.
+pip does not install the launch package: what the file takes from it is replaced. tests/test_install.py runs it with it.
 """
 
 import __future__
@@ -16,37 +16,11 @@ from srt3d_ros.nodes import all_specs
 from srt3d_ros.processes.supervisor import MOST_RESTARTS, Restarts
 
 
-@pytest.fixture(scope="module")
-def launch(repository) -> ast.Module:
-    return ast.parse((repository / "launch" / "srt3d.launch.py").read_text())
-
-
-def constant(tree: ast.Module, name: str):
-    """The value of a constant at the top of the file."""
-    (value,) = (line.value for line in tree.body if isinstance(line, ast.Assign) and line.targets[0].id == name)
-    return ast.literal_eval(value)
-
-
-def test_every_node_is_started_with_parameters_that_it_has(launch):
-    nodes = constant(launch, "NODES")
-    assert set(nodes) == set(all_specs())
-    for name, parameters in nodes.items():
-        assert set(parameters) <= {parameter.name for parameter in all_specs()[name].table}
-        assert set(parameters.values()) <= set(constant(launch, "ARGUMENTS"))
-    assert set(constant(launch, "ONLY_WITH").values()) <= set(constant(launch, "ARGUMENTS"))
-
-
-def test_every_topic_that_can_be_renamed_is_one_of_the_nodes(launch):
-    topics = {topic.name for spec in all_specs().values() for topic in (*spec.inputs, *spec.outputs)}
-    assert {"odom", "imu", "depth", "intensity"} < set(constant(launch, "TOPICS")) <= topics
-    assert set(constant(launch, "TOPICS")) <= set(constant(launch, "ARGUMENTS"))
-
-
 @pytest.fixture
-def functions(launch, repository) -> SimpleNamespace:
-    """The file's functions, with what they use of the launch package replaced; `said` gets the lines that they log."""
+def launch(repository) -> SimpleNamespace:
+    """What the file defines; `said` gets the lines that it logs."""
     foreign = ("launch", "launch_ros", "ament_index_python")
-    own = [line for line in launch.body
+    own = [line for line in ast.parse((repository / "launch" / "srt3d.launch.py").read_text()).body
            if not isinstance(line, ast.ImportFrom) or line.module.split(".")[0] not in foreign]
     said = []
     names = {"get_package_share_directory": lambda package: repository, "said": said,
@@ -57,32 +31,40 @@ def functions(launch, repository) -> SimpleNamespace:
     return SimpleNamespace(**names)
 
 
-@pytest.mark.parametrize("argument, line", [
-    ("sketcher.nonsense", "sketcher has no parameter nonsense: it has sensor_file, sketch_size, "),
-    ("sketcher.sketchsize", "sketcher has no parameter sketchsize: did you mean sketch_size?"),
-    ("sketchr.sketch_size", "no argument sketchr.sketch_size: did you mean sketcher.sketch_size?")])
-def test_a_parameter_that_does_not_exist_is_refused(functions, argument, line):
-    with pytest.raises((ValueError, RuntimeError)) as refused:
-        functions.check_names({"photons": "", argument: "5"})
-    assert str(refused.value).startswith(line) and "\n" not in str(refused.value)
+def test_every_node_is_started_with_parameters_and_topics_that_it_has(launch):
+    specs = all_specs()
+    assert set(launch.NODES) == set(specs)
+    for name, parameters in launch.NODES.items():
+        assert set(parameters) <= {parameter.name for parameter in specs[name].table}
+    named = {*launch.ONLY_WITH.values(), *launch.TOPICS}.union(*(each.values() for each in launch.NODES.values()))
+    assert named <= set(launch.ARGUMENTS)
+    topics = {topic.name for spec in specs.values() for topic in (*spec.inputs, *spec.outputs)}
+    assert {"odom", "imu", "depth", "intensity"} < set(launch.TOPICS) <= topics
 
 
-def test_a_mistyped_argument_is_warned_of_and_those_of_an_including_file_are_left_alone(functions):
-    functions.check_names(dict.fromkeys([
+def test_a_parameter_that_does_not_exist_is_refused_and_a_mistyped_argument_warned_of(launch):
+    for argument, line in (
+            ("sketcher.nonsense", "sketcher has no parameter nonsense: it has sensor_file, sketch_size, "),
+            ("sketcher.sketchsize", "sketcher has no parameter sketchsize: did you mean sketch_size?"),
+            ("sketchr.sketch_size", "no argument sketchr.sketch_size: did you mean sketcher.sketch_size?")):
+        with pytest.raises((ValueError, RuntimeError)) as refused:
+            launch.check_names({"photons": "", argument: "5"})
+        assert str(refused.value).startswith(line) and "\n" not in str(refused.value)
+    launch.check_names(dict.fromkeys([      # those of an including file are left alone
         "fotons", "sketcher.sketch_size", "recorder.use_sim_time", "player.qos_overrides./x.publisher.depth", "map",
         "nav2.map", "params_file", "ros_namespace", "sketcher.start_type_description_service"], ""))
-    assert functions.said == ["no argument fotons: did you mean photons?"]
+    assert launch.said == ["no argument fotons: did you mean photons?"]
 
 
-def test_what_ends_is_started_again_or_ends_the_launch_or_is_the_recorder_and_given_up(functions):
+def test_what_ends_is_started_again_or_ends_the_launch_or_is_the_recorder_and_given_up(launch):
     def ended(name: str, code: int, is_shutdown: bool = False):
         event = SimpleNamespace(returncode=code, process_name=f"{name}-1", action=name)
-        return functions.ended(restarts, name, event, SimpleNamespace(is_shutdown=is_shutdown))
+        return launch.ended(restarts, name, event, SimpleNamespace(is_shutdown=is_shutdown))
 
     restarts = Restarts(["recorder", "sketcher", "player"])
     assert ended("player", 0) == "the player has ended" and ended("sketcher", 0, is_shutdown=True) is None
     assert [ended("recorder", -9) for _ in range(MOST_RESTARTS + 1)] == [*MOST_RESTARTS * [None], "no more recorder"]
-    assert functions.said == ["recorder: given up, nothing is recorded; points go on"]
+    assert launch.said == ["recorder: given up, nothing is recorded; points go on"]
     for name, code, is_shutdown in (("player", 0, False), ("sketcher", 0, True)):
         with pytest.raises(RuntimeError, match="the recorder was given up: the recording is not complete"):
             ended(name, code, is_shutdown)

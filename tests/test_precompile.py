@@ -1,12 +1,14 @@
 """What a node's frames run has been compiled by `precompile.everything`."""
 
+import io
 import subprocess
 import sys
 from collections.abc import Iterator
 
 import numpy as np
 
-from srt3d_ros import precompile
+from srt3d_ros import precompile, progress
+from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.motion.deskew import Deskewer
 from srt3d_ros.core.motion.trajectory import Pose, Trajectory
 from srt3d_ros.core.sensor.model import GateWords
@@ -62,3 +64,19 @@ def test_what_nodes_run_has_been_compiled_ahead(repository):
     ran, ahead = set(run.stdout.split()), set(precompile.names())
     assert {"search._search", "sketches._residual", "move_sketch._collect"} < ran <= ahead
     assert ahead == {name for name in KERNELS if not name.startswith(OTHER_METHODS)}
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_methods_on_photons_have_a_bar_on_a_terminal_if_they_take_long(monkeypatch):
+    reconstruct, said = METHODS["rt3d"].build(make_sensor(4, 5)), {}
+    for kind, delay_s in ((Terminal, 0.0), (Terminal, 60.0), (io.StringIO, 0.0)):
+        monkeypatch.setattr(progress, "DELAY_S", delay_s)
+        monkeypatch.setattr(sys, "stderr", kind())
+        reconstruct(simulate(np.full((4, 5), 200.0), 10, 20))
+        said[kind, delay_s] = sys.stderr.getvalue()
+    assert all(word in said[Terminal, 0.0] for word in ("correlating", "reconstructing"))
+    assert said[Terminal, 60.0] == said[io.StringIO, 0.0] == ""

@@ -170,10 +170,10 @@ class Machines(dict[str, Process]):
         self[name] = Process(self._command(machine, profile, node_command(name, **parameters)), log)
         return self[name]
 
-    def watch(self, topic: str, profile: str | None = None) -> "Watch":
+    def watch(self, topic: str) -> "Watch":
         """Start to collect, at the robot, the arrivals on a topic and the diagnostics of all nodes."""
         seen = Watch()
-        self["watch"] = Process(self._command(ROBOT, profile, watch_command(topic)), seen.on_line)
+        self["watch"] = Process(self._command(ROBOT, None, watch_command(topic)), seen.on_line)
         return seen
 
     def wait(self, condition: Callable[[], object], what: str, timeout_s: float = WAIT_S):

@@ -15,9 +15,10 @@ def given(args: argparse.Namespace, names: Iterable[str]) -> dict[str, object]:
     return {name: getattr(args, name) for name in names if getattr(args, name) is not None}
 
 
-VALUES = {"irf": "FILE", "axes": "A,B,C", "columns": "ROW,COL,TOA", "bin_width_s": "S", "fov_deg": "DEG",
-          "method": "NAME", "sketch_size": "M", "frequencies": "auto|consecutive|K1,K2,…", "surfaces": "K",
-          "gate": "FIRST-LAST|auto|off", "false_alarm_rate": "P"}
+VALUES = {"irf": "FILE", "array": "NAME", "mask": "auto|off", "axes": "A,B,C", "columns": "ROW,COL,TOA",
+          "bin_width_s": "S", "fov_deg": "DEG", "method": "NAME", "sketch_size": "M",
+          "frequencies": "auto|consecutive|K1,K2,…", "surfaces": "K", "gate": "FIRST-LAST|auto|off",
+          "false_alarm_rate": "P"}
 
 
 def number(text: str) -> int | float:
@@ -33,15 +34,18 @@ def add_options(parser: argparse.ArgumentParser | argparse._ArgumentGroup, optio
     for name, key in options.items():
         unit = f", {key.unit}econds" if key.unit == "s" else ""
         default = "" if key.default is None else f" (default: {key.default})"
+        if key.kinds == (bool,):
+            parser.add_argument(f"--{name.replace('_', '-')}", action="store_const", const=True, help=key.about)
+            continue
         parser.add_argument(f"--{name.replace('_', '-')}", type=number if {int, float} & {*key.kinds} else str,
                             metavar=VALUES.get(name, None if key.choices else "N"),
                             choices=None if name in VALUES else key.choices or None, help=key.about + unit + default)
 
 
-def add_photon_file(parser: argparse.ArgumentParser) -> None:
-    """Add INPUT and the options that choose its frame and describe its sensor."""
-    parser.add_argument("input", metavar="INPUT",
-                        help="photon file (.npz, .npy, .mat, .h5, .ptu, .sdt, a log of histograms: "
+def add_photon_file(parser: argparse.ArgumentParser, **several: str) -> None:
+    """Add INPUT, `several` of which nargs="+" allows, and the options that choose its frame and describe its sensor."""
+    parser.add_argument("input", metavar="INPUT", **several,
+                        help="photon file (.npz, .npy, .mat, .csv, .h5, .ptu, .phu, .sdt, .spc, a log of histograms: "
                              "docs/photon-file.md), bag (docs/bags.md), or: simulator")
     parser.add_argument("--frame", type=int, default=0, metavar="N",
                         help="number of the photon message in a bag, from 0 (default: 0)")

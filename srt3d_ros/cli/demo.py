@@ -1,9 +1,11 @@
-"""`srt3d demo`: run the whole pipeline on simulated or recorded photons and report the result; for `make demo`."""
+"""`srt3d demo`: run the whole pipeline on simulated photons and report the result; for `make demo`."""
 
 import argparse
 import importlib
 import json
 import math
+import os
+import shutil
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,8 +17,6 @@ from srt3d_ros.cli import health
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.datasets import read_photons
-from srt3d_ros.datasets.bags.bag import is_bag
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
 from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.simulation.room import Room
@@ -29,7 +29,7 @@ from srt3d_ros.processes.private_network import join_private_network
 RATE_HZ = 3.0                           # a third of what two idle cores can stream and record
 SCENE = {"ppp": 15.0, "sbr": 1.0, "seed": 1}
 # Largest depth error of a true detection; 40 mm as for the head in RT3D's paper.
-SIMULATED_TOLERANCE_M, MOVING_TOLERANCE_M, FILE_TOLERANCE_BINS = 0.04, 0.1, 10.0
+SIMULATED_TOLERANCE_M, MOVING_TOLERANCE_M = 0.04, 0.1
 JUDGED_FRAMES = 40                      # compared with the truth: more would take longer than the streaming
 RESULTS = RECORDING, PICTURE, SUMMARY, LOG_NAME = "recording.rrd", "cloud.png", "summary.json", "nodes.log"
 POLL_NODES_S = 0.1
@@ -48,7 +48,7 @@ class Played:
 
     title: str
     sensor: SensorModel
-    at: Callable[[float, float], tuple[PhotonEvents | None, np.ndarray | None]]
+    at: Callable[[float, float], tuple[PhotonEvents | None, np.ndarray]]
     tolerance_bins: float
     player: dict[str, object]
     sketcher: dict[str, object] = field(default_factory=dict)
@@ -56,13 +56,12 @@ class Played:
 
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
-        "demo", help="run the whole pipeline on this machine: a recording, a picture and a table",
-        description="Run player, sketcher, reconstructor and recorder as processes, stream a simulated moving scene or "
-                    "a photon file through them, and report the accuracy, the latency and the losses.")
-    add, source = parser.add_argument, parser.add_mutually_exclusive_group()
-    source.add_argument("--photons", metavar="FILE", help="photon file to stream instead of the simulated scene")
-    source.add_argument("--motion", choices=tuple(MOTIONS),
-                        help="simulate a sensor that moves through a room, and deskew its frames by odometry")
+        "demo",
+        description="Run player, sketcher, reconstructor and recorder as processes, stream a simulated moving scene "
+                    "through them, and report the accuracy, the latency and the losses.")
+    add = parser.add_argument
+    add("--motion", choices=tuple(MOTIONS),
+        help="simulate a sensor that moves through a room, and deskew its frames by odometry")
     add("--out", metavar="DIR", type=Path, default=Path("demo-out"),
         help="folder for the results (default: %(default)s)")
     add("--rate-hz", metavar="HZ", type=float, default=RATE_HZ,
@@ -76,10 +75,7 @@ def run(args: argparse.Namespace) -> int:
     require(1 <= round(min(args.duration_s * args.rate_hz, 1e6)) < 1e6, "--duration-s", args.duration_s,
             "time for 1 to 1e6 frames")
     importlib.import_module("rclpy")        # fails before anything is written if ROS 2 is not installed
-    if args.photons:
-        played = from_file(args.photons)
-    else:
-        played = _moving(args.motion) if args.motion else _simulated()
+    played = _moving(args.motion) if args.motion else _simulated()
     frames = round(args.duration_s * args.rate_hz)
     args.out.mkdir(parents=True, exist_ok=True)
     for name in RESULTS:        # results of an earlier run
@@ -109,17 +105,6 @@ def _moving(motion: str) -> Played:
                   lambda time_s, rate_hz: (None, sensor.depth_bins(view.at(time_s)[0][None])),
                   MOVING_TOLERANCE_M / sensor.bin_width_m, {"input": "simulator", "motion": motion, **SCENE},
                   {"motion": "odom", "packets_per_frame": PACKETS, "extrinsics": extrinsics()})
-
-
-def from_file(path: str) -> Played:
-    """The photons of a file, again and again."""
-    require(not is_bag(path), "--photons", path, "a photon file; srt3d up --input BAG --record FILE plays a bag")
-    photons = read_photons(path)
-    for note in photons.notes:
-        _say(f"note: {note}")
-    shown = photons.frame if isinstance(photons.frame, PhotonEvents) else None
-    return Played(photons.name, photons.sensor, lambda time_s, rate_hz: (shown, photons.reference_depth_bins),
-                  FILE_TOLERANCE_BINS, {"input": str(Path(path).absolute())})
 
 
 def _play(played: Played, frames: int, rate_hz: float, out: Path) -> tuple[int, str, int]:
@@ -160,24 +145,24 @@ def _report(played: Played, frames: int, rate_hz: float, out: Path, first_ns: in
     clouds = [cloud.placed(sensor) for cloud in recorded.reader.clouds(judged)]
     expected = [played.at((cloud.stamp_ns - first_ns) * 1e-9, rate_hz) for cloud in clouds]
     metrics = [evaluate(cloud, truth, played.tolerance_bins, sensor.num_bins)
-               for cloud, (_, truth) in zip(clouds, expected) if truth is not None]
+               for cloud, (_, truth) in zip(clouds, expected)]
     summary = summarise(recorded)
-    facts = {"source": played.title, "frames_sent": frames, "frames_lost": frames - summary["frames"]}
+    bin_mm = sensor.bin_width_m * 1e3
+    true, false, dae_bins = np.nanmean(
+        [(one.true_detections, one.false_detections, one.dae_bins) for one in metrics], axis=0)
+    facts = {"source": played.title, "frames_sent": frames, "frames_lost": frames - summary["frames"],
+             "frames_judged": len(metrics), "tolerance_mm": round(played.tolerance_bins * bin_mm, 2),
+             "true_detections_percent": round(100 * true, 2), "false_detections_percent": round(100 * false, 2),
+             "dae_bins": round(dae_bins, 3), "dae_mm": round(dae_bins * bin_mm, 3)}
     drawn = len(clouds) // 4        # when the simulated head looks towards the eye, and its nose hides nothing
     figures = {"photons per pixel": summary["ppp"]["median"], "points": len(clouds[drawn]),
-               "latency": f"{summary['latency_ms']['total']['p50']:.0f} ms"}
-    if metrics:
-        bin_mm = sensor.bin_width_m * 1e3
-        true, false, dae_bins = np.nanmean(
-            [(one.true_detections, one.false_detections, one.dae_bins) for one in metrics], axis=0)
-        facts |= {"frames_judged": len(metrics), "tolerance_mm": round(played.tolerance_bins * bin_mm, 2),
-                  "true_detections_percent": round(100 * true, 2), "false_detections_percent": round(100 * false, 2),
-                  "dae_bins": round(dae_bins, 3), "dae_mm": round(dae_bins * bin_mm, 3)}
-        figures["mean depth error"] = f"{facts['dae_mm']:.3g} mm"
+               "latency": f"{summary['latency_ms']['total']['p50']:.0f} ms",
+               "mean depth error": f"{facts['dae_mm']:.3g} mm"}
     draw_overview(out / PICTURE, clouds[drawn], expected[drawn][0], played.title, figures)
     (out / SUMMARY).write_text(json.dumps(summary | facts, indent=2) + "\n")
     _say("\n" + align([*rows(summary), *((name.replace("_", " "), str(value)) for name, value in facts.items())]))
-    _say(f"\n{out}/  {PICTURE}  {RECORDING} (open it with `rerun`)  {SUMMARY}  {LOG_NAME}")
+    viewer = "rerun" if shutil.which("rerun") else os.path.relpath(Path(sys.executable).with_name("rerun"))
+    _say(f"\n{out}/  {PICTURE}  {RECORDING}  {SUMMARY}  {LOG_NAME}\n{viewer} {out / RECORDING}   # shows the recording")
 
 
 def _say(text: str) -> None:

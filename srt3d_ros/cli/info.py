@@ -1,10 +1,11 @@
-"""`srt3d info`: print the content of a photon file in figures, or draw it."""
+"""`srt3d info`: print the content of photon files in figures, or draw one."""
 
 import argparse
+import sys
 from pathlib import Path
 
 from srt3d_ros.cli import common
-from srt3d_ros.errors import require
+from srt3d_ros.errors import BAD_INPUT, InvalidInput, require
 
 INFO_LINES = """\
 {rows} × {cols} pixels, T = {num_bins} bins of {bin_ps:.4g} ps: ranges from {nearest:.4g} to {farthest:.4g} m
@@ -15,10 +16,10 @@ suggested: gate {gate_words}, frequencies {frequency_words}: a sketch of {sketch
 
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
-        "info", help="print size, SBR and IRF of a photon file, and a suitable gate and frequencies",
-        description="Print size, photons per pixel, SBR, bins, range, IRF width and notes of a photon file, and a gate "
-                    "and frequencies that suit it.")
-    common.add_photon_file(parser)
+        "info",
+        description="Print size, photons per pixel, SBR, bins, range, IRF width and notes of photon files, and a gate "
+                    "and frequencies that suit each.")
+    common.add_photon_file(parser, nargs="+")
     parser.add_argument("--gate", default="off", metavar="FIRST-LAST",
                         help="use only the photons in bins FIRST to LAST (default: off)")
     parser.add_argument("-o", "--output", metavar="INFO.png", type=Path,
@@ -28,21 +29,40 @@ def add_parser(subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from srt3d_ros.core.sketching.gate import in_ranges
-    from srt3d_ros.datasets import read_photons
-    from srt3d_ros.datasets.description import describe
     from srt3d_ros.files.new_files import check_place
 
     if args.output is not None:
+        require(len(args.input) == 1, "output", problem="--output draws one file: give one INPUT.")
         require(args.output.suffix.lower() == ".png", "output", args.output.name, "a name that ends in .png")
         check_place(args.output)
-    photons = read_photons(args.input, args.frame, args.photons_topic, guess_irf=True, **common.overrides(args))
+    if len(args.input) == 1:
+        _print(args, *args.input)
+        return 0
+    code = 0
+    for path in args.input:
+        if not args.json:
+            print(f"\n{path}" if path is not args.input[0] else path, flush=True)
+        try:
+            _print(args, path)
+        except InvalidInput as error:
+            code = BAD_INPUT
+            print(f"srt3d: error: {error}", file=sys.stderr, flush=True)
+    return code
+
+
+def _print(args: argparse.Namespace, path: str) -> None:
+    """Print the figures of one file, or raise InvalidInput."""
+    from srt3d_ros.core.sketching.gate import in_ranges
+    from srt3d_ros.datasets import read_photons
+    from srt3d_ros.datasets.description import describe
+
+    photons = read_photons(path, args.frame, args.photons_topic, guess_irf=True, **common.overrides(args))
     found = describe(photons)
-    facts, gate = found.facts, found.gate
+    facts, gate = {"input": path} | found.facts, found.gate
     if args.output is not None:
         from srt3d_ros.pictures.figures import draw_histogram
 
-        draw_histogram(args.output, found.histogram, found.counts, photons.sensor, gate, Path(args.input).name)
+        draw_histogram(args.output, found.histogram, found.counts, photons.sensor, gate, Path(path).name)
         facts["output"] = str(args.output)
     if facts["sbr"] is None:
         sbr = "infinite"
@@ -52,6 +72,5 @@ def run(args: argparse.Namespace) -> int:
              "nearest": facts["range_m"][0], "farthest": facts["range_m"][1], "gate_words": in_ranges(gate),
              "frequency_words": ",".join(map(str, facts["frequencies"]))}
     if not args.json:
-        common.print_notes(photons.notes)
+        common.print_notes(facts["notes"])
     common.print_facts(args, facts, INFO_LINES.format(**facts, **words))
-    return 0

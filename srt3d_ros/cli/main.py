@@ -9,16 +9,26 @@ from collections.abc import Collection
 from srt3d_ros import __version__
 from srt3d_ros.errors import BAD_INPUT, InvalidInput, printable
 
-# Each has a module here with add_parser(subparsers), which sets run(args) -> int. `srt3d --help` imports all of them,
-# so slow packages (torch, ROS) are imported in run().
-COMMANDS = ("reconstruct", "info", "evaluate", "up", "health", "play", "node", "review", "demo", "compile")
-MODULES = {"play": "node"}      # modules that have another name than their command
+# What `srt3d --help` says of each. Its module here has add_parser(subparsers), which sets run(args) -> int; `srt3d
+# COMMAND --help` imports it, so slow packages (torch, ROS) are imported in run().
+COMMANDS = {
+    "reconstruct": "reconstruct a photon file or a frame of a bag and save the point cloud",
+    "info": "print size, SBR and IRF of photon files, and a suitable gate and frequencies",
+    "inspect": "draw one pixel of a photon file: its histogram, its points, and what they leave",
+    "evaluate": "compare the methods on simulated scenes or on photon files",
+    "up": "run the whole pipeline",
+    "health": "print the state of every node, from /diagnostics",
+    "node": "run one ROS 2 node, as `ros2 run srt3d_ros NAME` does",
+    "review": "print the figures of a recording and write a report with pictures and plots",
+    "demo": "run the whole pipeline on this machine: a recording, a picture and a table",
+    "compile": "compile the kernels of the default method ahead of the first start",
+}
 
 # The extra of this package that installs each optional package.
 EXTRAS = {"rclpy": "ros", "std_msgs": "ros", "diagnostic_msgs": "ros", "sensor_msgs": "ros", "nav_msgs": "ros",
           "rerun": "record", "pyarrow": "record", "matplotlib": "pictures", "PIL": "pictures",
           "jinja2": "review", "rosbags": "bags", "mcap": "bags", "torch": "gpu", "ptufile": "lab", "sdtfile": "lab",
-          "h5py": "lab", "distributed": "cluster"}
+          "h5py": "lab", "phconvert": "tttr", "laspy": "lab"}
 DRAWING = ("demo", "review")        # commands that need all of `review`, which includes `record`
 
 FAILED = 1
@@ -33,14 +43,17 @@ class OneLineParser(argparse.ArgumentParser):
         self.exit(BAD_INPUT, f"srt3d: error: {printable(message)} (see {self.prog} --help)\n")
 
 
-def parser(commands: tuple[str, ...]) -> argparse.ArgumentParser:
-    """The parser of `srt3d` with these sub-commands."""
+def parser(commands: Collection[str]) -> argparse.ArgumentParser:
+    """The parser of `srt3d` with the options of these sub-commands, and the names of all."""
     top = OneLineParser(prog="srt3d", description="3D point clouds from single-photon lidar.",
                         epilog="Try srt3d reconstruct simulator -o cloud.png, and srt3d COMMAND --help.")
     top.add_argument("--version", action="version", version=f"srt3d {__version__}")
     subparsers = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for module in dict.fromkeys(MODULES.get(name, name) for name in commands):
-        importlib.import_module(f"srt3d_ros.cli.{module}").add_parser(subparsers)
+    for name, about in COMMANDS.items():
+        if name in commands:
+            importlib.import_module(f"srt3d_ros.cli.{name}").add_parser(subparsers)
+        else:
+            subparsers.add_parser(name, help=about)
     return top
 
 
@@ -53,7 +66,7 @@ def main(argv: list[str] | None = None) -> int:
     argv, args = sys.argv[1:] if argv is None else argv, argparse.Namespace()
     named = argv[0] if argv and argv[0] in COMMANDS else ""
     try:
-        top = parser((named,) if named else COMMANDS)
+        top = parser((named,) if named else ())
         if not argv:
             top.print_help()
             return BAD_INPUT

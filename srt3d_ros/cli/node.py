@@ -1,7 +1,4 @@
-"""`srt3d node NAME`: run a node in this process; `srt3d play`: play a bag, or run the player with ordinary options.
-
-The executables in lib/srt3d_ros, which `ros2 run` starts, call `srt3d node`.
-"""
+"""`srt3d node NAME`: run a node in this process; the executables that `ros2 run` starts call it."""
 
 import argparse
 import importlib
@@ -11,16 +8,12 @@ import signal
 import sys
 import textwrap
 
-from srt3d_ros.errors import require
-from srt3d_ros.processes.node_command import NODES, PLAYER, namespace_arguments, parameter_arguments
-
-NO_PARAMETERS = ("run", "namespace", "remap")
-CLOCK_HZ = 40.0     # as of `ros2 bag play --clock`
+from srt3d_ros.processes.node_command import NODES
 
 
 def add_parser(subparsers) -> None:
     node = subparsers.add_parser(
-        "node", help="run one ROS 2 node, as `ros2 run srt3d_ros NAME` does",
+        "node",
         description="Run one node until Ctrl-C, as `ros2 run srt3d_ros NAME` does. NAME --help lists its parameters.",
         epilog="example: srt3d node sketcher --ros-args -p sketch_size:=5")
     node.add_argument("name", choices=NODES, metavar="NAME", help=", ".join(NODES))
@@ -29,28 +22,6 @@ def add_parser(subparsers) -> None:
     # REMAINDER also takes the --help after a name.
     node.set_defaults(run=lambda args: _help(args.name) if args.ros_args[:1] in (["-h"], ["--help"])
                       else start(args.name, args.ros_args))
-    parser = subparsers.add_parser(
-        "play", help="publish photons over ROS 2, from a photon file, a bag or the simulator",
-        description="Publish the photons of a file again and again, or those of the simulator's moving scene, as a "
-                    "sensor's driver does. Defaults: those of the player node. Of a bag, publish what the nodes of "
-                    "this package read (docs/bags.md).")
-    add = parser.add_argument
-    add("input", metavar="INPUT", help="photon file (docs/photon-file.md), bag, or: simulator")
-    add("--frames", type=int, metavar="N", help="stop after this number of frames")
-    add("--sensor-file", metavar="FILE", help="sensor description, for a photon file without a complete one: JSON as "
-        "on `sensor`, or another photon file")
-    add("--rate-hz", type=float, metavar="HZ", help="photon file and simulator: frames per second")
-    add("--motion", metavar="HOW",
-        help="walk: move the simulator's sensor and publish its pose on `odom` (docs/motion.md)")
-    add("--rate", type=float, metavar="X", help="bag: X times as fast as recorded (default: 1)")
-    add("--loop", action="store_true", default=None, help="bag: begin again at its end")
-    add("--start-offset", type=float, metavar="S", help="bag: begin S seconds after its first message")
-    add("--clock", type=float, nargs="?", const=CLOCK_HZ, metavar="HZ",
-        help=f"bag: publish its time on /clock (default: at {CLOCK_HZ:g} Hz)")
-    add("--namespace", metavar="NS", help="namespace of the node and its topics; a bag's photons leave theirs")
-    add("-r", dest="remap", metavar="TOPIC:=NAME", action="append", default=[],
-        help="rename a topic; may be repeated")
-    parser.set_defaults(run=_play)
 
 
 def _help(name: str) -> int:
@@ -65,15 +36,6 @@ def _help(name: str) -> int:
         print(f"\n  {one.name}:={json.dumps(one.default)}  ({expected})")
         print(textwrap.indent(textwrap.fill(one.description, 100), 6 * " "))
     return 0
-
-
-def _play(args: argparse.Namespace) -> int:
-    given = {key: value for key, value in vars(args).items() if value is not None and key not in NO_PARAMETERS}
-    names = namespace_arguments(args.namespace) if args.namespace else []
-    for rule in args.remap:
-        require(all(rule.partition(":=")), "-r", rule, "TOPIC:=NAME")
-        names += ["-r", rule]
-    return start(PLAYER, [*parameter_arguments(given), *names])
 
 
 def start(name: str, ros_args: list[str]) -> int:

@@ -17,14 +17,14 @@ OPTIONS = design.OPTIONS | keys(MethodOptions) | {
 
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
-        "reconstruct", help="reconstruct a photon file or a frame of a bag and save the point cloud",
+        "reconstruct",
         description="Sketch the photons of a file, reconstruct them and save the cloud. Some published .mat files lack "
                     "bin width, IRF or gate: give them as options.",
         epilog="Methods. " + " ".join(f"{method.name}: {method.about}." for method in METHODS.values())
                + " Details: docs/algorithm.md.")
     parser.add_argument("-o", "--output", "--out", metavar="OUT", required=True,
-                        help="cloud file: .npz (everything), .ply, .pcd, .csv, .tif (depths), .rrd; or a picture: "
-                             ".png, .jpg; with --frames, a folder")
+                        help="cloud file: .npz (everything), .ply, .pcd, .las, .csv, .tif (depths), .html (turns in "
+                             "a browser); or a picture: .png, .jpg; with --frames, a folder")
     common.add_options(parser, OPTIONS)
     parser.set_defaults(gate=OFF)
     many = parser.add_argument_group("many frames")
@@ -32,9 +32,6 @@ def add_parser(subparsers) -> None:
                       help="reconstruct each of these frames of a bag or log into a file of its own in the folder OUT; "
                            "keep the files that are there, so that the command goes on where it stopped")
     many.add_argument("--format", default=NPZ, metavar="SUFFIX", help="suffix of these files (default: npz)")
-    many.add_argument("--jobs", type=int, metavar="N", help="processes, which share the cores (default: one per core)")
-    many.add_argument("--dask", default="", metavar="ADDRESS",
-                      help="compute on the workers of a Dask scheduler such as tcp://HOST:8786")
     common.add_json(parser)
     common.add_photon_file(parser)
     parser.set_defaults(run=run)
@@ -51,8 +48,7 @@ def run(args: argparse.Namespace) -> int:
         options["gate"] = OFF           # `common.overrides` has it
     if args.frames is not None:
         return frames.run(args, options)
-    for name, given in (("--format", args.format != NPZ), ("--jobs", args.jobs), ("--dask", args.dask)):
-        require(not given, name, problem=f"{name} needs --frames.")
+    require(args.format == NPZ, "--format", problem="--format needs --frames.")
     check_not_input(args.output, args.input, args.irf, args.sensor_file)
     cloud_files.check(args.output)
     seen = api.read(args.input, args.frame, photons_topic=args.photons_topic, **common.overrides(args))

@@ -10,7 +10,7 @@ from srt3d_ros.errors import require
 
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
-        "review", help="print the figures of a recording and write a report with pictures and plots",
+        "review",
         description="Print the figures of a recording (.rrd) and write a report with pictures and plots that opens in "
                     "any browser.")
     parser.add_argument("recording", metavar="RECORDING", type=Path, help="the .rrd file")

@@ -21,10 +21,13 @@ NEAR = 2                # pixels within which a point ends a claim: outlines of 
 QUANTILE = 1.645        # σ by which the expected score exceeds the start's, to reach it in 95 of 100 frames
 SIZE = 5                # pixels along the side of the object that r_min is for
 SIGMAS = 1.0, 3.0       # pixels, of the means of photons; the larger counts, because bright things beside hide dim ones
+BOX = 7                 # pixels along the side
 NEAREST_M = 0.3         # beginning of the period or gate, above which the space before it is unseen
 NOISE = 1.3             # of photons as large as their number; more, if background was subtracted from that
-SAMPLE = 2000           # pairs of pixels that tell
-HALVINGS = 14           # of an interval of ranges: a claim is too short by far / 2¹⁴ at most
+SAMPLE = 500            # pairs of pixels that tell
+STEPS_PER_NAT = 128     # of the table of r_min: claims are at most 0.4 % too short
+NATS = -14, 22          # logarithms of the fewest and of the most photons in a pixel
+HALVINGS = 7            # of the interval of ranges that pile-up leaves
 
 
 class FreeSpace:
@@ -39,9 +42,10 @@ class FreeSpace:
 
         self._filters, self._sensor = ndimage, sensor
         used = self._used = sensor.used.astype(np.float32)
-        self._seen = [np.maximum(ndimage.gaussian_filter(used, sigma), EPSILON) for sigma in SIGMAS]
-        self._share = np.minimum(ndimage.gaussian_filter(sensor.exposure, SIGMAS[0]), sensor.exposure)
-        self._photons, self._least = least_intensities(Matcher(sensor, frequencies))
+        self._seen = [np.maximum(share, EPSILON) for share in self._means(used)]
+        share = np.minimum(ndimage.gaussian_filter(sensor.exposure, SIGMAS[0]), sensor.exposure)
+        self._share = np.maximum(share, EPSILON)
+        self._least = least_intensities(Matcher(sensor, frequencies))
         bins, (first, last) = sensor.histograms, (0.0, float(sensor.num_bins))
         if bins is not None:
             first, last = bins.first_bin, min(bins.first_bin + bins.num_bins * bins.bin_width, last)
@@ -76,18 +80,12 @@ class FreeSpace:
         open_ = np.isinf(nearest) & self._sensor.used
         if not self._sees_near or _is_subtracted(sketch, open_):
             return free
-        most = self._most_photons(sketch.photons)[open_]
-        seen = MARGIN * self._least_intensity(most, float(cloud.clutter or 1)) / self._share[open_]
-        end = self.end_m(max_range_m)
-        if sketch.cycles:
-            cycles = np.maximum(sketch.armed_cycles[open_] - self._sensor.dead_time.cycles * most, EPSILON)
-            light, late = brightness * cycles / sketch.cycles, self._sensor.late[open_]
-            claim = self._piled_up(seen, light, self._sensor.exposure[open_], cycles, most, late, end)
-        else:
-            claim = np.minimum(np.sqrt(brightness / seen), end)
-        claim = np.minimum(claim, self._filters.minimum_filter(nearest, 2 * NEAR + 1, mode="nearest")[open_])
-        free[open_] = np.where(claim > self._begin_m, claim, np.nan)
-        return free
+        most, end_m = self._most_photons(sketch.photons), self.end_m(max_range_m)
+        least = MARGIN * self._least_intensity(most, cloud.clutter or 1.0) / self._share
+        claim = (self._piled_up(least, brightness, sketch, most, end_m) if sketch.cycles
+                 else np.minimum(np.sqrt(np.float32(brightness) / least), end_m))
+        claim = np.minimum(claim, self._filters.minimum_filter(nearest, 2 * NEAR + 1, mode="nearest"))
+        return np.where(open_ & (claim > self._begin_m), claim, free)
 
     def end_m(self, max_range_m: float = 0.0) -> np.float32:
         """The end of the longest claims, metres."""
@@ -101,38 +99,50 @@ class FreeSpace:
 
     def _most_photons(self, photons: np.ndarray) -> np.ndarray:
         """Photons of a pixel, of all kinds: the largest local mean plus two standard deviations; float32."""
-        photons, most = photons.astype(np.float32) * self._used, np.zeros(photons.shape, np.float32)
-        for sigma, seen in zip(SIGMAS, self._seen):
-            area = np.float32(4 * np.pi * sigma**2)         # pixels that count in the mean
-            n = self._filters.gaussian_filter(photons, sigma) / seen
-            np.maximum(most, n + 2 * np.sqrt(n / area) + 1 / area, out=most)
-        return most
+        most = []
+        for sigma, mean, seen in zip(SIGMAS, self._means(photons.astype(np.float32) * self._used), self._seen):
+            area, n = np.float32(4 * np.pi * sigma**2), np.maximum(mean, 0) / seen      # area: pixels in the mean
+            most.append(n + 2 * np.sqrt(n / area) + 1 / area)
+        return np.maximum(*most)
+
+    def _means(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Means by SIGMAS around each pixel; two boxes, of variance 4 each, make the second of the first."""
+        near = self._filters.gaussian_filter(values, SIGMAS[0])
+        return near, self._filters.uniform_filter(self._filters.uniform_filter(near, BOX), BOX)
 
     def _least_intensity(self, photons: np.ndarray, clutter: float) -> np.ndarray:
         """r_min(n, c) = c² r_min(n / c², 1): clutter c lowers scores c times; at a given r / n they grow with √n."""
-        curve = np.interp(np.log(photons / clutter**2), self._photons, self._least)
-        return clutter**2 * np.exp(curve)
+        place = (np.log(photons / np.float32(clutter**2)) - NATS[0]) * STEPS_PER_NAT + 1        # the next larger
+        return np.float32(clutter**2) * self._least[np.clip(place, 0, len(self._least) - 1).astype(np.int32)]
 
-    def _piled_up(self, least: np.ndarray, brightness: np.ndarray, g: np.ndarray, cycles: np.ndarray,
-                  photons: np.ndarray, late: np.ndarray, end_m: np.float32) -> np.ndarray:
+    def _piled_up(self, least: np.ndarray, brightness: float, sketch: PhaseSums, photons: np.ndarray,
+                  end_m: np.float32) -> np.ndarray:
         """The largest R with S(R) N (1 − exp(−A g / (N R²))) / g ≥ least; S = exp(−Λ t(R) / T), Λ by `pile_up`.
 
-        After a long dead time, `cycles` are without those that the photons cost, and S = 1.
+        S(R) of a range tells a range that is seen: one that is too near if R is too far, and the other way round.
+        After a long dead time, N is without the cycles that photons cost, and S = 1.
         """
-        bins, decays = self._sensor.num_bins, float(self._sensor.dead_time.periods == 0)
-        flux = -np.log1p(-np.minimum(photons / (cycles + 0.5), 1 - EPSILON))
-        low, high, middle = np.zeros_like(least), np.full_like(least, end_m), np.full_like(least, end_m)
-        for _ in range(1 + HALVINGS):           # the end first
-            time = np.clip((self._sensor.depth_bins(middle) + late) / bins, 0, decays)
-            shown = -cycles * np.expm1(-brightness * g / (cycles * middle**2)) * np.exp(-flux * time) / g
-            seen = shown >= least
-            low, high = np.where(seen, middle, low), np.where(seen, high, middle)
+        sensor, g = self._sensor, np.maximum(self._sensor.exposure, EPSILON)
+        cycles = np.maximum(sketch.armed_cycles - sensor.dead_time.cycles * photons, EPSILON).astype(np.float32)
+        flux = -np.log1p(-np.minimum(photons / (cycles + 0.5), 1 - EPSILON)) * (sensor.dead_time.periods == 0)
+        light, least = np.float32(brightness / sketch.cycles) * g, least * g / cycles
+
+        def seen_to(range_m: np.ndarray) -> np.ndarray:
+            time = np.clip((sensor.depth_bins(range_m) + sensor.late) / sensor.num_bins, 0, 1)
+            with np.errstate(divide="ignore"):      # never seen: 0 m
+                return np.sqrt(light / -np.log1p(-np.minimum(least * np.exp(flux * time), 1)))
+
+        high = np.full_like(least, end_m)
+        low = np.minimum(seen_to(high), high)
+        for _ in range(HALVINGS):
             middle = (low + high) / 2
+            other = seen_to(middle)
+            low, high = np.maximum(low, np.minimum(middle, other)), np.minimum(high, np.maximum(middle, other))
         return low
 
 
-def least_intensities(matcher: Matcher) -> tuple[np.ndarray, np.ndarray]:
-    """r_min by the background photons b of a pixel: logarithms of b, growing, and of r_min.
+def least_intensities(matcher: Matcher) -> np.ndarray:
+    """r_min of b = exp(NATS[0]), … exp(NATS[1]) background photons a pixel, in steps of 1 / STEPS_PER_NAT; float32.
 
     The search's window w of σ = 1 pixel lies on an object of 5 × 5 pixels with r signal photons each. It has
     N = b Σw² + r Σ_object w² and, w being Gaussian, p = 2 N; V = r E Σ_object w. With u = V / p the score is
@@ -148,7 +158,8 @@ def least_intensities(matcher: Matcher) -> tuple[np.ndarray, np.ndarray]:
     rho = np.interp(u * (len(table) - 1), np.arange(len(table)), table)
     n = ((START_SCORE + QUANTILE) / (2 * rho))**2
     r = 2 * n * u * response / (on * energy)
-    return np.log((n - squares * r) / full)[::-1], np.log(r)[::-1]
+    nats = np.arange(NATS[0] * STEPS_PER_NAT, NATS[1] * STEPS_PER_NAT + 1) / STEPS_PER_NAT
+    return np.exp(np.interp(nats, np.log((n - squares * r) / full)[::-1], np.log(r)[::-1])).astype(np.float32)
 
 
 def _is_subtracted(sketch: PhaseSums, quiet: np.ndarray) -> bool:
@@ -156,9 +167,9 @@ def _is_subtracted(sketch: PhaseSums, quiet: np.ndarray) -> bool:
 
     The sums of quiet neighbours differ by the noise of their photons, |difference|² = n₁ + n₂ on average.
     """
-    some = slice(None, None, max(quiet.size // SAMPLE, 1))          # rows
-    photons, sums, quiet = sketch.photons[some].astype(np.float32), sketch.sums[some], quiet[some]
-    pairs = photons[:, 1:] + photons[:, :-1]
-    told = quiet[:, 1:] & quiet[:, :-1] & (pairs > 0)
-    noise = (np.abs(sums[:, 1:][told] - sums[:, :-1][told])**2).mean(axis=1) / pairs[told]
-    return len(noise) == 0 or bool(np.median(noise) > NOISE)
+    photons, sums, quiet = sketch.photons.ravel().astype(np.float32), sketch.sums.reshape(quiet.size, -1), quiet.ravel()
+    pairs = photons[1:] + photons[:-1]
+    at = np.flatnonzero(quiet[1:] & quiet[:-1] & (pairs > 0))
+    at = at[::len(at) // SAMPLE + 1]
+    noise = (np.abs(sums[at + 1] - sums[at])**2).mean(axis=1) / pairs[at]
+    return len(at) == 0 or bool(np.median(noise) > NOISE)

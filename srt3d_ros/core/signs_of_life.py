@@ -3,9 +3,9 @@
 A pixel without photons would claim the most. But it may be dead, the lens covered, or the laser off.
 """
 
+import math
 from collections import deque
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,37 +14,24 @@ from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sums import PhaseSums
+from srt3d_ros.kernels.constants import EPSILON
 
 SIGNS = 12              # photons that show that a neighbourhood works
-MEMORY_NS = 3_000_000_000       # in which they have to come
-SLOT_NS = 100_000_000   # frames nearer in time than this are kept as one, to bound memory
-EXPECTED = 24           # photons that tell a fall of the background to a quarter from chance
-FALL = 0.25             # of the background: pixels that surely (2 σ) saw less may have died
+MEMORY_S = 3.0          # mean age of the photons that count; a longer pause begins a new stream
 HALF_LIFE_S = 10.0      # of the memory of how bright the background was
-LOOKBACKS = 1, 3, 6, 11     # slots, and all; the dimmer, the more are needed to tell a fall
+DIM, DEAD = 0.5, 0.1    # shares of the usual background: light that has halved is told from pixels that died …
+SURE = 7.0              # … with this log-likelihood ratio: e⁻⁷ = 0.1 % of the halved would be taken for dead
 CLOUDS = 10             # whose median number of pixels with a point shows that the laser is on …
 OVER_CHANCE = 5         # … if it is so many times that of the false points that are accepted
 SIDES = NARROW, WIDE = 3, 5     # pixels, of squares: dead columns show in the narrow one, dim light in the wide one
 
 
-class Slot(NamedTuple):
-    """Sums over the frames of 0.1 s.
-
-    Args:
-        stamp_ns: of the first of them.
-        sums: float32 [4, rows, cols]: photons; frames in which no point was near; photons around it in these, by SIDES.
-    """
-
-    stamp_ns: int
-    sums: np.ndarray
-
-
 class SignsOfLife:
-    """Tells which pixels of a stream are known to work, from its frames of the last 3 s.
+    """Tells which pixels of a stream are known to work, from its frames of about the last 3 s.
 
     It needs 12 photons in 3 × 3 pixels; 12 in 5 × 5 since the last point near it went; and a background, in 3 × 3 and
-    5 × 5, of a quarter of what it was or more. All need more pixels with a point than false alarms explain: without
-    these, the laser may be off.
+    5 × 5 pixels, its row and its column, that has not fallen to a tenth. All need more pixels with a point than false
+    alarms explain: without these, the laser may be off.
     """
 
     def __init__(self):
@@ -55,9 +42,10 @@ class SignsOfLife:
 
     def forget(self) -> None:
         """Begin the next frame as if it were the first."""
-        self._slots: deque[Slot] = deque()
         self._points: deque[int] = deque(maxlen=CLOUDS)
-        self._last_ns = 0
+        self._last_ns, self._since = 0, np.float32(0)
+        self._sums, self._usual = np.zeros((4, 1, 1), np.float32), np.zeros((2, 1, 1), np.float32)
+        self._evidence = [np.zeros((2, 1, 1), np.float32), np.float32(0), np.float32(0)]    # squares, rows, columns
 
     def __call__(self, stamp_ns: int, photons: np.ndarray, has_point: np.ndarray, least_points: float) -> np.ndarray:
         """Which pixels are known to work after this frame, bool [rows, cols].
@@ -69,61 +57,50 @@ class SignsOfLife:
             has_point: bool [rows, cols].
             least_points: pixels with a point, which their median of ten frames has to exceed.
         """
-        step_ns = stamp_ns - self._last_ns
-        if not 0 < step_ns <= MEMORY_NS:
+        step_s = (stamp_ns - self._last_ns) * 1e-9
+        if not 0 < step_s <= MEMORY_S:
             self.forget()
-        if not self._slots:
-            step_ns, self._since, self._usual = 0, np.zeros(photons.shape, np.float32), np.zeros((2, 1, 1), np.float32)
-            self._total = np.zeros((4, *photons.shape), np.float32)         # of all slots; whole numbers: no drift
         self._last_ns = stamp_ns
-        quiet = ~self._near(has_point, 2 * NEAR + 1)
-        self._add(stamp_ns, photons.astype(np.float32), quiet)
         self._points.append(int(has_point.sum()))
-        signs, fell = self._fallen(0.5**(step_ns * 1e-9 / HALF_LIFE_S))
-        dead = self._near(fell | quiet & (self._since < SIGNS), WIDE)
-        dead |= self._near(self._box(signs, NARROW) < SIGNS, NARROW)
+        quiet = ~self._near(has_point, 2 * NEAR + 1)
+        around = np.stack([self._box(photons, side) for side in SIDES])
+        dark = around * quiet
+        fallen = self._fallen(photons, dark, quiet)
+        self._since = (self._since + around[1]) * quiet
+        self._sums = np.stack([around[0], quiet, *dark]) + np.float32(math.exp(-step_s / MEMORY_S)) * self._sums
+        recent, frames, light = self._sums[0], self._sums[1], self._sums[2:]
+        now = np.where(light >= SIGNS, light / np.maximum(frames, EPSILON), 0)
+        self._usual = np.maximum(self._usual * np.float32(0.5**(step_s / HALF_LIFE_S)), now)
+        dead = self._near(fallen | quiet & (self._since < SIGNS), WIDE) | self._near(recent < SIGNS, NARROW)
         return ~dead & (np.median(self._points) > least_points)
 
-    def _add(self, stamp_ns: int, photons: np.ndarray, quiet: np.ndarray) -> None:
-        """Take a frame into the newest slot, or a new one; end those that are older than 3 s."""
-        around = [self._box(photons, side) * quiet for side in SIDES]
-        self._since = (self._since + around[-1]) * quiet
-        sums = np.stack([photons, quiet, *around], dtype=np.float32)
-        while self._slots and stamp_ns - self._slots[-1].stamp_ns >= MEMORY_NS:
-            self._total -= self._slots.pop().sums
-        self._total += sums
-        if self._slots and stamp_ns - self._slots[0].stamp_ns < SLOT_NS:
-            begin_ns, before = self._slots.popleft()
-            self._slots.appendleft(Slot(begin_ns, before + sums))
-        else:
-            self._slots.appendleft(Slot(stamp_ns, sums))
+    def _fallen(self, photons: np.ndarray, dark: np.ndarray, quiet: np.ndarray) -> np.ndarray:
+        """Where the background has fallen, by E. S. Page's sequential test (Biometrika 41, 1954); bool [rows, cols].
 
-    def _fallen(self, fading: float) -> tuple[np.ndarray, np.ndarray]:
-        """Photons of the last 3 s; and where the background around has fallen below a quarter of the usual."""
-        part, fell = np.zeros_like(self._total[1:]), np.zeros(self._total.shape[1:], bool)
-        self._usual *= fading
-        for back, slot in zip(range(1, LOOKBACKS[-1] + 1), self._slots):
-            part += slot.sums[1:]
-            if back in LOOKBACKS:
-                fell |= self._less(part)
-        fell |= self._less(self._total[1:])
-        now = np.where(self._total[2:] >= SIGNS, self._total[2:] / np.maximum(self._total[1], 1), 0)
-        self._usual = np.maximum(now, self._usual)
-        return self._total[0], fell
-
-    def _less(self, part: np.ndarray) -> np.ndarray:
-        """Where surely (2 σ) less than a quarter of the usual photons came in frames whose sums[1:] are `part`."""
-        expected = part[0] * self._usual
-        less = (expected >= EXPECTED) & (part[1:] + 2 * np.sqrt(part[1:]) < FALL * expected)
-        return less[0] | less[1]
+        Args:
+            dark: photons around quiet pixels, by SIDES.
+            quiet: pixels without a point near.
+        """
+        usual = self._usual * quiet
+        own = _evidence(usual[1] / WIDE**2, photons * quiet)
+        added = _evidence(usual, dark), own.sum(axis=1, keepdims=True), own.sum(axis=0)
+        self._evidence = [np.clip(before + more, 0, 2 * SURE) for before, more in zip(self._evidence, added)]
+        squares, rows, cols = (each > SURE for each in self._evidence)
+        return squares.any(axis=0) | rows | cols
 
     def _near(self, where: np.ndarray, side: int) -> np.ndarray:
         """Where any pixel of a square around is true, bool."""
-        return np.asarray(self._filters.maximum_filter(where, side), bool)
+        return np.asarray(self._filters.maximum_filter(where, side), bool) if where.any() else where
 
-    def _box(self, values: np.ndarray, side: int) -> np.ndarray:
-        """Sums of whole numbers over squares of pixels; 0 beyond the image."""
-        return np.rint(self._filters.uniform_filter(values, side, mode="constant") * np.float32(side**2))
+    def _box(self, photons: np.ndarray, side: int) -> np.ndarray:
+        """Sums over squares of pixels, whole numbers, float32; 0 beyond the image."""
+        mean = self._filters.uniform_filter(photons.astype(np.float32), side, mode="constant")
+        return np.rint(mean * np.float32(side**2))
+
+
+def _evidence(usual: np.ndarray, photons: np.ndarray) -> np.ndarray:
+    """Logarithm of how much likelier so many photons are of a background that died than of one that halved."""
+    return np.float32(DIM - DEAD) * usual - np.float32(math.log(DIM / DEAD)) * photons
 
 
 class FreeSpaceStream:

@@ -1,147 +1,17 @@
-"""Read photon files, published data, bags and the simulator: all give a `Reading`, a frame with its sensor."""
+"""Photon files, published data, bags and the simulator: what `sources` has, imported when it is first asked for."""
 
-import re
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
-from pathlib import Path
-from typing import Any, Unpack
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
-from srt3d_ros.core.sketching.sums import PhaseSums
-from srt3d_ros.datasets.bags import frames as bag_frames
-from srt3d_ros.datasets.bags.bag import Bag, is_bag
-from srt3d_ros.datasets.options import Options, SensorOptions, gathered
-from srt3d_ros.datasets.readers import cubes, hdf5, mat, npz, tcspc, tmf8829
-from srt3d_ros.datasets.reading import Reading
-from srt3d_ros.datasets.simulation.simulator import Simulator
-from srt3d_ros.errors import InvalidInput, quoted, require
-from srt3d_ros.files import json_text
-from srt3d_ros.files.array_files import read_errors, require_file
-from srt3d_ros.files.new_files import file_errors
-from srt3d_ros.messages import sensor_message
+if TYPE_CHECKING:
+    from srt3d_ros.datasets.sources import *
 
-__all__ = ["SIMULATOR", "Reading", "frame_loaders", "frame_numbers", "open_sensor", "read", "read_photons"]
-
-SIMULATOR = "simulator"     # in place of a path
-# Functions by suffix, of path and options (options.gathered). They raise InvalidInput, naming the file and what in it
-# cannot be used. Those of LOGS yield a function for each frame that reads it.
-FILE_READERS = {".npz": npz.read, ".mat": mat.read, ".ptu": tcspc.read_ptu, ".sdt": tcspc.read_sdt, ".npy": cubes.read,
-                ".h5": hdf5.read, ".hdf5": hdf5.read, ".hdf": hdf5.read}
-LOGS = {".json": tmf8829.frames, ".gz": tmf8829.frames}
-MOST_FRAMES = 10**7         # at once: their numbers take 0.4 GB
+__all__ = ["CONVERTERS", "FILE_READERS", "SIMULATOR", "Reading", "frame_loaders", "frame_numbers", "open_sensor",
+           "read", "read_photons"]
 
 
-def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: SensorModel | None = None,
-         guess_irf: bool = False, **options: Unpack[SensorOptions]) -> Reading:
-    """Photons of a file, photons or a sketch of a frame of a bag, or what `save` wrote.
-
-    Args:
-        path: or "simulator" for its moving head.
-        guess_irf: if the file has no IRF and none can be estimated, use one bin instead of raising InvalidInput.
-        frame, photons_topic, sensor, options: as for `srt3d_ros.read`.
-
-    Raises:
-        InvalidInput: one line that names the file and field that cannot be used.
-    """
-    require(isinstance(frame, int), "frame", quoted(frame), "an integer")
-    if str(path) == SIMULATOR:
-        return _simulated(frame, sensor, gathered(options))
-    path = Path(path)
-    with file_errors("photon file", path, "read"):
-        chosen = gathered(options, sensor, guess_irf)
-        if path.suffix.lower() not in (suffixes := FILE_READERS | LOGS):
-            require(is_bag(path) or path.exists(), "photon file", problem=f"{path}: no such file.")
-            require(is_bag(path), "photon file", str(path), f"a file that ends in {', '.join(suffixes)}, or a bag")
-            return bag_frames.read_frame(path, frame, chosen, photons_topic)
-        require(not photons_topic, "photons_topic", problem="Only bags have topics.")
-        require_file(path, "photon file")
-        return _of_file(path, frame, chosen)
-
-
-def read_photons(path: str | Path, *arguments: Any, **options: Any) -> Reading:
-    """`read`, for those that need photons: InvalidInput for a sketch or a cloud."""
-    reading = read(path, *arguments, **options)
-    what = "sketch" if isinstance(reading.frame, PhaseSums) else "cloud"
-    require(isinstance(reading.frame, PhotonEvents | PhotonHistograms), "photon file",
-            problem=f"{path} holds a {what}, no photons.")
-    return reading
-
-
-def _of_file(path: Path, frame: int, options: Options) -> Reading:
-    """Frame `frame` of a file; InvalidInput if it has fewer."""
-    require(frame >= 0, "frame", frame, "0 or more")
-    suffix, count = path.suffix.lower(), 0
-    if suffix in FILE_READERS:
-        require(frame == 0, "frame", frame, f"0, the only frame of {path.name}")
-        return FILE_READERS[suffix](path, options)
-    for count, load in enumerate(LOGS[suffix](path, options), start=1):
-        if count > frame:
-            return load()
-    raise InvalidInput("frame", problem=f"{path.name} has no frame {frame} (it has {count}).")
-
-
-def _simulated(frame: int, sensor: SensorModel | None, options: Options) -> Reading:
-    """A frame of the head with its true depths, as this sensor sees it: 10 photons a pixel, half of them background."""
-    require(frame >= 0, "frame", frame, "0 or more")
-    simulator = Simulator(sensor=sensor)
-    events, depth_bins = simulator.frame(frame)
-    return Reading(simulator.sensor, events, depth_bins, SIMULATOR).with_options(options)
-
-
-def frame_numbers(path: str | Path, wanted: str, photons_topic: str = "") -> range:
-    """The frames of a file, bag or log that `wanted` names: "all", or the first and the last one such as "0-99".
-
-    Raises:
-        InvalidInput: it has no such frames, or cannot be read; or all are wanted of the simulator, which has no end.
-    """
-    ends = re.fullmatch(r"(\d{1,9})[-:](\d{1,9})", wanted)
-    require(ends or wanted == "all", "--frames", wanted, "all, or first and last frame such as 0-99")
-    if str(path) == SIMULATOR:
-        require(ends, "--frames", wanted, f"first and last frame such as 0-99: {path} has no end")
-        count = 10**9       # frame numbers of nine digits
-    elif is_bag(path):
-        with Bag(path) as bag:
-            count = bag_frames.find_photons(bag, photons_topic).frames.messages
-    else:
-        require_file(Path(path), "photon file")
-        log = LOGS.get(Path(path).suffix.lower())
-        count = sum(1 for _ in log(Path(path), Options())) if log else 1
-    first, last = map(int, ends.groups()) if ends else (0, count - 1)
-    require(last - first < MOST_FRAMES, "--frames", problem=f"Give at most {MOST_FRAMES:,} frames at once.")
-    fits = first <= last < count
-    require(fits, "--frames", problem=f"{path} has no frames {first} to {last} (it has {count:,}).")
-    return range(first, last + 1)
-
-
-def frame_loaders(path: str | Path, numbers: Sequence[int], photons_topic: str = "", *,
-                  sensor: SensorModel | None = None, **options: Any) -> Iterator[tuple[int, Callable[[], Reading]]]:
-    """Yield each of the numbers, which ascend, and a function that gives what `read` gives for this frame, in one pass.
-
-    The functions can be pickled. Arguments and errors as for `read`; a function raises what is wrong with its frame.
-    """
-    suffix = Path(path).suffix.lower()
-    if str(path) != SIMULATOR and is_bag(path):
-        yield from bag_frames.frames(path, numbers, gathered(options, sensor), photons_topic)
-    elif suffix in LOGS:
-        wanted = set(numbers)
-        yield from (one for one in enumerate(LOGS[suffix](Path(path), gathered(options, sensor))) if one[0] in wanted)
-    else:
-        for number in numbers:
-            yield number, partial(read, path, number, photons_topic, sensor=sensor, **options)
-
-
-def open_sensor(path: str | Path) -> SensorModel:
-    """The sensor from a .json file, in the format of the `sensor` topic (config/sensors/), or from what `read` takes.
-
-    Raises:
-        InvalidInput: one line that names the file and field that cannot be used.
-    """
-    path = Path(path)
-    if path.suffix.lower() != ".json":
-        return read(path).sensor
-    require_file(path, "sensor file")
-    with read_errors(path, "JSON in UTF-8"):
-        size = path.stat().st_size
-        require(size <= json_text.MAX_JSON_BYTES, "", f"{size} bytes", f"at most {json_text.MAX_JSON_BYTES} bytes")
-        return sensor_message.from_json(path.read_text(encoding="utf-8-sig"))
+def __getattr__(name: str) -> Any:
+    """The command line shows options without the readers: these take as long to import as NumPy."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.sources"), name)

@@ -6,18 +6,20 @@ from typing import Any
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching import plausibility
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
+from srt3d_ros.datasets import axes
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.options import (
     ASSUMED_FOV,
     ASSUMED_WIDTH,
     BIN_OF_ONE_METRE_S,
+    HALF_BIN_M,
     Options,
     described,
-    in_order,
     says_geometry,
 )
-from srt3d_ros.datasets.values import array, sendable
+from srt3d_ros.datasets.values import Note, array, sendable
 from srt3d_ros.errors import InvalidInput, quoted, require
 
 SUBTRACTED = "cycles not used, pile-up not corrected: some counts are negative, so something was subtracted"
@@ -74,9 +76,11 @@ def fitted(frame: PhotonFrame, sensor: SensorModel) -> tuple[PhotonFrame, tuple[
 
 def from_counts(counts: Any, stamp_ns: int, options: Options) -> Described:
     """Photons counted in bins; arguments as for `Photons.from_counts`, options from `gathered`."""
-    counts = array("counts", counts)
-    require(counts.ndim == 3, "counts", f"{counts.dtype} {counts.shape}", "numbers [rows, cols, bins]")
-    counts, options, few_bins = in_order(counts, options)
+    dims, counts = getattr(counts, "dims", ()), array("counts", counts)
+    dims = dims if isinstance(dims, tuple) and all(isinstance(dim, str) for dim in dims) else ()
+    given = f"{counts.dtype} {counts.shape}"
+    counts, options, few_bins, frames = axes.in_order(counts, options, {}, dims)
+    require(counts.ndim == 3 and frames == 1, "counts", given, "numbers [rows, cols, bins] of one frame")
     histograms = PhotonHistograms(np.ascontiguousarray(sendable(counts)), stamp_ns)
     sizes = dict(zip(("rows", "cols", "num_bins"), counts.shape))
     if options.known.get("histograms") is not None:
@@ -101,7 +105,7 @@ def from_frame(frame: PhotonFrame, options: Options) -> Described:
 
 
 def sensor_of(options: Options) -> tuple[SensorModel, tuple[str, ...]]:
-    """The sensor that the options describe, with an IRF of one bin if they have none; and the note on its bin width."""
+    """The sensor that the options describe, with an IRF of one bin if they have none; and notes on it."""
     known = options.known
     options.refuse_unfollowed()
     require({"rows", "cols"} <= known.keys(), "shape", problem="Give shape=(rows, cols), or sensor.")
@@ -109,7 +113,8 @@ def sensor_of(options: Options) -> tuple[SensorModel, tuple[str, ...]]:
     require("irf" in known or "irf_ref" not in known, "irf_ref", problem="irf_ref needs irf.")
     width_s = known.get("bin_width_s", BIN_OF_ONE_METRE_S)
     plain = SensorModel(known["rows"], known["cols"], known["num_bins"], width_s, np.ones(1))
-    return described(plain, known), () if "bin_width_s" in known else (ASSUMED_WIDTH,)
+    sensor, notes = described(plain, known)
+    return sensor, notes if "bin_width_s" in known else (ASSUMED_WIDTH, *notes)
 
 
 def complete(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, options: Options,
@@ -126,13 +131,39 @@ def complete(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, option
             notes += ("negative counts outweigh the positive ones: was too much background subtracted?",)
     if isinstance(frame, PhotonHistograms) and sensor.cycles and frame.has_negative:
         notes += (SUBTRACTED,)
+    sensor, hot, more = looked_through(frame, sensor, options)
+    notes += more
     if "irf" not in options.known:
         require(sensor.histograms is None, "irf", problem="Give irf, widened by these bins: histograms cannot show it.")
         sample = sampled(frame.counts) if isinstance(frame, PhotonHistograms) else frame
-        irf, note = irfs.estimated(sample.part(sensor.used.reshape(-1)[sample.pixel]), sensor.num_bins,
+        irf, note = irfs.estimated(sample.part((sensor.used & ~hot).reshape(-1)[sample.pixel]), sensor.num_bins,
                                    options.guess_irf)
         sensor, notes = sensor.replace(irf=irf, irf_ref=None), (*notes, note)
-    return sensor, frame, notes if says_geometry(options.known) else (*notes, ASSUMED_FOV)
+    half_m, known = 0.5 * sensor.bin_width_m, options.known
+    whole = isinstance(frame, PhotonHistograms) or frame.toa.dtype.kind == "u"
+    says_zero = {"toa_offset_bins", "range_offset_m"} & {*known} or "bin_width_s" not in known
+    if whole and half_m > HALF_BIN_M and not says_zero:
+        notes += Note(f"ranges are {half_m * 1e3:.3g} mm short if the clock truncates: toa_offset_bins is then 0.5 "
+                      "(--toa-offset-bins)", "toa_offset_bins"),
+    return sensor, frame, notes if says_geometry(known) else (*notes, ASSUMED_FOV)
+
+
+def looked_through(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, options: Options
+                   ) -> tuple[SensorModel, np.ndarray, tuple[str, ...]]:
+    """The sensor, hot pixels masked unless options say otherwise; where they are; and notes on what looks wrong."""
+    light, known = plausibility.light_of(frame, sensor), options.known
+    hot = plausibility.hot_pixels(light, sensor)
+    notes = [Note(plausibility.leak(light), "gate")]
+    if isinstance(frame, PhotonEvents):
+        notes.append(plausibility.other_unit(frame, sensor))
+    if hot.any():
+        said = f"{np.count_nonzero(hot):,} hot pixels of {hot.size:,}: far brighter than those around, without signal"
+        if options.mask_hot or (options.mask_hot is None and "mask" not in known):
+            sensor = sensor.replace(mask=sensor.used & ~hot)
+            notes.append(Note(f"{said}; left out (mask=off keeps them)", "mask"))
+        else:
+            notes.append(f"{said}; mask=auto (--mask auto) leaves them out")
+    return sensor, hot, tuple(filter(None, notes))
 
 
 def are_whole(counts: np.ndarray) -> bool:

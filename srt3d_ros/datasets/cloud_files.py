@@ -1,4 +1,4 @@
-"""Save a point cloud as .npz, which `read` reads; for other programs; as a recording; or as a picture."""
+"""Save a point cloud as .npz, which `read` reads; for other programs; or as a picture."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,16 +17,17 @@ from srt3d_ros.files.array_files import read_errors
 from srt3d_ros.files.new_files import atomic_write, check_output, file_errors
 
 PICTURES, DEPTH_IMAGES = (".png", ".jpg", ".jpeg"), (".tif", ".tiff")
-_NEEDED = {".rrd": ("rerun", "record")} | dict.fromkeys(PICTURES, ("matplotlib", "pictures")) | dict.fromkeys(
-    DEPTH_IMAGES, ("PIL", "pictures"))      # package and extra
+_NEEDED = ({".las": ("laspy", "lab")} | dict.fromkeys(DEPTH_IMAGES, ("PIL", "pictures"))
+           | dict.fromkeys(PICTURES, ("matplotlib", "pictures")))       # package and extra
 _JPEG_QUALITY = 90
+_LAS_STEP_M = 1e-5
 _TYPES = dict(zip(POINT_FIELDS, (np.uint16, np.uint16, *[np.float32] * 4, np.uint8))) | {"background": np.float32}
 _FACTS = {"stamp_ns": "stamp_ns", "method": "method", "surfaces": "surfaces", "device": "device",
           "photons": "photons_in_all", "frequencies": "frequencies"}       # fields of PointCloud: names in the file
 _FLOATS = [(name, "<f4") for name in ("x", "y", "z", "intensity")]
 _BYTES = [(name, "u1") for name in ("red", "green", "blue")]
 _SCALARS = [("depth_std", "<f4"), ("background", "<f4"), ("row", "<u2"), ("col", "<u2"), ("surface", "u1")]
-_PLY_TYPES = {"<f4": "float", "<u2": "ushort", "u1": "uchar"}
+_PLY_TYPES = {"<f4": "float", "<u2": "uint16", "u1": "uchar"}      # Open3D 0.20 skips ushort
 
 
 def records(cloud: PointCloud) -> np.ndarray:
@@ -51,7 +52,9 @@ def save(cloud: PointCloud, path: str | Path, notes: tuple[str, ...] = ()) -> No
     .ply: binary, x y z intensity, and the range's colour as red green blue.
     .pcd, .csv: `records`, binary for PCL, and as text with a line of names.
     .tif: the depth image, float32 in metres, NaN = no point (needs Pillow).
-    .rrd: a recording of one frame, for `rerun` (needs rerun-sdk).
+    .las: version 1.4, x, y, z in metres to 10 µm or 2⁻³¹ of the extent; `intensity` to 65,535 at most, and in photons
+    as `photons`; the pixel's points as returns (needs laspy).
+    .html: a page in which the cloud can be turned, for any browser.
     .png, .jpg: a picture (needs matplotlib).
     A .ply also has the other fields of `records`, as scalar_depth_std, …: CloudCompare's scalar fields.
 
@@ -148,11 +151,29 @@ def _save_depth(cloud: PointCloud, path: Path, _: tuple[str, ...]) -> None:
     Image.fromarray(cloud.depth_image()).save(path, "TIFF")
 
 
-def _save_recording(cloud: PointCloud, path: Path, notes: tuple[str, ...]) -> None:
-    from srt3d_ros.recording.writer import record_cloud
+def _save_las(cloud: PointCloud, path: Path, _: tuple[str, ...]) -> None:
+    import laspy
 
-    path.unlink()       # a recording replaces no file
-    record_cloud(cloud, path, notes)
+    points, header = records(cloud), laspy.LasHeader(point_format=6, version="1.4")
+    if len(cloud):
+        header.offsets = cloud.xyz.min(axis=0)
+        header.scales = np.full(3, max(_LAS_STEP_M, float(np.ptp(cloud.xyz, axis=0).max()) / 2**31))
+    of_records = [("photons", "intensity"), *((name, name) for name in ("depth_std", "background", "row", "col"))]
+    header.add_extra_dims([laspy.ExtraBytesParams(name, points.dtype[own]) for name, own in of_records])
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = cloud.xyz.T.astype(np.float64)
+    las.intensity = np.rint(cloud.intensity * (65535 / max(float(cloud.intensity.max(initial=0)), 1e-30)))
+    _, pixel, returns = np.unique(cloud.row.astype(np.int64) << 16 | cloud.col, return_inverse=True, return_counts=True)
+    las.return_number, las.number_of_returns = cloud.surface + 1, returns[pixel]
+    for name, own in of_records:
+        las[name] = points[own]
+    las.write(str(path))
+
+
+def _save_page(cloud: PointCloud, path: Path, notes: tuple[str, ...]) -> None:
+    from srt3d_ros.pictures.cloud_page import write_page
+
+    write_page(cloud, records(cloud), path, notes)
 
 
 def _save_picture(cloud: PointCloud, path: Path, _: tuple[str, ...]) -> None:
@@ -162,5 +183,5 @@ def _save_picture(cloud: PointCloud, path: Path, _: tuple[str, ...]) -> None:
 
 
 _WRITERS: dict[str, Callable[[PointCloud, Path, tuple[str, ...]], None]] = {
-    ".npz": _save_npz, ".ply": _save_ply, ".pcd": _save_pcd, ".csv": _save_csv,
-} | dict.fromkeys(DEPTH_IMAGES, _save_depth) | dict.fromkeys(PICTURES, _save_picture) | {".rrd": _save_recording}
+    ".npz": _save_npz, ".ply": _save_ply, ".pcd": _save_pcd, ".csv": _save_csv, ".las": _save_las, ".html": _save_page,
+} | dict.fromkeys(DEPTH_IMAGES, _save_depth) | dict.fromkeys(PICTURES, _save_picture)

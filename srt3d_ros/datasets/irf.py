@@ -1,32 +1,25 @@
-"""Instrument response functions (IRFs): computed, read from a file, or estimated from photons."""
+"""Instrument response functions (IRFs): computed, or estimated from photons."""
 
 import math
-import re
-import warnings
-from itertools import dropwhile
-from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from srt3d_ros.core.sensor.model import MAX_BINS
+from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.datasets.values import Note, array
+from srt3d_ros.datasets.values import Note
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.files import isolated
-from srt3d_ros.files.array_files import map_npy, read_errors, read_npz_arrays, require_file
 
-MAX_TEXT_BYTES = 4 * 2**20      # 64 for each number of the longest IRF
-TEXT_SUFFIXES = (".csv", ".txt")
-SUFFIXES = (".npy", ".npz", ".mat", *TEXT_SUFFIXES)
-UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "ps": 1e-12, "fs": 1e-15}
-UNIT = re.compile(rf"(?<![a-zµ])({'|'.join(UNITS_S)})(?![a-z])")
-LIKELY_UNITS_S = 1.0, 1e-9, 1e-12       # of a time column whose header has none
-WIDTH_TOLERANCE = 0.01      # of a bin: times are rounded, and an IRF of 50 bins is then half a bin too long
-MAT_VECTOR = re.compile(r"(\w+) \((?!1×1 )(?:1×\d+|\d+×1) (?:double|single|u?int\d+)\)")
-
+FLOOR_SHARE = 0.02      # of the IRF's photons: intensities then become so much too large
+FLAT = 1.3              # photons of the second eighth of an IRF with a floor over those of the first
+SMOOTHING = 0.25, 0.5, 0.25
+SMOOTH_NOISE = math.hypot(*SMOOTHING)
+NOISE_SIGMAS = 3.0      # above the floor: still pulse
+PULSE_ABOVE = 0.01      # of the peak
 ESTIMATED = Note("IRF estimated from the photons, so it is slightly too wide: give irf (--irf)", "irf")
 GUESSED = Note("IRF taken to be one bin: none can be seen in the photons, give irf (--irf)", "irf")
+WRONG_TAIL = Note("the IRF's tail is before its peak: if times run backwards, give reversed (--reversed); if only the "
+                  "IRF's do, reverse it", "irf")
+TAIL_ENDS, TAIL_RATIO = 0.05, 1.5       # of the peak; of the bins from the peak to there
 # Constants of `estimate`.
 PHOTONS_USED = 100_000
 FEWEST_PHOTONS = 3          # a pixel with fewer tells nothing about the IRF
@@ -68,31 +61,35 @@ def gaussian(sigma_bins: float) -> np.ndarray:
     return np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma_bins) ** 2)
 
 
-class TimeColumn(NamedTuple):
-    """The first of two columns in an IRF file."""
+def checked(irf: np.ndarray, ref: int | None) -> tuple[np.ndarray, tuple[Note, ...]]:
+    """A measured IRF [L] or [pixels, L] without its floor, and notes on the floor and on a peak far from the start.
 
-    step: str                       # between its lines, as the file has it
-    widths_s: tuple[float, ...]     # seconds that the step may be
+    The floor, of dark counts or ambient light, is the level at the darker end of the IRF if that is flat. The pulse
+    ends where noise hides it.
 
-    def check(self, bin_width_s: float) -> None:
-        """Raise InvalidInput unless the IRF has a line for each bin."""
-        fits = any(math.isclose(width_s, bin_width_s, rel_tol=WIDTH_TOLERANCE) for width_s in self.widths_s)
-        require(fits, "irf", problem=f"The IRF file has a line every {self.step}, but a bin has "
-                f"{bin_width_s * 1e12:.6g} ps: correct bin_width_s, or resample the IRF.")
-
-
-def read(source: str | Path | np.ndarray | list) -> tuple[np.ndarray, TimeColumn | None]:
-    """The IRF, float64 [L] or [pixels, L], and the time column of its file if there is one that does not count bins.
-
-    Files are .npy, .npz with `irf`, .mat with `irf` or a single vector, and .csv or .txt with one number a line, or
-    time and IRF, below lines of text.
+    Args:
+        ref: its irf_ref, if known.
     """
-    values, column = _read_file(Path(source)) if isinstance(source, (str, Path)) else (source, None)
-    irf = array("irf", values).astype(np.float64)
-    irf = irf.squeeze() if irf.ndim == 2 and 1 in irf.shape else irf
-    require(irf.ndim in (1, 2) and 0 < irf.shape[-1] <= MAX_BINS, "irf shape", irf.shape,
-            f"[L] or [pixels, L], L from 1 to {MAX_BINS}; irf_sigma_bins makes a Gaussian")
-    return irf, column
+    mean, notes = np.atleast_2d(irf).mean(axis=0), ()
+    eighth, peak = len(mean) // 8, int(np.argmax(mean))
+    end, beside = min(((mean[:eighth], mean[eighth:2 * eighth]), (mean[::-1][:eighth], mean[::-1][eighth:2 * eighth])),
+                      key=lambda ends: ends[0].sum())
+    floor = end.mean() if eighth > 1 and end.size else 0.0
+    if floor * len(mean) > FLOOR_SHARE * mean.sum() and beside.mean() < FLAT * floor < 0.5 * mean[peak]:
+        low = _smooth(mean) - floor <= NOISE_SIGMAS * end.std() * SMOOTH_NOISE
+        before, after = np.flatnonzero(low[:peak]), np.flatnonzero(low[peak:])
+        pulse = slice(before[-1] + 1 if before.size else 0, peak + after[0] if after.size else len(mean))
+        floors = irf[..., :eighth].mean(axis=-1, keepdims=True) if end[0] == mean[0] else \
+            irf[..., -eighth:].mean(axis=-1, keepdims=True)
+        clean = np.zeros_like(irf)
+        clean[..., pulse] = np.maximum(irf - floors, 0)[..., pulse]
+        notes += Note(f"the IRF's floor (dark counts), {floor / mean[peak]:.2g} of its peak, was taken off", "irf"),
+        irf, mean = clean, np.atleast_2d(clean).mean(axis=0)
+    pulse = np.flatnonzero(mean >= PULSE_ABOVE * mean[peak])
+    if ref is None and mean[peak] > 0 and pulse[0] > np.ptp(pulse) + 1:
+        notes += Note(f"the IRF peaks in its bin {peak}, which is taken to mark the depth: if it was recorded at range "
+                      "0 on the time axis of the data, give irf_ref=0 (--irf-ref 0)", "irf_ref"),
+    return irf, notes
 
 
 def estimate(events: PhotonEvents, num_bins: int) -> np.ndarray:
@@ -132,6 +129,14 @@ def estimate(events: PhotonEvents, num_bins: int) -> np.ndarray:
     return _cut_out(irf[middle - reach: middle + reach + 1])
 
 
+def tail_note(sensor: SensorModel) -> tuple[str, ...]:
+    """A note if the IRF rises more slowly than it falls: a laser's pulse and a SPAD's diffusion do the opposite."""
+    mean = np.pad(_smooth(sensor.mean_irf), 1)
+    peak, low = int(mean.argmax()), TAIL_ENDS * mean.max()
+    rise, fall = int(np.argmax(mean[peak::-1] <= low)), int(np.argmax(mean[peak:] <= low))
+    return (WRONG_TAIL,) if rise > TAIL_RATIO * fall + 1 else ()
+
+
 def estimated(events: PhotonEvents, num_bins: int, guess: bool = False) -> tuple[np.ndarray, str]:
     """The estimated IRF and a note. If the photons show none: one bin if `guess`, else InvalidInput."""
     try:
@@ -140,63 +145,6 @@ def estimated(events: PhotonEvents, num_bins: int, guess: bool = False) -> tuple
         if not guess:
             raise
         return np.ones(1), GUESSED
-
-
-def _read_file(path: Path) -> tuple[np.ndarray, TimeColumn | None]:
-    require(path.suffix.lower() in SUFFIXES, "irf", str(path), f"a file that ends in {', '.join(SUFFIXES)}")
-    require_file(path, "irf")
-    if path.suffix.lower() == ".npz":
-        arrays = read_npz_arrays(path, ("irf",), "irf")
-        require("irf" in arrays, "irf", problem=f"{path.name} has no array irf.")
-        return arrays["irf"], None
-    if path.suffix.lower() == ".npy":
-        return map_npy(path, f"irf file {path.name}"), None
-    if path.suffix.lower() == ".mat":
-        return _read_mat(path), None
-    require(path.stat().st_size <= MAX_TEXT_BYTES, f"irf file {path.name}", f"{path.stat().st_size} bytes",
-            f"at most {MAX_TEXT_BYTES} bytes of text")
-    with read_errors(path, "numbers, in one column, or two: time and IRF"), warnings.catch_warnings():
-        warnings.simplefilter("ignore")         # on a file without numbers, which the caller refuses
-        return _read_text(path, "," if path.suffix.lower() == ".csv" else None)
-
-
-def _read_mat(path: Path) -> np.ndarray:
-    """The variable `irf`, or else the only vector."""
-    found, listed = isolated.matlab_arrays(path, ("irf",))
-    if "irf" in found:
-        return found["irf"]
-    vectors = MAT_VECTOR.findall(listed)
-    require(len(vectors) == 1, "irf",
-            problem=f"{path.name}: The file needs a variable irf or one vector. It has {listed}.")
-    return isolated.matlab_arrays(path, tuple(vectors))[0][vectors[0]]
-
-
-def _read_text(path: Path, separator: str | None) -> tuple[np.ndarray, TimeColumn | None]:
-    """The numbers below the header; of two columns the second one, if the first is an even time axis."""
-    lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
-    numbers = list(dropwhile(lambda line: not _begins_with_number(line, separator), lines))
-    values = np.loadtxt(numbers, delimiter=separator, ndmin=1)
-    if values.ndim == 1 or values.shape[1] != 2:
-        return values, None
-    time, irf = values.T
-    step = (time[-1] - time[0]) / (len(time) - 1)
-    even = np.abs(time - time[0] - step * np.arange(len(time))) <= step / 2        # they may be rounded
-    require(step > 0 and bool(even.all()), "irf", problem="The first of two columns must be an even time axis.")
-    header = lines[-len(numbers) - 1] if len(lines) > len(numbers) else ""
-    unit = UNIT.search(header.partition(",")[0].lower())
-    if unit is None:
-        counts_bins = math.isclose(step, 1)
-        return irf, None if counts_bins else TimeColumn(f"{step:g}", tuple(step * unit_s for unit_s in LIKELY_UNITS_S))
-    return irf, TimeColumn(f"{step:g} {unit[1]}", (step * UNITS_S[unit[1]],))
-
-
-def _begins_with_number(line: str, separator: str | None) -> bool:
-    cells = line.partition("#")[0].split(separator)
-    try:
-        float(cells[0])
-    except (IndexError, ValueError):
-        return False
-    return True
 
 
 def _fullest_pixels(events: PhotonEvents) -> tuple[np.ndarray, np.ndarray]:
@@ -259,4 +207,4 @@ def _cut_out(irf: np.ndarray) -> np.ndarray:
 
 
 def _smooth(irf: np.ndarray) -> np.ndarray:
-    return np.convolve(irf, (0.25, 0.5, 0.25), mode="same")
+    return np.convolve(irf, SMOOTHING, mode="same")

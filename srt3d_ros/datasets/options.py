@@ -14,6 +14,7 @@ from srt3d_ros.core.sensor.model import SPEED_OF_LIGHT, SensorModel
 from srt3d_ros.core.sensor.projection import DEFAULT_FOV_DEG, Pinhole, Projection
 from srt3d_ros.core.sketching.gate import parse
 from srt3d_ros.datasets import irf as irfs
+from srt3d_ros.datasets import irf_files
 from srt3d_ros.datasets.values import Note, array
 from srt3d_ros.errors import finite, quoted, require
 
@@ -23,13 +24,18 @@ ASSUMED_WIDTH = Note("bin width taken as 2 / 299792458 s: x, y and z count bins,
                      "(--bin-width-s)", "bin_width_s")
 ASSUMED_FOV = Note(f"geometry taken to be a pinhole of {DEFAULT_FOV_DEG:g}° across the larger side: give fov_deg "
                    "(--fov-deg), or the projection", "projection")
+HALF_BIN_M = 1e-3       # a range error that is not said
 SENSOR_OPTIONS = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols"))
 SENSOR_DEFAULTS = {name: key.default for name, key in keys(SensorModel).items()}
 Values = np.ndarray | Sequence
-AXES = ("rows", "cols", "bins")
-FILE_OPTIONS = {"channel": "Only .ptu, .sdt and Photon-HDF5 files have channels.",
+AXES, FRAMES = ("rows", "cols", "bins"), "frames"
+FILE_OPTIONS = {"channel": "Only .ptu, .phu, .sdt and Photon-HDF5 files have channels.",
                 "axes": "Only arrays of counts have axes.",
-                "columns": "Only .npz, HDF5 and .mat files of photons have columns."}
+                "array": "Only .npz, HDF5 and .mat files of counts have arrays to choose from.",
+                "reversed": "Only photon files have reversed; photons have the method reversed().",
+                "no_detection": "Only .npy, .npz, HDF5 and .mat files of words [frames, rows, cols] have no_detection.",
+                "first_word": "first_word needs no_detection, and a file of words [frames, rows, cols].",
+                "columns": "Only .npz, HDF5, .mat and .csv files of photons have columns."}
 PIXEL_MAPS = tuple(name for name, key in keys(SensorModel).items() if key.dtype and name != "irf")
 
 
@@ -42,9 +48,9 @@ class SensorOptions(TypedDict, total=False):
     num_bins: int
     bin_width_s: float
     irf: Annotated[Values | str | Path, Key(
-        "impulse response; a file may be .npz (its array irf), .npy, .mat, .csv or .txt",
-        more="of .mat its irf, or its only vector; of text one number a line, or time and IRF, below any header. Times "
-        "must advance by a bin a line", option=True)]
+        "impulse response; a file may be .npz (its array irf), .npy, .mat, text, .sdt, .ptu or .phu",
+        more="text has one number a line, or time and IRF, below any header; other steps than the bins are resampled",
+        option=True)]
     irf_ref: int
     irf_sigma_bins: Annotated[float, Key("standard deviation of a Gaussian IRF", "bin", more="in place of irf")]
     fov_deg: Annotated[float, Key("field of view across the larger side, degrees", more="of a pinhole",
@@ -54,7 +60,9 @@ class SensorOptions(TypedDict, total=False):
     range_offset_m: float
     gain: Values
     delay_bins: Values
-    mask: Values
+    mask: Annotated[Values | str, Key(
+        "auto: leave out hot pixels (default, unless file or sensor say which); off: keep them",
+        more="or an array [rows, cols], false where a pixel must not be used", option=True)]
     background_shape: Values
     histograms: HistogramBins
     cycles: int
@@ -66,11 +74,21 @@ class SensorOptions(TypedDict, total=False):
         "first and last bin to keep (--gate FIRST-LAST)", more="T becomes the number of bins plus the spread of the "
         "pixels' delays, toa_offset_bins grows by the first bin, and photons outside are dropped and counted in notes")]
     channel: Annotated[int, Key("detector channel or data set (default: brightest; all for Photon-HDF5)", option=True)]
-    axes: Annotated[str | tuple[str, str, str], Key(
-        "order of the axes of an array of counts: bins,rows,cols (default: rows,cols,bins)", option=True)]
-    columns: Annotated[str | tuple[str, str, str], Key(
+    array: Annotated[str, Key("name of the array of counts, if the file has several", option=True)]
+    axes: Annotated[str | tuple[str, ...], Key(
+        "order of the axes of an array of counts: bins,rows,cols (default: rows,cols,bins, or what the file states)",
+        more="of one with four axes, with frames, too", option=True)]
+    reversed: Annotated[bool, Key(
+        "times run backwards, from the photon to the next laser pulse",
+        more="bin b becomes T − 1 − b, of irf and background_shape, too; gate counts after that", option=True)]
+    no_detection: Annotated[float, Key(
+        "the array has the words of a SPAD array [frames, rows, cols], with this one where a pixel saw nothing",
+        option=True)]
+    first_word: Annotated[float, Key("word of bin 0 (default: 0)", more="with no_detection", option=True)]
+    columns: Annotated[str | tuple[str, ...], Key(
         "names of the arrays with row, column and ToA of each photon (default: row,col,toa)",
-        more="y,x,t say; in a group of HDF5 scan/y", option=True)]
+        more="y,x,t say; two are pixel index and ToA, one the ToA of a single pixel; in an HDF5 group or table scan/y",
+        option=True)]
 
 
 def option_keys() -> dict[str, Key]:
@@ -79,7 +97,7 @@ def option_keys() -> dict[str, Key]:
     return {name: known[name] for name in SensorOptions.__annotations__}
 
 
-# Values of a sensor by the names of SensorModel's fields, and fov_deg, irf_times (as irf.read gives them).
+# Values of a sensor by the names of SensorModel's fields, and fov_deg, irf_steps (as irf_files.read gives them).
 Known = dict[str, Any]
 
 
@@ -93,9 +111,20 @@ class Options:
     known: Known = field(default_factory=dict)
     gate: tuple[int, int] | None = None
     channel: int | None = None
+    array: str | None = None
     axes: tuple[str, ...] | None = None
     columns: tuple[str, ...] | None = None
+    no_detection: float | None = None
+    first_word: float | None = None
+    reversed: bool | None = None
     guess_irf: bool = False         # one bin if none can be estimated
+    mask_hot: bool | None = None    # leave out hot pixels; None: if nobody gives a mask
+    frame: int = 0                  # of a file with several
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """Names of arrays that the caller wants."""
+        return (*(self.columns or ()), *([self.array] if self.array else ()))
 
     def without(self, *names: str) -> Self:
         """The other options."""
@@ -126,6 +155,8 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None, guess_
     for name, other in (("fov_deg", "projection"), ("irf_sigma_bins", "irf")):
         require(not {name, other} <= given.keys(), name, problem=f"Give {name} or {other}, not both.")
     require(sensor is None or isinstance(sensor, SensorModel), "sensor", type(sensor).__name__, "a Sensor")
+    if sensor is not None and given.get("reversed"):        # what a reading of the file turns round again
+        sensor = backwards(sensor)
     known = {} if sensor is None else {name: getattr(sensor, name) for name in ("rows", "cols", *SENSOR_OPTIONS)}
     if "shape" in given:
         shape = array("shape", given.pop("shape"))
@@ -134,37 +165,50 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None, guess_
     if "gate" in given:
         given["gate"] = gate = parse(given["gate"])
         require(not isinstance(gate, str), "gate", quoted(gate), "first and last bin, both kept")
-    given |= {name: _three_names(name, given[name]) for name in ("axes", "columns") if name in given}
+    given |= {name: _names(name, given[name]) for name in ("axes", "columns") if name in given}
+    mask_hot = given.pop("mask") == "auto" if str(given.get("mask")) in ("auto", "off") else None
     given |= {name: array(name, given[name]) for name in PIXEL_MAPS if name in given}
     if "irf_sigma_bins" in given:
         given["irf"] = irfs.gaussian(finite("irf_sigma_bins", given.pop("irf_sigma_bins"), "bins, above 0"))
     elif "irf" in given:
-        given["irf"], given["irf_times"] = irfs.read(given["irf"])
+        given["irf"], given["irf_steps"] = irf_files.read(given["irf"])
     if "irf" in given:
         known.pop("irf_ref", None)
     if "fov_deg" in given:
         known.pop("projection", None)
     of_file = {name: given.pop(name) for name in ("gate", *FILE_OPTIONS) if name in given}
-    return Options(known | given, guess_irf=guess_irf, **of_file)
+    return Options(known | given, guess_irf=guess_irf, mask_hot=mask_hot, **of_file)
 
 
-def described(sensor: SensorModel, known: Known) -> SensorModel:
-    """The sensor with what is known in place of its own values."""
+def backwards(sensor: SensorModel) -> SensorModel:
+    """The sensor of reversed times: bin b is T − 1 − b."""
+    shape = sensor.background_shape
+    return sensor.replace(irf=sensor.irf[..., ::-1], irf_ref=sensor.irf.shape[-1] - 1 - (sensor.irf_ref or 0),
+                          background_shape=None if shape is None else shape[::-1])
+
+
+def described(sensor: SensorModel, known: Known) -> tuple[SensorModel, tuple[str, ...]]:
+    """The sensor with what is known in place of its own values, and notes on the IRF."""
     changes = {name: known[name] for name in SENSOR_OPTIONS if name in known}
     if "irf" in changes:        # irf_ref belongs to the replaced IRF
         changes = {"irf_ref": None} | changes
     if "fov_deg" in known:
         fov_deg = finite("fov_deg", known["fov_deg"], "an angle between 0 and 180 degrees")
         changes["projection"] = Pinhole.from_fov(sensor.rows, sensor.cols, fov_deg)
+    irf, notes = changes.get("irf"), ()
+    if irf is not None:         # it is brought into the bins that the other changes make
+        sensor = sensor.replace(**changes | {"irf": np.ones(1), "irf_ref": None})
+        width_known = "bin_width_s" in known or sensor.bin_width_s != BIN_OF_ONE_METRE_S
+        irf, ref, notes = irf_files.fitted(irf, changes["irf_ref"], known.get("irf_steps"), sensor, width_known)
+        irf, more = irfs.checked(irf, changes["irf_ref"])
+        changes, notes = {"irf": irf, "irf_ref": ref}, notes + more
     changed = sensor.replace(**changes) if changes else sensor
     require("mask" not in known or bool(changed.used.any()), "mask",
             problem="mask is False everywhere: True marks the pixels to use.")
     period_m = changed.num_bins * changed.bin_width_m
     require(period_m <= MAX_PERIOD_M, "bin_width_s", problem=f"{changed.num_bins} bins of {changed.bin_width_s:g} s "
             f"reach {period_m:.3g} m: give bin_width_s in seconds, 1e-10 for 100 ps.")
-    if known.get("irf_times"):
-        known["irf_times"].check(changed.bin_width_s)
-    return changed
+    return changed, notes
 
 
 def redescribed(sensor: SensorModel, notes: tuple[str, ...], options: Options,
@@ -173,13 +217,14 @@ def redescribed(sensor: SensorModel, notes: tuple[str, ...], options: Options,
     options.refuse_unfollowed()
     known = options.known
     check_same({name: getattr(sensor, name) for name in fixed}, known)
-    changed = described(sensor, known)
+    changed, irf_notes = described(sensor, known)
     before, after = ({name: getattr(one, name) for name in SENSOR_OPTIONS} for one in (sensor, changed))
-    known_now = known | ({"projection": changed.projection} if says_geometry(known) else {})
+    known_now = {*known, *(["projection"] if says_geometry(known) else ()), *(["irf_ref"] if "irf" in known else ()),
+                 *(["toa_offset_bins"] if "range_offset_m" in known else ()), *(["gate"] if options.gate else ())}
     replaced = {note for note in notes if isinstance(note, Note) and note.field in known_now}
     for note in replaced:       # an assumption, not a value of the file
         before = {name: value for name, value in before.items() if name not in (note.field, f"{note.field}_ref")}
-    return changed, tuple(note for note in notes if note not in replaced) + replaced_note(before, after)
+    return changed, tuple(note for note in notes if note not in replaced) + replaced_note(before, after) + irf_notes
 
 
 def says_geometry(known: Known) -> bool:
@@ -203,28 +248,16 @@ def check_same(own: Known, known: Known) -> None:
         require(known.get(name, value) == value, name, quoted(known.get(name)), f"{value}, as in the file")
 
 
-def in_order(counts: np.ndarray, options: Options) -> tuple[np.ndarray, Options, tuple[str, ...]]:
-    """Counts [rows, cols, bins] by the option `axes`, the other options, and a note if they may need `axes`."""
-    if counts.ndim != 3:
-        return counts, options.without("axes"), ()
-    if options.axes is not None:
-        return counts.transpose([options.axes.index(name) for name in AXES]), options.without("axes"), ()
-    rows, cols, bins = counts.shape
-    if rows <= max(cols, bins) and not 1 < bins < min(rows, cols):
-        return counts, options, ()
-    note = (f"{rows} × {cols} × {bins} taken for rows × cols × bins: if the first axis has the bins, give "
-            "axes=bins,rows,cols (--axes)")
-    irf = options.known.get("irf")
-    require(irf is None or irf.shape[-1] <= bins, "axes", problem=f"The IRF is longer than the period: {note}.")
-    return counts, options, (note,)
-
-
-def _three_names(option: str, value: Any) -> tuple[str, ...]:
-    """Three names, or the order of AXES, given as a text with commas or one by one."""
+def _names(option: str, value: Any) -> tuple[str, ...]:
+    """Up to three columns, or the order of AXES, perhaps with or of FRAMES, as a text with commas or one by one."""
     names = tuple(name.strip().strip("/") for name in value.split(",")) if isinstance(value, str) else value
-    expected = "rows, cols and bins in the order of the array" if option == "axes" else "the arrays of row, col and ToA"
-    fits = isinstance(names, list | tuple) and len(names) == 3 and all(isinstance(name, str) and name for name in names)
-    require(fits and (option != "axes" or set(names) == set(AXES)), option, quoted(value), expected)
+    expected = "rows, cols and bins in the order of the array" if option == "axes" else \
+        "the arrays of row, col and ToA, of pixel and ToA, or of ToA"
+    fits = isinstance(names, list | tuple) and len(names) in (1, 2, 3, 4) and all(
+        isinstance(x, str) and x for x in names)
+    known = {*AXES}, {*AXES, FRAMES}, {FRAMES, *AXES[:2]}
+    require(fits and (len({*names}) == len(names) and {*names} in known if option == "axes" else len(names) < 4),
+            option, quoted(value), expected)
     return tuple(names)
 
 

@@ -11,7 +11,7 @@ from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.datasets import arrays
-from srt3d_ros.datasets.options import Options, redescribed
+from srt3d_ros.datasets.options import Options, backwards, redescribed
 from srt3d_ros.datasets.values import MAX_EVENTS, outside_note
 from srt3d_ros.errors import require
 
@@ -30,6 +30,7 @@ class Reading:
             SensorModel), NaN = unknown or no surface; None if the source has none.
         name: the file's name without its suffix.
         notes: a line for each assumption, estimate or omission. Show them to the user.
+        frames: number of frames in the source, if it is an array of counts.
     """
 
     sensor: SensorModel
@@ -37,6 +38,7 @@ class Reading:
     reference_depth_bins: np.ndarray | None = None
     name: str = IN_MEMORY
     notes: tuple[str, ...] = ()
+    frames: int = 1
 
     @property
     def photons(self) -> int:
@@ -63,6 +65,21 @@ class Reading:
         return replace(self, sensor=gate.sensor.replace(gates=self.sensor.gates, cycles=None), frame=events,
                        reference_depth_bins=in_gate(self.reference_depth_bins, first, last), notes=self.notes + note)
 
+    def reversed(self) -> Self:
+        """The same frame with times that run the other way: bin b becomes T − 1 − b, of IRF and references, too."""
+        sensor, frame, depth = self.sensor, self.frame, self.reference_depth_bins
+        last = sensor.num_bins - 1
+        require(sensor.histograms is None, "reversed", problem="Histograms of other bins cannot be reversed.")
+        if isinstance(frame, PhotonHistograms):
+            frame = replace(frame, counts=np.ascontiguousarray(frame.counts[..., ::-1]))
+        else:
+            require(isinstance(frame, PhotonEvents), "reversed", problem=f"{self.name} has no photons to be reversed.")
+            toa = frame.toa if frame.toa.dtype == np.uint16 else frame.toa.astype(np.float64)
+            turned = last - toa
+            frame = replace(frame, toa=turned if turned.dtype == np.uint16 else sensor.wrapped(turned))
+        return replace(self, sensor=backwards(sensor), frame=frame,
+                       reference_depth_bins=None if depth is None else last - depth)
+
     def with_options(self, options: Options) -> Self:
         """The same frame with options (options.gathered) in place of their sensor's values; a note lists them."""
         if isinstance(self.frame, PhaseSums):
@@ -73,6 +90,9 @@ class Reading:
             return self
         sensor, notes = redescribed(self.sensor, self.notes, options)
         frame, stray = arrays.fitted(self.frame, sensor)
+        if options.mask_hot:
+            sensor, _, more = arrays.looked_through(frame, sensor, options)
+            stray += tuple(note for note in more if getattr(note, "field", "") == "mask")
         photons = replace(self, sensor=sensor, frame=frame, notes=notes + stray)
         return photons if options.gate is None else photons.gated(*options.gate)
 

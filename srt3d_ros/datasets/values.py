@@ -8,6 +8,8 @@ from srt3d_ros.core.sketching.photon_frame import COUNT_DTYPES
 from srt3d_ros.errors import InvalidInput, require
 
 MAX_EVENTS = 2**28         # of a frame, one by one
+WRAPPED = 255, 65_535       # the largest numbers of unsigned types
+AT_END, MOST_AT_END = 1 / 16, 0.1       # of a type's numbers; of the counts
 
 
 class Note(str):
@@ -40,7 +42,19 @@ def array(name: str, values: Any) -> np.ndarray:
 
 
 def sendable(counts: np.ndarray) -> np.ndarray:
-    """Counts in one of COUNT_DTYPES: floats as float32, integers in the smallest type that holds them."""
+    """Counts in one of COUNT_DTYPES: floats as float32, integers in the smallest type that holds them.
+
+    Raises:
+        InvalidInput: many counts lie at the end of 8 or 16 bits and few below: unsigned numbers wrapped.
+    """
+    high = counts.max() if counts.size else 0
+    for most in WRAPPED:
+        if most * (1 - AT_END) < high <= most:
+            at_end, between = (np.count_nonzero(counts > most * share) for share in (1 - AT_END, AT_END))
+            require(at_end < MOST_AT_END * counts.size or between > 2 * at_end, "counts",
+                    problem=f"{at_end / counts.size:.0%} of the counts are {high} or little less: unsigned numbers "
+                    "wrapped when something was subtracted. Subtract signed ones, counts.astype(np.int32) - dark. Of "
+                    "ToA words of a SPAD array, give no_detection (--no-detection).")
     if counts.dtype in COUNT_DTYPES and counts.dtype.isnative:
         return counts
     if counts.dtype.kind == "f":

@@ -12,6 +12,7 @@ from typing import IO
 import numpy as np
 
 from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.files.isolated_child import may_be_counts
 from srt3d_ros.files.new_files import file_errors
 
 # All arrays of a file together: 12 bytes for each of MAX_EVENTS photons, or half of a smaller machine's memory.
@@ -57,7 +58,7 @@ def read_errors(path: Path, expected: str = "") -> Iterator[None]:
 
 def read_npz_arrays(path: Path, names: tuple[str, ...], field: str = "photon file", and_cubes: bool = False
                     ) -> dict[str, np.ndarray]:
-    """The arrays `names` of an .npz file (called `field` in errors), with `and_cubes` also all of three dimensions.
+    """The arrays `names` of an .npz file (called `field` in errors), with `and_cubes` also all that may be counts.
 
     InvalidInput if it is no zip file, damaged, or has objects or more than MAX_ARRAY_BYTES in these arrays.
     """
@@ -70,7 +71,7 @@ def read_npz_arrays(path: Path, names: tuple[str, ...], field: str = "photon fil
             if name in names or and_cubes:
                 with archive.open(info) as stream:
                     shape, dtype = npy_header(stream, info.file_size, name)
-                if name in names or len(shape) == 3:
+                if name in names or may_be_counts(shape, str(dtype)):
                     chosen.append(name)
                     size += math.prod(shape) * dtype.itemsize
         require(size <= MAX_ARRAY_BYTES, "size", f"{size} bytes", f"at most {MAX_ARRAY_BYTES}; an .npy may have more")

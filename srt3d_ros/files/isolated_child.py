@@ -16,7 +16,9 @@ MOST_LISTED = 100       # arrays; an error shows fewer
 CPU_S = 600             # 3 GB unpack in a tenth of it
 # MATLAB 7.3 says in these attributes of HDF5 what an array was. It stores axes in reverse, what is in cells in groups
 # that begin with "#".
+# PyTables keeps its indices in groups that begin with "_i_".
 CLASS, EMPTY = "MATLAB_class", "MATLAB_empty"
+NO_NUMBERS = "cell", "struct", "char", "object", "function", "opaque"      # kinds of MATLAB's arrays, and of NumPy's
 Found = tuple[dict[str, np.ndarray], list[tuple[str, tuple, str]]]      # arrays; name, shape, kind of all
 
 
@@ -50,8 +52,13 @@ def listing(entries: list[tuple[str, tuple, str]]) -> str:
                      for name, shape, kind in entries) or "no arrays"
 
 
+def may_be_counts(shape: tuple, kind: str) -> bool:
+    """Whether an array may hold counts: numbers with three or four axes, but no picture (bytes of 3 or 4 colours)."""
+    return len(shape) in (3, 4) and kind not in NO_NUMBERS and not (kind == "uint8" and shape[-1] in (3, 4))
+
+
 def matlab_5(path: str, names: tuple[str, ...]) -> Found:
-    """The arrays of these names of a MATLAB 5 file, and the only array of three dimensions.
+    """The arrays of these names of a MATLAB 5 file, and the only array that may hold counts.
 
     Cells become NAME, their contents one after the other, and NAME.lengths [rows, cols]. Sparse arrays become NAME, the
     numbers that are not 0, with NAME.row, NAME.col and NAME.shape.
@@ -64,7 +71,7 @@ def matlab_5(path: str, names: tuple[str, ...]) -> Found:
         content = loadmat(path)
         shapes = [(name, one.shape, str(one.dtype)) for name, one in content.items() if hasattr(one, "dtype")]
     else:
-        cubes = [name for name, shape, kind in shapes if len(shape) == 3 and kind not in ("cell", "struct")]
+        cubes = [name for name, shape, kind in shapes if may_be_counts(shape, kind)]
         content = loadmat(path, variable_names=[*names, *(cubes if len(cubes) == 1 else ())])
     arrays = {}
     for name, value in content.items():
@@ -83,28 +90,52 @@ def matlab_5(path: str, names: tuple[str, ...]) -> Found:
 
 
 def hdf5(path: str, names: tuple[str, ...]) -> Found:
-    """As `matlab_5`, of HDF5 and MATLAB 7.3: an array in a group is GROUP/NAME. `names` may be patterns of fnmatch."""
+    """As `matlab_5`, of HDF5 and MATLAB 7.3: an array in a group is GROUP/NAME. `names` may be patterns of fnmatch.
+
+    NAME.dims are the names of its dimensions, if they have any, as xarray writes them.
+    """
     import h5py
 
+    with suppress(ImportError):
+        import hdf5plugin  # noqa: F401     registers filters
     with h5py.File(path) as file:
         nodes, arrays = {}, {}
 
         def visit(name: str, node: Any) -> None:
-            if not name.startswith("#") and getattr(node, "shape", None) is not None:
+            if not name.startswith("#") and "_i_" not in name and getattr(node, "shape", None) is not None:
                 nodes[name] = node
 
         file.visititems(visit)
         shapes = {name: node.shape[::-1] if CLASS in node.attrs else node.shape for name, node in nodes.items()}
         numeric = {name: node for name, node in nodes.items() if node.dtype.kind in "iufb" and EMPTY not in node.attrs
                    and node.attrs.get(CLASS) != b"char"}
-        cubes = [name for name in numeric if len(shapes[name]) == 3]
+        cubes = [name for name, node in numeric.items() if may_be_counts(shapes[name], str(node.dtype))]
         for name, node in numeric.items():
             if cubes == [name] or any(name == pattern or fnmatchcase(name, pattern) for pattern in names):
-                if node.external or node.is_virtual:
-                    raise ValueError(f"{name} keeps its numbers in another file")
-                arrays[name] = node[()].T if CLASS in node.attrs else np.asarray(node[()])
+                content = _content(name, node, ())
+                arrays[name] = content.T if CLASS in node.attrs else content
+                dims = [Path(dim[0].name).name if len(dim) else dim.label for dim in node.dims]
+                arrays |= {f"{name}.dims": np.array(dims)} if any(dims) else {}
+        columns = {f"{name}/{column}": (node, column) for name, node in nodes.items()
+                   for column in node.dtype.names or ()}
+        arrays |= {name: _content(name, *column) for name, column in columns.items() if name in names}
         kinds = {name: node.attrs.get(CLASS, b"").decode() or str(node.dtype) for name, node in nodes.items()}
-        return arrays, [(name, shape, kinds[name]) for name, shape in shapes.items()]
+        listed = [(name, node.shape, str(node.dtype[column])) for name, (node, column) in columns.items()]
+        return arrays, listed + [(name, shape, kinds[name]) for name, shape in shapes.items()
+                                 if not nodes[name].dtype.names]
+
+
+def _content(name: str, node: Any, part: str | tuple) -> np.ndarray:
+    """A data set or a column of one."""
+    import h5py
+
+    if node.external or node.is_virtual:
+        raise ValueError(f"{name} keeps its numbers in another file")
+    created = node.id.get_create_plist()
+    filters = [created.get_filter(index)[0] for index in range(created.get_nfilters())]
+    if not all(map(h5py.h5z.filter_avail, filters)):
+        raise ValueError(f"pip install hdf5plugin to unpack {name}")
+    return np.asarray(node[part])
 
 
 READERS = {"scipy": ("scipy.io", matlab_5), "h5py": ("h5py", hdf5)}    # by library

@@ -1,4 +1,4 @@
-"""player: a photon file, the simulator or a bag → `photons` and `sensor`, or the topics of the bag."""
+"""player: a photon file or the simulator → `photons` and `sensor`."""
 
 import threading
 import time
@@ -11,11 +11,11 @@ from rclpy.publisher import Publisher
 from srt3d_ros.datasets import SIMULATOR
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
 from srt3d_ros.errors import BAD_INPUT, InvalidInput, require
-from srt3d_ros.messages import cdr
+from srt3d_ros.messages import cdr, sensor_message
 from srt3d_ros.nodes.common import topics
-from srt3d_ros.nodes.common.managed_node import FOLLOW_DEPTH, ManagedNode
+from srt3d_ros.nodes.common.managed_node import QUEUE_DEPTH, ManagedNode
 from srt3d_ros.nodes.common.parameters import Parameter
-from srt3d_ros.nodes.common.peers import all_acknowledged, unacknowledged_by
+from srt3d_ros.nodes.common.peers import all_acknowledged
 from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.reports import Chain, Reports
 from srt3d_ros.nodes.common.topics import NodeSpec
@@ -29,17 +29,13 @@ SETTLE_S = 30.0         # without progress, after which the last frames count as
 SKIPPED_EVERY_S = 60.0      # at most, a line about skipped frames
 
 PARAMETERS = (
-    Parameter("input", SIMULATOR, "Photon file (docs/photon-file.md), whose frame is repeated, the simulator's moving "
-              "scene, or a bag (docs/bags.md).", form="a path or simulator"),
+    Parameter("input", SIMULATOR, "Photon file (docs/photon-file.md), whose frame is repeated, or the simulator's "
+              "moving scene.", form="a path or simulator"),
     Parameter("sensor_file", "", "Photon file: sensor description for what the file leaves out, and for tf frame and "
               "lens: JSON as on `sensor`, or another photon file. If empty, the file must be complete.",
               form="a path"),
-    Parameter("rate_hz", 10.0, "Photon file and simulator: frames per second.", "Hz", 1e-3, 10_000),
+    Parameter("rate_hz", 10.0, "Frames per second.", "Hz", 1e-3, 10_000),
     Parameter("frames", 0, "Exit after this number of frames; 0: no limit.", low=0, high=10**9),
-    Parameter("rate", 1.0, "Bag: how many times as fast as recorded.", low=1e-6, high=1e6),
-    Parameter("loop", False, "Bag: begin again at its end."),
-    Parameter("start_offset", 0.0, "Bag: begin this long after its first message.", "s", 0, 1e9),
-    Parameter("clock", 0.0, "Bag: publish its time on /clock at this rate; 0: do not.", "Hz", 0, 10_000),
     Parameter("ppp", 15.0, "Simulator: mean photons per pixel and frame.", low=0, high=10**6),
     Parameter("sbr", 1.0, "Simulator: signal-to-background ratio.", low=1e-6, high=10**6),
     Parameter("cycles", 0, "Simulator: laser cycles per frame. The detector then records only the first photon of each "
@@ -57,7 +53,7 @@ PARAMETERS = (
 SPEC = NodeSpec(
     "player",
     inputs=(topics.DIAGNOSTICS,),
-    outputs=(topics.SENSOR, topics.PHOTONS, replace(topics.ODOM, when="`motion`"), topics.CLOCK),
+    outputs=(topics.SENSOR, topics.PHOTONS, replace(topics.ODOM, when="`motion`")),
     parameters=PARAMETERS,
 )
 
@@ -68,13 +64,13 @@ class PlayerNode(ManagedNode):
     spec = SPEC
 
     def configure(self) -> None:
-        self._source = open_source(self.parameters.as_dict(), self.parameters.changed(), self.get_namespace())
+        self._source = open_source(self.parameters.as_dict(), self.parameters.changed())
         for note in self._source.notes:
             self.get_logger().info(f"{self.parameters['input']}: {note}")
-        self.diagnostics.frame_id = self._source.frame_id
+        self.diagnostics.frame_id = self._source.sensor.frame_id
         self._outputs = {topic.name: self.endpoints.advertise(topic) for topic in self._source.topics}
-        self._frames = [self._outputs[name] for name in self._source.frames]
-        self.diagnostics.output = self._frames[0].topic_name
+        self._photons = self._outputs[topics.PHOTONS.name]
+        self.diagnostics.output = self._photons.topic_name
         names = ", ".join(publisher.topic_name for publisher in self._outputs.values())
         self.get_logger().info(f"plays {self.parameters['input']} on {names}")
 
@@ -83,9 +79,8 @@ class PlayerNode(ManagedNode):
         chain = None
         if names:
             chain = Chain(names, reports := Reports())
-            self.endpoints.subscribe(topics.DIAGNOSTICS, lambda message, info: reports.add(message), FOLLOW_DEPTH)
-        for topic, raw in self._source.first.items():
-            self._outputs[topic].publish(raw)
+            self.endpoints.subscribe(topics.DIAGNOSTICS, lambda message, info: reports.add(message), QUEUE_DEPTH)
+        self._outputs[topics.SENSOR.name].publish(sensor_message.encode_cdr(self._source.sensor))
         self.worker.call(self._play, chain)
 
     def _play(self, chain: Chain | None) -> None:
@@ -95,15 +90,10 @@ class PlayerNode(ManagedNode):
             if chain is not None:
                 self._wait_for(chain)
             else:
-                self._wait_until(lambda: any(publisher.get_subscription_count() for publisher in self._frames),
-                                f"a subscriber on {self._frames[0].topic_name}")
-            for topic in self._source.first:
-                self._wait_until_acknowledged(self._outputs[topic])
+                self._wait_until(self._photons.get_subscription_count, f"a subscriber on {self._photons.topic_name}")
+            self._wait_until_acknowledged(self._outputs[topics.SENSOR.name])
             sent = self._send_all()
-            if chain is None and (middleware := unacknowledged_by()):
-                self.get_logger().warning(f"{middleware} does not say whether readers have received the last frames")
-            for publisher in self._frames:
-                self._wait_until_acknowledged(publisher)
+            self._wait_until_acknowledged(self._photons)
             if chain is not None and not self.stopping.is_set():
                 self._follow_last(chain, sent)
         except Exception as error:
@@ -113,14 +103,13 @@ class PlayerNode(ManagedNode):
             if not self.stopping.is_set():      # otherwise the node was only deactivated
                 self.finished.set()
 
-    def _wait_until(self, condition: Callable[[], bool], what: str, timeout_s: float = float("inf")) -> bool:
-        """Wait in the worker for a condition, report `what` it waits for, and return the condition's last value."""
+    def _wait_until(self, condition: Callable[[], object], what: str, timeout_s: float = float("inf")) -> None:
+        """Wait in the worker for a condition, and report `what` it waits for."""
         end_s = time.monotonic() + timeout_s
         self.diagnostics.wait_for(what)
-        while not (met := condition()) and time.monotonic() < end_s and not self.stopping.wait(POLL_S):
+        while not condition() and time.monotonic() < end_s and not self.stopping.wait(POLL_S):
             pass
         self.diagnostics.wait_for("")
-        return met
 
     def _wait_until_acknowledged(self, publisher: Publisher) -> None:
         self._wait_until(lambda: all_acknowledged(publisher), f"the readers of {publisher.topic_name}", ACKNOWLEDGE_S)
@@ -171,13 +160,11 @@ class PlayerNode(ManagedNode):
                 self.diagnostics.count(skipped=item.skipped)
                 self.diagnostics.warn(late)
                 self.get_logger().warning(late, throttle_duration_sec=SKIPPED_EVERY_S)
-            data, publisher = item.raw, self._outputs[item.topic]
-            if item.stamp_ns is not None:
-                data = cdr.restamp(data, first_ns + item.stamp_ns)
-            if publisher not in self._frames:
+            data, publisher = cdr.restamp(item.raw, first_ns + item.stamp_ns), self._outputs[item.topic]
+            if publisher is not self._photons:
                 publisher.publish(data)
                 continue
-            if item.stamp_ns is not None and not sent:
+            if not sent:
                 self.diagnostics.show(first_stamp_ns=first_ns + item.stamp_ns)
             self.diagnostics.count(messages_in=1)
             self.publish_frame(publisher, data, first_ns + item.due_ns)

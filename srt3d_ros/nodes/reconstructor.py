@@ -169,6 +169,8 @@ class ReconstructorNode(ManagedNode):
         reconstructor = self._reconstructor(queued.digest, sketch)
         seen = reconstructor(sketch, self._trajectory(sketch))
         self._warn_of_saturation(sketch)
+        if seen.photons and seen.notes:
+            self.diagnostics.warn(seen.notes[-1])
         light = seen.background.sum() + seen.intensity.sum() if sketch.cycles else seen.photons
         share = float(seen.background.sum()) / max(light, 1)
         self.diagnostics.show(reconstruct_ms=f"{seen.reconstruct_ms:.2f}", background_share=f"{share:.3f}",

@@ -1,4 +1,4 @@
-"""recorder: clouds, images, photon counts, latencies and the nodes' log → recordings (.rrd)."""
+"""recorder: clouds, images, photon counts and latencies → recordings (.rrd)."""
 
 import os
 import platform
@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from rcl_interfaces.msg import Log
 from rclpy.qos import ReliabilityPolicy
 from rclpy.utilities import get_rmw_implementation_identifier
 from std_msgs.msg import String
@@ -60,14 +59,11 @@ def checked_images(text: str) -> tuple[str, ...]:
 
 QUEUE = 128             # messages that wait for the disk
 RECORDED_DEPTH = 32     # messages of each topic that the middleware keeps: seven topics, sketches of 2 MB
-LINES_KEPT = 1000       # log lines from before the first frame
 POSE_NS = 10**9         # clouds wait for their pose this long, by their stamps
-NEAR_NS = 60 * 10**9    # log lines farther from the frames, as in a replay, get the stamp of the newest frame
 
 SPEC = NodeSpec(
     "recorder",
-    inputs=(topics.SKETCH_SENSOR, topics.POINTS, topics.FREE, *topics.IMAGE_TOPICS, topics.SKETCH, topics.ROSOUT,
-            topics.ODOM),
+    inputs=(topics.SKETCH_SENSOR, topics.POINTS, topics.FREE, *topics.IMAGE_TOPICS, topics.SKETCH, topics.ODOM),
     parameters=PARAMETERS,
 )
 
@@ -108,7 +104,6 @@ class RecorderNode(ManagedNode):
         self._path = free(self._asked)
         self._sensor: SensorModel | None = None
         self._frames = FrameIndex()
-        self._lines = deque(maxlen=LINES_KEPT)
         self.hold_frames_for("the sketch's description", topics.SKETCH_SENSOR)
         self.exit_code = 0
         self.diagnostics.count(clouds=0, images_skipped=0)
@@ -120,7 +115,6 @@ class RecorderNode(ManagedNode):
         self.subscribe(topics.FREE, self._on_free)
         self.subscribe(topics.SKETCH, self._on_sketch)       # before `points`: of a backlog, sketches are read first
         self.subscribe(topics.POINTS, self._on_points)
-        self.follow(topics.ROSOUT, self._on_line)
         self.follow(topics.SKETCH_SENSOR, self._on_sensor)
         self.diagnostics.show(path=self._path)
 
@@ -128,7 +122,6 @@ class RecorderNode(ManagedNode):
         self._path = None
         self.diagnostics.show(path="")
         if self._writer is not None:
-            self._write_lines(self._writer)
             self._end_recording(self._writer)
 
     def _end_recording(self, writer: RecordingWriter) -> None:
@@ -261,27 +254,8 @@ class RecorderNode(ManagedNode):
         return self._writer, self._frames[stamp_ns]
 
     def _logged(self, writer: RecordingWriter, frame: RecordedFrame) -> None:
-        self._write_lines(writer)
         self.sent(frame.stamp_ns)
         self.diagnostics.show(path=writer.path)
-
-    # ---- The log
-
-    def _on_line(self, line: Log) -> None:
-        """Record a log line if it comes from a node in this namespace."""
-        namespace, _, name = line.name.rpartition(".")
-        if namespace == self.get_namespace().strip("/").replace("/", "."):
-            self._lines.append((line.stamp.sec * 10**9 + line.stamp.nanosec, f"{name}: {line.msg}", int(line.level)))
-            if self._writer is not None and self._frames.newest:
-                self._write_lines(self._writer)
-
-    def _write_lines(self, writer: RecordingWriter) -> None:
-        newest = self._frames.newest
-        while self._lines:
-            stamp_ns, text, level = self._lines.popleft()
-            if newest is not None and abs(stamp_ns - newest.stamp_ns) > NEAR_NS:
-                stamp_ns = newest.stamp_ns
-            writer.log_line(stamp_ns, text, level, newest.number if newest else None)
 
 
 main = partial(run, RecorderNode)

@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 from std_msgs.msg import String
 
 from srt3d_ros import precompile
@@ -13,6 +14,8 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import OPTIONS
 from srt3d_ros.core.sketching.frequencies import RULES
 from srt3d_ros.core.sketching.gate import OFF
+from srt3d_ros.core.sketching.photon_frame import PhotonFrame
+from srt3d_ros.core.sketching.plausibility import LightWatch
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.core.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets import open_sensor
@@ -39,6 +42,9 @@ PARAMETERS = (
               "(`photons_dropped.gate`), and T becomes the gate's length: less background and finer depths at a low "
               "SBR. `srt3d info FILE` proposes one. The spread of the pixels' delays widens it.",
               form="off, or first and last bin such as 100-400", live=True, loose=True),
+    Parameter("mask", "auto", "auto: leave out hot pixels, as the first second of photons shows them, unless the "
+              "description has a mask. /diagnostics counts them (`hot_pixels`).", choices=("auto", OFF), live=True,
+              loose=True),
     Parameter("packets_per_frame", 1, "Messages per frame. With frame_period_s, 1 means any number.",
               low=1, high=100_000, live=True),
     Parameter("frame_period_s", 0.0, "Define frames by stamp: a frame contains the stamps of one period. It ends with "
@@ -85,6 +91,7 @@ class SketcherNode(ManagedNode):
     _file: SensorModel | None = None            # the sensor of `sensor_file`
     _sensor: SensorModel | None = None          # of the photons
     _stream: SketchStream | None = None         # None while photons cannot be used
+    _watch: LightWatch | None = None            # of the photons of `_sensor`
     _refused = ""                               # why the last description on `sensor` is not used
     _motion: MotionInput | None = None
 
@@ -132,7 +139,7 @@ class SketcherNode(ManagedNode):
 
     def forget(self) -> None:
         self._flush()
-        self._sensor, self._stream, self._motion = self._file, None, None
+        self._sensor, self._stream, self._motion, self._watch = self._file, None, None, None
 
     def _flush(self) -> None:
         """Publish all frames that have ended, and begin a new frame and a new window."""
@@ -169,6 +176,7 @@ class SketcherNode(ManagedNode):
             changed = "{} was {}, is {}".format(*difference) if difference else "numbers differ in their last digits"
             self.get_logger().info(f"another sensor on {self._topic}: {sensor_summary(described)}; {changed}")
             self.drop_older_frames()
+            self._watch = None
         self._sensor, self._refused = described, ""
         self._apply()
 
@@ -195,6 +203,8 @@ class SketcherNode(ManagedNode):
         options = stream_options(self.parameters.as_dict())
         if options.moving:
             sensor = self._mounted(sensor)
+        if self._watch is not None and self.parameters["mask"] != OFF:
+            sensor = self._watch.masked(sensor)
         if stream is not None and stream.sensor.same_as(sensor) and options == stream.options:
             return
         self._flush()
@@ -211,6 +221,15 @@ class SketcherNode(ManagedNode):
         self.diagnostics.frame_id = sensor.frame_id
         self.diagnostics.show(**stream.facts)
         self.release_frames()
+
+    def _look_at(self, photons: PhotonFrame, sensor: SensorModel) -> None:
+        """Leave out hot pixels once they are known, and warn of photons that look wrong."""
+        self._watch = self._watch or LightWatch(sensor)
+        if self._watch.look(photons, self._now_s()):
+            self.diagnostics.show(hot_pixels=int(np.count_nonzero(self._watch.hot)))
+            self._apply()
+        if self._watch.warning:
+            self.diagnostics.warn(self._watch.warning)
 
     def _mounted(self, sensor: SensorModel) -> SensorModel:
         """The sensor with its pose on the robot: that of the parameter, or else of its description."""
@@ -236,6 +255,7 @@ class SketcherNode(ManagedNode):
             self._motion.read_into(stream.add_motion)
         try:
             self._publish(stream, stream.push(photons, self._now_s()))
+            self._look_at(photons, stream.sensor)
         finally:
             self._wake_later(stream)
 

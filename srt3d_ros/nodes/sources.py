@@ -1,25 +1,20 @@
-"""The sources of the player: a photon file, the simulator or a bag, as messages and when each is due."""
+"""The sources of the player: a photon file or the simulator, as messages and when each is due."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import replace
 from heapq import merge
-from itertools import count, takewhile
+from itertools import takewhile
 from math import ceil
-from pathlib import Path
 from typing import NamedTuple
 
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
-from rclpy.time import Time
-from rosgraph_msgs.msg import Clock as ClockMessage
 
 from srt3d_ros import datasets
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import SIMULATOR
-from srt3d_ros.datasets.bags.bag import Bag, BagTopic, is_bag
-from srt3d_ros.datasets.bags.frames import frame_topics, topic_contents
+from srt3d_ros.datasets.bags.bag import is_bag
 from srt3d_ros.datasets.simulation import bust
 from srt3d_ros.datasets.simulation.motion_profiles import LAP_S, MOTIONS, OPTICAL, Measured, measured
 from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
@@ -27,23 +22,19 @@ from srt3d_ros.datasets.simulation.room import Room
 from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.messages import photon_frames, sensor_message
+from srt3d_ros.messages import photon_frames
 from srt3d_ros.messages.cdr import NS_PER_S
-from srt3d_ros.nodes.common.topics import CLOCK, FRAMES, IMU, ODOM, PHOTONS, SENSOR, SKETCH, SKETCH_SENSOR
+from srt3d_ros.nodes.common.topics import ODOM, PHOTONS, SENSOR
 
 LATE_S = 0.5            # frames that are later are skipped, so that the player catches up after a stall
 MAX_DRAWN_BYTES = 2**28 # of messages that are drawn ahead
-LOOP_PAUSE_NS = NS_PER_S // 10  # before a bag begins again: one of a single frame would flood the network
 PACKETS = 10            # per frame of the moving sensor
 SCENE_HZ = 10.0         # frame k of the head shows it at k / SCENE_HZ, whatever the rate
-BAG, FILE = "a bag", "a photon file"
-THE_SIMULATOR = "the simulator"
-PARAMETERS_OF = {       # of the player's parameters, those that only some sources take
-    FILE: ("sensor_file", "rate_hz"),
-    THE_SIMULATOR: ("rate_hz", "ppp", "sbr", "cycles", "seed", "motion"),
-    BAG: ("rate", "loop", "start_offset", "clock"),
+FILE, THE_SIMULATOR = "a photon file", "the simulator"
+PARAMETERS_OF = {       # of the player's parameters, those of one source
+    FILE: ("sensor_file",),
+    THE_SIMULATOR: ("ppp", "sbr", "cycles", "seed", "motion"),
 }
-KINDS = {topic.name: topic for topic in (ODOM, IMU, SENSOR, *FRAMES, SKETCH)}
 Clock = Callable[[], int]       # gives the nanoseconds since the first message was sent
 
 
@@ -54,18 +45,18 @@ class Item(NamedTuple):
         topic: one of the source's.
         raw: the serialised message.
         due_ns: when to send it, after the beginning.
-        stamp_ns: its stamp, after the beginning; None: the one that it has.
+        stamp_ns: its stamp, after the beginning.
         skipped: number of late frames that were left out before this one.
     """
 
     topic: str
     raw: bytes
     due_ns: int
-    stamp_ns: int | None = None
+    stamp_ns: int
     skipped: int = 0
 
 
-def until_end(messages: Iterator[Item], others: Iterator[Item], after_s: float = 0.0) -> Iterator[Item]:
+def until_end(messages: Iterator[Item], others: Iterator[Item], after_s: float) -> Iterator[Item]:
     """Yield both in the order in which they are due, `others` until `after_s` after the last of `messages`."""
     end_ns = float("inf")
 
@@ -81,20 +72,19 @@ def until_end(messages: Iterator[Item], others: Iterator[Item], after_s: float =
     return takewhile(lambda item: item.due_ns <= end_ns, both)
 
 
-def open_source(parameters: Mapping, changed: Collection[str] = (), namespace: str = "/") -> "Drawn | Recorded":
-    """The source for the player's parameters and its node's namespace.
+def open_source(parameters: Mapping, changed: Collection[str] = ()) -> "Drawn":
+    """The source for the player's parameters.
 
     Raises:
         InvalidInput: it cannot be played, or a parameter that is `changed` from its default is for other sources.
     """
     path, sensor_file, motion = parameters["input"], parameters["sensor_file"], parameters["motion"]
-    kind = BAG if is_bag(path) else THE_SIMULATOR if path == SIMULATOR else FILE
-    for name in changed:
-        takers = [source for source, own in PARAMETERS_OF.items() if name in own]
-        require(not takers or kind in takers, name, problem=f"{name} {parameters[name]}: only for "
-                f"{' or '.join(takers)}, and input {path} is {kind}.")
-    if kind == BAG:
-        return Recorded(parameters, namespace)
+    require(not is_bag(path), "input", path, "a photon file or simulator; `ros2 bag play` plays bags")
+    kind = THE_SIMULATOR if path == SIMULATOR else FILE
+    for source, own in PARAMETERS_OF.items():
+        for name in {*own} & {*changed} if source != kind else ():
+            raise InvalidInput(name, problem=f"{name} {parameters[name]}: only for {source}, and input {path} is "
+                               f"{kind}.")
     rate_hz, frames = parameters["rate_hz"], parameters["frames"]
     if kind == FILE:
         photons = datasets.read_photons(path, sensor=datasets.open_sensor(sensor_file) if sensor_file else None)
@@ -122,13 +112,12 @@ class Drawn:
         InvalidInput: the first packet cannot be sent.
     """
 
-    topics, frames = (SENSOR, PHOTONS), (PHOTONS.name,)
+    topics = (SENSOR, PHOTONS)
     before_s = exposure_s = 0.0     # the first packet is acquired `before_s` after the beginning, each in `exposure_s`
 
     def __init__(self, sensor: SensorModel, draw: Callable[[int], PhotonEvents], rate_hz: float, packets: int,
                  lap: int = 1, packets_per_frame: int = 1, notes: tuple[str, ...] = ()):
-        self.sensor, self.frame_id, self.notes = sensor, sensor.frame_id, notes
-        self.first = {SENSOR.name: sensor_message.encode_cdr(sensor)}       # to publish before all else
+        self.sensor, self.notes = sensor, notes
         self._draw, self._rate_hz, self._packets, self._per_frame = draw, rate_hz, packets, packets_per_frame
         self._lap = min(packets or lap, lap)
         self._drawn = [self._encode(0)]
@@ -216,83 +205,3 @@ def odometry(report: Measured) -> Odometry:
     speed.x, speed.y, speed.z = report.velocity_m_s.tolist()
     rate.x, rate.y, rate.z = report.rate_rad_s.tolist()
     return message
-
-
-class Recorded:
-    """A bag: its photons (sketches if there are none), descriptions, odometry and IMU, as they were recorded.
-
-    In a namespace, the topics take it in place of the namespace in which the photons were recorded.
-
-    Raises:
-        InvalidInput: the bag cannot be read, or has neither photons nor sketches, or none after `start_offset`.
-    """
-
-    frame_id = ""       # messages name their own
-
-    def __init__(self, parameters: Mapping, namespace: str):
-        self._bag, self._parameters = (bag := Bag(Path(parameters["input"]))), parameters
-        self.notes = bag.notes
-        contents = topic_contents(bag)
-        frames = frame_topics(contents)
-        require(frames, "bag", problem=f"bag {bag.path.name} has no photons and no sketches. It has {bag.content()}.")
-        motion = [topic for topic, content in contents.items() if content in (ODOM.name, IMU.name)]
-        sensors = [topic for topic, content in contents.items() if content == SENSOR.name and (
-            contents[frames[0]] == SKETCH.name or not topic.name.endswith(SKETCH_SENSOR.name))]
-        # Frames are advertised last: a subscriber that has discovered them has then discovered all.
-        self._played = motion + sensors + frames
-        self._names = _names(self._played, frames, namespace)
-        self.topics = tuple(replace(KINDS[contents[one]], name=self._names[one.name]) for one in self._played)
-        require(len({topic.name for topic in self.topics}) == len(self.topics), "bag", problem=f"bag {bag.path.name} "
-                f"has two topics to play as one: {', '.join(sorted(topic.name for topic in self.topics))}.")
-        self.frames = tuple(self._names[topic.name] for topic in frames)
-        messages = bag.timed_messages(motion + frames, bag.start_ns + round(parameters["start_offset"] * NS_PER_S))
-        first = next((time_ns for _, time_ns, raw in messages if raw), None)
-        if first is None:
-            raise InvalidInput("start_offset", parameters["start_offset"], "less: no message is left")
-        self._start_ns = first
-        self.first: dict[str, bytes] = {}       # the last description before the start, or else the first
-        for topic, time_ns, raw in bag.timed_messages(sensors):
-            if self._names[topic] not in self.first or time_ns <= self._start_ns:
-                self.first[self._names[topic]] = raw
-        if parameters["clock"]:
-            self.topics += (CLOCK,)
-            self.first |= {CLOCK.name: self._tick(0).raw}
-
-    def prepare(self, stopped: Callable[[], bool]) -> None:
-        """Nothing is to be drawn."""
-
-    def items(self, elapsed_ns: Clock) -> Iterator[Item]:
-        """Yield the messages in the order of recording, from the beginning at each call."""
-        begun_ns, due_ns, left = 0, 0, self._parameters["frames"] or float("inf")
-        while True:
-            messages = self._messages()
-            if self._parameters["clock"]:
-                messages = until_end(messages, map(self._tick, count()))
-            for item in messages:
-                due_ns = begun_ns + item.due_ns
-                yield item._replace(due_ns=due_ns)
-                left -= item.topic in self.frames
-                if not left:
-                    return
-            if not self._parameters["loop"]:
-                return
-            begun_ns = due_ns + LOOP_PAUSE_NS
-
-    def _messages(self) -> Iterator[Item]:
-        """Yield the descriptions and then the bag's messages, once."""
-        yield from (Item(name, raw, 0) for name, raw in self.first.items())
-        for topic, time_ns, raw in self._bag.timed_messages(self._played, self._start_ns):
-            if raw:         # after a message of zero bytes, Fast DDS delivers no other
-                yield Item(self._names[topic], raw, round((time_ns - self._start_ns) / self._parameters["rate"]))
-
-    def _tick(self, k: int) -> Item:
-        elapsed_ns = k * NS_PER_S / self._parameters["clock"]
-        now = Time(nanoseconds=self._start_ns + round(elapsed_ns * self._parameters["rate"]))
-        return Item(CLOCK.name, serialize_message(ClockMessage(clock=now.to_msg())), round(elapsed_ns))
-
-
-def _names(topics: list[BagTopic], frames: list[BagTopic], namespace: str) -> dict[str, str]:
-    """The name, relative to the namespace, under which each recorded topic is played."""
-    recorded_in = {topic.name.rpartition("/")[0] for topic in frames}
-    inside = f"{recorded_in.pop()}/" if len(recorded_in) == 1 and namespace != "/" else "/"
-    return {topic.name: topic.name.removeprefix(inside).removeprefix("/") for topic in topics}

@@ -3,13 +3,15 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from PIL import Image
 
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.pictures.cloud_renderer import CloudStyle, focal_px
-from srt3d_ros.pictures.colours import BACKGROUND, range_table
+from srt3d_ros.pictures.colours import BACKGROUND
 from srt3d_ros.pictures.figures import DPI, as_image
-from srt3d_ros.pictures.units import length_text, number_text
+from srt3d_ros.pictures.quantities import RANGE
+from srt3d_ros.pictures.units import length_text
 from srt3d_ros.pictures.viewpoint import Viewpoint, look_at
 
 TEXT_COLOUR, DIM_COLOUR = "#e8eaed", "#8b939e"
@@ -17,6 +19,8 @@ BEHIND = tuple(np.divide(BACKGROUND, 255))      # in matplotlib's form
 _BAR_SHARE = 0.2                        # longest scale bar over the picture's width
 _RANGE_BAR = 0.16, 0.012                # width and height over the picture's
 _RANGE_BAR_PX_PER_PT = 12               # least width: the numbers at its ends, of this size, need room
+_LETTER_PX_PER_PT = 0.85                # width of a letter
+_BACKING = [withStroke(linewidth=4, foreground=BEHIND)]       # of texts and lines that may lie on points
 
 
 def dark_figure(width_px: int, height_px: int) -> Figure:
@@ -45,20 +49,27 @@ def scale_bar(axes: Axes, eye: Viewpoint, size: float = 13) -> None:
     exponent = np.floor(np.log10(_BAR_SHARE * width / px_per_m))
     length_m = max(step * 10**exponent for step in (1, 2, 5) if step * 10**exponent * px_per_m <= _BAR_SHARE * width)
     end, line = width - 0.02 * width, height - 0.03 * height
-    axes.plot([end - length_m * px_per_m, end], [line, line], color=DIM_COLOUR, linewidth=2, solid_capstyle="butt")
-    axes.text(end, line - 0.015 * height, length_text(length_m), color=DIM_COLOUR, size=size, ha="right", va="bottom")
+    axes.plot([end - length_m * px_per_m, end], [line, line], color=TEXT_COLOUR, linewidth=2, solid_capstyle="butt",
+              path_effects=_BACKING)
+    axes.text(end, line - 0.015 * height, length_text(length_m), color=TEXT_COLOUR, size=size, ha="right", va="bottom",
+              path_effects=_BACKING)
 
 
 def range_bar(axes: Axes, style: CloudStyle, size: float = 13) -> None:
-    """Draw the colours of the range with the metres at their ends, at the lower left."""
-    share, height = _RANGE_BAR
-    share = max(share, _RANGE_BAR_PX_PER_PT * size / axes.images[0].get_array().shape[1])
+    """Draw the colours with the values at their ends, at the lower left; their name above unless it is the range."""
+    (share, height), quantity = _RANGE_BAR, style.quantity
+    ends = [quantity.text(end) for end in (style.low, style.high)]
+    letters = max(_RANGE_BAR_PX_PER_PT, _LETTER_PX_PER_PT * sum(map(len, ends)))
+    share = max(share, letters * size / axes.images[0].get_array().shape[1])
     bar = axes.inset_axes((0.02, 0.03, share, height))
     bar.set_axis_off()
-    bar.imshow(range_table()[None], aspect="auto")
-    for x, metres, side in ((0, style.near_m, "left"), (1, style.far_m, "right")):
-        bar.text(x, 2, f"{number_text(metres)} m", transform=bar.transAxes, color=DIM_COLOUR, size=size, ha=side,
-                 va="bottom")
+    bar.imshow(quantity.table()[None], aspect="auto")
+    texts = [(0, 2, ends[0], "left"), (1, 2, ends[1], "right")]
+    if quantity is not RANGE:
+        texts.append((0, 4.5, quantity.label, "left"))
+    for x, y, text, side in texts:
+        bar.text(x, y, text, transform=bar.transAxes, color=TEXT_COLOUR, size=size, ha=side, va="bottom",
+                 path_effects=_BACKING)
 
 
 def annotated(image: np.ndarray, style: CloudStyle, eye: Viewpoint) -> Image.Image:
@@ -71,10 +82,10 @@ def annotated(image: np.ndarray, style: CloudStyle, eye: Viewpoint) -> Image.Ima
     return as_image(figure)
 
 
-def draw_cloud(cloud: PointCloud, yaw_deg: float = 15, pitch_deg: float = 10, size_px: tuple[int, int] = (1200, 900)
-               ) -> Image.Image:
-    """A cloud seen from above right of the sensor, coloured by range, shaded by intensity, with scale bar."""
+def draw_cloud(cloud: PointCloud, yaw_deg: float = 15, pitch_deg: float = 10, size_px: tuple[int, int] = (1200, 900),
+               colour_by: str = "range") -> Image.Image:
+    """A cloud with scale bar, coloured by a quantity; by range it is shaded by intensity, too."""
     width, height = size_px
     eye = look_at(cloud.xyz, cloud.sensor.projection, yaw_deg, pitch_deg, aspect=width / height)
-    style = CloudStyle.of(cloud, cloud.sensor)
+    style = CloudStyle.of(cloud, cloud.sensor, colour_by)
     return annotated(style.draw(cloud, eye, width, height), style, eye)

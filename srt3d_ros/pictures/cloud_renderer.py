@@ -11,7 +11,9 @@ import numpy as np
 
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.pictures.colours import BACKGROUND, levels, percentile_range, range_table, shaded
+from srt3d_ros.errors import quoted, require
+from srt3d_ros.pictures.colours import BACKGROUND, levels, percentile_range, shaded
+from srt3d_ros.pictures.quantities import QUANTITIES, RANGE, Quantity
 from srt3d_ros.pictures.viewpoint import Viewpoint, point_radius_m
 
 _OUTSIDE = (96, 104, 116)
@@ -28,30 +30,38 @@ _FOG_OPACITY = 0.6              # of one point
 
 @dataclass(frozen=True, eq=False)
 class CloudStyle:
-    """Style shared by the panels of a picture: the ranges at the two ends of the colours, and the points' radius."""
+    """Style shared by the panels of a picture: the values at the two ends of the colours, and the points' radius."""
 
-    near_m: float
-    far_m: float
+    low: float
+    high: float
     radius_m: float
+    quantity: Quantity = RANGE
 
     @classmethod
-    def of(cls, cloud: PointCloud, sensor: SensorModel) -> "CloudStyle":
-        """The style that suits a cloud."""
-        near_m, far_m = (percentile_range(np.linalg.norm(cloud.xyz, axis=1))
-                         or sensor.range_m(np.array([0, sensor.num_bins])))
-        return cls(float(near_m), float(far_m), _RADIUS_FACTOR * point_radius_m(cloud.xyz, sensor))
+    def of(cls, cloud: PointCloud, sensor: SensorModel, colour_by: str = "range") -> "CloudStyle":
+        """The style that suits a cloud; InvalidInput if its points have no such quantity."""
+        require(colour_by in QUANTITIES, "colour_by", quoted(colour_by), ", ".join(QUANTITIES))
+        quantity = QUANTITIES[colour_by]
+        values = quantity.values(cloud)
+        ends = percentile_range(values)
+        require(ends or not len(values), "colour_by",
+                problem=f"The points have no {colour_by}: their method gives none.")
+        low, high = ends or (sensor.range_m(np.array([0, sensor.num_bins])) if quantity is RANGE else (0, 1))
+        return cls(float(low), float(high), _RADIUS_FACTOR * point_radius_m(cloud.xyz, sensor), quantity)
 
-    def colour(self, xyz: np.ndarray) -> np.ndarray:
-        """Colours of points by range, uint8 [N, 3]; grey far outside near_m to far_m."""
-        range_m, span_m = np.linalg.norm(xyz, axis=1), self.far_m - self.near_m
-        colour = range_table()[levels(range_m, self.near_m, self.far_m)]
-        colour[(range_m < self.near_m - 0.2 * span_m) | (range_m > self.far_m + 0.2 * span_m)] = _OUTSIDE
+    def colour(self, values: np.ndarray) -> np.ndarray:
+        """Colours of points by their values of the quantity, uint8 [N, 3]; grey for ranges far outside low to high."""
+        colour, span = self.quantity.table()[self.quantity.levels(values, self.low, self.high)], self.high - self.low
+        if self.quantity is RANGE:
+            colour[(values < self.low - 0.2 * span) | (values > self.high + 0.2 * span)] = _OUTSIDE
         return colour
 
     def draw(self, cloud: PointCloud, eye: Viewpoint, width: int, height: int, finer: int = 2) -> np.ndarray:
         """A cloud seen from `eye`, uint8 [height, width, 3]; `finer` as for draw_surface."""
-        low, high = percentile_range(cloud.intensity) or (0, 1)
-        colour = shaded(self.colour(cloud.xyz), levels(cloud.intensity, low, high, root=True))
+        colour = self.colour(self.quantity.values(cloud))
+        if self.quantity is RANGE:
+            low, high = percentile_range(cloud.intensity) or (0, 1)
+            colour = shaded(colour, levels(cloud.intensity, low, high, root=True))
         return draw_surface(cloud.xyz, colour, eye, width, height, self.radius_m, finer)
 
 

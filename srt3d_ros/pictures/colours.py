@@ -36,11 +36,21 @@ def colour_table(name: str) -> np.ndarray:
 
 
 @cache
-def range_table() -> np.ndarray:
-    """The colours of ranges, uint8 [256, 3]: near is bright, far still visible on BACKGROUND."""
-    table = colour_table(RANGE_MAP)
+def _visible(name: str) -> np.ndarray:
+    """The part of a colour map that is visible on BACKGROUND, brightest first, uint8 [256, 3]."""
+    table = colour_table(name)
     first = int(np.argmax(table.max(axis=1) >= _LEAST_BRIGHT))
     return table[np.rint(np.linspace(255, first, 256)).astype(int)]
+
+
+def range_table() -> np.ndarray:
+    """The colours of ranges, uint8 [256, 3]: near is bright."""
+    return _visible(RANGE_MAP)
+
+
+def photon_table() -> np.ndarray:
+    """The colours of a point's photons, uint8 [256, 3]: many are bright."""
+    return _visible(PHOTON_MAP)[::-1]
 
 
 def packed(colours: np.ndarray) -> np.ndarray:

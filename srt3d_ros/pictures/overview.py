@@ -77,7 +77,7 @@ def photon_positions(photons: PhotonEvents, sensor: SensorModel) -> np.ndarray:
 def draw_photons(xyz: np.ndarray, style: CloudStyle, eye: Viewpoint, width: int, height: int) -> np.ndarray:
     """Photons as fog, faded at the borders of the panel."""
     size_px = _FINER if len(xyz) > _SPARSE * width * height / _FINER**2 else 2 * _FINER
-    fog = draw_fog(xyz, style.colour(xyz), eye, width, height, size_px)
+    fog = draw_fog(xyz, style.colour(np.linalg.norm(xyz, axis=1)), eye, width, height, size_px)
     inside = [np.clip(np.minimum(np.arange(n), n - 1 - np.arange(n)) / (_FADE * n), 0, 1) for n in (height, width)]
     weight = np.outer(*inside)[..., None]
     return (fog * weight + np.array(BACKGROUND) * (1 - weight)).astype(np.uint8)
@@ -100,7 +100,7 @@ def _depth_map(figure: Figure, left: float, width: float, range_m: np.ndarray, s
     axes = figure.add_axes((left, _BOTTOM, width, _TOP - _BOTTOM), anchor="W")      # as large as fits
     axes.set_axis_off()
     colours = ListedColormap(range_table() / 255).with_extremes(bad=annotations.BEHIND)
-    image = axes.imshow(range_m, colours, Normalize(style.near_m, style.far_m), interpolation="nearest")
+    image = axes.imshow(range_m, colours, Normalize(style.low, style.high), interpolation="nearest")
     bar = figure.colorbar(image, cax=axes.inset_axes((1.034, 0, 0.03, 1)))
     bar.outline.set_visible(False)
     bar.ax.invert_yaxis()

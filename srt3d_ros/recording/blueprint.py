@@ -1,4 +1,4 @@
-"""The rerun blueprint of recordings: a large 3D view; images, and tabs of plots and the nodes' log beside it."""
+"""The rerun blueprint of recordings: a large 3D view; images, and tabs of plots beside it."""
 
 from collections.abc import Collection
 
@@ -45,21 +45,16 @@ def cloud_view(eye: Viewpoint, moving_rate_hz: float | None = None) -> rrb.Spati
                              eye_controls=controls, overrides=hidden | recent)
 
 
-def film_blueprint(eye: Viewpoint, sensor: SensorModel, images: tuple[str, ...], rate_hz: float | None,
+def film_blueprint(eye: Viewpoint, sensor: SensorModel, images: tuple[str, ...], rate_hz: float,
                    moving: bool = False) -> rrb.Blueprint:
-    """Blueprint that plays all frames in a loop: the cloud on the left; images, plots and log on the right.
+    """Blueprint that plays all frames in a loop: the cloud on the left; images and plots on the right.
 
-    With None for `rate_hz`, the frames per second, it shows a single frame: without plots and log. For a sensor that is
-    `moving`, the 3D view stands in the fixed frame.
+    `rate_hz` are the frames per second. For a sensor that is `moving`, the 3D view stands in the fixed frame.
     """
     panes = _image_panes([path for path in IMAGE_TITLES if path in images])
     wide = sensor.cols > _WIDE_ASPECT * sensor.rows
-    right = [rrb.Grid(*panes, grid_columns=1 if wide or rate_hz is None else len(panes))] if panes else []
-    if rate_hz is not None:
-        log = rrb.TextLogView(origin=entities.LOG_PATH, name="Log",
-                              columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"]))
-        right.append(rrb.Tabs(*(_plot(title, names) for title, names in PLOTS.items()), log, active_tab=0))
-    # By frames: on the timeline of stamps, log lines come seconds before the first frame.
+    right = [rrb.Grid(*panes, grid_columns=1 if wide else len(panes))] if panes else []
+    right.append(rrb.Tabs(*(_plot(title, names) for title, names in PLOTS.items()), active_tab=0))
     time = rrb.TimePanel(state="collapsed", timeline=FRAME_INDEX, fps=rate_hz, play_state="playing", loop_mode="all")
     view = cloud_view(eye, rate_hz if moving else None)
     return rrb.Blueprint(rrb.Horizontal(view, rrb.Vertical(*right), column_shares=[3, 2]),

@@ -15,7 +15,7 @@ from srt3d_ros.pictures.viewpoint import sensor_axes
 
 APPLICATION_ID = "srt3d_ros"
 STAMP, FRAME_INDEX = "stamp", "frame"               # timelines
-POINTS_PATH, DEPTH_PATH, METRICS_PATH, LOG_PATH, SENSOR_PATH = "/points", "/depth", "/metrics", "/log", "/sensor"
+POINTS_PATH, DEPTH_PATH, METRICS_PATH, SENSOR_PATH = "/points", "/depth", "/metrics", "/sensor"
 FREE_PATH = "/free"                                 # empty rays, hidden until someone shows them
 POSE_PATH, ROOM_PATH, WAY_PATH = "/pose", "/room", "/way"           # of a sensor that moves: the last two fixed
 MOVING_SENSOR_PATH = f"{POSE_PATH}{SENSOR_PATH}"

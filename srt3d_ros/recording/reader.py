@@ -1,4 +1,4 @@
-"""Read a recording's clouds, images, time series, log lines and properties without a viewer."""
+"""Read a recording's clouds, images, time series and properties without a viewer."""
 
 import os
 from collections.abc import Container, Iterator
@@ -69,15 +69,6 @@ class CloudIndex:
         return len(self.stamp_ns)
 
 
-@dataclass(frozen=True)
-class LogLine:
-    """A line of a node's log; `level` is INFO, WARN, …"""
-
-    stamp_ns: int
-    level: str
-    text: str
-
-
 class RecordingReader:
     """An .rrd file of RecordingWriter; InvalidInput if it is absent, no recording, of a newer rerun, or cut off."""
 
@@ -118,6 +109,11 @@ class RecordingReader:
             dtype = ChannelDatatype(image_format["channel_datatype"]).to_np_dtype()
             yield stamp, frame, _array(buffer).view(dtype).reshape(image_format["height"], image_format["width"])
 
+    def empty_rays(self, only: Container[int] | None = None) -> Iterator[tuple[int, int, np.ndarray]]:
+        """Yield (stamp_ns, frame_index, ends of rays [N, 3], float32, metres) in the order logged."""
+        for stamp, frame, strips in self._selected(entities.FREE_PATH, only, ("LineStrips3D:strips",)):
+            yield stamp, frame, _array(strips).reshape(-1, 2, 3)[:, 1]
+
     def poses(self) -> dict[int, Pose]:
         """Poses of a sensor that moved, from its frame to a fixed one, by frame index."""
         columns = "Transform3D:translation", "Transform3D:quaternion"
@@ -136,12 +132,6 @@ class RecordingReader:
             order = np.argsort(stamps, kind="stable")
             found[name] = Series(stamps[order], values[order])
         return found
-
-    def log_lines(self) -> list[LogLine]:
-        """The nodes' log lines in the order recorded."""
-        rows = self._rows(f"{entities.LOG_PATH}/**", entities.STAMP, "TextLog:level", "TextLog:text")
-        return [LogLine(int(stamp), (level.as_py() or [""])[0], (text.as_py() or [""])[0])
-                for _, *columns in rows for stamp, level, text in zip(*columns)]
 
     def properties(self) -> dict[str, dict]:
         """The newest facts of each property: {"run": {…}, "sensor": {…}}; lists as arrays."""

@@ -1,4 +1,4 @@
-"""Record clouds, images, scalars and log lines in an .rrd file."""
+"""Record clouds, images and scalars in an .rrd file."""
 
 import atexit
 import math
@@ -18,7 +18,6 @@ import rerun as rr
 
 from srt3d_ros import compat
 from srt3d_ros.core.motion.trajectory import Pose
-from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.messages import sensor_message
 from srt3d_ros.pictures.colours import AdaptiveRange, grey_table, levels, packed, point_table
@@ -34,12 +33,10 @@ BATCHING = rr.ChunkBatcherConfig(flush_tick=timedelta(seconds=5 * FLUSH_PERIOD_S
 FLUSH_TIMEOUT_S = 20.0      # a slower disk counts as hanging
 END_TIMEOUT_S = 10.0        # for the footer, after all else is written
 LEAST_FREE_BYTES = 500_000_000      # stop recording below this: the footer and other programs need room
-_LOG_LEVELS = {10: "DEBUG", 20: "INFO", 30: "WARN", 40: "ERROR", 50: "CRITICAL"}      # of rcl_interfaces/Log
 _TYPES = {"row": np.uint16, "col": np.uint16, "surface": np.uint8}      # other columns are float32
 STAMPS_KEPT = 256           # of frames whose numbers are known
 _RATE_CLOUDS = 10           # whose stamps give the rate and the playing speed; the view waits for them, or for the end
 _USUAL_RATE_HZ = 10.0       # if stamps do not grow
-_STILL_IMAGES = entities.DEPTH_PATH, entities.INTENSITY_PATH, entities.BACKGROUND_PATH
 _VIEWER_FOV_DEG, _VIEW_ASPECT = 55, 1.2     # the viewer's 3D view on a wide screen
 _ROOM_YAW_DEG, _ROOM_PITCH_DEG = 30, 40     # of the eye on a room
 _FRUSTUM_SHARE = 0.15       # of the clouds' range, so that a sensor in a room is seen
@@ -70,7 +67,6 @@ class FrameIndex:
         self._seen = 0
         self._clouds: deque[int] = deque(maxlen=_RATE_CLOUDS)
         self._images_due_ns = 0
-        self.newest: RecordedFrame | None = None
 
     def __getitem__(self, stamp_ns: int) -> RecordedFrame:
         """The frame with this stamp, added if new."""
@@ -80,8 +76,6 @@ class FrameIndex:
             self._seen += 1
             if len(self._frames) > STAMPS_KEPT:
                 del self._frames[next(iter(self._frames))]
-            if self.newest is None or stamp_ns > self.newest.stamp_ns:
-                self.newest = frame
         return frame
 
     def _has_images(self, stamp_ns: int) -> bool:
@@ -116,7 +110,6 @@ class RecordingWriter(AbstractContextManager):
         sensor: sets the axes and the size of the points.
         properties: of the recording, {"run": {…}, …}: numbers, strings, lists of them.
         images: entity paths of the images to show in the blueprint.
-        still: show a single frame, without plots and log.
 
     Raises:
         RecordingFailed: the file cannot be written, or the disk has less than 500 MB left. Methods raise it, too; then
@@ -124,8 +117,8 @@ class RecordingWriter(AbstractContextManager):
     """
 
     def __init__(self, path, sensor: SensorModel, properties: Mapping[str, Mapping] | None = None, *,
-                 images: tuple[str, ...] = (entities.DEPTH_PATH,), still: bool = False):
-        self.path, self._sensor, self._images, self._still = Path(path), sensor, images, still
+                 images: tuple[str, ...] = (entities.DEPTH_PATH,)):
+        self.path, self._sensor, self._images = Path(path), sensor, images
         self._ranges: dict[str, AdaptiveRange] = defaultdict(AdaptiveRange)        # of colours, by entity path or name
         self._stamps_ns: deque[int] = deque(maxlen=_RATE_CLOUDS)
         self._framed = np.empty((0, 3), np.float32)         # points that the view is to show
@@ -193,14 +186,10 @@ class RecordingWriter(AbstractContextManager):
         image = np.array(image, np.uint32 if whole else np.float32, order="C")
         self._log(stamp_ns, frame_index, entities.image(path, image, *self._ranges[path].update(image)))
 
-    def log_scalars(self, stamp_ns: int, values: Mapping[str, float], frame_index: int | None = None) -> None:
+    def log_scalars(self, stamp_ns: int, values: Mapping[str, float], frame_index: int) -> None:
         """Log a value of each time series: {"latency_ms": 35.1, "points": 19_871}; None is skipped."""
         self._log(stamp_ns, frame_index, {entities.metric_path(name): [rr.Scalars(float(value))]
                                           for name, value in values.items() if value is not None})
-
-    def log_line(self, stamp_ns: int, text: str, level: int = 20, frame_index: int | None = None) -> None:
-        """Log a line of a node's log; `level` as in rcl_interfaces/Log."""
-        self._log(stamp_ns, frame_index, {entities.LOG_PATH: [rr.TextLog(text, level=_LOG_LEVELS.get(level, "INFO"))]})
 
     def set_properties(self, name: str, facts: Mapping) -> None:
         """Set facts of a property of the recording."""
@@ -229,12 +218,11 @@ class RecordingWriter(AbstractContextManager):
     def __exit__(self, *_) -> None:
         self.close()
 
-    def _log(self, stamp_ns: int, frame_index: int | None, archetypes: Mapping[str, list]) -> None:
+    def _log(self, stamp_ns: int, frame_index: int, archetypes: Mapping[str, list]) -> None:
         """Log archetypes, given by entity path."""
         self._stream.reset_time()
         self._stream.set_time(entities.STAMP, timestamp=np.datetime64(int(stamp_ns), "ns"))
-        if frame_index is not None:
-            self._stream.set_time(entities.FRAME_INDEX, sequence=int(frame_index))
+        self._stream.set_time(entities.FRAME_INDEX, sequence=int(frame_index))
         for path, of_path in archetypes.items():
             self._stream.log(path, *of_path)
         if time.monotonic() - self._flushed_s > FLUSH_PERIOD_S:
@@ -269,7 +257,7 @@ class RecordingWriter(AbstractContextManager):
             eye = look_at(np.concatenate(self._room), None, _ROOM_YAW_DEG, _ROOM_PITCH_DEG, axes=LEVEL, **options)
         else:
             eye = look_at(self._framed, self._sensor.projection, **options)
-        blueprint = film_blueprint(eye, self._sensor, self._images, None if self._still else self._rate_hz(), moving)
+        blueprint = film_blueprint(eye, self._sensor, self._images, self._rate_hz(), moving)
         compat.send_rerun_blueprint(self._stream, blueprint)
 
     def _rate_hz(self) -> float:
@@ -297,20 +285,3 @@ class RecordingWriter(AbstractContextManager):
             atexit.register(end_at_once, 1)     # called before rerun's handler: last registered, first called
         else:
             compat.free_rerun_streams()
-
-
-def record_cloud(cloud: PointCloud, path: Path, notes: tuple[str, ...] = ()) -> None:
-    """Write a recording of one frame to a new file; OSError if that fails."""
-    facts = {"method": cloud.method, "device": cloud.device, "frequencies": cloud.frequencies, "notes": notes}
-    at, pixels = (cloud.stamp_ns, 0), cloud.background.size
-    images = (cloud.depth_image(), cloud.image("intensity"), cloud.background)
-    try:
-        with RecordingWriter(path, cloud.sensor, {entities.RUN: facts}, images=_STILL_IMAGES, still=True) as writer:
-            writer.log_cloud(*at, cloud.xyz, cloud.intensity, row=cloud.row, col=cloud.col, surface=cloud.surface,
-                             depth_std=cloud.depth_std_bins * cloud.sensor.bin_width_m)
-            for name, image in zip(_STILL_IMAGES, images):
-                writer.log_image(name, *at, image)
-            writer.log_scalars(cloud.stamp_ns, {"points": len(cloud), "photons": cloud.photons,
-                                                "ppp": cloud.photons / pixels}, 0)
-    except RecordingFailed as error:
-        raise OSError(error.why) from None

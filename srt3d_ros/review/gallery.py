@@ -12,6 +12,8 @@ from srt3d_ros.pictures.figures import data_uri
 from srt3d_ros.pictures.units import length_text
 from srt3d_ros.pictures.viewpoint import look_at
 from srt3d_ros.recording import entities
+from srt3d_ros.recording.reader import RecordedCloud
+from srt3d_ros.review.fan import draw_fan
 from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.summary import iso_time, notable_frames
 from srt3d_ros.review.way import draw_way
@@ -39,8 +41,8 @@ def make_gallery(recorded: Recorded) -> dict:
 
     Returns:
         `typical`, a Picture of a typical cloud; `ends`, of those with the fewest and the most points; `strip`,
-        of clouds spaced evenly in time; `way`, that of a sensor that moved, or None; `images`, those recorded with or
-        near the typical cloud.
+        of clouds spaced evenly in time; `way`, that of a sensor that moved, or None; `fan`, what is empty around the
+        typical cloud, or None; `images`, those recorded with or near the typical cloud.
     """
     index = recorded.index
     typical, fewest, most = notable_frames(recorded)
@@ -59,7 +61,7 @@ def make_gallery(recorded: Recorded) -> dict:
         "typical": large.pop(typical), "ends": list(large.values()),
         "strip": [_thumbnail(recorded, position, style.draw(clouds[position], far, *_SMALL_PX))
                   for position in strip],
-        "way": _way(recorded),
+        "way": _way(recorded), "fan": _fan(recorded, framed, style),
         "images": _images(recorded, frames[typical]),
     }
 
@@ -68,6 +70,13 @@ def _way(recorded: Recorded) -> Picture | None:
     drawn = draw_way(recorded, *_LARGE_PX)
     return drawn and Picture("From above", f"The sensor's way, {length_text(drawn[1])}, to the dot. Points more than "
                              "0.5 m above the sensor are left out.", data_uri(drawn[0], "jpeg", **_JPEG))
+
+
+def _fan(recorded: Recorded, cloud: RecordedCloud, style: CloudStyle) -> Picture | None:
+    for _, _, ends in recorded.reader.empty_rays([cloud.frame_index]):
+        image = draw_fan(recorded, cloud, ends, style, *_LARGE_PX)
+        return Picture("What is empty", "Each ray ends where it stops being empty for certain. Pixels without ray or "
+                       "point are unknown.", data_uri(image, "jpeg", **_JPEG))
 
 
 def _cloud_picture(recorded: Recorded, position: int, title: str, image: Image.Image) -> Picture:

@@ -1,4 +1,4 @@
-"""A recording in memory without its clouds and images: index, time series, log and properties."""
+"""A recording in memory without its clouds and images: index, time series and properties."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +9,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import require
 from srt3d_ros.messages import sensor_message
 from srt3d_ros.recording import entities
-from srt3d_ros.recording.reader import CloudIndex, LogLine, RecordingReader, Series
+from srt3d_ros.recording.reader import CloudIndex, RecordingReader, Series
 
 _LATENCIES = {"total": "latency_ms", "reconstruct": "latency_reconstruct_ms", "sketch": "latency_sketch_ms"}
 
@@ -23,7 +23,6 @@ class Recorded:
     reader: RecordingReader
     index: CloudIndex
     series: dict[str, Series]
-    log: list[LogLine]
     properties: dict[str, dict]
 
     @classmethod
@@ -36,7 +35,7 @@ class Recorded:
         description = properties.get(entities.SENSOR_PROPERTY, {}).get("description")
         require(description is not None, "recording", problem=f"{path} has no description of its sensor.")
         return cls(Path(path), sensor_message.from_json(description), reader, index, reader.series(),
-                   reader.log_lines(), properties)
+                   properties)
 
     @property
     def seconds(self) -> np.ndarray:

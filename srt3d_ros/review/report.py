@@ -11,9 +11,8 @@ from srt3d_ros.pictures.units import number_text
 from srt3d_ros.review.gallery import make_gallery
 from srt3d_ros.review.plots import draw_plots
 from srt3d_ros.review.recorded import Recorded
-from srt3d_ros.review.summary import log_counts, rows
+from srt3d_ros.review.summary import rows
 
-_MOST_LOG_LINES = 500       # different ones
 _LONGEST_LIST = 24          # longer lists (an IRF) are shown as their length
 
 
@@ -31,17 +30,7 @@ def _page(recorded: Recorded, summary: dict) -> str:
         version=__version__, title=f"{recorded.path.name}: recording", name=recorded.path.name,
         gallery=make_gallery(recorded),
         plots=[(title, Markup(svg)) for title, svg in draw_plots(recorded, summary["gaps"])],
-        gaps=summary["gaps"], gap_count=summary["gap_count"], log=_log(recorded),
-        log_summary=log_counts(summary), rows=rows(summary), tables=_tables(summary))
-
-
-def _log(recorded: Recorded) -> list[dict]:
-    """The last lines of the log by the time at which they came first, in seconds since the first cloud."""
-    times: dict[tuple[str, str], list[str]] = {}
-    for line in sorted(recorded.log, key=lambda line: line.stamp_ns):
-        times.setdefault((line.level, line.text), []).append(f"{recorded.since_first(line.stamp_ns):+.2f} s")
-    return [{"at": at[0], "level": level, "text": text, "times": len(at), "last": at[-1]}
-            for (level, text), at in list(times.items())[-_MOST_LOG_LINES:]]
+        gaps=summary["gaps"], gap_count=summary["gap_count"], rows=rows(summary), tables=_tables(summary))
 
 
 def _tables(summary: dict) -> list[tuple[str, list[tuple[str, str]]]]:

@@ -1,6 +1,5 @@
 """Compute the figures of a recording, for JSON, the terminal and the report."""
 
-from collections import Counter
 from datetime import UTC, datetime
 
 import numpy as np
@@ -20,7 +19,7 @@ _SPREADS = {"points": "points a frame", "photons": "photons a frame", "ppp": "ph
 def summarise(recorded: Recorded) -> dict:
     """All figures of a recording; None without data.
 
-    frame_rate_hz is the mean, period_ms the median; gaps are the longest ones; log counts the lines of each level. The
+    frame_rate_hz is the mean, period_ms the median; gaps are the longest ones. The
     properties follow, the sensor without its arrays.
     """
     index, seconds = recorded.index, recorded.seconds
@@ -38,7 +37,6 @@ def summarise(recorded: Recorded) -> dict:
         **{name: _spread(recorded.series[name].values) if name in recorded.series else None
            for name in ("photons", "ppp")},
         "bytes": recorded.path.stat().st_size,
-        "log": dict(Counter(line.level or "?" for line in recorded.log)),
         "typical_frame": int(index.frame_index[typical]), "fewest_points_frame": int(index.frame_index[fewest]),
         "most_points_frame": int(index.frame_index[most]),
     }
@@ -121,16 +119,9 @@ def rows(summary: dict) -> list[tuple[str, str]]:
         if s[name]:
             median, least, most = (number_text(s[name][key]) for key in ("median", "min", "max"))
             found.append((title, f"median {median}, {least} … {most}"))
-    if s["log"]:
-        found.append(("log", log_counts(s)))
     return [*found, *_origin(s), (
         "frames to look at", f"typical {s['typical_frame']}, fewest points {s['fewest_points_frame']}, "
         f"most points {s['most_points_frame']}")]
-
-
-def log_counts(summary: dict) -> str:
-    """The number of log lines of each level."""
-    return ", ".join(f"{count} {level}" for level, count in summary["log"].items())
 
 
 def _rounded(value: float) -> float:

@@ -1,15 +1,13 @@
-"""`srt3d reconstruct --frames`: each frame into a file, as it is alone, by processes or by the workers of a cluster."""
+"""`srt3d reconstruct --frames`: each frame into a file, as it is alone."""
 
 import json
 import os
-import socket
 from itertools import islice
 
 import numpy as np
 import pytest
 
 from srt3d_ros import datasets
-from srt3d_ros.cli import frames
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
@@ -32,19 +30,8 @@ def bag(tmp_path_factory):
         ("/sensor", TEXT, sensor_message.encode_cdr(SENSOR)), *(("/photons", CLOUD, raw) for raw in raws)])
 
 
-@pytest.fixture(scope="module")
-def cluster():
-    """The address of a scheduler with two workers in processes of their own."""
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
-        yield cluster.scheduler_address
-
-
-@pytest.mark.parametrize("how", ["--jobs=2", "--dask"])
-def test_every_frame_is_as_it_is_alone_a_broken_one_is_listed_and_a_second_run_goes_on(
-        how, bag, srt3d, tmp_path, request):
-    options = [f"--dask={request.getfixturevalue('cluster')}" if how == "--dask" else how, "--surfaces=2"]
-    command = ["reconstruct", bag, "-o", tmp_path / "out", *options]
+def test_every_frame_is_as_it_is_alone_a_broken_one_is_listed_and_a_second_run_goes_on(bag, srt3d, tmp_path):
+    command = ["reconstruct", bag, "-o", tmp_path / "out", "--surfaces=2"]
     code, out, err = srt3d(*command, "--frames", f"{BROKEN - 1}-{FRAMES - 1}", "--json")
     facts = json.loads(out)
     assert (code, facts["frames"], facts["reconstructed"], facts["there"]) == (1, 5, 4, 0)
@@ -67,7 +54,7 @@ def test_every_frame_is_as_it_is_alone_a_broken_one_is_listed_and_a_second_run_g
 def test_a_log_has_frames_and_fails_from_where_it_breaks_off(srt3d, tmp_path, monkeypatch):
     log = tmp_path / "log.json"
     tmf8829_log(log, [zones_16(1.0), zones_16(2.0), {}])
-    code, out, _ = srt3d("reconstruct", log, "--frames=all", "-o", tmp_path / "a", "--format=ply", "--jobs=1", "--json")
+    code, out, _ = srt3d("reconstruct", log, "--frames=all", "-o", tmp_path / "a", "--format=ply", "--json")
     assert (code, json.loads(out)["reconstructed"], list(json.loads(out)["failed"])) == (1, 2, ["2"])
     assert sorted(os.listdir(tmp_path / "a")) == ["000000.ply", "000001.ply", "options.json"]
 
@@ -76,7 +63,7 @@ def test_a_log_has_frames_and_fails_from_where_it_breaks_off(srt3d, tmp_path, mo
         raise InvalidInput("log", problem="The log breaks off.")
 
     monkeypatch.setattr(datasets, "frame_loaders", two)
-    code, out, err = srt3d("reconstruct", log, "--frames=all", "-o", tmp_path / "b", "--jobs=1")
+    code, out, err = srt3d("reconstruct", log, "--frames=all", "-o", tmp_path / "b")
     assert (code, err.splitlines()[-1]) == (1, "srt3d: frame 2 to 2: The log breaks off.")
     assert out.startswith("2 of 3 frames reconstructed, 0 were there\n")
 
@@ -85,22 +72,16 @@ def test_a_log_has_frames_and_fails_from_where_it_breaks_off(srt3d, tmp_path, mo
     (["--frames=4-6"], "has no frames 4 to 6 (it has 6)."), (["--frames=3"], "--frames is 3: expected all, or first"),
     (["--frames=all", "-o", "file"], "file is a file: with --frames, give a folder"),
     (["--frames=all", "-o", "absent/out"], "Cannot write absent/out (No such file or directory)"),
-    (["--frames=all", "--surfaces=9"], "--surfaces is 9"), (["--frames=all", "--jobs=0"], "--jobs is 0"),
-    (["--frames=all", "--format=las"], "output is 0.las"), (["--frames=all", "-o", "mixed"], "mixed has clouds of"),
-    (["--frames=all", "--dask=http://here:80"], "--dask is http://here:80: expected the address of a scheduler"),
-    (["--frames=all", "--dask=FREE"], "No scheduler answers at tcp://127.0.0.1:"),
+    (["--frames=all", "--surfaces=9"], "--surfaces is 9"),
+    (["--frames=all", "--format=obj"], "output is 0.obj"), (["--frames=all", "-o", "mixed"], "mixed has clouds of"),
     (["--frames=all", "--frame=2"], "--frame is 2: expected none beside --frames"),
-    (["--jobs=2"], "--jobs needs --frames"), (["--frames=0-10000000"], "Give at most 10,000,000 frames at once."),
+    (["--format=ply"], "--format needs --frames"), (["--frames=0-10000000"], "Give at most 10,000,000 frames at once."),
     (["--frames=all", "-o", "BAG"], "it is the input")])
 def test_a_mistake_is_one_line_and_leaves_no_cloud(bag, refusal, tmp_path, monkeypatch, options, said):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(frames, "CONNECT_S", 1)
     (tmp_path / "file").touch()
     (tmp_path / "mixed").mkdir()
     (tmp_path / "mixed" / "000000.npz").touch()
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
-        options = [str(bag) if word == "BAG" else word.replace("FREE", address) for word in options]
-        assert said in refusal("reconstruct", bag, "-o", "out", *options)
+    options = [str(bag) if word == "BAG" else word for word in options]
+    assert said in refusal("reconstruct", bag, "-o", "out", *options)
     assert not list(tmp_path.glob("out/*.npz"))

@@ -87,3 +87,30 @@ def test_an_empty_file_has_figures_too(srt3d, tmp_path):
 def test_mistakes_are_one_line(refusal, wall):
     assert refusal("info", wall, "-o", "a.jpg").startswith("--output is a.jpg")
     assert refusal("info", wall, "-o", "absent/a.png").endswith(": there is no directory absent.\n")
+
+
+def test_events_that_show_no_irf_are_described_like_counts(srt3d, tmp_path):
+    rng = np.random.default_rng(0)
+    events = {"pixel": rng.integers(0, 12, 600), "toa": rng.integers(0, 600, 600)}
+    np.savez(tmp_path / "dark.npz", rows=3, cols=4, num_bins=600, bin_width_s=5e-11, **events)
+    code, words, err = srt3d("info", tmp_path / "dark.npz")
+    assert code == 0 and "600 photons, 50 a pixel" in words and "IRF taken to be one bin" in err
+
+
+@pytest.mark.parametrize(("name", "said"), [
+    ("scan.npz.gz", "scan.npz.gz is packed: unpack it first (gunzip scan.npz.gz)"),
+    ("scan.json", "scan.json is no log of a TMF8829 with histograms")])
+def test_packed_files_and_other_json_are_refused_for_what_they_are(srt3d, tmp_path, name, said):
+    (tmp_path / name).write_text('{"histograms": [1, 2]}')
+    code, _, err = srt3d("info", tmp_path / name)
+    assert code == 2 and said in err and err.count("\n") == 1
+
+
+def test_several_files_in_one_start(srt3d, refusal, wall, cube, tmp_path):
+    code, words, err = srt3d("info", wall, tmp_path / "no.npz", cube)
+    assert code == 2 and words.count("12 × 20 pixels") == 2 and "no.npz: no such file" in err
+    assert [line for line in words.splitlines() if line.endswith((".npz", ".npy"))] == [
+        str(path) for path in (wall, tmp_path / "no.npz", cube)]
+    code, lines, _ = srt3d("info", wall, wall, "--json")
+    assert code == 0 and [json.loads(line)["input"] for line in lines.splitlines()] == [str(wall)] * 2
+    assert "--output draws one file" in refusal("info", wall, wall, "-o", tmp_path / "a.png")

@@ -31,13 +31,10 @@ def test_what_goes_wrong_is_one_line_and_an_exit_code(monkeypatch, srt3d, error,
     assert srt3d("node", "sketcher") == (code, "", line)
 
 
-def test_review_asks_once_for_all_that_it_needs(monkeypatch, srt3d):
+def test_review_asks_once_for_all_that_it_needs_and_our_defects_are_not_disguised(monkeypatch, srt3d):
     monkeypatch.setattr("srt3d_ros.cli.review.run", failing_with(ModuleNotFoundError(name="pyarrow")))
     expected = "srt3d: error: pyarrow is not installed: pip install '.[review]' in the clone\n"
     assert srt3d("review", "a.rrd") == (1, "", expected)
-
-
-def test_a_defect_of_ours_is_not_disguised_as_bad_input(monkeypatch):
     monkeypatch.setattr(node, "start", failing_with(ValueError("a defect")))
     with pytest.raises(ValueError):
         main.main(["node", "sketcher"])
@@ -86,11 +83,17 @@ sys.exit(main.main({command.split()}))""")
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_help_names_every_command_and_loads_nothing_heavy(repository):
-    done = python(repository, "try: main.main(['--help'])\n"
+def helped(repository, *argv: str, without: tuple[str, ...]) -> subprocess.CompletedProcess:
+    """Ask for help; exit code 1 if that imports one of these."""
+    return python(repository, f"try: main.main([*{argv}, '--help'])\n"
                   "except SystemExit: pass\n"
-                  "sys.exit(any(name in sys.modules for name in ('torch', 'numba', 'rclpy', 'rerun', 'matplotlib')))",
-                  stdout=subprocess.PIPE)
+                  f"sys.exit(any(name in sys.modules for name in {without}))", stdout=subprocess.PIPE)
+
+
+def test_help_names_every_command_and_loads_nothing_heavy(repository):
+    info = helped(repository, "info", without=("numba", "scipy", "matplotlib", "srt3d_ros.datasets.sources"))
+    assert (info.returncode, info.stderr) == (0, "")
+    done = helped(repository, without=("torch", "numba", "rclpy", "rerun", "matplotlib", "numpy"))
     assert (done.returncode, done.stderr) == (0, "")
     assert set(main.COMMANDS) <= {line.split()[0] for line in done.stdout.splitlines() if line.startswith("    ")}
 

@@ -6,38 +6,22 @@ import numpy as np
 import pytest
 
 import srt3d_ros
-from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.datasets import photon_file
-from srt3d_ros.datasets.simulation.scene import StaticScene
-from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.messages import photon_frames, sensor_message
 from tests.bags import CLOUD, TEXT, write_bag
 
-SENSOR = SensorModel(12, 20, 300, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2), toa_offset_bins=1_000)
-DEPTH = np.stack([np.full((12, 20), 80.0), np.full((12, 20), 200.0)])
-
-
-@pytest.fixture(scope="module")
-def photons(tmp_path_factory):
-    """A photon file of two layers, and its events."""
-    path = tmp_path_factory.mktemp("photons") / "layers.npz"
-    events, truth = Simulator(StaticScene(SENSOR.range_m(DEPTH)), SENSOR, sbr=10, ppp=60).frame(0)
-    photon_file.save(path, SENSOR, events, truth)
-    return path, events
-
 
 @pytest.fixture(scope="module", autouse=True)
-def compiled(photons):
+def compiled(layers):
     """Compile the kernels of every method beforehand: in a fresh clone a bar on stderr says that it is done."""
     for method in ("pooled", "srt3d", "smle", "xcorr"):
-        srt3d_ros.reconstruct(photons[0], method=method, surfaces=2)
+        srt3d_ros.reconstruct(layers, method=method, surfaces=2)
 
 
 @pytest.fixture
-def reconstruct(photons, tmp_path, srt3d):
+def reconstruct(layers, tmp_path, srt3d):
     """Reconstruct into a file; returns the facts of --json, and the file."""
-    def run(*options, source=photons[0], out="cloud.npz"):
+    def run(*options, source=layers, out="cloud.npz"):
         code, printed, err = srt3d("reconstruct", source, "-o", tmp_path / out, "--json", *options)
         assert code == 0 and printed.count("\n") == 1 and all(line.startswith("srt3d: ") for line in err.splitlines())
         return json.loads(printed), tmp_path / out
@@ -55,9 +39,9 @@ def reconstruct(photons, tmp_path, srt3d):
     (["--bin-width-s", "1e-10", "--fov-deg", "20", "--num-bins", "400", "--irf-ref", "0"],
      {"bin_width_s": 1e-10, "fov_deg": 20.0, "num_bins": 400, "irf_ref": 0}),
 ])
-def test_it_is_the_reconstruction_of_the_library(reconstruct, photons, options, given):
+def test_it_is_the_reconstruction_of_the_library(reconstruct, layers, options, given):
     facts, out = reconstruct(*options)
-    cloud = srt3d_ros.reconstruct(photons[0], **given)
+    cloud = srt3d_ros.reconstruct(layers, **given)
     assert list(facts) == ["method", "surfaces", "device", "rows", "cols", "num_bins", "photons", "sketch_size",
                            "frequencies", "points", "sketch_ms", "reconstruct_ms", "output"]
     for name in ("method", "surfaces", "device", "photons"):
@@ -74,8 +58,8 @@ def test_it_is_the_reconstruction_of_the_library(reconstruct, photons, options, 
         assert file["bin_width_s"] == cloud.sensor.bin_width_s
 
 
-def test_words_say_how_and_notes_what_was_dropped_but_not_beside_a_mistake(srt3d, refusal, photons, tmp_path):
-    command = ["reconstruct", photons[0], "-o", tmp_path / "a.ply", "--gate", "50:149"]
+def test_words_say_how_and_notes_what_was_dropped_but_not_beside_a_mistake(srt3d, refusal, layers, tmp_path):
+    command = ["reconstruct", layers, "-o", tmp_path / "a.ply", "--gate", "50:149"]
     code, words, err = srt3d(*command)
     assert code == 0 and words.startswith("6,9") and f"\n{tmp_path / 'a.ply'}\n" in words
     assert "photons of 12 × 20 pixels, T = 100 bins → sketch of 10 in " in words and "ms by pooled on cpu" in words
@@ -84,12 +68,13 @@ def test_words_say_how_and_notes_what_was_dropped_but_not_beside_a_mistake(srt3d
     assert "surfaces is 9" in refusal(*command, "--surfaces", "9")
 
 
-def test_a_frame_of_a_bag_is_reconstructed_as_from_a_file(photons, reconstruct, tmp_path):
+def test_a_frame_of_a_bag_is_reconstructed_as_from_a_file(layers, reconstruct, tmp_path):
     few = PhotonEvents(np.zeros(5, np.uint32), np.arange(5, dtype=np.uint16))
-    described = ("/sensor", TEXT, sensor_message.encode_cdr(SENSOR))
+    whole = srt3d_ros.read(layers)
+    described = ("/sensor", TEXT, sensor_message.encode_cdr(whole.sensor))
     bag = write_bag(tmp_path / "bag", [described, *(
-        (f"/{side}/photons", CLOUD, photon_frames.PHOTONS.encode_cdr(frame, SENSOR, ""))
-        for side, frame in (("left", few), ("right", few), ("left", photons[1])))])
+        (f"/{side}/photons", CLOUD, photon_frames.PHOTONS.encode_cdr(frame, whole.sensor, ""))
+        for side, frame in (("left", few), ("right", few), ("left", whole.frame)))])
     _, from_file = reconstruct(out="file.npz")
     _, from_bag = reconstruct("--frame", "1", "--photons-topic", "/left/photons", source=bag)
     assert np.array_equal(np.load(from_file)["xyz"], np.load(from_bag)["xyz"])
@@ -101,7 +86,7 @@ OUT = ("-o", "a.npz")
     (("absent.npz", *OUT), "absent.npz"), ((".", *OUT), ".: no bag, as it has no file that ends in .mcap or .db3"),
     (("\x1b[2Jno\nfile.npz", *OUT), "\\x1b[2Jno file.npz"),
     (("FILE", *OUT, "--frame", "1"), "--frame is 1"), (("FILE",), "-o"),
-    (("FILE", "-o", "cloud.las"), "output is cloud.las"), (("FILE", "-o", "absent/a.npz"), "no directory absent"),
+    (("FILE", "-o", "cloud.obj"), "output is cloud.obj"), (("FILE", "-o", "absent/a.npz"), "no directory absent"),
     (("FILE", *OUT, "--surfaces", "5"), "--surfaces is 5"), (("FILE", *OUT, "--surfaces", "two"), "--surfaces"),
     (("FILE", *OUT, "--gate", "5"), "--gate is 5: expected off, FIRST-LAST (100-400)"),
     (("FILE", *OUT, "--irf", "absent.npy"), "absent.npy: no such"),
@@ -109,17 +94,17 @@ OUT = ("-o", "a.npz")
     (("FILE", *OUT, "--method", "xcorr", "--sketch-size", "5"),
      "xcorr works on all times of arrival and takes no --sketch-size"),
 ], ids=lambda value: None)
-def test_a_mistake_is_one_line_and_exit_code_2(photons, tmp_path, monkeypatch, refusal, arguments, expected):
+def test_a_mistake_is_one_line_and_exit_code_2(layers, tmp_path, monkeypatch, refusal, arguments, expected):
     monkeypatch.chdir(tmp_path)
-    assert expected in refusal("reconstruct", *(photons[0] if word == "FILE" else word for word in arguments))
+    assert expected in refusal("reconstruct", *(layers if word == "FILE" else word for word in arguments))
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("option", ["INPUT", "--irf"])
-def test_no_file_that_is_read_is_replaced(photons, tmp_path, monkeypatch, refusal, option):
+def test_no_file_that_is_read_is_replaced(layers, tmp_path, monkeypatch, refusal, option):
     monkeypatch.chdir(tmp_path)
-    file, read = tmp_path / "a.npz", photons[0].read_bytes()
+    file, read = tmp_path / "a.npz", layers.read_bytes()
     file.write_bytes(read)
-    source, given = (file, ()) if option == "INPUT" else (photons[0], (option, file))
+    source, given = (file, ()) if option == "INPUT" else (layers, (option, file))
     said = refusal("reconstruct", source, "-o", "../" + tmp_path.name + "/a.npz", *given)
     assert "it is the input" in said and file.read_bytes() == read

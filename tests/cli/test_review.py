@@ -20,14 +20,11 @@ def recording(tmp_path_factory, ball):
     return path
 
 
-def test_it_prints_the_figures_and_writes_the_report_beside_the_recording(srt3d, recording):
+def test_it_prints_the_figures_or_one_line_of_json_and_writes_the_report_beside_the_recording(srt3d, recording):
     code, out, err = srt3d("review", recording)
     assert code == 0 and err == ""
     assert "6, 10 Hz" in out and "median 32.5 ms" in out and out.endswith(f"{recording.with_suffix('.html')}\n")
     assert ": typical" in recording.with_suffix(".html").read_text()
-
-
-def test_json_is_one_line(srt3d, recording):
     code, out, _ = srt3d("review", recording, "--json")
     facts = json.loads(out)
     assert code == 0 and out.count("\n") == 1 and facts["report"] is None

@@ -36,6 +36,26 @@ def simulate(depth_bins: np.ndarray, sbr: float, ppp: float, sensor=None, seed=0
     return Simulator(StaticScene(sensor.range_m(depth_bins)), sensor, sbr=sbr, ppp=ppp, seed=seed).frame(0)[0]
 
 
+def drawn(scene: list[tuple], background: float, sigma: float, seed: int, num_bins: int = 1000, width: float = 1.0,
+          **options) -> PointCloud:
+    """The cloud of surfaces (depths [rows, cols], photons a pixel), pulses of `sigma` bins, and an even background.
+
+    The sensor takes its IRF for `width` times as wide as it is.
+    """
+    rng, shape, size = np.random.default_rng(seed), scene[0][0].shape, scene[0][0].size
+    seen = []
+    for depth, photons in scene:
+        pixel = np.repeat(np.arange(size), rng.poisson(np.broadcast_to(photons, shape).ravel()))
+        seen.append((pixel, np.rint(depth.ravel()[pixel] + sigma * rng.standard_normal(len(pixel)))))
+    number = rng.poisson(background * size)
+    seen.append((rng.integers(0, size, number), rng.integers(0, num_bins, number)))
+    pixel, toa = (np.concatenate(parts) for parts in zip(*seen))
+    at = np.arange(-int(6 * sigma * width), int(6 * sigma * width) + 1)
+    sensor = SensorModel(*shape, num_bins, 1e-11, np.exp(-at**2 / (2 * (sigma * width)**2)))
+    return reconstruct("pooled", PhotonEvents(pixel.astype(np.uint32), toa.astype(np.uint16)), sensor,
+                       choose_frequencies("auto", sensor), **options)
+
+
 def exact(sensor: SensorModel, depth_bins: np.ndarray, signal=20.0, frequencies=None) -> PhaseSums:
     """The expected sketch of surfaces at these depths as every pixel sees them, without the noise of photons."""
     frequencies = frequencies or choose_frequencies("auto", sensor)

@@ -180,11 +180,6 @@ def test_extreme_sensors_give_finite_values(name, irf, num_bins, m):
     assert_finite(run(name, PhotonEvents(pixel, toa), sensor, m, surfaces=2), num_bins)
 
 
-def test_photons_outside_the_sensor_are_refused():
-    with pytest.raises(InvalidInput, match="^pixel is 20"):
-        run("xcorr", PhotonEvents(np.array([20], np.uint32), np.array([3], np.uint16)), make_sensor(4, 5))
-
-
 # ---- Names and options
 
 @every_method

@@ -47,16 +47,13 @@ def stamps_ms(sketches) -> list[float]:
     return [(sketch.stamp_ns - START_NS) / MS for sketch in sketches]
 
 
-def test_a_packet_is_a_frame_and_its_sketch_names_its_sensor():
+def test_packets_make_frames_and_sketches_name_their_sensor():
     stream = SketchStream(SENSOR, BY_NUMBER)
     sketches = push(stream, 0, 10)
     assert stamps_ms(sketches) == [0, 10]
     assert_same(sketches[1], directly(10))
     assert sketches[0].sensor.same_as(SENSOR) and stream.wait_s is None
     assert stream.counts.totals == {"photons_in": 120, "packets": 2, "photons": 120} and not +stream.counts.dropped
-
-
-def test_packets_make_frames():
     stream = SketchStream(SENSOR, replace(BY_NUMBER, packets_per_frame=2))
     first, second = push(stream, *range(0, 40, 10))
     assert_same(second, directly(20, 30))
@@ -83,12 +80,16 @@ def test_silence_ends_a_frame_by_period_when_polled():
     assert stream.wait_s is None and stream.poll(99) == []
 
 
-def test_stamps_that_leap_begin_a_new_frame():
+def test_stamps_that_leap_or_a_reset_drop_the_open_frame():
     stream = SketchStream(SENSOR, replace(BY_NUMBER, packets_per_frame=3))
     assert len(push(stream, 0, 10, 20, 30, 40)) == 1
     sketch, = push(stream, 60_000, 60_010, 60_020)
     assert_same(sketch, directly(60_000, 60_010, 60_020))
     assert +stream.counts.dropped == {"incomplete": 2} and stream.counts.totals["stamp_leaps"] == 1
+    stream = SketchStream(SENSOR, replace(BY_NUMBER, packets_per_frame=2))
+    push(stream, 0, 10, 20)
+    assert stream.reset() == [] and +stream.counts.dropped == {"incomplete": 1}
+    assert_same(push(stream, 30, 40)[0], directly(30, 40))
 
 
 def test_a_packet_that_is_refused_changes_nothing():
@@ -108,13 +109,6 @@ def test_flush_ends_what_does_not_wait_for_its_number(options, left):
     sketches = stream.flush()
     assert len(sketches) == left and stream.counts.dropped["incomplete"] == 2 * (1 - left)
     assert all(sketch.photons.sum() == 120 for sketch in sketches)
-
-
-def test_a_reset_drops_the_open_frame():
-    stream = SketchStream(SENSOR, replace(BY_NUMBER, packets_per_frame=2))
-    push(stream, 0, 10, 20)
-    assert stream.reset() == [] and +stream.counts.dropped == {"incomplete": 1}
-    assert_same(push(stream, 30, 40)[0], directly(30, 40))
 
 
 def test_photons_outside_the_gate_are_dropped_and_counted():

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 T3, T2 = 0x00010307, 0x00010207         # record types of a MultiHarp
+PICOHARP_T2 = 0x00010203
 _TAG_INT, _TAG_FLOAT, _TAG_BOOL, _TAG_EMPTY = 0x10000008, 0x20000008, 0x00000008, 0xFFFF0008
 
 
@@ -36,8 +37,28 @@ def ptu(path: Path, records: list[int], record_type: int, tags: dict | None = No
     return path
 
 
-def sdt(path: Path, blocks: list[np.ndarray], tac_range_s: float) -> Path:
-    """An .sdt file of these images uint16 [rows, cols, bins], one data block each."""
+def t3(tick: int, toa: int, channel: int = 0) -> int:
+    """A photon's record of a MultiHarp in T3 mode."""
+    return channel << 25 | int(toa) << 10 | tick
+
+
+def phu(path: Path, curves: list[np.ndarray], bin_width_s: float, laser_hz: int = 0) -> Path:
+    """A .phu file of these curves."""
+    header = {"HistoResult_NumberOfCurves": len(curves), "Measurement_Mode": 0, "Measurement_SubMode": 1,
+              "MeasDesc_Resolution": bin_width_s}
+    tags = [_tag(name, value) for name, value in header.items()]
+    offset = 16 + (len(tags) + 3 * len(curves) + 1) * len(tags[0])
+    for index, counts in enumerate(curves):
+        tags += [_tag("HistResDscr_DataOffset", offset, index), _tag("HistResDscr_HistogramBins", len(counts), index),
+                 _tag("HistResDscr_SyncRate", laser_hz, index)]
+        offset += 4 * len(counts)
+    content = b"PQHISTO\0" + b"1.0.00\0\0" + b"".join([*tags, _tag("Header_End", None)])
+    path.write_bytes(content + b"".join(np.asarray(counts).astype("<u4").tobytes() for counts in curves))
+    return path
+
+
+def sdt(path: Path, blocks: list[np.ndarray], tac_range_s: float, laser_hz: float = 0.0) -> Path:
+    """An .sdt file of these images uint16 [rows, cols, bins], one data block each; the laser's rate is StopInfo's."""
     from sdtfile import sdtfile
 
     header = np.zeros(1, np.dtype(sdtfile.FILE_HEADER).newbyteorder("<"))
@@ -45,6 +66,7 @@ def sdt(path: Path, blocks: list[np.ndarray], tac_range_s: float) -> Path:
     rows, cols, bins = blocks[0].shape
     measure["scan_x"], measure["scan_y"], measure["adc_re"] = cols, rows, bins
     measure["tac_r"], measure["tac_g"] = tac_range_s, 1
+    measure["StopInfo"]["max_sync_rate"] = laser_hz
     info = b"*IDENTIFICATION\r\nID : SPC Setup & Data File\r\n*END\r\n"
     block_type = np.dtype(sdtfile.BLOCK_HEADER).newbyteorder("<")
     header["revision"], header["header_valid"], header["chksum"] = 0x28F, 0x5555, 0x55AA

@@ -6,15 +6,17 @@ import pytest
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan
+from srt3d_ros.datasets.description import describe
 from srt3d_ros.datasets.irf import ESTIMATED
 from srt3d_ros.datasets.options import ASSUMED_FOV
+from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.photons import Photons
 
 IRF = np.array([0.2, 0.5, 0.3])
-KNOWN = {"shape": (3, 4), "num_bins": 50, "bin_width_s": 1e-10, "irf": IRF, "fov_deg": 20}
+KNOWN = {"shape": (3, 4), "num_bins": 50, "bin_width_s": 1e-10, "irf": IRF, "fov_deg": 20, "toa_offset_bins": 0}
 ROW, COL, TOA = [0, 2, 1, 2], [3, 0, 1, 3], [49, 0, 7, 20]
 PIXEL = [3, 8, 5, 11]
 
@@ -24,8 +26,8 @@ def events(row=ROW, col=COL, toa=TOA, sensor=None, **changes):
 
 
 def counts(cube, sensor=None, **changes):
-    given = {name: KNOWN[name] for name in ("bin_width_s", "irf", "fov_deg")} if sensor is None else {}
-    return Photons.from_counts(cube, sensor=sensor, **(given | changes))
+    given = {name: value for name, value in KNOWN.items() if name not in ("shape", "num_bins")}
+    return Photons.from_counts(cube, sensor=sensor, **((given if sensor is None else {}) | changes))
 
 
 def cube(dtype=np.uint16):
@@ -82,7 +84,7 @@ def test_an_irf_that_is_not_given_is_that_of_the_photons_but_for_those_of_hot_pi
     mask, noise = np.ones((30, 30), bool), np.arange(400_000) % 400
     mask[0, 0] = False
     row, col = np.divmod(np.concatenate([photons.pixel, np.zeros(len(noise), np.uint32)]), 30)
-    toa, given = np.concatenate([photons.toa, noise]), {"bin_width_s": 1e-10, "mask": mask}
+    toa, given = np.concatenate([photons.toa, noise]), {"bin_width_s": 1e-10, "mask": mask, "range_offset_m": 0}
     by_events = Photons.from_events(row, col, toa, **given, shape=(30, 30), num_bins=400)
     assert by_events.notes == (ESTIMATED, ASSUMED_FOV)
     found, ref = by_events.sensor.irf, by_events.sensor.irf_ref
@@ -91,6 +93,40 @@ def test_an_irf_that_is_not_given_is_that_of_the_photons_but_for_those_of_hot_pi
     np.add.at(cube, (row, col, toa), 1)
     by_counts = Photons.from_counts(cube, **given)
     assert np.array_equal(by_counts.sensor.irf, found) and by_counts.notes == by_events.notes
+
+
+def test_hot_pixels_are_masked_counted_and_left_out_of_the_estimated_irf():
+    seen = SensorModel(20, 20, 400, 1e-10, np.exp(-0.5 * ((np.arange(31) - 10) / 3)**2))
+    depth = 100 + 4 * np.arange(20.0) + np.zeros((20, 1))
+    photons = Simulator(StaticScene(seen.range_m(depth)), seen, ppp=30, sbr=5).frame(0)[0]
+    cube = np.zeros((400, 400), np.uint16)
+    np.add.at(cube, (photons.pixel, photons.toa), 1)
+    cube[[45, 300]] += 20
+    found, off = (Photons.from_counts(cube.reshape(20, 20, 400), bin_width_s=1e-10, **options)
+                  for options in ({}, {"mask": "off"}))
+    assert np.flatnonzero(~found.sensor.used).tolist() == [45, 300] and off.sensor.used.all()
+    assert "2 hot pixels of 400" in found.notes[0] and "mask=auto" in off.notes[0]
+    np.testing.assert_array_equal(found.sensor.irf, off.sensor.irf)
+    assert Photons.from_frame(off.frame, sensor=off.sensor).sensor.used.all()       # a given sensor keeps its mask
+    assert "2 hot pixels" in str(describe(Reading(off.sensor, off.frame)).facts["notes"])       # as of a bag
+    again = Photons.from_frame(off.frame, sensor=off.sensor, mask="auto").sensor
+    np.testing.assert_array_equal(again.used, found.sensor.used)
+
+
+def test_half_a_bin_is_noted_until_time_zero_is_known():
+    for options, number in (({}, 1), ({"bin_width_s": 1e-11}, 0), ({"toa_offset_bins": 0.5}, 0),
+                            ({"range_offset_m": 0.1}, 0), ({"toa": [0.25, 7, 9, 3.5]}, 0), ({"bin_width_s": None}, 0)):
+        notes = [note for note in events(**{"toa_offset_bins": None} | options).notes if "truncates" in note]
+        assert len(notes) == number and all(note.startswith("ranges are 7.49 mm short") for note in notes)
+
+
+@pytest.mark.parametrize(("dark", "dtype"), [(1, np.uint8), (3, np.uint16), (1, np.float64)])
+def test_counts_that_wrapped_are_refused(dark, dtype):
+    counted = np.random.default_rng(0).poisson(0.3, (6, 8, 50)).astype(np.uint16 if dtype == np.float64 else dtype)
+    with pytest.raises(InvalidInput, match=r"counts are (255|65533|65535).* wrapped .*Subtract signed ones"):
+        counts((counted - counted.dtype.type(dark)).astype(dtype))
+    bright = np.random.default_rng(0).integers(0, 400, (6, 8, 50)).clip(0, 255).astype(np.uint8)
+    counts(bright)                      # saturated, not wrapped
 
 
 def test_a_first_cloud_needs_neither_bin_width_nor_measured_irf():

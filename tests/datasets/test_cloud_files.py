@@ -1,6 +1,9 @@
 """Saved clouds, read by parsers of our own; and what happens to a path that cannot be used."""
 
+import base64
+import json
 from dataclasses import replace
+from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -10,7 +13,7 @@ from srt3d_ros.datasets import cloud_files
 from srt3d_ros.errors import InvalidInput
 
 FREQUENCIES = (1, 2, 5)
-PLY_TYPES = {"float": "<f4", "uchar": "u1", "ushort": "<u2"}
+PLY_TYPES = {"float": "<f4", "uchar": "u1", "uint16": "<u2"}
 
 
 @pytest.fixture
@@ -81,6 +84,66 @@ def test_tif_is_the_depth_image(saved, ball):
         assert np.array_equal(np.asarray(image), ball[0].depth_image(), equal_nan=True)
 
 
+def test_las_has_metres_photons_and_returns(saved, ball):
+    laspy, records = pytest.importorskip("laspy"), ball[0].to_records()
+    las = laspy.read(saved("a.las"))
+    assert np.allclose(np.asarray(las.xyz), ball[0].xyz, rtol=0, atol=6e-6)
+    for name, own in (("photons", "intensity"), *((name, name) for name in ("depth_std", "background", "row", "col"))):
+        assert np.array_equal(las[name], records[own]), name
+    assert las.intensity.max() == 65535 and np.array_equal(np.asarray(las.return_number) - 1, records["surface"])
+    doubled = {(row, col) for row, col, surface in zip(ball[0].row, ball[0].col, ball[0].surface) if surface}
+    assert [n == 2 for n in las.number_of_returns] == [at in doubled for at in zip(ball[0].row, ball[0].col)]
+    assert len(laspy.read(saved("empty.las", ball[0].within(max_m=0)))) == 0
+
+
+class Scripts(HTMLParser):
+    """The text of each script by its id, and what the page would load."""
+
+    def __init__(self, path):
+        super().__init__()
+        self.inside, self.scripts, self.loads = None, {}, []
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag, attrs):
+        self.inside = dict(attrs).get("id", "code") if tag == "script" else self.inside
+        self.loads += [value for name, value in attrs if name in ("src", "href")]
+
+    def handle_endtag(self, tag):
+        self.inside = None if tag == "script" else self.inside
+
+    def handle_data(self, data):
+        if self.inside:
+            self.scripts[self.inside] = self.scripts.get(self.inside, "") + data
+
+
+def test_a_page_has_the_points_and_the_colours_of_pictures_and_loads_nothing(tmp_path, ball):
+    cloud, notes = ball[0], ("</script><script>alert(1)</script>", "a note")
+    replace(cloud, notes=notes).save(tmp_path / "a.html")
+    page = Scripts(tmp_path / "a.html")
+    facts, data = json.loads(page.scripts["facts"]), base64.b64decode(page.scripts["points"])
+    assert page.loads == [] and set(page.scripts) == {"facts", "points", "code"} and facts["notes"] == list(notes)
+    assert (tmp_path / "a.html").stat().st_size < 40_000 + len(page.scripts["points"])
+    records = cloud.to_records()
+    assert data[:records.nbytes] == records.tobytes()
+    kinds = [(name, facts["fields"][name][0]) for name in records.dtype.names]
+    assert facts["count"] == len(cloud) and facts["size"] == np.dtype(kinds).itemsize
+    levels = np.frombuffer(data[records.nbytes:], np.uint8).reshape(len(facts["quantities"]), len(cloud))
+    labels = [shown["label"] for shown in facts["quantities"]]
+    assert labels == ["range, m", "intensity, photons", "depth_std, mm", "signal to noise"]
+    for name, row in zip(("range", "intensity", "depth_std"), levels):
+        values = np.linalg.norm(cloud.xyz, axis=1) if name == "range" else records[name]
+        assert np.corrcoef(row, values)[0, 1] > 0.95, name
+    near = np.frombuffer(base64.b64decode(facts["quantities"][0]["table"]), np.uint8).reshape(256, 3)[0]
+    assert near[:2].min() > near[2] + 100      # yellow
+
+
+def test_a_page_of_a_cloud_without_points_or_accuracy(saved, ball):
+    nothing = Scripts(saved("a.html", ball[0].within(max_m=0))).scripts
+    assert json.loads(nothing["facts"])["count"] == 0 and "points" not in nothing
+    unknown = replace(ball[0], depth_std_bins=np.full(len(ball[0]), np.nan, np.float32))
+    assert "depth_std, mm" not in Scripts(saved("b.html", unknown)).scripts["facts"]
+
+
 def test_a_picture_shows_the_cloud(saved, ball):
     with Image.open(saved("a.JPEG", ball[0])) as image:
         assert (image.format, image.size) == ("JPEG", (1200, 900))
@@ -89,7 +152,7 @@ def test_a_picture_shows_the_cloud(saved, ball):
 
 def test_a_missing_package_is_named_before_anything_is_computed(monkeypatch, tmp_path):
     monkeypatch.setattr(cloud_files, "find_spec", lambda name: None)
-    for name, package, extra in (("a.png", "matplotlib", "pictures"), ("a.rrd", "rerun", "record")):
+    for name, package, extra in (("a.png", "matplotlib", "pictures"), ("a.las", "laspy", "lab")):
         with pytest.raises(InvalidInput, match=rf"{name}: {package} is missing .pip install '.\[{extra}\]'"):
             cloud_files.check(tmp_path / name)
     cloud_files.check(tmp_path / "a.npz")
@@ -102,7 +165,7 @@ def test_an_empty_cloud_is_a_valid_file(saved, ball):
 
 
 @pytest.mark.parametrize("name, expected", [
-    ("cloud.las", "output is .*cloud.las: expected a file name that ends in .npz, .ply, .pcd, .csv, .tif"),
+    ("cloud.laz", "output is .*cloud.laz: expected a file name that ends in .npz, .ply, .pcd, .csv, .las, .html"),
     ("cloud", "output is .*cloud: expected a file name that ends in"),
     ("absent/cloud.ply", "Cannot write .*cloud.ply: there is no directory .*absent"),
     ("folder.ply", "Cannot write .*folder.ply: it is a directory"),

@@ -16,7 +16,7 @@ from srt3d_ros.errors import InvalidInput
 
 SENSOR = SensorModel(16, 24, 200, 5e-11, np.exp(-np.linspace(-2, 3, 11)**2))
 FREQUENCIES = (1, 2, 5, 9)
-GIVEN = {"bin_width_s": 5e-11, "irf": SENSOR.irf, "fov_deg": 20}
+GIVEN = {"toa_offset_bins": 0, "bin_width_s": 5e-11, "irf": SENSOR.irf, "fov_deg": 20}
 
 
 @pytest.fixture(scope="module")

@@ -13,6 +13,12 @@ IRF = [1.0, 3.0, 1.0]
 CUBE = files.pulse_cube()
 
 
+@pytest.fixture(autouse=True)
+def in_a_child_where_it_matters(request):
+    if "cannot" not in request.node.name:
+        request.getfixturevalue("in_this_process")
+
+
 def write(path, **arrays):
     with h5py.File(path, "w") as file:
         for name, values in arrays.items():
@@ -33,7 +39,8 @@ def photon_hdf5(path, **spots):
 
 
 def test_the_only_cube_of_an_hdf5_file_is_read_from_any_group(tmp_path):
-    arrays = {"scan/hist": CUBE, "scan/mean": CUBE.mean(axis=2), "bin_width_s": 2e-10, "irf": IRF, "title": "a text"}
+    arrays = {"scan/hist": CUBE, "scan/mean": CUBE.mean(axis=2), "bin_width_s": 2e-10, "irf": IRF, "title": "a text",
+              "toa_offset_bins": 0.0}
     photons = read(write(tmp_path / "a.h5", **arrays), fov_deg=9)
     expected = read(write(tmp_path / "b.hdf5", a=np.asfortranarray(CUBE.astype(">f8"))), irf=IRF, bin_width_s=2e-10)
     assert photons.sensor.same_as(expected.sensor.replace(projection=photons.sensor.projection))
@@ -51,7 +58,7 @@ def test_a_spot_of_photon_hdf5_is_a_pixel_and_t_is_the_period_of_the_laser(tmp_p
     assert photons.frame.pixel.tolist() == [k // 2 for k in range(22)]
     assert photons.frame.toa.tolist() == [10 * (k // 2) + k % 2 for k in range(22)]
     assert read(path, irf=IRF, channel=1, shape=(11, 1)).frame.toa.tolist() == [10 * k + 1 for k in range(11)]
-    for options, said in (({"channel": 7}, "channel is 7: expected a detector of photon_data0: 0, 1"),
+    for options, said in (({"channel": 7}, "channel is 7: expected a detector of the file: 0, 1"),
                           ({"shape": (2, 2)}, r"shape is \(2, 2\): expected rows × cols = 11, the spots")):
         with pytest.raises(InvalidInput, match=f"^a.h5 {said}"):
             read(path, irf=IRF, **options)
@@ -64,6 +71,33 @@ def test_detectors_of_a_single_spot_are_the_pixels_of_a_sensor_with_as_many(tmp_
     assert read(path, irf=IRF).sensor.pixels == 1 and photons.sensor.num_bins == 4096
     with pytest.raises(InvalidInput, match=r"^a.h5 shape is \(2, 3\): expected rows × cols = 1, the spots"):
         read(path, irf=IRF, shape=(2, 3), channel=2)
+
+
+def test_the_arrays_of_a_single_spot_may_be_in_no_group(tmp_path):
+    arrays = {"nanotimes": np.array([4, 5, 6], np.int16), "detectors": np.array([0, 1, 1], np.uint8)}
+    path = write(tmp_path / "a.h5", **arrays, timestamps=np.arange(3))
+    options = {"irf": IRF, "num_bins": 9, "bin_width_s": 1e-10}
+    assert read(path, **options).frame.toa.tolist() == [4, 5, 6]
+    assert read(path, channel=1, **options).frame.toa.tolist() == [5, 6]
+    assert read(path, shape=(1, 2), **options).frame.pixel.tolist() == [0, 1, 1]
+    with pytest.raises(InvalidInput, match="^a.h5: The file has no num_bins"):
+        read(path, irf=IRF)
+
+
+def test_columns_may_be_those_of_a_table(tmp_path):
+    table = np.array([(0, 2, 7, b"a"), (1, 0, 8, b"b"), (1, 2, 9, b"c")],
+                     [("y", "u1"), ("x", ">u2"), ("tac", "u4"), ("name", "S1")])
+    path = write(tmp_path / "a.h5", **{"spc/photons": table, "spc/_i_photons/y/sorted": np.ones((1, 3))})
+    options = {"irf": IRF, "num_bins": 20, "bin_width_s": 1e-10}
+    three = read(path, columns="spc/photons/y,spc/photons/x,spc/photons/tac", shape=(2, 3), **options)
+    two = read(path, columns="spc/photons/x,spc/photons/tac", shape=(1, 3), **options)
+    one = read(path, columns="spc/photons/tac", **options)
+    assert three.frame.toa.tolist() == two.frame.toa.tolist() == one.frame.toa.tolist() == [7, 8, 9]
+    assert (three.frame.pixel.tolist(), two.frame.pixel.tolist()) == ([2, 3, 5], [2, 0, 2])
+    assert one.sensor.pixels == 1
+    with pytest.raises(InvalidInput, match=r"It has spc/photons/y \(3 uint8\), spc/photons/x \(3 >u2\)") as refused:
+        read(path, **options)
+    assert "_i_" not in str(refused.value)
 
 
 @pytest.mark.parametrize("variables", [
@@ -92,6 +126,14 @@ def huge(path):
         file.create_dataset("a", (2**16, 2**16, 2**10), np.uint16, chunks=(8, 8, 8))
 
 
+def packed_by_blosc(path):
+    with h5py.File(path, "w") as file:
+        created = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        created.set_chunk((4, 4, 4))
+        created.set_filter(32001, h5py.h5z.FLAG_OPTIONAL)
+        h5py.h5d.create(file.id, b"a", h5py.h5t.NATIVE_UINT16, h5py.h5s.create_simple((4, 4, 4)), dcpl=created)
+
+
 def cut_off(path):
     write(path, a=CUBE)
     path.write_bytes(path.read_bytes()[:3000])
@@ -99,6 +141,7 @@ def cut_off(path):
 
 @pytest.mark.parametrize(("name", "make", "said"), [
     ("a.h5", kept_elsewhere, "a.h5 is unreadable .ValueError: a keeps its numbers in another file"),
+    ("a.h5", packed_by_blosc, r"a.h5 is unreadable \(ValueError: pip install hdf5plugin to unpack a\)"),
     ("a.h5", huge, "a.h5: The arrays take more than .* bytes"),
     ("a.h5", cut_off, r"a.h5 is unreadable \(OSError: .*\): expected a complete HDF5 file"),
     ("a.mat", lambda path: path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(900)),

@@ -6,6 +6,7 @@ import pytest
 from srt3d_ros import read
 from srt3d_ros.errors import InvalidInput
 from tests.datasets import laboratory_files as files
+from tests.datasets.laboratory_files import t3
 
 CUBE = files.pulse_cube()
 IRF = [0.1, 0.25, 0.3, 0.25, 0.1]
@@ -18,10 +19,6 @@ def counts_of(photons) -> np.ndarray:
     sensor, counts = photons.sensor, np.zeros((photons.sensor.pixels, photons.sensor.num_bins), int)
     np.add.at(counts, (photons.frame.pixel, photons.frame.toa), 1)
     return counts.reshape(sensor.rows, sensor.cols, -1)
-
-
-def t3(tick: int, toa: int, channel: int = 0) -> int:
-    return channel << 25 | toa << 10 | tick
 
 
 @pytest.fixture
@@ -60,10 +57,27 @@ def test_channels_and_incomplete_frames(tmp_path):
         read(path, irf=[1], channel=5)
 
 
-def test_t2_is_refused_in_one_line(tmp_path):
+@pytest.mark.parametrize(("record_type", "sync", "bits"), [(files.T2, 1 << 31, 25), (files.PICOHARP_T2, 0, 28)])
+def test_times_of_t2_count_from_the_laser_s_pulses(tmp_path, monkeypatch, record_type, sync, bits):
+    pytest.importorskip("ptufile")
+    monkeypatch.setattr("srt3d_ros.datasets.readers.ptu_t2.RECORDS", 10)
+    overflow = 0xF0000000 if record_type == files.PICOHARP_T2 else 1 << 31 | 63 << 25 | 1
+    body = [1 << bits | 3, sync | 1000, 1 << bits | 1250, sync | 2000, 2 << bits | 2300, 2 << bits | 2900, sync | 3000,
+            overflow, 2 << bits | 1, sync | 500, 2 << bits | 1501]
+    path = files.ptu(tmp_path / "t2.ptu", body, record_type, {"Measurement_SubMode": 0})
+    photons = read(path, irf=[1], bin_width_s=1e-10)
+    assert (photons.sensor.pixels, photons.sensor.num_bins) == (1, 10)
+    wrap = {files.T2: 33_554_432, files.PICOHARP_T2: 210_698_240}[record_type]
+    assert sorted(photons.frame.toa) == sorted([3, 9, round((wrap + 1 - 3000) % 1000 / 100), 0])
+    assert not any("truncates" in note for note in photons.notes)
+    assert "pulses on the sync channel, 1 ns apart, of channel 2" in photons.notes[0]
+    assert read(path, irf=[1], channel=1).frame.toa.tolist() == [250]
+
+
+def test_t2_without_the_laser_s_pulses_is_refused_in_one_line(tmp_path):
     pytest.importorskip("ptufile")
     path = files.ptu(tmp_path / "t2.ptu", [1 << 25 | 5], files.T2, SCAN)
-    with pytest.raises(InvalidInput, match="t2.ptu measurement mode is T2: expected T3"):
+    with pytest.raises(InvalidInput, match="t2.ptu sync channel is 0 events: expected the laser's pulses"):
         read(path, irf=[1])
 
 
@@ -87,9 +101,36 @@ def test_the_fullest_data_set_of_an_sdt_file_is_read_unless_another_is_chosen(tm
         read(path, channel=2)
 
 
+@pytest.mark.parametrize(("laser_hz", "num_bins"), [(0, 120), (80e6, 125), (1e6, 120), (1e9, 120)])
+def test_the_period_of_an_sdt_file_is_the_laser_s_where_the_tac_records_nearly_all_of_it(tmp_path, laser_hz, num_bins):
+    pytest.importorskip("sdtfile")
+    photons = read(files.sdt(tmp_path / "a.sdt", [CUBE], 120e-10, laser_hz), irf=IRF)
+    assert photons.sensor.num_bins == num_bins and photons.photons == CUBE.sum()
+
+
+@pytest.mark.parametrize(("laser_hz", "num_bins", "said"), [
+    (80_000_000, 125, ""), (0, 44, "T taken to be 44 bins, up to the last photon"),
+    (1_000_000_000, 44, "have photons: the laser's rate in the file means 10")])
+def test_a_phu_file_gives_its_brightest_curve_or_one_a_pixel(tmp_path, laser_hz, num_bins, said):
+    pytest.importorskip("ptufile")
+    curves = [np.roll(np.pad(np.array([9, 30, 8]), (0, 117)), at) for at in (40, 30, 20, 41)]
+    curves[1] *= 2
+    path = files.phu(tmp_path / "a.phu", curves, 1e-10, laser_hz)
+    photons = read(path, irf=IRF, rows=2, cols=2)
+    assert photons.sensor.num_bins == num_bins and said in " ".join(photons.notes)
+    assert np.array_equal(counts_of(photons).reshape(4, -1)[:, :44], np.array(curves)[:, :44])
+    alone = read(path, irf=IRF)
+    assert np.array_equal(np.trim_zeros(counts_of(alone).ravel(), "b"), np.trim_zeros(curves[1], "b"))
+    assert "photons of data set 1" in alone.notes[0]
+    assert read(path, irf=IRF, channel=3).photons == 47
+    (tmp_path / "a.phu").write_bytes(path.read_bytes()[:-8])
+    with pytest.raises(InvalidInput, match="^a.phu: The file is cut off"):
+        read(path)
+
+
 @pytest.mark.parametrize(("name", "array"), [("counts", CUBE), ("anything", np.asfortranarray(CUBE))])
 def test_npz_cubes_may_describe_their_sensor(tmp_path, name, array):
-    described = {"irf": IRF, "bin_width_s": 1e-10, "fov_deg": 9.0}
+    described = {"irf": IRF, "bin_width_s": 1e-10, "fov_deg": 9.0, "range_offset_m": 0.0}
     np.savez_compressed(tmp_path / "a.npz", **{name: array}, mean=CUBE.mean(axis=2), **described)
     photons = read(tmp_path / "a.npz")
     assert np.array_equal(counts_of(photons), CUBE) and photons.notes == ()
@@ -98,7 +139,7 @@ def test_npz_cubes_may_describe_their_sensor(tmp_path, name, array):
 
 @pytest.mark.parametrize(("array", "options", "said"), [
     (CUBE[0, 0], {"bin_width_s": 1e-10}, "a.npy counts is uint16"),
-    (CUBE, {"bin_width_s": 1e-10, "rows": 5}, "rows is 5: expected 6"),
+    (CUBE, {"bin_width_s": 1e-10, "rows": 5}, "a.npy counts shape is 6 × 8 × 120: expected axes that fit rows = 5"),
     (np.full((2, 2, 9), np.nan), {"bin_width_s": 1e-10}, "a.npy: counts holds values beyond")])
 def test_what_cannot_be_used_is_said_in_one_line(tmp_path, array, options, said):
     np.save(tmp_path / "a.npy", array)

@@ -7,23 +7,12 @@ from scipy.sparse import csc_matrix
 
 from srt3d_ros import read
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.files import isolated, isolated_child
-from srt3d_ros.files.array_files import read_errors
 
 ROWS, COLS = 2, 3
 IRF = [1.0, 3.0, 1.0]
 LISTS = [[[12, 15], [], [10]], [[19], [13, 13, 14], []]]
 PIXEL, TOA = [0, 0, 2, 3, 4, 4, 4], [12, 15, 10, 19, 13, 13, 14]
-
-
-@pytest.fixture(autouse=True)
-def in_this_process(monkeypatch):
-    """Without the child, which takes as long as SciPy to start: tests/files/test_isolated.py is with it."""
-    def arrays_of(path, library, names, expected):
-        with read_errors(path, expected):
-            arrays, shapes = isolated_child.matlab_5(path, names)
-        return arrays, isolated_child.listing(shapes)
-    monkeypatch.setattr(isolated, "arrays_of", arrays_of)
+pytestmark = pytest.mark.usefixtures("in_this_process")
 
 
 def cells(lists, dtype=np.uint16) -> np.ndarray:

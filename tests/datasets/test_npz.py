@@ -34,14 +34,11 @@ def write(tmp_path, **changes):
     return path
 
 
-def test_the_better_reference_is_preferred(tmp_path):
+def test_the_better_reference_is_preferred_and_arrays_of_other_names_are_left_alone(tmp_path):
     one, two, three = (np.full((2, 3), value, np.float32) for value in (1, 2, 3))
     photons = read(write(tmp_path, ref_depth_bins=one, ref_depth_ml_bins=two, ref_depth_bins_2=three))
     assert photons.reference_depth_bins[:, 0, 0].tolist() == [2, 3]
     assert read(write(tmp_path)).reference_depth_bins is None
-
-
-def test_arrays_of_other_names_are_left_alone(tmp_path):
     path = write(tmp_path, anything=np.array([{"an": "object"}], dtype=object), source="a text", fov_deg=20.0)
     photons = read(path)
     assert photons.frame.photons == 4 and photons.sensor.projection == Pinhole.from_fov(2, 3, 20)
@@ -68,9 +65,10 @@ def test_malformed_files_are_named_in_one_line(tmp_path, field, changes):
 
 
 def test_a_geometry_that_nobody_gives_is_said_to_be_assumed(tmp_path):
-    assert read(write(tmp_path, fov_deg=20.0)).notes == ()
-    assert read(write(tmp_path)).notes == (ASSUMED_FOV,)
-    assert read(write(tmp_path), fov_deg=30).notes == ()
+    assert read(write(tmp_path, fov_deg=20.0, range_offset_m=0.0)).notes == ()
+    assert read(write(tmp_path, range_offset_m=0.0)).notes == (ASSUMED_FOV,)
+    assert [note[:10] for note in read(write(tmp_path), fov_deg=30).notes] == ["ranges are"]
+    assert read(write(tmp_path), fov_deg=30, range_offset_m=0.1).notes == ()
     assert read(write(tmp_path), toa_offset_bins=3).notes == (ASSUMED_FOV,)
 
 
@@ -112,7 +110,7 @@ def test_arrays_that_are_too_much_together_are_refused(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("name", "expected"), [
-    ("photons.npz.zip", "expected a file that ends in .npz, .mat, .ptu"), ("absent.mat", "no such file"),
+    ("photons.npz.zip", "expected a file that ends in .npz, .npy, .mat, .csv"), ("absent.mat", "no such file"),
     ("simulater", "simulater: no such file"),
     ("folder.npz", "no such file"), ("a" * 300 + ".npz", "^Cannot read "), ("a" * 300 + ".mcap", "^Cannot read ")])
 def test_what_is_no_photon_file_is_named(tmp_path, name, expected):

@@ -13,7 +13,6 @@ from PIL import Image
 
 import srt3d_ros
 from srt3d_ros import datasets
-from srt3d_ros.cli import demo
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.distortion import PlumbBob
 from srt3d_ros.core.sensor.model import GateWords
@@ -86,7 +85,6 @@ def test_a_saved_sketch_gives_the_same_cloud_and_takes_options_that_a_cloud_refu
     for call, said in ((lambda: srt3d_ros.read(tmp_path / "c.npz", range_offset_m=2), "c.npz holds a cloud: no option"),
                        (lambda: srt3d_ros.reconstruct(tmp_path / "c.npz"), "A cloud cannot be reconstructed"),
                        (lambda: datasets.read_photons(tmp_path / "c.npz"), ".*c.npz holds a cloud, no photons"),
-                       (lambda: demo.from_file(str(tmp_path / "c.npz")), ".*c.npz holds a cloud, no photons"),
                        (lambda: cloud.save(tmp_path / "a.npz"), "Cannot write .*a.npz: that file holds something else"),
                        (lambda: EVENTS.save(tmp_path / "c.npz"), "Cannot write .*c.npz: that file holds something"),
                        (lambda: SKETCH.save("a.ply"), "output is a.ply: expected a name that ends in .npz"),

@@ -16,7 +16,7 @@ from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.messages import photon_frames, sensor_message
 from tests.bags import CLOUD, TEXT, write_bag
 from tests.datasets.laboratory_files import pulse_cube
-from tests.review.conftest import _write as write_recording
+from tests.review.conftest import write_ball
 
 from .pages import ROOT
 
@@ -47,7 +47,7 @@ def here(tmp_path_factory, ball) -> Path:
     packet = photon_frames.PHOTONS.encode_cdr(small.frame(0)[0], small.sensor, "lidar")
     described = ("/sensor", TEXT, sensor_message.encode_cdr(small.sensor))
     write_bag(folder / "rec", [described, *[("/photons", CLOUD, packet)] * 8])
-    write_recording(folder / "run.rrd", *ball)
+    write_ball(folder / "run.rrd", *ball)
     for name in ("config", "examples"):
         (folder / name).symlink_to(ROOT / name)
     with pytest.MonkeyPatch.context() as patch:

@@ -11,23 +11,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import Image, PointCloud2
-from std_msgs.msg import String
+from sensor_msgs.msg import PointCloud2
 
 import srt3d_ros
 from srt3d_ros import read
 from srt3d_ros.cli import main
 from srt3d_ros.datasets import open_sensor
-from srt3d_ros.messages import cdr, points_message
+from srt3d_ros.messages import points_message
 from srt3d_ros.recording.reader import RecordingReader
-from tests.bags import IMAGE, TEXT, write_bag
 from tests.nodes.conftest import Graph
 from tools.processes import Process
 
 from .conftest import HEAD, HOT, TRUE
 from .pages import PAGES, ROOT, command_lines, fenced, indented, inline, section
 
-LONG = r"evaluate (?!head.npz --methods)|--device cuda|--dask"
+LONG = r"evaluate (?!examples/head.npz --methods)|--device cuda"
 ELSEWHERE = ("IncludeLaunchDescription", "my_sensor.json")      # a launch file; run by the test of the quick start
 QUICKSTART = PAGES["docs/quickstart.md"]
 ran: set[str] = set()       # commands that pages have run
@@ -51,7 +49,7 @@ def run(page: str) -> None:
             exec(block, names)
             assert "cloud" not in names or len(names["cloud"]) > 400
     for line in map(" ".join, command_lines(PAGES[page])):
-        if re.match("srt3d (info|reconstruct|evaluate|review) ", line):
+        if re.match("srt3d (info|inspect|reconstruct|evaluate|review) ", line):
             read_files = re.findall(r"(?<!-o )(?<!--out )\b\w+\.(?:npz|ptu|mat|rrd)\b", line)
             assert [name for name in read_files if not Path(name).exists()] == []
             if not re.search(LONG, line) and line not in ran:
@@ -90,13 +88,6 @@ def terminal(step: str, text: str) -> Process:
     return Process(["bash", "-ec", "\n".join([*before, f"exec {last}"])])
 
 
-def record(graph: Graph, topic: str, at_least: int, bag: Path) -> None:
-    """Record `sensor` and a topic as `ros2 bag record` would, which pip cannot install."""
-    frames, described = graph.collect(Image, topic, raw=True), graph.collect_latched(String, "/sensor")
-    graph.wait(lambda: len(frames) >= at_least and described, f"{at_least} frames")
-    write_bag(bag, [("/sensor", TEXT, cdr.write_text(described[0].data)), *((topic, IMAGE, raw) for raw in frames)])
-
-
 def numbers(pattern: str) -> list[float]:
     """The numbers in the quick start that match a pattern."""
     return [float(number) for group in re.search(pattern, QUICKSTART).groups() for number in group.split(", ")]
@@ -116,11 +107,11 @@ def test_the_camera_from_the_description_to_the_measured_irf(graph, here):
     before = len(clouds)
     graph.wait(lambda: len(clouds) > before + 3, "clouds")
     assert up.end(signal.SIGINT) == 0 and len(RecordingReader(Path("run.rrd")).cloud_index()), up.text
-    assert ["ros2", "bag", "record", "-o", "wall", "/gates", "/sensor"] in command_lines(section(QUICKSTART, "4."))
     assert driver.end(signal.SIGINT) == 0 and not any("Traceback" in one.text for one in (up, driver)), driver.text
     (command,) = [line for line in inline(section(QUICKSTART, "4.")) if "spad_driver" in line]
     graph.processes.append(Process(command.split()))
-    record(graph, "/gates", 50, here / "wall")
+    graph.processes.append(recorder := terminal("4.", "record_bag"))
+    assert recorder.code() == 0, recorder.text
     range_named, bin_named = numbers(r"wall is ([\d.]+) m away, which\s+is bin (\d+)")
     range_m = np.linalg.norm(points_message.decode_cdr(serialize_message(clouds[-1]))[1]["xyz"], axis=1)
     off_m, is_wall = range_m - range_named, range_m > 2.7
@@ -136,7 +127,9 @@ def test_the_camera_from_the_description_to_the_measured_irf(graph, here):
 
 def test_the_driver_of_histograms_sees_the_scene_where_the_page_says(graph, here):
     graph.processes.append(Process(["python", "examples/histogram_driver.py"]))
-    record(graph, "/histograms", 1, here / "zones")
+    command = ["python", "examples/record_bag.py", "zones", "/histograms", "/sensor", "--seconds", "0"]
+    graph.processes.append(recorder := Process(command))
+    assert recorder.code() == 0, recorder.text
     cloud = srt3d_ros.reconstruct("zones")
     assert len(cloud) > 0.9 * 32 * 48
     assert abs(np.nanmedian(cloud.range_image()) - numbers(r"scene is ([\d.]+) m away")[0]) < 0.01

@@ -1,14 +1,23 @@
-"""Running methods: each once, its row complete and right."""
+"""What is evaluated, and methods that run on it: each once, its row complete; the table, results.csv and pictures."""
+
+import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from srt3d_ros.core.methods import METHODS, Method
 from srt3d_ros.core.metrics import evaluate
-from srt3d_ros.evaluation.cases import of_files, simulated
+from srt3d_ros.core.point_cloud import POINT_FIELDS
+from srt3d_ros.datasets.simulation.scene import default_sensor
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.evaluation.cases import of_files, simulated, tolerance_bins
+from srt3d_ros.evaluation.drawings import draw_row
 from srt3d_ros.evaluation.run import jobs_for, judge, run
-from srt3d_ros.evaluation.scores import RESULT_COLUMNS
+from srt3d_ros.evaluation.scenes import NetScene, net_sensor
+from srt3d_ros.evaluation.scores import HEADINGS, RESULT_COLUMNS, averaged, is_table, markdown, table_of_rows
 
 POOLED = METHODS["pooled"]
 
@@ -20,10 +29,15 @@ def outcomes(cases, methods=(POOLED,), sizes=(10,)):
         return list(run(jobs, notes, bar)), notes
 
 
-def test_methods_on_photons_run_once_and_those_on_sketches_for_each_size():
+def test_methods_run_once_or_for_each_size_and_what_they_refuse_is_a_note():
     on_photons = Method("all", "", "photons", object)
     jobs = jobs_for(simulated("net", [10], [3]), [POOLED, on_photons], (5, 10))
     assert [(job.method.name, job.sketch_size) for job in jobs] == [("pooled", 5), ("pooled", 10), ("all", None)]
+    found, notes = outcomes(simulated("net", [10], [3]), sizes=(1000, 10))
+    assert len(notes) == 1 and notes[0].startswith("net, SBR 10, 3 ppp: pooled, m = 1000: sketch_size is 1000")
+    assert [outcome.job.sketch_size for outcome in found] == [10]
+    (outcome,), _ = outcomes(simulated("net", [10], [30]), [METHODS["smle"]], (5,))
+    assert tuple(outcome.row["frequencies"]) == (1, 2, 3, 4, 5)
 
 
 def test_a_simulated_scene_is_judged_in_every_respect():
@@ -47,12 +61,6 @@ def test_points_in_empty_pixels_of_a_scene_are_false_and_those_of_files_are_not(
         assert judge(cloud, case, observation)["false_detections_percent"] == pytest.approx(100 * false)
 
 
-def test_what_a_method_refuses_is_a_note_and_the_others_go_on():
-    found, notes = outcomes(simulated("net", [10], [3]), sizes=(1000, 10))
-    assert len(notes) == 1 and notes[0].startswith("net, SBR 10, 3 ppp: pooled, m = 1000: sketch_size is 1000")
-    assert [outcome.job.sketch_size for outcome in found] == [10]
-
-
 def test_the_true_cloud_is_perfect(layers):
     for case in (*of_files([str(layers)]), *simulated("net", [10], [3])):
         observation = case.observe()
@@ -61,6 +69,111 @@ def test_the_true_cloud_is_perfect(layers):
         assert (found.true_detections, found.false_detections) == (1, 0) and not found.iae > 1e-6
 
 
-def test_frequencies_are_those_that_the_method_asks_for():
-    (outcome,), _ = outcomes(simulated("net", [10], [30]), [METHODS["smle"]], (5,))
-    assert tuple(outcome.row["frequencies"]) == (1, 2, 3, 4, 5)
+ROW = {"source": "bust", "sbr": 1.0, "ppp": 10.0, "repeat": 1, "method": "pooled", "sketch_size": 10,
+       "photons_per_pixel": 9.9, "points": 100}
+JUDGED = ROW | {"true_detections_percent": 90.0, "true_detections_by_surface_percent": (90.0,), "dae_mm": 2.0}
+
+
+def test_a_row_is_on_the_disk_at_once_and_a_table_is_known_by_its_columns(tmp_path):
+    path = tmp_path / "results.csv"
+    with table_of_rows(path) as write:
+        write(ROW | {"dae_mm": 1 / 3, "points": 19_881, "iae": float("nan"), "frequencies": (1, 2, 5), "sbr": 0.1})
+        with open(path, newline="") as file:
+            row, = csv.DictReader(file)
+    wanted = {"dae_mm": "0.333333", "points": "19881", "iae": "", "frequencies": "1;2;5", "sbr": "0.1"}
+    assert tuple(row) == RESULT_COLUMNS and {name: row[name] for name in wanted} == wanted
+    path = tmp_path / "results.csv"
+    for content in (b"", b"a,b\n1,2\n", b"\xff\xfe\x00"):
+        path.write_bytes(content)
+        assert not is_table(path)
+    with table_of_rows(path):
+        pass
+    assert is_table(path)
+
+
+def test_repeats_are_averaged_and_the_table_has_a_dash_for_what_others_have():
+    other = JUDGED | {"repeat": 2, "true_detections_percent": 96.0, "dae_mm": float("nan"),
+                      "true_detections_by_surface_percent": (96.0,)}
+    rows = averaged([JUDGED, JUDGED | {"sketch_size": 5}, other])
+    assert [row["sketch_size"] for row in rows] == [10, 5]
+    assert rows[0]["true_detections_percent"] == 93 and rows[0]["dae_mm"] == 2
+    assert rows[0]["true_detections_by_surface_percent"] == (93,) and np.isnan(rows[0]["iae"])
+    judged = JUDGED | {"true_detections_by_surface_percent": (99.06, 80.0), "false_detections_percent": 0.04}
+    unjudged = ROW | {"sbr": None, "sketch_size": None, "source": "tower"}
+    lines = markdown(averaged([judged, unjudged])).splitlines()
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    assert set(cells[0]) < set(HEADINGS) and len({len(line) for line in cells}) == 1
+    assert dict(zip(cells[0], cells[2])) == {
+        "source": "bust", "SBR": "1", "photons / pixel": "9.9", "method": "pooled", "m": "10", "TD %": "99.1 + 80.0",
+        "FD %": "0.0", "DAE mm": "2.00", "points": "100"}
+    assert cells[3][:6] == ["tower", "–", "9.9", "pooled", "–", "–"]
+
+
+@pytest.fixture
+def images():
+    """Draw a row of clouds; its images, float [rows, cols, 3] from 0 to 255."""
+    def call(*clouds):
+        figure = Figure().subfigures(1, 1)
+        draw_row(figure, 3, [("a$b_{", cloud, "caption") for cloud in clouds])
+        return [axes.images[0].get_array().astype(float) for axes in figure.axes if axes.images]
+    return call
+
+
+def test_clouds_stand_beside_the_truth_in_the_same_colours_and_an_empty_one_is_dark(ball, images):
+    truth, _ = ball
+    part = replace(truth, **{name: getattr(truth, name)[truth.col < 24] for name in POINT_FIELDS})
+    whole, half = images(truth, part)
+    points = half.max(axis=2) > 60
+    assert 0.1 < points.mean() < 0.8 * (whole.max(axis=2) > 60).mean()
+    assert (np.abs(half - whole).max(axis=2)[points] < 60).mean() > 0.7
+    empty, = images(ball[0].within(max_m=0))
+    assert (empty.max(axis=2) < 60).all()
+
+
+def test_every_setting_is_a_case_of_the_photons_it_says():
+    cases = simulated("net", [10, 0.5], [3, 30], repeats=2)
+    assert [(case.sbr, case.ppp, case.repeat) for case in cases] == [
+        (sbr, ppp, repeat) for sbr in (10, 0.5) for ppp in (3, 30) for repeat in (1, 2)]
+    for case in cases:
+        seen = case.observe()
+        assert seen.frame.photons / case.sensor.pixels == pytest.approx(case.ppp, rel=0.2)
+        assert seen.intensity.sum(axis=0).mean() == pytest.approx(case.ppp / (1 + 1 / case.sbr), rel=1e-3)
+        assert seen.depth_bins.shape == (2, 32, 32) and case.source == "net" and case.surfaces == 2
+    assert not np.array_equal(cases[0].observe().frame.toa, cases[1].observe().frame.toa)       # another draw
+    assert np.array_equal(cases[0].observe().frame.toa, cases[0].observe().frame.toa)
+
+
+def test_the_net_waves_before_the_plane():
+    (net, plane), (later, same) = (NetScene(net_sensor()).frame(t_s)[0] for t_s in (0.0, 1.0))
+    both = np.isfinite(net) & np.isfinite(plane)
+    assert 0.5 < both.mean() < 1 and (plane[both] - net[both]).min() > 0.8
+    assert np.nanmax(np.abs(later - net)) > 0.05 and np.array_equal(same, plane, equal_nan=True)
+
+
+def test_a_file_has_as_many_surfaces_as_references_and_a_name_of_its_own(layers):
+    case, = of_files([str(layers)])
+    assert (case.source, case.sbr, case.surfaces, case.tolerance_bins) == ("layers", None, 2, 10)
+    assert case.observe().depth_bins.shape == (2, 12, 20) and case.observe().intensity is None
+    case, = of_files([str(layers)], "40", surfaces=1)
+    assert (case.surfaces, case.tolerance_bins) == (1, 40)
+    with pytest.raises(InvalidInput, match="^Two files are called layers: rename one"):
+        of_files([str(layers), str(layers)])
+
+
+def test_what_is_to_be_known_about_a_file_is_passed_on(layers, tmp_path):
+    with np.load(layers) as file:
+        np.savez(tmp_path / "bare.npz", **{name: file[name] for name in file.files if name != "bin_width_s"})
+    case, = of_files([str(tmp_path / "bare.npz")])
+    assert len(case.notes) == 1 and case.notes[0].startswith("bare: bin width taken as 2")
+
+
+def test_a_tolerance_is_in_bins_or_millimetres_of_range():
+    assert tolerance_bins("2.5", default_sensor()) == 2.5
+    assert tolerance_bins("30mm", default_sensor()) == pytest.approx(100)
+    assert tolerance_bins("75mm", net_sensor()) == pytest.approx(2, rel=0.01)           # bins of 250 ps
+
+
+@pytest.mark.parametrize("text", ["", "near", "10,20", "-3", "nan", "inf", "0mm"])
+def test_what_is_no_tolerance_is_refused_in_one_line(text):
+    with pytest.raises(InvalidInput, match=r"^--tolerance is .*: expected "):
+        tolerance_bins(text, default_sensor())

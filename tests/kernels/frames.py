@@ -170,6 +170,12 @@ def make_terms(frame: MatchedFrame, state: np.ndarray) -> np.ndarray:
     return ORACLE.expand(padded(frame), state)
 
 
+def setting(shape: tuple[int, int], surfaces: int, seed: int, light: float = 1.0) -> tuple:
+    """A frame with a state and its terms."""
+    frame, state = make_frame(shape, seed, light), make_state(make_frame(shape, seed), surfaces, seed, light)
+    return frame, state, make_terms(frame, state)
+
+
 def exact_frame(depth: np.ndarray, signal: np.ndarray, background: float) -> MatchedFrame:
     """What is expected of surfaces at these depths with this many photons, [S, rows, cols]: no noise."""
     sensor = SensorModel(*depth.shape[1:], T, 1e-10, np.exp(-np.linspace(-2, 4, 25)**2))

@@ -197,22 +197,11 @@ def test_apss_creates_points_among_four_and_removes_those_among_three(backend):
     assert apss(backend, depth, intensity, None, seen)[1][1, 0, 1] == 0
 
 
-@pytest.mark.parametrize(("shape", "surfaces"), [((8, 40), 1), ((9, 12), 3), ((1, 9), 3), ((9, 1), 2), ((1, 1), 1)])
-def test_apss_agrees(shape, surfaces):
-    seen, (depth, intensity), normal = make_sensor(*shape).exposure, make_points(make_sensor(*shape), surfaces), None
-    for _ in range(3):
-        found, expected = (apss(kernels, depth, intensity, normal, seen) for kernels in (CPU, ORACLE))
-        np.testing.assert_allclose(circular_difference(found[0], expected[0], T), 0, atol=1e-3)
-        for one, other in zip(found[1:], expected[1:]):
-            np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-4)
-        depth, intensity, normal = found
-
-
 @pytest.mark.parametrize("method", [SRT3D, SMLE])
 @pytest.mark.parametrize("surfaces", [1, 2])
 def test_a_gpu_finds_the_same_points_and_looks_at_no_value(monkeypatch, method, surfaces):
     sensor = make_sensor(12, 33)
-    monkeypatch.setattr(plug_and_play, "ITERATIONS", 8)
+    monkeypatch.setattr(plug_and_play, "ITERATIONS", 4)
     sketch = sketch_photons(make_photons(sensor, 60), sensor, tuple(range(1, 8)))
 
     def on(kernels):

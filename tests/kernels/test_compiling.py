@@ -1,4 +1,4 @@
-"""What numba makes of the kernels depends on their sources alone."""
+"""What numba makes of the kernels depends on their sources alone; `srt3d compile` makes it beforehand."""
 
 import importlib
 import os
@@ -17,6 +17,7 @@ import srt3d_ros
 from srt3d_ros.kernels import cpu
 from srt3d_ros.kernels.cpu.compiling import KERNELS, Kernel
 
+ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = """
 import numpy as np
 from srt3d_ros.kernels.cpu.sketching import phase_sums
@@ -41,6 +42,13 @@ def run(program: str, *arguments: str, **variables) -> subprocess.Popen:
     """A Python program that has begun."""
     return subprocess.Popen([sys.executable, "-c", program, *arguments], text=True, env=os.environ | variables,
                             stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+
+
+@pytest.mark.parametrize("processor", ["x86-64", "x86-64-v3"])
+def test_vectors_are_numpys_on_other_processors(processor, tmp_path):
+    with run("from tests.kernels.test_vectors import compare; compare()", NUMBA_CPU_NAME=processor,
+             NUMBA_CPU_FEATURES="", NUMBA_CACHE_DIR=str(tmp_path), PYTHONPATH=str(ROOT)) as emulated:
+        assert emulated.communicate()[1] == "" and emulated.returncode == 0
 
 
 def test_no_kernel_is_compiled_with_fastmath():
@@ -140,3 +148,51 @@ def test_a_forked_process_names_spawn_instead_of_ending(tmp_path):
     for method, code, said in (("spawn", 0, ""), ("fork", 1, 'multiprocessing.set_start_method("spawn")')):
         done = subprocess.run([sys.executable, program, method], capture_output=True, text=True)
         assert done.returncode == code and said in done.stderr
+
+
+# ---- `srt3d compile`
+
+RUN = "import sys, srt3d_ros.cli.main as main; sys.exit(main.main(sys.argv[1:]))"
+ONE_KERNEL = """
+def names():
+    return ["phase_sums._read_sums"]
+"""
+
+
+@pytest.fixture
+def installed(tmp_path) -> Path:
+    """A folder with a copy of the package that has one small kernel to compile; and another copy, in `checkout`."""
+    source = Path(srt3d_ros.__file__).parent
+    for place in (tmp_path / "site", tmp_path / "checkout"):
+        shutil.copytree(source, place / "srt3d_ros", ignore=shutil.ignore_patterns("__pycache__"))
+    with (tmp_path / "site" / "srt3d_ros" / "precompile.py").open("a") as precompile:
+        precompile.write(ONE_KERNEL)
+    return tmp_path / "site"
+
+
+def run_installed(installed: Path, *arguments: str, **variables: str) -> subprocess.CompletedProcess:
+    """`srt3d …` of the installed copy, run in the checkout."""
+    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    # As a console script: without the working directory.
+    return subprocess.run([sys.executable, "-P", "-c", RUN, *arguments], cwd=installed.parent / "checkout", text=True,
+                          env=environment | {"PYTHONPATH": str(installed)} | variables, capture_output=True)
+
+
+def test_the_copy_that_runs_is_compiled_and_only_once(installed, tmp_path):
+    cache = tmp_path / "cache"
+    first, second = (run_installed(installed, "compile", NUMBA_CACHE_DIR=str(cache)) for _ in range(2))
+    assert (first.returncode, first.stderr, second.returncode, second.stderr) == (0, "", 0, "")
+    (folder,) = cache.iterdir()
+    assert first.stdout.startswith("compiled 1 kernels in ") and first.stdout.endswith(f"they are in {folder}\n")
+    assert second.stdout.startswith("compiled 0 kernels in ")
+    (code,) = cache.rglob("*.nbc")
+    assert code.name.startswith("phase_sums._read_sums")
+
+
+def test_where_nothing_can_be_written_it_says_what_to_set(installed, tmp_path):
+    nowhere = tmp_path / "a file"
+    nowhere.write_text("")
+    done = run_installed(installed, "compile", HOME=str(nowhere), XDG_CACHE_HOME=str(nowhere))
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == (f"srt3d: error: Cannot keep kernels: {nowhere}/srt3d_ros is not writable. "
+                           "Set NUMBA_CACHE_DIR to a folder that only you can write to.\n")

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from srt3d_ros.core.methods import METHODS
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels import torch as oracle
 from srt3d_ros.kernels.torch.device import exact_products
 from srt3d_ros.kernels.torch.fusing import Fused
@@ -55,15 +56,17 @@ def keeping(keep):
     return compile
 
 
-@pytest.mark.parametrize(("surfaces", "uneven"), [(1, False), (1, True), (2, False), (2, True)])
+@pytest.mark.parametrize(("surfaces", "uneven", "exposed"), [
+    (1, False, False), (1, True, False), (2, False, False), (2, True, False), (1, True, True)])
 def test_no_step_of_a_frame_looks_at_a_value_or_has_a_shape_that_depends_on_one(
-        monkeypatch, spreading, surfaces, uneven):
+        monkeypatch, spreading, surfaces, uneven, exposed):
     """On torch's device `meta`, which has shapes but no values, nor any copies to or from the host."""
     spreading(1)        # each further pixel does the same again
     kernels, sketch = oracle.on("meta"), SKETCHES[0]
     pooled, photons = built(monkeypatch, kernels, "pooled", surfaces), sketch.photons.astype(np.float32)
     background = (photons, np.ones(7, np.complex64), np.ones(SENSOR.num_bins, np.float32)) if uneven else ()
-    found = pooled._frames.run(photons, sketch.sums, None, np.array(pooled._scores, np.float32), *background)
+    exposure = maps.pad(np.full(SHAPE, 3, np.float32)) if exposed else None         # of a window
+    found = pooled._frames.run(photons, sketch.sums, exposure, np.array(pooled._scores, np.float32), *background)
     assert {each.device.type for each in found} == {"meta"}
     _, rest, background, values, xyz, number = found
     most = 9 * 33 * surfaces + 1

@@ -6,8 +6,6 @@ import pytest
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher, phase_table
-from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.kernels import cpu
 from srt3d_ros.kernels.cpu.sketching import phase_sums
 from srt3d_ros.kernels.maps import MAX_ROWS
@@ -111,19 +109,3 @@ def test_histograms(dtype, bins):
     some = np.arange(40) != 7                                   # without photons there is no mean to read
     assert np.abs(z - wanted)[some].max() < 1e-6 * np.abs(scene).sum(axis=1).max() * 2
     assert np.array_equal(numbers, np.rint(np.maximum(2 * seen, 0)).astype(np.int64))
-
-
-@pytest.mark.parametrize(("bins", "gate"), [
-    (None, None), (None, (12, 40)), (OWN_BINS, (12, 40)), (HistogramBins(10, 5.0, 4.0), None)])
-def test_a_histogram_has_the_sketch_of_its_photons(bins, gate):
-    sensor = histogram_sensor(bins)
-    n = T if bins is None else bins.num_bins
-    histograms = PhotonHistograms(np.random.default_rng(1).poisson(0.4, (5, 8, n)).astype(np.uint16), stamp_ns=7)
-    gate = gate and Gate(sensor, *gate)
-    of_counts, of_events = (FrameSketcher(sensor, (1, 2, 7), gate=gate) for _ in range(2))
-    of_counts.add(histograms)
-    of_events.add(histograms.to_events(sensor))
-    found, wanted = of_counts.end_frame(), of_events.end_frame()
-    assert np.array_equal(found.photons, wanted.photons) and found.stamp_ns == 7
-    assert found.photons.sum() == histograms.photons if gate is None else 0 < found.photons.sum() < histograms.photons
-    assert np.abs(found.sums - wanted.sums).max() < 3e-5 * found.photons.max()

@@ -1,12 +1,8 @@
 """Vectors against NumPy, number by number: the functions below run compiled, and once more with NumPy's functions."""
 
-import os
-import subprocess
-import sys
 from types import FunctionType
 
 import numpy as np
-import pytest
 from numba import njit
 
 from srt3d_ros.kernels.cpu.vectors import (
@@ -38,7 +34,6 @@ X, Y, I, J = (np.resize(side, SIZE) for side in (
 Z = np.roll(np.resize(ODD[::-1], SIZE), 5)
 TABLE = np.random.default_rng(0).normal(size=(2, 30)).astype(np.float32)
 NUMBER = np.float32(1.3)
-EMULATED = "x86-64", "x86-64-v3"
 
 
 def floats_of(x, y, z, i, table, number):
@@ -155,15 +150,6 @@ def compare():
 
 def test_each_function_is_numpys_on_this_processor():
     compare()
-
-
-@pytest.mark.parametrize("processor", EMULATED)
-def test_each_function_is_numpys_on_others(processor, tmp_path, repository):
-    done = subprocess.run(
-        [sys.executable, "-c", "from tests.kernels.test_vectors import compare; compare()"], text=True, cwd=repository,
-        capture_output=True, env=os.environ | {
-            "NUMBA_CPU_NAME": processor, "NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": str(tmp_path)})
-    assert done.returncode == 0, done.stderr
 
 
 load_eight = loading(8)

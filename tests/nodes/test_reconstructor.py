@@ -10,6 +10,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose_frequencies
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.messages import cdr, points_message, sensor_message, sketch_message
 from srt3d_ros.messages import images_message as image_message
@@ -128,6 +129,18 @@ def test_where_the_cycles_are_known_pile_up_is_corrected_and_saturated_pixels_ar
     without = dataclasses.replace(sketch, cycles=0)
     reconstructor.graph.wait(lambda: reconstructor(without) and not reconstructor.graph.report("reconstructor")[
         "message"].startswith(("saturated", "waiting")), "the end of the warning")
+
+
+def test_a_plane_that_hides_the_scene_behind_it_is_warned_of(reconstructor, sensor, events, sketch):
+    reconstructor.begin(sensor, sketch)
+    behind = events.part(slice(None, None, 2))
+    behind = dataclasses.replace(behind, toa=(behind.toa + 30) % np.uint16(sensor.num_bins))
+    pixel, toa = (np.concatenate([getattr(one, name) for one in (events, behind)]) for name in ("pixel", "toa"))
+    hidden = sketch_photons(PhotonEvents(pixel, toa), sensor, sketch.frequencies)
+    reconstructor.graph.wait(lambda: reconstructor(hidden) and "surfaces of 2 show what is behind" in
+                             reconstructor.graph.report("reconstructor").get("message", ""), "a warning")
+    reconstructor.graph.wait(lambda: reconstructor(sketch) and "surfaces of 2" not in
+                             reconstructor.graph.report("reconstructor").get("message", ""), "the end of the warning")
 
 
 def test_points_and_images_agree_on_what_is_within_the_limits(reconstructor, sensor, sketch):

@@ -32,7 +32,7 @@ def taken(sketches: SketchQueue, now_s: float = 0.0) -> tuple[list[int], list[in
     return [sensor.num_bins - 50 for sensor, _ in ready], [DIGESTS.index(queued.digest) for queued in dropped]
 
 
-def test_descriptions_and_sketches_come_in_any_order(sketches):
+def test_descriptions_and_sketches_come_in_any_order_and_the_last_descriptions_are_kept(sketches):
     for k in (0, 1, 0):
         sketches.add(sketch(k), 0.0)
     assert taken(sketches) == ([], []) and (len(sketches), sketches.missing) == (3, DIGESTS[0])
@@ -43,6 +43,11 @@ def test_descriptions_and_sketches_come_in_any_order(sketches):
     assert taken(sketches, 0.2) == ([0, 0], []) and (len(sketches), sketches.missing) == (0, "")
     sketches.add(sketch(1), 0.3)
     assert taken(sketches, 0.3) == ([1], [])
+    for text in [*TEXTS[:2], TEXTS[0], *TEXTS[2:]]:
+        sketches.describe(text)
+    for k in (0, 1, 2):
+        sketches.add(sketch(k), 0.0)
+    assert taken(sketches)[0] == [0, 2] and sketches.missing == DIGESTS[1]
 
 
 def test_only_some_sketches_wait_and_for_a_while(sketches):
@@ -51,14 +56,6 @@ def test_only_some_sketches_wait_and_for_a_while(sketches):
     assert taken(sketches, 0.2) == ([], [0, 1]) and len(sketches) == MOST_WAITING
     assert taken(sketches, WAIT_S + 0.025) == ([], [0])
     assert sketches.clear() == MOST_WAITING - 1 and len(sketches) == 0
-
-
-def test_the_last_descriptions_are_kept(sketches):
-    for text in [*TEXTS[:2], TEXTS[0], *TEXTS[2:]]:
-        sketches.describe(text)
-    for k in (0, 1, 2):
-        sketches.add(sketch(k), 0.0)
-    assert taken(sketches)[0] == [0, 2] and sketches.missing == DIGESTS[1]
 
 
 def test_what_cannot_be_used_is_refused_and_changes_nothing(sketches):

@@ -6,29 +6,22 @@ import numpy as np
 import pytest
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message
-from rosgraph_msgs.msg import Clock
 
 from srt3d_ros.core.motion.trajectory import Pose
-from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
-from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets.simulation.motion_profiles import OPTICAL
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import photon_frames, sensor_message, sketch_message
+from srt3d_ros.messages import photon_frames, sensor_message
 from srt3d_ros.nodes import player, sources
 from srt3d_ros.nodes.sources import BEFORE_S, PACKETS, open_source
-from tests.bags import CLOUD, START_NS, TEXT, write_bag
 
-ODOMETRY = "nav_msgs/msg/Odometry"
-SENSOR = SensorModel(rows=2, cols=3, num_bins=50, bin_width_s=1e-10, irf=[1, 2, 1], frame_id="spad")
 BEFORE_NS, MS = round(BEFORE_S * 1e9), 1_000_000
 DEFAULTS = {parameter.name: parameter.default for parameter in player.PARAMETERS}
 
 
-def source(namespace: str = "/", **given):
+def source(**given):
     """The source that these parameters describe, ready to play."""
-    opened = open_source(DEFAULTS | given, given, namespace)
+    opened = open_source(DEFAULTS | given, given)
     opened.prepare(lambda: False)
     return opened
 
@@ -58,11 +51,8 @@ def test_cycles_of_a_simulated_frame_make_its_photons_pile_up(given, packets):
 @pytest.mark.parametrize("given, line", [
     ({"input": "nowhere.npz"}, "nowhere.npz"),
     ({"sensor_file": "sensor.json"}, "sensor_file sensor.json: only for a photon file, and input simulator is the"),
-    ({"clock": 40.0}, "clock 40.0: only for a bag, and input simulator is the simulator"),
-    ({"input": "a.npz", "loop": True}, "loop True: only for a bag, and input a.npz is a photon file"),
     ({"input": "a.npz", "sbr": 2.0}, "sbr 2.0: only for the simulator, and input a.npz is a photon file"),
-    ({"input": "rec.db3", "rate_hz": 5.0}, "rate_hz 5.0: only for a photon file or the simulator, and input rec.db3"),
-    ({"input": "bag.mcap"}, "bag.mcap: no such bag"),
+    ({"input": "bag.mcap"}, "input is bag.mcap: expected a photon file or simulator; `ros2 bag play` plays bags"),
 ])
 def test_what_is_no_source_is_refused(given, line):
     with pytest.raises(InvalidInput, match=line):
@@ -82,72 +72,17 @@ def test_what_is_late_is_skipped_by_whole_frames_and_the_number_that_was_asked_f
     assert (np.diff([item.stamp_ns for item in first]) / (100 * MS)).tolist() == [1, 1 + jump, 1]
 
 
-def test_what_is_played_was_drawn_before_and_the_scene_repeats_without_a_jump(monkeypatch):
+def test_scenes_are_drawn_before_repeat_without_a_jump_and_stay_within_a_limit(monkeypatch):
     played = source(ppp=2.0, rate_hz=20.0)
     monkeypatch.setattr(played, "_draw", None)      # nothing more can be drawn
     frames = [item.raw for item in islice(played.items(lambda: 0), 81)]
     assert frames[80] == frames[0] != frames[1]
     depths = [Simulator(ppp=2.0).expected(k)[0] for k in (0, 80)]
     np.testing.assert_allclose(*depths, atol=0.1)   # bins
-
-
-def test_drawn_frames_stay_within_a_limit(monkeypatch):
     monkeypatch.setattr(sources, "MAX_DRAWN_BYTES", 500_000)
     frames = [item.raw for item in islice(source(ppp=1.0).items(lambda: 0), 20)]
     one_lap = frames.index(frames[0], 1)
     assert frames[one_lap:2 * one_lap] == frames[:one_lap] and 500_000 <= sum(map(len, frames[:one_lap])) < 700_000
-
-
-# ---- A bag
-
-PHOTONS = photon_frames.PHOTONS.encode_cdr(PhotonEvents(np.zeros(3, np.uint32), np.zeros(3, np.uint16)), SENSOR, "spad")
-DESCRIBED, OTHER = sensor_message.encode_cdr(SENSOR), sensor_message.encode_cdr(SENSOR.replace(num_bins=40))
-MESSAGES = {CLOUD: PHOTONS, TEXT: DESCRIBED, ODOMETRY: b"\0\1\0\0", "sketch": sketch_message.encode_cdr(
-    sketch_photons(PhotonEvents(np.zeros(3, np.uint32), np.zeros(3, np.uint16)), SENSOR, (1,)), "spad")}
-
-
-def recorded(path, topics: dict[str, str]):
-    return write_bag(path, [(name, CLOUD if kind == "sketch" else kind, MESSAGES[kind])
-                            for name, kind in topics.items()])
-
-
-@pytest.mark.parametrize("topics, namespace, played", [
-    ({"/photons": CLOUD, "/sensor": TEXT, "/sketch": "sketch", "/sketch/sensor": TEXT, "/odom": ODOMETRY},
-     "/", ["odom", "sensor", "photons"]),
-    ({"/spad/raw": CLOUD, "/spad/info": TEXT, "/wheel/odometry": ODOMETRY}, "/",
-     ["wheel/odometry", "spad/info", "spad/raw"]),
-    ({"/front/photons": CLOUD, "/front/sensor": TEXT, "/odom": ODOMETRY}, "/left", ["odom", "sensor", "photons"]),
-    ({"/a/photons": CLOUD, "/b/photons": CLOUD, "/old": CLOUD}, "/left", ["a/photons", "b/photons"]),
-    ({"/front/sketch": "sketch", "/front/sketch/sensor": TEXT}, "/left", ["sketch/sensor", "sketch"])])
-def test_what_reconstruct_reads_is_played_in_the_namespace_of_the_player(tmp_path, topics, namespace, played):
-    opened = source(namespace, input=recorded(tmp_path / "bag", topics))
-    assert [topic.name for topic in opened.topics] == played
-    assert {item.topic for item in opened.items(lambda: 0)} == set(played)
-
-
-@pytest.mark.parametrize("topics, given, line", [
-    ({"/sensor": TEXT, "/odom": ODOMETRY}, {}, "bag has no photons and no sketches. It has /sensor"),
-    ({"/front/photons": CLOUD, "/odom": ODOMETRY, "/front/odom": ODOMETRY}, {"namespace": "/left"}, "two topics"),
-    ({"/photons": CLOUD}, {"start_offset": 1.0}, "start_offset is 1.0: expected less"),
-    ({"/photons": CLOUD}, {"motion": "walk"}, "motion walk: only for the simulator")])
-def test_a_bag_that_cannot_be_played_is_refused(tmp_path, topics, given, line):
-    with pytest.raises(InvalidInput, match=line):
-        source(input=recorded(tmp_path / "bag", topics), **given)
-
-
-def test_a_bag_is_played_from_an_offset_at_a_rate_with_the_description_of_then(tmp_path):
-    bag = write_bag(tmp_path / "bag", [
-        ("/sensor", TEXT, DESCRIBED, 0), *(("/photons", CLOUD, PHOTONS, 100 * k) for k in range(5)),
-        ("/sensor", TEXT, OTHER, 150)])
-    played = source(input=bag, start_offset=0.15, rate=2.0, clock=10.0)
-    assert played.first["sensor"] == OTHER
-    items = list(played.items(lambda: 0))
-    assert [item.due_ns // MS for item in items if item.topic == "photons"] == [0, 50, 100]
-    times = [deserialize_message(item.raw, Clock).clock for item in items if item.topic == "/clock"]
-    assert [time.sec * 10**9 + time.nanosec - START_NS for time in times] == [200 * MS, 200 * MS, 400 * MS]
-    again = [item for item in islice(source(input=bag, loop=True, frames=7).items(lambda: 0), 99)]
-    photons = [item.due_ns // MS for item in again if item.topic == "photons"]
-    assert photons == [0, 100, 200, 300, 400, 500, 600]
 
 
 # ---- A sensor that moves: packets and odometry of one time
@@ -167,15 +102,12 @@ def test_packets_come_when_they_are_acquired_among_odometry_that_covers_them(mov
     assert stamps[0] == 0 and stamps[-1] >= BEFORE_NS + 100 * MS and set(np.diff(stamps)) == {10 * MS}
 
 
-def test_odometry_repeats_with_packets_that_do(moving, monkeypatch):
+def test_odometry_repeats_with_packets_that_do_and_its_extrinsics_are_where_the_sensor_is(moving, monkeypatch):
     monkeypatch.setattr(sources, "MAX_DRAWN_BYTES", 1)      # a lap of one frame, of 100 ms
     items = moving(ppp=1.0, frames=3).items(lambda: 0)
     heights = {item.stamp_ns // MS: deserialize_message(item.raw, Odometry).pose.pose.position.z
                for item in items if item.topic == "odom"}
     assert heights[510] == pytest.approx(heights[610], abs=1e-9) == heights[710]
     assert abs(heights[520] - heights[510]) > 1e-4
-
-
-def test_the_extrinsics_that_it_tells_are_where_the_sensor_is(moving):
     note, = moving().notes
     np.testing.assert_allclose(Pose.from_text(note.split("'")[-2]).rotation, OPTICAL.rotation, atol=1e-9)

@@ -1,11 +1,12 @@
-"""The renderer of clouds: positions, occlusion, shading, and points that cannot be drawn."""
+"""Clouds as pictures: the eye, positions, occlusion, shading, and points that cannot be drawn."""
 
 import numpy as np
 import pytest
 
+from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
 from srt3d_ros.pictures.cloud_renderer import draw_fog, draw_surface, project
 from srt3d_ros.pictures.colours import BACKGROUND
-from srt3d_ros.pictures.viewpoint import Viewpoint
+from srt3d_ros.pictures.viewpoint import Viewpoint, look_at, point_radius_m, sensor_axes
 
 EYE = Viewpoint(np.zeros(3), np.array([0.0, 0, 2]), np.array([0.0, -1, 0]), 53.13)      # 2 m wide at 2 m
 RED, BLUE = (200, 0, 0), (0, 0, 200)
@@ -21,10 +22,14 @@ def plane(z, colour, x_from=-2.0):
     return xyz, np.tile(np.array(colour, np.uint8), (len(xyz), 1))
 
 
-def test_points_appear_where_they_are():
+def test_points_appear_where_they_are_and_the_nearer_hides_the_farther():
     x, y, depth = project(np.array([[0, 0, 2], [1, 0, 2], [0, 1, 2], [0.5, 0, 1]]), EYE, 120, 100)
     assert np.allclose(x, [60, 110, 60, 110], atol=0.01) and np.allclose(y, [50, 50, 100, 50], atol=0.01)
     assert np.allclose(depth, [2, 2, 2, 1])
+    points, colours = np.array([[0, 0, 1.0], [0, 0, 2]]), np.array([RED, BLUE])
+    for order in ([0, 1], [1, 0]):
+        image = surface(points[order], colours[order], radius_m=0.1)
+        assert tuple(image[50, 60]) == RED and not (image[..., 2] > BACKGROUND[2]).any()
 
 
 def test_a_point_is_a_disc_of_its_size_in_its_colour():
@@ -37,13 +42,6 @@ def test_a_point_is_a_disc_of_its_size_in_its_colour():
     smooth = surface([[0.2, 0, 2]], [RED], radius_m=0.2, finer=2)       # the same, but for its edge
     assert smooth.shape == image.shape and smooth.mean() == pytest.approx(image.mean(), rel=0.02)
     assert len(np.unique(smooth)) > 2
-
-
-def test_the_nearer_point_hides_the_farther_whatever_their_order():
-    points, colours = np.array([[0, 0, 1.0], [0, 0, 2]]), np.array([RED, BLUE])
-    for order in ([0, 1], [1, 0]):
-        image = surface(points[order], colours[order], radius_m=0.1)
-        assert tuple(image[50, 60]) == RED and not (image[..., 2] > BACKGROUND[2]).any()
 
 
 def test_points_behind_the_eye_far_aside_or_missing_are_left_out():
@@ -69,3 +67,51 @@ def test_fog_glows_where_many_points_are_and_hides_nothing():
     assert image[50, 60] == pytest.approx(0.6 * np.array(RED) + 0.4 * behind, abs=1)
     assert image[50, 93] == pytest.approx((1 - 0.4**6) * np.array([100, 0, 100]) + 0.4**6 * behind, abs=1)
     assert (image != BACKGROUND).any(axis=2).sum() == 2
+
+
+PROJECTIONS = [None, Pinhole(50, 50, 20, 20), AngularScan(0.4, -0.02, 0.4, -0.02)]
+
+
+@pytest.fixture
+def box():
+    """Points evenly in a box 4 m ahead, 1 m wide, 1 m high and 0.5 m deep, in (forward, right, up)."""
+    return np.random.default_rng(0).uniform([4, -0.5, -0.5], [4.5, 0.5, 0.5], (5000, 3))
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_eye_is_on_the_sensor_s_side_right_and_above_when_asked(box, projection):
+    axes = sensor_axes(projection)
+    eye = look_at(box @ axes, projection, yaw_deg=30, pitch_deg=20)
+    forward, right, up = axes @ (eye.position - eye.target)
+    assert forward < 0 < right and up > 0
+    assert np.allclose(axes @ eye.target, [4.25, 0, 0], atol=0.05)
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("yaw_deg, pitch_deg", [(0, 0), (-60, 30), (170, -40)])
+def test_axes_are_upright_and_the_cloud_is_in_view(box, projection, yaw_deg, pitch_deg):
+    axes = sensor_axes(projection)
+    eye = look_at(box @ axes, projection, yaw_deg, pitch_deg)
+    right, down, forward = eye.axes()
+    assert np.allclose(np.cross(right, down), forward) and abs(right @ axes[2]) < 1e-9 and down @ axes[2] < 0
+    seen = (box @ axes - eye.position) @ eye.axes().T
+    half = np.tan(np.radians(eye.fov_deg) / 2)
+    assert (seen[:, 2] > 0).all() and (np.abs(seen[:, :2]) < half * seen[:, 2:]).mean() > 0.99
+
+
+def test_outliers_do_not_move_the_eye_and_without_points_it_looks_ahead(box):
+    axes = sensor_axes(None)
+    spoiled = np.concatenate([box, np.full((20, 3), 1e4), np.full((20, 3), np.nan)])
+    there, here = look_at(box @ axes), look_at(spoiled @ axes)
+    assert np.linalg.norm(there.position - here.position) < 0.1
+    eye = look_at(np.empty((0, 3)))
+    assert np.isfinite(eye.position).all() and eye.axes()[2] @ [0, 0, 1] > 0
+
+
+def test_points_of_neighbouring_pixels_just_touch(ball):
+    cloud, sensor = ball
+    apart_m = np.linalg.norm(sensor.rays[20, 24] - sensor.rays[20, 25]) * np.median(np.linalg.norm(cloud.xyz, axis=1))
+    assert apart_m / 2 < point_radius_m(cloud.xyz, sensor) < apart_m
+    assert point_radius_m(cloud.xyz[:0], sensor) == 0
+    alone = sensor.replace(rows=1, cols=1, projection=Pinhole(100, 100, 0, 0))
+    assert point_radius_m(cloud.xyz, alone) == 0

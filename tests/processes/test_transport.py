@@ -1,4 +1,4 @@
-"""What a process is prepared with before rclpy.init, as Fast DDS has it."""
+"""Domains of programs on one machine, and what a process is prepared with before rclpy.init, as Fast DDS has it."""
 
 import contextlib
 import fcntl
@@ -11,8 +11,8 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 
-from srt3d_ros.processes import transport
-from srt3d_ros.processes.private_network import claim_domain
+from srt3d_ros.processes import private_network, transport
+from srt3d_ros.processes.private_network import MOST, PORTS, USED_PORT, claim_domain
 
 SEGMENT = transport.FAST_DDS.segment
 
@@ -172,3 +172,25 @@ def test_the_middleware_takes_a_profile_without_a_word_and_names_its_segment_as_
     (size,) = (int(node.text) for node in ElementTree.parse(profile).iter() if node.tag.endswith("segment_size"))
     done = subprocess.run([sys.executable, "-c", NODE], cwd=repository, env=environment, capture_output=True, text=True)
     assert done.stderr == "" and any(size <= int(mapped) < 1.1 * size for mapped in done.stdout.split())
+
+
+@pytest.fixture(autouse=True)
+def claims(monkeypatch):
+    """Claims of these tests alone, given up after each."""
+    own: list[socket.socket] = []
+    monkeypatch.setattr(private_network, "_claims", own)
+    yield own
+    for claim in own:
+        claim.close()
+
+
+def test_no_two_programs_have_the_same_domain_and_one_in_use_is_left_alone(claims, monkeypatch):
+    claimed = [claim_domain() for _ in range(20)]
+    assert len(set(claimed)) == 20 and all(1 <= domain <= MOST for domain in claimed)
+    monkeypatch.setattr(private_network, "MOST", 2)
+    monkeypatch.setattr(private_network, "FIRST_PORT", 30_000)      # others on this machine may use the real ones
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as used:
+        used.bind(("", 30_000 + PORTS + USED_PORT))
+        assert claim_domain() == 2
+        with pytest.raises(OSError, match="every ROS domain from 1 to 2 is in use"):
+            claim_domain()

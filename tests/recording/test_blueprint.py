@@ -1,21 +1,19 @@
-"""The blueprint of recordings: present in the file, with the right eye, and accepted by the viewer."""
+"""Recordings as they are read: their order, blueprint and eye, and one line for a file that is none of ours."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
+import rerun as rr
 from rerun.chunk import RrdReader
 
 from srt3d_ros.core.motion.trajectory import Pose
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.pictures.viewpoint import LEVEL, look_at
 from srt3d_ros.recording import entities
-from srt3d_ros.recording import writer as writer_module
+from srt3d_ros.recording.reader import RecordingReader
 from srt3d_ros.recording.writer import RecordingWriter
-from srt3d_ros.review.gallery import make_gallery
-from srt3d_ros.review.recorded import Recorded
-from srt3d_ros.review.summary import summarise
 
 
 def blueprint_columns(path):
@@ -38,15 +36,14 @@ def record(path, cloud, sensor, images=(entities.DEPTH_PATH, *entities.PHOTON_IM
             writer.log_image(entities.DEPTH_PATH, k * 10**8, k, cloud.range_image())
             for path in entities.PHOTON_IMAGES:
                 writer.log_image(path, k * 10**8, k, cloud.image("intensity"))
-            writer.log_line(k * 10**8, "sketcher: ready", 20, k)
             writer.log_scalars(k * 10**8, {"latency_ms": 30 + k, "points": len(cloud), "ppp": 9}, k)
 
 
-def test_film_plays_cloud_images_plots_and_log_by_frames_at_the_speed_of_the_stamps(tmp_path, ball):
+def test_film_plays_cloud_images_and_plots_by_frames_at_the_speed_of_the_stamps(tmp_path, ball):
     record(tmp_path / "a.rrd", *ball, images=(entities.DEPTH_PATH, entities.BACKGROUND_PATH))
     columns = blueprint_columns(tmp_path / "a.rrd")
     origins = {origin for (origin,) in columns["ViewBlueprint:space_origin"]}
-    assert origins == {"/", "/depth", "/background", "/metrics", "/log"}         # views of the recorded images only
+    assert origins == {"/", "/depth", "/background", "/metrics"}         # views of the recorded images only
     eye = look_at(ball[0].xyz, ball[1].projection, fov_deg=55, aspect=1.2)
     (position,), (target,) = columns["EyeControls3D:position"][-1], columns["EyeControls3D:look_target"][-1]
     assert np.allclose(position, eye.position) and np.allclose(target, eye.target)
@@ -84,29 +81,6 @@ def test_the_view_of_a_sensor_that_moves_stands_and_shows_the_room_of_the_last_t
                               ("stamp", -10**10, 0)]
 
 
-def test_a_still_shows_one_frame_with_its_images_and_all_that_a_review_needs(tmp_path, ball):
-    cloud = replace(ball[0], photons=5000, frequencies=(1, 2, 5), notes=("IRF assumed",))
-    cloud.save(tmp_path / "a.rrd")
-    cloud.save(tmp_path / "a.rrd")       # replaces the first
-    assert [path.name for path in tmp_path.iterdir()] == ["a.rrd"]
-    origins = {origin for (origin,) in blueprint_columns(tmp_path / "a.rrd")["ViewBlueprint:space_origin"]}
-    assert origins == {"/", "/depth", "/intensity", "/background"}
-    recorded = Recorded.read(tmp_path / "a.rrd")
-    (read,) = recorded.reader.clouds()
-    assert np.array_equal(read.placed(recorded.sensor).xyz, cloud.xyz) and read.stamp_ns == cloud.stamp_ns
-    summary = summarise(recorded)
-    assert (summary["photons"]["median"], summary["run"]["notes"]) == (5000, "IRF assumed")
-    assert make_gallery(recorded)["typical"].title == "Frame 0: typical"
-
-
-def test_a_cloud_that_cannot_be_recorded_is_one_line_and_leaves_the_old_file(tmp_path, ball, monkeypatch):
-    monkeypatch.setattr(writer_module, "LEAST_FREE_BYTES", 10**18)
-    (tmp_path / "a.rrd").write_text("old")
-    with pytest.raises(InvalidInput, match=r"^Cannot write \S*/a.rrd .stopped, as the disk has only \d+ MB left.\.$"):
-        ball[0].save(tmp_path / "a.rrd")
-    assert [path.read_text() for path in tmp_path.iterdir()] == ["old"]
-
-
 @pytest.mark.parametrize("scanner", [False, True])
 def test_the_frustum_begins_at_the_sensor_and_reaches_to_the_cloud(tmp_path, ball, scanner):
     cloud, sensor = ball
@@ -122,3 +96,59 @@ def test_the_frustum_begins_at_the_sensor_and_reaches_to_the_cloud(tmp_path, bal
     else:
         assert np.isclose(batch.column("Pinhole:image_plane_distance")[0].as_py()[0], reach_m)
         assert batch.column("Pinhole:resolution")[0].as_py() == [[48, 40]]
+
+
+SENSOR = SensorModel(2, 3, 50, 1e-10, np.ones(3))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    path = tmp_path_factory.mktemp("whole") / "a.rrd"
+    with RecordingWriter(path, SENSOR) as writer:
+        for k in (2, 0, 1):
+            writer.log_cloud(k, k, np.full((500, 3), k), np.full(500, k))
+            writer.log_scalars(k, {"points": 10 + k}, k)
+    return path
+
+
+def test_clouds_come_as_logged_series_sorted_by_stamp_and_without_a_frame_none(whole, tmp_path):
+    reader, index = RecordingReader(whole), RecordingReader(whole).cloud_index()
+    assert [cloud.frame_index for cloud in reader.clouds()] == [2, 0, 1]
+    assert [cloud.frame_index for cloud in reader.clouds({1})] == [1]
+    assert index.stamp_ns.tolist() == index.frame_index.tolist() == [0, 1, 2] and index.points.tolist() == [500] * 3
+    assert reader.series()["points"].stamp_ns.tolist() == [0, 1, 2]
+    assert reader.series()["points"].values.tolist() == [10, 11, 12]
+    RecordingWriter(tmp_path / "a.rrd", SENSOR).close()
+    reader = RecordingReader(tmp_path / "a.rrd")
+    assert list(reader.clouds()) == [] and list(reader.images("/depth")) == []
+    assert reader.series() == {}
+
+
+def with_version(data, minor):
+    return data[:5] + bytes([minor]) + data[6:]
+
+
+@pytest.mark.parametrize("damage, expected", [
+    (lambda data: data[:7], "bad.rrd is cut off"),
+    (lambda data: data[:-1000], "`rerun rrd filter --continue-on-error -o saved.rrd bad.rrd` saves what can be read"),
+    (lambda data: with_version(data, 250), "was written by rerun 0.250.0; rerun 0.41.* reads 0.23 to 0.41"),
+    (lambda data: b"RRF3" + data[4:], "pip install -U rerun-sdk, or `rerun rrd migrate`"),
+    (lambda data: data[:500] + bytes(len(data) - 600) + data[-100:], "^Cannot read recording .*bad.rrd"),
+])
+def test_a_damaged_foreign_or_newer_file_gives_one_line(tmp_path, whole, damage, expected):
+    path = tmp_path / "bad.rrd"
+    path.write_bytes(damage(whole.read_bytes()))
+    with pytest.raises(InvalidInput, match=expected) as caught:
+        list(RecordingReader(path).clouds())
+    assert "bad.rrd" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_clouds_of_another_program_without_intensities_give_one_line(tmp_path):
+    stream = rr.RecordingStream("other", recording_id="other")
+    stream.save(tmp_path / "other.rrd")
+    stream.set_time("stamp", timestamp=np.datetime64(0, "ns"))
+    stream.set_time("frame", sequence=0)
+    stream.log("/points", rr.Points3D(np.ones((3, 3), np.float32), colors=np.zeros(3, np.uint32)))
+    stream.disconnect()
+    with pytest.raises(InvalidInput, match="/points has no intensity"):
+        list(RecordingReader(tmp_path / "other.rrd").clouds())

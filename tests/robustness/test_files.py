@@ -58,6 +58,18 @@ def sdt_bytes(folder: Path) -> bytes:
     return laboratory_files.sdt(folder / "made.sdt", [counts()], 2e-9).read_bytes()
 
 
+def t2_bytes(folder: Path) -> bytes:
+    pytest.importorskip("ptufile")
+    records = [1 << 31 | 10, 1 << 25 | 13, 1 << 31 | 30, 1 << 31 | 63 << 25 | 1, 1 << 31 | 50, 2 << 25 | 51]
+    tags = {"Measurement_SubMode": 0, "HWSync_Divider": 1}
+    return laboratory_files.ptu(folder / "made.ptu", records, laboratory_files.T2, tags).read_bytes()
+
+
+def phu_bytes(folder: Path) -> bytes:
+    pytest.importorskip("ptufile")
+    return laboratory_files.phu(folder / "made.phu", [*counts()[0]], 1e-10, 500_000_000).read_bytes()
+
+
 def hdf5_bytes(folder: Path) -> bytes:
     h5py = pytest.importorskip("h5py")
     with h5py.File(folder / "made.h5", "w") as file:
@@ -81,6 +93,16 @@ FILES = {
                    lambda folder: saved(np.save, counts())),
     "ptu": ("b.ptu", partial(datasets.read, irf=IRF), ptu_bytes),
     "sdt": ("a.sdt", partial(datasets.read, irf=IRF), sdt_bytes),
+    "t2": ("t2.ptu", partial(datasets.read, irf=IRF), t2_bytes),
+    "phu": ("a.phu", partial(datasets.read, irf=IRF), phu_bytes),
+    "irf_phu": ("irf.phu", lambda path: datasets.read(path.with_name("made.npz"), irf=path),
+                lambda folder: photon_bytes(folder) and phu_bytes(folder)),
+    "irf_export": ("irf.dat", lambda path: datasets.read(path.with_name("made.npz"), irf=path),
+                   lambda folder: photon_bytes(folder) and b"#ns/bin\n0.05\t0.05\n#counts\n1\t0\n3\t9\n4\t2\n"),
+    "csv": ("a.csv", partial(datasets.read, irf=IRF, bin_width_s=1e-10),
+            lambda folder: b'"x";"y";"t [ns]"\n1;0;2,5\n0;1;"0,7"\n1;1;1,1\n'),
+    "words": ("w.npy", partial(datasets.read, irf=IRF, no_detection=0, first_word=1, num_bins=20),
+              lambda folder: saved(np.save, counts())),
     "hdf5": ("a.h5", partial(datasets.read, irf=IRF), hdf5_bytes),
     "tmf8829": ("log.json", datasets.read, log_bytes),
 }

@@ -73,7 +73,8 @@ class MovingWindow:
         ranges = np.full(sketch.photons.shape, np.inf, np.float32)
         if cloud is not None:
             near = Pose(*(part.astype(np.float32) for part in (pose.rotation, pose.translation)))
-            ranges = self._seen_ranges(near(cloud.xyz[cloud.surface == 0]), sensor.projection.lens, ranges.shape)
+            xyz = cloud.xyz[cloud.surface == 0] if cloud.surface.any() else cloud.xyz       # a copy takes long
+            ranges = self._seen_ranges(near(xyz), sensor.projection.lens, ranges.shape)
         if np.isinf(ranges[0, 0]):
             ranges = self._deskewer.ranges_m([(now_ns, sketch)])
         return _Sum(now_ns, *self._deskewer.moved([(pose, before.sums, before.exposure)],

@@ -17,7 +17,7 @@ from srt3d_ros.errors import InvalidInput, quoted, require
 SPEED_OF_LIGHT = 299_792_458.0
 MAX_SIDE = 65_536
 MAX_PIXELS = 2**24
-MAX_BINS = 65_535
+MAX_BINS = 65_536           # ToA have 16 bits
 MAX_RANGE_M = 1e12          # its square fits into float32
 DELAYS = -1e6, 1e6          # bins; float32 still resolves an eighth of a bin
 WORDS = 0, 65_535           # 16 bits
@@ -65,9 +65,10 @@ class SensorModel:
                                    shape="[L] for all pixels, or [rows · cols, L]", option=True)]
     irf_ref: Annotated[int | None, Key("entry of the IRF that marks the depth (default: its peak)", "bin",
                                        option=True)] = None
-    toa_offset_bins: Annotated[float, Key("from the laser pulse to the centre of bin 0", "bin",
-                                          more="there is position 0 of float ToA and depths, see below")] = 0.0
-    range_offset_m: Annotated[float, Key("added to every range", "m")] = 0.0
+    toa_offset_bins: Annotated[float, Key(
+        "from the laser pulse to the centre of bin 0", "bin", more="there is position 0 of float ToA and depths; 0.5 "
+        "more for a clock that truncates", option=True)] = 0.0
+    range_offset_m: Annotated[float, Key("added to every range", "m", option=True)] = 0.0
     gain: Annotated[np.ndarray | None, Key("relative detection efficiency", "1", (1e-4, 1e4), "default 1",
                                            "float32", "[rows, cols]")] = None
     delay_bins: Annotated[np.ndarray | None, Key("how late a pixel's ToA come", "bin", DELAYS, "default 0",

@@ -97,7 +97,7 @@ class FrameSketcher:
         s is STEPS, or as many as 16 bits can count. Rounding adds 1/(12 s²) bins² to a photon's variance: 0.03 % for
         s = 16 and a pulse with a standard deviation of 1 bin. |z_l| falls by a share π² k_l² / (6 s² T²) at most.
         """
-        steps = min(STEPS, MAX_BINS // self.sensor.num_bins)
+        steps = max(min(STEPS, (MAX_BINS - 1) // self.sensor.num_bins), 1)
         at = np.arange(steps * self.sensor.num_bins + 1) / steps
         table = phase_table(self.sensor, self.frequencies, self.gate, at + 0.5)
         return np.float32(steps), self._kernels.fixed_rows(table)

@@ -145,8 +145,10 @@ class PhotonHistograms:
         require(self.counts.shape == wanted, "histograms shape", self.counts.shape, f"[rows, cols, bins] = {wanted}")
         if self.counts.dtype.kind != "u":
             low, high, most = self.lowest, self.counts.max().item(), MAX_OF_PIXEL // wanted[2]
-            require(-most <= low and high <= most, "histograms count", high if high > most else low,
-                    f"{-most} to {most}, photons in a bin")     # a NaN makes low and high NaN
+            if not (-most <= low and high <= most):     # a NaN makes low and high NaN
+                whole = max(np.abs(row, dtype=np.float64).sum(axis=1).max() for row in self.counts)
+                require(whole <= MAX_OF_PIXEL, "histograms count", high if high > most else low,
+                        f"finite numbers, at most {MAX_OF_PIXEL} photons in a pixel")
 
     def on_axis(self, sensor: SensorModel) -> np.ndarray:
         """The counts in the sensor's T bins, each in the bin that holds its middle; [rows, cols, T]."""

@@ -33,7 +33,7 @@ def is_bag(path: str | Path) -> bool:
 class Bag(AbstractContextManager):
     """A bag open for reading; a context manager. `topics` lists its topics, `notes` what is missing of its files.
 
-    `start_ns` is when it begins. What is left of an .mcap file that was cut off is read. metadata.yaml is not needed.
+    What is left of an .mcap file that was cut off is read. metadata.yaml is not needed.
 
     Args:
         path: the folder of a bag, or one of its .mcap or .db3 files.
@@ -48,7 +48,6 @@ class Bag(AbstractContextManager):
             readers = [storage.open_file(file, stack) for file in self._storage_files()]
             self.notes = tuple(reader.note for reader in readers if isinstance(reader, storage.CutFile))
             self._readers = sorted(readers, key=lambda reader: reader.start_time)
-            self.start_ns = self._readers[0].start_time
             counts = Counter()
             for reader in readers:
                 for connection in reader.connections:
@@ -61,21 +60,16 @@ class Bag(AbstractContextManager):
 
     def messages(self, topics: Collection[BagTopic]) -> Iterator[tuple[str, bytes]]:
         """Yield topic name and bytes of each message on these topics; InvalidInput where the bag breaks off."""
-        return ((topic, raw) for topic, _, raw in self.timed_messages(topics))
-
-    def timed_messages(self, topics: Collection[BagTopic], start_ns: int | None = None
-                       ) -> Iterator[tuple[str, int, bytes]]:
-        """As `messages`, those recorded from `start_ns` on, with the time of recording in ns before the bytes."""
         wanted = {(topic.name, topic.type) for topic in topics}
         with self._one_error():
             for reader in self._readers:
                 connections = [c for c in reader.connections if (c.topic, c.msgtype) in wanted]
                 if not connections:         # rosbags takes an empty list for all
                     continue
-                for connection, time_ns, raw in reader.messages(connections, start_ns):
+                for connection, _, raw in reader.messages(connections):
                     if type(raw) is not bytes:      # SQLite stores any type in any column
                         raise TypeError(f"a message on {connection.topic} is not bytes")
-                    yield connection.topic, time_ns, _unpacked(raw) if raw.startswith(ZSTD_MAGIC) else raw
+                    yield connection.topic, _unpacked(raw) if raw.startswith(ZSTD_MAGIC) else raw
 
     def content(self) -> str:
         """The bag's topics in words, for errors."""

@@ -40,8 +40,8 @@ def find_photons(bag: Bag, photons_topic: str = "") -> PhotonTopics:
     namespace. If several describe a sensor, take `sensor` beside the photons, or `sketch/sensor` beside the sketch.
     Raises InvalidInput, which lists the bag's topics, unless exactly one fits.
     """
-    contents = topic_contents(bag)
-    candidates = frame_topics({topic: content for topic, content in contents.items()
+    contents = {topic: _content(bag, topic) for topic in bag.topics if topic.messages > 0}
+    candidates = _of_frames({topic: content for topic, content in contents.items()
                                if photons_topic in ("", topic.name)})
     require(candidates or not photons_topic, "photons_topic", photons_topic,
             f"a topic of photons or sketches; {bag.path.name} has {bag.content()}")
@@ -58,12 +58,7 @@ def find_photons(bag: Bag, photons_topic: str = "") -> PhotonTopics:
     return PhotonTopics(contents[photons], photons, sensor)
 
 
-def topic_contents(bag: Bag) -> dict[BagTopic, str]:
-    """What each topic with messages holds, as from `_content`."""
-    return {topic: _content(bag, topic) for topic in bag.topics if topic.messages > 0}
-
-
-def frame_topics(contents: dict[BagTopic, str]) -> list[BagTopic]:
+def _of_frames(contents: dict[BagTopic, str]) -> list[BagTopic]:
     """The topics of photons, or else of sketches; of several, those whose name is their kind if there are such."""
     readable = [topic for topic, content in contents.items() if content in (*CODECS, "sketch")]
     frames = [topic for topic in readable if contents[topic] != "sketch"] or readable
@@ -80,7 +75,7 @@ def frames(path: str | Path, numbers: Sequence[int], options: Options, photons_t
            ) -> Iterator[tuple[int, Callable[[], Reading]]]:
     """Yield each number, and a function that reads that message of a bag's topic.
 
-    The functions can be pickled. The bag is read once.
+    The bag is read once.
 
     Args:
         numbers: of messages on the topic, ascending.
@@ -162,9 +157,9 @@ def _with_given_sensor(kind: str, raw: bytes, options: Options, name: str, notes
 
 
 def _content(bag: Bag, topic: BagTopic) -> str:
-    """Kind of a topic's first message: a key of CODECS, "sketch", "sensor", "odom", "imu", or else ""."""
+    """Kind of a topic's first message: a key of CODECS, "sketch", "sensor", or else ""."""
     if topic.type not in (CLOUD_TYPE, IMAGE_TYPE, STRING_TYPE):
-        return {"nav_msgs/msg/Odometry": "odom", "sensor_msgs/msg/Imu": "imu"}.get(topic.type, "")
+        return ""
     raw = next((raw for _, raw in bag.messages((topic,))), b"")    # the stated number of messages may be wrong
     with suppress(InvalidInput):
         if topic.type == CLOUD_TYPE:

@@ -52,9 +52,9 @@ VARIABLES = (*(name for one in LAYOUTS for name in (one.variable, one.reference,
 
 def read(path: Path, options: Options) -> Reading:
     """Photons of a .mat file. The bins are those of the file's window, or those that have photons."""
-    arrays, listed = isolated.matlab_arrays(path, (*VARIABLES, *(options.columns or ())))
+    arrays, listed = isolated.matlab_arrays(path, (*VARIABLES, *options.named))
     layout = next((one for one in LAYOUTS if one.fits(arrays)), None)
-    if layout is None or options.columns is not None:
+    if layout is None or options.named:
         return npz.from_arrays(path, arrays, options, WANTED, listed)
     with read_errors(path):
         for name in arrays.keys() & {*layout.window, layout.reference}:

@@ -10,6 +10,7 @@ from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.datasets import cloud_files
 from srt3d_ros.datasets.arrays import from_events, from_frame, from_pixels
+from srt3d_ros.datasets.axes import SIZES, in_order
 from srt3d_ros.datasets.options import Options
 from srt3d_ros.datasets.photon_file import FIRST_REFERENCES, OTHER_REFERENCES
 from srt3d_ros.datasets.readers import cubes
@@ -29,21 +30,20 @@ from srt3d_ros.files.isolated_child import listing
 
 COLUMNS, PIXEL_COLUMNS = ("row", "col", "toa"), ("pixel", "toa")
 KNOWN = (*SENSOR_ARRAYS, "pixel", *COLUMNS, "stamp_ns", *FIRST_REFERENCES, *OTHER_REFERENCES, "fov_deg", "kind")
-SIZES = ("rows", "cols", "num_bins")
 PHOTONS = "row, col (or pixel) and toa of each photon (other names: --columns ROW,COL,TOA, or srt3d_ros.from_events)"
 WANTED = f"one numeric array [rows, cols, bins], or {PHOTONS}"
 
 
 def read(path: Path, options: Options) -> Reading:
     """Photons of an .npz file, one by one or as counts, or a saved Sketch or Cloud; other arrays are ignored."""
-    arrays = read_npz_arrays(path, (*KNOWN, *(options.columns or ())))
+    arrays = read_npz_arrays(path, (*KNOWN, *options.named))
     kind = arrays.pop("kind", None)         # unchecked: it may be anyone's
     if np.array_equal(kind, "cloud"):
         return cloud_files.read(path, options)
     if np.array_equal(kind, "sketch"):
         return _sketch(path, options)
     if not _has_photons(arrays, options):
-        arrays = read_npz_arrays(path, KNOWN, and_cubes=True)
+        arrays = read_npz_arrays(path, (*KNOWN, "counts", *options.named), and_cubes=True)
     return from_arrays(path, arrays, options, WANTED, listing(npz_contents(path)))
 
 
@@ -55,7 +55,7 @@ def from_arrays(path: Path, arrays: dict[str, np.ndarray], options: Options, wan
     """
     has_photons = _has_photons(arrays, options)
     with read_errors(path):
-        if not has_photons and (not arrays.keys() >= {"counts", *SIZES} or options.axes is not None):
+        if not has_photons and (not arrays.keys() >= {"counts", *SIZES} or options.axes or options.array):
             return cubes.only_cube(path, arrays, options, wanted, listed)
         usual = PIXEL_COLUMNS if "pixel" in arrays else COLUMNS
         columns = (options.columns or usual) if has_photons else ("counts",)
@@ -64,22 +64,33 @@ def from_arrays(path: Path, arrays: dict[str, np.ndarray], options: Options, wan
                              if name in KNOWN and name not in ("kind", *PIXEL_COLUMNS, *COLUMNS, *columns)})
         for name in columns:
             require(name in arrays, name, problem=f"The file has no {name}. It needs {PHOTONS}. It has {listed}.")
+        if columns == columns[-1:] and has_photons:
+            values = {"rows": 1, "cols": 1} | values
         for name in SIZES:
             require(name in values, name,
                     problem=f"The file has no {name}: give it as an option or array. It has {listed}.")
+        steps = None if "irf" in arrays else options.known.get("irf_steps")
         own, stamp_ns = sensor_options(values), int(values.get("stamp_ns", 0))
+        frames = 1
         if has_photons:
-            describe = from_pixels if columns == PIXEL_COLUMNS else from_events
+            photons = [_column(name, arrays[name]) for name in columns]
+            photons = [np.zeros(photons[0].shape, np.uint8), *photons] if len(photons) == 1 else photons
+            describe = from_pixels if len(photons) == 2 else from_events
             # The larger num_bins, so that no photon is dropped early.
-            used = Options(own | {"num_bins": options.known.get("num_bins", own["num_bins"])})
-            sensor, frame, assumed = describe(*(_column(name, arrays[name]) for name in columns), stamp_ns, used)
+            used = {"num_bins": options.known.get("num_bins", own["num_bins"]), "irf_steps": steps}
+            used = Options(own | used, guess_irf=options.guess_irf, mask_hot=options.mask_hot)
+            sensor, frame, assumed = describe(*photons, stamp_ns, used)
             sensor = sensor.replace(num_bins=own["num_bins"])
         else:
-            counts = PhotonHistograms(np.ascontiguousarray(sendable(arrays["counts"])), stamp_ns)
-            sensor, frame, assumed = from_frame(counts, Options(own))
+            sizes = {} if "histograms" in own else {name: own[name] for name in SIZES}
+            counts, _, ordered, frames = in_order(arrays["counts"], Options(frame=options.frame), sizes)
+            histograms = PhotonHistograms(np.ascontiguousarray(sendable(counts)), stamp_ns)
+            used = Options(own | {"irf_steps": steps}, guess_irf=options.guess_irf, mask_hot=options.mask_hot)
+            sensor, frame, assumed = from_frame(histograms, used)
+            assumed = ordered + assumed
         reference = _reference(values, sensor)
     notes = tuple(dict.fromkeys((*values.get("notes", ()), *assumed)))
-    return Reading(sensor, frame, reference, path.stem, notes).with_options(options.without("columns"))
+    return Reading(sensor, frame, reference, path.stem, notes, frames).with_options(options.without("columns"))
 
 
 def _sketch(path: Path, options: Options) -> Reading:

@@ -55,7 +55,10 @@ def _photons(frame: dict, configuration: dict, path: Path, number: int, options:
 
 def _read(path: Path) -> tuple[list, dict]:
     """The frames and the configuration of a log."""
-    opened = gzip.open if path.suffix == ".gz" else open
+    packed = path.suffix.lower() == ".gz"
+    require(not packed or path.suffixes[-2:-1] in ([], [".json"]), "photon file",
+            problem=f"{path.name} is packed: unpack it first (gunzip {path.name}). Of .gz only logs in JSON are read.")
+    opened = gzip.open if packed else open
     with read_errors(path, "a complete log in JSON"), opened(path, "rb") as stream:
         raw = stream.read(MAX_LOG_BYTES + 1)
         lists = raw.count(b"[") + raw.count(b"{")
@@ -65,7 +68,8 @@ def _read(path: Path) -> tuple[list, dict]:
         log = json.loads(raw.decode("utf-8-sig"))
     sets, configuration = (log.get(key) if isinstance(log, dict) else None for key in ("Result_Set", "configuration"))
     require(isinstance(sets, list) and sets, f"{path.name} Result_Set",
-            problem=f"{path.name} has no frames in Result_Set: log with combined_results and histograms.")
+            problem=f"{path.name} is no log of a TMF8829 with histograms (it has no frames in Result_Set): log with "
+            "combined_results and histograms; of other JSON, give from_counts the array.")
     return sets, configuration if isinstance(configuration, dict) else {}
 
 

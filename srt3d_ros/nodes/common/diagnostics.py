@@ -3,9 +3,8 @@
 The level depends on what happened since the last report, and on what still holds:
     ERROR   the node failed or cannot work, and has sent no frame since; or an error was counted; or more than half of
             the messages were dropped or lost
-    WARN    a message was dropped or lost; two nodes have the same name, or two publishers the same input; the node
-            works, but not as asked (`degraded`); it waits for something, or has waited 2 s for a frame; or frames leave
-            more than 2 s after their stamps, or before
+    WARN    a message was dropped or lost; the node works, but not as asked (`degraded`); it waits for something, or has
+            waited 2 s for a frame; or frames leave more than 2 s after their stamps, or before
     OK      otherwise
 """
 
@@ -31,7 +30,7 @@ POLL_READERS_S = 0.01
 MOST_DROPPED = 0.5      # share of the frames since the last report; more is an error
 PATIENCE_S = 2.0        # without a frame before a warning
 WAITING_EVERY_S = 10.0      # at most, a line about what the node waits for
-LOG_LOSS_EVERY_S = 60.0     # at most, a line about losses or about two nodes of one name
+LOG_LOSS_EVERY_S = 60.0     # at most, a line about losses
 ENDING = ("inactive", "shutdown")       # causes of drops that are not logged
 OLD_S = 2.0             # median latency before a warning
 # Warn of stamps this far ahead of the node's clock. Clocks set by NTP differ by milliseconds, but a simulated clock may
@@ -169,10 +168,7 @@ class Diagnostics(Counts):
                 waiting = f"waiting for {waiting_for} for {now - since:.0f} s"
                 if self.state == "active" and now - since >= PATIENCE_S:
                     self._node.get_logger().info(waiting, throttle_duration_sec=WAITING_EVERY_S)
-            doubled = self._peers.doubled(self._topics, now)
-            if doubled:
-                self._node.get_logger().warning(doubled, throttle_duration_sec=LOG_LOSS_EVERY_S)
-            level, why = self._judge(new, new_drops, waiting, doubled)
+            level, why = self._judge(new, new_drops, waiting)
             if level != self._level:
                 self._level, self._level_since = level, now
             self._log_loss()
@@ -242,7 +238,7 @@ class Diagnostics(Counts):
                     f"dropped {gone.total() + lost} of {new['messages_in'] + lost} messages since "
                     f"{'the last such line' if totals else 'the start'}: {_losses_text(new, gone)}")
 
-    def _judge(self, new: Counter, new_drops: Counter, waiting: str, doubled: str) -> tuple[str, str]:
+    def _judge(self, new: Counter, new_drops: Counter, waiting: str) -> tuple[str, str]:
         """The level of a report and the reason; the reason is empty if all is well."""
         problem = self.problem or self._internal
         if problem and self.state in ("active", "finalized"):
@@ -255,7 +251,7 @@ class Diagnostics(Counts):
             sent, gone = new["messages_in"] + new["message_lost"], new_drops.total() + new["message_lost"]
             why = f"dropped: {_losses_text(new, new_drops)}, of {sent}{waiting and f'; {waiting}'}"
             return ERROR if gone > MOST_DROPPED * sent else WARN, why
-        warning = doubled or waiting or self.degraded or self._warning or self._untimely(new["frames_out"])
+        warning = waiting or self.degraded or self._warning or self._untimely(new["frames_out"])
         return (WARN, warning) if warning else (OK, "")
 
 

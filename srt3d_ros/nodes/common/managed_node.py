@@ -22,8 +22,7 @@ from srt3d_ros.nodes.common.worker import CATCH_UP_S, NEWEST_ONLY, Dropped, Work
 from srt3d_ros.processes import children
 
 SUBSCRIBE_DEPTH = PUBLISH_DEPTH
-QUEUE_DEPTH = 256       # of inputs whose frames are queued rather than dropped
-FOLLOW_DEPTH = 1000     # of reports and log lines, which many nodes send at once: the depth of /rosout's publishers
+QUEUE_DEPTH = 256       # of descriptions, and of inputs whose frames are queued rather than dropped
 OUTDATED_NS = 10 * 10**9    # a frame that seems older comes from another clock and is kept
 
 
@@ -189,7 +188,7 @@ class ManagedNode(PatchedLifecycleNode):
         return sensor
 
     def follow(self, topic: Topic, handle: Callable[[Any], None]) -> None:
-        """Call `handle` in the worker with every message on an input of descriptions, reports or log lines.
+        """Call `handle` in the worker with every message on an input of descriptions.
 
         If `handle` raises InvalidInput while the node waits for a description, that is its problem until one comes.
         """
@@ -203,7 +202,7 @@ class ManagedNode(PatchedLifecycleNode):
                 raise
 
         self.endpoints.subscribe(topic, lambda message, info: self.worker.call(work, message, info["source_timestamp"]),
-                                 FOLLOW_DEPTH)
+                                 QUEUE_DEPTH)
 
     def drop_older_frames(self) -> None:
         """Drop the frames that were sent before the description that `follow` handles now."""

@@ -68,10 +68,8 @@ IMAGE_TOPICS = (
     Topic("background", IMAGE, "background photons of each pixel", when=WATCHED),
 )
 CAMERA_INFO = Topic("camera_info", CAMERA, "the camera of the images", when=f"{WATCHED}, pinhole sensors only")
-CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", "the time of a bag that is played", when="`clock`")
 DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray",
                     "rates, latency, photons, points, drops by cause, last error")
-ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", "log lines of the nodes, kept for 10 s", latched=True)
 
 
 AUTOSTART = Parameter("autostart", True, "true: configure and activate at the start. false: leave it to a manager.")

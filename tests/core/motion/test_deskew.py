@@ -1,11 +1,13 @@
-"""Deskewed sketches: those of photons that came elsewhere, or at other times."""
+"""Frames of a moving sensor: which part a photon belongs to, and deskewed sketches: of photons that came elsewhere."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from srt3d_ros.core.motion import moving_sketcher
 from srt3d_ros.core.motion.deskew import FAR_M, Deskewer
+from srt3d_ros.core.motion.moving_sketcher import MovingSketcher
 from srt3d_ros.core.motion.trajectory import Pose, Trajectory
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
@@ -57,7 +59,7 @@ def test_a_step_forward_shifts_the_photons_of_the_middle():
         assert_same(sketch, sketch_photons(shifted, sensor, FREQUENCIES))
 
 
-def test_a_turn_by_a_column_is_the_image_by_a_column():
+def test_turns_by_columns_and_lines_without_a_step_across():
     sensor = SENSOR.replace(rows=1, projection=AngularScan(0.1, -STEP, 0, STEP))
     events = photons(sensor=sensor)
     sketch, lost = moved(events, Pose.turned([0, 0, -2 * STEP]), None, sensor)      # to the right by two
@@ -66,14 +68,23 @@ def test_a_turn_by_a_column_is_the_image_by_a_column():
     np.testing.assert_allclose(sketch.sums[:, 2:], before.sums[:, :-2], atol=0.05)
     assert sketch.photons[:, :2].sum() == 0
     assert lost == before.photons[:, -2:].sum()
+    sensor = SENSOR.replace(rows=1, projection=AngularScan(0.1, -STEP, 0, 0))
+    sketch, lost = moved(photons(sensor=sensor), Pose(), None, sensor)
+    assert_same(sketch, sketch_photons(photons(sensor=sensor), sensor, FREQUENCIES))
+    assert lost == 0
 
 
-def test_half_a_column_shares_photons_and_keeps_their_number():
+def test_half_a_column_shares_photons_but_not_across_an_edge():
     sensor = SENSOR.replace(rows=1, projection=AngularScan(0.1, -STEP, 0, STEP))
     events = PhotonEvents(np.full(101, 5, np.uint32), np.full(101, 40, np.uint16))
     sketch, lost = moved(events, Pose.turned([0, 0, -0.5 * STEP]), None, sensor)
     assert set(sketch.photons[0, 5:7]) <= {50, 51} and sketch.photons.sum() in (100, 101, 102) and lost == 0
     np.testing.assert_allclose(np.abs(sketch.z[0, 5:7]), 1, atol=1e-5)
+    sensor = SENSOR.replace(rows=1, projection=AngularScan(0.1, -STEP, 0, STEP))
+    range_m = np.where(np.arange(COLS) < 6, 1.0, 4.0)[None].astype(np.float32)
+    events = PhotonEvents(np.full(100, 5, np.uint32), np.full(100, 40, np.uint16))
+    sketch, _ = moved(events, Pose.turned([0, 0, -0.3 * STEP]), range_m, sensor)     # 5.3: pixel 6 is another surface
+    assert sketch.photons[0, 5] == 100 and sketch.photons[0, 6] == 0
 
 
 @pytest.mark.parametrize("ppp", [0.1, 1, 10])
@@ -83,13 +94,6 @@ def test_rounding_keeps_the_number_of_photons_however_few_there_are(ppp):
     sketch, lost = moved(events, Pose.turned([0, 0.5 * STEP, 0.5 * STEP]), None, sensor)
     most = np.sqrt(sensor.pixels)       # 3.5 standard deviations of as many roundings
     assert int(sketch.photons.sum()) == pytest.approx(events.photons - lost, abs=most)
-
-
-def test_a_line_without_a_step_across_sees_what_is_on_it():
-    sensor = SENSOR.replace(rows=1, projection=AngularScan(0.1, -STEP, 0, 0))
-    sketch, lost = moved(photons(sensor=sensor), Pose(), None, sensor)
-    assert_same(sketch, sketch_photons(photons(sensor=sensor), sensor, FREQUENCIES))
-    assert lost == 0
 
 
 def test_parallax_needs_the_range_and_is_that_of_the_point():
@@ -148,14 +152,6 @@ def test_photons_stay_on_a_slope_wherever_they_are_shared():
     np.testing.assert_allclose(sketch.z[inner], expected[inner], atol=0.05)     # 0.08 bins; neighbours are 17 apart
 
 
-def test_photons_do_not_cross_an_edge():
-    sensor = SENSOR.replace(rows=1, projection=AngularScan(0.1, -STEP, 0, STEP))
-    range_m = np.where(np.arange(COLS) < 6, 1.0, 4.0)[None].astype(np.float32)
-    events = PhotonEvents(np.full(100, 5, np.uint32), np.full(100, 40, np.uint16))
-    sketch, _ = moved(events, Pose.turned([0, 0, -0.3 * STEP]), range_m, sensor)     # 5.3: pixel 6 is another surface
-    assert sketch.photons[0, 5] == 100 and sketch.photons[0, 6] == 0
-
-
 def test_masked_pixels_give_nothing_and_delays_are_those_of_the_pixel():
     mask = np.ones((1, COLS), bool)
     mask[0, 3] = False
@@ -166,3 +162,83 @@ def test_masked_pixels_give_nothing_and_delays_are_those_of_the_pixel():
     assert lost == 0 and sketch.photons.sum() == 2 == sketch.photons[0, 6]
     expected = np.exp(2j * np.pi * np.array(FREQUENCIES) * (40 + late[0, 6] - late[0, 5]) / T)
     np.testing.assert_allclose(sketch.z[0, 6], expected, atol=1e-3)
+
+
+MS = 10**6
+
+
+def packet(stamp_ns: int) -> PhotonEvents:
+    return replace(photons(stamp_ns, 200), stamp_ns=stamp_ns)
+
+
+def frame_of(sketcher: MovingSketcher, stamps_ms):
+    for stamp in stamps_ms:
+        sketcher.add(packet(stamp * MS))
+    return sketcher.end_frame()
+
+
+def instants_ms(frame) -> list[float]:
+    return [instant / MS for instant, _ in frame.parts]
+
+
+def standing() -> Trajectory:
+    trajectory = Trajectory()
+    trajectory.add(0, Pose())
+    trajectory.add(10_000 * MS, Pose())
+    return trajectory
+
+
+@pytest.mark.parametrize("order", [(0, 10, 20, 30), (30, 10, 0, 20)])
+def test_each_stamp_is_a_part_in_the_middle_of_its_packet(order):
+    frame = frame_of(MovingSketcher(SENSOR, FREQUENCIES), order)
+    assert instants_ms(frame) == [5, 15, 25, 35]
+    assert (frame.first_ns, frame.last_ns, frame.stamp_ns) == (5 * MS, 35 * MS, 20 * MS)
+    for stamp, (_, sketch) in zip((0, 10, 20, 30), frame.parts):
+        assert_same(sketch, sketch_photons(packet(stamp * MS), SENSOR, FREQUENCIES))
+
+
+def test_parts_last_until_the_next_stamp_and_a_pause_is_no_packet():
+    frame = frame_of(MovingSketcher(SENSOR, FREQUENCIES), (0, 0, 10, 40, 40, 50))
+    assert instants_ms(frame) == [5, 15, 45, 55]
+    assert [int(sketch.photons.sum()) for _, sketch in frame.parts] == [400, 200, 400, 200]
+    sketcher = MovingSketcher(SENSOR, FREQUENCIES)
+    first, second = (frame_of(sketcher, (stamp,)) for stamp in (0, 100))
+    assert (instants_ms(first), first.stamp_ns) == ([0], 0)            # nothing is known yet
+    assert (instants_ms(second), second.stamp_ns) == ([150], 150 * MS)
+    sketcher = MovingSketcher(SENSOR, FREQUENCIES)
+    for first in (0, 100, 200):
+        frame = frame_of(sketcher, (first, first + 10))
+    assert instants_ms(frame) == [205, 215] and frame.stamp_ns == 210 * MS
+
+
+def test_more_packets_than_parts_share_them_evenly_from_the_second_frame_on(monkeypatch):
+    monkeypatch.setattr(moving_sketcher, "PARTS", 4)
+    sketcher = MovingSketcher(SENSOR, FREQUENCIES)
+    first = frame_of(sketcher, range(0, 100, 5))
+    assert len(first.parts) == 4 and sum(int(sketch.photons.sum()) for _, sketch in first.parts) == 4_000
+    second = frame_of(sketcher, range(100, 200, 5))
+    assert instants_ms(second) == [112.5, 137.5, 162.5, 187.5]
+    assert [int(sketch.photons.sum()) for _, sketch in second.parts] == [1_000] * 4
+
+
+def test_a_turning_sensor_brings_the_parts_together():
+    """A point seen by pixel 2, 3, 4 …: the sensor turns by a column a packet."""
+    trajectory, sketcher = Trajectory(), MovingSketcher(SENSOR, FREQUENCIES)
+    for k in range(8):
+        trajectory.add(k * 10 * MS - 5 * MS, Pose.turned([0, 0, STEP * k]))
+        sketcher.add(PhotonEvents(np.full(10, 2 + k, np.uint32), np.full(10, 50, np.uint16), k * 10 * MS))
+    frame = sketcher.end_frame()
+    frame = moving_sketcher.MovingFrame(frame.parts[:7], frame.first_ns, 65 * MS, 5 * MS)
+    sketch = sketcher.finish(frame, trajectory)
+    assert sketch.photons[0, 2] >= 69 and sketch.photons.sum() - sketch.photons[0, 2] <= 1
+    assert np.abs(sketch.z[0, 2]).min() > 0.99
+
+
+def test_photons_outside_the_gate_are_dropped_and_those_inside_counted():
+    sketcher = MovingSketcher(SENSOR, (1, 4, 20), gate=Gate(SENSOR, 20, 79))
+    sketcher.add(PhotonEvents(np.arange(4, dtype=np.uint32), np.array([10, 30, 40, 90], np.uint16), 0))
+    sketcher.add(PhotonEvents(np.arange(4, dtype=np.uint32), np.array([20, 79, 80, 0], np.uint16), MS))
+    assert sketcher.kept == 4
+    frame = sketcher.end_frame()
+    assert sketcher.kept == 0
+    assert sketcher.finish(frame, standing()).photons.sum() == 4

@@ -132,6 +132,24 @@ def test_clouds_of_a_window_have_more_points_and_the_photons_of_one_frame(cycles
     assert np.median(cloud.background / gain) == pytest.approx(background, rel=0.08)
 
 
+def test_a_window_that_moves_keeps_the_light_of_one_frame_on_a_steep_wall():
+    """A wall that recedes by some bins a pixel, of which a third of a pixel passes in each frame."""
+    sensor = SensorModel(48, 48, T, 1e-10, np.exp(-0.5 * ((np.arange(9) - 4) / 1.5)**2),
+                         projection=Pinhole(60, 60, 23.5, 23.5))
+    pooled, trajectory, light = Pooled(sensor, FREQUENCIES, window_frames=10), Trajectory(), []
+    for k in range(16):
+        x_m = 0.005 * k
+        range_m = (1 + x_m) / (sensor.rays[..., 2] - sensor.rays[..., 0])          # z = 1 + x
+        trajectory.add(100 * k * MS, Pose(translation=np.array([x_m, 0, 0])))
+        scene = StaticScene(range_m.astype(np.float32), np.ones((48, 48), np.float32))
+        simulator = Simulator(scene, sensor, 1.0, 8.0, k)
+        sketch = sketch_photons(simulator.frame(0)[0], sensor, FREQUENCIES)
+        cloud = pooled(replace(sketch, stamp_ns=100 * k * MS), trajectory)
+        inside = (cloud.row > 5) & (cloud.row < 42) & (cloud.col > 5) & (cloud.col < 36)
+        light.append((np.median(cloud.intensity[inside]), np.median(cloud.background)))
+    np.testing.assert_allclose(np.mean(light[8:], axis=0), 4, rtol=0.05)
+
+
 def test_only_windows_take_a_trajectory_and_only_pooled_has_windows():
     with pytest.raises(InvalidInput, match="window_frames 3: smle takes only surfaces, device"):
         Reconstructor(SENSOR, FREQUENCIES, method="smle", window_frames=3)

@@ -10,6 +10,10 @@ from srt3d_ros.core.sensor.difference import first_difference
 from srt3d_ros.core.sensor.distortion import PlumbBob
 from srt3d_ros.core.sensor.model import MAX_BINS, GateWords, SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
+from srt3d_ros.core.sketching.design import histogram
+from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
+from srt3d_ros.core.sketching.gate import Gate
+from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.errors import InvalidInput
 
 IRF = [0.0, 1.0, 3.0, 2.0]
@@ -164,3 +168,48 @@ def test_the_first_key_that_differs_and_both_values(changes, expected):
 def test_what_six_digits_do_not_tell_apart_is_the_same():
     assert first_difference(SEEN, SEEN.replace(bin_width_s=1.000001e-10, irf=SEEN.irf * 1.000001)) is None
     assert first_difference(SEEN, SEEN.replace(bin_width_s=1.0001e-10))[0] == "bin_width_s"
+
+
+def binned(bins):
+    return make(num_bins=100, irf=[1, 2, 1], histograms=bins)
+
+
+def test_the_middles_of_bins():
+    assert HistogramBins(3).centers().tolist() == [0.5, 1.5, 2.5]
+    assert HistogramBins(3, first_bin=10, bin_width=4).centers().tolist() == [12, 16, 20]
+
+
+@pytest.mark.parametrize(("bins", "named"), [
+    (HistogramBins(101), "histograms.num_bins is 101"),
+    (HistogramBins(10, first_bin=-1), "histograms.first_bin is -1"),
+    (HistogramBins(10, bin_width=0), "histograms.bin_width is 0"),
+    (HistogramBins(10, bin_width=np.nan), "histograms.bin_width is nan: expected a finite number of bins"),
+    (HistogramBins(10, first_bin=np.ones(SHAPE)), "histograms.first_bin is .*: expected a finite number of bins"),
+    (HistogramBins(10, first_bin=95), "10 bins that end at 105: expected at most T = 100"),
+    (HistogramBins(10, template=np.ones(9)), r"histograms.template shape is \(9,\)"),
+    (HistogramBins(10, template=-np.ones(10)), "histograms.template is negative"),
+])
+def test_bins_that_no_sensor_of_this_size_has_are_refused(bins, named):
+    with pytest.raises(InvalidInput, match=named):
+        binned(bins)
+
+
+def test_the_histogram_of_a_scene_is_on_the_axis():
+    """A wall in bin 60 before a background."""
+    bins = HistogramBins(30, 20.0, 2.0)
+    middles = np.broadcast_to(bins.centers(), (6, 30))
+    frame = PhotonHistograms(np.where(np.abs(middles - 60) < 1.1, 200, 10).astype(np.int32).reshape(*SHAPE, -1))
+    found = histogram(frame, binned(bins))
+    assert found.sum() == frame.photons and abs(int(found.argmax()) - 60) <= 1
+
+
+@pytest.mark.parametrize("dtype, gate", [(np.int32, None), (np.float32, (30, 69))])
+def test_what_is_left_of_subtracted_light_is_still_a_mean_of_unit_vectors(dtype, gate):
+    own = binned(None)
+    sketcher = FrameSketcher(own, (1, 2, 5), gate=gate and Gate(own, *gate))
+    for seed in range(3):
+        noise = np.random.default_rng(seed).poisson(50, (*SHAPE, 100)) - 50
+        sketcher.add(PhotonHistograms(noise.astype(dtype)))
+        sketch = sketcher.end_frame()
+    assert np.abs(sketch.z).max() <= 1.001 and sketch.photons.max() < 100 * 50
+    assert (np.abs(sketch.sums).max(axis=2) > sketch.photons - 1).any()         # n is no more than that needs

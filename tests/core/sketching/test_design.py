@@ -1,11 +1,19 @@
-"""Gate and frequencies for a sensor; the gate "auto" by the depths that a scene occupies in a frame's histogram."""
+"""Gate and frequencies for a sensor, and what the photons of a frame say before they are sketched."""
 
 import numpy as np
 import pytest
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.design import design_sketch, histogram, occupied, signal_to_background
+from srt3d_ros.core.sketching.design import (
+    POOLED_PIXELS,
+    design_sketch,
+    histogram,
+    measure,
+    occupied,
+    signal_to_background,
+)
 from srt3d_ros.core.sketching.frequencies import choose_frequencies
+from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.errors import InvalidInput
 from tests.photon_forms import as_histograms
@@ -42,22 +50,13 @@ def test_without_auto_the_sensor_alone_counts():
     assert design_sketch(SENSOR, (100, 299), "consecutive", 5).frequencies == (1, 2, 3, 4, 5)
 
 
-def test_auto_finds_the_scene_and_designs_frequencies_for_its_gate():
+def test_auto_finds_the_scene_has_room_and_is_no_gate_where_nothing_can_be_gained():
     gate, frequencies = design_sketch(SENSOR, "auto", frame=frame(200, 240))
     assert 170 < gate.first <= 196 and 244 <= gate.last < 270
     assert frequencies == choose_frequencies("auto", gate.sensor) != choose_frequencies("auto", SENSOR)
-
-
-def test_auto_is_no_gate_where_nothing_can_be_gained():
     for events in (frame(), frame(20, 120, 220, 320, 420, 480), frame(200, background=50)):
         assert design_sketch(SENSOR, "auto", frame=events) == (None, choose_frequencies("auto", SENSOR))
-
-
-def test_auto_ends_within_the_sensors_bins():
     assert gate_of(frame(3, 9)).first == 0 and gate_of(frame(496, 480)).last == T - 1
-
-
-def test_auto_has_room_for_the_irf_and_for_the_frequencies():
     assert gate_of(frame(200), SENSOR.replace(irf=np.concatenate([SENSOR.irf, np.zeros(150)]))).num_bins >= 155
     assert gate_of(frame(200), frequencies="1,2,80").num_bins >= 161
     assert gate_of(frame(200), sketch_size=30).num_bins >= 61
@@ -110,14 +109,11 @@ def test_few_photons_at_one_depth_are_seen_at_any_background(background, photons
         assert 68 <= first <= 70 and 90 <= last <= 92, seed
 
 
-def test_a_faint_part_that_spreads_is_seen_by_wider_windows_and_does_not_widen_a_sharp_one():
+def test_faint_parts_and_fog_are_seen_and_hide_none():
     first, last = occupied(seen(scene=[(2000, 70)]), 2)
     assert 68 <= first and last <= 72
     first, last = occupied(seen(scene=[(2000, 70), *((20, b) for b in range(110, 140))]), 2)
     assert 68 <= first and 125 <= last <= 155
-
-
-def test_fog_counts_as_scene_and_hides_none():
     fog = np.round(1200 * np.exp(-np.arange(150) / 25)).astype(int)
     first, last = occupied(seen(scene=[(1500, 100), *((n, 20 + b) for b, n in enumerate(fog))]), 2)
     assert first <= 21 and last >= 100
@@ -127,3 +123,54 @@ def test_the_sbr_is_what_stands_out_of_the_emptiest_quarter():
     assert signal_to_background(seen(scene=[(10_000, 70)]), SHARP) == pytest.approx(0.5, rel=0.1)
     assert signal_to_background(seen(), SHARP) == 0
     assert signal_to_background(seen(background=0, scene=[(9, 70)]), SHARP) == np.inf
+
+
+SIDE = 40
+TAIL = np.exp(-np.arange(80) / 15)              # a sharp edge and a long tail
+TAILED = SensorModel(SIDE, SIDE, 600, 1e-10, TAIL)
+
+
+def frame_of(signal: float, background: float, irf=TAIL, seed=0) -> PhotonEvents:
+    """Mean photons of a pixel, of a surface at another depth in each."""
+    rng = np.random.default_rng(seed)
+    depth = rng.integers(100, 300, TAILED.pixels)
+    of_surface, of_light = (rng.integers(0, TAILED.pixels, round(n * TAILED.pixels)) for n in (signal, background))
+    toa = depth[of_surface] + rng.choice(len(irf), len(of_surface), p=irf / irf.sum())
+    toa = np.concatenate([toa, rng.integers(0, 600, len(of_light))])
+    return PhotonEvents(np.concatenate([of_surface, of_light]).astype(np.uint32), toa.astype(np.uint16))
+
+
+@pytest.mark.parametrize(("signal", "background"), [(20, 10), (3, 6), (40, 0)])
+def test_pairs_of_photons_tell_the_signal_at_whatever_depth(signal, background):
+    photons = signal + background
+    expected = signal / photons * np.sqrt(2 * POOLED_PIXELS * photons)
+    for form in (frame_of(signal, background), as_histograms(frame_of(signal, background), TAILED)):
+        assert measure(form, TAILED, None, 60)[0] == pytest.approx(expected, rel=0.05)
+
+
+def test_a_mask_leaves_pixels_out_and_a_gate_background():
+    events, mask = frame_of(20, 20), np.ones((SIDE, SIDE), bool)
+    pixel, toa = np.zeros(10**5, np.uint32), np.full(10**5, 7, np.uint16)
+    bright = PhotonEvents(np.append(events.pixel, pixel), np.append(events.toa, toa))
+    mask[0, 0] = False
+    masked = TAILED.replace(mask=mask)
+    assert measure(bright, masked, None, 60) == pytest.approx(measure(events, TAILED, None, 60), rel=0.01)
+    assert measure(events, TAILED, Gate(TAILED, 90, 389), 60)[0] > 1.1 * measure(events, TAILED, None, 60)[0]
+
+
+def test_the_irf_is_confirmed_as_far_as_the_photons_are_like_it():
+    assert measure(frame_of(50, 5), TAILED, None, 40)[1] > 25
+    assert measure(frame_of(50, 5, irf=np.exp(-np.arange(80) / 9)), TAILED, None, 40)[1] < 15
+    for photons in (frame_of(0, 20), frame_of(0, 0.1), frame_of(0, 0)):
+        assert measure(photons, TAILED, None, 40)[1] == 0
+
+
+def test_auto_follows_many_photons_that_are_as_the_irf_says():
+    few = choose_frequencies("auto", TAILED)
+    many = design_sketch(TAILED, frame=frame_of(50, 25)).frequencies
+    assert len(many) == 10 and many[0] == 1 and many[-1] > 1.4 * few[-1]
+    assert design_sketch(TAILED, frame=frame_of(1, 1)).frequencies == few
+    assert design_sketch(TAILED, frame=frame_of(50, 25, irf=np.exp(-np.arange(80) / 9))).frequencies == few
+    assert design_sketch(TAILED, frequencies="1,2", frame=frame_of(50, 25)).frequencies == (1, 2)
+    gated = design_sketch(TAILED, (90, 389), frame=frame_of(50, 25)).frequencies
+    assert max(gated) > max(choose_frequencies("auto", TAILED)) / 2

@@ -1,5 +1,6 @@
 """Sketching against its definition, and that packets add up whatever their split and order."""
 
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +10,9 @@ from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher, phase_table, sketch_photons
+from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
+from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS
 from srt3d_ros.errors import InvalidInput
 from tests import photon_forms
 
@@ -57,7 +60,7 @@ def test_sketch_is_the_mean_of_the_photons_phases(dtype, ordered):
     assert sketch.frequencies == FREQUENCIES and sketch.stamp_ns == 1_000
 
 
-@pytest.mark.parametrize(("num_bins", "steps"), [(100, 16), (20_000, 3), (65_535, 1)])
+@pytest.mark.parametrize(("num_bins", "steps"), [(100, 16), (20_000, 3), (65_535, 1), (65_536, 1)])
 def test_times_with_fractions_are_rounded_as_finely_as_16_bits_allow(num_bins, steps):
     sensor = SensorModel(1, 4, num_bins, 1e-10, [1.0])
     toa = np.array([0, 1 / 3, num_bins - 2 + 0.4, num_bins - 0.004], np.float32)
@@ -114,3 +117,41 @@ def test_bins_of_crosstalk_are_left_out_as_its_noise_would_be_a_surface():
     seen = sketch_photons(PhotonHistograms(counts, 0), sensor, tuple(range(1, 11)))
     cloud = Pooled(sensor, seen.frequencies, device="cpu")(seen)
     assert len(cloud) > 0.98 * sensor.pixels and np.abs(cloud.depth_bins - 70).max() < 3
+
+
+def test_a_frame_has_the_cycles_of_its_packets_and_counts_those_of_gates():
+    sensor = SENSOR.replace(cycles=100, gates=GateWords())
+    sketcher = FrameSketcher(sensor, FREQUENCIES)
+    for _ in range(2):
+        sketcher.add(photons(20))
+        sketcher.add(photons(20))
+        assert sketcher.end_frame().cycles == 200
+    sketcher = FrameSketcher(sensor, (1, 4), gate=Gate(sensor, 40, 60))
+    words = np.full((7, 4, 6), 65_535, np.uint16)
+    words[:, 0, 0] = 20, 20, 39, 40, 50, 60, 61
+    for packets in (1, 2):
+        for _ in range(packets):
+            sketcher.add(PhotonGates(words))
+        sketch = sketcher.end_frame()
+        assert (sketch.cycles, sketch.before[0, 0], sketch.photons[0, 0], sketch.before.sum()) == (
+            7 * packets, 3 * packets, 3 * packets, 3 * packets)
+
+
+def test_cycles_of_histograms_from_which_light_was_subtracted_are_not_known():
+    for lowest, cycles in ((0, 100), (-1, 0)):
+        counts = np.linspace(lowest, 1, 2400, dtype=np.float32).reshape(4, 6, 100)
+        sensor = SENSOR.replace(cycles=100, gates=None)
+        assert sketch_photons(PhotonHistograms(counts), sensor, FREQUENCIES).cycles == cycles
+
+
+def test_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean():
+    counts = np.zeros((4, 6, 100), np.int32)
+    counts[1, 2, 20:80] = 40_000_000
+    sketcher = FrameSketcher(SENSOR, FREQUENCIES)
+    for packets, seen in ((1, 2_400_000_000), (2, MAX_PIXEL_PHOTONS)):
+        for _ in range(packets):
+            sketcher.add(PhotonHistograms(counts))
+        sketch = sketcher.end_frame()
+        assert sketch.photons[1, 2] == seen
+        expected = sketch_photons(PhotonHistograms(counts // 1000), SENSOR, FREQUENCIES)
+        np.testing.assert_allclose(sketch.z[1, 2], expected.z[1, 2], rtol=1e-5, atol=1e-7)

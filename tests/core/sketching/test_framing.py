@@ -83,7 +83,7 @@ def test_a_slow_sensor_does_not_begin_again_with_each_packet_but_with_a_leap(fra
     assert [k for k, one in enumerate(placed) if one.began_again and k >= known] == [2 * len(steps_ns) + 1]
 
 
-def test_silence_is_longer_the_slower_packets_come():
+def test_silence_is_longer_the_slower_packets_come_and_ends_a_period_but_not_a_number():
     framing = Framing(period_ns=8 * S)
     assert framing.silence_ns == 8 * S          # no step is known
     stamp_ns = 0
@@ -92,9 +92,6 @@ def test_silence_is_longer_the_slower_packets_come():
             stamp_ns += step_ns
             framing.place(stamp_ns)
         assert framing.silence_ns == expected
-
-
-def test_silence_ends_a_period_but_not_a_number():
     framing = Framing(period_ns=100)
     assert framing.flush() is None
     assert frames_of(framing, [0, 20])[0] == [[0, 20]]

@@ -5,7 +5,7 @@ import pytest
 
 from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher, sketch_photons
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.gate import Gate, parse
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.errors import InvalidInput
@@ -71,7 +71,7 @@ def test_a_gate_leaves_ranges_and_points_as_they_are(sensor, depth):
     np.testing.assert_allclose(cloud.background.mean(), 20 * gate.num_bins / T, rtol=0.15)
 
 
-def test_t_is_the_gates_length_and_the_spread_of_the_delays():
+def test_t_is_the_gates_length_and_the_spread_of_the_delays_and_the_ends_are_inside():
     assert Gate(SENSOR, *GATE).sensor.num_bins == 70
     delayed = Gate(SENSORS["delays"], *GATE)
     assert delayed.sensor.num_bins == 70 + 13 and delayed.sensor.delay_bins.min() == 0.5
@@ -79,9 +79,6 @@ def test_t_is_the_gates_length_and_the_spread_of_the_delays():
     delays, mask = LATE.copy(), np.ones(LATE.shape, bool)
     delays[2, 3], mask[2, 3] = 100, False
     assert Gate(SENSOR.replace(delay_bins=delays, mask=mask), *GATE).num_bins == 70 + 13
-
-
-def test_photons_at_the_ends_are_inside():
     gate = Gate(SENSOR, *GATE)
     toa = np.array([49, 50, 119, 120], np.uint16)
     assert gate.photons(PhotonEvents(np.arange(4, dtype=np.uint32), toa)).toa.tolist() == [0, 69]
@@ -96,16 +93,6 @@ def test_the_background_is_cut_and_one_without_photons_inside_is_even():
     np.testing.assert_allclose(gate.sensor.background_shape, shape[50:120] / shape[50:120].sum(), rtol=1e-6)
     elsewhere = SENSOR.replace(background_shape=np.where(np.arange(T) < 50, 1.0, 0.0))
     assert Gate(elsewhere, *GATE).sensor.background_shape is None
-
-
-def test_the_open_frame_has_the_photons_inside_of_its_packets():
-    gate, kept = Gate(SENSOR, *GATE), 0
-    sketcher = FrameSketcher(SENSOR, FREQUENCIES, gate=gate)
-    for k in range(3):
-        sketcher.add(observe(depth=70 + k, stamp_ns=k))
-        kept += gate.photons(observe(depth=70 + k)).photons
-        assert sketcher.kept == kept
-    assert sketcher.end_frame().photons.sum() == kept and sketcher.kept == 0
 
 
 def test_a_gate_may_be_written_as_a_list():

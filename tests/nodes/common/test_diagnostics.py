@@ -10,10 +10,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Image
 
 from srt3d_ros.nodes.common import diagnostics as module
-from srt3d_ros.nodes.common import peers
 from srt3d_ros.nodes.common.diagnostics import Diagnostics
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -147,16 +145,6 @@ def test_losses_are_logged_once_a_minute_and_at_the_end(graph, counted):
     graph.wait(lambda: len(lines()) == 2, "the last line")
     assert lines() == ["dropped 3 of 6 messages since the start: 2 queue, 1 lost on the way here",
                        "dropped 3 of 4 messages since the last such line: 2 queue, 1 lost on the way here"]
-
-
-def test_what_comes_twice_is_a_warning(graph, counted, monkeypatch):
-    diagnostics, latest, _ = counted
-    monkeypatch.setattr(peers, "DOUBLE_S", -1.0)
-    diagnostics.expect(topic := f"{graph.namespace}/photons")
-    for _ in range(2):
-        graph.publisher(Image, "photons")
-    said = f"2 publishers send frames on {topic}: frames may come twice"
-    graph.wait(lambda: latest()["message"] == said and latest()["level"] == WARN, "the warning")
 
 
 def test_a_status_says_how_long_its_level_has_lasted(counted, monkeypatch):

@@ -157,14 +157,11 @@ def test_arguments_that_cannot_be_used_are_one_line_and_exit_code_2(graph, start
     assert probe.lines[-1].startswith(line) and "Traceback" not in probe.text
 
 
-def test_bad_input_at_the_start_is_one_line_and_exit_code_2_and_a_mistake_of_ours_a_traceback_and_1(start):
+def test_bad_input_or_a_log_that_cannot_be_written_is_one_line_and_a_mistake_of_ours_a_traceback(start, graph):
     probe = start(start="raise InvalidInput('thing', 3, '4')")
     assert (probe.code(), probe.lines) == (2, ["srt3d: error: thing is 3: expected 4"])
     probe = start(start="self.nothing")
     assert probe.code() == 1 and "AttributeError" in probe.text
-
-
-def test_a_log_that_cannot_be_written_is_one_line_and_no_node_runs(graph):
     process = graph.start("player", code="import os; os.environ['ROS_LOG_DIR'] = '/proc/nowhere'")
     assert process.code() == 2 and "Traceback" not in process.text
     assert process.lines[-1].startswith("srt3d: error: ") and "directory '/proc/nowhere'" in process.lines[-1]

@@ -16,10 +16,10 @@ def _see(xyz: floats2d, lens: LENSES, ranges: floats2d):
         x, y, z = xyz[n, 0], xyz[n, 1], xyz[n, 2]
         row, col = place(x, y, z, lens)
         if row > -ONE and row < F32(rows) and col > -ONE and col < F32(cols):
-            above, left = np.int64(np.floor(row)), np.int64(np.floor(col))
+            above, left, length = np.int64(np.floor(row)), np.int64(np.floor(col)), norm(x, y, z)
             for i in range(max(above, 0), min(above + 2, rows)):
                 for j in range(max(left, 0), min(left + 2, cols)):
-                    ranges[i, j] = min(ranges[i, j], norm(x, y, z))
+                    ranges[i, j] = min(ranges[i, j], length)
 
 
 @Kernel

@@ -1,0 +1,117 @@
+"""Photons that look wrong: hot pixels, a leak that piles up in one bin, times in another unit. A text, or nothing."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
+
+REACH = 2                   # pixels around, 24 neighbours
+BRIGHTEST_LEFT_OUT = 3      # of the neighbours: other hot pixels. A line one pixel wide has 4
+HOT = 4                     # times the photons of the next neighbour and 2 more: no chance of any mean reaches it
+LEAK_SHARE, LEAK_RATIO = 0.05, 10       # of an end bin, least: of all photons; times the bin beside it
+ENOUGH = 50                 # photons, before anything is said
+SMALL_PART = 1 / 8          # of T
+WATCH_S = 1.0               # between looks at a stream
+
+
+class Light(NamedTuple):
+    """Where the photons of a frame are."""
+
+    of_bins: np.ndarray         # float64 [T], of all pixels
+    dark: np.ndarray            # float64 [rows, cols], in the emptiest quarter of the bins, where signal is rare
+    of_pixels: np.ndarray       # float64 [rows, cols]
+
+
+def light_of(frame: PhotonFrame, sensor: SensorModel) -> Light:
+    """The photons in bins and pixels."""
+    frame = frame.to_events(sensor) if isinstance(frame, PhotonGates) else frame
+    if isinstance(frame, PhotonHistograms):
+        counts = frame.on_axis(sensor)
+        of_bins = counts.sum(axis=(0, 1), dtype=np.float64)
+        first, end = _emptiest_quarter(of_bins)
+        return Light(of_bins, *(part.sum(axis=2, dtype=np.float64) for part in (counts[..., first:end], counts)))
+    toa = sensor.toa_bins(frame.toa)
+    of_bins = np.bincount(toa, minlength=sensor.num_bins).astype(np.float64)
+    first, end = _emptiest_quarter(of_bins)
+    inside = frame.pixel[(toa >= first) & (toa < end)]
+    dark, of_pixels = (np.bincount(pixel, minlength=sensor.pixels).reshape(sensor.rows, sensor.cols).astype(np.float64)
+                       for pixel in (inside, frame.pixel))
+    return Light(of_bins, dark, of_pixels)
+
+
+def hot_pixels(light: Light, sensor: SensorModel) -> np.ndarray:
+    """Used pixels far brighter than those around where signal is rare, and that have hardly any; bool [rows, cols]."""
+    dark = light.dark * sensor.used
+    if min(dark.shape) <= REACH:
+        return np.zeros(dark.shape, bool)
+    side = 2 * REACH + 1
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(dark, REACH, "reflect"), (side, side))
+    around = np.delete(around.reshape(*dark.shape, -1), side**2 // 2, axis=2)
+    bright = -np.partition(-around, BRIGHTEST_LEFT_OUT, axis=2)[..., BRIGHTEST_LEFT_OUT]
+    return (dark > HOT * (bright + 2)) & (light.of_pixels < 2 * dark * len(light.of_bins) / _quarter(light.of_bins))
+
+
+def leak(light: Light) -> str:
+    """A warning of photons that pile up in the first or the last bin."""
+    photons = light.of_bins.sum()
+    for name, (end, beside) in (("first", light.of_bins[:2]), ("last", light.of_bins[:-3:-1])):
+        if end >= max(LEAK_SHARE * photons, LEAK_RATIO * beside, ENOUGH):
+            return (f"{end / photons:.0%} of the photons are in the {name} bin, and hardly any beside it: a leak or an "
+                    "overflow, which hides dimmer surfaces; leave it out (gate)")
+    return ""
+
+
+def other_unit(events: PhotonEvents, sensor: SensorModel) -> str:
+    """A warning of ToA with fractions that all lie in a small part of the bins."""
+    toa = events.toa
+    if toa.dtype.kind != "f" or len(toa) < ENOUGH or toa.max() >= SMALL_PART * sensor.num_bins:
+        return ""
+    return (f"all ToA have fractions and lie below {toa.max():.4g} of {sensor.num_bins} bins: if they are nanoseconds, "
+            "divide them by the bin width in nanoseconds")
+
+
+def _quarter(of_bins: np.ndarray) -> int:
+    return max(len(of_bins) // 4, 1)
+
+
+def _emptiest_quarter(of_bins: np.ndarray) -> tuple[int, int]:
+    """The first bin of the quarter of the bins with the fewest photons, and its end."""
+    width, below = _quarter(of_bins), np.concatenate([[0], np.cumsum(of_bins)])
+    first = int((below[width:] - below[:-width]).argmin())
+    return first, first + width
+
+
+class LightWatch:
+    """Looks at the photons of a stream: for hot pixels in the first second, for a leak then once a second.
+
+    Attributes:
+        hot: bool [rows, cols], none before the first second has passed.
+        warning: what looks wrong, or "".
+    """
+
+    def __init__(self, sensor: SensorModel):
+        self.hot, self.warning = np.zeros((sensor.rows, sensor.cols), bool), ""
+        self._sensor, self._since_s, self._first_second = sensor, -np.inf, True
+        self._light: Light | None = None
+
+    def look(self, frame: PhotonFrame, now_s: float) -> bool:
+        """Look at a frame or packet of the sensor at this time; returns whether the first second has just passed."""
+        if self._first_second:
+            light = light_of(frame, self._sensor)
+            self._since_s = now_s if self._light is None else self._since_s
+            self._light = light if self._light is None else Light(*map(np.add, light, self._light))
+        if 0 <= now_s - self._since_s < WATCH_S:
+            return False
+        self._since_s, light = now_s, self._light or light_of(frame, self._sensor)
+        if light.of_bins.sum() < ENOUGH:
+            return False
+        self.warning, first = leak(light), self._first_second
+        if first:
+            self.hot, self._first_second, self._light = hot_pixels(light, self._sensor), False, None
+        return first
+
+    def masked(self, sensor: SensorModel) -> SensorModel:
+        """The sensor without the hot pixels, if there are any; as it is if it has a mask."""
+        return sensor.replace(mask=~self.hot) if sensor.mask is None and self.hot.any() else sensor

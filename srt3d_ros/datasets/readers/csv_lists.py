@@ -1,0 +1,83 @@
+"""Read lists of photons from .csv files: a line a photon, whose header names the columns of row, column and ToA."""
+
+import re
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from srt3d_ros.datasets.irf_files import UNITS_S
+from srt3d_ros.datasets.options import Options
+from srt3d_ros.datasets.readers import npz
+from srt3d_ros.datasets.reading import Reading
+from srt3d_ros.errors import finite, require
+from srt3d_ros.files.array_files import MAX_ARRAY_BYTES, read_errors
+
+MAX_TEXT_BYTES = MAX_ARRAY_BYTES // 4       # six characters a photon become three numbers of eight bytes
+MAX_HEADER = 2**16                          # characters
+# What headers call a column, without its unit: t, "t_ns", "ToA [ps]". Without row and col, `pixel`.
+NAMES = {"pixel": "pixel|pixel_?(id|index)", "row": "rows?|y", "col": "col(umn)?s?|x", "toa": "toa|t|tof|time|bin"}
+WITH_UNIT = re.compile(rf"[\s_]*[\[(]?(?<![a-zµ])({'|'.join(UNITS_S)})[\])]?$")
+NEAR = 1e-3         # of a bin: times of a clock, as rounded in the file
+
+
+def read(path: Path, options: Options) -> Reading:
+    """Photons of a .csv file, separated by commas, semicolons or tabs.
+
+    ToA with a unit in the header become bins of bin_width_s. Sizes that the options lack are those that the photons
+    take, and a note says so.
+    """
+    expected = "a line of names, and a line of numbers for each photon"
+    with read_errors(path, expected), warnings.catch_warnings():
+        size = path.stat().st_size
+        require(size <= MAX_TEXT_BYTES, "size", f"{size} bytes", f"at most {MAX_TEXT_BYTES}: save .npy or .npz")
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
+            header = file.readline(MAX_HEADER)
+            separator = next((one for one in ";\t," if one in header), ",")
+            names = [name.strip().strip('"') for name in header.strip().lstrip("#").split(separator)]
+            columns = options.columns or _columns(names)
+            for name in columns:
+                require(name in names, name, problem=f"The file has no column {name}. Its first line must name "
+                        f"{npz.PHOTONS}. It has {', '.join(names)}.")
+            warnings.simplefilter("ignore")         # of a file without photons
+            lines = (line.replace(",", ".") for line in file) if separator != "," else file
+            table = np.loadtxt(lines, delimiter=separator, quotechar='"', ndmin=2,
+                               usecols=[names.index(name) for name in columns])
+        require(table.size > 0, "", problem="The file has no photons.")
+        table[:, -1] *= _bins_per_unit(columns[-1], options)
+        whole = np.rint(table)
+        table = whole if np.abs(table - whole).max() < NEAR else table
+        arrays = dict(zip(columns, table.T)) | _sizes(columns, table, options)
+    return npz.from_arrays(path, arrays, replace(options, columns=columns), npz.PHOTONS, ", ".join(names))
+
+
+def _columns(names: list[str]) -> tuple[str, ...]:
+    """The names of row, column and ToA, or of pixel and ToA, as the header has them; `row`, … if it has others."""
+    plain = {WITH_UNIT.sub("", name.lower()): name for name in names}
+    found = {kind: next((name for key, name in plain.items() if re.fullmatch(pattern, key)), kind)
+             for kind, pattern in NAMES.items()}
+    return tuple(found[kind] for kind in (npz.PIXEL_COLUMNS if found["pixel"] in names else npz.COLUMNS))
+
+
+def _bins_per_unit(name: str, options: Options) -> float:
+    """Bins in the unit of a column of ToA, 1 if its name has none."""
+    unit = WITH_UNIT.search(name.lower())
+    if unit is None:
+        return 1.0
+    width_s = finite("bin_width_s", options.known.get("bin_width_s", 0), "seconds")
+    require(width_s > 0, "bin_width_s", problem=f"{name} is in {unit[1]}: give bin_width_s (--bin-width-s).")
+    return UNITS_S[unit[1]] / width_s
+
+
+def _sizes(columns: tuple[str, ...], table: np.ndarray, options: Options) -> dict[str, np.ndarray]:
+    """The sizes that the options lack and the photons show, and a note on them."""
+    names = ("rows", "cols", "num_bins")[3 - len(columns):] if len(columns) != 2 else ("num_bins",)
+    largest = table.max(axis=0, initial=0)[-len(names):]
+    sizes = {name: max(int(np.floor(most)) + 1, 1 + (name == "num_bins")) for name, most in zip(names, largest)
+             if name not in options.known and np.isfinite(most)}
+    if not sizes:
+        return {}
+    listed = ", ".join(f"{name} {size}" for name, size in sizes.items())
+    note = f"taken from the largest values of the photons: {listed} (give them as options)"
+    return {name: np.array(size) for name, size in sizes.items()} | {"notes": np.array([note])}

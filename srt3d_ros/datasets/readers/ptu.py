@@ -1,0 +1,69 @@
+"""Read PicoQuant's photons (.ptu, T3) with ptufile."""
+
+import logging
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from srt3d_ros.datasets.options import Options
+from srt3d_ros.datasets.readers import ptu_t2
+from srt3d_ros.datasets.readers.cubes import cube
+from srt3d_ros.datasets.reading import Reading
+from srt3d_ros.errors import finite, require
+from srt3d_ros.files.array_files import read_errors
+from srt3d_ros.files.tcspc_files import ptu_bins
+
+COUNT_DTYPE = np.dtype(np.uint32)
+IN_MEMORY_BYTES, MAX_COUNT_BYTES = 2**28, 2**34       # larger counts go to a temporary file
+MARKS = ("ImgHdr_LineStart", "ImgHdr_LineStop", "ImgHdr_Frame")
+SUMMED = slice(None, None, -1)          # ptufile adds up the photons along an axis with this index
+
+
+def read(path: Path, options: Options) -> Reading:
+    """Photons of a .ptu file, all frames added up, of `channel` or the channel with the most. Needs ptufile."""
+    import ptufile
+
+    logging.getLogger("ptufile").disabled = True        # what it logs of a damaged file is in the error
+    with read_errors(path, "a complete PicoQuant .ptu file"), ptufile.PtuFile(path) as ptu:
+        if not ptu.is_t3:
+            return ptu_t2.read(path, ptu, options)
+        for mark in filter(ptu.tags.__contains__, MARKS):
+            require(1 <= ptu.tags[mark] <= 8, mark, ptu.tags[mark], "a marker from 1 to 8")
+        num_bins, bin_width_s = ptu_bins(ptu)
+        channel, notes = _channel(ptu, options)
+        scanned = ptu.shape[1:-2]       # (rows, cols) of an image, (cols,) of a line, () of a point
+        rows = scanned[-2] if len(scanned) > 1 else 1
+        cols = scanned[-1] if scanned else 1
+        if rows * cols == 1:
+            notes += ("all photons are in one pixel: the file has no scan",)
+        records = (path.stat().st_size - ptu.record_offset) // 4
+        if records < ptu.number_records:
+            notes += (f"cut off: {records} of {ptu.number_records} records are there",)
+        size = rows * cols * num_bins * COUNT_DTYPE.itemsize
+        free = shutil.disk_usage(tempfile.gettempdir()).free
+        require(size <= max(IN_MEMORY_BYTES, min(free, MAX_COUNT_BYTES)), "size", f"{size} bytes of counts",
+                f"at most {MAX_COUNT_BYTES}, and as much room in {tempfile.gettempdir()}")
+        counts = ptu.decode_image(frame=-1, channel=channel - ptu.active_channels[0], dtime=num_bins, dtype=COUNT_DTYPE,
+                                  keepdims=False, out=None if size <= IN_MEMORY_BYTES else "memmap")
+        counts = counts.reshape(rows, cols, num_bins).view(np.int32)       # int32 is sketched without a copy
+    return cube(path, counts, options.without("channel"), {"bin_width_s": bin_width_s}, notes)
+
+
+def _channel(ptu: Any, options: Options) -> tuple[int, tuple[str, ...]]:
+    """The channel to read; a note if it was chosen among several."""
+    channels = ptu.active_channels
+    require(len(channels) > 0, "photons", problem="The file has no photons.")
+    if options.channel is not None:
+        chosen = int(finite("channel", options.channel, "a channel's number"))
+        require(chosen in channels, "channel", chosen, f"one with photons: {', '.join(map(str, channels))}")
+        return chosen, ()
+    if len(channels) == 1:
+        return channels[0], ()
+    kept_axis = len(ptu.shape) - 2
+    photons = ptu.decode_image((*[SUMMED] * kept_axis, None, SUMMED), dtype=COUNT_DTYPE).reshape(-1)
+    chosen = channels[0] + int(np.argmax(photons))
+    return chosen, (f"photons of channel {chosen}, which has the most, of channels {', '.join(map(str, channels))} "
+                    "(--channel)",)

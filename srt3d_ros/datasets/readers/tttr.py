@@ -1,0 +1,60 @@
+"""Read photons of older TCSPC formats with phconvert: Becker & Hickl's FIFO .spc, PicoQuant's .pt3 and .ht3 (T3)."""
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from srt3d_ros.datasets.options import Options
+from srt3d_ros.datasets.readers import hdf5
+from srt3d_ros.datasets.reading import Reading
+from srt3d_ros.errors import require
+from srt3d_ros.files.array_files import read_errors
+
+ADC_BINS = 4096             # of the range of a TAC
+# Setup of an unknown card, for a file without .set: a header of zeros, and the least that phconvert takes.
+NO_SETUP = bytes(64) + b"\n*IDENTIFICATION\nID : none\n*END\n*SETUP\n*END\n"
+USUAL_CARD = "SPC-1XX"      # phconvert's name of the records of SPC-130 to 180 and 830
+PICOQUANT = {".pt3": ("load_pt3", 15, 4096), ".ht3": ("load_ht3", 64, 2**15)}     # first special channel, bins
+
+
+def read(path: Path, options: Options) -> Reading:
+    """Photons as of Photon-HDF5 with one spot: one pixel, or the detectors of rows × cols. Needs phconvert."""
+    suffix = path.suffix.lower()
+    expected = f"a complete {suffix} file of a version that phconvert reads; the software that wrote it, or tttrlib, " \
+               "converts others"
+    with read_errors(path, expected):
+        content = _spc(path) if suffix == ".spc" else _picoquant(path, *PICOQUANT[suffix])
+        require(content["nanotimes"].size > 0, "photons", problem="The file has no photons.")
+    return hdf5.photons(path, content, "photons", options)
+
+
+def _spc(path: Path) -> dict[str, Any]:
+    """The arrays of an .spc file, with the bin width by its .set file if there is one."""
+    from phconvert import bhreader
+
+    beside = next((one for one in map(path.with_suffix, (".set", ".SET")) if one.is_file()), None)
+    with tempfile.TemporaryDirectory() as folder:
+        setup = beside or Path(folder) / "setup.set"
+        if beside is None:
+            setup.write_bytes(NO_SETUP)
+        found = bhreader.load_spc(path, setup, "auto" if beside else USUAL_CARD)
+    data, known = found["photon_data"], found["meta"]["setup"]
+    photons = ~np.isin(data["detectors"], data["marker_ids"])
+    range_s = known.get("SP_TAC_R", 0.0) / known.get("SP_TAC_G", 1)
+    note = f"no {path.stem}.set beside it, which names the card: taken to be an {USUAL_CARD}"
+    return {"nanotimes": data["nanotimes"][photons], "detectors": data["detectors"][photons],
+            hdf5.UNIT: np.array(range_s / ADC_BINS), hdf5.NUM_BINS: np.array(ADC_BINS),
+            **({} if beside else {"notes": np.array([note])})}
+
+
+def _picoquant(path: Path, loader: str, special: int, bins: int) -> dict[str, Any]:
+    """The arrays of a .pt3 or .ht3 file, without markers and overflows."""
+    from phconvert import pqreader
+
+    _, detectors, nanotimes, meta, _ = getattr(pqreader, loader)(str(path))
+    photons = detectors < special
+    notes = {"notes": np.array(["the scan of the file is not read: save it as .ptu"])} if len(meta["imghdr"]) else {}
+    return {"nanotimes": nanotimes[photons], "detectors": detectors[photons], hdf5.NUM_BINS: np.array(bins),
+            hdf5.UNIT: np.array(meta["nanotimes_unit"]), hdf5.LASER: np.array(meta["laser_repetition_rate"]), **notes}

@@ -1,0 +1,55 @@
+"""What the colours of points can show, each with its values, unit and colours."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from srt3d_ros.core.point_cloud import PointCloud
+from srt3d_ros.pictures.colours import levels, photon_table, range_table
+from srt3d_ros.pictures.units import number_text
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number of each point.
+
+    Args:
+        label, unit: for people.
+        values: the numbers of a cloud, [N].
+        table: the colours from low to high, uint8 [256, 3].
+        root: whether square roots are spread evenly, as for photons.
+    """
+
+    label: str
+    unit: str
+    values: Callable[[PointCloud], np.ndarray]
+    table: Callable[[], np.ndarray] = photon_table
+    root: bool = False
+
+    def levels(self, values: np.ndarray, low: float, high: float) -> np.ndarray:
+        """Indices of values into `table`, uint8."""
+        return levels(values, low, high, self.root)
+
+    def text(self, value: float) -> str:
+        return f"{number_text(value)} {self.unit}".rstrip()
+
+
+def _range_m(cloud: PointCloud) -> np.ndarray:
+    return np.linalg.norm(cloud.xyz, axis=1)
+
+
+def _snr(cloud: PointCloud) -> np.ndarray:
+    """r / √(r + b) for r signal photons and the b of the background that the pulse sees: B / (T Σ h²), h the IRF."""
+    irf = cloud.sensor.mean_irf / cloud.sensor.mean_irf.sum()
+    share = min(1 / (cloud.sensor.num_bins * float((irf**2).sum())), 1.0)
+    return cloud.intensity / np.sqrt(cloud.intensity + share * np.maximum(cloud.background[cloud.row, cloud.col], 0))
+
+
+RANGE = Quantity("range", "m", _range_m, range_table)
+QUANTITIES = {
+    "range": RANGE,
+    "intensity": Quantity("intensity", "photons", lambda cloud: cloud.intensity, root=True),
+    "depth_std": Quantity("depth_std", "mm", lambda cloud: 1e3 * cloud.sensor.bin_width_m * cloud.depth_std_bins),
+    "snr": Quantity("signal to noise", "", _snr),
+}
