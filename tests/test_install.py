@@ -138,12 +138,9 @@ def test_a_node_that_fails_ends_what_was_launched(ros2):
     assert "no such file.npz" in said and others == 2, said
 
 
-def test_a_parameter_file_that_is_not_there_is_refused(ros2):
+def test_a_parameter_or_a_file_that_does_not_exist_is_refused(ros2):
     _, said = ros2("launch", "srt3d_ros", "srt3d.launch.py", "config:=nothing")
     assert 'config "nothing": no such parameter file' in said and "process started" not in said, said
-
-
-def test_a_parameter_that_no_node_has_is_refused(ros2):
     _, said = ros2("launch", "srt3d_ros", "srt3d.launch.py", "fotons:=/x", "sketcher.sketchsize:=5")
     assert "sketcher has no parameter sketchsize: did you mean sketch_size?" in said, said
     assert "no argument fotons: did you mean photons?" in said and "process started" not in said, said

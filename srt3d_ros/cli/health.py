@@ -1,4 +1,4 @@
-"""`srt3d health`: a table of the nodes' statuses on /diagnostics; also the status line of `srt3d up`."""
+"""`srt3d health`: a table of the nodes' statuses on /diagnostics."""
 
 import argparse
 import json
@@ -14,7 +14,6 @@ from srt3d_ros.processes.node_command import NODES
 HEAR_S = 10.0           # timeout for the first report
 ROUND_S = 2.5           # to hear all nodes, which report once a second
 POLL_S = 0.1
-LINE_S = 5.0            # between status lines of `srt3d up`
 COLUMNS = {"level": "level", "for s": "since_s", "in/s": "rate_in_hz", "out/s": "rate_out_hz",
            "latency ms": "latency_p50_ms", "dropped": "dropped", "lost": "message_lost", "says": "why"}
 
@@ -50,12 +49,12 @@ class Listener:
         from diagnostic_msgs.msg import DiagnosticArray
         from rclpy.signals import SignalHandlerOptions
 
-        from srt3d_ros.nodes.common.reports import Reports, in_a_line
+        from srt3d_ros.nodes.common.reports import Reports
 
         transport.reserve_stale_ports()
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         node = rclpy.create_node(f"srt3d_health_{os.getpid()}", enable_rosout=False)
-        self.reports, self._in_a_line, self._line_s = Reports(), in_a_line, time.monotonic()
+        self.reports = Reports()
         node.create_subscription(DiagnosticArray, "/diagnostics", self.reports.add, 100)
         self.spin_once = lambda timeout_s: rclpy.spin_once(node, timeout_sec=timeout_s)
 
@@ -68,13 +67,6 @@ class Listener:
         while first and (time.monotonic() < end_s or not self.reports.complete):
             self.spin_once(POLL_S)
         return self.reports.current() or first      # all may have ended meanwhile
-
-    def print_line(self, names: list[str]) -> None:
-        """Print a status line of the named nodes if the last is older than LINE_S; call it often."""
-        self.spin_once(0)
-        if time.monotonic() - self._line_s > LINE_S:
-            self._line_s = time.monotonic()
-            print(self._in_a_line(one for one in self.reports.current() if one.name in names), flush=True)
 
 
 def table(statuses: Iterable) -> str:

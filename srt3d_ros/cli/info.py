@@ -72,5 +72,5 @@ def _print(args: argparse.Namespace, path: str) -> None:
              "nearest": facts["range_m"][0], "farthest": facts["range_m"][1], "gate_words": in_ranges(gate),
              "frequency_words": ",".join(map(str, facts["frequencies"]))}
     if not args.json:
-        common.print_notes(photons.notes)
+        common.print_notes(facts["notes"])
     common.print_facts(args, facts, INFO_LINES.format(**facts, **words))

@@ -1,6 +1,7 @@
 """`srt3d inspect`: draw one pixel of a photon file, with what its points make expected."""
 
 import argparse
+import re
 from pathlib import Path
 
 import numpy as np
@@ -37,10 +38,9 @@ def run(args: argparse.Namespace) -> int:
     check_not_input(check_output(args.output, suffix=".png"), args.input, args.irf, args.sensor_file)
     reading = datasets.read_photons(args.input, args.frame, args.photons_topic, **common.overrides(args))
     sensor, frame = reading.sensor, reading.frame
-    parts = args.pixel.split(",")
-    fits = len(parts) == 2 and all(part.strip().isdecimal() for part in parts)
-    require(fits, "pixel", args.pixel, "row and column from 0, such as 12,40")
-    row, col = map(int, parts)
+    pixel = re.fullmatch(r"(\d{1,9}),(\d{1,9})", args.pixel)
+    require(pixel, "pixel", args.pixel, "row and column from 0, such as 12,40")
+    row, col = map(int, pixel.groups())
     require(row < sensor.rows and col < sensor.cols, "pixel", args.pixel,
             f"row below {sensor.rows} and column below {sensor.cols}")
     cloud = api.reconstruct(api.noun_of(reading), **common.given(args, OPTIONS))
@@ -49,13 +49,15 @@ def run(args: argparse.Namespace) -> int:
     else:
         toa = frame.toa[frame.pixel == row * sensor.cols + col]
         counts = np.bincount(sensor.toa_bins(toa), minlength=sensor.num_bins).astype(np.float64)
-    points = cloud.to_records()[(cloud.row == row) & (cloud.col == col)]
+    points, labels = [], []
+    for k in np.flatnonzero((cloud.row == row) & (cloud.col == col)):
+        range_m, photons = float(sensor.range_m(cloud.depth_bins[k])), float(cloud.intensity[k])
+        std_m = float(cloud.depth_std_bins[k]) * sensor.bin_width_m
+        known = bool(np.isfinite(std_m))        # not of all methods
+        points.append({"range_m": range_m, "depth_std_m": std_m if known else None, "intensity": photons})
+        labels.append(f"{range_m:.4g} m" + f" ± {1e3 * std_m:.3g} mm" * known + f", {photons:.3g} signal photons")
     facts = {"pixel": [row, col], "photons": round(counts.sum()), "background": float(cloud.background[row, col]),
-             "points": [{"range_m": float(np.linalg.norm([point[axis] for axis in "xyz"])),
-                         "depth_std_m": float(point["depth_std"]), "intensity": float(point["intensity"])}
-                        for point in points], "output": str(args.output)}
-    labels = ["{range_m:.4g} m ± {0:.3g} mm, {intensity:.3g} signal photons".format(1e3 * one["depth_std_m"], **one)
-              for one in facts["points"]]
+             "points": points, "output": str(args.output)}
     words = f"pixel {row},{col}: {facts['photons']:,} photons, {facts['background']:.3g} expected of background"
     draw_pixel(args.output, counts, cloud, row, col, f"{Path(args.input).name}, {words}", labels)
     common.print_notes(cloud.notes)

@@ -3,13 +3,12 @@
 import argparse
 import importlib
 import re
-import sys
 import tempfile
 from os.path import isfile
 from pathlib import Path
 
 from srt3d_ros import __version__
-from srt3d_ros.cli import health, node
+from srt3d_ros.cli import node
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.files import shared_file
 from srt3d_ros.kernels.devices import DEVICES
@@ -67,14 +66,7 @@ def run(args: argparse.Namespace) -> int:
         own.flush()
         ros_args = ros_arguments(args, specs, own.name)
         print(overview(args, specs), flush=True)
-        names = full_names(args, specs)
-        listener = health.Listener() if sys.stdout.isatty() else None
-        return supervise([spec.name for spec in specs], ros_args, lambda: listener and listener.print_line(names))
-
-
-def full_names(args: argparse.Namespace, specs: list) -> list[str]:
-    """The nodes' names with the namespace, in the order in which frames pass them."""
-    return [f"{(args.namespace or '').strip('/')}/{spec.name}".strip("/") for spec in reversed(specs)]
+        return supervise([spec.name for spec in specs], ros_args)
 
 
 def node_specs(args: argparse.Namespace) -> list:
@@ -143,7 +135,8 @@ def ros_arguments(args: argparse.Namespace, specs: list, own_file: str) -> list[
 
 def overview(args: argparse.Namespace, specs: list) -> str:
     """What `srt3d up` prints: the nodes that it starts, and useful commands."""
-    nodes = ", ".join(f"/{name}" for name in full_names(args, specs))
+    namespace = f"/{(args.namespace or '').strip('/')}".rstrip("/")
+    nodes = ", ".join(f"{namespace}/{spec.name}" for spec in reversed(specs))
     lines = [f"srt3d {__version__}: starts {nodes}; Ctrl-C stops them",
              "  topics    ros2 topic list -t", "  health    srt3d health --watch"]
     if not args.input:

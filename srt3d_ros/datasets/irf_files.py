@@ -10,7 +10,7 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
 from srt3d_ros.datasets.values import Note, array
-from srt3d_ros.errors import require
+from srt3d_ros.errors import finite, require
 from srt3d_ros.files import isolated, tcspc_files
 from srt3d_ros.files.array_files import map_npy, read_errors, read_npz_arrays, require_file
 
@@ -108,9 +108,10 @@ def _read_file(path: Path) -> tuple[np.ndarray, Steps | None]:
     require(suffix in SUFFIXES, "irf", str(path), f"a file that ends in {', '.join(SUFFIXES)}")
     require_file(path, "irf")
     if suffix == ".npz":
-        arrays = read_npz_arrays(path, ("irf",), "irf")
+        arrays = read_npz_arrays(path, ("irf", "bin_width_s"), "irf")
         require("irf" in arrays, "irf", problem=f"{path.name} has no array irf.")
-        return arrays["irf"], None
+        widths = [finite(f"{path.name} bin_width_s", one) for one in arrays.get("bin_width_s", np.zeros(0)).flat]
+        return arrays["irf"], Steps(path.name, f"{widths[0] * 1e12:.6g} ps", tuple(widths)) if widths else None
     if suffix == ".npy":
         return map_npy(path, f"irf file {path.name}"), None
     if suffix == ".mat":

@@ -33,8 +33,8 @@ FILE_OPTIONS = {"channel": "Only .ptu, .phu, .sdt and Photon-HDF5 files have cha
                 "axes": "Only arrays of counts have axes.",
                 "array": "Only .npz, HDF5 and .mat files of counts have arrays to choose from.",
                 "reversed": "Only photon files have reversed; photons have the method reversed().",
-                "no_detection": "Only .npy, .npz, HDF5 and .mat files of words [frames, rows, cols] have it.",
-                "first_word": "Only files of words have it, with no_detection.",
+                "no_detection": "Only .npy, .npz, HDF5 and .mat files of words [frames, rows, cols] have no_detection.",
+                "first_word": "first_word needs no_detection, and a file of words [frames, rows, cols].",
                 "columns": "Only .npz, HDF5, .mat and .csv files of photons have columns."}
 PIXEL_MAPS = tuple(name for name, key in keys(SensorModel).items() if key.dtype and name != "irf")
 

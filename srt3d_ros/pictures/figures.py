@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
@@ -49,6 +50,13 @@ def save_png(figure: Figure, path: Path) -> None:
         as_image(figure).quantize(_PALETTE_SIZE, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
+def range_axis(axes: Axes, sensor: SensorModel, late_bins: float = 0.0) -> None:
+    """Write the ranges above an axis of times of arrival, which come late by this number of bins."""
+    axes.secondary_xaxis("top", functions=(lambda toa: sensor.range_m(toa - late_bins),
+                                           lambda range_m: sensor.depth_bins(range_m) + late_bins)
+                         ).set_xlabel("range, m")
+
+
 def draw_histogram(path: Path, histogram: np.ndarray, counts: np.ndarray, sensor: SensorModel, gate: Gate | None,
                    title: str) -> None:
     """Write a .png with the histogram [T] of all photons and a gate, the counts [rows, cols] of pixels, and the IRF."""
@@ -65,7 +73,7 @@ def draw_histogram(path: Path, histogram: np.ndarray, counts: np.ndarray, sensor
     times.set(xlim=(edges[0], edges[-1]), xlabel="time of arrival, bins", ylabel="photons in a bin, all pixels")
     if (heights > 0).any():
         times.set(yscale="log", ylim=(max(heights[heights > 0].min() / 2, 1e-3), None))
-    times.secondary_xaxis("top", functions=(sensor.range_m, sensor.depth_bins)).set_xlabel("range, m")
+    range_axis(times, sensor)
     image = pixels.imshow(counts, cmap=PHOTON_MAP, interpolation="nearest", vmin=0,
                           vmax=max(float(np.quantile(counts, 0.995)), 1))
     pixels.set(title="photons in a pixel", xlabel="column", ylabel="row")

@@ -5,16 +5,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.pictures.colours import BLUE, ORANGE, VERMILION
-from srt3d_ros.pictures.figures import save_png, titled_figure
+from srt3d_ros.pictures.figures import range_axis, save_png, titled_figure
 
 _MOST_STEPS = 300       # of a histogram: more are not told apart
 _FEWEST_STEPS = 60      # around the points of a pixel with fewer photons
 _NEAR_WIDTHS = 1.5      # IRFs shown on each side of the points
-_IRF_SHARE = 0.98       # of the photons, what counts as the length of the IRF
+_IRF_ENDS = 0.01, 0.99      # shares of its photons
 
 
 def expected_counts(cloud: PointCloud, row: int, col: int) -> np.ndarray:
@@ -49,11 +48,9 @@ def draw_pixel(path: Path, counts: np.ndarray, cloud: PointCloud, row: int, col:
     """
     sensor, expected = cloud.sensor, expected_counts(cloud, row, col)
     depths = cloud.depth_bins[(cloud.row == row) & (cloud.col == col)] + float(sensor.late[row, col])
-    near = np.cumsum(sensor.mean_irf)
-    margin = _NEAR_WIDTHS * max(int(np.searchsorted(near, (1 + _IRF_SHARE) / 2)
-                                    - np.searchsorted(near, (1 - _IRF_SHARE) / 2)), 4)
-    middle = depths if len(depths) else np.array([counts.argmax()])
-    around = np.arange(math.floor(middle.min() - margin), math.ceil(middle.max() + margin))
+    margin = _NEAR_WIDTHS * max(np.diff(np.searchsorted(np.cumsum(sensor.mean_irf), _IRF_ENDS))[0], 4)
+    shown = depths if len(depths) else counts.argmax(keepdims=True)
+    around = np.arange(math.floor(shown.min() - margin), math.ceil(shown.max() + margin))
     around = around if len(around) < sensor.num_bins else np.arange(sensor.num_bins)
     figure = titled_figure(13, 6, title)
     panels = figure.subplots(2, 2, sharex="col", height_ratios=(3, 1))
@@ -72,7 +69,7 @@ def draw_pixel(path: Path, counts: np.ndarray, cloud: PointCloud, row: int, col:
         lower.axhline(0, color=ORANGE, linewidth=1)
         lower.set(xlabel="time of arrival, bins", ylabel="residual, σ", xlim=(edges[0], edges[-1]))
         upper.set(ylabel="photons in " + ("a bin" if width == 1 else f"{width} bins"))
-        _range_axis(upper, cloud, float(sensor.late[row, col]))
+        range_axis(upper, sensor, float(sensor.late[row, col]))
     top = max(float(counts.max(initial=0)), float(expected.max(initial=0)), 1)
     panels[0, 0].set(yscale="log", ylim=(max(float(expected[expected > 0].min(initial=top)) / 2, 1e-3 * top), None))
     figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
@@ -85,9 +82,3 @@ def residual(seen: np.ndarray, expected: np.ndarray) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.where(seen > 0, seen * np.log(seen / expected), 0)
     return np.sign(seen - expected) * np.sqrt(np.maximum(2 * (logs - seen + expected), 0))
-
-
-def _range_axis(axes: Axes, cloud: PointCloud, delay: float) -> None:
-    sensor = cloud.sensor
-    axes.secondary_xaxis("top", functions=(lambda toa: sensor.range_m(toa - delay),
-                                           lambda range_m: sensor.depth_bins(range_m) + delay)).set_xlabel("range, m")

@@ -3,7 +3,6 @@
 import signal
 import sys
 import time
-from collections.abc import Callable
 
 from srt3d_ros.errors import BAD_INPUT
 from srt3d_ros.processes import children
@@ -50,13 +49,12 @@ class Restarts:
         return END
 
 
-def supervise(names: list[str], ros_args: list[str], on_poll: Callable[[], object] = lambda: None) -> int:
+def supervise(names: list[str], ros_args: list[str]) -> int:
     """Run nodes until SIGINT, SIGTERM or SIGHUP, or until the end of one ends all (Restarts).
 
     Args:
         names: the nodes, subscribers first; they are stopped in the reverse order.
         ros_args: arguments for ROS 2, the same for all nodes.
-        on_poll: called every POLL_CHILDREN_S while the nodes run.
 
     Returns:
         0, or the exit code of the node that ended all, or else of a recorder that failed.
@@ -67,7 +65,6 @@ def supervise(names: list[str], ros_args: list[str], on_poll: Callable[[], objec
     nodes = {name: children.start(node_command(name, *ros_args)) for name in names}
     while not signals and step != END:
         time.sleep(POLL_CHILDREN_S)
-        on_poll()
         ended = next((name for name, node in nodes.items() if node.poll() is not None), None)
         if ended is None or signals:
             continue

@@ -19,16 +19,18 @@ def cube(tmp_path):
 
 
 def test_the_points_of_the_pixel_are_told_and_drawn(srt3d, cube, tmp_path):
-    code, printed, err = srt3d("inspect", cube, "--pixel", "2,3", "--surfaces", 2, "-o", tmp_path / "a.png", "--json")
+    code, printed, _ = srt3d("inspect", cube, "--pixel", "2,3", "--surfaces", 2, "-o", tmp_path / "a.png", "--json")
     facts = json.loads(printed)
-    assert (code, err, facts["pixel"]) == (0, "", [2, 3])
+    assert (code, facts["pixel"]) == (0, [2, 3])
     assert [point["range_m"] for point in facts["points"]] == pytest.approx([2.248, 4.497], abs=0.01)
     assert [point["intensity"] for point in facts["points"]] == pytest.approx([300, 100], rel=0.2)
     assert facts["background"] == pytest.approx(40, rel=0.3) and facts["photons"] > 300
     with Image.open(tmp_path / "a.png") as picture:
         assert picture.width > 1000 and len(picture.convert("RGB").getcolors(10**6)) > 20
     code, words, _ = srt3d("inspect", cube, "--pixel", "2,3", "-o", tmp_path / "b.png", "--gate", "250-350")
-    assert code == 0 and "4.49" in words and words.count("signal photons") == 1
+    assert code == 0 and "4.49" in words and words.count("signal photons") == 1 and "±" in words
+    code, words, _ = srt3d("inspect", cube, "--pixel", "2,3", "-o", tmp_path / "c.png", "--method", "xcorr")
+    assert code == 0 and "2.2" in words and "±" not in words
 
 
 @pytest.mark.parametrize("options, expected", [

@@ -83,11 +83,17 @@ sys.exit(main.main({command.split()}))""")
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_help_names_every_command_and_loads_nothing_heavy(repository):
-    done = python(repository, "try: main.main(['--help'])\n"
+def helped(repository, *argv: str, without: tuple[str, ...]) -> subprocess.CompletedProcess:
+    """Ask for help; exit code 1 if that imports one of these."""
+    return python(repository, f"try: main.main([*{argv}, '--help'])\n"
                   "except SystemExit: pass\n"
-                  "sys.exit(any(name in sys.modules for name in ('torch', 'numba', 'rclpy', 'rerun', 'matplotlib')))",
-                  stdout=subprocess.PIPE)
+                  f"sys.exit(any(name in sys.modules for name in {without}))", stdout=subprocess.PIPE)
+
+
+def test_help_names_every_command_and_loads_nothing_heavy(repository):
+    info = helped(repository, "info", without=("numba", "scipy", "matplotlib", "srt3d_ros.datasets.sources"))
+    assert (info.returncode, info.stderr) == (0, "")
+    done = helped(repository, without=("torch", "numba", "rclpy", "rerun", "matplotlib", "numpy"))
     assert (done.returncode, done.stderr) == (0, "")
     assert set(main.COMMANDS) <= {line.split()[0] for line in done.stdout.splitlines() if line.startswith("    ")}
 

@@ -6,8 +6,10 @@ import pytest
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan
+from srt3d_ros.datasets.description import describe
 from srt3d_ros.datasets.irf import ESTIMATED
 from srt3d_ros.datasets.options import ASSUMED_FOV
+from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
@@ -106,6 +108,7 @@ def test_hot_pixels_are_masked_counted_and_left_out_of_the_estimated_irf():
     assert "2 hot pixels of 400" in found.notes[0] and "mask=auto" in off.notes[0]
     np.testing.assert_array_equal(found.sensor.irf, off.sensor.irf)
     assert Photons.from_frame(off.frame, sensor=off.sensor).sensor.used.all()       # a given sensor keeps its mask
+    assert "2 hot pixels" in str(describe(Reading(off.sensor, off.frame)).facts["notes"])       # as of a bag
     again = Photons.from_frame(off.frame, sensor=off.sensor, mask="auto").sensor
     np.testing.assert_array_equal(again.used, found.sensor.used)
 

@@ -90,6 +90,13 @@ def test_texts_of_laboratories_give_the_irf_and_its_time_step(tmp_path, text):
         Photons.from_events([0], [0], [1], shape=(1, 1), num_bins=50, irf=tmp_path / "a.dat")
 
 
+def test_the_bin_width_beside_an_irf_in_npz_is_its_time_step(tmp_path):
+    np.savez(tmp_path / "a.npz", irf=VALUES, bin_width_s=1e-10)
+    np.testing.assert_allclose(sensor_with(tmp_path / "a.npz", 1e-10)[0].irf, VALUES / 5)
+    sensor, notes = sensor_with(tmp_path / "a.npz", 5e-11)
+    assert "IRF resampled from steps of 100 ps to bins of 50 ps" in notes and sensor.irf.size == 9
+
+
 def test_steps_of_one_are_bins_and_a_note_says_so(tmp_path):
     (tmp_path / "a.txt").write_text("0 0\n1 1.5\n2 3\n3 0.5\n")
     sensor, notes = sensor_with(tmp_path / "a.txt", 16e-12)

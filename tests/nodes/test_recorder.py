@@ -107,13 +107,19 @@ def frames_of(*paths) -> list[int]:
     return sorted(cloud.stamp_ns for path in paths for cloud in RecordingReader(path).clouds())
 
 
-def test_each_activation_is_a_recording_of_its_own(speaker, tmp_path):
+def test_each_activation_and_each_sensor_begin_a_recording_of_their_own(speaker, sensor, tmp_path):
+    paths = [tmp_path / name for name in ("a.rrd", "a_2.rrd", "a_3.rrd")]
     stamps = [speaker.record(3)]
     speaker.restart()
-    speaker.recorder.says(f"recording to {tmp_path / 'a_2.rrd'}")
+    speaker.recorder.says(f"recording to {paths[1]}")
     stamps.append(speaker.ready().record(3))
+    speaker.describe(sensor.replace(range_offset_m=1.0))
+    speaker.recorder.says(f"recording to {paths[2]}")
+    stamps.append(speaker.record(3))
     assert speaker.graph.change("recorder", "deactivate")
-    assert [frames_of(tmp_path / name) for name in ("a.rrd", "a_2.rrd")] == stamps
+    assert [frames_of(path) for path in paths] == stamps
+    recorded = [RecordingReader(path).properties()["sensor"]["description"] for path in paths]
+    assert [sensor_message.from_json(text).range_offset_m for text in recorded] == [0, 0, 1]
     assert speaker.graph.change("recorder", "activate")
 
 
@@ -138,19 +144,6 @@ def test_the_path_is_set_while_the_recorder_is_inactive(speaker, tmp_path):
     assert graph.set("recorder", path=f"{tmp_path}/other.mcap").endswith("expected a path that ends with .rrd")
     assert not graph.set("recorder", path=str(other)) and graph.change("recorder", "activate")
     speaker.recorder.says(f"recording to {other}")
-
-
-def test_another_sensor_begins_another_recording(speaker, sensor, tmp_path):
-    paths = [tmp_path / "a.rrd", tmp_path / "a_2.rrd"]
-    stamps = [speaker.record(3)]
-    speaker.describe(sensor.replace(range_offset_m=1.0))
-    speaker.recorder.says(f"recording to {paths[1]}")
-    stamps.append(speaker.record(3))
-    assert speaker.graph.change("recorder", "deactivate")
-    assert [frames_of(path) for path in paths] == stamps
-    recorded = [RecordingReader(path).properties()["sensor"]["description"] for path in paths]
-    assert [sensor_message.from_json(text).range_offset_m for text in recorded] == [0, 1]
-    assert speaker.graph.change("recorder", "activate")
 
 
 def test_what_a_stopped_recorder_misses_it_counts_and_nobody_waits_for_it(speaker):

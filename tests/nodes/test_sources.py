@@ -102,15 +102,12 @@ def test_packets_come_when_they_are_acquired_among_odometry_that_covers_them(mov
     assert stamps[0] == 0 and stamps[-1] >= BEFORE_NS + 100 * MS and set(np.diff(stamps)) == {10 * MS}
 
 
-def test_odometry_repeats_with_packets_that_do(moving, monkeypatch):
+def test_odometry_repeats_with_packets_that_do_and_its_extrinsics_are_where_the_sensor_is(moving, monkeypatch):
     monkeypatch.setattr(sources, "MAX_DRAWN_BYTES", 1)      # a lap of one frame, of 100 ms
     items = moving(ppp=1.0, frames=3).items(lambda: 0)
     heights = {item.stamp_ns // MS: deserialize_message(item.raw, Odometry).pose.pose.position.z
                for item in items if item.topic == "odom"}
     assert heights[510] == pytest.approx(heights[610], abs=1e-9) == heights[710]
     assert abs(heights[520] - heights[510]) > 1e-4
-
-
-def test_the_extrinsics_that_it_tells_are_where_the_sensor_is(moving):
     note, = moving().notes
     np.testing.assert_allclose(Pose.from_text(note.split("'")[-2]).rotation, OPTICAL.rotation, atol=1e-9)

@@ -65,10 +65,8 @@ def _bins_per_unit(name: str, options: Options) -> float:
     unit = WITH_UNIT.search(name.lower())
     if unit is None:
         return 1.0
-    width_s = options.known.get("bin_width_s")
-    require(width_s is not None, "bin_width_s", problem=f"{name} is in {unit[1]}: give bin_width_s (--bin-width-s).")
-    width_s = finite("bin_width_s", width_s, "seconds, above 0")
-    require(width_s > 0, "bin_width_s", width_s, "seconds, above 0")
+    width_s = finite("bin_width_s", options.known.get("bin_width_s", 0), "seconds")
+    require(width_s > 0, "bin_width_s", problem=f"{name} is in {unit[1]}: give bin_width_s (--bin-width-s).")
     return UNITS_S[unit[1]] / width_s
 
 

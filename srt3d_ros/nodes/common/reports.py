@@ -1,7 +1,7 @@
 """Readers of /diagnostics: the newest statuses of the nodes, and what became of a player's frames."""
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -45,18 +45,6 @@ class Reports(dict[str, NodeStatus]):
             elif silent_s < STALE_S and name in self:
                 found.append(status)
         return found
-
-
-def in_a_line(statuses: Iterable[NodeStatus]) -> str:
-    """One line about a pipeline: clouds per second, points, latency, all that was dropped, and nodes with a problem."""
-    statuses = list(statuses)
-    dropped = sum(status.counts.get(key, 0) for status in statuses for key in ("dropped", "message_lost"))
-    rates = "{rate_out_hz:.1f} clouds/s, {points_per_s:,.0f} points/s, {latency_p50_ms:.0f} ms old"
-    needed = {"reconstruct_ms", "points_per_s", "latency_p50_ms"}       # a reconstructor has all after its first cloud
-    clouds = next((rates.format_map(status.facts) for status in statuses
-                   if status.level != STALE and needed <= status.facts.keys()), "no clouds")
-    problems = [f"; {one.name} {one.level}: {one.why}" for one in statuses if one.failed]
-    return f"{clouds}; dropped so far: {dropped}{''.join(problems)}"
 
 
 class Delivery(NamedTuple):

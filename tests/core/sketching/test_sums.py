@@ -38,7 +38,7 @@ def test_the_highest_frequency_has_more_than_two_bins_a_turn(num_bins, most):
         check_frequencies([most + 1], num_bins)
 
 
-def test_z_is_the_mean_and_sketches_add_and_keep_the_earliest_stamp():
+def test_z_is_the_mean_and_sketches_add_with_their_cycles_and_the_earliest_stamp():
     sketch = PhaseSums((1, 2), np.array([[[4, 2j], [1, 1j], [0, 0]]], np.complex64), np.array([[4, 1, 0]], np.uint32),
                     sensor=sensor(1, 3))
     assert sketch.z.dtype == np.complex64
@@ -48,9 +48,6 @@ def test_z_is_the_mean_and_sketches_add_and_keep_the_earliest_stamp():
     np.testing.assert_allclose(total.sums, one.sums + other.sums)
     assert np.array_equal(total.photons, one.photons + other.photons) and total.stamp_ns == 5
     assert total.sums.dtype == np.complex64 and total.photons.dtype == np.uint32
-
-
-def test_cycles_and_photons_before_a_gate_add_and_are_unknown_if_one_of_them_is():
     one, before = make(), np.ones((2, 3), np.uint32)
     known, gated = replace(one, cycles=100), replace(one, cycles=50, before=before)
     assert (known + known).cycles == 200 and (known + known).before is None

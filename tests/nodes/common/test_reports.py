@@ -10,7 +10,7 @@ from std_msgs.msg import String
 from srt3d_ros.nodes.common import reports as module
 from srt3d_ros.nodes.common.endpoints import SequenceLoss
 from srt3d_ros.nodes.common.peers import Peers, names
-from srt3d_ros.nodes.common.reports import Chain, Reports, in_a_line
+from srt3d_ros.nodes.common.reports import Chain, Reports
 from srt3d_ros.nodes.common.status import LEVELS, NodeStatus
 
 IDLE = NodeStatus("sketcher", "OK", "fine", state="active", ready=True,
@@ -36,15 +36,13 @@ def test_a_node_that_stops_to_report_is_stale_and_one_that_ends_is_gone(clock):
     report(reports, "a/recorder", state="finalized")
     assert [one.level for one in reports.current()] == ["OK", "OK"] and not reports.complete
     clock[0] += 7.5
-    sketcher, reconstructor, player = reports.current()
+    sketcher, reconstructor, _ = reports.current()
     assert sketcher == replace(IDLE, name="a/sketcher", level="STALE", why="no report for 8 s", since_s=7.5,
                                ready=False, read_by=("a/reconstructor", "rviz"),
                                sent_by=("a/player", "spad_driver"))
     assert (reconstructor.name, reconstructor.level, reports.complete) == ("a/reconstructor", "STALE", True)
-    assert in_a_line([sketcher, player]) == ("no clouds; dropped so far: 0; a/sketcher STALE: no report for 8 s; "
-                                             "a/player STALE: no report for 8 s")
     report(reports, "a/sketcher", facts={"reconstruct_ms": 9.5, "latency_p50_ms": 35.4})
-    assert reports.current()[0].level == "OK" and in_a_line(reports.values()).startswith("no clouds; ")
+    assert reports.current()[0].level == "OK"
 
 
 def test_a_chain_is_ready_when_every_node_is_and_is_read_by_the_next(clock):
@@ -76,7 +74,6 @@ def test_frames_are_accounted_for_from_node_to_node():
     assert came == {"sketcher": 9, "reconstructor": 9, "recorder": 5} and under_way == 3
     assert lost == {"on the way to sketcher": 1, "queue in reconstructor": 2, "unfinished in reconstructor": 1,
                     "on the way to recorder": 1}
-    assert in_a_line(reports.values()) == "8.6 clouds/s, 171,093 points/s, 35 ms old; dropped so far: 16"
 
 
 STATUS = NodeStatus("front/sketcher", "ERROR", "gate is 500-600: expected 0 to 399", 12.5, "active", False, "a frame",
