@@ -61,7 +61,6 @@ class Pooled:
     def forget(self) -> None:
         """Begin the next frame as if it were the first."""
         self._is_first, self._learned, self._piled_up = True, self._background.first, None
-        self.misplaced_share = 0.0
         self._last: PointCloud | None = None
         if self._window is not None:
             self._window.forget()
@@ -94,9 +93,8 @@ class Pooled:
         found, self._learned = (self._first(self._frames, plain) if self._is_first
                                 else self._next(self._frames, plain, self._learned))
         cloud = replace(found.cloud, clutter=self._background.most_clutter(self._learned))
-        self.misplaced_share = 0.0
-        if piled_up is None and self._learned.mean is None:
-            self.misplaced_share = misplaced_share(self._matcher, sketch, cloud)
+        is_plain = piled_up is None and self._learned.mean is None
+        self.misplaced_share = misplaced_share(self._matcher, sketch, cloud) if is_plain else 0.0
         if piled_up is not None:
             cloud, self._piled_up = self._pile_up.corrected(cloud, sketch, piled_up)
         return cloud
