@@ -16,9 +16,6 @@ from srt3d_ros.errors import printable, require
 from srt3d_ros.files.array_files import read_errors
 from srt3d_ros.files.new_files import atomic_write, check_output, file_errors
 
-PICTURES, DEPTH_IMAGES = (".png", ".jpg", ".jpeg"), (".tif", ".tiff")
-_NEEDED = ({".las": ("laspy", "lab")} | dict.fromkeys(DEPTH_IMAGES, ("PIL", "pictures"))
-           | dict.fromkeys(PICTURES, ("matplotlib", "pictures")))       # package and extra
 _JPEG_QUALITY = 90
 _LAS_STEP_M = 1e-5
 _TYPES = dict(zip(POINT_FIELDS, (np.uint16, np.uint16, *[np.float32] * 4, np.uint8))) | {"background": np.float32}
@@ -63,7 +60,7 @@ def save(cloud: PointCloud, path: str | Path, notes: tuple[str, ...] = ()) -> No
     """
     path = check(path)
     with file_errors("output", path), atomic_write(path) as part:
-        _WRITERS[path.suffix.lower()](cloud, part, notes)
+        _FORMATS[path.suffix.lower()][0](cloud, part, notes)
 
 
 def check(path: str | Path) -> Path:
@@ -75,9 +72,9 @@ def check(path: str | Path) -> Path:
 
 def check_format(path: Path) -> None:
     """Raise InvalidInput for a suffix of no cloud, or whose package is missing."""
-    require(path.suffix.lower() in _WRITERS, "output", str(path), f"a file name that ends in {', '.join(_WRITERS)}")
-    package, extra = _NEEDED.get(path.suffix.lower(), (None, None))
-    require(package is None or find_spec(package) is not None, "output",
+    require(path.suffix.lower() in _FORMATS, "output", str(path), f"a file name that ends in {', '.join(_FORMATS)}")
+    _, package, extra = _FORMATS[path.suffix.lower()]
+    require(not package or find_spec(package) is not None, "output",
             problem=f"Cannot write {path.name}: {package} is missing (pip install '.[{extra}]' in the clone).")
 
 
@@ -182,6 +179,9 @@ def _save_picture(cloud: PointCloud, path: Path, _: tuple[str, ...]) -> None:
     draw_cloud(cloud).save(path, quality=_JPEG_QUALITY)
 
 
-_WRITERS: dict[str, Callable[[PointCloud, Path, tuple[str, ...]], None]] = {
-    ".npz": _save_npz, ".ply": _save_ply, ".pcd": _save_pcd, ".csv": _save_csv, ".las": _save_las, ".html": _save_page,
-} | dict.fromkeys(DEPTH_IMAGES, _save_depth) | dict.fromkeys(PICTURES, _save_picture)
+# By suffix: what writes it, and the package and extra that this needs.
+_FORMATS: dict[str, tuple[Callable[[PointCloud, Path, tuple[str, ...]], None], str, str]] = {
+    ".npz": (_save_npz, "", ""), ".ply": (_save_ply, "", ""), ".pcd": (_save_pcd, "", ""), ".csv": (_save_csv, "", ""),
+    ".las": (_save_las, "laspy", "lab"), ".html": (_save_page, "", ""),
+    **dict.fromkeys((".tif", ".tiff"), (_save_depth, "PIL", "pictures")),
+    **dict.fromkeys((".png", ".jpg", ".jpeg"), (_save_picture, "matplotlib", "pictures"))}

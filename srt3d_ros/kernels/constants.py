@@ -70,7 +70,7 @@ WRONG_SHAPE = 0.02
 
 LOCAL_SIGMA = WINDOWS[0].sigma     # pixels, of the window over which pixels are compared
 WHOLE_SCORE = 2.0       # σ above a start's that the best point of a surface needs: growth has fitted it to chance
-RELIEF_SCORE = 3.0      # σ by which pixels' own photons disagree with their pools where depth_std grows
+RELIEF_SCORE = 3.0      # σ by which a window's relief must show to count there; else it counts in the whole frame
 RIM = 3                 # pixels without a surface, of the 8 around, that make a point one of the rim
 TRIMMED = 2 * SPREAD    # pixels of dim outlines that may go: the start's windows reach beyond them, then growth
 

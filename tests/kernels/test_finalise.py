@@ -51,6 +51,8 @@ def test_points_are_less_sure_where_their_own_photons_contradict_them(surfaces, 
     """In windows or, if too little for one, everywhere: before the column `rough`, `share` of the noise is seen."""
     frame, state, terms = setting((9, 96), surfaces, 1)
     view = maps.crop(state, *frame.shape)
+    view[:, :, [maps.DEPTH, maps.SLOPE_COL, maps.SLOPE_ROW]] = np.array([20, 0.5, 0])[:, None]
+    view[:, :, maps.DEPTH] += 0.5 * np.arange(96)
     view[:, :, maps.STD], view[:, :, maps.RESIDUAL] = 0.05, 0
     signal = view[:, :, maps.INTENSITY] * frame.exposure[:, None]
     variance = signal * frame.moments[0] + (frame.counts[:, None] - signal) * frame.moments[1]

@@ -1,18 +1,19 @@
 """The end of a frame: final intensity and standard deviation of each point, and the background.
 
 With own = R(z, t) / (g E), its variance by photon noise v and the local mean square s² of own − r, a point gets
-r + (own − r) (1 − v / s²)₊ and √(std² + max(residual², τ²)) if score / c(t) is enough. τ² is Σ d / Σ (g r)² with
-d = gradient² / C² − (V / C² − (g r std)²)₊, over the window of WIDE_SCALE if Σ d is significant there, else over all
-other points, if it is there. The photons that the points leave are n − g Σ_k r_k; g times their local mean over that of
-g is the background. `kernels.torch` says why.
+r + (own − r) (1 − v / s²)₊ and √(std² + max(residual², min(τ², V / (g r C)²))) if score / c(t) is enough. With
+d = (gradient / C − g r off)² − (V / C² − (g r std)²)₊, where the points beside it are `off` its plane, τ² is
+D / Σ (g r)² of the window of WIDE_SCALE if D = Σ d is significant there, else (D − Σ d² / D)₊ / Σ (g r)² of all other
+points. The photons that the points leave are n − g Σ_k r_k; g times their local mean over that of g is the background.
+`kernels.torch` says why.
 """
 
 import numpy as np
 from numba import float32, float64, get_num_threads, get_thread_id, int64, prange, uint8, uint16
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import LOCAL_SIGMA, RELIEF_SCORE, WIDE_SCALE
-from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, ONE, TINY, TWO, ZERO
+from srt3d_ros.kernels.constants import LOCAL_SIGMA, RELIEF_SCORE, SAME_SURFACE, WIDE_SCALE
+from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, ONE, TINY, ZERO, wrap
 from srt3d_ros.kernels.cpu.compiling import (
     each_row,
     floats1d,
@@ -30,7 +31,9 @@ from srt3d_ros.kernels.cpu.method.windows import blur_row
 from srt3d_ros.kernels.cpu.vectors import full, load, sqrt, store, where
 from srt3d_ros.kernels.maps import DEPTH, GRADIENT, INTENSITY, LANES, MARGIN, SCORE, STD, VALUE
 
-RELIEF_SCORE = F32(RELIEF_SCORE)
+# Of windows; √2, because Σ w² is half Σ w of a Gaussian
+RELIEF_SCORE = F32(RELIEF_SCORE / 2**0.5)
+SAME = F32(SAME_SURFACE**2)
 
 
 def drop_weak(state, enough):
@@ -58,10 +61,36 @@ def _compare_row(i, frame, state, terms, compared):
             store(compared, i, 2 * k + 1, j, where(there, variance / (gain * gain), ZERO))
 
 
+@inline
+def _off(state, i, k, j, point, most, frame):
+    """Mean distance of the points beside, above and below from a point's plane, bins, of squares below `most`."""
+    total, number = full(ZERO), full(ZERO)
+    for dy in range(-1, 2):
+        for dx in range(-1, 2):
+            if abs(dx) + abs(dy) == 1:
+                plane = point.depth + F32(dx) * point.slope_col + F32(dy) * point.slope_row
+                e = wrap(load(state, i + dy, k, DEPTH, j + dx) - plane, frame.period)
+                near = (load(state, i + dy, k, INTENSITY, j + dx) > ZERO) & (e * e < most)
+                total, number = total + where(near, e, ZERO), number + where(near, ONE, ZERO)
+    return total / max(number, ONE)
+
+
+@inline
+def _noise(signal, counts, frame):
+    """V / C², the variance of gradient / C by photon noise."""
+    variance = signal * frame.moments[0] + (counts - signal) * frame.moments[1]
+    return variance / (frame.curvature * frame.curvature)
+
+
+@inline
+def _alone(signal, counts, frame):
+    """V / (g r C)², the variance of a depth by a pixel's own photons, those of the surface at least."""
+    return _noise(signal, max(counts, signal), frame) / max(signal * signal, TINY)
+
+
 @line
 def _decide_row(i, frame, state, terms, enough, means, points, left, rest, relief):
     """Write the points but for their std, d, (g r)², d², and the photons left; `rest` has all photons before."""
-    of_signal, of_background = frame.moments[0], frame.moments[1]
     for j in columns(state):
         light, unexplained = load(frame.exposure, i, j), load(rest, i, j)
         for k in range(state.shape[1]):
@@ -70,11 +99,11 @@ def _decide_row(i, frame, state, terms, enough, means, points, left, rest, relie
             differ = ONE - min(load(means, 2 * k + 1, j) / max(load(means, 2 * k, j), TINY), ONE)
             stays = (pooled > ZERO) & (point.score / noise_at(frame, point.depth) > enough)
             intensity = where(stays, max(pooled + excess * differ, EPSILON * pooled), ZERO)
-            signal, slope = intensity * light, load(terms, i, k, GRADIENT, j) / frame.curvature
-            variance = signal * of_signal + (load(frame.counts, i, j) - signal) * of_background
-            shared = signal * point.std
-            noise = max(variance / (frame.curvature * frame.curvature) - shared * shared, ZERO)
-            differs = where(stays, slope * slope - noise, ZERO)
+            signal, counts, shared = intensity * light, load(frame.counts, i, j), intensity * light * point.std
+            most = min(SAME * _alone(signal, counts, frame), frame.resolution * frame.resolution)
+            own = load(terms, i, k, GRADIENT, j) / frame.curvature - signal * _off(state, i, k, j, point, most, frame)
+            noise = max(_noise(signal, counts, frame) - shared * shared, ZERO)
+            differs = where(stays, own * own - noise, ZERO)
             unexplained -= signal
             store(points, i, k, DEPTH, j, point.depth)
             store(points, i, k, INTENSITY, j, intensity)
@@ -86,24 +115,18 @@ def _decide_row(i, frame, state, terms, enough, means, points, left, rest, relie
         store(left, i, 1, j, light + EPSILON)
 
 
-@inline
-def _tau2(differs, gives, squares, weight):
-    """τ², 0 if chance may be its cause; `weight` is Σ w / Σ w² of the window."""
-    shown = differs > RELIEF_SCORE * sqrt(squares / weight)
-    return where(shown, differs / max(gives, TINY), ZERO)
-
-
 @line
 def _relief_row(i, relief, means, tau2, rest):
-    """Write τ² of the windows around points, and sums over those where that is 0, of LANES columns each."""
+    """Write τ² of the windows around points, and sums over the others, of LANES columns each."""
     differs, gives, squares = full(ZERO), full(ZERO), full(ZERO)
     for k in range(relief.shape[1] // 3):
         for j in columns(relief):
-            around = _tau2(load(means, 3 * k, j), load(means, 3 * k + 1, j), load(means, 3 * k + 2, j), TWO)
-            store(tau2, i, k, j, around)
-            differs += where(around > ZERO, ZERO, load(relief, i, 3 * k, j))
-            gives += where(around > ZERO, ZERO, load(relief, i, 3 * k + 1, j))
-            squares += where(around > ZERO, ZERO, load(relief, i, 3 * k + 2, j))
+            around = load(means, 3 * k, j)
+            shown = around > RELIEF_SCORE * sqrt(load(means, 3 * k + 2, j))
+            store(tau2, i, k, j, where(shown, around / max(load(means, 3 * k + 1, j), TINY), ZERO))
+            differs += where(shown, ZERO, load(relief, i, 3 * k, j))
+            gives += where(shown, ZERO, load(relief, i, 3 * k + 1, j))
+            squares += where(shown, ZERO, load(relief, i, 3 * k + 2, j))
     store(rest, i, 0, 0, differs)
     store(rest, i, 1, 0, gives)
     store(rest, i, 2, 0, squares)
@@ -111,24 +134,26 @@ def _relief_row(i, relief, means, tau2, rest):
 
 @line
 def _whole(rest):
-    """τ² of all points that windows show none of."""
+    """τ² of all points whose windows show none."""
     differs, gives, squares = ZERO, ZERO, ZERO
     for i in range(MARGIN, len(rest) - MARGIN):
         for lane in range(LANES):
             differs += rest[i, 0, lane]
             gives += rest[i, 1, lane]
             squares += rest[i, 2, lane]
-    return differs / max(gives, TINY) if differs > RELIEF_SCORE * sqrt(squares) else ZERO
+    return max(differs - squares / max(differs, TINY), ZERO) / max(gives, TINY)
 
 
 @line
 def _std_row(i, frame, state, tau2, whole, points):
-    """Write √(std² + max(residual², τ²))."""
+    """Write √(std² + max(residual², min(τ², V / (g r C)²)))."""
     for j in columns(state):
+        light, counts = load(frame.exposure, i, j), load(frame.counts, i, j)
         for k in range(state.shape[1]):
             point, around = point_at(state, i, k, j), load(tau2, i, k, j)
-            relief = max(point.residual * point.residual, where(around > ZERO, around, whole))
-            std = sqrt(point.std * point.std + relief)
+            signal = load(points, i, k, INTENSITY, j) * light
+            relief = min(where(around > ZERO, around, whole), _alone(signal, counts, frame))
+            std = sqrt(point.std * point.std + max(point.residual * point.residual, relief))
             store(points, i, k, STD, j, min(max(std, EPSILON), frame.period))
 
 

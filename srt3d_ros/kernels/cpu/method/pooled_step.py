@@ -217,9 +217,8 @@ def _step(place, each, rows, frame, state, out):
     std = min(sqrt(variance) / max(signal * curvature, TINY), period)
     relief = max(spread + (off - d) * (off - d) - max(point.std * point.std - std * std, ZERO), ZERO)       # q
     bowl = relief * relief / (relief + std * std + TINY)
-    cut = relief * relief / (point.std * point.std + TINY)
     bins = by_bins * squares / max(photons * signal * curvature * curvature, TINY) + of_bins
-    residual = sqrt(std * std * leverage + relief + bowl + cut + bins)
+    residual = sqrt(std * std * leverage + relief + bowl + bins)
     seen, depth = point.intensity > 0, point.depth + d
     store(out, i, k, DEPTH, j, depth - period * floor(depth / period))
     store(out, i, k, SLOPE_COL, j, point.slope_col + turn_col)

@@ -2,11 +2,21 @@
 
 import torch
 
-from srt3d_ros.kernels.constants import EPSILON, LOCAL_SIGMA, RELIEF_SCORE, TINY, WIDE_SCALE
-from srt3d_ros.kernels.maps import DEPTH, GRADIENT, INTENSITY, RESIDUAL, SCORE, STD, VALUE
-from srt3d_ros.kernels.torch.arithmetic import noise_ratio, waves
+from srt3d_ros.kernels.constants import EPSILON, LOCAL_SIGMA, RELIEF_SCORE, SAME_SURFACE, TINY, WIDE_SCALE
+from srt3d_ros.kernels.maps import (
+    DEPTH,
+    GRADIENT,
+    INTENSITY,
+    RESIDUAL,
+    SCORE,
+    SLOPE_COL,
+    SLOPE_ROW,
+    STD,
+    VALUE,
+)
+from srt3d_ros.kernels.torch.arithmetic import noise_ratio, waves, wrap
 from srt3d_ros.kernels.torch.fusing import fused
-from srt3d_ros.kernels.torch.method.windows import blur, inner
+from srt3d_ros.kernels.torch.method.windows import blur, images, inner, neighbours, offsets
 
 
 @fused
@@ -17,12 +27,12 @@ def drop_weak(state, enough) -> None:
 
 @fused
 def finalise(frame, photons, state, terms, enough):
-    """Points with score / c(t) > `enough`: r + (own − r) (1 − v / s²)₊, √(std² + max(residual², τ²)); background.
+    """Points with score / c(t) > `enough`: r + (own − r) (1 − v / s²)₊, √(std² + max(residual², relief)); background.
 
     own = R(z, t) / (g E) is the intensity from the point's own pixel alone, r from its pool. v = (g r I₁ + (n − g r)₊
     I₀) / (E g)² is the variance of own by photon noise, s² the mean square of own − r, both averaged with a
     Gaussian of σ = LOCAL_SIGMA pixels: s² − v is how far the pixels themselves differ (James and Stein's estimator).
-    Intensities are kept above 0. τ² is that of `relief`.
+    Intensities are kept above 0.
     """
     view, value = inner(frame, state), inner(frame, terms)[:, :, VALUE]
     counts, exposure = (inner(frame, values)[:, None] for values in (frame.counts, frame.exposure))
@@ -36,37 +46,47 @@ def finalise(frame, photons, state, terms, enough):
     intensity = torch.maximum(pooled + excess * differ, EPSILON * pooled) * (there & (score > enough))
     points = state.clone()
     inner(frame, points)[:, :, INTENSITY] = intensity
-    tau2 = relief(frame, counts, intensity * exposure, view[:, :, STD], inner(frame, terms)[:, :, GRADIENT])
-    inner(frame, points)[:, :, STD] = (view[:, :, STD]**2 + torch.maximum(view[:, :, RESIDUAL]**2, tau2)).sqrt().clamp(
-        EPSILON, frame.num_bins)
+    hidden = relief(frame, counts, intensity * exposure, state, inner(frame, terms)[:, :, GRADIENT])
+    inner(frame, points)[:, :, STD] = (view[:, :, STD]**2 + torch.maximum(view[:, :, RESIDUAL]**2, hidden)
+                                       ).sqrt().clamp(EPSILON, frame.num_bins)
     left = photons - (intensity * exposure).sum(dim=1)
     return points, left.clamp(min=0), background(left, exposure[:, 0])
 
 
-def relief(frame, counts, signal, std, gradient):
-    """τ², bins²: how far the pixels' own photons lie from their points, less photon noise; 0 if that may be chance.
+def relief(frame, counts, signal, state, gradient):
+    """Mean square of the relief that pools average out, bins², from what the pixels' own photons say; `signal` is g r.
 
-    A point of g r photons whose own pixel shows a gradient s is s / (C g r) bins off, for photon noise with the
-    variance V / (C g r)², V = g r M₀ + (n − g r) M₁, of which the pool shares at least std². So the mean of
-    d = s² / C² − (V / C² − (g r std)²)₊ is at most 0, or (g r τ)² on relief that pools have averaged out, and
-    τ² = Σ d / Σ (g r)². The sums are those of the window σ = WIDE_SCALE with weights w if
-    Σ w d > RELIEF_SCORE √(Σ w² d²), for Σ w² d² = Σ w d² / 2. All points where that fails share one τ², by the same
-    rule. Uncalibrated delays of pixels look the same, and so does an IRF that is too narrow.
+    A pixel's own photons lie gradient / (C g r) bins off its point and, less `off_neighbours`, off the points beside
+    it, which do not follow these photons. Photon noise is v = V / (C g r)² of that square, V = g r M₀ + (n − g r) M₁;
+    pools share at least std². So d = (gradient / C − g r off)² − (V / C² − (g r std)²)₊ has a mean of (g r τ)² where
+    pixels differ by τ. τ² is Σ d / Σ (g r)² of the window σ = WIDE_SCALE with weights w if
+    Σ w d > RELIEF_SCORE √(Σ w² d²), for Σ w² d² = Σ w d² / 2. All points where that fails share
+    (D − Σ d² / D)₊ / Σ (g r)², D = Σ d (as James and Stein's estimator). A point that follows its own photons is no
+    farther off than they are: the relief is v at most, here with V ≥ g r M₀. Uncalibrated delays of pixels look the
+    same, and so does an IRF that is too narrow.
     """
-    variance = signal * frame.moments[0] + (counts - signal) * frame.moments[1]
-    there = signal > 0
-    noise = (variance / frame.curvature**2 - (signal * std)**2).clamp(min=0)
-    differs = ((gradient / frame.curvature)**2 - noise) * there
+    std, there, light2 = inner(frame, state)[:, :, STD], signal > 0, (signal * frame.curvature)**2
+    noise = signal * frame.moments[0] + (counts - signal) * frame.moments[1]
+    alone = torch.maximum(noise, signal * frame.moments[0]) / light2.clamp(min=TINY)
+    off = off_neighbours(frame, state, (SAME_SURFACE**2 * alone).clamp(max=frame.resolution_bins**2))
+    own = gradient / frame.curvature - signal * off
+    differs = (own**2 - (noise / frame.curvature**2 - (signal * std)**2).clamp(min=0)) * there
     each = differs, signal**2, differs**2
-    around = _tau2(*(blur(values, WIDE_SCALE) for values in each), 2)
-    smooth = around <= 0
-    return around.where(~smooth, _tau2(*((values * smooth).sum() for values in each), 1))
+    around, gives, squares = (blur(values, WIDE_SCALE) for values in each)
+    shown = around > RELIEF_SCORE * (squares / 2).sqrt()
+    rest, rest_gives, rest_squares = ((values * ~shown).sum() for values in each)
+    whole = (rest - rest_squares / rest.clamp(min=TINY)).clamp(min=0) / rest_gives.clamp(min=TINY)
+    tau2 = (around / gives.clamp(min=TINY)).where(shown, whole)
+    return torch.minimum(tau2, alone)
 
 
-def _tau2(differs, gives, squares, weight):
-    """Σ d / Σ (g r)², 0 if chance may be its cause; `weight` is Σ w / Σ w² of the window."""
-    shown = differs > RELIEF_SCORE * (squares / weight).sqrt()
-    return (differs / gives.clamp(min=TINY)).where(shown, 0)
+def off_neighbours(frame, state, most):
+    """Mean distance of the points beside, above and below from each point's plane, bins, of squares below `most`."""
+    own, (dy, dx) = images(frame, state), (d[:, None] for d in offsets(1, state))
+    depth, intensity = (neighbours(frame, state[:, :, field], 1) for field in (DEPTH, INTENSITY))
+    e = wrap(depth - (own[:, DEPTH] + own[:, SLOPE_COL] * dx + own[:, SLOPE_ROW] * dy), frame.num_bins)
+    near = (intensity > 0) & (e**2 < most.movedim(0, -2)) & (dy.abs() + dx.abs() == 1)
+    return ((e * near).sum(0) / near.sum(0).clamp(min=1)).movedim(-2, 0)
 
 
 def background(left, exposure):

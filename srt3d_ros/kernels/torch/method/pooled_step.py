@@ -33,15 +33,14 @@ def pooled_step(frame, state, terms, sigma, radius, fine, max_chi2):
     With S' = min(R₊ / E, p) the point gets intensity R₊ / (E G), standard deviation
     √((S' M₁ + (p − S') M₀) N / p) / (S' C), at most T, score p / √N · ρ(R₊ / p), and
 
-        residual = √(std² x̄ᵀ X⁻¹ x̄ + q (1 + q / (q + std²) + q / std_before²) + M₂ N / (p S' C²) + M₃),
+        residual = √(std² x̄ᵀ X⁻¹ x̄ + q (1 + q / (q + std²)) + M₂ N / (p S' C²) + M₃),
         q = (Q − (std_before² − std²)₊)₊.
 
     The first part is the noise of the slopes. The depth is measured at x̄ = Σ w b · offset / max(B, V₊ C / 2E), away
     from the point at edges; X is the covariance of the offsets in the fit, with the ridge. q is how far the surface
     leaves the plane: Q is the mean square distance of the fitted depths from the new plane, of which their own noise
-    makes std_before² − std². In the middle of a bowl the error² is twice that. On relief, neighbours farther off than
-    the weights allow are not in Q, which then ends near 4 std_before², however rough the surface is: q / std_before²
-    makes up for them. Where S' = 0 nothing is known: T and 0.
+    makes std_before² − std². In the middle of a bowl the error² is twice that. Neighbours farther off than the weights
+    allow are not in Q: `finalise` adds the relief that they have. Where S' = 0 nothing is known: T and 0.
     Of pixels without a point only intensity and score, both 0, mean anything.
     """
     if radius // CELL * CELL <= fine:           # no cell's centre is in the window
@@ -139,9 +138,9 @@ def _stepped(frame, own, pooled, bend, slopes, fit):
     std = (variance * squares / photons.clamp(min=TINY)).sqrt() / (signal * frame.curvature).clamp(min=TINY)
     std = std.clamp(max=period).where(signal > 0, period)
     relief = (spread + (off - d)**2 - (own[:, STD]**2 - std**2).clamp(min=0)).clamp(min=0)
-    bowl, cut = relief**2 / (relief + std**2 + TINY), relief**2 / (own[:, STD]**2 + TINY)
+    bowl = relief**2 / (relief + std**2 + TINY)
     bins = frame.moments[2] * squares / (photons * signal * frame.curvature**2).clamp(min=TINY) + frame.moments[3]
-    residual = (std**2 * leverage + relief + bowl + cut + bins).sqrt().where(signal > 0, 0)
+    residual = (std**2 * leverage + relief + bowl + bins).sqrt().where(signal > 0, 0)
     return torch.stack([
         (own[:, DEPTH] + d) % period, *slopes, (strength / exposure.clamp(min=TINY)).clamp(min=TINY), std,
         evidence(value, photons, squares, frame), residual], 1)
