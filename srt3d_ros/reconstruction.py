@@ -85,6 +85,9 @@ class Reconstructor:
         photons, notes = int(np.sum(seen.photons)), getattr(seen, "notes", ())
         if isinstance(seen, PhaseSums) and self._name == DEFAULT_METHOD and (problem := contradiction(seen)):
             notes += (problem,)
+        if share := getattr(self._method, "misplaced_share", 0):
+            notes += (f"{share:.0%} of the photons near surfaces stay unexplained: the IRF lacks a tail, or there is "
+                      "fog",)
         if self._surfaces == 1 and len(points):
             most = max((points.sensor.num_bins - 1) // 2, 1)
             sketch = seen if isinstance(seen, PhaseSums) else sketch_photons(frame, points.sensor, LOOKED_AT[:most])

@@ -15,6 +15,7 @@ from srt3d_ros.evaluation.cases import SCENES, Case, of_files, simulated
 
 SCENE_DEFAULTS = {"sbr": [10.0, 1.0, 0.1], "ppp": [1.0, 10.0, 100.0], "repeats": 1}
 HEAD_DEFAULTS = {"sbr": [1.0], "ppp": [10.0], "repeats": 1}         # of `simulator`
+FILE_OPTIONS = ("sensor_file", "held_out_photons")
 NO_FIGURES = "no figures: matplotlib is missing (pip install '.[pictures]' in the clone)"
 
 
@@ -47,6 +48,9 @@ def add_parser(subparsers) -> None:
                                   help="random draws of each setting, averaged (default: 1)")
     photon_files = parser.add_argument_group("photon files")
     common.add_sensor_file(photon_files)
+    photon_files.add_argument("--held-out-photons", type=float, metavar="SHARE",
+                              help="keep this share of the photons out of the reconstruction and score how well the "
+                                   "cloud predicts them (default: 0.4 for a file without a reference, else 0)")
     parser.set_defaults(run=run)
 
 
@@ -95,14 +99,16 @@ def _cases(args: argparse.Namespace) -> list[Case]:
     if len(files) < len(args.files):
         scenes.setdefault("bust", dict(HEAD_DEFAULTS))
     for names, inputs, there in ((SCENE_DEFAULTS, "simulated scenes: add --scene", scenes),
-                                 (("sensor_file",), "photon files", files)):
+                                 (FILE_OPTIONS, "photon files", files and not (args.held_out_photons and scenes))):
         for name in common.given(args, names):
             option = f"--{name.replace('_', '-')}"
             require(there, option, problem=f"{option} works only with {inputs}.")
+    share = args.held_out_photons
     require(args.repeats is None or args.repeats >= 1, "--repeats", args.repeats, "1 or more")
     require(args.surfaces is None or 1 <= args.surfaces <= MAX_SURFACES, "--surfaces", args.surfaces,
             f"1 to {MAX_SURFACES}")
-    cases = of_files(files, args.tolerance, args.surfaces, **common.given_sensor(args))
+    require(share is None or 0 <= share < 1, "--held-out-photons", share, "a share of the photons, 0 to below 1")
+    cases = of_files(files, args.tolerance, args.surfaces, share, **common.given_sensor(args))
     for scene, settings in scenes.items():
         settings |= common.given(args, settings)
         cases += simulated(scene, settings["sbr"], settings["ppp"], settings["repeats"], args.tolerance, args.surfaces)

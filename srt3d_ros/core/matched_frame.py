@@ -177,18 +177,24 @@ class SensorOnDevice:
 def _unlike(energy: np.ndarray, omega: np.ndarray, bins: int) -> np.ndarray:
     """`MatchedFrame.unlike`: ‖u‖ / ‖ĥ‖ for Δ = 0 … T − 1.
 
-    u is what is left of |ĥ_l| exp(i ω_l Δ) after least squares on |ĥ_l| times 1, i ω_l, ω_l² and i ω_l³, of real
-    coefficients: corrections of the intensity, depth, width and skew of a surface (`kernels` `drop_ghosts`).
+    u is what is left `uncorrected` of |ĥ_l| exp(i ω_l Δ).
     """
     root = np.sqrt(energy, dtype=float)
-    turns, relative = np.outer(np.arange(bins), omega), omega / omega.max()
-    powers = min(max(len(omega) // 2, 2), CORRECTED)
-    left = np.zeros(bins)
-    for wave, first in ((np.cos(turns), 0), (np.sin(turns), 1)):
+    left = uncorrected(root * np.exp(1j * np.outer(np.arange(bins), omega)), root, omega)
+    return (np.linalg.norm(left, axis=1) / np.linalg.norm(root)).astype(np.float32)
+
+
+def uncorrected(values: np.ndarray, root: np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """What is left of values over |ĥ_l|, complex [..., m], once a surface is corrected; `root` is |ĥ_l|.
+
+    Least squares on |ĥ_l| times 1, i ω_l, ω_l² and i ω_l³, of real coefficients: corrections of the intensity, depth,
+    width and skew (`kernels` `drop_ghosts`).
+    """
+    relative, powers, left = omega / omega.max(), min(max(len(omega) // 2, 2), CORRECTED), []
+    for part, first in ((np.real(values), 0), (np.imag(values), 1)):
         basis = np.linalg.qr(np.stack([root * relative**power for power in range(first, powers, 2)], axis=1))[0]
-        part = wave * root
-        left += ((part - part @ basis @ basis.T)**2).sum(axis=1)
-    return np.sqrt(left / (root**2).sum()).astype(np.float32)
+        left.append(part - part @ basis @ basis.T)
+    return left[0] + 1j * left[1]
 
 
 def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,

@@ -166,7 +166,10 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None, guess_
         given["gate"] = gate = parse(given["gate"])
         require(not isinstance(gate, str), "gate", quoted(gate), "first and last bin, both kept")
     given |= {name: _names(name, given[name]) for name in ("axes", "columns") if name in given}
-    mask_hot = given.pop("mask") == "auto" if str(given.get("mask")) in ("auto", "off") else None
+    mask_hot = None
+    if isinstance(mask := given.get("mask"), str):
+        require(mask in ("auto", "off"), "mask", quoted(mask), "auto, off, or an array [rows, cols]")
+        mask_hot = given.pop("mask") == "auto"
     given |= {name: array(name, given[name]) for name in PIXEL_MAPS if name in given}
     if "irf_sigma_bins" in given:
         given["irf"] = irfs.gaussian(finite("irf_sigma_bins", given.pop("irf_sigma_bins"), "bins, above 0"))

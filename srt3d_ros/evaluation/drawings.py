@@ -77,4 +77,5 @@ def _caption(row: dict) -> str:
     if "true_detections_percent" in row:
         return (f"TD {row['true_detections_percent']:.1f} %  FD {row['false_detections_percent']:.1f} %\n"
                 f"DAE {row['dae_mm']:.3g} mm")
-    return f"{row['points']:,} points"
+    nats = f"  {row['held_out_nats']:.1f} nats / 100 pixels" if row["held_out"] else ""
+    return f"{row['points']:,} points{nats}"

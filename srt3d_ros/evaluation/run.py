@@ -12,6 +12,7 @@ from srt3d_ros.core.methods import Method
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.errors import InvalidInput
+from srt3d_ros.evaluation import held_out
 from srt3d_ros.evaluation.cases import Case, Observation
 from srt3d_ros.photons import Photons
 
@@ -40,7 +41,8 @@ class Job:
         case = self.case
         return {"source": case.source, "sbr": case.sbr, "ppp": case.ppp, "repeat": case.repeat,
                 "method": self.method.name, "sketch_size": self.sketch_size, "surfaces": case.surfaces,
-                "rows": case.sensor.rows, "cols": case.sensor.cols, "tolerance_bins": float(case.tolerance_bins)}
+                "rows": case.sensor.rows, "cols": case.sensor.cols, "tolerance_bins": float(case.tolerance_bins),
+                "held_out": case.held_out}
 
 
 class Outcome(NamedTuple):
@@ -79,6 +81,8 @@ def outcome(job: Job, observation: Observation) -> Outcome:
     row = job.settings | facts | {
         "num_bins": sensor.num_bins, "bin_width_mm": sensor.bin_width_m * 1e3, "points": len(cloud),
         "photons_per_pixel": observation.frame.photons / sensor.pixels, "version": __version__}
+    if observation.held_out is not None:
+        row |= held_out.gain(cloud, sensor, observation.frame, observation.held_out, case.held_out)
     if observation.depth_bins is not None:
         row |= judge(cloud, case, observation)
     return Outcome(job, cloud, row)

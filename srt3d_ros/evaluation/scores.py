@@ -7,16 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
-SETTINGS = ("source", "sbr", "ppp", "repeat", "method", "sketch_size", "surfaces", "rows", "cols", "tolerance_bins")
+SETTINGS = ("source", "sbr", "ppp", "repeat", "method", "sketch_size", "surfaces", "rows", "cols", "tolerance_bins",
+            "held_out")
 FIGURES = ("frequencies", "num_bins", "bin_width_mm", "photons_per_pixel", "points", "true_detections_percent",
            "true_detections_by_surface_percent", "false_detections_percent", "dae_bins", "dae_mm", "iae",
-           "within_1_std_percent", "within_2_std_percent", "sketch_ms", "reconstruct_ms", "version")
+           "within_1_std_percent", "within_2_std_percent", "held_out_nats", "held_out_std",
+           "sketch_ms", "reconstruct_ms", "version")
 RESULT_COLUMNS = SETTINGS + FIGURES
 _MEANS = ("photons_per_pixel", "points", "true_detections_percent", "false_detections_percent", "dae_bins", "dae_mm",
-          "iae", "within_1_std_percent", "within_2_std_percent", "sketch_ms", "reconstruct_ms")
+          "iae", "within_1_std_percent", "within_2_std_percent", "held_out_nats", "held_out_std", "sketch_ms",
+          "reconstruct_ms")
 _BY_SURFACE = "true_detections_by_surface_percent"
 HEADINGS = ("source", "SBR", "photons / pixel", "method", "m", "TD %", "FD %", "DAE bins", "DAE mm", "IAE",
-            "≤ 1 σ %", "≤ 2 σ %", "points")
+            "≤ 1 σ %", "≤ 2 σ %", "points", "held-out nats / 100 pixels")
 NOTHING = "–"
 _DECIMALS = {"false_detections_percent": 1, "dae_bins": 2, "dae_mm": 2, "iae": 3, "within_1_std_percent": 0,
              "within_2_std_percent": 0}
@@ -83,9 +86,10 @@ def _cells(row: dict) -> list[str]:
     surfaces = row[_BY_SURFACE]
     detected = " + ".join(f"{share:.1f}" for share in surfaces) or _shown(row["true_detections_percent"], 1)
     ppp = row["photons_per_pixel"]
+    held_out = f"{row['held_out_nats']:.1f} ± {row['held_out_std']:.1f}" if row["held_out"] else NOTHING
     return [row["source"], f"{row['sbr']:g}" if row["sbr"] else NOTHING,
             f"{ppp:.3g}" if ppp < 999.5 else f"{ppp:.0f}", row["method"], str(row["sketch_size"] or NOTHING), detected,
-            *(_shown(row[name], digits) for name, digits in _DECIMALS.items()), f"{row['points']:.0f}"]
+            *(_shown(row[name], digits) for name, digits in _DECIMALS.items()), f"{row['points']:.0f}", held_out]
 
 
 def _shown(value: float, digits: int) -> str:

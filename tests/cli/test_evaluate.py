@@ -9,6 +9,7 @@ import pytest
 
 from srt3d_ros import read
 from srt3d_ros.core.methods import METHODS
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import photon_file
 from srt3d_ros.evaluation import run as evaluation
 from srt3d_ros.evaluation.run import reconstruct
@@ -17,10 +18,12 @@ from srt3d_ros.messages import sensor_message
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, layers):
-    """layers.npz: photons of two surfaces; bare.npz: photons without reference."""
+    """layers.npz: photons of two surfaces; bare.npz: photons without reference, few.npz: few."""
     path, photons = tmp_path_factory.mktemp("evaluate"), read(layers)
     shutil.copy(layers, path)
-    photon_file.save(path / "bare.npz", photons.sensor, photons.frame)
+    events = photons.frame
+    photon_file.save(path / "bare.npz", photons.sensor, events)
+    photon_file.save(path / "few.npz", photons.sensor, PhotonEvents(events.pixel[:240], events.toa[:240]))
     (path / "results.csv").write_text("of something else")
     return path
 
@@ -47,13 +50,22 @@ def test_every_method_is_held_against_a_file(run, tmp_path):
     assert (tmp_path / "out" / "reconstructions_files.png").exists()
 
 
-def test_a_file_without_a_reference_has_clouds_and_no_figures_and_a_sensor_file_replaces_its_own(run, tmp_path):
+def test_held_out_photons_judge_files_and_do_so_by_themselves_where_there_is_no_reference(run, tmp_path):
+    code, out, err, rows = run("bare.npz", "few.npz", "layers.npz", "--methods", "pooled", "--surfaces", "2")
+    rows = {row["source"]: row for row in rows}
+    bare = rows["bare"]
+    assert code == 0 and [rows[name]["held_out"] for name in ("bare", "few", "layers")] == ["0.4", "", ""]
+    assert float(bare["held_out_nats"]) > 10 * float(bare["held_out_std"]) > 0
+    assert float(bare["photons_per_pixel"]) == pytest.approx(36, rel=0.05) and not bare["true_detections_percent"]
+    shown = f"| {float(bare['held_out_nats']):.1f} ± {float(bare['held_out_std']):.1f}"
+    assert shown in out and "| – ± –" not in out and "nan" not in out
+    assert "bare: no reference: clouds of 60% of the photons are judged by how well" in err
+    assert "few: no reference, and too few photons" in err and "layers: no" not in err
     (tmp_path / "wider.json").write_text(sensor_message.to_json(read("layers.npz").sensor.replace(bin_width_s=1e-10)))
-    code, out, err, (bare, layers) = run("bare.npz", "layers.npz", "--methods", "pooled", "--surfaces", "2",
-                                         "--sensor-file", tmp_path / "wider.json", "--tolerance", "75mm")
-    assert code == 0 and not bare["true_detections_percent"] and layers["true_detections_percent"]
-    assert float(bare["photons_per_pixel"]) == pytest.approx(60, rel=0.05) and "nan" not in out
-    assert float(layers["tolerance_bins"]) == pytest.approx(5, rel=0.01) and "not as in the file: bin_width_s" in err
+    code, _, err, (row,) = run("layers.npz", "--methods", "pooled", "--held-out-photons", "0.4",  # replaces the others
+                               "--sensor-file", tmp_path / "wider.json", "--tolerance", "75mm")
+    assert code == 0 and row["held_out"] == "0.4" and row["true_detections_percent"]
+    assert float(row["tolerance_bins"]) == pytest.approx(5, rel=0.01) and "not as in the file: bin_width_s" in err
 
 
 def test_a_scene_is_simulated_at_every_setting(run, tmp_path):
@@ -115,6 +127,10 @@ def test_an_interrupted_evaluation_leaves_its_rows_and_the_next_one_starts_anew(
     (["layers.npz", "--methods", "magic"], "method is magic"), (["simulator", "--ppp", "-1"], "--ppp is -1"),
     (["layers.npz", "--ppp", "3"], "--ppp works only with simulated scenes"),
     (["--sketch-size", "0"], "--sketch-size is 0"), (["layers.npz", "--tolerance", "near"], "--tolerance is near"),
+    (["bare.npz", "--held-out-photons", "nan"], "--held-out-photons is nan"),
+    (["bare.npz", "--scene", "net", "--held-out-photons", "0.4"], "--held-out-photons works only with photon files"),
+    (["few.npz", "--held-out-photons", "0.4"],
+     "few has 240 photons: --held-out-photons 0.4 needs 250 or more"),
     (["--scene", "net", "--sensor-file", "a.json"], "--sensor-file works only with photon files"),
     (["bare.npz", "--out", "."], "results.csv was not written by srt3d evaluate"),
 ])

@@ -173,6 +173,7 @@ def test_an_irf_that_is_too_long_for_turned_counts_names_axes():
 
 
 @pytest.mark.parametrize(("options", "said"), [
+    ({"mask": "hot"}, 'mask is "hot": expected auto, off, or an array'),
     ({"axes": "bins,rows"}, "axes is .*: expected rows, cols and bins in the order of the array"),
     ({"axes": ("bins", "rows", "rows")}, "axes is .*: expected rows, cols and bins"), ({"axes": 3}, "axes is 3: "),
     ({"columns": "a,b,c,d"}, "columns is .*: expected the arrays"), ({"columns": [1, 2, 3]}, "columns"),

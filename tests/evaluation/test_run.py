@@ -8,6 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
+from srt3d_ros import read
 from srt3d_ros.core.methods import METHODS, Method
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.point_cloud import POINT_FIELDS
@@ -80,7 +81,7 @@ def test_a_row_is_on_the_disk_at_once_and_a_table_is_known_by_its_columns(tmp_pa
         write(ROW | {"dae_mm": 1 / 3, "points": 19_881, "iae": float("nan"), "frequencies": (1, 2, 5), "sbr": 0.1})
         with open(path, newline="") as file:
             row, = csv.DictReader(file)
-    wanted = {"dae_mm": "0.333333", "points": "19881", "iae": "", "frequencies": "1;2;5", "sbr": "0.1"}
+    wanted = {"dae_mm": "0.333333", "points": "19881", "iae": "", "frequencies": "1;2;5", "held_out": "", "sbr": "0.1"}
     assert tuple(row) == RESULT_COLUMNS and {name: row[name] for name in wanted} == wanted
     path = tmp_path / "results.csv"
     for content in (b"", b"a,b\n1,2\n", b"\xff\xfe\x00"):
@@ -158,6 +159,15 @@ def test_a_file_has_as_many_surfaces_as_references_and_a_name_of_its_own(layers)
     assert (case.surfaces, case.tolerance_bins) == (1, 40)
     with pytest.raises(InvalidInput, match="^Two files are called layers: rename one"):
         of_files([str(layers), str(layers)])
+
+
+def test_held_out_photons_are_no_longer_in_the_frame(layers):
+    photons = read(layers)
+    case, = of_files([str(layers)], held_out_share=0.25)
+    seen = case.observe()
+    assert case.held_out == 0.25 and seen.frame.photons + seen.held_out.photons == photons.frame.photons
+    assert seen.held_out.photons / photons.frame.photons == pytest.approx(0.25, abs=0.02)
+    assert np.array_equal(seen.depth_bins, photons.reference_depth_bins)
 
 
 def test_what_is_to_be_known_about_a_file_is_passed_on(layers, tmp_path):

@@ -18,6 +18,7 @@ import numpy as np
 from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.method.background import Background, BackgroundEstimate, RemovedBackground
 from srt3d_ros.core.method.frame import Found, Frames
+from srt3d_ros.core.method.irf_check import misplaced_share
 from srt3d_ros.core.method.pile_up import PileUp
 from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, Scores
 from srt3d_ros.core.motion.trajectory import Pose, Trajectory
@@ -41,6 +42,10 @@ class Pooled:
         background: how it spreads over the bins: "sensor": by its background_shape; "flat"; or "auto": what the last
             cloud leaves unexplained, if significant.
         window_frames: W, frames of which each cloud is made (`MovingWindow`).
+
+    Attributes:
+        misplaced_share: of the photons of the last cloud's surfaces, by `irf_check`; 0 if the background is uneven or
+            pile-up was corrected, which leave as much.
     """
 
     def __init__(self, sensor: SensorModel, frequencies: Sequence[int], surfaces: int = 1,
@@ -88,6 +93,8 @@ class Pooled:
         found, self._learned = (self._first(self._frames, plain) if self._is_first
                                 else self._next(self._frames, plain, self._learned))
         cloud = replace(found.cloud, clutter=self._background.most_clutter(self._learned))
+        is_plain = piled_up is None and self._learned.mean is None
+        self.misplaced_share = misplaced_share(self._matcher, sketch, cloud) if is_plain else 0.0
         if piled_up is not None:
             cloud, self._piled_up = self._pile_up.corrected(cloud, sketch, piled_up)
         return cloud

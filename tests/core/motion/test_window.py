@@ -133,12 +133,12 @@ def test_clouds_of_a_window_have_more_points_and_the_photons_of_one_frame(cycles
 
 
 def test_a_window_that_moves_keeps_the_light_of_one_frame_on_a_steep_wall():
-    """A wall that recedes by some bins a pixel, of which a third of a pixel passes in each frame."""
+    """A wall that recedes by some bins a pixel, of which a pixel or so passes in each frame."""
     sensor = SensorModel(48, 48, T, 1e-10, np.exp(-0.5 * ((np.arange(9) - 4) / 1.5)**2),
                          projection=Pinhole(60, 60, 23.5, 23.5))
     pooled, trajectory, light = Pooled(sensor, FREQUENCIES, window_frames=10), Trajectory(), []
     for k in range(16):
-        x_m = 0.005 * k
+        x_m = 0.02 * k
         range_m = (1 + x_m) / (sensor.rays[..., 2] - sensor.rays[..., 0])          # z = 1 + x
         trajectory.add(100 * k * MS, Pose(translation=np.array([x_m, 0, 0])))
         scene = StaticScene(range_m.astype(np.float32), np.ones((48, 48), np.float32))
