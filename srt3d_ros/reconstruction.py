@@ -88,7 +88,7 @@ class Reconstructor:
         if share := getattr(self._method, "misplaced_share", 0):
             notes += (f"{share:.0%} of the photons near surfaces stay unexplained: the IRF lacks a tail, or there is "
                       "fog",)
-        if self._surfaces == 1 and len(points):
+        elif self._surfaces == 1 and len(points):       # an IRF without its tail leaves photons behind a wall, too
             most = max((points.sensor.num_bins - 1) // 2, 1)
             sketch = seen if isinstance(seen, PhaseSums) else sketch_photons(frame, points.sensor, LOOKED_AT[:most])
             notes += tuple(filter(None, [hidden_scene(sketch, points)]))

@@ -12,15 +12,18 @@ LOW = 0.8                   # |ĥ|², least: an IRF 10 % too wide leaves 0.05 % 
 TOGETHER = 32               # neighbours in a row, whose photons are added up: what they see lies at about one depth
 MORE_ENERGY = 0.01          # of the plane's, in the rest: another surface with an eighth of its photons
 MORE_SIGMAS = 6.0           # of the photons' noise, in the rest
+FULL = 0.05                 # photons a cycle; more bend the background by pile-up
 
 
 def hidden_scene(sketch: PhaseSums, cloud: PointCloud) -> str:
     """A warning if nearly all pixels have their only point at one depth, and their photons show that there is more.
 
     What a plane and an even background leave of sketches, once the plane is fitted in each pixel, has the energy of the
-    photons' noise, their number n.
+    photons' noise, their number n. Nothing is said where the background is known to be uneven.
     """
     sensor, kept = cloud.sensor, sketch.photons > 0
+    if sensor.background_shape is not None or 0 < sketch.cycles * FULL < np.median(sketch.photons[kept & sensor.used]):
+        return ""
     pixels, depth = int(np.count_nonzero(kept & sensor.used)), cloud.depth_bins
     if len(cloud) < max(NEARLY_ALL * pixels, FEWEST_PIXELS) or cloud.surfaces > 1:
         return ""

@@ -32,12 +32,18 @@ class SignsOfLife:
     It needs 12 photons in 3 × 3 pixels; 12 in 5 × 5 since the last point near it went; and a background, in 3 × 3 and
     5 × 5 pixels, its row and its column, that has not fallen to a tenth. All need more pixels with a point than false
     alarms explain: without these, the laser may be off.
+
+    Args:
+        exposure: relative efficiency of the pixels, 0 where masked, [rows, cols]; without it, all are alike.
     """
 
-    def __init__(self):
+    def __init__(self, exposure: np.ndarray | None = None):
         from scipy import ndimage  # here: slow, and few need it
 
-        self._filters = ndimage
+        self._filters, self._share = ndimage, np.float32(1 / WIDE**2)       # of a pixel in the wide square's photons
+        if exposure is not None:
+            around = ndimage.uniform_filter(exposure, WIDE, mode="constant") * np.float32(WIDE**2)
+            self._share = exposure / np.maximum(around, EPSILON)
         self.forget()
 
     def forget(self) -> None:
@@ -60,6 +66,7 @@ class SignsOfLife:
         step_s = (stamp_ns - self._last_ns) * 1e-9
         if not 0 < step_s <= MEMORY_S:
             self.forget()
+            step_s = 0.0        # by a clock that was set back, memory would grow beyond all numbers
         self._last_ns = stamp_ns
         self._points.append(int(has_point.sum()))
         quiet = ~self._near(has_point, 2 * NEAR + 1)
@@ -82,7 +89,7 @@ class SignsOfLife:
             quiet: pixels without a point near.
         """
         usual = self._usual * quiet
-        own = _evidence(usual[1] / WIDE**2, photons * quiet)
+        own = _evidence(usual[1] * self._share, photons * quiet)
         added = _evidence(usual, dark), own.sum(axis=1, keepdims=True), own.sum(axis=0)
         self._evidence = [np.clip(before + more, 0, 2 * SURE) for before, more in zip(self._evidence, added)]
         squares, rows, cols = (each > SURE for each in self._evidence)
@@ -111,7 +118,7 @@ class FreeSpaceStream:
     """
 
     def __init__(self, sensor: SensorModel, frequencies: Sequence[int]):
-        self._free, self._life, self._used = FreeSpace(sensor, frequencies), SignsOfLife(), sensor.used
+        self._free, self._life, self._used = FreeSpace(sensor, frequencies), SignsOfLife(sensor.exposure), sensor.used
         self.end_m = self._free.end_m
 
     def __call__(self, sketch: PhaseSums, cloud: PointCloud, brightness: float, max_range_m: float = 0.0,

@@ -84,6 +84,26 @@ def test_frames_may_come_fast_and_stamps_may_leap():
     assert works == [False, *[True] * 8, False, True, False]
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("back_s", [1, 300, 1_000_000])
+def test_a_clock_that_is_set_back_begins_a_new_stream_in_which_pixels_that_die_claim_nothing(back_s):
+    rng, life = np.random.default_rng(1), SignsOfLife()
+    for start_ns in (2 * 10**15, 2 * 10**15 - back_s * 10**9):
+        seen = [life(start_ns + k * STEP_NS, rng.poisson(1.0, BLOCK.shape) * ~(BLOCK & (k >= 20)), ALL & False, -1)
+                for k in range(24)]
+        assert seen[19].mean() > 0.99 and not seen[-1][BLOCK].any()
+
+
+def test_masked_and_dim_columns_are_not_taken_for_dead_ones_and_those_beside_them_work():
+    rng, exposure = np.random.default_rng(1), np.ones(BLOCK.shape, np.float32)
+    exposure[:, 21], exposure[:, 30] = 0, 0.1
+    life, blind = SignsOfLife(exposure), SignsOfLife()
+    for k in range(1, 60):
+        photons = rng.poisson(exposure)
+        works, taken = (each(k * STEP_NS, photons, ALL & False, -1).mean(axis=0) for each in (life, blind))
+    assert works.min() > 0.9 and not taken[[19, 23, 28, 32]].any()
+
+
 def test_a_laser_that_is_off_claims_nothing():
     sensor = make_sensor(SIDE, SIDE)
     stream, noise = FreeSpaceStream(sensor, (1, 2, 3)), noise_sketch(sensor, (1, 2, 3))

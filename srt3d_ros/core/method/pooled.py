@@ -67,7 +67,7 @@ class Pooled:
 
     def set_false_alarm_rate(self, false_alarm_rate: float) -> None:
         """Use this false alarm rate from the next frame on."""
-        self._scores = Scores.of(false_alarm_rate, max(self._matcher.frequencies))
+        self._scores = Scores.of(false_alarm_rate, max(self._matcher.frequencies), self._matcher.used.size)
 
     def __call__(self, sketch: PhaseSums, trajectory: Trajectory | None = None) -> PointCloud:
         """The point cloud of one frame's sketch, or of the window that ends with it, with the photons of one frame.
