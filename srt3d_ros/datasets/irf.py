@@ -75,7 +75,7 @@ def checked(irf: np.ndarray, ref: int | None) -> tuple[np.ndarray, tuple[Note, .
     end, beside = min(((mean[:eighth], mean[eighth:2 * eighth]), (mean[::-1][:eighth], mean[::-1][eighth:2 * eighth])),
                       key=lambda ends: ends[0].sum())
     floor = end.mean() if eighth > 1 and end.size else 0.0
-    if floor * len(mean) > FLOOR_SHARE * mean.sum() and beside.mean() < FLAT * floor < 0.5 * mean[peak]:
+    if floor * len(mean) > FLOOR_SHARE * mean.sum() > 0 and beside.mean() < FLAT * floor < 0.5 * mean[peak]:
         low = _smooth(mean) - floor <= NOISE_SIGMAS * end.std() * SMOOTH_NOISE
         before, after = np.flatnonzero(low[:peak]), np.flatnonzero(low[peak:])
         pulse = slice(before[-1] + 1 if before.size else 0, peak + after[0] if after.size else len(mean))

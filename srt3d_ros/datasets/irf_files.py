@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
-from srt3d_ros.datasets.values import Note, array
+from srt3d_ros.datasets.values import Note, array, channel_of
 from srt3d_ros.errors import finite, require
 from srt3d_ros.files import isolated, tcspc_files
 from srt3d_ros.files.array_files import map_npy, read_errors, read_npz_arrays, require_file
@@ -118,7 +118,7 @@ def _read_file(path: Path) -> tuple[np.ndarray, Steps | None]:
         return _read_mat(path), None
     if suffix in tcspc_files.READERS:
         sets = tcspc_files.READERS[suffix](path)
-        chosen = tcspc_files.brightest(sets)
+        chosen, _ = channel_of(tcspc_files.photons(sets), None)
         counts, width_s, _ = sets[chosen]
         curve = counts.reshape(-1, counts.shape[-1]).sum(axis=0, dtype=np.float64)
         several = len(sets) > 1 or len(curve) < counts.size

@@ -14,7 +14,7 @@ from srt3d_ros.datasets.bags import frames as bag_frames
 from srt3d_ros.datasets.bags.bag import Bag, is_bag
 from srt3d_ros.datasets.irf import tail_note
 from srt3d_ros.datasets.options import Options, SensorOptions, gathered
-from srt3d_ros.datasets.readers import csv_lists, cubes, hdf5, histograms, mat, npz, ptu, tmf8829, tttr
+from srt3d_ros.datasets.readers import csv_lists, hdf5, histograms, mat, npz, ptu, tmf8829, tttr
 from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput, quoted, require
@@ -26,7 +26,7 @@ from srt3d_ros.messages import sensor_message
 SIMULATOR = "simulator"     # in place of a path
 # Functions by suffix, of path and options (options.gathered). They raise InvalidInput, naming the file and what in it
 # cannot be used. Those of LOGS yield a function for each frame that reads it.
-FILE_READERS = {".npz": npz.read, ".npy": cubes.read, ".mat": mat.read, ".csv": csv_lists.read, ".ptu": ptu.read,
+FILE_READERS = {".npz": npz.read, ".npy": npz.read_npy, ".mat": mat.read, ".csv": csv_lists.read, ".ptu": ptu.read,
                 ".sdt": histograms.read, ".phu": histograms.read,
                 **dict.fromkeys((".spc", ".pt3", ".ht3"), tttr.read),
                 **dict.fromkeys((".h5", ".hdf5", ".hdf", ".nc"), hdf5.read)}

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from srt3d_ros.core.sketching.photon_frame import COUNT_DTYPES
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import InvalidInput, finite, require
 
 MAX_EVENTS = 2**28         # of a frame, one by one
 WRAPPED = 255, 65_535       # the largest numbers of unsigned types
@@ -28,6 +28,19 @@ def outside_note(dropped: int, photons: int, first: int, last: int) -> tuple[str
     """The note on photons that a gate drops, if any."""
     note = f"{dropped} of {photons} photons lie outside the gate (bins {first} to {last}): dropped"
     return (note,) if dropped else ()
+
+
+def channel_of(photons: dict[int, float], wanted: int | None, kind: str = "channel") -> tuple[int, tuple[str, ...]]:
+    """The wanted channel, or else the one with the most photons, and then a note; `photons` are those of each."""
+    require(len(photons) > 0, "photons", problem="The file has no photons.")
+    listed = ", ".join(map(str, photons))
+    if wanted is None:
+        chosen = max(photons, key=photons.__getitem__)
+        note = f"photons of {kind} {chosen}, which has the most, of {listed} (--channel)"
+        return chosen, (note,) if len(photons) > 1 else ()
+    chosen = int(finite("channel", wanted, f"a {kind}'s number"))
+    require(chosen in photons, "channel", chosen, f"one of {listed}")
+    return chosen, ()
 
 
 def array(name: str, values: Any) -> np.ndarray:

@@ -78,9 +78,9 @@ def ptu_bins(file: Any) -> tuple[int, float]:
 READERS = {".sdt": sdt_sets, ".phu": phu_curves, ".ptu": ptu_channels}
 
 
-def brightest(sets: list[Histograms]) -> int:
-    """Which data set has the most photons."""
-    return int(np.argmax([one.counts.sum(dtype=np.float64) for one in sets]))
+def photons(sets: list[Histograms]) -> dict[int, float]:
+    """The number of photons of each data set, by its index."""
+    return {index: float(one.counts.sum(dtype=np.float64)) for index, one in enumerate(sets)}
 
 
 def _histograms(counts: np.ndarray, width_s: float, laser_hz: float, recorded: int) -> Histograms:

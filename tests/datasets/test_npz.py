@@ -57,6 +57,7 @@ DEPTH = np.full((2, 3), 20.0)
     ("distortion", {"projection": "angular_scan", "projection_values": np.ones(4), "distortion": np.ones(5)}),
     ("gate_words shape", {"gate_words": np.array([1])}),
     ("frame_id", {"frame_id": np.array([0x7FFFFFFF, 65], np.uint32).view("<U2")})])     # no character
+@pytest.mark.filterwarnings("error")
 def test_malformed_files_are_named_in_one_line(tmp_path, field, changes):
     with pytest.raises(InvalidInput) as caught:
         read(write(tmp_path, **changes))

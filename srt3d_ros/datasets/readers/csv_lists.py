@@ -25,8 +25,7 @@ NEAR = 1e-3         # of a bin: times of a clock, as rounded in the file
 def read(path: Path, options: Options) -> Reading:
     """Photons of a .csv file, separated by commas, semicolons or tabs.
 
-    ToA with a unit in the header become bins of bin_width_s. Sizes that the options lack are those that the photons
-    take, and a note says so.
+    ToA with a unit in the header become bins of bin_width_s.
     """
     expected = "a line of names, and a line of numbers for each photon"
     with read_errors(path, expected), warnings.catch_warnings():
@@ -48,7 +47,7 @@ def read(path: Path, options: Options) -> Reading:
         table[:, -1] *= _bins_per_unit(columns[-1], options)
         whole = np.rint(table)
         table = whole if np.abs(table - whole).max() < NEAR else table
-        arrays = dict(zip(columns, table.T)) | _sizes(columns, table, options)
+    arrays = dict(zip(columns, table.T))
     return npz.from_arrays(path, arrays, replace(options, columns=columns), npz.PHOTONS, ", ".join(names))
 
 
@@ -68,16 +67,3 @@ def _bins_per_unit(name: str, options: Options) -> float:
     width_s = finite("bin_width_s", options.known.get("bin_width_s", 0), "seconds")
     require(width_s > 0, "bin_width_s", problem=f"{name} is in {unit[1]}: give bin_width_s (--bin-width-s).")
     return UNITS_S[unit[1]] / width_s
-
-
-def _sizes(columns: tuple[str, ...], table: np.ndarray, options: Options) -> dict[str, np.ndarray]:
-    """The sizes that the options lack and the photons show, and a note on them."""
-    names = ("rows", "cols", "num_bins")[3 - len(columns):] if len(columns) != 2 else ("num_bins",)
-    largest = table.max(axis=0, initial=0)[-len(names):]
-    sizes = {name: max(int(np.floor(most)) + 1, 1 + (name == "num_bins")) for name, most in zip(names, largest)
-             if name not in options.known and np.isfinite(most)}
-    if not sizes:
-        return {}
-    listed = ", ".join(f"{name} {size}" for name, size in sizes.items())
-    note = f"taken from the largest values of the photons: {listed} (give them as options)"
-    return {name: np.array(size) for name, size in sizes.items()} | {"notes": np.array([note])}

@@ -1,4 +1,4 @@
-"""Read photon counts [rows, cols, bins] from .npy files, and for other readers."""
+"""Photons of counts [rows, cols, bins], for the readers of files."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,14 +10,12 @@ from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
 from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, complete, sampled, sensor_of
 from srt3d_ros.datasets.axes import SIZES, choose, in_order
 from srt3d_ros.datasets.options import Options, check_same, replaced_note
-from srt3d_ros.datasets.readers import words
 from srt3d_ros.datasets.reading import Reading, in_gate
 from srt3d_ros.datasets.sensor_arrays import sensor_options, values_of
 from srt3d_ros.datasets.values import outside_note, sendable
 from srt3d_ros.errors import finite, require
-from srt3d_ros.files.array_files import MAX_ARRAY_BYTES, map_npy, read_errors
+from srt3d_ros.files.array_files import read_errors
 
-MAX_CUBE_BYTES = 2**46
 MAX_COUNT = 2**31 - 1
 # Arrays beside the counts that describe the sensor.
 BESIDE = ("irf", "irf_ref", "bin_width_s", "toa_offset_bins", "range_offset_m", "cycles", "dead_time_s", "period_s",
@@ -80,19 +78,6 @@ def only_cube(path: Path, arrays: dict[str, np.ndarray], options: Options, wante
     name, options = choose(arrays, options, wanted, listed)
     sizes = {size for size in SIZES if size in arrays and arrays[size].size == 1}       # others are coordinates
     stated = sensor_options(values_of({key: arrays[key] for key in (*BESIDE, *sizes) if key in arrays and key != name}))
-    if options.no_detection is not None:
-        return words.read(path, arrays[name], options, stated)
     dims = tuple(map(str, arrays.get(f"{name}.dims", ())))
     counts, others, notes, frames = in_order(arrays[name], options, stated, dims)
     return replace(cube(path, counts, others, stated, notes), frames=frames)
-
-
-def read(path: Path, options: Options) -> Reading:
-    """Photons of an .npy file of counts."""
-    most = MAX_ARRAY_BYTES if options.axes is not None else MAX_CUBE_BYTES         # other axes are copied into memory
-    with read_errors(path):
-        array = map_npy(path, f"{path.name} counts", most)
-        if options.no_detection is not None:
-            return words.read(path, array, options, {})
-        counts, others, notes, frames = in_order(array, options, {})
-    return replace(cube(path, counts, others, notes=notes), frames=frames)

@@ -13,6 +13,7 @@ import numpy as np
 from srt3d_ros.datasets.options import Options
 from srt3d_ros.datasets.readers import npz
 from srt3d_ros.datasets.reading import Reading
+from srt3d_ros.datasets.values import channel_of
 from srt3d_ros.errors import finite, require
 from srt3d_ros.files import isolated
 from srt3d_ros.files.array_files import read_errors
@@ -72,9 +73,7 @@ def _toa(content: dict[str, np.ndarray], spot: str, options: Options) -> np.ndar
         return toa
     require(detectors is not None and detectors.shape == toa.shape, f"{spot}detectors",
             problem=f"There is no {spot}detectors with a number for each photon, from which to take a channel.")
-    channel, numbers = int(finite("channel", options.channel, "a detector's number")), np.unique(detectors)
-    require(channel in numbers, "channel", channel, f"a detector of the file: {', '.join(map(str, numbers))}")
-    return toa[detectors == channel]
+    return toa[detectors == channel_of(dict.fromkeys(np.unique(detectors).tolist(), 0), options.channel)[0]]
 
 
 def _number(content: dict[str, np.ndarray], name: str) -> float:

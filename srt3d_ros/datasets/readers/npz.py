@@ -1,5 +1,6 @@
-"""Read .npz files: photons (docs/photon-file.md), one frame with its sensor, or what `save` wrote."""
+"""Read .npz and .npy files: photons (docs/photon-file.md), one frame with its sensor, or what `save` wrote."""
 
+from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
 
@@ -10,10 +11,10 @@ from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.datasets import cloud_files
 from srt3d_ros.datasets.arrays import from_events, from_frame, from_pixels
-from srt3d_ros.datasets.axes import SIZES, in_order
+from srt3d_ros.datasets.axes import SIZES, choose, in_order
 from srt3d_ros.datasets.options import Options
 from srt3d_ros.datasets.photon_file import FIRST_REFERENCES, OTHER_REFERENCES
-from srt3d_ros.datasets.readers import cubes
+from srt3d_ros.datasets.readers import cubes, words
 from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.datasets.sensor_arrays import (
     SENSOR_ARRAYS,
@@ -25,9 +26,10 @@ from srt3d_ros.datasets.sensor_arrays import (
 )
 from srt3d_ros.datasets.values import MAX_EVENTS, sendable
 from srt3d_ros.errors import require
-from srt3d_ros.files.array_files import npz_contents, read_errors, read_npz_arrays
+from srt3d_ros.files.array_files import MAX_ARRAY_BYTES, map_npy, npz_contents, read_errors, read_npz_arrays
 from srt3d_ros.files.isolated_child import listing
 
+MAX_CUBE_BYTES = 2**46
 COLUMNS, PIXEL_COLUMNS = ("row", "col", "toa"), ("pixel", "toa")
 KNOWN = (*SENSOR_ARRAYS, "pixel", *COLUMNS, "stamp_ns", *FIRST_REFERENCES, *OTHER_REFERENCES, "fov_deg", "kind")
 PHOTONS = "row, col (or pixel) and toa of each photon (other names: --columns ROW,COL,TOA, or srt3d_ros.from_events)"
@@ -47,14 +49,26 @@ def read(path: Path, options: Options) -> Reading:
     return from_arrays(path, arrays, options, WANTED, listing(npz_contents(path)))
 
 
+def read_npy(path: Path, options: Options) -> Reading:
+    """Photons of an .npy file of counts, or of words of a SPAD array."""
+    most = MAX_ARRAY_BYTES if options.axes is not None else MAX_CUBE_BYTES         # other axes are copied into memory
+    with read_errors(path):
+        arrays = {"counts": map_npy(path, f"{path.name} counts", most)}
+    return from_arrays(path, arrays, replace(options, array=options.array or "counts"), WANTED, "counts")
+
+
 def from_arrays(path: Path, arrays: dict[str, np.ndarray], options: Options, wanted: str, listed: str) -> Reading:
     """Photons of a file by the names of its arrays: those of an .npz photon file, or else the only array of counts.
 
     Args:
         wanted, listed: what the file should have, and what it has, for an error.
     """
-    has_photons = _has_photons(arrays, options)
     with read_errors(path):
+        if options.no_detection is not None:
+            name, options = choose(arrays, options, wanted, listed)
+            arrays = {key: arrays[key] for key in KNOWN if key in arrays} | words.photons(arrays[name], options)
+            options = options.without("axes", "no_detection", "first_word")
+        has_photons = _has_photons(arrays, options)
         if not has_photons and (not arrays.keys() >= {"counts", *SIZES} or options.axes or options.array):
             return cubes.only_cube(path, arrays, options, wanted, listed)
         usual = PIXEL_COLUMNS if "pixel" in arrays else COLUMNS

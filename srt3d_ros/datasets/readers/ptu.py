@@ -4,7 +4,6 @@ import logging
 import shutil
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,8 @@ from srt3d_ros.datasets.options import Options
 from srt3d_ros.datasets.readers import ptu_t2
 from srt3d_ros.datasets.readers.cubes import cube
 from srt3d_ros.datasets.reading import Reading
-from srt3d_ros.errors import finite, require
+from srt3d_ros.datasets.values import channel_of
+from srt3d_ros.errors import require
 from srt3d_ros.files.array_files import read_errors
 from srt3d_ros.files.tcspc_files import ptu_bins
 
@@ -33,7 +33,11 @@ def read(path: Path, options: Options) -> Reading:
         for mark in filter(ptu.tags.__contains__, MARKS):
             require(1 <= ptu.tags[mark] <= 8, mark, ptu.tags[mark], "a marker from 1 to 8")
         num_bins, bin_width_s = ptu_bins(ptu)
-        channel, notes = _channel(ptu, options)
+        channels = dict.fromkeys(ptu.active_channels, 0)
+        if len(channels) > 1 and options.channel is None:
+            photons = ptu.decode_image((*[SUMMED] * (len(ptu.shape) - 2), None, SUMMED), dtype=COUNT_DTYPE).reshape(-1)
+            channels = {number: photons[number - min(channels)] for number in channels}
+        channel, notes = channel_of(channels, options.channel)
         scanned = ptu.shape[1:-2]       # (rows, cols) of an image, (cols,) of a line, () of a point
         rows = scanned[-2] if len(scanned) > 1 else 1
         cols = scanned[-1] if scanned else 1
@@ -50,20 +54,3 @@ def read(path: Path, options: Options) -> Reading:
                                   keepdims=False, out=None if size <= IN_MEMORY_BYTES else "memmap")
         counts = counts.reshape(rows, cols, num_bins).view(np.int32)       # int32 is sketched without a copy
     return cube(path, counts, options.without("channel"), {"bin_width_s": bin_width_s}, notes)
-
-
-def _channel(ptu: Any, options: Options) -> tuple[int, tuple[str, ...]]:
-    """The channel to read; a note if it was chosen among several."""
-    channels = ptu.active_channels
-    require(len(channels) > 0, "photons", problem="The file has no photons.")
-    if options.channel is not None:
-        chosen = int(finite("channel", options.channel, "a channel's number"))
-        require(chosen in channels, "channel", chosen, f"one with photons: {', '.join(map(str, channels))}")
-        return chosen, ()
-    if len(channels) == 1:
-        return channels[0], ()
-    kept_axis = len(ptu.shape) - 2
-    photons = ptu.decode_image((*[SUMMED] * kept_axis, None, SUMMED), dtype=COUNT_DTYPE).reshape(-1)
-    chosen = channels[0] + int(np.argmax(photons))
-    return chosen, (f"photons of channel {chosen}, which has the most, of channels {', '.join(map(str, channels))} "
-                    "(--channel)",)

@@ -10,6 +10,7 @@ from srt3d_ros.core.sensor.model import MAX_BINS
 from srt3d_ros.datasets.options import Options
 from srt3d_ros.datasets.readers.cubes import cube
 from srt3d_ros.datasets.reading import Reading
+from srt3d_ros.datasets.values import channel_of
 from srt3d_ros.errors import finite, require
 
 RECORDS = 2**20                 # decoded at once
@@ -36,13 +37,9 @@ def read(path: Path, ptu: Any, options: Options) -> Reading:
         toa = np.rint((time - pulse)[use] % period * (tick_s / width_s)).astype(np.int64) % bins
         counts += np.bincount(channel[use].astype(np.int64) * bins + toa, minlength=len(counts))
     counts = counts.reshape(-1, bins)
-    photons = counts.sum(axis=1)
-    listed = ", ".join(map(str, np.flatnonzero(photons)))
-    require(len(listed) > 0, "photons", problem="The file has no photons after its first laser pulse.")
-    chosen = int(finite("channel", options.channel if options.channel is not None else photons.argmax()))
-    require(0 <= chosen < len(photons) and photons[chosen], "channel", chosen, f"one with photons: {listed}")
-    notes = (f"T2: ToA since the pulses on the sync channel, {period * tick_s * 1e9:.6g} ns apart, of channel {chosen} "
-             f"({listed} have photons), all in one pixel",)
+    photons = {number: total for number, total in enumerate(counts.sum(axis=1)) if total}
+    chosen, notes = channel_of(photons, options.channel)
+    notes += (f"T2: ToA since the pulses on the sync channel, {period * tick_s * 1e9:.6g} ns apart, all in one pixel",)
     stated = {"bin_width_s": width_s, "num_bins": bins, "toa_offset_bins": 0.0}       # rounded, not truncated
     return cube(path, counts[None, chosen, None], options.without("channel"), stated, notes)
 
