@@ -131,7 +131,12 @@ class RecorderNode(ManagedNode):
 
     def _on_sensor(self, message: String) -> None:
         sensor = sensor_message.from_json(message.data)
-        if self._path is None or (self._writer is not None and sensor.same_as(self._sensor)):
+        if self._path is None:
+            return
+        if self._writer is not None and sensor.replace(mask=None).same_as(self._sensor.replace(mask=None)):
+            if not sensor.same_as(self._sensor):        # the first second has shown hot pixels
+                self._sensor = sensor
+                self._writer.describe(sensor)
             return
         track = None if sensor.extrinsics is None else SensorMotion(Pose.from_text(sensor.extrinsics))
         if self._writer is not None:        # another sensor needs another recording

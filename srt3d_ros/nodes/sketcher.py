@@ -4,7 +4,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 from std_msgs.msg import String
 
 from srt3d_ros import precompile
@@ -27,10 +26,11 @@ from srt3d_ros.nodes.common import topics
 from srt3d_ros.nodes.common.managed_node import ManagedNode, sensor_summary
 from srt3d_ros.nodes.common.parameters import Parameter, Values
 from srt3d_ros.nodes.common.process import run
-from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.common.worker import Dropped
 from srt3d_ros.nodes.motion_input import MotionInput, motion_parameters
 
+AT_ORIGIN = "0 0 0 0 0 0 1"
+LIKELY_PACKETS = 8          # assumed per frame_period_s until the first period has ended
 PARAMETERS = (
     Parameter("sensor_file", "", "Description of the sensor, for a driver that publishes none: JSON as on `sensor`, "
               "or a photon file. If a driver publishes a different description on `sensor`, its photons are dropped, "
@@ -60,7 +60,7 @@ PARAMETERS = (
     Parameter("frame_id", "", "tf frame of the published messages; if empty, that of the received ones.", live=True),
 )
 
-SPEC = NodeSpec(
+SPEC = topics.NodeSpec(
     "sketcher",
     inputs=(topics.SENSOR, *topics.FRAMES, *topics.MOTION),
     outputs=(replace(topics.SENSOR, when="`sensor_file` is set"), topics.SKETCH_SENSOR, topics.SKETCH),
@@ -74,10 +74,6 @@ def stream_options(values: Values) -> StreamOptions:
     return StreamOptions(values["gate"], spec, values["sketch_size"] if spec in RULES else None,
                          values["packets_per_frame"], round(values["frame_period_s"] * 1e9),
                          values["motion"] != OFF)
-
-
-AT_ORIGIN = "0 0 0 0 0 0 1"
-LIKELY_PACKETS = 8          # assumed per frame_period_s until the first period has ended
 
 
 class SketcherNode(ManagedNode):
@@ -109,26 +105,23 @@ class SketcherNode(ManagedNode):
             precompile.deskewing()
         if self._file is not None:
             self._file_publisher = self.endpoints.advertise(topics.SENSOR)
-        self._sketches, self._descriptions = (self.endpoints.advertise(topic) for topic in (
-            topics.SKETCH, topics.SKETCH_SENSOR))
+        self._sketches, self._descriptions = map(self.endpoints.advertise, (topics.SKETCH, topics.SKETCH_SENSOR))
 
     def activate(self) -> None:
         self.worker.messages_per_frame = max(self.parameters["packets_per_frame"],
                                              LIKELY_PACKETS if self.parameters["frame_period_s"] else 1)
-        self._frame_id, self._described = "", None
+        self._frame_id, self._described, self._own_description = "", None, ""
         self._wake_s = float("inf")             # when `_wake` will be called, by the node's clock
         self._sensor, self._refused = self._file, ""
-        self._own_description = ""              # published on `sensor`, and received from there
         self._topic, self._file_name = self.resolve_topic_name("sensor"), Path(self.parameters["sensor_file"]).name
         if self._file is None:
             self.hold_frames_for("a sensor description", topics.SENSOR)
         else:
             self.get_logger().info(f"sensor_file {self._file_name}: {sensor_summary(self._file)}; a description on "
                                    f"{self._topic} must agree")
-            writer = f"{self.get_fully_qualified_name()} {self.now_ns()}"   # distinguishes it from an equal one
-            message = sensor_message.encode(self._file, x_writer=writer)
+            message = sensor_message.encode(self._file, x_writer=f"{self.get_fully_qualified_name()} {self.now_ns()}")
             self._file_publisher.publish(message)
-            self._own_description = message.data
+            self._own_description = message.data        # its writer tells it from an equal one
             self.worker.call(self._apply)
         if self.parameters["motion"] != OFF:
             self._motion = MotionInput(self, self._on_motion, self.parameters["motion"])
@@ -142,7 +135,7 @@ class SketcherNode(ManagedNode):
         self._sensor, self._stream, self._motion, self._watch = self._file, None, None, None
 
     def _flush(self) -> None:
-        """Publish all frames that have ended, and begin a new frame and a new window."""
+        """Publish all frames that have ended, and begin a new frame."""
         if self._stream is not None:
             self._publish(self._stream, self._stream.flush())
 
@@ -153,8 +146,11 @@ class SketcherNode(ManagedNode):
             return
         try:
             described = self.check_size(sensor_message.from_json(message.data))
-            if self._file is not None:
-                self._compare_with_file(described)
+            difference = None if self._file is None else first_difference(self._file, described)
+            if difference is not None:
+                key, ours, theirs = difference
+                raise InvalidInput(f"{key} on {self._topic}", theirs, f"{ours} as in sensor_file {self._file_name}; "
+                                   "photons are dropped until both agree")
         except InvalidInput as problem:
             if self._stream is not None:        # the open frame may contain photons of the other sensor
                 self._publish(self._stream, self._stream.reset())
@@ -180,14 +176,6 @@ class SketcherNode(ManagedNode):
         self._sensor, self._refused = described, ""
         self._apply()
 
-    def _compare_with_file(self, described: SensorModel) -> None:
-        """Raise InvalidInput if the description does not agree with the file."""
-        difference = first_difference(self._file, described)
-        if difference is not None:
-            key, ours, theirs = difference
-            raise InvalidInput(f"{key} on {self._topic}", theirs, f"{ours} as in sensor_file {self._file_name}; "
-                               "photons are dropped until both agree")
-
     def _use_file(self, reason: str) -> None:
         """Use the file's sensor again if a description has contradicted it."""
         if self._refused:
@@ -202,7 +190,7 @@ class SketcherNode(ManagedNode):
             return
         options = stream_options(self.parameters.as_dict())
         if options.moving:
-            sensor = self._mounted(sensor)
+            sensor = sensor.replace(extrinsics=self.parameters["extrinsics"].strip() or sensor.extrinsics or AT_ORIGIN)
         if self._watch is not None and self.parameters["mask"] != OFF:
             sensor = self._watch.masked(sensor)
         if stream is not None and stream.sensor.same_as(sensor) and options == stream.options:
@@ -226,14 +214,10 @@ class SketcherNode(ManagedNode):
         """Leave out hot pixels once they are known, and warn of photons that look wrong."""
         self._watch = self._watch or LightWatch(sensor)
         if self._watch.look(photons, self._now_s()):
-            self.diagnostics.show(hot_pixels=int(np.count_nonzero(self._watch.hot)))
+            self.diagnostics.show(hot_pixels=int(self._watch.hot.sum()))
             self._apply()
         if self._watch.warning:
             self.diagnostics.warn(self._watch.warning)
-
-    def _mounted(self, sensor: SensorModel) -> SensorModel:
-        """The sensor with its pose on the robot: that of the parameter, or else of its description."""
-        return sensor.replace(extrinsics=self.parameters["extrinsics"].strip() or sensor.extrinsics or AT_ORIGIN)
 
     def _check(self, values: Values) -> None:
         """Raise InvalidInput for parameters that do not suit the sensor; without one, that suit no sensor."""
@@ -292,8 +276,7 @@ class SketcherNode(ManagedNode):
         values = self.parameters
         for sketch in sketches:
             self._describe(stream, sketch.sensor)
-            frame_id = values["frame_id"] or self._frame_id
-            data = sketch_message.encode_cdr(sketch, frame_id, values["layout"])
+            data = sketch_message.encode_cdr(sketch, values["frame_id"] or self._frame_id, values["layout"])
             self.publish_frame(self._sketches, data, sketch.stamp_ns)
         if sketches:
             self.worker.messages_per_frame = stream.packets_per_frame
@@ -309,9 +292,8 @@ class SketcherNode(ManagedNode):
         if self._described is None or not sensor.same_as(self._described):
             self._described = sensor
             self.publish(self._descriptions, sensor_message.encode(sensor))
-            facts = stream.facts
-            self.get_logger().info(f"sketches of {sensor_summary(sensor)}: gate {facts['gate']}, frequencies "
-                                   f"{facts['frequencies']}")
+            self.get_logger().info("sketches of {}: gate {gate}, frequencies {frequencies}".format(
+                sensor_summary(sensor), **stream.facts))
 
 
 main = partial(run, SketcherNode)

@@ -191,6 +191,12 @@ class RecordingWriter(AbstractContextManager):
         self._log(stamp_ns, frame_index, {entities.metric_path(name): [rr.Scalars(float(value))]
                                           for name, value in values.items() if value is not None})
 
+    def describe(self, sensor: SensorModel) -> None:
+        """Set the sensor's description; again if its mask changes."""
+        # An IRF per pixel would take hundreds of megabytes.
+        description = sensor_message.to_json(sensor.replace(irf=sensor.mean_irf))
+        self.set_properties(entities.SENSOR_PROPERTY, {"description": description})
+
     def set_properties(self, name: str, facts: Mapping) -> None:
         """Set facts of a property of the recording."""
         entities.log_properties(self._stream, name, facts)
@@ -240,9 +246,7 @@ class RecordingWriter(AbstractContextManager):
             self._stream.log(path, style, static=True)
         for name, facts in properties.items():
             self.set_properties(name, facts)
-        # An IRF per pixel would take hundreds of megabytes.
-        description = sensor_message.to_json(self._sensor.replace(irf=self._sensor.mean_irf))
-        self.set_properties(entities.SENSOR_PROPERTY, {"description": description})
+        self.describe(self._sensor)
 
     def _send_view(self) -> None:
         """Log the sensor's field of view and the blueprint with an eye on the newest cloud with points, or the room."""

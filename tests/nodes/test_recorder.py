@@ -123,6 +123,17 @@ def test_each_activation_and_each_sensor_begin_a_recording_of_their_own(speaker,
     assert speaker.graph.change("recorder", "activate")
 
 
+def test_hot_pixels_that_are_left_out_begin_no_recording(speaker, sensor, tmp_path):
+    stamps, mask = speaker.record(2), np.arange(sensor.pixels).reshape(sensor.rows, sensor.cols) != 77
+    speaker.describe(sensor.replace(mask=mask))
+    speaker.graph.known_to("recorder")
+    stamps += speaker.record(2)
+    assert speaker.graph.change("recorder", "deactivate") and frames_of(tmp_path / "a.rrd") == stamps
+    text = RecordingReader(tmp_path / "a.rrd").properties()["sensor"]["description"]
+    assert np.array_equal(sensor_message.from_json(text).mask, mask)
+    assert speaker.graph.change("recorder", "activate")
+
+
 def test_empty_rays_are_recorded_in_the_frames_of_their_clouds(speaker, sensor, tmp_path):
     graph, far = speaker.graph, np.full((sensor.rows, sensor.cols), np.nan, np.float32)
     free = graph.matched(graph.publisher(PointCloud2, "free"))
