@@ -6,6 +6,7 @@ ends two seconds after both topics have begun, or with Ctrl-C. Needs the extras 
 """
 
 import argparse
+import os
 import time
 from importlib import import_module
 
@@ -62,6 +63,8 @@ def main() -> None:
     parser.add_argument("topics", nargs="+", help="such as /sensor /photons")
     parser.add_argument("--seconds", type=float, default=float("inf"), help="end so long after all topics have begun")
     args = parser.parse_args()
+    if os.path.lexists(args.bag):
+        parser.error(f"{args.bag} exists: give a new folder")
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     with Writer(args.bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         recorder = BagRecorder(writer, args.topics)

@@ -85,13 +85,16 @@ class Reconstructor:
         photons, notes = int(np.sum(seen.photons)), getattr(seen, "notes", ())
         if isinstance(seen, PhaseSums) and self._name == DEFAULT_METHOD and (problem := contradiction(seen)):
             notes += (problem,)
-        if share := getattr(self._method, "misplaced_share", 0):
-            notes += (f"{share:.0%} of the photons near surfaces stay unexplained: the IRF lacks a tail, or there is "
-                      "fog",)
-        elif self._surfaces == 1 and len(points):       # an IRF without its tail leaves photons behind a wall, too
+        share, hidden = getattr(self._method, "misplaced_share", 0), ""
+        if self._surfaces == 1 and len(points):
             most = max((points.sensor.num_bins - 1) // 2, 1)
             sketch = seen if isinstance(seen, PhaseSums) else sketch_photons(frame, points.sensor, LOOKED_AT[:most])
-            notes += tuple(filter(None, [hidden_scene(sketch, points)]))
+            hidden = hidden_scene(sketch, points)
+        if hidden:
+            notes += (hidden + "; if it is a wall, the IRF lacks its tail" * (share > 0),)
+        elif share:
+            notes += (f"{share:.0%} of the photons near surfaces stay unexplained: the IRF lacks a tail, or there is "
+                      "fog or a further surface",)
         if not photons and not len(points):
             notes += (NO_PHOTONS,)
         return as_noun(

@@ -37,6 +37,11 @@ def test_few_photons_show_it_too_and_two_surfaces_hide_nothing():
     assert photons((20, 30), (WALL, 15)).reconstruct(surfaces=2).notes == ()
 
 
+def test_what_a_tail_leaves_behind_a_wall_is_said_with_both_causes():
+    note, = photons((150, 10), tail=0.3).reconstruct().notes
+    assert note.endswith("surfaces of 2 show what is behind; if it is a wall, the IRF lacks its tail")
+
+
 @pytest.mark.parametrize(("surfaces", "options"), [
     ([(150, 30)], {}), ([(150, 300)], {"irf": np.exp(-0.5 * (np.arange(-8, 9) / 1.7)**2)}),     # a wall in front
     ([(WALL, 30)], {}), ([(np.where(WALL > 160, 200, 20), 30)], {})])
@@ -48,7 +53,6 @@ DECAY = np.exp(-np.arange(T) / T) / np.exp(-np.arange(T) / T).sum()
 
 
 @pytest.mark.parametrize("options", [
-    {"background": 4, "tail": 0.3},                                             # the IRF lacks it
     {"background": 50, "shape": DECAY, "background_shape": DECAY},
     {"background": 60, "shape": DECAY, "cycles": 70}])                          # as pile-up of one photon a cycle
 def test_a_wall_before_known_causes_of_other_photons_is_not(options):

@@ -3,8 +3,9 @@
 The level depends on what happened since the last report, and on what still holds:
     ERROR   the node failed or cannot work, and has sent no frame since; or an error was counted; or more than half of
             the messages were dropped or lost
-    WARN    a message was dropped or lost; the node works, but not as asked (`degraded`); it waits for something, or has
-            waited 2 s for a frame; or frames leave more than 2 s after their stamps, or before
+    WARN    a message was dropped or lost; the node works, but not as asked (`degraded`); photons look wrong (`warn`);
+            it waits for something, or has waited 2 s for a frame; or frames leave more than 2 s after their stamps, or
+            before
     OK      otherwise
 """
 
