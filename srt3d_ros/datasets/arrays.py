@@ -77,7 +77,7 @@ def fitted(frame: PhotonFrame, sensor: SensorModel) -> tuple[PhotonFrame, tuple[
 def from_counts(counts: Any, stamp_ns: int, options: Options) -> Described:
     """Photons counted in bins; arguments as for `Photons.from_counts`, options from `gathered`."""
     dims, counts = getattr(counts, "dims", ()), array("counts", counts)
-    dims = dims if isinstance(dims, tuple) and all(isinstance(dim, str) for dim in dims) else ()
+    dims = tuple(map(str, dims)) if isinstance(dims, tuple) else ()
     given = f"{counts.dtype} {counts.shape}"
     counts, options, few_bins, frames = axes.in_order(counts, options, {}, dims)
     require(counts.ndim == 3 and frames == 1, "counts", given, "numbers [rows, cols, bins] of one frame")

@@ -10,7 +10,7 @@ from srt3d_ros.errors import finite, require
 from srt3d_ros.files.isolated_child import may_be_counts
 
 SIZES = ("rows", "cols", "num_bins")
-# Names of dimensions, as xarray gives them.
+# Names of dimensions, as xarray gives them, and of columns.
 DIMENSIONS = {"rows": {"row", "rows", "y", "v", "height", "line"}, "cols": {"col", "cols", "column", "x", "u", "width"},
               "bins": {"bin", "bins", "t", "time", "toa", "tof", "tdc", "delay", "nanotime"},
               FRAMES: {"frame", "frames"}}

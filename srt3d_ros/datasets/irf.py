@@ -72,17 +72,13 @@ def checked(irf: np.ndarray, ref: int | None) -> tuple[np.ndarray, tuple[Note, .
     """
     mean, notes = np.atleast_2d(irf).mean(axis=0), ()
     eighth, peak = len(mean) // 8, int(np.argmax(mean))
-    end, beside = min(((mean[:eighth], mean[eighth:2 * eighth]), (mean[::-1][:eighth], mean[::-1][eighth:2 * eighth])),
-                      key=lambda ends: ends[0].sum())
-    floor = end.mean() if eighth > 1 and end.size else 0.0
+    darker = min(irf, irf[..., ::-1], key=lambda one: one[..., :eighth].sum())
+    end, beside = np.split(np.atleast_2d(darker).mean(axis=0)[:2 * eighth], 2)
+    floor = end.mean() if eighth > 1 else 0.0
     if floor * len(mean) > FLOOR_SHARE * mean.sum() > 0 and beside.mean() < FLAT * floor < 0.5 * mean[peak]:
-        low = _smooth(mean) - floor <= NOISE_SIGMAS * end.std() * SMOOTH_NOISE
-        before, after = np.flatnonzero(low[:peak]), np.flatnonzero(low[peak:])
-        pulse = slice(before[-1] + 1 if before.size else 0, peak + after[0] if after.size else len(mean))
-        floors = irf[..., :eighth].mean(axis=-1, keepdims=True) if end[0] == mean[0] else \
-            irf[..., -eighth:].mean(axis=-1, keepdims=True)
+        pulse = _around(peak, _smooth(mean) - floor > NOISE_SIGMAS * end.std() * SMOOTH_NOISE)
         clean = np.zeros_like(irf)
-        clean[..., pulse] = np.maximum(irf - floors, 0)[..., pulse]
+        clean[..., pulse] = np.maximum(irf - darker[..., :eighth].mean(axis=-1, keepdims=True), 0)[..., pulse]
         notes += Note(f"the IRF's floor (dark counts), {floor / mean[peak]:.2g} of its peak, was taken off", "irf"),
         irf, mean = clean, np.atleast_2d(clean).mean(axis=0)
     pulse = np.flatnonzero(mean >= PULSE_ABOVE * mean[peak])
@@ -199,11 +195,14 @@ def _cut_out(irf: np.ndarray) -> np.ndarray:
     baseline = np.median(np.concatenate([irf[:edge], irf[-edge:]]))
     peak = len(irf) // 2
     smooth = _smooth(irf)
-    low = smooth - baseline <= KEEP_ABOVE * (smooth[peak] - baseline)
-    before, after = np.flatnonzero(low[:peak]), np.flatnonzero(low[peak:])
-    first = before[-1] + 1 if before.size else 0
-    end = peak + after[0] if after.size else len(irf)
-    return np.maximum(irf[first:end] - baseline, 0)
+    kept = _around(peak, smooth - baseline > KEEP_ABOVE * (smooth[peak] - baseline))
+    return np.maximum(irf[kept] - baseline, 0)
+
+
+def _around(peak: int, high: np.ndarray) -> slice:
+    """The bins around the peak up to the first ones that are not high."""
+    before, after = np.flatnonzero(~high[:peak]), np.flatnonzero(~high[peak:])
+    return slice(before[-1] + 1 if before.size else 0, peak + after[0] if after.size else len(high))
 
 
 def _smooth(irf: np.ndarray) -> np.ndarray:

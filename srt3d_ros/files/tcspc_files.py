@@ -1,6 +1,8 @@
 """Histograms of TCSPC files as plain arrays: Becker & Hickl's .sdt, PicoQuant's .phu and .ptu (T3)."""
 
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -55,12 +57,19 @@ def phu_curves(path: Path) -> list[Histograms]:
                 for counts, width_s, rate, bins in zip(found, widths, rates, lengths, strict=True)]
 
 
-def ptu_channels(path: Path) -> list[Histograms]:
-    """A curve [bins] of all photons for each channel of a T3 .ptu file. Needs ptufile."""
+@contextmanager
+def open_ptu(path: Path) -> Iterator[Any]:
+    """An open .ptu file of ptufile; all errors are InvalidInput."""
     import ptufile
 
     logging.getLogger("ptufile").disabled = True        # what it logs of a damaged file is in the error
     with read_errors(path, "a complete PicoQuant .ptu file"), ptufile.PtuFile(path) as file:
+        yield file
+
+
+def ptu_channels(path: Path) -> list[Histograms]:
+    """A curve [bins] of all photons for each channel of a T3 .ptu file. Needs ptufile."""
+    with open_ptu(path) as file:
         require(file.is_t3, "measurement mode", "T2", "T3, whose photons have times since the laser's pulse")
         bins, width_s = ptu_bins(file)
         return [Histograms(counts, width_s, bins) for counts in file.decode_histogram(dtime=bins, dtype=np.uint32)]

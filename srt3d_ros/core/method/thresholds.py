@@ -9,7 +9,7 @@ from srt3d_ros.kernels.constants import START_SCORE, WHOLE_SCORE, WIDE_SCALE, ce
 DEFAULT_FALSE_ALARM_RATE = 5e-5         # one pixel in 20,000, such as one of 141 × 141
 MAX_SURFACES = 4
 MAX_FALSE_ALARM_RATE = 0.4      # at 0.5, the threshold to keep an existing surface is -inf
-BLOB_PIXELS = 64**2             # frames up to this size have no more than one blob in 200 (`benchmarks false_alarms`)
+BLOB_STARTS = 32                # pixels of a frame that may start by chance; of more, 1 frame in 60 had a blob
 STAYING = 0.5                   # share of false points that survive the iterations (`benchmarks false_alarms`)
 
 
@@ -32,10 +32,10 @@ class Scores(NamedTuple):
 
     @classmethod
     def of(cls, false_alarm_rate: float, highest: int, pixels: int) -> Self:
-        """The scores for a share of false points, k_max and the pixels of a frame; more pixels start more blobs."""
+        """The scores for a share of false points, k_max and the pixels of a frame; more starts make more blobs."""
         started = false_alarm_rate / STAYING
         find = score_threshold(started, highest, WIDE_SCALE)
-        start = score_threshold(started * min(BLOB_PIXELS / pixels, 1), highest, WIDE_SCALE)
+        start = score_threshold(min(started, BLOB_STARTS / pixels), highest, WIDE_SCALE)
         return cls(find, max(find, START_SCORE), score_threshold(started, highest), continuation_threshold(started),
                    start + WHOLE_SCORE)
 

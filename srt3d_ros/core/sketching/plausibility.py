@@ -50,7 +50,7 @@ def hot_pixels(light: Light, sensor: SensorModel) -> np.ndarray:
     around = np.lib.stride_tricks.sliding_window_view(np.pad(dark, REACH, "reflect"), (side, side))
     around = np.delete(around.reshape(*dark.shape, -1), side**2 // 2, axis=2)
     bright = -np.partition(-around, BRIGHTEST_LEFT_OUT, axis=2)[..., BRIGHTEST_LEFT_OUT]
-    return (dark > HOT * (bright + 2)) & (light.of_pixels < 2 * dark * len(light.of_bins) / _quarter(light.of_bins))
+    return (dark > HOT * (bright + 2)) & (light.of_pixels < 8 * dark)     # background alone: 4 quarters
 
 
 def leak(light: Light) -> str:
@@ -72,13 +72,9 @@ def other_unit(events: PhotonEvents, sensor: SensorModel) -> str:
             "divide them by the bin width in nanoseconds")
 
 
-def _quarter(of_bins: np.ndarray) -> int:
-    return max(len(of_bins) // 4, 1)
-
-
 def _emptiest_quarter(of_bins: np.ndarray) -> tuple[int, int]:
     """The first bin of the quarter of the bins with the fewest photons, and its end."""
-    width, below = _quarter(of_bins), np.concatenate([[0], np.cumsum(of_bins)])
+    width, below = max(len(of_bins) // 4, 1), np.concatenate([[0], np.cumsum(of_bins)])
     first = int((below[width:] - below[:-width]).argmin())
     return first, first + width
 

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.datasets.irf_files import UNITS_S
-from srt3d_ros.datasets.options import Options
+from srt3d_ros.datasets.axes import DIMENSIONS
+from srt3d_ros.datasets.irf_files import UNIT, UNITS_S
+from srt3d_ros.datasets.options import AXES, Options
 from srt3d_ros.datasets.readers import npz
 from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.errors import finite, require
@@ -16,9 +17,6 @@ from srt3d_ros.files.array_files import MAX_ARRAY_BYTES, read_errors
 
 MAX_TEXT_BYTES = MAX_ARRAY_BYTES // 4       # six characters a photon become three numbers of eight bytes
 MAX_HEADER = 2**16                          # characters
-# What headers call a column, without its unit: t, "t_ns", "ToA [ps]". Without row and col, `pixel`.
-NAMES = {"pixel": "pixel|pixel_?(id|index)", "row": "rows?|y", "col": "col(umn)?s?|x", "toa": "toa|t|tof|time|bin"}
-WITH_UNIT = re.compile(rf"[\s_]*[\[(]?(?<![a-zµ])({'|'.join(UNITS_S)})[\])]?$")
 NEAR = 1e-3         # of a bin: times of a clock, as rounded in the file
 
 
@@ -52,16 +50,16 @@ def read(path: Path, options: Options) -> Reading:
 
 
 def _columns(names: list[str]) -> tuple[str, ...]:
-    """The names of row, column and ToA, or of pixel and ToA, as the header has them; `row`, … if it has others."""
-    plain = {WITH_UNIT.sub("", name.lower()): name for name in names}
-    found = {kind: next((name for key, name in plain.items() if re.fullmatch(pattern, key)), kind)
-             for kind, pattern in NAMES.items()}
-    return tuple(found[kind] for kind in (npz.PIXEL_COLUMNS if found["pixel"] in names else npz.COLUMNS))
+    """The columns of row, column and ToA, or of pixel and ToA, by the first words of their names, as in `t_ns`."""
+    words = {re.split(r"[\W_]", name.lower())[0]: name for name in names}
+    row, col, toa = (next((words[word] for word in words if word in DIMENSIONS[axis]), usual)
+                     for axis, usual in zip(AXES, npz.COLUMNS))
+    return (words["pixel"], toa) if "pixel" in words else (row, col, toa)
 
 
 def _bins_per_unit(name: str, options: Options) -> float:
     """Bins in the unit of a column of ToA, 1 if its name has none."""
-    unit = WITH_UNIT.search(name.lower())
+    unit = UNIT.search(name.lower())
     if unit is None:
         return 1.0
     width_s = finite("bin_width_s", options.known.get("bin_width_s", 0), "seconds")

@@ -84,23 +84,22 @@ def from_arrays(path: Path, arrays: dict[str, np.ndarray], options: Options, wan
             require(name in values, name,
                     problem=f"The file has no {name}: give it as an option or array. It has {listed}.")
         steps = None if "irf" in arrays else options.known.get("irf_steps")
-        own, stamp_ns = sensor_options(values), int(values.get("stamp_ns", 0))
-        frames = 1
+        own, stamp_ns, frames = sensor_options(values), int(values.get("stamp_ns", 0)), 1
+        used = Options(own | {"irf_steps": steps}, guess_irf=options.guess_irf, mask_hot=options.mask_hot,
+                       frame=options.frame)
         if has_photons:
             photons = [_column(name, arrays[name]) for name in columns]
             photons = [np.zeros(photons[0].shape, np.uint8), *photons] if len(photons) == 1 else photons
             describe = from_pixels if len(photons) == 2 else from_events
             # The larger num_bins, so that no photon is dropped early.
-            used = {"num_bins": options.known.get("num_bins", own["num_bins"]), "irf_steps": steps}
-            used = Options(own | used, guess_irf=options.guess_irf, mask_hot=options.mask_hot)
-            sensor, frame, assumed = describe(*photons, stamp_ns, used)
+            larger = used.knowing(num_bins=options.known.get("num_bins", own["num_bins"]))
+            sensor, frame, assumed = describe(*photons, stamp_ns, larger)
             sensor = sensor.replace(num_bins=own["num_bins"])
         else:
             sizes = {} if "histograms" in own else {name: own[name] for name in SIZES}
             counts, _, ordered, frames = in_order(arrays["counts"], Options(frame=options.frame), sizes)
-            histograms = PhotonHistograms(np.ascontiguousarray(sendable(counts)), stamp_ns)
-            used = Options(own | {"irf_steps": steps}, guess_irf=options.guess_irf, mask_hot=options.mask_hot)
-            sensor, frame, assumed = from_frame(histograms, used)
+            counts = np.ascontiguousarray(sendable(counts))
+            sensor, frame, assumed = from_frame(PhotonHistograms(counts, stamp_ns), used)
             assumed = ordered + assumed
         reference = _reference(values, sensor)
     notes = tuple(dict.fromkeys((*values.get("notes", ()), *assumed)))

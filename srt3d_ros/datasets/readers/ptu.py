@@ -1,6 +1,5 @@
 """Read PicoQuant's photons (.ptu, T3) with ptufile."""
 
-import logging
 import shutil
 import tempfile
 from pathlib import Path
@@ -13,8 +12,7 @@ from srt3d_ros.datasets.readers.cubes import cube
 from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.datasets.values import channel_of
 from srt3d_ros.errors import require
-from srt3d_ros.files.array_files import read_errors
-from srt3d_ros.files.tcspc_files import ptu_bins
+from srt3d_ros.files.tcspc_files import open_ptu, ptu_bins
 
 COUNT_DTYPE = np.dtype(np.uint32)
 IN_MEMORY_BYTES, MAX_COUNT_BYTES = 2**28, 2**34       # larger counts go to a temporary file
@@ -24,10 +22,7 @@ SUMMED = slice(None, None, -1)          # ptufile adds up the photons along an a
 
 def read(path: Path, options: Options) -> Reading:
     """Photons of a .ptu file, all frames added up, of `channel` or the channel with the most. Needs ptufile."""
-    import ptufile
-
-    logging.getLogger("ptufile").disabled = True        # what it logs of a damaged file is in the error
-    with read_errors(path, "a complete PicoQuant .ptu file"), ptufile.PtuFile(path) as ptu:
+    with open_ptu(path) as ptu:
         if not ptu.is_t3:
             return ptu_t2.read(path, ptu, options)
         for mark in filter(ptu.tags.__contains__, MARKS):

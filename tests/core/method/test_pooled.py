@@ -145,10 +145,12 @@ def test_a_dim_object_does_not_fill_a_small_frame():
     assert false <= 0.15 * (~there).sum()
 
 
-# Without `drop_blobs`, each of these frames shows a blob of 70 to 370 points.
-@pytest.mark.parametrize(("ppp", "seed"), [(0.2, 0), (0.2, 29), (0.2, 42), (0.2, 72), (1, 12), (1, 121), (1, 285)])
-def test_a_window_that_chance_has_filled_makes_no_blob(ppp, seed):
-    assert len(dim(np.zeros((64, 64)), 0.0, ppp, seed, false_alarm_rate=1e-3)) < 30
+# Without `drop_blobs`, each of these frames shows a blob of 70 to 370 points; the large ones also without BLOB_STARTS.
+@pytest.mark.parametrize(("side", "ppp", "seed"), [
+    (64, 0.2, 0), (64, 0.2, 29), (64, 0.2, 42), (64, 0.2, 72), (64, 1, 12), (64, 1, 121), (64, 1, 285),
+    (256, 0.2, 46), (256, 1, 41), (256, 1, 147)])
+def test_a_window_that_chance_has_filled_makes_no_blob(side, ppp, seed):
+    assert len(dim(np.zeros((side, side)), 0.0, ppp, seed, false_alarm_rate=1e-3)) < 30
 
 
 # ---- Steep surfaces: without `turn_planes`, all fail but one
