@@ -130,11 +130,11 @@ class RecorderNode(ManagedNode):
         writer.close()
 
     def _on_sensor(self, message: String) -> None:
-        sensor = sensor_message.from_json(message.data)
+        sensor, before = sensor_message.from_json(message.data), self._sensor
         if self._path is None:
             return
-        if self._writer is not None and sensor.replace(mask=None).same_as(self._sensor.replace(mask=None)):
-            if not sensor.same_as(self._sensor):        # the first second has shown hot pixels
+        if self._writer is not None and before and sensor.replace(mask=None).same_as(before.replace(mask=None)):
+            if not sensor.same_as(before):      # the first second has shown hot pixels
                 self._sensor = sensor
                 self._writer.describe(sensor)
             return
