@@ -42,9 +42,12 @@ def read(path: Path, options: Options) -> Reading:
             table = np.loadtxt(lines, delimiter=separator, quotechar='"', ndmin=2,
                                usecols=[names.index(name) for name in columns])
         require(table.size > 0, "", problem="The file has no photons.")
-        table[:, -1] *= _bins_per_unit(columns[-1], options)
-        whole = np.rint(table)
-        table = whole if np.abs(table - whole).max() < NEAR else table
+        if unit := UNIT.search(columns[-1].lower()):
+            width_s = finite("bin_width_s", options.known.get("bin_width_s", 0), "seconds")
+            require(width_s > 0, "bin_width_s", problem=f"{columns[-1]} is in {unit[1]}: give bin_width_s "
+                    "(--bin-width-s).")
+            toa = table[:, -1] * (UNITS_S[unit[1]] / width_s)
+            table[:, -1] = np.rint(toa) if np.abs(toa - np.rint(toa)).max() < NEAR else toa
     arrays = dict(zip(columns, table.T))
     return npz.from_arrays(path, arrays, replace(options, columns=columns), npz.PHOTONS, ", ".join(names))
 
@@ -55,13 +58,3 @@ def _columns(names: list[str]) -> tuple[str, ...]:
     row, col, toa = (next((words[word] for word in words if word in DIMENSIONS[axis]), usual)
                      for axis, usual in zip(AXES, npz.COLUMNS))
     return (words["pixel"], toa) if "pixel" in words else (row, col, toa)
-
-
-def _bins_per_unit(name: str, options: Options) -> float:
-    """Bins in the unit of a column of ToA, 1 if its name has none."""
-    unit = UNIT.search(name.lower())
-    if unit is None:
-        return 1.0
-    width_s = finite("bin_width_s", options.known.get("bin_width_s", 0), "seconds")
-    require(width_s > 0, "bin_width_s", problem=f"{name} is in {unit[1]}: give bin_width_s (--bin-width-s).")
-    return UNITS_S[unit[1]] / width_s
