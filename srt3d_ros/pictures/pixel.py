@@ -20,7 +20,8 @@ def expected_counts(cloud: PointCloud, row: int, col: int) -> np.ndarray:
     """λ(x) = g Σ_k r_k h(x − t_k − δ) + B b(x − δ), photons expected in each bin of a pixel, float64 [T].
 
     h is the IRF, linear between bins, g the gain, δ the delay, b the sensor's background shape. If N cycles are known,
-    N e^(−Λ(x)/N) (1 − e^(−λ(x)/N)), Λ the sum of λ before x: only the first photon of a cycle is recorded.
+    N e^(−Λ(x)/N) (1 − e^(−λ(x)/N)), Λ the sum of λ before x: only the first photon of a cycle is recorded. After a dead
+    time of a period or longer, which costs d cycles, λ / (1 + d Σλ / N), within 5 %.
     """
     sensor, bins = cloud.sensor, np.arange(cloud.sensor.num_bins)
     irf = sensor.irf if sensor.irf.ndim == 1 else sensor.irf[row * sensor.cols + col]
@@ -33,7 +34,9 @@ def expected_counts(cloud: PointCloud, row: int, col: int) -> np.ndarray:
         first = math.floor(depth)
         for at, share in ((first, first + 1 - depth), (first + 1, depth - first)):
             np.add.at(rate, (at + sensor.irf_bins) % sensor.num_bins, share * photons * irf)
-    if sensor.cycles and not sensor.dead_time_s:
+    if sensor.cycles and sensor.dead_time.periods:
+        rate = rate / (1 + sensor.dead_time.cycles * rate.sum() / sensor.cycles)
+    elif sensor.cycles:
         rate = rate / sensor.cycles
         rate = sensor.cycles * np.exp(rate - np.cumsum(rate)) * -np.expm1(-rate)
     return rate
@@ -49,7 +52,7 @@ def draw_pixel(path: Path, counts: np.ndarray, cloud: PointCloud, row: int, col:
     sensor, expected = cloud.sensor, expected_counts(cloud, row, col)
     depths = cloud.depth_bins[(cloud.row == row) & (cloud.col == col)] + float(sensor.late[row, col])
     margin = _NEAR_WIDTHS * max(np.diff(np.searchsorted(np.cumsum(sensor.mean_irf), _IRF_ENDS))[0], 4)
-    shown = depths if len(depths) else counts.argmax(keepdims=True)
+    shown = depths if len(depths) else np.array([counts.argmax()])
     around = np.arange(math.floor(shown.min() - margin), math.ceil(shown.max() + margin))
     around = around if len(around) < sensor.num_bins else np.arange(sensor.num_bins)
     figure = titled_figure(13, 6, title)

@@ -44,6 +44,17 @@ def test_points_background_gain_and_cycles():
     assert first[0] == pytest.approx(expected[0], rel=0.02) and first[98] < 0.4 * expected[98]
 
 
+@pytest.mark.parametrize("periods", [0.5, 1.0, 1.5, 3.2])
+def test_dead_times_cost_as_many_photons_as_in_the_simulator(periods):
+    options = {"cycles": 1000, "dead_time_s": periods * 2e-8}
+    sensor = SensorModel(4, 5, 200, 1e-10, IRF, **options)
+    simulator = Simulator(StaticScene(sensor.range_m(np.full((4, 5), 80.0))), sensor, sbr=4, ppp=800)
+    counts, (_, signal, background) = np.bincount(simulator.frame(0)[0].toa, minlength=200), simulator.expected(0)
+    expected = expected_counts(cloud_of(sensor, [80.0], [signal[0, 2, 3]], background[2, 3]), 2, 3)
+    assert 20 * expected.sum() == pytest.approx(counts.sum(), rel=0.06)
+    assert np.sqrt(np.mean(residual(counts, 20 * expected)**2)) < 2
+
+
 def test_residuals_of_few_photons_are_of_the_order_of_sigma():
     assert residual(np.array([0, 1, 100]), np.array([0.0, 1.0, 81.0])) == pytest.approx([0, 0, 2.04], abs=0.02)
     assert 3 < residual(np.array([1]), np.array([0.002]))[0] < 4

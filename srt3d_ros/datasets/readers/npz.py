@@ -11,7 +11,7 @@ from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.datasets import cloud_files
 from srt3d_ros.datasets.arrays import from_events, from_frame, from_pixels
-from srt3d_ros.datasets.axes import SIZES, choose, in_order
+from srt3d_ros.datasets.axes import SIZES, in_order
 from srt3d_ros.datasets.options import Options
 from srt3d_ros.datasets.photon_file import FIRST_REFERENCES, OTHER_REFERENCES
 from srt3d_ros.datasets.readers import cubes, words
@@ -65,20 +65,19 @@ def from_arrays(path: Path, arrays: dict[str, np.ndarray], options: Options, wan
     """
     with read_errors(path):
         if options.no_detection is not None:
-            name, options = choose(arrays, options, wanted, listed)
-            arrays = {key: arrays[key] for key in KNOWN if key in arrays} | words.photons(arrays[name], options)
-            options = options.without("axes", "no_detection", "first_word")
-        has_photons = _has_photons(arrays, options)
-        if not has_photons and (not arrays.keys() >= {"counts", *SIZES} or options.axes or options.array):
+            arrays, options = words.photons(arrays, options, wanted, listed)
+        if has_photons := _has_photons(arrays, options):
+            columns = options.columns or (PIXEL_COLUMNS if "pixel" in arrays else COLUMNS)
+        elif options.axes or options.array or not arrays.keys() >= {"counts", *SIZES}:
             return cubes.only_cube(path, arrays, options, wanted, listed)
-        usual = PIXEL_COLUMNS if "pixel" in arrays else COLUMNS
-        columns = (options.columns or usual) if has_photons else ("counts",)
+        else:
+            columns = ("counts",)
         values = {name: options.known[name] for name in SENSOR_FIELDS if name in options.known}
         values |= values_of({name: array for name, array in arrays.items()
                              if name in KNOWN and name not in ("kind", *PIXEL_COLUMNS, *COLUMNS, *columns)})
         for name in columns:
             require(name in arrays, name, problem=f"The file has no {name}. It needs {PHOTONS}. It has {listed}.")
-        if columns == columns[-1:] and has_photons:
+        if has_photons and len(columns) == 1:
             values = {"rows": 1, "cols": 1} | values
         for name in SIZES:
             require(name in values, name,
