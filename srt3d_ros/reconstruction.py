@@ -14,6 +14,7 @@ from srt3d_ros.core.keys import written_out
 from srt3d_ros.core.method.pile_up import contradiction
 from srt3d_ros.core.methods import DEFAULT_METHOD, OPTIONS, ReconstructorOptions, checked
 from srt3d_ros.core.motion.trajectory import Trajectory
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
@@ -22,6 +23,7 @@ from srt3d_ros.errors import require
 from srt3d_ros.gpu_check import device_for
 from srt3d_ros.progress import compiling
 
+ASKED = 10                  # of so many frames one is asked what contradicts the IRF: of all, 8 % of their time
 LOOKED_AT = (1, 2, 3)       # frequencies, to see through a cover glass
 NO_PHOTONS = "the frame has no photons, so its cloud has no points"
 
@@ -54,6 +56,7 @@ class Reconstructor:
         require(bool(self._frequencies) or self._on_photons, "frequencies",
                 problem=f"{method} reads sketches: give their frequencies, sketch.frequencies.")
         self._name, self._surfaces, self._is_warm = given.pop("method"), given["surfaces"], False
+        self._until_asked, self._last_doubts = 0, ()
         self._build = partial(chosen.build, sensor, self._frequencies, **given)
         if "device" not in chosen.options:
             self.device, self.device_reason = "cpu", f"{method} runs on the CPU"
@@ -85,21 +88,27 @@ class Reconstructor:
         photons, notes = int(np.sum(seen.photons)), getattr(seen, "notes", ())
         if isinstance(seen, PhaseSums) and self._name == DEFAULT_METHOD and (problem := contradiction(seen)):
             notes += (problem,)
-        share, hidden = getattr(self._method, "misplaced_share", 0), ""
-        if self._surfaces == 1 and len(points):
-            most = max((points.sensor.num_bins - 1) // 2, 1)
-            sketch = seen if isinstance(seen, PhaseSums) else sketch_photons(frame, points.sensor, LOOKED_AT[:most])
-            hidden = hidden_scene(sketch, points)
-        if hidden:
-            notes += (hidden + "; if it is a wall, the IRF lacks its tail" * (share > 0),)
-        elif share:
-            notes += (f"{share:.0%} of the photons near surfaces stay unexplained: the IRF lacks a tail, or there is "
-                      "fog or a further surface",)
+        notes += self._doubts(seen, frame, points)
         if not photons and not len(points):
             notes += (NO_PHOTONS,)
         return as_noun(
             Cloud, points, notes=notes, method=self._name, surfaces=self._surfaces, device=self.device, photons=photons,
             reconstruct_ms=elapsed_ms, frequencies=() if self._on_photons else seen.frequencies)
+
+    def _doubts(self, seen: Any, frame: Any, points: PointCloud) -> tuple[str, ...]:
+        """What a cloud says against the IRF, or for a cover glass; the answer stands for ASKED frames."""
+        if self._until_asked == 0:
+            share, hidden = getattr(self._method, "misplaced_share", 0), ""
+            if self._surfaces == 1 and len(points):
+                most = max((points.sensor.num_bins - 1) // 2, 1)
+                sketch = seen if isinstance(seen, PhaseSums) else sketch_photons(frame, points.sensor, LOOKED_AT[:most])
+                hidden = hidden_scene(sketch, points)
+            tail = "; if it is a wall, the IRF lacks its tail" * (share > 0)
+            unexplained = (f"{share:.0%} of the photons near surfaces stay unexplained: the IRF lacks a tail, or there "
+                           "is fog or a further surface")
+            self._last_doubts = (hidden + tail,) if hidden else (unexplained,) if share else ()
+        self._until_asked = (self._until_asked or ASKED) - 1
+        return self._last_doubts
 
     def __reduce__(self):
         """For pickle and copy: made again from its arguments, without its memory; it chooses its device anew."""
@@ -117,6 +126,7 @@ class Reconstructor:
 
     def forget(self) -> None:
         """Begin the next frame as if it were the first."""
+        self._until_asked = 0
         if hasattr(self._method, "forget"):
             self._method.forget()
 

@@ -42,10 +42,6 @@ class Pooled:
         background: how it spreads over the bins: "sensor": by its background_shape; "flat"; or "auto": what the last
             cloud leaves unexplained, if significant.
         window_frames: W, frames of which each cloud is made (`MovingWindow`).
-
-    Attributes:
-        misplaced_share: of the photons of the last cloud's surfaces, by `irf_check`; 0 if the background is uneven or
-            pile-up was corrected, which leave as much.
     """
 
     def __init__(self, sensor: SensorModel, frequencies: Sequence[int], surfaces: int = 1,
@@ -62,12 +58,19 @@ class Pooled:
         """Begin the next frame as if it were the first."""
         self._is_first, self._learned, self._piled_up = True, self._background.first, None
         self._last: PointCloud | None = None
+        self._plain: tuple[PhaseSums, PointCloud] | None = None
         if self._window is not None:
             self._window.forget()
 
     def set_false_alarm_rate(self, false_alarm_rate: float) -> None:
         """Use this false alarm rate from the next frame on."""
         self._scores = Scores.of(false_alarm_rate, max(self._matcher.frequencies), self._matcher.used.size)
+
+    @property
+    def misplaced_share(self) -> float:
+        """Of the photons of the last cloud's surfaces, by `irf_check`; 0 if the background is uneven or pile-up was
+        corrected, which leave as much."""
+        return misplaced_share(self._matcher, *self._plain) if self._plain is not None else 0.0
 
     def __call__(self, sketch: PhaseSums, trajectory: Trajectory | None = None) -> PointCloud:
         """The point cloud of one frame's sketch, or of the window that ends with it, with the photons of one frame.
@@ -93,8 +96,7 @@ class Pooled:
         found, self._learned = (self._first(self._frames, plain) if self._is_first
                                 else self._next(self._frames, plain, self._learned))
         cloud = replace(found.cloud, clutter=self._background.most_clutter(self._learned))
-        is_plain = piled_up is None and self._learned.mean is None
-        self.misplaced_share = misplaced_share(self._matcher, sketch, cloud) if is_plain else 0.0
+        self._plain = (sketch, cloud) if piled_up is None and self._learned.mean is None else None
         if piled_up is not None:
             cloud, self._piled_up = self._pile_up.corrected(cloud, sketch, piled_up)
         return cloud
