@@ -27,7 +27,7 @@ def hidden_scene(sketch: PhaseSums, cloud: PointCloud) -> str:
     pixels, depth = int(np.count_nonzero(kept & sensor.used)), cloud.depth_bins
     if len(cloud) < max(NEARLY_ALL * pixels, FEWEST_PIXELS) or cloud.surfaces > 1:
         return ""
-    plane = float(np.median(depth))
+    plane = float(np.median(depth[::-(-len(depth) // MOST_PIXELS)]))
     irf, bins = sensor.mean_irf, np.arange(sensor.irf.shape[-1])
     width = np.sqrt(max(float(irf @ bins**2 - (irf @ bins)**2), 0))
     there = np.flatnonzero(np.abs(depth - plane) <= max(width, 1))

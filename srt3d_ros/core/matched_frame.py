@@ -83,6 +83,7 @@ class Matcher:
         passed: the same shape: a background photon at bin x adds passed · exp(i ω_l x), whatever the pixel's delay.
         used: float32 [rows, cols], 1, or 0 in masked pixels.
         spectrum, energy: complex [m], float32 [m]: ĥ_l and |ĥ_l|², means over the pixels.
+        corrections: of a surface, in `uncorrected`.
         constants: the other fields of a MatchedFrame.
 
     Raises:
@@ -103,6 +104,8 @@ class Matcher:
             equaliser = equaliser * sensor.mask.reshape(-1, 1)
         self.equaliser, self.used = self._map(equaliser), sensor.used.astype(np.float32)
         self.spectrum, self.energy = spectrum.mean(axis=0), energy.astype(np.float32)
+        root = np.sqrt(self.energy, dtype=float)
+        self.corrections = corrections(root, omega)
         bin_frequencies = (omega / (2 * np.pi)).astype(np.float32)
         moments, intensity_moments = _score_moments(sensor, omega, np.conj(self.spectrum), self.energy)
         max_response, background_table = _background_table(self.spectrum, self.frequencies)
@@ -114,7 +117,7 @@ class Matcher:
             "num_bins": sensor.num_bins, "moments": moments, "intensity_moments": intensity_moments,
             "max_response": max_response, "background_table": background_table,
             "total_energy": float(self.energy.sum()),
-            "unlike": _unlike(self.energy, omega, sensor.num_bins),
+            "unlike": _unlike(root, self.corrections, omega, sensor.num_bins),
             "curvature": float((self.energy * (2 * np.pi * bin_frequencies)**2).sum())}
 
     def check(self, sketch: PhaseSums) -> None:
@@ -174,27 +177,27 @@ class SensorOnDevice:
         return PointCloud.of_list(self._sensor, self.kernels.unpack(*listed), self.kernels.numpy(background), stamp_ns)
 
 
-def _unlike(energy: np.ndarray, omega: np.ndarray, bins: int) -> np.ndarray:
-    """`MatchedFrame.unlike`: ‖u‖ / ‖ĥ‖ for Δ = 0 … T − 1.
+def corrections(root: np.ndarray, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Orthonormal bases [m, n] of what corrections of a surface change, in the real and in the imaginary parts.
 
-    u is what is left `uncorrected` of |ĥ_l| exp(i ω_l Δ).
+    They are `root` = |ĥ_l| times 1, i ω_l, ω_l² and i ω_l³, of intensity, depth, width and skew (see `drop_ghosts`).
     """
-    root = np.sqrt(energy, dtype=float)
-    left = uncorrected(root * np.exp(1j * np.outer(np.arange(bins), omega)), root, omega)
+    relative, powers = omega / omega.max(), min(max(len(omega) // 2, 2), CORRECTED)
+    real, imaginary = (np.linalg.qr(np.stack([root * relative**power for power in range(first, powers, 2)], axis=1))[0]
+                       for first in (0, 1))
+    return real, imaginary
+
+
+def uncorrected(values: np.ndarray, bases: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """What is left of values over |ĥ_l|, complex [..., m], once a surface is corrected by least squares."""
+    real, imaginary = (part - part @ basis @ basis.T for part, basis in zip((np.real(values), np.imag(values)), bases))
+    return real + 1j * imaginary
+
+
+def _unlike(root: np.ndarray, bases: tuple[np.ndarray, np.ndarray], omega: np.ndarray, bins: int) -> np.ndarray:
+    """`MatchedFrame.unlike`: ‖u‖ / ‖ĥ‖ for Δ = 0 … T − 1, u what is left `uncorrected` of |ĥ_l| exp(i ω_l Δ)."""
+    left = uncorrected(root * np.exp(1j * np.outer(np.arange(bins), omega)), bases)
     return (np.linalg.norm(left, axis=1) / np.linalg.norm(root)).astype(np.float32)
-
-
-def uncorrected(values: np.ndarray, root: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """What is left of values over |ĥ_l|, complex [..., m], once a surface is corrected; `root` is |ĥ_l|.
-
-    Least squares on |ĥ_l| times 1, i ω_l, ω_l² and i ω_l³, of real coefficients: corrections of the intensity, depth,
-    width and skew (`kernels` `drop_ghosts`).
-    """
-    relative, powers, left = omega / omega.max(), min(max(len(omega) // 2, 2), CORRECTED), []
-    for part, first in ((np.real(values), 0), (np.imag(values), 1)):
-        basis = np.linalg.qr(np.stack([root * relative**power for power in range(first, powers, 2)], axis=1))[0]
-        left.append(part - part @ basis @ basis.T)
-    return left[0] + 1j * left[1]
 
 
 def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,

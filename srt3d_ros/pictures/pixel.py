@@ -52,7 +52,7 @@ def draw_pixel(path: Path, counts: np.ndarray, cloud: PointCloud, row: int, col:
     sensor, expected = cloud.sensor, expected_counts(cloud, row, col)
     depths = cloud.depth_bins[(cloud.row == row) & (cloud.col == col)] + float(sensor.late[row, col])
     margin = _NEAR_WIDTHS * max(np.diff(np.searchsorted(np.cumsum(sensor.mean_irf), _IRF_ENDS))[0], 4)
-    shown = depths if len(depths) else counts.argmax(keepdims=True)
+    shown = depths if len(depths) else np.array([counts.argmax()])
     around = np.arange(math.floor(shown.min() - margin), math.ceil(shown.max() + margin))
     around = around if len(around) < sensor.num_bins else np.arange(sensor.num_bins)
     figure = titled_figure(13, 6, title)

@@ -1,4 +1,4 @@
-"""The end's kernels, and what  and  take out, against the oracle and by what they mean."""
+"""The kernels before and after the iterations: `prepare`, `finalise`, `collect` and `unexplained`."""
 
 import numpy as np
 import pytest

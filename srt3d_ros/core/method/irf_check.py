@@ -22,8 +22,10 @@ def misplaced_share(matcher: Matcher, sketch: PhaseSums, cloud: PointCloud) -> f
     and skew explains (`uncorrected`).
     """
     sensor, energy, m = cloud.sensor, matcher.energy.astype(np.float64), len(matcher.frequencies)
-    pixel = cloud.row.astype(np.int64) * sensor.cols + cloud.col
-    some = np.flatnonzero(np.bincount(pixel, minlength=1)[pixel] == 1)
+    some = np.arange(len(cloud))
+    if cloud.surface.any():
+        pixel = cloud.row.astype(np.int64) * sensor.cols + cloud.col
+        some = np.flatnonzero(np.bincount(pixel, minlength=1)[pixel] == 1)
     some, free = some[::len(some) // MOST_PIXELS + 1], m - min(max(m // 2, 2), CORRECTED) / 2
     if len(some) == 0 or free < 1:
         return 0.0
@@ -32,7 +34,7 @@ def misplaced_share(matcher: Matcher, sketch: PhaseSums, cloud: PointCloud) -> f
     turn, noise = np.outer(cloud.depth_bins[some], omega).astype(np.float32), float(sketch.photons[row, col].sum())
     shown = (equaliser * sketch.sums[row, col] * (np.cos(turn) - 1j * np.sin(turn))).sum(axis=0)
     root = np.sqrt(energy)
-    left = float(np.square(np.abs(uncorrected(shown / root, root, omega))).sum())
+    left = float(np.square(np.abs(uncorrected(shown / root, matcher.corrections))).sum())
     least = LEFT**2 * float(np.square(np.abs(shown / root)).sum())
     if left < SURE * noise * free or left - noise * free < least:
         return 0.0
