@@ -48,8 +48,9 @@ def read(source: str | Path | np.ndarray | list) -> tuple[np.ndarray, Steps | No
     irf = irf.squeeze() if irf.ndim == 2 and 1 in irf.shape else irf
     require(irf.ndim in (1, 2) and 0 < irf.shape[-1] <= (MAX_STEPS if steps else MAX_BINS), "irf shape", irf.shape,
             f"[L] or [pixels, L], L from 1 to {MAX_BINS}; irf_sigma_bins makes a Gaussian")
-    fits = steps is None or all(LEAST_STEP_S <= width_s <= 1 for width_s in steps.widths_s)
-    require(fits, "irf", problem=f"{steps and steps.name}: a time step of {steps and steps.text} is not possible.")
+    for width_s in steps.widths_s if steps else ():
+        require(LEAST_STEP_S <= width_s <= 1, "irf",
+                problem=f"{steps.name}: a time step of {steps.text} is not possible.")
     return irf, steps
 
 

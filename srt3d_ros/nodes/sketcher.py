@@ -147,8 +147,7 @@ class SketcherNode(ManagedNode):
             return
         try:
             described = self.check_size(sensor_message.from_json(message.data))
-            difference = None if self._file is None else first_difference(self._file, described)
-            if difference is not None:
+            if self._file is not None and (difference := first_difference(self._file, described)):
                 key, ours, theirs = difference
                 raise InvalidInput(f"{key} on {self._topic}", theirs, f"{ours} as in sensor_file {self._file_name}; "
                                    "photons are dropped until both agree")
