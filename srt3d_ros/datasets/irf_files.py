@@ -62,6 +62,7 @@ def fitted(irf: np.ndarray, ref: int | None, steps: Steps | None, sensor: Sensor
         InvalidInput: the bin width is needed and not known, or a period holds too little of the IRF.
     """
     notes = steps.notes if steps else ()
+    require(irf.ndim in (1, 2) and irf.size > 0, "irf shape", irf.shape, "[L] or [pixels, L]")
     if irf.ndim == 2 or (steps is None and len(irf) <= sensor.num_bins):
         return irf, ref, notes
     ref = int(np.argmax(irf)) if ref is None else ref

@@ -48,7 +48,8 @@ DEPTH = np.full((2, 3), 20.0)
 @pytest.mark.parametrize(("field", "changes"), [
     ("rows", {"rows": None}), ("toa", {"toa": None}), ("rows", {"rows": 0}), ("rows dtype", {"rows": "two"}),
     ("rows shape", {"rows": [2, 2]}), ("frame_id dtype", {"frame_id": 0.5}), ("irf dtype", {"irf": IRF + 0j}),
-    ("irf", {"irf": -IRF}), ("pixel dtype", {"pixel": np.array([{}, 1, 2, 3], dtype=object)}),
+    ("irf", {"irf": -IRF}), ("irf shape", {"irf": 100.0}),
+    ("pixel dtype", {"pixel": np.array([{}, 1, 2, 3], dtype=object)}),
     ("pixel", {"pixel": np.array([2**32, 0, 0, 0])}), ("toa", {"toa": np.array([65_536, 50, -1, 0])}),
     ("pixel and toa shapes", {"toa": EVENTS.toa[:3]}),
     ("ref_depth_bins shape", {"ref_depth_bins": DEPTH.T}), ("projection", {"projection": "fisheye"}),

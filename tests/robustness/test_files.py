@@ -99,7 +99,7 @@ FILES = {
                 lambda folder: photon_bytes(folder) and phu_bytes(folder)),
     "irf_export": ("irf.dat", lambda path: datasets.read(path.with_name("made.npz"), irf=path),
                    lambda folder: photon_bytes(folder) and b"#ns/bin\n0.05\t0.05\n#counts\n1\t0\n3\t9\n4\t2\n"),
-    "csv": ("a.csv", partial(datasets.read, irf=IRF, bin_width_s=1e-10),
+    "csv": ("a.csv", partial(datasets.read, irf=IRF, bin_width_s=1e-10, rows=2, cols=2, num_bins=40),
             lambda folder: b'"x";"y";"t [ns]"\n1;0;2,5\n0;1;"0,7"\n1;1;1,1\n'),
     "words": ("w.npy", partial(datasets.read, irf=IRF, no_detection=0, first_word=1, num_bins=20),
               lambda folder: saved(np.save, counts())),
