@@ -3,6 +3,7 @@
 import numpy as np
 
 from srt3d_ros.core.point_cloud import PointCloud
+from srt3d_ros.core.sensor.pulse import rms_width
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum
 from srt3d_ros.core.sketching.sums import PhaseSums
 
@@ -28,9 +29,7 @@ def hidden_scene(sketch: PhaseSums, cloud: PointCloud) -> str:
     if len(cloud) < max(NEARLY_ALL * pixels, FEWEST_PIXELS) or cloud.surfaces > 1:
         return ""
     plane = float(np.median(depth[::-(-len(depth) // MOST_PIXELS)]))
-    irf, bins = sensor.mean_irf, np.arange(sensor.irf.shape[-1])
-    width = np.sqrt(max(float(irf @ bins**2 - (irf @ bins)**2), 0))
-    there = np.flatnonzero(np.abs(depth - plane) <= max(width, 1))
+    there = np.flatnonzero(np.abs(depth - plane) <= max(rms_width(sensor), 1))
     if len(there) < NEARLY_ALL * pixels:
         return ""
     some = there[::-(-len(there) // MOST_PIXELS)]

@@ -131,7 +131,7 @@ def complete(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, option
             notes += ("negative counts outweigh the positive ones: was too much background subtracted?",)
     if isinstance(frame, PhotonHistograms) and sensor.cycles and frame.has_negative:
         notes += (SUBTRACTED,)
-    sensor, hot, more = looked_through(frame, sensor, options)
+    sensor, hot, more = looked_through(frame, plausibility.light_of(frame, sensor), sensor, options)
     notes += more
     if "irf" not in options.known:
         require(sensor.histograms is None, "irf", problem="Give irf, widened by these bins: histograms cannot show it.")
@@ -148,17 +148,16 @@ def complete(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, option
     return sensor, frame, notes if says_geometry(known) else (*notes, ASSUMED_FOV)
 
 
-def looked_through(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, options: Options
+def looked_through(frame: PhotonFrame, light: plausibility.Light, sensor: SensorModel, options: Options
                    ) -> tuple[SensorModel, np.ndarray, tuple[str, ...]]:
     """The sensor, hot pixels masked unless options say otherwise; where they are; and notes on what looks wrong."""
-    light, known = plausibility.light_of(frame, sensor), options.known
     hot = plausibility.hot_pixels(light, sensor)
     notes = [Note(plausibility.leak(light), "gate")]
     if isinstance(frame, PhotonEvents):
         notes.append(plausibility.other_unit(frame, sensor))
     if hot.any():
         said = f"{np.count_nonzero(hot):,} hot pixels of {hot.size:,}: far brighter than those around, without signal"
-        if options.mask_hot or (options.mask_hot is None and "mask" not in known):
+        if options.mask_hot or (options.mask_hot is None and "mask" not in options.known):
             sensor = sensor.replace(mask=sensor.used & ~hot)
             notes.append(Note(f"{said}; left out (mask=off keeps them)", "mask"))
         else:

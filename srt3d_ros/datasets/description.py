@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.pulse import full_width_at_half_maximum
 from srt3d_ros.core.sketching.design import design_sketch, histogram, signal_to_background
 from srt3d_ros.core.sketching.gate import AUTO, Gate
 from srt3d_ros.core.sketching.plausibility import light_of
@@ -30,27 +30,17 @@ def describe(photons: Reading) -> Description:
     frame, sensor = photons.frame, photons.sensor
     gate, frequencies = design_sketch(sensor, AUTO, frame=frame)
     sbr = signal_to_background(histogram(frame, sensor), sensor)
-    toa, _, counts = light_of(frame, sensor)
-    _, _, more = looked_through(frame, sensor, Options(mask_hot=False))
+    light = light_of(frame, sensor)
+    _, _, more = looked_through(frame, light, sensor, Options(mask_hot=False))
     notes = [*dict.fromkeys((*photons.notes, *more))]       # those of bags and logs do not have it
-    used = counts[sensor.used]
-    irf_width_bins = _irf_width_bins(sensor)
+    used = light.of_pixels[sensor.used]
+    irf_width_bins = full_width_at_half_maximum(sensor)
     facts = {"rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins, "bin_width_s": sensor.bin_width_s,
-             "range_m": sensor.range_m([0, sensor.num_bins]).tolist(), "photons": round(counts.sum()),
+             "range_m": sensor.range_m([0, sensor.num_bins]).tolist(), "photons": round(light.of_pixels.sum()),
              "photons_per_pixel": float(used.mean()) if used.size else 0.0,
              "most_photons_in_a_pixel": round(used.max(initial=0)),
              "empty_pixels": int(np.count_nonzero(used <= 0)), "sbr": sbr if np.isfinite(sbr) else None,
              "irf_width_bins": irf_width_bins, "irf_width_s": irf_width_bins * sensor.bin_width_s,
              "gate": None if gate is None else [gate.first, gate.last], "frequencies": list(frequencies),
              "sketch_bytes": sensor.pixels * WORD_BYTES * (2 * len(frequencies) + 1), "notes": notes}
-    return Description(facts, gate, toa, counts)
-
-
-def _irf_width_bins(sensor: SensorModel) -> float:
-    """Full width at half maximum of the mean IRF, by linear interpolation."""
-    mean = np.pad(sensor.mean_irf, 1)
-    peak, half = int(mean.argmax()), 0.5 * mean.max()
-    left = peak - int(np.argmax(mean[peak::-1] <= half))
-    right = peak + int(np.argmax(mean[peak:] <= half))
-    before = left + (half - mean[left]) / (mean[left + 1] - mean[left])
-    return float(right - (half - mean[right]) / (mean[right - 1] - mean[right]) - before)
+    return Description(facts, gate, light.of_bins, light.of_pixels)

@@ -9,6 +9,7 @@ from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
+from srt3d_ros.core.sketching.plausibility import light_of
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.datasets import arrays
 from srt3d_ros.datasets.options import Options, backwards, redescribed
@@ -91,7 +92,7 @@ class Reading:
         sensor, notes = redescribed(self.sensor, self.notes, options)
         frame, stray = arrays.fitted(self.frame, sensor)
         if options.mask_hot:
-            sensor, _, more = arrays.looked_through(frame, sensor, options)
+            sensor, _, more = arrays.looked_through(frame, light_of(frame, sensor), sensor, options)
             stray += tuple(note for note in more if getattr(note, "field", "") == "mask")
         photons = replace(self, sensor=sensor, frame=frame, notes=notes + stray)
         return photons if options.gate is None else photons.gated(*options.gate)

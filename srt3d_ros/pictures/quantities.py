@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from srt3d_ros.core.point_cloud import PointCloud
+from srt3d_ros.core.sensor.pulse import equivalent_width
 from srt3d_ros.pictures.colours import levels, photon_table, range_table
 from srt3d_ros.pictures.units import number_text
 
@@ -41,8 +42,7 @@ def _range_m(cloud: PointCloud) -> np.ndarray:
 
 def _snr(cloud: PointCloud) -> np.ndarray:
     """r / √(r + b) for r signal photons and the b of the background that the pulse sees: B / (T Σ h²), h the IRF."""
-    irf = cloud.sensor.mean_irf / cloud.sensor.mean_irf.sum()
-    share = min(1 / (cloud.sensor.num_bins * float((irf**2).sum())), 1.0)
+    share = min(equivalent_width(cloud.sensor) / cloud.sensor.num_bins, 1.0)
     return cloud.intensity / np.sqrt(cloud.intensity + share * np.maximum(cloud.background[cloud.row, cloud.col], 0))
 
 

@@ -26,6 +26,7 @@ from srt3d_ros.core.baselines.plug_and_play import (
 from srt3d_ros.core.baselines.xcorr import XCORR, by_pixel
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.pulse import rms_width
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import TINY
@@ -67,7 +68,7 @@ class RT3D:
         irf = self._irf = np.pad(np.atleast_2d(sensor.irf), [(0, 0), (1, 1)])
         self._slope = np.zeros_like(irf)
         self._slope[:, 1:-1] = (irf[:, 2:] - irf[:, :-2]) / 2
-        self._width_bins = _rms_width(sensor.mean_irf)
+        self._width_bins = rms_width(sensor)
 
     def __call__(self, frame: PhotonFrame) -> PointCloud:
         """The point cloud of one frame."""
@@ -107,10 +108,3 @@ class RT3D:
     def warm_up(self) -> None:
         """Compile the kernels, or load them from the disk."""
         self(PhotonEvents(np.zeros(1, np.uint32), np.zeros(1, np.uint16)))
-
-
-def _rms_width(irf: np.ndarray) -> float:
-    """Standard deviation of a photon's time, bins; at least that of one bin, 1/√12."""
-    bins = np.arange(len(irf))
-    mean = (irf * bins).sum() / irf.sum()
-    return float(np.sqrt(max((irf * (bins - mean)**2).sum() / irf.sum(), 1 / 12)))

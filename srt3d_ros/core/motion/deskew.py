@@ -17,6 +17,7 @@ import numpy as np
 
 from srt3d_ros.core.motion.trajectory import Pose, Trajectory
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.pulse import equivalent_width
 from srt3d_ros.core.sketching.frequencies import irf_spectrum
 from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS, PhaseSums, added_cycles, check_frequencies
 from srt3d_ros.kernels.devices import kernels_for
@@ -114,7 +115,7 @@ class Deskewer:
         z = sum(sketch.sums[..., first] for _, sketch in parts) * back
         photons = sum(float(sketch.photons.sum()) for _, sketch in parts)
         noise = np.sqrt(photons * z.size / 2) / max(abs(z.sum()), LEAST_PHOTONS) * bins_a_radian     # of a pixel, bins
-        pulse = 1 / float(np.square(sensor.mean_irf).sum())
+        pulse = equivalent_width(sensor)
         # A Gaussian mean divides the noise between neighbours by √(8π) σ².
         sigma = min(np.sqrt(noise / (np.sqrt(8 * np.pi) * RANGE_NOISE * pulse)), max(self._shape))
         mean = gaussian_filter(z.real, sigma) + 1j * gaussian_filter(z.imag, sigma)

@@ -8,6 +8,7 @@ import numpy as np
 
 from srt3d_ros.core.keys import Key, keys
 from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.pulse import equivalent_width
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import (
     DEFAULT_SKETCH_SIZE,
@@ -175,8 +176,8 @@ def _bins_of(counts: np.ndarray, sensor: SensorModel, least: int) -> tuple[int, 
 
 
 def _pulse_bins(sensor: SensorModel) -> int:
-    """The equivalent width of the mean IRF, 1 / Σ h², bins."""
-    return max(round(1 / float(np.square(sensor.mean_irf).sum())), 1)
+    """The equivalent width of the mean IRF, whole bins."""
+    return max(round(equivalent_width(sensor)), 1)
 
 
 def _sums(counts: np.ndarray, width: int) -> np.ndarray:
