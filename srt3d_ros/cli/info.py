@@ -44,9 +44,10 @@ def run(args: argparse.Namespace) -> int:
             print(f"\n{path}" if path is not args.input[0] else path, flush=True)
         try:
             _print(args, path)
-        except InvalidInput as error:
+        except (InvalidInput, ModuleNotFoundError) as error:
             code = BAD_INPUT
-            print(f"srt3d: error: {error}", file=sys.stderr, flush=True)
+            said = common.missing_package(error, "info") if isinstance(error, ModuleNotFoundError) else error
+            print(f"srt3d: error: {said}", file=sys.stderr, flush=True)
     return code
 
 
