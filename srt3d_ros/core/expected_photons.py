@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from srt3d_ros.core.point_cloud import PointCloud
+from srt3d_ros.core.point_cloud import IMAGES, PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 
 
@@ -22,12 +22,13 @@ def expected_at(cloud: PointCloud, sensor: SensorModel, pixel: np.ndarray, toa: 
     irf, signal = np.atleast_2d(sensor.irf), np.zeros(len(pixel))
     position = toa - sensor.late.reshape(-1)[pixel].astype(np.float64)
     for k in np.unique(cloud.surface).tolist():
-        depth, photons = (np.nan_to_num(cloud.image(name, k)).reshape(-1)[pixel] for name in ("depth_bins", "intensity"))
+        depth, intensity = (np.nan_to_num(cloud.image(name, k).reshape(-1)[pixel]) for name in IMAGES[:2])
         low, between = np.divmod(position - depth + sensor.irf_ref, 1)
         for entry, share in ((low, 1 - between), (low + 1, between)):
             entry = entry.astype(np.int64) % sensor.num_bins
             inside = entry < irf.shape[1]
-            signal += np.maximum(photons, 0) * share * inside * irf[pixel if len(irf) > 1 else 0, np.where(inside, entry, 0)]
+            density = irf[pixel if len(irf) > 1 else 0, np.where(inside, entry, 0)]
+            signal += np.maximum(intensity, 0) * share * inside * density
     if sensor.background_shape is None:
         return signal, np.ones(len(pixel))
     shape = sensor.num_bins * sensor.background_shape

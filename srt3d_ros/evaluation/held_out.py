@@ -50,7 +50,7 @@ def gain(cloud: PointCloud, sensor: SensorModel, seen: PhotonEvents, held_out: P
 
 
 def _around(photons: np.ndarray, sensor: SensorModel) -> np.ndarray:
-    """Photons [pixels] over exposure in the window around each pixel, at least SMALLEST_BACKGROUND; float64 [pixels]."""
+    """Photons over exposure in the window around each pixel, at least SMALLEST_BACKGROUND; float64 [pixels]."""
     photons, exposure = (
         uniform_filter(np.reshape(values, (sensor.rows, sensor.cols)).astype(float), NEIGHBOURHOOD, mode="nearest")
         for values in (photons, sensor.exposure))
