@@ -66,7 +66,7 @@ class SignsOfLife:
             self.forget()
             step_s = 0.0        # by a clock that was set back, memory would grow beyond all numbers
         self._last_ns = stamp_ns
-        self._points.append(np.count_nonzero(has_point))
+        self._points.append(int(np.count_nonzero(has_point)))
         photons, quiet = photons.astype(np.float32), ~of_square(np.logical_or, has_point, NEAR)
         around = np.stack([of_square(np.add, photons, reach) for reach in REACHES])
         dark = around * quiet
@@ -92,7 +92,8 @@ class SignsOfLife:
         usual = self._usual * quiet
         own = _evidence(usual[1] * self._share, photons * quiet)
         added = _evidence(usual, dark), own.sum(axis=1, keepdims=True), own.sum(axis=0)
-        self._evidence = [np.minimum(np.maximum(before + more, 0), 2 * np.float32(SURE)) for before, more in zip(self._evidence, added)]
+        self._evidence = [np.minimum(np.maximum(before + more, 0), np.float32(2 * SURE))
+                          for before, more in zip(self._evidence, added)]
         squares, rows, cols = (each > SURE for each in self._evidence)
         return squares.any(axis=0) | rows | cols
 
