@@ -32,7 +32,8 @@ def photons(seed: int = 0, number: int = 2_000, sensor: SensorModel = SENSOR) ->
 def moved(events: PhotonEvents, pose: Pose, range_m=None, sensor: SensorModel = SENSOR):
     """As seen LATER, when the sensor is where `pose` is the one that it had at 0; and the photons that left the view."""
     deskewer, range_m = Deskewer(sensor, FREQUENCIES), constant(FAR_M, sensor) if range_m is None else range_m
-    return deskewer([(0, sketch_photons(events, sensor, FREQUENCIES))], through([(0, pose), (LATER, Pose())]), LATER, range_m), deskewer.lost
+    parts = [(0, sketch_photons(events, sensor, FREQUENCIES))]
+    return deskewer(parts, through([(0, pose), (LATER, Pose())]), LATER, range_m), deskewer.lost
 
 
 def constant(range_m: float, sensor: SensorModel = SENSOR) -> np.ndarray:
