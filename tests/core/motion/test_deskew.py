@@ -30,7 +30,7 @@ def photons(seed: int = 0, number: int = 2_000, sensor: SensorModel = SENSOR) ->
 
 
 def moved(events: PhotonEvents, pose: Pose, range_m=None, sensor: SensorModel = SENSOR):
-    """As seen LATER, when the sensor is where `pose` is the one that it had at 0; and the photons that left the view."""
+    """As seen LATER, when the sensor is where `pose` is the one that it had at 0; and how many photons were lost."""
     deskewer, range_m = Deskewer(sensor, FREQUENCIES), constant(FAR_M, sensor) if range_m is None else range_m
     parts = [(0, sketch_photons(events, sensor, FREQUENCIES))]
     return deskewer(parts, through([(0, pose), (LATER, Pose())]), LATER, range_m), deskewer.lost
