@@ -16,14 +16,13 @@ from srt3d_ros.evaluation.cases import SCENES, Case, of_files, simulated
 SCENE_DEFAULTS = {"sbr": [10.0, 1.0, 0.1], "ppp": [1.0, 10.0, 100.0], "repeats": 1}
 HEAD_DEFAULTS = {"sbr": [1.0], "ppp": [10.0], "repeats": 1}         # of `simulator`
 FILE_OPTIONS = ("sensor_file", "held_out_photons")
-NO_FIGURES = "no figures: matplotlib is missing (pip install '.[pictures]' in the clone)"
 
 
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
         "evaluate",
         description="Reconstruct simulated scenes (or the photon files given) with every method and compare the "
-                    "clouds with the truth: a table, DIR/results.csv, and pictures in DIR. "
+                    "clouds with the truth: a table, DIR/results.csv, and pictures of clouds in DIR. "
                     "docs/evaluation.md explains the figures.")
     parser.add_argument("files", nargs="*", metavar="FILE",
                         help="photon files, or: simulator, its head with SBR 1 and 10 photons per pixel (default: the "
@@ -58,6 +57,7 @@ def run(args: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from srt3d_ros.evaluation import scores
+    from srt3d_ros.evaluation.drawings import draw
     from srt3d_ros.evaluation.run import jobs_for
     from srt3d_ros.evaluation.run import run as outcomes_of
 
@@ -80,12 +80,7 @@ def run(args: argparse.Namespace) -> int:
                 drawn.append(outcome)
         bar.set_description("drawing")
         means = scores.averaged(rows)
-        try:
-            from srt3d_ros.evaluation.drawings import draw
-        except ModuleNotFoundError:
-            notes.append(NO_FIGURES)
-        else:
-            draw(folder, means, drawn)
+        draw(folder, drawn)
         bar.set_description("done")
     common.print_notes(notes)
     print(f"{_within(cases)}\n\n{scores.markdown(means)}\n\n{folder}/  results.csv  *.png")

@@ -29,12 +29,11 @@ def add_parser(subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from srt3d_ros.files.new_files import check_place
+    from srt3d_ros.files.new_files import check_output
 
     if args.output is not None:
         require(len(args.input) == 1, "output", problem="--output draws one file: give one INPUT.")
-        require(args.output.suffix.lower() == ".png", "output", args.output.name, "a name that ends in .png")
-        check_place(args.output)
+        check_output(args.output, suffix=".png")
     if len(args.input) == 1:
         _print(args, *args.input)
         return 0

@@ -139,7 +139,5 @@ def tolerance_bins(text: str, sensor: SensorModel) -> float:
 
 
 def _observed(photons: Reading, held_out_share: float | None) -> Observation:
-    if held_out_share is None:
-        return Observation(photons.events, photons.reference_depth_bins)
-    frame, kept = held_out.split(photons.events, held_out_share)
+    frame, kept = held_out.split(photons.events, held_out_share) if held_out_share else (photons.events, None)
     return Observation(frame, photons.reference_depth_bins, held_out=kept)

@@ -14,10 +14,8 @@ FIGURES = ("frequencies", "num_bins", "bin_width_mm", "photons_per_pixel", "poin
            "within_1_std_percent", "within_2_std_percent", "held_out_nats", "held_out_std",
            "sketch_ms", "reconstruct_ms", "version")
 RESULT_COLUMNS = SETTINGS + FIGURES
-_MEANS = ("photons_per_pixel", "points", "true_detections_percent", "false_detections_percent", "dae_bins", "dae_mm",
-          "iae", "within_1_std_percent", "within_2_std_percent", "held_out_nats", "held_out_std", "sketch_ms",
-          "reconstruct_ms")
 _BY_SURFACE = "true_detections_by_surface_percent"
+_MEANS = tuple(name for name in FIGURES if name not in ("frequencies", _BY_SURFACE, "version"))
 HEADINGS = ("source", "SBR", "photons / pixel", "method", "m", "TD %", "FD %", "DAE bins", "DAE mm", "IAE",
             "≤ 1 σ %", "≤ 2 σ %", "points", "held-out nats / 100 pixels")
 NOTHING = "–"

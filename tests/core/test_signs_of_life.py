@@ -19,7 +19,7 @@ BLOCK[16:24, 30:38] = COLUMNS[:, 20:23] = True
 
 def known(b: float, frames: int, change, step_ns: int = STEP_NS) -> list[np.ndarray]:
     """Which pixels work, after each frame; `change(k, mean)` gives its expected photons and where it has points."""
-    rng, life, out = np.random.default_rng(1), SignsOfLife(), []
+    rng, life, out = np.random.default_rng(1), SignsOfLife(ALL), []
     for k in range(frames):
         mean, has_point = change(k, np.full((SIDE, SIDE), b))
         out.append(life((k + 1) * step_ns, rng.poisson(mean), has_point, -1))
@@ -78,7 +78,7 @@ def test_frames_may_come_fast_and_stamps_may_leap():
     """At 100 Hz a block dies as fast as at 10 Hz; after a leap, signs are needed anew."""
     fast = known(0.1, 500, dying(BLOCK, 400), STEP_NS // 10)
     assert fast[399].mean() > 0.9 and not fast[-1][BLOCK].any()
-    life, photons = SignsOfLife(), np.full((SIDE, SIDE), 1)
+    life, photons = SignsOfLife(ALL), np.full((SIDE, SIDE), 1)
     stamps = [*range(101, 110), 200, 201, 150]
     works = [life(stamp * STEP_NS, photons, ALL & False, -1).mean() > 0.5 for stamp in stamps]
     assert works == [False, *[True] * 8, False, True, False]
@@ -87,7 +87,7 @@ def test_frames_may_come_fast_and_stamps_may_leap():
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("back_s", [1, 300, 1_000_000])
 def test_a_clock_that_is_set_back_begins_a_new_stream_in_which_pixels_that_die_claim_nothing(back_s):
-    rng, life = np.random.default_rng(1), SignsOfLife()
+    rng, life = np.random.default_rng(1), SignsOfLife(ALL)
     for start_ns in (2 * 10**15, 2 * 10**15 - back_s * 10**9):
         seen = [life(start_ns + k * STEP_NS, rng.poisson(1.0, BLOCK.shape) * ~(BLOCK & (k >= 20)), ALL & False, -1)
                 for k in range(24)]
@@ -97,7 +97,7 @@ def test_a_clock_that_is_set_back_begins_a_new_stream_in_which_pixels_that_die_c
 def test_masked_and_dim_columns_are_not_taken_for_dead_ones_and_those_beside_them_work():
     rng, exposure = np.random.default_rng(1), np.ones(BLOCK.shape, np.float32)
     exposure[:, 21], exposure[:, 30] = 0, 0.1
-    life, blind = SignsOfLife(exposure), SignsOfLife()
+    life, blind = SignsOfLife(exposure), SignsOfLife(ALL)
     for k in range(1, 60):
         photons = rng.poisson(exposure)
         works, taken = (each(k * STEP_NS, photons, ALL & False, -1).mean(axis=0) for each in (life, blind))

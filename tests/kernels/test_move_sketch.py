@@ -122,11 +122,15 @@ def test_each_pixel_sees_the_nearest_point_and_holes_lie_between_their_neighbour
         for i, j in ((above, left), (above, left + 1), (above + 1, left), (above + 1, left + 1)):
             if 0 <= i < shape[0] and 0 <= j < shape[1]:
                 expected[i, j] = min(expected[i, j], np.linalg.norm(point))
-    found, known = cpu.seen_ranges(xyz.astype(np.float32), lens.lens, shape), np.isfinite(expected)
+    pose = Pose(Pose.turned([0.3, -0.2, 1.0]).rotation, np.array([0.5, -0.3, 0.2]))
+    motion = cpu.Motion(pose.rotation.astype(np.float32), pose.translation.astype(np.float32))
+    before = pose.inverse()(xyz).astype(np.float32)
+    found, known = cpu.seen_ranges(before, motion, lens.lens, shape), np.isfinite(expected)
     assert 30 < known.sum() < known.size - 30
     np.testing.assert_allclose(found[known], expected[known], rtol=1e-5)
     assert (found >= expected.min() - 1e-5).all() and (found <= expected[known].max() + 1e-5).all()
 
 
 def test_without_points_nothing_is_seen():
-    assert np.isinf(cpu.seen_ranges(np.empty((0, 3), np.float32), LENSES["pinhole"].lens, (3, 4))).all()
+    at_rest = cpu.Motion(np.eye(3, dtype=np.float32), np.zeros(3, np.float32))
+    assert np.isinf(cpu.seen_ranges(np.empty((0, 3), np.float32), at_rest, LENSES["pinhole"].lens, (3, 4))).all()

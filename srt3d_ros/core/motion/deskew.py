@@ -12,10 +12,12 @@ averaged over enough pixels that noise does not give neighbours different ranges
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from srt3d_ros.core.motion.trajectory import Pose, Trajectory
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.pulse import equivalent_width
 from srt3d_ros.core.sketching.frequencies import irf_spectrum
@@ -91,8 +93,7 @@ class Deskewer:
         scene = self._kernels.SeenScene(sensor.used, sensor.rays, ranges, sensor.late, turning, sensor.bin_width_m,
                                         self._steepest)
         for pose, before, numbers in parts:
-            motion = self._kernels.Motion(pose.rotation.astype(np.float32), pose.translation.astype(np.float32))
-            self._kernels.move_sketch(before, numbers, scene, sensor.projection.lens, motion, sums, photons)
+            self._kernels.move_sketch(before, numbers, scene, sensor.projection.lens, self._motion(pose), sums, photons)
         self._kernels.turn_sketch(sums, ranges / np.float32(sensor.bin_width_m) + sensor.late, turning)
         return sums, photons
 
@@ -101,7 +102,17 @@ class Deskewer:
         """Sums of scale · photons, rounded to whole ones, and these, uint32 [rows, cols]."""
         whole = np.minimum(np.floor(photons.astype(np.float64) * scale + self._dither), MAX_PIXEL_PHOTONS)
         share = (whole / np.maximum(photons, LEAST_PHOTONS)).astype(np.float32)
-        return sums * share[..., None], whole.astype(np.uint32)
+        # as real numbers: products of complex ones take three times as long
+        return (sums.view(np.float32) * share[..., None]).view(np.complex64), whole.astype(np.uint32)
+
+    def _motion(self, pose: Pose) -> Any:
+        return self._kernels.Motion(pose.rotation.astype(np.float32), pose.translation.astype(np.float32))
+
+    def ranges_of(self, cloud: PointCloud, pose: Pose) -> np.ndarray | None:
+        """The ranges at which a cloud's first points are seen after a motion, as of `ranges_m`; None if none is."""
+        xyz = cloud.xyz[cloud.surface == 0] if cloud.surface.any() else cloud.xyz       # a copy takes long
+        ranges = self._kernels.seen_ranges(xyz, self._motion(pose), self.sensor.projection.lens, self._shape)
+        return None if np.isinf(ranges[0, 0]) else np.maximum(ranges, NEAREST_M)
 
     def ranges_m(self, parts: Parts) -> np.ndarray:
         """The range along each pixel's ray, by its photons and its neighbours'; float32 [rows, cols], metres."""

@@ -8,6 +8,7 @@ import pytest
 from srt3d_ros.core.motion.track import GAP_NS, MotionReport, SensorMotion
 from srt3d_ros.core.motion.trajectory import KEPT_NS, Pose, Trajectory
 from srt3d_ros.errors import InvalidInput
+from tests.core.scenes import through
 
 MS = 1_000_000
 FORWARD = np.array([1.0, 0, 0])
@@ -86,14 +87,6 @@ def test_a_robot_that_has_said_how_fast_it_is_cannot_jump_at_rest():
 
 
 QUARTER_LEFT = Pose.turned([0, 0, np.pi / 2])
-
-
-def through(stamped) -> Trajectory:
-    """The trajectory of these stamps (ns) and poses."""
-    trajectory = Trajectory()
-    for stamp_ns, pose in stamped:
-        trajectory.add(stamp_ns, pose)
-    return trajectory
 
 
 @pytest.mark.parametrize("vector", [(0, 0, 0), (1e-9, 0, 0), (0.3, -0.2, 1.1), (0, 3.0, 0), (0, 0, np.pi)])

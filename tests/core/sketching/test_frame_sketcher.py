@@ -15,6 +15,7 @@ from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, Pho
 from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS
 from srt3d_ros.errors import InvalidInput
 from tests import photon_forms
+from tests.core.scenes import assert_same_sketch
 
 FREQUENCIES = (1, 2, 7, 49)
 SENSOR = SensorModel(4, 6, 100, 1e-10, [1, 2, 1], gates=GateWords(first_word=3, no_detection=0))
@@ -39,11 +40,6 @@ def definition(events: PhotonEvents, sensor=SENSOR, frequencies=FREQUENCIES) -> 
         x = np.rint(16 * events.toa[events.pixel == pixel].astype(np.float64)) / 16
         z[pixel], n[pixel] = np.exp(1j * np.outer(x, omega)).mean(axis=0), len(x)
     return z.reshape(sensor.rows, sensor.cols, -1), n.reshape(sensor.rows, sensor.cols)
-
-
-def assert_sketches_are_equal(one, other, each=EACH):
-    assert np.array_equal(one.photons, other.photons)
-    assert (np.abs(one.sums - other.sums) <= each * np.maximum(one.photons, 1)[..., None]).all()
 
 
 @pytest.mark.parametrize("ordered", [True, False], ids=["sorted", "unsorted"])
@@ -89,7 +85,7 @@ def test_packets_in_any_split_order_and_form_give_the_same_sketch_to_the_bit(see
     for k in rng.permutation(len(parts)):
         sketcher.add(photon_forms.as_gates(parts[k], SENSOR) if k in as_gates else parts[k])
     sketch = sketcher.end_frame()
-    assert_sketches_are_equal(sketch, sketch_photons(events, SENSOR, FREQUENCIES), each=0)
+    assert_same_sketch(sketch, sketch_photons(events, SENSOR, FREQUENCIES), each=0)
     assert sketch.stamp_ns == 100
 
 
