@@ -62,7 +62,7 @@ class Photons(Reading):
         Raises:
             InvalidInput: naming the argument that is missing or cannot be used.
         """
-        return cls._in_memory(arrays.from_events, (row, col, toa, stamp_ns), sensor, options)
+        return cls._in_memory(arrays.from_photons((row, col, toa), stamp_ns, gathered(options, sensor)))
 
     @classmethod
     @written_out()
@@ -77,21 +77,18 @@ class Photons(Reading):
         Raises:
             InvalidInput: naming the argument that is missing or cannot be used.
         """
-        return cls._in_memory(arrays.from_counts, (counts, stamp_ns), sensor, options)
+        return cls._in_memory(arrays.from_counts(counts, stamp_ns, gathered(options, sensor), in_file=False))
 
     @classmethod
     @written_out()
     def from_frame(cls, frame: PhotonFrame, *, sensor: SensorModel | None = None, **options: Unpack[SensorOptions]
                    ) -> Self:
         """Photons from a frame of srt3d_ros.core.sketching.photon_frame; sensor and options as for `from_events`."""
-        return cls._in_memory(arrays.from_frame, (frame,), sensor, options)
+        return cls._in_memory(arrays.from_frame(frame, gathered(options, sensor)))
 
     @classmethod
-    def _in_memory(cls, describe, arguments: tuple, sensor: SensorModel | None, options: dict) -> Self:
-        given = gathered(options, sensor)
-        sensor, frame, notes = describe(*arguments, given)
-        photons = cls(sensor, frame, None, IN_MEMORY, notes)
-        return photons if given.gate is None else photons.gated(*given.gate)
+    def _in_memory(cls, reading: Reading) -> Self:
+        return cls(reading.sensor, reading.frame, None, IN_MEMORY, reading.notes)
 
     def __repr__(self) -> str:
         sensor = self.sensor

@@ -10,6 +10,25 @@ if TYPE_CHECKING:
     from srt3d_ros.core.keys import Key
 
 
+# The extra of this package that installs each optional package.
+EXTRAS = {"rclpy": "ros", "std_msgs": "ros", "diagnostic_msgs": "ros", "sensor_msgs": "ros", "nav_msgs": "ros",
+          "rerun": "record", "pyarrow": "record", "matplotlib": "pictures", "PIL": "pictures",
+          "jinja2": "review", "rosbags": "bags", "mcap": "bags", "torch": "gpu", "ptufile": "lab", "sdtfile": "lab",
+          "h5py": "lab", "phconvert": "tttr", "laspy": "lab"}
+DRAWING = ("demo", "review")        # commands that need all of `review`, which includes `record`
+FAILED = 1
+
+
+def missing_package(error: ModuleNotFoundError, command: str) -> str:
+    """How to install a missing package; raises the error if it is none of EXTRAS."""
+    extra = EXTRAS.get(error.name or "")
+    if extra is None:
+        raise error
+    ros = "source a ROS 2 installation, or " if extra == "ros" else ""
+    extra = "review" if command in DRAWING and extra in ("record", "pictures") else extra
+    return f"{error.name} is not installed: {ros}pip install '.[{extra}]' in the clone"
+
+
 def given(args: argparse.Namespace, names: Iterable[str]) -> dict[str, object]:
     """Those of the options `names` that were given on the command line."""
     return {name: getattr(args, name) for name in names if getattr(args, name) is not None}

@@ -29,12 +29,11 @@ def add_parser(subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from srt3d_ros.files.new_files import check_place
+    from srt3d_ros.files.new_files import check_output
 
     if args.output is not None:
         require(len(args.input) == 1, "output", problem="--output draws one file: give one INPUT.")
-        require(args.output.suffix.lower() == ".png", "output", args.output.name, "a name that ends in .png")
-        check_place(args.output)
+        check_output(args.output, suffix=".png")
     if len(args.input) == 1:
         _print(args, *args.input)
         return 0
@@ -44,9 +43,10 @@ def run(args: argparse.Namespace) -> int:
             print(f"\n{path}" if path is not args.input[0] else path, flush=True)
         try:
             _print(args, path)
-        except InvalidInput as error:
+        except (InvalidInput, ModuleNotFoundError) as error:
             code = BAD_INPUT
-            print(f"srt3d: error: {error}", file=sys.stderr, flush=True)
+            said = common.missing_package(error, "info") if isinstance(error, ModuleNotFoundError) else error
+            print(f"srt3d: error: {said}", file=sys.stderr, flush=True)
     return code
 
 

@@ -115,7 +115,8 @@ def _value_of(name: str, array: np.ndarray) -> np.ndarray | float | str:
     if name not in ONE_NUMBER:
         return vector(array) if name in VECTORS else array
     require(array.size == 1, f"{name} shape", array.shape, "one number")
-    return finite(name, array.item())
+    number = finite(name, array.item())
+    return int(number) if name in KEYS and int in KEYS[name].kinds and number.is_integer() else number
 
 
 def _texts(name: str, array: np.ndarray, most: int) -> list[str]:

@@ -10,6 +10,7 @@ from typing import Any, Unpack
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
 from srt3d_ros.core.sketching.sums import PhaseSums
+from srt3d_ros.datasets.arrays import with_options
 from srt3d_ros.datasets.bags import frames as bag_frames
 from srt3d_ros.datasets.bags.bag import Bag, is_bag
 from srt3d_ros.datasets.irf import tail_note
@@ -103,7 +104,7 @@ def _simulated(frame: int, sensor: SensorModel | None, options: Options) -> Read
     require(frame >= 0, "frame", frame, "0 or more")
     simulator = Simulator(sensor=sensor)
     events, depth_bins = simulator.frame(frame)
-    return Reading(simulator.sensor, events, depth_bins, SIMULATOR).with_options(options)
+    return with_options(Reading(simulator.sensor, events, depth_bins, SIMULATOR), options)
 
 
 def frame_numbers(path: str | Path, wanted: str, photons_topic: str = "", **options: Any) -> range:

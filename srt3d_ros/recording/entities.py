@@ -21,6 +21,8 @@ POSE_PATH, ROOM_PATH, WAY_PATH = "/pose", "/room", "/way"           # of a senso
 MOVING_SENSOR_PATH = f"{POSE_PATH}{SENSOR_PATH}"
 NO_DEPTH = f"{DEPTH_PATH}/none"                     # drawn over the depth image
 PHOTON_IMAGES = INTENSITY_PATH, BACKGROUND_PATH, PHOTONS_PATH = "/intensity", "/background", "/photons"     # photons
+IMAGE_TITLES = {DEPTH_PATH: "Depth", PHOTONS_PATH: "Photons", INTENSITY_PATH: "Intensity",
+                BACKGROUND_PATH: "Background"}
 INTENSITY_COMPONENT = "intensity"                   # component of points, in photons
 OF_FULL_CLOUDS = ("depth_std", "row", "col", "surface")     # optional components of points
 RUN, SENSOR_PROPERTY, VERSIONS = "run", "sensor", "versions"      # properties

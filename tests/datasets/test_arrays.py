@@ -6,10 +6,9 @@ import pytest
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan
-from srt3d_ros.datasets.description import describe
+from srt3d_ros.datasets import arrays
 from srt3d_ros.datasets.irf import ESTIMATED
-from srt3d_ros.datasets.options import ASSUMED_FOV
-from srt3d_ros.datasets.reading import Reading
+from srt3d_ros.datasets.options import ASSUMED_FOV, Options, fields_of
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
@@ -74,7 +73,7 @@ def test_counts_get_the_smallest_type_that_holds_them(values, dtype):
     assert counts(large).frame.counts.dtype == dtype
     assert counts(large.astype(np.float64)).frame.counts.dtype == np.float32
     kept = large.astype(np.int32)
-    assert counts(kept).frame.counts is kept        # without a copy
+    assert np.shares_memory(counts(kept).frame.counts, kept)
 
 
 def test_an_irf_that_is_not_given_is_that_of_the_photons_but_for_those_of_hot_pixels():
@@ -108,7 +107,8 @@ def test_hot_pixels_are_masked_counted_and_left_out_of_the_estimated_irf():
     assert "2 hot pixels of 400" in found.notes[0] and "mask=auto" in off.notes[0]
     np.testing.assert_array_equal(found.sensor.irf, off.sensor.irf)
     assert Photons.from_frame(off.frame, sensor=off.sensor).sensor.used.all()       # a given sensor keeps its mask
-    assert "2 hot pixels" in str(describe(Reading(off.sensor, off.frame)).facts["notes"])       # as of a bag
+    of_bag = arrays.from_frame(off.frame, Options(), fields_of(off.sensor))
+    assert "2 hot pixels" in of_bag.notes[0] and of_bag.sensor.used.all()
     again = Photons.from_frame(off.frame, sensor=off.sensor, mask="auto").sensor
     np.testing.assert_array_equal(again.used, found.sensor.used)
 
@@ -186,9 +186,8 @@ def test_a_mistake_is_one_line_that_names_it(changes, said):
     (np.ones((3, 4)), {}, r"counts is float64 \(3, 4\): expected numbers \[rows, cols, bins\]"),
     (np.ma.masked_equal(cube(), 0), {}, "counts has masked values: fill them or leave them out"),
     (-cube(np.int32), {}, "No count is above 0. If the signal is inverted, negate it"),
-    (np.full((3, 4, 50), np.nan), {}, "counts is nan: expected "),
+    (np.full((3, 4, 50), np.nan), {}, "counts holds infinite numbers or NaN"),
     (np.full((3, 4, 50), 2**40), {}, "counts is 1099511627776: expected 32-bit numbers"),
-    (np.ones((3, 4, 50)), {"num_bins": 60}, r"counts shape is \(3, 4, 50\): expected .* = \(3, 4, 60\)"),
     (np.ones((3, 4, 10)), {"histograms": HistogramBins(10)}, "Give num_bins"),
     (np.zeros((3, 4, 50)), {"irf": None}, "Too few photons to estimate the IRF: give irf"),
     (np.ones((3, 4, 10)), {"irf": None, "num_bins": 50, "histograms": HistogramBins(10, 3, 4)},

@@ -9,7 +9,6 @@ from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.datasets import arrays, reading
-from srt3d_ros.datasets.readers import cubes
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
@@ -34,7 +33,7 @@ def cube(events):
 @pytest.fixture
 def npy(cube, tmp_path, monkeypatch):
     """Of more photons than become events."""
-    monkeypatch.setattr(cubes, "MAX_KEPT", 2000)
+    monkeypatch.setattr(arrays, "MAX_KEPT", 2000)
     np.save(tmp_path / "cube.npy", cube)
     return tmp_path / "cube.npy"
 

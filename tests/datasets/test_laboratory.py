@@ -139,7 +139,7 @@ def test_npz_cubes_may_describe_their_sensor(tmp_path, name, array):
 @pytest.mark.parametrize(("array", "options", "said"), [
     (CUBE[0, 0], {"bin_width_s": 1e-10}, "a.npy counts is uint16"),
     (CUBE, {"bin_width_s": 1e-10, "rows": 5}, "a.npy counts shape is 6 × 8 × 120: expected axes that fit rows = 5"),
-    (np.full((2, 2, 9), np.nan), {"bin_width_s": 1e-10}, "a.npy: counts holds values beyond")])
+    (np.full((2, 2, 9), np.nan), {"bin_width_s": 1e-10}, "a.npy: counts holds infinite")])
 def test_what_cannot_be_used_is_said_in_one_line(tmp_path, array, options, said):
     np.save(tmp_path / "a.npy", array)
     with pytest.raises(InvalidInput) as refused:

@@ -47,7 +47,7 @@ def test_a_gate_drops_and_counts_photons_outside(tmp_path):
     photons = read(path, irf=IRF, gate=(12, 15), toa_offset_bins=100, bin_width_s=1e-12)
     assert photons.frame.toa.tolist() == [0, 3, 1, 1, 2] and photons.sensor.num_bins == 4
     assert photons.sensor.toa_offset_bins == 112
-    assert photons.notes[1:] == ("2 of 7 photons lie outside the gate (bins 12 to 15): dropped",)
+    assert photons.notes[0] == "2 of 7 photons lie outside the gate (bins 12 to 15): dropped"
 
 
 def test_picoseconds_become_bins_of_the_window_the_file_states(tmp_path):

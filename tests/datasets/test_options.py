@@ -61,10 +61,10 @@ def test_a_gate_moves_toa_offset_and_reference_together(path):
 
 @pytest.mark.parametrize(("field", "options"), [
     ("gate", {"gate": (40, 20)}), ("gate", {"gate": (3,)}), ("gate", {"gate": (-1, 20)}), ("gate", {"gate": (0.5, 20)}),
-    ("a.npz toa", {"num_bins": 7}), ("rows", {"rows": 3}), ("option name", {"width": 3}),
+    ("a.npz toa", {"num_bins": 7}), ("a.npz rows", {"rows": 3}), ("option name", {"width": 3}),
     ("irf", {"irf": "response.bin"}),
-    ("irf dtype", {"irf": ["a"]}), ("irf shape", {"irf": np.ones((2, 2, 2))}), ("fov_deg", {"fov_deg": "wide"}),
-    ("channel", {"channel": 1}), ("frame", {"frame": 1}), ("a.npz num_bins", {"num_bins": "many"}),
+    ("irf dtype", {"irf": ["a"]}), ("irf shape", {"irf": np.ones((2, 2, 2))}), ("a.npz fov_deg", {"fov_deg": "wide"}),
+    ("a.npz channel", {"channel": 1}), ("frame", {"frame": 1}), ("a.npz num_bins", {"num_bins": "many"}),
     ("gate", {"gate": (10**400, 2)}),
     ("irf", {"irf": "a" * 300 + ".npy"}), ("irf", {"irf": "absent.npy"}), ("gate", {"gate": 3}),
     ("gate", {"gate": "off"}), ("irf_sigma_bins", {"irf_sigma_bins": "w"}), ("irf_sigma_bins", {"irf_sigma_bins": 0})])

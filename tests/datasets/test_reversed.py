@@ -25,7 +25,7 @@ def scene() -> np.ndarray:
 @pytest.mark.parametrize("irf", [True, False])
 def test_a_reversed_file_is_read_like_the_straight_one(tmp_path, monkeypatch, as_events, irf):
     if not as_events:
-        monkeypatch.setattr("srt3d_ros.datasets.readers.cubes.MAX_KEPT", 100)
+        monkeypatch.setattr("srt3d_ros.datasets.arrays.MAX_KEPT", 100)
     np.save(tmp_path / "straight.npy", scene())
     np.save(tmp_path / "back.npy", scene()[..., ::-1])
     straight = read(tmp_path / "straight.npy", **KNOWN, **({"irf": IRF} if irf else {}))

@@ -66,7 +66,7 @@ def test_many_photons_a_frame_ask_for_cycles(tmp_path):
 @pytest.mark.parametrize(("array", "options", "said"), [
     (np.zeros((9, 4)), {"no_detection": 0}, r"a.npy words is float64 \(9, 4\): expected numbers"),
     (np.zeros((9, 4, 4)), {"no_detection": 0, "axes": "bins,rows,cols"}, "a.npy axes is bins,rows,cols: expected fr"),
-    (np.zeros((9, 4, 4)), {"no_detection": 0, "rows": 5}, "rows is 5: expected 4, as in the file"),
+    (np.zeros((9, 4, 4)), {"no_detection": 0, "rows": 5}, "a.npy rows is 5: expected 4, as in the file"),
     (np.zeros((9, 4, 4)), {"first_word": 3}, "a.npy: first_word needs no_detection, and a file"),
     (np.full((9, 4, 4), 99), {"no_detection": 0}, "a.npy: 144 of 144 photons lie outside 0 to below 50 bins")])
 def test_what_cannot_be_read_is_one_line(tmp_path, array, options, said):

@@ -8,6 +8,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
 
 REACH = 2                   # pixels around, 24 neighbours
+AROUND = np.arange((2 * REACH + 1)**2).reshape(2 * REACH + 1, -1) != 2 * REACH * (REACH + 1)
 BRIGHTEST_LEFT_OUT = 3      # of the neighbours: other hot pixels. A line one pixel wide has 4
 HOT = 4                     # times the photons of the next neighbour and 2 more: no chance of any mean reaches it
 LEAK_SHARE, LEAK_RATIO = 0.05, 10       # of an end bin, least: of all photons; times the bin beside it
@@ -43,13 +44,12 @@ def light_of(frame: PhotonFrame, sensor: SensorModel) -> Light:
 
 def hot_pixels(light: Light, sensor: SensorModel) -> np.ndarray:
     """Used pixels far brighter than those around where signal is rare, and that have hardly any; bool [rows, cols]."""
+    from scipy.ndimage import rank_filter  # here: slow
+
     dark = light.dark * sensor.used
     if min(dark.shape) <= REACH:
         return np.zeros(dark.shape, bool)
-    side = 2 * REACH + 1
-    around = np.lib.stride_tricks.sliding_window_view(np.pad(dark, REACH, "reflect"), (side, side))
-    around = np.delete(around.reshape(*dark.shape, -1), side**2 // 2, axis=2)
-    bright = -np.partition(-around, BRIGHTEST_LEFT_OUT, axis=2)[..., BRIGHTEST_LEFT_OUT]
+    bright = rank_filter(dark, -1 - BRIGHTEST_LEFT_OUT, footprint=AROUND, mode="mirror")
     return (dark > HOT * (bright + 2)) & (light.of_pixels < 8 * dark)     # background alone: 4 quarters
 
 

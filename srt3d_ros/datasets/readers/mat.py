@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS, MAX_PIXELS
-from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, from_pixels
-from srt3d_ros.datasets.options import Options, check_same
+from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, from_counts, from_photons
+from srt3d_ros.datasets.axes import SIZES
+from srt3d_ros.datasets.options import Options
 from srt3d_ros.datasets.readers import npz
-from srt3d_ros.datasets.readers.cubes import cube
 from srt3d_ros.datasets.reading import Reading, in_gate
 from srt3d_ros.datasets.values import MAX_EVENTS, Note, outside_note
 from srt3d_ros.errors import finite, require
@@ -59,16 +59,11 @@ def read(path: Path, options: Options) -> Reading:
     with read_errors(path):
         for name in arrays.keys() & {*layout.window, layout.reference}:
             require(arrays[name].dtype.kind in "iuf", name, str(arrays[name].dtype), "numbers")
-        notes = ()
-        if "bin_width_s" not in options.known:
-            options = options.knowing(bin_width_s=layout.bin_width_s)
-            width_ps = layout.bin_width_s * 1e12
-            notes += (Note(f"bin width taken to be {width_ps:g} ps: the file has none", "bin_width_s"),)
-        return (_of_counts if layout.reference else _of_cells)(path, layout, arrays, options, notes)
+        note = Note(f"bin width taken to be {layout.bin_width_s * 1e12:g} ps: the file has none", "bin_width_s")
+        return (_of_counts if layout.reference else _of_cells)(path, layout, arrays, options, note)
 
 
-def _of_counts(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options: Options, notes: tuple[str, ...]
-               ) -> Reading:
+def _of_counts(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options: Options, note: Note) -> Reading:
     """Photons of counts [T, rows · cols] with reference depths. Sparse counts stay sparse."""
     name, photons = layout.variable, arrays[layout.variable]
     require(are_whole(np.atleast_2d(photons)), name, problem=f"{name} has negative or fractional counts.")
@@ -82,17 +77,16 @@ def _of_counts(path: Path, layout: Layout, arrays: dict[str, np.ndarray], option
     rows, cols = reference.shape
     if photons.ndim == 2:
         counts = photons.reshape(bins, cols, rows).transpose(2, 1, 0)
-        return cube(path, counts, options, notes=notes, reference=reference[None])
+        return from_counts(counts, 0, options, {"bin_width_s": layout.bin_width_s}, (note,), path.stem, reference[None])
     total, toa = photons.sum(dtype=np.float64), arrays[f"{name}.col"]
     require(total <= MAX_KEPT, f"{name} photons", total, f"at most {MAX_KEPT} in a sparse array: save full({name})")
     col, row = np.divmod(arrays[f"{name}.row"], rows)
     order = np.lexsort((toa, row * cols + col))
     pixel, toa = (values[order].repeat(photons[order].astype(np.int64)) for values in (row * cols + col, toa))
-    return _of_events(path, pixel, toa, reference.shape, (0, num_bins or bins), options, notes, reference[None])
+    return _of_events(path, pixel, toa, reference.shape, (0, num_bins or bins), options, layout, note, reference[None])
 
 
-def _of_cells(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options: Options, notes: tuple[str, ...]
-              ) -> Reading:
+def _of_cells(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options: Options, note: Note) -> Reading:
     """Photons of ToA lists, one cell a pixel."""
     name, toa, lengths = layout.variable, arrays[layout.variable], arrays[f"{layout.variable}.lengths"]
     require(lengths.ndim == 2 and 0 < lengths.size <= MAX_PIXELS, f"{name} shape", lengths.shape,
@@ -101,7 +95,7 @@ def _of_cells(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options
     require(toa.size <= MAX_EVENTS, f"{name} photons", toa.size, f"at most {MAX_EVENTS}")
     whole = layout.picoseconds or bool((toa == np.floor(toa)).all())
     require(whole, name, problem=f"{name} has times that are not whole bins.")
-    width_s = finite("bin_width_s", options.known["bin_width_s"], "seconds, above 0")
+    width_s = finite("bin_width_s", options.known.get("bin_width_s", layout.bin_width_s), "seconds, above 0")
     require(width_s > 0, "bin_width_s", width_s, "seconds, above 0")
     unit = 1e-12 / width_s if layout.picoseconds else 1
     require(bool(((toa >= 0) & (toa * unit < 2**32)).all()), f"{name} ToA",
@@ -115,23 +109,21 @@ def _of_cells(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options
     else:
         num_bins = _num_bins(options, int(bins.max(initial=-1)) + 1)
         window = (0, num_bins) if num_bins or not toa.size else (int(bins.min()), int(np.ptp(bins)) + 1)
-    return _of_events(path, pixel, bins, lengths.shape, window, options, notes)
+    return _of_events(path, pixel, bins, lengths.shape, window, options, layout, note)
 
 
 def _of_events(path: Path, pixel: np.ndarray, toa: np.ndarray, shape: tuple[int, int], window: tuple[int, int],
-               options: Options, notes: tuple[str, ...], reference: np.ndarray | None = None) -> Reading:
+               options: Options, layout: Layout, note: Note, reference: np.ndarray | None = None) -> Reading:
     """Photons inside the gate, or else inside `window` = (first bin, number of bins)."""
     first, last = options.gate or (window[0], sum(window) - 1)
     num_bins = last - first + 1
     require(num_bins <= MAX_BINS, "num_bins", num_bins, f"at most {MAX_BINS}: give a gate or bin_width_s")
-    sides = {"rows": shape[0], "cols": shape[1]}
-    check_same(sides, options.known)
-    described = options.knowing(**sides, num_bins=num_bins,
-                                toa_offset_bins=options.known.get("toa_offset_bins", 0) + first)
+    options = options.knowing(num_bins=num_bins, toa_offset_bins=options.known.get("toa_offset_bins", 0) + first)
     inside = (toa >= first) & (toa <= last)
-    sensor, events, more = from_pixels(pixel[inside], toa[inside] - first, 0, described)
-    outside = outside_note(len(toa) - events.photons, len(toa), first, last)
-    return Reading(sensor, events, in_gate(reference, first, last), path.stem, notes + more + outside)
+    outside = outside_note(len(toa) - np.count_nonzero(inside), len(toa), first, last)
+    return from_photons((pixel[inside], toa[inside] - first), 0, options.without("gate"),
+                        {"bin_width_s": layout.bin_width_s} | dict(zip(SIZES, shape)), (note, *outside), path.stem,
+                        in_gate(reference, first, last))
 
 
 def _num_bins(options: Options, bins: int = 0) -> int:
