@@ -16,13 +16,17 @@ from srt3d_ros.core.sketching.frequencies import (
 )
 from srt3d_ros.errors import InvalidInput
 
+T = 400
+TAIL = np.exp(-0.5 * ((np.arange(60) - 12) / np.where(np.arange(60) < 12, 3, 9))**2)
+BELL = np.exp(-0.5 * ((np.arange(41) - 20) / 4.0)**2)
 
-def bell(width: float, length: int = 61) -> np.ndarray:
-    return np.exp(-0.5 * ((np.arange(length) - length // 2) / width) ** 2)
 
-
-def make(num_bins=1000, irf=bell(4), **changes) -> SensorModel:
+def make(num_bins=1000, irf=BELL, **changes) -> SensorModel:
     return SensorModel(1, 2, num_bins, 1e-10, irf, **changes)
+
+
+def tailed(irf=TAIL, num_bins=T, **changes) -> SensorModel:
+    return make(num_bins, irf, **changes)
 
 
 def test_spectrum_of_a_delta_is_the_phase_of_its_distance_from_the_reference():
@@ -57,15 +61,6 @@ def test_without_a_size_a_short_period_gets_as_many_as_it_has(spec, num_bins, m)
 def test_what_means_nothing_is_refused_by_name(spec, m, num_bins, named):
     with pytest.raises(InvalidInput, match=f"^{named}"):
         choose_frequencies(spec, make(num_bins=num_bins), m)
-
-
-T = 400
-TAIL = np.exp(-0.5 * ((np.arange(60) - 12) / np.where(np.arange(60) < 12, 3, 9))**2)
-BELL = np.exp(-0.5 * ((np.arange(41) - 20) / 4.0)**2)
-
-
-def tailed(irf=TAIL, num_bins=T, **changes) -> SensorModel:
-    return SensorModel(1, 2, num_bins, 1e-10, irf, **changes)
 
 
 def bound(sensor: SensorModel, frequencies, signal, background) -> np.ndarray:
