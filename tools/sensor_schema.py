@@ -10,9 +10,9 @@ from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
 from srt3d_ros.datasets.options import option_keys
 from srt3d_ros.messages.cdr import MAX_FRAME_ID
+from srt3d_ros.messages.sensor_message import VERSION
 from tools.schema_tables import table
 
-VERSION = 1
 TYPES = {int: "integer", float: "number"}
 OBJECTS = {"pinhole": (Pinhole, "projection"), "angular_scan": (AngularScan, "projection"),
            "distortion": (PlumbBob, "projection.distortion"), "gates": (GateWords, "gates"),
