@@ -88,8 +88,6 @@ def test_the_callers_sensor_wins_over_every_file_and_a_note_says_so(tmp_path, su
 
 def test_what_a_photon_file_lacks_can_be_given(tmp_path):
     np.savez(tmp_path / "a.npz", rows=12, cols=20, num_bins=300, pixel=FRAME.pixel, toa=FRAME.toa)
-    with pytest.raises(srt3d_ros.InvalidInput, match=r"^a.npz: irf_ref needs irf"):
-        srt3d_ros.read(tmp_path / "a.npz", irf_ref=3)
     assert [note[:9] for note in srt3d_ros.read(tmp_path / "a.npz").notes] == ["bin width", "IRF estim", "geometry "]
     assert srt3d_ros.read(tmp_path / "a.npz", bin_width_s=5e-11, irf=SENSOR.irf, fov_deg=20,
                          toa_offset_bins=0).notes == ()

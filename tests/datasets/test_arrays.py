@@ -135,15 +135,6 @@ def test_a_first_cloud_needs_neither_bin_width_nor_measured_irf():
     assert found.sensor.irf[found.sensor.irf_ref + 3] / found.sensor.irf.max() == pytest.approx(np.exp(-2))
 
 
-def test_a_cube_that_may_be_turned_is_noted():
-    turned = np.moveaxis(np.ascontiguousarray(np.moveaxis(cube(), 2, 0)), 0, 2)
-    assert np.array_equal(counts(turned).frame.counts, cube())
-    assert counts(np.ones((8, 6, 30)), irf=[1]).notes == ()
-    for shape in ((30, 6, 8), (8, 7, 6)):       # bins × rows × cols, it seems; more pixels than bins either way
-        note, = counts(np.ones(shape), irf=[1]).notes
-        assert note.startswith(f"{shape[0]} × {shape[1]} × {shape[2]} taken for rows × cols × bins")
-
-
 @pytest.mark.parametrize("method", ["pooled", "xcorr"])
 def test_an_empty_frame_gives_an_empty_cloud_and_a_note(method):
     cloud = events([], [], []).reconstruct(method=method)

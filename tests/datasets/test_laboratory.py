@@ -6,19 +6,13 @@ import pytest
 from srt3d_ros import read
 from srt3d_ros.errors import InvalidInput
 from tests.datasets import laboratory_files as files
-from tests.datasets.laboratory_files import t3
+from tests.datasets.laboratory_files import counts_of, t3
 
 CUBE = files.pulse_cube()
 IRF = [0.1, 0.25, 0.3, 0.25, 0.1]
 LINE, STOP, FRAME = (1 << 31 | bit << 25 for bit in (1, 2, 4))
 SCAN = {"ImgHdr_PixX": 2, "ImgHdr_PixY": 2, "ImgHdr_LineStart": 1, "ImgHdr_LineStop": 2, "ImgHdr_Frame": 3,
         "ImgHdr_TimePerPixel": 0.12e-3}         # ms: ten laser periods
-
-
-def counts_of(photons) -> np.ndarray:
-    sensor, counts = photons.sensor, np.zeros((photons.sensor.pixels, photons.sensor.num_bins), int)
-    np.add.at(counts, (photons.frame.pixel, photons.frame.toa), 1)
-    return counts.reshape(sensor.rows, sensor.cols, -1)
 
 
 @pytest.fixture
@@ -125,23 +119,3 @@ def test_a_phu_file_gives_its_brightest_curve(tmp_path, laser_hz, num_bins, said
     (tmp_path / "a.phu").write_bytes(path.read_bytes()[:-8])
     with pytest.raises(InvalidInput, match="^a.phu: The file is cut off"):
         read(path)
-
-
-@pytest.mark.parametrize(("name", "array"), [("counts", CUBE), ("anything", np.asfortranarray(CUBE))])
-def test_npz_cubes_may_describe_their_sensor(tmp_path, name, array):
-    described = {"irf": IRF, "bin_width_s": 1e-10, "fov_deg": 9.0, "range_offset_m": 0.0}
-    np.savez_compressed(tmp_path / "a.npz", **{name: array}, mean=CUBE.mean(axis=2), **described)
-    photons = read(tmp_path / "a.npz")
-    assert np.array_equal(counts_of(photons), CUBE) and photons.notes == ()
-    assert photons.sensor.bin_width_s == 1e-10 and np.allclose(photons.sensor.irf, IRF)
-
-
-@pytest.mark.parametrize(("array", "options", "said"), [
-    (CUBE[0, 0], {"bin_width_s": 1e-10}, "a.npy counts is uint16"),
-    (CUBE, {"bin_width_s": 1e-10, "rows": 5}, "a.npy counts shape is 6 × 8 × 120: expected axes that fit rows = 5"),
-    (np.full((2, 2, 9), np.nan), {"bin_width_s": 1e-10}, "a.npy: counts holds infinite")])
-def test_what_cannot_be_used_is_said_in_one_line(tmp_path, array, options, said):
-    np.save(tmp_path / "a.npy", array)
-    with pytest.raises(InvalidInput) as refused:
-        read(tmp_path / "a.npy", **options)
-    assert str(refused.value).startswith(said)

@@ -1,6 +1,5 @@
 """The npz photon file: what is written comes back, and what cannot be used is named in one line."""
 
-import re
 import struct
 import zipfile
 
@@ -13,8 +12,6 @@ from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.options import ASSUMED_FOV
-from srt3d_ros.datasets.readers import npz
-from srt3d_ros.datasets.readers.mat import LAYOUTS
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.files import array_files as files
 
@@ -131,9 +128,3 @@ def test_what_cannot_be_saved_is_named(tmp_path, field, arguments):
     with pytest.raises(InvalidInput) as caught:
         photon_file.save(tmp_path / arguments[0], *arguments[1:])
     assert caught.value.field == field
-
-
-def test_every_array_and_layout_is_described(repository):
-    text = (repository / "docs" / "photon-file.md").read_text(encoding="utf-8")
-    for name in (*npz.KNOWN, *(layout.variable for layout in LAYOUTS)):
-        assert f"`{name}`" in text or re.fullmatch(r"ref_depth_bins_[3-8]", name), name

@@ -160,11 +160,6 @@ def test_bad_arguments_are_named(field, changes):
     assert caught.value.field == field
 
 
-@pytest.fixture(scope="module")
-def bust() -> Bust:
-    return Bust(default_sensor())
-
-
 def test_a_ball_is_hit_where_geometry_says():
     ball = Figure((Part((0, 0, 0), (10, 10, 10), 0.5),))
     origin = np.array([0, 0, -1], np.float32)
@@ -178,19 +173,9 @@ def test_a_ball_is_hit_where_geometry_says():
     np.testing.assert_allclose(ball.march(origin, rays)[clear], expected[clear], atol=3e-4)
 
 
-def test_the_bust_is_a_head_on_shoulders_before_a_wall(bust):
-    range_m = bust.frame(0)[0][0]
-    person = range_m < 2.35
-    width = person.sum(axis=1)
-    assert not person[0].any() and person[-1].all()             # wall above the head, shoulders across the bottom
-    assert not person[:100, [0, -1]].any()                      # wall beside the head
-    head, neck = width[60:70].max(), width[105:116].min()
-    assert 55 < head < 80 and 25 < neck < head                  # a neck narrower than the head
-    assert np.abs(person[20:110].astype(int) - person[20:110, ::-1]).mean() < 0.01     # looks straight ahead at t = 0
-
-
-def test_the_head_turns_smoothly_well_within_the_sensors_window(bust):
+def test_the_head_turns_smoothly_well_within_the_sensors_window():
     sensor, nose = default_sensor(), []
+    bust = Bust(sensor)
     for t_s in np.arange(2, 6, 0.25):
         range_m, reflectivity = bust.frame(t_s)
         bins = (range_m - sensor.range_m(0)) / sensor.bin_width_m
