@@ -12,7 +12,6 @@ from srt3d_ros.kernels.lens import distorted
 PATH_STEPS = 4              # from the image centre to a pixel: keeps Newton's method on one branch
 NEWTON_ITERATIONS = 30      # in each step, at most; 3 to 6 suffice where there is a solution
 PRECISION = 1e-12           # of the solution, relative to the focal length
-SAMPLES = 64                # between the centre and a pixel, at which the model must be invertible
 
 
 @documented
@@ -53,20 +52,22 @@ class PlumbBob:
     def undistorted(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The (x, y) of the rays (x, y, 1) that are seen at these (x', y'), float64; InvalidInput where none is.
 
-        By Newton's method from (x', y'). A solution counts if the model does not turn back between it and the centre.
+        By Newton's method, in steps from the centre to (x', y'). A solution counts if the model does not turn back
+        between it and the centre.
         """
-        at_x, at_y, step = x, y, np.full(np.shape(x), np.inf)
+        at_x, at_y, found = np.zeros(np.shape(x)), np.zeros(np.shape(y)), np.zeros(np.shape(x), bool)
         with np.errstate(all="ignore"):         # diverging rays are refused below
-            for _ in range(NEWTON_ITERATIONS):
-                seen_x, seen_y = distorted(at_x, at_y, *astuple(self))
-                xx, xy, yy = self._slopes(at_x, at_y)
-                scale = 1 / (xx * yy - xy * xy)
-                step_x, step_y = (yy * (x - seen_x) - xy * (y - seen_y)) * scale, \
-                    (xx * (y - seen_y) - xy * (x - seen_x)) * scale
-                at_x, at_y, step = at_x + step_x, at_y + step_y, np.maximum(abs(step_x), abs(step_y))
-                found = step <= PRECISION * (1 + abs(at_x) + abs(at_y))     # False for NaN
-                if found.all():
-                    break
+            for share in np.arange(1, PATH_STEPS + 1) / PATH_STEPS:
+                for _ in range(NEWTON_ITERATIONS):
+                    seen_x, seen_y = distorted(at_x, at_y, *astuple(self))
+                    off_x, off_y = share * x - seen_x, share * y - seen_y
+                    xx, xy, yy = self._slopes(at_x, at_y)
+                    scale = 1 / (xx * yy - xy * xy)
+                    step_x, step_y = (yy * off_x - xy * off_y) * scale, (xx * off_y - xy * off_x) * scale
+                    at_x, at_y = at_x + step_x, at_y + step_y
+                    found = np.maximum(abs(step_x), abs(step_y)) <= PRECISION * (1 + abs(at_x) + abs(at_y))
+                    if found.all():
+                        break
             xx, xy, yy = self._slopes(at_x, at_y)
             found &= (xx * yy > xy * xy) & (xx + yy > 0) & (at_x**2 + at_y**2 < self.reach)
         if not found.all():
