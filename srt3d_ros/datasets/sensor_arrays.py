@@ -52,11 +52,11 @@ def _numbers(part: Any) -> np.ndarray:
 
 def read_saved(path: Path, names: tuple[str, ...]) -> tuple[SensorModel, dict]:
     """The sensor of a saved cloud or sketch, and the values of its arrays `names`, by name, and `notes`."""
-    arrays = read_npz_arrays(path, (*SENSOR_ARRAYS, *names))
+    arrays, _ = read_npz_arrays(path, (*SENSOR_ARRAYS, *names))
     with read_errors(path):
         for name in (*REQUIRED, *names):
             require(name in arrays, name, problem=f"The file has no {name}.")
-        values = values_of(arrays)
+        values = values_of({name: arrays[name] for name in arrays.keys() & {*SENSOR_ARRAYS, *names}})
         return SensorModel(**sensor_options(values)), {"notes": ()} | values
 
 

@@ -30,7 +30,7 @@ PROPERTIES = "/__properties"                        # rerun's entity path for pr
 
 _DARK = 45 / 210        # ratio of dark colours that colours.range_table leaves out to those that it keeps
 _LEAST_SPAN = 1e-6
-_FAN, MOST_RAYS = (38, 52, 60), 1500               # dim; more rays would hide the points
+_FAN, MOST_RAYS = (38, 52, 60), 300                # dim and few, or they would hide the points
 _WAY_WIDTH = rr.Radius.ui_points(1.5)
 _FRUSTUM, _FRUSTUM_WIDTH = (60, 66, 77), rr.Radius.ui_points(0.4)      # dim and thin, behind the points
 

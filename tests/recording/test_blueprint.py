@@ -58,8 +58,8 @@ def test_empty_rays_start_at_the_sensor_are_few_and_are_hidden_at_first(tmp_path
         writer.log_free(10**8, 1, ends[:0])
     strips = [value for chunk in RrdReader(tmp_path / "a.rrd").stream() if chunk.entity_path == entities.FREE_PATH
               for value in chunk.to_record_batch().column("LineStrips3D:strips").to_pylist()]
-    assert [len(each) for each in strips] == [1334, 0]
-    assert np.allclose(strips[0][1], [np.zeros(3), ends[3]])
+    assert [len(each) for each in strips] == [286, 0]
+    assert np.allclose(strips[0][1], [np.zeros(3), ends[14]])
     assert [False] in blueprint_columns(tmp_path / "a.rrd")["EntityBehavior:visible"]
 
 

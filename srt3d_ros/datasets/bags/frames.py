@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -64,12 +64,6 @@ def _of_frames(contents: dict[BagTopic, str]) -> list[BagTopic]:
     readable = [topic for topic, content in contents.items() if content in (*CODECS, "sketch")]
     frames = [topic for topic in readable if contents[topic] != "sketch"] or readable
     return [topic for topic in frames if topic.name.rsplit("/", 1)[-1] == contents[topic]] or frames
-
-
-def read_frame(path: str | Path, number: int, options: Options, photons_topic: str = "") -> Reading:
-    """Message `number` of a bag's topic; arguments and errors as for `frames`."""
-    with closing(frames(path, (number,), options, photons_topic)) as loaders:
-        return next(loaders)[1]()
 
 
 def frames(path: str | Path, numbers: Sequence[int], options: Options, photons_topic: str = ""

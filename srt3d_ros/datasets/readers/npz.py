@@ -17,12 +17,12 @@ from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.datasets.sensor_arrays import SENSOR_ARRAYS, read_saved, sensor_options, values_of, vector
 from srt3d_ros.datasets.values import MAX_EVENTS
 from srt3d_ros.errors import require
-from srt3d_ros.files.array_files import MAX_ARRAY_BYTES, map_npy, npz_contents, read_errors, read_npz_arrays
-from srt3d_ros.files.isolated_child import listing
+from srt3d_ros.files.array_files import MAX_ARRAY_BYTES, map_npy, read_errors, read_npz_arrays
 
 MAX_CUBE_BYTES = 2**46
 COLUMNS, PIXEL_COLUMNS = ("row", "col", "toa"), ("pixel", "toa")
-KNOWN = (*SENSOR_ARRAYS, "pixel", *COLUMNS, "stamp_ns", *FIRST_REFERENCES, *OTHER_REFERENCES, "fov_deg", "kind")
+PHOTON_ARRAYS = ("counts", "pixel", *COLUMNS)
+KNOWN = (*SENSOR_ARRAYS, *PHOTON_ARRAYS, "stamp_ns", *FIRST_REFERENCES, *OTHER_REFERENCES, "fov_deg", "kind")
 # Arrays beside any counts that describe the sensor.
 BESIDE = ("irf", "irf_ref", "bin_width_s", "toa_offset_bins", "range_offset_m", "cycles", "dead_time_s", "period_s",
           "fov_deg")
@@ -32,15 +32,13 @@ WANTED = f"one numeric array [rows, cols, bins], or {PHOTONS}"
 
 def read(path: Path, options: Options) -> Reading:
     """Photons of an .npz file, one by one or as counts, or a saved Sketch or Cloud; other arrays are ignored."""
-    arrays = read_npz_arrays(path, (*KNOWN, *options.named))
+    arrays, listed = read_npz_arrays(path, (*KNOWN, *options.named))
     kind = arrays.pop("kind", None)         # unchecked: it may be anyone's
     if np.array_equal(kind, "cloud"):
         return cloud_files.read(path, options)
     if np.array_equal(kind, "sketch"):
         return _sketch(path, options)
-    if not _has_photons(arrays, options):
-        arrays = read_npz_arrays(path, (*KNOWN, "counts", *options.named), and_cubes=True)
-    return from_arrays(path, arrays, options, WANTED, listing(npz_contents(path)))
+    return from_arrays(path, arrays, options, WANTED, listed)
 
 
 def read_npy(path: Path, options: Options) -> Reading:
@@ -95,7 +93,7 @@ def _said(arrays: dict[str, np.ndarray], photons: tuple[str, ...]
           ) -> tuple[dict, tuple[str, ...], int, dict[str, np.ndarray]]:
     """What the arrays beside those of photons say: of the sensor, notes, stamp, reference depths."""
     values = values_of({name: array for name, array in arrays.items()
-                        if name in KNOWN and name not in ("kind", *PIXEL_COLUMNS, *COLUMNS, *photons)})
+                        if name in KNOWN and name not in ("kind", *PHOTON_ARRAYS, *photons)})
     first = next((name for name in FIRST_REFERENCES if name in values), "")
     names = [first, *takewhile(values.__contains__, OTHER_REFERENCES)] if first else []
     return (sensor_options(values), values.get("notes", ()), int(values.get("stamp_ns", 0)),
