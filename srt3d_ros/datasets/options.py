@@ -281,6 +281,7 @@ def _names(option: str, value: Any) -> tuple[str, ...]:
 
 def _same(one: Any, other: Any) -> bool:
     if np.ndim(one) and np.ndim(other):         # scaled to sum 1: IRFs are given in any unit
-        one, other = (np.asarray(values, np.float64) / max(np.sum(values), 1e-300) for values in (one, other))
+        with np.errstate(invalid="ignore"):
+            one, other = (np.asarray(values, np.float64) / max(np.sum(values), 1e-300) for values in (one, other))
         return one.shape == other.shape and np.allclose(one, other, rtol=1e-5, atol=0)
     return first_difference(one, other) is None

@@ -7,8 +7,7 @@ from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.datasets import arrays
-from srt3d_ros.datasets.irf import ESTIMATED
-from srt3d_ros.datasets.options import ASSUMED_FOV, Options, fields_of
+from srt3d_ros.datasets.options import Options, fields_of
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
@@ -76,24 +75,6 @@ def test_counts_get_the_smallest_type_that_holds_them(values, dtype):
     assert np.shares_memory(counts(kept).frame.counts, kept)
 
 
-def test_an_irf_that_is_not_given_is_that_of_the_photons_but_for_those_of_hot_pixels():
-    seen = SensorModel(30, 30, 400, 1e-10, np.exp(-0.5 * ((np.arange(31) - 10) / 3)**2))
-    depth = 100 + 4 * np.arange(30.0) + np.zeros((30, 1))
-    photons = Simulator(StaticScene(seen.range_m(depth)), seen, ppp=30, sbr=5).frame(0)[0]
-    mask, noise = np.ones((30, 30), bool), np.arange(400_000) % 400
-    mask[0, 0] = False
-    row, col = np.divmod(np.concatenate([photons.pixel, np.zeros(len(noise), np.uint32)]), 30)
-    toa, given = np.concatenate([photons.toa, noise]), {"bin_width_s": 1e-10, "mask": mask, "range_offset_m": 0}
-    by_events = Photons.from_events(row, col, toa, **given, shape=(30, 30), num_bins=400)
-    assert by_events.notes == (ESTIMATED, ASSUMED_FOV)
-    found, ref = by_events.sensor.irf, by_events.sensor.irf_ref
-    assert np.sqrt((found * (np.arange(len(found)) - ref)**2).sum()) == pytest.approx(3, abs=1)
-    cube = np.zeros((30, 30, 400), np.float64)
-    np.add.at(cube, (row, col, toa), 1)
-    by_counts = Photons.from_counts(cube, **given)
-    assert np.array_equal(by_counts.sensor.irf, found) and by_counts.notes == by_events.notes
-
-
 def test_hot_pixels_are_masked_counted_and_left_out_of_the_estimated_irf():
     seen = SensorModel(20, 20, 400, 1e-10, np.exp(-0.5 * ((np.arange(31) - 10) / 3)**2))
     depth = 100 + 4 * np.arange(20.0) + np.zeros((20, 1))
@@ -105,7 +86,9 @@ def test_hot_pixels_are_masked_counted_and_left_out_of_the_estimated_irf():
                   for options in ({}, {"mask": "off"}))
     assert np.flatnonzero(~found.sensor.used).tolist() == [45, 300] and off.sensor.used.all()
     assert "2 hot pixels of 400" in found.notes[0] and "mask=auto" in off.notes[0]
-    np.testing.assert_array_equal(found.sensor.irf, off.sensor.irf)
+    by_hand = Photons.from_counts(cube.reshape(20, 20, 400), bin_width_s=1e-10, mask=found.sensor.used)
+    for other in (off, by_hand):
+        np.testing.assert_array_equal(found.sensor.irf, other.sensor.irf)
     assert Photons.from_frame(off.frame, sensor=off.sensor).sensor.used.all()       # a given sensor keeps its mask
     of_bag = arrays.from_frame(off.frame, Options(), fields_of(off.sensor))
     assert "2 hot pixels" in of_bag.notes[0] and of_bag.sensor.used.all()

@@ -68,7 +68,6 @@ def _of_counts(path: Path, layout: Layout, arrays: dict[str, np.ndarray], option
     name, photons = layout.variable, arrays[layout.variable]
     require(are_whole(np.atleast_2d(photons)), name, problem=f"{name} has negative or fractional counts.")
     bins, pixels = photons.shape if photons.ndim == 2 else arrays[f"{name}.shape"][::-1].tolist()
-    num_bins = _num_bins(options, bins)
     require(layout.reference in arrays, layout.reference,
             problem=f"{name} needs the reference depths {layout.reference} [rows, cols].")
     reference = arrays[layout.reference].astype(np.float32) - np.float32(1)
@@ -83,7 +82,7 @@ def _of_counts(path: Path, layout: Layout, arrays: dict[str, np.ndarray], option
     col, row = np.divmod(arrays[f"{name}.row"], rows)
     order = np.lexsort((toa, row * cols + col))
     pixel, toa = (values[order].repeat(photons[order].astype(np.int64)) for values in (row * cols + col, toa))
-    return _of_events(path, pixel, toa, reference.shape, (0, num_bins or bins), options, layout, note, reference[None])
+    return _of_events(path, pixel, toa, reference.shape, (0, bins - 1), options, layout, note, reference[None])
 
 
 def _of_cells(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options: Options, note: Note) -> Reading:
@@ -102,20 +101,20 @@ def _of_cells(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options
             problem=f"{name} has times of arrival below 0 or beyond 2³² bins.")
     bins = np.floor(toa * unit + EDGE).astype(np.int64)
     pixel = np.arange(lengths.size).repeat(lengths.ravel())
-    if layout.window and arrays.keys() >= set(layout.window):
+    if layout.window and arrays.keys() >= {*layout.window}:
         low, high = (finite(name, arrays[name].squeeze().tolist(), "one ToA") * unit for name in layout.window)
-        first = int(np.floor(low + EDGE))
-        window = first, _num_bins(options) or int(np.ceil(high - EDGE)) - first
+        measured = int(np.floor(low + EDGE)), int(np.ceil(high - EDGE)) - 1
     else:
-        num_bins = _num_bins(options, int(bins.max(initial=-1)) + 1)
-        window = (0, num_bins) if num_bins or not toa.size else (int(bins.min()), int(np.ptp(bins)) + 1)
-    return _of_events(path, pixel, bins, lengths.shape, window, options, layout, note)
+        measured = 0 if "num_bins" in options.known else int(bins.min(initial=2**32)), int(bins.max(initial=0))
+    return _of_events(path, pixel, bins, lengths.shape, measured, options, layout, note)
 
 
-def _of_events(path: Path, pixel: np.ndarray, toa: np.ndarray, shape: tuple[int, int], window: tuple[int, int],
+def _of_events(path: Path, pixel: np.ndarray, toa: np.ndarray, shape: tuple[int, int], measured: tuple[int, int],
                options: Options, layout: Layout, note: Note, reference: np.ndarray | None = None) -> Reading:
-    """Photons inside the gate, or else inside `window` = (first bin, number of bins)."""
-    first, last = options.gate or (window[0], sum(window) - 1)
+    """Photons inside the gate, or else in the bins `measured` = (first, last), or num_bins from the first on."""
+    first, last = options.gate or measured
+    if options.gate is None and "num_bins" in options.known:
+        last = first + int(finite("num_bins", options.known["num_bins"], "a number of bins")) - 1
     num_bins = last - first + 1
     require(num_bins <= MAX_BINS, "num_bins", num_bins, f"at most {MAX_BINS}: give a gate or bin_width_s")
     options = options.knowing(num_bins=num_bins, toa_offset_bins=options.known.get("toa_offset_bins", 0) + first)
@@ -124,12 +123,3 @@ def _of_events(path: Path, pixel: np.ndarray, toa: np.ndarray, shape: tuple[int,
     return from_photons((pixel[inside], toa[inside] - first), 0, options.without("gate"),
                         {"bin_width_s": layout.bin_width_s} | dict(zip(SIZES, shape)), (note, *outside), path.stem,
                         in_gate(reference, first, last))
-
-
-def _num_bins(options: Options, bins: int = 0) -> int:
-    """The option num_bins, or 0; InvalidInput if it would drop photons of the file's `bins` without a gate."""
-    given = options.known.get("num_bins", 0)
-    number = int(finite("num_bins", given, "a number of bins"))
-    require(options.gate is not None or not number or number >= bins, "num_bins", given,
-            f"{bins} or more, up to the file's last bin; or give a gate")
-    return number
