@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from srt3d_ros.core.keys import Key
+    from srt3d_ros.datasets.reading import Reading
 
 
 # The extra of this package that installs each optional package.
@@ -80,6 +81,19 @@ def on_command_line() -> dict[str, "Key"]:
     from srt3d_ros.datasets.options import option_keys  # imported here, as NumPy and numba are slow
 
     return {name: key for name, key in option_keys().items() if key.option}
+
+
+def add_gate(parser: argparse.ArgumentParser) -> None:
+    """Add --gate of commands that take no `auto`."""
+    parser.add_argument("--gate", default="off", metavar="FIRST-LAST",
+                        help="use only the photons in bins FIRST to LAST (default: off)")
+
+
+def read_photons(args: argparse.Namespace, path: str, **more: bool) -> "Reading":
+    """The photons of INPUT at `path`, as the options say; `more` as of `datasets.read_photons`."""
+    from srt3d_ros import datasets
+
+    return datasets.read_photons(path, args.frame, args.photons_topic, **more, **overrides(args))
 
 
 def add_sensor_file(group: argparse._ArgumentGroup) -> None:

@@ -20,8 +20,7 @@ def add_parser(subparsers) -> None:
         description="Print size, photons per pixel, SBR, bins, range, IRF width and notes of photon files, and a gate "
                     "and frequencies that suit each.")
     common.add_photon_file(parser, nargs="+")
-    parser.add_argument("--gate", default="off", metavar="FIRST-LAST",
-                        help="use only the photons in bins FIRST to LAST (default: off)")
+    common.add_gate(parser)
     parser.add_argument("-o", "--output", metavar="INFO.png", type=Path,
                         help="also draw the histogram of the photons, the photons of each pixel, and the IRF")
     common.add_json(parser)
@@ -53,10 +52,9 @@ def run(args: argparse.Namespace) -> int:
 def _print(args: argparse.Namespace, path: str) -> None:
     """Print the figures of one file, or raise InvalidInput."""
     from srt3d_ros.core.sketching.gate import in_ranges
-    from srt3d_ros.datasets import read_photons
     from srt3d_ros.datasets.description import describe
 
-    photons = read_photons(path, args.frame, args.photons_topic, guess_irf=True, **common.overrides(args))
+    photons = common.read_photons(args, path, guess_irf=True)
     found = describe(photons)
     facts, gate = {"input": path} | found.facts, found.gate
     if args.output is not None:
