@@ -22,7 +22,7 @@ from srt3d_ros.kernels.cpu.method.pooled_step import pooled_step
 from srt3d_ros.kernels.cpu.method.search import no_surfaces, search
 from srt3d_ros.kernels.cpu.method.sketches import expand, prepare, residual, unexplained
 from srt3d_ros.kernels.cpu.method.trim import drop_blobs, trim
-from srt3d_ros.kernels.cpu.sketching.move_sketch import Motion, SeenScene, move_sketch, turn_sketch
+from srt3d_ros.kernels.cpu.sketching.move_sketch import Motion, SeenScene, move_sketches
 from srt3d_ros.kernels.cpu.sketching.phase_sums import (
     fixed_rows,
     new_sums,
