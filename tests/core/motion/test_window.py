@@ -17,7 +17,7 @@ from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.reconstruction import Reconstructor
-from tests.core.scenes import through
+from tests.core.scenes import simulate, through
 
 ROWS, COLS, T, STEP, MS = 4, 12, 200, 0.02, 1_000_000
 FREQUENCIES = (1, 3, 20)
@@ -138,9 +138,7 @@ def test_a_window_that_moves_keeps_the_light_of_one_frame_on_a_steep_wall():
         x_m = 0.02 * k
         range_m = (1 + x_m) / (sensor.rays[..., 2] - sensor.rays[..., 0])          # z = 1 + x
         trajectory.add(100 * k * MS, Pose(translation=np.array([x_m, 0, 0])))
-        scene = StaticScene(range_m.astype(np.float32), np.ones((48, 48), np.float32))
-        simulator = Simulator(scene, sensor, 1.0, 8.0, k)
-        sketch = sketch_photons(simulator.frame(0)[0], sensor, FREQUENCIES)
+        sketch = sketch_photons(simulate(sensor.depth_bins(range_m), 1.0, 8.0, sensor, k), sensor, FREQUENCIES)
         cloud = pooled(replace(sketch, stamp_ns=100 * k * MS), trajectory)
         inside = (cloud.row > 5) & (cloud.row < 42) & (cloud.col > 5) & (cloud.col < 36)
         light.append((np.median(cloud.intensity[inside]), np.median(cloud.background)))
