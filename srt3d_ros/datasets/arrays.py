@@ -16,7 +16,7 @@ from srt3d_ros.datasets.axes import SIZES
 from srt3d_ros.datasets.options import ASSUMED_FOV, HALF_BIN_M, Known, Options, fields_of, sensor_of
 from srt3d_ros.datasets.reading import IN_MEMORY, Reading, in_gate
 from srt3d_ros.datasets.values import Note, array, outside_note, sendable
-from srt3d_ros.errors import InvalidInput, finite, quoted, require
+from srt3d_ros.errors import finite, quoted, require
 
 SUBTRACTED = "cycles not used, pile-up not corrected: some counts are negative, so something was subtracted"
 MAX_KEPT = 2**24            # photons in a sample, 100 MB; files with fewer become events
@@ -103,11 +103,7 @@ def from_counts(counts: Any, stamp_ns: int, options: Options, own: Known | None 
     missing, inside = last - first + 1 - kept.shape[2], kept.sum(dtype=np.float64)
     kept = np.ascontiguousarray(np.pad(kept, ((0, 0), (0, 0), (0, missing))) if missing else kept)
     frame = PhotonHistograms(kept, stamp_ns)
-    try:
-        frame.check(sensor)
-    except InvalidInput as error:
-        field = error.field.removesuffix(" count").replace("histograms", "counts")      # the name of the argument
-        raise InvalidInput(field, error.value, error.expected, error.problem) from None
+    frame.check(sensor)
     if in_file and sensor.histograms is None and inside <= MAX_KEPT and are_whole(kept):
         frame = replace(sampled(kept), stamp_ns=stamp_ns)
     reading = _reading(frame, sensor, options, notes + assumed, name, in_gate(reference, first, last))

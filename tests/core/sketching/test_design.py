@@ -238,6 +238,15 @@ def test_times_that_fill_a_small_part_of_the_bins_may_be_nanoseconds(toa, said):
     assert not other_unit(PhotonEvents(events.pixel, toa.astype(np.uint16)), BOX)
 
 
+def test_a_floor_of_the_irf_is_warned_of_until_it_is_taken_off():
+    pulse = np.exp(-0.5 * ((np.arange(60) - 30) / 2)**2)
+    for irf, said in ((pulse, False), (pulse + 0.01, True), (pulse[20:40], False)):
+        watch = LightWatch(BOX.replace(irf=irf, irf_ref=None))
+        watch.look(PhotonHistograms(cube()), 7)
+        watch.look(PhotonHistograms(cube()), 8)
+        assert ("irf has a floor" in watch.warning) == said
+
+
 def test_a_stream_is_looked_at_for_a_second_and_then_once_a_second():
     dark, bright = (PhotonHistograms(cube(extra)) for extra in ((), [(3, 7, slice(None), 1)]))
     leaking = PhotonHistograms(cube([(slice(None), slice(None), 0, 2)]))
