@@ -155,7 +155,8 @@ def test_an_irf_that_is_too_long_for_turned_counts_names_axes():
     ({"axes": "bins,rows"}, "axes is .*: expected rows, cols and bins in the order of the array"),
     ({"axes": ("bins", "rows", "rows")}, "axes is .*: expected rows, cols and bins"), ({"axes": 3}, "axes is 3: "),
     ({"columns": "a,b,c,d"}, "columns is .*: expected the arrays"), ({"columns": [1, 2, 3]}, "columns"),
-    ({"columns": "a,b,c"}, "Only .npz, HDF5, .mat"), ({"channel": 1}, "Only .ptu, .phu, .sdt")])
+    ({"columns": "a,b,c"}, "Only .npz, HDF5, .mat"), ({"channel": 1}, "Only .ptu, .phu, .sdt"),
+    ({"reversed": True}, "Only photon files have reversed")])
 def test_options_for_other_files_are_refused(tmp_path, options, said):
     with pytest.raises(InvalidInput, match=f"^{said}"):
         from_counts(CUBE, irf=IRF, **options)

@@ -145,8 +145,6 @@ def test_a_window_that_moves_keeps_the_light_of_one_frame_on_a_steep_wall():
     np.testing.assert_allclose(np.mean(light[8:], axis=0), 4, rtol=0.05)
 
 
-def test_only_windows_take_a_trajectory_and_only_pooled_has_windows():
-    with pytest.raises(InvalidInput, match="window_frames 3: smle takes only surfaces, device"):
-        Reconstructor(SENSOR, FREQUENCIES, method="smle", window_frames=3)
+def test_only_windows_take_a_trajectory():
     with pytest.raises(InvalidInput, match="Only windows follow a trajectory"):
         Reconstructor(SENSOR, FREQUENCIES, device="cpu")(seen(40, 9), Trajectory())

@@ -91,11 +91,9 @@ def test_packets_in_any_split_order_and_form_give_the_same_sketch_to_the_bit(see
     assert sketch.stamp_ns == 100
 
 
-def test_photons_sensors_and_frequencies_that_cannot_be_used_are_named():
+def test_photons_that_do_not_fit_the_sensor_are_named():
     with pytest.raises(InvalidInput, match="^pixel is 24: expected an index below 4 × 6 = 24"):
         sketch_photons(PhotonEvents(np.array([24], np.uint32), np.zeros(1, np.uint16)), SENSOR, FREQUENCIES)
-    with pytest.raises(InvalidInput, match="^frequencies is 50"):
-        FrameSketcher(SENSOR, (1, 50))
     with pytest.raises(InvalidInput, match="^sensor.gates is missing"):
         sketch_photons(PhotonGates(np.full((1, 4, 6), 3, np.uint16)), SENSOR.replace(gates=None), FREQUENCIES)
 
