@@ -8,6 +8,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.datasets import arrays
 from srt3d_ros.datasets.options import Options, fields_of
+from srt3d_ros.datasets.reading import Said
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.photons import Photons
 from tests.core.scenes import simulate
@@ -89,7 +90,7 @@ def test_hot_pixels_are_masked_counted_and_left_out_of_the_estimated_irf():
     for other in (off, by_hand):
         np.testing.assert_array_equal(found.sensor.irf, other.sensor.irf)
     assert Photons.from_frame(off.frame, sensor=off.sensor).sensor.used.all()       # a given sensor keeps its mask
-    of_bag = arrays.from_frame(off.frame, Options(), fields_of(off.sensor))
+    of_bag = arrays.from_frame(off.frame, Options(), Said(fields_of(off.sensor)))
     assert "2 hot pixels" in of_bag.notes[0] and of_bag.sensor.used.all()
     again = Photons.from_frame(off.frame, sensor=off.sensor, mask="auto").sensor
     np.testing.assert_array_equal(again.used, found.sensor.used)

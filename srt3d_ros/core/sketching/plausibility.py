@@ -46,13 +46,13 @@ def light_of(frame: PhotonFrame, sensor: SensorModel) -> Light:
 
 def hot_pixels(light: Light, sensor: SensorModel) -> np.ndarray:
     """Used pixels far brighter than those around where signal is rare, and that have hardly any; bool [rows, cols]."""
+    dark = light.dark * sensor.used
+    hot = (dark > 2 * HOT) & (light.of_pixels < 8 * dark)       # background alone: 4 quarters
+    if min(dark.shape) <= REACH or not hot.any():
+        return np.zeros(dark.shape, bool)
     from scipy.ndimage import rank_filter  # here: slow
 
-    dark = light.dark * sensor.used
-    if min(dark.shape) <= REACH:
-        return np.zeros(dark.shape, bool)
-    bright = rank_filter(dark, -1 - BRIGHTEST_LEFT_OUT, footprint=AROUND, mode="mirror")
-    return (dark > HOT * (bright + 2)) & (light.of_pixels < 8 * dark)     # background alone: 4 quarters
+    return hot & (dark > HOT * (2 + rank_filter(dark, -1 - BRIGHTEST_LEFT_OUT, footprint=AROUND, mode="mirror")))
 
 
 def leak(light: Light) -> str:

@@ -20,7 +20,7 @@ from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.datasets.arrays import from_frame
 from srt3d_ros.datasets.options import Options, fields_of
-from srt3d_ros.datasets.reading import Reading
+from srt3d_ros.datasets.reading import Reading, Said
 from srt3d_ros.errors import require
 from srt3d_ros.files.array_files import read_errors
 
@@ -45,7 +45,7 @@ def frames(path: Path, options: Options) -> Iterator[Callable[[], Reading]]:
 def _photons(frame: dict, configuration: dict, path: Path, number: int, options: Options) -> Reading:
     with read_errors(path, f"mp_histo and ref_histo in frame {number}"):
         photons = _of_log(frame, configuration, f"{path.name} frame {number}")
-    return from_frame(photons.frame, options, fields_of(photons.sensor), photons.notes, path.stem)
+    return from_frame(photons.frame, options, Said(fields_of(photons.sensor), photons.notes, path.stem))
 
 
 def _read(path: Path) -> tuple[list, dict]:
