@@ -1,14 +1,13 @@
 """Photons as arrays of row, col and ToA, and counts with other axes: the same from every kind of file."""
 
 import re
-import warnings
 
 import numpy as np
 import pytest
 
 from srt3d_ros import datasets, from_counts, read
 from srt3d_ros.errors import InvalidInput
-from tests.datasets.laboratory_files import counts_of, pulse_cube, write
+from tests.datasets.laboratory_files import pulse_cube, write
 
 CUBE = pulse_cube()
 IRF = [0.1, 0.25, 0.3, 0.25, 0.1]
@@ -160,12 +159,3 @@ def test_an_irf_that_is_too_long_for_turned_counts_names_axes():
 def test_options_for_other_files_are_refused(tmp_path, options, said):
     with pytest.raises(InvalidInput, match=f"^{said}"):
         from_counts(CUBE, irf=IRF, **options)
-
-
-@pytest.mark.parametrize("dtype", [np.float16, ">u2"])
-def test_counts_of_any_type_and_order_are_read_without_a_warning(tmp_path, dtype):
-    np.save(tmp_path / "a.npy", np.asfortranarray(CUBE.astype(dtype)))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        photons = read(tmp_path / "a.npy", irf=IRF)
-    assert np.array_equal(counts_of(photons), CUBE)
