@@ -36,6 +36,7 @@ def cube(dtype=np.uint16):
 
 
 @pytest.mark.parametrize("dtype", [np.int8, np.uint64, np.float16, np.float64, ">u2"])
+@pytest.mark.filterwarnings("error")
 def test_every_type_of_number_gives_the_same_photons(dtype):
     found = events(*(np.array(values, dtype) for values in (ROW, COL, TOA)))
     assert found.frame.pixel.tolist() == PIXEL and found.frame.toa.tolist() == TOA

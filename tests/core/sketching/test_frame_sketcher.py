@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher, phase_table, sketch_photons
+from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher, sketch_photons
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS, MAX_SKETCH_SIZE, PhaseSums, check_frequencies
@@ -65,13 +65,6 @@ def test_times_with_fractions_are_rounded_as_finely_as_16_bits_allow(num_bins, s
     found = sketch_photons(PhotonEvents(np.arange(4, dtype=np.uint32), toa), sensor, (1, num_bins // 2 - 1))
     turns = np.outer(np.rint(toa.astype(np.float64) * steps) / steps, found.frequencies) / num_bins
     np.testing.assert_allclose(found.sums[0], np.exp(2j * np.pi * turns), atol=EACH)
-
-
-def test_phases_are_exact_for_high_frequencies_in_late_bins():
-    table = phase_table(SensorModel(1, 1, 65_535, 1e-10, [1.0]), (32_767,), None).view(np.complex64)[:, 0]
-    b = np.arange(65_535, dtype=object)                   # Python's integers: no rounding
-    turns = np.array([int(k) for k in b * 32_767 % 65_535]) / 65_535
-    np.testing.assert_allclose(table, np.exp(2j * np.pi * turns), atol=1e-7)
 
 
 @settings(max_examples=40, deadline=None)
