@@ -17,7 +17,8 @@ unexport PYTHONDONTWRITEBYTECODE
 
 # --no-compile: Python compiles what is imported; all of it would take 20 s and 0.1 GB.
 pip = $(VENV)/bin/python -m pip --disable-pip-version-check install --quiet --no-compile $(CONSTRAINTS)
-pytest = $(VENV)/bin/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+# pytest-xdist would replace a worker that died, and then wait for ever for tests that it has given to nobody.
+pytest = $(VENV)/bin/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --max-worker-restart 0
 # What takes longest: programs as users start them, the documents' commands, installations, two machines, compilers.
 long = tests/test_demo.py tests/processes/test_supervisor.py tests/docs tests/test_install.py \
 	tests/nodes/test_two_machines.py tests/core/test_same_bits.py tests/kernels/test_device.py \

@@ -64,7 +64,7 @@ MODULES = ("core.matched_frame", "core.method.background", "core.method.threshol
 FIXED = {"limits of inputs": ("MAX_SKETCH_SIZE", "MAX_PIXEL_PHOTONS", "MAX_SURFACES", "*_FALSE_ALARM_RATE"),
          "rounding": ("TINY", "EPSILON", "RIDGE"), "speed alone": ("CELL", "PLANE_STEP"),
          "baselines": ("INTENSITY_RATE", "APSS_*"),
-         "steps of a solution that has converged": ("PASSES", "NEWTON_STEPS"),
+         "steps of a solution that has converged": ("PASSES", "NEWTON_STEPS", "PLANE_TURNS"),
          "sampling of tables": ("FLUXES", "TABLE_STEPS", "BETWEEN"),
          "widen depth_std alone": ("SATURATED", "RELIEF_SCORE"),
          "powers that mean intensity, depth, width and skew": ("CORRECTED",),
@@ -227,12 +227,11 @@ def moving(number: int) -> Iterator[Draw]:
     """Draws of one frame of a walk through the room, deskewed."""
     from benchmarks.motion import Walk
 
-    walk = Walk(frames=1)
-    sensor, views, (range_m, _) = walk.sensor, walk.views(0), walk.at_middle(0)
-    sketcher = MovingSketcher(sensor, walk.frequencies)
+    walk = Walk(range(1))
+    sketcher, depth = MovingSketcher(walk.sensor, walk.frequencies), walk.at_rest(3).expected(0)[0]
     for seed in range(number):
-        sketch = sketcher.finish(walk.frame(0, views, 3, seed), walk.trajectory)
-        yield Draw(sketch, sensor, sensor.depth_bins(range_m)[None], 10, True)
+        sketch = sketcher.finish(walk.frame(0, walk.moving(3, seed=seed)), walk.trajectory)
+        yield Draw(sketch, walk.sensor, depth, 10, True)
 
 
 def measure_apart(variant: dict, folder: str) -> dict[str, np.ndarray]:

@@ -126,7 +126,7 @@ def drawn(rng: np.random.Generator, sensor: SensorModel, frequencies: tuple[int,
 
 def known(b: float, area: np.ndarray, before: float, after: float, with_points: bool) -> dict[str, float]:
     """Percent of an area's pixels that are known to work, before an event in frame 60 and after it."""
-    rng, life, out = np.random.default_rng(3), SignsOfLife(), {}
+    rng, life, out = np.random.default_rng(3), SignsOfLife(EVERYWHERE), {}
     for k in range(161):
         has_point = area & (with_points and k < 60)
         mean = np.where(area, b * (before if k < 60 else after), b) + 30 * has_point

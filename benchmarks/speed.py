@@ -116,19 +116,16 @@ def fft(sensor: SensorModel) -> Callable[[], None]:
 
 def draw(path: Path, lines: Sequence[dict]) -> None:
     """Draw median times against photons per pixel, a curve for each method."""
-    from matplotlib.figure import Figure
+    from matplotlib import pyplot
 
-    from srt3d_ros.pictures.curves import METHOD_COLOURS, Metric, format_axes
-    from srt3d_ros.pictures.figures import save_png
-
-    figure = Figure(figsize=(8, 5), dpi=200, layout="constrained")
-    ax = figure.subplots()
-    for name, colour in zip((*METHODS, "sketching", "fft"), METHOD_COLOURS):
-        of_method = [line for line in lines if line["method"] == name]
-        if of_method:
-            ax.plot([line["ppp"] for line in of_method], [line["median_ms"] for line in of_method], label=name,
-                    color=colour, marker="o", markersize=4.5, linewidth=3 if name == "pooled" else 1.6)
-    format_axes(ax, Metric("median_ms", "time of a frame, ms", "log"))
-    ax.set(xlabel="photons per pixel, with background", ylabel="time of a frame, ms")
+    figure, axes = pyplot.subplots(figsize=(8, 5), layout="constrained")
+    for name in (*METHODS, "sketching", "fft"):
+        if of_method := [line for line in lines if line["method"] == name]:
+            axes.loglog([line["ppp"] for line in of_method], [line["median_ms"] for line in of_method], "o-",
+                        label=name, linewidth=3 if name == "pooled" else 1.5)
+    axes.set(xlabel="photons per pixel, with background", ylabel="time of a frame, ms")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:g}")
+    axes.grid(alpha=0.3)
     figure.legend(loc="outside right center", frameon=False)
-    save_png(figure, path)
+    figure.savefig(path, dpi=200)

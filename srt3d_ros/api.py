@@ -17,8 +17,9 @@ from srt3d_ros.core.sketching.design import SketchOptions
 from srt3d_ros.core.sketching.gate import OFF
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sketching.sums import PhaseSums
+from srt3d_ros.datasets.arrays import with_options
 from srt3d_ros.datasets.options import SensorOptions, gathered
-from srt3d_ros.datasets.reading import Reading, sums_with_options
+from srt3d_ros.datasets.reading import IN_MEMORY, Reading
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.photons import Photons
 from srt3d_ros.reconstruction import Reconstructor
@@ -59,10 +60,9 @@ def read(source: Any, frame: int = 0, *, photons_topic: str = "", sensor: Sensor
     for name, value in (("frame", frame), ("photons_topic", photons_topic)):
         require(not value, name, problem=f"{name} {value}: only a bag or a log has one.")
     if isinstance(source, PhaseSums):
-        sums, notes = sums_with_options(source, getattr(source, "notes", ()), gathered(options, sensor))
-        return as_noun(Sketch, sums, notes=notes)
+        source = Reading(source.sensor, source, None, IN_MEMORY, getattr(source, "notes", ()))
     if isinstance(source, Reading):
-        return noun_of(source.with_options(gathered(options, sensor)))
+        return noun_of(with_options(source, gathered(options, sensor)))
     if isinstance(source, PhotonEvents | PhotonGates | PhotonHistograms):
         return Photons.from_frame(source, sensor=sensor, **options)
     paths = isinstance(source, list | tuple) and all(isinstance(one, str | Path) for one in source)

@@ -1,16 +1,18 @@
 """What a node's frames run has been compiled by `precompile.everything`."""
 
 import io
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
 
 import numpy as np
+import pytest
 
 from srt3d_ros import precompile, progress
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.motion.deskew import Deskewer
-from srt3d_ros.core.motion.trajectory import Pose, Trajectory
+from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import GateWords
 from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
@@ -19,7 +21,7 @@ from srt3d_ros.kernels.cpu import OTHER_METHODS
 from srt3d_ros.kernels.cpu.compiling import KERNELS
 from srt3d_ros.messages import photon_frames, sketch_message
 from srt3d_ros.reconstruction import Reconstructor
-from tests.core.scenes import make_sensor, ramp, simulate
+from tests.core.scenes import make_sensor, ramp, simulate, through
 
 FREQUENCIES = (1, 2, 3, 5, 8)
 
@@ -43,9 +45,7 @@ def run_as_nodes_do() -> set[str]:
     """Frames of two kinds of lenses, of one and two surfaces, moved; the kernels that ran."""
     for projection in (None, AngularScan(0.0, 0.01, 0.0, -0.01)):
         sensor = make_sensor(20, 24, gain=np.full((20, 24), 1.1), projection=projection, gates=GateWords())
-        trajectory = Trajectory()
-        for at_ns in (0, 10**9):
-            trajectory.add(at_ns, Pose())
+        trajectory = through([(0, Pose()), (10**9, Pose())])
         for surfaces in (1, 2):
             for background in ("flat", "auto"):
                 reconstruct = Reconstructor(sensor, FREQUENCIES, surfaces=surfaces, background=background,
@@ -66,17 +66,12 @@ def test_what_nodes_run_has_been_compiled_ahead(repository):
     assert ahead == {name for name in KERNELS if not name.startswith(OTHER_METHODS)}
 
 
-class Terminal(io.StringIO):
-    def isatty(self) -> bool:
-        return True
-
-
-def test_methods_on_photons_have_a_bar_on_a_terminal_if_they_take_long(monkeypatch):
-    reconstruct, said = METHODS["rt3d"].build(make_sensor(4, 5)), {}
-    for kind, delay_s in ((Terminal, 0.0), (Terminal, 60.0), (io.StringIO, 0.0)):
-        monkeypatch.setattr(progress, "DELAY_S", delay_s)
-        monkeypatch.setattr(sys, "stderr", kind())
-        reconstruct(simulate(np.full((4, 5), 200.0), 10, 20))
-        said[kind, delay_s] = sys.stderr.getvalue()
-    assert all(word in said[Terminal, 0.0] for word in ("correlating", "reconstructing"))
-    assert said[Terminal, 60.0] == said[io.StringIO, 0.0] == ""
+@pytest.mark.parametrize(("terminal", "delay_s", "said"), [
+    (True, 0, {"correlating", "reconstructing"}), (True, 60, set()), (False, 0, set())])
+def test_methods_on_photons_have_a_bar_on_a_terminal_if_they_take_long(monkeypatch, terminal, delay_s, said):
+    monkeypatch.setattr(progress, "DELAY_S", delay_s)
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal, raising=False)
+    METHODS["rt3d"].build(make_sensor(4, 5))(simulate(np.full((4, 5), 200.0), 10, 20))
+    assert set(re.findall("correlating|reconstructing", sys.stderr.getvalue())) == said
+    assert bool(sys.stderr.getvalue()) == bool(said)

@@ -1,4 +1,4 @@
-"""Dependencies are bounded and pinned, nothing unpickles, and generated files are up to date."""
+"""package.xml agrees with what is imported and with pip, and generated files are up to date."""
 
 import re
 import tomllib
@@ -7,9 +7,7 @@ import xml.etree.ElementTree as ElementTree
 import pytest
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
-from packaging.version import Version
 
-from srt3d_ros.nodes import all_specs
 from tools.generate_docs import generated
 
 
@@ -19,21 +17,6 @@ def requirements(repository) -> dict[str, Requirement]:
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
     texts = [*project["dependencies"], *(text for extra in project["optional-dependencies"].values() for text in extra)]
     return {text: Requirement(text) for text in texts if not text.startswith("srt3d_ros[")}
-
-
-def test_all_that_pip_installs_is_bounded(requirements, repository):
-    build = tomllib.loads((repository / "pyproject.toml").read_text())["build-system"]["requires"]
-    assert len(requirements) > 15
-    for requirement in [*requirements.values(), *map(Requirement, build)]:
-        operators = {specifier.operator for specifier in requirement.specifier}
-        assert "==" in operators or {">=", "<"} <= operators, requirement
-
-
-def test_every_dependency_is_pinned_within_its_bounds(requirements, repository):
-    lines = (repository / "constraints.txt").read_text().splitlines()[1:]
-    pins = dict(line.lower().split("==") for line in lines)
-    for requirement in requirements.values():
-        assert Version(pins[requirement.name.lower()]) in requirement.specifier, requirement
 
 
 OF_ROSDEP = {"yaml": "python3-yaml"} | {name: f"python3-{name}" for name in ("numpy", "scipy", "tqdm", "jsonschema")}
@@ -54,23 +37,6 @@ def test_package_xml_names_all_that_is_imported_and_agrees_with_pip_on_what_both
         assert wanted == SpecifierSet(f">={bounds[key]['version_gte']},<{bounds[key]['version_lt']}"), key
 
 
-CODE = ("srt3d_ros", "launch", "examples", "scripts", "tools", "benchmarks")
-UNPICKLES = r"allow_pickle=(?!False\b)|torch\.(load|hub)\b|(cloudpickle|dill|joblib|yaml\.(unsafe|full))[._]load"
-
-
-def test_no_module_unpickles(repository):
-    paths = [path for name in CODE for path in (repository / name).rglob("*.py")]
-    assert len(paths) > 100
-    assert not [path for path in paths if re.search(UNPICKLES, path.read_text())]
-
-
 def test_generated_files_are_up_to_date(repository):
     for path, text in generated().items():
         assert (repository / path).read_text(encoding="utf-8") == text, f"{path}: run python -m tools.generate_docs"
-
-
-@pytest.mark.parametrize("name", all_specs())
-def test_the_page_has_every_topic_of_a_node(repository, name):
-    text = (repository / "docs" / "nodes.md").read_text(encoding="utf-8")
-    for topic in (*all_specs()[name].inputs, *all_specs()[name].outputs):
-        assert re.search(rf"^\| `{topic.name}` \|.*\b{name}\b", text, re.MULTILINE), topic.name

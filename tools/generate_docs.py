@@ -9,7 +9,7 @@ from srt3d_ros.nodes import all_specs
 from tools.node_reference import as_yaml, nodes_tables
 from tools.rooms import drawing
 from tools.schema_tables import filled, tables
-from tools.sensor_schema import photon_file_tables, schema_text
+from tools.sensor_schema import photon_file_table, schema_text
 
 ROOT = Path(__file__).resolve().parents[1]
 HEADING = """\
@@ -28,7 +28,7 @@ def generated() -> dict[str, str]:
             "docs/nodes.md": filled(ROOT / "docs/nodes.md", lambda name: nodes_tables(specs)[name]),
             "msg_schemas/sensor.json": schema_text(),
             "docs/messages.md": filled(ROOT / "docs/messages.md", tables),
-            "docs/photon-file.md": filled(ROOT / "docs/photon-file.md", photon_file_tables)}
+            "docs/photon-file.md": filled(ROOT / "docs/photon-file.md", photon_file_table)}
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ ROOMS = {
     "recording": (2, 3, 1, ".rrd recordings"),
     "datasets": (1, 3, 1, "photon files, simulator"),
     "messages": (1, 4, 1, "ROS messages ⇄ NumPy"),
-    "pictures": (2, 4, 1, "drawn clouds, curves"),
+    "pictures": (2, 4, 1, "drawn clouds, figures"),
     "processes": (3, 4, 1, "start and tune nodes"),
     "core": (0, 5, 3, "sensor · sketching · motion · method · baselines · metrics"),
     "files": (3, 5, 1, "safe reading and writing"),

@@ -1,4 +1,4 @@
-"""Make msg_schemas/sensor.json and the tables of docs/photon-file.md from the keys of the sensor."""
+"""Make msg_schemas/sensor.json and the table of docs/photon-file.md from the keys of the sensor."""
 
 import json
 from typing import Any
@@ -10,9 +10,9 @@ from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
 from srt3d_ros.datasets.options import option_keys
 from srt3d_ros.messages.cdr import MAX_FRAME_ID
+from srt3d_ros.messages.sensor_message import VERSION
 from tools.schema_tables import table
 
-VERSION = 1
 TYPES = {int: "integer", float: "number"}
 OBJECTS = {"pinhole": (Pinhole, "projection"), "angular_scan": (AngularScan, "projection"),
            "distortion": (PlumbBob, "projection.distortion"), "gates": (GateWords, "gates"),
@@ -80,28 +80,22 @@ def _text(value: Any, indent: str = "") -> str:
     return "{\n" + ",\n".join(parts) + f"\n{indent}}}"
 
 
-def photon_file_tables(name: str) -> str:
-    """A table of docs/photon-file.md: of the `arrays` that describe a sensor, or of the `options`."""
-    return table(*(arrays_table() if name == "arrays" else options_table()))
+def photon_file_table(_: str) -> str:
+    """The table of docs/photon-file.md: each option of `read`, with its array in .npz files and on the command line."""
+    options, of_sensor = option_keys(), keys(SensorModel)
+    return table(["option", "array in .npz", "command line", "meaning"], [
+        [f"`{name}`", _array(name, of_sensor[name]) if name in of_sensor else "",
+         f"`--{name.replace('_', '-')}`" if name in options and key.option else "", key.meaning]
+        for name, key in (options | of_sensor | options).items()])
 
 
-def arrays_table() -> tuple[list[str], list[list]]:
-    """Head and rows: a row for each key of the sensor in an .npz file."""
-    rows = []
-    for name, key in keys(SensorModel).items():
-        if key.dtype:
-            dtype, shape = DTYPES[key.dtype], key.shape
-        elif key.kinds[0] in TYPES or str in key.kinds:
-            dtype, shape = {int: "integer", float: "float", str: "text"}[key.kinds[0]], "one"
-        else:
-            parts = [[part for part, one in keys(kind).items() if not one.array] for kind in key.kinds]
-            dtype, shape = "numbers", " or ".join(f"[{', '.join(names)}]" for names in parts)
-        rows.append([f"`{key.array or name}`", dtype, shape, "yes" if key.required else "no", key.about])
-    return ["array", "dtype", "shape", "required", "meaning"], rows
-
-
-def options_table() -> tuple[list[str], list[list]]:
-    """Head and rows: a row for each option in Python, with its name on the command line."""
-    return ["option", "command line", "meaning"], [
-        [f"`{name}`", f"`--{name.replace('_', '-')}`" if key.option else "", key.meaning]
-        for name, key in option_keys().items()]
+def _array(name: str, key: Key) -> str:
+    """Dtype, shape and, if it is another, the name of a key's array."""
+    if key.dtype:
+        text = f"{DTYPES[key.dtype]} {key.shape}"
+    elif key.kinds[0] in TYPES or str in key.kinds:
+        text = {int: "integer", float: "float", str: "text"}[key.kinds[0]]
+    else:
+        parts = [[part for part, one in keys(kind).items() if not one.array] for kind in key.kinds]
+        text = f"`{key.array}`: " + " or ".join(f"[{', '.join(names)}]" for names in parts)
+    return text + ", required" * key.required

@@ -8,6 +8,26 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from srt3d_ros.core.keys import Key
+    from srt3d_ros.datasets.reading import Reading
+
+
+# The extra of this package that installs each optional package.
+EXTRAS = {"rclpy": "ros", "std_msgs": "ros", "diagnostic_msgs": "ros", "sensor_msgs": "ros", "nav_msgs": "ros",
+          "rerun": "record", "pyarrow": "record", "matplotlib": "pictures", "PIL": "pictures",
+          "jinja2": "review", "rosbags": "bags", "mcap": "bags", "torch": "gpu", "ptufile": "lab", "sdtfile": "lab",
+          "h5py": "lab", "phconvert": "tttr", "laspy": "lab"}
+DRAWING = ("demo", "review")        # commands that need all of `review`, which includes `record`
+FAILED = 1
+
+
+def missing_package(error: ModuleNotFoundError, command: str) -> str:
+    """How to install a missing package; raises the error if it is none of EXTRAS."""
+    extra = EXTRAS.get(error.name or "")
+    if extra is None:
+        raise error
+    ros = "source a ROS 2 installation, or " if extra == "ros" else ""
+    extra = "review" if command in DRAWING and extra in ("record", "pictures") else extra
+    return f"{error.name} is not installed: {ros}pip install '.[{extra}]' in the clone"
 
 
 def given(args: argparse.Namespace, names: Iterable[str]) -> dict[str, object]:
@@ -61,6 +81,19 @@ def on_command_line() -> dict[str, "Key"]:
     from srt3d_ros.datasets.options import option_keys  # imported here, as NumPy and numba are slow
 
     return {name: key for name, key in option_keys().items() if key.option}
+
+
+def add_gate(parser: argparse.ArgumentParser) -> None:
+    """Add --gate of commands that take no `auto`."""
+    parser.add_argument("--gate", default="off", metavar="FIRST-LAST",
+                        help="use only the photons in bins FIRST to LAST (default: off)")
+
+
+def read_photons(args: argparse.Namespace, path: str, **more: bool) -> "Reading":
+    """The photons of INPUT at `path`, as the options say; `more` as of `datasets.read_photons`."""
+    from srt3d_ros import datasets
+
+    return datasets.read_photons(path, args.frame, args.photons_topic, **more, **overrides(args))
 
 
 def add_sensor_file(group: argparse._ArgumentGroup) -> None:

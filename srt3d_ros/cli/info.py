@@ -20,8 +20,7 @@ def add_parser(subparsers) -> None:
         description="Print size, photons per pixel, SBR, bins, range, IRF width and notes of photon files, and a gate "
                     "and frequencies that suit each.")
     common.add_photon_file(parser, nargs="+")
-    parser.add_argument("--gate", default="off", metavar="FIRST-LAST",
-                        help="use only the photons in bins FIRST to LAST (default: off)")
+    common.add_gate(parser)
     parser.add_argument("-o", "--output", metavar="INFO.png", type=Path,
                         help="also draw the histogram of the photons, the photons of each pixel, and the IRF")
     common.add_json(parser)
@@ -29,12 +28,11 @@ def add_parser(subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from srt3d_ros.files.new_files import check_place
+    from srt3d_ros.files.new_files import check_output
 
     if args.output is not None:
         require(len(args.input) == 1, "output", problem="--output draws one file: give one INPUT.")
-        require(args.output.suffix.lower() == ".png", "output", args.output.name, "a name that ends in .png")
-        check_place(args.output)
+        check_output(args.output, suffix=".png")
     if len(args.input) == 1:
         _print(args, *args.input)
         return 0
@@ -44,19 +42,19 @@ def run(args: argparse.Namespace) -> int:
             print(f"\n{path}" if path is not args.input[0] else path, flush=True)
         try:
             _print(args, path)
-        except InvalidInput as error:
+        except (InvalidInput, ModuleNotFoundError) as error:
             code = BAD_INPUT
-            print(f"srt3d: error: {error}", file=sys.stderr, flush=True)
+            said = common.missing_package(error, "info") if isinstance(error, ModuleNotFoundError) else error
+            print(f"srt3d: error: {said}", file=sys.stderr, flush=True)
     return code
 
 
 def _print(args: argparse.Namespace, path: str) -> None:
     """Print the figures of one file, or raise InvalidInput."""
     from srt3d_ros.core.sketching.gate import in_ranges
-    from srt3d_ros.datasets import read_photons
     from srt3d_ros.datasets.description import describe
 
-    photons = read_photons(path, args.frame, args.photons_topic, guess_irf=True, **common.overrides(args))
+    photons = common.read_photons(args, path, guess_irf=True)
     found = describe(photons)
     facts, gate = {"input": path} | found.facts, found.gate
     if args.output is not None:

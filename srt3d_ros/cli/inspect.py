@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.cli import common, reconstruct
-from srt3d_ros.core.sketching.gate import OFF
 from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.errors import require
 
@@ -23,20 +22,19 @@ def add_parser(subparsers) -> None:
     parser.add_argument("--pixel", metavar="R,C", required=True, help="row and column, from 0")
     parser.add_argument("-o", "--output", metavar="PIXEL.png", type=Path, required=True, help="the picture")
     common.add_options(parser, OPTIONS)
-    parser.add_argument("--gate", default=OFF, metavar="FIRST-LAST",
-                        help="use only the photons in bins FIRST to LAST (default: off)")
+    common.add_gate(parser)
     common.add_json(parser)
     common.add_photon_file(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    from srt3d_ros import api, datasets
+    from srt3d_ros import api
     from srt3d_ros.files.new_files import check_not_input, check_output
     from srt3d_ros.pictures.pixel import draw_pixel
 
     check_not_input(check_output(args.output, suffix=".png"), args.input, args.irf, args.sensor_file)
-    reading = datasets.read_photons(args.input, args.frame, args.photons_topic, **common.overrides(args))
+    reading = common.read_photons(args, args.input)
     sensor, frame = reading.sensor, reading.frame
     pixel = re.fullmatch(r"(\d{1,9}),(\d{1,9})", args.pixel)
     require(pixel, "pixel", args.pixel, "row and column from 0, such as 12,40")

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Collection
 
 from srt3d_ros import __version__
+from srt3d_ros.cli import common
 from srt3d_ros.errors import BAD_INPUT, InvalidInput, printable
 
 # What `srt3d --help` says of each. Its module here has add_parser(subparsers), which sets run(args) -> int; `srt3d
@@ -24,14 +25,6 @@ COMMANDS = {
     "compile": "compile the kernels of the default method ahead of the first start",
 }
 
-# The extra of this package that installs each optional package.
-EXTRAS = {"rclpy": "ros", "std_msgs": "ros", "diagnostic_msgs": "ros", "sensor_msgs": "ros", "nav_msgs": "ros",
-          "rerun": "record", "pyarrow": "record", "matplotlib": "pictures", "PIL": "pictures",
-          "jinja2": "review", "rosbags": "bags", "mcap": "bags", "torch": "gpu", "ptufile": "lab", "sdtfile": "lab",
-          "h5py": "lab", "phconvert": "tttr", "laspy": "lab"}
-DRAWING = ("demo", "review")        # commands that need all of `review`, which includes `record`
-
-FAILED = 1
 INTERRUPTED = 130
 BROKEN_PIPE = 141
 
@@ -90,11 +83,7 @@ def main(argv: list[str] | None = None) -> int:
             raise
         return _say(printable(f"{error.filename}: {error.strerror}"), BAD_INPUT)
     except ModuleNotFoundError as error:
-        if error.name not in EXTRAS:
-            raise
-        ros = "source a ROS 2 installation, or " if EXTRAS[error.name] == "ros" else ""
-        extra = "review" if named in DRAWING and EXTRAS[error.name] in ("record", "pictures") else EXTRAS[error.name]
-        return _say(f"{error.name} is not installed: {ros}pip install '.[{extra}]' in the clone", FAILED)
+        return _say(common.missing_package(error, named), common.FAILED)
 
 
 def _in_flags(error: InvalidInput, options: Collection[str]) -> str:

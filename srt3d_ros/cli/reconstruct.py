@@ -29,8 +29,7 @@ def add_parser(subparsers) -> None:
     parser.set_defaults(gate=OFF)
     many = parser.add_argument_group("many frames")
     many.add_argument("--frames", metavar="all|FIRST-LAST",
-                      help="reconstruct each of these frames of a bag or log into a file of its own in the folder OUT; "
-                           "keep the files that are there, so that the command goes on where it stopped")
+                      help="reconstruct each of these frames of a bag or log into a file of its own in the folder OUT")
     many.add_argument("--format", default=NPZ, metavar="SUFFIX", help="suffix of these files (default: npz)")
     common.add_json(parser)
     common.add_photon_file(parser)

@@ -5,7 +5,6 @@ import json
 from pathlib import Path
 
 from srt3d_ros.cli import common
-from srt3d_ros.errors import require
 
 
 def add_parser(subparsers) -> None:
@@ -21,15 +20,13 @@ def add_parser(subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from srt3d_ros.files.new_files import check_not_input, check_place
+    from srt3d_ros.files.new_files import check_not_input, check_output
     from srt3d_ros.review.recorded import Recorded
     from srt3d_ros.review.summary import format_summary, summarise
 
     report = args.output or (None if args.json else args.recording.with_suffix(".html"))
     if report:
-        require(report.suffix.lower() in (".html", ".htm"), "output", str(report), "a name that ends in .html")
-        check_not_input(report, args.recording)
-        check_place(report)
+        check_not_input(check_output(report, suffix=".html"), args.recording)
     recorded = Recorded.read(args.recording)
     summary = summarise(recorded)
     if not args.json:

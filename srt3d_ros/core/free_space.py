@@ -84,7 +84,7 @@ class FreeSpace:
         least = MARGIN * self._least_intensity(most, cloud.clutter or 1.0) / self._share
         claim = (self._piled_up(least, brightness, sketch, most, end_m) if sketch.cycles
                  else np.minimum(np.sqrt(np.float32(brightness) / least), end_m))
-        claim = np.minimum(claim, self._filters.minimum_filter(nearest, 2 * NEAR + 1, mode="nearest"))
+        claim = np.minimum(claim, of_square(np.minimum, nearest, NEAR))
         return np.where(open_ & (claim > self._begin_m), claim, free)
 
     def end_m(self, max_range_m: float = 0.0) -> np.float32:
@@ -99,11 +99,11 @@ class FreeSpace:
 
     def _most_photons(self, photons: np.ndarray) -> np.ndarray:
         """Photons of a pixel, of all kinds: the largest local mean plus two standard deviations; float32."""
-        most = []
-        for sigma, mean, seen in zip(SIGMAS, self._means(photons.astype(np.float32) * self._used), self._seen):
-            area, n = np.float32(4 * np.pi * sigma**2), np.maximum(mean, 0) / seen      # area: pixels in the mean
-            most.append(n + 2 * np.sqrt(n / area) + 1 / area)
-        return np.maximum(*most)
+        means = self._means(photons.astype(np.float32) * self._used)
+        # n has the standard deviation √(n / a), a = 4π σ² the pixels in the mean: n + 2 √(n / a) + 1 / a is a square
+        roots = [np.sqrt(np.maximum(mean, 0) / seen) + np.float32(1 / np.sqrt(4 * np.pi * sigma**2))
+                 for sigma, mean, seen in zip(SIGMAS, means, self._seen)]
+        return np.square(np.maximum(*roots))
 
     def _means(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Means by SIGMAS around each pixel; two boxes, of variance 4 each, make the second of the first."""
@@ -162,6 +162,17 @@ def least_intensities(matcher: Matcher) -> np.ndarray:
     return np.exp(np.interp(nats, np.log((n - squares * r) / full)[::-1], np.log(r)[::-1])).astype(np.float32)
 
 
+def of_square(combine: np.ufunc, values: np.ndarray, reach: int) -> np.ndarray:
+    """`combine` of each pixel and those around, up to `reach` rows and columns away, within the image."""
+    for _ in range(2):
+        lines = np.ascontiguousarray(values.T)
+        values = lines.copy()
+        for k in range(1, reach + 1):
+            combine(values[k:], lines[:-k], out=values[k:])
+            combine(values[:-k], lines[k:], out=values[:-k])
+    return values
+
+
 def _is_subtracted(sketch: PhaseSums, quiet: np.ndarray) -> bool:
     """Whether sums vary more than so many photons do, because background was subtracted; or nothing tells.
 
@@ -171,5 +182,6 @@ def _is_subtracted(sketch: PhaseSums, quiet: np.ndarray) -> bool:
     pairs = photons[1:] + photons[:-1]
     at = np.flatnonzero(quiet[1:] & quiet[:-1] & (pairs > 0))
     at = at[::len(at) // SAMPLE + 1]
-    noise = (np.abs(sums[at + 1] - sums[at])**2).mean(axis=1) / pairs[at]
-    return len(at) == 0 or bool(np.median(noise) > NOISE)
+    apart = (sums[at + 1] - sums[at]).view(np.float32)      # real and imaginary parts
+    noise = 2 * np.square(apart).mean(axis=1) / pairs[at]
+    return bool(2 * np.count_nonzero(noise > NOISE) >= len(at))

@@ -6,10 +6,11 @@ A pixel without photons would claim the most. But it may be dead, the lens cover
 import math
 from collections import deque
 from collections.abc import Sequence
+from statistics import median
 
 import numpy as np
 
-from srt3d_ros.core.free_space import NEAR, FreeSpace
+from srt3d_ros.core.free_space import NEAR, FreeSpace, of_square
 from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
@@ -23,7 +24,7 @@ DIM, DEAD = 0.5, 0.1    # shares of the usual background: light that has halved 
 SURE = 7.0              # … with this log-likelihood ratio: e⁻⁷ = 0.1 % of the halved would be taken for dead
 CLOUDS = 10             # whose median number of pixels with a point shows that the laser is on …
 OVER_CHANCE = 5         # … if it is so many times that of the false points that are accepted
-SIDES = NARROW, WIDE = 3, 5     # pixels, of squares: dead columns show in the narrow one, dim light in the wide one
+REACHES = NARROW, WIDE = 1, 2   # pixels: dead columns show in squares of 3 × 3 pixels, dim light in those of 5 × 5
 
 
 class SignsOfLife:
@@ -34,24 +35,21 @@ class SignsOfLife:
     alarms explain: without these, the laser may be off.
 
     Args:
-        exposure: relative efficiency of the pixels, 0 where masked, [rows, cols]; without it, all are alike.
+        exposure: relative efficiency of the pixels, 0 where masked, [rows, cols].
     """
 
-    def __init__(self, exposure: np.ndarray | None = None):
-        from scipy import ndimage  # here: slow, and few need it
-
-        self._filters, self._share = ndimage, np.float32(1 / WIDE**2)       # of a pixel in the wide square's photons
-        if exposure is not None:
-            around = ndimage.uniform_filter(exposure, WIDE, mode="constant") * np.float32(WIDE**2)
-            self._share = exposure / np.maximum(around, EPSILON)
+    def __init__(self, exposure: np.ndarray):
+        exposure = exposure.astype(np.float32)
+        self._share = exposure / np.maximum(of_square(np.add, exposure, WIDE), EPSILON)     # of the wide square's light
         self.forget()
 
     def forget(self) -> None:
         """Begin the next frame as if it were the first."""
+        rows, cols = self._share.shape
         self._points: deque[int] = deque(maxlen=CLOUDS)
-        self._last_ns, self._since = 0, np.float32(0)
-        self._sums, self._usual = np.zeros((4, 1, 1), np.float32), np.zeros((2, 1, 1), np.float32)
-        self._evidence = [np.zeros((2, 1, 1), np.float32), np.float32(0), np.float32(0)]    # squares, rows, columns
+        self._last_ns, self._since = 0, np.zeros((rows, cols), np.float32)
+        self._sums, self._usual = np.zeros((4, rows, cols), np.float32), np.zeros((2, rows, cols), np.float32)
+        self._evidence = [np.zeros(shape, np.float32) for shape in ((2, rows, cols), (rows, 1), (cols,))]
 
     def __call__(self, stamp_ns: int, photons: np.ndarray, has_point: np.ndarray, least_points: float) -> np.ndarray:
         """Which pixels are known to work after this frame, bool [rows, cols].
@@ -68,41 +66,41 @@ class SignsOfLife:
             self.forget()
             step_s = 0.0        # by a clock that was set back, memory would grow beyond all numbers
         self._last_ns = stamp_ns
-        self._points.append(int(has_point.sum()))
-        quiet = ~self._near(has_point, 2 * NEAR + 1)
-        around = np.stack([self._box(photons, side) for side in SIDES])
+        self._points.append(int(np.count_nonzero(has_point)))
+        photons, quiet = photons.astype(np.float32), ~of_square(np.logical_or, has_point, NEAR)
+        around = np.stack([of_square(np.add, photons, reach) for reach in REACHES])
         dark = around * quiet
         fallen = self._fallen(photons, dark, quiet)
         self._since = (self._since + around[1]) * quiet
-        self._sums = np.stack([around[0], quiet, *dark]) + np.float32(math.exp(-step_s / MEMORY_S)) * self._sums
+        self._sums *= np.float32(math.exp(-step_s / MEMORY_S))
         recent, frames, light = self._sums[0], self._sums[1], self._sums[2:]
-        now = np.where(light >= SIGNS, light / np.maximum(frames, EPSILON), 0)
+        recent += around[0]
+        frames += quiet
+        light += dark
+        now = light / np.maximum(frames, EPSILON) * (light >= SIGNS)
         self._usual = np.maximum(self._usual * np.float32(0.5**(step_s / HALF_LIFE_S)), now)
-        dead = self._near(fallen | quiet & (self._since < SIGNS), WIDE) | self._near(recent < SIGNS, NARROW)
-        return ~dead & (np.median(self._points) > least_points)
+        dead = _near(fallen | quiet & (self._since < SIGNS), WIDE) | _near(recent < SIGNS, NARROW)
+        return ~dead & (median(self._points) > least_points)
 
     def _fallen(self, photons: np.ndarray, dark: np.ndarray, quiet: np.ndarray) -> np.ndarray:
         """Where the background has fallen, by E. S. Page's sequential test (Biometrika 41, 1954); bool [rows, cols].
 
         Args:
-            dark: photons around quiet pixels, by SIDES.
+            dark: photons around quiet pixels, by REACHES.
             quiet: pixels without a point near.
         """
         usual = self._usual * quiet
         own = _evidence(usual[1] * self._share, photons * quiet)
         added = _evidence(usual, dark), own.sum(axis=1, keepdims=True), own.sum(axis=0)
-        self._evidence = [np.clip(before + more, 0, 2 * SURE) for before, more in zip(self._evidence, added)]
+        self._evidence = [np.minimum(np.maximum(before + more, 0), np.float32(2 * SURE))
+                          for before, more in zip(self._evidence, added)]
         squares, rows, cols = (each > SURE for each in self._evidence)
         return squares.any(axis=0) | rows | cols
 
-    def _near(self, where: np.ndarray, side: int) -> np.ndarray:
-        """Where any pixel of a square around is true, bool."""
-        return np.asarray(self._filters.maximum_filter(where, side), bool) if where.any() else where
 
-    def _box(self, photons: np.ndarray, side: int) -> np.ndarray:
-        """Sums over squares of pixels, whole numbers, float32; 0 beyond the image."""
-        mean = self._filters.uniform_filter(photons.astype(np.float32), side, mode="constant")
-        return np.rint(mean * np.float32(side**2))
+def _near(where: np.ndarray, reach: int) -> np.ndarray:
+    """Where any pixel of a square around is true, bool."""
+    return of_square(np.logical_or, where, reach) if where.any() else where
 
 
 def _evidence(usual: np.ndarray, photons: np.ndarray) -> np.ndarray:

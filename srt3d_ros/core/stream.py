@@ -87,7 +87,7 @@ class SketchStream:
         self._sketcher = MovingSketcher(sensor, frequencies, gate) if options.moving else FrameSketcher(
             sensor, frequencies, gate)
         self._motion = SensorMotion(Pose.from_text(sensor.extrinsics or ""))
-        self._waiting: deque[MovingFrame] = deque()
+        self._waiting: deque[tuple[MovingFrame, OpenFrame, float]] = deque()       # and when they ended
         self._came_s = -float("inf")
         self.packets_per_frame = options.packets_per_frame
 
@@ -188,29 +188,29 @@ class SketchStream:
         self.packets_per_frame, sketcher = content.packets, self._sketcher
         kept = content.photons if sketcher.gate is None else min(sketcher.kept, content.photons)
         self.counts.drop("gate", frames=0, photons=content.photons - kept)
-        content = content._replace(photons=kept)
-        if isinstance(sketcher, MovingSketcher):
-            self._waiting.append(sketcher.end_frame(content, now_s))
+        content, frame = content._replace(photons=kept), sketcher.end_frame()
+        if isinstance(frame, MovingFrame):
+            self._waiting.append((frame, content, now_s))
             return []
         self.counts.count(**content._asdict())
-        return [sketcher.end_frame()]
+        return [frame]
 
     def _deskewed(self, now_s: float = 0.0, at_once: bool = False) -> list[PhaseSums]:
         """The sketches of the frames that need not wait longer for reports of motion, in order."""
         sketches = []
         while self._waiting and isinstance(self._sketcher, MovingSketcher):
-            frame = self._waiting[0]
-            nbytes = sum(waiting.nbytes for waiting in self._waiting)
+            frame, content, since_s = self._waiting[0]
+            nbytes = sum(sketch.sums.nbytes for waiting, *_ in self._waiting for _, sketch in waiting.parts)
             exceeds_memory = len(self._waiting) > MOST_FRAMES and nbytes > MOST_BYTES
-            late = at_once or exceeds_memory or not 0 <= now_s - frame.since_s < MOTION_S
+            late = at_once or exceeds_memory or not 0 <= now_s - since_s < MOTION_S
             trajectory, cause = self._motion.over(frame.first_ns, frame.last_ns, late)
             if trajectory is None and not cause:
                 break
             self._waiting.popleft()
             sketches.append(self._sketcher.finish(frame, trajectory))
-            lost = min(self._sketcher.lost, frame.content.photons)
+            lost = min(self._sketcher.lost, content.photons)
             self.counts.drop("out_of_view", frames=0, photons=lost)
-            self.counts.count(packets=frame.content.packets, photons=frame.content.photons - lost,
+            self.counts.count(packets=content.packets, photons=content.photons - lost,
                               **{"frames_undeskewed" if trajectory is None else "frames_deskewed": 1})
             self.warning = cause or self.warning
         return sketches

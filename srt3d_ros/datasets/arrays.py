@@ -5,47 +5,39 @@ from typing import Any
 
 import numpy as np
 
-from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.point_cloud import PointCloud
+from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
 from srt3d_ros.core.sketching import plausibility
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
+from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.datasets import axes
 from srt3d_ros.datasets import irf as irfs
-from srt3d_ros.datasets.options import (
-    ASSUMED_FOV,
-    ASSUMED_WIDTH,
-    BIN_OF_ONE_METRE_S,
-    HALF_BIN_M,
-    Options,
-    described,
-    says_geometry,
-)
-from srt3d_ros.datasets.values import Note, array, sendable
-from srt3d_ros.errors import InvalidInput, quoted, require
+from srt3d_ros.datasets.axes import SIZES
+from srt3d_ros.datasets.options import ASSUMED_FOV, HALF_BIN_M, Options, fields_of, sensor_of
+from srt3d_ros.datasets.reading import Reading, Said, in_gate
+from srt3d_ros.datasets.values import Note, array, outside_note, sendable
+from srt3d_ros.errors import finite, quoted, require
 
 SUBTRACTED = "cycles not used, pile-up not corrected: some counts are negative, so something was subtracted"
 MAX_KEPT = 2**24            # photons in a sample, 100 MB; files with fewer become events
-Described = tuple[SensorModel, PhotonEvents | PhotonHistograms, tuple[str, ...]]     # and notes
 
 
-def from_events(row: Any, col: Any, toa: Any, stamp_ns: int, options: Options) -> Described:
-    """Photons with one entry each; arguments as for `Photons.from_events`, options from `gathered`."""
-    row, col, toa = array("row", row), array("col", col), array("toa", toa)
-    fits = row.ndim == 1 and row.shape == col.shape == toa.shape
-    require(fits, "row, col and toa shapes", f"{row.shape}, {col.shape}, {toa.shape}", "one entry a photon in each")
-    require(isinstance(stamp_ns, int | np.integer), "stamp_ns", quoted(stamp_ns), "nanoseconds, an integer")
-    sensor, notes = sensor_of(options)
-    pixel = _indices("row", row, sensor.rows) * np.uint32(sensor.cols) + _indices("col", col, sensor.cols)
+def from_photons(columns: tuple[Any, ...], options: Options, said: Said) -> Reading:
+    """Photons with one entry each: `columns` are [N] of row, column and ToA, or of pixel index and ToA."""
+    names = ("row", "col", "toa") if len(columns) == 3 else ("pixel", "toa")
+    *places, toa = (array(column, values) for column, values in zip(names, columns))
+    require(toa.ndim == 1 and all(place.shape == toa.shape for place in places),
+            f"{', '.join(names[:-1])} and toa shapes", ", ".join(str(one.shape) for one in (*places, toa)),
+            "one entry a photon in each")
+    require(isinstance(said.stamp_ns, int | np.integer), "stamp_ns", quoted(said.stamp_ns), "nanoseconds, an integer")
+    options, notes = options.over(said.sensor, said.notes)
+    sensor, assumed = sensor_of(options)
+    sides = (sensor.rows, sensor.cols) if len(places) == 2 else (sensor.pixels,)
+    row, *col = (_indices(place, values, side) for place, values, side in zip(names, places, sides))
+    pixel = row * np.uint32(sensor.cols) + col[0] if col else row
     pixel, toa, stray = without_strays(pixel, toa, sensor.num_bins)
-    return complete(PhotonEvents(pixel, _times(toa, sensor), stamp_ns), sensor, options, notes + stray)
-
-
-def from_pixels(pixel: np.ndarray, toa: np.ndarray, stamp_ns: int, options: Options) -> Described:
-    """Photons with one entry each, by the index of their pixel."""
-    sensor, notes = sensor_of(options)
-    require(pixel.ndim == 1 and pixel.shape == toa.shape, "pixel and toa shapes", f"{pixel.shape} and {toa.shape}",
-            "the same [N]")
-    pixel, toa, stray = without_strays(_indices("pixel", pixel, sensor.pixels), toa, sensor.num_bins)
-    return complete(PhotonEvents(pixel, _times(toa, sensor), stamp_ns), sensor, options, notes + stray)
+    frame = PhotonEvents(pixel, _times(toa, sensor), said.stamp_ns)
+    return _reading(frame, sensor, options, replace(said, notes=notes + assumed + stray))
 
 
 def without_strays(pixel: np.ndarray, toa: np.ndarray, num_bins: int
@@ -64,95 +56,119 @@ def without_strays(pixel: np.ndarray, toa: np.ndarray, num_bins: int
     return pixel[inside], toa[inside], (f"{stray}: dropped",)
 
 
-def fitted(frame: PhotonFrame, sensor: SensorModel) -> tuple[PhotonFrame, tuple[str, ...]]:
-    """The frame `without_strays` and the note on them; InvalidInput if it does not fit the sensor otherwise."""
-    notes = ()
-    if isinstance(frame, PhotonEvents):
-        pixel, toa, notes = without_strays(frame.pixel, frame.toa, sensor.num_bins)
-        frame = replace(frame, pixel=pixel, toa=toa) if notes else frame
-    frame.check(sensor)
-    return frame, notes
+def from_counts(counts: Any, options: Options, said: Said, dims: tuple[str, ...] = (), in_file: bool = True
+                ) -> Reading:
+    """Photons counted in bins. Large counts stay in their file.
 
-
-def from_counts(counts: Any, stamp_ns: int, options: Options) -> Described:
-    """Photons counted in bins; arguments as for `Photons.from_counts`, options from `gathered`."""
-    dims, counts = getattr(counts, "dims", ()), array("counts", counts)
-    dims = tuple(map(str, dims)) if isinstance(dims, tuple) else ()
-    given = f"{counts.dtype} {counts.shape}"
-    counts, options, few_bins, frames = axes.in_order(counts, options, {}, dims)
-    require(counts.ndim == 3 and frames == 1, "counts", given, "numbers [rows, cols, bins] of one frame")
-    histograms = PhotonHistograms(np.ascontiguousarray(sendable(counts)), stamp_ns)
-    sizes = dict(zip(("rows", "cols", "num_bins"), counts.shape))
-    if options.known.get("histograms") is not None:
-        del sizes["num_bins"]
-    options = replace(options, known=sizes | options.known)
-    sensor, notes = sensor_of(options)
-    try:
-        histograms.check(sensor)
-    except InvalidInput as error:
-        field = error.field.removesuffix(" count").replace("histograms", "counts")      # the name of the argument
-        raise InvalidInput(field, error.value, error.expected, error.problem) from None
-    return complete(histograms, sensor, options, notes + few_bins)
-
-
-def from_frame(frame: PhotonFrame, options: Options) -> Described:
-    """A frame of photons; gates become events."""
-    sensor, notes = sensor_of(options)
-    frame, stray = fitted(frame, sensor)
-    if isinstance(frame, PhotonGates):
-        sensor, frame = frame.counted(sensor), frame.to_events(sensor)
-    return complete(frame, sensor, options, notes + stray)
-
-
-def sensor_of(options: Options) -> tuple[SensorModel, tuple[str, ...]]:
-    """The sensor that the options describe, with an IRF of one bin if they have none; and notes on it."""
-    known = options.known
-    options.refuse_unfollowed()
-    require({"rows", "cols"} <= known.keys(), "shape", problem="Give shape=(rows, cols), or sensor.")
-    require("num_bins" in known, "num_bins", problem="Give num_bins, the bins of a laser period, or sensor.")
-    require("irf" in known or "irf_ref" not in known, "irf_ref", problem="irf_ref needs irf.")
-    width_s = known.get("bin_width_s", BIN_OF_ONE_METRE_S)
-    plain = SensorModel(known["rows"], known["cols"], known["num_bins"], width_s, np.ones(1))
-    sensor, notes = described(plain, known)
-    return sensor, notes if "bin_width_s" in known else (ASSUMED_WIDTH, *notes)
-
-
-def complete(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, options: Options,
-             notes: tuple[str, ...]) -> Described:
-    """The sensor and frame, the IRF estimated from the photons if the options have none; and all notes.
-
-    Raises:
-        InvalidInput: the IRF cannot be estimated, or no count is positive and some are negative.
+    Args:
+        counts: of three or four axes; options, sizes that the file has said, or `dims`, names of its axes, order them.
+        in_file: few whole counts then become events, and there may be several frames.
     """
-    if isinstance(frame, PhotonHistograms) and not frame.photons and frame.counts.size:
-        low, high = frame.counts.min(), frame.counts.max()
+    dims, counts = dims or getattr(counts, "dims", ()), array("counts", counts)
+    given, dims = f"{counts.dtype} {counts.shape}", tuple(map(str, dims)) if isinstance(dims, tuple) else ()
+    counts, options, order, frames = axes.in_order(counts, options, said.sensor, dims)
+    require(counts.ndim == 3 and counts.size > 0 and (in_file or frames == 1), "counts", given,
+            "numbers [rows, cols, bins] of one frame")
+    options, notes = options.over(said.sensor | dict(zip(SIZES[:2], counts.shape)), (*said.notes, *order))
+    first, last = 0, counts.shape[2] - 1
+    if options.known.get("histograms") is None:
+        period = int(finite("num_bins", options.known.get("num_bins", last + 1), "a number of bins"))
+        require(last < MAX_BINS or options.gate is not None, "counts bins", last + 1,
+                f"at most {MAX_BINS}; or give a gate")
+        first, last = options.gate or (0, period - 1)
+        require(1 <= last - first < MAX_BINS, "num_bins", last - first + 1,
+                f"2 to {MAX_BINS}: give num_bins, gate or bin_width_s")
+        options = options.knowing(num_bins=last - first + 1).without("gate")
+    sensor, assumed = sensor_of(options)
+    photons = counts.sum(dtype=np.float64)
+    require(np.isfinite(photons), "counts", problem="counts holds infinite numbers or NaN.")
+    kept = sendable(counts[..., first:last + 1])
+    if photons <= 0 and kept.size:
+        low, high = kept.min(), kept.max()
         require(high > 0 or low == 0, "counts", problem="No count is above 0. If the signal is inverted, negate it.")
         if low < 0:
             notes += ("negative counts outweigh the positive ones: was too much background subtracted?",)
+    missing, inside = last - first + 1 - kept.shape[2], kept.sum(dtype=np.float64)
+    kept = np.ascontiguousarray(np.pad(kept, ((0, 0), (0, 0), (0, missing))) if missing else kept)
+    frame = PhotonHistograms(kept, said.stamp_ns)
+    frame.check(sensor)
+    if in_file and sensor.histograms is None and inside <= MAX_KEPT and are_whole(kept):
+        frame = replace(sampled(kept), stamp_ns=said.stamp_ns)
+    depth = in_gate(said.reference_depth_bins, first, last)
+    reading = _reading(frame, sensor, options, replace(said, notes=notes + assumed, reference_depth_bins=depth))
+    outside = outside_note(round(photons - inside), round(photons), first, last)
+    sensor = reading.sensor.replace(toa_offset_bins=reading.sensor.toa_offset_bins + first)
+    return replace(reading, sensor=sensor, notes=reading.notes + outside, frames=frames)
+
+
+def from_frame(frame: PhotonFrame, options: Options, said: Said) -> Reading:
+    """A frame of photons with its own stamp; gates become events."""
+    options, notes = options.over(said.sensor, said.notes)
+    sensor, assumed = sensor_of(options)
+    if isinstance(frame, PhotonEvents):
+        pixel, toa, stray = without_strays(frame.pixel, frame.toa, sensor.num_bins)
+        frame, assumed = replace(frame, pixel=pixel, toa=toa) if stray else frame, assumed + stray
+    frame.check(sensor)
+    if isinstance(frame, PhotonGates):
+        sensor, frame = frame.counted(sensor), frame.to_events(sensor)
+    return _reading(frame, sensor, options, replace(said, notes=notes + assumed))
+
+
+def with_options(reading: Reading, options: Options) -> Reading:
+    """The same frame with options in place of its sensor's values; a note lists them.
+
+    Raises:
+        InvalidInput: the options would have made another sketch, or there are any for a cloud.
+    """
+    if options == Options():
+        return reading
+    require(not isinstance(reading.frame, PointCloud), reading.name,
+            problem=f"{reading.name} holds a cloud: no option can change it.")
+    own = fields_of(reading.sensor)
+    if not isinstance(reading.frame, PhaseSums):
+        return from_frame(reading.frame, options, Said(own, reading.notes, reading.name, reading.reference_depth_bins))
+    require(options.gate is None, "gate", problem="A sketch cannot be gated: gate the photons.")
+    options, notes = options.over(own, reading.notes, SIZES)
+    sensor, assumed = sensor_of(options)
+    sums = replace(reading.frame, sensor=sensor, cycles=reading.frame.cycles or sensor.cycles or 0)
+    return replace(reading, sensor=sensor, frame=sums, notes=notes + assumed)
+
+
+def _reading(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, options: Options, said: Said) -> Reading:
+    """A frame that fits its sensor, without hot pixels, gated, the IRF estimated if the options have none; all notes.
+
+    Raises:
+        InvalidInput: the IRF cannot be estimated.
+    """
+    known, notes, depth = options.known, said.notes, said.reference_depth_bins
+    require(depth is None or depth.shape[1:] == (sensor.rows, sensor.cols), "ref_depth_bins shape",
+            np.shape(depth), f"[rows, cols] = {(sensor.rows, sensor.cols)}")
     if isinstance(frame, PhotonHistograms) and sensor.cycles and frame.has_negative:
         notes += (SUBTRACTED,)
-    sensor, hot, more = looked_through(frame, plausibility.light_of(frame, sensor), sensor, options)
+    sensor, hot, more = _looked_through(frame, sensor, options)
     notes += more
-    if "irf" not in options.known:
+    if "irf" not in known:
         require(sensor.histograms is None, "irf", problem="Give irf, widened by these bins: histograms cannot show it.")
         sample = sampled(frame.counts) if isinstance(frame, PhotonHistograms) else frame
         irf, note = irfs.estimated(sample.part((sensor.used & ~hot).reshape(-1)[sample.pixel]), sensor.num_bins,
                                    options.guess_irf)
         sensor, notes = sensor.replace(irf=irf, irf_ref=None), (*notes, note)
-    half_m, known = 0.5 * sensor.bin_width_m, options.known
+    half_m = 0.5 * sensor.bin_width_m
     whole = isinstance(frame, PhotonHistograms) or frame.toa.dtype.kind == "u"
     says_zero = {"toa_offset_bins", "range_offset_m"} & {*known} or "bin_width_s" not in known
     if whole and half_m > HALF_BIN_M and not says_zero:
         notes += Note(f"ranges are {half_m * 1e3:.3g} mm short if the clock truncates: toa_offset_bins is then 0.5 "
                       "(--toa-offset-bins)", "toa_offset_bins"),
-    return sensor, frame, notes if says_geometry(known) else (*notes, ASSUMED_FOV)
+    notes += () if "projection" in known else (ASSUMED_FOV,)
+    reading = Reading(sensor, frame, depth, said.name, tuple(dict.fromkeys(notes)))
+    return reading.gated(*options.gate) if options.gate else reading
 
 
-def looked_through(frame: PhotonFrame, light: plausibility.Light, sensor: SensorModel, options: Options
-                   ) -> tuple[SensorModel, np.ndarray, tuple[str, ...]]:
+def _looked_through(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, options: Options
+                    ) -> tuple[SensorModel, np.ndarray, tuple[str, ...]]:
     """The sensor, hot pixels masked unless options say otherwise; where they are; and notes on what looks wrong."""
-    hot = plausibility.hot_pixels(light, sensor)
-    notes = [Note(plausibility.leak(light), "gate")]
+    light = plausibility.light_of(frame, sensor)
+    hot, notes = plausibility.hot_pixels(light, sensor), [Note(plausibility.leak(light), "gate")]
     if isinstance(frame, PhotonEvents):
         notes.append(plausibility.other_unit(frame, sensor))
     if hot.any():
@@ -161,7 +177,7 @@ def looked_through(frame: PhotonFrame, light: plausibility.Light, sensor: Sensor
             sensor = sensor.replace(mask=sensor.used & ~hot)
             notes.append(Note(f"{said}; left out (mask=off keeps them)", "mask"))
         else:
-            notes.append(f"{said}; mask=auto (--mask auto) leaves them out")
+            notes.append(Note(f"{said}; mask=auto (--mask auto) leaves them out", "mask"))
     return sensor, hot, tuple(filter(None, notes))
 
 

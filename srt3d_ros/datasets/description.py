@@ -8,8 +8,6 @@ from srt3d_ros.core.sensor.pulse import full_width_at_half_maximum
 from srt3d_ros.core.sketching.design import design_sketch, histogram, signal_to_background
 from srt3d_ros.core.sketching.gate import AUTO, Gate
 from srt3d_ros.core.sketching.plausibility import light_of
-from srt3d_ros.datasets.arrays import looked_through
-from srt3d_ros.datasets.options import Options
 from srt3d_ros.datasets.reading import Reading
 
 WORD_BYTES = 4              # of each real number and of the count in a sketch
@@ -31,8 +29,6 @@ def describe(photons: Reading) -> Description:
     gate, frequencies = design_sketch(sensor, AUTO, frame=frame)
     sbr = signal_to_background(histogram(frame, sensor), sensor)
     light = light_of(frame, sensor)
-    _, _, more = looked_through(frame, light, sensor, Options(mask_hot=False))
-    notes = [*dict.fromkeys((*photons.notes, *more))]       # those of bags and logs do not have it
     used = light.of_pixels[sensor.used]
     irf_width_bins = full_width_at_half_maximum(sensor)
     facts = {"rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins, "bin_width_s": sensor.bin_width_s,
@@ -42,5 +38,5 @@ def describe(photons: Reading) -> Description:
              "empty_pixels": int(np.count_nonzero(used <= 0)), "sbr": sbr if np.isfinite(sbr) else None,
              "irf_width_bins": irf_width_bins, "irf_width_s": irf_width_bins * sensor.bin_width_s,
              "gate": None if gate is None else [gate.first, gate.last], "frequencies": list(frequencies),
-             "sketch_bytes": sensor.pixels * WORD_BYTES * (2 * len(frequencies) + 1), "notes": notes}
+             "sketch_bytes": sensor.pixels * WORD_BYTES * (2 * len(frequencies) + 1), "notes": [*photons.notes]}
     return Description(facts, gate, light.of_bins, light.of_pixels)

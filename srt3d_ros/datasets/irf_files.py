@@ -110,7 +110,7 @@ def _read_file(path: Path) -> tuple[np.ndarray, Steps | None]:
     require(suffix in SUFFIXES, "irf", str(path), f"a file that ends in {', '.join(SUFFIXES)}")
     require_file(path, "irf")
     if suffix == ".npz":
-        arrays = read_npz_arrays(path, ("irf", "bin_width_s"), "irf")
+        arrays, _ = read_npz_arrays(path, ("irf", "bin_width_s"), "irf")
         require("irf" in arrays, "irf", problem=f"{path.name} has no array irf.")
         widths = [finite(f"{path.name} bin_width_s", one) for one in arrays.get("bin_width_s", np.zeros(0)).flat]
         return arrays["irf"], Steps(path.name, f"{widths[0] * 1e12:.6g} ps", tuple(widths)) if widths else None

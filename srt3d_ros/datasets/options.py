@@ -25,7 +25,7 @@ ASSUMED_WIDTH = Note("bin width taken as 2 / 299792458 s: x, y and z count bins,
 ASSUMED_FOV = Note(f"geometry taken to be a pinhole of {DEFAULT_FOV_DEG:g}° across the larger side: give fov_deg "
                    "(--fov-deg), or the projection", "projection")
 HALF_BIN_M = 1e-3       # a range error that is not said
-SENSOR_OPTIONS = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols"))
+FIELDS = tuple(SensorModel.__dataclass_fields__)
 SENSOR_DEFAULTS = {name: key.default for name, key in keys(SensorModel).items()}
 Values = np.ndarray | Sequence
 AXES, FRAMES = ("rows", "cols", "bins"), "frames"
@@ -105,7 +105,7 @@ Known = dict[str, Any]
 class Options:
     """What the caller says: what is known of the sensor, and how to read a file (None = not given).
 
-    A reader passes on `without` what it has followed, since `redescribed` refuses what nobody has.
+    A reader passes on `without` what it has followed, since `sensor_of` refuses what nobody has.
     """
 
     known: Known = field(default_factory=dict)
@@ -134,10 +134,29 @@ class Options:
         """The options with these values of the sensor in place of others."""
         return replace(self, known=self.known | values)
 
-    def refuse_unfollowed(self) -> None:
-        """Raise InvalidInput for an option that this source does not have."""
-        for name, problem in FILE_OPTIONS.items():
-            require(getattr(self, name) is None, name, problem=problem)
+    def over(self, own: Known, notes: tuple[str, ...] = (), fixed: tuple[str, ...] = ("rows", "cols")
+             ) -> tuple[Self, tuple[str, ...]]:
+        """These options on top of what a file says of its sensor, and its notes.
+
+        Assumptions that the options answer are left out of the notes, and one says which values were replaced.
+
+        Raises:
+            InvalidInput: the options contradict a `fixed` value.
+        """
+        for name in fixed:
+            value = self.known.get(name, own.get(name))
+            require(name not in own or value == own[name], name, quoted(value), f"{own.get(name)}, as in the file")
+        own, known = _in_angles(own, own | self.known), _in_angles(self.known, own | self.known)
+        answered = {*known, *(["irf_ref"] if "irf" in known else ()), *(["gate"] if self.gate else ()),
+                    *(["toa_offset_bins"] if "range_offset_m" in known else ())}
+        left, assumed = [], set()
+        for note in notes:
+            about = note.field if isinstance(note, Note) else ""
+            assumed |= {about, f"{about}_ref"}
+            left += [] if about in answered else [note]
+        said = {name: value for name, value in own.items() if name not in assumed}
+        own = {name: value for name, value in own.items() if name != "irf_ref" or "irf" not in known}
+        return replace(self, known=own | known), (*left, *replaced_note(said, known))
 
 
 def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None, guess_irf: bool = False) -> Options:
@@ -157,7 +176,7 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None, guess_
     require(sensor is None or isinstance(sensor, SensorModel), "sensor", type(sensor).__name__, "a Sensor")
     if sensor is not None and given.get("reversed"):        # what a reading of the file turns round again
         sensor = backwards(sensor)
-    known = {} if sensor is None else {name: getattr(sensor, name) for name in ("rows", "cols", *SENSOR_OPTIONS)}
+    known = {} if sensor is None else fields_of(sensor)
     if "shape" in given:
         shape = array("shape", given.pop("shape"))
         require(shape.shape == (2,), "shape", shape.tolist(), "(rows, cols)")
@@ -183,6 +202,11 @@ def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None, guess_
     return Options(known | given, guess_irf=guess_irf, mask_hot=mask_hot, **of_file)
 
 
+def fields_of(sensor: SensorModel) -> Known:
+    """All values of a sensor."""
+    return {name: getattr(sensor, name) for name in FIELDS}
+
+
 def backwards(sensor: SensorModel) -> SensorModel:
     """The sensor of reversed times: bin b is T − 1 − b."""
     shape = sensor.background_shape
@@ -190,49 +214,33 @@ def backwards(sensor: SensorModel) -> SensorModel:
                           background_shape=None if shape is None else shape[::-1])
 
 
-def described(sensor: SensorModel, known: Known) -> tuple[SensorModel, tuple[str, ...]]:
-    """The sensor with what is known in place of its own values, and notes on the IRF."""
-    changes = {name: known[name] for name in SENSOR_OPTIONS if name in known}
-    if "irf" in changes:        # irf_ref belongs to the replaced IRF
-        changes = {"irf_ref": None} | changes
-    if "fov_deg" in known:
-        fov_deg = finite("fov_deg", known["fov_deg"], "an angle between 0 and 180 degrees")
-        changes["projection"] = Pinhole.from_fov(sensor.rows, sensor.cols, fov_deg)
-    irf, notes = changes.get("irf"), ()
-    if irf is not None:         # it is brought into the bins that the other changes make
-        sensor = sensor.replace(**changes | {"irf": np.ones(1), "irf_ref": None})
-        width_known = "bin_width_s" in known or sensor.bin_width_s != BIN_OF_ONE_METRE_S
-        irf, ref, notes = irf_files.fitted(irf, changes["irf_ref"], known.get("irf_steps"), sensor, width_known)
-        irf, more = irfs.checked(irf, changes["irf_ref"])
-        changes, notes = {"irf": irf, "irf_ref": ref}, notes + more
-    changed = sensor.replace(**changes) if changes else sensor
-    require("mask" not in known or bool(changed.used.any()), "mask",
+def sensor_of(options: Options) -> tuple[SensorModel, tuple[str, ...]]:
+    """The sensor that the options describe, with an IRF of one bin if they have none; and notes on it.
+
+    Raises:
+        InvalidInput: a value is missing or cannot be used, or nobody has followed an option on how to read a file.
+    """
+    known, notes = options.known, ()
+    for name, problem in FILE_OPTIONS.items():
+        require(getattr(options, name) is None, name, problem=problem)
+    require({"rows", "cols"} <= known.keys(), "shape", problem="Give shape=(rows, cols), or sensor.")
+    require("num_bins" in known, "num_bins", problem="Give num_bins, the bins of a laser period, or sensor.")
+    require("irf" in known or "irf_ref" not in known, "irf_ref", problem="irf_ref needs irf.")
+    fields = {name: known[name] for name in FIELDS if name in known and name not in ("irf", "irf_ref")}
+    sensor = SensorModel(**{"bin_width_s": BIN_OF_ONE_METRE_S, "irf": np.ones(1)} | fields)
+    if "bin_width_s" not in known:
+        notes += ASSUMED_WIDTH,
+    if "irf" in known:          # it is brought into the bins of the other values
+        irf, ref, of_file = irf_files.fitted(known["irf"], known.get("irf_ref"), known.get("irf_steps"), sensor,
+                                             sensor.bin_width_s != BIN_OF_ONE_METRE_S)
+        irf, checked = irfs.checked(irf, known.get("irf_ref"))
+        sensor, notes = sensor.replace(irf=irf, irf_ref=ref), notes + of_file + checked
+    require(known.get("mask") is None or bool(sensor.used.any()), "mask",
             problem="mask is False everywhere: True marks the pixels to use.")
-    period_m = changed.num_bins * changed.bin_width_m
-    require(period_m <= MAX_PERIOD_M, "bin_width_s", problem=f"{changed.num_bins} bins of {changed.bin_width_s:g} s "
+    period_m = sensor.num_bins * sensor.bin_width_m
+    require(period_m <= MAX_PERIOD_M, "bin_width_s", problem=f"{sensor.num_bins} bins of {sensor.bin_width_s:g} s "
             f"reach {period_m:.3g} m: give bin_width_s in seconds, 1e-10 for 100 ps.")
-    return changed, notes
-
-
-def redescribed(sensor: SensorModel, notes: tuple[str, ...], options: Options,
-                fixed: tuple[str, ...] = ("rows", "cols")) -> tuple[SensorModel, tuple[str, ...]]:
-    """Apply options to the sensor of given photons; `fixed` fields must not change. The sensor, and the new notes."""
-    options.refuse_unfollowed()
-    known = options.known
-    check_same({name: getattr(sensor, name) for name in fixed}, known)
-    changed, irf_notes = described(sensor, known)
-    before, after = ({name: getattr(one, name) for name in SENSOR_OPTIONS} for one in (sensor, changed))
-    known_now = {*known, *(["projection"] if says_geometry(known) else ()), *(["irf_ref"] if "irf" in known else ()),
-                 *(["toa_offset_bins"] if "range_offset_m" in known else ()), *(["gate"] if options.gate else ())}
-    replaced = {note for note in notes if isinstance(note, Note) and note.field in known_now}
-    for note in replaced:       # an assumption, not a value of the file
-        before = {name: value for name, value in before.items() if name not in (note.field, f"{note.field}_ref")}
-    return changed, tuple(note for note in notes if note not in replaced) + replaced_note(before, after) + irf_notes
-
-
-def says_geometry(known: Known) -> bool:
-    """Whether the pixels' angles are known."""
-    return not known.keys().isdisjoint(("fov_deg", "projection"))
+    return sensor, notes
 
 
 def replaced_note(own: Known, now: Known) -> tuple[str, ...]:
@@ -245,10 +253,13 @@ def replaced_note(own: Known, now: Known) -> tuple[str, ...]:
     return (f"as given, not as in the file: {names}",) if names else ()
 
 
-def check_same(own: Known, known: Known) -> None:
-    """Raise InvalidInput if the caller knows another value than the file's own."""
-    for name, value in own.items():
-        require(known.get(name, value) == value, name, quoted(known.get(name)), f"{value}, as in the file")
+def _in_angles(known: Known, all_known: Known) -> Known:
+    """What is known, with the projection in place of fov_deg."""
+    if "fov_deg" not in known or not {"rows", "cols"} <= all_known.keys():
+        return known
+    fov_deg = finite("fov_deg", known["fov_deg"], "an angle between 0 and 180 degrees")
+    pinhole = Pinhole.from_fov(*(int(finite(name, all_known[name])) for name in ("rows", "cols")), fov_deg)
+    return {name: value for name, value in known.items() if name != "fov_deg"} | {"projection": pinhole}
 
 
 def _names(option: str, value: Any) -> tuple[str, ...]:
@@ -266,6 +277,7 @@ def _names(option: str, value: Any) -> tuple[str, ...]:
 
 def _same(one: Any, other: Any) -> bool:
     if np.ndim(one) and np.ndim(other):         # scaled to sum 1: IRFs are given in any unit
-        one, other = (np.asarray(values, np.float64) / max(np.sum(values), 1e-300) for values in (one, other))
+        with np.errstate(invalid="ignore"):
+            one, other = (np.asarray(values, np.float64) / max(np.sum(values), 1e-300) for values in (one, other))
         return one.shape == other.shape and np.allclose(one, other, rtol=1e-5, atol=0)
     return first_difference(one, other) is None

@@ -1,6 +1,6 @@
 """Reading: one frame of a file, bag or log as plain data, with its sensor."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -9,14 +9,30 @@ from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
-from srt3d_ros.core.sketching.plausibility import light_of
 from srt3d_ros.core.sketching.sums import PhaseSums
-from srt3d_ros.datasets import arrays
-from srt3d_ros.datasets.options import Options, backwards, redescribed
+from srt3d_ros.datasets.options import Known, backwards
 from srt3d_ros.datasets.values import MAX_EVENTS, outside_note
 from srt3d_ros.errors import require
 
 IN_MEMORY = "arrays"
+
+
+@dataclass(frozen=True, eq=False)
+class Said:
+    """What a source says beside its photons.
+
+    Args:
+        sensor: values of its sensor by the names of SensorModel's fields, and fov_deg.
+        notes: of the source, and on what was chosen in it.
+        name, reference_depth_bins: as of Reading.
+        stamp_ns: start of acquisition, nanoseconds.
+    """
+
+    sensor: Known = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    name: str = IN_MEMORY
+    reference_depth_bins: np.ndarray | None = None
+    stamp_ns: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,34 +96,6 @@ class Reading:
             frame = replace(frame, toa=turned if turned.dtype == np.uint16 else sensor.wrapped(turned))
         return replace(self, sensor=backwards(sensor), frame=frame,
                        reference_depth_bins=None if depth is None else last - depth)
-
-    def with_options(self, options: Options) -> Self:
-        """The same frame with options (options.gathered) in place of their sensor's values; a note lists them."""
-        if isinstance(self.frame, PhaseSums):
-            frame, notes = sums_with_options(self.frame, self.notes, options)
-            return replace(self, sensor=frame.sensor, frame=frame, notes=notes)
-        if isinstance(self.frame, PointCloud):
-            require(options == Options(), self.name, problem=f"{self.name} holds a cloud: no option can change it.")
-            return self
-        sensor, notes = redescribed(self.sensor, self.notes, options)
-        frame, stray = arrays.fitted(self.frame, sensor)
-        if options.mask_hot:
-            sensor, _, more = arrays.looked_through(frame, light_of(frame, sensor), sensor, options)
-            stray += tuple(note for note in more if getattr(note, "field", "") == "mask")
-        photons = replace(self, sensor=sensor, frame=frame, notes=notes + stray)
-        return photons if options.gate is None else photons.gated(*options.gate)
-
-
-def sums_with_options(sums: PhaseSums, notes: tuple[str, ...], options: Options
-                      ) -> tuple[PhaseSums, tuple[str, ...]]:
-    """A sketch with options in place of its sensor's values, and its notes.
-
-    Raises:
-        InvalidInput: the options would have made another sketch.
-    """
-    require(options.gate is None, "gate", problem="A sketch cannot be gated: gate the photons.")
-    sensor, notes = redescribed(sums.sensor, notes, options, ("rows", "cols", "num_bins"))
-    return replace(sums, sensor=sensor, cycles=sums.cycles or sensor.cycles or 0), notes
 
 
 def in_gate(depth: np.ndarray | None, first: int, last: int) -> np.ndarray | None:

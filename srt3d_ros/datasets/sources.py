@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any, Unpack
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
 from srt3d_ros.core.sketching.sums import PhaseSums
+from srt3d_ros.datasets.arrays import with_options
 from srt3d_ros.datasets.bags import frames as bag_frames
 from srt3d_ros.datasets.bags.bag import Bag, is_bag
 from srt3d_ros.datasets.irf import tail_note
@@ -55,20 +57,10 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
         InvalidInput: one line that names the file and field that cannot be used.
     """
     require(isinstance(frame, int), "frame", quoted(frame), "an integer")
-    if str(path) == SIMULATOR:
-        return _simulated(frame, sensor, gathered(options))
-    path = Path(path)
-    with file_errors("photon file", path, "read"):
-        chosen = gathered(options, sensor, guess_irf)
-        if path.suffix.lower() not in (suffixes := FILE_READERS | LOGS):
-            require(is_bag(path) or path.exists(), "photon file", problem=f"{path}: no such file.")
-            if path.suffix.lower() in CONVERTERS:
-                raise InvalidInput("photon file", problem=f"{path.name}: {CONVERTERS[path.suffix.lower()]}.")
-            require(is_bag(path), "photon file", str(path), f"a file that ends in {', '.join(suffixes)}, or a bag")
-            return bag_frames.read_frame(path, frame, chosen, photons_topic)
-        require(not photons_topic, "photons_topic", problem="Only bags have topics.")
-        require_file(path, "photon file")
-        return _of_file(path, frame, chosen)
+    chosen = gathered(options, sensor, guess_irf)
+    with file_errors("photon file", path, "read"), closing(_frames(path, (frame,), chosen, photons_topic, sensor)
+                                                           ) as frames:
+        return next(frames)[1]()
 
 
 def read_photons(path: str | Path, *arguments: Any, **options: Any) -> Reading:
@@ -80,30 +72,50 @@ def read_photons(path: str | Path, *arguments: Any, **options: Any) -> Reading:
     return reading
 
 
+def _frames(source: str | Path, numbers: Sequence[int], options: Options, photons_topic: str,
+            sensor: SensorModel | None) -> Iterator[tuple[int, Callable[[], Reading]]]:
+    """Yield each of the numbers, and a function that reads this frame; logs and bags are read once."""
+    path, suffix, suffixes = Path(source), Path(source).suffix.lower(), FILE_READERS | LOGS
+    if str(source) != SIMULATOR and suffix not in suffixes and is_bag(path):
+        yield from bag_frames.frames(path, numbers, options, photons_topic)
+        return
+    require(not photons_topic, "photons_topic", problem="Only bags have topics.")
+    require(min(numbers) >= 0, "frame", min(numbers), "0 or more")
+    if str(source) == SIMULATOR:
+        yield from ((number, partial(_simulated, number, sensor, options)) for number in numbers)
+        return
+    if suffix not in suffixes:
+        require(path.exists(), "photon file", problem=f"{path}: no such file.")
+        require(suffix not in CONVERTERS, "photon file", problem=f"{path.name}: {CONVERTERS.get(suffix)}.")
+        raise InvalidInput("photon file", str(path), f"a file that ends in {', '.join(suffixes)}, or a bag")
+    require_file(path, "photon file")
+    if suffix in FILE_READERS:
+        yield from ((number, partial(_of_file, path, number, options)) for number in numbers)
+        return
+    count, wanted = 0, {*numbers}
+    for count, load in enumerate(LOGS[suffix](path, options), start=1):
+        if count - 1 in wanted:
+            yield count - 1, load
+    raise InvalidInput("frame", problem=f"{path.name} has no frame {max(wanted)} (it has {count}).")
+
+
 def _of_file(path: Path, frame: int, options: Options) -> Reading:
     """Frame `frame` of a file; InvalidInput if it has fewer."""
-    require(frame >= 0, "frame", frame, "0 or more")
-    suffix, count = path.suffix.lower(), 0
-    if suffix in FILE_READERS:
-        gate = options.gate if options.reversed else None       # it counts after the reversal
-        whole = options.without("reversed", "gate") if gate else options.without("reversed")
-        reading = FILE_READERS[suffix](path, replace(whole, frame=frame))
-        require(frame < reading.frames, "frame", frame, f"0, the only frame of {path.name}")
-        reading = reading.reversed() if options.reversed else reading
-        reading = reading.gated(*gate) if gate else reading
-        return replace(reading, notes=(*reading.notes, *tail_note(reading.sensor)))
-    for count, load in enumerate(LOGS[suffix](path, options), start=1):
-        if count > frame:
-            return load()
-    raise InvalidInput("frame", problem=f"{path.name} has no frame {frame} (it has {count}).")
+    gate = options.gate if options.reversed else None       # it counts after the reversal
+    whole = options.without("reversed", "gate") if gate else options.without("reversed")
+    with file_errors("photon file", path, "read"):
+        reading = FILE_READERS[path.suffix.lower()](path, replace(whole, frame=frame))
+    require(frame < reading.frames, "frame", frame, f"0, the only frame of {path.name}")
+    reading = reading.reversed() if options.reversed else reading
+    reading = reading.gated(*gate) if gate else reading
+    return replace(reading, notes=(*reading.notes, *tail_note(reading.sensor)))
 
 
 def _simulated(frame: int, sensor: SensorModel | None, options: Options) -> Reading:
     """A frame of the head with its true depths, as this sensor sees it: 10 photons a pixel, half of them background."""
-    require(frame >= 0, "frame", frame, "0 or more")
     simulator = Simulator(sensor=sensor)
     events, depth_bins = simulator.frame(frame)
-    return Reading(simulator.sensor, events, depth_bins, SIMULATOR).with_options(options)
+    return with_options(Reading(simulator.sensor, events, depth_bins, SIMULATOR), options)
 
 
 def frame_numbers(path: str | Path, wanted: str, photons_topic: str = "", **options: Any) -> range:
@@ -135,19 +147,11 @@ def frame_numbers(path: str | Path, wanted: str, photons_topic: str = "", **opti
 
 def frame_loaders(path: str | Path, numbers: Sequence[int], photons_topic: str = "", *,
                   sensor: SensorModel | None = None, **options: Any) -> Iterator[tuple[int, Callable[[], Reading]]]:
-    """Yield each of the numbers, which ascend, and a function that gives what `read` gives for this frame, in one pass.
+    """Each of the numbers, which ascend, and a function that gives what `read` gives for this frame, in one pass.
 
     Arguments and errors as for `read`; a function raises what is wrong with its frame.
     """
-    suffix = Path(path).suffix.lower()
-    if str(path) != SIMULATOR and is_bag(path):
-        yield from bag_frames.frames(path, numbers, gathered(options, sensor), photons_topic)
-    elif suffix in LOGS:
-        wanted = set(numbers)
-        yield from (one for one in enumerate(LOGS[suffix](Path(path), gathered(options, sensor))) if one[0] in wanted)
-    else:
-        for number in numbers:
-            yield number, partial(read, path, number, photons_topic, sensor=sensor, **options)
+    return _frames(path, numbers, gathered(options, sensor), photons_topic, sensor)
 
 
 def open_sensor(path: str | Path) -> SensorModel:

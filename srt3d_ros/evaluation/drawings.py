@@ -1,16 +1,14 @@
-"""Draw an evaluation's metrics, and its clouds side by side. Needs matplotlib."""
+"""Draw an evaluation's clouds side by side. Needs matplotlib."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 from matplotlib.figure import SubFigure
 
-from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.evaluation.cases import Case
 from srt3d_ros.evaluation.run import Outcome
 from srt3d_ros.pictures.cloud_renderer import CloudStyle
-from srt3d_ros.pictures.curves import draw_metrics
 from srt3d_ros.pictures.figures import save_png, titled_figure
 from srt3d_ros.pictures.viewpoint import look_at
 
@@ -19,38 +17,24 @@ _PANEL_IN, _ROW_IN, _TITLE_IN = 2.5, 3.2, 0.4
 _CLOUD_PX = 480                 # side of a drawn cloud; matplotlib shrinks it, which smooths edges
 
 
-def draw(folder: Path, rows: Sequence[dict], shown: Sequence[Outcome]) -> None:
-    """Draw metrics of averaged rows against photons per pixel for each scene, and the clouds of `shown`.
-
-    There is a picture of clouds for each scene, and one for all files.
-    """
-    for source in dict.fromkeys(row["source"] for row in rows if row["sbr"]):
-        chosen = [row for row in rows if row["source"] == source]
-        first = chosen[0]
-        title = (f"{source}: {first['rows']} × {first['cols']} pixels, {first['num_bins']} bins of "
-                 f"{first['bin_width_mm']:.3g} mm, tolerance {first['tolerance_bins'] * first['bin_width_mm']:.3g} mm")
-        draw_metrics(folder / f"metrics_{source}.png", chosen, title, list(METHODS))
+def draw(folder: Path, shown: Sequence[Outcome]) -> None:
+    """Write a picture of clouds for each scene and one for all files: a row for each case, its truth first if known."""
     of_picture: dict[str, dict[Case, list[Outcome]]] = {}
     for outcome in sorted(shown, key=lambda outcome: -(outcome.job.case.sbr or 0)):
         case = outcome.job.case
         of_picture.setdefault("files" if case.sbr is None else case.source, {}).setdefault(case, []).append(outcome)
     for source, outcomes in of_picture.items():
-        draw_clouds(folder / f"reconstructions_{source}.png", outcomes, f"{source}: reconstructions, coloured by range")
-
-
-def draw_clouds(path: Path, outcomes: dict[Case, list[Outcome]], title: str) -> None:
-    """Draw a row of clouds for each case, the truth first if it is known."""
-    shown = list(outcomes.items())[:_MOST_ROWS]
-    rows = [_panels(case, of_case) for case, of_case in shown]
-    columns = max(map(len, rows))
-    figure = titled_figure(_PANEL_IN * max(columns, 2), _ROW_IN * len(rows) + _TITLE_IN, title)
-    for row, (case, of_case), panels in zip(figure.subfigures(len(rows), 1, squeeze=False)[:, 0], shown, rows):
-        ppp = f"{case.ppp or of_case[0].row['photons_per_pixel']:.3g}"
-        what = case.source if case.sbr is None else f"SBR {case.sbr:g}"
-        row.suptitle(f"{what}, {ppp} {'photon' if ppp == '1' else 'photons'} per pixel", x=0.01, ha="left", size=11,
-                     weight="bold", parse_math=False)
-        draw_row(row, columns, panels)
-    save_png(figure, path)
+        rows = [(case, of_case, _panels(case, of_case)) for case, of_case in list(outcomes.items())[:_MOST_ROWS]]
+        columns = max(len(panels) for *_, panels in rows)
+        figure = titled_figure(_PANEL_IN * max(columns, 2), _ROW_IN * len(rows) + _TITLE_IN,
+                               f"{source}: reconstructions, coloured by range")
+        for row, (case, of_case, panels) in zip(figure.subfigures(len(rows), 1, squeeze=False)[:, 0], rows):
+            ppp = f"{case.ppp or of_case[0].row['photons_per_pixel']:.3g}"
+            what = case.source if case.sbr is None else f"SBR {case.sbr:g}"
+            row.suptitle(f"{what}, {ppp} {'photon' if ppp == '1' else 'photons'} per pixel", x=0.01, ha="left",
+                         size=11, weight="bold", parse_math=False)
+            draw_row(row, columns, panels)
+        save_png(figure, folder / f"reconstructions_{source}.png")
 
 
 def draw_row(figure: SubFigure, columns: int, panels: Sequence[tuple[str, PointCloud, str]]) -> None:

@@ -35,15 +35,6 @@ class Job:
         """Case, method and sketch size."""
         return f"{self.case.title}: {self.label}"
 
-    @property
-    def settings(self) -> dict:
-        """Columns of results.csv that describe the job."""
-        case = self.case
-        return {"source": case.source, "sbr": case.sbr, "ppp": case.ppp, "repeat": case.repeat,
-                "method": self.method.name, "sketch_size": self.sketch_size, "surfaces": case.surfaces,
-                "rows": case.sensor.rows, "cols": case.sensor.cols, "tolerance_bins": float(case.tolerance_bins),
-                "held_out": case.held_out}
-
 
 class Outcome(NamedTuple):
     """The cloud of a job, and its row of results.csv."""
@@ -76,23 +67,21 @@ def run(jobs: Sequence[Job], notes: list[str], bar: tqdm) -> Iterator[Outcome]:
 
 def outcome(job: Job, observation: Observation) -> Outcome:
     """Run a job, and compare its cloud with the known truth."""
-    case, sensor = job.case, job.case.sensor
-    cloud, facts = reconstruct(job, observation)
-    row = job.settings | facts | {
-        "num_bins": sensor.num_bins, "bin_width_mm": sensor.bin_width_m * 1e3, "points": len(cloud),
-        "photons_per_pixel": observation.frame.photons / sensor.pixels, "version": __version__}
+    case, sensor, frame = job.case, job.case.sensor, observation.frame
+    cloud = Photons(sensor, frame).reconstruct(method=job.method.name, sketch_size=job.sketch_size,
+                                               surfaces=case.surfaces)
+    row = {"source": case.source, "sbr": case.sbr, "ppp": case.ppp, "method": job.method.name,
+           "sketch_size": job.sketch_size, "surfaces": case.surfaces, "rows": sensor.rows, "cols": sensor.cols,
+           "tolerance_bins": float(case.tolerance_bins), "held_out": case.held_out,
+           "frequencies": cloud.frequencies or None, "num_bins": sensor.num_bins,
+           "bin_width_mm": sensor.bin_width_m * 1e3, "photons_per_pixel": frame.photons / sensor.pixels,
+           "points": len(cloud), "sketch_ms": cloud.sketch_ms or None, "reconstruct_ms": cloud.reconstruct_ms or None,
+           "version": __version__}
     if observation.held_out is not None:
-        row |= held_out.gain(cloud, sensor, observation.frame, observation.held_out, case.held_out)
+        row |= held_out.gain(cloud, sensor, frame, observation.held_out, case.held_out)
     if observation.depth_bins is not None:
         row |= judge(cloud, case, observation)
     return Outcome(job, cloud, row)
-
-
-def reconstruct(job: Job, observation: Observation) -> tuple[PointCloud, dict]:
-    """A job's cloud, and its frequencies and times (milliseconds)."""
-    cloud = Photons(job.case.sensor, observation.frame).reconstruct(
-        method=job.method.name, sketch_size=job.sketch_size, surfaces=job.case.surfaces)
-    return cloud, {name: getattr(cloud, name) or None for name in ("frequencies", "sketch_ms", "reconstruct_ms")}
 
 
 def judge(cloud: PointCloud, case: Case, observation: Observation) -> dict:

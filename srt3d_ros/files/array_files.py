@@ -4,15 +4,15 @@ import io
 import math
 import os
 import zipfile
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
 import numpy as np
 
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.files.isolated_child import may_be_counts
+from srt3d_ros.files.isolated_child import listing, may_be_counts
 from srt3d_ros.files.new_files import file_errors
 
 # All arrays of a file together: 12 bytes for each of MAX_EVENTS photons, or half of a smaller machine's memory.
@@ -56,42 +56,38 @@ def read_errors(path: Path, expected: str = "") -> Iterator[None]:
         raise InvalidInput(path.name, f"unreadable ({reason})", expected) from None
 
 
-def read_npz_arrays(path: Path, names: tuple[str, ...], field: str = "photon file", and_cubes: bool = False
-                    ) -> dict[str, np.ndarray]:
-    """The arrays `names` of an .npz file (called `field` in errors), with `and_cubes` also all that may be counts.
+def read_npz_arrays(path: Path, names: Collection[str], field: str = "photon file"
+                    ) -> tuple[dict[str, np.ndarray], str]:
+    """The arrays `names` of an .npz file (called `field` in errors), the only one that may be counts; a list of all.
 
     InvalidInput if it is no zip file, damaged, or has objects or more than MAX_ARRAY_BYTES in these arrays.
     """
     require_file(path, field)
     with read_errors(path, "a complete .npz file (a zip of arrays)"), zipfile.ZipFile(path) as archive:
-        members = {info.filename[:-4]: info for info in archive.infolist() if info.filename.endswith(".npy")}
+        members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()
+                   if info.filename.endswith(".npy")}
         require(len(members) <= MAX_MEMBERS, "members", len(members), f"at most {MAX_MEMBERS}")
-        chosen, size = [], 0
+        listed, sizes = [], {}
         for name, info in members.items():
-            if name in names or and_cubes:
+            try:
                 with archive.open(info) as stream:
                     shape, dtype = npy_header(stream, info.file_size, name)
-                if name in names or may_be_counts(shape, str(dtype)):
-                    chosen.append(name)
-                    size += math.prod(shape) * dtype.itemsize
+            except InvalidInput:
+                if name in names:
+                    raise
+                listed.append((name, (), "unreadable"))
+                continue
+            listed.append((name, shape, str(dtype)))
+            sizes[name] = math.prod(shape) * dtype.itemsize
+        cubes = [name for name, shape, kind in listed if name in sizes and may_be_counts(shape, kind)]
+        chosen = [name for name in sizes if name in names or cubes == [name]]
+        size = sum(sizes[name] for name in chosen)
         require(size <= MAX_ARRAY_BYTES, "size", f"{size} bytes", f"at most {MAX_ARRAY_BYTES}; an .npy may have more")
         arrays = {}
         for name in chosen:
             with archive.open(members[name]) as stream:
                 arrays[name] = np.lib.format.read_array(stream, allow_pickle=False)
-    return arrays
-
-
-def npz_contents(path: Path) -> list[tuple[str, tuple[int, ...], str]]:
-    """Name, shape and type of each array of an .npz file that can be opened, for an error."""
-    contents = []
-    with zipfile.ZipFile(path) as archive:
-        for info in archive.infolist()[:MAX_MEMBERS]:
-            name, shape, kind = info.filename.removesuffix(".npy"), (), "unreadable"
-            with suppress(Exception), archive.open(info) as stream:     # as read_npz_arrays says if it is asked for
-                shape, kind = npy_header(stream, info.file_size, name)
-            contents.append((name, shape, str(kind)))
-    return contents
+    return arrays, listing(listed)
 
 
 def map_npy(path: Path, field: str, most: int = MAX_ARRAY_BYTES) -> np.ndarray:

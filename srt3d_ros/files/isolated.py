@@ -24,7 +24,7 @@ def arrays_of(path: Path, library: str, names: tuple[str, ...], expected: str) -
     """Arrays of a file by name, as the library's function of isolated_child.py finds them, and a text that lists all.
 
     Args:
-        names: the wanted arrays, as patterns of fnmatch. The only array that may hold counts is read, too.
+        names: the wanted arrays. The only array that may hold counts is read, too.
         expected: what the file should be, in words.
 
     Raises:

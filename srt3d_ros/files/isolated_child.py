@@ -5,7 +5,6 @@ import resource
 import sys
 import warnings
 from contextlib import suppress
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +89,7 @@ def matlab_5(path: str, names: tuple[str, ...]) -> Found:
 
 
 def hdf5(path: str, names: tuple[str, ...]) -> Found:
-    """As `matlab_5`, of HDF5 and MATLAB 7.3: an array in a group is GROUP/NAME. `names` may be patterns of fnmatch.
+    """As `matlab_5`, of HDF5 and MATLAB 7.3: an array in a group is GROUP/NAME.
 
     NAME.dims are the names of its dimensions, if they have any, as xarray writes them.
     """
@@ -111,7 +110,7 @@ def hdf5(path: str, names: tuple[str, ...]) -> Found:
                    and node.attrs.get(CLASS) != b"char"}
         cubes = [name for name, node in numeric.items() if may_be_counts(shapes[name], str(node.dtype))]
         for name, node in numeric.items():
-            if cubes == [name] or any(name == pattern or fnmatchcase(name, pattern) for pattern in names):
+            if cubes == [name] or name in names:
                 content = _content(name, node, ())
                 arrays[name] = content.T if CLASS in node.attrs else content
                 dims = [Path(dim[0].name).name if len(dim) else dim.label for dim in node.dims]

@@ -1,23 +1,23 @@
 """`sensor`: SensorModel ⇄ JSON text in a String (msg_schemas/sensor.json)."""
 
 import hashlib
+from dataclasses import is_dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, Any
 
-from srt3d_ros.core.sensor.bins import HistogramBins
-from srt3d_ros.core.sensor.distortion import PlumbBob
-from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sensor.projection import Projection
+import numpy as np
+
+from srt3d_ros.core.keys import Key, keys
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.errors import quoted, require
 from srt3d_ros.files import json_text
 from srt3d_ros.messages import cdr
-from srt3d_ros.messages.cdr import check_frame_id
-from srt3d_ros.messages.schema_files import load
+from srt3d_ros.messages.cdr import MAX_FRAME_ID, check_frame_id
 
 if TYPE_CHECKING:
     from std_msgs.msg import String
 
-OBJECTS = {"gates": GateWords, "histograms": HistogramBins}
-PROJECTIONS = {kind.kind: kind for kind in get_args(Projection)}
+VERSION = 1         # of the schema
 
 
 def encode(sensor: SensorModel, **own: str) -> "String":
@@ -60,44 +60,59 @@ def digest(sensor: SensorModel | str) -> str:
 
 def to_object(sensor: SensorModel) -> dict:
     """The JSON object of a sensor."""
-    version, *properties = load("sensor")["properties"].items()
-    content = json_text.write_object(sensor, dict(properties))
-    for name in OBJECTS.keys() & content.keys():
-        content[name] = json_text.write_object(content[name], _properties(name))
-    content["projection"] = _projection_parts(sensor.projection)
-    return {version[0]: version[1]["const"]} | content
+    return {"schema_version": VERSION} | _written(sensor)
 
 
 def from_object(content: dict) -> SensorModel:
     """The sensor of a parsed JSON object; InvalidInput names the field that cannot be used."""
-    json_text.check(content, load("sensor"))
-    values = json_text.read_object(content, load("sensor")["properties"])
-    del values["schema_version"]
-    for name in OBJECTS.keys() & values.keys():
-        values[name] = OBJECTS[name](**json_text.read_object(values[name], _properties(name), f"{name}."))
-    if "projection" in values:
-        values["projection"] = _projection(values["projection"])
-    check_frame_id("frame_id", values.get("frame_id", ""))
-    return SensorModel(**values)
+    version = content.get("schema_version", "absent")
+    require(version == VERSION, "schema_version", version, str(VERSION))
+    sensor = _read(content, (SensorModel,))
+    check_frame_id("frame_id", sensor.frame_id)
+    return sensor
 
 
-def _properties(name: str) -> dict[str, dict]:
-    """The schema's properties of an object inside the sensor's."""
-    return load("sensor")["$defs"][name]["properties"]
+def _written(part: Any) -> dict:
+    """The values of a sensor, or of an object inside it, that are there: arrays in base64, objects as dicts."""
+    content = {"kind": part.kind} if hasattr(part, "kind") else {}
+    for name, key in keys(type(part)).items():
+        value = getattr(part, name)
+        if value is None or (is_dataclass(value) and not value):        # no distortion
+            continue
+        content[name] = json_text.write_array(np.asarray(value), key.dtype) if key.dtype else \
+            _written(value) if is_dataclass(value) else value
+    return content
 
 
-def _projection_parts(projection: Projection) -> dict:
-    parts = json_text.write_object(projection, _properties(projection.kind))
-    distortion = parts.pop("distortion", None)
-    if distortion:
-        parts["distortion"] = json_text.write_object(distortion, _properties("distortion"))
-    return parts
+def _read(content: Any, kinds: tuple[type, ...], where: str = "") -> Any:
+    """An object of one of these classes; `where`, such as "projection.", stands in front of the names in errors."""
+    require(isinstance(content, dict), where.removesuffix("."), quoted(content), "an object")
+    if hasattr(kinds[0], "kind"):
+        named = {kind.kind: kind for kind in kinds}
+        chosen = content.get("kind")
+        require(chosen in named, f"{where}kind", quoted(chosen) if "kind" in content else "absent", " or ".join(named))
+        kinds = named[chosen],
+    known, values = keys(kinds[0]), {}
+    for name in content:
+        require(name in known or name in ("kind", "schema_version") or name.startswith("x_"), f"{where}unknown key",
+                quoted(name), f"one of {', '.join(known)}, or a name of your own that begins with x_")
+    for name, key in known.items():
+        if name in content:
+            values[name] = _value(content[name], key, where)
+        else:
+            require(not key.required, where + name, "absent", key.expected)
+    return kinds[0](**values)
 
 
-def _projection(content: dict) -> Projection:
-    values = json_text.read_object(content, _properties(content["kind"]), "projection.")
-    del values["kind"]
-    if "distortion" in values:
-        values["distortion"] = PlumbBob(**json_text.read_object(
-            values["distortion"], _properties("distortion"), "projection.distortion."))
-    return PROJECTIONS[content["kind"]](**values)
+def _value(value: Any, key: Key, where: str) -> Any:
+    name = where + key.name
+    if key.dtype:
+        return json_text.read_array(value, key.dtype, name)
+    if is_dataclass(key.kinds[0]):
+        return _read(value, key.kinds, f"{name}.")
+    if str in key.kinds:
+        require(isinstance(value, str) and len(value) <= MAX_FRAME_ID, name, quoted(value),
+                f"text of at most {MAX_FRAME_ID} characters")
+        return value
+    require(type(value) in (int, float), name, quoted(value), key.expected)
+    return key.number(value, where)

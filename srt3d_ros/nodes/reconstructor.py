@@ -64,7 +64,7 @@ def check(values: Values) -> None:
             values["free_brightness"], f"0 with method {values['method']}: only pooled tells what is empty")
     require(values["free_brightness"] == 0 or values["window_frames"] == 1, "free_brightness",
             values["free_brightness"], f"0 with window_frames {values['window_frames']}: what appears is found later "
-            "in a window than in its first frame")
+            "in a window; run a second reconstructor with window_frames 1 for free, its points remapped")
 
 
 def options(values: Values) -> Values:

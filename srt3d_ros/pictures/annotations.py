@@ -36,6 +36,14 @@ def image_axes(figure: Figure, box: tuple[float, float, float, float], image: np
     return axes
 
 
+def filled_figure(image: np.ndarray) -> tuple[Figure, Axes]:
+    """A figure that an image [height, width, 3] fills, and its axes, in pixels, to draw over it."""
+    figure = dark_figure(*image.shape[1::-1])
+    axes = image_axes(figure, (0, 0, 1, 1), image)
+    axes.autoscale(False)
+    return figure, axes
+
+
 def write_line(figure: Figure, height: float, text: str, size: float, colour: str, **style) -> None:
     """Write a line of text, smaller if it is too long for the figure; $ is not markup."""
     size = min(size, figure.get_figwidth() * DPI / max(len(text), 1))
@@ -74,9 +82,7 @@ def range_bar(axes: Axes, style: CloudStyle, size: float = 13) -> None:
 
 def annotated(image: np.ndarray, style: CloudStyle, eye: Viewpoint) -> Image.Image:
     """A picture of a cloud, uint8 [height, width, 3] seen from `eye`, with scale bar and colour bar."""
-    height, width = image.shape[:2]
-    figure = dark_figure(width, height)
-    axes, size = image_axes(figure, (0, 0, 1, 1), image), max(width / 100, 9)
+    (figure, axes), size = filled_figure(image), max(image.shape[1] / 100, 9)
     scale_bar(axes, eye, size)
     range_bar(axes, style, size)
     return as_image(figure)

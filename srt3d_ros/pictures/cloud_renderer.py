@@ -1,4 +1,4 @@
-"""Render clouds in perspective with NumPy only, coloured by range and shaded by intensity.
+"""Render clouds in perspective with NumPy and Pillow, coloured by range and shaded by intensity.
 
 Points are drawn as discs from far to near. Then edges are darkened by the depth around each pixel (eye-dome lighting:
 Boucheny, Interactive Scientific Visualization of Large Datasets: Towards a Perceptive-Based Approach, thesis, Grenoble
@@ -8,6 +8,7 @@ Boucheny, Interactive Scientific Visualization of Large Datasets: Towards a Perc
 from dataclasses import dataclass
 
 import numpy as np
+from PIL import Image, ImageDraw
 
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
@@ -20,7 +21,6 @@ _OUTSIDE = (96, 104, 116)
 _RADIUS_FACTOR = 1.2            # times the viewer's radius, to leave no gaps in oblique surfaces
 _NEAREST = 1e-3                 # of the distance to the target; closer points are not drawn
 _SMALLEST_RADIUS_PX, _LARGEST_RADIUS_PX = 0.75, 24.0
-_BLOCK_ELEMENTS = 4_000_000     # pixels of discs computed at once, to limit memory
 _EDGE_REACHES = (0.004, 0.015)  # distances of edge shading, as a fraction of the picture's height
 _EDGE_SLOPE = 0.7               # ratio of depth step to reach that gives 63 % of the greatest darkening
 _DEEPEST_EDGE = 0.02            # of the distance between eye and target; deeper edges are not darker
@@ -82,7 +82,12 @@ def draw_surface(xyz: np.ndarray, colour: np.ndarray, eye: Viewpoint, width: int
     x, y, depth = x[seen], y[seen], depth[seen]
     radius_px = radius_m * focal_px(eye, width, height) / depth
     radius_px = np.clip(radius_px, _SMALLEST_RADIUS_PX, _LARGEST_RADIUS_PX * finer)
-    top = _last_disc(x, y, radius_px, width, height)        # the nearest disc
+    discs = Image.new("I", (width, height), -1)
+    draw = ImageDraw.Draw(discs)
+    first, last = (np.stack([x, y], axis=1) + side * radius_px[:, None] for side in (-1, 1))
+    for k, box in enumerate(np.hstack([first, last - 1]).tolist()):         # Pillow takes the first and last pixel
+        draw.ellipse(box, fill=k)
+    top = np.asarray(discs).ravel()         # number of the nearest disc
     covered = top >= 0
     image = np.empty((width * height, 3), np.float32)
     image[:] = BACKGROUND
@@ -96,18 +101,16 @@ def draw_surface(xyz: np.ndarray, colour: np.ndarray, eye: Viewpoint, width: int
 
 def draw_fog(xyz: np.ndarray, colour: np.ndarray, eye: Viewpoint, width: int, height: int, size_px: int
              ) -> np.ndarray:
-    """Draw points as translucent squares of `size_px`, brighter where many overlap; uint8 [height, width, 3]."""
+    """Draw points as squares of `size_px`, more opaque where there are many; uint8 [height, width, 3]."""
     x, y, _ = project(xyz, eye, width, height)
-    steps = np.mgrid[:size_px, :size_px].reshape(2, -1, 1) - (size_px - 1) / 2
-    x, y = (np.ravel(at + step) for at, step in zip((x, y), steps))
-    colour = np.tile(colour, (size_px**2, 1))
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)      # False for NaN
-    element = y[inside].astype(np.int64) * width + x[inside].astype(np.int64)
-    number = np.bincount(element, minlength=width * height)
-    total = np.stack([np.bincount(element, colour[inside, c], minlength=width * height) for c in range(3)], axis=1)
-    mean = total / np.maximum(number, 1)[:, None]
-    cover = 1 - (1 - _FOG_OPACITY)**number[:, None]
-    return (mean * cover + (1 - cover) * BACKGROUND).reshape(height, width, 3).astype(np.uint8)
+    rows, cols = -(-height // size_px), -(-width // size_px)
+    square = (y[inside] // size_px).astype(np.int64) * cols + (x[inside] // size_px).astype(np.int64)
+    number = np.bincount(square, minlength=rows * cols)[:, None]
+    total = np.stack([np.bincount(square, colour[inside, c], minlength=rows * cols) for c in range(3)], axis=1)
+    cover = 1 - (1 - _FOG_OPACITY)**number
+    image = (total / np.maximum(number, 1) * cover + (1 - cover) * BACKGROUND).astype(np.uint8).reshape(rows, cols, 3)
+    return image.repeat(size_px, axis=0).repeat(size_px, axis=1)[:height, :width]
 
 
 def project(xyz: np.ndarray, eye: Viewpoint, width: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -124,25 +127,6 @@ def project(xyz: np.ndarray, eye: Viewpoint, width: int, height: int) -> tuple[n
 def focal_px(eye: Viewpoint, width: int, height: int) -> float:
     """Focal length in pixels: fov_deg spans the smaller side of the picture."""
     return min(width, height) / 2 / np.tan(np.radians(eye.fov_deg) / 2)
-
-
-def _last_disc(x: np.ndarray, y: np.ndarray, radius: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Index of the last point whose disc covers each pixel, int32 [height · width], −1 = none."""
-    top = np.full(height * width, -1, np.int32)
-    reaches = np.ceil(radius).astype(np.int32)
-    for reach in np.unique(reaches):
-        step = np.arange(-reach, reach + 1, dtype=np.int32)
-        points = np.flatnonzero(reaches == reach).astype(np.int32)
-        for k in np.array_split(points, 1 + len(points) * len(step)**2 // _BLOCK_ELEMENTS):
-            cols, rows = (np.floor(at[k]).astype(np.int32)[:, None] + step for at in (x, y))       # [points, steps]
-            across, down = ((n + np.float32(0.5) - at[k, None])**2 for n, at in ((cols, x), (rows, y)))
-            across[(cols < 0) | (cols >= width)] = np.inf
-            down[(rows < 0) | (rows >= height)] = np.inf
-            inside = down[:, :, None] + across[:, None] <= radius[k, None, None]**2
-            element = (rows[:, :, None] * width + cols[:, None])[inside]
-            # For repeated elements NumPy keeps the last assignment; np.maximum keeps those of other reaches.
-            top[element] = np.maximum(top[element], np.repeat(k, inside.sum(axis=(1, 2))))
-    return top
 
 
 def _edge_shade(depth: np.ndarray, distance: float) -> np.ndarray:

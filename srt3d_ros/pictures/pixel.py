@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from srt3d_ros.core.expected_photons import expected_at
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.pictures.colours import BLUE, ORANGE, VERMILION
-from srt3d_ros.pictures.figures import range_axis, save_png, titled_figure
+from srt3d_ros.pictures.figures import range_axis, save_png, steps, titled_figure
 
 _MOST_STEPS = 300       # of a histogram: more are not told apart
 _FEWEST_STEPS = 60      # around the points of a pixel with fewer photons
@@ -19,21 +20,13 @@ _IRF_ENDS = 0.01, 0.99      # shares of its photons
 def expected_counts(cloud: PointCloud, row: int, col: int) -> np.ndarray:
     """λ(x) = g Σ_k r_k h(x − t_k − δ) + B b(x − δ), photons expected in each bin of a pixel, float64 [T].
 
-    h is the IRF, linear between bins, g the gain, δ the delay, b the sensor's background shape. If N cycles are known,
-    N e^(−Λ(x)/N) (1 − e^(−λ(x)/N)), Λ the sum of λ before x: only the first photon of a cycle is recorded. After a dead
-    time of a period or longer, which costs d cycles, λ / (1 + d Σλ / N), within 5 %.
+    g is the gain; the rest are as in `expected_at`. If N cycles are known, N e^(−Λ(x)/N) (1 − e^(−λ(x)/N)), Λ the sum
+    of λ before x: only the first photon of a cycle is recorded. After a dead time of a period or longer, which costs d
+    cycles, λ / (1 + d Σλ / N), within 5 %.
     """
     sensor, bins = cloud.sensor, np.arange(cloud.sensor.num_bins)
-    irf = sensor.irf if sensor.irf.ndim == 1 else sensor.irf[row * sensor.cols + col]
-    delay = float(sensor.late[row, col])
-    shape = np.ones(sensor.num_bins) if sensor.background_shape is None else sensor.background_shape
-    background = np.interp(bins - delay, bins, shape, period=sensor.num_bins)
-    rate = cloud.background[row, col] * background / background.sum()
-    own, exposure = (cloud.row == row) & (cloud.col == col), sensor.exposure[row, col]
-    for depth, photons in zip(cloud.depth_bins[own] + delay, exposure * cloud.intensity[own]):
-        first = math.floor(depth)
-        for at, share in ((first, first + 1 - depth), (first + 1, depth - first)):
-            np.add.at(rate, (at + sensor.irf_bins) % sensor.num_bins, share * photons * irf)
+    signal, background = expected_at(cloud, sensor, np.full(len(bins), row * sensor.cols + col), bins)
+    rate = sensor.exposure[row, col] * signal + cloud.background[row, col] / len(bins) * background
     if sensor.cycles and sensor.dead_time.periods:
         rate = rate / (1 + sensor.dead_time.cycles * rate.sum() / sensor.cycles)
     elif sensor.cycles:
@@ -57,13 +50,11 @@ def draw_pixel(path: Path, counts: np.ndarray, cloud: PointCloud, row: int, col:
     around = around if len(around) < sensor.num_bins else np.arange(sensor.num_bins)
     figure = titled_figure(13, 6, title)
     panels = figure.subplots(2, 2, sharex="col", height_ratios=(3, 1))
-    steps = _MOST_STEPS, min(max(int(counts.sum()), _FEWEST_STEPS), _MOST_STEPS)
-    for bins, most, (upper, lower) in zip((np.arange(sensor.num_bins), around), steps, panels.T):
-        width = math.ceil(len(bins) / most)
-        starts = np.arange(0, len(bins), width)
-        scale = width / np.diff(starts, append=len(bins))       # the last step may be narrower
+    finest = _MOST_STEPS, min(max(int(counts.sum()), _FEWEST_STEPS), _MOST_STEPS)
+    for bins, most, (upper, lower) in zip((np.arange(sensor.num_bins), around), finest, panels.T):
+        starts, edges, width = steps(bins, most)
+        scale = width / np.diff(edges)
         seen, fitted = (np.add.reduceat(values[bins % sensor.num_bins], starts) for values in (counts, expected))
-        edges = np.append(bins[starts], bins[-1] + 1) - 0.5
         upper.stairs(scale * seen, edges, fill=True, color=BLUE, label="photons")
         upper.stairs(scale * fitted, edges, color=ORANGE, linewidth=1.5, label="fit: points and background")
         for depth, label in zip(depths, labels):

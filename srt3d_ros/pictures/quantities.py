@@ -47,9 +47,10 @@ def _snr(cloud: PointCloud) -> np.ndarray:
 
 
 RANGE = Quantity("range", "m", _range_m, range_table)
+PHOTONS = Quantity("intensity", "photons", lambda cloud: cloud.intensity, root=True)
 QUANTITIES = {
     "range": RANGE,
-    "intensity": Quantity("intensity", "photons", lambda cloud: cloud.intensity, root=True),
+    "intensity": PHOTONS,
     "depth_std": Quantity("depth_std", "mm", lambda cloud: 1e3 * cloud.sensor.bin_width_m * cloud.depth_std_bins),
     "snr": Quantity("signal to noise", "", _snr),
 }

@@ -19,8 +19,6 @@ PLOTS = {
     "Photons per pixel": {"ppp": ("photons per pixel", GREEN)},
     "Rate [Hz]": {"frame_rate_hz": ("clouds/s", ORANGE)},
 }
-IMAGE_TITLES = {entities.DEPTH_PATH: "Depth", entities.PHOTONS_PATH: "Photons",
-                entities.INTENSITY_PATH: "Intensity", entities.BACKGROUND_PATH: "Background"}
 ROOM_S = 10.0                       # how long a moving sensor's clouds stay
 _WIDE_ASPECT = 2.0                  # columns over rows above which images are stacked
 
@@ -51,7 +49,7 @@ def film_blueprint(eye: Viewpoint, sensor: SensorModel, images: tuple[str, ...],
 
     `rate_hz` are the frames per second. For a sensor that is `moving`, the 3D view stands in the fixed frame.
     """
-    panes = _image_panes([path for path in IMAGE_TITLES if path in images])
+    panes = _image_panes([path for path in entities.IMAGE_TITLES if path in images])
     wide = sensor.cols > _WIDE_ASPECT * sensor.rows
     right = [rrb.Grid(*panes, grid_columns=1 if wide else len(panes))] if panes else []
     right.append(rrb.Tabs(*(_plot(title, names) for title, names in PLOTS.items()), active_tab=0))
@@ -76,7 +74,7 @@ def _plot(title: str, names: Collection[str]) -> rrb.TimeSeriesView:
 
 def _image_panes(paths: list[str]) -> list[rrb.Spatial2DView | rrb.Tabs]:
     """The depth, and the images of photons on tabs."""
-    views = [rrb.Spatial2DView(origin=path, name=IMAGE_TITLES[path], background=BACKGROUND) for path in paths]
+    views = [rrb.Spatial2DView(origin=path, name=entities.IMAGE_TITLES[path], background=BACKGROUND) for path in paths]
     depth = views[:1] if entities.DEPTH_PATH in paths else []
     photons = views[len(depth):]
     return [*depth, rrb.Tabs(*photons, active_tab=0)] if photons else depth

@@ -8,7 +8,6 @@ import rerun as rr
 
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.pictures.colours import BACKGROUND as BLACK
 from srt3d_ros.pictures.colours import ORANGE, PHOTON_MAP, RANGE_MAP
 from srt3d_ros.pictures.viewpoint import sensor_axes
@@ -21,6 +20,8 @@ POSE_PATH, ROOM_PATH, WAY_PATH = "/pose", "/room", "/way"           # of a senso
 MOVING_SENSOR_PATH = f"{POSE_PATH}{SENSOR_PATH}"
 NO_DEPTH = f"{DEPTH_PATH}/none"                     # drawn over the depth image
 PHOTON_IMAGES = INTENSITY_PATH, BACKGROUND_PATH, PHOTONS_PATH = "/intensity", "/background", "/photons"     # photons
+IMAGE_TITLES = {DEPTH_PATH: "Depth", PHOTONS_PATH: "Photons", INTENSITY_PATH: "Intensity",
+                BACKGROUND_PATH: "Background"}
 INTENSITY_COMPONENT = "intensity"                   # component of points, in photons
 OF_FULL_CLOUDS = ("depth_std", "row", "col", "surface")     # optional components of points
 RUN, SENSOR_PROPERTY, VERSIONS = "run", "sensor", "versions"      # properties
@@ -28,7 +29,7 @@ PROPERTIES = "/__properties"                        # rerun's entity path for pr
 
 _DARK = 45 / 210        # ratio of dark colours that colours.range_table leaves out to those that it keeps
 _LEAST_SPAN = 1e-6
-_FAN, MOST_RAYS = (38, 52, 60), 1500               # dim; more rays would hide the points
+_FAN, MOST_RAYS = (38, 52, 60), 300                # dim and few, or they would hide the points
 _WAY_WIDTH = rr.Radius.ui_points(1.5)
 _FRUSTUM, _FRUSTUM_WIDTH = (60, 66, 77), rr.Radius.ui_points(0.4)      # dim and thin, behind the points
 
@@ -85,19 +86,13 @@ def no_depth_colour() -> rr.AnnotationContext:
     return rr.AnnotationContext([(0, None, (0, 0, 0, 0)), (1, "no point", (*BLACK, 255))])
 
 
-def field_of_view(sensor: SensorModel, xyz: np.ndarray) -> list:
-    """Archetypes of the sensor's position and its frustum, up to the 99th percentile range of points [N, 3]."""
+def field_of_view(sensor: SensorModel, xyz: np.ndarray) -> rr.LineStrips3D:
+    """The edges of what the sensor sees, up to the 99th percentile range of points [N, 3]."""
     length_m = float(np.percentile(np.linalg.norm(xyz, axis=1), 99)) if len(xyz) else 1.0
-    origin = rr.Transform3D(translation=[0, 0, 0])
-    if isinstance(lens := sensor.projection, Pinhole):
-        # (0, 0) is the corner of rerun's first pixel and the centre of ours.
-        return [origin, rr.Pinhole(focal_length=[lens.fx, lens.fy], principal_point=[lens.cx + 0.5, lens.cy + 0.5],
-                                   resolution=[sensor.cols, sensor.rows], camera_xyz=rr.ViewCoordinates.RDF,
-                                   image_plane_distance=length_m, color=_FRUSTUM, line_width=_FRUSTUM_WIDTH)]
-    border = np.concatenate([sensor.rays[0], sensor.rays[:, -1], sensor.rays[-1, ::-1], sensor.rays[::-1, 0]])
-    corners = sensor.rays[[0, 0, -1, -1], [0, -1, -1, 0]]
-    lines = [length_m * border, *(length_m * np.stack([np.zeros(3), corner]) for corner in corners)]
-    return [origin, rr.LineStrips3D(lines, colors=_FRUSTUM, radii=_FRUSTUM_WIDTH)]
+    rays = length_m * sensor.rays
+    border = np.concatenate([rays[0], rays[:, -1], rays[-1, ::-1], rays[::-1, 0]])
+    corners = ([np.zeros(3), corner] for corner in rays[[0, 0, -1, -1], [0, -1, -1, 0]])
+    return rr.LineStrips3D([border, *corners], colors=_FRUSTUM, radii=_FRUSTUM_WIDTH)
 
 
 def view_coordinates(sensor: SensorModel) -> rr.ViewCoordinates:

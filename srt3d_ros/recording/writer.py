@@ -251,11 +251,8 @@ class RecordingWriter(AbstractContextManager):
     def _send_view(self) -> None:
         """Log the sensor's field of view and the blueprint with an eye on the newest cloud with points, or the room."""
         self._has_view, moving = True, self._pose is not None
-        if moving:
-            frustum = entities.field_of_view(self._sensor, _FRUSTUM_SHARE * self._framed)[1:]       # not its place
-            self._stream.log(entities.MOVING_SENSOR_PATH, *frustum, static=True)
-        else:
-            self._stream.log(entities.SENSOR_PATH, *entities.field_of_view(self._sensor, self._framed), static=True)
+        path, share = (entities.MOVING_SENSOR_PATH, _FRUSTUM_SHARE) if moving else (entities.SENSOR_PATH, 1)
+        self._stream.log(path, entities.field_of_view(self._sensor, share * self._framed), static=True)
         options = {"fov_deg": _VIEWER_FOV_DEG, "aspect": _VIEW_ASPECT}
         if moving and self._room:
             eye = look_at(np.concatenate(self._room), None, _ROOM_YAW_DEG, _ROOM_PITCH_DEG, axes=LEVEL, **options)

@@ -7,24 +7,21 @@ from PIL import Image
 
 from srt3d_ros.pictures.annotations import annotated
 from srt3d_ros.pictures.cloud_renderer import CloudStyle
-from srt3d_ros.pictures.colours import BACKGROUND, PHOTON_MAP, colour_table, levels, percentile_range, range_table
+from srt3d_ros.pictures.colours import BACKGROUND, percentile_range
 from srt3d_ros.pictures.figures import data_uri
+from srt3d_ros.pictures.quantities import PHOTONS, RANGE
 from srt3d_ros.pictures.units import length_text
 from srt3d_ros.pictures.viewpoint import look_at
 from srt3d_ros.recording import entities
 from srt3d_ros.recording.reader import RecordedCloud
-from srt3d_ros.review.fan import draw_fan
+from srt3d_ros.review.from_above import draw_fan, draw_way
 from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.summary import iso_time, notable_frames
-from srt3d_ros.review.way import draw_way
 
 _LARGE_PX, _SMALL_PX = (1200, 700), (320, 240)
 _STRIP = 12
 _NEAR = 50              # frames between the typical one and one with images, at most
 _JPEG = {"quality": 88, "subsampling": 0}
-_TITLES_AND_UNITS = {
-    entities.DEPTH_PATH: ("depth", "m"), entities.INTENSITY_PATH: ("intensity", "photons"),
-    entities.BACKGROUND_PATH: ("background", "photons"), entities.PHOTONS_PATH: ("photons as they came", "photons")}
 
 
 @dataclass(frozen=True)
@@ -99,16 +96,14 @@ def _thumbnail(recorded: Recorded, position: int, image: np.ndarray) -> Picture:
 
 def _images(recorded: Recorded, frame: int) -> list[Picture]:
     pictures = []
-    for path, (title, unit) in _TITLES_AND_UNITS.items():
-        near = recorded.reader.images(path, range(frame - _NEAR, frame + _NEAR + 1))
-        for _, _, values in filter(None, [min(near, key=lambda image: abs(image[1] - frame), default=None)]):
+    for path, title in entities.IMAGE_TITLES.items():
+        near = list(recorded.reader.images(path, range(frame - _NEAR, frame + _NEAR + 1)))
+        if near:
+            _, _, values = min(near, key=lambda image: abs(image[1] - frame))
+            quantity = RANGE if path == entities.DEPTH_PATH else PHOTONS
             low, high = percentile_range(values) or (0.0, 1.0)
-            if unit == "m":
-                table = range_table()
-                ends = " … ".join(length_text(end) for end in (low, high))
-            else:
-                table, ends = colour_table(PHOTON_MAP), f"{low:.3g} … {high:.3g} {unit}"
-            colours = table[levels(values, low, high)]
+            colours = quantity.table()[quantity.levels(values, low, high)]
             colours[~np.isfinite(values)] = BACKGROUND
-            pictures.append(Picture(title, ends, data_uri(Image.fromarray(colours), "png", optimize=True)))
+            pictures.append(Picture(title, f"{quantity.text(low)} … {quantity.text(high)}",
+                                    data_uri(Image.fromarray(colours), "png", optimize=True)))
     return pictures

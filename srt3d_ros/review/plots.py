@@ -1,12 +1,11 @@
 """Plots of a recording as SVG, with text and axes in the page's text colour, for dark and light pages."""
 
 import io
-from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -19,6 +18,10 @@ from srt3d_ros.review.recorded import Recorded
 TIME = "seconds since the first cloud"
 _LINE_COLOURS, _GAP_COLOUR = (ORANGE, BLUE, GREEN, PURPLE, SKY_BLUE), VERMILION
 _PAGE_COLOUR = "#010203"            # placeholder of the page's text colour
+_STYLE = dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color", "grid.color"),
+                       _PAGE_COLOUR) | {
+    "svg.fonttype": "none", "font.size": 10, "axes.spines.top": False, "axes.spines.right": False, "grid.alpha": 0.18,
+    "axes.grid": True, "axes.axisbelow": True}
 _SIZE_IN = (5.2, 2.35)
 _MOST_PARTS = 600                   # longer lines are drawn as median and range of so many parts
 
@@ -26,28 +29,27 @@ _MOST_PARTS = 600                   # longer lines are drawn as median and range
 def draw_plots(recorded: Recorded, gaps: list[dict]) -> list[tuple[str, str]]:
     """(title, <svg> element) of each plot with values; `gaps` as of a summary are shaded."""
     latencies = {stage.replace("total", "end to end"): series for stage, series in recorded.latencies().items()}
+    named = {name: {name: recorded.series[name]} for name in ("photons", "frame_rate_hz") if name in recorded.series}
     plots = [("Latency", "latency, ms", latencies),
              ("Points a frame", "points", {"points": Series(recorded.index.stamp_ns, recorded.index.points)}),
-             ("Photons a frame", "photons", _chosen(recorded, "photons")),
-             ("Frame rate", "frames a second", _chosen(recorded, "frame_rate_hz"))]
-    times = [(gap["at_s"], gap["at_s"] + gap["seconds"]) for gap in gaps]
-    return [(title, _draw_lines({name: (recorded.since_first(s.stamp_ns), s.values) for name, s in lines.items()},
-                                label, times)) for title, label, lines in plots if lines]
+             ("Photons a frame", "photons", named.get("photons")),
+             ("Frame rate", "frames a second", named.get("frame_rate_hz"))]
+    return [(title, _svg(recorded, lines, label, gaps)) for title, label, lines in plots if lines]
 
 
-def _chosen(recorded: Recorded, name: str) -> dict[str, Series]:
-    return {name: recorded.series[name]} if name in recorded.series else {}
-
-
-def _draw_lines(lines: dict[str, tuple[np.ndarray, np.ndarray]], label: str, gaps: Sequence[tuple[float, float]]
-                ) -> str:
-    """Draw lines of (seconds, values) by name without NaN and Inf, and shade gaps; gives the <svg> element."""
-    def draw(axes: Axes) -> None:
-        for first, last in gaps:
-            axes.axvspan(first, last, color=_GAP_COLOUR, alpha=0.3, linewidth=1)
-        for (name, (x, y)), colour in zip(lines.items(), _LINE_COLOURS):
-            finite = np.isfinite(y)
-            _draw_line(axes, x[finite], y[finite], color=colour, label=name, linewidth=1.3)
+def _svg(recorded: Recorded, lines: dict[str, Series], label: str, gaps: list[dict]) -> str:
+    """The <svg> element with lines, without NaN and Inf, and with shaded gaps."""
+    with rc_context(_STYLE):
+        figure = Figure(_SIZE_IN, dpi=DPI, layout="constrained")
+        axes = figure.add_subplot()
+        for patch in (figure.patch, axes.patch):
+            patch.set_visible(False)
+        for gap in gaps:
+            axes.axvspan(gap["at_s"], gap["at_s"] + gap["seconds"], color=_GAP_COLOUR, alpha=0.3, linewidth=1)
+        for (name, series), colour in zip(lines.items(), _LINE_COLOURS):
+            finite = np.isfinite(series.values)
+            _draw_line(axes, recorded.since_first(series.stamp_ns)[finite], series.values[finite], color=colour,
+                       label=name, linewidth=1.3)
         if len(lines) > 1:
             axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, frameon=False, borderpad=0.1,
                         handlelength=1.2, columnspacing=1.2)
@@ -57,10 +59,16 @@ def _draw_lines(lines: dict[str, tuple[np.ndarray, np.ndarray]], label: str, gap
         # Start at 0, unless that hides changes of 1 % or more; smaller ones would look large.
         if low <= 0 or not 0.01 * high < high - low < 0.3 * high:
             axes.set_ylim(0, 1.05 * max(high, 1e-9) if high > 0.1 else 1)
-    return _svg(draw)
+        for axis, most in ((axes.xaxis, 7), (axes.yaxis, 5)):
+            axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
+            axis.set_major_formatter(lambda value, _: number_text(value, 4))
+        text = io.StringIO()
+        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+    svg = text.getvalue()
+    return svg[svg.index("<svg"):].replace(_PAGE_COLOUR, "currentColor")
 
 
-def _draw_line(axes: Axes, x: np.ndarray, y: np.ndarray, **style) -> None:
+def _draw_line(axes: Axes, x: np.ndarray, y: np.ndarray, **style: Any) -> None:
     if len(x) <= 2 * _MOST_PARTS:
         axes.plot(x, y, marker="o" if len(x) < 3 else "", **style)
         return
@@ -69,24 +77,3 @@ def _draw_line(axes: Axes, x: np.ndarray, y: np.ndarray, **style) -> None:
     low, median, high = np.array([np.percentile(y[part], (0, 50, 100)) for part in parts]).T
     axes.fill_between(middle, low, high, color=style["color"], alpha=0.35, linewidth=0)
     axes.plot(middle, median, **style)
-
-
-def _svg(draw: Callable[[Axes], None]) -> str:
-    """The <svg> element of a plot that `draw` fills."""
-    ink = dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color", "grid.color"),
-                        _PAGE_COLOUR)
-    style = {"svg.fonttype": "none", "font.size": 10, "axes.spines.top": False, "axes.spines.right": False,
-             "grid.alpha": 0.18, "axes.grid": True, "axes.axisbelow": True}
-    with rc_context(ink | style):
-        figure = Figure(_SIZE_IN, dpi=DPI, layout="constrained")
-        axes = figure.add_subplot()
-        for patch in (figure.patch, axes.patch):
-            patch.set_visible(False)
-        draw(axes)
-        for axis, most in ((axes.xaxis, 7), (axes.yaxis, 5)):
-            axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
-            axis.set_major_formatter(lambda value, _: number_text(value, 4))
-        text = io.StringIO()
-        FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None, "Creator": None})
-    svg = text.getvalue()
-    return svg[svg.index("<svg"):].replace(_PAGE_COLOUR, "currentColor")

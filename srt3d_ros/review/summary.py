@@ -1,7 +1,5 @@
 """Compute the figures of a recording, for JSON, the terminal and the report."""
 
-from datetime import UTC, datetime
-
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
@@ -19,23 +17,25 @@ _SPREADS = {"points": "points a frame", "photons": "photons a frame", "ppp": "ph
 def summarise(recorded: Recorded) -> dict:
     """All figures of a recording; None without data.
 
-    frame_rate_hz is the mean, period_ms the median; gaps are the longest ones. The
-    properties follow, the sensor without its arrays.
+    frame_rate_hz is the mean, period_ms the median; gaps are the longest ones. The properties follow, the sensor
+    without its arrays.
     """
     index, seconds = recorded.index, recorded.seconds
     frames, duration = len(index), float(seconds[-1])
     gaps, period = _gaps(recorded)
     typical, fewest, most = notable_frames(recorded)
+    spread = {"points": index.points, **{
+        name: recorded.series[name].values if name in recorded.series else np.empty(0) for name in ("photons", "ppp")}}
     summary = {
         "recording": str(recorded.path), "started": iso_time(index.stamp_ns[0]),
-        "frames": frames, "duration_s": round(duration, _DIGITS),
+        "frames": frames, "duration_s": _rounded(duration),
         "frame_rate_hz": _rounded((frames - 1) / duration) if duration > 0 else None,
         "period_ms": _rounded(period * 1e3) if period else None,
-        "gaps": _longest(gaps), "gap_count": len(gaps), "missing_frames": sum(gap["missing"] for gap in gaps),
-        "latency_ms": {stage: _latency(series.values) for stage, series in recorded.latencies().items()},
-        "points": _spread(index.points),
-        **{name: _spread(recorded.series[name].values) if name in recorded.series else None
-           for name in ("photons", "ppp")},
+        "gaps": sorted(sorted(gaps, key=lambda gap: -gap["seconds"])[:_LISTED_GAPS], key=lambda gap: gap["at_s"]),
+        "gap_count": len(gaps), "missing_frames": sum(gap["missing"] for gap in gaps),
+        "latency_ms": {stage: _percentiles(series.values, p50=50, p95=95, max=100)
+                       for stage, series in recorded.latencies().items()},
+        **{name: _percentiles(values, median=50, min=0, max=100) for name, values in spread.items()},
         "bytes": recorded.path.stat().st_size,
         "typical_frame": int(index.frame_index[typical]), "fewest_points_frame": int(index.frame_index[fewest]),
         "most_points_frame": int(index.frame_index[most]),
@@ -51,15 +51,8 @@ def _gaps(recorded: Recorded) -> tuple[list[dict], float]:
     steps = np.diff(seconds)
     period = float(np.median(steps)) if len(steps) else 0.0
     positions = np.flatnonzero(steps > GAP_PERIODS * period) if period > 0 else ()
-    return [{"after_frame": int(frames[k]), "at_s": round(float(seconds[k]), _DIGITS),
-             "seconds": round(float(steps[k]), _DIGITS), "missing": max(round(float(steps[k]) / period) - 1, 1)}
-            for k in positions], period
-
-
-def _longest(gaps: list[dict]) -> list[dict]:
-    """The ten longest gaps, in order of time."""
-    longest = sorted(gaps, key=lambda gap: -gap["seconds"])[:_LISTED_GAPS]
-    return sorted(longest, key=lambda gap: gap["at_s"])
+    return [{"after_frame": int(frames[k]), "at_s": _rounded(seconds[k]), "seconds": _rounded(steps[k]),
+             "missing": max(round(float(steps[k]) / period) - 1, 1)} for k in positions], period
 
 
 def notable_frames(recorded: Recorded) -> tuple[int, int, int]:
@@ -74,25 +67,15 @@ def notable_frames(recorded: Recorded) -> tuple[int, int, int]:
             int(np.argmax(points)))
 
 
-def _latency(values: np.ndarray) -> dict[str, float]:
-    """Median, 95th percentile and maximum of latencies."""
-    p50, p95, most = np.percentile(values, (50, 95, 100))
-    return {"p50": _rounded(p50), "p95": _rounded(p95), "max": _rounded(most)}
-
-
-def _spread(values: np.ndarray) -> dict[str, float] | None:
-    """Median, minimum and maximum of the finite values, or None."""
+def _percentiles(values: np.ndarray, **wanted: float) -> dict[str, float] | None:
+    """Percentiles of the finite values, by name; None without any."""
     values = values[np.isfinite(values)]
-    if len(values) == 0:
-        return None
-    return {"median": _rounded(np.median(values)), "min": _rounded(values.min()), "max": _rounded(values.max())}
+    return dict(zip(wanted, map(_rounded, np.percentile(values, [*wanted.values()])))) if len(values) else None
 
 
 def iso_time(stamp_ns: int) -> str:
     """A stamp as UTC, 2026-11-21T18:18:50.123Z."""
-    whole, rest = divmod(int(stamp_ns), 10**9)
-    moment = datetime.fromtimestamp(whole, UTC).replace(microsecond=rest // 1000, tzinfo=None)
-    return moment.isoformat(timespec="milliseconds") + "Z"
+    return str(np.datetime_as_string(np.datetime64(int(stamp_ns), "ns"), unit="ms", timezone="UTC"))
 
 
 def format_summary(summary: dict) -> str:

@@ -11,6 +11,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
+from srt3d_ros.datasets.sources import FILE_READERS
 from srt3d_ros.messages import sensor_message
 
 SENSOR = SensorModel(12, 20, 600, 5e-11, np.exp(-np.linspace(-2, 2, 21)**2), toa_offset_bins=1_000)
@@ -106,11 +107,17 @@ def test_packed_files_and_other_json_are_refused_for_what_they_are(srt3d, tmp_pa
     assert code == 2 and said in err and err.count("\n") == 1
 
 
-def test_several_files_in_one_start(srt3d, refusal, wall, cube, tmp_path):
-    code, words, err = srt3d("info", wall, tmp_path / "no.npz", cube)
+def test_several_files_in_one_start(srt3d, refusal, wall, cube, tmp_path, monkeypatch):
+    def no_h5py(*_):
+        raise ModuleNotFoundError(name="h5py")
+
+    monkeypatch.setitem(FILE_READERS, ".h5", no_h5py)
+    (tmp_path / "a.h5").touch()
+    given = wall, tmp_path / "no.npz", tmp_path / "a.h5", cube
+    code, words, err = srt3d("info", *given)
     assert code == 2 and words.count("12 × 20 pixels") == 2 and "no.npz: no such file" in err
-    assert [line for line in words.splitlines() if line.endswith((".npz", ".npy"))] == [
-        str(path) for path in (wall, tmp_path / "no.npz", cube)]
+    assert "h5py is not installed: pip install '.[lab]'" in err
+    assert [line for line in words.splitlines() if line.endswith((".npz", ".npy", ".h5"))] == [*map(str, given)]
     code, lines, _ = srt3d("info", wall, wall, "--json")
     assert code == 0 and [json.loads(line)["input"] for line in lines.splitlines()] == [str(wall)] * 2
     assert "--output draws one file" in refusal("info", wall, wall, "-o", tmp_path / "a.png")

@@ -1,5 +1,6 @@
 """Sensors, scenes and photons that the tests of the methods share."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher, SensorOnDevice
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import circular_difference
+from srt3d_ros.core.motion.trajectory import Pose, Trajectory
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
@@ -110,6 +112,20 @@ def errors(cloud, depth_bins) -> np.ndarray:
     truth = depth_bins[cloud.row, cloud.col][:, None] if depth_bins.ndim == 2 else depth_bins[None]
     difference = circular_difference(cloud.depth_bins[:, None].astype(np.float64), truth, T)
     return difference[np.arange(len(difference)), np.abs(difference).argmin(axis=1)]
+
+
+def through(stamped: Iterable[tuple[int, Pose]]) -> Trajectory:
+    """The trajectory of these stamps [ns] and poses."""
+    trajectory = Trajectory()
+    for stamp_ns, pose in stamped:
+        trajectory.add(stamp_ns, pose)
+    return trajectory
+
+
+def assert_same_sketch(one: PhaseSums, other: PhaseSums, each: float = 1e-6):
+    """The same photons, and sums that differ by at most `each` a photon."""
+    np.testing.assert_array_equal(one.photons, other.photons)
+    assert (np.abs(one.sums - other.sums) <= each * np.maximum(one.photons, 1)[..., None]).all()
 
 
 def assert_finite(cloud, num_bins: int = T):

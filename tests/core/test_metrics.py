@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from srt3d_ros.core.metrics import circular_difference, evaluate
+from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SPEED_OF_LIGHT, SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
@@ -15,14 +15,17 @@ T = 100
 NAN = np.nan
 
 
-def cloud(*points: tuple) -> PointCloud:
+METRES = SensorModel(2, 3, T, 2 / SPEED_OF_LIGHT, [1.0])        # a bin is a metre
+
+
+def cloud(*points: tuple, surface=0, stamp_ns: int = 0) -> PointCloud:
     """Points (row, col, depth[, intensity[, standard deviation]]) of an image."""
     full = np.array([(*point, *(1.0, 1.0)[len(point) - 3:]) for point in points]).reshape(-1, 5)
-    row, col, depth, intensity, std = full.T
-    n = len(points)
-    return PointCloud(row.astype(np.uint16), col.astype(np.uint16), depth.astype(np.float32),
-                 intensity.astype(np.float32), std.astype(np.float32), np.zeros((n, 3), np.float32),
-                 np.zeros(n, np.uint8), np.zeros((2, 3), np.float32), sensor=SensorModel(2, 3, T, 1e-10, [1.0]))
+    row, col, depth, intensity, std = full.astype(np.float32).T
+    xyz = depth[:, None] * np.float32([0, 0, 1])
+    return PointCloud(row.astype(np.uint16), col.astype(np.uint16), depth, intensity, std, xyz,
+                      np.broadcast_to(np.uint8(surface), len(points)), np.zeros((2, 3), np.float32), stamp_ns=stamp_ns,
+                      sensor=METRES)
 
 
 def test_points_within_the_tolerance_are_true_also_round_the_period_and_the_others_false():
@@ -61,12 +64,6 @@ def test_without_points_or_references_nothing_is_found(points, reference):
     assert np.isnan(found.dae_bins) and np.isnan(found.iae)
 
 
-@pytest.mark.parametrize(("a", "b", "difference"), [(2, 1, 1), (99, 1, -2), (1, 99, 2), (0, 50, -50),
-                                                    (50, 0, -50)])
-def test_difference_on_a_circle_is_the_short_way_round(a, b, difference):
-    assert circular_difference(np.float64(a), np.float64(b), T) == difference
-
-
 # ---- Intensity
 
 def test_intensities_that_match_nothing_count_in_full():
@@ -98,9 +95,6 @@ def test_shares_of_errors_within_their_standard_deviations():
     reference = np.full((2, 3), 10.0)
     assert evaluate(cloud((0, 0, 10, 1, 0.0), (0, 1, 11, 1, 2.0)), reference, 3, T).within_1_std == 1
     assert np.isnan(evaluate(cloud((0, 0, 10, 1, NAN)), reference, 3, T).within_1_std)
-
-
-METRES = SensorModel(2, 3, 100, 2 / SPEED_OF_LIGHT, [1.0])      # a bin is a metre
 
 
 def seen_by(projection, cloud: PointCloud) -> PointCloud:
@@ -141,11 +135,7 @@ def test_limits_are_ranges_along_the_ray_and_further_surfaces_keep_their_order(t
     assert len(two_in_one_pixel.within(max_m=1)) == 0
     np.testing.assert_array_equal(kept.range_image(), [[NAN, 6, NAN], [NAN, NAN, 5]])       # the first that is left
     assert kept.ordered("nearest") is kept
-    row, col = np.array([0, 0, 0, 0, 1], np.uint16), np.array([0, 2, 2, 2, 0], np.uint16)
-    ones = np.ones(5, np.float32)
-    cloud = PointCloud(row, col, np.array([1, 9, 2, 3, 1], np.float32), ones, ones, np.zeros((5, 3), np.float32),
-                  np.array([0, 0, 1, 2, 0], np.uint8), np.zeros((2, 3), np.float32), sensor=METRES)
-    kept = cloud.within(max_m=5)
+    kept = cloud((0, 0, 1), (0, 2, 9), (0, 2, 2), (0, 2, 3), (1, 0, 1), surface=[0, 0, 1, 2, 0]).within(max_m=5)
     assert kept.depth_bins.tolist() == [1, 2, 3, 1] and kept.surface.tolist() == [0, 0, 1, 0]
 
 
@@ -154,17 +144,16 @@ def test_limits_are_ranges_along_the_ray_and_further_surfaces_keep_their_order(t
     ("nearest", [7, 10, 40, 40, 20, 90, 90], [1, 5, 9, 2, 3, 8, 6]),
     ("farthest", [7, 40, 40, 10, 90, 90, 20], [1, 9, 2, 5, 8, 6, 3])])
 def test_the_points_of_a_pixel_come_in_the_order_asked_for_and_ties_keep_theirs(surface_order, depth, intensity):
-    row, col = np.array([0, 0, 0, 0, 1, 1, 1], np.uint16), np.array([1, 2, 2, 2, 0, 0, 0], np.uint16)
-    by_strength = np.float32([[7, 40, 10, 40, 90, 90, 20], [1, 9, 5, 2, 8, 6, 3]])
-    cloud = PointCloud(row, col, *by_strength, by_strength[1] / 10, np.repeat(by_strength[0][:, None], 3, axis=1),
-                  np.array([0, 0, 1, 2, 0, 1, 2], np.uint8), np.zeros((2, 3), np.float32), stamp_ns=9,
-                  sensor=METRES)
-    ordered = cloud.ordered(surface_order)
+    places = (0, 1), (0, 2), (0, 2), (0, 2), (1, 0), (1, 0), (1, 0)
+    by_strength = [7, 40, 10, 40, 90, 90, 20], [1, 9, 5, 2, 8, 6, 3]
+    given = cloud(*((*at, d, i, i / 10) for at, d, i in zip(places, *by_strength)), surface=[0, 0, 1, 2, 0, 1, 2],
+                  stamp_ns=9)
+    ordered = given.ordered(surface_order)
     assert ordered.depth_bins.tolist() == ordered.xyz[:, 2].tolist() == depth
     assert ordered.intensity.tolist() == intensity
     assert (ordered.depth_std_bins == ordered.intensity / 10).all() and ordered.stamp_ns == 9
     for name in ("row", "col", "surface"):
-        assert getattr(ordered, name).tolist() == getattr(cloud, name).tolist()
-    assert ordered.ordered("strongest").intensity.tolist() == cloud.intensity.tolist()
+        assert getattr(ordered, name).tolist() == getattr(given, name).tolist()
+    assert ordered.ordered("strongest").intensity.tolist() == by_strength[1]
     with pytest.raises(InvalidInput, match="^surface_order is first: expected strongest or nearest or farthest$"):
-        cloud.ordered("first")
+        given.ordered("first")

@@ -10,10 +10,10 @@ from srt3d_ros.core.motion.track import MotionReport
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
-from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.stream import MOTION_S, SketchStream, StreamOptions
 from srt3d_ros.errors import InvalidInput
+from tests.core.scenes import assert_same_sketch
 
 T, MS, START_NS = 100, 1_000_000, 1_700_000_000_000_000_000
 SENSOR = SensorModel(4, 5, T, 1e-10, np.exp(-0.5 * ((np.arange(9) - 4) / 1.5) ** 2))
@@ -27,16 +27,11 @@ def packet(ms: float, photons: int = 60) -> PhotonEvents:
                         rng.integers(0, T, photons, dtype=np.uint16), START_NS + round(ms * MS))
 
 
-def directly(*ms: float, frequencies=(1, 4, 30), gate: Gate | None = None):
-    sketcher = FrameSketcher(SENSOR, frequencies, gate=gate)
+def directly(*ms: float):
+    sketcher = FrameSketcher(SENSOR, (1, 4, 30))
     for one in ms:
         sketcher.add(packet(one))
     return sketcher.end_frame()
-
-
-def assert_same(sketch, expected):
-    np.testing.assert_array_equal(sketch.photons, expected.photons)
-    np.testing.assert_allclose(sketch.sums, expected.sums, atol=1e-3)
 
 
 def push(stream: SketchStream, *ms: float, now_s: float | None = None) -> list:
@@ -51,24 +46,13 @@ def test_packets_make_frames_and_sketches_name_their_sensor():
     stream = SketchStream(SENSOR, BY_NUMBER)
     sketches = push(stream, 0, 10)
     assert stamps_ms(sketches) == [0, 10]
-    assert_same(sketches[1], directly(10))
+    assert_same_sketch(sketches[1], directly(10))
     assert sketches[0].sensor.same_as(SENSOR) and stream.wait_s is None
     assert stream.counts.totals == {"photons_in": 120, "packets": 2, "photons": 120} and not +stream.counts.dropped
     stream = SketchStream(SENSOR, replace(BY_NUMBER, packets_per_frame=2))
     first, second = push(stream, *range(0, 40, 10))
-    assert_same(second, directly(20, 30))
+    assert_same_sketch(second, directly(20, 30))
     assert stamps_ms([first, second]) == [0, 20]
-
-
-def test_frames_by_period_end_with_the_next_and_late_packets_are_dropped():
-    stream = SketchStream(SENSOR, replace(BY_NUMBER, frame_period_ns=100 * MS))
-    sketches = push(stream, 0, 20, 40, 120, 30, 220)
-    assert len(sketches) == 2
-    assert_same(sketches[0], directly(0, 20, 40))
-    assert_same(sketches[1], directly(120))
-    assert +stream.counts.dropped == {"late": 1}
-    assert +stream.counts.photons_dropped == {"late": 60}
-    assert stream.frame.packets == 1
 
 
 def test_silence_ends_a_frame_by_period_when_polled():
@@ -76,7 +60,7 @@ def test_silence_ends_a_frame_by_period_when_polled():
     assert push(stream, 0, 20) == [] and 0 < stream.wait_s <= 1
     assert stream.poll(0.02 + 0.9 * stream.wait_s) == []
     sketch, = stream.poll(0.021 + stream.wait_s)
-    assert_same(sketch, directly(0, 20))
+    assert_same_sketch(sketch, directly(0, 20))
     assert stream.wait_s is None and stream.poll(99) == []
 
 
@@ -84,12 +68,12 @@ def test_stamps_that_leap_or_a_reset_drop_the_open_frame():
     stream = SketchStream(SENSOR, replace(BY_NUMBER, packets_per_frame=3))
     assert len(push(stream, 0, 10, 20, 30, 40)) == 1
     sketch, = push(stream, 60_000, 60_010, 60_020)
-    assert_same(sketch, directly(60_000, 60_010, 60_020))
+    assert_same_sketch(sketch, directly(60_000, 60_010, 60_020))
     assert +stream.counts.dropped == {"incomplete": 2} and stream.counts.totals["stamp_leaps"] == 1
     stream = SketchStream(SENSOR, replace(BY_NUMBER, packets_per_frame=2))
     push(stream, 0, 10, 20)
     assert stream.reset() == [] and +stream.counts.dropped == {"incomplete": 1}
-    assert_same(push(stream, 30, 40)[0], directly(30, 40))
+    assert_same_sketch(push(stream, 30, 40)[0], directly(30, 40))
 
 
 def test_a_packet_that_is_refused_changes_nothing():
@@ -99,7 +83,7 @@ def test_a_packet_that_is_refused_changes_nothing():
     with pytest.raises(InvalidInput, match="pixel is 99"):
         stream.push(stranger)
     sketch, = push(stream, 70, 120)
-    assert_same(sketch, directly(0, 50, 70))
+    assert_same_sketch(sketch, directly(0, 50, 70))
 
 
 @pytest.mark.parametrize(("options", "left"), [({"packets_per_frame": 3}, 0), ({"frame_period_ns": 10**9}, 1)])
@@ -109,17 +93,6 @@ def test_flush_ends_what_does_not_wait_for_its_number(options, left):
     sketches = stream.flush()
     assert len(sketches) == left and stream.counts.dropped["incomplete"] == 2 * (1 - left)
     assert all(sketch.photons.sum() == 120 for sketch in sketches)
-
-
-def test_photons_outside_the_gate_are_dropped_and_counted():
-    stream = SketchStream(SENSOR, replace(BY_NUMBER, frequencies="1,4,20", gate="20:79"))
-    sketch, = push(stream, 0)
-    expected = directly(0, frequencies=(1, 4, 20), gate=Gate(SENSOR, 20, 79))
-    assert_same(sketch, expected)
-    outside = 60 - int(expected.photons.sum())
-    assert outside > 0 and +stream.counts.photons_dropped == {"gate": outside} and not +stream.counts.dropped
-    assert stream.counts.totals["photons"] == 60 - outside
-    assert sketch.sensor.num_bins == 60 and stream.facts["gate"].startswith("20-79, ")
 
 
 # ---- Motion
@@ -155,7 +128,7 @@ def test_without_its_motion_a_frame_goes_on_undeskewed_and_says_why(reports, why
     for ms in reports:
         stream.add_motion(report(ms))
     sketches = push(stream, 0, 25, 50, 75) or stream.poll(0.07 + MOTION_S) or stream.poll(0.08 + MOTION_S)
-    assert_same(sketches[0], directly(0, 25, 50, 75))
+    assert_same_sketch(sketches[0], directly(0, 25, 50, 75))
     assert stream.warning == why and stream.counts.totals["frames_undeskewed"] == 1
 
 

@@ -4,6 +4,11 @@ import struct
 from pathlib import Path
 
 import numpy as np
+import pytest
+from scipy.io import savemat
+
+from srt3d_ros.photons import Photons
+from tests.photon_forms import as_histograms
 
 T3, T2 = 0x00010307, 0x00010207         # record types of a MultiHarp
 PICOHARP_T2 = 0x00010203
@@ -18,6 +23,26 @@ def pulse_cube(rows: int = 6, cols: int = 8, bins: int = 120, photons: int = 30)
     for shift, share in zip(range(-2, 3), (0.1, 0.25, 0.3, 0.25, 0.1)):
         counts[row, col, 40 + row * 2 + col + shift] += rng.poisson(photons * share, (rows, cols)).astype(np.uint16)
     return counts
+
+
+def counts_of(photons: Photons) -> np.ndarray:
+    """The photons of events as counts [rows, cols, bins]."""
+    return as_histograms(photons.frame, photons.sensor).counts
+
+
+def write(path: Path, arrays: dict) -> Path:
+    """A file of arrays of the kind that the suffix says: .npy (of the first), .npz, .mat or HDF5."""
+    if path.suffix == ".npy":
+        np.save(path, next(iter(arrays.values())))
+    elif path.suffix == ".npz":
+        np.savez(path, **arrays)
+    elif path.suffix == ".mat":
+        savemat(path, arrays)
+    else:
+        with pytest.importorskip("h5py").File(path, "w") as file:
+            for name, values in arrays.items():
+                file[name] = values
+    return path
 
 
 def _tag(name: str, value: float | int | bool | None, index: int = -1) -> bytes:

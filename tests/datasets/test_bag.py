@@ -139,6 +139,19 @@ def test_open_photons_gives_the_frame_that_is_asked_for(bag):
         read(bag, 3)
 
 
+def test_what_looks_wrong_in_a_bag_is_noted(tmp_path):
+    sensor = SENSOR.replace(irf=np.r_[np.full(20, 0.01), 1, 2, 1, np.full(20, 0.01)])
+    content = sensor_message.to_object(sensor)
+    del content["toa_offset_bins"], content["range_offset_m"]
+    leaking = PhotonEvents(np.zeros(100, np.uint32), np.r_[np.zeros(60), np.full(40, 9)].astype(np.uint16))
+    raw = photon_frames.PHOTONS.encode_cdr(leaking, SENSOR, "spad")
+    bag = write_bag(tmp_path / "bag", [("/sensor", TEXT, cdr.write_text(json_text.dump(content))),
+                                       ("/photons", CLOUD, raw)])
+    floor, leak, half = read(bag).notes
+    assert "IRF's floor" in floor and "60% of the photons are in the first bin" in leak and "7.49 mm short" in half
+    assert np.count_nonzero(read(bag).sensor.irf) == 3 and len(read(bag, toa_offset_bins=0.5, gate=(1, 49)).notes) == 3
+
+
 def test_no_ros_is_needed(tmp_path, repository):
     bag = write_bag(tmp_path / "bag", RECORDED)
     script = ("import sys\n"

@@ -7,6 +7,7 @@ import pytest
 from scipy.io import savemat
 
 from srt3d_ros import read
+from srt3d_ros.datasets.readers.hdf5 import TOA
 from srt3d_ros.errors import InvalidInput
 from tests.datasets import laboratory_files as files
 
@@ -22,10 +23,7 @@ def in_a_child_where_it_matters(request):
 
 
 def write(path, **arrays):
-    with h5py.File(path, "w") as file:
-        for name, values in arrays.items():
-            file[name] = values
-    return path
+    return files.write(path, arrays)
 
 
 def spot(toa, detectors=None, laser_hz=2e7) -> dict:
@@ -36,8 +34,8 @@ def spot(toa, detectors=None, laser_hz=2e7) -> dict:
                     "detectors": np.array(detectors or [0] * len(toa), np.uint8)}
 
 
-def photon_hdf5(path, **spots):
-    return write(path, **{f"{name}/{key}": value for name, one in spots.items() for key, value in one.items()})
+def photon_hdf5(path, **arrays):
+    return write(path, **{f"photon_data/{name}": values for name, values in arrays.items()})
 
 
 def test_the_only_cube_of_an_hdf5_file_is_read_from_any_group(tmp_path):
@@ -51,31 +49,34 @@ def test_the_only_cube_of_an_hdf5_file_is_read_from_any_group(tmp_path):
     np.testing.assert_array_equal(photons.frame.toa, expected.frame.toa)
 
 
-def test_a_spot_of_photon_hdf5_is_a_pixel_and_t_is_the_period_of_the_laser(tmp_path):
-    spots = {f"photon_data{k}": spot([10 * k, 10 * k + 1], [0, 1]) for k in range(11)}
-    path = photon_hdf5(tmp_path / "a.h5", **spots)
+def test_photon_hdf5_is_a_pixel_and_t_is_the_period_of_the_laser(tmp_path):
+    path = photon_hdf5(tmp_path / "a.h5", **spot([7, 8, 9], [0, 1, 1]))
     photons = read(path, irf=IRF)
-    assert (photons.sensor.rows, photons.sensor.cols, photons.sensor.num_bins) == (1, 11, 500)
-    assert photons.sensor.bin_width_s == 1e-10
-    assert photons.frame.pixel.tolist() == [k // 2 for k in range(22)]
-    assert photons.frame.toa.tolist() == [10 * (k // 2) + k % 2 for k in range(22)]
-    assert read(path, irf=IRF, channel=1, shape=(11, 1)).frame.toa.tolist() == [10 * k + 1 for k in range(11)]
+    assert (photons.sensor.pixels, photons.sensor.num_bins, photons.sensor.bin_width_s) == (1, 500, 1e-10)
+    assert (photons.frame.pixel.tolist(), photons.frame.toa.tolist()) == ([0] * 3, [7, 8, 9])
+    assert read(path, irf=IRF, channel=1).frame.toa.tolist() == [8, 9]
     for options, said in (({"channel": 7}, "channel is 7: expected one of 0, 1"),
-                          ({"shape": (2, 2)}, r"shape is \(2, 2\): expected rows × cols = 11, the spots")):
+                          ({"channel": 1, "shape": (1, 2)}, "channel is 1: expected none beside rows and cols")):
         with pytest.raises(InvalidInput, match=f"^a.h5 {said}"):
             read(path, irf=IRF, **options)
 
 
-def test_detectors_of_a_single_spot_are_the_pixels_of_a_sensor_with_as_many(tmp_path):
-    path = photon_hdf5(tmp_path / "a.h5", photon_data=spot([4, 5, 4095], [0, 5, 2], laser_hz=1e6))
+def test_of_several_spots_one_is_read_by_name(tmp_path):
+    path = write(tmp_path / "a.h5", **{f"photon_data{k}/{TOA}": np.array([k], np.uint16) for k in (3, 4)})
+    options = {"irf": IRF, "num_bins": 9, "bin_width_s": 1e-10}
+    assert read(path, columns=f"photon_data4/{TOA}", **options).frame.toa.tolist() == [4]
+    with pytest.raises(InvalidInput, match="^a.h5: The file needs Photon-HDF5 with .* It has photon_data3/nanotimes"):
+        read(path, **options)
+
+
+def test_detectors_are_the_pixels_of_a_sensor_with_as_many(tmp_path):
+    path = photon_hdf5(tmp_path / "a.h5", **spot([4, 5, 4095], [0, 5, 2], laser_hz=1e6))
     photons = read(path, irf=IRF, shape=(2, 3))
     assert (photons.frame.pixel.tolist(), photons.frame.toa.tolist()) == ([0, 5, 2], [4, 5, 4095])
-    assert read(path, irf=IRF).sensor.pixels == 1 and photons.sensor.num_bins == 4096
-    with pytest.raises(InvalidInput, match=r"^a.h5 shape is \(2, 3\): expected rows × cols = 1, the spots"):
-        read(path, irf=IRF, shape=(2, 3), channel=2)
+    assert photons.sensor.num_bins == 4096
 
 
-def test_the_arrays_of_a_single_spot_may_be_in_no_group(tmp_path):
+def test_the_arrays_of_photon_hdf5_may_be_in_no_group(tmp_path):
     arrays = {"nanotimes": np.array([4, 5, 6], np.int16), "detectors": np.array([0, 1, 1], np.uint8)}
     path = write(tmp_path / "a.h5", **arrays, timestamps=np.arange(3))
     options = {"irf": IRF, "num_bins": 9, "bin_width_s": 1e-10}

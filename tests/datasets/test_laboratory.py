@@ -6,7 +6,7 @@ import pytest
 from srt3d_ros import read
 from srt3d_ros.errors import InvalidInput
 from tests.datasets import laboratory_files as files
-from tests.datasets.laboratory_files import t3
+from tests.datasets.laboratory_files import counts_of, t3
 
 CUBE = files.pulse_cube()
 IRF = [0.1, 0.25, 0.3, 0.25, 0.1]
@@ -15,31 +15,15 @@ SCAN = {"ImgHdr_PixX": 2, "ImgHdr_PixY": 2, "ImgHdr_LineStart": 1, "ImgHdr_LineS
         "ImgHdr_TimePerPixel": 0.12e-3}         # ms: ten laser periods
 
 
-def counts_of(photons) -> np.ndarray:
-    sensor, counts = photons.sensor, np.zeros((photons.sensor.pixels, photons.sensor.num_bins), int)
-    np.add.at(counts, (photons.frame.pixel, photons.frame.toa), 1)
-    return counts.reshape(sensor.rows, sensor.cols, -1)
-
-
-@pytest.fixture
-def frames(tmp_path):
-    """A .ptu file of three frames written by ptufile, in bins of 100 ps."""
-    ptufile = pytest.importorskip("ptufile")
-
-    def write(**options):
-        counts = np.stack([CUBE, CUBE[::-1], CUBE[:, ::-1]])
-        # Frames, rows, columns, channels, bins: all five, as releases differ in what fewer dimensions are.
-        ptufile.imwrite(tmp_path / "scan.ptu", counts[:, :, :, None], 120 * 1e-10, 1e-10, **options)
-        return tmp_path / "scan.ptu", counts.sum(axis=0)
-    return write
-
-
 @pytest.mark.parametrize("record_type", [0x00010303, 0x00010307])
-def test_a_frame_written_as_ptu_gives_its_photons(frames, record_type):
-    path, counts = frames(record_type=record_type)
+def test_frames_written_as_ptu_give_their_photons(tmp_path, record_type):
+    ptufile, path = pytest.importorskip("ptufile"), tmp_path / "scan.ptu"
+    counts = np.stack([CUBE, CUBE[::-1], CUBE[:, ::-1]])
+    # Frames, rows, columns, channels, bins: all five, as releases differ in what fewer dimensions are.
+    ptufile.imwrite(path, counts[:, :, :, None], 120 * 1e-10, 1e-10, record_type=record_type)
     photons = read(path, irf=IRF)
     assert (photons.sensor.num_bins, photons.sensor.bin_width_s) == (120, pytest.approx(1e-10))
-    assert np.array_equal(counts_of(photons), counts)
+    assert np.array_equal(counts_of(photons), counts.sum(axis=0))
 
 
 def test_channels_and_incomplete_frames(tmp_path):
@@ -125,23 +109,3 @@ def test_a_phu_file_gives_its_brightest_curve(tmp_path, laser_hz, num_bins, said
     (tmp_path / "a.phu").write_bytes(path.read_bytes()[:-8])
     with pytest.raises(InvalidInput, match="^a.phu: The file is cut off"):
         read(path)
-
-
-@pytest.mark.parametrize(("name", "array"), [("counts", CUBE), ("anything", np.asfortranarray(CUBE))])
-def test_npz_cubes_may_describe_their_sensor(tmp_path, name, array):
-    described = {"irf": IRF, "bin_width_s": 1e-10, "fov_deg": 9.0, "range_offset_m": 0.0}
-    np.savez_compressed(tmp_path / "a.npz", **{name: array}, mean=CUBE.mean(axis=2), **described)
-    photons = read(tmp_path / "a.npz")
-    assert np.array_equal(counts_of(photons), CUBE) and photons.notes == ()
-    assert photons.sensor.bin_width_s == 1e-10 and np.allclose(photons.sensor.irf, IRF)
-
-
-@pytest.mark.parametrize(("array", "options", "said"), [
-    (CUBE[0, 0], {"bin_width_s": 1e-10}, "a.npy counts is uint16"),
-    (CUBE, {"bin_width_s": 1e-10, "rows": 5}, "a.npy counts shape is 6 × 8 × 120: expected axes that fit rows = 5"),
-    (np.full((2, 2, 9), np.nan), {"bin_width_s": 1e-10}, "a.npy: counts holds values beyond")])
-def test_what_cannot_be_used_is_said_in_one_line(tmp_path, array, options, said):
-    np.save(tmp_path / "a.npy", array)
-    with pytest.raises(InvalidInput) as refused:
-        read(tmp_path / "a.npy", **options)
-    assert str(refused.value).startswith(said)

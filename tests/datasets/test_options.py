@@ -61,10 +61,10 @@ def test_a_gate_moves_toa_offset_and_reference_together(path):
 
 @pytest.mark.parametrize(("field", "options"), [
     ("gate", {"gate": (40, 20)}), ("gate", {"gate": (3,)}), ("gate", {"gate": (-1, 20)}), ("gate", {"gate": (0.5, 20)}),
-    ("a.npz toa", {"num_bins": 7}), ("rows", {"rows": 3}), ("option name", {"width": 3}),
+    ("a.npz toa", {"num_bins": 7}), ("a.npz rows", {"rows": 3}), ("option name", {"width": 3}),
     ("irf", {"irf": "response.bin"}),
-    ("irf dtype", {"irf": ["a"]}), ("irf shape", {"irf": np.ones((2, 2, 2))}), ("fov_deg", {"fov_deg": "wide"}),
-    ("channel", {"channel": 1}), ("frame", {"frame": 1}), ("a.npz num_bins", {"num_bins": "many"}),
+    ("irf dtype", {"irf": ["a"]}), ("irf shape", {"irf": np.ones((2, 2, 2))}), ("a.npz fov_deg", {"fov_deg": "wide"}),
+    ("a.npz channel", {"channel": 1}), ("frame", {"frame": 1}), ("a.npz num_bins", {"num_bins": "many"}),
     ("gate", {"gate": (10**400, 2)}),
     ("irf", {"irf": "a" * 300 + ".npy"}), ("irf", {"irf": "absent.npy"}), ("gate", {"gate": 3}),
     ("gate", {"gate": "off"}), ("irf_sigma_bins", {"irf_sigma_bins": "w"}), ("irf_sigma_bins", {"irf_sigma_bins": 0})])
@@ -79,15 +79,11 @@ SENSOR = SensorModel(2, 3, 50, 1e-10, np.array([1, 2, 1]), toa_offset_bins=7.5, 
 NAMES = ["array_512x512", "scanner_141x141", "spad_32x32_gates"]
 
 
-@pytest.mark.parametrize(("name", "encoding"), [("sensor.json", "utf-8"), ("SENSOR.JSON", "utf-8-sig")])
-def test_the_text_of_the_sensor_topic_is_read(tmp_path, name, encoding):
-    (tmp_path / name).write_text(sensor_message.to_json(SENSOR), encoding=encoding)
-    assert open_sensor(str(tmp_path / name)).same_as(SENSOR)
-
-
-def test_the_sensor_of_a_photon_file_is_read(tmp_path):
+def test_the_text_of_the_sensor_topic_and_photon_files_give_their_sensor(tmp_path):
     photon_file.save(tmp_path / "a.npz", SENSOR, PhotonEvents(np.zeros(1, np.uint32), np.zeros(1, np.uint16)))
-    assert open_sensor(tmp_path / "a.npz").same_as(SENSOR)
+    for name, encoding in (("sensor.json", "utf-8"), ("SENSOR.JSON", "utf-8-sig")):
+        (tmp_path / name).write_text(sensor_message.to_json(SENSOR), encoding=encoding)
+    assert all(open_sensor(str(path)).same_as(SENSOR) for path in tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(("name", "content", "says"), [

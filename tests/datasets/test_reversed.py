@@ -6,7 +6,6 @@ import pytest
 from srt3d_ros import Photons, read
 from srt3d_ros.cli.main import main
 from srt3d_ros.datasets.irf import spad
-from srt3d_ros.errors import InvalidInput
 
 IRF, T = spad(8e-12), 400
 KNOWN = {"bin_width_s": 8e-12, "fov_deg": 10}
@@ -25,7 +24,7 @@ def scene() -> np.ndarray:
 @pytest.mark.parametrize("irf", [True, False])
 def test_a_reversed_file_is_read_like_the_straight_one(tmp_path, monkeypatch, as_events, irf):
     if not as_events:
-        monkeypatch.setattr("srt3d_ros.datasets.readers.cubes.MAX_KEPT", 100)
+        monkeypatch.setattr("srt3d_ros.datasets.arrays.MAX_KEPT", 100)
     np.save(tmp_path / "straight.npy", scene())
     np.save(tmp_path / "back.npy", scene()[..., ::-1])
     straight = read(tmp_path / "straight.npy", **KNOWN, **({"irf": IRF} if irf else {}))
@@ -59,8 +58,3 @@ def test_a_tail_on_the_wrong_side_is_noted_on_the_command_line(tmp_path, capsys)
     assert "give reversed (--reversed)" in capsys.readouterr().err
     main([*command, "--reversed"])
     assert "tail" not in capsys.readouterr().err
-
-
-def test_what_cannot_be_reversed_is_refused():
-    with pytest.raises(InvalidInput, match="Only photon files have reversed"):
-        Photons.from_counts(scene(), irf=IRF, reversed=True, **KNOWN)

@@ -7,6 +7,7 @@ import pytest
 
 from srt3d_ros import read
 from srt3d_ros.datasets import CONVERTERS
+from srt3d_ros.datasets.readers.tttr import NO_SCAN
 from srt3d_ros.errors import InvalidInput
 
 ADC, ROUTES = np.array([4095, 4000, 3995, 100]), np.array([0, 3, 0, 0])
@@ -31,7 +32,7 @@ def spc(path, card=None):
 
 def test_times_of_spc_are_turned_round_and_its_setup_gives_the_bin_width(tmp_path, phconvert):
     photons = read(spc(tmp_path / "a.spc", 0x20), **KNOWN)
-    assert photons.frame.toa.tolist() == (4095 - ADC).tolist() and photons.notes == ()
+    assert photons.frame.toa.tolist() == (4095 - ADC).tolist() and photons.notes == (NO_SCAN,)
     assert (photons.sensor.pixels, photons.sensor.num_bins) == (1, 4096)
     assert photons.sensor.bin_width_s == pytest.approx(1e-11)
     assert read(tmp_path / "a.spc", channel=3, **KNOWN).frame.toa.tolist() == [95]
@@ -42,7 +43,7 @@ def test_spc_without_its_setup_says_what_was_assumed(tmp_path, phconvert):
     photons = read(spc(tmp_path / "a.spc"), **KNOWN)
     assert photons.frame.toa.tolist() == (4095 - ADC).tolist()
     assert photons.notes[0] == "no a.set beside it, which names the card: taken to be an SPC-1XX"
-    assert "bin width taken as" in photons.notes[1]
+    assert "bin width taken as" in photons.notes[2]
 
 
 def picoquant(path, records, rate_hz=20_000_000):

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy.io import savemat
 
 from srt3d_ros import read
 from srt3d_ros.errors import InvalidInput
+from tests.datasets.laboratory_files import counts_of, write
 
 OPTIONS = {"irf": [1, 2, 1], "num_bins": 50, "bin_width_s": 1e-10, "fov_deg": 10, "toa_offset_bins": 0}
 FRAMES, ROWS, COLS = 200, 3, 4
@@ -21,26 +21,14 @@ def words(first_word=0, no_detection=255) -> tuple[np.ndarray, np.ndarray]:
     return np.where(seen, toa + first_word, no_detection).astype(np.int32), counts
 
 
-def counts_of(photons) -> np.ndarray:
-    counts = np.zeros((photons.sensor.pixels, photons.sensor.num_bins), int)
-    np.add.at(counts, (photons.frame.pixel, photons.frame.toa), 1)
-    return counts.reshape(photons.sensor.rows, photons.sensor.cols, -1)
-
-
 @pytest.mark.parametrize("kind", [".npy", ".npz", ".mat", ".h5"])
 @pytest.mark.parametrize(("first_word", "no_detection"), [(0, 255), (1, 0), (7, -1), (100, 65_535)])
 def test_the_photons_of_all_frames_are_added_up(tmp_path, monkeypatch, kind, first_word, no_detection):
     monkeypatch.setattr("srt3d_ros.datasets.readers.words.AT_ONCE", 300)
     raw, counts = words(first_word, no_detection)
-    path = tmp_path / f"a{kind}"
-    if kind == ".npy":
-        np.save(path, raw)
-    elif kind == ".npz":
-        np.savez(path, words=raw, bin_width_s=2e-10)
-    elif kind == ".mat":
-        savemat(path, {"words": raw.astype(float)})
-    else:
-        pytest.importorskip("h5py").File(path, "w").create_dataset("scan/words", data=raw)
+    name = "scan/words" if kind == ".h5" else "words"
+    path = write(tmp_path / f"a{kind}", {name: raw.astype(float) if kind == ".mat" else raw} | (
+        {"bin_width_s": 2e-10} if kind == ".npz" else {}))
     photons = read(path, no_detection=no_detection, first_word=first_word, **OPTIONS)
     np.testing.assert_array_equal(counts_of(photons), counts)
     assert photons.frame.is_sorted and photons.frame.toa.dtype == np.uint16
@@ -66,16 +54,11 @@ def test_many_photons_a_frame_ask_for_cycles(tmp_path):
 @pytest.mark.parametrize(("array", "options", "said"), [
     (np.zeros((9, 4)), {"no_detection": 0}, r"a.npy words is float64 \(9, 4\): expected numbers"),
     (np.zeros((9, 4, 4)), {"no_detection": 0, "axes": "bins,rows,cols"}, "a.npy axes is bins,rows,cols: expected fr"),
-    (np.zeros((9, 4, 4)), {"no_detection": 0, "rows": 5}, "rows is 5: expected 4, as in the file"),
+    (np.zeros((9, 4, 4)), {"no_detection": 0, "rows": 5}, "a.npy rows is 5: expected 4, as in the file"),
     (np.zeros((9, 4, 4)), {"first_word": 3}, "a.npy: first_word needs no_detection, and a file"),
-    (np.full((9, 4, 4), 99), {"no_detection": 0}, "a.npy: 144 of 144 photons lie outside 0 to below 50 bins")])
+    (np.full((9, 4, 4), 99), {"no_detection": 0}, "a.npy: 144 of 144 photons lie outside 0 to below 50 bins"),
+    (np.zeros((9, 4, 4)), {"no_detection": 255, "num_bins": None}, "a.npy: The file has no num_bins")])
 def test_what_cannot_be_read_is_one_line(tmp_path, array, options, said):
     np.save(tmp_path / "a.npy", array)
     with pytest.raises(InvalidInput, match=f"^{said}"):
-        read(tmp_path / "a.npy", **OPTIONS, **options)
-
-
-def test_the_bins_of_a_period_must_be_known(tmp_path):
-    np.save(tmp_path / "a.npy", words()[0])
-    with pytest.raises(InvalidInput, match="^a.npy: The file has no num_bins"):
-        read(tmp_path / "a.npy", no_detection=255)
+        read(tmp_path / "a.npy", **OPTIONS | options)

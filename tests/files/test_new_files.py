@@ -1,12 +1,10 @@
 """New files appear whole or not at all, and those that must not replace others get a name of their own."""
 
-import json
 from contextlib import nullcontext
 
 import pytest
 
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.files import json_text
 from srt3d_ros.files.new_files import atomic_write, check_not_input, free
 
 
@@ -61,8 +59,3 @@ def test_a_free_name_is_the_first_where_nothing_is_not_even_a_broken_link(tmp_pa
     (tmp_path / "a_2.rrd").symlink_to(tmp_path / "nothing")
     (tmp_path / "a_4.rrd").touch()
     assert free(path) == tmp_path / "a_3.rrd"
-
-
-def test_as_many_keys_as_allowed_are_read():
-    content = {f"x_{k}": k for k in range(json_text.MAX_KEYS)}
-    assert json_text.parse(json.dumps(content), "sensor") == content

@@ -71,7 +71,6 @@ def test_sums_are_the_same_bit_for_bit_in_any_order_split_and_form(monkeypatch):
     order = np.argsort(pixel, kind="stable")
     whole = sketch("sketch_events", pixel[order], toa[order], True, frequencies=(1, 3, 24))
     monkeypatch.setattr(phase_sums, "THREAD_PHOTONS", 50)
-    monkeypatch.setattr(phase_sums, "SORT_PHOTONS", 900)
     others = [sketch("sketch_events", pixel[order], toa[order], True, frequencies=(1, 3, 24)),
               sketch("sketch_events", pixel, toa, False, frequencies=(1, 3, 24)),
               sketch("sketch_events", pixel[::-1].copy(), toa[::-1].copy(), False, frequencies=(1, 3, 24))]

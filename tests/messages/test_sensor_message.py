@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
 
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.distortion import PlumbBob
@@ -15,6 +16,7 @@ from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.files import json_text
 from srt3d_ros.messages import sensor_message as sensor
+from srt3d_ros.messages.schema_files import load
 
 GOLDEN = Path(__file__).parent / "golden"
 FULL = SensorModel(
@@ -46,6 +48,7 @@ def test_text_is_the_golden_one(name, content):
     golden = (GOLDEN / f"{name}.json").read_text()
     assert sensor.to_json(content) == golden.strip()
     assert sensor.from_json(golden).same_as(content)
+    Draft202012Validator(load("sensor")).validate(json.loads(golden))
 
 
 @pytest.mark.parametrize("changes", [
@@ -88,14 +91,14 @@ def packed(**changes) -> dict:
 @pytest.mark.parametrize(("changes", "said"), [       # what SensorModel itself refuses: tests/core/sensor/test_model.py
     ({"schema_version": None}, "schema_version is absent"), ({"schema_version": 2}, "schema_version is 2: expected 1"),
     ({"rows": None}, "rows is absent"), ({"rows": "2"}, 'rows is "2": expected an integer'),
-    ({"rows": 10**400}, "rows is 1000"), ({"toa_offset_bins": "3"}, 'toa_offset_bins is "3": expected a number'),
+    ({"rows": 10**400}, "rows is 1000"), ({"toa_offset_bins": "3"}, 'toa_offset_bins is "3": expected a finite number'),
     ({"irf": [[1, 2], [1]]}, "irf has lists of unequal length"), ({"irf": [1, True]}, "irf is True"),
     ({"irf": ["1", 2]}, 'irf is "1": expected nested lists'), ({"irf": [1, 10**400]}, "irf has lists of"),
     ({"mask": [[1, 1, 1], [0, 1, 1]]}, "mask is 1"),
     ({"irf": {"shape": [2], "base64": ""}}, "irf.dtype is absent: expected float32"),
     ({"irf": packed(dtype="float64")}, "irf.dtype is"),
     ({"irf": packed(shape=[2**62, 2**62])}, "irf.base64 is 8 bytes"),
-    ({"irf": packed(shape=[-2])}, "irf.shape.0 is -2: expected a size"),
+    ({"irf": packed(shape=[-2])}, "irf.shape is [-2]: expected a list of one or two sizes"),
     ({"irf": packed(base64="ÄÖ")}, "irf.base64 is broken"),
     ({"mask": packed(dtype="bool", shape=[2, 3], base64=base64.b64encode(bytes([0, 1, 2, 1, 1, 1])).decode())},
      "mask has bytes other than 0 and 1"),
@@ -121,9 +124,8 @@ PLAIN = json.dumps(plain())
     ('{"rows": 1' + "0" * 5000 + "}", "sensor is broken JSON"), ('{"rows":' * 100_000, "sensor is broken JSON"),
     (PLAIN.replace("1e-10", "NaN"), "JSON is NaN"), (PLAIN.replace("1e-10", "-Infinity"), "JSON is -Infinity"),
     (PLAIN.replace("1e-10", "1e999"), "bin_width_s is"),
-    ("{" + ",".join(f'"k{k}":0' for k in range(1001)) + "}", "number of keys is 1001: expected at most 1000"),
     ('{"rows": 3, ' + PLAIN[1:], 'repeated key is "rows": expected each key of an object once')],
-    ids=range(10))
+    ids=range(9))
 def test_broken_json_gives_one_error(text, said):
     assert str(refused(text)).startswith(said)
 

@@ -7,7 +7,9 @@ node: it starts threads, which a fork does not have.
 import atexit
 import multiprocessing
 import os
+import signal
 import sys
+import threading
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")      # as a node's process has it, before NumPy is loaded
 
@@ -24,9 +26,16 @@ SERVER.set_forkserver_preload([__name__])
 cpu_target.target_context.refresh()
 
 
+def end_with_parent() -> None:
+    """End the node when the tests' process has died."""
+    multiprocessing.parent_process().join()
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
 def run(output, code: str, name: str, *arguments: str) -> None:
     """Execute `code`, then be the node of this name with these arguments, and write to the pipe."""
     os.setpgid(0, 0)
+    threading.Thread(target=end_with_parent, daemon=True).start()
     for descriptor in (1, 2):
         os.dup2(output.fileno(), descriptor)
     output.close()

@@ -66,9 +66,7 @@ def test_sketches_are_the_cores_in_all_forms_and_follow_the_parameters(graph, se
         assert graph.set("sketcher", **{name: value}) == ""
         graph.reports("sketcher", name, shown)
     for values, reason in (({"frequencies": "auto", "sketch_size": 60}, "sketch_size is 60: expected 1 to 49 for T"),
-                           ({"frequencies": "1,50"}, "frequencies is 50: expected integers from 1 to 49"),
                            ({"frequencies": "48,49"}, "frequencies is [48, 49]: expected some that the sensor's IRF"),
-                           ({"frequencies": "banana"}, "frequencies is banana: expected auto"),
                            ({"gate": "50:60"}, "gate is 50-60: expected 15 bins or more, as many as the IRF has"),
                            ({"gate": True}, "gate is True: expected off, or first and last bin such as 100-400"),
                            ({"packets_per_frame": 0}, "packets_per_frame out of range"),
@@ -107,7 +105,7 @@ def test_a_parameter_that_does_not_suit_the_sensor_is_an_error_until_it_is_corre
     node = graph.start("sketcher", gate="500-600").ready()
     photons = graph.matched(graph.publisher(PointCloud2, "photons"))
     node.says(problem := "gate is 500-600: expected ")
-    graph.wait(lambda: (report := graph.report("sketcher"))["level"] == DiagnosticStatus.ERROR
+    graph.wait(lambda: (report := graph.report("sketcher")).get("level") == DiagnosticStatus.ERROR
                and report["message"].startswith(problem) and report["errors"] == "1", "the error, as long as it lasts")
     assert graph.set("sketcher", gate="off") == ""
     graph.reports("sketcher", "ready", True)

@@ -1,8 +1,7 @@
-"""Colour maps and the ranges they are spread over; curves with a line for every method."""
+"""Colour maps and the ranges they are spread over."""
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from srt3d_ros.pictures.colours import (
     PHOTON_MAP,
@@ -15,7 +14,6 @@ from srt3d_ros.pictures.colours import (
     point_table,
     range_table,
 )
-from srt3d_ros.pictures.curves import METHOD_COLOURS, draw_metrics
 
 
 def test_tables_are_the_published_maps():
@@ -52,26 +50,3 @@ def test_ranges_of_values_ignore_outliers_and_follow_slowly():
     assert first == pytest.approx((0.2, 9.8), abs=0.02)
     assert adaptive.update(np.linspace(0, 110, 1000))[1] == pytest.approx(9.8 * 0.9 + 107.8 * 0.1, abs=0.1)
     assert adaptive.update(np.empty(0)) == adaptive.update(np.full(3, np.nan))
-
-
-def coloured(path, colour: str) -> np.ndarray:
-    """How many picture elements of the left and of the right half have nearly this colour."""
-    picture = np.asarray(Image.open(path).convert("RGB")).astype(int)
-    seen = (np.abs(picture - list(bytes.fromhex(colour[1:]))) < 12).all(axis=2)
-    return np.array([half.sum() for half in np.array_split(seen, 2, axis=1)])
-
-
-@pytest.fixture
-def path(tmp_path):
-    return tmp_path / "a.png"
-
-
-def test_each_method_has_a_line_in_each_column(path):
-    rows = [{"method": method, "sketch_size": size, "sbr": sbr, "ppp": ppp, "dae_mm": height * ppp ** -0.5,
-             "true_detections_percent": 20.0 * height, "false_detections_percent": 3.0, "iae": 0.2}
-            for sbr in (10, 1) for ppp in (1, 10, 100)
-            for height, (method, size) in enumerate((("ours", 5), ("ours", 10), ("other", None)), start=1)]
-    draw_metrics(path, rows, "a$b_{", ["ours", "other"])
-    for colour in METHOD_COLOURS[:2]:
-        assert (coloured(path, colour) > 300).all()
-    assert not coloured(path, METHOD_COLOURS[2]).any()

@@ -58,8 +58,8 @@ def test_empty_rays_start_at_the_sensor_are_few_and_are_hidden_at_first(tmp_path
         writer.log_free(10**8, 1, ends[:0])
     strips = [value for chunk in RrdReader(tmp_path / "a.rrd").stream() if chunk.entity_path == entities.FREE_PATH
               for value in chunk.to_record_batch().column("LineStrips3D:strips").to_pylist()]
-    assert [len(each) for each in strips] == [1334, 0]
-    assert np.allclose(strips[0][1], [np.zeros(3), ends[3]])
+    assert [len(each) for each in strips] == [286, 0]
+    assert np.allclose(strips[0][1], [np.zeros(3), ends[14]])
     assert [False] in blueprint_columns(tmp_path / "a.rrd")["EntityBehavior:visible"]
 
 
@@ -88,14 +88,10 @@ def test_the_frustum_begins_at_the_sensor_and_reaches_to_the_cloud(tmp_path, bal
         sensor = sensor.replace(projection=AngularScan(0.4, -0.02, 0.4, -0.02))
     record(tmp_path / "a.rrd", cloud, sensor)
     (batch,) = (chunk.to_record_batch() for chunk in RrdReader(tmp_path / "a.rrd").stream().filter(content="/sensor"))
-    assert batch.column("Transform3D:translation")[0].as_py() == [[0, 0, 0]]
-    reach_m = np.percentile(np.linalg.norm(cloud.xyz, axis=1), 99)
-    if scanner:
-        ends = np.array([strip[-1] for strip in batch.column("LineStrips3D:strips")[0].as_py()])
-        assert np.allclose(np.linalg.norm(ends, axis=1), reach_m, rtol=1e-5)
-    else:
-        assert np.isclose(batch.column("Pinhole:image_plane_distance")[0].as_py()[0], reach_m)
-        assert batch.column("Pinhole:resolution")[0].as_py() == [[48, 40]]
+    border, *corners = (np.array(strip) for strip in batch.column("LineStrips3D:strips")[0].as_py())
+    assert all((begin == 0).all() for begin, _ in corners)
+    reach_m = np.linalg.norm([*border, *(end for _, end in corners)], axis=1)
+    assert np.allclose(reach_m, np.percentile(np.linalg.norm(cloud.xyz, axis=1), 99), rtol=1e-5)
 
 
 SENSOR = SensorModel(2, 3, 50, 1e-10, np.ones(3))
@@ -124,18 +120,13 @@ def test_clouds_come_as_logged_series_sorted_by_stamp_and_without_a_frame_none(w
     assert reader.series() == {}
 
 
-def with_version(data, minor):
-    return data[:5] + bytes([minor]) + data[6:]
-
-
 @pytest.mark.parametrize("damage, expected", [
     (lambda data: data[:7], "bad.rrd is cut off"),
     (lambda data: data[:-1000], "`rerun rrd filter --continue-on-error -o saved.rrd bad.rrd` saves what can be read"),
-    (lambda data: with_version(data, 250), "was written by rerun 0.250.0; rerun 0.41.* reads 0.23 to 0.41"),
-    (lambda data: b"RRF3" + data[4:], "pip install -U rerun-sdk, or `rerun rrd migrate`"),
+    (lambda data: b"RRF3" + data[4:], "^Cannot read recording .*bad.rrd .Not an RRD file"),
     (lambda data: data[:500] + bytes(len(data) - 600) + data[-100:], "^Cannot read recording .*bad.rrd"),
 ])
-def test_a_damaged_foreign_or_newer_file_gives_one_line(tmp_path, whole, damage, expected):
+def test_a_damaged_or_foreign_file_gives_one_line(tmp_path, whole, damage, expected):
     path = tmp_path / "bad.rrd"
     path.write_bytes(damage(whole.read_bytes()))
     with pytest.raises(InvalidInput, match=expected) as caught:

@@ -12,10 +12,10 @@ from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.recording.writer import RecordingWriter
 from srt3d_ros.review import gallery
+from srt3d_ros.review.from_above import draw_way
 from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.report import write_report
 from srt3d_ros.review.summary import format_summary, summarise
-from srt3d_ros.review.way import draw_way
 from tests.review.conftest import FEWEST, FRAMES, MISSING, MOST
 
 

@@ -1,6 +1,5 @@
 """Damaged files are read, or refused in one line; tests/files/test_isolated.py has .mat files."""
 
-import io
 import zipfile
 from functools import partial
 from pathlib import Path
@@ -29,13 +28,6 @@ EVENTS = PhotonEvents(np.array([0, 3, 5, 5], np.uint32), np.array([49, 0, 7, 8],
 IRF = [1, 3, 1]
 
 
-def saved(save, *values) -> bytes:
-    """The bytes that a function of NumPy or ptufile writes to a file."""
-    file = io.BytesIO()
-    save(file, *values)
-    return file.getvalue()
-
-
 def counts() -> np.ndarray:
     """A few photons as counts [rows, cols, bins]."""
     cube = np.zeros((2, 3, 20), np.uint16)
@@ -43,82 +35,66 @@ def counts() -> np.ndarray:
     return cube
 
 
-def photon_bytes(folder: Path) -> bytes:
-    photon_file.save(folder / "made.npz", SENSOR, EVENTS, np.full((3, 4), 7, np.float32))
-    return (folder / "made.npz").read_bytes()
+def as_irf(path: Path) -> None:
+    datasets.read(path.with_name("made.npz"), irf=path, bin_width_s=1e-10)
 
 
-def ptu_bytes(folder: Path) -> bytes:
-    ptufile = pytest.importorskip("ptufile")
-    return saved(ptufile.imwrite, counts()[None, :, :, None], 2e-9, 1e-10)
+def save_photons(path: Path) -> None:
+    photon_file.save(path, SENSOR, EVENTS, np.full((3, 4), 7, np.float32))
 
 
-def sdt_bytes(folder: Path) -> bytes:
-    pytest.importorskip("sdtfile")
-    return laboratory_files.sdt(folder / "made.sdt", [counts()], 2e-9).read_bytes()
+def save_phu(path: Path) -> None:
+    laboratory_files.phu(path, [*counts()[0]], 1e-10, 500_000_000)
 
 
-def t2_bytes(folder: Path) -> bytes:
-    pytest.importorskip("ptufile")
-    records = [1 << 31 | 10, 1 << 25 | 13, 1 << 31 | 30, 1 << 31 | 63 << 25 | 1, 1 << 31 | 50, 2 << 25 | 51]
-    tags = {"Measurement_SubMode": 0, "HWSync_Divider": 1}
-    return laboratory_files.ptu(folder / "made.ptu", records, laboratory_files.T2, tags).read_bytes()
-
-
-def phu_bytes(folder: Path) -> bytes:
-    pytest.importorskip("ptufile")
-    return laboratory_files.phu(folder / "made.phu", [*counts()[0]], 1e-10, 500_000_000).read_bytes()
-
-
-def hdf5_bytes(folder: Path) -> bytes:
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(folder / "made.h5", "w") as file:
+def save_hdf5(path: Path) -> None:
+    with pytest.importorskip("h5py").File(path, "w") as file:
         file.create_dataset("scan/counts", data=counts(), chunks=True, compression="gzip")
-    return (folder / "made.h5").read_bytes()
 
 
-def log_bytes(folder: Path) -> bytes:
-    return tmf8829_log(folder / "made.json", [zones_16(1.0)]).read_bytes()
+def texts(content: bytes):
+    return lambda path: path.write_bytes(content)
 
 
-# Name of the file, its reader, and what makes an example.
+T2_RECORDS = [1 << 31 | 10, 1 << 25 | 13, 1 << 31 | 30, 1 << 31 | 63 << 25 | 1, 1 << 31 | 50, 2 << 25 | 51]
+with_irf, with_bins = partial(datasets.read, irf=IRF), partial(datasets.read, irf=IRF, bin_width_s=1e-10)
+# Name of the file, its reader, what writes an example, and the library that may be missing.
 FILES = {
-    "npz": ("a.npz", datasets.read, photon_bytes),
-    "irf": ("irf.npy", lambda path: datasets.read(path.with_name("made.npz"), irf=path),
-            lambda folder: photon_bytes(folder) and saved(np.save, np.array([1, 3, 1.5]))),
-    "irf_text": ("irf.csv", lambda path: datasets.read(path.with_name("made.npz"), irf=path, bin_width_s=1e-10),
-                 lambda folder: photon_bytes(folder) and b"time_ns,counts\n0.1,1\n0.2,3\n0.3,1.5\n"),
-    "sensor_file": ("s.json", open_sensor, lambda folder: CODECS["sensor"][1][0]),
-    "npy_counts": ("c.npy", partial(datasets.read, irf=IRF, bin_width_s=1e-10),
-                   lambda folder: saved(np.save, counts())),
-    "ptu": ("b.ptu", partial(datasets.read, irf=IRF), ptu_bytes),
-    "sdt": ("a.sdt", partial(datasets.read, irf=IRF), sdt_bytes),
-    "t2": ("t2.ptu", partial(datasets.read, irf=IRF), t2_bytes),
-    "phu": ("a.phu", partial(datasets.read, irf=IRF), phu_bytes),
-    "irf_phu": ("irf.phu", lambda path: datasets.read(path.with_name("made.npz"), irf=path),
-                lambda folder: photon_bytes(folder) and phu_bytes(folder)),
-    "irf_export": ("irf.dat", lambda path: datasets.read(path.with_name("made.npz"), irf=path),
-                   lambda folder: photon_bytes(folder) and b"#ns/bin\n0.05\t0.05\n#counts\n1\t0\n3\t9\n4\t2\n"),
-    "csv": ("a.csv", partial(datasets.read, irf=IRF, bin_width_s=1e-10, rows=2, cols=2, num_bins=40),
-            lambda folder: b'"x";"y";"t [ns]"\n1;0;2,5\n0;1;"0,7"\n1;1;1,1\n'),
-    "words": ("w.npy", partial(datasets.read, irf=IRF, no_detection=0, first_word=1, num_bins=20),
-              lambda folder: saved(np.save, counts())),
-    "hdf5": ("a.h5", partial(datasets.read, irf=IRF), hdf5_bytes),
-    "tmf8829": ("log.json", datasets.read, log_bytes),
+    "npz": ("a.npz", datasets.read, save_photons), "irf": ("irf.npy", as_irf, partial(np.save, arr=[1, 3, 1.5])),
+    "irf_text": ("irf.csv", as_irf, texts(b"time_ns,counts\n0.1,1\n0.2,3\n0.3,1.5\n")),
+    "irf_phu": ("irf.phu", as_irf, save_phu, "ptufile"),
+    "irf_export": ("irf.dat", as_irf, texts(b"#ns/bin\n0.05\t0.05\n#counts\n1\t0\n3\t9\n4\t2\n")),
+    "sensor_file": ("s.json", open_sensor, texts(CODECS["sensor"][1][0])),
+    "npy_counts": ("c.npy", with_bins, partial(np.save, arr=counts())),
+    "ptu": ("b.ptu", with_irf, lambda path: pytest.importorskip("ptufile").imwrite(
+        path, counts()[None, :, :, None], 2e-9, 1e-10)),
+    "sdt": ("a.sdt", with_irf, lambda path: laboratory_files.sdt(path, [counts()], 2e-9), "sdtfile"),
+    "t2": ("t2.ptu", with_irf, lambda path: laboratory_files.ptu(path, T2_RECORDS, laboratory_files.T2, {
+        "Measurement_SubMode": 0, "HWSync_Divider": 1}), "ptufile"),
+    "phu": ("a.phu", with_irf, save_phu, "ptufile"),
+    "csv": ("a.csv", partial(with_bins, rows=2, cols=2, num_bins=40),
+            texts(b'"x";"y";"t [ns]"\n1;0;2,5\n0;1;"0,7"\n1;1;1,1\n')),
+    "words": ("w.npy", partial(with_irf, no_detection=0, first_word=1, num_bins=20), partial(np.save, arr=counts())),
+    "hdf5": ("a.h5", with_irf, save_hdf5),
+    "tmf8829": ("log.json", datasets.read, lambda path: tmf8829_log(path, [zones_16(1.0)])),
 }
 IN_A_CHILD = ("hdf5",)        # which takes ten times as long to start as others to read
 
 
 @pytest.mark.parametrize("kind", FILES)
 def test_a_damaged_file_is_read_or_refused_in_one_line(kind, rounds, tmp_path):
-    name, read, make = FILES[kind]
-    example, path = make(tmp_path), tmp_path / name
+    name, read, make, *libraries = FILES[kind]
+    for library in libraries:
+        pytest.importorskip(library)
+    path = tmp_path / name
+    save_photons(tmp_path / "made.npz")
+    make(path)
 
     def read_bytes(raw: bytes) -> None:
         path.write_bytes(raw)
         read(path)
 
-    read_or_refused(read_bytes, [example], rounds // 10 if kind in IN_A_CHILD else rounds)
+    read_or_refused(read_bytes, [path.read_bytes()], rounds // 10 if kind in IN_A_CHILD else rounds)
 
 
 @pytest.mark.parametrize("make", [

@@ -1,10 +1,11 @@
 """MovingSketcher: sketches a moving sensor's frames in parts, and moves these to one instant."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import reduce
 from operator import add
 from statistics import mean, median_low
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +13,6 @@ from srt3d_ros.core.motion.deskew import Deskewer, Parts
 from srt3d_ros.core.motion.trajectory import Trajectory
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
-from srt3d_ros.core.sketching.framing import EMPTY, OpenFrame
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
 from srt3d_ros.core.sketching.sums import PhaseSums
@@ -20,29 +20,19 @@ from srt3d_ros.core.sketching.sums import PhaseSums
 PARTS = 10          # of a frame, at most: at 1 m/s and 100 ms, a part smears by 1 cm; moving it takes about 1 ms
 
 
-@dataclass(frozen=True, eq=False)
-class MovingFrame:
+class MovingFrame(NamedTuple):
     """A frame that has ended, not yet deskewed.
 
     Args:
         parts: instants, ns, and sketches, in order of time.
         first_ns, last_ns: the time that its trajectory must cover.
         stamp_ns: the instant to move to, the middle of its acquisition.
-        content: its packets, and its photons inside the gate.
-        since_s: when it ended, for the caller.
     """
 
     parts: Parts
     first_ns: int
     last_ns: int
     stamp_ns: int
-    content: OpenFrame = EMPTY
-    since_s: float = 0.0
-
-    @property
-    def nbytes(self) -> int:
-        """Memory of its sketches, about."""
-        return sum(sketch.sums.nbytes for _, sketch in self.parts)
 
 
 class MovingSketcher:
@@ -85,7 +75,7 @@ class MovingSketcher:
         self._open.add(frame)
         self._stamps.append(frame.stamp_ns)
 
-    def end_frame(self, content: OpenFrame = EMPTY, now_s: float = 0.0) -> MovingFrame:
+    def end_frame(self) -> MovingFrame:
         """End the open frame, which needs a packet."""
         self._end_part()
         stamps = sorted({stamp_ns for of_part, _ in self._parts for stamp_ns in of_part})
@@ -97,16 +87,16 @@ class MovingSketcher:
         instants = [to_ns, *(instant_ns for instant_ns, _ in parts)]
         self._part_ns = (length_ns + PARTS - 1) // PARTS if len(stamps) > PARTS else 0
         self._parts, self._previous_ns = [], stamps[-1]
-        return MovingFrame(parts, min(instants), max(instants), to_ns, content, now_s)
+        return MovingFrame(parts, min(instants), max(instants), to_ns)
 
     def finish(self, frame: MovingFrame, trajectory: Trajectory | None) -> PhaseSums:
         """The sketch of a frame at `frame.stamp_ns`; without a trajectory, the sum of its parts as they are."""
-        if trajectory is not None:
-            sketch = self._deskewer(frame.parts, trajectory, frame.stamp_ns)
-            self.lost = self._deskewer.lost
-            return sketch
-        self.lost = 0
-        return replace(reduce(add, (sketch for _, sketch in frame.parts)), stamp_ns=frame.stamp_ns)
+        if trajectory is None:
+            self.lost = 0
+            return replace(reduce(add, (sketch for _, sketch in frame.parts)), stamp_ns=frame.stamp_ns)
+        sketch = self._deskewer(frame.parts, trajectory, frame.stamp_ns)
+        self.lost = self._deskewer.lost
+        return sketch
 
     def _ends_part(self, stamp_ns: int) -> bool:
         """Whether a packet with this stamp begins another part."""

@@ -15,12 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from srt3d_ros.core.motion.deskew import NEAREST_M, Deskewer
-from srt3d_ros.core.motion.trajectory import Pose, Trajectory
+from srt3d_ros.core.motion.deskew import Deskewer
+from srt3d_ros.core.motion.trajectory import Trajectory
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sums import PhaseSums
-from srt3d_ros.kernels.devices import kernels_for
 
 
 class MovingWindow:
@@ -33,7 +32,6 @@ class MovingWindow:
 
     def __init__(self, sensor: SensorModel, frequencies: Sequence[int], frames: int):
         self._deskewer, self._share = Deskewer(sensor, frequencies), np.float32((frames - 1) / (frames + 1))
-        self._seen_ranges = kernels_for("cpu").seen_ranges
         self.forget()
 
     def forget(self) -> None:
@@ -54,13 +52,15 @@ class MovingWindow:
         if before is not None and trajectory is not None:
             goes_on = before.stamp_ns < sketch.stamp_ns and trajectory.covers(before.stamp_ns, sketch.stamp_ns)
             before = self._moved(before, sketch, trajectory, cloud) if goes_on else None
+        parts = own.view(np.float32)                # real and imaginary ones
         if before is not None:
-            own += before.sums * self._share
-            squares = before.sums.view(np.float32)[..., 2 * m + 1]
-            own.view(np.float32)[..., 2 * m + 1] -= (1 - self._share) * self._share * squares       # f² E₂, not f E₂
+            of_before = before.sums.view(np.float32)
+            of_before *= self._share
+            of_before[..., 2 * m + 1] *= self._share        # E₂: f²
+            parts += of_before
             exposure += self._share * before.exposure
         self._before = _Sum(sketch.stamp_ns, own, exposure)
-        counts, squares, *gated = np.moveaxis(own.view(np.float32)[..., 2 * m:], 2, 0)
+        counts, squares, *gated = np.moveaxis(parts[..., 2 * m:], 2, 0)
         scale = exposure / squares
         sums, photons = self._deskewer.whole(own[..., :m], counts, scale)
         gated = np.rint(gated[0] * scale).astype(np.uint32) if gated else None
@@ -68,17 +68,12 @@ class MovingWindow:
 
     def _moved(self, before: "_Sum", sketch: PhaseSums, trajectory: Trajectory, cloud: PointCloud | None) -> "_Sum":
         """The frames before, where they are seen from now."""
-        now_ns, sensor = sketch.stamp_ns, self._deskewer.sensor
+        now_ns, deskewer = sketch.stamp_ns, self._deskewer
         pose = trajectory.at(now_ns).inverse() @ trajectory.at(before.stamp_ns)
-        ranges = np.full(sketch.photons.shape, np.inf, np.float32)
-        if cloud is not None:
-            near = Pose(*(part.astype(np.float32) for part in (pose.rotation, pose.translation)))
-            xyz = cloud.xyz[cloud.surface == 0] if cloud.surface.any() else cloud.xyz       # a copy takes long
-            ranges = self._seen_ranges(near(xyz), sensor.projection.lens, ranges.shape)
-        if np.isinf(ranges[0, 0]):
-            ranges = self._deskewer.ranges_m([(now_ns, sketch)])
-        return _Sum(now_ns, *self._deskewer.moved([(pose, before.sums, before.exposure)],
-                                                  np.maximum(ranges, NEAREST_M)))
+        ranges = None if cloud is None else deskewer.ranges_of(cloud, pose)
+        if ranges is None:
+            ranges = deskewer.ranges_m([(now_ns, sketch)])
+        return _Sum(now_ns, *deskewer.moved([(pose, before.sums, before.exposure)], ranges))
 
 
 class _Sum(NamedTuple):

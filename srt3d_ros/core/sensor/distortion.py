@@ -12,7 +12,6 @@ from srt3d_ros.kernels.lens import distorted
 PATH_STEPS = 4              # from the image centre to a pixel: keeps Newton's method on one branch
 NEWTON_ITERATIONS = 30      # in each step, at most; 3 to 6 suffice where there is a solution
 PRECISION = 1e-12           # of the solution, relative to the focal length
-SAMPLES = 64                # between the centre and a pixel, at which the model must be invertible
 
 
 @documented
@@ -45,44 +44,38 @@ class PlumbBob:
     @property
     def reach(self) -> float:
         """x² + y² of the rays at which the radial model turns back; it does not hold for wider rays."""
-        roots = np.roots([7 * self.k3, 5 * self.k2, 3 * self.k1, 1])        # of d radius' / d radius, in x² + y²
-        return float(min(roots[(roots.imag == 0) & (roots.real > 0)].real, default=np.inf))
+        # 1 / (x² + y²) where d radius' / d radius = 0
+        inverse = np.roots([1, 3 * self.k1, 5 * self.k2, 7 * self.k3])
+        first = max(inverse[(inverse.imag == 0) & (inverse.real > 0)].real, default=0.0)
+        return 1 / float(first) if first else np.inf
 
     def undistorted(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The (x, y) of the rays (x, y, 1) that are seen at these (x', y'), float64; InvalidInput where none is."""
-        at_x, at_y, left = np.zeros(np.shape(x)), np.zeros(np.shape(y)), np.ones(np.shape(x), bool)
+        """The (x, y) of the rays (x, y, 1) that are seen at these (x', y'), float64; InvalidInput where none is.
+
+        By Newton's method, in steps from the centre to (x', y'). A solution counts if the model does not turn back
+        between it and the centre.
+        """
+        at_x, at_y, found = np.zeros(np.shape(x)), np.zeros(np.shape(y)), np.zeros(np.shape(x), bool)
         with np.errstate(all="ignore"):         # diverging rays are refused below
             for share in np.arange(1, PATH_STEPS + 1) / PATH_STEPS:
-                at_x, at_y, left = self._newton(at_x, at_y, x * share, y * share)
-        self._refuse(left, x, y)
+                for _ in range(NEWTON_ITERATIONS):
+                    seen_x, seen_y = distorted(at_x, at_y, *astuple(self))
+                    off_x, off_y = share * x - seen_x, share * y - seen_y
+                    xx, xy, yy = self._slopes(at_x, at_y)
+                    scale = 1 / (xx * yy - xy * xy)
+                    step_x, step_y = (yy * off_x - xy * off_y) * scale, (xx * off_y - xy * off_x) * scale
+                    at_x, at_y = at_x + step_x, at_y + step_y
+                    found = np.maximum(abs(step_x), abs(step_y)) <= PRECISION * (1 + abs(at_x) + abs(at_y))
+                    if found.all():
+                        break
+            xx, xy, yy = self._slopes(at_x, at_y)
+            found &= (xx * yy > xy * xy) & (xx + yy > 0) & (at_x**2 + at_y**2 < self.reach)
+        if not found.all():
+            coefficients = ", ".join(f"{name} {value:g}" for name, value in vars(self).items())
+            raise InvalidInput("projection.distortion", coefficients, "a model that shows one ray at each pixel; this "
+                               f"one does not at x' = {x[~found][0]:.3g}, y' = {y[~found][0]:.3g} (in focal lengths "
+                               "from the principal point)")
         return at_x, at_y
-
-    def check(self, x: np.ndarray, y: np.ndarray) -> None:
-        """Raise InvalidInput unless the model is invertible between (0, 0) and each (x', y') [N].
-
-        Polynomials turn back outside the image that they were fitted to. Two rays then share a place, and Newton's
-        method may find either.
-        """
-        at_x, at_y = self.undistorted(x, y)
-        share = np.linspace(0, 1, SAMPLES)[:, None]
-        with np.errstate(all="ignore"):
-            xx, xy, yy = self._slopes(at_x * share, at_y * share)
-            self._refuse(np.asarray(~((xx * yy > xy * xy) & (xx + yy > 0)).all(axis=0)), x, y)
-
-    def _newton(self, x: np.ndarray, y: np.ndarray, wanted_x: np.ndarray, wanted_y: np.ndarray):
-        """The solution by Newton's method from (x, y), and a mask of where it did not converge."""
-        left = np.ones(np.shape(x), bool)
-        for _ in range(NEWTON_ITERATIONS):
-            seen_x, seen_y = distorted(x, y, *astuple(self))
-            off_x, off_y = wanted_x - seen_x, wanted_y - seen_y
-            xx, xy, yy = self._slopes(x, y)
-            scale = 1 / (xx * yy - xy * xy)
-            step_x, step_y = (yy * off_x - xy * off_y) * scale, (xx * off_y - xy * off_x) * scale
-            x, y = x + step_x, y + step_y
-            left = ~(np.maximum(abs(step_x), abs(step_y)) <= PRECISION * (1 + abs(x) + abs(y)))     # NaN too
-            if not left.any():
-                break
-        return x, y, left
 
     def _slopes(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """∂x'/∂x, ∂x'/∂y = ∂y'/∂x, and ∂y'/∂y."""
@@ -92,10 +85,3 @@ class PlumbBob:
         return (radial + growth * x * x + 2 * self.p1 * y + 6 * self.p2 * x,
                 growth * x * y + 2 * self.p1 * x + 2 * self.p2 * y,
                 radial + growth * y * y + 6 * self.p1 * y + 2 * self.p2 * x)
-
-    def _refuse(self, wrong: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
-        if wrong.any():
-            coefficients = ", ".join(f"{name} {value:g}" for name, value in vars(self).items())
-            raise InvalidInput("projection.distortion", coefficients, "a model that shows one ray at each pixel; this "
-                               f"one does not at x' = {x[wrong][0]:.3g}, y' = {y[wrong][0]:.3g} (in focal lengths from "
-                               "the principal point)")

@@ -44,7 +44,7 @@ class Pinhole:
         """Raise InvalidInput unless the distortion is invertible in all of an image of this size."""
         if self.distortion:
             x, y = self._places(rows, cols)     # the border suffices: `check` follows lines from the centre
-            self.distortion.check(*(np.concatenate([v[0], v[-1], v[:, 0], v[:, -1]]) for v in (x, y)))
+            self.distortion.undistorted(*(np.concatenate([v[0], v[-1], v[:, 0], v[:, -1]]) for v in (x, y)))
 
     def rays(self, rows: int, cols: int) -> np.ndarray:
         """Unit rays, float32 [rows, cols, 3], of an image that `check` accepts."""

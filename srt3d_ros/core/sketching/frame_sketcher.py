@@ -64,22 +64,18 @@ class FrameSketcher:
 
     def end_frame(self) -> PhaseSums:
         """End the open frame; its sketch."""
-        sketch = self._sketch_of(self._sums, min(self._stamps_ns, default=0), self._cycles)
-        self.reset()
-        return sketch
-
-    def _sketch_of(self, sums: np.ndarray, stamp_ns: int, cycles: int) -> PhaseSums:
-        rows, cols, m = self.sensor.rows, self.sensor.cols, len(self.frequencies)
-        before = None
+        (rows, cols), m = (self.sensor.rows, self.sensor.cols), len(self.frequencies)
+        before, cycles, stamp_ns = None, self._cycles, min(self._stamps_ns, default=0)
         if cycles and self.gate is not None:
-            units = sums[:, 2 * m + 1] * (self.sensor.dead_time.periods + 1)
+            units = self._sums[:, 2 * m + 1] * (self.sensor.dead_time.periods + 1)
             before = np.rint(units / self._kernels.UNIT).astype(np.uint32).reshape(rows, cols)
-        sums, photons = self._kernels.read_sums(sums, m)
+        sums, photons = self._kernels.read_sums(self._sums, m)
+        self.reset()
         if self._subtracted:        # subtraction can leave n < |sum|; raise n so that |z| ≤ 1
             longest = np.abs(sums).max(axis=1) * (1 - ROUNDING)
-            photons = np.maximum(photons, np.ceil(longest).astype(np.uint32))
-        return PhaseSums(self.frequencies, sums.reshape(rows, cols, m), photons.reshape(rows, cols), stamp_ns,
-                      0 if self._subtracted else cycles, before, sensor=self.sketch_sensor)
+            photons, cycles = np.maximum(photons, np.ceil(longest).astype(np.uint32)), 0
+        return PhaseSums(self.frequencies, sums.reshape(rows, cols, m), photons.reshape(rows, cols), stamp_ns, cycles,
+                         before, sensor=self.sketch_sensor)
 
     # ---- Forms of photons
 

@@ -29,8 +29,6 @@ class OpenFrame(NamedTuple):
     photons: int = 0
 
 
-EMPTY = OpenFrame()
-
 
 @dataclass(frozen=True, slots=True)
 class Placed:

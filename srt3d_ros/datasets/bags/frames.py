@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,8 +10,8 @@ from pathlib import Path
 from srt3d_ros.core.sketching.photon_frame import PhotonGates
 from srt3d_ros.datasets import arrays
 from srt3d_ros.datasets.bags.bag import Bag, BagTopic
-from srt3d_ros.datasets.options import ASSUMED_FOV, Options
-from srt3d_ros.datasets.reading import Reading
+from srt3d_ros.datasets.options import Options, fields_of, sensor_of
+from srt3d_ros.datasets.reading import Reading, Said
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.files import json_text
 from srt3d_ros.messages import cdr, sensor_message, sketch_message
@@ -21,6 +21,7 @@ CLOUD_TYPE, IMAGE_TYPE, STRING_TYPE = "sensor_msgs/msg/PointCloud2", "sensor_msg
 PHOTON_FIELDS = {"row", "col", "toa"}
 GATES_ENCODING = "16UC1"
 HISTOGRAMS_ENCODING = re.compile(r"(?:8U|16U|32S|32F)C(\d{1,5})")
+NOTED = "projection", "toa_offset_bins", "range_offset_m"       # a note says so if a description lacks them
 MOST_CAMERA_CHANNELS = 4        # an image with more is a histogram: encodings look alike
 
 
@@ -63,12 +64,6 @@ def _of_frames(contents: dict[BagTopic, str]) -> list[BagTopic]:
     readable = [topic for topic, content in contents.items() if content in (*CODECS, "sketch")]
     frames = [topic for topic in readable if contents[topic] != "sketch"] or readable
     return [topic for topic in frames if topic.name.rsplit("/", 1)[-1] == contents[topic]] or frames
-
-
-def read_frame(path: str | Path, number: int, options: Options, photons_topic: str = "") -> Reading:
-    """Message `number` of a bag's topic; arguments and errors as for `frames`."""
-    with closing(frames(path, (number,), options, photons_topic)) as loaders:
-        return next(loaders)[1]()
 
 
 def frames(path: str | Path, numbers: Sequence[int], options: Options, photons_topic: str = ""
@@ -134,26 +129,24 @@ def _decoded(kind: str, raw: bytes, descriptions: dict[str, bytes], options: Opt
         require(digest in descriptions, "sketch/sensor",
                 problem=f"Frame {name.rpartition('_')[2]} needs the description sensor_{digest}, which is missing.")
         sums = sketch_message.decode_cdr(raw, sensor_message.decode_cdr(descriptions[digest]))[1]
-        return Reading(sums.sensor, sums, None, name, notes).with_options(options)
+        return arrays.with_options(Reading(sums.sensor, sums, None, name, notes), options)
     sensor = sensor_message.decode_cdr(descriptions[""])
     photons = CODECS[kind].decode_cdr(raw, sensor)[1]
     if isinstance(photons, PhotonGates):
         sensor, photons = photons.counted(sensor), photons.to_events(sensor)
         options = options.knowing(cycles=options.known.get("cycles") or sensor.cycles)      # a given sensor has none
-    if "projection" not in json_text.parse(cdr.read_text(descriptions[""]), "sensor"):
-        notes += (ASSUMED_FOV,)
-    return Reading(sensor, photons, None, name, notes).with_options(options)
+    said = json_text.parse(cdr.read_text(descriptions[""]), "sensor")
+    own = {key: value for key, value in fields_of(sensor).items() if key in said or key not in NOTED}
+    return arrays.from_frame(photons, options, Said(own, notes, name))
 
 
 def _with_given_sensor(kind: str, raw: bytes, options: Options, name: str, notes: tuple[str, ...]) -> Reading:
     """The photons or sketch in a message of this kind, of the sensor that the options describe."""
-    sensor, _ = arrays.sensor_of(options)
+    sensor, _ = sensor_of(options)
     if kind == "sketch":
         require("irf" in options.known, "irf", problem="Give irf, or sensor: sketches do not show it.")
         return Reading(sensor, sketch_message.decode_cdr(raw, sensor)[1], None, name, notes)
-    sensor, frame, own = arrays.from_frame(CODECS[kind].decode_cdr(raw, sensor)[1], options)
-    photons = Reading(sensor, frame, None, name, notes + own)
-    return photons if options.gate is None else photons.gated(*options.gate)
+    return arrays.from_frame(CODECS[kind].decode_cdr(raw, sensor)[1], options, Said(notes=notes, name=name))
 
 
 def _content(bag: Bag, topic: BagTopic) -> str:

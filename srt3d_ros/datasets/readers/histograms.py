@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from srt3d_ros.core.sensor.model import MAX_BINS
+from srt3d_ros.datasets.arrays import from_counts
 from srt3d_ros.datasets.options import Options
-from srt3d_ros.datasets.readers.cubes import cube
-from srt3d_ros.datasets.reading import Reading
+from srt3d_ros.datasets.reading import Reading, Said
 from srt3d_ros.datasets.values import Note, channel_of
 from srt3d_ros.files import tcspc_files
 from srt3d_ros.files.array_files import read_errors
@@ -20,13 +20,13 @@ def read(path: Path, options: Options) -> Reading:
     sets = tcspc_files.READERS[path.suffix.lower()](path)
     with read_errors(path):
         chosen, notes = channel_of(tcspc_files.photons(sets), options.channel, "data set")
-    counts, width_s, period = sets[chosen]
-    counts = counts.reshape(*(1, 1, *counts.shape)[-3:])
-    bins = counts.shape[2]
-    stated = {"bin_width_s": width_s} if width_s else {}
-    if bins <= period <= MAX_BINS:
-        stated["num_bins"] = period
-    elif period or path.suffix.lower() == ".phu":
-        said = f"the laser's rate in the file means {period}" if period else "the file has no laser period"
-        notes += Note(f"T taken to be the {bins} bins that have photons: {said} (--num-bins)", "num_bins"),
-    return cube(path, counts, options.without("channel"), stated, notes)
+        counts, width_s, period = sets[chosen]
+        counts = counts.reshape(*(1, 1, *counts.shape)[-3:])
+        bins = counts.shape[2]
+        stated = {"bin_width_s": width_s} if width_s else {}
+        if bins <= period <= MAX_BINS:
+            stated["num_bins"] = period
+        elif period or path.suffix.lower() == ".phu":
+            said = f"the laser's rate in the file means {period}" if period else "the file has no laser period"
+            notes += Note(f"T taken to be the {bins} bins that have photons: {said} (--num-bins)", "num_bins"),
+        return from_counts(counts, options.without("channel"), Said(stated, notes, path.stem))

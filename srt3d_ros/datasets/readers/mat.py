@@ -6,11 +6,11 @@ from typing import NamedTuple
 import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS, MAX_PIXELS
-from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, from_pixels
-from srt3d_ros.datasets.options import Options, check_same
+from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, from_counts, from_photons
+from srt3d_ros.datasets.axes import SIZES
+from srt3d_ros.datasets.options import Options
 from srt3d_ros.datasets.readers import npz
-from srt3d_ros.datasets.readers.cubes import cube
-from srt3d_ros.datasets.reading import Reading, in_gate
+from srt3d_ros.datasets.reading import Reading, Said, in_gate
 from srt3d_ros.datasets.values import MAX_EVENTS, Note, outside_note
 from srt3d_ros.errors import finite, require
 from srt3d_ros.files import isolated
@@ -59,21 +59,15 @@ def read(path: Path, options: Options) -> Reading:
     with read_errors(path):
         for name in arrays.keys() & {*layout.window, layout.reference}:
             require(arrays[name].dtype.kind in "iuf", name, str(arrays[name].dtype), "numbers")
-        notes = ()
-        if "bin_width_s" not in options.known:
-            options = options.knowing(bin_width_s=layout.bin_width_s)
-            width_ps = layout.bin_width_s * 1e12
-            notes += (Note(f"bin width taken to be {width_ps:g} ps: the file has none", "bin_width_s"),)
-        return (_of_counts if layout.reference else _of_cells)(path, layout, arrays, options, notes)
+        note = Note(f"bin width taken to be {layout.bin_width_s * 1e12:g} ps: the file has none", "bin_width_s")
+        return (_of_counts if layout.reference else _of_cells)(path, layout, arrays, options, note)
 
 
-def _of_counts(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options: Options, notes: tuple[str, ...]
-               ) -> Reading:
+def _of_counts(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options: Options, note: Note) -> Reading:
     """Photons of counts [T, rows · cols] with reference depths. Sparse counts stay sparse."""
     name, photons = layout.variable, arrays[layout.variable]
     require(are_whole(np.atleast_2d(photons)), name, problem=f"{name} has negative or fractional counts.")
     bins, pixels = photons.shape if photons.ndim == 2 else arrays[f"{name}.shape"][::-1].tolist()
-    num_bins = _num_bins(options, bins)
     require(layout.reference in arrays, layout.reference,
             problem=f"{name} needs the reference depths {layout.reference} [rows, cols].")
     reference = arrays[layout.reference].astype(np.float32) - np.float32(1)
@@ -82,17 +76,17 @@ def _of_counts(path: Path, layout: Layout, arrays: dict[str, np.ndarray], option
     rows, cols = reference.shape
     if photons.ndim == 2:
         counts = photons.reshape(bins, cols, rows).transpose(2, 1, 0)
-        return cube(path, counts, options, notes=notes, reference=reference[None])
+        said = Said({"bin_width_s": layout.bin_width_s}, (note,), path.stem, reference[None])
+        return from_counts(counts, options, said)
     total, toa = photons.sum(dtype=np.float64), arrays[f"{name}.col"]
     require(total <= MAX_KEPT, f"{name} photons", total, f"at most {MAX_KEPT} in a sparse array: save full({name})")
     col, row = np.divmod(arrays[f"{name}.row"], rows)
     order = np.lexsort((toa, row * cols + col))
     pixel, toa = (values[order].repeat(photons[order].astype(np.int64)) for values in (row * cols + col, toa))
-    return _of_events(path, pixel, toa, reference.shape, (0, num_bins or bins), options, notes, reference[None])
+    return _of_events(path, pixel, toa, reference.shape, (0, bins - 1), options, layout, note, reference[None])
 
 
-def _of_cells(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options: Options, notes: tuple[str, ...]
-              ) -> Reading:
+def _of_cells(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options: Options, note: Note) -> Reading:
     """Photons of ToA lists, one cell a pixel."""
     name, toa, lengths = layout.variable, arrays[layout.variable], arrays[f"{layout.variable}.lengths"]
     require(lengths.ndim == 2 and 0 < lengths.size <= MAX_PIXELS, f"{name} shape", lengths.shape,
@@ -101,43 +95,32 @@ def _of_cells(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options
     require(toa.size <= MAX_EVENTS, f"{name} photons", toa.size, f"at most {MAX_EVENTS}")
     whole = layout.picoseconds or bool((toa == np.floor(toa)).all())
     require(whole, name, problem=f"{name} has times that are not whole bins.")
-    width_s = finite("bin_width_s", options.known["bin_width_s"], "seconds, above 0")
+    width_s = finite("bin_width_s", options.known.get("bin_width_s", layout.bin_width_s), "seconds, above 0")
     require(width_s > 0, "bin_width_s", width_s, "seconds, above 0")
     unit = 1e-12 / width_s if layout.picoseconds else 1
     require(bool(((toa >= 0) & (toa * unit < 2**32)).all()), f"{name} ToA",
             problem=f"{name} has times of arrival below 0 or beyond 2³² bins.")
     bins = np.floor(toa * unit + EDGE).astype(np.int64)
     pixel = np.arange(lengths.size).repeat(lengths.ravel())
-    if layout.window and arrays.keys() >= set(layout.window):
+    if layout.window and arrays.keys() >= {*layout.window}:
         low, high = (finite(name, arrays[name].squeeze().tolist(), "one ToA") * unit for name in layout.window)
-        first = int(np.floor(low + EDGE))
-        window = first, _num_bins(options) or int(np.ceil(high - EDGE)) - first
+        measured = int(np.floor(low + EDGE)), int(np.ceil(high - EDGE)) - 1
     else:
-        num_bins = _num_bins(options, int(bins.max(initial=-1)) + 1)
-        window = (0, num_bins) if num_bins or not toa.size else (int(bins.min()), int(np.ptp(bins)) + 1)
-    return _of_events(path, pixel, bins, lengths.shape, window, options, notes)
+        measured = 0 if "num_bins" in options.known else int(bins.min(initial=2**32)), int(bins.max(initial=0))
+    return _of_events(path, pixel, bins, lengths.shape, measured, options, layout, note)
 
 
-def _of_events(path: Path, pixel: np.ndarray, toa: np.ndarray, shape: tuple[int, int], window: tuple[int, int],
-               options: Options, notes: tuple[str, ...], reference: np.ndarray | None = None) -> Reading:
-    """Photons inside the gate, or else inside `window` = (first bin, number of bins)."""
-    first, last = options.gate or (window[0], sum(window) - 1)
+def _of_events(path: Path, pixel: np.ndarray, toa: np.ndarray, shape: tuple[int, int], measured: tuple[int, int],
+               options: Options, layout: Layout, note: Note, reference: np.ndarray | None = None) -> Reading:
+    """Photons inside the gate, or else in the bins `measured` = (first, last), or num_bins from the first on."""
+    first, last = options.gate or measured
+    if options.gate is None and "num_bins" in options.known:
+        last = first + int(finite("num_bins", options.known["num_bins"], "a number of bins")) - 1
     num_bins = last - first + 1
     require(num_bins <= MAX_BINS, "num_bins", num_bins, f"at most {MAX_BINS}: give a gate or bin_width_s")
-    sides = {"rows": shape[0], "cols": shape[1]}
-    check_same(sides, options.known)
-    described = options.knowing(**sides, num_bins=num_bins,
-                                toa_offset_bins=options.known.get("toa_offset_bins", 0) + first)
+    options = options.knowing(num_bins=num_bins, toa_offset_bins=options.known.get("toa_offset_bins", 0) + first)
     inside = (toa >= first) & (toa <= last)
-    sensor, events, more = from_pixels(pixel[inside], toa[inside] - first, 0, described)
-    outside = outside_note(len(toa) - events.photons, len(toa), first, last)
-    return Reading(sensor, events, in_gate(reference, first, last), path.stem, notes + more + outside)
-
-
-def _num_bins(options: Options, bins: int = 0) -> int:
-    """The option num_bins, or 0; InvalidInput if it would drop photons of the file's `bins` without a gate."""
-    given = options.known.get("num_bins", 0)
-    number = int(finite("num_bins", given, "a number of bins"))
-    require(options.gate is not None or not number or number >= bins, "num_bins", given,
-            f"{bins} or more, up to the file's last bin; or give a gate")
-    return number
+    outside = outside_note(len(toa) - np.count_nonzero(inside), len(toa), first, last)
+    said = Said({"bin_width_s": layout.bin_width_s} | dict(zip(SIZES, shape)), (note, *outside), path.stem,
+                in_gate(reference, first, last))
+    return from_photons((pixel[inside], toa[inside] - first), options.without("gate"), said)

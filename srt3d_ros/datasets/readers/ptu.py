@@ -6,17 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
+from srt3d_ros.datasets.arrays import from_counts
 from srt3d_ros.datasets.options import Options
 from srt3d_ros.datasets.readers import ptu_t2
-from srt3d_ros.datasets.readers.cubes import cube
-from srt3d_ros.datasets.reading import Reading
+from srt3d_ros.datasets.reading import Reading, Said
 from srt3d_ros.datasets.values import channel_of
 from srt3d_ros.errors import require
 from srt3d_ros.files.tcspc_files import open_ptu, ptu_bins
 
 COUNT_DTYPE = np.dtype(np.uint32)
 IN_MEMORY_BYTES, MAX_COUNT_BYTES = 2**28, 2**34       # larger counts go to a temporary file
-MARKS = ("ImgHdr_LineStart", "ImgHdr_LineStop", "ImgHdr_Frame")
 SUMMED = slice(None, None, -1)          # ptufile adds up the photons along an axis with this index
 
 
@@ -25,7 +24,7 @@ def read(path: Path, options: Options) -> Reading:
     with open_ptu(path) as ptu:
         if not ptu.is_t3:
             return ptu_t2.read(path, ptu, options)
-        for mark in filter(ptu.tags.__contains__, MARKS):
+        for mark in ptu_t2.MARKS & {*ptu.tags}:
             require(1 <= ptu.tags[mark] <= 8, mark, ptu.tags[mark], "a marker from 1 to 8")
         num_bins, bin_width_s = ptu_bins(ptu)
         channels = dict.fromkeys(ptu.active_channels, 0)
@@ -48,4 +47,4 @@ def read(path: Path, options: Options) -> Reading:
         counts = ptu.decode_image(frame=-1, channel=channel - ptu.active_channels[0], dtime=num_bins, dtype=COUNT_DTYPE,
                                   keepdims=False, out=None if size <= IN_MEMORY_BYTES else "memmap")
         counts = counts.reshape(rows, cols, num_bins).view(np.int32)       # int32 is sketched without a copy
-    return cube(path, counts, options.without("channel"), {"bin_width_s": bin_width_s}, notes)
+        return from_counts(counts, options.without("channel"), Said({"bin_width_s": bin_width_s}, notes, path.stem))

@@ -7,15 +7,16 @@ from typing import Any
 import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS
+from srt3d_ros.datasets.arrays import from_counts
 from srt3d_ros.datasets.options import Options
-from srt3d_ros.datasets.readers.cubes import cube
-from srt3d_ros.datasets.reading import Reading
+from srt3d_ros.datasets.reading import Reading, Said
 from srt3d_ros.datasets.values import channel_of
 from srt3d_ros.errors import finite, require
 
 RECORDS = 2**20                 # decoded at once
 PICOHARP = 0x00010203           # its input 0 is the sync channel; later devices mark it by the highest bit of a record
 HIGHEST_BIT = 31
+MARKS = {"ImgHdr_LineStart", "ImgHdr_LineStop", "ImgHdr_Frame"}
 
 
 def read(path: Path, ptu: Any, options: Options) -> Reading:
@@ -40,8 +41,10 @@ def read(path: Path, ptu: Any, options: Options) -> Reading:
     photons = {number: total for number, total in enumerate(counts.sum(axis=1)) if total}
     chosen, notes = channel_of(photons, options.channel)
     notes += (f"T2: ToA since the pulses on the sync channel, {period * tick_s * 1e9:.6g} ns apart, all in one pixel",)
+    if not MARKS.isdisjoint(ptu.tags):
+        notes += ("the markers of its scan are not read: record T3",)
     stated = {"bin_width_s": width_s, "num_bins": bins, "toa_offset_bins": 0.0}       # rounded, not truncated
-    return cube(path, counts[None, chosen, None], options.without("channel"), stated, notes)
+    return from_counts(counts[None, chosen, None], options.without("channel"), Said(stated, notes, path.stem))
 
 
 def _period(ptu: Any) -> float:

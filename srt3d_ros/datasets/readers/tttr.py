@@ -16,6 +16,7 @@ ADC_BINS = 4096             # of the range of a TAC
 # Setup of an unknown card, for a file without .set: a header of zeros, and the least that phconvert takes.
 NO_SETUP = bytes(64) + b"\n*IDENTIFICATION\nID : none\n*END\n*SETUP\n*END\n"
 USUAL_CARD = "SPC-1XX"      # phconvert's name of the records of SPC-130 to 180 and 830
+NO_SCAN = "the markers of a scan in the file are not read: save it as .ptu or .sdt"
 PICOQUANT = {".pt3": ("load_pt3", 15, 4096), ".ht3": ("load_ht3", 64, 2**15)}     # first special channel, bins
 
 
@@ -43,10 +44,11 @@ def _spc(path: Path) -> dict[str, Any]:
     data, known = found["photon_data"], found["meta"]["setup"]
     photons = ~np.isin(data["detectors"], data["marker_ids"])
     range_s = known.get("SP_TAC_R", 0.0) / known.get("SP_TAC_G", 1)
-    note = f"no {path.stem}.set beside it, which names the card: taken to be an {USUAL_CARD}"
+    notes = [] if beside else [f"no {path.stem}.set beside it, which names the card: taken to be an {USUAL_CARD}"]
+    notes += [] if photons.all() else [NO_SCAN]
     return {"nanotimes": data["nanotimes"][photons], "detectors": data["detectors"][photons],
             hdf5.UNIT: np.array(range_s / ADC_BINS), hdf5.NUM_BINS: np.array(ADC_BINS),
-            **({} if beside else {"notes": np.array([note])})}
+            **_notes(notes)}
 
 
 def _picoquant(path: Path, loader: str, special: int, bins: int) -> dict[str, Any]:
@@ -55,6 +57,10 @@ def _picoquant(path: Path, loader: str, special: int, bins: int) -> dict[str, An
 
     _, detectors, nanotimes, meta, _ = getattr(pqreader, loader)(str(path))
     photons = detectors < special
-    notes = {"notes": np.array(["the scan of the file is not read: save it as .ptu"])} if len(meta["imghdr"]) else {}
     return {"nanotimes": nanotimes[photons], "detectors": detectors[photons], hdf5.NUM_BINS: np.array(bins),
-            hdf5.UNIT: np.array(meta["nanotimes_unit"]), hdf5.LASER: np.array(meta["laser_repetition_rate"]), **notes}
+            hdf5.UNIT: np.array(meta["nanotimes_unit"]), hdf5.LASER: np.array(meta["laser_repetition_rate"]),
+            **_notes([NO_SCAN] if len(meta["imghdr"]) else [])}
+
+
+def _notes(notes: list[str]) -> dict[str, np.ndarray]:
+    return {"notes": np.array(notes)} if notes else {}

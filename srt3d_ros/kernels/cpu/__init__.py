@@ -21,7 +21,7 @@ from srt3d_ros.kernels.cpu.method.planes import turn_planes
 from srt3d_ros.kernels.cpu.method.pooled_step import pooled_step
 from srt3d_ros.kernels.cpu.method.search import no_surfaces, search
 from srt3d_ros.kernels.cpu.method.sketches import expand, prepare, residual, unexplained
-from srt3d_ros.kernels.cpu.sketching.move_sketch import Motion, SeenScene, move_sketch, turn_sketch
+from srt3d_ros.kernels.cpu.sketching.move_sketch import Motion, SeenScene, move_sketches
 from srt3d_ros.kernels.cpu.sketching.phase_sums import (
     fixed_rows,
     new_sums,

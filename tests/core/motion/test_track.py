@@ -8,6 +8,7 @@ import pytest
 from srt3d_ros.core.motion.track import GAP_NS, MotionReport, SensorMotion
 from srt3d_ros.core.motion.trajectory import KEPT_NS, Pose, Trajectory
 from srt3d_ros.errors import InvalidInput
+from tests.core.scenes import through
 
 MS = 1_000_000
 FORWARD = np.array([1.0, 0, 0])
@@ -88,35 +89,11 @@ def test_a_robot_that_has_said_how_fast_it_is_cannot_jump_at_rest():
 QUARTER_LEFT = Pose.turned([0, 0, np.pi / 2])
 
 
-def through(stamped) -> Trajectory:
-    """The trajectory of these stamps (ns) and poses."""
-    trajectory = Trajectory()
-    for stamp_ns, pose in stamped:
-        trajectory.add(stamp_ns, pose)
-    return trajectory
-
-
 @pytest.mark.parametrize("vector", [(0, 0, 0), (1e-9, 0, 0), (0.3, -0.2, 1.1), (0, 3.0, 0), (0, 0, np.pi)])
 def test_a_rotation_vector_makes_a_rotation_and_comes_back(vector):
     pose = Pose.turned(vector)
     np.testing.assert_allclose(pose.rotation @ pose.rotation.T, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(pose.rotation_vector, vector, atol=1e-9)
-
-
-def test_a_quarter_to_the_left_turns_forward_into_left():
-    np.testing.assert_allclose(QUARTER_LEFT(np.array([1.0, 0, 0])), [0, 1, 0], atol=1e-12)
-    half = np.sqrt(0.5)
-    of_quaternion = Pose.from_quaternion([0, 0, half, half])
-    np.testing.assert_allclose(of_quaternion.rotation, QUARTER_LEFT.rotation, atol=1e-12)
-    np.testing.assert_array_equal(of_quaternion.translation, 0)
-
-
-@pytest.mark.parametrize(("quaternion", "position", "named"), [
-    ([0, 0, 0, 0], [0, 0, 0], "orientation"), ([0, 0, 0, np.nan], [0, 0, 0], "orientation"),
-    ([0, 0, 0, 1], [0, np.inf, 0], "position")])
-def test_a_pose_that_is_none_is_refused(quaternion, position, named):
-    with pytest.raises(InvalidInput, match=named):
-        Pose.from_quaternion(quaternion, position)
 
 
 def test_between_poses_the_sensor_moves_evenly_and_motion_says_where_a_point_of_then_lies_now():

@@ -17,6 +17,7 @@ from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.reconstruction import Reconstructor
+from tests.core.scenes import simulate, through
 
 ROWS, COLS, T, STEP, MS = 4, 12, 200, 0.02, 1_000_000
 FREQUENCIES = (1, 3, 20)
@@ -30,12 +31,8 @@ def seen(depth, photons: int, stamp_ns: int = 0, sensor: SensorModel = SENSOR, *
     return PhaseSums(FREQUENCIES, photons * phases, np.full(depth.shape, photons), stamp_ns, sensor=sensor, **more)
 
 
-def through(*poses: Pose) -> Trajectory:
-    """A pose each 100 ms."""
-    trajectory = Trajectory()
-    for k, pose in enumerate(poses):
-        trajectory.add(100 * k * MS, pose)
-    return trajectory
+def each_100_ms(*poses: Pose) -> Trajectory:
+    return through((100 * k * MS, pose) for k, pose in enumerate(poses))
 
 
 def test_at_rest_a_window_counts_as_many_frames_as_it_has():
@@ -61,7 +58,7 @@ def test_the_variance_of_a_window_is_that_of_its_photons():
 
 def test_what_comes_into_view_has_been_seen_by_fewer_frames_also_where_there_are_no_photons():
     window, dark = MovingWindow(SENSOR, FREQUENCIES, 9), np.arange(ROWS)[:, None, None] == 0
-    trajectory = through(*(Pose.turned([0, 0, -STEP * k]) for k in range(4)))       # to the right by a column
+    trajectory = each_100_ms(*(Pose.turned([0, 0, -STEP * k]) for k in range(4)))       # to the right by a column
     for k in range(4):
         sketch = seen(40, 900, 100 * k * MS)
         sketch = replace(sketch, sums=sketch.sums * ~dark, photons=sketch.photons * ~dark[..., 0])
@@ -85,7 +82,7 @@ def test_the_last_cloud_tells_how_far_photons_move(given):
     marked.photons[4, 5], marked.sums[4, 5] = 100, 100 * np.exp(2j * np.pi * depth[4, 5] * np.array(FREQUENCIES) / T)
     window = MovingWindow(sensor, FREQUENCIES, 3)
     window(marked, None, None)
-    found = window(seen(depth, 0, 100 * MS, sensor), through(Pose(), Pose(translation=np.array([-0.1, 0, 0]))),
+    found = window(seen(depth, 0, 100 * MS, sensor), each_100_ms(Pose(), Pose(translation=np.array([-0.1, 0, 0]))),
                    wall if given else None)
     place = np.unravel_index(found.photons.argmax(), found.photons.shape)
     assert (place == (4, 7)) == given
@@ -96,14 +93,14 @@ def test_the_last_cloud_tells_how_far_photons_move(given):
 
 @pytest.mark.parametrize(("stamps_ms", "poses"), [((0, 100), 1), ((100, 0), 2), ((0, 0), 2)])
 def test_a_window_ends_where_the_trajectory_or_time_does(stamps_ms, poses):
-    window, trajectory = MovingWindow(SENSOR, FREQUENCIES, 9), through(*[Pose()] * poses)
+    window, trajectory = MovingWindow(SENSOR, FREQUENCIES, 9), each_100_ms(*[Pose()] * poses)
     for ms in stamps_ms:
         found = window(seen(40, 9, ms * MS), trajectory, None)
         assert (found.exposure == 1).all() and (found.photons == 9).all()
 
 
 def test_cycles_and_photons_before_the_gate_are_those_of_the_exposure():
-    window, trajectory = MovingWindow(SENSOR, FREQUENCIES, 4), through(Pose(), Pose())
+    window, trajectory = MovingWindow(SENSOR, FREQUENCIES, 4), each_100_ms(Pose(), Pose())
     for k in range(2):
         found = window(seen(40, 9, 100 * k * MS, cycles=50, before=np.full((ROWS, COLS), 30, np.uint32)), trajectory,
                        None)
@@ -121,7 +118,7 @@ def test_clouds_of_a_window_have_more_points_and_the_photons_of_one_frame(cycles
     simulator = Simulator(StaticScene(range_m.astype(np.float32), np.ones((32, 32), np.float32)), sensor, 1.0, 4.0)
     signal, background = (values.mean() / 1.5 for values in simulator.expected(0)[1:])
     single, windowed = Pooled(sensor, FREQUENCIES), Pooled(sensor, FREQUENCIES, window_frames=10)
-    trajectory = through(*[Pose()] * 20)
+    trajectory = each_100_ms(*[Pose()] * 20)
     for k in range(20):
         sketch = replace(sketch_photons(simulator.frame(k)[0], sensor, FREQUENCIES), stamp_ns=100 * k * MS)
         one, cloud = single(sketch), windowed(sketch, trajectory)
@@ -141,17 +138,13 @@ def test_a_window_that_moves_keeps_the_light_of_one_frame_on_a_steep_wall():
         x_m = 0.02 * k
         range_m = (1 + x_m) / (sensor.rays[..., 2] - sensor.rays[..., 0])          # z = 1 + x
         trajectory.add(100 * k * MS, Pose(translation=np.array([x_m, 0, 0])))
-        scene = StaticScene(range_m.astype(np.float32), np.ones((48, 48), np.float32))
-        simulator = Simulator(scene, sensor, 1.0, 8.0, k)
-        sketch = sketch_photons(simulator.frame(0)[0], sensor, FREQUENCIES)
+        sketch = sketch_photons(simulate(sensor.depth_bins(range_m), 1.0, 8.0, sensor, k), sensor, FREQUENCIES)
         cloud = pooled(replace(sketch, stamp_ns=100 * k * MS), trajectory)
         inside = (cloud.row > 5) & (cloud.row < 42) & (cloud.col > 5) & (cloud.col < 36)
         light.append((np.median(cloud.intensity[inside]), np.median(cloud.background)))
     np.testing.assert_allclose(np.mean(light[8:], axis=0), 4, rtol=0.05)
 
 
-def test_only_windows_take_a_trajectory_and_only_pooled_has_windows():
-    with pytest.raises(InvalidInput, match="window_frames 3: smle takes only surfaces, device"):
-        Reconstructor(SENSOR, FREQUENCIES, method="smle", window_frames=3)
+def test_only_windows_take_a_trajectory():
     with pytest.raises(InvalidInput, match="Only windows follow a trajectory"):
         Reconstructor(SENSOR, FREQUENCIES, device="cpu")(seen(40, 9), Trajectory())

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.design import (
     POOLED_PIXELS,
     design_sketch,
@@ -14,9 +14,10 @@ from srt3d_ros.core.sketching.design import (
 )
 from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.core.sketching.photon_frame import PhotonEvents
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
+from srt3d_ros.core.sketching.plausibility import LightWatch, hot_pixels, leak, light_of, other_unit
 from srt3d_ros.errors import InvalidInput
-from tests.photon_forms import as_histograms
+from tests.photon_forms import as_gates, as_histograms
 
 ROWS, COLS, T = 8, 10, 500
 SENSOR = SensorModel(ROWS, COLS, T, 1e-10, [1, 2, 4, 2, 1])
@@ -174,3 +175,83 @@ def test_auto_follows_many_photons_that_are_as_the_irf_says():
     assert design_sketch(TAILED, frequencies="1,2", frame=frame_of(50, 25)).frequencies == (1, 2)
     gated = design_sketch(TAILED, (90, 389), frame=frame_of(50, 25)).frequencies
     assert max(gated) > max(choose_frequencies("auto", TAILED)) / 2
+
+
+# ---- Hot pixels, leaks and times in another unit, and what looks like them
+
+BOX = SensorModel(16, 20, 80, 1e-10, [1, 2, 1], gates=GateWords())
+HOT = [(0, 0), (3, 7), (3, 8), (15, 10)]
+
+
+def cube(extra=()) -> np.ndarray:
+    """A wall at bin 50 and background, and photons of `extra` (row, col, bins, photons in each)."""
+    counts = np.random.default_rng(0).poisson(0.05, (16, 20, 80)).astype(np.uint16)
+    counts[..., 50] += 10
+    for row, col, bins, photons in extra:
+        counts[row, col, bins] += photons
+    return counts
+
+
+def forms(counts: np.ndarray) -> list:
+    histograms = PhotonHistograms(counts)
+    events = histograms.to_events(BOX)
+    return [histograms, events, as_gates(events, BOX)]
+
+
+def test_hot_pixels_are_found_in_every_form_of_photons_at_edges_and_in_pairs():
+    for frame in forms(cube([(*pixel, slice(None), 3) for pixel in HOT])):
+        found = hot_pixels(light_of(frame, BOX), BOX)
+        assert [*zip(*map(np.ndarray.tolist, np.nonzero(found)))] == HOT
+    masked = BOX.replace(mask=np.ones((16, 20), bool) & ~found)
+    assert not hot_pixels(light_of(frame, masked), masked).any()
+
+
+@pytest.mark.parametrize("extra", [
+    (), [(5, 5, slice(49, 52), 200)],                               # a retro-reflector
+    [(5, 5, slice(None), 4), (5, 5, slice(49, 52), 300)],           # a white spot in the sun
+    [(8, slice(None), slice(None), 4)],                             # a line in the sun
+    [(slice(0, 8), slice(0, 10), slice(None), 4)]])                 # a window
+def test_bright_surfaces_and_bright_regions_are_no_hot_pixels(extra):
+    assert not hot_pixels(light_of(PhotonHistograms(cube(extra)), BOX), BOX).any()
+
+
+def test_arrays_of_few_rows_have_no_neighbours_to_compare():
+    line = SensorModel(1, 20, 80, 1e-10, [1])
+    assert not hot_pixels(light_of(PhotonHistograms(cube()[:1]), line), line).any()
+
+
+@pytest.mark.parametrize(("at", "photons", "said"), [
+    (0, 2, "first bin"), (-1, 2, "last bin"), (20, 2, ""), (slice(3), [4, 2, 1], "")])     # a pulse at the end
+def test_photons_in_one_end_bin_are_a_leak(at, photons, said):
+    warning = leak(light_of(PhotonHistograms(cube([(slice(None), slice(None), at, np.uint16(photons))])), BOX))
+    assert (said in warning) and bool(warning) == bool(said)
+
+
+@pytest.mark.parametrize(("toa", "said"), [
+    (np.linspace(0.1, 7.9, 60), True), (np.linspace(0.1, 7.9, 6), False), (np.linspace(0.1, 79, 60), False)])
+def test_times_that_fill_a_small_part_of_the_bins_may_be_nanoseconds(toa, said):
+    events = PhotonEvents(np.zeros(len(toa), np.uint32), toa.astype(np.float32))
+    assert bool(other_unit(events, BOX)) == said
+    assert not other_unit(PhotonEvents(events.pixel, toa.astype(np.uint16)), BOX)
+
+
+def test_a_floor_of_the_irf_is_warned_of_until_it_is_taken_off():
+    pulse = np.exp(-0.5 * ((np.arange(60) - 30) / 2)**2)
+    for irf, said in ((pulse, False), (pulse + 0.01, True), (pulse[20:40], False)):
+        watch = LightWatch(BOX.replace(irf=irf, irf_ref=None))
+        watch.look(PhotonHistograms(cube()), 7)
+        watch.look(PhotonHistograms(cube()), 8)
+        assert ("irf has a floor" in watch.warning) == said
+
+
+def test_a_stream_is_looked_at_for_a_second_and_then_once_a_second():
+    dark, bright = (PhotonHistograms(cube(extra)) for extra in ((), [(3, 7, slice(None), 1)]))
+    leaking = PhotonHistograms(cube([(slice(None), slice(None), 0, 2)]))
+    watch = LightWatch(BOX)
+    assert [watch.look(frame, now_s) for frame, now_s in ((bright, 7), (bright, 7.5), (dark, 8), (leaking, 8.5))] == [
+        False, False, True, False]
+    assert [*zip(*np.nonzero(watch.hot))] == [(3, 7)] and watch.warning == ""
+    assert not watch.masked(BOX).used[3, 7] and watch.masked(BOX.replace(mask=watch.hot)).used.sum() == 1
+    assert not watch.look(leaking, 9) and "first bin" in watch.warning
+    assert not watch.look(dark, 3) and watch.warning == ""      # a clock that was set back
+    assert LightWatch(BOX).masked(BOX) is BOX

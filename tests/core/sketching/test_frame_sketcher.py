@@ -1,5 +1,7 @@
 """Sketching against its definition, and that packets add up whatever their split and order."""
 
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,12 +11,13 @@ from hypothesis import strategies as st
 from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
-from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher, phase_table, sketch_photons
+from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher, sketch_photons
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
-from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS
+from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS, MAX_SKETCH_SIZE, PhaseSums, check_frequencies
 from srt3d_ros.errors import InvalidInput
 from tests import photon_forms
+from tests.core.scenes import assert_same_sketch
 
 FREQUENCIES = (1, 2, 7, 49)
 SENSOR = SensorModel(4, 6, 100, 1e-10, [1, 2, 1], gates=GateWords(first_word=3, no_detection=0))
@@ -41,11 +44,6 @@ def definition(events: PhotonEvents, sensor=SENSOR, frequencies=FREQUENCIES) -> 
     return z.reshape(sensor.rows, sensor.cols, -1), n.reshape(sensor.rows, sensor.cols)
 
 
-def assert_sketches_are_equal(one, other, each=EACH):
-    assert np.array_equal(one.photons, other.photons)
-    assert (np.abs(one.sums - other.sums) <= each * np.maximum(one.photons, 1)[..., None]).all()
-
-
 @pytest.mark.parametrize("ordered", [True, False], ids=["sorted", "unsorted"])
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
 def test_sketch_is_the_mean_of_the_photons_phases(dtype, ordered):
@@ -69,13 +67,6 @@ def test_times_with_fractions_are_rounded_as_finely_as_16_bits_allow(num_bins, s
     np.testing.assert_allclose(found.sums[0], np.exp(2j * np.pi * turns), atol=EACH)
 
 
-def test_phases_are_exact_for_high_frequencies_in_late_bins():
-    table = phase_table(SensorModel(1, 1, 65_535, 1e-10, [1.0]), (32_767,), None).view(np.complex64)[:, 0]
-    b = np.arange(65_535, dtype=object)                   # Python's integers: no rounding
-    turns = np.array([int(k) for k in b * 32_767 % 65_535]) / 65_535
-    np.testing.assert_allclose(table, np.exp(2j * np.pi * turns), atol=1e-7)
-
-
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 400), number=st.integers(1, 6), ordered=st.booleans(),
        as_gates=st.sets(st.integers(0, 5)))
@@ -89,15 +80,13 @@ def test_packets_in_any_split_order_and_form_give_the_same_sketch_to_the_bit(see
     for k in rng.permutation(len(parts)):
         sketcher.add(photon_forms.as_gates(parts[k], SENSOR) if k in as_gates else parts[k])
     sketch = sketcher.end_frame()
-    assert_sketches_are_equal(sketch, sketch_photons(events, SENSOR, FREQUENCIES), each=0)
+    assert_same_sketch(sketch, sketch_photons(events, SENSOR, FREQUENCIES), each=0)
     assert sketch.stamp_ns == 100
 
 
-def test_photons_sensors_and_frequencies_that_cannot_be_used_are_named():
+def test_photons_that_do_not_fit_the_sensor_are_named():
     with pytest.raises(InvalidInput, match="^pixel is 24: expected an index below 4 × 6 = 24"):
         sketch_photons(PhotonEvents(np.array([24], np.uint32), np.zeros(1, np.uint16)), SENSOR, FREQUENCIES)
-    with pytest.raises(InvalidInput, match="^frequencies is 50"):
-        FrameSketcher(SENSOR, (1, 50))
     with pytest.raises(InvalidInput, match="^sensor.gates is missing"):
         sketch_photons(PhotonGates(np.full((1, 4, 6), 3, np.uint16)), SENSOR.replace(gates=None), FREQUENCIES)
 
@@ -155,3 +144,68 @@ def test_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean():
         assert sketch.photons[1, 2] == seen
         expected = sketch_photons(PhotonHistograms(counts // 1000), SENSOR, FREQUENCIES)
         np.testing.assert_allclose(sketch.z[1, 2], expected.z[1, 2], rtol=1e-5, atol=1e-7)
+
+
+# ---- Sums: which frequencies they may have, and that they add
+
+def small(rows: int, cols: int, bin_width_s: float = 1e-10) -> SensorModel:
+    return SensorModel(rows, cols, 100, bin_width_s, [1.0])
+
+
+def make(rows=2, cols=3, frequencies=(1, 4), seed=0, stamp_ns=0, **changes) -> PhaseSums:
+    rng = np.random.default_rng(seed)
+    photons = rng.integers(0, 9, (rows, cols)).astype(np.uint32)
+    phases = np.exp(1j * rng.uniform(0, 6, (rows, cols, len(frequencies))))
+    return PhaseSums(frequencies, (photons[..., None] * phases).astype(np.complex64), photons, stamp_ns,
+                  sensor=small(rows, cols, **changes))
+
+
+@pytest.mark.parametrize(("call", "said"), [
+    *((partial(check_frequencies, k, 100), said) for k, said in (
+        ([], "sketch size is 0"), (range(1, MAX_SKETCH_SIZE + 2), f"sketch size is {MAX_SKETCH_SIZE + 1}"),
+        ([0], "frequencies is 0"), ([1.5], "frequencies is 1.5"), ([float("nan")], "frequencies is nan"),
+        ([1, 2, 1], r"frequencies is \[1, 2, 1\]: expected no frequency twice"))),
+    *((lambda changes=changes: make() + make(**changes), said) for changes, said in (
+        ({"frequencies": (1, 5)}, r"frequencies is \(1, 5\): expected the same as \(1, 4\)"),
+        ({"rows": 1}, r"Cannot add sketches of different sensors \(rows 2 and 1\)\."),
+        ({"bin_width_s": 1e-9}, r"Cannot add sketches of different sensors \(bin_width_s 1e-10 and 1e-09\)\."))),
+    *((lambda sums=sums, photons=photons: PhaseSums((1, 4), np.zeros(sums, np.complex64), np.zeros(photons, np.uint32),
+                                                    sensor=small(2, 3)), said) for sums, photons, said in (
+        ((2, 3, 3), (2, 3), "sums shape"), ((6, 2), (2, 3), "sums is"), ((2, 3, 2), (3, 2), "photons shape"),
+        ((3, 2, 2), (2, 3), "sums shape")))])
+def test_what_cannot_be_used_is_refused(call, said):
+    with pytest.raises(InvalidInput, match=f"^{said}"):
+        call()
+
+
+@pytest.mark.parametrize(("num_bins", "most"), [(2, 1), (100, 49), (101, 50)])
+def test_the_highest_frequency_has_more_than_two_bins_a_turn(num_bins, most):
+    assert check_frequencies([most], num_bins) == (most,)
+    with pytest.raises(InvalidInput, match=f"from 1 to {most} "):
+        check_frequencies([most + 1], num_bins)
+
+
+def test_z_is_the_mean_and_sketches_add_with_their_cycles_and_the_earliest_stamp():
+    sketch = PhaseSums((1, 2), np.array([[[4, 2j], [1, 1j], [0, 0]]], np.complex64), np.array([[4, 1, 0]], np.uint32),
+                    sensor=small(1, 3))
+    assert sketch.z.dtype == np.complex64
+    np.testing.assert_allclose(sketch.z, [[[1, 0.5j], [1, 1j], [0, 0]]])
+    one, other = make(seed=1, stamp_ns=7), make(seed=2, stamp_ns=5)
+    total = one + other
+    np.testing.assert_allclose(total.sums, one.sums + other.sums)
+    assert np.array_equal(total.photons, one.photons + other.photons) and total.stamp_ns == 5
+    assert total.sums.dtype == np.complex64 and total.photons.dtype == np.uint32
+    one, before = make(), np.ones((2, 3), np.uint32)
+    known, gated = replace(one, cycles=100), replace(one, cycles=50, before=before)
+    assert (known + known).cycles == 200 and (known + known).before is None
+    assert (known + gated).cycles == 150 and (gated + gated).before.tolist() == [[2] * 3] * 2
+    assert (known + one).cycles == (one + known).cycles == 0
+    assert (gated.armed_cycles == 49).all()
+
+
+def test_sums_of_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean():
+    photons = np.full((2, 2), 3_000_000_000, np.uint32)
+    sketch = PhaseSums((1,), ((0.6 + 0.8j) * photons[..., None]).astype(np.complex64), photons, sensor=small(2, 2))
+    total = sketch + sketch
+    assert (total.photons == MAX_PIXEL_PHOTONS).all() and total.photons.dtype == np.uint32
+    np.testing.assert_allclose(total.z, 0.6 + 0.8j, rtol=1e-6)

@@ -9,6 +9,7 @@ from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.gate import Gate, parse
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.errors import InvalidInput
+from tests.core.scenes import assert_same_sketch
 from tests.photon_forms import as_gates
 
 ROWS, COLS, T = 6, 7, 160
@@ -35,11 +36,6 @@ def observe(sensor=SENSOR, depth=80.0, dtype=np.uint16, background=20, ordered=T
     return PhotonEvents(pixel[order], time[order].astype(dtype), stamp_ns)
 
 
-def assert_same(one, other, each=1e-6):
-    assert np.array_equal(one.photons, other.photons) and one.stamp_ns == other.stamp_ns
-    assert (np.abs(one.sums - other.sums) <= each * np.maximum(one.photons, 1)[..., None]).all()
-
-
 @EVERY
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
 def test_the_sketch_is_that_of_the_photons_inside_in_every_form(sensor, dtype):
@@ -51,10 +47,10 @@ def test_the_sketch_is_that_of_the_photons_inside_in_every_form(sensor, dtype):
         inside.check(gate.sensor)
         expected = sketch_photons(inside, gate.sensor, FREQUENCIES)
         assert expected.photons.sum() == inside.photons
-        assert_same(sketch_photons(events, sensor, FREQUENCIES, gate), expected)
+        assert_same_sketch(sketch_photons(events, sensor, FREQUENCIES, gate), expected)
     if dtype == np.uint16:
         words = as_gates(events, sensor)
-        assert_same(sketch_photons(words, sensor, FREQUENCIES, gate), expected)
+        assert_same_sketch(sketch_photons(words, sensor, FREQUENCIES, gate), expected)
 
 
 @EVERY

@@ -1,6 +1,7 @@
 """The worker thread: newest frame first, everything else in order, every dropped frame counted."""
 
 import threading
+from types import SimpleNamespace
 
 import pytest
 
@@ -22,7 +23,7 @@ class Probe:
         self.busy.clear()
         self.go.clear()
         self.worker.call(self._wait)
-        self.busy.wait()
+        self.busy.wait(60)
 
     def offer(self, *frames):
         for frame in frames:
@@ -38,7 +39,7 @@ class Probe:
 
     def _wait(self):
         self.busy.set()
-        self.go.wait()
+        self.go.wait(60)
 
 
 @pytest.fixture
@@ -99,16 +100,9 @@ def test_dropped_frames_are_counted_and_other_jobs_stay(probe):
     assert queue.done == ["sensor"]
 
 
-class Clock:
-    now_s = 1000.0
-
-    def monotonic(self) -> float:
-        return self.now_s
-
-
 @pytest.fixture
 def clock(monkeypatch):
-    clock = Clock()
+    clock = SimpleNamespace(now_s=1000.0, monotonic=lambda: clock.now_s)
     monkeypatch.setattr(module, "time", clock)
     return clock
 

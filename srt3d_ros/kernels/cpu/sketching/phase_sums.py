@@ -13,7 +13,7 @@ registers: a vector of LANES and one of half as many.
 """
 
 import numpy as np
-from numba import get_num_threads, int32, int64, prange, uint16, uint32
+from numba import int32, int64, prange, uint16, uint32
 
 from srt3d_ros.kernels.constants import MAX_PIXEL_PHOTONS
 from srt3d_ros.kernels.cpu.arithmetic import F32
@@ -66,8 +66,6 @@ def _add_part(rows, part, toa, pixel, first, last, sums, to):
 
 
 THREAD_PHOTONS = 2**14      # fewer are not worth waking a thread
-SORT_PHOTONS = 2**21        # unsorted photons that are sorted at a time
-MAX_STRIPS = 8              # parts of these that threads sort at once: each takes 4 bytes a pixel
 HISTOGRAMS = 2**7           # multiplied at a time: the fastest of 2⁵ to 2⁹ for 4,613 bins
 TILE_PIXELS, TILE_CYCLES = 64, 128      # of a gated array, read at a time: 16 kB
 PIXELS, TOA, WORDS = map(read_only, (uint32[::1], uint16[::1], uint16[:, ::1]))
@@ -101,51 +99,14 @@ def read_sums(sums, m):
     return out.view(np.complex64), numbers
 
 
-# ---- Photons in any order are sorted first
-
-@parallel
-def _sort(pixel: PIXELS, toa: TOA, place: uint32[:, ::1]):
-    """Times of arrival in the order of their pixels, by a counting sort.
-
-    `place` [strips, pixels], 0 before, counts each pixel's photons in each strip of photons, and at the end says where
-    they end in the result.
-    """
-    number, strips = len(pixel), len(place)
-    in_order = np.empty_like(toa)
-    for strip in prange(strips):
-        own, counts = pixel[strip * number // strips:(strip + 1) * number // strips], place[strip]
-        for p in range(len(own)):
-            counts[own[p]] += np.uint32(1)
-    total = np.uint32(0)
-    for i in range(place.shape[1]):
-        for strip in range(strips):
-            total, place[strip, i] = total + place[strip, i], total
-    for strip in prange(strips):
-        first, last = strip * number // strips, (strip + 1) * number // strips
-        own, own_toa, to = pixel[first:last], toa[first:last], place[strip]
-        for p in range(len(own)):
-            at = to[own[p]]
-            in_order[at] = own_toa[p]
-            to[own[p]] = at + np.uint32(1)
-    return in_order
-
-
 # ---- Events
 
 @parallel
-def _sketch_sorted(pixel: PIXELS, toa: TOA, borders: int64[::1], rows: int32[:, :, ::1], sums: int64[:, ::1]):
+def _sketch_runs(pixel: PIXELS, toa: TOA, borders: int64[::1], rows: int32[:, :, ::1], sums: int64[:, ::1]):
     for part in prange(len(borders) - 1):
         p, last = borders[part], borders[part + 1]
         while p < last:
             p = add_run(rows, toa, pixel, p, last, sums, pixel[p])
-
-
-@parallel
-def _sketch_pixels(toa: uint16[::1], ends: uint32[::1], rows: int32[:, :, ::1], sums: int64[:, ::1]):
-    for i in prange(len(ends)):
-        first, last = np.int64(ends[i - 1]) if i > 0 else 0, np.int64(ends[i])
-        for p in range(first, last, MAX_ROWS):
-            add_run(rows, toa, None, p, last, sums, i)
 
 
 def sketch_events(pixel, toa, rows, ordered, sums):
@@ -155,19 +116,12 @@ def sketch_events(pixel, toa, rows, ordered, sums):
         pixel: uint32 [N], below the number of pixels.
         toa: uint16 [N], x_p, below the number of rows.
         rows: int32 [parts, T, ROW_LANES] of `fixed_rows`.
-        ordered: whether `pixel` never decreases.
+        ordered: whether `pixel` never decreases; otherwise one thread adds the photons.
     """
-    if ordered:
-        number, parts = len(pixel), min(64, 1 + len(pixel) // THREAD_PHOTONS)
-        before = pixel[np.arange(1, parts) * number // parts - 1]
-        borders = np.array([0, *np.searchsorted(pixel, before, "right"), number])
-        _sketch_sorted(pixel, toa, borders, rows, sums)
-    else:
-        block, strips = max(SORT_PHOTONS, 8 * len(sums)), min(get_num_threads(), MAX_STRIPS)
-        for first in range(0, len(pixel), block):
-            place = np.zeros((strips, len(sums)), np.uint32)
-            in_order = _sort(pixel[first:first + block], toa[first:first + block], place)
-            _sketch_pixels(in_order, place[-1], rows, sums)
+    number, parts = len(pixel), min(64, 1 + len(pixel) // THREAD_PHOTONS) if ordered else 1
+    before = pixel[np.arange(1, parts) * number // parts - 1]
+    borders = np.array([0, *np.searchsorted(pixel, before, "right"), number])
+    _sketch_runs(pixel, toa, borders, rows, sums)
 
 
 # ---- Gates
