@@ -34,6 +34,7 @@ SURE_SCORE = START_SCORE * 2**0.5       # twice a start's nats; above, no slante
 # ---- Planes of the start (`turn_planes`)
 
 PLANE_RADIUS, PLANE_STEP = 4, 2     # pixels: places of the points that support a plane, and the distance between them
+PLANE_TURNS = 2         # the second time hands planes on
 TURN_GAIN = 1.5         # times the support of a point's own plane that another one needs: across edges, some fit better
 
 # ---- Iterations: the pool (`pooled_step`)

@@ -14,10 +14,10 @@ from srt3d_ros.core.sketching.design import (
 )
 from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
 from srt3d_ros.core.sketching.plausibility import LightWatch, hot_pixels, leak, light_of, other_unit
 from srt3d_ros.errors import InvalidInput
-from tests.photon_forms import as_histograms
+from tests.photon_forms import as_gates, as_histograms
 
 ROWS, COLS, T = 8, 10, 500
 SENSOR = SensorModel(ROWS, COLS, T, 1e-10, [1, 2, 4, 2, 1])
@@ -194,11 +194,8 @@ def cube(extra=()) -> np.ndarray:
 
 def forms(counts: np.ndarray) -> list:
     histograms = PhotonHistograms(counts)
-    gates = np.full((int(counts.sum(axis=2).max()), 16, 20), 65_535, np.uint16)
-    for row, col in np.ndindex(16, 20):
-        toa = np.arange(80).repeat(counts[row, col])
-        gates[:len(toa), row, col] = toa
-    return [histograms, histograms.to_events(BOX), PhotonGates(gates)]
+    events = histograms.to_events(BOX)
+    return [histograms, events, as_gates(events, BOX)]
 
 
 def test_hot_pixels_are_found_in_every_form_of_photons_at_edges_and_in_pairs():
