@@ -122,6 +122,16 @@ def test_masked_pixels_give_nothing_and_delays_are_those_of_the_pixel():
     np.testing.assert_allclose(sketch.z[0, 6], expected, atol=1e-3)
 
 
+def test_cycles_and_those_that_a_dead_time_blinds_add_up():
+    sensor = SENSOR.replace(cycles=600, dead_time_s=2.8 * T * 1e-10)
+    gate, still = Gate(sensor, 20, 149), through([(0, Pose()), (LATER, Pose())])
+    parts = [(stamp, sketch_photons(photons(seed), sensor, FREQUENCIES, gate)) for seed, stamp in enumerate((0, LATER))]
+    moved = Deskewer(gate.sensor, FREQUENCIES)(parts, still, LATER, constant(FAR_M))
+    assert moved.cycles == 1200 and moved.sensor.dead_time == gate.sensor.dead_time and moved.before.any()
+    np.testing.assert_array_equal(moved.before, parts[0][1].before + parts[1][1].before)
+    assert abs(moved.photons.sum(dtype=int) - sum(part.photons.sum(dtype=int) for _, part in parts)) <= 1
+
+
 MS = 10**6
 
 
