@@ -64,7 +64,7 @@ MODULES = ("core.matched_frame", "core.method.background", "core.method.threshol
 FIXED = {"limits of inputs": ("MAX_SKETCH_SIZE", "MAX_PIXEL_PHOTONS", "MAX_SURFACES", "*_FALSE_ALARM_RATE"),
          "rounding": ("TINY", "EPSILON", "RIDGE"), "speed alone": ("CELL", "PLANE_STEP"),
          "baselines": ("INTENSITY_RATE", "APSS_*"),
-         "steps of a solution that has converged": ("PASSES", "NEWTON_STEPS"),
+         "steps of a solution that has converged": ("PASSES", "NEWTON_STEPS", "PLANE_TURNS"),
          "sampling of tables": ("FLUXES", "TABLE_STEPS", "BETWEEN"),
          "widen depth_std alone": ("SATURATED", "RELIEF_SCORE"),
          "powers that mean intensity, depth, width and skew": ("CORRECTED",),

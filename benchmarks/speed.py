@@ -124,6 +124,8 @@ def draw(path: Path, lines: Sequence[dict]) -> None:
             axes.loglog([line["ppp"] for line in of_method], [line["median_ms"] for line in of_method], "o-",
                         label=name, linewidth=3 if name == "pooled" else 1.5)
     axes.set(xlabel="photons per pixel, with background", ylabel="time of a frame, ms")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:g}")
     axes.grid(alpha=0.3)
     figure.legend(loc="outside right center", frameon=False)
     figure.savefig(path, dpi=200)

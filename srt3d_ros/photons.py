@@ -18,7 +18,7 @@ from srt3d_ros.core.sketching.gate import OFF
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonHistograms
 from srt3d_ros.datasets import arrays, photon_file
 from srt3d_ros.datasets.options import SensorOptions, gathered
-from srt3d_ros.datasets.reading import IN_MEMORY, Reading
+from srt3d_ros.datasets.reading import IN_MEMORY, Reading, Said
 from srt3d_ros.datasets.values import outside_note
 from srt3d_ros.errors import quoted, require
 from srt3d_ros.progress import compiling
@@ -62,7 +62,7 @@ class Photons(Reading):
         Raises:
             InvalidInput: naming the argument that is missing or cannot be used.
         """
-        return cls._in_memory(arrays.from_photons((row, col, toa), stamp_ns, gathered(options, sensor)))
+        return cls._in_memory(arrays.from_photons((row, col, toa), gathered(options, sensor), Said(stamp_ns=stamp_ns)))
 
     @classmethod
     @written_out()
@@ -77,14 +77,15 @@ class Photons(Reading):
         Raises:
             InvalidInput: naming the argument that is missing or cannot be used.
         """
-        return cls._in_memory(arrays.from_counts(counts, stamp_ns, gathered(options, sensor), in_file=False))
+        said = Said(stamp_ns=stamp_ns)
+        return cls._in_memory(arrays.from_counts(counts, gathered(options, sensor), said, in_file=False))
 
     @classmethod
     @written_out()
     def from_frame(cls, frame: PhotonFrame, *, sensor: SensorModel | None = None, **options: Unpack[SensorOptions]
                    ) -> Self:
         """Photons from a frame of srt3d_ros.core.sketching.photon_frame; sensor and options as for `from_events`."""
-        return cls._in_memory(arrays.from_frame(frame, gathered(options, sensor)))
+        return cls._in_memory(arrays.from_frame(frame, gathered(options, sensor), Said()))
 
     @classmethod
     def _in_memory(cls, reading: Reading) -> Self:

@@ -20,17 +20,15 @@ from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.design import design_sketch
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.datasets import photon_file
-from srt3d_ros.datasets.simulation.scene import StaticScene
-from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.progress import FIRST_KERNELS
-from tests.photon_forms import as_gates
+from tests.core.scenes import simulate
+from tests.photon_forms import as_gates, as_histograms
 
 SENSOR = srt3d_ros.Sensor(12, 20, 300, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2), toa_offset_bins=1_000)
 DEPTH = 80 + np.arange(20.0) + np.zeros((12, 1))
-FRAME = Simulator(StaticScene(SENSOR.range_m(DEPTH)), SENSOR, sbr=10, ppp=60).frame(0)[0]
+FRAME = simulate(DEPTH, 10, 60, SENSOR)
 ROW, COL = np.divmod(FRAME.pixel, 20)
-COUNTS = np.zeros((12, 20, 300), np.int64)
-np.add.at(COUNTS, (ROW, COL, FRAME.toa), 1)
+COUNTS = as_histograms(FRAME, SENSOR).counts.astype(np.int64)
 FREQUENCIES = design_sketch(SENSOR, frame=FRAME).frequencies
 PHOTONS = srt3d_ros.from_events(ROW, COL, FRAME.toa, sensor=SENSOR)
 ARRAYS = {"shape": (12, 20), "num_bins": 300, "bin_width_s": 5e-11, "irf": SENSOR.irf, "fov_deg": 20,

@@ -12,7 +12,7 @@ import pytest
 from srt3d_ros import precompile, progress
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.motion.deskew import Deskewer
-from srt3d_ros.core.motion.trajectory import Pose, Trajectory
+from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import GateWords
 from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
@@ -21,7 +21,7 @@ from srt3d_ros.kernels.cpu import OTHER_METHODS
 from srt3d_ros.kernels.cpu.compiling import KERNELS
 from srt3d_ros.messages import photon_frames, sketch_message
 from srt3d_ros.reconstruction import Reconstructor
-from tests.core.scenes import make_sensor, ramp, simulate
+from tests.core.scenes import make_sensor, ramp, simulate, through
 
 FREQUENCIES = (1, 2, 3, 5, 8)
 
@@ -45,9 +45,7 @@ def run_as_nodes_do() -> set[str]:
     """Frames of two kinds of lenses, of one and two surfaces, moved; the kernels that ran."""
     for projection in (None, AngularScan(0.0, 0.01, 0.0, -0.01)):
         sensor = make_sensor(20, 24, gain=np.full((20, 24), 1.1), projection=projection, gates=GateWords())
-        trajectory = Trajectory()
-        for at_ns in (0, 10**9):
-            trajectory.add(at_ns, Pose())
+        trajectory = through([(0, Pose()), (10**9, Pose())])
         for surfaces in (1, 2):
             for background in ("flat", "auto"):
                 reconstruct = Reconstructor(sensor, FREQUENCIES, surfaces=surfaces, background=background,

@@ -27,7 +27,7 @@ FRAME, EARLIER = 30, 3              # the frame that is drawn, and those before 
 WIDTH, HEIGHT, TOP = 880, 640, 76   # pixels; TOP: of the title
 YAW_DEG, SWAY_DEG = 12.0, 16.0
 PHOTONS, FADE, POINTS = 14, 3, 44   # pictures; a fade leads from each to the other
-PERIOD_MS, QUALITY = 110, 40        # below 2 MB; photons take most of it
+PERIOD_MS, QUALITY = 110, 28        # below 2 MB; photons take most of it
 NOTES = "photons, each at its pixel and time of arrival", "points, coloured by range (black: hidden from the sensor)"
 
 

@@ -12,9 +12,9 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from srt3d_ros.processes.node_command import node_command
 from srt3d_ros.processes.transport import FAST_DDS
@@ -48,7 +48,6 @@ class Link:
         self.shared_memory = SHARED_MEMORY / f"{PREFIX}{os.getpid()}"
 
     def __enter__(self) -> "Link":
-        _remove_orphans()
         try:
             self._make()
         except BaseException:
@@ -126,16 +125,6 @@ def why_not() -> str:
         return str(error)
 
 
-def _remove_orphans() -> None:
-    """Remove the namespaces and folders of processes that were killed."""
-    names = [line.split()[0] for line in _run("ip", "netns", "list").splitlines()]
-    for name in (*names, *(path.name for path in SHARED_MEMORY.glob(PREFIX + "*"))):
-        pid = name.removeprefix(PREFIX).partition("_")[0]
-        if name.startswith(PREFIX) and pid.isdigit() and not Path(f"/proc/{pid}").exists():
-            _run("ip", "netns", "delete", name, check=False)
-            shutil.rmtree(SHARED_MEMORY / name, ignore_errors=True)
-
-
 def _run(*command: str, check: bool = True) -> str:
     """Run a command; its output."""
     try:
@@ -189,8 +178,7 @@ class Machines(dict[str, Process]):
         return self.link.command(machine, ["env", *chosen, "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET", *command])
 
 
-@dataclass(frozen=True)
-class Arrival:
+class Arrival(NamedTuple):
     """A message that has arrived: when it was stamped and received."""
 
     stamp_ns: int

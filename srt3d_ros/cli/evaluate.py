@@ -13,8 +13,8 @@ from srt3d_ros.datasets import SIMULATOR
 from srt3d_ros.errors import require
 from srt3d_ros.evaluation.cases import SCENES, Case, of_files, simulated
 
-SCENE_DEFAULTS = {"sbr": [10.0, 1.0, 0.1], "ppp": [1.0, 10.0, 100.0], "repeats": 1}
-HEAD_DEFAULTS = {"sbr": [1.0], "ppp": [10.0], "repeats": 1}         # of `simulator`
+SCENE_DEFAULTS = {"sbr": [10.0, 1.0, 0.1], "ppp": [1.0, 10.0, 100.0]}
+HEAD_DEFAULTS = {"sbr": [1.0], "ppp": [10.0]}         # of `simulator`
 FILE_OPTIONS = ("sensor_file", "held_out_photons")
 
 
@@ -43,8 +43,6 @@ def add_parser(subparsers) -> None:
                                   help="signal-to-background ratios (default: 10 1 0.1)")
     simulated_scenes.add_argument("--ppp", nargs="+", type=float, metavar="N",
                                   help="mean photons per pixel (default: 1 10 100)")
-    simulated_scenes.add_argument("--repeats", type=int, metavar="N",
-                                  help="random draws of each setting, averaged (default: 1)")
     photon_files = parser.add_argument_group("photon files")
     common.add_sensor_file(photon_files)
     photon_files.add_argument("--held-out-photons", type=float, metavar="SHARE",
@@ -79,11 +77,10 @@ def run(args: argparse.Namespace) -> int:
             if outcome.job.case in cases_to_draw and outcome.job.sketch_size in (None, size_to_draw):
                 drawn.append(outcome)
         bar.set_description("drawing")
-        means = scores.averaged(rows)
         draw(folder, drawn)
         bar.set_description("done")
     common.print_notes(notes)
-    print(f"{_within(cases)}\n\n{scores.markdown(means)}\n\n{folder}/  results.csv  *.png")
+    print(f"{_within(cases)}\n\n{scores.markdown(rows)}\n\n{folder}/  results.csv  *.png")
     return 0
 
 
@@ -99,14 +96,13 @@ def _cases(args: argparse.Namespace) -> list[Case]:
             option = f"--{name.replace('_', '-')}"
             require(there, option, problem=f"{option} works only with {inputs}.")
     share = args.held_out_photons
-    require(args.repeats is None or args.repeats >= 1, "--repeats", args.repeats, "1 or more")
     require(args.surfaces is None or 1 <= args.surfaces <= MAX_SURFACES, "--surfaces", args.surfaces,
             f"1 to {MAX_SURFACES}")
     require(share is None or 0 <= share < 1, "--held-out-photons", share, "a share of the photons, 0 to below 1")
     cases = of_files(files, args.tolerance, args.surfaces, share, **common.given_sensor(args))
     for scene, settings in scenes.items():
         settings |= common.given(args, settings)
-        cases += simulated(scene, settings["sbr"], settings["ppp"], settings["repeats"], args.tolerance, args.surfaces)
+        cases += simulated(scene, settings["sbr"], settings["ppp"], args.tolerance, args.surfaces)
     return cases
 
 
@@ -125,8 +121,7 @@ def _cases_to_draw(cases: Sequence[Case]) -> set[Case]:
     """The cases to draw: every file, and of a scene at each SBR the one with the middle number of photons."""
     alike: dict[tuple, list[Case]] = {}
     for case in sorted(cases, key=lambda case: case.ppp or 0):
-        if case.repeat == 1:
-            alike.setdefault((case.source, case.sbr), []).append(case)
+        alike.setdefault((case.source, case.sbr), []).append(case)
     return {group[len(group) // 2] for group in alike.values()}
 
 

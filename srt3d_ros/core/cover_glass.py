@@ -22,25 +22,26 @@ def hidden_scene(sketch: PhaseSums, cloud: PointCloud) -> str:
     What a plane and an even background leave of sketches, once the plane is fitted in each pixel, has the energy of the
     photons' noise, their number n. Nothing is said where the background is known to be uneven.
     """
-    sensor, kept = cloud.sensor, sketch.photons > 0
-    if sensor.background_shape is not None or 0 < sketch.cycles * FULL < np.median(sketch.photons[kept & sensor.used]):
+    sensor, depth = cloud.sensor, cloud.depth_bins
+    seen = sketch.photons[(sketch.photons > 0) & sensor.used]
+    if cloud.surfaces > 1 or len(cloud) < max(NEARLY_ALL * len(seen), FEWEST_PIXELS):
         return ""
-    pixels, depth = int(np.count_nonzero(kept & sensor.used)), cloud.depth_bins
-    if len(cloud) < max(NEARLY_ALL * pixels, FEWEST_PIXELS) or cloud.surfaces > 1:
+    if sensor.background_shape is not None or 0 < sketch.cycles * FULL < np.median(seen):
         return ""
     plane = float(np.median(depth[::-(-len(depth) // MOST_PIXELS)]))
     there = np.flatnonzero(np.abs(depth - plane) <= max(rms_width(sensor), 1))
-    if len(there) < NEARLY_ALL * pixels:
+    share = min(len(there) / len(seen), 1)
+    if share < NEARLY_ALL:
         return ""
     some = there[::-(-len(there) // MOST_PIXELS)]
-    row, col = cloud.row[some].astype(np.int64), cloud.col[some].astype(np.int64)
-    spectrum = np.atleast_2d(irf_spectrum(sensor, sketch.frequencies))
-    energy = np.square(np.abs(spectrum)).mean(axis=0)
+    pixel = cloud.row[some].astype(np.int64) * sensor.cols + cloud.col[some]
+    spectrum = np.broadcast_to(irf_spectrum(sensor, sketch.frequencies), (sensor.pixels, len(sketch.frequencies)))
+    energy = np.square(np.abs(spectrum[pixel])).mean(axis=0)
     low = np.flatnonzero(energy >= min(LOW, np.sort(energy)[-2:].min()))
-    omega = angular_frequencies(sketch.frequencies, sensor.num_bins)[low]
-    at = np.where(len(spectrum) > 1, row * sensor.cols + col, 0)
-    model = spectrum[at[:, None], low] * np.exp(1j * np.outer(depth[some] + sensor.late[row, col], omega))
-    sums, photons = sketch.sums[row[:, None], col[:, None], low], sketch.photons[row, col].astype(np.float64)
+    omega, at = angular_frequencies(sketch.frequencies, sensor.num_bins)[low], (pixel[:, None], low)
+    model = spectrum[at] * np.exp(1j * np.outer(depth[some] + sensor.late.reshape(-1)[pixel], omega))
+    sums = sketch.sums.reshape(spectrum.shape)[at]
+    photons = sketch.photons.reshape(-1)[pixel].astype(np.float64)
     fitted = np.real(model.conj() * sums).sum(axis=1) / np.square(np.abs(model)).sum(axis=1)
     blocks = np.arange(0, len(some), TOGETHER)
     rest, of_plane, n = (np.add.reduceat(values, blocks) for values in (
@@ -48,6 +49,5 @@ def hidden_scene(sketch: PhaseSums, cloud: PointCloud) -> str:
     more = np.square(np.abs(rest)).sum() - len(low) * n.sum()
     if more < max(MORE_ENERGY * np.square(of_plane).sum(), MORE_SIGMAS * np.sqrt(len(low) * np.square(n).sum())):
         return ""
-    share = min(len(there) / pixels, 1)
     return (f"{share:.0%} of the pixels have their point at {sensor.range_m(plane):.3g} m, and more photons at other "
             "depths: if that is a cover glass or a window, surfaces of 2 show what is behind")

@@ -23,7 +23,7 @@ def expected_at(cloud: PointCloud, sensor: SensorModel, pixel: np.ndarray, toa: 
     position = toa - sensor.late.reshape(-1)[pixel].astype(np.float64)
     for k in np.unique(cloud.surface).tolist():
         depth, intensity = (np.nan_to_num(cloud.image(name, k).reshape(-1)[pixel]) for name in IMAGES[:2])
-        low, between = np.divmod(position - depth + sensor.irf_ref, 1)
+        low, between = np.divmod(position - depth - sensor.irf_bins[0], 1)
         for entry, share in ((low, 1 - between), (low + 1, between)):
             entry = entry.astype(np.int64) % sensor.num_bins
             inside = entry < irf.shape[1]

@@ -13,40 +13,31 @@ from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.datasets import axes
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.axes import SIZES
-from srt3d_ros.datasets.options import ASSUMED_FOV, HALF_BIN_M, Known, Options, fields_of, sensor_of
-from srt3d_ros.datasets.reading import IN_MEMORY, Reading, in_gate
+from srt3d_ros.datasets.options import ASSUMED_FOV, HALF_BIN_M, Options, fields_of, sensor_of
+from srt3d_ros.datasets.reading import Reading, Said, in_gate
 from srt3d_ros.datasets.values import Note, array, outside_note, sendable
-from srt3d_ros.errors import InvalidInput, finite, quoted, require
+from srt3d_ros.errors import finite, quoted, require
 
 SUBTRACTED = "cycles not used, pile-up not corrected: some counts are negative, so something was subtracted"
 MAX_KEPT = 2**24            # photons in a sample, 100 MB; files with fewer become events
 
 
-def from_photons(columns: tuple[Any, ...], stamp_ns: int, options: Options, own: Known | None = None,
-                 notes: tuple[str, ...] = (), name: str = IN_MEMORY, reference: np.ndarray | None = None) -> Reading:
-    """Photons with one entry each.
-
-    Args:
-        columns: [N] each: row, column and ToA, or pixel index and ToA.
-        stamp_ns: start of acquisition, nanoseconds.
-        options: what the caller says.
-        own, notes: what the file says of its sensor, and its notes.
-        name, reference: as of Reading.
-    """
+def from_photons(columns: tuple[Any, ...], options: Options, said: Said) -> Reading:
+    """Photons with one entry each: `columns` are [N] of row, column and ToA, or of pixel index and ToA."""
     names = ("row", "col", "toa") if len(columns) == 3 else ("pixel", "toa")
     *places, toa = (array(column, values) for column, values in zip(names, columns))
     require(toa.ndim == 1 and all(place.shape == toa.shape for place in places),
             f"{', '.join(names[:-1])} and toa shapes", ", ".join(str(one.shape) for one in (*places, toa)),
             "one entry a photon in each")
-    require(isinstance(stamp_ns, int | np.integer), "stamp_ns", quoted(stamp_ns), "nanoseconds, an integer")
-    options, notes = options.over(own or {}, notes)
+    require(isinstance(said.stamp_ns, int | np.integer), "stamp_ns", quoted(said.stamp_ns), "nanoseconds, an integer")
+    options, notes = options.over(said.sensor, said.notes)
     sensor, assumed = sensor_of(options)
     sides = (sensor.rows, sensor.cols) if len(places) == 2 else (sensor.pixels,)
     row, *col = (_indices(place, values, side) for place, values, side in zip(names, places, sides))
     pixel = row * np.uint32(sensor.cols) + col[0] if col else row
     pixel, toa, stray = without_strays(pixel, toa, sensor.num_bins)
-    return _reading(PhotonEvents(pixel, _times(toa, sensor), stamp_ns), sensor, options, notes + assumed + stray, name,
-                    reference)
+    frame = PhotonEvents(pixel, _times(toa, sensor), said.stamp_ns)
+    return _reading(frame, sensor, options, replace(said, notes=notes + assumed + stray))
 
 
 def without_strays(pixel: np.ndarray, toa: np.ndarray, num_bins: int
@@ -65,23 +56,20 @@ def without_strays(pixel: np.ndarray, toa: np.ndarray, num_bins: int
     return pixel[inside], toa[inside], (f"{stray}: dropped",)
 
 
-def from_counts(counts: Any, stamp_ns: int, options: Options, own: Known | None = None, notes: tuple[str, ...] = (),
-                name: str = IN_MEMORY, reference: np.ndarray | None = None, dims: tuple[str, ...] = (),
-                in_file: bool = True) -> Reading:
+def from_counts(counts: Any, options: Options, said: Said, dims: tuple[str, ...] = (), in_file: bool = True
+                ) -> Reading:
     """Photons counted in bins. Large counts stay in their file.
 
     Args:
-        counts: of three or four axes; the options, sizes in `own` or `dims`, the names of its axes, order them.
-        reference: depths in bins of the file, float32 [S, rows, cols].
+        counts: of three or four axes; options, sizes that the file has said, or `dims`, names of its axes, order them.
         in_file: few whole counts then become events, and there may be several frames.
-        stamp_ns, options, own, notes, name: as for `from_photons`.
     """
     dims, counts = dims or getattr(counts, "dims", ()), array("counts", counts)
     given, dims = f"{counts.dtype} {counts.shape}", tuple(map(str, dims)) if isinstance(dims, tuple) else ()
-    counts, options, order, frames = axes.in_order(counts, options, own or {}, dims)
+    counts, options, order, frames = axes.in_order(counts, options, said.sensor, dims)
     require(counts.ndim == 3 and counts.size > 0 and (in_file or frames == 1), "counts", given,
             "numbers [rows, cols, bins] of one frame")
-    options, notes = options.over((own or {}) | dict(zip(SIZES[:2], counts.shape)), (*notes, *order))
+    options, notes = options.over(said.sensor | dict(zip(SIZES[:2], counts.shape)), (*said.notes, *order))
     first, last = 0, counts.shape[2] - 1
     if options.known.get("histograms") is None:
         period = int(finite("num_bins", options.known.get("num_bins", last + 1), "a number of bins"))
@@ -102,24 +90,20 @@ def from_counts(counts: Any, stamp_ns: int, options: Options, own: Known | None 
             notes += ("negative counts outweigh the positive ones: was too much background subtracted?",)
     missing, inside = last - first + 1 - kept.shape[2], kept.sum(dtype=np.float64)
     kept = np.ascontiguousarray(np.pad(kept, ((0, 0), (0, 0), (0, missing))) if missing else kept)
-    frame = PhotonHistograms(kept, stamp_ns)
-    try:
-        frame.check(sensor)
-    except InvalidInput as error:
-        field = error.field.removesuffix(" count").replace("histograms", "counts")      # the name of the argument
-        raise InvalidInput(field, error.value, error.expected, error.problem) from None
+    frame = PhotonHistograms(kept, said.stamp_ns)
+    frame.check(sensor)
     if in_file and sensor.histograms is None and inside <= MAX_KEPT and are_whole(kept):
-        frame = replace(sampled(kept), stamp_ns=stamp_ns)
-    reading = _reading(frame, sensor, options, notes + assumed, name, in_gate(reference, first, last))
+        frame = replace(sampled(kept), stamp_ns=said.stamp_ns)
+    depth = in_gate(said.reference_depth_bins, first, last)
+    reading = _reading(frame, sensor, options, replace(said, notes=notes + assumed, reference_depth_bins=depth))
     outside = outside_note(round(photons - inside), round(photons), first, last)
     sensor = reading.sensor.replace(toa_offset_bins=reading.sensor.toa_offset_bins + first)
     return replace(reading, sensor=sensor, notes=reading.notes + outside, frames=frames)
 
 
-def from_frame(frame: PhotonFrame, options: Options, own: Known | None = None, notes: tuple[str, ...] = (),
-               name: str = IN_MEMORY, reference: np.ndarray | None = None) -> Reading:
-    """A frame of photons, whose source says `own` of its sensor; gates become events. Others as for `from_photons`."""
-    options, notes = options.over(own or {}, notes)
+def from_frame(frame: PhotonFrame, options: Options, said: Said) -> Reading:
+    """A frame of photons with its own stamp; gates become events."""
+    options, notes = options.over(said.sensor, said.notes)
     sensor, assumed = sensor_of(options)
     if isinstance(frame, PhotonEvents):
         pixel, toa, stray = without_strays(frame.pixel, frame.toa, sensor.num_bins)
@@ -127,7 +111,7 @@ def from_frame(frame: PhotonFrame, options: Options, own: Known | None = None, n
     frame.check(sensor)
     if isinstance(frame, PhotonGates):
         sensor, frame = frame.counted(sensor), frame.to_events(sensor)
-    return _reading(frame, sensor, options, notes + assumed, name, reference)
+    return _reading(frame, sensor, options, replace(said, notes=notes + assumed))
 
 
 def with_options(reading: Reading, options: Options) -> Reading:
@@ -142,7 +126,7 @@ def with_options(reading: Reading, options: Options) -> Reading:
             problem=f"{reading.name} holds a cloud: no option can change it.")
     own = fields_of(reading.sensor)
     if not isinstance(reading.frame, PhaseSums):
-        return from_frame(reading.frame, options, own, reading.notes, reading.name, reading.reference_depth_bins)
+        return from_frame(reading.frame, options, Said(own, reading.notes, reading.name, reading.reference_depth_bins))
     require(options.gate is None, "gate", problem="A sketch cannot be gated: gate the photons.")
     options, notes = options.over(own, reading.notes, SIZES)
     sensor, assumed = sensor_of(options)
@@ -150,14 +134,15 @@ def with_options(reading: Reading, options: Options) -> Reading:
     return replace(reading, sensor=sensor, frame=sums, notes=notes + assumed)
 
 
-def _reading(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, options: Options, notes: tuple[str, ...],
-             name: str, reference: np.ndarray | None) -> Reading:
+def _reading(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, options: Options, said: Said) -> Reading:
     """A frame that fits its sensor, without hot pixels, gated, the IRF estimated if the options have none; all notes.
 
     Raises:
         InvalidInput: the IRF cannot be estimated.
     """
-    known = options.known
+    known, notes, depth = options.known, said.notes, said.reference_depth_bins
+    require(depth is None or depth.shape[1:] == (sensor.rows, sensor.cols), "ref_depth_bins shape",
+            np.shape(depth), f"[rows, cols] = {(sensor.rows, sensor.cols)}")
     if isinstance(frame, PhotonHistograms) and sensor.cycles and frame.has_negative:
         notes += (SUBTRACTED,)
     sensor, hot, more = _looked_through(frame, sensor, options)
@@ -175,7 +160,7 @@ def _reading(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, option
         notes += Note(f"ranges are {half_m * 1e3:.3g} mm short if the clock truncates: toa_offset_bins is then 0.5 "
                       "(--toa-offset-bins)", "toa_offset_bins"),
     notes += () if "projection" in known else (ASSUMED_FOV,)
-    reading = Reading(sensor, frame, reference, name, tuple(dict.fromkeys(notes)))
+    reading = Reading(sensor, frame, depth, said.name, tuple(dict.fromkeys(notes)))
     return reading.gated(*options.gate) if options.gate else reading
 
 

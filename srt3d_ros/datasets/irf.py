@@ -6,11 +6,10 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
+from srt3d_ros.core.sketching.plausibility import floor_of
 from srt3d_ros.datasets.values import Note
 from srt3d_ros.errors import InvalidInput, require
 
-FLOOR_SHARE = 0.02      # of the IRF's photons: intensities then become so much too large
-FLAT = 1.3              # photons of the second eighth of an IRF with a floor over those of the first
 SMOOTHING = 0.25, 0.5, 0.25
 SMOOTH_NOISE = math.hypot(*SMOOTHING)
 NOISE_SIGMAS = 3.0      # above the floor: still pulse
@@ -70,15 +69,13 @@ def checked(irf: np.ndarray, ref: int | None) -> tuple[np.ndarray, tuple[Note, .
     Args:
         ref: its irf_ref, if known.
     """
-    mean, notes = np.atleast_2d(irf).mean(axis=0), ()
-    eighth, peak = len(mean) // 8, int(np.argmax(mean))
-    darker = min(irf, irf[..., ::-1], key=lambda one: one[..., :eighth].sum())
-    end, beside = np.split(np.atleast_2d(darker).mean(axis=0)[:2 * eighth], 2)
-    floor = end.mean() if eighth > 1 else 0.0
-    if floor * len(mean) > FLOOR_SHARE * mean.sum() > 0 and beside.mean() < FLAT * floor < 0.5 * mean[peak]:
-        pulse = _around(peak, _smooth(mean) - floor > NOISE_SIGMAS * end.std() * SMOOTH_NOISE)
+    mean, notes, end = np.atleast_2d(irf).mean(axis=0), (), floor_of(irf)
+    peak = int(np.argmax(mean))
+    if end is not None:
+        floor, noise = end.mean(), np.atleast_2d(end).mean(axis=0).std() * SMOOTH_NOISE
+        pulse = _around(peak, _smooth(mean) - floor > NOISE_SIGMAS * noise)
         clean = np.zeros_like(irf)
-        clean[..., pulse] = np.maximum(irf - darker[..., :eighth].mean(axis=-1, keepdims=True), 0)[..., pulse]
+        clean[..., pulse] = np.maximum(irf - end.mean(axis=-1, keepdims=True), 0)[..., pulse]
         notes += Note(f"the IRF's floor (dark counts), {floor / mean[peak]:.2g} of its peak, was taken off", "irf"),
         irf, mean = clean, np.atleast_2d(clean).mean(axis=0)
     pulse = np.flatnonzero(mean >= PULSE_ABOVE * mean[peak])

@@ -105,7 +105,7 @@ Known = dict[str, Any]
 class Options:
     """What the caller says: what is known of the sensor, and how to read a file (None = not given).
 
-    A reader passes on `without` what it has followed, since `redescribed` refuses what nobody has.
+    A reader passes on `without` what it has followed, since `sensor_of` refuses what nobody has.
     """
 
     known: Known = field(default_factory=dict)
@@ -143,23 +143,20 @@ class Options:
         Raises:
             InvalidInput: the options contradict a `fixed` value.
         """
-        check_same({name: own[name] for name in fixed if name in own}, self.known)
+        for name in fixed:
+            value = self.known.get(name, own.get(name))
+            require(name not in own or value == own[name], name, quoted(value), f"{own.get(name)}, as in the file")
         own, known = _in_angles(own, own | self.known), _in_angles(self.known, own | self.known)
         answered = {*known, *(["irf_ref"] if "irf" in known else ()), *(["gate"] if self.gate else ()),
                     *(["toa_offset_bins"] if "range_offset_m" in known else ())}
         left, assumed = [], set()
         for note in notes:
-            field = note.field if isinstance(note, Note) else ""
-            assumed |= {field, f"{field}_ref"}
-            left += [] if field in answered else [note]
+            about = note.field if isinstance(note, Note) else ""
+            assumed |= {about, f"{about}_ref"}
+            left += [] if about in answered else [note]
         said = {name: value for name, value in own.items() if name not in assumed}
         own = {name: value for name, value in own.items() if name != "irf_ref" or "irf" not in known}
         return replace(self, known=own | known), (*left, *replaced_note(said, known))
-
-    def refuse_unfollowed(self) -> None:
-        """Raise InvalidInput for an option that this source does not have."""
-        for name, problem in FILE_OPTIONS.items():
-            require(getattr(self, name) is None, name, problem=problem)
 
 
 def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None, guess_irf: bool = False) -> Options:
@@ -218,9 +215,14 @@ def backwards(sensor: SensorModel) -> SensorModel:
 
 
 def sensor_of(options: Options) -> tuple[SensorModel, tuple[str, ...]]:
-    """The sensor that the options describe, with an IRF of one bin if they have none; and notes on it."""
+    """The sensor that the options describe, with an IRF of one bin if they have none; and notes on it.
+
+    Raises:
+        InvalidInput: a value is missing or cannot be used, or nobody has followed an option on how to read a file.
+    """
     known, notes = options.known, ()
-    options.refuse_unfollowed()
+    for name, problem in FILE_OPTIONS.items():
+        require(getattr(options, name) is None, name, problem=problem)
     require({"rows", "cols"} <= known.keys(), "shape", problem="Give shape=(rows, cols), or sensor.")
     require("num_bins" in known, "num_bins", problem="Give num_bins, the bins of a laser period, or sensor.")
     require("irf" in known or "irf_ref" not in known, "irf_ref", problem="irf_ref needs irf.")
@@ -249,12 +251,6 @@ def replaced_note(own: Known, now: Known) -> tuple[str, ...]:
         changed.discard("irf_ref")
     names = ", ".join(name for name in own if name in changed)
     return (f"as given, not as in the file: {names}",) if names else ()
-
-
-def check_same(own: Known, known: Known) -> None:
-    """Raise InvalidInput if the caller knows another value than the file's own."""
-    for name, value in own.items():
-        require(known.get(name, value) == value, name, quoted(known.get(name)), f"{value}, as in the file")
 
 
 def _in_angles(known: Known, all_known: Known) -> Known:

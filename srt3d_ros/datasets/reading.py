@@ -1,6 +1,6 @@
 """Reading: one frame of a file, bag or log as plain data, with its sensor."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -10,11 +10,29 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
 from srt3d_ros.core.sketching.sums import PhaseSums
-from srt3d_ros.datasets.options import backwards
+from srt3d_ros.datasets.options import Known, backwards
 from srt3d_ros.datasets.values import MAX_EVENTS, outside_note
 from srt3d_ros.errors import require
 
 IN_MEMORY = "arrays"
+
+
+@dataclass(frozen=True, eq=False)
+class Said:
+    """What a source says beside its photons.
+
+    Args:
+        sensor: values of its sensor by the names of SensorModel's fields, and fov_deg.
+        notes: of the source, and on what was chosen in it.
+        name, reference_depth_bins: as of Reading.
+        stamp_ns: start of acquisition, nanoseconds.
+    """
+
+    sensor: Known = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    name: str = IN_MEMORY
+    reference_depth_bins: np.ndarray | None = None
+    stamp_ns: int = 0
 
 
 @dataclass(frozen=True, eq=False)

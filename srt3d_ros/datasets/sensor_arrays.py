@@ -1,16 +1,14 @@
 """Sensors in .npz files: the arrays that describe one, and the checks of what was read."""
 
 import sys
-from dataclasses import replace
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 
 from srt3d_ros.core.keys import keys, numbers
-from srt3d_ros.core.sensor.bins import HistogramBins
-from srt3d_ros.core.sensor.distortion import PlumbBob
-from srt3d_ros.core.sensor.model import GateWords, SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole, Projection
 from srt3d_ros.datasets.values import Note
 from srt3d_ros.errors import finite, printable, require
@@ -33,21 +31,22 @@ MAX_NOTE = 9_999            # characters; notes name files
 
 def sensor_arrays(sensor: SensorModel, notes: tuple[str, ...]) -> dict[str, np.ndarray]:
     """The arrays of a file that describe a sensor, and `notes` if there are any."""
-    projection, bins, gates = sensor.projection, sensor.histograms, sensor.gates
-    arrays = {name: getattr(sensor, name) for name in SENSOR_FIELDS} | {
-        "projection": projection.kind, "projection_values": _numbers(projection),
-        "gate_words": gates and _numbers(gates).astype(np.uint16), "notes": notes or None,
+    arrays = _arrays_of(sensor) | {
+        "projection": sensor.projection.kind, "notes": notes or None,
         "assumed": [note.field if isinstance(note, Note) else "" for note in notes] or None}
-    if getattr(projection, "distortion", None):
-        arrays["distortion"] = _numbers(projection.distortion)
-    if bins is not None:
-        arrays |= {"histogram_bins": _numbers(bins), "histogram_template": bins.template}
     return {name: np.asarray(value) for name, value in arrays.items() if value is not None}
 
 
-def _numbers(part: Any) -> np.ndarray:
-    """The numbers of a part of a sensor, float64, in the order of its fields."""
-    return np.array([*numbers(part).values()], np.float64)
+def _arrays_of(part: Any) -> dict[str, Any]:
+    """The values of a sensor by the names of their arrays; of a part of it, those that are no plain numbers."""
+    arrays = {}
+    for name, key in keys(type(part)).items():
+        value = getattr(part, name)
+        if is_dataclass(value):
+            arrays |= {key.array: [*numbers(value).values()], **_arrays_of(value)} if value else {}
+        elif key.array or isinstance(part, SensorModel):
+            arrays[key.array or name] = value
+    return arrays
 
 
 def read_saved(path: Path, names: tuple[str, ...]) -> tuple[SensorModel, dict]:
@@ -63,32 +62,31 @@ def read_saved(path: Path, names: tuple[str, ...]) -> tuple[SensorModel, dict]:
 def sensor_options(values: dict) -> dict:
     """The options that describe a file's sensor."""
     given = {name: values[name] for name in (*SENSOR_FIELDS, "fov_deg") if name in values}
-    if "gate_words" in values:
-        given["gates"] = GateWords(*map(int, _numbers_of(GateWords, "gate_words", values)))
-    if "histogram_bins" in values:
-        count, first, width = _numbers_of(HistogramBins, "histogram_bins", values)
-        given["histograms"] = HistogramBins(int(count), first, width, values.get("histogram_template"))
+    for name in ("gates", "histograms"):
+        if KEYS[name].array in values:
+            given[name] = _part(KEYS[name].kinds[0], KEYS[name].array, values)
     if "projection" in values:
         require(values["projection"] in PROJECTIONS, "projection", values["projection"],
                 f"one of {', '.join(PROJECTIONS)}")
-        kind = PROJECTIONS[values["projection"]]
-        given["projection"] = kind(*_numbers_of(kind, "projection_values", values))
+        given["projection"] = _part(PROJECTIONS[values["projection"]], KEYS["projection"].array, values)
         given.pop("fov_deg", None)
-    if "distortion" in values:
-        projection = given.get("projection")
-        require(isinstance(projection, Pinhole), "distortion", problem="Distortion needs a pinhole projection.")
-        given["projection"] = replace(projection, distortion=PlumbBob(*_numbers_of(PlumbBob, "distortion", values)))
+    require("distortion" not in values or isinstance(given.get("projection"), Pinhole), "distortion",
+            problem="Distortion needs a pinhole projection.")
     return given
 
 
-def _numbers_of(kind: type, array: str, values: dict) -> list[float]:
-    """The finite numbers of an array with one entry for each number of a class."""
-    names = [name for name, key in keys(kind).items() if not key.array]
+def _part(kind: type, array: str, values: dict) -> Any:
+    """A part of a sensor from the array with its numbers, and from those of its other fields."""
+    own = keys(kind)
+    names = [name for name, key in own.items() if not key.array]
     expected = f"[{len(names)}]: {', '.join(names)}"
     require(array in values, array, problem=f"The file has no {array} {expected}.")
     require(values[array].shape == (len(names),), f"{array} shape", values[array].shape, expected)
-    require(bool(np.isfinite(values[array]).all()), array, values[array].tolist(), "finite numbers")
-    return values[array].astype(np.float64).tolist()
+    fields = {name: own[name].number(value) for name, value in zip(names, values[array].tolist())}
+    for name, key in own.items():
+        if key.array in values:
+            fields[name] = values[key.array] if key.dtype else _part(key.kinds[0], key.array, values)
+    return kind(**fields)
 
 
 def vector(values: np.ndarray) -> np.ndarray:

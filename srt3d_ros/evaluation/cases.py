@@ -21,6 +21,7 @@ from srt3d_ros.evaluation.scenes import NetScene, net_sensor
 # Scene, sensor, and default tolerance and surfaces a pixel.
 SCENES = {"bust": (Bust, default_sensor, "40mm", 1), "net": (NetScene, net_sensor, "3", 2)}
 FILE_TOLERANCE = "10"
+SEED = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +55,6 @@ class Case:
     tolerance_bins: float                       # τ, the largest depth error of a true detection
     sbr: float | None = None                    # signal over background of a simulation
     ppp: float | None = None                    # mean photons per pixel of a simulation
-    repeat: int = 1                             # number of the random draw, from 1
     notes: tuple[str, ...] = ()                 # for the user
     held_out: float | None = None               # share of the photons that judges the cloud of the others
 
@@ -64,7 +64,7 @@ class Case:
         return self.source if self.sbr is None else f"{self.source}, SBR {self.sbr:g}, {self.ppp:g} ppp"
 
 
-def simulated(scene: str, sbrs: Sequence[float], ppps: Sequence[float], repeats: int = 1, tolerance: str | None = None,
+def simulated(scene: str, sbrs: Sequence[float], ppps: Sequence[float], tolerance: str | None = None,
               surfaces: int | None = None) -> list[Case]:
     """A scene of SCENES at every signal-to-background ratio and number of photons per pixel.
 
@@ -79,13 +79,12 @@ def simulated(scene: str, sbrs: Sequence[float], ppps: Sequence[float], repeats:
     seen = scene_of(sensor)
     within = tolerance_bins(tolerance or usual_tolerance, sensor)
 
-    def observe(sbr: float, ppp: float, seed: int) -> Observation:
-        simulator = Simulator(seen, sensor, sbr=sbr, ppp=ppp, seed=seed)
+    def observe(sbr: float, ppp: float) -> Observation:
+        simulator = Simulator(seen, sensor, sbr=sbr, ppp=ppp, seed=SEED)
         frame, depth = simulator.frame(0)
         return Observation(frame, depth, simulator.expected(0)[1], complete=True)
 
-    return [Case(scene, sensor, partial(observe, sbr, ppp, repeat), count, within, sbr, ppp, repeat)
-            for sbr in sbrs for ppp in ppps for repeat in range(1, repeats + 1)]
+    return [Case(scene, sensor, partial(observe, sbr, ppp), count, within, sbr, ppp) for sbr in sbrs for ppp in ppps]
 
 
 def of_files(files: list[str], tolerance: str | None = None, surfaces: int | None = None,

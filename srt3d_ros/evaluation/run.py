@@ -70,7 +70,7 @@ def outcome(job: Job, observation: Observation) -> Outcome:
     case, sensor, frame = job.case, job.case.sensor, observation.frame
     cloud = Photons(sensor, frame).reconstruct(method=job.method.name, sketch_size=job.sketch_size,
                                                surfaces=case.surfaces)
-    row = {"source": case.source, "sbr": case.sbr, "ppp": case.ppp, "repeat": case.repeat, "method": job.method.name,
+    row = {"source": case.source, "sbr": case.sbr, "ppp": case.ppp, "method": job.method.name,
            "sketch_size": job.sketch_size, "surfaces": case.surfaces, "rows": sensor.rows, "cols": sensor.cols,
            "tolerance_bins": float(case.tolerance_bins), "held_out": case.held_out,
            "frequencies": cloud.frequencies or None, "num_bins": sensor.num_bins,

@@ -1,21 +1,18 @@
 """Write results.csv, one row a reconstruction, and the table that summarises it."""
 
 import csv
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
-SETTINGS = ("source", "sbr", "ppp", "repeat", "method", "sketch_size", "surfaces", "rows", "cols", "tolerance_bins",
-            "held_out")
-FIGURES = ("frequencies", "num_bins", "bin_width_mm", "photons_per_pixel", "points", "true_detections_percent",
-           "true_detections_by_surface_percent", "false_detections_percent", "dae_bins", "dae_mm", "iae",
-           "within_1_std_percent", "within_2_std_percent", "held_out_nats", "held_out_std",
-           "sketch_ms", "reconstruct_ms", "version")
-RESULT_COLUMNS = SETTINGS + FIGURES
-_BY_SURFACE = "true_detections_by_surface_percent"
-_MEANS = tuple(name for name in FIGURES if name not in ("frequencies", _BY_SURFACE, "version"))
+RESULT_COLUMNS = (
+    "source", "sbr", "ppp", "method", "sketch_size", "surfaces", "rows", "cols", "tolerance_bins", "held_out",
+    "frequencies", "num_bins", "bin_width_mm", "photons_per_pixel", "points", "true_detections_percent",
+    "true_detections_by_surface_percent", "false_detections_percent", "dae_bins", "dae_mm", "iae",
+    "within_1_std_percent", "within_2_std_percent", "held_out_nats", "held_out_std", "sketch_ms", "reconstruct_ms",
+    "version")
 HEADINGS = ("source", "SBR", "photons / pixel", "method", "m", "TD %", "FD %", "DAE bins", "DAE mm", "IAE",
             "≤ 1 σ %", "≤ 2 σ %", "points", "held-out nats / 100 pixels")
 NOTHING = "–"
@@ -40,7 +37,7 @@ def table_of_rows(path: Path) -> Iterator[Callable[[dict], None]]:
 def is_table(path: Path) -> bool:
     """Whether a file begins like a results.csv of any version."""
     with open(path, "rb") as file:
-        return file.readline().startswith(",".join(SETTINGS[:6]).encode())
+        return file.readline().startswith(",".join(RESULT_COLUMNS[:3]).encode())
 
 
 def _as_text(value) -> str:
@@ -52,26 +49,8 @@ def _as_text(value) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def averaged(rows: Iterable[dict]) -> list[dict]:
-    """One row for all repeats with the means of the figures, NaN without data."""
-    groups: dict[tuple, list[dict]] = {}
-    for row in rows:
-        groups.setdefault(tuple(row.get(name) for name in SETTINGS if name != "repeat"), []).append(row)
-    averages = []
-    for group in groups.values():
-        means = {name: _mean([row.get(name) for row in group]) for name in _MEANS}
-        shares = zip(*(row.get(_BY_SURFACE) or () for row in group))
-        averages.append(dict.fromkeys(RESULT_COLUMNS) | group[0] | means | {_BY_SURFACE: tuple(map(_mean, shares))})
-    return averages
-
-
-def _mean(values: Iterable[float | None]) -> float:
-    known = [value for value in values if value is not None and np.isfinite(value)]
-    return float(np.mean(known)) if known else float("nan")
-
-
 def markdown(rows: list[dict]) -> str:
-    """A table of averaged rows without empty columns."""
+    """A table of rows without empty columns."""
     lines = [HEADINGS, *map(_cells, rows)]
     filled = [column for column in zip(*lines) if set(column[1:]) != {NOTHING}]
     lines = list(zip(*filled))
@@ -81,14 +60,14 @@ def markdown(rows: list[dict]) -> str:
 
 
 def _cells(row: dict) -> list[str]:
-    surfaces = row[_BY_SURFACE]
-    detected = " + ".join(f"{share:.1f}" for share in surfaces) or _shown(row["true_detections_percent"], 1)
-    ppp = row["photons_per_pixel"]
-    held_out = f"{row['held_out_nats']:.1f} ± {row['held_out_std']:.1f}" if row["held_out"] else NOTHING
+    surfaces, ppp = row.get("true_detections_by_surface_percent", ()), row["photons_per_pixel"]
+    detected = " + ".join(f"{share:.1f}" for share in surfaces)
+    held_out = f"{row['held_out_nats']:.1f} ± {row['held_out_std']:.1f}" if row.get("held_out") else NOTHING
     return [row["source"], f"{row['sbr']:g}" if row["sbr"] else NOTHING,
-            f"{ppp:.3g}" if ppp < 999.5 else f"{ppp:.0f}", row["method"], str(row["sketch_size"] or NOTHING), detected,
-            *(_shown(row[name], digits) for name, digits in _DECIMALS.items()), f"{row['points']:.0f}", held_out]
+            f"{ppp:.3g}" if ppp < 999.5 else f"{ppp:.0f}", row["method"], str(row["sketch_size"] or NOTHING),
+            detected or NOTHING, *(_shown(row.get(name), digits) for name, digits in _DECIMALS.items()),
+            f"{row['points']:.0f}", held_out]
 
 
-def _shown(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if np.isfinite(value) else NOTHING
+def _shown(value: float | None, digits: int) -> str:
+    return f"{value:.{digits}f}" if value is not None and np.isfinite(value) else NOTHING

@@ -35,14 +35,6 @@ def file_errors(field: str, path: str | Path, action: str = "write") -> Iterator
         raise InvalidInput(field, problem=f"Cannot {action} {path} ({error.strerror or error}).") from None
 
 
-def check_place(path: Path) -> None:
-    """Raise InvalidInput if `path` is a directory, or if no file can be created in its folder."""
-    folder = path.parent
-    require(not os.path.isdir(path), "output", problem=f"Cannot write {path}: it is a directory.")
-    require(os.path.isdir(folder), "output", problem=f"Cannot write {path}: there is no directory {folder}.")
-    require(os.access(folder, os.W_OK), "output", problem=f"Cannot write {path}: no permission in {folder}.")
-
-
 def check_not_input(output: str | Path, *inputs: str | Path | None) -> None:
     """Raise InvalidInput if `output` is one of the files or folders to read, also by another spelling."""
     for path in inputs:
@@ -58,7 +50,10 @@ def check_output(path: str | Path, *arrays: str, suffix: str = "") -> Path:
     require(isinstance(path, str | Path), "output", type(path).__name__, "a path")
     path = Path(path)
     require(suffix in ("", path.suffix.lower()), "output", path.name, f"a name that ends in {suffix}")
-    check_place(path)
+    folder = path.parent
+    require(not os.path.isdir(path), "output", problem=f"Cannot write {path}: it is a directory.")
+    require(os.path.isdir(folder), "output", problem=f"Cannot write {path}: there is no directory {folder}.")
+    require(os.access(folder, os.W_OK), "output", problem=f"Cannot write {path}: no permission in {folder}.")
     if path.suffix.lower() == ".npz" and zipfile.is_zipfile(path):
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()

@@ -29,11 +29,12 @@ SLANT = 1.75            # times δ / σ: slope of slanted windows, bins per pixe
 SLANTED_SCORE = 6.0     # σ; starts a slanted surface, which a flat window smears
 STEEPER = 1.3           # times the flat window's nats: what a slanted one needs, for some plane fits across any edge
 SEEN_SCORE = SLANTED_SCORE / 2**0.5     # of a flat window, half the nats; below, no slanted window reaches enough
-SURE_SCORE = 10.0       # of a flat window; above, no slanted one is tried: most of a bright frame
+SURE_SCORE = START_SCORE * 2**0.5       # twice a start's nats; above, no slanted one is tried: most of a bright frame
 
 # ---- Planes of the start (`turn_planes`)
 
 PLANE_RADIUS, PLANE_STEP = 4, 2     # pixels: places of the points that support a plane, and the distance between them
+PLANE_TURNS = 2         # the second time hands planes on
 TURN_GAIN = 1.5         # times the support of a point's own plane that another one needs: across edges, some fit better
 
 # ---- Iterations: the pool (`pooled_step`)

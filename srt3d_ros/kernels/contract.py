@@ -73,7 +73,7 @@ class Kernels(Protocol):
         """
 
     def turn_planes(self, frame, state: Array) -> None:
-        """Turn the planes of first surfaces to what the depths around show, in place."""
+        """Turn the planes of first surfaces to what the depths around show, PLANE_TURNS times, in place."""
 
     def residual(self, frame, state: Array, terms: Array, layer: int) -> Array:
         """`matched` without what the surfaces but `layer` explain."""

@@ -57,15 +57,23 @@ def range_axis(axes: Axes, sensor: SensorModel, late_bins: float = 0.0) -> None:
                          ).set_xlabel("range, m")
 
 
+def steps(bins: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray, int]:
+    """At most so many steps of a histogram over consecutive bins: where each begins, their edges, and bins in a step.
+
+    The last step may be narrower.
+    """
+    width = math.ceil(len(bins) / most)
+    starts = np.arange(0, len(bins), width)
+    return starts, np.append(bins[starts], bins[-1] + 1) - 0.5, width
+
+
 def draw_histogram(path: Path, histogram: np.ndarray, counts: np.ndarray, sensor: SensorModel, gate: Gate | None,
                    title: str) -> None:
     """Write a .png with the histogram [T] of all photons and a gate, the counts [rows, cols] of pixels, and the IRF."""
     figure = titled_figure(13, 4.6, title)
     times, pixels, response = figure.subplots(1, 3, width_ratios=(2.4, 1.3, 1))
-    width = math.ceil(len(histogram) / _MOST_STEPS)         # bins in a step
-    starts = np.arange(0, len(histogram), width)
-    heights = np.add.reduceat(histogram, starts) / np.diff(starts, append=len(histogram))
-    edges = np.append(starts, len(histogram)) - 0.5
+    starts, edges, _ = steps(np.arange(len(histogram)), _MOST_STEPS)
+    heights = np.add.reduceat(histogram, starts) / np.diff(edges)
     times.stairs(heights, edges, fill=True, color=BLUE)
     if gate is not None:
         times.axvspan(gate.first, gate.last, color=_GATE_COLOUR, zorder=0, label=f"gate {gate}")

@@ -9,7 +9,7 @@ import numpy as np
 from srt3d_ros.core.expected_photons import expected_at
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.pictures.colours import BLUE, ORANGE, VERMILION
-from srt3d_ros.pictures.figures import range_axis, save_png, titled_figure
+from srt3d_ros.pictures.figures import range_axis, save_png, steps, titled_figure
 
 _MOST_STEPS = 300       # of a histogram: more are not told apart
 _FEWEST_STEPS = 60      # around the points of a pixel with fewer photons
@@ -50,13 +50,11 @@ def draw_pixel(path: Path, counts: np.ndarray, cloud: PointCloud, row: int, col:
     around = around if len(around) < sensor.num_bins else np.arange(sensor.num_bins)
     figure = titled_figure(13, 6, title)
     panels = figure.subplots(2, 2, sharex="col", height_ratios=(3, 1))
-    steps = _MOST_STEPS, min(max(int(counts.sum()), _FEWEST_STEPS), _MOST_STEPS)
-    for bins, most, (upper, lower) in zip((np.arange(sensor.num_bins), around), steps, panels.T):
-        width = math.ceil(len(bins) / most)
-        starts = np.arange(0, len(bins), width)
-        scale = width / np.diff(starts, append=len(bins))       # the last step may be narrower
+    finest = _MOST_STEPS, min(max(int(counts.sum()), _FEWEST_STEPS), _MOST_STEPS)
+    for bins, most, (upper, lower) in zip((np.arange(sensor.num_bins), around), finest, panels.T):
+        starts, edges, width = steps(bins, most)
+        scale = width / np.diff(edges)
         seen, fitted = (np.add.reduceat(values[bins % sensor.num_bins], starts) for values in (counts, expected))
-        edges = np.append(bins[starts], bins[-1] + 1) - 0.5
         upper.stairs(scale * seen, edges, fill=True, color=BLUE, label="photons")
         upper.stairs(scale * fitted, edges, color=ORANGE, linewidth=1.5, label="fit: points and background")
         for depth, label in zip(depths, labels):

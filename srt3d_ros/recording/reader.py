@@ -3,7 +3,6 @@
 import os
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +18,8 @@ from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.recording import entities
 
 _ROW_ID = "rerun.controls.RowId"
-# An .rrd file has a header of 12 bytes (RRF2, version of rerun, compression, encoding), messages, and a footer with an
-# index, which is written when the file is closed.
-_HEADER_BYTES = 12
-_MARK, _ANY_MARK = b"RRF2", b"RRF"
-_FOOTER_BYTES, _FOOTER_MARK = 12, b"RRF2FOOT"   # the footer ends in the mark and the number of indices
+_HEADER_MARK, _FOOTER_MARK = b"RRF2", b"RRF2FOOT"       # the footer ends in its mark and the number of indices
+_FOOTER_BYTES = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,11 +66,11 @@ class CloudIndex:
 
 
 class RecordingReader:
-    """An .rrd file of RecordingWriter; InvalidInput if it is absent, no recording, of a newer rerun, or cut off."""
+    """An .rrd file of RecordingWriter; InvalidInput if it is absent, no recording, or cut off."""
 
     def __init__(self, path):
         self.path = Path(path)
-        _check_ends(self.path)
+        _check_footer(self.path)
         try:
             self._reader = RrdReader(self.path)
             entries = self._reader.recordings()
@@ -175,19 +171,15 @@ class RecordingReader:
         return InvalidInput("recording", problem=f"Cannot read recording {self.path} ({why}).")
 
 
-def _check_ends(path: Path) -> None:
-    """Raise InvalidInput unless a file has the header and the footer of a recording."""
-    require(path.is_file(), "recording", problem=f"{path}: no such file.")
-    with open(path, "rb") as file:
-        header, size = file.read(_HEADER_BYTES), file.seek(0, os.SEEK_END)
-        require(header.startswith(_ANY_MARK), "recording", problem=f"{path} is no recording (.rrd).")
-        installed, writer = version("rerun-sdk"), list(header[4:7])
-        readable = header.startswith(_MARK) and writer[:2] <= [int(part) for part in installed.split(".")[:2]]
-        require(readable, "recording", problem=f"{path} was written by rerun {'.'.join(map(str, writer))}; rerun "
-                f"{installed} reads 0.23 to {installed}: pip install -U rerun-sdk, or `rerun rrd migrate`.")
-        file.seek(max(size - _FOOTER_BYTES, 0))
-        require(file.read().startswith(_FOOTER_MARK), "recording", problem=f"{path} is cut off. "
-                f"`rerun rrd filter --continue-on-error -o saved.rrd {path.name}` saves what can be read.")
+def _check_footer(path: Path) -> None:
+    """Raise InvalidInput if a recording lacks the index that is written when it is closed."""
+    if path.is_file():
+        with open(path, "rb") as file:
+            begin, size = file.read(len(_HEADER_MARK)), file.seek(0, os.SEEK_END)
+            file.seek(max(size - _FOOTER_BYTES, 0))
+            cut_off = begin == _HEADER_MARK and not file.read().startswith(_FOOTER_MARK)
+        require(not cut_off, "recording", problem=f"{path} is cut off. `rerun rrd filter --continue-on-error -o "
+                f"saved.rrd {path.name}` saves what can be read.")
 
 
 def _column(chunk: Chunk, name: str):

@@ -139,9 +139,9 @@ def test_what_cannot_be_used_is_refused():
 
 # ---- Signs of life: pixels without photons claim nothing unless something says that they work
 
-LIFE, STEP_NS = 48, 100_000_000
-ALL = np.ones((LIFE, LIFE), bool)
-BLOCK, COLUMNS = np.zeros((2, LIFE, LIFE), bool)
+SMALL, STEP_NS = 48, 100_000_000
+ALL = np.ones((SMALL, SMALL), bool)
+BLOCK, COLUMNS = np.zeros((2, SMALL, SMALL), bool)
 BLOCK[16:24, 30:38] = COLUMNS[:, 20:23] = True
 
 
@@ -149,7 +149,7 @@ def working(b: float, frames: int, change, step_ns: int = STEP_NS) -> list[np.nd
     """Which pixels work, after each frame; `change(k, mean)` gives its expected photons and where it has points."""
     rng, life, out = np.random.default_rng(1), SignsOfLife(ALL), []
     for k in range(frames):
-        mean, has_point = change(k, np.full((LIFE, LIFE), b))
+        mean, has_point = change(k, np.full((SMALL, SMALL), b))
         out.append(life((k + 1) * step_ns, rng.poisson(mean), has_point, -1))
     return out
 
@@ -194,7 +194,7 @@ def test_a_covered_lens_and_dim_light_claim_nothing_and_light_that_halves_does()
 
 def test_points_in_a_row_that_dies_hide_it_only_where_they_are():
     """Half of the columns show a wall; of three rows that die, the others claim nothing."""
-    wall = np.zeros((LIFE, LIFE), bool)
+    wall = np.zeros((SMALL, SMALL), bool)
     wall[:, :24] = True
 
     def dies(k, mean):
@@ -206,7 +206,7 @@ def test_frames_may_come_fast_and_stamps_may_leap():
     """At 100 Hz a block dies as fast as at 10 Hz; after a leap, signs are needed anew."""
     fast = working(0.1, 500, dying(BLOCK, 400), STEP_NS // 10)
     assert fast[399].mean() > 0.9 and not fast[-1][BLOCK].any()
-    life, photons = SignsOfLife(ALL), np.full((LIFE, LIFE), 1)
+    life, photons = SignsOfLife(ALL), np.full((SMALL, SMALL), 1)
     stamps = [*range(101, 110), 200, 201, 150]
     works = [life(stamp * STEP_NS, photons, ALL & False, -1).mean() > 0.5 for stamp in stamps]
     assert works == [False, *[True] * 8, False, True, False]
@@ -233,7 +233,7 @@ def test_masked_and_dim_columns_are_not_taken_for_dead_ones_and_those_beside_the
 
 
 def test_a_laser_that_is_off_claims_nothing():
-    sensor = make_sensor(LIFE, LIFE)
+    sensor = make_sensor(SMALL, SMALL)
     stream, noise = FreeSpaceStream(sensor, (1, 2, 3)), noise_sketch(sensor, (1, 2, 3))
     cloud = Pooled(sensor, (1, 2, 3))(noise).within(max_m=-1)
     stamped = [replace(noise, stamp_ns=k * STEP_NS) for k in range(1, 30)]

@@ -95,11 +95,3 @@ def test_background_is_no_likelier_to_respond_than_its_rarity_says(photons):
         reached = (np.sqrt(photons) * np.interp(means, u, frame.background_table) >= sigmas).mean()
         bound = np.exp(-sigmas**2 / 2)
         assert reached <= bound + 3 * np.sqrt(bound / 20_000)
-
-
-def test_rarity_of_many_photons_is_that_of_the_normal_distribution():
-    sensor = make()
-    frame = scenes.matched_frame(sensor, exact(sensor))
-    u = np.linspace(0, frame.max_response, len(frame.background_table))
-    np.testing.assert_allclose(frame.background_table[:6], u[:6] / np.sqrt(frame.total_energy / 2), rtol=0.05)
-    assert (np.diff(frame.background_table) >= 0).all()

@@ -135,10 +135,10 @@ def test_order_and_form_of_the_photons_do_not_matter():
     sensor = make_sensor(9, 11, gates=GateWords(first_word=5, no_detection=0))
     frame = simulate(ramp(9, 11, 200, 0.5, 0), sbr=5, ppp=40)
     order = np.random.default_rng(0).permutation(frame.photons)
-    expected = run("xcorr", frame, sensor)
+    expected = run("rt3d", frame, sensor)
     for form in (PhotonEvents(frame.pixel[order], frame.toa[order]), as_gates(frame, sensor),
                  PhotonEvents(frame.pixel, frame.toa.astype(np.float32))):
-        np.testing.assert_allclose(run("xcorr", form, sensor).depth_bins, expected.depth_bins, atol=0.01)
+        np.testing.assert_allclose(run("rt3d", form, sensor).depth_bins, expected.depth_bins, atol=0.01)
 
 
 @every_method

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from srt3d_ros.core.metrics import circular_difference, evaluate
+from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SPEED_OF_LIGHT, SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
@@ -62,12 +62,6 @@ def test_without_points_or_references_nothing_is_found(points, reference):
     found = evaluate(cloud(*points), reference, 3, T)
     assert (found.true_detections, found.false_detections, found.points) == (0, 0, len(points))
     assert np.isnan(found.dae_bins) and np.isnan(found.iae)
-
-
-@pytest.mark.parametrize(("a", "b", "difference"), [(2, 1, 1), (99, 1, -2), (1, 99, 2), (0, 50, -50),
-                                                    (50, 0, -50)])
-def test_difference_on_a_circle_is_the_short_way_round(a, b, difference):
-    assert circular_difference(np.float64(a), np.float64(b), T) == difference
 
 
 # ---- Intensity

@@ -10,7 +10,6 @@ from srt3d_ros.core.motion.track import MotionReport
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
-from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.stream import MOTION_S, SketchStream, StreamOptions
 from srt3d_ros.errors import InvalidInput
@@ -28,8 +27,8 @@ def packet(ms: float, photons: int = 60) -> PhotonEvents:
                         rng.integers(0, T, photons, dtype=np.uint16), START_NS + round(ms * MS))
 
 
-def directly(*ms: float, frequencies=(1, 4, 30), gate: Gate | None = None):
-    sketcher = FrameSketcher(SENSOR, frequencies, gate=gate)
+def directly(*ms: float):
+    sketcher = FrameSketcher(SENSOR, (1, 4, 30))
     for one in ms:
         sketcher.add(packet(one))
     return sketcher.end_frame()
@@ -54,17 +53,6 @@ def test_packets_make_frames_and_sketches_name_their_sensor():
     first, second = push(stream, *range(0, 40, 10))
     assert_same_sketch(second, directly(20, 30))
     assert stamps_ms([first, second]) == [0, 20]
-
-
-def test_frames_by_period_end_with_the_next_and_late_packets_are_dropped():
-    stream = SketchStream(SENSOR, replace(BY_NUMBER, frame_period_ns=100 * MS))
-    sketches = push(stream, 0, 20, 40, 120, 30, 220)
-    assert len(sketches) == 2
-    assert_same_sketch(sketches[0], directly(0, 20, 40))
-    assert_same_sketch(sketches[1], directly(120))
-    assert +stream.counts.dropped == {"late": 1}
-    assert +stream.counts.photons_dropped == {"late": 60}
-    assert stream.frame.packets == 1
 
 
 def test_silence_ends_a_frame_by_period_when_polled():
@@ -105,17 +93,6 @@ def test_flush_ends_what_does_not_wait_for_its_number(options, left):
     sketches = stream.flush()
     assert len(sketches) == left and stream.counts.dropped["incomplete"] == 2 * (1 - left)
     assert all(sketch.photons.sum() == 120 for sketch in sketches)
-
-
-def test_photons_outside_the_gate_are_dropped_and_counted():
-    stream = SketchStream(SENSOR, replace(BY_NUMBER, frequencies="1,4,20", gate="20:79"))
-    sketch, = push(stream, 0)
-    expected = directly(0, frequencies=(1, 4, 20), gate=Gate(SENSOR, 20, 79))
-    assert_same_sketch(sketch, expected)
-    outside = 60 - int(expected.photons.sum())
-    assert outside > 0 and +stream.counts.photons_dropped == {"gate": outside} and not +stream.counts.dropped
-    assert stream.counts.totals["photons"] == 60 - outside
-    assert sketch.sensor.num_bins == 60 and stream.facts["gate"].startswith("20-79, ")
 
 
 # ---- Motion

@@ -8,6 +8,7 @@ import pytest
 from scipy.io import savemat
 
 from srt3d_ros.photons import Photons
+from tests.photon_forms import as_histograms
 
 T3, T2 = 0x00010307, 0x00010207         # record types of a MultiHarp
 PICOHARP_T2 = 0x00010203
@@ -26,9 +27,7 @@ def pulse_cube(rows: int = 6, cols: int = 8, bins: int = 120, photons: int = 30)
 
 def counts_of(photons: Photons) -> np.ndarray:
     """The photons of events as counts [rows, cols, bins]."""
-    sensor, counts = photons.sensor, np.zeros((photons.sensor.pixels, photons.sensor.num_bins), int)
-    np.add.at(counts, (photons.frame.pixel, photons.frame.toa), 1)
-    return counts.reshape(sensor.rows, sensor.cols, -1)
+    return as_histograms(photons.frame, photons.sensor).counts
 
 
 def write(path: Path, arrays: dict) -> Path:

@@ -8,10 +8,11 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.datasets import arrays
 from srt3d_ros.datasets.options import Options, fields_of
-from srt3d_ros.datasets.simulation.scene import StaticScene
-from srt3d_ros.datasets.simulation.simulator import Simulator
+from srt3d_ros.datasets.reading import Said
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.photons import Photons
+from tests.core.scenes import simulate
+from tests.photon_forms import as_histograms
 
 IRF = np.array([0.2, 0.5, 0.3])
 KNOWN = {"shape": (3, 4), "num_bins": 50, "bin_width_s": 1e-10, "irf": IRF, "fov_deg": 20, "toa_offset_bins": 0}
@@ -35,6 +36,7 @@ def cube(dtype=np.uint16):
 
 
 @pytest.mark.parametrize("dtype", [np.int8, np.uint64, np.float16, np.float64, ">u2"])
+@pytest.mark.filterwarnings("error")
 def test_every_type_of_number_gives_the_same_photons(dtype):
     found = events(*(np.array(values, dtype) for values in (ROW, COL, TOA)))
     assert found.frame.pixel.tolist() == PIXEL and found.frame.toa.tolist() == TOA
@@ -78,19 +80,17 @@ def test_counts_get_the_smallest_type_that_holds_them(values, dtype):
 def test_hot_pixels_are_masked_counted_and_left_out_of_the_estimated_irf():
     seen = SensorModel(20, 20, 400, 1e-10, np.exp(-0.5 * ((np.arange(31) - 10) / 3)**2))
     depth = 100 + 4 * np.arange(20.0) + np.zeros((20, 1))
-    photons = Simulator(StaticScene(seen.range_m(depth)), seen, ppp=30, sbr=5).frame(0)[0]
-    cube = np.zeros((400, 400), np.uint16)
-    np.add.at(cube, (photons.pixel, photons.toa), 1)
-    cube[[45, 300]] += 20
-    found, off = (Photons.from_counts(cube.reshape(20, 20, 400), bin_width_s=1e-10, **options)
+    cube = as_histograms(simulate(depth, 5, 30, seen), seen).counts
+    cube.reshape(400, 400)[[45, 300]] += 20
+    found, off = (Photons.from_counts(cube, bin_width_s=1e-10, **options)
                   for options in ({}, {"mask": "off"}))
     assert np.flatnonzero(~found.sensor.used).tolist() == [45, 300] and off.sensor.used.all()
     assert "2 hot pixels of 400" in found.notes[0] and "mask=auto" in off.notes[0]
-    by_hand = Photons.from_counts(cube.reshape(20, 20, 400), bin_width_s=1e-10, mask=found.sensor.used)
+    by_hand = Photons.from_counts(cube, bin_width_s=1e-10, mask=found.sensor.used)
     for other in (off, by_hand):
         np.testing.assert_array_equal(found.sensor.irf, other.sensor.irf)
     assert Photons.from_frame(off.frame, sensor=off.sensor).sensor.used.all()       # a given sensor keeps its mask
-    of_bag = arrays.from_frame(off.frame, Options(), fields_of(off.sensor))
+    of_bag = arrays.from_frame(off.frame, Options(), Said(fields_of(off.sensor)))
     assert "2 hot pixels" in of_bag.notes[0] and of_bag.sensor.used.all()
     again = Photons.from_frame(off.frame, sensor=off.sensor, mask="auto").sensor
     np.testing.assert_array_equal(again.used, found.sensor.used)

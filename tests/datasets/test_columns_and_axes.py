@@ -1,14 +1,13 @@
 """Photons as arrays of row, col and ToA, and counts with other axes: the same from every kind of file."""
 
 import re
-import warnings
 
 import numpy as np
 import pytest
 
 from srt3d_ros import datasets, from_counts, read
 from srt3d_ros.errors import InvalidInput
-from tests.datasets.laboratory_files import counts_of, pulse_cube, write
+from tests.datasets.laboratory_files import pulse_cube, write
 
 CUBE = pulse_cube()
 IRF = [0.1, 0.25, 0.3, 0.25, 0.1]
@@ -155,16 +154,61 @@ def test_an_irf_that_is_too_long_for_turned_counts_names_axes():
     ({"axes": "bins,rows"}, "axes is .*: expected rows, cols and bins in the order of the array"),
     ({"axes": ("bins", "rows", "rows")}, "axes is .*: expected rows, cols and bins"), ({"axes": 3}, "axes is 3: "),
     ({"columns": "a,b,c,d"}, "columns is .*: expected the arrays"), ({"columns": [1, 2, 3]}, "columns"),
-    ({"columns": "a,b,c"}, "Only .npz, HDF5, .mat"), ({"channel": 1}, "Only .ptu, .phu, .sdt")])
+    ({"columns": "a,b,c"}, "Only .npz, HDF5, .mat"), ({"channel": 1}, "Only .ptu, .phu, .sdt"),
+    ({"reversed": True}, "Only photon files have reversed")])
 def test_options_for_other_files_are_refused(tmp_path, options, said):
     with pytest.raises(InvalidInput, match=f"^{said}"):
         from_counts(CUBE, irf=IRF, **options)
 
 
-@pytest.mark.parametrize("dtype", [np.float16, ">u2"])
-def test_counts_of_any_type_and_order_are_read_without_a_warning(tmp_path, dtype):
-    np.save(tmp_path / "a.npy", np.asfortranarray(CUBE.astype(dtype)))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        photons = read(tmp_path / "a.npy", irf=IRF)
-    assert np.array_equal(counts_of(photons), CUBE)
+# ---- Lists of photons as text
+
+ROWS, COLS, TIMES = np.array([0, 1, 1, 2, 0]), np.array([3, 0, 3, 1, 2]), np.array([5, 70, 6, 7, 8])
+KNOWN = {"irf": [1, 2, 1], "fov_deg": 10, "bin_width_s": 1e-10}
+
+
+def written(path, header, *columns):
+    lines = [";".join(map(str, line)) for line in zip(*columns)]
+    text = "\n".join([header, *lines, ""])
+    path.write_text(text if ";" in header else text.replace(";", "\t" if "\t" in header else ","))
+    return path
+
+
+@pytest.mark.parametrize(("header", "columns", "options"), [
+    ("row,col,toa", (ROWS, COLS, TIMES), {}), ("frame,X,Y,t", (TIMES, COLS, ROWS, TIMES), {}),
+    ('"x";"y";"ToA [ns]"', (COLS, ROWS, [f"{toa / 10:.1f}".replace(".", ",") for toa in TIMES]), {}),
+    ("t_ps\tcol\trow", (TIMES * 100, COLS, ROWS), {}), ("# pixel,toa", (ROWS * 4 + COLS, TIMES), {}),
+    ("a,b,c", (COLS, TIMES, ROWS), {"columns": "c,a,b"})])
+def test_the_header_names_row_column_and_time(tmp_path, header, columns, options):
+    photons = read(written(tmp_path / "a.csv", header, *columns), num_bins=80, rows=3, cols=4, **KNOWN, **options)
+    assert (photons.sensor.rows, photons.sensor.cols) == (3, 4)
+    order = np.argsort(photons.frame.toa)
+    assert photons.frame.pixel[order].tolist() == [3, 7, 9, 2, 4] and photons.frame.toa.dtype == np.uint16
+    assert photons.frame.toa[order].tolist() == [5, 6, 7, 8, 70]
+
+
+def test_times_between_bins_are_kept(tmp_path):
+    path = written(tmp_path / "a.csv", "x,y,t_ns", [0, 1], [0, 0], [0.25, 1.13])
+    photons = read(path, rows=1, cols=2, num_bins=12, **KNOWN)
+    np.testing.assert_allclose(photons.frame.toa, [2.5, 11.3], rtol=1e-6)
+    alone = read(tmp_path / "a.csv", columns="t_ns", num_bins=20, **KNOWN)
+    assert alone.sensor.pixels == 1 and alone.photons == 2 and alone.notes == ()
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    ("time,counts\n0,3\n", "a.csv: The file has no column row. Its first line must name row, col"),
+    ("0,1,2\n0,1,3\n", "a.csv: The file has no column row"), ("row,col,toa\n", "a.csv: The file has no photons."),
+    ("row,col,toa\n1,2,far\n", "a.csv is unreadable"), ("row,col,toa\n1,-2,3\n", "a.csv: The file has no rows: give"),
+    ("", "a.csv: The file has no column"),
+    ("pixel,toa\n3,4\n", "a.csv: The file has no rows"), ("row,col,toa\n1,2,nan\n", "a.csv")])
+@pytest.mark.filterwarnings("error")
+def test_a_text_that_cannot_be_read_is_one_line(tmp_path, text, said):
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(InvalidInput) as refused:
+        read(tmp_path / "a.csv", **KNOWN)
+    assert str(refused.value).startswith(said)
+
+
+def test_times_in_a_unit_need_the_bin_width(tmp_path):
+    with pytest.raises(InvalidInput, match=r"^a.csv: t_us is in us: give bin_width_s"):
+        read(written(tmp_path / "a.csv", "row,col,t_us", ROWS, COLS, TIMES))

@@ -9,9 +9,9 @@ from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.datasets import arrays, reading
-from srt3d_ros.datasets.simulation.scene import StaticScene
-from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
+from tests.core.scenes import simulate
+from tests.photon_forms import as_histograms
 
 SENSOR = SensorModel(16, 24, 200, 5e-11, np.exp(-np.linspace(-2, 3, 11)**2))
 FREQUENCIES = (1, 2, 5, 9)
@@ -20,14 +20,12 @@ GIVEN = {"toa_offset_bins": 0, "bin_width_s": 5e-11, "irf": SENSOR.irf, "fov_deg
 
 @pytest.fixture(scope="module")
 def events():
-    return Simulator(StaticScene(SENSOR.range_m(np.full((16, 24), 80.0))), SENSOR, sbr=5, ppp=40).frame(0)[0]
+    return simulate(np.full((16, 24), 80.0), 5, 40, SENSOR)
 
 
 @pytest.fixture(scope="module")
 def cube(events):
-    counts = np.zeros((SENSOR.pixels, 200), np.uint16)
-    np.add.at(counts, (events.pixel, events.toa), 1)
-    return counts.reshape(16, 24, 200)
+    return as_histograms(events, SENSOR).counts
 
 
 @pytest.fixture

@@ -8,10 +8,9 @@ from scipy.io import savemat
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.datasets import irf, irf_files
-from srt3d_ros.datasets.simulation.scene import StaticScene
-from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.photons import Photons
+from tests.core.scenes import simulate
 from tests.datasets import laboratory_files as files
 from tests.datasets.laboratory_files import t3
 
@@ -209,8 +208,7 @@ def test_an_estimate_comes_close_to_the_irf_that_made_the_photons():
     true = irf.spad(8e-12)
     sensor = SensorModel(40, 40, 1500, 8e-12, true)
     depth = np.random.default_rng(0).uniform(300, 1100, (40, 40))
-    events, _ = Simulator(StaticScene(sensor.range_m(depth)), sensor, sbr=5, ppp=40, seed=1).frame(0)
-    estimate = irf.estimate(events, 1500)
+    estimate = irf.estimate(simulate(depth, 5, 40, sensor, seed=1), 1500)
     estimate /= estimate.sum()
     assert abs(width_at_half(estimate) - width_at_half(true)) <= 2
     at = np.arange(-8, 25)

@@ -42,14 +42,6 @@ def test_cells_of_bins_are_read_in_row_order(tmp_path, variable, dtype):
     assert spanned.frame.toa.tolist() == [toa - 10 for toa in TOA]
 
 
-def test_a_gate_drops_and_counts_photons_outside(tmp_path):
-    path = write(tmp_path, Ts=cells(LISTS))
-    photons = read(path, irf=IRF, gate=(12, 15), toa_offset_bins=100, bin_width_s=1e-12)
-    assert photons.frame.toa.tolist() == [0, 3, 1, 1, 2] and photons.sensor.num_bins == 4
-    assert photons.sensor.toa_offset_bins == 112
-    assert photons.notes[0] == "2 of 7 photons lie outside the gate (bins 12 to 15): dropped"
-
-
 def test_picoseconds_become_bins_of_the_window_the_file_states(tmp_path):
     lists = [[[5_000, 5_099, 5_100], [6_000]], [[5_999], []]]
     path = write(tmp_path, data_processed=cells(lists, np.int32), mm=np.int32(5_000), MM=np.int32(6_000))

@@ -12,7 +12,6 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import photon_file
-from srt3d_ros.datasets.options import ASSUMED_FOV
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.files import array_files as files
 
@@ -61,14 +60,6 @@ def test_malformed_files_are_named_in_one_line(tmp_path, field, changes):
         read(write(tmp_path, **changes))
     assert caught.value.field == f"photons.npz {field}"
     assert "\n" not in str(caught.value) and len(str(caught.value)) < 400
-
-
-def test_a_geometry_that_nobody_gives_is_said_to_be_assumed(tmp_path):
-    assert read(write(tmp_path, fov_deg=20.0, range_offset_m=0.0)).notes == ()
-    assert read(write(tmp_path, range_offset_m=0.0)).notes == (ASSUMED_FOV,)
-    assert [note[:10] for note in read(write(tmp_path), fov_deg=30).notes] == ["ranges are"]
-    assert read(write(tmp_path), fov_deg=30, range_offset_m=0.1).notes == ()
-    assert read(write(tmp_path), toa_offset_bins=3).notes == (ASSUMED_FOV,)
 
 
 @pytest.mark.parametrize(("damage", "said"), [

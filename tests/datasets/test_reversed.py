@@ -6,7 +6,6 @@ import pytest
 from srt3d_ros import Photons, read
 from srt3d_ros.cli.main import main
 from srt3d_ros.datasets.irf import spad
-from srt3d_ros.errors import InvalidInput
 
 IRF, T = spad(8e-12), 400
 KNOWN = {"bin_width_s": 8e-12, "fov_deg": 10}
@@ -59,8 +58,3 @@ def test_a_tail_on_the_wrong_side_is_noted_on_the_command_line(tmp_path, capsys)
     assert "give reversed (--reversed)" in capsys.readouterr().err
     main([*command, "--reversed"])
     assert "tail" not in capsys.readouterr().err
-
-
-def test_what_cannot_be_reversed_is_refused():
-    with pytest.raises(InvalidInput, match="Only photon files have reversed"):
-        Photons.from_counts(scene(), irf=IRF, reversed=True, **KNOWN)

@@ -56,14 +56,9 @@ def test_many_photons_a_frame_ask_for_cycles(tmp_path):
     (np.zeros((9, 4, 4)), {"no_detection": 0, "axes": "bins,rows,cols"}, "a.npy axes is bins,rows,cols: expected fr"),
     (np.zeros((9, 4, 4)), {"no_detection": 0, "rows": 5}, "a.npy rows is 5: expected 4, as in the file"),
     (np.zeros((9, 4, 4)), {"first_word": 3}, "a.npy: first_word needs no_detection, and a file"),
-    (np.full((9, 4, 4), 99), {"no_detection": 0}, "a.npy: 144 of 144 photons lie outside 0 to below 50 bins")])
+    (np.full((9, 4, 4), 99), {"no_detection": 0}, "a.npy: 144 of 144 photons lie outside 0 to below 50 bins"),
+    (np.zeros((9, 4, 4)), {"no_detection": 255, "num_bins": None}, "a.npy: The file has no num_bins")])
 def test_what_cannot_be_read_is_one_line(tmp_path, array, options, said):
     np.save(tmp_path / "a.npy", array)
     with pytest.raises(InvalidInput, match=f"^{said}"):
-        read(tmp_path / "a.npy", **OPTIONS, **options)
-
-
-def test_the_bins_of_a_period_must_be_known(tmp_path):
-    np.save(tmp_path / "a.npy", words()[0])
-    with pytest.raises(InvalidInput, match="^a.npy: The file has no num_bins"):
-        read(tmp_path / "a.npy", no_detection=255)
+        read(tmp_path / "a.npy", **OPTIONS | options)

@@ -64,7 +64,7 @@ def test_background_alone_is_worth_nothing():
 def test_a_cloud_that_is_wrong_scores_lower():
     frame, cloud = scene_photons(ppp=30)
     right = nats(cloud, SENSOR, frame)
-    for name, by in (("depth_bins", 3), ("depth_bins", -100), ("intensity", 3), ("intensity", -2)):
+    for name, by in (("depth_bins", 3), ("depth_bins", -100), ("intensity", 3), ("intensity", -2), ("intensity", -99)):
         wrong = replace(cloud, **{name: np.float32(getattr(cloud, name) + by)})
         assert nats(wrong, SENSOR, frame) < right
     assert right > 100

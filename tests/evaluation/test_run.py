@@ -18,7 +18,7 @@ from srt3d_ros.evaluation.cases import of_files, simulated, tolerance_bins
 from srt3d_ros.evaluation.drawings import draw_row
 from srt3d_ros.evaluation.run import jobs_for, judge, run
 from srt3d_ros.evaluation.scenes import NetScene, net_sensor
-from srt3d_ros.evaluation.scores import HEADINGS, RESULT_COLUMNS, averaged, is_table, markdown, table_of_rows
+from srt3d_ros.evaluation.scores import HEADINGS, RESULT_COLUMNS, is_table, markdown, table_of_rows
 
 POOLED = METHODS["pooled"]
 
@@ -70,7 +70,7 @@ def test_the_true_cloud_is_perfect(layers):
         assert (found.true_detections, found.false_detections) == (1, 0) and not found.iae > 1e-6
 
 
-ROW = {"source": "bust", "sbr": 1.0, "ppp": 10.0, "repeat": 1, "method": "pooled", "sketch_size": 10,
+ROW = {"source": "bust", "sbr": 1.0, "ppp": 10.0, "method": "pooled", "sketch_size": 10,
        "photons_per_pixel": 9.9, "points": 100}
 JUDGED = ROW | {"true_detections_percent": 90.0, "true_detections_by_surface_percent": (90.0,), "dae_mm": 2.0}
 
@@ -92,16 +92,10 @@ def test_a_row_is_on_the_disk_at_once_and_a_table_is_known_by_its_columns(tmp_pa
     assert is_table(path)
 
 
-def test_repeats_are_averaged_and_the_table_has_a_dash_for_what_others_have():
-    other = JUDGED | {"repeat": 2, "true_detections_percent": 96.0, "dae_mm": float("nan"),
-                      "true_detections_by_surface_percent": (96.0,)}
-    rows = averaged([JUDGED, JUDGED | {"sketch_size": 5}, other])
-    assert [row["sketch_size"] for row in rows] == [10, 5]
-    assert rows[0]["true_detections_percent"] == 93 and rows[0]["dae_mm"] == 2
-    assert rows[0]["true_detections_by_surface_percent"] == (93,) and np.isnan(rows[0]["iae"])
+def test_the_table_has_a_dash_for_what_others_have():
     judged = JUDGED | {"true_detections_by_surface_percent": (99.06, 80.0), "false_detections_percent": 0.04}
     unjudged = ROW | {"sbr": None, "sketch_size": None, "source": "tower"}
-    lines = markdown(averaged([judged, unjudged])).splitlines()
+    lines = markdown([judged, unjudged]).splitlines()
     cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
     assert set(cells[0]) < set(HEADINGS) and len({len(line) for line in cells}) == 1
     assert dict(zip(cells[0], cells[2])) == {
@@ -132,15 +126,13 @@ def test_clouds_stand_beside_the_truth_in_the_same_colours_and_an_empty_one_is_d
 
 
 def test_every_setting_is_a_case_of_the_photons_it_says():
-    cases = simulated("net", [10, 0.5], [3, 30], repeats=2)
-    assert [(case.sbr, case.ppp, case.repeat) for case in cases] == [
-        (sbr, ppp, repeat) for sbr in (10, 0.5) for ppp in (3, 30) for repeat in (1, 2)]
+    cases = simulated("net", [10, 0.5], [3, 30])
+    assert [(case.sbr, case.ppp) for case in cases] == [(sbr, ppp) for sbr in (10, 0.5) for ppp in (3, 30)]
     for case in cases:
         seen = case.observe()
         assert seen.frame.photons / case.sensor.pixels == pytest.approx(case.ppp, rel=0.2)
         assert seen.intensity.sum(axis=0).mean() == pytest.approx(case.ppp / (1 + 1 / case.sbr), rel=1e-3)
         assert seen.depth_bins.shape == (2, 32, 32) and case.source == "net" and case.surfaces == 2
-    assert not np.array_equal(cases[0].observe().frame.toa, cases[1].observe().frame.toa)       # another draw
     assert np.array_equal(cases[0].observe().frame.toa, cases[0].observe().frame.toa)
 
 

@@ -1,4 +1,4 @@
-"""`move_sketch` and `seen_ranges` against their equations, pixel by pixel."""
+"""`move_sketches` and `seen_ranges` against their equations, pixel by pixel."""
 
 import numpy as np
 import pytest
@@ -31,16 +31,11 @@ def arguments(lens, seed: int, shape=(13, 21)) -> dict:
             "late": rng.normal(size=shape).astype(np.float32), "metres_per_bin": METRES_PER_BIN, "steepest": STEEPEST}
 
 
-def move(given: dict, moved: np.ndarray, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What the kernel adds to these."""
+def move(given: dict, times: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """What the kernel makes of so many equal parts."""
     scene = cpu.SeenScene(*(given[name] for name in cpu.SeenScene._fields))
     motion = cpu.Motion(given["rotation"], given["offset"])
-    cpu.move_sketch(given["sums"], given["photons"], scene, given["lens"], motion, moved, numbers)
-    return moved, numbers
-
-
-def nothing(shape) -> tuple[np.ndarray, np.ndarray]:
-    return np.zeros((*shape, M), np.complex64), np.zeros(shape, np.float32)
+    return cpu.move_sketches([(motion, given["sums"], given["photons"])] * times, scene, given["lens"])
 
 
 def seen_at(xyz: np.ndarray, lens: np.ndarray) -> np.ndarray:
@@ -58,7 +53,8 @@ def by_equations(given: dict) -> tuple[np.ndarray, np.ndarray]:
     sums, photons, used, rays, ranges, rotation, offset, lens, bin_frequencies, late, metres_per_bin, steepest = (
         value.astype(np.result_type(value, float)) if isinstance(value, np.ndarray) else value
         for value in given.values())
-    moved, numbers = nothing(photons.shape)
+    moved, numbers = np.zeros(sums.shape, complex), np.zeros(photons.shape)
+    turns = 2j * np.pi * bin_frequencies
 
     def inside(row, col):
         return 0 <= row < photons.shape[0] and 0 <= col < photons.shape[1]
@@ -84,17 +80,17 @@ def by_equations(given: dict) -> tuple[np.ndarray, np.ndarray]:
         xyz /= np.linalg.norm(xyz) * sum(share / ranges[pixel] for pixel, share in shares)
         depth = np.linalg.norm(xyz - offset) / metres_per_bin + late[at]
         for pixel, share in shares:
-            moved[pixel] += share * np.exp(-2j * np.pi * bin_frequencies * depth) * sums[at]
+            own = ranges[pixel] / metres_per_bin + late[pixel]
+            moved[pixel] += share * np.exp(turns * (own - depth)) * sums[at]
             numbers[pixel] += share * photons[at]
     return moved, numbers
 
 
 @pytest.mark.parametrize(("lens", "seed", "shape"), [
     *((lens, seed, (13, 21)) for lens in list(LENSES)[:-1] for seed in (0, 1)), ("line", 3, (1, 40))])
-def test_move_sketch(lens, seed, shape):
+def test_move_sketches(lens, seed, shape):
     given = arguments(LENSES[lens], seed, shape)
-    expected = by_equations(given)
-    moved, numbers = move(given, *map(np.copy, expected))           # is added to what is there
+    expected, (moved, numbers) = by_equations(given), move(given, times=2)
     assert expected[1].sum() > 0.5 * given["photons"].sum()
     np.testing.assert_allclose(numbers, 2 * expected[1], atol=1e-3)
     np.testing.assert_allclose(moved, 2 * expected[0], atol=5e-3)   # of depths of 150 bins, whose steps are 1.5e-5
@@ -105,7 +101,7 @@ def test_move_sketch(lens, seed, shape):
 def test_what_is_behind_the_camera_or_nowhere_is_left_out(motion):
     given = arguments(LENSES["pinhole"], 0)
     given["rotation"][:], given["offset"][:] = motion.rotation, motion.translation
-    moved, numbers = move(given, *nothing(given["photons"].shape))
+    moved, numbers = move(given)
     assert not moved.any() and not numbers.any()
 
 

@@ -117,15 +117,3 @@ def codec_name(request) -> str:
 def codec(codec_name) -> Codec:
     """The functions and the example of the layout."""
     return CODECS[codec_name]
-
-
-@pytest.fixture(scope="session")
-def codecs() -> dict[str, Codec]:
-    """All layouts."""
-    return CODECS
-
-
-@pytest.fixture(scope="session")
-def small_sensor() -> SensorModel:
-    """3 × 4 pixels, 100 bins, gates whose words start at 10."""
-    return SENSOR

@@ -12,6 +12,7 @@ from srt3d_ros.messages import photon_frames
 from srt3d_ros.messages import sketch_message as sketch
 from srt3d_ros.messages.photon_frames import GATES as gates
 from srt3d_ros.messages.photon_frames import HISTOGRAMS as histograms
+from tests.messages.conftest import CODECS, SENSOR
 
 INT16, FLOAT64 = 3, 8         # of PointField's datatypes
 
@@ -90,15 +91,15 @@ def test_malformed_message_gives_one_error_that_names_the_field(codec, what, val
     (lambda raw: raw[:-1] + b"\x02", "is_dense"),
     (lambda raw: raw + raw, "message"),
 ])
-def test_bad_cdr_gives_one_error_that_names_the_field(codecs, change, named):
-    codec = codecs["photons_uint16"]
+def test_bad_cdr_gives_one_error_that_names_the_field(change, named):
+    codec = CODECS["photons_uint16"]
     with pytest.raises(InvalidInput) as caught:
         codec.decode_cdr(change(codec.encode_cdr()))
     assert caught.value.field == named
 
 
-def test_hostile_sizes_allocate_nothing(codecs):
-    codec = codecs["photons_uint16"]
+def test_hostile_sizes_allocate_nothing():
+    codec = CODECS["photons_uint16"]
     raw = codec.encode_cdr()
     hostile = [raw[:at] + b"\xff\xff\xff\xff" + raw[at + 4:] for at in range(4, len(raw) - 4, 4)]
     tracemalloc.start()
@@ -110,13 +111,13 @@ def test_hostile_sizes_allocate_nothing(codecs):
     assert peak < 100_000
 
 
-def test_content_that_breaks_the_contract_is_not_written(codecs, small_sensor):
-    events, whole = codecs["photons_uint16"].content, codecs["sketch_float32"].content
+def test_content_that_breaks_the_contract_is_not_written():
+    events, whole = CODECS["photons_uint16"].content, CODECS["sketch_float32"].content
     nan = dataclasses.replace(whole, sums=whole.sums * np.float32(np.nan))
     for encode, content, options, said in (
-            (photon_frames.PHOTONS.encode_cdr, events, (small_sensor.replace(num_bins=99), "lidar"), "^toa is 99"),
-            (gates.encode_cdr, codecs["gates"].content, (small_sensor.replace(num_bins=23), "lidar"), "^gates word is"),
-            (histograms.encode_cdr, codecs["histograms_8UC5"].content, (small_sensor.replace(histograms=None), "lidar"),
+            (photon_frames.PHOTONS.encode_cdr, events, (SENSOR.replace(num_bins=99), "lidar"), "^toa is 99"),
+            (gates.encode_cdr, CODECS["gates"].content, (SENSOR.replace(num_bins=23), "lidar"), "^gates word is"),
+            (histograms.encode_cdr, CODECS["histograms_8UC5"].content, (SENSOR.replace(histograms=None), "lidar"),
              "^histograms shape"),
             (sketch.encode_cdr, nan, ("lidar",), "^sketch is nan")):
         with pytest.raises(InvalidInput, match=said):

@@ -24,7 +24,7 @@ from srt3d_ros.messages.packing import unpack_cloud
 from srt3d_ros.messages.photon_frames import GATES as gates
 from srt3d_ros.messages.photon_frames import HISTOGRAMS as histograms
 from srt3d_ros.messages.schema_files import cloud_layouts
-from tests.messages.conftest import same
+from tests.messages.conftest import CODECS, SENSOR, same
 
 
 @st.composite
@@ -50,15 +50,15 @@ def test_any_photons_make_the_trip(case):
 
 @pytest.mark.parametrize("name, order", [("gates", ">"), ("histograms_8UC5", "|"), ("histograms_16UC5", ">"),
                                          ("histograms_32FC5", ">")])
-def test_images_are_copied_only_where_their_bytes_lie_otherwise(codecs, name, order):
-    image, whole = cdr.read_image(codecs[name].encode_cdr()), vars(codecs[name].content)
+def test_images_are_copied_only_where_their_bytes_lie_otherwise(name, order):
+    image, whole = cdr.read_image(CODECS[name].encode_cdr()), vars(CODECS[name].content)
     numbers = whole.get("words", whole.get("counts"))
     rows = numbers.reshape(image.height, -1)
     padded = np.pad(rows, ((0, 0), (0, 3)))
     for lies, copied in ((rows, False), (rows.astype(rows.dtype.newbyteorder(order)), order == ">"), (padded, True)):
         raw = cdr.write_image(replace(image, is_bigendian=lies.dtype.byteorder == ">", step=lies.strides[0],
                                       data=memoryview(lies.tobytes())))
-        found = vars(codecs[name].decode_cdr(raw)[1])
+        found = vars(CODECS[name].decode_cdr(raw)[1])
         read = found.get("words", found.get("counts"))
         assert (read == numbers).all() and read.flags.aligned and read.flags.c_contiguous and read.dtype.isnative
         assert np.shares_memory(read, np.frombuffer(raw, np.uint8)) is not copied
@@ -66,7 +66,7 @@ def test_images_are_copied_only_where_their_bytes_lie_otherwise(codecs, name, or
 
 @pytest.mark.parametrize("order", "<>")
 @pytest.mark.parametrize("count", [3, 0])
-def test_other_order_padding_and_further_fields_are_read(small_sensor, order, count):
+def test_other_order_padding_and_further_fields_are_read(order, count):
     kinds = {"toa": ("f4", PointField.FLOAT32), "tdc": ("u1", PointField.UINT8), "_": ("u1", PointField.UINT8),
              "t": ("u4", PointField.UINT32), "col": ("u2", PointField.UINT16), "row": ("u2", PointField.UINT16)}
     offsets = dict(zip(kinds, (1, 5, 6, 8, 13, 18)))
@@ -78,27 +78,27 @@ def test_other_order_padding_and_further_fields_are_read(small_sensor, order, co
     fields.append(PointField(name="_", offset=7, datatype=PointField.UINT8, count=1))       # a second of this name
     message = PointCloud2(height=1, width=count, fields=fields, is_bigendian=order == ">", point_step=23,
                           row_step=23 * count, data=points[:count].tobytes())
-    _, found = photon_frames.PHOTONS.decode_cdr(serialize_message(message), small_sensor)
+    _, found = photon_frames.PHOTONS.decode_cdr(serialize_message(message), SENSOR)
     assert found.pixel.tolist() == [11, 0, 6][:count] and found.toa.tolist() == [99.5, 0, 7.25][:count]
     assert found.toa.dtype == np.float32
 
 
-def test_a_frame_that_does_not_fit_the_description_says_what_would(codecs, small_sensor):
-    raw = codecs["histograms_16UC5"].encode_cdr()
+def test_a_frame_that_does_not_fit_the_description_says_what_would():
+    raw = CODECS["histograms_16UC5"].encode_cdr()
     with pytest.raises(InvalidInput, match="^encoding is 16UC5: expected 8UC100 or 16UC100 or 32SC100 or 32FC100$"):
-        histograms.decode_cdr(raw, small_sensor.replace(histograms=None))
+        histograms.decode_cdr(raw, SENSOR.replace(histograms=None))
     with pytest.raises(InvalidInput, match="^height is 3: expected the sensor's 6 rows$"):
-        histograms.decode_cdr(raw, small_sensor.replace(rows=6))
+        histograms.decode_cdr(raw, SENSOR.replace(rows=6))
     with pytest.raises(InvalidInput, match="^sensor.gates is missing"):
-        gates.decode_cdr(codecs["gates"].encode_cdr(), small_sensor.replace(gates=None))
+        gates.decode_cdr(CODECS["gates"].encode_cdr(), SENSOR.replace(gates=None))
 
 
-def test_an_empty_cloud_is_valid_and_is_dense_says_whether_points_are_finite(codecs):
-    cloud = codecs["points_xyzi"].content
+def test_an_empty_cloud_is_valid_and_is_dense_says_whether_points_are_finite():
+    cloud = CODECS["points_xyzi"].content
     for x, dense in ((1.0, True), (np.nan, False), (np.inf, False)):
         moved = replace(cloud, xyz=np.array([[1, 2, 3], [x, 5, 6]], np.float32))
         assert read_cloud(points.encode_cdr(moved, "lidar")).is_dense is dense
-    cloud = codecs["points_xyzi"].content
+    cloud = CODECS["points_xyzi"].content
     cloud = replace(cloud, **{name: getattr(cloud, name)[:0] for name in POINT_FIELDS})
     for layout in ("xyzi", "full"):
         raw = points.encode_cdr(cloud, "lidar", layout)
@@ -108,8 +108,8 @@ def test_an_empty_cloud_is_valid_and_is_dense_says_whether_points_are_finite(cod
 
 
 @pytest.mark.parametrize("layout", ["xyzi", "full"])
-def test_an_organised_cloud_has_the_first_point_of_each_pixel_and_nan_elsewhere(codecs, layout):
-    cloud = codecs["points_xyzi"].content       # (0, 1): a first point; (2, 3): a second one
+def test_an_organised_cloud_has_the_first_point_of_each_pixel_and_nan_elsewhere(layout):
+    cloud = CODECS["points_xyzi"].content       # (0, 1): a first point; (2, 3): a second one
     raw = points.encode_cdr(cloud, "lidar", layout, organised=True)
     message = read_cloud(raw)
     assert (message.height, message.width, message.is_dense) == (3, 4, False)
@@ -125,8 +125,8 @@ def test_an_organised_cloud_has_the_first_point_of_each_pixel_and_nan_elsewhere(
         assert np.array_equal(values, listed[name][:1]) and values.dtype == listed[name].dtype, name
 
 
-def test_the_camera_projects_points_onto_pixels_has_the_lens_and_a_scanner_has_none(small_sensor):
-    sensor = small_sensor.replace(projection=Pinhole(fx=50.0, fy=60.0, cx=1.5, cy=1.0))
+def test_the_camera_projects_points_onto_pixels_has_the_lens_and_a_scanner_has_none():
+    sensor = SENSOR.replace(projection=Pinhole(fx=50.0, fy=60.0, cx=1.5, cy=1.0))
     info = camera_info(sensor, 1_500_000_000, "lidar")
     x, y, z = sensor.xyz(np.array([2]), np.array([3]), np.array([40.0]))[0]
     for matrix, point in ((info.k.reshape(3, 3), [x, y, z]), (info.p.reshape(3, 4), [x, y, z, 1])):
@@ -136,8 +136,8 @@ def test_the_camera_projects_points_onto_pixels_has_the_lens_and_a_scanner_has_n
     assert (info.r.reshape(3, 3) == np.eye(3)).all() and (info.binning_x, info.roi.width) == (0, 0)
     assert (info.header.stamp.sec, info.header.stamp.nanosec, info.header.frame_id) == (1, 500_000_000, "lidar")
     lens = Pinhole(50.0, 60.0, 7.5, 5.25, PlumbBob(-0.2, 0.05, 0.01, -0.005, 0.002))
-    info = camera_info(small_sensor.replace(projection=lens), 0, "lidar")
+    info = camera_info(SENSOR.replace(projection=lens), 0, "lidar")
     assert list(info.d) == [-0.2, 0.05, 0.01, -0.005, 0.002]
     assert (info.k.reshape(3, 3) == [[50, 0, 7.5], [0, 60, 5.25], [0, 0, 1]]).all()
-    scanner = small_sensor.replace(projection=AngularScan(0.1, -0.01, 0.2, -0.01))
+    scanner = SENSOR.replace(projection=AngularScan(0.1, -0.01, 0.2, -0.01))
     assert camera_info(scanner, 0, "lidar") is None

@@ -16,6 +16,7 @@ from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import sensor_message
 from srt3d_ros.messages import sketch_message as sketch
 from srt3d_ros.messages.cdr import read_cloud
+from tests.messages.conftest import CODECS, SENSOR
 
 LAYOUTS = ["float32", "int16"]
 
@@ -62,17 +63,17 @@ def test_cycles_and_the_photons_before_a_gate_make_the_trip_where_they_are_known
     assert back.armed_cycles.min() == 1504 - 11
 
 
-def test_a_description_is_named_by_the_digest_of_its_text(small_sensor, codecs):
-    text = sensor_message.encode(small_sensor).data
+def test_a_description_is_named_by_the_digest_of_its_text():
+    text = sensor_message.encode(SENSOR).data
     named = sensor_message.digest(text)
-    assert re.fullmatch("[0-9a-f]{8}", named) and sensor_message.digest(small_sensor) == named
+    assert re.fullmatch("[0-9a-f]{8}", named) and sensor_message.digest(SENSOR) == named
     assert sensor_message.digest(sensor_message.from_json(text)) == named
-    assert sensor_message.digest(small_sensor.replace(range_offset_m=0.1)) != named
-    assert sketch.description_of(read_cloud(codecs["sketch_int16"].encode_cdr())) == named
+    assert sensor_message.digest(SENSOR.replace(range_offset_m=0.1)) != named
+    assert sketch.description_of(read_cloud(CODECS["sketch_int16"].encode_cdr())) == named
 
 
-def test_fields_in_any_order_and_with_gaps_are_read(codecs, small_sensor):
-    codec = codecs["sketch_int16"]
+def test_fields_in_any_order_and_with_gaps_are_read():
+    codec = CODECS["sketch_int16"]
     message, wanted = codec.message(), codec.decode_cdr(codec.encode_cdr())[1]
     old = np.frombuffer(message.data, np.uint8).reshape(12, 12)
     moved = np.zeros((12, 20), np.uint8)
@@ -80,7 +81,7 @@ def test_fields_in_any_order_and_with_gaps_are_read(codecs, small_sensor):
         moved[:, start:start + size] = old[:, message.fields[field].offset:][:, :size]
         message.fields[field].offset = start
     message.point_step, message.row_step, message.data = 20, 80, moved.tobytes()
-    back = sketch.decode_cdr(serialize_message(message), small_sensor)[1]
+    back = sketch.decode_cdr(serialize_message(message), SENSOR)[1]
     assert (back.photons == wanted.photons).all() and (back.sums == wanted.sums).all()
 
 
@@ -102,18 +103,18 @@ def again(name: str):
     (rename("k3", "k50"), "frequencies is 50"), (rename("k3", "k1"), "frequencies is "),
     (lambda message: (rename("k3", "a")(message), rename("k1", "b")(message)), "sketch size is 0"),
 ])
-def test_names_that_say_nothing_or_fit_no_sensor_are_one_line(codecs, small_sensor, layout, change, said):
-    message = codecs[f"sketch_{layout}"].message()
+def test_names_that_say_nothing_or_fit_no_sensor_are_one_line(layout, change, said):
+    message = CODECS[f"sketch_{layout}"].message()
     change(message)
     with pytest.raises(InvalidInput, match=f"^{said}") as caught:
-        sketch.decode_cdr(serialize_message(message), small_sensor)
+        sketch.decode_cdr(serialize_message(message), SENSOR)
     assert len(str(caught.value).splitlines()) == 1
 
 
 @pytest.mark.parametrize(("change", "said"), [
     (rename("sensor_.*", "sensor_12345"), "absent"), (again("sensor_00000000"), "[0-9a-f]{8} and 00000000")])
-def test_a_message_that_names_no_description_is_refused(codecs, change, said):
-    message = codecs["sketch_float32"].message()
+def test_a_message_that_names_no_description_is_refused(change, said):
+    message = CODECS["sketch_float32"].message()
     change(message)
     with pytest.raises(InvalidInput, match=f"^field sensor_DIGEST is {said}"):
         sketch.description_of(read_cloud(serialize_message(message)))

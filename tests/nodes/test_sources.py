@@ -14,6 +14,7 @@ from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import photon_frames, sensor_message
 from srt3d_ros.nodes import player, sources
 from srt3d_ros.nodes.sources import BEFORE_S, PACKETS, open_source
+from tests.photon_forms import as_histograms
 
 BEFORE_NS, MS = round(BEFORE_S * 1e9), 1_000_000
 DEFAULTS = {parameter.name: parameter.default for parameter in player.PARAMETERS}
@@ -27,8 +28,7 @@ def source(**given):
 
 
 def test_a_file_of_counts_is_played_photon_by_photon(tmp_path, sensor, events):
-    counts = np.zeros((sensor.rows, sensor.cols, sensor.num_bins), np.uint16)
-    np.add.at(counts.reshape(sensor.pixels, -1), (events.pixel, events.toa), 1)
+    counts = as_histograms(events, sensor).counts
     np.savez(tmp_path / "counts.npz", counts=counts, bin_width_s=sensor.bin_width_s, irf=sensor.irf)
     (tmp_path / "sensor.json").write_text(sensor_message.to_json(sensor))
     played = source(input=str(tmp_path / "counts.npz"), sensor_file=str(tmp_path / "sensor.json"), frames=1)
@@ -74,8 +74,9 @@ def test_what_is_late_is_skipped_by_whole_frames_and_the_number_that_was_asked_f
 
 def test_scenes_are_drawn_before_repeat_without_a_jump_and_stay_within_a_limit(monkeypatch):
     played = source(ppp=2.0, rate_hz=20.0)
-    monkeypatch.setattr(played, "_draw", None)      # nothing more can be drawn
-    frames = [item.raw for item in islice(played.items(lambda: 0), 81)]
+    with monkeypatch.context() as patch:
+        patch.setattr(Simulator, "frame", None)     # nothing more can be drawn
+        frames = [item.raw for item in islice(played.items(lambda: 0), 81)]
     assert frames[80] == frames[0] != frames[1]
     depths = [Simulator(ppp=2.0).expected(k)[0] for k in (0, 80)]
     np.testing.assert_allclose(*depths, atol=0.1)   # bins

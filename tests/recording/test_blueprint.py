@@ -120,18 +120,13 @@ def test_clouds_come_as_logged_series_sorted_by_stamp_and_without_a_frame_none(w
     assert reader.series() == {}
 
 
-def with_version(data, minor):
-    return data[:5] + bytes([minor]) + data[6:]
-
-
 @pytest.mark.parametrize("damage, expected", [
     (lambda data: data[:7], "bad.rrd is cut off"),
     (lambda data: data[:-1000], "`rerun rrd filter --continue-on-error -o saved.rrd bad.rrd` saves what can be read"),
-    (lambda data: with_version(data, 250), "was written by rerun 0.250.0; rerun 0.41.* reads 0.23 to 0.41"),
-    (lambda data: b"RRF3" + data[4:], "pip install -U rerun-sdk, or `rerun rrd migrate`"),
+    (lambda data: b"RRF3" + data[4:], "^Cannot read recording .*bad.rrd .Not an RRD file"),
     (lambda data: data[:500] + bytes(len(data) - 600) + data[-100:], "^Cannot read recording .*bad.rrd"),
 ])
-def test_a_damaged_foreign_or_newer_file_gives_one_line(tmp_path, whole, damage, expected):
+def test_a_damaged_or_foreign_file_gives_one_line(tmp_path, whole, damage, expected):
     path = tmp_path / "bad.rrd"
     path.write_bytes(damage(whole.read_bytes()))
     with pytest.raises(InvalidInput, match=expected) as caught:

@@ -49,8 +49,7 @@ def frame(sensor: SensorOnDevice, surfaces: int, photons: Array, sums: Array, ex
     data, taken = sensor.match(photons, sums, exposure, *removed)
     points = kernels.no_surfaces(data, surfaces)
     search(kernels, data, points, START_SCALES, START_SCORE, START_SCORE)
-    for _ in range(2):          # the second time hands planes on
-        kernels.turn_planes(data, points)
+    kernels.turn_planes(data, points)
     points = iterate(kernels, data, points, WINDOWS[0])
     kernels.drop_weak(points, scores.drop)
     search(kernels, data, points, (WIDE_SCALE,), scores.find, scores.further)

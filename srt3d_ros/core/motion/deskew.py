@@ -87,15 +87,13 @@ class Deskewer:
                 pixel moves.
             ranges: after the motions, float32 [rows, cols], metres.
         """
-        sensor, m, channels = self.sensor, len(self.frequencies), parts[0][1].shape[2]
-        sums, photons = np.zeros((*self._shape, channels), np.complex64), np.zeros(self._shape, np.float32)
-        turning = np.append(self._bin_frequencies, np.zeros(channels - m, np.float32))
+        sensor, (_, sums, _) = self.sensor, parts[0]
+        turning = np.zeros(sums.shape[2], np.float32)
+        turning[:len(self.frequencies)] = self._bin_frequencies
         scene = self._kernels.SeenScene(sensor.used, sensor.rays, ranges, sensor.late, turning, sensor.bin_width_m,
                                         self._steepest)
-        for pose, before, numbers in parts:
-            self._kernels.move_sketch(before, numbers, scene, sensor.projection.lens, self._motion(pose), sums, photons)
-        self._kernels.turn_sketch(sums, ranges / np.float32(sensor.bin_width_m) + sensor.late, turning)
-        return sums, photons
+        return self._kernels.move_sketches([(self._motion(pose), *rest) for pose, *rest in parts], scene,
+                                           sensor.projection.lens)
 
     def whole(self, sums: np.ndarray, photons: np.ndarray, scale: np.ndarray | int = 1
               ) -> tuple[np.ndarray, np.ndarray]:

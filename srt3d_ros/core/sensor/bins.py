@@ -8,6 +8,7 @@ import numpy as np
 from srt3d_ros.core.keys import Key, documented, numbers
 from srt3d_ros.errors import require
 
+MAX_BINS = 65_536           # of a sensor: ToA have 16 bits
 HALF_BIN = 0.5              # tolerance for the end of the last bin, against rounding
 
 
@@ -21,9 +22,9 @@ class HistogramBins:
 
     num_bins: Annotated[int, Key("n, bins of a histogram", "bin", more="1 to the sensor's num_bins")]
     first_bin: Annotated[float, Key(
-        "where bin 0 of the histogram begins, from the beginning of the sensor's bin 0", "bin",
-        more="delay_bins shifts single pixels; 0 or more")] = 0.0
-    bin_width: Annotated[float, Key("the sensor's bins in a bin of the histogram", "bin", more="above 0")] = 1.0
+        "where bin 0 of the histogram begins, from the beginning of the sensor's bin 0", "bin", (0, MAX_BINS),
+        "delay_bins shifts single pixels")] = 0.0
+    bin_width: Annotated[float, Key("the sensor's bins in a bin of the histogram", "bin", (1e-6, MAX_BINS))] = 1.0
     template: Annotated[np.ndarray | None, Key(
         "photons in each bin of every message that do not come from the scene (crosstalk, a cover glass)", "photon",
         more="they are subtracted, and bins far above their mean are left out of sketches; default: none",
@@ -34,8 +35,6 @@ class HistogramBins:
         n = self.num_bins
         require(type(n) is int and 1 <= n <= num_bins, "histograms.num_bins", n, f"an integer from 1 to {num_bins}, T")
         _, first, width = numbers(self, "histograms.").values()
-        require(width > 0, "histograms.bin_width", width, "above 0 bins")
-        require(first >= 0, "histograms.first_bin", first, "0 or more bins")
         end = first + n * width
         require(end <= num_bins + HALF_BIN, "histograms", f"{n} bins that end at {end:g}", f"at most T = {num_bins}")
         if self.template is not None:

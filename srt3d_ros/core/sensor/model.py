@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from srt3d_ros.core.keys import Key, documented, keys, numbers
-from srt3d_ros.core.sensor.bins import HistogramBins
+from srt3d_ros.core.sensor.bins import MAX_BINS, HistogramBins
 from srt3d_ros.core.sensor.dead_time import DeadTime
 from srt3d_ros.core.sensor.difference import first_difference
 from srt3d_ros.core.sensor.projection import Pinhole, Projection
@@ -17,7 +17,6 @@ from srt3d_ros.errors import InvalidInput, quoted, require
 SPEED_OF_LIGHT = 299_792_458.0
 MAX_SIDE = 65_536
 MAX_PIXELS = 2**24
-MAX_BINS = 65_536           # ToA have 16 bits
 MAX_RANGE_M = 1e12          # its square fits into float32
 DELAYS = -1e6, 1e6          # bins; float32 still resolves an eighth of a bin
 WORDS = 0, 65_535           # 16 bits

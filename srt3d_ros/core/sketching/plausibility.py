@@ -15,6 +15,8 @@ LEAK_SHARE, LEAK_RATIO = 0.05, 10       # of an end bin, least: of all photons; 
 ENOUGH = 50                 # photons, before anything is said
 SMALL_PART = 1 / 8          # of T
 WATCH_S = 1.0               # between looks at a stream
+FLOOR_SHARE = 0.02          # of the IRF's photons: intensities then become so much too large
+FLAT = 1.3                  # photons of the second eighth of an IRF with a floor over those of the first
 
 
 class Light(NamedTuple):
@@ -44,13 +46,13 @@ def light_of(frame: PhotonFrame, sensor: SensorModel) -> Light:
 
 def hot_pixels(light: Light, sensor: SensorModel) -> np.ndarray:
     """Used pixels far brighter than those around where signal is rare, and that have hardly any; bool [rows, cols]."""
+    dark = light.dark * sensor.used
+    hot = (dark > 2 * HOT) & (light.of_pixels < 8 * dark)       # background alone: 4 quarters
+    if min(dark.shape) <= REACH or not hot.any():
+        return np.zeros(dark.shape, bool)
     from scipy.ndimage import rank_filter  # here: slow
 
-    dark = light.dark * sensor.used
-    if min(dark.shape) <= REACH:
-        return np.zeros(dark.shape, bool)
-    bright = rank_filter(dark, -1 - BRIGHTEST_LEFT_OUT, footprint=AROUND, mode="mirror")
-    return (dark > HOT * (bright + 2)) & (light.of_pixels < 8 * dark)     # background alone: 4 quarters
+    return hot & (dark > HOT * (2 + rank_filter(dark, -1 - BRIGHTEST_LEFT_OUT, footprint=AROUND, mode="mirror")))
 
 
 def leak(light: Light) -> str:
@@ -72,6 +74,18 @@ def other_unit(events: PhotonEvents, sensor: SensorModel) -> str:
             "divide them by the bin width in nanoseconds")
 
 
+def floor_of(irf: np.ndarray) -> np.ndarray | None:
+    """The darker end of an IRF, [L / 8] or [pixels, L / 8], if it is flat and bright: dark counts or ambient light."""
+    mean = np.atleast_2d(irf).mean(axis=0)
+    eighth = len(mean) // 8
+    if eighth < 2:
+        return None
+    darker = min(irf, irf[..., ::-1], key=lambda one: one[..., :eighth].sum())
+    floor, beside = np.atleast_2d(darker).mean(axis=0)[:2 * eighth].reshape(2, -1).mean(axis=1)
+    is_floor = floor * len(mean) > FLOOR_SHARE * mean.sum() > 0 and beside < FLAT * floor < 0.5 * mean.max()
+    return darker[..., :eighth] if is_floor else None
+
+
 def _emptiest_quarter(of_bins: np.ndarray) -> tuple[int, int]:
     """The first bin of the quarter of the bins with the fewest photons, and its end."""
     width, below = max(len(of_bins) // 4, 1), np.concatenate([[0], np.cumsum(of_bins)])
@@ -80,8 +94,8 @@ def _emptiest_quarter(of_bins: np.ndarray) -> tuple[int, int]:
 
 
 class LightWatch:
-    """Looks at the photons of a stream: for hot pixels in the first second, then once a second for a leak
-    and for times in another unit.
+    """Looks at the photons of a stream: for hot pixels in the first second, then once a second for a leak and for times
+    in another unit; at the IRF.
 
     Attributes:
         hot: bool [rows, cols], none before the first second has passed.
@@ -92,6 +106,8 @@ class LightWatch:
         self.hot, self.warning = np.zeros((sensor.rows, sensor.cols), bool), ""
         self._sensor, self._since_s, self._first_second = sensor, -np.inf, True
         self._light: Light | None = None
+        self._floor = "" if floor_of(sensor.irf) is None else (
+            "the sensor's irf has a floor (dark counts): intensities are too large until it is taken off")
 
     def look(self, frame: PhotonFrame, now_s: float) -> bool:
         """Look at a frame or packet of the sensor at this time; returns whether the first second has just passed."""
@@ -105,7 +121,7 @@ class LightWatch:
         if light.of_bins.sum() < ENOUGH:
             return False
         unit = other_unit(frame, self._sensor) if isinstance(frame, PhotonEvents) else ""
-        self.warning, first = unit or leak(light), self._first_second
+        self.warning, first = unit or leak(light) or self._floor, self._first_second
         if first:
             self.hot, self._first_second, self._light = hot_pixels(light, self._sensor), False, None
         return first

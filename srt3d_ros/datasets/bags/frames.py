@@ -11,7 +11,7 @@ from srt3d_ros.core.sketching.photon_frame import PhotonGates
 from srt3d_ros.datasets import arrays
 from srt3d_ros.datasets.bags.bag import Bag, BagTopic
 from srt3d_ros.datasets.options import Options, fields_of, sensor_of
-from srt3d_ros.datasets.reading import Reading
+from srt3d_ros.datasets.reading import Reading, Said
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.files import json_text
 from srt3d_ros.messages import cdr, sensor_message, sketch_message
@@ -137,7 +137,7 @@ def _decoded(kind: str, raw: bytes, descriptions: dict[str, bytes], options: Opt
         options = options.knowing(cycles=options.known.get("cycles") or sensor.cycles)      # a given sensor has none
     said = json_text.parse(cdr.read_text(descriptions[""]), "sensor")
     own = {key: value for key, value in fields_of(sensor).items() if key in said or key not in NOTED}
-    return arrays.from_frame(photons, options, own, notes, name)
+    return arrays.from_frame(photons, options, Said(own, notes, name))
 
 
 def _with_given_sensor(kind: str, raw: bytes, options: Options, name: str, notes: tuple[str, ...]) -> Reading:
@@ -146,7 +146,7 @@ def _with_given_sensor(kind: str, raw: bytes, options: Options, name: str, notes
     if kind == "sketch":
         require("irf" in options.known, "irf", problem="Give irf, or sensor: sketches do not show it.")
         return Reading(sensor, sketch_message.decode_cdr(raw, sensor)[1], None, name, notes)
-    return arrays.from_frame(CODECS[kind].decode_cdr(raw, sensor)[1], options, notes=notes, name=name)
+    return arrays.from_frame(CODECS[kind].decode_cdr(raw, sensor)[1], options, Said(notes=notes, name=name))
 
 
 def _content(bag: Bag, topic: BagTopic) -> str:

@@ -36,7 +36,7 @@ def read(path: Path, options: Options) -> Reading:
             columns = options.columns or _columns(names)
             for name in columns:
                 require(name in names, name, problem=f"The file has no column {name}. Its first line must name "
-                        f"{npz.PHOTONS}. It has {', '.join(names)}.")
+                        f"{npz.PHOTONS}. It has {', '.join(names)}. (An IRF is given by --irf.)")
             warnings.simplefilter("ignore")         # of a file without photons
             lines = (line.replace(",", ".") for line in file) if separator != "," else file
             table = np.loadtxt(lines, delimiter=separator, quotechar='"', ndmin=2,

@@ -5,7 +5,7 @@ from pathlib import Path
 from srt3d_ros.core.sensor.model import MAX_BINS
 from srt3d_ros.datasets.arrays import from_counts
 from srt3d_ros.datasets.options import Options
-from srt3d_ros.datasets.reading import Reading
+from srt3d_ros.datasets.reading import Reading, Said
 from srt3d_ros.datasets.values import Note, channel_of
 from srt3d_ros.files import tcspc_files
 from srt3d_ros.files.array_files import read_errors
@@ -29,4 +29,4 @@ def read(path: Path, options: Options) -> Reading:
         elif period or path.suffix.lower() == ".phu":
             said = f"the laser's rate in the file means {period}" if period else "the file has no laser period"
             notes += Note(f"T taken to be the {bins} bins that have photons: {said} (--num-bins)", "num_bins"),
-        return from_counts(counts, 0, options.without("channel"), stated, notes, path.stem)
+        return from_counts(counts, options.without("channel"), Said(stated, notes, path.stem))

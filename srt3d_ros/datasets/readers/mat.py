@@ -10,7 +10,7 @@ from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, from_counts, from_pho
 from srt3d_ros.datasets.axes import SIZES
 from srt3d_ros.datasets.options import Options
 from srt3d_ros.datasets.readers import npz
-from srt3d_ros.datasets.reading import Reading, in_gate
+from srt3d_ros.datasets.reading import Reading, Said, in_gate
 from srt3d_ros.datasets.values import MAX_EVENTS, Note, outside_note
 from srt3d_ros.errors import finite, require
 from srt3d_ros.files import isolated
@@ -76,7 +76,8 @@ def _of_counts(path: Path, layout: Layout, arrays: dict[str, np.ndarray], option
     rows, cols = reference.shape
     if photons.ndim == 2:
         counts = photons.reshape(bins, cols, rows).transpose(2, 1, 0)
-        return from_counts(counts, 0, options, {"bin_width_s": layout.bin_width_s}, (note,), path.stem, reference[None])
+        said = Said({"bin_width_s": layout.bin_width_s}, (note,), path.stem, reference[None])
+        return from_counts(counts, options, said)
     total, toa = photons.sum(dtype=np.float64), arrays[f"{name}.col"]
     require(total <= MAX_KEPT, f"{name} photons", total, f"at most {MAX_KEPT} in a sparse array: save full({name})")
     col, row = np.divmod(arrays[f"{name}.row"], rows)
@@ -120,6 +121,6 @@ def _of_events(path: Path, pixel: np.ndarray, toa: np.ndarray, shape: tuple[int,
     options = options.knowing(num_bins=num_bins, toa_offset_bins=options.known.get("toa_offset_bins", 0) + first)
     inside = (toa >= first) & (toa <= last)
     outside = outside_note(len(toa) - np.count_nonzero(inside), len(toa), first, last)
-    return from_photons((pixel[inside], toa[inside] - first), 0, options.without("gate"),
-                        {"bin_width_s": layout.bin_width_s} | dict(zip(SIZES, shape)), (note, *outside), path.stem,
-                        in_gate(reference, first, last))
+    said = Said({"bin_width_s": layout.bin_width_s} | dict(zip(SIZES, shape)), (note, *outside), path.stem,
+                in_gate(reference, first, last))
+    return from_photons((pixel[inside], toa[inside] - first), options.without("gate"), said)

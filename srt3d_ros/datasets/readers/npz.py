@@ -13,7 +13,7 @@ from srt3d_ros.datasets.axes import SIZES, choose
 from srt3d_ros.datasets.options import Options
 from srt3d_ros.datasets.photon_file import FIRST_REFERENCES, OTHER_REFERENCES
 from srt3d_ros.datasets.readers import words
-from srt3d_ros.datasets.reading import Reading
+from srt3d_ros.datasets.reading import Reading, Said
 from srt3d_ros.datasets.sensor_arrays import SENSOR_ARRAYS, read_saved, sensor_options, values_of, vector
 from srt3d_ros.datasets.values import MAX_EVENTS
 from srt3d_ros.errors import require
@@ -64,16 +64,14 @@ def from_arrays(path: Path, arrays: dict[str, np.ndarray], options: Options, wan
         for name in columns:
             require(name in arrays, name, problem=f"The file has no {name}. It needs {PHOTONS}. It has {listed}.")
         photons = [_column(name, arrays[name]) for name in columns]
-        own, notes, stamp_ns, references = _said(arrays, columns)
+        said = _said(path, arrays, columns)
         if len(photons) == 1:       # of a single pixel
             photons.insert(0, np.zeros(photons[0].shape, np.uint8))
-            own = {name: 1 for name in SIZES[:2] if name not in options.known} | own
+            said.sensor.update({name: 1 for name in SIZES[:2] if name not in options.known | said.sensor})
         for name in SIZES:
-            require(name in own or name in options.known, name,
+            require(name in options.known | said.sensor, name,
                     problem=f"The file has no {name}: give it as an option or array. It has {listed}.")
-        shape = tuple((options.known | own)[name] for name in SIZES[:2])
-        return from_photons(tuple(photons), stamp_ns, options.without("columns"), own, notes, path.stem,
-                            _stacked(references, shape))
+        return from_photons(tuple(photons), options.without("columns"), said)
 
 
 def _of_counts(path: Path, arrays: dict[str, np.ndarray], options: Options, wanted: str, listed: str) -> Reading:
@@ -83,21 +81,21 @@ def _of_counts(path: Path, arrays: dict[str, np.ndarray], options: Options, want
     if not of_photon_file:
         sizes = {size for size in SIZES if size in arrays and arrays[size].size == 1}       # others are coordinates
         arrays = {key: arrays[key] for key in (*BESIDE, *sizes, name, f"{name}.dims") if key in arrays}
-    own, notes, stamp_ns, references = _said(arrays, (name,))
-    counts = arrays[name]
-    return from_counts(counts, stamp_ns, options, own, notes, path.stem, _stacked(references, counts.shape[:2]),
-                       tuple(map(str, arrays.get(f"{name}.dims", ()))))
+    dims = tuple(map(str, arrays.get(f"{name}.dims", ())))
+    return from_counts(arrays[name], options, _said(path, arrays, (name,)), dims)
 
 
-def _said(arrays: dict[str, np.ndarray], photons: tuple[str, ...]
-          ) -> tuple[dict, tuple[str, ...], int, dict[str, np.ndarray]]:
-    """What the arrays beside those of photons say: of the sensor, notes, stamp, reference depths."""
+def _said(path: Path, arrays: dict[str, np.ndarray], photons: tuple[str, ...]) -> Said:
+    """What the arrays beside those of photons say."""
     values = values_of({name: array for name, array in arrays.items()
                         if name in KNOWN and name not in ("kind", *PHOTON_ARRAYS, *photons)})
     first = next((name for name in FIRST_REFERENCES if name in values), "")
     names = [first, *takewhile(values.__contains__, OTHER_REFERENCES)] if first else []
-    return (sensor_options(values), values.get("notes", ()), int(values.get("stamp_ns", 0)),
-            {name: values[name] for name in names})
+    for name in names:
+        fits = values[name].ndim == 2 and values[name].shape == values[first].shape
+        require(fits, f"{name} shape", values[name].shape, "[rows, cols]")
+    depths = np.stack([values[name] for name in names]).astype(np.float32) if names else None
+    return Said(sensor_options(values), values.get("notes", ()), path.stem, depths, int(values.get("stamp_ns", 0)))
 
 
 def _sketch(path: Path, options: Options) -> Reading:
@@ -124,10 +122,3 @@ def _column(name: str, values: np.ndarray) -> np.ndarray:
     require(values.dtype.kind in "iufb", f"{name} dtype", str(values.dtype), "numbers")
     require(values.size <= MAX_EVENTS, "photons", values.size, f"at most {MAX_EVENTS}")
     return vector(values)
-
-
-def _stacked(references: dict[str, np.ndarray], shape: tuple[int, ...]) -> np.ndarray | None:
-    """Reference depths float32 [S, rows, cols], or None."""
-    for name, depth in references.items():
-        require(depth.shape == shape, f"{name} shape", depth.shape, f"{shape}")
-    return np.stack([*references.values()]).astype(np.float32) if references else None

@@ -9,7 +9,7 @@ import numpy as np
 from srt3d_ros.datasets.arrays import from_counts
 from srt3d_ros.datasets.options import Options
 from srt3d_ros.datasets.readers import ptu_t2
-from srt3d_ros.datasets.reading import Reading
+from srt3d_ros.datasets.reading import Reading, Said
 from srt3d_ros.datasets.values import channel_of
 from srt3d_ros.errors import require
 from srt3d_ros.files.tcspc_files import open_ptu, ptu_bins
@@ -47,4 +47,4 @@ def read(path: Path, options: Options) -> Reading:
         counts = ptu.decode_image(frame=-1, channel=channel - ptu.active_channels[0], dtime=num_bins, dtype=COUNT_DTYPE,
                                   keepdims=False, out=None if size <= IN_MEMORY_BYTES else "memmap")
         counts = counts.reshape(rows, cols, num_bins).view(np.int32)       # int32 is sketched without a copy
-        return from_counts(counts, 0, options.without("channel"), {"bin_width_s": bin_width_s}, notes, path.stem)
+        return from_counts(counts, options.without("channel"), Said({"bin_width_s": bin_width_s}, notes, path.stem))

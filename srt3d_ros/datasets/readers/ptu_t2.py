@@ -9,7 +9,7 @@ import numpy as np
 from srt3d_ros.core.sensor.model import MAX_BINS
 from srt3d_ros.datasets.arrays import from_counts
 from srt3d_ros.datasets.options import Options
-from srt3d_ros.datasets.reading import Reading
+from srt3d_ros.datasets.reading import Reading, Said
 from srt3d_ros.datasets.values import channel_of
 from srt3d_ros.errors import finite, require
 
@@ -44,7 +44,7 @@ def read(path: Path, ptu: Any, options: Options) -> Reading:
     if not MARKS.isdisjoint(ptu.tags):
         notes += ("the markers of its scan are not read: record T3",)
     stated = {"bin_width_s": width_s, "num_bins": bins, "toa_offset_bins": 0.0}       # rounded, not truncated
-    return from_counts(counts[None, chosen, None], 0, options.without("channel"), stated, notes, path.stem)
+    return from_counts(counts[None, chosen, None], options.without("channel"), Said(stated, notes, path.stem))
 
 
 def _period(ptu: Any) -> float:

@@ -20,8 +20,8 @@ from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
 from srt3d_ros.datasets.arrays import from_frame
 from srt3d_ros.datasets.options import Options, fields_of
-from srt3d_ros.datasets.reading import Reading
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.datasets.reading import Reading, Said
+from srt3d_ros.errors import require
 from srt3d_ros.files.array_files import read_errors
 
 FRAME_ID = "tmf8829"
@@ -43,14 +43,9 @@ def frames(path: Path, options: Options) -> Iterator[Callable[[], Reading]]:
 
 
 def _photons(frame: dict, configuration: dict, path: Path, number: int, options: Options) -> Reading:
-    name = f"{path.name} frame {number}"
-    try:
-        photons = _of_log(frame, configuration, name)
-    except InvalidInput:
-        raise
-    except (LookupError, TypeError, AttributeError, ArithmeticError, ValueError) as error:
-        raise InvalidInput(name, problem=f"{name} has no valid mp_histo and ref_histo ({error}).") from None
-    return from_frame(photons.frame, options, fields_of(photons.sensor), photons.notes, path.stem)
+    with read_errors(path, f"mp_histo and ref_histo in frame {number}"):
+        photons = _of_log(frame, configuration, f"{path.name} frame {number}")
+    return from_frame(photons.frame, options, Said(fields_of(photons.sensor), photons.notes, path.stem))
 
 
 def _read(path: Path) -> tuple[list, dict]:

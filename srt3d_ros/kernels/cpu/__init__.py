@@ -13,16 +13,15 @@ from srt3d_ros.kernels.cpu.baselines.gradients import blur, median_depth, pixelw
 from srt3d_ros.kernels.cpu.compiling import KERNELS
 from srt3d_ros.kernels.cpu.device import array, as_frame, numpy, unpack
 from srt3d_ros.kernels.cpu.method.birth_death import birth_death
+from srt3d_ros.kernels.cpu.method.drops import drop_blobs, drop_ghosts, trim
 from srt3d_ros.kernels.cpu.method.finalise import background, collect, drop_weak, finalise, local_mean
-from srt3d_ros.kernels.cpu.method.growth import drop_ghosts
 from srt3d_ros.kernels.cpu.method.likelihood import log_likelihood_ratio
 from srt3d_ros.kernels.cpu.method.match import match
 from srt3d_ros.kernels.cpu.method.planes import turn_planes
 from srt3d_ros.kernels.cpu.method.pooled_step import pooled_step
 from srt3d_ros.kernels.cpu.method.search import no_surfaces, search
 from srt3d_ros.kernels.cpu.method.sketches import expand, prepare, residual, unexplained
-from srt3d_ros.kernels.cpu.method.trim import drop_blobs, trim
-from srt3d_ros.kernels.cpu.sketching.move_sketch import Motion, SeenScene, move_sketch, turn_sketch
+from srt3d_ros.kernels.cpu.sketching.move_sketch import Motion, SeenScene, move_sketches
 from srt3d_ros.kernels.cpu.sketching.phase_sums import (
     fixed_rows,
     new_sums,

@@ -49,21 +49,6 @@ def test_a_step_forward_shifts_the_photons_of_the_middle():
         assert_same_sketch(sketch, sketch_photons(shifted, sensor, FREQUENCIES), 2e-4)
 
 
-def test_turns_by_columns_and_lines_without_a_step_across():
-    sensor = SENSOR.replace(rows=1, projection=AngularScan(0.1, -STEP, 0, STEP))
-    events = photons(sensor=sensor)
-    sketch, lost = moved(events, Pose.turned([0, 0, -2 * STEP]), None, sensor)      # to the right by two
-    before = sketch_photons(events, sensor, FREQUENCIES)
-    np.testing.assert_array_equal(sketch.photons[:, 2:], before.photons[:, :-2])
-    np.testing.assert_allclose(sketch.sums[:, 2:], before.sums[:, :-2], atol=0.05)
-    assert sketch.photons[:, :2].sum() == 0
-    assert lost == before.photons[:, -2:].sum()
-    sensor = SENSOR.replace(rows=1, projection=AngularScan(0.1, -STEP, 0, 0))
-    sketch, lost = moved(photons(sensor=sensor), Pose(), None, sensor)
-    assert_same_sketch(sketch, sketch_photons(photons(sensor=sensor), sensor, FREQUENCIES), 2e-4)
-    assert lost == 0
-
-
 def test_half_a_column_shares_photons_but_not_across_an_edge():
     sensor = SENSOR.replace(rows=1, projection=AngularScan(0.1, -STEP, 0, STEP))
     events = PhotonEvents(np.full(101, 5, np.uint32), np.full(101, 40, np.uint16))
@@ -125,22 +110,6 @@ def test_without_frequency_one_or_photons_ranges_are_far():
     assert np.isfinite(Deskewer(SENSOR, FREQUENCIES).ranges_m([(0, nothing)])).all()
 
 
-def test_photons_stay_on_a_slope_wherever_they_are_shared():
-    """A wall seen at 60°, and a turn by fractions of a pixel: each pixel shows the wall where it sees it."""
-    lens = Pinhole(40, 40, 5.5, 4)
-    sensor = SENSOR.replace(projection=lens)
-    rays = lens.rays(ROWS, COLS).astype(np.float64)
-    normal = np.array([np.sin(np.radians(60)), 0, np.cos(np.radians(60))])
-    turn = Pose.turned([0.004, 0.011, 0.002])
-    at, to = ((3 / (rays @ n)) for n in (normal, turn.rotation @ normal))
-    toa = np.repeat((at / sensor.bin_width_m % T).astype(np.float32).ravel(), 4)
-    sketch, _ = moved(PhotonEvents(np.repeat(np.arange(sensor.pixels, dtype=np.uint32), 4), toa), turn,
-                      to.astype(np.float32), sensor)
-    inner = np.s_[2:-2, 2:-2]
-    expected = np.exp(2j * np.pi * np.multiply.outer(to / sensor.bin_width_m, FREQUENCIES) / T)
-    np.testing.assert_allclose(sketch.z[inner], expected[inner], atol=0.05)     # 0.08 bins; neighbours are 17 apart
-
-
 def test_masked_pixels_give_nothing_and_delays_are_those_of_the_pixel():
     mask = np.ones((1, COLS), bool)
     mask[0, 3] = False
@@ -151,6 +120,16 @@ def test_masked_pixels_give_nothing_and_delays_are_those_of_the_pixel():
     assert lost == 0 and sketch.photons.sum() == 2 == sketch.photons[0, 6]
     expected = np.exp(2j * np.pi * np.array(FREQUENCIES) * (40 + late[0, 6] - late[0, 5]) / T)
     np.testing.assert_allclose(sketch.z[0, 6], expected, atol=1e-3)
+
+
+def test_cycles_and_those_that_a_dead_time_blinds_add_up():
+    sensor = SENSOR.replace(cycles=600, dead_time_s=2.8 * T * 1e-10)
+    gate, still = Gate(sensor, 20, 149), through([(0, Pose()), (LATER, Pose())])
+    parts = [(stamp, sketch_photons(photons(seed), sensor, FREQUENCIES, gate)) for seed, stamp in enumerate((0, LATER))]
+    moved = Deskewer(gate.sensor, FREQUENCIES)(parts, still, LATER, constant(FAR_M))
+    assert moved.cycles == 1200 and moved.sensor.dead_time == gate.sensor.dead_time and moved.before.any()
+    np.testing.assert_array_equal(moved.before, parts[0][1].before + parts[1][1].before)
+    assert abs(moved.photons.sum(dtype=int) - sum(part.photons.sum(dtype=int) for _, part in parts)) <= 1
 
 
 MS = 10**6

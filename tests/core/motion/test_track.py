@@ -96,22 +96,6 @@ def test_a_rotation_vector_makes_a_rotation_and_comes_back(vector):
     np.testing.assert_allclose(pose.rotation_vector, vector, atol=1e-9)
 
 
-def test_a_quarter_to_the_left_turns_forward_into_left():
-    np.testing.assert_allclose(QUARTER_LEFT(np.array([1.0, 0, 0])), [0, 1, 0], atol=1e-12)
-    half = np.sqrt(0.5)
-    of_quaternion = Pose.from_quaternion([0, 0, half, half])
-    np.testing.assert_allclose(of_quaternion.rotation, QUARTER_LEFT.rotation, atol=1e-12)
-    np.testing.assert_array_equal(of_quaternion.translation, 0)
-
-
-@pytest.mark.parametrize(("quaternion", "position", "named"), [
-    ([0, 0, 0, 0], [0, 0, 0], "orientation"), ([0, 0, 0, np.nan], [0, 0, 0], "orientation"),
-    ([0, 0, 0, 1], [0, np.inf, 0], "position")])
-def test_a_pose_that_is_none_is_refused(quaternion, position, named):
-    with pytest.raises(InvalidInput, match=named):
-        Pose.from_quaternion(quaternion, position)
-
-
 def test_between_poses_the_sensor_moves_evenly_and_motion_says_where_a_point_of_then_lies_now():
     trajectory = through([(0, Pose()), (100, Pose(QUARTER_LEFT.rotation, np.array([2.0, 0, 0])))])
     middle = trajectory.at(50)

@@ -17,7 +17,7 @@ from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.reconstruction import Reconstructor
-from tests.core.scenes import through
+from tests.core.scenes import simulate, through
 
 ROWS, COLS, T, STEP, MS = 4, 12, 200, 0.02, 1_000_000
 FREQUENCIES = (1, 3, 20)
@@ -138,17 +138,13 @@ def test_a_window_that_moves_keeps_the_light_of_one_frame_on_a_steep_wall():
         x_m = 0.02 * k
         range_m = (1 + x_m) / (sensor.rays[..., 2] - sensor.rays[..., 0])          # z = 1 + x
         trajectory.add(100 * k * MS, Pose(translation=np.array([x_m, 0, 0])))
-        scene = StaticScene(range_m.astype(np.float32), np.ones((48, 48), np.float32))
-        simulator = Simulator(scene, sensor, 1.0, 8.0, k)
-        sketch = sketch_photons(simulator.frame(0)[0], sensor, FREQUENCIES)
+        sketch = sketch_photons(simulate(sensor.depth_bins(range_m), 1.0, 8.0, sensor, k), sensor, FREQUENCIES)
         cloud = pooled(replace(sketch, stamp_ns=100 * k * MS), trajectory)
         inside = (cloud.row > 5) & (cloud.row < 42) & (cloud.col > 5) & (cloud.col < 36)
         light.append((np.median(cloud.intensity[inside]), np.median(cloud.background)))
     np.testing.assert_allclose(np.mean(light[8:], axis=0), 4, rtol=0.05)
 
 
-def test_only_windows_take_a_trajectory_and_only_pooled_has_windows():
-    with pytest.raises(InvalidInput, match="window_frames 3: smle takes only surfaces, device"):
-        Reconstructor(SENSOR, FREQUENCIES, method="smle", window_frames=3)
+def test_only_windows_take_a_trajectory():
     with pytest.raises(InvalidInput, match="Only windows follow a trajectory"):
         Reconstructor(SENSOR, FREQUENCIES, device="cpu")(seen(40, 9), Trajectory())

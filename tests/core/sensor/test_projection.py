@@ -100,10 +100,11 @@ def test_a_wide_lens_of_a_real_camera():
 @pytest.mark.parametrize("lens", [
     Pinhole(20, 20, 15.5, 11.5, PlumbBob(k1=-0.5)),                     # turns back at r = 0.82, x' = 0.54
     Pinhole(20, 20, 15.5, 11.5, PlumbBob(k1=-0.8, k2=-0.6, k3=0.68)),   # turns back, and forth again
+    Pinhole(8, 8, 15.5, 11.5, PlumbBob(k1=-1, k2=-1, k3=0.7)),          # the same, seen by no pixel at the border
     Pinhole(20, 20, 15.5, 11.5, PlumbBob(p1=0.4, p2=0.4)),
     Pinhole(20, 20, 15.5, 11.5, PlumbBob(1e300, 1e300, 1e300, -1e300, 1e300)),
     Pinhole(1e-3, 1e-3, 15.5, 11.5, PlumbBob(k3=-1e-3)),
-], ids=["one fold", "two folds", "tangential", "huge", "short focal length"])
+], ids=["one fold", "two folds", "two folds inside", "tangential", "huge", "short focal length"])
 def test_a_model_that_folds_inside_the_image_is_refused_in_one_line(lens):
     one_line = "^projection.distortion is k1 .*: expected a model that shows one ray at each pixel; this .*$"
     with pytest.raises(InvalidInput, match=one_line):

@@ -14,10 +14,10 @@ from srt3d_ros.core.sketching.design import (
 )
 from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.gate import Gate
-from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
 from srt3d_ros.core.sketching.plausibility import LightWatch, hot_pixels, leak, light_of, other_unit
 from srt3d_ros.errors import InvalidInput
-from tests.photon_forms import as_histograms
+from tests.photon_forms import as_gates, as_histograms
 
 ROWS, COLS, T = 8, 10, 500
 SENSOR = SensorModel(ROWS, COLS, T, 1e-10, [1, 2, 4, 2, 1])
@@ -194,11 +194,8 @@ def cube(extra=()) -> np.ndarray:
 
 def forms(counts: np.ndarray) -> list:
     histograms = PhotonHistograms(counts)
-    gates = np.full((int(counts.sum(axis=2).max()), 16, 20), 65_535, np.uint16)
-    for row, col in np.ndindex(16, 20):
-        toa = np.arange(80).repeat(counts[row, col])
-        gates[:len(toa), row, col] = toa
-    return [histograms, histograms.to_events(BOX), PhotonGates(gates)]
+    events = histograms.to_events(BOX)
+    return [histograms, events, as_gates(events, BOX)]
 
 
 def test_hot_pixels_are_found_in_every_form_of_photons_at_edges_and_in_pairs():
@@ -236,6 +233,15 @@ def test_times_that_fill_a_small_part_of_the_bins_may_be_nanoseconds(toa, said):
     events = PhotonEvents(np.zeros(len(toa), np.uint32), toa.astype(np.float32))
     assert bool(other_unit(events, BOX)) == said
     assert not other_unit(PhotonEvents(events.pixel, toa.astype(np.uint16)), BOX)
+
+
+def test_a_floor_of_the_irf_is_warned_of_until_it_is_taken_off():
+    pulse = np.exp(-0.5 * ((np.arange(60) - 30) / 2)**2)
+    for irf, said in ((pulse, False), (pulse + 0.01, True), (pulse[20:40], False)):
+        watch = LightWatch(BOX.replace(irf=irf, irf_ref=None))
+        watch.look(PhotonHistograms(cube()), 7)
+        watch.look(PhotonHistograms(cube()), 8)
+        assert ("irf has a floor" in watch.warning) == said
 
 
 def test_a_stream_is_looked_at_for_a_second_and_then_once_a_second():

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import (
     DEFAULT_SKETCH_SIZE,
@@ -43,12 +42,9 @@ def test_choices():
     assert choose_frequencies("auto", make(), 6) == best_frequencies(make(), 6)
     assert choose_frequencies("1, 2,5", make()) == (1, 2, 5)
     assert choose_frequencies("5,1", make(), 2) == (5, 1) and len(choose_frequencies("auto", make(), 64)) == 64
-
-
-@pytest.mark.parametrize(("num_bins", "m"), [(2, 1), (3, 1), (8, 3), (21, 10), (22, 10)])
-@pytest.mark.parametrize("spec", ["auto", "consecutive"])
-def test_without_a_size_a_short_period_gets_as_many_as_it_has(spec, num_bins, m):
-    assert choose_frequencies(spec, make(num_bins, [1.0])) == tuple(range(1, m + 1))
+    for num_bins, m in ((2, 1), (3, 1), (8, 3), (21, 10), (22, 10)):        # a short period gets as many as it has
+        for spec in ("auto", "consecutive"):
+            assert choose_frequencies(spec, make(num_bins, [1.0])) == tuple(range(1, m + 1))
 
 
 @pytest.mark.parametrize(("spec", "m", "num_bins", "named"), [
@@ -91,16 +87,6 @@ def test_the_matched_filter_errs_as_much_as_the_bound_says(frequencies, signal, 
     sensor, photons = tailed(), (signal, background)
     ratio = measured_error(sensor, frequencies, *photons) / bound(sensor, frequencies, *photons)[0]
     assert 0.9 < ratio < (1.2 if signal > 100 else 4)       # it compares pairs of depths, the filter all of them
-
-
-@pytest.mark.parametrize("irf", [TAIL, BELL, [1.0]])
-def test_with_many_photons_the_bound_is_the_sandwich_variance(irf):
-    sensor, frequencies = tailed(irf), (1, 2, 5, 9, 20)
-    moments = Matcher(sensor, frequencies).constants["moments"]
-    energy, omega = np.abs(irf_spectrum(sensor, frequencies))**2, angular_frequencies(frequencies, T)
-    curvature, s, b = (omega**2 * energy).sum(), 1e5, 3e5
-    std = np.sqrt(s * moments[0] + b * moments[1]) / (s * curvature)
-    assert bound(sensor, frequencies, s, b)[0] == pytest.approx(np.sqrt(2 / np.pi) * std, rel=0.01)
 
 
 @pytest.mark.parametrize(("irf", "m"), [(TAIL, 5), (BELL, 2), (BELL, 20), (np.ones(30), 10)])

@@ -66,11 +66,6 @@ def test_the_last_bins_and_as_many_photons_as_a_pixel_may_have_are_inside(dtype,
     histograms(counts, np.int32).check(SENSOR)
 
 
-@pytest.mark.parametrize(("pixel", "is_sorted"), [([], True), ([0, 0, 1, 7, 7], True), ([2, 3, 3, 0], False)])
-def test_sorted_means_that_pixels_never_decrease(pixel, is_sorted):
-    assert events(pixel, [9] * len(pixel)).is_sorted is is_sorted
-
-
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
 def test_events_become_gates_and_events_again(dtype):
     rng = np.random.default_rng(1)

@@ -9,7 +9,6 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import String
 
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose_frequencies
@@ -51,16 +50,6 @@ def test_without_autostart_a_node_waits_for_its_manager_and_works_while_it_is_ac
     said = [line.split("]: ")[1] for line in node.lines if "]: sketches: " not in line and "computing" not in line]
     work = ["configured", "ready", "deactivated"]
     assert said[1:] == [*work, "cleaned up", *work, "shutting down"]
-
-
-def test_parameters_may_be_set_before_a_node_is_active_and_nothing_is_published_before_it_is(graph, sensor, tmp_path):
-    (tmp_path / "spad.json").write_text(sensor_message.encode(sensor).data)
-    described = graph.collect_latched(String, "sketch/sensor")
-    graph.start("sketcher", autostart=False, sensor_file=tmp_path / "spad.json").says("unconfigured")
-    assert graph.set("sketcher", sketch_size=5) == "" and graph.set("sketcher", gate="x") != ""
-    assert graph.change("sketcher", "configure") and graph.set("sketcher", sketch_size=1) == ""
-    assert not graph.change("sketcher", "deactivate") and described == [] and graph.change("sketcher", "activate")
-    assert graph.reports("sketcher", "frequencies", 1)["errors"] == "0"
 
 
 def test_transitions_that_fail_say_why_and_impossible_ones_are_refused(graph, tmp_path):

@@ -21,13 +21,14 @@ The pixels in which something is to be decided (`list_row`) are listed, and each
 from typing import NamedTuple
 
 import numba
+import numpy as np
 from numba import boolean, float32, int32, prange
 
 from srt3d_ros.kernels.constants import SPREAD, VOTE_RADIUS
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, exp
 from srt3d_ros.kernels.cpu.compiling import floats2d, floats3d, floats4d, line, parallel
+from srt3d_ros.kernels.cpu.method.drops import drop_ghosts, refuse_growth
 from srt3d_ros.kernels.cpu.method.frame import Frame, Point, point_at, response_at, without
-from srt3d_ros.kernels.cpu.method.growth import drop_ghosts, note_surfaces, refuse_growth
 from srt3d_ros.kernels.cpu.method.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio
 from srt3d_ros.kernels.cpu.method.sketches import expand_stale
 from srt3d_ros.kernels.cpu.method.voters import (
@@ -47,7 +48,7 @@ from srt3d_ros.kernels.cpu.method.voters import (
     voter_at,
 )
 from srt3d_ros.kernels.cpu.vectors import floats, floor, full, lanes_of, load, store, where
-from srt3d_ros.kernels.maps import FIELDS, LANES, MARGIN
+from srt3d_ros.kernels.maps import FIELDS, INTENSITY, LANES, MARGIN
 
 ALWAYS = F32(-1e30)         # what a pixel's first surface needs if it has one: less than any has
 CLOSE_BY = tuple(MIDDLE + row * SIDE + col for row in (-1, 0, 1) for col in (-1, 0, 1))     # places of candidates
@@ -228,7 +229,7 @@ def birth_death(work, frame, state, terms, max_chi2):
     lists = Lists(work.columns, work.numbers, work.listed)
     chosen, scratch = Chosen(work.chosen, work.chosen_ratios, work.near, work.stale), Scratch(
         work.voters, work.undecided_sketches)
-    note_surfaces(work, state)
+    np.max(state[:, :, INTENSITY], axis=1, out=work.had)
     work.near[:], work.stale[:] = 1, False
     for spreads in range(1 + SPREAD):
         if not _round(frame, state, own, F32(max_chi2), spreads > 0, lists, chosen, scratch):

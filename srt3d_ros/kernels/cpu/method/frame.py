@@ -10,6 +10,8 @@ from srt3d_ros.kernels.cpu.compiling import floats1d, floats2d, floats3d, inline
 from srt3d_ros.kernels.cpu.vectors import floats, full, load, store
 from srt3d_ros.kernels.maps import LANES, MARGIN, MAX_STD
 
+AROUND = tuple((dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dx or dy)      # a pixel's eight neighbours
+
 
 class Frame(NamedTuple):
     """The fields of `MatchedFrame` that kernels read, and two lengths."""

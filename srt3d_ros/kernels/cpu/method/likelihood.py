@@ -10,11 +10,10 @@ is at least −DEAD_LIMIT.
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, ZERO, log
 from srt3d_ros.kernels.cpu.compiling import each_row, floats3d, floats4d, inline
-from srt3d_ros.kernels.cpu.method.frame import Frame, columns, terms_at
+from srt3d_ros.kernels.cpu.method.frame import Frame, columns
 from srt3d_ros.kernels.cpu.vectors import floor, full, load, rint, sqrt, store, to_cell, to_floats, where
 from srt3d_ros.kernels.maps import INTENSITY, VALUE
 
-RESPONSE, PHOTONS, EXPECTED = range(3)      # rows of maps of v, n and g r
 DEAD_LIMIT, LIKENESS = F32(constants.DEAD_LIMIT), F32(constants.LIKENESS)
 SHARED_LIKENESS = LIKENESS * LIKENESS
 
@@ -30,21 +29,6 @@ def by_bin(table, depth):
 def noise_at(frame, depth):
     """c(t), `clutter` at the nearest bin."""
     return by_bin(frame.clutter, depth)
-
-
-@inline
-def write_shown(which, i, j, state, terms, out):
-    """Write v, n and g r of the points of those pixels (i, j …) that `which` selects, 0 elsewhere."""
-    response, photons, expected = full(ZERO), full(ZERO), full(ZERO)
-    for k in range(state.shape[1]):
-        intensity, term = load(state, i, k, INTENSITY, j), terms_at(terms, i, k, j)
-        there = which & (intensity > ZERO)
-        response += where(there, term.value, ZERO)
-        photons += where(there, term.counts, ZERO)
-        expected += where(there, term.exposure * intensity, ZERO)
-    store(out, i, RESPONSE, j, response)
-    store(out, i, PHOTONS, j, photons)
-    store(out, i, EXPECTED, j, expected)
 
 
 @inline

@@ -13,7 +13,7 @@ from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.constants import NEAR_SIGMA, VOTE_RADIUS
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO, agreement, wrap
 from srt3d_ros.kernels.cpu.compiling import inline, line
-from srt3d_ros.kernels.cpu.method.frame import columns, is_surface, point_at
+from srt3d_ros.kernels.cpu.method.frame import AROUND, columns, is_surface, point_at
 from srt3d_ros.kernels.cpu.vectors import floats, full, lanes_of, load, store, where
 from srt3d_ros.kernels.maps import LANES, MARGIN
 
@@ -159,9 +159,6 @@ def mean_of(candidate, voters, period):
         slope_row += weight * voter.slope_row
         std += weight * voter.std
     return slope_col / weights, slope_row / weights, std / weights
-
-
-AROUND = tuple((dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dx or dy)
 
 
 @inline

@@ -1,17 +1,17 @@
-"""Move a sketch to where its photons would be seen from, after the sensor has moved: `move_sketch`, `turn_sketch`.
+"""Move sketches to where their photons would be seen from, after the sensor has moved: `move_sketches`.
 
 The photons of a pixel with ray d come from range ρ, so what they show lies at X = ρ R d + p after the motion. The four
 pixels i around the place at which X is then seen share the photons by bilinear weights w_i, each as if its part of the
 surface, at its own range ρ'_i, had been seen:
 
-    moved_i += w_i exp(−i ω_l (ρ / metres_per_bin + late)) sums,    numbers_i += w_i n.
+    moved_i += w_i exp(i ω_l ((ρ'_i − ρ) / metres_per_bin + late_i − late)) sums,    numbers_i += w_i n.
 
 ρ' = 1 / Σ_i (w_i / ρ'_i) is the range of the surface between the four, exact for a plane seen by a pinhole, and
 ρ = |ρ' X / |X| − p|. The place depends on ρ and ρ on the place, so they are found in turns: ρ is first that of the
 pixel itself, then LOOKS times that of the surface at the pixel found.
 
-Two passes: each pixel finds where its photons go, then each band of rows collects its own photons, in the order of the
-pixels that they come from. So sums do not depend on the number of threads.
+Three passes: each pixel finds where its photons go; each band of rows collects its own, in the order of the pixels that
+they come from; each pixel turns by its ρ'_i. So sums do not depend on the number of threads.
 """
 
 from typing import NamedTuple
@@ -204,46 +204,32 @@ def _turn(sums: floats2d, depth: floats2d, bin_frequencies: floats1d):
                 sums[i * cols + j, 2 * l + 1] = im * cosine[l] + re * sine[l]
 
 
-def turn_sketch(sums, depth, bin_frequencies):
-    """Multiply each pixel's sums by exp(i ω_l t), in place: what `move_sketch` leaves out.
+def move_sketches(parts, scene, lens):
+    """Sums and photons of several instants, where they would be seen from after the motion of each, added up.
+
+    Photons that no pixel would see are left out. A pixel outside of the array, or on another surface
+    (`SeenScene.steepest`), leaves its share to the nearest of the four.
 
     Args:
-        sums: complex64 [rows, cols, m].
-        depth: t, float32 [rows, cols], bins.
-        bin_frequencies: float32 [m], k_l / T.
-    """
-    _turn(sums.view(np.float32).reshape(depth.size, -1), depth, _padded(bin_frequencies))
-
-
-def _padded(bin_frequencies):
-    """Frequencies in whole vectors."""
-    padded = np.zeros(-(-len(bin_frequencies) // WIDTH) * WIDTH, np.float32)
-    padded[:len(bin_frequencies)] = bin_frequencies
-    return padded
-
-
-def move_sketch(sums, photons, scene, lens, motion, moved, numbers):
-    """Add the photons of one instant to `moved` and `numbers`, where they would be seen from after a motion; in place.
-
-    Phases are relative to each pixel's own surface: a sketch of photons is moved · exp(i ω_l (ρ'_i / metres_per_bin +
-    late)). A pixel outside of the array, or on another surface (`SeenScene.steepest`), leaves its share to the
-    nearest of the four. Photons that no pixel would see are left out.
-
-    Args:
-        sums: complex64 [rows, cols, m], Σ_p exp(i ω_l x_p).
-        photons: float32 [rows, cols], n, also parts of photons.
+        parts: of each instant its `Motion`; complex64 [rows, cols, m], Σ_p exp(i ω_l x_p); and float32 [rows, cols],
+            n, also parts of photons.
         scene: `SeenScene`.
         lens: of `kernels.lens`.
-        motion: `Motion`.
-        moved: complex64 [rows, cols, m].
-        numbers: float32 [rows, cols].
+
+    Returns:
+        complex64 [rows, cols, m], float32 [rows, cols].
     """
-    rows, cols, m = sums.shape
-    size = rows * cols
+    (rows, cols), m = scene.ranges.shape, len(scene.bin_frequencies)
+    size, bin_frequencies = rows * cols, np.zeros(-(-m // WIDTH) * WIDTH, np.float32)       # whole vectors
+    bin_frequencies[:m] = scene.bin_frequencies
     flat = (values.reshape(size, *values.shape[2:]) for values in scene[:4])
-    scene = SeenScene(*flat, _padded(scene.bin_frequencies), F32(scene.metres_per_bin), F32(scene.steepest))
+    flat = SeenScene(*flat, bin_frequencies, F32(scene.metres_per_bin), F32(scene.steepest))
     targets = Targets(np.empty((size, 4), np.int32), np.empty((size, 4), np.float32), np.empty(size, np.float32),
                       np.empty((rows, 2), np.int64))
-    _find_targets(photons, scene, tuple(lens), motion, targets)
-    _collect(np.ascontiguousarray(sums).view(np.float32).reshape(size, 2 * m), photons, scene, targets,
-             moved.view(np.float32).reshape(size, 2 * m), numbers.reshape(-1))
+    moved, numbers = np.zeros((size, 2 * m), np.float32), np.zeros(size, np.float32)
+    for motion, sums, photons in parts:
+        _find_targets(photons, flat, tuple(lens), motion, targets)
+        sums = np.ascontiguousarray(sums).view(np.float32).reshape(size, 2 * m)
+        _collect(sums, photons, flat, targets, moved, numbers)
+    _turn(moved, scene.ranges / flat.metres_per_bin + scene.late, bin_frequencies)
+    return moved.view(np.complex64).reshape(rows, cols, m), numbers.reshape(rows, cols)

@@ -4,16 +4,15 @@ import itertools
 
 import torch
 
-from srt3d_ros.kernels.constants import PLANE_RADIUS, PLANE_STEP, SLANT, TURN_GAIN
+from srt3d_ros.kernels.constants import PLANE_RADIUS, PLANE_STEP, PLANE_TURNS, SLANT, TURN_GAIN
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, SLOPE_COL, SLOPE_ROW
 from srt3d_ros.kernels.torch.arithmetic import agreement, wrap
 from srt3d_ros.kernels.torch.fusing import fused
 from srt3d_ros.kernels.torch.method.windows import images, neighbours, offsets
 
 
-@fused
 def turn_planes(frame, state) -> None:
-    """Turn the planes of first surfaces to what the depths around show, in place.
+    """Turn the planes of first surfaces to what the depths around show, in place, PLANE_TURNS times.
 
     A window finds a surface that is steeper or flatter than itself, too, but gives it its own slopes, and neighbours
     that are not on a point's plane share no photons with it. The support of a plane through a point is
@@ -24,6 +23,12 @@ def turn_planes(frame, state) -> None:
     most support, of the planes PLANE_STEP around it, and of those through points PLANE_RADIUS beside, above and below
     it, if that is more than TURN_GAIN times the support of its own.
     """
+    for _ in range(PLANE_TURNS):
+        _turn(frame, state)
+
+
+@fused
+def _turn(frame, state) -> None:
     point, around = images(frame, state)[0], neighbours(frame, state[:, 0], PLANE_RADIUS, PLANE_STEP)
     dy, dx = offsets(PLANE_RADIUS, point, PLANE_STEP)
     own, period = (point[SLOPE_COL], point[SLOPE_ROW]), frame.num_bins
