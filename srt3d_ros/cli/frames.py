@@ -54,8 +54,12 @@ def run(args: argparse.Namespace, options: dict) -> int:
 
 def _folder(args: argparse.Namespace, names: list[str]) -> Path:
     """The folder for the clouds, made if it is missing; InvalidInput if one of these files is there."""
+    from srt3d_ros.datasets.cloud_files import SUFFIXES
+
     folder = Path(args.output)
     check_not_input(folder, args.input)
+    require(folder.suffix.lower() not in SUFFIXES or folder.is_dir(), "--output", args.output,
+            "the name of a folder beside --frames; --format sets the suffix of its files")
     with file_errors("output", args.output):
         folder.mkdir(exist_ok=True)
         there = {*names} & {*os.listdir(folder)}

@@ -185,3 +185,4 @@ _FORMATS: dict[str, tuple[Callable[[PointCloud, Path, tuple[str, ...]], None], s
     ".las": (_save_las, "laspy", "lab"), ".html": (_save_page, "", ""),
     **dict.fromkeys((".tif", ".tiff"), (_save_depth, "PIL", "pictures")),
     **dict.fromkeys((".png", ".jpg", ".jpeg"), (_save_picture, "matplotlib", "pictures"))}
+SUFFIXES = (*_FORMATS,)

@@ -101,7 +101,8 @@ def estimate(events: PhotonEvents, num_bins: int) -> np.ndarray:
     anywhere = np.random.default_rng(0).integers(0, num_bins, len(toa))
     by_chance = _clusters(pixel, anywhere[np.lexsort((anywhere, pixel))], num_bins)[2]
     require(score > STANDS_OUT * by_chance, "photons",
-            problem="The photons are spread like background, so the IRF cannot be estimated: give irf.")
+            problem="The photons are spread like background, so the IRF cannot be estimated: give irf; of "
+                    "an array whose axes are in another order, axes (--axes).")
     reach = min(MOST_WIDTHS * width, (num_bins - 1) // 4)
     near = np.abs(toa - centre) <= reach
     pixel, lag = pixel[near], (toa - centre)[near]

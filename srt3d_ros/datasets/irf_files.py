@@ -21,7 +21,7 @@ MAX_STEPS = 2**20               # of a file whose steps become bins
 UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "ps": 1e-12, "fs": 1e-15}
 UNIT = re.compile(rf"(?<![a-zµ])({'|'.join(UNITS_S)})(?![a-z])")
 STEP = re.compile(rf"({'|'.join(UNITS_S)})\s*(?:/|per)\s*(?:bin|ch)\w*\W*?([\d.]+(?:e[-+]?\d+)?)")     # of PicoQuant
-LEAST_STEP_S = 1e-18
+LEAST_STEP_S, MOST_STEP_S = 1e-18, 1.0
 LIKELY_UNITS_S = 1.0, 1e-9, 1e-12       # of a time column whose header has none
 WIDTH_TOLERANCE = 0.01          # of a bin: times are rounded, and an IRF of 50 bins is then half a bin too long
 LEAST_KEPT = 0.9                # of the photons of an IRF that is cut to a period
@@ -49,7 +49,7 @@ def read(source: str | Path | np.ndarray | list) -> tuple[np.ndarray, Steps | No
     require(irf.ndim in (1, 2) and 0 < irf.shape[-1] <= (MAX_STEPS if steps else MAX_BINS), "irf shape", irf.shape,
             f"[L] or [pixels, L], L from 1 to {MAX_BINS}; irf_sigma_bins makes a Gaussian")
     for width_s in steps.widths_s if steps else ():
-        require(LEAST_STEP_S <= width_s <= 1, "irf",
+        require(LEAST_STEP_S <= width_s <= MOST_STEP_S, "irf",
                 problem=f"{steps.name}: a time step of {steps.text} is not possible.")
     return irf, steps
 
@@ -173,8 +173,9 @@ def _read_text(path: Path) -> tuple[np.ndarray, Steps | None]:
         note = Note(f"{path.name}: the first column, in steps of 1, taken to count bins: if these are times, write "
                     "their unit above", "irf")
         return irf, None if re.search("bin|ch|index", names[0]) else Steps(path.name, "1", (), (note,))
+    likely = [step * unit_s for unit_s in LIKELY_UNITS_S if LEAST_STEP_S <= step * unit_s <= MOST_STEP_S] or [step]
     return irf, Steps(path.name, f"{step:g} {unit[1] if unit else ''}".rstrip(),
-                      (step * UNITS_S[unit[1]],) if unit else tuple(step * unit_s for unit_s in LIKELY_UNITS_S))
+                      (step * UNITS_S[unit[1]],) if unit else tuple(likely))
 
 
 def _numbers(line: str) -> list[float]:

@@ -68,6 +68,7 @@ def test_a_log_has_frames_and_fails_from_where_it_breaks_off(srt3d, tmp_path, mo
 @pytest.mark.parametrize(("options", "said"), [
     (["--frames=4-6"], "has no frames 4 to 6 (it has 6)."), (["--frames=3"], "--frames is 3: expected all, or first"),
     (["--frames=all", "-o", "file"], "Cannot write file (File exists)"),
+    (["--frames=all", "-o", "out.ply"], "out.ply: expected the name of a folder"),
     (["--frames=all", "-o", "absent/out"], "Cannot write absent/out (No such file or directory)"),
     (["--frames=all", "--surfaces=9"], "--surfaces is 9"),
     (["--frames=all", "--format=obj"], "output is 0.obj"), (["--frames=all", "-o", "mixed"], "mixed has 1 of"),

@@ -57,7 +57,8 @@ def sensor_with(irf_file, bin_width_s, num_bins=50, **options):
 @pytest.mark.parametrize(("name", "header", "times", "bin_width_s"), [
     ("a.csv", "time_ns,counts", "0.00 0.03 0.07 0.10", 1e-10 / 3),                  # rounded
     ("a.csv", "Laser diode\nTime (s),Amplitude", "1e-9 1.1e-9 1.2e-9 1.3e-9", 1e-10),
-    ("a.txt", "", "0 0.1 0.2 0.3", 1e-10), ("a.csv", "bin,counts", "7 8 9 10", 1e-10)])
+    ("a.txt", "", "0 0.1 0.2 0.3", 1e-10), ("a.txt", "", "0 100 200 300", 1e-10),
+    ("a.csv", "bin,counts", "7 8 9 10", 1e-10)])
 def test_the_second_of_two_columns_is_the_irf_if_the_first_is_its_time(tmp_path, name, header, times, bin_width_s):
     separator = "," if name == "a.csv" else " "
     lines = [f"{time}{separator}{value}" for time, value in zip(times.split(), VALUES)]

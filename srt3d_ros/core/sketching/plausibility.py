@@ -94,7 +94,8 @@ def _emptiest_quarter(of_bins: np.ndarray) -> tuple[int, int]:
 
 
 class LightWatch:
-    """Looks at the photons of a stream: for hot pixels in the first second, for a leak then once a second; at the IRF.
+    """Looks at the photons of a stream: for hot pixels in the first second, then once a second for a leak and for times
+    in another unit; at the IRF.
 
     Attributes:
         hot: bool [rows, cols], none before the first second has passed.
@@ -119,7 +120,8 @@ class LightWatch:
         self._since_s, light = now_s, self._light or light_of(frame, self._sensor)
         if light.of_bins.sum() < ENOUGH:
             return False
-        self.warning, first = leak(light) or self._floor, self._first_second
+        unit = other_unit(frame, self._sensor) if isinstance(frame, PhotonEvents) else ""
+        self.warning, first = unit or leak(light) or self._floor, self._first_second
         if first:
             self.hot, self._first_second, self._light = hot_pixels(light, self._sensor), False, None
         return first

@@ -64,7 +64,8 @@ def _read(path: Path) -> tuple[list, dict]:
     sets, configuration = (log.get(key) if isinstance(log, dict) else None for key in ("Result_Set", "configuration"))
     require(isinstance(sets, list) and sets, f"{path.name} Result_Set",
             problem=f"{path.name} is no log of a TMF8829 with histograms (it has no frames in Result_Set): log with "
-            "combined_results and histograms; of other JSON, give from_counts the array.")
+            "combined_results and histograms; of other JSON, give from_counts the array; a "
+            "description of a sensor is a --sensor-file.")
     return sets, configuration if isinstance(configuration, dict) else {}
 
 

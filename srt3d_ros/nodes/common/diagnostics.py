@@ -34,6 +34,7 @@ WAITING_EVERY_S = 10.0      # at most, a line about what the node waits for
 LOG_LOSS_EVERY_S = 60.0     # at most, a line about losses
 ENDING = ("inactive", "shutdown")       # causes of drops that are not logged
 OLD_S = 2.0             # median latency before a warning
+OTHER_CLOCK_S = 3600.0  # no queue is so long
 # Warn of stamps this far ahead of the node's clock. Clocks set by NTP differ by milliseconds, but a simulated clock may
 # tick at only 10 Hz, and later on a busy machine.
 AHEAD_S = 0.5
@@ -195,6 +196,7 @@ class Diagnostics(Counts):
         age_s = float(np.median(list(self._latencies_s)[-frames:]))
         if age_s > OLD_S:
             cause = "behind" if self._least_latency_s < OLD_S else "behind, or stamped by another clock"
+            cause = "stamped by another clock" if age_s > OTHER_CLOCK_S else cause
             return f"frames are {age_s:.1f} s old: {cause}"
         if age_s < -AHEAD_S:
             return f"frames are stamped {-age_s:.1f} s ahead of this node's clock: tf cannot place them"

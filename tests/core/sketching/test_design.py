@@ -254,4 +254,6 @@ def test_a_stream_is_looked_at_for_a_second_and_then_once_a_second():
     assert not watch.masked(BOX).used[3, 7] and watch.masked(BOX.replace(mask=watch.hot)).used.sum() == 1
     assert not watch.look(leaking, 9) and "first bin" in watch.warning
     assert not watch.look(dark, 3) and watch.warning == ""      # a clock that was set back
+    watch.look(PhotonEvents(np.zeros(60, np.uint32), np.linspace(0.1, 7.9, 60, dtype=np.float32)), 5)
+    assert "nanoseconds" in watch.warning
     assert LightWatch(BOX).masked(BOX) is BOX

@@ -117,6 +117,7 @@ def test_levels_follow_what_happened_since_the_last_report(counted, monkeypatch)
     receive(1)
     says(OK, "messages/s in")
     for latency_s, words in ((66.4, "frames are 66.4 s old: behind"),
+                             (86400, "frames are 86400.0 s old: stamped by another clock"),
                              (-3600, "frames are stamped 3600.0 s ahead of this node's clock")):
         receive(1)
         diagnostics.sent(latency_s)
