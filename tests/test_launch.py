@@ -12,47 +12,51 @@ from types import SimpleNamespace
 
 import pytest
 
-from srt3d_ros.nodes import all_specs
+from srt3d_ros.errors import InvalidInput
 from srt3d_ros.processes.supervisor import MOST_RESTARTS, Restarts
 
 
 @pytest.fixture
 def launch(repository) -> SimpleNamespace:
     """What the file defines; `said` gets the lines that it logs."""
-    foreign = ("launch", "launch_ros", "ament_index_python")
+    foreign = ("launch", "launch_ros")
     own = [line for line in ast.parse((repository / "launch" / "srt3d.launch.py").read_text()).body
            if not isinstance(line, ast.ImportFrom) or line.module.split(".")[0] not in foreign]
     said = []
-    names = {"get_package_share_directory": lambda package: repository, "said": said,
-             "get_logger": lambda name: SimpleNamespace(warning=said.append, error=said.append),
+    names = {"Node": dict, "ParameterFile": str, "ParameterValue": lambda text, value_type: f"text {text}",
+             "said": said, "get_logger": lambda name: SimpleNamespace(warning=said.append, error=said.append),
              "EmitEvent": lambda event: event, "ShutdownProcess": lambda process_matcher: process_matcher,
              "matches_action": lambda action: f"no more {action}", "Shutdown": lambda reason: reason}
     exec(compile(ast.Module(own, []), "launch", "exec", __future__.annotations.compiler_flag), names)
     return SimpleNamespace(**names)
 
 
-def test_every_node_is_started_with_parameters_and_topics_that_it_has(launch):
-    specs = all_specs()
-    assert set(launch.NODES) == set(specs)
-    for name, parameters in launch.NODES.items():
-        assert set(parameters) <= {parameter.name for parameter in specs[name].table}
-    named = {*launch.ONLY_WITH.values(), *launch.TOPICS}.union(*(each.values() for each in launch.NODES.values()))
-    assert named <= set(launch.ARGUMENTS)
-    topics = {topic.name for spec in specs.values() for topic in (*spec.inputs, *spec.outputs)}
-    assert {"odom", "imu", "depth", "intensity"} < set(launch.TOPICS) <= topics
+def test_nodes_get_the_parameters_and_topics_of_the_arguments_and_texts_stay_texts(launch):
+    given = {"record": "1.0", "input": "2", "autostart": "false", "config": "srt3d", "points": "/cloud",
+             "sketch/sensor": "described", "player.rate_hz": "5", "sketcher.autostart": "true", "device": ""}
+    nodes = launch.start(SimpleNamespace(launch_configurations=dict.fromkeys(launch.ARGUMENTS, "") | given))
+    assert [(node["name"], node["parameters"][-1]) for node in nodes] == [
+        ("recorder", {"path": "text 1.0", "autostart": False}), ("reconstructor", {"autostart": False}),
+        ("sketcher", {"autostart": True}),
+        ("player", {"input": "text 2", "wait_for": "text sketcher reconstructor recorder", "autostart": False,
+                    "rate_hz": 5})]
+    for node in nodes:
+        assert node["remappings"] == [("sketch/sensor", "described"), ("points", "/cloud")]
+        assert node["executable"] == node["name"] and node["parameters"][0].endswith("config/srt3d.yaml")
 
 
-def test_a_parameter_that_does_not_exist_is_refused_and_a_mistyped_argument_warned_of(launch):
+def test_what_does_not_exist_is_refused_and_a_mistyped_argument_warned_of(launch):
     for argument, line in (
             ("sketcher.nonsense", "sketcher has no parameter nonsense: it has sensor_file, sketch_size, "),
             ("sketcher.sketchsize", "sketcher has no parameter sketchsize: did you mean sketch_size?"),
-            ("sketchr.sketch_size", "no argument sketchr.sketch_size: did you mean sketcher.sketch_size?")):
-        with pytest.raises((ValueError, RuntimeError)) as refused:
-            launch.check_names({"photons": "", argument: "5"})
+            ("sketchr.sketch_size", "sketchr.sketch_size:=5: expected NODE.PARAMETER:=VALUE, NODE one of "),
+            ("config", 'config "5": no such parameter file')):
+        with pytest.raises(InvalidInput) as refused:
+            launch.start(SimpleNamespace(launch_configurations={argument: "5"}))
         assert str(refused.value).startswith(line) and "\n" not in str(refused.value)
-    launch.check_names(dict.fromkeys([      # those of an including file are left alone
-        "fotons", "sketcher.sketch_size", "recorder.use_sim_time", "player.qos_overrides./x.publisher.depth", "map",
-        "nav2.map", "params_file", "ros_namespace", "sketcher.start_type_description_service"], ""))
+    launch.start(SimpleNamespace(launch_configurations=dict.fromkeys([      # those of an including file are left alone
+        "fotons", "sketcher.sketch_size", "sketcher.use_sim_time", "sketcher.qos_overrides./x.publisher.depth", "map",
+        "nav2.map", "params_file", "ros_namespace", "sketcher.start_type_description_service"], "5")))
     assert launch.said == ["no argument fotons: did you mean photons?"]
 
 

@@ -4,21 +4,14 @@ import argparse
 import importlib
 import re
 import tempfile
-from os.path import isfile
-from pathlib import Path
 
 from srt3d_ros import __version__
 from srt3d_ros.cli import node
-from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.files import shared_file
+from srt3d_ros.errors import require
 from srt3d_ros.kernels.devices import DEVICES
-from srt3d_ros.processes.node_command import PLAYER, check_parameter, namespace_arguments
+from srt3d_ros.processes import pipeline
 from srt3d_ros.processes.supervisor import supervise
 
-# The node and the parameter that an option sets.
-NODE_OPTIONS = {"sensor_file": ("sketcher", "sensor_file"), "device": ("reconstructor", "device"),
-                "input": ("player", "input"), "record": ("recorder", "path")}
-LOG_LEVELS = ("debug", "info", "warn", "error", "fatal")
 ABOUT = """\
 Run the sketcher and the reconstructor, each as a process; --input adds the
 player, --record the recorder. Without --input, photons come from your driver.
@@ -54,89 +47,60 @@ def add_parser(subparsers) -> None:
         help="rename a topic; may be repeated")
     add("-p", dest="set", metavar="NODE.PARAMETER:=VALUE", action="append", default=[],
         help="set a parameter of a node; may be repeated")
-    add("--log-level", choices=LOG_LEVELS, help="lowest level that the nodes log")
+    add("--log-level", choices=pipeline.LOG_LEVELS, help="lowest level that the nodes log")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     node.exit_at_once_on_signals()
-    specs = node_specs(args)
+    for package in ("rclpy", "rerun") if args.record else ("rclpy",):
+        importlib.import_module(package)        # one line if it is missing, instead of nodes that fail
+    names = pipeline.nodes(vars(args))
     with tempfile.NamedTemporaryFile("w", prefix="srt3d_up_", suffix=".yaml") as own:
-        own.write(parameters_yaml(args, specs))
+        own.write(parameters_yaml(args))
         own.flush()
-        ros_args = ros_arguments(args, specs, own.name)
-        print(overview(args, specs), flush=True)
-        return supervise([spec.name for spec in specs], ros_args)
+        ros_args = ros_arguments(args, own.name)
+        print(overview(args, names), flush=True)
+        return supervise(names, ros_args)
 
 
-def node_specs(args: argparse.Namespace) -> list:
-    """The specs of the nodes to run, subscribers first; ModuleNotFoundError if a node's packages are missing."""
-    asked = {"recorder": args.record, "reconstructor": True, "sketcher": True, PLAYER: args.input}
-    return [importlib.import_module(f"srt3d_ros.nodes.{name}").SPEC for name, wanted in asked.items() if wanted]
-
-
-def parameters_yaml(args: argparse.Namespace, specs: list) -> str:
-    """A parameter file with the options and -p, since ROS 2's `-p NODE:NAME:=VALUE` finds no node in a namespace.
-
-    Raises:
-        InvalidInput: a -p has another form, names an unknown node or parameter, or has a value that it cannot have.
-    """
+def parameters_yaml(args: argparse.Namespace) -> str:
+    """A parameter file with the options and -p, since ROS 2's `-p NODE:NAME:=VALUE` finds no node in a namespace."""
     import yaml  # comes with rclpy
 
-    values: dict[str, dict[str, object]] = {spec.name: {} for spec in specs}
-    tables = {spec.name: {parameter.name: parameter for parameter in spec.table} for spec in specs}
-    for option, (name, parameter) in NODE_OPTIONS.items():
-        if getattr(args, option):
-            values[name][parameter] = getattr(args, option)
-    if PLAYER in values:
-        values[PLAYER]["wait_for"] = " ".join(name for name in reversed(values) if name != PLAYER)
-    for setting in args.set:
-        where, assigned, text = setting.partition(":=")
-        name, _, parameter = where.partition(".")
-        require(assigned and parameter and name in values, "-p", setting,
-                f"NODE.PARAMETER:=VALUE, NODE one of {', '.join(values)}")
-        check_parameter(name, parameter, tables[name])
-        try:
-            value = yaml.safe_load(text)
-        except yaml.YAMLError:
-            raise InvalidInput("-p", setting, "NODE.PARAMETER:=VALUE, VALUE as in a YAML file") from None
-        if parameter in tables[name]:
-            try:
-                value = tables[name][parameter].check(value)
-            except InvalidInput as error:
-                raise InvalidInput(f"-p {where}", error.value, error.expected, error.problem) from None
-        values[name][parameter] = value
-    nodes = {f"/**/{name}": {"ros__parameters": given} for name, given in values.items() if given}
+    nodes = {f"/**/{name}": {"ros__parameters": values}
+             for name, values in pipeline.parameters(vars(args), args.set).items() if values}
     return yaml.safe_dump(nodes or {"/**": {"ros__parameters": {}}}, allow_unicode=True)
 
 
-def ros_arguments(args: argparse.Namespace, specs: list, own_file: str) -> list[str]:
+def ros_arguments(args: argparse.Namespace, own_file: str) -> list[str]:
     """The options as arguments for ROS 2; `own_file`: the path of the file from `parameters_yaml`."""
+    from srt3d_ros.nodes.common.topics import RELATIVE
+
     out = ["--ros-args"]
-    for config in args.config:
-        path = shared_file(f"config/{config}.yaml") or Path(config)
-        require(isfile(path), "--config", config, "a parameter file, or the name of one in the package")
-        out += ["--params-file", str(path)]
-    out += ["--params-file", own_file]
-    topics = {topic.name for spec in specs for topic in (*spec.inputs, *spec.outputs)
-              if not topic.name.startswith("/")}
+    for path in (*map(pipeline.config_file, args.config), own_file):
+        out += ["--params-file", path]
     for rule in args.remap:
         topic, assigned, name = rule.partition(":=")
         require(assigned and name, "-r", rule, "TOPIC:=NAME")
         plain = re.fullmatch(r"[a-z]\w*(/\w+)*", topic)        # ROS 2 ignores a rule for an unknown topic
-        require(not plain or topic in topics, "-r", rule, f"TOPIC:=NAME, TOPIC one of {', '.join(sorted(topics))}")
+        require(not plain or topic in RELATIVE, "-r", rule,
+                f"TOPIC:=NAME, TOPIC one of {', '.join(sorted(RELATIVE))}")
         out += ["-r", rule]
     if args.namespace:
-        out += namespace_arguments(args.namespace)
+        namespace = args.namespace.strip("/")
+        require(re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", namespace, re.ASCII), "--namespace", args.namespace,
+                "names of letters, digits and _, joined by /")
+        out += ["-r", f"__ns:=/{namespace}"]
     if args.log_level:
         out += ["--log-level", args.log_level]
     return out
 
 
-def overview(args: argparse.Namespace, specs: list) -> str:
+def overview(args: argparse.Namespace, names: list[str]) -> str:
     """What `srt3d up` prints: the nodes that it starts, and useful commands."""
     namespace = f"/{(args.namespace or '').strip('/')}".rstrip("/")
-    nodes = ", ".join(f"{namespace}/{spec.name}" for spec in reversed(specs))
+    nodes = ", ".join(f"{namespace}/{name}" for name in reversed(names))
     lines = [f"srt3d {__version__}: starts {nodes}; Ctrl-C stops them",
              "  topics    ros2 topic list -t", "  health    srt3d health --watch"]
     if not args.input:

@@ -48,7 +48,9 @@ def wrong_commands(text: str) -> Iterator[str]:
         try:
             args = PARSER.parse_args(words) if words and words[0] != "srt3d.launch.py" else None
             if words[:1] == ["up"]:
-                up.ros_arguments(args, specs := up.node_specs(args), up.parameters_yaml(args, specs))
+                up.ros_arguments(args, up.parameters_yaml(args))
+                for node, _, setting in (given.partition(".") for given in args.set):
+                    check_settings(all_specs()[node], ["-p", setting])
             elif words[:1] == ["node"]:
                 check_settings(all_specs()[args.name], args.ros_args)
         except (SystemExit, KeyError, InvalidInput) as error:

@@ -70,7 +70,9 @@ IMAGE_TOPICS = (
 CAMERA_INFO = Topic("camera_info", CAMERA, "the camera of the images", when=f"{WATCHED}, pinhole sensors only")
 DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray",
                     "rates, latency, photons, points, drops by cause, last error")
-
+# All but DIAGNOSTICS, which stays outside of namespaces.
+RELATIVE = {topic.name: topic for topic in (
+    *FRAMES, SENSOR, *MOTION, SKETCH, SKETCH_SENSOR, POINTS, FREE, *IMAGE_TOPICS, CAMERA_INFO)}
 
 AUTOSTART = Parameter("autostart", True, "true: configure and activate at the start. false: leave it to a manager.")
 # A limit, since anyone on the network can publish a description. With the default, twice the pixels of the largest SPAD
