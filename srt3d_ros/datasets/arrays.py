@@ -88,6 +88,7 @@ def from_counts(counts: Any, options: Options, said: Said, dims: tuple[str, ...]
         require(high > 0 or low == 0, "counts", problem="No count is above 0. If the signal is inverted, negate it.")
         if low < 0:
             notes += ("negative counts outweigh the positive ones: was too much background subtracted?",)
+    notes += scaled_note(kept)
     missing, inside = last - first + 1 - kept.shape[2], kept.sum(dtype=np.float64)
     kept = np.ascontiguousarray(np.pad(kept, ((0, 0), (0, 0), (0, missing))) if missing else kept)
     frame = PhotonHistograms(kept, said.stamp_ns)
@@ -99,6 +100,17 @@ def from_counts(counts: Any, options: Options, said: Said, dims: tuple[str, ...]
     outside = outside_note(round(photons - inside), round(photons), first, last)
     sensor = reading.sensor.replace(toa_offset_bins=reading.sensor.toa_offset_bins + first)
     return replace(reading, sensor=sensor, notes=reading.notes + outside, frames=frames)
+
+
+def scaled_note(counts: np.ndarray) -> tuple[str, ...]:
+    """A note on counts that are all multiples of one number, but not of 1, in the first row with enough of them."""
+    rows = (row[row > 0] for row in counts)
+    values = next((row.astype(np.float64) for row in rows if len(row) >= plausibility.ENOUGH), np.ones(1))
+    steps = values / values.min()
+    if values.min() in (1, values.max()) or np.abs(steps - np.rint(steps)).max() > 1e-3:
+        return ()
+    return (f"counts are multiples of {values.min():.4g}: if they were scaled, divide them by it; from too many "
+            "photons come false points",)
 
 
 def from_frame(frame: PhotonFrame, options: Options, said: Said) -> Reading:

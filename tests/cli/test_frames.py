@@ -35,7 +35,7 @@ def test_every_frame_is_as_it_is_alone_a_broken_one_is_listed_and_a_second_run_r
     code, out, err = srt3d(*command, "--frames", f"{BROKEN - 1}-{FRAMES - 1}", "--json")
     facts = json.loads(out)
     assert (code, facts["frames"], facts["reconstructed"]) == (1, 5, 4)
-    assert list(facts["failed"]) == [str(BROKEN)] and err == f"srt3d: frame {BROKEN}: {facts['failed'][str(BROKEN)]}\n"
+    assert list(facts["failed"]) == [str(BROKEN)] and f"srt3d: frame {BROKEN}: {facts['failed'][str(BROKEN)]}\n" in err
     assert "cut off" in err
     written = {path.name: path for path in (tmp_path / "out").iterdir()}
     assert sorted(written) == ["000001.npz", "000003.npz", "000004.npz", "000005.npz"]

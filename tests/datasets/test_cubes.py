@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros import datasets, read
+from srt3d_ros import datasets, from_counts, read
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.gate import Gate
@@ -84,3 +84,9 @@ def test_negative_and_fractional_counts_are_sketched(cube, tmp_path):
     np.testing.assert_allclose(found.sketch(frequencies=FREQUENCIES).sums.reshape(expected.shape), expected, atol=0.02)
     with pytest.raises(InvalidInput, match="histograms is negative or fractional"):
         found.events
+
+
+@pytest.mark.parametrize("scale", [1 / 255, 1, 10])
+def test_counts_that_were_scaled_are_noted(cube, scale):
+    notes = " ".join(from_counts((cube * scale).astype(np.float32), **GIVEN).notes)
+    assert (f"multiples of {scale:.4g}:" in notes) == (scale != 1)
