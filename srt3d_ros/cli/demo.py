@@ -22,8 +22,9 @@ from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.simulation.room import Room
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import require
+from srt3d_ros.messages.cdr import NS_PER_S
 from srt3d_ros.processes import children
-from srt3d_ros.processes.node_command import FRAMES_LOST, PLAYER
+from srt3d_ros.processes.node_command import FRAMES_LOST, PLAYER, command
 from srt3d_ros.processes.private_network import join_private_network
 
 RATE_HZ = 3.0                           # a third of what two idle cores can stream and record
@@ -112,13 +113,12 @@ def _play(played: Played, frames: int, rate_hz: float, out: Path) -> tuple[int, 
     settings = {"reconstructor.fields": "full", "player.rate_hz": rate_hz, "player.frames": frames} | {
         f"sketcher.{key}": value for key, value in played.sketcher.items()} | {
         f"player.{key}": value for key, value in played.player.items()}
-    command = [sys.executable, "-P", "-m", "srt3d_ros.cli.main", "up", "--record", str(out / RECORDING),
-               "--input", played.player["input"],
-               *(f"-p{name}:={json.dumps(value)}" for name, value in settings.items())]
+    up = command("up", "--record", str(out / RECORDING), "--input", str(played.player["input"]),
+                 *(f"-p{name}:={json.dumps(value)}" for name, value in settings.items()))
     _say("starting the nodes")
     listener, first_ns = health.Listener(), 0
     with (out / LOG_NAME).open("w") as log:
-        nodes = children.start(command, stdout=log, stderr=log)
+        nodes = children.start(up, stdout=log, stderr=log)
         try:
             while nodes.poll() is None:
                 listener.spin_once(POLL_NODES_S)
@@ -143,7 +143,7 @@ def _report(played: Played, frames: int, rate_hz: float, out: Path, first_ns: in
     step = math.ceil(frames / JUDGED_FRAMES)
     judged = set(recorded.index.frame_index[::step].tolist())
     clouds = [cloud.placed(sensor) for cloud in recorded.reader.clouds(judged)]
-    expected = [played.at((cloud.stamp_ns - first_ns) * 1e-9, rate_hz) for cloud in clouds]
+    expected = [played.at((cloud.stamp_ns - first_ns) / NS_PER_S, rate_hz) for cloud in clouds]
     metrics = [evaluate(cloud, truth, played.tolerance_bins, sensor.num_bins)
                for cloud, (_, truth) in zip(clouds, expected)]
     summary = summarise(recorded)

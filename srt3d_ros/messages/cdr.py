@@ -178,14 +178,13 @@ class Reader:
 
     def number(self, field: str, code: str = "I") -> int:
         """An integer of the `struct` type `code`."""
-        count = struct.calcsize(code)
-        self.at += -(self.at - CDR_HEADER_BYTES) % count
-        return struct.unpack("<" + code, self.take(field, count))[0]
+        return self.numbers(field, 1, code)[0]
 
-    def doubles(self, field: str, count: int) -> tuple[float, ...]:
-        """`count` float64."""
-        self.at += -(self.at - CDR_HEADER_BYTES) % 8
-        return struct.unpack(f"<{count}d", self.take(field, 8 * count))
+    def numbers(self, field: str, count: int, code: str = "d") -> tuple:
+        """`count` numbers of the `struct` type `code`."""
+        size = struct.calcsize(code)
+        self.at += -(self.at - CDR_HEADER_BYTES) % size
+        return struct.unpack(f"<{count}{code}", self.take(field, count * size))
 
     def flag(self, field: str) -> bool:
         value = self.number(field, "B")

@@ -4,7 +4,7 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.messages import cdr
-from srt3d_ros.messages.packing import pack_cloud, unpack_cloud
+from srt3d_ros.messages.packing import encode_cloud, unpack_cloud, xyz_of
 from srt3d_ros.messages.schema_files import cloud_layouts
 
 
@@ -13,11 +13,10 @@ def encode_cdr(free_m: np.ndarray, sensor: SensorModel, stamp_ns: int, frame_id:
     known = np.isfinite(free_m)
     points = np.empty(int(known.sum()), cloud_layouts("free")["xyz"])
     points["x"], points["y"], points["z"] = (sensor.rays[known] * free_m[known, None]).T
-    return cdr.write_cloud(pack_cloud(cdr.Header(stamp_ns, frame_id), points))
+    return encode_cloud(points, stamp_ns, frame_id)
 
 
 def decode_cdr(raw: bytes) -> tuple[cdr.Header, np.ndarray]:
     """The header and the ends, float32 [N, 3], metres; InvalidInput if the message breaks the schema."""
     cloud = cdr.read_cloud(raw)
-    points = unpack_cloud(cloud, [cloud_layouts("free")["xyz"]]).reshape(-1)
-    return cloud.header, np.stack([points[axis] for axis in "xyz"], axis=-1, dtype=np.float32)
+    return cloud.header, xyz_of(unpack_cloud(cloud, [cloud_layouts("free")["xyz"]]).reshape(-1))

@@ -10,14 +10,14 @@ from std_msgs.msg import Header as HeaderMessage
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.messages import cdr
-from srt3d_ros.messages.packing import pack_image, unpack_image
+from srt3d_ros.messages.packing import encode_image, unpack_image
 
 MODEL = "plumb_bob"     # five coefficients: k1, k2, p1, p2, k3
 
 
 def encode_cdr(image: np.ndarray, stamp_ns: int, frame_id: str) -> bytes:
     """The serialised message of an image, float32 [rows, cols], NaN = missing, +Inf = empty."""
-    return cdr.write_image(pack_image(cdr.Header(stamp_ns, frame_id), image[:, :, None], "images"))
+    return encode_image(image[:, :, None], "images", stamp_ns, frame_id)
 
 
 def decode_cdr(raw: bytes) -> tuple[cdr.Header, np.ndarray]:

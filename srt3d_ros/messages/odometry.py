@@ -23,11 +23,11 @@ def decode_odometry(raw: bytes) -> MotionReport:
     reader = Reader(raw)
     header = reader.header()
     reader.text("child_frame_id")
-    x, y, z, *quaternion = reader.doubles("pose", 7)
+    x, y, z, *quaternion = reader.numbers("pose", 7)
     require(all(abs(value) <= MAX_M for value in (x, y, z)), "position", [x, y, z], "finite metres")      # NaN fails
-    reader.doubles("pose.covariance", COVARIANCE)
-    twist = reader.doubles("twist", 6)
-    reader.doubles("twist.covariance", COVARIANCE)
+    reader.numbers("pose.covariance", COVARIANCE)
+    twist = reader.numbers("twist", 6)
+    reader.numbers("twist.covariance", COVARIANCE)
     reader.end()
     if not max(map(abs, twist)) <= MAX_M_S or math.isnan(sum(twist)):
         twist = (0.0,) * 6
@@ -43,10 +43,10 @@ def decode_imu(raw: bytes) -> MotionReport:
     """
     reader = Reader(raw)
     header = reader.header()
-    reader.doubles("orientation", 4 + ROTATION_COVARIANCE)
-    rate = reader.doubles("angular_velocity", 3)
-    variance, *_ = reader.doubles("angular_velocity_covariance", ROTATION_COVARIANCE)
-    reader.doubles("linear_acceleration", 3 + ROTATION_COVARIANCE)
+    reader.numbers("orientation", 4 + ROTATION_COVARIANCE)
+    rate = reader.numbers("angular_velocity", 3)
+    variance, *_ = reader.numbers("angular_velocity_covariance", ROTATION_COVARIANCE)
+    reader.numbers("linear_acceleration", 3 + ROTATION_COVARIANCE)
     reader.end()
     require(variance != UNKNOWN, "angular_velocity_covariance", variance, "an IMU that measures its rate of turn")
     # NaN fails this comparison, too.

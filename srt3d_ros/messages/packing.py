@@ -1,10 +1,11 @@
 """PointCloud2 ⇄ structured array, and Image ⇄ array: the layout of the numbers in `data`."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 
 import numpy as np
 
 from srt3d_ros.errors import require
+from srt3d_ros.messages import cdr
 from srt3d_ros.messages.cdr import CloudMessage, Field, Header, Image
 from srt3d_ros.messages.schema_files import DATATYPES, encodings, fields_of
 
@@ -14,12 +15,14 @@ STORED = {code: np.dtype(stored) for code, stored in DATATYPES.values()}
 MAX_POINT_STEP = 65_535         # bytes; the largest sketch needs 516
 
 
-def pack_cloud(header: Header, points: np.ndarray, is_dense: bool = True) -> CloudMessage:
-    """The cloud of a structured array of points, [N] or [rows, cols], in the layout of its dtype."""
+def encode_cloud(points: np.ndarray, stamp_ns: int, frame_id: str, is_dense: bool = True,
+                 further: Iterable[Field] = ()) -> bytes:
+    """The serialised cloud of a structured array of points, [N] or [rows, cols]: its fields, and `further` ones."""
     height, width = points.shape if points.ndim == 2 else (1, len(points))
     fields = tuple(Field(name, offset, *_wire_type(kind)) for name, (kind, offset) in fields_of(points.dtype).items())
     step = points.dtype.itemsize
-    return CloudMessage(header, height, width, fields, False, step, width * step, _bytes(points), is_dense)
+    return cdr.write_cloud(CloudMessage(Header(stamp_ns, frame_id), height, width, (*fields, *further), False, step,
+                                        width * step, _bytes(points), is_dense))
 
 
 def unpack_cloud(cloud: CloudMessage, layouts: Collection[np.dtype]) -> np.ndarray:
@@ -50,13 +53,18 @@ def unpack_cloud(cloud: CloudMessage, layouts: Collection[np.dtype]) -> np.ndarr
     return np.ndarray((cloud.height, cloud.width), point, cloud.data, strides=(cloud.row_step, cloud.point_step))
 
 
-def pack_image(header: Header, pixels: np.ndarray, name: str) -> Image:
-    """The image of an array [height, width, channels], in the encoding of the schema `name` for its dtype."""
+def xyz_of(points: np.ndarray) -> np.ndarray:
+    """The fields x, y and z, float32 [..., 3], a copy."""
+    return np.stack([points[axis] for axis in "xyz"], axis=-1, dtype=np.float32)
+
+
+def encode_image(pixels: np.ndarray, name: str, stamp_ns: int, frame_id: str) -> bytes:
+    """The serialised image of an array [height, width, channels], as the schema `name` encodes its dtype."""
     height, width, channels = pixels.shape
     stored = pixels.dtype.newbyteorder("<")
     encoding, = (encoding for encoding, kind in encodings(name, channels).items() if kind == stored)
-    return Image(header, height, width, encoding, False, width * channels * stored.itemsize,
-                 _bytes(pixels.astype(stored, copy=False)))
+    return cdr.write_image(Image(Header(stamp_ns, frame_id), height, width, encoding, False,
+                                 width * channels * stored.itemsize, _bytes(pixels.astype(stored, copy=False))))
 
 
 def unpack_image(image: Image, name: str, channels: int = 1) -> np.ndarray:

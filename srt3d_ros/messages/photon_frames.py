@@ -9,7 +9,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
 from srt3d_ros.errors import require
 from srt3d_ros.messages import cdr
-from srt3d_ros.messages.packing import pack_cloud, pack_image, unpack_cloud, unpack_image
+from srt3d_ros.messages.packing import encode_cloud, encode_image, unpack_cloud, unpack_image
 from srt3d_ros.messages.schema_files import cloud_layouts
 
 
@@ -34,7 +34,7 @@ def _encode_events(events: PhotonEvents, sensor: SensorModel, frame_id: str) -> 
     points = np.zeros(events.photons, cloud_layouts("photons")[events.toa.dtype.name])
     points["row"], points["col"] = np.divmod(events.pixel, np.uint32(sensor.cols))
     points["toa"] = events.toa
-    return cdr.write_cloud(pack_cloud(cdr.Header(events.stamp_ns, frame_id), points))
+    return encode_cloud(points, events.stamp_ns, frame_id)
 
 
 def _decode_events(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, PhotonEvents]:
@@ -53,8 +53,7 @@ def _decode_events(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, PhotonE
 def _encode_gates(gates: PhotonGates, sensor: SensorModel, frame_id: str) -> bytes:
     """The ToA words of G laser cycles, below each other (msg_schemas/gates.json)."""
     gates.check(sensor)
-    return cdr.write_image(pack_image(cdr.Header(gates.stamp_ns, frame_id), gates.words.reshape(-1, sensor.cols, 1),
-                                      "gates"))
+    return encode_image(gates.words.reshape(-1, sensor.cols, 1), "gates", gates.stamp_ns, frame_id)
 
 
 def _decode_gates(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, PhotonGates]:
@@ -72,7 +71,7 @@ def _decode_gates(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, PhotonGa
 def _encode_histograms(histograms: PhotonHistograms, sensor: SensorModel, frame_id: str) -> bytes:
     """The counts per pixel and bin, in the encoding of their type (msg_schemas/histograms.json)."""
     histograms.check(sensor)
-    return cdr.write_image(pack_image(cdr.Header(histograms.stamp_ns, frame_id), histograms.counts, "histograms"))
+    return encode_image(histograms.counts, "histograms", histograms.stamp_ns, frame_id)
 
 
 def _decode_histograms(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, PhotonHistograms]:

@@ -4,7 +4,7 @@ import numpy as np
 
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.messages import cdr
-from srt3d_ros.messages.packing import pack_cloud, unpack_cloud
+from srt3d_ros.messages.packing import encode_cloud, unpack_cloud, xyz_of
 from srt3d_ros.messages.schema_files import cloud_layouts, fields_of
 
 
@@ -25,10 +25,10 @@ def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", organised
         points["background"] = cloud.background[cloud.row, cloud.col]
         for name in ("row", "col", "surface"):
             points[name] = getattr(cloud, name)
-    dense = not organised and all(bool(np.isfinite(points[axis]).all()) for axis in "xyz")
+    dense = not organised and bool(np.isfinite(cloud.xyz).all())
     if organised:
         points = _image(points, cloud)
-    return cdr.write_cloud(pack_cloud(cdr.Header(cloud.stamp_ns, frame_id), points, dense))
+    return encode_cloud(points, cloud.stamp_ns, frame_id, dense)
 
 
 def decode_cdr(raw: bytes) -> tuple[cdr.Header, dict[str, np.ndarray]]:
@@ -47,7 +47,7 @@ def decode_cdr(raw: bytes) -> tuple[cdr.Header, dict[str, np.ndarray]]:
     present = {field.name for field in cloud.fields}
     layout = layouts["full" if present.issuperset(fields_of(layouts["full"])) else "xyzi"]
     points = unpack_cloud(cloud, [layout]).reshape(-1)
-    columns = {"xyz": np.stack([points[axis] for axis in "xyz"], axis=-1, dtype=np.float32)}
+    columns = {"xyz": xyz_of(points)}
     for name in list(fields_of(layout))[3:]:
         columns[name] = points[name].astype(layout[name])
     placed = np.isfinite(columns["xyz"]).all(axis=1)

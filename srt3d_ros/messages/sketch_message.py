@@ -1,7 +1,6 @@
 """`sketch`: Sketch ⇄ PointCloud2, whose field names give frequencies, T and description (msg_schemas/sketch.json)."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 
@@ -9,13 +8,13 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sums import PhaseSums, check_frequencies
 from srt3d_ros.errors import require
 from srt3d_ros.messages import cdr
-from srt3d_ros.messages.packing import CODES, pack_cloud, unpack_cloud
+from srt3d_ros.messages.packing import CODES, encode_cloud, unpack_cloud
 from srt3d_ros.messages.schema_files import fields_of
 from srt3d_ros.messages.sensor_message import digest
 
 INT16_SCALE = 32_767
 NUMBERS = {"float32": np.dtype("<f4"), "int16": np.dtype("<i2")}
-COUNTS, BEFORE = np.dtype([("photons", "<u4")]), np.dtype([("before", "<u4")])
+COUNTS = np.dtype([("photons", "<u4")])
 FREQUENCY, PERIOD, DESCRIPTION, CYCLES = map(re.compile, (
     r"k([1-9]\d{0,4})", r"T([1-9]\d{0,4})", r"sensor_([0-9a-f]{8})", r"cycles_([1-9]\d{0,14})"))
 MAX_MODULUS = 1.001     # the mean of unit vectors has |z| ≤ 1; 0.001 allows for rounding
@@ -32,24 +31,20 @@ def encode_cdr(sketch: PhaseSums, frame_id: str, layout: str = "float32") -> byt
     Raises:
         InvalidInput: a mean is NaN or longer than 1, which no sketch of photons has.
     """
-    number, m = NUMBERS[layout], len(sketch.frequencies)
-    gated = [] if sketch.before is None else BEFORE.descr
-    points = np.zeros(sketch.photons.shape, [*COUNTS.descr, ("z", number, 2 * m), *gated])
+    names = [f"k{k}" for k in sketch.frequencies]
+    points = np.zeros(sketch.photons.shape, _point(names, layout, sketch.before is not None))
     points["photons"] = sketch.photons
-    if gated:
+    if sketch.before is not None:
         points["before"] = sketch.before
     means = np.ascontiguousarray(sketch.z, np.complex64)
     _check_means(means)
     parts = means.view(np.float32)
-    points["z"] = np.rint(parts * INT16_SCALE) if layout == "int16" else parts
-    cloud = pack_cloud(cdr.Header(sketch.stamp_ns, frame_id), points)
-    numbers = (cdr.Field(f"k{k}", COUNTS.itemsize + 2 * l * number.itemsize, CODES[number], 2)
-               for l, k in enumerate(sketch.frequencies))
-    names = [f"T{sketch.sensor.num_bins}", f"sensor_{digest(sketch.sensor)}"]
+    _parts(points, names)[:] = np.rint(parts * INT16_SCALE) if layout == "int16" else parts
+    markers = [f"T{sketch.sensor.num_bins}", f"sensor_{digest(sketch.sensor)}"]
     if sketch.cycles:
-        names.append(f"cycles_{sketch.cycles}")
-    markers = (cdr.Field(name, 0, CODES[np.dtype("u1")], 1) for name in names)
-    return cdr.write_cloud(replace(cloud, fields=(cloud.fields[0], *numbers, *cloud.fields[2:], *markers)))
+        markers.append(f"cycles_{sketch.cycles}")
+    return encode_cloud(points, sketch.stamp_ns, frame_id,
+                        further=(cdr.Field(name, 0, CODES[np.dtype("u1")], 1) for name in markers))
 
 
 def description_of(cloud: cdr.CloudMessage) -> str:
@@ -80,9 +75,8 @@ def decode(cloud: cdr.CloudMessage, sensor: SensorModel) -> PhaseSums:
         require(count == wanted, name, count, f"the sensor's {wanted}")
     names = [f"k{k}" for k in frequencies]
     is_int16 = any(field.name == names[0] and field.datatype == CODES[NUMBERS["int16"]] for field in cloud.fields)
-    number = NUMBERS["int16" if is_int16 else "float32"]
-    gated = BEFORE.descr if any(field.name == "before" for field in cloud.fields) else []
-    points = unpack_cloud(cloud, [np.dtype([*COUNTS.descr, *((name, number, 2) for name in names), *gated])])
+    gated = any(field.name == "before" for field in cloud.fields)
+    points = unpack_cloud(cloud, [_point(names, "int16" if is_int16 else "float32", gated)])
     photons, parts = points["photons"].astype(np.uint32), np.array(_parts(points, names), np.float32, order="C")
     if is_int16:
         parts /= INT16_SCALE
@@ -116,6 +110,12 @@ def _named(cloud: cdr.CloudMessage, pattern: re.Pattern, field: str, absent: str
         return absent
     require(len(found) == 1, f"field {field}", " and ".join(found) or "absent", "one field that names it")
     return found[0]
+
+
+def _point(names: list[str], layout: str, gated: bool) -> np.dtype:
+    """The numbers of a pixel, with the fields of these frequencies."""
+    before = [("before", "<u4")] if gated else []
+    return np.dtype([*COUNTS.descr, *((name, NUMBERS[layout], 2) for name in names), *before])
 
 
 def _frequencies(cloud: cdr.CloudMessage) -> tuple[int, ...]:

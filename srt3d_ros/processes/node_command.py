@@ -19,7 +19,12 @@ def parameter_arguments(parameters: dict[str, object]) -> list[str]:
     return arguments
 
 
+def command(*arguments: str) -> list[str]:
+    """The command that runs `srt3d` with these arguments."""
+    # Without -P, Python in a clone imports the clone's srt3d_ros instead of the installed and compiled one.
+    return [sys.executable, "-P", "-m", "srt3d_ros.cli.main", *arguments]
+
+
 def node_command(name: str, *ros_args: str, **parameters: object) -> list[str]:
     """The command that runs a node with these parameters and further arguments for ROS 2."""
-    # Without -P, Python in a clone imports the clone's srt3d_ros instead of the installed and compiled one.
-    return [sys.executable, "-P", "-m", "srt3d_ros.cli.main", "node", name, *parameter_arguments(parameters), *ros_args]
+    return command("node", name, *parameter_arguments(parameters), *ros_args)

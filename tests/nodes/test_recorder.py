@@ -15,8 +15,7 @@ from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.datasets.simulation.motion_profiles import Measured
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import free_message, images_message, points_message, sensor_message
-from srt3d_ros.messages.cdr import Header, write_cloud
-from srt3d_ros.messages.packing import pack_cloud
+from srt3d_ros.messages.packing import encode_cloud
 from srt3d_ros.nodes.recorder import checked_images, checked_path
 from srt3d_ros.nodes.sources import odometry
 from srt3d_ros.recording.reader import RecordingReader
@@ -77,7 +76,7 @@ class Speaker:
         """Send the next frame, 10 ms after the last: a cloud of 50 points; its stamp."""
         stamp_ns = START_NS + self.sent * 10**7
         cloud = np.ones(50, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
-        self._points.publish(write_cloud(pack_cloud(Header(stamp_ns, "spad"), cloud)))
+        self._points.publish(encode_cloud(cloud, stamp_ns, "spad"))
         self.sent += 1
         return stamp_ns
 
