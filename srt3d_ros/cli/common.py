@@ -98,8 +98,8 @@ def read_photons(args: argparse.Namespace, path: str, **more: bool) -> "Reading"
 
 def add_sensor_file(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--sensor-file", metavar="FILE",
-                       help="description of the sensor: .json as in config/sensors/, or a photon file; the other "
-                            "options override it")
+                       help="the whole sensor, with defaults for what it leaves out: .json as in config/sensors/, or "
+                            "a photon file; the other options override it")
 
 
 def given_sensor(args: argparse.Namespace) -> dict[str, object]:

@@ -92,6 +92,7 @@ def ros_arguments(args: argparse.Namespace, own_file: str) -> list[str]:
         require(re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", namespace, re.ASCII), "--namespace", args.namespace,
                 "names of letters, digits and _, joined by /")
         out += ["-r", f"__ns:=/{namespace}"]
+    require(not args.record or args.record.endswith(".rrd"), "--record", args.record, "a path that ends with .rrd")
     if args.log_level:
         out += ["--log-level", args.log_level]
     return out

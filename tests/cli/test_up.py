@@ -46,6 +46,7 @@ def test_what_is_nearer_to_the_command_line_wins(tmp_path):
     (["-p", "player.ppp:=5"], "player.ppp:=5: expected NODE.PARAMETER:=VALUE, NODE one of reconstructor, sketcher,"),
     (["-r", "photon:=/x"], "-r is photon:=/x: expected TOPIC:=NAME, TOPIC one of background, camera_info"),
     (["-r", "photons=/x"], "-r is photons=/x: expected TOPIC:=NAME"),
+    (["--record", "runs"], "--record is runs: expected a path that ends with .rrd"),
     (["--config", "nothing"], 'config "nothing": no such parameter file, neither'),
     (["--config", 300 * "a"], f'config "{300 * "a"}": no such'),
 ])
