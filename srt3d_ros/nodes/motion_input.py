@@ -7,7 +7,7 @@ from srt3d_ros.core.motion.track import MotionReport
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import odometry
 from srt3d_ros.nodes.common import topics
-from srt3d_ros.nodes.common.failures import LOG_EVERY_S
+from srt3d_ros.nodes.common.diagnostics import LOG_EVERY_S
 from srt3d_ros.nodes.common.managed_node import QUEUE_DEPTH, ManagedNode
 from srt3d_ros.nodes.common.parameters import Parameter
 

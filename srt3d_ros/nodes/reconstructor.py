@@ -32,8 +32,8 @@ from srt3d_ros.reconstruction import Reconstructor
 
 PARAMETERS = (
     Parameter.of(OPTIONS["method"], description="How to reconstruct. " + "; ".join(
-        f"{name}: {METHODS[name].about}" for name in SKETCH_METHODS) + ". All but pooled are published with the "
-        "sketcher's `frequencies` consecutive.", choices=SKETCH_METHODS),
+        f"{name}: {METHODS[name].about}" for name in SKETCH_METHODS) + ". The papers of the other methods "
+        "use the sketcher's `frequencies: consecutive`.", choices=SKETCH_METHODS),
     Parameter.of(OPTIONS["surfaces"]),
     Parameter("surface_order", "strongest", "The surface of a pixel that comes first in `points`; images show only the "
               "first. With `surfaces` of 2 or more, nearest shows a net or fog, and farthest the scene behind it.",

@@ -4,6 +4,7 @@ import os
 import platform
 import time
 from collections import deque
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -111,10 +112,11 @@ class RecorderNode(ManagedNode):
         # Publishers discover these readers in this order: images before points, and the description last.
         for topic in topics.IMAGE_TOPICS:
             if f"/{topic.name}" in self._images:
-                self.subscribe(topic, lambda raw, path=f"/{topic.name}": self._on_image(path, raw))
-        self.subscribe(topics.FREE, self._on_free)
-        self.subscribe(topics.SKETCH, self._on_sketch)       # before `points`: of a backlog, sketches are read first
-        self.subscribe(topics.POINTS, self._on_points)
+                self._record(topic, image_message.decode_cdr, partial(self._log_image, f"/{topic.name}"))
+        self._record(topics.FREE, free_message.decode_cdr, self._log_free)
+        # Subscribe before `points`, so that a backlog of sketches is read first.
+        self._record(topics.SKETCH, sketch_message.decode_counts_cdr, self._log_sketch)
+        self._record(topics.POINTS, points_message.decode_cdr, self._log_points)
         self.follow(topics.SKETCH_SENSOR, self._on_sensor)
         self.diagnostics.show(path=self._path)
 
@@ -170,9 +172,21 @@ class RecorderNode(ManagedNode):
 
     # ---- Frames
 
-    def _on_points(self, raw: bytes) -> None:
-        header, columns = points_message.decode_cdr(raw)
-        writer, frame = self._frame(header.stamp_ns)
+    def _record(self, topic: topics.Topic, decode: Callable[[bytes], tuple], log: Callable[..., None]) -> None:
+        """Call `log` in the worker with the open recording, the frame and what `decode` gives behind the header."""
+        def handle(raw: bytes) -> None:
+            header, *content = decode(raw)
+            writer = self._writer
+            if writer is None:
+                raise Dropped("not_recording", "no recording is open")
+            frame = self._frames[header.stamp_ns]
+            log(writer, frame, *content)
+            self.sent(frame.stamp_ns)
+            self.diagnostics.show(path=writer.path)
+
+        self.subscribe(topic, handle)
+
+    def _log_points(self, writer: RecordingWriter, frame: RecordedFrame, columns: dict[str, np.ndarray]) -> None:
         number_of_points = len(columns["xyz"])
         sketch_ns = frame.sketch_ns
         series = {"latency_ms": (self.received_ns - frame.stamp_ns) * 1e-6, "points": number_of_points,
@@ -185,7 +199,6 @@ class RecorderNode(ManagedNode):
         if self._track is not None:
             self._unplaced.append((frame, columns["xyz"], columns["intensity"]))
             self._place(writer)
-        self._logged(writer, frame)
 
     def _on_motion(self) -> None:
         """Have the worker place clouds if some wait; called in the executor's thread."""
@@ -218,27 +231,17 @@ class RecorderNode(ManagedNode):
                 self.diagnostics.count(clouds_placed=1)
             self._motion.judge(problem, "clouds have poses again")
 
-    def _on_free(self, raw: bytes) -> None:
-        header, ends = free_message.decode_cdr(raw)
-        writer, frame = self._frame(header.stamp_ns)
+    def _log_free(self, writer: RecordingWriter, frame: RecordedFrame, ends: np.ndarray) -> None:
         writer.log_free(frame.stamp_ns, frame.number, ends)
-        self._logged(writer, frame)
 
-    def _on_image(self, path: str, raw: bytes) -> None:
-        header, image = image_message.decode_cdr(raw)
-        writer, frame = self._frame(header.stamp_ns)
-        self._log_image(writer, frame, path, image)
-        self._logged(writer, frame)
-
-    def _log_image(self, writer: RecordingWriter, frame: RecordedFrame, path: str, image: np.ndarray) -> None:
+    def _log_image(self, path: str, writer: RecordingWriter, frame: RecordedFrame, image: np.ndarray) -> None:
         if frame.has_images:
             writer.log_image(path, frame.stamp_ns, frame.number, image)
         else:
             self.diagnostics.count(images_skipped=1)
 
-    def _on_sketch(self, raw: bytes) -> None:
-        header, frequencies, counts = sketch_message.decode_counts_cdr(raw)
-        writer, frame = self._frame(header.stamp_ns)
+    def _log_sketch(self, writer: RecordingWriter, frame: RecordedFrame, frequencies: tuple[int, ...],
+                    counts: np.ndarray) -> None:
         photons = int(counts.sum(dtype=np.int64))
         if frequencies != self._frequencies:
             self._frequencies = frequencies
@@ -248,19 +251,8 @@ class RecorderNode(ManagedNode):
                   "ppp": photons / max(counts.size, 1)}
         writer.log_scalars(frame.stamp_ns, series, frame.number)
         if entities.PHOTONS_PATH in self._images:
-            self._log_image(writer, frame, entities.PHOTONS_PATH, counts)
+            self._log_image(entities.PHOTONS_PATH, writer, frame, counts)
         self.diagnostics.count(photons=photons)
-        self._logged(writer, frame)
-
-    def _frame(self, stamp_ns: int) -> tuple[RecordingWriter, RecordedFrame]:
-        """The open recording and its frame with this stamp; Dropped if none is open."""
-        if self._writer is None:
-            raise Dropped("not_recording", "no recording is open")
-        return self._writer, self._frames[stamp_ns]
-
-    def _logged(self, writer: RecordingWriter, frame: RecordedFrame) -> None:
-        self.sent(frame.stamp_ns)
-        self.diagnostics.show(path=writer.path)
 
 
 main = partial(run, RecorderNode)

@@ -48,9 +48,9 @@ PARAMETERS = (
               choices=("auto", OFF), live=True, loose=True),
     Parameter("packets_per_frame", 1, "Messages per frame. With frame_period_s, 1 means any number.",
               low=1, high=100_000, live=True),
-    Parameter("frame_period_s", 0.0, "Define frames by stamp: a frame contains the stamps of one period. It ends with "
-              "the first packet of a later period, or when packets_per_frame have arrived. If the packets of a frame "
-              "share one stamp, use any value up to the time between frames. 0: define frames by number only.",
+    Parameter("frame_period_s", 0.0, "Define frames by stamp: a frame contains the stamps of one period. It ends "
+              "early once packets_per_frame have arrived. If the packets of a frame share one stamp, use any value up "
+              "to the time between frames. 0: define frames by number only.",
               "s", 0, 1000, live=True),
     *motion_parameters(
         "Photons of a frame of several packets are moved to the sensor's pose in the middle of the frame, which "

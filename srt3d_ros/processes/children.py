@@ -5,12 +5,9 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Iterable
 from typing import Any
 
 STOP_TIMEOUT_S = 60.0       # to write the rest of a recording or a bag
-HAND_OVER_S = 0.3           # for a node's last messages to reach the next node before that ends, too
 LIBC, PR_SET_PDEATHSIG = ctypes.CDLL(None), 1       # linux/prctl.h
 
 
@@ -28,14 +25,6 @@ def stop(process: subprocess.Popen, timeout_s: float = STOP_TIMEOUT_S) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
-
-
-def stop_in_order(processes: Iterable[subprocess.Popen]) -> None:
-    """Stop processes one after the other, each after the one before it has ended."""
-    for process in processes:
-        if process.poll() is None:
-            stop(process)
-            time.sleep(HAND_OVER_S)
 
 
 def end_at_once(code: int) -> None:

@@ -1,5 +1,6 @@
 """A ROS domain for one program, so that programs on a machine do not receive each other's messages."""
 
+import contextlib
 import os
 import random
 import signal
@@ -9,7 +10,20 @@ FIRST_PORT, PORTS = 7400, 250       # first UDP port of domain 0, and ports per 
 USED_PORT = 10                      # offset of the port that the first program in a domain binds
 MOST = 100                          # highest domain below the ports that operating systems assign to any program
 
-_claims: list[socket.socket] = []       # open as long as this process lives
+held: list = []         # sockets and files that stay open until this process ends
+
+
+def bind(*ports: int) -> list[socket.socket]:
+    """UDP sockets bound to these ports; an empty list if one of the ports is in use."""
+    with contextlib.ExitStack() as opened:
+        bound = [opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in ports]
+        for one, port in zip(bound, ports):
+            try:
+                one.bind(("", port))
+            except OSError:
+                return []
+        opened.pop_all()
+        return bound
 
 
 def claim_domain() -> int:
@@ -19,15 +33,10 @@ def claim_domain() -> int:
     """
     for domain in random.SystemRandom().sample(range(1, MOST + 1), MOST):
         first_port = FIRST_PORT + PORTS * domain
-        claim = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            claim.bind(("", first_port + PORTS - 1))
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as discovery:
-                discovery.bind(("", first_port + USED_PORT))
-        except OSError:
-            claim.close()
-        else:
-            _claims.append(claim)
+        if bound := bind(first_port + PORTS - 1, first_port + USED_PORT):
+            claim, discovery = bound
+            discovery.close()
+            held.append(claim)
             return domain
     raise OSError(f"every ROS domain from 1 to {MOST} is in use on this machine")
 

@@ -11,6 +11,7 @@ from srt3d_ros.processes.node_command import FRAMES_LOST, PLAYER, RECORDER, node
 POLL_CHILDREN_S = 0.05           # longest time until a signal or the end of a node is noticed
 MOST_RESTARTS, BUDGET_S = 5, 60.0   # restarts of a node in any such time; of a player, which begins again, in all
 RESTART_DELAY_S = 1.0
+HAND_OVER_S = 0.3       # for a node's last messages to reach the next node before that ends, too
 SIGNALLED = 128         # plus the signal's number: a shell's exit code for a process ended by a signal
 # What follows the end of a node.
 RESTART = f"starting it again, at most {MOST_RESTARTS} times in {BUDGET_S:.0f} s"
@@ -80,7 +81,10 @@ def supervise(names: list[str], ros_args: list[str]) -> int:
             time.sleep(RESTART_DELAY_S)
             if not signals:
                 nodes[ended] = children.start(node_command(ended, *ros_args))
-    children.stop_in_order(reversed(nodes.values()))
+    for node in reversed(nodes.values()):
+        if node.poll() is None:
+            children.stop(node)
+            time.sleep(HAND_OVER_S)
     codes += [shell_code(node.returncode) for node in nodes.values()]
     if step == END and codes[0] == FRAMES_LOST:
         _say("frames were lost; see the player's last line")

@@ -9,7 +9,6 @@ import ctypes
 import fcntl
 import os
 import re
-import socket
 import sys
 import tempfile
 import time
@@ -17,7 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from srt3d_ros.files import shared_file
-from srt3d_ros.processes.private_network import FIRST_PORT, PORTS
+from srt3d_ros.processes.private_network import FIRST_PORT, PORTS, bind, held
 
 
 class FastDds(NamedTuple):
@@ -51,8 +50,6 @@ PROCESSES = 4           # that need a segment; each allocates all of it when it 
 LEAK_AGE_S = 10.0       # a younger segment may belong to a process that is still starting
 
 M_TRIM_THRESHOLD, M_TOP_PAD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -2, -3, -8     # glibc's malloc.h
-
-_held: list = []        # sockets and files that stay open until this process ends
 
 
 def prepare_process() -> None:
@@ -88,9 +85,9 @@ def reserve_stale_ports(shared_memory: Path = SHARED_MEMORY) -> None:
         return
     mapped = names.keys() & _mapped(shared_memory)
     for name in existing | mapped:
-        bound = _bind(names[name] - 1, names[name])     # a participant's ports for discovery and data
+        bound = bind(names[name] - 1, names[name])     # a participant's ports for discovery and data
         if name in mapped:
-            _held.extend(bound)
+            held.extend(bound)
         elif bound:
             _remove(shared_memory / name)
             for one in bound:
@@ -120,19 +117,6 @@ def _mapped(folder: Path) -> set[str]:
     return found
 
 
-def _bind(*ports: int) -> list[socket.socket]:
-    """UDP sockets bound to these ports; an empty list if one of the ports is in use."""
-    with contextlib.ExitStack() as opened:
-        bound = [opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in ports]
-        for one, port in zip(bound, ports):
-            try:
-                one.bind(("", port))
-            except OSError:
-                return []
-        opened.pop_all()
-        return bound
-
-
 def shared_memory_profile(shared_memory: Path = SHARED_MEMORY) -> Path | None:
     """A Fast DDS profile whose segment fits PROCESSES times into free shared memory; None if memory is too short.
 
@@ -151,7 +135,7 @@ def shared_memory_profile(shared_memory: Path = SHARED_MEMORY) -> Path | None:
     smaller = tempfile.NamedTemporaryFile("w", prefix="srt3d_fastdds_", suffix=".xml")   # noqa: SIM115, held to the end
     smaller.write(profile.read_text(encoding="utf-8").replace(f">{SEGMENT_BYTES}<", f">{segment_bytes}<"))
     smaller.flush()
-    _held.append(smaller)
+    held.append(smaller)
     return Path(smaller.name)
 
 

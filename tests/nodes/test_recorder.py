@@ -284,8 +284,9 @@ def test_with_odometry_each_cloud_has_the_sensors_pose_and_without_it_the_record
 
 
 BUSY = """from srt3d_ros.nodes.recorder import RecorderNode as Node
-on_points = Node._on_points         # clouds wait for the end
-Node._on_points = lambda self, raw: self.stopping.wait() and on_points(self, raw)"""
+subscribe = Node.subscribe          # clouds wait for the end
+Node.subscribe = lambda self, topic, handle: subscribe(
+    self, topic, lambda raw: (topic.name != "points" or self.stopping.wait()) and handle(raw))"""
 
 
 def test_no_recording_begins_at_the_end_of_another(graph, sensor, tmp_path):

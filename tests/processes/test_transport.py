@@ -1,18 +1,18 @@
 """Domains of programs on one machine, and what a process is prepared with before rclpy.init, as Fast DDS has it."""
 
+import ast
 import contextlib
 import fcntl
 import mmap
 import os
-import socket
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 
 import pytest
 
-from srt3d_ros.processes import private_network, transport
-from srt3d_ros.processes.private_network import MOST, PORTS, USED_PORT, claim_domain
+from srt3d_ros.processes import transport
+from srt3d_ros.processes.private_network import FIRST_PORT, PORTS, bind, claim_domain
 
 SEGMENT = transport.FAST_DDS.segment
 
@@ -58,19 +58,28 @@ def test_without_shared_memory_the_default_stays(tmp_path):
     assert transport.shared_memory_profile(tmp_path / "absent") is None
 
 
-@pytest.mark.parametrize("version", [transport.FAST_DDS_2, transport.FAST_DDS_3])
-def test_a_process_is_prepared_with_the_profile_unless_the_user_chose_one(monkeypatch, version):
-    for name in ("remove_leaked_segments", "reserve_stale_ports", "_keep_freed_memory"):    # of this process
-        monkeypatch.setattr(transport, name, lambda: None)
-    monkeypatch.setattr(transport, "FAST_DDS", version)
-    monkeypatch.setattr(os, "environ", {})
-    transport.prepare_process()
-    ((variable, profile),) = os.environ.items()
-    assert variable == version.variables[0] and os.path.exists(profile)
-    for variable in version.variables:
-        monkeypatch.setattr(os, "environ", {variable: "/my/own.xml"})
-        transport.prepare_process()
-        assert os.environ == {variable: "/my/own.xml"}
+PREPARED = """
+import os, sys
+from srt3d_ros.processes import transport
+transport.FAST_DDS = getattr(transport, sys.argv[1])
+transport.prepare_process()
+print({name: os.environ[name] for name in os.environ if name.endswith("DEFAULT_PROFILES_FILE")})
+"""
+
+
+@pytest.mark.parametrize("version", ["FAST_DDS_2", "FAST_DDS_3"])
+def test_a_process_is_prepared_with_the_profile_unless_the_user_chose_one(repository, version):
+    def prepared(**own: str) -> dict[str, str]:
+        environment = {name: value for name, value in os.environ.items() if "PROFILES_FILE" not in name} | own
+        return ast.literal_eval(subprocess.check_output([sys.executable, "-c", PREPARED, version], cwd=repository,
+                                                        env=environment, text=True))
+
+    variables = getattr(transport, version).variables
+    if transport.shared_memory_profile():
+        ((variable, profile),) = prepared().items()
+        assert variable == variables[0] and profile.endswith("_shm.xml")
+    for variable in variables:
+        assert prepared(**{variable: "/my/own.xml"}) == {variable: "/my/own.xml"}
 
 
 def test_segments_of_killed_processes_are_given_back_and_those_of_others_kept(tmp_path):
@@ -92,7 +101,17 @@ def test_segments_of_killed_processes_are_given_back_and_those_of_others_kept(tm
     assert {path.name for path in tmp_path.iterdir()} == kept | {name.removesuffix("_el") for name in kept}
 
 
-def test_ports_of_killed_processes_are_avoided_while_others_send_to_them_and_then_removed(tmp_path, monkeypatch):
+RESERVES = """
+import sys
+from pathlib import Path
+from srt3d_ros.processes import transport
+transport.reserve_stale_ports(Path(sys.argv[1]))
+print("reserved", flush=True)
+input()
+"""
+
+
+def test_ports_of_killed_processes_are_avoided_while_others_send_to_them_and_then_removed(repository, tmp_path):
     """Two have a writer and no reader, one only in memory; two have a reader, one nobody; one is of another domain."""
     def port(number: int, mapped: bool) -> None:
         path = tmp_path / f"{SEGMENT}port{number}"
@@ -102,24 +121,27 @@ def test_ports_of_killed_processes_are_avoided_while_others_send_to_them_and_the
             with path.open("r+b") as file:
                 opened.enter_context(mmap.mmap(file.fileno(), 1))
 
-    monkeypatch.setattr(transport, "_held", [])
+    def in_use(number: int) -> bool:
+        for one in (bound := bind(number)):
+            one.close()
+        return not bound
+
     with contextlib.ExitStack() as opened:
-        first = 7400 + 250 * (domain := claim_domain())
+        first = FIRST_PORT + PORTS * (domain := claim_domain())
         for number, mapped in {211: True, 213: True, 215: True, 217: False, 219: False, 461: False}.items():
             port(first + number, mapped)
         lock = opened.enter_context((tmp_path / f"{SEGMENT}port{first + 219}_el").open("wb"))
         fcntl.flock(lock, fcntl.LOCK_EX)        # in a container of its own, which shares the memory, not the network
         os.utime(lock.name, (0, 0))
         (tmp_path / f"{SEGMENT}port{first + 213}").unlink()
-        reader = opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-        reader.bind(("", first + 215))
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        transport.reserve_stale_ports(tmp_path)
-        held = {one.getsockname()[1] - first for one in transport._held}
+        opened.enter_context(bind(first + 215)[0])      # a reader
+        process = opened.enter_context(subprocess.Popen(
+            [sys.executable, "-c", RESERVES, tmp_path], cwd=repository, env=os.environ | {"ROS_DOMAIN_ID": str(domain)},
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True))
+        assert process.stdout.readline() == "reserved\n"
+        assert [number for number in range(200, 230) if in_use(first + number)] == [210, 211, 212, 213, 215]
         left = {int(path.name.removeprefix(f"{SEGMENT}port")) - first for path in tmp_path.glob("*[0-9]")}
-    for one in transport._held:
-        one.close()
-    assert held == {210, 211, 212, 213}
+        process.communicate("\n")
     assert left == {211, 215, 219, 461} and len(list(tmp_path.glob("*_el"))) == 1
 
 
@@ -130,7 +152,7 @@ def make_and_drop():
     for _ in range(4):
         bytes(bytearray(100_000_000))
         faults.append(resource.getrusage(resource.RUSAGE_SELF).ru_minflt)
-transport._keep_freed_memory()
+transport.prepare_process()
 faults = []
 make_and_drop()
 thread = threading.Thread(target=make_and_drop)
@@ -174,23 +196,18 @@ def test_the_middleware_takes_a_profile_without_a_word_and_names_its_segment_as_
     assert done.stderr == "" and any(size <= int(mapped) < 1.1 * size for mapped in done.stdout.split())
 
 
-@pytest.fixture(autouse=True)
-def claims(monkeypatch):
-    """Claims of these tests alone, given up after each."""
-    own: list[socket.socket] = []
-    monkeypatch.setattr(private_network, "_claims", own)
-    yield own
-    for claim in own:
-        claim.close()
+CLAIMS = """
+from srt3d_ros.processes import private_network
+from srt3d_ros.processes.private_network import claim_domain
+claimed = [claim_domain() for _ in range(20)]
+assert len(set(claimed)) == 20 and all(1 <= domain <= private_network.MOST for domain in claimed)
+private_network.MOST, private_network.FIRST_PORT = 2, 30_000        # others on this machine may use the real ones
+with private_network.bind(30_000 + private_network.PORTS + private_network.USED_PORT)[0]:
+    assert claim_domain() == 2
+    claim_domain()
+"""
 
 
-def test_no_two_programs_have_the_same_domain_and_one_in_use_is_left_alone(claims, monkeypatch):
-    claimed = [claim_domain() for _ in range(20)]
-    assert len(set(claimed)) == 20 and all(1 <= domain <= MOST for domain in claimed)
-    monkeypatch.setattr(private_network, "MOST", 2)
-    monkeypatch.setattr(private_network, "FIRST_PORT", 30_000)      # others on this machine may use the real ones
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as used:
-        used.bind(("", 30_000 + PORTS + USED_PORT))
-        assert claim_domain() == 2
-        with pytest.raises(OSError, match="every ROS domain from 1 to 2 is in use"):
-            claim_domain()
+def test_no_two_programs_have_the_same_domain_and_one_in_use_is_left_alone(repository):
+    done = subprocess.run([sys.executable, "-c", CLAIMS], cwd=repository, capture_output=True, text=True)
+    assert done.stderr.splitlines()[-1] == "OSError: every ROS domain from 1 to 2 is in use on this machine"

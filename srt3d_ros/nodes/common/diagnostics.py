@@ -4,12 +4,13 @@ The level depends on what happened since the last report, and on what still hold
     ERROR   the node failed or cannot work, and has sent no frame since; or an error was counted; or more than half of
             the messages were dropped or lost
     WARN    a message was dropped or lost; the node works, but not as asked (`degraded`); photons look wrong (`warn`);
-            it waits for something, or has waited 2 s for a frame; or frames leave more than 2 s after their stamps, or
-            before
+            it waits for something, or has waited 2 s for a frame; or frames leave over 2 s late, or have stamps in the
+            future
     OK      otherwise
 """
 
 import time
+import traceback
 from collections import Counter, deque
 
 import numpy as np
@@ -21,8 +22,10 @@ from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from srt3d_ros.core.stream import Counts
+from srt3d_ros.errors import InvalidInput
 from srt3d_ros.nodes.common.peers import Peers, all_acknowledged, names
 from srt3d_ros.nodes.common.status import ERROR, OK, WARN, NodeStatus
+from srt3d_ros.nodes.common.worker import Dropped
 
 PERIOD_S = 1.0
 LATENCIES_KEPT = 200    # newest frames, for the percentiles
@@ -31,12 +34,13 @@ POLL_READERS_S = 0.01
 MOST_DROPPED = 0.5      # share of the frames since the last report; more is an error
 PATIENCE_S = 2.0        # without a frame before a warning
 WAITING_EVERY_S = 10.0      # at most, a line about what the node waits for
+LOG_EVERY_S = 2.0           # at most, a line about the same failure: rclpy limits lines by their place in the source
 LOG_LOSS_EVERY_S = 60.0     # at most, a line about losses
 ENDING = ("inactive", "shutdown")       # causes of drops that are not logged
 OLD_S = 2.0             # median latency before a warning
 OTHER_CLOCK_S = 3600.0  # no queue is so long
 # Warn of stamps this far ahead of the node's clock. Clocks set by NTP differ by milliseconds, but a simulated clock may
-# tick at only 10 Hz, and later on a busy machine.
+# tick at 10 Hz or, on a busy machine, more slowly.
 AHEAD_S = 0.5
 TOTALS, RATED = ("messages_in", "frames_out", "message_lost", "errors", "internal"), ("photons", "points")
 
@@ -62,8 +66,8 @@ class Diagnostics(Counts):
         super().__init__()
         self.state = "unconfigured"
         self.problem = self.degraded = self.frame_id = self._warning = self._internal = ""
-        self._peers = Peers(node)
-        self._node, self.output, self._best_effort = node, output, best_effort
+        self._node, self._log, self._peers = node, node.get_logger(), Peers(node)
+        self.output, self._best_effort = output, best_effort
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
         self._topics: tuple[str, ...] = ()  # on which the node receives frames
@@ -73,6 +77,7 @@ class Diagnostics(Counts):
         self._level, self._last_error = OK, ""
         self._reported = (time.monotonic(), Counter(), Counter())
         self._logged = (-LOG_LOSS_EVERY_S, Counter(), Counter())        # losses
+        self._raised_at: set[tuple] = set()     # places of bugs whose traceback has been logged
         self._least_latency_s = float("inf")
         self.publisher = node.create_publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=10),
                                                 qos_overriding_options=QoSOverridingOptions.with_default_policies())
@@ -121,12 +126,35 @@ class Diagnostics(Counts):
         """Report no problem and no bug any more."""
         self.problem = self._internal = ""
 
-    def internal(self, text: str) -> None:
-        """Count a bug of the node, and report it as an error until a frame is sent or the node is activated again."""
+    def failed(self, error: Exception, frames: int = 0) -> None:
+        """Log what a callback or a job raised, and count it and the frames that it cost."""
+        if isinstance(error, Dropped):
+            self.drop(error.cause, frames)
+            self._log.warning(f"frame dropped: {error}", throttle_duration_sec=LOG_EVERY_S)
+        elif not isinstance(error, InvalidInput):
+            self.drop("internal", frames)
+            self._add_bug(error)
+        elif frames:
+            self.error(str(error), counted=False)
+            self.drop("malformed", frames)
+            self._log.warning(f"frame dropped: {error}", throttle_duration_sec=LOG_EVERY_S)
+        else:
+            self.error(str(error))
+            self._log.error(str(error), throttle_duration_sec=LOG_EVERY_S)
+
+    def _add_bug(self, error: Exception) -> None:
+        """Report a bug of this package until a frame is sent or the node is activated again; log its traceback once."""
+        text = f"{type(error).__name__}: {' '.join(str(error).split())}"
         with self._lock:
             self.totals["internal"] += 1
             self._internal = text
             self.error(text)
+        raised_at = tuple((part.filename, part.lineno) for part in traceback.extract_tb(error.__traceback__))
+        if raised_at in self._raised_at:
+            self._log.error(f"again: {text}", throttle_duration_sec=LOG_EVERY_S)
+        else:
+            self._raised_at.add(raised_at)
+            self._log.error("".join(traceback.format_exception(error)).rstrip())
 
     def show(self, **values: object) -> None:
         """Show these values in all reports from now on."""
@@ -169,7 +197,7 @@ class Diagnostics(Counts):
                 facts["waiting_s"] = f"{now - since:.1f}"
                 waiting = f"waiting for {waiting_for} for {now - since:.0f} s"
                 if self.state == "active" and now - since >= PATIENCE_S:
-                    self._node.get_logger().info(waiting, throttle_duration_sec=WAITING_EVERY_S)
+                    self._log.info(waiting, throttle_duration_sec=WAITING_EVERY_S)
             level, why = self._judge(new, new_drops, waiting)
             if level != self._level:
                 self._level, self._level_since = level, now
@@ -237,7 +265,7 @@ class Diagnostics(Counts):
             lost = new["message_lost"]
             if (gone or lost) and (last or time.monotonic() - since >= LOG_LOSS_EVERY_S):
                 self._logged = time.monotonic(), self.totals.copy(), self.dropped.copy()
-                self._node.get_logger().warning(
+                self._log.warning(
                     f"dropped {gone.total() + lost} of {new['messages_in'] + lost} messages since "
                     f"{'the last such line' if totals else 'the start'}: {_losses_text(new, gone)}")
 

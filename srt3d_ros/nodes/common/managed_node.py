@@ -14,7 +14,6 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.nodes.common.diagnostics import Diagnostics
 from srt3d_ros.nodes.common.endpoints import BEST_AVAILABLE, PUBLISH_DEPTH, Endpoints, SequenceLoss
-from srt3d_ros.nodes.common.failures import Failures
 from srt3d_ros.nodes.common.parameters import Parameters
 from srt3d_ros.nodes.common.rclpy_patches import PatchedLifecycleNode
 from srt3d_ros.nodes.common.topics import NodeSpec, Topic
@@ -63,7 +62,6 @@ class ManagedNode(PatchedLifecycleNode):
         frames = [self.resolve_topic_name(topic.name) for topic in self.spec.outputs if not topic.latched]
         self.diagnostics = Diagnostics(self, frames[0] if frames else "",
                                        self.reliability == ReliabilityPolicy.BEST_EFFORT)
-        self._failures = Failures(self.get_logger(), self.diagnostics)
         self.endpoints = Endpoints(self)
         self.finished, self.stopping = threading.Event(), threading.Event()
         self.exit_code = 0
@@ -285,7 +283,7 @@ class ManagedNode(PatchedLifecycleNode):
 
     def failed(self, error: Exception, frames: int = 0) -> None:
         """Log an error, and count it and the frames that it cost."""
-        self._failures.add(error, frames)
+        self.diagnostics.failed(error, frames)
 
 
 def sensor_summary(sensor: SensorModel) -> str:

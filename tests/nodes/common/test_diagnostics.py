@@ -79,7 +79,7 @@ def test_levels_follow_what_happened_since_the_last_report(counted, monkeypatch)
     receive(1)
     diagnostics.drop("malformed")
     says(ERROR, "dropped: 1 malformed, of 1")
-    diagnostics.internal("KeyError: 'x'")
+    diagnostics.failed(KeyError("x"))
     says(ERROR, "KeyError: 'x'")
     says(ERROR, "KeyError: 'x'")        # as long as no frame leaves; the next may pass
     assert latest()["ready"] == "True"
@@ -88,7 +88,7 @@ def test_levels_follow_what_happened_since_the_last_report(counted, monkeypatch)
     says(WARN, "dropped: 2 lost on the way here, of 4")
     receive(0, message_lost=3)
     says(ERROR, "dropped: 3 lost on the way here, of 3")
-    diagnostics.internal("KeyError: 'x'")
+    diagnostics.failed(KeyError("x"))
     diagnostics.clear()                         # as an activation does
     says(ERROR, "KeyError: 'x'")                # once
     says(OK, "0.0 messages/s in, 0.0 out")
