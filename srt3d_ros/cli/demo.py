@@ -44,15 +44,14 @@ class Played:
         at: gives the photons for the picture and the true depths in bins [S, rows, cols], from the time since the first
             frame, s, and the frame rate, Hz.
         tolerance_bins: largest depth error of a true detection.
-        player, sketcher: parameters of these nodes.
+        settings: parameters, as NODE.PARAMETER.
     """
 
     title: str
     sensor: SensorModel
     at: Callable[[float, float], tuple[PhotonEvents | None, np.ndarray]]
     tolerance_bins: float
-    player: dict[str, object]
-    sketcher: dict[str, object] = field(default_factory=dict)
+    settings: dict[str, object] = field(default_factory=dict)
 
 
 def add_parser(subparsers) -> None:
@@ -94,7 +93,7 @@ def _simulated() -> Played:
     simulator = Simulator(**SCENE)
     return Played("simulated moving scene", simulator.sensor,
                   lambda time_s, rate_hz: simulator.frame(round(time_s * rate_hz)),
-                  SIMULATED_TOLERANCE_M / simulator.sensor.bin_width_m, {"input": "simulator", **SCENE})
+                  SIMULATED_TOLERANCE_M / simulator.sensor.bin_width_m)
 
 
 def _moving(motion: str) -> Played:
@@ -104,16 +103,16 @@ def _moving(motion: str) -> Played:
     view = MovingView(Room(), MOTIONS[motion], sensor)
     return Played(f"simulated room, seen by a moving sensor ({motion})", sensor,
                   lambda time_s, rate_hz: (None, sensor.depth_bins(view.at(time_s)[0][None])),
-                  MOVING_TOLERANCE_M / sensor.bin_width_m, {"input": "simulator", "motion": motion, **SCENE},
-                  {"motion": "odom", "packets_per_frame": PACKETS, "extrinsics": extrinsics()})
+                  MOVING_TOLERANCE_M / sensor.bin_width_m,
+                  {"player.motion": motion, "sketcher.motion": "odom", "sketcher.packets_per_frame": PACKETS,
+                   "sketcher.extrinsics": extrinsics()})
 
 
 def _play(played: Played, frames: int, rate_hz: float, out: Path) -> tuple[int, str, int]:
     """Run the nodes on all frames and record the clouds; returns exit code, error, and the first frame's stamp."""
-    settings = {"reconstructor.fields": "full", "player.rate_hz": rate_hz, "player.frames": frames} | {
-        f"sketcher.{key}": value for key, value in played.sketcher.items()} | {
-        f"player.{key}": value for key, value in played.player.items()}
-    up = command("up", "--record", str(out / RECORDING), "--input", str(played.player["input"]),
+    settings = {"reconstructor.fields": "full", "player.rate_hz": rate_hz, "player.frames": frames,
+                **{f"player.{key}": value for key, value in SCENE.items()}, **played.settings}
+    up = command("up", "--record", str(out / RECORDING), "--input", "simulator",
                  *(f"-p{name}:={json.dumps(value)}" for name, value in settings.items()))
     _say("starting the nodes")
     listener, first_ns = health.Listener(), 0

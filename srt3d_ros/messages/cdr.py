@@ -135,9 +135,12 @@ def write_text(text: str) -> bytes:
 def restamp(raw: bytes, stamp_ns: int) -> bytes:
     """A copy of a serialised message with another stamp, many times cheaper than serialising its data again."""
     check_stamp(stamp_ns)
-    # In every message with a header, the stamp comes first.
-    stamp = struct.pack("<iI", *divmod(stamp_ns, NS_PER_S))
+    stamp = _stamp(stamp_ns)        # comes first in every message with a header
     return b"".join((raw[:CDR_HEADER_BYTES], stamp, memoryview(raw)[CDR_HEADER_BYTES + len(stamp):]))
+
+
+def _stamp(stamp_ns: int) -> bytes:
+    return struct.pack("<iI", *divmod(stamp_ns, NS_PER_S))
 
 
 def read_image(raw: bytes) -> Image:
@@ -219,9 +222,7 @@ class _Writer:
         self.raw = bytearray(b"\x00\x01\x00\x00")
 
     def header(self, header: Header) -> None:
-        sec, nanosec = divmod(header.stamp_ns, NS_PER_S)
-        self.numbers("i", sec)
-        self.numbers("I", nanosec)
+        self.raw += _stamp(header.stamp_ns)
         self.text(header.frame_id)
 
     def numbers(self, code: str, *values: int) -> None:

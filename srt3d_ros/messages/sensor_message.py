@@ -44,7 +44,12 @@ def to_json(sensor: SensorModel) -> str:
 
 def from_json(text: str) -> SensorModel:
     """The sensor of a JSON text; InvalidInput names the field that cannot be used."""
-    return from_object(json_text.parse(text, "sensor"))
+    content = json_text.parse(text, "sensor")
+    version = content.get("schema_version", "absent")
+    require(version == VERSION, "schema_version", version, str(VERSION))
+    sensor = _read(content, (SensorModel,))
+    check_frame_id("frame_id", sensor.frame_id)
+    return sensor
 
 
 @lru_cache(maxsize=8)
@@ -61,15 +66,6 @@ def digest(sensor: SensorModel | str) -> str:
 def to_object(sensor: SensorModel) -> dict:
     """The JSON object of a sensor."""
     return {"schema_version": VERSION} | _written(sensor)
-
-
-def from_object(content: dict) -> SensorModel:
-    """The sensor of a parsed JSON object; InvalidInput names the field that cannot be used."""
-    version = content.get("schema_version", "absent")
-    require(version == VERSION, "schema_version", version, str(VERSION))
-    sensor = _read(content, (SensorModel,))
-    check_frame_id("frame_id", sensor.frame_id)
-    return sensor
 
 
 def _written(part: Any) -> dict:
