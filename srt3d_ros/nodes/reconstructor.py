@@ -17,9 +17,7 @@ from srt3d_ros.core.signs_of_life import FreeSpaceStream
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.errors import require
 from srt3d_ros.kernels.devices import kernels_for
-from srt3d_ros.messages import free_message, points_message, sketch_message
-from srt3d_ros.messages import images_message as image_message
-from srt3d_ros.messages.images_message import camera_info
+from srt3d_ros.messages import free_message, images_message, points_message, sketch_message
 from srt3d_ros.nodes.common import topics
 from srt3d_ros.nodes.common.managed_node import ManagedNode, sensor_summary
 from srt3d_ros.nodes.common.parameters import Parameter, Values
@@ -259,9 +257,9 @@ class ReconstructorNode(ManagedNode):
                 "background": lambda: cloud.background}
         for name, publisher in self._images.items():
             if publisher.get_subscription_count():
-                self.publish(publisher, image_message.encode_cdr(draw[name](), cloud.stamp_ns, frame_id))
+                self.publish(publisher, images_message.encode_cdr(draw[name](), cloud.stamp_ns, frame_id))
         if self._camera_info.get_subscription_count():
-            info = camera_info(sensor, cloud.stamp_ns, frame_id)
+            info = images_message.camera_info(sensor, cloud.stamp_ns, frame_id)
             if info is not None:        # None for a scanner, which is no camera
                 self.publish(self._camera_info, info)
 

@@ -18,8 +18,7 @@ from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import require
 from srt3d_ros.files.new_files import free
-from srt3d_ros.messages import free_message, points_message, sensor_message, sketch_message
-from srt3d_ros.messages import images_message as image_message
+from srt3d_ros.messages import free_message, images_message, points_message, sensor_message, sketch_message
 from srt3d_ros.nodes.common import topics
 from srt3d_ros.nodes.common.managed_node import ManagedNode
 from srt3d_ros.nodes.common.parameters import Parameter, Values
@@ -59,7 +58,6 @@ def checked_images(text: str) -> tuple[str, ...]:
 
 
 QUEUE = 128             # messages that wait for the disk
-RECORDED_DEPTH = 32     # messages of each topic that the middleware keeps: seven topics, sketches of 2 MB
 POSE_NS = 10**9         # clouds wait for their pose this long, by their stamps
 
 SPEC = NodeSpec(
@@ -75,7 +73,6 @@ class RecorderNode(ManagedNode):
     spec = SPEC
     drain_s = 15.0          # queued messages are still written
     finish_s = 45.0         # drain_s and the 30 s after which the writer gives up a disk; `srt3d up` waits for 60 s
-    queue_depth = RECORDED_DEPTH
     niceness = 10           # gets a tenth of another node's share of a busy core
     reliability = ReliabilityPolicy.BEST_EFFORT     # publishers never wait for it; it counts the messages it misses
 
@@ -112,7 +109,7 @@ class RecorderNode(ManagedNode):
         # Publishers discover these readers in this order: images before points, and the description last.
         for topic in topics.IMAGE_TOPICS:
             if f"/{topic.name}" in self._images:
-                self._record(topic, image_message.decode_cdr, partial(self._log_image, f"/{topic.name}"))
+                self._record(topic, images_message.decode_cdr, partial(self._log_image, f"/{topic.name}"))
         self._record(topics.FREE, free_message.decode_cdr, self._log_free)
         # Subscribe before `points`, so that a backlog of sketches is read first.
         self._record(topics.SKETCH, sketch_message.decode_counts_cdr, self._log_sketch)

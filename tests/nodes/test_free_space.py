@@ -8,8 +8,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.messages import free_message, sensor_message, sketch_message
-from srt3d_ros.messages import images_message as image_message
+from srt3d_ros.messages import free_message, images_message, sensor_message, sketch_message
 
 SIDE, PERIOD_M = 40, 15.0
 SENSOR = SensorModel(SIDE, SIDE, 1000, 1e-10, np.exp(-np.arange(-16, 17)**2 / 32), frame_id="spad")
@@ -97,7 +96,7 @@ def test_depth_says_where_it_is_empty_and_nothing_is_claimed_without_a_brightnes
         for _ in range(frames):
             spad.frame()
         spad.graph.wait(lambda: len(depth) == frames, "depth")
-        return image_message.decode_cdr(depth[-1])[1]
+        return images_message.decode_cdr(depth[-1])[1]
     assert not np.isinf(image(4)).any()                         # no claim reaches the end of the period
     assert spad.graph.set("reconstructor", max_range_m=4.0) == ""
     near = image(2)

@@ -12,8 +12,7 @@ from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.sketching.sums import PhaseSums
-from srt3d_ros.messages import cdr, points_message, sensor_message, sketch_message
-from srt3d_ros.messages import images_message as image_message
+from srt3d_ros.messages import cdr, images_message, points_message, sensor_message, sketch_message
 from srt3d_ros.nodes.common import topics
 from srt3d_ros.nodes.reconstructor import PARAMETERS
 from tests.nodes.conftest import Graph
@@ -69,7 +68,7 @@ class Reconstructor:
             received.clear()
         (_, points), = self(sketch)
         self.graph.wait(lambda: all(self._images.values()), "all images")
-        decoded = {name: image_message.decode_cdr(received[0]) for name, received in self._images.items()}
+        decoded = {name: images_message.decode_cdr(received[0]) for name, received in self._images.items()}
         assert {(header.stamp_ns, header.frame_id) for header, _ in decoded.values()} == {(sketch.stamp_ns, "spad")}
         return points, {name: image for name, (_, image) in decoded.items()}
 

@@ -21,7 +21,8 @@ from srt3d_ros.nodes.common.worker import CATCH_UP_S, NEWEST_ONLY, Dropped, Work
 from srt3d_ros.processes import children
 
 SUBSCRIBE_DEPTH = PUBLISH_DEPTH
-QUEUE_DEPTH = 256       # of descriptions, and of inputs whose frames are queued rather than dropped
+QUEUE_DEPTH = 256       # of descriptions, odometry and reports
+RECORDED_DEPTH = 32     # of each input if many frames may wait: a recorder has seven inputs, with sketches of 2 MB
 OUTDATED_NS = 10 * 10**9    # a frame that seems older comes from another clock and is kept
 
 
@@ -46,7 +47,6 @@ class ManagedNode(PatchedLifecycleNode):
 
     spec: ClassVar[NodeSpec]
     drain_s = 0.0           # how long a deactivated node still processes queued frames
-    queue_depth = QUEUE_DEPTH   # messages per input that the middleware queues if `queue_limit` is larger than 1
     finish_s = 5.0          # deadline for a deactivation, and for the end of the node
     niceness = 0            # of the process
     reliability = BEST_AVAILABLE    # of the subscriptions to frames
@@ -173,7 +173,7 @@ class ManagedNode(PatchedLifecycleNode):
         name = self.resolve_topic_name(topic.name)
         sequence = SequenceLoss(lambda: self.count_publishers(name))
         newest_only = self.worker.limit == NEWEST_ONLY
-        depth = SUBSCRIBE_DEPTH * self.worker.messages_per_frame if newest_only else self.queue_depth
+        depth = SUBSCRIBE_DEPTH * self.worker.messages_per_frame if newest_only else RECORDED_DEPTH
         self.endpoints.subscribe(topic, received, min(depth, QUEUE_DEPTH), True, self.reliability)
         self.diagnostics.expect(name)
 
