@@ -4,46 +4,36 @@ import ctypes
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
 
 FOV_DEG = 11.0              # that of the default sensor: more pixels see the same scene more finely
-SIDE, SKETCH_SIZE = 141, 10
+SKETCH_SIZE = 10
 PPP, SBR, SEED = 10.0, 1.0, 1
 PAPER_MS = {(141, 10): 7, (705, 10): 88, (282, 10): 18, (423, 10): 35, (564, 10): 60,       # on an RTX 3070 laptop,
             (141, 5): 6, (705, 5): 68, (282, 5): 12, (423, 5): 28, (564, 5): 55}            # by side and m
 PROCESS = Path("/proc/self")
 
 
-class Timing(NamedTuple):
-    """Milliseconds of each run, and by how many bytes the first run made the process grow (None: unknown)."""
+def timed(call: Callable[[], object], repeats: int) -> dict[str, float | None]:
+    """Median, least and greatest time of `repeats` calls, ms, and by how many bytes the first made the process grow.
 
-    ms: list[float]
-    growth_bytes: int | None
-
-    def summary(self) -> dict[str, float]:
-        """Median, least and greatest time of a run, ms."""
-        return {"median_ms": round(float(np.median(self.ms)), 2), "min_ms": round(min(self.ms), 2),
-                "max_ms": round(max(self.ms), 2)}
-
-
-def timed(call: Callable[[], object], repeats: int) -> Timing:
-    """Time `repeats` calls. A first call, which may allocate buffers for the others, only gives the memory."""
+    A first call, which may allocate buffers for the others, only gives the memory.
+    """
     growth_bytes, ms = peak_growth(call), []
     for _ in range(repeats):
         started = time.perf_counter()
         result = call()
         ms.append(1e3 * (time.perf_counter() - started))
         del result          # after the clock has stopped
-    return Timing(ms, growth_bytes)
+    return {"median_ms": round(float(np.median(ms)), 2), "min_ms": round(min(ms), 2), "max_ms": round(max(ms), 2),
+            "growth_bytes": growth_bytes}
 
 
 def peak_growth(call: Callable[[], object]) -> int | None:
@@ -67,14 +57,6 @@ def sensor_of(side: int) -> SensorModel:
 def photons_of(sensor: SensorModel, ppp: float) -> PhotonEvents:
     """One frame of the simulated head: `ppp` photons per pixel with background, sorted by pixel."""
     return Simulator(sensor=sensor, sbr=SBR, ppp=ppp, seed=SEED).frame(0)[0]
-
-
-def save_frame(folder: Path, side: int) -> str:
-    """Write a photon file with one frame of the simulated head, side × side pixels, unless it exists; its path."""
-    path, sensor = folder / f"{side}.npz", sensor_of(side)
-    if not path.exists():
-        photon_file.save(path, sensor, photons_of(sensor, PPP))
-    return str(path)
 
 
 def _status_bytes(name: str) -> int:

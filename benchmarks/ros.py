@@ -11,12 +11,12 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from pathlib import Path
 
 import numpy as np
 import psutil
 
-from benchmarks.frames import PPP, save_frame
+from benchmarks.frames import PPP, photons_of, sensor_of
+from srt3d_ros.datasets import photon_file
 from srt3d_ros.processes.node_command import node_command
 from srt3d_ros.processes.private_network import join_private_network
 from tools.machines import WAIT_S, Watch, watch_command
@@ -43,7 +43,8 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
             started.callback(process.stop)
             return process
 
-        photons = save_frame(Path(folder), args.side)
+        photons, sensor = f"{folder}/photons.npz", sensor_of(args.side)
+        photon_file.save(photons, sensor, photons_of(sensor, PPP))
         start(watch_command("points"), watch.on_line)
         nodes = {}
         for name in ("reconstructor", "sketcher", "recorder")[:2 + args.record]:

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
-from benchmarks.frames import PAPER_MS, PPP, Timing, photons_of, sensor_of, timed
+from benchmarks.frames import PAPER_MS, PPP, photons_of, sensor_of, timed
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.point_cloud import POINT_FIELDS
 from srt3d_ros.core.sensor.model import SensorModel
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
     names, lines = list(METHODS) if "all" in args.methods else args.methods, []
     for side in args.sides:
         sensor = sensor_of(side)
-        fft_ms = timed(fft(sensor), args.repeats).summary()["median_ms"]
+        fft_ms = timed(fft(sensor), args.repeats)["median_ms"]
         for ppp in args.ppp:
             photons = photons_of(sensor, ppp)
             about = {"pixels": f"{side}x{side}", "ppp": ppp}
@@ -65,7 +65,7 @@ def _measure(name: str, sensor: SensorModel, photons: PhotonEvents, m: int, args
     """Time and memory of sketching, or of a method on photons or their sketch."""
     if name == "sketching":
         sketcher = FrameSketcher(sensor, choose_frequencies(METHODS["pooled"].frequencies, sensor, m))
-        return _figures(timed(lambda: sketcher.add(photons), args.repeats))
+        return timed(lambda: sketcher.add(photons), args.repeats)
     method = METHODS[name]
     frequencies = choose_frequencies(method.frequencies, sensor, m)
     frame = photons if method.needs == "photons" else sketch_photons(photons, sensor, frequencies)
@@ -74,14 +74,10 @@ def _measure(name: str, sensor: SensorModel, photons: PhotonEvents, m: int, args
     began = time.perf_counter()
     reconstruct.warm_up()           # compiles, and allocates what would otherwise count as the frame's memory
     line = {"device": device, "surfaces": args.surfaces, "warm_up_s": round(time.perf_counter() - began, 2)}
-    line |= _figures(timed(lambda: reconstruct(frame), args.repeats))
+    line |= timed(lambda: reconstruct(frame), args.repeats)
     if device == "cuda":
         line |= _compared(reconstruct, method.build(sensor, frequencies, surfaces=args.surfaces, device="cpu"), frame)
     return line
-
-
-def _figures(timing: Timing) -> dict:
-    return timing.summary() | {"growth_bytes": timing.growth_bytes}
 
 
 def _compared(on_gpu: Callable, on_cpu: Callable, frame: object) -> dict:

@@ -40,6 +40,7 @@ class Link:
 
     Raises:
         RuntimeError: `ip` or `tc` failed; the message has its output.
+        OSError: the folder for shared memory cannot be made.
     """
 
     def __init__(self, rate_mbit: float = 100):
@@ -114,15 +115,6 @@ class Link:
 def watch_command(topic: str) -> list[str]:
     """The command line that runs tools/watch.py for a topic."""
     return [sys.executable, str(Path(__file__).with_name("watch.py")), topic]
-
-
-def why_not() -> str:
-    """Why this machine cannot make a link, in one line; empty if it can."""
-    try:
-        with Link():
-            return ""
-    except (RuntimeError, OSError) as error:
-        return str(error)
 
 
 def _run(*command: str, check: bool = True) -> str:
