@@ -11,16 +11,14 @@ from srt3d_ros.nodes.common.diagnostics import LOG_EVERY_S
 from srt3d_ros.nodes.common.managed_node import QUEUE_DEPTH, ManagedNode
 from srt3d_ros.nodes.common.parameters import Parameter
 
-SOURCES = {topic.name: topic for topic in topics.MOTION}
-READERS = {"odom": odometry.decode_odometry, "imu": odometry.decode_imu}
-MOTION_SOURCES = ("off", *READERS)
+SOURCES = {"odom": (topics.ODOM, odometry.decode_odometry), "imu": (topics.IMU, odometry.decode_imu)}
 INBOX = 10_000              # reports queued for a busy worker: 10 s of a fast IMU
 
 
 def motion_parameters(about: str) -> tuple[Parameter, Parameter]:
     """`motion` and `extrinsics`; `about` says what a node does with the motion."""
     return (
-        Parameter("motion", "off", f"Source of the sensor's motion. {about}", choices=MOTION_SOURCES, loose=True),
+        Parameter("motion", "off", f"Source of the sensor's motion. {about}", choices=("off", *SOURCES), loose=True),
         Parameter("extrinsics", "", "Pose of the sensor in an Odometry's child_frame_id or an Imu's frame, with "
                   "motion. If empty, the sensor is assumed to coincide with that frame.",
                   form="x y z qx qy qz qw in metres, or nothing", loose=True),
@@ -40,9 +38,10 @@ class MotionInput:
 
     def __init__(self, node: ManagedNode, on_report: Callable[[], None], kind: str = topics.ODOM.name):
         self._node, self._on_report = node, on_report
-        self.topic, self._read_report = node.resolve_topic_name(kind), READERS[kind]
+        topic, self._read_report = SOURCES[kind]
+        self.topic = node.resolve_topic_name(topic.name)
         self._reports = deque[tuple[bytes, int]](maxlen=INBOX)
-        node.endpoints.subscribe(SOURCES[kind], self._queue, QUEUE_DEPTH, raw=True)
+        node.endpoints.subscribe(topic, self._queue, QUEUE_DEPTH, raw=True)
         node.diagnostics.count(motion_refused=0, motion_restarts=0)
 
     def read_into(self, add: Callable[[MotionReport], str]) -> None:

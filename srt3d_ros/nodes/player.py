@@ -90,7 +90,8 @@ class PlayerNode(ManagedNode):
             if chain is not None:
                 self._wait_for(chain)
             else:
-                self._wait_until(self._photons.get_subscription_count, f"a subscriber on {self._photons.topic_name}")
+                self._wait(lambda: "" if self._photons.get_subscription_count()
+                           else f"a subscriber on {self._photons.topic_name}")
             self._wait_until_acknowledged(self._outputs[topics.SENSOR.name])
             sent = self._send_all()
             self._wait_until_acknowledged(self._photons)
@@ -103,39 +104,37 @@ class PlayerNode(ManagedNode):
             if not self.stopping.is_set():      # otherwise the node was only deactivated
                 self.finished.set()
 
-    def _wait_until(self, condition: Callable[[], object], what: str, timeout_s: float = float("inf")) -> None:
-        """Wait in the worker for a condition, and report `what` it waits for."""
+    def _wait(self, missing: Callable[[], str], timeout_s: float = float("inf")) -> str:
+        """Wait in the worker until nothing is missing, and report what is; returns what was at the end."""
         end_s = time.monotonic() + timeout_s
-        self.diagnostics.wait_for(what)
-        while not condition() and time.monotonic() < end_s and not self.stopping.wait(POLL_S):
-            pass
+        while (what := missing()) and time.monotonic() < end_s and not self.stopping.wait(POLL_S):
+            self.diagnostics.wait_for(what)
         self.diagnostics.wait_for("")
+        return what
 
     def _wait_until_acknowledged(self, publisher: Publisher) -> None:
-        self._wait_until(lambda: all_acknowledged(publisher), f"the readers of {publisher.topic_name}", ACKNOWLEDGE_S)
+        readers = f"the readers of {publisher.topic_name}"
+        self._wait(lambda: "" if all_acknowledged(publisher) else readers, ACKNOWLEDGE_S)
 
     def _wait_for(self, chain: Chain) -> None:
         """Wait until the nodes of `wait_for` are ready; InvalidInput if they are not within READY_S."""
-        end_s = time.monotonic() + READY_S
-        while (missing := chain.missing(self.diagnostics.readers())) and not self.stopping.wait(POLL_S):
-            require(time.monotonic() < end_s, "wait_for",
-                    problem=f"Nodes of wait_for were not ready within {READY_S:.0f} s: {missing}")
-            self.diagnostics.wait_for(missing)
-        self.diagnostics.wait_for("")
+        missing = self._wait(lambda: chain.missing(self.diagnostics.readers()), READY_S)
         if not self.stopping.is_set():
+            require(not missing, "wait_for",
+                    problem=f"Nodes of wait_for were not ready within {READY_S:.0f} s: {missing}")
             chain.begin()
 
     def _follow_last(self, chain: Chain, sent: int) -> None:
         """Wait until every frame has become a cloud, or none has for SETTLE_S, and log what was lost."""
         outcome, since_s = chain.outcome(sent), time.monotonic()
 
-        def settled() -> bool:
+        def unsettled() -> str:
             nonlocal outcome, since_s
             if (now := chain.outcome(sent)) != outcome:
                 outcome, since_s = now, time.monotonic()
-            return not outcome.under_way or time.monotonic() - since_s > SETTLE_S
+            return "the last frames" if outcome.under_way and time.monotonic() - since_s <= SETTLE_S else ""
 
-        self._wait_until(settled, "the last frames")
+        self._wait(unsettled)
         lost = outcome.lost
         reached = ", ".join(f"{name} {count}" for name, count in outcome.arrived.items())
         if not lost:

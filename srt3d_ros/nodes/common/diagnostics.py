@@ -23,7 +23,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from srt3d_ros.core.stream import Counts
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.nodes.common.peers import Peers, all_acknowledged, names
+from srt3d_ros.nodes.common import peers
 from srt3d_ros.nodes.common.status import ERROR, OK, WARN, NodeStatus
 from srt3d_ros.nodes.common.worker import Dropped
 
@@ -66,8 +66,7 @@ class Diagnostics(Counts):
         super().__init__()
         self.state = "unconfigured"
         self.problem = self.degraded = self.frame_id = self._warning = self._internal = ""
-        self._node, self._log, self._peers = node, node.get_logger(), Peers(node)
-        self.output, self._best_effort = output, best_effort
+        self._node, self._log, self.output, self._best_effort = node, node.get_logger(), output, best_effort
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
         self._topics: tuple[str, ...] = ()  # on which the node receives frames
@@ -84,9 +83,9 @@ class Diagnostics(Counts):
         # A steady clock, so that reports go on while simulated time stands still.
         self._timer = node.create_timer(PERIOD_S, self.report, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def received(self) -> None:
-        """Count a frame that arrived."""
-        self.count(messages_in=1)
+    def received(self, lost: int = 0) -> None:
+        """Count a frame that arrived, and those that were lost before it."""
+        self.count(messages_in=1, message_lost=lost)
         self._frame_since = time.monotonic()
 
     def expect(self, topic: str) -> None:
@@ -173,7 +172,7 @@ class Diagnostics(Counts):
         self.report()
         self._log_loss(last=True)
         deadline = time.monotonic() + LAST_REPORT_S
-        while not all_acknowledged(self.publisher) and time.monotonic() < deadline:
+        while not peers.all_acknowledged(self.publisher) and time.monotonic() < deadline:
             time.sleep(POLL_READERS_S)
 
     def _status(self) -> NodeStatus:
@@ -207,8 +206,8 @@ class Diagnostics(Counts):
         return NodeStatus(
             self._node.get_fully_qualified_name().lstrip("/"), level,
             why or f"{rate_in_hz:.1f} messages/s in, {rate_out_hz:.1f} out", now - self._level_since, self.state,
-            self._is_ready(), waiting_for, self.readers(), names(self._peers.publishers(self._topics)), counts, facts,
-            "/".join(hardware))
+            self._is_ready(), waiting_for, self.readers(),
+            peers.names(peers.publishers(self._node, self._topics)), counts, facts, "/".join(hardware))
 
     def _latency(self) -> dict[str, str]:
         """Percentiles of the latency of the newest frames; empty before the first."""
@@ -237,10 +236,11 @@ class Diagnostics(Counts):
             return "/clock (use_sim_time is true)", self._clock_since
         self._clock_since = None
         if what := self.waiting_for:
-            return f"{what} on {self._peers.on([on])}" if (on := self._waiting_on) else what, self._waiting_since
+            on = self._waiting_on
+            return f"{what} on {peers.in_words(self._node, [on])}" if on else what, self._waiting_since
         expected = self._topics         # the worker may replace it at any time
         if expected and now - self._frame_since > PATIENCE_S:
-            return f"a frame on {self._peers.on(expected)}", self._frame_since
+            return f"a frame on {peers.in_words(self._node, expected)}", self._frame_since
         return "", now
 
     def _is_ready(self) -> bool:
@@ -253,7 +253,7 @@ class Diagnostics(Counts):
 
     def readers(self) -> tuple[str, ...]:
         """Full names of the nodes that read the published frames."""
-        return names(self._peers.readers([self.output] if self.output else []))
+        return peers.names(peers.readers(self._node, [self.output] if self.output else []))
 
     def _log_loss(self, last: bool = False) -> None:
         """Log the losses since the last such line: at most once a minute, and at the end."""

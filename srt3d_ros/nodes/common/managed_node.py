@@ -167,8 +167,7 @@ class ManagedNode(PatchedLifecycleNode):
             handle(raw)
 
         def received(raw: bytes, info: dict) -> None:
-            self.diagnostics.count(message_lost=sequence.missed_before(info["publication_sequence_number"]))
-            self.diagnostics.received()
+            self.diagnostics.received(sequence.missed_before(info["publication_sequence_number"]))
             self.worker.offer(work, raw, info["source_timestamp"], self.now_ns())
 
         name = self.resolve_topic_name(topic.name)

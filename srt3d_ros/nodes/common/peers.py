@@ -1,4 +1,7 @@
-"""Peers: the nodes that send frames to a node and read its frames, as the middleware shows them."""
+"""The nodes that send frames to a node and read its frames, as the middleware shows them.
+
+Topics are given by their final names.
+"""
 
 from collections.abc import Iterable, Sequence
 
@@ -9,30 +12,25 @@ from rclpy.qos import QoSCompatibility, qos_check_compatible
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 
-class Peers:
-    """The publishers and readers of a node's topics, which are given by their final names."""
+def publishers(node: Node, topics: Iterable[str]) -> list[TopicEndpointInfo]:
+    return [one for topic in topics for one in node.get_publishers_info_by_topic(topic)]
 
-    def __init__(self, node: Node):
-        self._node = node
 
-    def publishers(self, topics: Iterable[str]) -> list[TopicEndpointInfo]:
-        return [one for topic in topics for one in self._node.get_publishers_info_by_topic(topic)]
+def readers(node: Node, topics: Iterable[str]) -> list[TopicEndpointInfo]:
+    return [one for topic in topics for one in node.get_subscriptions_info_by_topic(topic)]
 
-    def readers(self, topics: Iterable[str]) -> list[TopicEndpointInfo]:
-        return [one for topic in topics for one in self._node.get_subscriptions_info_by_topic(topic)]
 
-    def on(self, topics: Sequence[str]) -> str:
-        """The topics in words, how many publishers they have, and why the QoS of some does not match."""
-        *first, last = topics
-        words = f"{', '.join(first)} or {last}" if first else last
-        publishers, own = self.publishers(topics), self._node.get_fully_qualified_name().lstrip("/")
-        asked = {one.topic_type: one.qos_profile for one in self.readers(topics) if names([one]) == (own,)}
-        found = [qos_check_compatible(one.qos_profile, asked.get(one.topic_type, one.qos_profile))
-                 for one in publishers]
-        reasons = {reason.removeprefix("ERROR: ").rstrip("; ") for outcome, reason in found
-                   if outcome == QoSCompatibility.ERROR}
-        mismatch = f", QoS does not match: {', '.join(reasons)}" if reasons else ""
-        return f"{words} (publishers: {len(publishers)}{mismatch})"
+def in_words(node: Node, topics: Sequence[str]) -> str:
+    """The topics, how many publishers they have, and why the QoS of some does not match that of the node."""
+    *first, last = topics
+    words = f"{', '.join(first)} or {last}" if first else last
+    found, own = publishers(node, topics), node.get_fully_qualified_name().lstrip("/")
+    asked = {one.topic_type: one.qos_profile for one in readers(node, topics) if names([one]) == (own,)}
+    checks = [qos_check_compatible(one.qos_profile, asked.get(one.topic_type, one.qos_profile)) for one in found]
+    reasons = {reason.removeprefix("ERROR: ").rstrip("; ") for outcome, reason in checks
+               if outcome == QoSCompatibility.ERROR}
+    mismatch = f", QoS does not match: {', '.join(reasons)}" if reasons else ""
+    return f"{words} (publishers: {len(found)}{mismatch})"
 
 
 def names(endpoints: Iterable[TopicEndpointInfo]) -> tuple[str, ...]:

@@ -7,9 +7,9 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
+from srt3d_ros.nodes.common import peers
 from srt3d_ros.nodes.common import reports as module
 from srt3d_ros.nodes.common.endpoints import SequenceLoss
-from srt3d_ros.nodes.common.peers import Peers, names
 from srt3d_ros.nodes.common.reports import Chain, Reports
 from srt3d_ros.nodes.common.status import LEVELS, NodeStatus
 
@@ -109,13 +109,13 @@ def test_gaps_between_the_numbers_of_one_publisher_are_misses(numbers, missed):
 
 
 def test_publishers_are_counted_and_a_qos_that_does_not_match_is_named(graph):
-    topic, peers = f"{graph.namespace}/sensor", Peers(graph.node)
-    assert peers.on([topic, "/gates"]) == f"{topic} or /gates (publishers: 0)"
+    topic, node = f"{graph.namespace}/sensor", graph.node
+    assert peers.in_words(node, [topic, "/gates"]) == f"{topic} or /gates (publishers: 0)"
     graph.collect_latched(String, topic)
     graph.latched(topic)
-    graph.wait(lambda: peers.on([topic]) == f"{topic} (publishers: 1)", "a latched publisher")
-    graph.node.create_publisher(String, topic, QoSProfile(depth=1, durability=DurabilityPolicy.VOLATILE))
-    graph.wait(lambda: peers.on([topic]) == f"{topic} (publishers: 2, QoS does not match: Volatile publisher and "
-                                            "transient local subscription)", "another")
+    graph.wait(lambda: peers.in_words(node, [topic]) == f"{topic} (publishers: 1)", "a latched publisher")
+    node.create_publisher(String, topic, QoSProfile(depth=1, durability=DurabilityPolicy.VOLATILE))
+    mismatch = "QoS does not match: Volatile publisher and transient local subscription"
+    graph.wait(lambda: peers.in_words(node, [topic]) == f"{topic} (publishers: 2, {mismatch})", "another")
     name = f"{graph.namespace}/tester"[1:]
-    assert names(peers.publishers([topic])) == names(peers.readers([topic])) == (name,)
+    assert peers.names(peers.publishers(node, [topic])) == peers.names(peers.readers(node, [topic])) == (name,)
