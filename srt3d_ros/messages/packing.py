@@ -9,9 +9,8 @@ from srt3d_ros.messages import cdr
 from srt3d_ros.messages.cdr import CloudMessage, Field, Header, Image
 from srt3d_ros.messages.schema_files import DATATYPES, encodings, fields_of
 
-NAMES = {code: name for name, (code, _) in DATATYPES.items()}
-CODES = {np.dtype(stored): code for code, stored in DATATYPES.values()}
-STORED = {code: np.dtype(stored) for code, stored in DATATYPES.values()}
+NAMES, STORED = dict(enumerate(DATATYPES, 1)), dict(enumerate(DATATYPES.values(), 1))      # by code in messages
+CODES = {stored: code for code, stored in STORED.items()}
 MAX_POINT_STEP = 65_535         # bytes; the largest sketch needs 516
 
 

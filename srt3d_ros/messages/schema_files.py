@@ -7,9 +7,9 @@ import numpy as np
 
 from srt3d_ros.files import shared_file
 
-# sensor_msgs/PointField: name in the schemas → code in messages, and dtype.
-DATATYPES = {"INT8": (1, "<i1"), "UINT8": (2, "<u1"), "INT16": (3, "<i2"), "UINT16": (4, "<u2"),
-             "INT32": (5, "<i4"), "UINT32": (6, "<u4"), "FLOAT32": (7, "<f4"), "FLOAT64": (8, "<f8")}
+# Name in the schemas → dtype, in the order of sensor_msgs/PointField, whose codes begin with 1.
+DATATYPES = {name: np.dtype(name.lower()).newbyteorder("<") for name in (
+    "INT8", "UINT8", "INT16", "UINT16", "INT32", "UINT32", "FLOAT32", "FLOAT64")}
 
 
 def fields_of(kind: np.dtype) -> dict[str, tuple[np.dtype, int]]:
@@ -31,7 +31,7 @@ def cloud_layouts(name: str) -> dict[str, np.dtype]:
     """The layouts of a PointCloud2 topic by name, each as the dtype of a point."""
     return {key: np.dtype({
         "names": [field["name"] for field in layout["fields"]],
-        "formats": [DATATYPES[field["datatype"]][1] for field in layout["fields"]],
+        "formats": [DATATYPES[field["datatype"]] for field in layout["fields"]],
         "offsets": [field["offset"] for field in layout["fields"]],
         "itemsize": layout["point_step"],
     }) for key, layout in load(name)["x-layout"]["layouts"].items()}
@@ -40,5 +40,5 @@ def cloud_layouts(name: str) -> dict[str, np.dtype]:
 @cache
 def encodings(name: str, channels: int = 1) -> dict[str, np.dtype]:
     """The encodings of an Image topic with this number of channels, each with its dtype."""
-    return {encoding.replace("Cn", f"C{channels}"): np.dtype(DATATYPES[kind][1])
+    return {encoding.replace("Cn", f"C{channels}"): DATATYPES[kind]
             for encoding, kind in load(name)["x-layout"]["encodings"].items()}
