@@ -170,9 +170,13 @@ def test_what_a_stopped_recorder_misses_it_counts_and_nobody_waits_for_it(speake
     for _ in range(300):
         speaker.frame()
     speaker.recorder.resume()
-    while graph.total("recorder", "message_lost") == lost:      # which the next that comes shows
+
+    def shown() -> bool:
         speaker.frame()
         graph.next_reports("recorder", 1)
+        return graph.total("recorder", "message_lost") > lost
+
+    graph.wait(shown, "the loss, which the next cloud shows")
     graph.wait(lambda: counted() - before == speaker.sent - sent, "all clouds, recorded or counted")
 
 
