@@ -60,8 +60,11 @@ def read_array(value: Any, dtype: str, name: str) -> np.ndarray:
 
 
 def _from_base64(value: dict, dtype: str, name: str) -> np.ndarray:
-    for key, expected in {"dtype": dtype, "shape": "a list of one or two sizes", "base64": "base64 (RFC 4648)"}.items():
+    keys = {"dtype": dtype, "shape": "a list of one or two sizes", "base64": "base64 (RFC 4648)"}
+    for key, expected in keys.items():
         require(key in value, f"{name}.{key}", "absent", expected)
+    for key in value:
+        require(key in keys, f"{name}.unknown key", quoted(key), f"one of {', '.join(keys)}")
     require(value["dtype"] == dtype, f"{name}.dtype", quoted(value["dtype"]), dtype)
     shape = value["shape"]
     fits = isinstance(shape, list) and len(shape) in (1, 2) and all(type(size) is int and size >= 0 for size in shape)

@@ -45,7 +45,7 @@ def to_json(sensor: SensorModel) -> str:
 def from_json(text: str) -> SensorModel:
     """The sensor of a JSON text; InvalidInput names the field that cannot be used."""
     content = json_text.parse(text, "sensor")
-    version = content.get("schema_version", "absent")
+    version = content.pop("schema_version", "absent")
     require(version == VERSION, "schema_version", version, str(VERSION))
     sensor = _read(content, (SensorModel,))
     check_frame_id("frame_id", sensor.frame_id)
@@ -87,11 +87,11 @@ def _read(content: Any, kinds: tuple[type, ...], where: str = "") -> Any:
         named = {kind.kind: kind for kind in kinds}
         chosen = content.get("kind")
         require(chosen in named, f"{where}kind", quoted(chosen) if "kind" in content else "absent", " or ".join(named))
-        kinds = named[chosen],
+        kinds, content = (named[chosen],), {name: value for name, value in content.items() if name != "kind"}
     known, values = keys(kinds[0]), {}
     for name in content:
-        require(name in known or name in ("kind", "schema_version") or name.startswith("x_"), f"{where}unknown key",
-                quoted(name), f"one of {', '.join(known)}, or a name of your own that begins with x_")
+        require(name in known or name.startswith("x_"), f"{where}unknown key", quoted(name),
+                f"one of {', '.join(known)}, or a name of your own that begins with x_")
     for name, key in known.items():
         if name in content:
             values[name] = _value(content[name], key, where)

@@ -103,6 +103,8 @@ def packed(**changes) -> dict:
     ({"mask": packed(dtype="bool", shape=[2, 3], base64=base64.b64encode(bytes([0, 1, 2, 1, 1, 1])).decode())},
      "mask has bytes other than 0 and 1"),
     ({"rows\n\u20283": 1}, 'unknown key is "rows 3": expected'),
+    ({"kind": "pinhole"}, 'unknown key is "kind"'), ({"irf": packed(order="C")}, 'irf.unknown key is "order"'),
+    ({"gates": {"first_word": 0, "no_detection": 1, "schema_version": 1}}, 'gates.unknown key is "schema_version"'),
     ({"projection": {"fx": 1}}, "projection.kind is absent"),
     ({"projection": {"kind": "lens"}}, 'projection.kind is "lens": expected pinhole or '),
     ({"projection": lens(distortion={"k1": 0, "k2": 0, "p2": 0})}, "projection.distortion.p1 is absent"),
