@@ -34,7 +34,7 @@ def hidden_scene(sketch: PhaseSums, cloud: PointCloud) -> str:
     if share < NEARLY_ALL:
         return ""
     some = there[::-(-len(there) // MOST_PIXELS)]
-    pixel = cloud.row[some].astype(np.int64) * sensor.cols + cloud.col[some]
+    pixel = cloud.pixel[some]
     spectrum = np.broadcast_to(irf_spectrum(sensor, sketch.frequencies), (sensor.pixels, len(sketch.frequencies)))
     energy = np.square(np.abs(spectrum[pixel])).mean(axis=0)
     low = np.flatnonzero(energy >= min(LOW, np.sort(energy)[-2:].min()))

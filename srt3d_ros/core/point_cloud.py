@@ -83,6 +83,11 @@ class PointCloud:
         return (f"{type(self).__name__} of {len(self):,} points{where}, from {self.photons:,} photons of "
                 f"{self.sensor.rows} × {self.sensor.cols} pixels")
 
+    @property
+    def pixel(self) -> np.ndarray:
+        """row · cols + col of the points, int64 [N]."""
+        return self.row.astype(np.int64) * self.sensor.cols + self.col
+
     def image(self, field: str, surface: int = 0) -> np.ndarray:
         """One value per pixel of `depth_bins`, `intensity` or `depth_std_bins`; float32 [rows, cols], NaN = no point.
 
@@ -109,7 +114,7 @@ class PointCloud:
             return self
         range_m = self._range_m()
         kept = self._only(np.flatnonzero((range_m >= min_m) & (range_m <= max_m)))
-        place, pixel = np.arange(len(kept)), kept.row.astype(np.int64) * self.sensor.cols + kept.col
+        place, pixel = np.arange(len(kept)), kept.pixel
         begin = np.maximum.accumulate(np.where(np.diff(pixel, prepend=-1) != 0, place, 0))     # of its pixel
         return replace(kept, surface=(place - begin).astype(np.uint8))
 

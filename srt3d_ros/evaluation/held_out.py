@@ -33,8 +33,7 @@ def gain(cloud: PointCloud, sensor: SensorModel, seen: PhotonEvents, held_out: P
         held_out_nats and its standard error held_out_std, over the pixels that are not masked.
     """
     used, seen_by = sensor.exposure.reshape(-1) > 0, sensor.exposure.reshape(-1).astype(np.float64)
-    signal = np.bincount(cloud.row.astype(np.int64) * sensor.cols + cloud.col,
-                         np.maximum(cloud.intensity.astype(np.float64), 0), minlength=sensor.pixels)
+    signal = np.bincount(cloud.pixel, np.maximum(cloud.intensity.astype(np.float64), 0), minlength=sensor.pixels)
     photons = used * np.bincount(seen.pixel, minlength=sensor.pixels)
     background, without = (_around(rest, sensor) for rest in (np.maximum(photons - seen_by * signal, 0), photons))
     pixel = held_out.pixel.astype(np.int64)

@@ -24,7 +24,7 @@ def misplaced_share(matcher: Matcher, sketch: PhaseSums, cloud: PointCloud) -> f
     sensor, energy, m = cloud.sensor, matcher.energy.astype(np.float64), len(matcher.frequencies)
     some = np.arange(len(cloud))
     if cloud.surface.any():
-        pixel = cloud.row.astype(np.int64) * sensor.cols + cloud.col
+        pixel = cloud.pixel
         some = np.flatnonzero(np.bincount(pixel, minlength=1)[pixel] == 1)
     some, free = some[::len(some) // MOST_PIXELS + 1], m - min(max(m // 2, 2), CORRECTED) / 2
     if len(some) == 0 or free < 1:
