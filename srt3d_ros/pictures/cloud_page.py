@@ -24,16 +24,16 @@ def write_page(cloud: PointCloud, records: np.ndarray, path: Path, notes: tuple[
     eye = look_at(cloud.xyz, cloud.sensor.projection, _YAW_DEG, _PITCH_DEG)
     quantities, levels = [], []
     for style in (CloudStyle.of(cloud, cloud.sensor, name) for name in shown):
-        quantity, ends = style.quantity, (style.low, style.high)
+        quantity = style.quantity
         quantities.append({"label": f"{quantity.label}, {quantity.unit}".removesuffix(", "),
-                           "ends": [quantity.text(end) for end in ends], "shaded": quantity is RANGE,
-                           "table": base64.b64encode(quantity.table().tobytes()).decode()})
-        levels.append(quantity.levels(quantity.values(cloud), *ends).tobytes())
+                           "ends": [quantity.text(end) for end in style.ends], "shaded": quantity is RANGE,
+                           "table": base64.b64encode(quantity.table.tobytes()).decode()})
+        levels.append(quantity.levels(quantity.values(cloud), style.ends).tobytes())
     facts = {"words": f"{len(cloud):,} points from {cloud.photons:,} photons of {cloud.sensor.rows} × "
                       f"{cloud.sensor.cols} pixels, by {cloud.method}".removesuffix(", by "),
              "notes": notes, "frame": printable(cloud.sensor.frame_id), "count": len(cloud), "quantities": quantities,
-             "size": records.itemsize, "fields": {name: (kind.str, offset) for name, (kind, offset)
-                                                  in records.dtype.fields.items()},
+             "size": records.itemsize, "fields": {name: (records.dtype[name].str, records.dtype.fields[name][1])
+                                                  for name in records.dtype.names},
              "axes": sensor_axes(cloud.sensor.projection).tolist(), "target": eye.target.tolist(),
              "distance": float(np.linalg.norm(eye.position - eye.target)), "fov_deg": eye.fov_deg,
              "yaw": np.radians(_YAW_DEG), "pitch": np.radians(_PITCH_DEG),

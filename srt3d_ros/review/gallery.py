@@ -102,7 +102,7 @@ def _images(recorded: Recorded, frame: int) -> list[Picture]:
             _, _, values = min(near, key=lambda image: abs(image[1] - frame))
             quantity = RANGE if path == entities.DEPTH_PATH else PHOTONS
             low, high = percentile_range(values) or (0.0, 1.0)
-            colours = quantity.table()[quantity.levels(values, low, high)]
+            colours = quantity.table[quantity.levels(values, (low, high))]
             colours[~np.isfinite(values)] = BACKGROUND
             pictures.append(Picture(title, f"{quantity.text(low)} … {quantity.text(high)}",
                                     data_uri(Image.fromarray(colours), "png", optimize=True)))

@@ -18,7 +18,7 @@ from srt3d_ros.review.recorded import Recorded
 TIME = "seconds since the first cloud"
 _LINE_COLOURS, _GAP_COLOUR = (ORANGE, BLUE, GREEN, PURPLE, SKY_BLUE), VERMILION
 _PAGE_COLOUR = "#010203"            # placeholder of the page's text colour
-_STYLE = dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color", "grid.color"),
+_STYLE: dict[Any, Any] = dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color", "grid.color"),
                        _PAGE_COLOUR) | {
     "svg.fonttype": "none", "font.size": 10, "axes.spines.top": False, "axes.spines.right": False, "grid.alpha": 0.18,
     "axes.grid": True, "axes.axisbelow": True}

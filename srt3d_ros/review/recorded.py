@@ -26,16 +26,15 @@ class Recorded:
     properties: dict[str, dict]
 
     @classmethod
-    def read(cls, path) -> "Recorded":
+    def read(cls, path: Path) -> "Recorded":
         """Read a recording; InvalidInput if the file is no recording or has no clouds or no sensor."""
         reader = RecordingReader(path)
         index = reader.cloud_index()
         require(len(index) > 0, "recording", problem=f"{path} has no clouds at /points.")
         properties = reader.properties()
-        description = properties.get(entities.SENSOR_PROPERTY, {}).get("description")
-        require(description is not None, "recording", problem=f"{path} has no description of its sensor.")
-        return cls(Path(path), sensor_message.from_json(description), reader, index, reader.series(),
-                   properties)
+        described = properties.get(entities.SENSOR_PROPERTY, {})
+        require("description" in described, "recording", problem=f"{path} has no description of its sensor.")
+        return cls(path, sensor_message.from_json(described["description"]), reader, index, reader.series(), properties)
 
     @property
     def seconds(self) -> np.ndarray:

@@ -40,7 +40,7 @@ def _tables(summary: dict) -> list[tuple[str, list[tuple[str, str]]]]:
             for title, facts in tables.items() if facts]
 
 
-def _text(value) -> str:
+def _text(value: object) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, list):

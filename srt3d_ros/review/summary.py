@@ -1,5 +1,7 @@
 """Compute the figures of a recording, for JSON, the terminal and the report."""
 
+from typing import Any
+
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
@@ -118,7 +120,7 @@ def _facts(sensor: SensorModel) -> dict:
     return {name: value for name, value in content.items() if not isinstance(value, dict)}
 
 
-def _plain(value):
+def _plain(value: Any) -> Any:
     """A property for JSON; NaN and Inf as strings."""
     value = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
     if isinstance(value, list):
