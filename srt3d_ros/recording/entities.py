@@ -64,7 +64,8 @@ def fan(ends: np.ndarray) -> list:
 def pose(pose: Pose, last: Pose) -> dict[str, list]:
     """Archetypes by entity path of the sensor's pose, and of its way from the last one."""
     way = rr.LineStrips3D([np.stack([last.translation, pose.translation])], colors=rgba(ORANGE), radii=_WAY_WIDTH)
-    return {POSE_PATH: [rr.Transform3D(translation=pose.translation, quaternion=rr.Quaternion(xyzw=pose.quaternion))], WAY_PATH: [way]}
+    place = rr.Transform3D(translation=pose.translation, quaternion=rr.Quaternion(xyzw=pose.quaternion))
+    return {POSE_PATH: [place], WAY_PATH: [way]}
 
 
 def image(path: str, values: np.ndarray, low: float, high: float) -> dict[str, list]:
