@@ -50,7 +50,7 @@ def _frame(sensor: SensorModel, frequencies: tuple[int, ...]) -> PhaseSums:
     noise, (row, col) = noise_sketch(sensor, frequencies), np.mgrid[:sensor.rows, :sensor.cols]
     depth = sensor.num_bins * (0.3 + 0.2 * col / sensor.cols + 0.2 * (2 * row > sensor.rows))
     phase = np.exp(1j * (depth + sensor.late)[..., None] * angular_frequencies(frequencies, sensor.num_bins))
-    signal, spectrum = TRIED_PHOTONS / 2, np.resize(irf_spectrum(sensor, frequencies), phase.shape)     # the same in all
+    signal, spectrum = TRIED_PHOTONS / 2, np.resize(irf_spectrum(sensor, frequencies), phase.shape)     # repeated
     return replace(noise, sums=signal * spectrum * phase + signal**0.5 * noise.sums,
                    photons=np.full_like(noise.photons, TRIED_PHOTONS))
 

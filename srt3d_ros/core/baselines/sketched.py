@@ -128,8 +128,8 @@ def weighted_steps(sensor: SensorModel, frequencies: tuple[int, ...], precise: b
 def _covariances(sensor: SensorModel, frequencies: tuple[int, ...]) -> np.ndarray:
     """Σ of conj(ĥ_l) exp(i ω_l x) of a photon x bins from its surface, for SHARES shares of signal α.
 
-    A photon is signal with probability α, else uniform over the bins, so that frequencies are uncorrelated. Sensors with
-    an IRF per pixel use the mean IRF.
+    A photon is signal with probability α, else uniform over the bins, which leaves frequencies uncorrelated. Sensors
+    with an IRF per pixel use the mean IRF.
 
     Returns:
         float64 [SHARES, 2m, 2m], real parts first.

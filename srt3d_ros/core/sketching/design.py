@@ -100,7 +100,8 @@ def measure(frame: PhotonFrame, sensor: SensorModel, gate: Gate | None, highest:
     """
     sketch = sketch_photons(frame, sensor, progression(highest, min(RUNGS, highest)), gate)
     within = sketch.sensor
-    passed = mean_energy(irf_spectrum(within, sketch.frequencies)) * np.sinc(np.array(sketch.frequencies) / within.num_bins)       # depths lie between bins
+    passed = mean_energy(irf_spectrum(within, sketch.frequencies))
+    passed *= np.sinc(np.array(sketch.frequencies) / within.num_bins)       # depths lie between bins
     several = (sketch.photons > 1) & sensor.used
     n = sketch.photons[several].astype(np.float64)[:, None]
     # Divide by n − 1: each pixel then counts by its photons, not by its pairs.
