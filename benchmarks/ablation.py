@@ -62,7 +62,8 @@ MODULES = ("core.matched_frame", "core.method.background", "core.method.threshol
            "core.method.pile_up")
 # Not varied, by reason.
 FIXED = {"limits of inputs": ("MAX_SKETCH_SIZE", "MAX_PIXEL_PHOTONS", "MAX_SURFACES", "*_FALSE_ALARM_RATE"),
-         "rounding": ("TINY", "EPSILON", "RIDGE"), "speed alone": ("CELL", "PLANE_STEP"),
+         "rounding": ("TINY", "EPSILON", "RIDGE"), "surfaces that coincide": ("OVERLAP",),
+         "speed alone": ("CELL", "PLANE_STEP"),
          "baselines": ("INTENSITY_RATE", "APSS_*"),
          "steps of a solution that has converged": ("PASSES", "NEWTON_STEPS", "PLANE_TURNS"),
          "sampling of tables": ("FLUXES", "TABLE_STEPS", "BETWEEN"),

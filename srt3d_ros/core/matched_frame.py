@@ -12,6 +12,7 @@ from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectr
 from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS, PhaseSums, check_frequencies
 from srt3d_ros.errors import require
 from srt3d_ros.kernels import maps
+from srt3d_ros.kernels.constants import OVERLAP
 from srt3d_ros.kernels.contract import Array
 from srt3d_ros.kernels.devices import kernels_for
 
@@ -47,6 +48,7 @@ class MatchedFrame:
             which they exceed "background alone".
         total_energy: Σ|ĥ_l|², the curvature of the data term in intensity.
         curvature: Σ ω_l² |ĥ_l|², bins⁻²: times r², the curvature of the data term in depth.
+        overlap: float32 [3, T], by the distance of two surfaces, c, p and q of `solve_pairs`.
         unlike: float32 [T], by the distance of two surfaces, the part of one that no correction of the other explains.
         clutter: float32 [T], 1 or more: standard deviation of matched filters at each bin, relative to an even
             background.
@@ -66,6 +68,7 @@ class MatchedFrame:
     background_table: Array
     total_energy: float
     curvature: float
+    overlap: Array
     unlike: Array
     clutter: Array
 
@@ -117,6 +120,7 @@ class Matcher:
             "num_bins": sensor.num_bins, "moments": moments, "intensity_moments": intensity_moments,
             "max_response": max_response, "background_table": background_table,
             "total_energy": float(self.energy.sum()),
+            "overlap": _overlap(energy, omega, sensor.num_bins),
             "unlike": _unlike(root, self.corrections, omega, sensor.num_bins),
             "curvature": float((self.energy * (2 * np.pi * bin_frequencies)**2).sum())}
 
@@ -192,6 +196,14 @@ def uncorrected(values: np.ndarray, bases: tuple[np.ndarray, np.ndarray]) -> np.
     """What is left of values over |ĥ_l|, complex [..., m], once a surface is corrected by least squares."""
     real, imaginary = (part - part @ basis @ basis.T for part, basis in zip((np.real(values), np.imag(values)), bases))
     return real + 1j * imaginary
+
+
+def _overlap(energy: np.ndarray, omega: np.ndarray, bins: int) -> np.ndarray:
+    """`MatchedFrame.overlap`: OVERLAP times c, p and q at Δ = 0 … T − 1."""
+    steep, total = energy * omega**2, energy.sum()
+    waves = np.exp(1j * np.outer(omega, np.arange(bins)))
+    cross = (energy * omega) @ waves.imag / np.sqrt(total * steep.sum())
+    return OVERLAP * np.stack([energy @ waves.real / total, steep @ waves.real / steep.sum(), cross]).astype(np.float32)
 
 
 def _unlike(root: np.ndarray, bases: tuple[np.ndarray, np.ndarray], omega: np.ndarray, bins: int) -> np.ndarray:

@@ -77,6 +77,7 @@ TRIMMED = 2 * SPREAD    # pixels of dim outlines that may go: the start's window
 
 # ---- Geometry and numerics of the pool, not the method's
 
+OVERLAP = 0.95          # of coinciding surfaces, instead of 1: keeps the steps of `solve_pairs` finite
 RIDGE = 1e-3            # pixels²: keeps the plane finite where the support is a line but for rounding
 CELL = 3                # pixels along the side of the cells that sum farther neighbours; odd
 TINY, EPSILON = 1e-12, 1e-6     # photons: added where 0 must not be divided by; the least divisor

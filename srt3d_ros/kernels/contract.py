@@ -90,6 +90,9 @@ class Kernels(Protocol):
     def log_likelihood_ratio(self, frame, state: Array, terms: Array) -> Array:
         """Of each point's own photons against background alone, nats; float32 [rows', K, cols'], 0 without a point."""
 
+    def solve_pairs(self, frame, state: Array, terms: Array) -> None:
+        """Make values and slopes those of a step of all surfaces of a pixel together, in place."""
+
     def pooled_step(self, frame, state: Array, terms: Array, sigma: float, radius: int, fine: int, max_chi2: float
                     ) -> Array:
         """The points after a Gauss-Newton step on their pools.

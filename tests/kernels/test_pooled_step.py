@@ -194,3 +194,25 @@ def test_logarithm_and_exponential_function():
     log_and_exp(values, found)
     np.testing.assert_allclose(found[0], np.log(values.astype(float)), rtol=4e-7, atol=4e-7)
     np.testing.assert_allclose(found[1], np.exp(-values.astype(float)), rtol=1e-5, atol=2e-38)
+
+
+@pytest.mark.parametrize(("shape", "surfaces"), [((6, 40), 1), ((9, 33), 2), ((6, 40), 4)])
+def test_solve_pairs(shape, surfaces):
+    frame, state, terms = setting(shape, surfaces, seed=1)
+    (_, before, fast), (*_, slow) = (kernels.changed("solve_pairs", padded(frame), state, terms)
+                                     for kernels in (CPU, ORACLE))
+    assert np.array_equal(before, state) and (fast != terms).any() == (surfaces > 1)
+    for term in range(maps.TERMS):
+        np.testing.assert_allclose(fast[:, :, term], slow[:, :, term], atol=1e-5 * np.abs(slow[:, :, term]).max())
+
+
+def test_surfaces_whose_pulses_overlap_are_solved_for_together(backend):
+    """From 1 bin and a fifth of the light off. In turns, the second one's step is 2.2 bins, its light 17 % off."""
+    depth, light, off = np.array([100.0, 113]), np.array([30.0, 20]), np.array([1.0, -1])
+    each = np.ones((2, 3, 40))
+    frame = exact_frame(depth[:, None, None] * each, light[:, None, None] * each, 5)
+    state = exact_state((depth + off)[:, None, None] * each, (light * (1 + off / 5))[:, None, None] * each)
+    solved = backend.changed("solve_pairs", padded(frame), state, make_terms(frame, state))[2]
+    value, slope = (maps.crop(solved, 3, 40)[0, :, term, 0] for term in (maps.VALUE, maps.GRADIENT))
+    np.testing.assert_allclose(slope / frame.curvature / light, -off, atol=0.1)
+    np.testing.assert_allclose(value / frame.total_energy, light, rtol=0.05)

@@ -89,6 +89,7 @@ def iterate(kernels: Kernels, data: MatchedFrame, points: Array, window: Window)
     for step in range(window.steps):
         if step > 0:
             terms = kernels.expand(data, points)
+        kernels.solve_pairs(data, points, terms)
         points = kernels.pooled_step(data, points, terms, window.sigma, radius, window.fine, SAME_SURFACE**2)
     return points
 

@@ -20,7 +20,7 @@ from srt3d_ros.kernels.cpu.method.match import match
 from srt3d_ros.kernels.cpu.method.planes import turn_planes
 from srt3d_ros.kernels.cpu.method.pooled_step import pooled_step
 from srt3d_ros.kernels.cpu.method.search import no_surfaces, search
-from srt3d_ros.kernels.cpu.method.sketches import expand, prepare, residual, unexplained
+from srt3d_ros.kernels.cpu.method.sketches import expand, prepare, residual, solve_pairs, unexplained
 from srt3d_ros.kernels.cpu.sketching.move_sketch import Motion, SeenScene, move_sketches
 from srt3d_ros.kernels.cpu.sketching.phase_sums import (
     fixed_rows,
@@ -36,7 +36,7 @@ from srt3d_ros.kernels.maps import UNIT
 
 OTHER_METHODS = "apss", "gradients", "match"        # modules whose kernels no frame of the default method needs
 IN_A_WORKSPACE = (birth_death, drop_blobs, drop_ghosts, expand, finalise, log_likelihood_ratio, no_surfaces,
-                  pooled_step, prepare, residual, search, trim, turn_planes, unexplained)
+                  pooled_step, prepare, residual, search, solve_pairs, trim, turn_planes, unexplained)
 ANYWHERE = (apss, array, as_frame, background, blur, collect, drop_weak, local_mean, match, median_depth, numpy,
             pixelwise, unpack, usual_intensity)
 

@@ -43,7 +43,7 @@ from srt3d_ros.kernels.torch.method.finalise import (
 )
 from srt3d_ros.kernels.torch.method.ghosts import drop_ghosts
 from srt3d_ros.kernels.torch.method.growth import drop_blobs
-from srt3d_ros.kernels.torch.method.likelihood import expand, log_likelihood_ratio, trim
+from srt3d_ros.kernels.torch.method.likelihood import expand, log_likelihood_ratio, solve_pairs, trim
 from srt3d_ros.kernels.torch.method.planes import turn_planes
 from srt3d_ros.kernels.torch.method.pooled_step import pooled_step
 from srt3d_ros.kernels.torch.method.search import match, no_surfaces, prepare, residual, search
@@ -51,8 +51,8 @@ from srt3d_ros.kernels.torch.method.windows import blur
 
 FUNCTIONS = {function.__name__: function for function in (
     apss, background, birth_death, blur, collect, drop_blobs, drop_ghosts, drop_weak, expand, finalise, local_mean,
-    log_likelihood_ratio, match, median_depth, no_surfaces, pixelwise, pooled_step, prepare, residual, search, trim,
-    turn_planes, unexplained, usual_intensity)}
+    log_likelihood_ratio, match, median_depth, no_surfaces, pixelwise, pooled_step, prepare, residual, search,
+    solve_pairs, trim, turn_planes, unexplained, usual_intensity)}
 
 
 def on(device: str, dtype: torch.dtype = torch.float32) -> Kernels:

@@ -109,6 +109,15 @@ def test_glass_before_a_wall_stays(share):
     np.testing.assert_allclose(cloud.intensity[near].mean(), 1000 * share, rtol=0.1)
 
 
+# In turns, two equal surfaces 3 σ apart are 5 bins off at any light; where they count as one, half of these are lost.
+@pytest.mark.parametrize(("gap", "share", "light", "least"), [
+    (9, 0.25, 20, 0.95), (12, 0.25, 20, 0.97), (12, 1, 200, 0.95), (9, 1, 200, 0.85)])
+def test_two_surfaces_whose_pulses_overlap_are_told_apart(gap, share, light, least):
+    cloud = drawn([(WALL, light), (WALL + gap, light * share)], light / 5, 3.0, 5, surfaces=2)
+    off = cloud.depth_bins - WALL[cloud.row, cloud.col]
+    assert min((np.abs(off - at) < 2).sum() for at in (0, gap)) > least * WALL.size
+
+
 def test_a_halo_too_dim_for_second_surfaces_is_no_uneven_background():
     row, col = np.mgrid[:64, :64]
     far, wall = np.hypot(row - 32, col - 32), 420.3 + 0.3 * row

@@ -1,10 +1,10 @@
 """Birth/death update: each pixel takes the neighbouring surfaces with the highest log-likelihood ratio, or none.
 
-The surfaces q in the square of VOTE_RADIUS vote, but not the pixel's own. Each is carried to the pixel along its
-plane, to t_q − slopes · offset, and may be off by v_q = max_chi2 · std² + δ². A candidate c is one of those of the 3
-× 3 pixels in the middle. It agrees with q by a_qc = (1 − e² / (v_q + v_c))₊, where e = wrap(t_q − t_c). Its depth and
-intensity are those of the pixel's own surface that agrees, else the means of all that agree, weighted by w_q a_qc
-with w = exp(−distance² / 2 NEAR_SIGMA²).
+The surfaces q in the square of VOTE_RADIUS vote, but not the pixel's own. Each is carried to the pixel along its plane,
+to t_q − slopes · offset, and may be off by v_q = max_chi2 · std² + min(δ, Δ / 2)², Δ: to the pixel's next surface. A
+candidate c is one of those of the 3 × 3 pixels in the middle. It agrees with q by a_qc = (1 − e² / (v_q + v_c))₊, where
+e = wrap(t_q − t_c). Its depth and intensity are those of the pixel's own surface that agrees, else the means of all
+that agree, weighted by w_q a_qc with w = exp(−distance² / 2 NEAR_SIGMA²).
 The pixel's surface k is the candidate with the highest
 
     ratio of the pixel's photons + Σ_q w_q a_qc clip(VOTE + ratio_q, 0, MAX_VOTES · VOTE)

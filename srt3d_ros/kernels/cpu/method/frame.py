@@ -26,6 +26,7 @@ class Frame(NamedTuple):
     background_table: floats1d
     clutter: floats1d
     unlike: floats1d
+    overlap: floats2d
     max_response: float32
     total_energy: float32
     curvature: float32
@@ -39,7 +40,7 @@ class Frame(NamedTuple):
         if isinstance(frame, cls):
             return frame
         if frame not in FRAMES:
-            arrays = (getattr(frame, name) for name in cls._fields[:10])
+            arrays = (getattr(frame, name) for name in cls._fields[:11])
             numbers = (frame.max_response, frame.total_energy, frame.curvature, frame.num_bins, frame.resolution_bins,
                        MAX_STD * frame.num_bins)
             FRAMES[frame] = cls(*arrays, *map(F32, numbers))

@@ -4,6 +4,7 @@
     residual:  z_l − Σ_{k ≠ layer} (v_k / E)₊ |ĥ_l|² exp(i ω_l t_k)
     expand:    f(t + d) ≈ v + s d − b d² / 2 with v = Σ Re z'_l, s = Σ ω_l Im z'_l, b = Σ ω_l² Re z'_l,
                z'_l = (z_l − g Σ_{o ≠ k} r_o |ĥ_l|² exp(i ω_l t_o)) exp(−i ω_l t_k)
+    solve_pairs: v and s of a step of two surfaces together; `kernels.torch` has the equations
     unexplained: sums over the pixels of w conj(q_l) (z_l − |ĥ_l|² y_l), of w y_l (real parts before imaginary ones), of
                w · own, w · taken, w² n and Σ_l |z_l − |ĥ_l|² y_l|² / |ĥ_l|² n̄. y_l = g Σ_k r_k exp(i ω_l t_k),
                w = b̄ / n̄, own are the photons of `rest` in used pixels, b̄ and n̄ local means of own and of n. Rows are
@@ -15,7 +16,7 @@ from numba import boolean, complex64, float32, get_thread_id, int64, prange
 
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import LOCAL_SIGMA
-from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, ONE, TINY, ZERO, sincos
+from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TINY, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import (
     each_row,
     floats1d,
@@ -28,9 +29,10 @@ from srt3d_ros.kernels.cpu.compiling import (
     read_only,
 )
 from srt3d_ros.kernels.cpu.method.frame import Frame, Terms, columns, point_at, put, without
+from srt3d_ros.kernels.cpu.method.likelihood import by_bin
 from srt3d_ros.kernels.cpu.method.windows import blur_row
 from srt3d_ros.kernels.cpu.vectors import fma, full, lane_numbers, lanes_of, load, store, total, where
-from srt3d_ros.kernels.maps import DEPTH, INTENSITY, LANES, MARGIN, VALUE
+from srt3d_ros.kernels.maps import DEPTH, GRADIENT, INTENSITY, LANES, MARGIN, VALUE
 
 SUMS, SPREAD = read_only(complex64[:, :, ::1]), read_only(complex64[:, :, :])
 NOTHING = np.zeros((0, 0), np.float32), np.zeros((1, 1, 1), np.complex64), np.zeros(0, np.complex64)
@@ -133,6 +135,42 @@ def expand(work, frame, state):
     work.stale[:] = True
     expand_stale(frame, state, work.stale, work.terms)
     return work.terms
+
+
+@inline
+def _solved(a, b, c, p, q):
+    """X, Y of (1 + c) X + q Y = a, q X + (1 − p) Y = b."""
+    scale = ONE / ((ONE + c) * (ONE - p) - q * q)
+    return ((ONE - p) * a - q * b) * scale, ((ONE + c) * b - q * a) * scale
+
+
+@each_row
+def _solve_pairs(i, frame: Frame, state: floats4d, terms: floats4d):
+    width = frame.resolution
+    for j in columns(state):
+        light = load(frame.exposure, i, j) * frame.total_energy
+        for o in range(1, state.shape[1]):
+            for k in range(o):
+                own, other = light * load(state, i, k, INTENSITY, j), light * load(state, i, o, INTENSITY, j)
+                both = (own > ZERO) & (other > ZERO)
+                if lanes_of(both) == 0:
+                    continue
+                distance = load(state, i, o, DEPTH, j) - load(state, i, k, DEPTH, j)
+                c, p, q = (by_bin(frame.overlap[0], distance), by_bin(frame.overlap[1], distance),
+                           by_bin(frame.overlap[2], distance))
+                v_k, v_o = load(terms, i, k, VALUE, j), load(terms, i, o, VALUE, j)
+                s_k, s_o = load(terms, i, k, GRADIENT, j), load(terms, i, o, GRADIENT, j)
+                alike, apart = _solved(v_k - own + (v_o - other), (s_k - s_o) * width, c, p, q)
+                unlike, together = _solved(v_k - own - (v_o - other), (s_k + s_o) * width, -c, -p, -q)
+                store(terms, i, k, VALUE, j, where(both, own + HALF * (alike + unlike), v_k))
+                store(terms, i, o, VALUE, j, where(both, other + HALF * (alike - unlike), v_o))
+                store(terms, i, k, GRADIENT, j, where(both, HALF * (together + apart) / width, s_k))
+                store(terms, i, o, GRADIENT, j, where(both, HALF * (together - apart) / width, s_o))
+
+
+def solve_pairs(work, frame, state, terms):
+    if state.shape[1] > 1:
+        _solve_pairs(frame, state, terms)
 
 
 OWN, PHOTONS, USED = range(3)       # of `seen`: own, n, 1 in used pixels

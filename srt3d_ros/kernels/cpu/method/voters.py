@@ -1,7 +1,7 @@
 """Who decides and who votes in the birth/death update: the pixels to decide, and the surfaces around them.
 
-A pixel is decided if each surface of its 3 × 3 neighbourhood agrees with one of its own, e² < max_chi2 (std² + std_q²)
-+ 2 δ² with e their distance at the pixel, and no neighbour that has surfaces has fewer than it. Voters are carried to
+A pixel is decided if each surface of its 3 × 3 neighbourhood agrees with one of its own, e² < v + v_q with e their
+distance at the pixel, and no neighbour that has surfaces has fewer than it. Voters are carried to
 their pixel along their planes.
 """
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.constants import NEAR_SIGMA, VOTE_RADIUS
-from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO, agreement, wrap
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, agreement, wrap
 from srt3d_ros.kernels.cpu.compiling import inline, line
 from srt3d_ros.kernels.cpu.method.frame import AROUND, columns, is_surface, point_at
 from srt3d_ros.kernels.cpu.vectors import floats, full, lanes_of, load, store, where
@@ -60,6 +60,20 @@ def voter_at(voters, q):
                  load(voters, q, 8, 0))
 
 
+@inline
+def _tolerance(point, state, place, max_chi2, frame):
+    """v of points k of pixels, the square of how far their depths may be off: max_chi2 · std² + min(δ, Δ / 2)²."""
+    (row, k, col), room = place, full(frame.resolution * frame.resolution)
+    for o in range(state.shape[1]):
+        if o != k:
+            other = point_at(state, row, o, col)
+            there = is_surface(other, frame)
+            if lanes_of(there) != 0:
+                half = HALF * wrap(other.depth - point.depth, frame.period)
+                room = where(there, min(room, half * half), room)
+    return max_chi2 * point.std * point.std + room
+
+
 @line
 def gather_voters(rows, cols, frame, state, own, max_chi2, voters):
     """Write the voters of the pixels; returns what a first surface needs, and loses if bright, for empty neighbours.
@@ -78,7 +92,7 @@ def gather_voters(rows, cols, frame, state, own, max_chi2, voters):
             store(voters, q, WEIGHT, 0, weight)
             if lanes_of(there):
                 depth = point.depth - (point.slope_col * F32(dx) + point.slope_row * F32(dy))
-                tolerance = max_chi2 * point.std * point.std + frame.resolution * frame.resolution
+                tolerance = _tolerance(point, state, (row, k, col), max_chi2, frame)
                 says = VOTING[place] * min(max(VOTE + load(own, row, k, col), ZERO), MAX_VOTE)
                 voter = Voter(depth, tolerance, point.intensity, point.slope_col, point.slope_row, point.std, weight,
                               says, nothing)
@@ -167,11 +181,11 @@ def _is_unknown(state, row, q, col, offset, max_chi2, frame):
     (dy, dx), other = offset, point_at(state, row + offset[0], q, col + offset[1])
     there = unknown = is_surface(other, frame)
     depth = other.depth - (other.slope_col * F32(dx) + other.slope_row * F32(dy))
-    tolerance = max_chi2 * other.std * other.std + F32(2) * frame.resolution * frame.resolution
+    tolerance = _tolerance(other, state, (row + dy, q, col + dx), max_chi2, frame)
     for k in range(state.shape[1]):
         own = point_at(state, row, k, col)
-        e = wrap(depth - own.depth, frame.period)
-        unknown &= ~(is_surface(own, frame) & (e * e < tolerance + max_chi2 * own.std * own.std))
+        e, v = wrap(depth - own.depth, frame.period), _tolerance(own, state, (row, k, col), max_chi2, frame)
+        unknown &= ~(is_surface(own, frame) & (e * e < tolerance + v))
     return unknown, there
 
 

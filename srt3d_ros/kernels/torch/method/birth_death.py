@@ -25,7 +25,8 @@ def birth_death(frame, state, terms, max_chi2):
     """Birth/death update: each pixel takes the neighbouring surfaces with the highest log-likelihood, or none.
 
     Candidates are the surfaces q of the neighbourhood (VOTE_RADIUS), carried along their planes: t_q − slopes ·
-    offset. Two agree by a = (1 − e² / (v_q + v_c))₊, e = wrap(t_q − t_c), v = max_chi2 · std² + δ².
+    offset. Two agree by a = (1 − e² / (v_q + v_c))₊, e = wrap(t_q − t_c), v = max_chi2 · std² + min(δ, Δ / 2)²
+    with Δ the distance to the nearest other surface of the same pixel: the two shall not count as one.
     The pixel's surface k is the candidate c of its 3 × 3 neighbourhood with the highest
 
         ratio of the pixel's photons + Σ_q w_q a_qc clip(VOTE + ratio_q, 0, MAX_VOTES · VOTE)
@@ -135,7 +136,7 @@ def _around(frame, state, own, max_chi2) -> Around:
     ratio = neighbours(frame, own, VOTE_RADIUS)
     vote = (VOTE + ratio).clamp(0, constants.MAX_VOTES * VOTE) * weight[:, None]
     at = record[:, :, DEPTH] - record[:, :, SLOPE_COL] * dx[:, None] - record[:, :, SLOPE_ROW] * dy[:, None]
-    tolerance = max_chi2 * record[:, :, STD]**2 + frame.resolution_bins**2
+    tolerance = neighbours(frame, _tolerance(frame, state, max_chi2), VOTE_RADIUS)
     counts, exposure = (neighbours(frame, values, VOTE_RADIUS) for values in (frame.counts, frame.exposure))
     gap = weight * ((count == 0) & (had == 0) & is_other) * constants.EMPTY_VOTES * VOTE
     blank, dark = ((gap * where).sum(0) for where in (counts > 0, (counts <= 0) & (exposure > 0)))
@@ -143,6 +144,16 @@ def _around(frame, state, own, max_chi2) -> Around:
     around = Around(*each, *(values.repeat_interleave(surfaces, 0) for values in (count, weight, is_other)), had, blank,
                     dark, had > 0, period)
     return around._replace(undecided=_undecided(around))
+
+
+def _tolerance(frame, state, max_chi2):
+    """v of points."""
+    room = torch.full_like(state[:, :, DEPTH], frame.resolution_bins**2)
+    for turn in range(1, state.shape[1]):
+        other = state.roll(turn, 1)
+        apart = wrap(other[:, :, DEPTH] - state[:, :, DEPTH], frame.num_bins) / 2
+        room = torch.where(has_depth(other.movedim(2, 0), frame.num_bins), torch.minimum(room, apart**2), room)
+    return max_chi2 * state[:, :, STD]**2 + room
 
 
 def _undecided(around):

@@ -5,8 +5,8 @@ import math
 import torch
 
 from srt3d_ros.kernels.constants import DEAD_LIMIT, EPSILON, LIKENESS, RIM, TRIMMED, VOTE_RADIUS
-from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, VALUE
-from srt3d_ros.kernels.torch.arithmetic import explained, has_depth, noise_ratio, turned, waves
+from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, GRADIENT, INTENSITY, VALUE
+from srt3d_ros.kernels.torch.arithmetic import by_bin, explained, has_depth, noise_ratio, turned, waves
 from srt3d_ros.kernels.torch.fusing import fused
 from srt3d_ros.kernels.torch.method.windows import box, images, inner
 
@@ -28,6 +28,42 @@ def expand(frame, state):
     counts, exposure = (values[:, None].expand_as(depth) for values in (frame.counts, frame.exposure))
     terms = [re.sum(dim=2), (omega * im).sum(dim=2), (omega**2 * re).sum(dim=2), counts, counts, exposure]
     return torch.stack(terms, dim=2).masked_fill((intensity <= 0)[:, :, None], 0)
+
+
+def solve_pairs(frame, state, terms) -> None:
+    """Make values and slopes of `expand` those of a step of all surfaces of a pixel together, in place, pair by pair.
+
+    In turns, surfaces whose pulses overlap hardly move apart. Together, those of a pair at distance Δ = t_o − t_k step
+    by X = g E Δr and Y = g √(E C) r Δt, which solve the normal equations of |z − g Σ r ĥ exp(i ω t)|²,
+
+        X_k + c X_o − q Y_o = v_k − g E r_k,    Y_k + p Y_o + q X_o = δ s_k,    and with k, o exchanged and q → −q,
+        c = Σ |ĥ_l|² cos(ω_l Δ) / E,  p = Σ ω_l² |ĥ_l|² cos(ω_l Δ) / C,  q = Σ ω_l |ĥ_l|² sin(ω_l Δ) / √(E C),
+
+    all three times OVERLAP. Sums and differences of the two are independent. Then v_k ← g E r_k + X_k, s_k ← Y_k / δ.
+    """
+    for other in range(1, state.shape[1]):
+        for own in range(other):
+            _solve_pair(frame, state[:, own], state[:, other], terms[:, own], terms[:, other])
+
+
+@fused
+def _solve_pair(frame, own, other, own_terms, other_terms) -> None:
+    width, energy = frame.resolution_bins, frame.exposure * frame.total_energy
+    c, p, q = (by_bin(table, other[:, DEPTH] - own[:, DEPTH]) for table in frame.overlap)
+    one, two = own[:, INTENSITY] * energy, other[:, INTENSITY] * energy
+    a, b = own_terms[:, VALUE] - one, other_terms[:, VALUE] - two
+    s, t = own_terms[:, GRADIENT] * width, other_terms[:, GRADIENT] * width
+    (alike, apart), (unlike, together) = _solved(a + b, s - t, c, p, q), _solved(a - b, s + t, -c, -p, -q)
+    both = (one > 0) & (two > 0)
+    for terms, signal, sign in ((own_terms, one, 1), (other_terms, two, -1)):
+        terms[:, VALUE] = torch.where(both, signal + (alike + sign * unlike) / 2, terms[:, VALUE])
+        terms[:, GRADIENT] = torch.where(both, (together + sign * apart) / (2 * width), terms[:, GRADIENT])
+
+
+def _solved(a, b, c, p, q):
+    """X, Y of (1 + c) X + q Y = a, q X + (1 − p) Y = b."""
+    det = (1 + c) * (1 - p) - q * q
+    return ((1 - p) * a - q * b) / det, ((1 + c) * b - q * a) / det
 
 
 def evidence(response, photons, squares, frame):
