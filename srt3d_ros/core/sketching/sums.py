@@ -78,7 +78,7 @@ class PhaseSums:
         if photons.dtype != np.uint32:
             whole = ((photons >= 0) & (photons < 2**32) & (photons == np.floor(photons))).all()
             require(bool(whole), "photons", "negative or fractional in places", "whole numbers")
-        pixels = self.sensor.rows, self.sensor.cols
+        pixels = self.sensor.shape
         require(photons.shape == pixels, "photons shape", photons.shape, f"{pixels}, the sensor's pixels")
         require(sums.shape == (*pixels, len(frequencies)), "sums shape", sums.shape,
                 f"[rows, cols, {len(frequencies)}], rows and cols as of photons")
@@ -144,6 +144,6 @@ def added_cycles(sketches: Sequence[PhaseSums]) -> tuple[int, np.ndarray | None]
 def noise_sketch(sensor: SensorModel, frequencies: tuple[int, ...]) -> PhaseSums:
     """A sketch of noise alone, for warming up."""
     rng = np.random.default_rng(0)
-    sums = rng.normal(size=(sensor.rows, sensor.cols, len(frequencies), 2)).astype(np.float32)
-    photons = np.full((sensor.rows, sensor.cols), 9, np.uint32)
+    sums = rng.normal(size=(*sensor.shape, len(frequencies), 2)).astype(np.float32)
+    photons = np.full(sensor.shape, 9, np.uint32)
     return PhaseSums(frequencies, sums.view(np.complex64)[..., 0], photons, sensor=sensor)
