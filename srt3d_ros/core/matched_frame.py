@@ -173,9 +173,10 @@ class SensorOnDevice:
         """The list of points, for `unpack`, of `kernels.collect`."""
         return self.kernels.collect(depth, intensity, std, self._rays, *self._scale)
 
-    def cloud(self, listed: Sequence[Array], background: Array, stamp_ns: int) -> PointCloud:
-        """The cloud of listed points and a background, off the device."""
-        return PointCloud.of_list(self._sensor, self.kernels.unpack(*listed), self.kernels.numpy(background), stamp_ns)
+    def cloud(self, listed: Sequence[Array], background: Array, sketch: PhaseSums) -> PointCloud:
+        """The cloud of a sketch's listed points and background, off the device, with the photons of one frame."""
+        background = self.kernels.numpy(background) / sketch.frames
+        return PointCloud.of_list(self._sensor, self.kernels.unpack(*listed), background, sketch.stamp_ns)
 
 
 def corrections(root: np.ndarray, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -116,15 +116,11 @@ class Background:
 
     def removed(self, background: BackgroundEstimate, sketch: PhaseSums) -> RemovedBackground | tuple[()]:
         """What removes a background from a frame; () if it is even."""
-        mean, photons = background.mean, background.photons
+        mean = background.mean
         if mean is None:
             return ()
-        if photons is None:
-            photons = sketch.photons
-        elif sketch.exposure is not None:
-            photons = photons * sketch.exposure
-        photons = photons.astype(np.float32)
-        return RemovedBackground(photons, mean.astype(np.complex64), self._clutter(mean))
+        photons = sketch.photons if background.photons is None else background.photons * sketch.frames
+        return RemovedBackground(photons.astype(np.float32), mean.astype(np.complex64), self._clutter(mean))
 
     def candidates(self, sketch: PhaseSums, learned: BackgroundEstimate) -> list[BackgroundEstimate]:
         """Uneven backgrounds to try on a frame: what the last cloud left, and the mean of all photons.

@@ -37,6 +37,6 @@ def misplaced_share(matcher: Matcher, sketch: PhaseSums, cloud: PointCloud) -> f
     least = LEFT**2 * float(np.square(np.abs(shown / root)).sum())
     if left < SURE * noise * free or left - noise * free < least:
         return 0.0
-    exposure = sensor.exposure if sketch.exposure is None else sensor.exposure * sketch.exposure
-    explained, lowest = (cloud.intensity[some] * exposure[row, col]).sum(), np.argmin(omega)
+    exposure, lowest = (sensor.exposure * sketch.frames)[row, col], np.argmin(omega)
+    explained = (cloud.intensity[some] * exposure).sum()
     return max(1 - float(explained * energy[lowest] / np.abs(shown[lowest])), 0.0)      # where a tail is in phase

@@ -139,8 +139,7 @@ class PileUp:
         shape = place[0].max(initial=-1) + 1, cloud.surface.max(initial=0) + 1          # pixels with points, K
         since, recorded, total, most = np.zeros(shape), np.zeros(shape), np.zeros((shape[0], 1)), np.ones((shape[0], 1))
         since[place] = (cloud.depth_bins + sensor.late[at]) % sensor.num_bins / sensor.num_bins    # t / T
-        exposed = 1 if sketch.exposure is None else sketch.exposure[at]
-        recorded[place] = cloud.intensity * sensor.exposure[at] * exposed / cycles      # r / N
+        recorded[place] = cloud.intensity * sensor.exposure[at] * sketch.frames[at] / cycles      # r / N
         if self._live:
             total[place[0], 0], most[place[0], 0] = sketch.photons[at] / cycles, cycles
             signal, background, std = self._live(since * sensor.num_bins, recorded, total, most)

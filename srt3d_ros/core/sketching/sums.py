@@ -98,11 +98,15 @@ class PhaseSums:
         return (np.ascontiguousarray(self.sums).view(np.float32) * each).view(np.complex64)
 
     @property
+    def frames(self) -> np.ndarray:
+        """`exposure`, or 1 everywhere; float32 [rows, cols]."""
+        return np.ones(self.photons.shape, np.float32) if self.exposure is None else self.exposure
+
+    @property
     def armed_cycles(self) -> np.ndarray:
         """Cycles in which a pixel could still see a photon in the sketch's bins; float64 [rows, cols]."""
-        before = np.zeros(self.photons.shape) if self.before is None else self.before
-        cycles = self.cycles if self.exposure is None else self.cycles * self.exposure
-        return np.maximum(cycles - before, self.photons).astype(np.float64)
+        before = 0 if self.before is None else self.before
+        return np.maximum(np.float64(self.cycles) * self.frames - before, self.photons)
 
     def __add__(self, other: Self) -> Self:
         """The sketch of both sets of photons; InvalidInput unless frequencies and sensor are the same."""
