@@ -26,7 +26,7 @@ ARRAY = {
         "base64": {"type": "string"}},
     "additionalProperties": False, "required": ["dtype", "shape", "base64"]}
 DTYPES = {"float32": "float", "bool": "bool"}
-ONLY_IN_FILES = "period_s", "frame_id", "extrinsics", "histograms", "gates"     # which docs/photon-file.md tells in a line
+ONLY_IN_FILES = "period_s", "frame_id", "extrinsics", "histograms", "gates"     # told in a line
 WIDTH = 118         # of a line of JSON
 
 
