@@ -107,15 +107,13 @@ def read(path: Path, options: Options) -> Reading:
 
 
 def _save_ply(cloud: PointCloud, path: Path, _: tuple[str, ...]) -> None:
-    from srt3d_ros.pictures.colours import levels, percentile_range, range_table
+    from srt3d_ros.pictures.colours import RANGE_TABLE, levels
 
     properties = _FLOATS + _BYTES + [(f"scalar_{name}", kind) for name, kind in _SCALARS]
     points, columns = np.empty(len(cloud), properties), records(cloud)
     for name in columns.dtype.names:
         points[name if name in points.dtype.names else f"scalar_{name}"] = columns[name]
-    range_m = np.linalg.norm(cloud.xyz, axis=1)
-    level = levels(range_m, *percentile_range(range_m) or (0, 1))
-    points["red"], points["green"], points["blue"] = range_table()[level].T
+    points["red"], points["green"], points["blue"] = RANGE_TABLE[levels(np.linalg.norm(cloud.xyz, axis=1))].T
     frame = printable(cloud.sensor.frame_id)
     header = ["ply", "format binary_little_endian 1.0", f"comment metres in the frame {frame}",
               f"element vertex {len(points)}"]

@@ -4,18 +4,19 @@ import math
 
 import numpy as np
 
-from srt3d_ros.core.motion.track import MAX_M_S, MAX_RAD_S, MotionReport
+from srt3d_ros.core.motion.track import MotionReport
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.errors import require
 from srt3d_ros.messages.cdr import Reader
 
 MAX_M = 1e9                 # largest coordinate: far outside of any map, and its square is finite
+MAX_RAD_S = 35.0            # 2000 degrees a second, the range of common gyroscopes
 COVARIANCE, ROTATION_COVARIANCE = 36, 9
 UNKNOWN = -1.0              # first number of the covariance of a quantity that is not measured (sensor_msgs/Imu)
 
 
 def decode_odometry(raw: bytes) -> MotionReport:
-    """The report of a serialised Odometry. An impossible twist is replaced by zero.
+    """The report of a serialised Odometry: its pose.
 
     Raises:
         InvalidInput: the message is cut off, or its pose is impossible.
@@ -26,13 +27,9 @@ def decode_odometry(raw: bytes) -> MotionReport:
     x, y, z, *quaternion = reader.numbers("pose", 7)
     require(all(abs(value) <= MAX_M for value in (x, y, z)), "position", [x, y, z], "finite metres")      # NaN fails
     reader.numbers("pose.covariance", COVARIANCE)
-    twist = reader.numbers("twist", 6)
-    reader.numbers("twist.covariance", COVARIANCE)
+    reader.numbers("twist", 6 + COVARIANCE)
     reader.end()
-    if not max(map(abs, twist)) <= MAX_M_S or math.isnan(sum(twist)):
-        twist = (0.0,) * 6
-    return MotionReport(header.stamp_ns, Pose.from_quaternion(quaternion, (x, y, z)), math.hypot(*twist[:3]),
-                        np.array(twist[3:]), header.frame_id)
+    return MotionReport(header.stamp_ns, Pose.from_quaternion(quaternion, (x, y, z)), frame_id=header.frame_id)
 
 
 def decode_imu(raw: bytes) -> MotionReport:

@@ -5,7 +5,7 @@ from PIL import Image
 
 from srt3d_ros.pictures.annotations import filled_figure, scale_bar
 from srt3d_ros.pictures.cloud_renderer import CloudStyle, draw_surface, project
-from srt3d_ros.pictures.colours import ORANGE, grey_table, levels, percentile_range
+from srt3d_ros.pictures.colours import GREY_TABLE, ORANGE, levels
 from srt3d_ros.pictures.figures import as_image
 from srt3d_ros.pictures.viewpoint import FROM_ABOVE, look_at, point_radius_m
 from srt3d_ros.recording.reader import RecordedCloud
@@ -33,7 +33,7 @@ def draw_way(recorded: Recorded, width_px: int, height_px: int) -> tuple[Image.I
         radius_m = max(radius_m, 2 * point_radius_m(cloud.xyz, recorded.sensor))
     way, xyz, light = np.array([pose.translation for pose in poses.values()]), np.vstack(seen), np.concatenate(light)
     eye = look_at(np.vstack([xyz, way]), None, 0, 0, _MAP_FOV_DEG, width_px / height_px, FROM_ABOVE)
-    grey = grey_table()[levels(light, *percentile_range(light) or (0, 1), root=True)]
+    grey = GREY_TABLE[levels(light, root=True)]
     figure, axes = filled_figure(draw_surface(xyz, grey, eye, width_px, height_px, radius_m, finer=2))
     x, y, _ = project(way, eye, width_px, height_px)
     axes.plot(x, y, color=ORANGE, linewidth=2)

@@ -1,5 +1,7 @@
 """Compute the figures of a recording, for JSON, the terminal and the report."""
 
+from typing import Any
+
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
@@ -8,8 +10,6 @@ from srt3d_ros.pictures.units import duration_text, number_text, size_text
 from srt3d_ros.recording import entities
 from srt3d_ros.review.recorded import Recorded
 
-GAP_PERIODS = 1.5               # median periods; frames farther apart have a gap between them
-_LISTED_GAPS = 10               # the longest; gap_count has all
 _DIGITS = 3
 _SPREADS = {"points": "points a frame", "photons": "photons a frame", "ppp": "photons per pixel"}
 
@@ -17,25 +17,24 @@ _SPREADS = {"points": "points a frame", "photons": "photons a frame", "ppp": "ph
 def summarise(recorded: Recorded) -> dict:
     """All figures of a recording; None without data.
 
-    frame_rate_hz is the mean, period_ms the median; gaps are the longest ones. The properties follow, the sensor
-    without its arrays.
+    frame_rate_hz is the mean, period_ms the median. The properties follow, the sensor without its arrays.
     """
-    index, seconds = recorded.index, recorded.seconds
-    frames, duration = len(index), float(seconds[-1])
-    gaps, period = _gaps(recorded)
+    index, seconds, gaps, period_s = recorded.index, recorded.seconds, recorded.gaps, recorded.period_s
+    frames, duration, steps = len(index), float(seconds[-1]), np.diff(seconds)
     typical, fewest, most = notable_frames(recorded)
-    spread = {"points": index.points, **{
-        name: recorded.series[name].values if name in recorded.series else np.empty(0) for name in ("photons", "ppp")}}
+    spread = {"points": index.points} | {name: recorded.series[name].values for name in ("photons", "ppp")
+                                         if name in recorded.series}
     summary = {
         "recording": str(recorded.path), "started": iso_time(index.stamp_ns[0]),
         "frames": frames, "duration_s": _rounded(duration),
         "frame_rate_hz": _rounded((frames - 1) / duration) if duration > 0 else None,
-        "period_ms": _rounded(period * 1e3) if period else None,
-        "gaps": sorted(sorted(gaps, key=lambda gap: -gap["seconds"])[:_LISTED_GAPS], key=lambda gap: gap["at_s"]),
-        "gap_count": len(gaps), "missing_frames": sum(gap["missing"] for gap in gaps),
+        "period_ms": _rounded(period_s * 1e3) if period_s else None,
+        "gaps": len(gaps), "missing_frames": sum(max(round(step / period_s) - 1, 1) for step in steps[gaps].tolist()),
+        "longest_gap": {"seconds": _rounded(steps[gaps[0]]), "at_s": _rounded(seconds[gaps[0]]),
+                        "after_frame": int(index.frame_index[gaps[0]])} if len(gaps) else None,
         "latency_ms": {stage: _percentiles(series.values, p50=50, p95=95, max=100)
                        for stage, series in recorded.latencies().items()},
-        **{name: _percentiles(values, median=50, min=0, max=100) for name, values in spread.items()},
+        **{name: _percentiles(spread.get(name, np.empty(0)), median=50, min=0, max=100) for name in _SPREADS},
         "bytes": recorded.path.stat().st_size,
         "typical_frame": int(index.frame_index[typical]), "fewest_points_frame": int(index.frame_index[fewest]),
         "most_points_frame": int(index.frame_index[most]),
@@ -43,16 +42,6 @@ def summarise(recorded: Recorded) -> dict:
     properties = recorded.properties | {entities.SENSOR_PROPERTY: _facts(recorded.sensor)}
     return summary | {name: {key: _plain(value) for key, value in facts.items()}
                       for name, facts in properties.items() if name not in summary}
-
-
-def _gaps(recorded: Recorded) -> tuple[list[dict], float]:
-    """Gaps where frames are missing, and the median period in seconds (0 for a single frame)."""
-    seconds, frames = recorded.seconds, recorded.index.frame_index
-    steps = np.diff(seconds)
-    period = float(np.median(steps)) if len(steps) else 0.0
-    positions = np.flatnonzero(steps > GAP_PERIODS * period) if period > 0 else ()
-    return [{"after_frame": int(frames[k]), "at_s": _rounded(seconds[k]), "seconds": _rounded(steps[k]),
-             "missing": max(round(float(steps[k]) / period) - 1, 1)} for k in positions], period
 
 
 def notable_frames(recorded: Recorded) -> tuple[int, int, int]:
@@ -118,7 +107,7 @@ def _facts(sensor: SensorModel) -> dict:
     return {name: value for name, value in content.items() if not isinstance(value, dict)}
 
 
-def _plain(value):
+def _plain(value: Any) -> Any:
     """A property for JSON; NaN and Inf as strings."""
     value = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
     if isinstance(value, list):
@@ -141,8 +130,8 @@ def _origin(summary: dict) -> list[tuple[str, str]]:
 
 
 def _gap_text(summary: dict) -> str:
-    if not summary["gap_count"]:
+    if not summary["gaps"]:
         return "none"
-    longest = max(summary["gaps"], key=lambda gap: gap["seconds"])
-    return (f"{summary['gap_count']:,}, about {summary['missing_frames']:,} frames; the longest "
+    longest = summary["longest_gap"]
+    return (f"{summary['gaps']:,}, about {summary['missing_frames']:,} frames; the longest "
             f"{longest['seconds']:.3g} s, at {longest['at_s']:.1f} s, after frame {longest['after_frame']}")

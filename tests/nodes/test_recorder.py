@@ -333,7 +333,7 @@ def test_a_recording_has_all_that_the_nodes_published(graph, photon_file, tmp_pa
     for cloud in recorded:
         columns = seen[cloud.stamp_ns]
         assert np.array_equal(cloud.xyz, columns["xyz"]) and np.array_equal(cloud.intensity, columns["intensity"])
-        assert np.array_equal(cloud.depth_std_m, columns["depth_std"])
+        assert np.array_equal(cloud.more["depth_std"], columns["depth_std"])
     for name in ("/depth", "/intensity", "/background", "/photons"):
         assert len(list(reader.images(name))) == frames, name
     series = reader.series()

@@ -10,7 +10,7 @@ from rerun.chunk import RrdReader
 
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.pictures.colours import point_table
+from srt3d_ros.pictures.colours import RANGE_TABLE, packed, shaded
 from srt3d_ros.recording import entities
 from srt3d_ros.recording import writer as writer_module
 from srt3d_ros.recording.reader import RecordingReader
@@ -41,8 +41,8 @@ def test_clouds_are_kept_as_they_are(tmp_path, ball):
         assert (cloud.stamp_ns, cloud.frame_index) == (10**18 + k, 7 * k)
         assert np.array_equal(cloud.xyz, xyz, equal_nan=True)
         assert np.array_equal(cloud.intensity, intensity, equal_nan=True)
-    for name, wanted in (("row", ball.row), ("col", ball.col), ("surface", ball.surface), ("depth_std_m", std_m)):
-        found = getattr(full, name)
+    for name, wanted in (("row", ball.row), ("col", ball.col), ("surface", ball.surface), ("depth_std", std_m)):
+        found = full.more[name]
         assert np.array_equal(found, wanted) and found.dtype == wanted.dtype, name
 
 
@@ -56,7 +56,7 @@ def test_near_points_are_yellow_far_ones_blue_and_weak_ones_darker(tmp_path):
     near, far = np.percentile(range_m, (2, 98))
     for level, weak in ((255, False), (0, True)):
         shown, its_m = cloud.colour[(intensity < 9) == weak], range_m[(intensity < 9) == weak]
-        table = point_table()[:, level]
+        table = packed(shaded(RANGE_TABLE, np.full(256, level)))
         assert set(shown[its_m < near]) == {table[0]} and set(shown[its_m > far]) == {table[255]}
         rank = np.argsort(table)[np.searchsorted(np.sort(table), shown)]
         assert (np.diff(rank[np.argsort(its_m)]) >= 0).all() and len(set(rank)) > 30

@@ -48,12 +48,6 @@ def recorded(ball_recording):
     return Recorded.read(ball_recording)
 
 
-@pytest.fixture(scope="session")
-def write_recording():
-    """Write another recording of the ball: (path, cloud, sensor, and what is to be different)."""
-    return write_ball
-
-
 def write_ball(path, cloud, sensor, frames=FRAMES, missing=MISSING, more=lambda stream: None):
     """Write with rerun alone what docs/bags.md describes; `more` adds to it."""
     stream = rr.RecordingStream("srt3d_ros")

@@ -16,7 +16,7 @@ from srt3d_ros.review.from_above import draw_way
 from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.report import write_report
 from srt3d_ros.review.summary import format_summary, summarise
-from tests.review.conftest import FEWEST, FRAMES, MISSING, MOST
+from tests.review.conftest import FEWEST, FRAMES, MISSING, MOST, write_ball
 
 
 @pytest.fixture(scope="module")
@@ -27,9 +27,8 @@ def summary(recorded):
 def test_durations_gaps_latencies_points_photons_and_the_text_are_those_of_the_recording(summary, ball):
     assert summary["frames"] == FRAMES - len(MISSING) and summary["duration_s"] == (FRAMES - 1) / 10
     assert summary["period_ms"] == 100 and summary["frame_rate_hz"] == round(27 / 2.9, 3)
-    (gap,) = summary["gaps"]
-    assert gap == {"after_frame": 9, "at_s": 0.9, "seconds": 0.3, "missing": 2}
-    assert summary["gap_count"] == 1 and summary["missing_frames"] == 2
+    assert summary["gaps"] == 1 and summary["missing_frames"] == 2
+    assert summary["longest_gap"] == {"after_frame": 9, "at_s": 0.9, "seconds": 0.3}
     assert summary["started"] == "2026-11-21T18:18:42.000Z" and summary["run"]["frequencies"] == [1, 2, 5]
     values = 30 + np.arange(28)
     assert summary["latency_ms"]["total"] == {"p50": 43.5, "p95": round(float(np.percentile(values, 95)), 3), "max": 57}
@@ -43,6 +42,15 @@ def test_durations_gaps_latencies_points_photons_and_the_text_are_those_of_the_r
                      "40 × 48 pixels, 600 bins of 20 ps", "0.1.0"):
         assert expected in text
     assert "5 min 0 s" in format_summary(summary | {"duration_s": 299.96})
+
+
+def test_of_many_gaps_the_longest_is_named(tmp_path, ball):
+    missing = {*range(2, 120, 4), 71, 91, 92}       # 30 gaps; that after 89 has three frames
+    write_ball(tmp_path / "a.rrd", *ball, frames=120, missing=missing)
+    recorded = Recorded.read(tmp_path / "a.rrd")
+    summary = summarise(recorded)
+    assert summary["gaps"] == 30 and summary["missing_frames"] == len(missing) and recorded.gaps[1] < 60
+    assert "the longest 0.4 s, at 8.9 s, after frame " in format_summary(summary)
 
 
 def test_a_recording_without_a_sensor_or_clouds_is_one_line(tmp_path, ball):
