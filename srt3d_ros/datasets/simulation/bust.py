@@ -21,7 +21,7 @@ CM = 0.01
 
 
 # Parts of a figure, in its own frame: x right, y down, z away from the viewer. With x ≠ 0, a part has a mirror image at
-# −x. Reflectivity is in [0, 1], 0 of what is carved from the parts before it; the seam to these is rounded over a width.
+# −x. Reflectivity is in [0, 1], 0 of what is carved from the parts before it. A seam to these is rounded in its width.
 HEAD = """
 # centre, cm        radii, cm         reflect. seam, cm   tilt about x, y, z, degrees
     0  -3.2   1.4     7.7   8.6   9.6     0.62      1      0    0    0    # cranium
