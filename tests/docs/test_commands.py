@@ -106,7 +106,7 @@ def test_the_camera_from_the_description_to_the_measured_irf(graph, here):
     up.says("recording to")
     before = len(clouds)
     graph.wait(lambda: len(clouds) > before + 3, "clouds")
-    assert up.end(signal.SIGINT) == 0 and len(RecordingReader(Path("run.rrd")).cloud_index()), up.text
+    assert up.end(signal.SIGINT) == 0 and len(RecordingReader(Path("run.rrd")).index), up.text
     assert driver.end(signal.SIGINT) == 0 and not any("Traceback" in one.text for one in (up, driver)), driver.text
     (command,) = [line for line in inline(section(QUICKSTART, "4.")) if "spad_driver" in line]
     graph.processes.append(Process(command.split()))
