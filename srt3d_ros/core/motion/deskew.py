@@ -127,6 +127,5 @@ class Deskewer:
         pulse = equivalent_width(sensor)
         # A Gaussian mean divides the noise between neighbours by √(8π) σ².
         sigma = min(np.sqrt(noise / (np.sqrt(8 * np.pi) * RANGE_NOISE * pulse)), max(self._shape))
-        mean = gaussian_filter(z.real, sigma) + 1j * gaussian_filter(z.imag, sigma)
-        depth = np.mod(np.angle(mean), 2 * np.pi) * bins_a_radian
+        depth = np.mod(np.angle(gaussian_filter(z, sigma)), 2 * np.pi) * bins_a_radian
         return np.maximum(sensor.range_m(depth), NEAREST_M).astype(np.float32)
