@@ -21,7 +21,7 @@ from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.pulse import equivalent_width
 from srt3d_ros.core.sketching.frequencies import irf_spectrum
-from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS, PhaseSums, added_cycles, check_frequencies
+from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS, PhaseSums, added_cycles
 from srt3d_ros.kernels.devices import kernels_for
 
 LEAST_PHOTONS = 1e-9    # avoids division by 0
@@ -50,7 +50,7 @@ class Deskewer:
 
     def __init__(self, sensor: SensorModel, frequencies: Sequence[int]):
         self.sensor, self.lost = sensor, 0
-        self.frequencies = check_frequencies(frequencies, sensor.num_bins)
+        self.frequencies = tuple(frequencies)
         self._kernels = kernels_for("cpu")
         rows, cols = self._shape = sensor.shape
         self._bin_frequencies = (np.array(self.frequencies) / sensor.num_bins).astype(np.float32)
