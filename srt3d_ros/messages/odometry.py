@@ -1,6 +1,7 @@
-"""`odom` and `imu` → MotionReport: the few fields needed of serialised nav_msgs/Odometry and sensor_msgs/Imu."""
+"""`odom` and `imu`: nav_msgs/Odometry of a pose, and MotionReports of serialised Odometry and sensor_msgs/Imu."""
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,10 +10,30 @@ from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.errors import require
 from srt3d_ros.messages.cdr import Reader
 
+if TYPE_CHECKING:
+    from nav_msgs.msg import Odometry
+
+FIXED_FRAME, BODY_FRAME = "odom", "base_link"       # of what is simulated (REP-105)
 MAX_M = 1e9                 # largest coordinate: far outside of any map, and its square is finite
 MAX_RAD_S = 35.0            # 2000 degrees a second, the range of common gyroscopes
 COVARIANCE, ROTATION_COVARIANCE = 36, 9
 UNKNOWN = -1.0              # first number of the covariance of a quantity that is not measured (sensor_msgs/Imu)
+
+
+def encode_odometry(pose: Pose, velocity_m_s: np.ndarray, rate_rad_s: np.ndarray) -> "Odometry":
+    """The message, without a stamp, of the pose of BODY_FRAME in FIXED_FRAME, and of its velocity and rate of turn [3]
+    in its own frame."""
+    from nav_msgs.msg import Odometry
+
+    message = Odometry(child_frame_id=BODY_FRAME)
+    message.header.frame_id = FIXED_FRAME
+    at, turn = message.pose.pose.position, message.pose.pose.orientation
+    speed, rate = message.twist.twist.linear, message.twist.twist.angular
+    at.x, at.y, at.z = pose.translation.tolist()
+    turn.x, turn.y, turn.z, turn.w = pose.quaternion
+    speed.x, speed.y, speed.z = velocity_m_s.tolist()
+    rate.x, rate.y, rate.z = rate_rad_s.tolist()
+    return message
 
 
 def decode_odometry(raw: bytes) -> MotionReport:
