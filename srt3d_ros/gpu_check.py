@@ -3,6 +3,7 @@
 import logging
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum
-from srt3d_ros.core.sketching.sums import PhaseSums
+from srt3d_ros.core.sketching.sums import PhaseSums, noise_sketch
 from srt3d_ros.kernels.devices import missing_for_cuda
 
 LOG = logging.getLogger(__name__)
@@ -46,15 +47,12 @@ def device_for(device: str, sensor: SensorModel, frequencies: tuple[int, ...], b
 
 def _frame(sensor: SensorModel, frequencies: tuple[int, ...]) -> PhaseSums:
     """A frame to try: slanted walls with a step, an even background, and photon noise."""
-    rng, (row, col) = np.random.default_rng(0), np.mgrid[:sensor.rows, :sensor.cols]
+    noise, (row, col) = noise_sketch(sensor, frequencies), np.mgrid[:sensor.rows, :sensor.cols]
     depth = sensor.num_bins * (0.3 + 0.2 * col / sensor.cols + 0.2 * (2 * row > sensor.rows))
     phase = np.exp(1j * (depth + sensor.late)[..., None] * angular_frequencies(frequencies, sensor.num_bins))
-    spectrum = irf_spectrum(sensor, frequencies)
-    spectrum = spectrum if spectrum.ndim == 1 else spectrum.reshape(phase.shape)
-    noise = rng.normal(scale=(TRIED_PHOTONS / 2)**0.5, size=(*phase.shape, 2)).view(complex)[..., 0]
-    sums = TRIED_PHOTONS / 2 * spectrum * phase + noise
-    photons = np.full(depth.shape, TRIED_PHOTONS, np.uint32)
-    return PhaseSums(frequencies, sums.astype(np.complex64), photons, sensor=sensor)
+    signal, spectrum = TRIED_PHOTONS / 2, np.resize(irf_spectrum(sensor, frequencies), phase.shape)     # repeated
+    return replace(noise, sums=signal * spectrum * phase + signal**0.5 * noise.sums,
+                   photons=np.full_like(noise.photons, TRIED_PHOTONS))
 
 
 def _timed(reconstructor: Callable, frame: PhaseSums) -> tuple[PointCloud, float]:

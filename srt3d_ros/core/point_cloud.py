@@ -10,8 +10,6 @@ from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.errors import quoted, require
 from srt3d_ros.kernels.devices import kernels_for
 
-# The point of a pixel that comes first: the field that its points are sorted by, and the sign.
-SURFACE_ORDERS = {"strongest": ("intensity", -1), "nearest": ("depth_bins", 1), "farthest": ("depth_bins", -1)}
 IMAGES = ("depth_bins", "intensity", "depth_std_bins")
 POINT_FIELDS = ("row", "col", *IMAGES, "xyz", "surface")
 
@@ -113,24 +111,11 @@ class PointCloud:
         if min_m <= 0 and max_m == np.inf:
             return self
         range_m = self._range_m()
-        kept = self._only(np.flatnonzero((range_m >= min_m) & (range_m <= max_m)))
+        inside = np.flatnonzero((range_m >= min_m) & (range_m <= max_m))
+        kept = replace(self, **{name: getattr(self, name)[inside] for name in POINT_FIELDS})
         place, pixel = np.arange(len(kept)), kept.pixel
         begin = np.maximum.accumulate(np.where(np.diff(pixel, prepend=-1) != 0, place, 0))     # of its pixel
         return replace(kept, surface=(place - begin).astype(np.uint8))
-
-    def ordered(self, surface_order: str) -> Self:
-        """The cloud with the `strongest`, `nearest` or `farthest` point of each pixel first; ties keep their order."""
-        require(surface_order in SURFACE_ORDERS, "surface_order", surface_order, " or ".join(SURFACE_ORDERS))
-        field, sign = SURFACE_ORDERS[surface_order]
-        key, later = sign * getattr(self, field), np.flatnonzero(self.surface)
-        if (key[later - 1] <= key[later]).all():
-            return self
-        order = np.lexsort((key, np.cumsum(self.surface == 0)))
-        return replace(self._only(order), surface=self.surface)
-
-    def _only(self, kept: np.ndarray) -> Self:
-        """The points of these indices."""
-        return replace(self, **{name: getattr(self, name)[kept] for name in POINT_FIELDS})
 
     def _range_m(self) -> np.ndarray:
         return self.sensor.range_m(self.depth_bins).astype(np.float32)      # negative before the sensor

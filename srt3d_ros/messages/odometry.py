@@ -1,21 +1,43 @@
-"""`odom` and `imu` → MotionReport: the few fields needed of serialised nav_msgs/Odometry and sensor_msgs/Imu."""
+"""`odom` and `imu`: nav_msgs/Odometry of a pose, and MotionReports of serialised Odometry and sensor_msgs/Imu."""
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from srt3d_ros.core.motion.track import MAX_M_S, MAX_RAD_S, MotionReport
+from srt3d_ros.core.motion.track import MotionReport
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.errors import require
 from srt3d_ros.messages.cdr import Reader
 
+if TYPE_CHECKING:
+    from nav_msgs.msg import Odometry
+
+FIXED_FRAME, BODY_FRAME = "odom", "base_link"       # of what is simulated (REP-105)
 MAX_M = 1e9                 # largest coordinate: far outside of any map, and its square is finite
+MAX_RAD_S = 35.0            # 2000 degrees a second, the range of common gyroscopes
 COVARIANCE, ROTATION_COVARIANCE = 36, 9
 UNKNOWN = -1.0              # first number of the covariance of a quantity that is not measured (sensor_msgs/Imu)
 
 
+def encode_odometry(pose: Pose, velocity_m_s: np.ndarray, rate_rad_s: np.ndarray) -> "Odometry":
+    """The message, without a stamp, of the pose of BODY_FRAME in FIXED_FRAME, and of its velocity and rate of turn [3]
+    in its own frame."""
+    from nav_msgs.msg import Odometry
+
+    message = Odometry(child_frame_id=BODY_FRAME)
+    message.header.frame_id = FIXED_FRAME
+    at, turn = message.pose.pose.position, message.pose.pose.orientation
+    speed, rate = message.twist.twist.linear, message.twist.twist.angular
+    at.x, at.y, at.z = pose.translation.tolist()
+    turn.x, turn.y, turn.z, turn.w = pose.quaternion
+    speed.x, speed.y, speed.z = velocity_m_s.tolist()
+    rate.x, rate.y, rate.z = rate_rad_s.tolist()
+    return message
+
+
 def decode_odometry(raw: bytes) -> MotionReport:
-    """The report of a serialised Odometry. An impossible twist is replaced by zero.
+    """The report of a serialised Odometry: its pose.
 
     Raises:
         InvalidInput: the message is cut off, or its pose is impossible.
@@ -26,13 +48,9 @@ def decode_odometry(raw: bytes) -> MotionReport:
     x, y, z, *quaternion = reader.numbers("pose", 7)
     require(all(abs(value) <= MAX_M for value in (x, y, z)), "position", [x, y, z], "finite metres")      # NaN fails
     reader.numbers("pose.covariance", COVARIANCE)
-    twist = reader.numbers("twist", 6)
-    reader.numbers("twist.covariance", COVARIANCE)
+    reader.numbers("twist", 6 + COVARIANCE)
     reader.end()
-    if not max(map(abs, twist)) <= MAX_M_S or math.isnan(sum(twist)):
-        twist = (0.0,) * 6
-    return MotionReport(header.stamp_ns, Pose.from_quaternion(quaternion, (x, y, z)), math.hypot(*twist[:3]),
-                        np.array(twist[3:]), header.frame_id)
+    return MotionReport(header.stamp_ns, Pose.from_quaternion(quaternion, (x, y, z)), frame_id=header.frame_id)
 
 
 def decode_imu(raw: bytes) -> MotionReport:

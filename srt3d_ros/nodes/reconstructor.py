@@ -11,7 +11,7 @@ from srt3d_ros.core.method.pile_up import SATURATED, saturated
 from srt3d_ros.core.methods import METHODS, OPTIONS, SKETCH_METHODS, checked
 from srt3d_ros.core.motion.track import SensorMotion
 from srt3d_ros.core.motion.trajectory import Pose, Trajectory
-from srt3d_ros.core.point_cloud import SURFACE_ORDERS, PointCloud
+from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.signs_of_life import FreeSpaceStream
 from srt3d_ros.core.sketching.sums import PhaseSums
@@ -33,14 +33,11 @@ PARAMETERS = (
         f"{name}: {METHODS[name].about}" for name in SKETCH_METHODS) + ". The papers of the other methods "
         "use the sketcher's `frequencies: consecutive`.", choices=SKETCH_METHODS),
     Parameter.of(OPTIONS["surfaces"]),
-    Parameter("surface_order", "strongest", "The surface of a pixel that comes first in `points`; images show only the "
-              "first. With `surfaces` of 2 or more, nearest shows a net or fog, and farthest the scene behind it.",
-              choices=tuple(SURFACE_ORDERS), live=True),
     *(Parameter.of(OPTIONS[name]) for name in ("false_alarm_rate", "background", "window_frames", "device")),
     Parameter("fields", "xyzi", "Fields of `points`. xyzi: x, y, z, intensity. full: also depth_std, background, row, "
               "col and surface.", choices=("xyzi", "full"), live=True),
-    Parameter("organised", False, "Publish `points` as an image of rows × cols: the first point of each pixel by "
-              "`surface_order`, NaN where there is none. false: all points, in a list.", live=True),
+    Parameter("organised", False, "Publish `points` as an image of rows × cols: the strongest point of each pixel, "
+              "NaN where there is none. false: all points, in a list.", live=True),
     topics.MAX_PIXELS_PARAMETER,
     Parameter("min_range_m", 0.0, "Omit points nearer than this along their pixel's ray, from `points` and images; 0 "
               "= no limit.", "m", low=0.0, live=True),
@@ -179,7 +176,7 @@ class ReconstructorNode(ManagedNode):
         """Report the pixels with a photon in nearly every laser cycle, whose pile-up cannot be corrected well."""
         pixels = 0
         if sketch.cycles:
-            pixels = int(saturated(sketch, sketch.sensor).sum())
+            pixels = int(saturated(sketch).sum())
             self.diagnostics.show(cycles=sketch.cycles, saturated_pixels=pixels)
         warning = f"saturated pixels: {pixels} (a photon in over {SATURATED:.0%} of the cycles)"
         if pixels or self._motion is None:
@@ -219,8 +216,7 @@ class ReconstructorNode(ManagedNode):
 
     def _publish(self, seen: PointCloud, sketch: PhaseSums, frame_id: str) -> None:
         settings = self._settings
-        near = seen.within(settings["min_range_m"], settings["max_range_m"] or np.inf)
-        cloud = near.ordered(settings["surface_order"])
+        cloud = seen.within(settings["min_range_m"], settings["max_range_m"] or np.inf)
         organised = settings["organised"]
         data = points_message.encode_cdr(cloud, frame_id, settings["fields"], organised)
         self.publish_frame(self._points, data, cloud.stamp_ns)

@@ -6,7 +6,6 @@ from itertools import takewhile
 from math import ceil
 from typing import NamedTuple
 
-from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 
 from srt3d_ros import datasets
@@ -24,6 +23,7 @@ from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import photon_frames
 from srt3d_ros.messages.cdr import NS_PER_S
+from srt3d_ros.messages.odometry import BODY_FRAME, encode_odometry
 from srt3d_ros.nodes.common.topics import ODOM, PHOTONS, SENSOR
 
 LATE_S = 0.5            # frames that are later are skipped, so that the player catches up after a stall
@@ -156,7 +156,6 @@ class Drawn:
 
 ODOM_HZ = 100.0
 BEFORE_S, AFTER_S = 0.5, 0.2        # odometry begins BEFORE_S before the photons and ends AFTER_S after them
-FIXED, BODY = "odom", "base_link"
 
 
 class Moving(Drawn):
@@ -171,7 +170,7 @@ class Moving(Drawn):
         sensor = moving_sensor().replace(cycles=cycles or None)
         simulator = Simulator(MovingView(Room(), self._path, sensor, self.exposure_s), sensor, parameters["sbr"],
                               parameters["ppp"] / PACKETS, parameters["seed"], rate_hz)
-        note = (f"each frame has {PACKETS} packets and odom gives the pose of {BODY}: start the sketcher with "
+        note = (f"each frame has {PACKETS} packets and odom gives the pose of {BODY_FRAME}: start the sketcher with "
                 f"motion:=odom packets_per_frame:={PACKETS} extrinsics:='{extrinsics()}'")
         super().__init__(sensor, lambda k: simulator.frame(k)[0], rate_hz, PACKETS * parameters["frames"],
                          max(round(LAP_S * parameters["rate_hz"]), 1) * PACKETS, PACKETS, (note,))
@@ -184,7 +183,8 @@ class Moving(Drawn):
 
         def reported(report: Measured) -> Item:
             stamp_ns = round((report.at_s + BEFORE_S) * NS_PER_S)
-            return Item(ODOM.name, serialize_message(odometry(report)), stamp_ns, stamp_ns)
+            message = encode_odometry(report.pose, report.velocity_m_s, report.rate_rad_s)
+            return Item(ODOM.name, serialize_message(message), stamp_ns, stamp_ns)
 
         return until_end(super().items(elapsed_ns), map(reported, measured(path, ODOM_HZ, -BEFORE_S)), AFTER_S)
 
@@ -192,16 +192,3 @@ class Moving(Drawn):
 def extrinsics() -> str:
     """The pose of the sensor on the body, as text for the sketcher's parameter."""
     return "0 0 0 " + " ".join(f"{number:g}" for number in OPTICAL.quaternion)
-
-
-def odometry(report: Measured) -> Odometry:
-    """The message of a report, without a stamp."""
-    message = Odometry(child_frame_id=BODY)
-    message.header.frame_id = FIXED
-    at, turn = message.pose.pose.position, message.pose.pose.orientation
-    speed, rate = message.twist.twist.linear, message.twist.twist.angular
-    at.x, at.y, at.z = report.pose.translation.tolist()
-    turn.x, turn.y, turn.z, turn.w = report.pose.quaternion
-    speed.x, speed.y, speed.z = report.velocity_m_s.tolist()
-    rate.x, rate.y, rate.z = report.rate_rad_s.tolist()
-    return message

@@ -1,5 +1,7 @@
 """Draw texts, scale bars and colour bars on dark pictures of clouds."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -21,6 +23,7 @@ _RANGE_BAR = 0.16, 0.012                # width and height over the picture's
 _RANGE_BAR_PX_PER_PT = 12               # least width: the numbers at its ends, of this size, need room
 _LETTER_PX_PER_PT = 0.85                # width of a letter
 _BACKING = [withStroke(linewidth=4, foreground=BEHIND)]       # of texts and lines that may lie on points
+_TEXT: dict[str, Any] = {"color": TEXT_COLOUR, "va": "bottom", "path_effects": _BACKING}
 
 
 def dark_figure(width_px: int, height_px: int) -> Figure:
@@ -44,7 +47,7 @@ def filled_figure(image: np.ndarray) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def write_line(figure: Figure, height: float, text: str, size: float, colour: str, **style) -> None:
+def write_line(figure: Figure, height: float, text: str, size: float, colour: str, **style: Any) -> None:
     """Write a line of text, smaller if it is too long for the figure; $ is not markup."""
     size = min(size, figure.get_figwidth() * DPI / max(len(text), 1))
     figure.text(0.02, height, text, size=size, color=colour, va="center", parse_math=False, **style)
@@ -52,32 +55,30 @@ def write_line(figure: Figure, height: float, text: str, size: float, colour: st
 
 def scale_bar(axes: Axes, eye: Viewpoint, size: float = 13) -> None:
     """Draw a bar of 1, 2 or 5 · 10ⁿ metres, measured at the eye's target, at the lower right."""
-    height, width = axes.images[0].get_array().shape[:2]
+    height, width = axes.images[0].get_size()
     px_per_m = focal_px(eye, width, height) / np.linalg.norm(eye.target - eye.position)
     exponent = np.floor(np.log10(_BAR_SHARE * width / px_per_m))
     length_m = max(step * 10**exponent for step in (1, 2, 5) if step * 10**exponent * px_per_m <= _BAR_SHARE * width)
     end, line = width - 0.02 * width, height - 0.03 * height
     axes.plot([end - length_m * px_per_m, end], [line, line], color=TEXT_COLOUR, linewidth=2, solid_capstyle="butt",
               path_effects=_BACKING)
-    axes.text(end, line - 0.015 * height, length_text(length_m), color=TEXT_COLOUR, size=size, ha="right", va="bottom",
-              path_effects=_BACKING)
+    axes.text(end, line - 0.015 * height, length_text(length_m), size=size, ha="right", **_TEXT)
 
 
 def range_bar(axes: Axes, style: CloudStyle, size: float = 13) -> None:
     """Draw the colours with the values at their ends, at the lower left; their name above unless it is the range."""
     (share, height), quantity = _RANGE_BAR, style.quantity
-    ends = [quantity.text(end) for end in (style.low, style.high)]
+    ends = [quantity.text(end) for end in style.ends]
     letters = max(_RANGE_BAR_PX_PER_PT, _LETTER_PX_PER_PT * sum(map(len, ends)))
-    share = max(share, letters * size / axes.images[0].get_array().shape[1])
+    share = max(share, letters * size / axes.images[0].get_size()[1])
     bar = axes.inset_axes((0.02, 0.03, share, height))
     bar.set_axis_off()
-    bar.imshow(quantity.table()[None], aspect="auto")
-    texts = [(0, 2, ends[0], "left"), (1, 2, ends[1], "right")]
+    bar.imshow(quantity.table[None], aspect="auto")
+    style_of_text = {"transform": bar.transAxes, "size": size, **_TEXT}
+    bar.text(0, 2, ends[0], ha="left", **style_of_text)
+    bar.text(1, 2, ends[1], ha="right", **style_of_text)
     if quantity is not RANGE:
-        texts.append((0, 4.5, quantity.label, "left"))
-    for x, y, text, side in texts:
-        bar.text(x, y, text, transform=bar.transAxes, color=TEXT_COLOUR, size=size, ha=side, va="bottom",
-                 path_effects=_BACKING)
+        bar.text(0, 4.5, quantity.label, ha="left", **style_of_text)
 
 
 def annotated(image: np.ndarray, style: CloudStyle, eye: Viewpoint) -> Image.Image:

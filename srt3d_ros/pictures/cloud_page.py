@@ -20,24 +20,22 @@ def write_page(cloud: PointCloud, records: np.ndarray, path: Path, notes: tuple[
 
     Quantities that the method does not give are left out.
     """
-    shown = [name for name, one in QUANTITIES.items() if np.isfinite(one.values(cloud)).any() or not len(cloud)]
+    styles = [CloudStyle.of(cloud, cloud.sensor, name) for name, one in QUANTITIES.items()
+              if np.isfinite(one.values(cloud)).any() or not len(cloud)]
     eye = look_at(cloud.xyz, cloud.sensor.projection, _YAW_DEG, _PITCH_DEG)
-    quantities, levels = [], []
-    for style in (CloudStyle.of(cloud, cloud.sensor, name) for name in shown):
-        quantity, ends = style.quantity, (style.low, style.high)
-        quantities.append({"label": f"{quantity.label}, {quantity.unit}".removesuffix(", "),
-                           "ends": [quantity.text(end) for end in ends], "shaded": quantity is RANGE,
-                           "table": base64.b64encode(quantity.table().tobytes()).decode()})
-        levels.append(quantity.levels(quantity.values(cloud), *ends).tobytes())
+    quantities = [{"label": f"{one.label}, {one.unit}".removesuffix(", "), "ends": [one.text(end) for end in ends],
+                   "shaded": one is RANGE, "table": base64.b64encode(one.table.tobytes()).decode()}
+                  for one, ends in ((style.quantity, style.ends) for style in styles)]
+    levels = [style.quantity.levels(style.quantity.values(cloud), style.ends).tobytes() for style in styles]
     facts = {"words": f"{len(cloud):,} points from {cloud.photons:,} photons of {cloud.sensor.rows} × "
                       f"{cloud.sensor.cols} pixels, by {cloud.method}".removesuffix(", by "),
              "notes": notes, "frame": printable(cloud.sensor.frame_id), "count": len(cloud), "quantities": quantities,
-             "size": records.itemsize, "fields": {name: (kind.str, offset) for name, (kind, offset)
-                                                  in records.dtype.fields.items()},
+             "size": records.itemsize, "fields": {
+                 name: (field[0].str, field[1]) for name, field in (records.dtype.fields or {}).items()},
              "axes": sensor_axes(cloud.sensor.projection).tolist(), "target": eye.target.tolist(),
              "distance": float(np.linalg.norm(eye.position - eye.target)), "fov_deg": eye.fov_deg,
              "yaw": np.radians(_YAW_DEG), "pitch": np.radians(_PITCH_DEG),
-             "radius_m": style.radius_m}
+             "radius_m": styles[0].radius_m}
     page = Path(__file__).with_suffix(".html").read_text(encoding="utf-8")
     points = base64.b64encode(records.tobytes() + b"".join(levels)).decode()
     text = json.dumps(facts).replace("<", r"\u003c")      # no note can end the script

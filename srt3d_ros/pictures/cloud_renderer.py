@@ -10,14 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image, ImageDraw
 
-from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import quoted, require
 from srt3d_ros.pictures.colours import BACKGROUND, levels, percentile_range, shaded
-from srt3d_ros.pictures.quantities import QUANTITIES, RANGE, Quantity
+from srt3d_ros.pictures.quantities import QUANTITIES, RANGE, Points, Quantity
 from srt3d_ros.pictures.viewpoint import Viewpoint, point_radius_m
 
-_OUTSIDE = (96, 104, 116)
+_OUTSIDE, _FAR_OUTSIDE = (96, 104, 116), 0.7     # grey; distance from the middle of the ends, of their distance
 _RADIUS_FACTOR = 1.2            # times the viewer's radius, to leave no gaps in oblique surfaces
 _NEAREST = 1e-3                 # of the distance to the target; closer points are not drawn
 _SMALLEST_RADIUS_PX, _LARGEST_RADIUS_PX = 0.75, 24.0
@@ -32,13 +31,12 @@ _FOG_OPACITY = 0.6              # of one point
 class CloudStyle:
     """Style shared by the panels of a picture: the values at the two ends of the colours, and the points' radius."""
 
-    low: float
-    high: float
+    ends: tuple[float, float]
     radius_m: float
     quantity: Quantity = RANGE
 
     @classmethod
-    def of(cls, cloud: PointCloud, sensor: SensorModel, colour_by: str = "range") -> "CloudStyle":
+    def of(cls, cloud: Points, sensor: SensorModel, colour_by: str = "range") -> "CloudStyle":
         """The style that suits a cloud; InvalidInput if its points have no such quantity."""
         require(colour_by in QUANTITIES, "colour_by", quoted(colour_by), ", ".join(QUANTITIES))
         quantity = QUANTITIES[colour_by]
@@ -46,22 +44,22 @@ class CloudStyle:
         ends = percentile_range(values)
         require(ends or not len(values), "colour_by",
                 problem=f"The points have no {colour_by}: their method gives none.")
-        low, high = ends or (sensor.range_m(np.array([0, sensor.num_bins])) if quantity is RANGE else (0, 1))
-        return cls(float(low), float(high), _RADIUS_FACTOR * point_radius_m(cloud.xyz, sensor), quantity)
+        if ends is None:
+            ends = tuple(sensor.range_m(np.array([0, sensor.num_bins]))) if quantity is RANGE else (0.0, 1.0)
+        return cls(ends, _RADIUS_FACTOR * point_radius_m(cloud.xyz, sensor), quantity)
 
     def colour(self, values: np.ndarray) -> np.ndarray:
         """Colours of points by their values of the quantity, uint8 [N, 3]; grey for ranges far outside low to high."""
-        colour, span = self.quantity.table()[self.quantity.levels(values, self.low, self.high)], self.high - self.low
+        colour, (low, high) = self.quantity.table[self.quantity.levels(values, self.ends)], self.ends
         if self.quantity is RANGE:
-            colour[(values < self.low - 0.2 * span) | (values > self.high + 0.2 * span)] = _OUTSIDE
+            colour[np.abs(values - (low + high) / 2) > _FAR_OUTSIDE * (high - low)] = _OUTSIDE
         return colour
 
-    def draw(self, cloud: PointCloud, eye: Viewpoint, width: int, height: int, finer: int = 2) -> np.ndarray:
+    def draw(self, cloud: Points, eye: Viewpoint, width: int, height: int, finer: int = 2) -> np.ndarray:
         """A cloud seen from `eye`, uint8 [height, width, 3]; `finer` as for draw_surface."""
         colour = self.colour(self.quantity.values(cloud))
         if self.quantity is RANGE:
-            low, high = percentile_range(cloud.intensity) or (0, 1)
-            colour = shaded(colour, levels(cloud.intensity, low, high, root=True))
+            colour = shaded(colour, levels(cloud.intensity, root=True))
         return draw_surface(cloud.xyz, colour, eye, width, height, self.radius_m, finer)
 
 
@@ -129,7 +127,7 @@ def focal_px(eye: Viewpoint, width: int, height: int) -> float:
     return min(width, height) / 2 / np.tan(np.radians(eye.fov_deg) / 2)
 
 
-def _edge_shade(depth: np.ndarray, distance: float) -> np.ndarray:
+def _edge_shade(depth: np.ndarray, distance: float | np.floating) -> np.ndarray:
     """Brightness float32: 1 on smooth surfaces, less beside something nearer. In `depth`, inf = background."""
     light = np.ones_like(depth)
     rows, cols = depth.shape

@@ -1,7 +1,5 @@
 """Map values to colours, for recordings, pictures and .ply files. NumPy only."""
 
-from functools import cache
-
 import numpy as np
 
 # Every 15th of 256 colours of the maps by van der Walt, Smith and Firing (CC0): perceptually even, readable with any
@@ -24,33 +22,23 @@ _PERCENTILES = 2, 98     # the ends of a range
 _RANGE_RATE = 0.1       # share of the way to a new frame's range that AdaptiveRange moves
 
 
-@cache
 def colour_table(name: str) -> np.ndarray:
-    """A colour map as uint8 [256, 3], read-only."""
-    anchors = np.array([list(bytes.fromhex(colour)) for colour in _ANCHORS[name].split()], dtype=float)
+    """A colour map as uint8 [256, 3]."""
+    anchors = np.frombuffer(bytes.fromhex(_ANCHORS[name]), np.uint8).reshape(-1, 3)
     position = np.linspace(0, 255, len(anchors))
-    table = np.stack([np.interp(np.arange(256), position, anchors[:, c]) for c in range(3)], axis=1)
-    table = np.round(table).astype(np.uint8)
-    table.flags.writeable = False
-    return table
+    return np.rint([np.interp(np.arange(256), position, channel) for channel in anchors.T]).T.astype(np.uint8)
 
 
-@cache
 def _visible(name: str) -> np.ndarray:
     """The part of a colour map that is visible on BACKGROUND, brightest first, uint8 [256, 3]."""
     table = colour_table(name)
-    first = int(np.argmax(table.max(axis=1) >= _LEAST_BRIGHT))
+    first = np.argmax(table.max(axis=1) >= _LEAST_BRIGHT)
     return table[np.rint(np.linspace(255, first, 256)).astype(int)]
 
 
-def range_table() -> np.ndarray:
-    """The colours of ranges, uint8 [256, 3]: near is bright."""
-    return _visible(RANGE_MAP)
-
-
-def photon_table() -> np.ndarray:
-    """The colours of a point's photons, uint8 [256, 3]: many are bright."""
-    return _visible(PHOTON_MAP)[::-1]
+RANGE_TABLE = _visible(RANGE_MAP)               # uint8 [256, 3]: near is bright
+PHOTON_TABLE = _visible(PHOTON_MAP)[::-1]       # of a point's photons: many are bright
+GREY_TABLE = np.linspace((34, 38, 46), (164, 170, 180), 256).astype(np.uint8)       # seen before: duller than now
 
 
 def packed(colours: np.ndarray) -> np.ndarray:
@@ -59,34 +47,23 @@ def packed(colours: np.ndarray) -> np.ndarray:
     return red << 24 | green << 16 | blue << 8 | 255
 
 
-def levels(values: np.ndarray, low: float, high: float, root: bool = False) -> np.ndarray:
-    """Indices into a colour table, uint8: up to `low` and NaN give 0, from `high` on 255.
+def levels(values: np.ndarray, ends: tuple[float, float] | None = None, root: bool = False) -> np.ndarray:
+    """Indices into a colour table, uint8: up to the lower of `ends` and NaN give 0, from the upper on 255.
 
-    With `root`, square roots are spread evenly, so that equal steps of photon counts mean equal noise.
+    Without `ends`, they are those of the values. With `root`, square roots are spread evenly, so that equal steps of
+    photon counts mean equal noise.
     """
-    values, ends = np.asarray(values, np.float32), np.array([low, high], np.float32)
+    values, bounds = np.asarray(values, np.float32), np.array(ends or percentile_range(values) or (0, 1), np.float32)
     if root:
-        values, ends = np.sqrt(np.maximum(values, 0)), np.sqrt(np.maximum(ends, 0))
-    span = max(float(ends[1] - ends[0]), 1e-12)
-    scaled = (values - ends[0]) * np.float32(255 / span)
+        values, bounds = np.sqrt(np.maximum(values, 0)), np.sqrt(np.maximum(bounds, 0))
+    low, high = bounds
+    scaled = (values - low) * np.float32(255 / max(float(high - low), 1e-12))
     return np.nan_to_num(np.clip(scaled, 0, 255), nan=0.0).astype(np.uint8)
 
 
 def shaded(colours: np.ndarray, level: np.ndarray) -> np.ndarray:
     """Colours uint8 [..., 3] at an intensity's level, uint8 [...] from `levels`: unchanged at 255, darkest at 0."""
     return (colours * (_DARKEST + (1 - _DARKEST) * level[..., None] / np.float32(255))).astype(np.uint8)
-
-
-@cache
-def point_table() -> np.ndarray:
-    """Colours of points by the levels of range and intensity, uint32 [256, 256], 0xRRGGBBAA."""
-    return packed(shaded(range_table()[:, None], np.arange(256)).reshape(-1, 3)).reshape(256, 256)
-
-
-@cache
-def grey_table() -> np.ndarray:
-    """Colours of what was seen before, uint8 [256, 3]: duller than any of `point_table`."""
-    return np.linspace((34, 38, 46), (164, 170, 180), 256).astype(np.uint8)
 
 
 def percentile_range(values: np.ndarray) -> tuple[float, float] | None:
@@ -104,12 +81,11 @@ class AdaptiveRange:
     """The range of a colour map, which follows the data slowly to avoid flicker."""
 
     def __init__(self):
-        self._range: tuple[float, float] | None = None
+        self._ends: tuple[float, float] | None = None
 
     def update(self, values: np.ndarray) -> tuple[float, float]:
         """Adapt to a frame's values and give its (low, high); (0, 1) before the first finite value."""
-        seen = percentile_range(values)
-        if seen is not None:
-            old = self._range or seen
-            self._range = tuple(a + _RANGE_RATE * (b - a) for a, b in zip(old, seen))
-        return self._range or (0.0, 1.0)
+        if seen := percentile_range(values):
+            (low, high), (seen_low, seen_high) = self._ends or seen, seen
+            self._ends = low + _RANGE_RATE * (seen_low - low), high + _RANGE_RATE * (seen_high - high)
+        return self._ends or (0.0, 1.0)

@@ -4,6 +4,7 @@ import base64
 import io
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -37,7 +38,7 @@ def as_image(figure: Figure) -> Image.Image:
     return Image.fromarray(np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3]))
 
 
-def data_uri(image: Image.Image, kind: str, **options) -> str:
+def data_uri(image: Image.Image, kind: str, **options: Any) -> str:
     """A picture as a data: URI; `kind` (png, jpeg) and options as for `Image.save`."""
     data = io.BytesIO()
     image.save(data, kind, **options)
@@ -52,8 +53,8 @@ def save_png(figure: Figure, path: Path) -> None:
 
 def range_axis(axes: Axes, sensor: SensorModel, late_bins: float = 0.0) -> None:
     """Write the ranges above an axis of times of arrival, which come late by this number of bins."""
-    axes.secondary_xaxis("top", functions=(lambda toa: sensor.range_m(toa - late_bins),
-                                           lambda range_m: sensor.depth_bins(range_m) + late_bins)
+    axes.secondary_xaxis("top", functions=(lambda toa: sensor.range_m(np.asarray(toa) - late_bins),
+                                           lambda range_m: sensor.depth_bins(np.asarray(range_m)) + late_bins)
                          ).set_xlabel("range, m")
 
 
@@ -86,10 +87,9 @@ def draw_histogram(path: Path, histogram: np.ndarray, counts: np.ndarray, sensor
                           vmax=max(float(np.quantile(counts, 0.995)), 1))
     pixels.set(title="photons in a pixel", xlabel="column", ylabel="row")
     figure.colorbar(image, ax=pixels, shrink=0.8, extend="max")
-    irf = sensor.mean_irf
-    response.stairs(irf, np.arange(len(irf) + 1) - sensor.irf_ref - 0.5, fill=True, color=VERMILION)
-    shown = np.flatnonzero(irf > _IRF_SHOWN * irf.max())
-    response.set_xlim(shown[0] - sensor.irf_ref - 1.5, shown[-1] - sensor.irf_ref + 1.5)
+    irf, bins = sensor.mean_irf, sensor.irf_bins
+    response.stairs(irf, np.append(bins, bins[-1] + 1) - 0.5, fill=True, color=VERMILION)
+    shown = bins[irf > _IRF_SHOWN * irf.max()]
     response.set(title="IRF" if sensor.irf.ndim == 1 else "IRF, mean of all pixels", xlabel="bins from the depth",
-                 ylabel="share of the photons")
+                 ylabel="share of the photons", xlim=(shown[0] - 1.5, shown[-1] + 1.5))
     save_png(figure, path)

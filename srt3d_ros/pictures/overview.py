@@ -15,7 +15,7 @@ from srt3d_ros.files.new_files import file_errors
 from srt3d_ros.pictures import annotations
 from srt3d_ros.pictures.annotations import DIM_COLOUR, TEXT_COLOUR
 from srt3d_ros.pictures.cloud_renderer import CloudStyle, draw_fog
-from srt3d_ros.pictures.colours import BACKGROUND, range_table
+from srt3d_ros.pictures.colours import BACKGROUND, RANGE_TABLE
 from srt3d_ros.pictures.figures import DPI, as_image
 from srt3d_ros.pictures.units import number_text
 from srt3d_ros.pictures.viewpoint import Viewpoint, look_at, pixel_pitch_rad, sensor_axes
@@ -99,8 +99,8 @@ def _depth_map(figure: Figure, left: float, width: float, range_m: np.ndarray, s
     _heading(figure, left, "depth map", f"{rows} × {cols} pixels, range in metres")
     axes = figure.add_axes((left, _BOTTOM, width, _TOP - _BOTTOM), anchor="W")      # as large as fits
     axes.set_axis_off()
-    colours = ListedColormap(range_table() / 255).with_extremes(bad=annotations.BEHIND)
-    image = axes.imshow(range_m, colours, Normalize(style.low, style.high), interpolation="nearest")
+    colours = ListedColormap(RANGE_TABLE / 255).with_extremes(bad=annotations.BEHIND)
+    image = axes.imshow(range_m, colours, Normalize(*style.ends), interpolation="nearest")
     bar = figure.colorbar(image, cax=axes.inset_axes((1.034, 0, 0.03, 1)))
     bar.outline.set_visible(False)
     bar.ax.invert_yaxis()

@@ -2,13 +2,23 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.pulse import equivalent_width
-from srt3d_ros.pictures.colours import levels, photon_table, range_table
+from srt3d_ros.pictures.colours import PHOTON_TABLE, RANGE_TABLE, levels
 from srt3d_ros.pictures.units import number_text
+
+
+class Points(Protocol):
+    """What is drawn: a cloud, or one of a recording, which has no quantities but range and intensity."""
+
+    @property
+    def xyz(self) -> np.ndarray: ...
+    @property
+    def intensity(self) -> np.ndarray: ...
 
 
 @dataclass(frozen=True)
@@ -24,19 +34,19 @@ class Quantity:
 
     label: str
     unit: str
-    values: Callable[[PointCloud], np.ndarray]
-    table: Callable[[], np.ndarray] = photon_table
+    values: Callable[[Any], np.ndarray]
+    table: np.ndarray
     root: bool = False
 
-    def levels(self, values: np.ndarray, low: float, high: float) -> np.ndarray:
-        """Indices of values into `table`, uint8."""
-        return levels(values, low, high, self.root)
+    def levels(self, values: np.ndarray, ends: tuple[float, float] | None = None) -> np.ndarray:
+        """Indices of values into `table`, uint8; `ends` as for `colours.levels`."""
+        return levels(values, ends, self.root)
 
     def text(self, value: float) -> str:
         return f"{number_text(value)} {self.unit}".rstrip()
 
 
-def _range_m(cloud: PointCloud) -> np.ndarray:
+def _range_m(cloud: Points) -> np.ndarray:
     return np.linalg.norm(cloud.xyz, axis=1)
 
 
@@ -46,11 +56,12 @@ def _snr(cloud: PointCloud) -> np.ndarray:
     return cloud.intensity / np.sqrt(cloud.intensity + share * np.maximum(cloud.background[cloud.row, cloud.col], 0))
 
 
-RANGE = Quantity("range", "m", _range_m, range_table)
-PHOTONS = Quantity("intensity", "photons", lambda cloud: cloud.intensity, root=True)
+RANGE = Quantity("range", "m", _range_m, RANGE_TABLE)
+PHOTONS = Quantity("intensity", "photons", lambda cloud: cloud.intensity, PHOTON_TABLE, root=True)
 QUANTITIES = {
     "range": RANGE,
     "intensity": PHOTONS,
-    "depth_std": Quantity("depth_std", "mm", lambda cloud: 1e3 * cloud.sensor.bin_width_m * cloud.depth_std_bins),
-    "snr": Quantity("signal to noise", "", _snr),
+    "depth_std": Quantity("depth_std", "mm", lambda cloud: 1e3 * cloud.sensor.bin_width_m * cloud.depth_std_bins,
+                          PHOTON_TABLE),
+    "snr": Quantity("signal to noise", "", _snr, PHOTON_TABLE),
 }

@@ -1,6 +1,7 @@
 """The rerun blueprint of recordings: a large 3D view; images, and tabs of plots beside it."""
 
 from collections.abc import Collection
+from typing import Any
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -30,17 +31,17 @@ def cloud_view(eye: Viewpoint, moving_rate_hz: float | None = None) -> rrb.Spati
     """
     controls = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=eye.position, look_target=eye.target,
                                  eye_up=eye.up)
-    contents, recent = [entities.POINTS_PATH, entities.SENSOR_PATH, entities.FREE_PATH], {}
-    hidden = {entities.FREE_PATH: rrb.EntityBehavior(visible=False)}
+    contents = [entities.POINTS_PATH, entities.SENSOR_PATH, entities.FREE_PATH]
+    overrides: dict[Any, Any] = {entities.FREE_PATH: rrb.EntityBehavior(visible=False)}
     if moving_rate_hz is not None:
         bound = rrb.TimeRangeBoundary.cursor_relative
-        recent = {path: rrb.VisibleTimeRanges([
+        overrides |= {path: rrb.VisibleTimeRanges([
             rrb.VisibleTimeRange(FRAME_INDEX, start=bound(seq=round(-ROOM_S * moving_rate_hz)), end=bound(seq=last)),
             rrb.VisibleTimeRange(STAMP, start=bound(seconds=-ROOM_S), end=bound(seconds=last / moving_rate_hz))])
             for path, last in ((entities.ROOM_PATH, -1), (entities.WAY_PATH, 0))}   # the cloud of now would flicker
-        contents = [entities.POINTS_PATH, entities.MOVING_SENSOR_PATH, entities.FREE_PATH, *recent]
+        contents = [entities.POINTS_PATH, entities.MOVING_SENSOR_PATH, *overrides]
     return rrb.Spatial3DView(origin="/", name="Point cloud", contents=contents, background=BACKGROUND, line_grid=False,
-                             eye_controls=controls, overrides=hidden | recent)
+                             eye_controls=controls, overrides=overrides)
 
 
 def film_blueprint(eye: Viewpoint, sensor: SensorModel, images: tuple[str, ...], rate_hz: float,
@@ -49,13 +50,13 @@ def film_blueprint(eye: Viewpoint, sensor: SensorModel, images: tuple[str, ...],
 
     `rate_hz` are the frames per second. For a sensor that is `moving`, the 3D view stands in the fixed frame.
     """
-    panes = _image_panes([path for path in entities.IMAGE_TITLES if path in images])
+    panes = _image_panes(images)
     wide = sensor.cols > _WIDE_ASPECT * sensor.rows
-    right = [rrb.Grid(*panes, grid_columns=1 if wide else len(panes))] if panes else []
-    right.append(rrb.Tabs(*(_plot(title, names) for title, names in PLOTS.items()), active_tab=0))
+    grid = [rrb.Grid(*panes, grid_columns=1 if wide else len(panes))] if panes else []
+    plots = rrb.Tabs(*(_plot(title, names) for title, names in PLOTS.items()), active_tab=0)
     time = rrb.TimePanel(state="collapsed", timeline=FRAME_INDEX, fps=rate_hz, play_state="playing", loop_mode="all")
     view = cloud_view(eye, rate_hz if moving else None)
-    return rrb.Blueprint(rrb.Horizontal(view, rrb.Vertical(*right), column_shares=[3, 2]),
+    return rrb.Blueprint(rrb.Horizontal(view, rrb.Vertical(*grid, plots), column_shares=[3, 2]),
                          rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed"), time,
                          auto_views=False, auto_layout=False)
 
@@ -72,9 +73,10 @@ def _plot(title: str, names: Collection[str]) -> rrb.TimeSeriesView:
                               plot_legend=corner)
 
 
-def _image_panes(paths: list[str]) -> list[rrb.Spatial2DView | rrb.Tabs]:
+def _image_panes(images: Collection[str]) -> list[rrb.Spatial2DView | rrb.Tabs]:
     """The depth, and the images of photons on tabs."""
-    views = [rrb.Spatial2DView(origin=path, name=entities.IMAGE_TITLES[path], background=BACKGROUND) for path in paths]
-    depth = views[:1] if entities.DEPTH_PATH in paths else []
-    photons = views[len(depth):]
-    return [*depth, rrb.Tabs(*photons, active_tab=0)] if photons else depth
+    views = {path: rrb.Spatial2DView(origin=path, name=name, background=BACKGROUND)
+             for path, name in entities.IMAGE_TITLES.items() if path in images}
+    depth = [view for path, view in views.items() if path == entities.DEPTH_PATH]
+    photons = [view for path, view in views.items() if path != entities.DEPTH_PATH]
+    return [*depth, rrb.Tabs(*photons, active_tab=0)] if photons else [*depth]

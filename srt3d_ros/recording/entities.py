@@ -1,6 +1,7 @@
 """Names of a recording's entities and components, and the rerun archetypes of its values."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -23,11 +24,11 @@ PHOTON_IMAGES = INTENSITY_PATH, BACKGROUND_PATH, PHOTONS_PATH = "/intensity", "/
 IMAGE_TITLES = {DEPTH_PATH: "Depth", PHOTONS_PATH: "Photons", INTENSITY_PATH: "Intensity",
                 BACKGROUND_PATH: "Background"}
 INTENSITY_COMPONENT = "intensity"                   # component of points, in photons
-OF_FULL_CLOUDS = ("depth_std", "row", "col", "surface")     # optional components of points
+OF_FULL_CLOUDS = ("depth_std", "row", "col", "surface")     # optional components of points; depth_std in metres
 RUN, SENSOR_PROPERTY, VERSIONS = "run", "sensor", "versions"      # properties
 PROPERTIES = "/__properties"                        # rerun's entity path for properties
 
-_DARK = 45 / 210        # ratio of dark colours that colours.range_table leaves out to those that it keeps
+_DARK = 45 / 210        # ratio of dark colours that RANGE_TABLE leaves out to those that it keeps
 _LEAST_SPAN = 1e-6
 _FAN, MOST_RAYS = (38, 52, 60), 300                # dim and few, or they would hide the points
 _WAY_WIDTH = rr.Radius.ui_points(1.5)
@@ -63,7 +64,8 @@ def fan(ends: np.ndarray) -> list:
 def pose(pose: Pose, last: Pose) -> dict[str, list]:
     """Archetypes by entity path of the sensor's pose, and of its way from the last one."""
     way = rr.LineStrips3D([np.stack([last.translation, pose.translation])], colors=rgba(ORANGE), radii=_WAY_WIDTH)
-    return {POSE_PATH: [rr.Transform3D(translation=pose.translation, quaternion=pose.quaternion)], WAY_PATH: [way]}
+    place = rr.Transform3D(translation=pose.translation, quaternion=rr.Quaternion(xyzw=pose.quaternion))
+    return {POSE_PATH: [place], WAY_PATH: [way]}
 
 
 def image(path: str, values: np.ndarray, low: float, high: float) -> dict[str, list]:
@@ -83,7 +85,7 @@ def image(path: str, values: np.ndarray, low: float, high: float) -> dict[str, l
 
 def no_depth_colour() -> rr.AnnotationContext:
     """Colours of the mask NO_DEPTH."""
-    return rr.AnnotationContext([(0, None, (0, 0, 0, 0)), (1, "no point", (*BLACK, 255))])
+    return rr.AnnotationContext([rr.AnnotationInfo(0, color=(0, 0, 0, 0)), rr.AnnotationInfo(1, "no point", BLACK)])
 
 
 def field_of_view(sensor: SensorModel, xyz: np.ndarray) -> rr.LineStrips3D:
@@ -95,7 +97,7 @@ def field_of_view(sensor: SensorModel, xyz: np.ndarray) -> rr.LineStrips3D:
     return rr.LineStrips3D([border, *corners], colors=_FRUSTUM, radii=_FRUSTUM_WIDTH)
 
 
-def view_coordinates(sensor: SensorModel) -> rr.ViewCoordinates:
+def view_coordinates(sensor: SensorModel) -> rr.AsComponents:
     """Axes of the sensor's frame: FLU for a scanner, else RDF."""
     forward = sensor_axes(sensor.projection)[0]
     return rr.ViewCoordinates.FLU if forward[0] else rr.ViewCoordinates.RDF
@@ -109,7 +111,7 @@ def metric_path(name: str) -> str:
 def log_properties(stream: rr.RecordingStream, name: str, facts: Mapping) -> None:
     """Set facts of a property: numbers, strings and lists as they are, others as strings; None and [] are skipped."""
     kept = (bool, int, float, str, list, tuple, np.generic, np.ndarray)
-    values = {name: value if isinstance(value, kept) else str(value) for name, value in facts.items()
+    values: dict[str, Any] = {name: value if isinstance(value, kept) else str(value) for name, value in facts.items()
               if value is not None and np.size(value)}
     if values:
         stream.send_property(name, rr.AnyValues(**values))

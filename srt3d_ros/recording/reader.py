@@ -1,8 +1,10 @@
 """Read a recording's clouds, images, time series and properties without a viewer."""
 
 import os
+from collections import defaultdict
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -17,31 +19,28 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.recording import entities
 
-_ROW_ID = "rerun.controls.RowId"
+_ROW_ID, _TIMES = "rerun.controls.RowId", (entities.STAMP, entities.FRAME_INDEX)
 _HEADER_MARK, _FOOTER_MARK = b"RRF2", b"RRF2FOOT"       # the footer ends in its mark and the number of indices
 _FOOTER_BYTES = 12
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedCloud:
-    """A cloud of a recording; None = not recorded."""
+    """A cloud of a recording."""
 
     stamp_ns: int
     frame_index: int
     xyz: np.ndarray                         # float32 [N, 3], metres
     intensity: np.ndarray                   # float32 [N], photons
     colour: np.ndarray                      # uint32 [N], 0xRRGGBBAA, as shown
-    depth_std_m: np.ndarray | None = None   # float32 [N]
-    row: np.ndarray | None = None           # uint16 [N]
-    col: np.ndarray | None = None           # uint16 [N]
-    surface: np.ndarray | None = None       # uint8 [N], number within the pixel
+    more: dict[str, np.ndarray]             # [N] each, those of entities.OF_FULL_CLOUDS that were recorded
 
     def placed(self, sensor: SensorModel) -> PointCloud:
         """The PointCloud, for clouds recorded with all columns; its background is NaN."""
         depth_bins = sensor.depth_bins(np.linalg.norm(self.xyz.astype(np.float64), axis=1)).astype(np.float32)
-        depth_std_bins = self.depth_std_m / np.float32(sensor.bin_width_m)
         background = np.full((sensor.rows, sensor.cols), np.nan, np.float32)
-        return PointCloud(self.row, self.col, depth_bins, self.intensity, depth_std_bins, self.xyz, self.surface,
+        return PointCloud(self.more["row"], self.more["col"], depth_bins, self.intensity,
+                          self.more["depth_std"] / np.float32(sensor.bin_width_m), self.xyz, self.more["surface"],
                           background, self.stamp_ns, sensor=sensor)
 
 
@@ -55,10 +54,10 @@ class Series:
 
 @dataclass(frozen=True, eq=False)
 class CloudIndex:
-    """All clouds sorted by stamp: int64 [N] frame indices, stamps in nanoseconds and numbers of points."""
+    """All clouds sorted by stamp: int64 [N] stamps in nanoseconds, frame indices and numbers of points."""
 
-    frame_index: np.ndarray
     stamp_ns: np.ndarray
+    frame_index: np.ndarray
     points: np.ndarray
 
     def __len__(self) -> int:
@@ -68,7 +67,7 @@ class CloudIndex:
 class RecordingReader:
     """An .rrd file of RecordingWriter; InvalidInput if it is absent, no recording, or cut off."""
 
-    def __init__(self, path):
+    def __init__(self, path: str | Path):
         self.path = Path(path)
         _check_footer(self.path)
         try:
@@ -79,15 +78,13 @@ class RecordingReader:
         require(len(entries) > 0, "recording", problem=f"{path} holds no recording.")
         self._store = entries[0]        # rerun warns if it chooses by itself
 
-    def cloud_index(self) -> CloudIndex:
+    @cached_property
+    def index(self) -> CloudIndex:
         """Stamp, frame index and number of points of every cloud; shows a progress bar after 2 s."""
-        rows = self._rows(entities.POINTS_PATH, entities.FRAME_INDEX, entities.STAMP, "Points3D:positions")
-        bar = tqdm(rows, "reading", delay=2, leave=False, unit="chunk")
-        parts = [(frames, stamps, xyz.value_lengths().fill_null(0).to_numpy(zero_copy_only=False).astype(np.int64))
-                 for _, frames, stamps, xyz in bar]
-        frames, stamps, points = (np.concatenate(part) for part in zip(*parts)) if parts else [np.empty(0, int)] * 3
-        order = np.argsort(stamps, kind="stable")
-        return CloudIndex(frames[order], stamps[order], points[order])
+        rows = self._rows(entities.POINTS_PATH, entities.STAMP, entities.FRAME_INDEX, "Points3D:positions")
+        return CloudIndex(*_by_stamp([(np.empty(0, np.int64),) * 3, *(
+            (stamps, frames, np.array(xyz.value_lengths().fill_null(0), np.int64))
+            for _, stamps, frames, xyz in tqdm(rows, "reading", delay=2, leave=False, unit="chunk"))]))
 
     def clouds(self, only: Container[int] | None = None) -> Iterator[RecordedCloud]:
         """Yield clouds in the order logged; `only` those with these frame indices."""
@@ -95,7 +92,8 @@ class RecordingReader:
         for stamp, frame, xyz, intensity, colour, *more in self._selected(
                 entities.POINTS_PATH, only, names, optional=entities.OF_FULL_CLOUDS):
             yield RecordedCloud(stamp, frame, _array(xyz).reshape(-1, 3), _array(intensity), _array(colour),
-                                *(_array(item) if item is not None and item.is_valid else None for item in more))
+                                {name: _array(item) for name, item in zip(entities.OF_FULL_CLOUDS, more)
+                                 if item is not None and item.is_valid})
 
     def images(self, path: str, only: Container[int] | None = None) -> Iterator[tuple[int, int, np.ndarray]]:
         """Yield (stamp_ns, frame_index, image [rows, cols], NaN = none) of an entity path in the order logged."""
@@ -116,49 +114,51 @@ class RecordingReader:
         return {frame: Pose.from_quaternion(_array(turn), _array(at))
                 for _, frame, at, turn in self._selected(entities.POSE_PATH, None, columns)}
 
+    @cached_property
     def series(self) -> dict[str, Series]:
         """All time series by name."""
-        parts: dict[str, list] = {}
+        parts = defaultdict(list)
         for chunk, stamps, values in self._rows(f"{entities.METRICS_PATH}/**", entities.STAMP, "Scalars:scalars"):
-            name = chunk.entity_path.removeprefix(f"{entities.METRICS_PATH}/")
-            parts.setdefault(name, []).append((stamps, values.flatten().to_numpy()))
-        found = {}
-        for name, of_name in parts.items():
-            stamps, values = (np.concatenate(part) for part in zip(*of_name))
-            order = np.argsort(stamps, kind="stable")
-            found[name] = Series(stamps[order], values[order])
-        return found
+            parts[chunk.entity_path.removeprefix(f"{entities.METRICS_PATH}/")].append(
+                (stamps, values.flatten().to_numpy()))
+        return {name: Series(*_by_stamp(of_name)) for name, of_name in parts.items()}
 
+    @cached_property
     def properties(self) -> dict[str, dict]:
         """The newest facts of each property: {"run": {…}, "sensor": {…}}; lists as arrays."""
-        rows = []       # (row id, property, field, values); facts may be set again
-        for chunk in self._chunks(f"{entities.PROPERTIES}/**", static=True):
-            batch, name = chunk.to_record_batch(), chunk.entity_path.removeprefix(entities.PROPERTIES).strip("/")
-            row_ids = batch.column(_ROW_ID).to_pylist()
-            for field in batch.schema.names if name else ():
-                rows += [(row_id, name, field, item.as_py()) for row_id, item in zip(row_ids, batch.column(field))
-                         if item.is_valid and field != _ROW_ID]
+        rows = [(row.pop(_ROW_ID), chunk.entity_path.removeprefix(f"{entities.PROPERTIES}/"), row)
+                for chunk in self._chunks(f"{entities.PROPERTIES}/**", static=True)
+                if chunk.entity_path != entities.PROPERTIES         # of rerun itself
+                for row in chunk.to_record_batch().to_pylist()]
         found: dict[str, dict] = {}
-        for _, name, field, values in sorted(rows, key=lambda row: row[0]):
-            found.setdefault(name, {})[field] = values[0] if len(values) == 1 else np.array(values)
+        for _, name, row in sorted(rows, key=lambda row: row[0]):       # facts may be set again
+            found.setdefault(name, {}).update({field: values[0] if len(values) == 1 else np.array(values)
+                                               for field, values in row.items() if values is not None})
         return found
 
     def _selected(self, path: str, only: Container[int] | None, names: tuple[str, ...], optional: tuple[str, ...] = ()
                   ) -> Iterator[tuple]:
         """Yield (stamp_ns, frame_index, item of each column) for the frame indices in `only`; None: no such column."""
-        for chunk, stamps, frames, *columns in self._rows(path, entities.STAMP, entities.FRAME_INDEX, *names):
-            columns += [_column(chunk, name) for name in optional]
+        for _, stamps, frames, *columns in self._rows(
+                path, entities.STAMP, entities.FRAME_INDEX, *names, optional=optional):
             for row, (stamp, frame) in enumerate(zip(stamps.tolist(), frames.tolist())):
                 if only is None or frame in only:
                     yield stamp, frame, *(None if column is None else column[row] for column in columns)
 
-    def _rows(self, content: str, *names: str) -> Iterator[tuple]:
-        """Yield (chunk, column of each name) for the chunks at entity paths; columns as from `_column`."""
+    def _rows(self, content: str, *names: str, optional: tuple[str, ...] = ()) -> Iterator[tuple]:
+        """Yield (chunk, column of each name) for the chunks at entity paths; a missing `optional` column is None.
+
+        Times are int64 [rows], others Arrow lists.
+        """
         for chunk in self._chunks(content):
-            columns = [_column(chunk, name) for name in names]
-            missing = [name for name, column in zip(names, columns) if column is None]
+            batch = chunk.to_record_batch()
+            missing = [name for name in names if name not in batch.schema.names]
             require(not missing, "recording", problem=f"{self.path}: {chunk.entity_path} has no {', '.join(missing)}.")
-            yield chunk, *columns
+            columns = (batch.column(name) for name in names)
+            # Copy times: a view would keep the whole chunk in memory.
+            yield (chunk, *(np.array(column.cast(pa.int64())) if name in _TIMES else column
+                            for name, column in zip(names, columns)),
+                   *(batch.column(name) if name in batch.schema.names else None for name in optional))
 
     def _chunks(self, content: str, static: bool = False) -> Iterator[Chunk]:
         try:        # rerun reads only these chunks, by the index in the footer
@@ -182,14 +182,11 @@ def _check_footer(path: Path) -> None:
                 f"saved.rrd {path.name}` saves what can be read.")
 
 
-def _column(chunk: Chunk, name: str):
-    """A column of a chunk: times as int64 [rows], others as Arrow lists; None if missing."""
-    batch = chunk.to_record_batch()
-    if name not in batch.schema.names:
-        return None
-    column = batch.column(name)
-    # Copy times: a view would keep the whole chunk in memory.
-    return np.array(column.cast(pa.int64())) if name in (entities.STAMP, entities.FRAME_INDEX) else column
+def _by_stamp(parts: list[tuple[np.ndarray, ...]]) -> list[np.ndarray]:
+    """The columns of several chunks, the first of which are stamps, joined and sorted by these."""
+    columns = [np.concatenate(column) for column in zip(*parts)]
+    order = np.argsort(columns[0], kind="stable")
+    return [column[order] for column in columns]
 
 
 def _array(item: pa.Scalar) -> np.ndarray:

@@ -20,7 +20,7 @@ from srt3d_ros import compat
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.messages import sensor_message
-from srt3d_ros.pictures.colours import AdaptiveRange, grey_table, levels, packed, point_table
+from srt3d_ros.pictures.colours import GREY_TABLE, RANGE_TABLE, AdaptiveRange, levels, packed, shaded
 from srt3d_ros.pictures.viewpoint import LEVEL, look_at, point_radius_m
 from srt3d_ros.processes.children import end_at_once
 from srt3d_ros.recording import entities
@@ -95,9 +95,9 @@ class FrameIndex:
 class RecordingFailed(Exception):
     """The file cannot be written any more, or the disk is nearly full; `why` says so without the path."""
 
-    def __init__(self, path: Path, why: str):
-        super().__init__(f"recording {path}: {why}")
-        self.why = why
+    def __init__(self, path: Path, error: Exception):
+        self.why = " ".join(str(getattr(error, "strerror", None) or error or type(error).__name__).split())
+        super().__init__(f"recording {path}: {self.why}")
 
 
 class RecordingWriter(AbstractContextManager):
@@ -116,7 +116,7 @@ class RecordingWriter(AbstractContextManager):
             the file is finished if possible, and the writer cannot be used again.
     """
 
-    def __init__(self, path, sensor: SensorModel, properties: Mapping[str, Mapping] | None = None, *,
+    def __init__(self, path: str | Path, sensor: SensorModel, properties: Mapping[str, Mapping] | None = None, *,
                  images: tuple[str, ...] = (entities.DEPTH_PATH,)):
         self.path, self._sensor, self._images = Path(path), sensor, images
         self._ranges: dict[str, AdaptiveRange] = defaultdict(AdaptiveRange)        # of colours, by entity path or name
@@ -125,12 +125,12 @@ class RecordingWriter(AbstractContextManager):
         self._has_view = False
         self._pose: Pose | None = None                      # the last one logged
         self._room: list[np.ndarray] = []                   # samples of clouds in the fixed frame
-        self._stream: rr.RecordingStream | None = None      # None once finished
+        self._open = True
         try:
             self._check_disk()
             compat.create_rerun_file(self.path)
         except OSError as error:
-            raise self._failure(error) from None
+            raise RecordingFailed(self.path, error) from None
         self._stream = rr.RecordingStream(entities.APPLICATION_ID, recording_id=str(uuid.uuid4()),
                                           batcher_config=BATCHING)
         self._stream.save(self.path)
@@ -139,7 +139,8 @@ class RecordingWriter(AbstractContextManager):
         self._flushed_s = time.monotonic()
         self._log_static(properties or {})
 
-    def log_cloud(self, stamp_ns: int, frame_index: int, xyz: np.ndarray, intensity: np.ndarray, **more) -> None:
+    def log_cloud(self, stamp_ns: int, frame_index: int, xyz: np.ndarray, intensity: np.ndarray,
+                  **more: np.ndarray) -> None:
         """Log a cloud: `xyz` [N, 3] in metres, `intensity` [N] in photons; `more`: entities.OF_FULL_CLOUDS."""
         # Copies, because rerun reads the arrays later.
         columns = {name: np.array(values, _TYPES.get(name, np.float32), order="C")
@@ -150,9 +151,9 @@ class RecordingWriter(AbstractContextManager):
             self._framed = xyz if len(xyz) else self._framed
             if len(self._framed) and len(self._stamps_ns) == _RATE_CLOUDS:
                 self._send_view()
-        range_level = self._levels("range", np.linalg.norm(xyz, axis=1))
-        colours = point_table()[range_level, self._levels("intensity", columns["intensity"], root=True)]
-        archetypes = entities.points(columns, colours, point_radius_m(xyz, self._sensor))
+        colours = shaded(RANGE_TABLE[self._levels("range", np.linalg.norm(xyz, axis=1))],
+                         self._levels("intensity", columns["intensity"], root=True))
+        archetypes = entities.points(columns, packed(colours), point_radius_m(xyz, self._sensor))
         self._log(stamp_ns, frame_index, {entities.POINTS_PATH: archetypes})
 
     def log_free(self, stamp_ns: int, frame_index: int, ends: np.ndarray) -> None:
@@ -173,7 +174,7 @@ class RecordingWriter(AbstractContextManager):
         step = max(math.ceil(len(xyz) / _ROOM_POINTS), 1)
         xyz, intensity = xyz[frame_index % step::step], intensity[frame_index % step::step]
         fixed = pose(xyz).astype(np.float32)
-        grey = packed(grey_table())[self._levels("brightness", intensity * (xyz**2).sum(axis=1), root=True)]
+        grey = packed(GREY_TABLE)[self._levels("brightness", intensity * (xyz**2).sum(axis=1), root=True)]
         radius = point_radius_m(xyz, self._sensor) or None
         self._log(stamp_ns, frame_index, {entities.ROOM_PATH: [rr.Points3D(fixed, colors=grey, radii=radius)]})
         self._room.append(fixed[::max(len(fixed) // _SAMPLES, 1)])
@@ -210,12 +211,12 @@ class RecordingWriter(AbstractContextManager):
             self._check_disk()
         except (OSError, RuntimeError, ValueError) as error:        # from the disk or rerun
             self._finish()
-            raise self._failure(error) from None
+            raise RecordingFailed(self.path, error) from None
         self._flushed_s = time.monotonic()
 
     def close(self) -> None:
         """Finish the file. Idempotent. The process exits with 1 if the disk hangs, because rerun has no timeout."""
-        if self._stream is not None:
+        if self._open:
             if not self._has_view or self._pose is not None:        # of a room, once all of it was seen
                 self._send_view()
             self.flush()
@@ -236,7 +237,7 @@ class RecordingWriter(AbstractContextManager):
 
     def _levels(self, name: str, values: np.ndarray, root: bool = False) -> np.ndarray:
         """Levels of a colour map between ends that follow the data."""
-        return levels(values, *self._ranges[name].update(values), root)
+        return levels(values, self._ranges[name].update(values), root)
 
     def _log_static(self, properties: Mapping[str, Mapping]) -> None:
         """Log what is the same for all frames."""
@@ -271,15 +272,12 @@ class RecordingWriter(AbstractContextManager):
         if left < LEAST_FREE_BYTES:
             raise OSError(f"stopped, as the disk has only {left / 1e6:.0f} MB left")
 
-    def _failure(self, error: Exception) -> RecordingFailed:
-        why = " ".join(str(getattr(error, "strerror", None) or error or type(error).__name__).split())
-        return RecordingFailed(self.path, why)
-
     def _finish(self) -> None:
         """Make rerun write the footer and end its threads."""
         atexit.unregister(self.close)
         ending = threading.Thread(target=self._stream.disconnect, daemon=True)
-        self._stream = None
+        self._open = False
+        del self._stream        # so that it can be freed
         ending.start()
         ending.join(END_TIMEOUT_S)
         if ending.is_alive():

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -18,38 +17,39 @@ from srt3d_ros.review.recorded import Recorded
 TIME = "seconds since the first cloud"
 _LINE_COLOURS, _GAP_COLOUR = (ORANGE, BLUE, GREEN, PURPLE, SKY_BLUE), VERMILION
 _PAGE_COLOUR = "#010203"            # placeholder of the page's text colour
-_STYLE = dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color", "grid.color"),
-                       _PAGE_COLOUR) | {
+_COLOURED = "text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color", "grid.color"
+_STYLE: dict[Any, Any] = dict.fromkeys(_COLOURED, _PAGE_COLOUR) | {
     "svg.fonttype": "none", "font.size": 10, "axes.spines.top": False, "axes.spines.right": False, "grid.alpha": 0.18,
     "axes.grid": True, "axes.axisbelow": True}
 _SIZE_IN = (5.2, 2.35)
-_MOST_PARTS = 600                   # longer lines are drawn as median and range of so many parts
+_MOST_PARTS = 600                   # of a line, about its width in pixels
+_SHADED_GAPS = 10                   # the longest
 
 
-def draw_plots(recorded: Recorded, gaps: list[dict]) -> list[tuple[str, str]]:
-    """(title, <svg> element) of each plot with values; `gaps` as of a summary are shaded."""
-    latencies = {stage.replace("total", "end to end"): series for stage, series in recorded.latencies().items()}
+def draw_plots(recorded: Recorded) -> list[tuple[str, str]]:
+    """(title, <svg> element) of each plot with values; gaps are shaded."""
     named = {name: {name: recorded.series[name]} for name in ("photons", "frame_rate_hz") if name in recorded.series}
-    plots = [("Latency", "latency, ms", latencies),
+    plots = [("Latency", "latency, ms", {stage.replace("total", "end to end"): series
+                                         for stage, series in recorded.latencies().items()}),
              ("Points a frame", "points", {"points": Series(recorded.index.stamp_ns, recorded.index.points)}),
              ("Photons a frame", "photons", named.get("photons")),
              ("Frame rate", "frames a second", named.get("frame_rate_hz"))]
-    return [(title, _svg(recorded, lines, label, gaps)) for title, label, lines in plots if lines]
+    return [(title, _svg(recorded, lines, label)) for title, label, lines in plots if lines]
 
 
-def _svg(recorded: Recorded, lines: dict[str, Series], label: str, gaps: list[dict]) -> str:
+def _svg(recorded: Recorded, lines: dict[str, Series], label: str) -> str:
     """The <svg> element with lines, without NaN and Inf, and with shaded gaps."""
     with rc_context(_STYLE):
         figure = Figure(_SIZE_IN, dpi=DPI, layout="constrained")
         axes = figure.add_subplot()
         for patch in (figure.patch, axes.patch):
             patch.set_visible(False)
-        for gap in gaps:
-            axes.axvspan(gap["at_s"], gap["at_s"] + gap["seconds"], color=_GAP_COLOUR, alpha=0.3, linewidth=1)
+        for gap in recorded.gaps[:_SHADED_GAPS]:
+            axes.axvspan(*recorded.seconds[[gap, gap + 1]], color=_GAP_COLOUR, alpha=0.3, linewidth=1)
         for (name, series), colour in zip(lines.items(), _LINE_COLOURS):
-            finite = np.isfinite(series.values)
-            _draw_line(axes, recorded.since_first(series.stamp_ns)[finite], series.values[finite], color=colour,
-                       label=name, linewidth=1.3)
+            shown = _extremes(series.values)
+            axes.plot(recorded.since_first(series.stamp_ns[shown]), series.values[shown], color=colour, label=name,
+                      linewidth=1.3, marker="o" if len(shown) < 3 else "")
         if len(lines) > 1:
             axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, frameon=False, borderpad=0.1,
                         handlelength=1.2, columnspacing=1.2)
@@ -68,12 +68,10 @@ def _svg(recorded: Recorded, lines: dict[str, Series], label: str, gaps: list[di
     return svg[svg.index("<svg"):].replace(_PAGE_COLOUR, "currentColor")
 
 
-def _draw_line(axes: Axes, x: np.ndarray, y: np.ndarray, **style: Any) -> None:
-    if len(x) <= 2 * _MOST_PARTS:
-        axes.plot(x, y, marker="o" if len(x) < 3 else "", **style)
-        return
-    parts = np.array_split(np.arange(len(x)), _MOST_PARTS)
-    middle = [x[part].mean() for part in parts]
-    low, median, high = np.array([np.percentile(y[part], (0, 50, 100)) for part in parts]).T
-    axes.fill_between(middle, low, high, color=style["color"], alpha=0.35, linewidth=0)
-    axes.plot(middle, median, **style)
+def _extremes(values: np.ndarray) -> np.ndarray:
+    """Positions of the finite values; of many, those of the least and the greatest in each of _MOST_PARTS parts."""
+    finite = np.flatnonzero(np.isfinite(values))
+    if len(finite) <= 2 * _MOST_PARTS:
+        return finite
+    return np.array([at for part in np.array_split(finite, _MOST_PARTS)
+                     for at in sorted((part[values[part].argmin()], part[values[part].argmax()]))])

@@ -1,41 +1,27 @@
-"""A recording in memory without its clouds and images: index, time series and properties."""
+"""A recording to review: its clouds have times, gaps and latencies."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import require
 from srt3d_ros.messages import sensor_message
 from srt3d_ros.recording import entities
-from srt3d_ros.recording.reader import CloudIndex, RecordingReader, Series
+from srt3d_ros.recording.reader import RecordingReader, Series
 
+GAP_PERIODS = 1.5           # clouds farther apart have a gap between them
 _LATENCIES = {"total": "latency_ms", "reconstruct": "latency_reconstruct_ms", "sketch": "latency_sketch_ms"}
 
 
-@dataclass(frozen=True, eq=False)
-class Recorded:
-    """Contents of a recording; `reader` reads its clouds and images on demand."""
+class Recorded(RecordingReader):
+    """A recording with clouds and a `sensor`, all of whose pixels have the same IRF; InvalidInput if it has none."""
 
-    path: Path
-    sensor: SensorModel         # all pixels with the same IRF
-    reader: RecordingReader
-    index: CloudIndex
-    series: dict[str, Series]
-    properties: dict[str, dict]
-
-    @classmethod
-    def read(cls, path) -> "Recorded":
-        """Read a recording; InvalidInput if the file is no recording or has no clouds or no sensor."""
-        reader = RecordingReader(path)
-        index = reader.cloud_index()
-        require(len(index) > 0, "recording", problem=f"{path} has no clouds at /points.")
-        properties = reader.properties()
-        description = properties.get(entities.SENSOR_PROPERTY, {}).get("description")
-        require(description is not None, "recording", problem=f"{path} has no description of its sensor.")
-        return cls(Path(path), sensor_message.from_json(description), reader, index, reader.series(),
-                   properties)
+    def __init__(self, path: Path):
+        super().__init__(path)
+        require(len(self.index) > 0, "recording", problem=f"{path} has no clouds at /points.")
+        described = self.properties.get(entities.SENSOR_PROPERTY, {})
+        require("description" in described, "recording", problem=f"{path} has no description of its sensor.")
+        self.sensor = sensor_message.from_json(described["description"])
 
     @property
     def seconds(self) -> np.ndarray:
@@ -46,15 +32,23 @@ class Recorded:
         """Seconds since the first cloud."""
         return (np.asarray(stamp_ns) - self.index.stamp_ns[0]) * 1e-9
 
-    def at_clouds(self, name: str) -> np.ndarray:
-        """A series' values at the clouds' stamps, float64 [N], NaN = missing."""
-        stamps, values = self.index.stamp_ns, np.full(len(self.index), np.nan)
+    @property
+    def period_s(self) -> float:
+        """The median time from cloud to cloud; 0 for a single one."""
+        return float(np.median(np.diff(self.seconds))) if len(self.index) > 1 else 0.0
+
+    @property
+    def gaps(self) -> list[int]:
+        """Positions of the clouds after which frames are missing, that with the longest gap first."""
+        steps = np.diff(self.seconds)
+        order = np.argsort(-steps, kind="stable")
+        return order[steps[order] > GAP_PERIODS * max(self.period_s, 1e-9)].tolist()
+
+    def at_cloud(self, name: str, position: int) -> float:
+        """A series' value at the stamp of a cloud; NaN if missing."""
         series = self.series.get(name)
-        if series is not None and len(series.stamp_ns):
-            at = np.minimum(np.searchsorted(series.stamp_ns, stamps), len(series.stamp_ns) - 1)
-            found = series.stamp_ns[at] == stamps
-            values[found] = series.values[at[found]]
-        return values
+        found = series.values[series.stamp_ns == self.index.stamp_ns[position]] if series else np.empty(0)
+        return float(found[0]) if len(found) else np.nan
 
     def latencies(self) -> dict[str, Series]:
         """The latency series in milliseconds: `total`, and one for each stage."""

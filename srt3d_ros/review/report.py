@@ -29,8 +29,8 @@ def _page(recorded: Recorded, summary: dict) -> str:
     return environment.get_template("report.html").render(
         version=__version__, title=f"{recorded.path.name}: recording", name=recorded.path.name,
         gallery=make_gallery(recorded),
-        plots=[(title, Markup(svg)) for title, svg in draw_plots(recorded, summary["gaps"])],
-        gaps=summary["gaps"], gap_count=summary["gap_count"], rows=rows(summary), tables=_tables(summary))
+        plots=[(title, Markup(svg)) for title, svg in draw_plots(recorded)], rows=rows(summary),
+        tables=_tables(summary))
 
 
 def _tables(summary: dict) -> list[tuple[str, list[tuple[str, str]]]]:
@@ -40,7 +40,7 @@ def _tables(summary: dict) -> list[tuple[str, list[tuple[str, str]]]]:
             for title, facts in tables.items() if facts]
 
 
-def _text(value) -> str:
+def _text(value: object) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, list):

@@ -1,5 +1,7 @@
 """Compute the figures of a recording, for JSON, the terminal and the report."""
 
+from typing import Any
+
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
@@ -8,8 +10,6 @@ from srt3d_ros.pictures.units import duration_text, number_text, size_text
 from srt3d_ros.recording import entities
 from srt3d_ros.review.recorded import Recorded
 
-GAP_PERIODS = 1.5               # median periods; frames farther apart have a gap between them
-_LISTED_GAPS = 10               # the longest; gap_count has all
 _DIGITS = 3
 _SPREADS = {"points": "points a frame", "photons": "photons a frame", "ppp": "photons per pixel"}
 
@@ -17,25 +17,24 @@ _SPREADS = {"points": "points a frame", "photons": "photons a frame", "ppp": "ph
 def summarise(recorded: Recorded) -> dict:
     """All figures of a recording; None without data.
 
-    frame_rate_hz is the mean, period_ms the median; gaps are the longest ones. The properties follow, the sensor
-    without its arrays.
+    frame_rate_hz is the mean, period_ms the median. The properties follow, the sensor without its arrays.
     """
-    index, seconds = recorded.index, recorded.seconds
-    frames, duration = len(index), float(seconds[-1])
-    gaps, period = _gaps(recorded)
+    index, seconds, gaps, period_s = recorded.index, recorded.seconds, recorded.gaps, recorded.period_s
+    frames, duration, steps = len(index), float(seconds[-1]), np.diff(seconds)
     typical, fewest, most = notable_frames(recorded)
-    spread = {"points": index.points, **{
-        name: recorded.series[name].values if name in recorded.series else np.empty(0) for name in ("photons", "ppp")}}
+    spread = {"points": index.points} | {name: recorded.series[name].values for name in ("photons", "ppp")
+                                         if name in recorded.series}
     summary = {
         "recording": str(recorded.path), "started": iso_time(index.stamp_ns[0]),
         "frames": frames, "duration_s": _rounded(duration),
         "frame_rate_hz": _rounded((frames - 1) / duration) if duration > 0 else None,
-        "period_ms": _rounded(period * 1e3) if period else None,
-        "gaps": sorted(sorted(gaps, key=lambda gap: -gap["seconds"])[:_LISTED_GAPS], key=lambda gap: gap["at_s"]),
-        "gap_count": len(gaps), "missing_frames": sum(gap["missing"] for gap in gaps),
+        "period_ms": _rounded(period_s * 1e3) if period_s else None,
+        "gaps": len(gaps), "missing_frames": sum(max(round(step / period_s) - 1, 1) for step in steps[gaps].tolist()),
+        "longest_gap": {"seconds": _rounded(steps[gaps[0]]), "at_s": _rounded(seconds[gaps[0]]),
+                        "after_frame": int(index.frame_index[gaps[0]])} if len(gaps) else None,
         "latency_ms": {stage: _percentiles(series.values, p50=50, p95=95, max=100)
                        for stage, series in recorded.latencies().items()},
-        **{name: _percentiles(values, median=50, min=0, max=100) for name, values in spread.items()},
+        **{name: _percentiles(spread.get(name, np.empty(0)), median=50, min=0, max=100) for name in _SPREADS},
         "bytes": recorded.path.stat().st_size,
         "typical_frame": int(index.frame_index[typical]), "fewest_points_frame": int(index.frame_index[fewest]),
         "most_points_frame": int(index.frame_index[most]),
@@ -45,26 +44,13 @@ def summarise(recorded: Recorded) -> dict:
                       for name, facts in properties.items() if name not in summary}
 
 
-def _gaps(recorded: Recorded) -> tuple[list[dict], float]:
-    """Gaps where frames are missing, and the median period in seconds (0 for a single frame)."""
-    seconds, frames = recorded.seconds, recorded.index.frame_index
-    steps = np.diff(seconds)
-    period = float(np.median(steps)) if len(steps) else 0.0
-    positions = np.flatnonzero(steps > GAP_PERIODS * period) if period > 0 else ()
-    return [{"after_frame": int(frames[k]), "at_s": _rounded(seconds[k]), "seconds": _rounded(steps[k]),
-             "missing": max(round(float(steps[k]) / period) - 1, 1)} for k in positions], period
-
-
 def notable_frames(recorded: Recorded) -> tuple[int, int, int]:
-    """Positions in the index of a typical cloud, and of those with the fewest and the most points.
+    """Positions in the index of the clouds with the median number of points, the fewest and the most.
 
-    The typical cloud is nearest to the median number of points; among equals, nearest to the middle of the recording.
+    Among equal numbers, the order is that of time.
     """
-    points = recorded.index.points
-    off_middle = np.abs(np.arange(len(points)) - (len(points) - 1) / 2) / len(points)
-    off_median = np.abs(points - np.median(points)) / max(np.median(points), 1)
-    return (int(np.argmin(np.round(off_median, 3) + 1e-3 * off_middle)), int(np.argmin(points)),
-            int(np.argmax(points)))
+    order = np.argsort(recorded.index.points, kind="stable").tolist()
+    return order[len(order) // 2], order[0], order[-1]
 
 
 def _percentiles(values: np.ndarray, **wanted: float) -> dict[str, float] | None:
@@ -102,9 +88,11 @@ def rows(summary: dict) -> list[tuple[str, str]]:
         if s[name]:
             median, least, most = (number_text(s[name][key]) for key in ("median", "min", "max"))
             found.append((title, f"median {median}, {least} … {most}"))
-    return [*found, *_origin(s), (
-        "frames to look at", f"typical {s['typical_frame']}, fewest points {s['fewest_points_frame']}, "
-        f"most points {s['most_points_frame']}")]
+    sensor = s["sensor"]
+    return [*found, ("sensor", f"{sensor['rows']} × {sensor['cols']} pixels, {sensor['num_bins']:,} bins of "
+                               f"{sensor['bin_width_s'] * 1e12:.4g} ps, {sensor['kind']}"),
+            ("frames to look at", f"typical {s['typical_frame']}, fewest points {s['fewest_points_frame']}, "
+                                  f"most points {s['most_points_frame']}")]
 
 
 def _rounded(value: float) -> float:
@@ -118,7 +106,7 @@ def _facts(sensor: SensorModel) -> dict:
     return {name: value for name, value in content.items() if not isinstance(value, dict)}
 
 
-def _plain(value):
+def _plain(value: Any) -> Any:
     """A property for JSON; NaN and Inf as strings."""
     value = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
     if isinstance(value, list):
@@ -127,22 +115,9 @@ def _plain(value):
     return value if isinstance(value, str | int | float | bool | None) and finite else str(value)
 
 
-def _origin(summary: dict) -> list[tuple[str, str]]:
-    """Sensor, frequencies and version, if recorded."""
-    sensor, run, versions = (summary.get(name, {}) for name in ("sensor", "run", "versions"))
-    found = [("sensor", f"{sensor['rows']} × {sensor['cols']} pixels, {sensor['num_bins']:,} bins of "
-                        f"{sensor['bin_width_s'] * 1e12:.4g} ps, {sensor['kind']}")]
-    if "frequencies" in run:
-        frequencies = np.atleast_1d(run["frequencies"]).tolist()
-        found.append(("frequencies", f"{len(frequencies)}: {' '.join(str(k) for k in frequencies)}"))
-    if "srt3d_ros" in versions:
-        found.append(("srt3d_ros", versions["srt3d_ros"]))
-    return found
-
-
 def _gap_text(summary: dict) -> str:
-    if not summary["gap_count"]:
+    if not summary["gaps"]:
         return "none"
-    longest = max(summary["gaps"], key=lambda gap: gap["seconds"])
-    return (f"{summary['gap_count']:,}, about {summary['missing_frames']:,} frames; the longest "
+    longest = summary["longest_gap"]
+    return (f"{summary['gaps']:,}, about {summary['missing_frames']:,} frames; the longest "
             f"{longest['seconds']:.3g} s, at {longest['at_s']:.1f} s, after frame {longest['after_frame']}")

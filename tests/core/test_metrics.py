@@ -134,26 +134,5 @@ def test_limits_are_ranges_along_the_ray_and_further_surfaces_keep_their_order(t
     assert kept.depth_std_bins.tolist() == [1, 0.25]
     assert len(two_in_one_pixel.within(max_m=1)) == 0
     np.testing.assert_array_equal(kept.range_image(), [[NAN, 6, NAN], [NAN, NAN, 5]])       # the first that is left
-    assert kept.ordered("nearest") is kept
     kept = cloud((0, 0, 1), (0, 2, 9), (0, 2, 2), (0, 2, 3), (1, 0, 1), surface=[0, 0, 1, 2, 0]).within(max_m=5)
     assert kept.depth_bins.tolist() == [1, 2, 3, 1] and kept.surface.tolist() == [0, 0, 1, 0]
-
-
-@pytest.mark.parametrize(("surface_order", "depth", "intensity"), [
-    ("strongest", [7, 40, 10, 40, 90, 90, 20], [1, 9, 5, 2, 8, 6, 3]),
-    ("nearest", [7, 10, 40, 40, 20, 90, 90], [1, 5, 9, 2, 3, 8, 6]),
-    ("farthest", [7, 40, 40, 10, 90, 90, 20], [1, 9, 2, 5, 8, 6, 3])])
-def test_the_points_of_a_pixel_come_in_the_order_asked_for_and_ties_keep_theirs(surface_order, depth, intensity):
-    places = (0, 1), (0, 2), (0, 2), (0, 2), (1, 0), (1, 0), (1, 0)
-    by_strength = [7, 40, 10, 40, 90, 90, 20], [1, 9, 5, 2, 8, 6, 3]
-    given = cloud(*((*at, d, i, i / 10) for at, d, i in zip(places, *by_strength)), surface=[0, 0, 1, 2, 0, 1, 2],
-                  stamp_ns=9)
-    ordered = given.ordered(surface_order)
-    assert ordered.depth_bins.tolist() == ordered.xyz[:, 2].tolist() == depth
-    assert ordered.intensity.tolist() == intensity
-    assert (ordered.depth_std_bins == ordered.intensity / 10).all() and ordered.stamp_ns == 9
-    for name in ("row", "col", "surface"):
-        assert getattr(ordered, name).tolist() == getattr(given, name).tolist()
-    assert ordered.ordered("strongest").intensity.tolist() == by_strength[1]
-    with pytest.raises(InvalidInput, match="^surface_order is first: expected strongest or nearest or farthest$"):
-        given.ordered("first")

@@ -172,7 +172,6 @@ def test_parameters_are_refused_with_the_reason_or_change_between_frames(reconst
     for values, reason in (({"min_range_m": 4.0}, "min_range_m is 4.0: expected less than max_range_m, 4 m"),
                            ({"method": "smle", "background": "flat"},
                             "background flat: smle takes only surfaces, device"),
-                           ({"surface_order": "first"}, "surface_order is first: expected strongest or nearest or far"),
                            *([] if torch.cuda.is_available() else [({"device": "cuda"}, "device is cuda: expected ")])):
         assert reconstructor.graph.set("reconstructor", **values).startswith(reason)
     assert reconstructor.graph.set("reconstructor", min_range_m=0.0, max_range_m=0.0) == ""

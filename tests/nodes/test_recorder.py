@@ -12,12 +12,11 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
 from srt3d_ros.core.motion.trajectory import Pose
-from srt3d_ros.datasets.simulation.motion_profiles import Measured
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import free_message, images_message, points_message, sensor_message
+from srt3d_ros.messages.odometry import encode_odometry
 from srt3d_ros.messages.packing import encode_cloud
 from srt3d_ros.nodes.recorder import checked_images, checked_path
-from srt3d_ros.nodes.sources import odometry
 from srt3d_ros.recording.reader import RecordingReader
 
 
@@ -117,7 +116,7 @@ def test_each_activation_and_each_sensor_begin_a_recording_of_their_own(speaker,
     stamps.append(speaker.record(3))
     assert speaker.graph.change("recorder", "deactivate")
     assert [frames_of(path) for path in paths] == stamps
-    recorded = [RecordingReader(path).properties()["sensor"]["description"] for path in paths]
+    recorded = [RecordingReader(path).properties["sensor"]["description"] for path in paths]
     assert [sensor_message.from_json(text).range_offset_m for text in recorded] == [0, 0, 1]
     assert speaker.graph.change("recorder", "activate")
 
@@ -128,7 +127,7 @@ def test_hot_pixels_that_are_left_out_begin_no_recording(speaker, sensor, tmp_pa
     speaker.graph.known_to("recorder")
     stamps += speaker.record(2)
     assert speaker.graph.change("recorder", "deactivate") and frames_of(tmp_path / "a.rrd") == stamps
-    text = RecordingReader(tmp_path / "a.rrd").properties()["sensor"]["description"]
+    text = RecordingReader(tmp_path / "a.rrd").properties["sensor"]["description"]
     assert np.array_equal(sensor_message.from_json(text).mask, mask)
     assert speaker.graph.change("recorder", "activate")
 
@@ -238,7 +237,7 @@ def test_with_odometry_each_cloud_has_the_sensors_pose_and_without_it_the_record
 
     def report(stamp_ns: int, frame_id: str = "odom", x_m: float = 0.0) -> None:
         pose = body(stamp_ns)
-        message = odometry(Measured(0, Pose(pose.rotation, pose.translation + (x_m, 0, 0)), np.ones(3), np.ones(3)))
+        message = encode_odometry(Pose(pose.rotation, pose.translation + (x_m, 0, 0)), np.ones(3), np.ones(3))
         message.header.stamp, message.header.frame_id = Time(nanoseconds=stamp_ns).to_msg(), frame_id
         reports.publish(message)
 
@@ -333,10 +332,10 @@ def test_a_recording_has_all_that_the_nodes_published(graph, photon_file, tmp_pa
     for cloud in recorded:
         columns = seen[cloud.stamp_ns]
         assert np.array_equal(cloud.xyz, columns["xyz"]) and np.array_equal(cloud.intensity, columns["intensity"])
-        assert np.array_equal(cloud.depth_std_m, columns["depth_std"])
+        assert np.array_equal(cloud.more["depth_std"], columns["depth_std"])
     for name in ("/depth", "/intensity", "/background", "/photons"):
         assert len(list(reader.images(name))) == frames, name
-    series = reader.series()
+    series = reader.series
     parts = series.pop("latency_reconstruct_ms")        # of clouds that came after their sketch, as on an idle machine
     assert {name: len(one.values) for name, one in series.items()} == {
         "frame_rate_hz": frames - 1, "latency_ms": frames, "points": frames} | dict.fromkeys((
@@ -344,6 +343,6 @@ def test_a_recording_has_all_that_the_nodes_published(graph, photon_file, tmp_pa
     total, sketch = (one.values[np.isin(one.stamp_ns, parts.stamp_ns)] for one in (
         series["latency_ms"], series["latency_sketch_ms"]))
     assert len(parts.values) > 0 and np.allclose(total, sketch + parts.values) and (parts.values > 0).all()
-    properties = reader.properties()
+    properties = reader.properties
     assert properties["run"]["namespace"] == graph.namespace
     assert properties["versions"]["rerun"] == "0.41.0"

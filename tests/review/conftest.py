@@ -45,13 +45,7 @@ def ball_recording(tmp_path_factory, ball):
 @pytest.fixture(scope="session")
 def recorded(ball_recording):
     """The recording, read."""
-    return Recorded.read(ball_recording)
-
-
-@pytest.fixture(scope="session")
-def write_recording():
-    """Write another recording of the ball: (path, cloud, sensor, and what is to be different)."""
-    return write_ball
+    return Recorded(ball_recording)
 
 
 def write_ball(path, cloud, sensor, frames=FRAMES, missing=MISSING, more=lambda stream: None):

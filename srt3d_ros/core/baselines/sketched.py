@@ -24,7 +24,7 @@ from srt3d_ros.core.baselines.plug_and_play import (
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher, SensorOnDevice
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum
+from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum, mean_energy
 from srt3d_ros.core.sketching.sums import PhaseSums, noise_sketch
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.contract import Array
@@ -57,7 +57,7 @@ class SMLE:
         """The point cloud of one frame's sketch."""
         self._matcher.check(sketch)
         background, *listed = self.run(sketch.photons.astype(np.float32), sketch.sums)
-        return self._on_device.cloud(listed, background, sketch.stamp_ns)
+        return self._on_device.cloud(listed, background, sketch)
 
     def _frame(self, photons: Array, sums: Array) -> tuple:
         """Background photons, and the list of points, all on the device."""
@@ -114,7 +114,7 @@ def weighted_steps(sensor: SensorModel, frequencies: tuple[int, ...], precise: b
         float32 [SHARES, or 1 for the identity, 4, m]: weights of the real and the imaginary parts of the residual of
         `MatchedFrame.matched`, conj(ĥ_l) · sums_l, for r · t and then for r.
     """
-    energy = (np.abs(np.atleast_2d(irf_spectrum(sensor, frequencies)))**2).mean(axis=0)
+    energy = mean_energy(irf_spectrum(sensor, frequencies))
     zero = np.zeros_like(energy)
     derivatives = np.stack([np.concatenate([zero, angular_frequencies(frequencies, sensor.num_bins) * energy]),
                             np.concatenate([energy, zero])], axis=1)                             # U, [2m, 2]
@@ -126,29 +126,23 @@ def weighted_steps(sensor: SensorModel, frequencies: tuple[int, ...], precise: b
 
 
 def _covariances(sensor: SensorModel, frequencies: tuple[int, ...]) -> np.ndarray:
-    """Σ of one photon's matched sketch, turned back by its surface's depth, for SHARES shares of signal.
+    """Σ of conj(ĥ_l) exp(i ω_l x) of a photon x bins from its surface, for SHARES shares of signal α.
 
-    A photon is signal with probability α, else uniform over the bins, so E exp(i ω x) = α ĥ(ω) for ω ≠ 0 and 1 for 0.
-    Products of cosines and sines are sums of those at ω_l ± ω_n. Sensors with an IRF per pixel use the mean IRF.
+    A photon is signal with probability α, else uniform over the bins, which leaves frequencies uncorrelated. Sensors
+    with an IRF per pixel use the mean IRF.
 
     Returns:
         float64 [SHARES, 2m, 2m], real parts first.
     """
-    sensor = sensor.replace(irf=sensor.mean_irf)
-    k = np.asarray(frequencies)
-    spectrum = irf_spectrum(sensor, frequencies)
+    irf = sensor.mean_irf.astype(np.float64)
+    waves = np.exp(1j * np.outer(sensor.irf_bins, angular_frequencies(frequencies, sensor.num_bins)))
+    spectrum = irf @ waves
+    seen = np.conj(spectrum) * waves
+    parts = np.concatenate([np.real(seen), np.imag(seen)], axis=1)       # of a signal photon in each bin
+    amplitude, mean = np.tile(np.abs(spectrum), 2), irf @ parts
     share = np.linspace(0, 1, SHARES)[:, None, None]
-    plus, minus = (np.where(pairs % sensor.num_bins == 0, 1,
-                            share * irf_spectrum(sensor, pairs.ravel().tolist()).reshape(pairs.shape))
-                   for pairs in (k[:, None] + k, k[:, None] - k))
-    # Of u = conj(ĥ) exp(i ω x): E u_l u_n and E u_l conj(u_n).
-    plus = plus * np.conj(np.outer(spectrum, spectrum))
-    minus = minus * np.outer(np.conj(spectrum), spectrum)
-    energy = np.abs(spectrum)**2
-    real = np.real(minus + plus) / 2 - share**2 * np.outer(energy, energy)
-    imaginary = np.real(minus - plus) / 2
-    mixed = np.imag(plus - minus) / 2                     # E Re u_l · Im u_n
-    covariance = np.block([[real, mixed], [mixed.swapaxes(1, 2), imaginary]])
-    scale = np.tile(np.abs(spectrum), 2) + 1e-6         # relative to each frequency, else weak ones vanish
-    mean = np.diagonal(covariance, axis1=1, axis2=2) @ (1 / scale**2) / len(scale)
-    return covariance + np.maximum(COVARIANCE_RIDGE * mean, COVARIANCE_RIDGE**2)[:, None, None] * np.diag(scale**2)
+    covariance = (share * (parts.T * irf @ parts) + (1 - share) * np.diag(amplitude**2) / 2
+                  - share**2 * np.outer(mean, mean))
+    scale = (amplitude + 1e-6)**2           # relative to each frequency, else weak ones vanish
+    variance = np.diagonal(covariance, axis1=1, axis2=2) @ (1 / scale) / len(scale)
+    return covariance + np.maximum(COVARIANCE_RIDGE * variance, COVARIANCE_RIDGE**2)[:, None, None] * np.diag(scale)

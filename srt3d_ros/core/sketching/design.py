@@ -17,11 +17,13 @@ from srt3d_ros.core.sketching.frequencies import (
     best_frequencies,
     choose_frequencies,
     irf_spectrum,
+    mean_energy,
     passed_energy,
     progression,
 )
 from srt3d_ros.core.sketching.gate import AUTO, FORM, OFF, Gate, parse
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonHistograms
+from srt3d_ros.core.sketching.plausibility import emptiest_quarter, window_sums
 from srt3d_ros.core.sketching.sums import MAX_SKETCH_SIZE
 from srt3d_ros.errors import InvalidInput
 
@@ -98,7 +100,7 @@ def measure(frame: PhotonFrame, sensor: SensorModel, gate: Gate | None, highest:
     """
     sketch = sketch_photons(frame, sensor, progression(highest, min(RUNGS, highest)), gate)
     within = sketch.sensor
-    passed = np.square(np.abs(np.atleast_2d(irf_spectrum(within, sketch.frequencies)))).mean(axis=0)
+    passed = mean_energy(irf_spectrum(within, sketch.frequencies))
     passed *= np.sinc(np.array(sketch.frequencies) / within.num_bins)       # depths lie between bins
     several = (sketch.photons > 1) & sensor.used
     n = sketch.photons[several].astype(np.float64)[:, None]
@@ -139,11 +141,11 @@ def occupied(counts: np.ndarray, least_bins: int) -> tuple[int, int] | None:
     for few photons, and includes the uncertainty of the level.
     """
     quarter = max(len(counts) // 4, 1)
-    off = int(_sums(counts, quarter).min())
+    off = int(window_sums(counts, quarter).min())
     first, last = len(counts), -1
     width = least_bins
     while width <= quarter:
-        sure = np.flatnonzero(_deviations(_sums(counts, width), off, width / quarter) > OCCUPIED_SIGMAS)
+        sure = np.flatnonzero(_deviations(window_sums(counts, width), off, width / quarter) > OCCUPIED_SIGMAS)
         beside = sure[(sure + width <= first) | (sure > last)]
         if len(beside):
             first, last = min(first, int(beside[0])), max(last, int(beside[-1]) + width - 1)
@@ -155,8 +157,7 @@ def signal_to_background(counts: np.ndarray, sensor: SensorModel) -> float:
     """SBR of a histogram [T] whose emptiest quarter is background alone; 0 if nothing stands out."""
     if occupied(counts, _pulse_bins(sensor)) is None:
         return 0.0
-    quarter = max(len(counts) // 4, 1)
-    background = _sums(counts, quarter).min() / quarter * len(counts)
+    background = counts[emptiest_quarter(counts)].mean() * len(counts)
     return float(counts.sum() / background - 1) if background > 0 else np.inf
 
 
@@ -178,12 +179,6 @@ def _bins_of(counts: np.ndarray, sensor: SensorModel, least: int) -> tuple[int, 
 def _pulse_bins(sensor: SensorModel) -> int:
     """The equivalent width of the mean IRF, whole bins."""
     return max(round(equivalent_width(sensor)), 1)
-
-
-def _sums(counts: np.ndarray, width: int) -> np.ndarray:
-    """Photons in each window of `width` bins; int64 [T − width + 1]."""
-    total = np.concatenate([[0], np.cumsum(counts)])
-    return total[width:] - total[:-width]
 
 
 def _deviations(on: np.ndarray, off: int, share: float) -> np.ndarray:

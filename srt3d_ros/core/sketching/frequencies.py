@@ -53,9 +53,14 @@ def irf_spectrum(sensor: SensorModel, frequencies: Sequence[int] | np.ndarray) -
     return sensor.irf.astype(np.float64) @ phases
 
 
+def mean_energy(spectrum: np.ndarray) -> np.ndarray:
+    """|ĥ|², float64 [m], a mean over the pixels of `irf_spectrum`."""
+    return (np.abs(np.atleast_2d(spectrum))**2).mean(axis=0)
+
+
 def passed_energy(spectrum: np.ndarray, frequencies: tuple[int, ...]) -> np.ndarray:
-    """|ĥ|², float64 [m], a mean over the pixels of `irf_spectrum`; InvalidInput if the IRF passes no frequency."""
-    energy = (np.abs(np.atleast_2d(spectrum))**2).mean(axis=0)
+    """`mean_energy`; InvalidInput if the IRF passes no frequency."""
+    energy = mean_energy(spectrum)
     require(energy.max() > BLIND**2, "frequencies", list(frequencies),
             f"some that the sensor's IRF passes (|ĥ| above {BLIND})")
     return energy
@@ -94,11 +99,10 @@ def choose_frequencies(spec: str | Sequence[int], sensor: SensorModel, sketch_si
         require(1 <= m <= most, "sketch_size", m, f"1 to {most} for T = {sensor.num_bins} bins")
         return check_frequencies(RULES[spec](sensor, m), sensor.num_bins)
     if isinstance(spec, str):
-        parts = [part.strip() for part in spec.split(",")]
-        require(all(part.isdecimal() for part in parts), "frequencies", spec, FREQUENCIES_FORM)
-        listed = [int(part) for part in parts]
-    else:
-        listed = as_array("frequencies", spec, 1, "iuf").tolist()
+        parts = spec.split(",")
+        require(all(part.strip().isdecimal() for part in parts), "frequencies", spec, FREQUENCIES_FORM)
+        spec = [int(part) for part in parts]
+    listed = as_array("frequencies", spec, 1, "iuf").tolist()
     require(sketch_size in (None, len(listed)), "sketch_size", sketch_size,
             f"{len(listed)}, the number of frequencies listed (or leave it out)")
     return check_frequencies(listed, sensor.num_bins)
@@ -134,7 +138,7 @@ def expected_error_bins(spectrum: np.ndarray, num_bins: int, frequencies: Sequen
         float64 [N], bins; infinite where the IRF passes none of the frequencies.
     """
     k = np.asarray(frequencies)
-    omega = 2 * np.pi * k / num_bins
+    omega = angular_frequencies(k, num_bins)
     curvature = (omega**2 * np.abs(spectrum[k])**2).sum()
     if curvature < 1e-12:
         return np.full(len(signal), np.inf)
@@ -151,29 +155,24 @@ def expected_error_bins(spectrum: np.ndarray, num_bins: int, frequencies: Sequen
 
 
 def _preferences(spectrum: np.ndarray, k: np.ndarray, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """D(d) and V(d) on the grid of depths 0 < d ≤ T/2, float64 [cells / 2] each; and Σ_x h(x) q′(x)².
-
-    With Fourier series: those of q and of its slope q′ have the coefficients conj(ĥ_l) / 2 and i ω_l conj(ĥ_l) / 2.
-    """
+    """D(d) and V(d) on the grid of depths 0 < d ≤ T/2, float64 [cells / 2] each; and Σ_x h(x) q′(x)²."""
     cells = 2**int(np.floor(np.log2(OVERSAMPLING * k.max())) + 1)       # above 2 k_max: q² reaches twice as high
-    passed, energy = spectrum[k], np.abs(spectrum[k])**2
+    passed, energy = np.conj(spectrum[k]), np.abs(spectrum[k])**2
 
     def series(coefficients: np.ndarray) -> np.ndarray:
-        """The Fourier series with these coefficients at k."""
+        """Re Σ_l c_l exp(i ω_l x) at every cell."""
         every = np.zeros(cells // 2 + 1, complex)
         every[k] = coefficients
-        return every
+        return np.fft.irfft(every, cells) * cells / 2
 
-    of_q = series(np.conj(passed) / 2)
-    q, slope = _on_grid(of_q), _on_grid(series(1j * omega * np.conj(passed) / 2))
-    of_irf = np.zeros(cells // 2 + 1, complex)
-    kept = min(len(of_irf), len(spectrum))
-    of_irf[:kept] = spectrum[:kept]
-    irf = _on_grid(np.conj(of_irf) / cells)                             # share of h in each cell
-    products = _on_grid(np.conj(of_q * np.conj(np.fft.rfft(irf * q))))          # Σ h(x) q(x) q(x − d)
-    squares = _on_grid(np.conj(np.fft.rfft(q * q) / cells * of_irf))            # Σ h(x) q(x − d)²
-    half = slice(1, cells // 2 + 1)
-    drop = np.maximum(energy.sum() - _on_grid(series(energy / 2))[half], 0)     # rounding may leave less than 0
+    def correlation(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """Σ_x one(x) other(x − d) for every d."""
+        return np.fft.irfft(np.fft.rfft(one) * np.conj(np.fft.rfft(other)), cells)
+
+    q, slope = series(passed), series(1j * omega * passed)
+    irf = np.fft.irfft(np.conj(spectrum), cells)                            # share of h in each cell
+    products, squares, half = correlation(irf * q, q), correlation(irf, q * q), slice(1, cells // 2 + 1)
+    drop = np.maximum(energy.sum() - series(energy)[half], 0)               # rounding may leave less than 0
     scatter = np.maximum(squares[0] - 2 * products[half] + squares[half], 0)
     return drop, scatter, float((irf * slope**2).sum())
 
@@ -214,12 +213,6 @@ def _typical_irf(sensor: SensorModel) -> np.ndarray:
     irfs = sensor.irf[np.linspace(0, len(sensor.irf) - 1, min(len(sensor.irf), IRFS_COMPARED)).astype(int)]
     spectra = np.abs(np.fft.rfft(irfs, axis=1))
     return irfs[np.square(spectra - spectra.mean(axis=0)).sum(axis=1).argmin()]
-
-
-def _on_grid(coefficients: np.ndarray) -> np.ndarray:
-    """A real function of depth on a grid, from its Fourier coefficients at the frequencies 0 … cells / 2."""
-    cells = 2 * (len(coefficients) - 1)
-    return np.fft.irfft(coefficients, cells) * cells
 
 
 def _tail(z: np.ndarray) -> np.ndarray:

@@ -33,13 +33,13 @@ def light_of(frame: PhotonFrame, sensor: SensorModel) -> Light:
     if isinstance(frame, PhotonHistograms):
         counts = frame.on_axis(sensor)
         of_bins = counts.sum(axis=(0, 1), dtype=np.float64)
-        first, end = _emptiest_quarter(of_bins)
-        return Light(of_bins, *(part.sum(axis=2, dtype=np.float64) for part in (counts[..., first:end], counts)))
+        dark = counts[..., emptiest_quarter(of_bins)]
+        return Light(of_bins, *(part.sum(axis=2, dtype=np.float64) for part in (dark, counts)))
     toa = sensor.toa_bins(frame.toa)
     of_bins = np.bincount(toa, minlength=sensor.num_bins).astype(np.float64)
-    first, end = _emptiest_quarter(of_bins)
-    inside = frame.pixel[(toa >= first) & (toa < end)]
-    dark, of_pixels = (np.bincount(pixel, minlength=sensor.pixels).reshape(sensor.rows, sensor.cols).astype(np.float64)
+    quarter = emptiest_quarter(of_bins)
+    inside = frame.pixel[(toa >= quarter.start) & (toa < quarter.stop)]
+    dark, of_pixels = (np.bincount(pixel, minlength=sensor.pixels).reshape(sensor.shape).astype(np.float64)
                        for pixel in (inside, frame.pixel))
     return Light(of_bins, dark, of_pixels)
 
@@ -86,11 +86,17 @@ def floor_of(irf: np.ndarray) -> np.ndarray | None:
     return darker[..., :eighth] if is_floor else None
 
 
-def _emptiest_quarter(of_bins: np.ndarray) -> tuple[int, int]:
-    """The first bin of the quarter of the bins with the fewest photons, and its end."""
-    width, below = max(len(of_bins) // 4, 1), np.concatenate([[0], np.cumsum(of_bins)])
-    first = int((below[width:] - below[:-width]).argmin())
-    return first, first + width
+def emptiest_quarter(of_bins: np.ndarray) -> slice:
+    """The quarter of the bins, one after the other, with the fewest photons."""
+    width = max(len(of_bins) // 4, 1)
+    first = int(window_sums(of_bins, width).argmin())
+    return slice(first, first + width)
+
+
+def window_sums(of_bins: np.ndarray, width: int) -> np.ndarray:
+    """Photons in each window of `width` bins; [T − width + 1]."""
+    below = np.concatenate([[0], np.cumsum(of_bins)])
+    return below[width:] - below[:-width]
 
 
 class LightWatch:
@@ -103,7 +109,7 @@ class LightWatch:
     """
 
     def __init__(self, sensor: SensorModel):
-        self.hot, self.warning = np.zeros((sensor.rows, sensor.cols), bool), ""
+        self.hot, self.warning = np.zeros(sensor.shape, bool), ""
         self._sensor, self._since_s, self._first_second = sensor, -np.inf, True
         self._light: Light | None = None
         self._floor = "" if floor_of(sensor.irf) is None else (

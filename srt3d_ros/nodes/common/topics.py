@@ -61,10 +61,10 @@ WATCHED = "while it has subscribers"
 FREE = Topic("free", CLOUD, "how far pixels without a point are empty, for costmaps to clear: one point at the end of "
              "each empty ray", when=f"{WATCHED} and `free_brightness` is above 0")
 IMAGE_TOPICS = (
-    Topic("depth", IMAGE, "depth of each pixel's first point (`surface_order`), metres: z for a pinhole sensor, range "
-          "for a scanner; +Inf where it is empty to `max_range_m` or, without, the end of the "
+    Topic("depth", IMAGE, "depth of each pixel's strongest point, metres: z for a pinhole sensor, range for a "
+          "scanner; +Inf where it is empty to `max_range_m` or, without, the end of the "
           "period (needs `free_brightness`)", when=WATCHED),
-    Topic("intensity", IMAGE, "signal photons of each pixel's first point", when=WATCHED),
+    Topic("intensity", IMAGE, "signal photons of each pixel's strongest point", when=WATCHED),
     Topic("background", IMAGE, "background photons of each pixel", when=WATCHED),
 )
 CAMERA_INFO = Topic("camera_info", CAMERA, "the camera of the images", when=f"{WATCHED}, pinhole sensors only")
