@@ -52,11 +52,6 @@ def unpack_cloud(cloud: CloudMessage, layouts: Collection[np.dtype]) -> np.ndarr
     return np.ndarray((cloud.height, cloud.width), point, cloud.data, strides=(cloud.row_step, cloud.point_step))
 
 
-def xyz_of(points: np.ndarray) -> np.ndarray:
-    """The fields x, y and z, float32 [..., 3], a copy."""
-    return np.stack([points[axis] for axis in "xyz"], axis=-1, dtype=np.float32)
-
-
 def encode_image(pixels: np.ndarray, name: str, stamp_ns: int, frame_id: str) -> bytes:
     """The serialised image of an array [height, width, channels], as the schema `name` encodes its dtype."""
     height, width, channels = pixels.shape

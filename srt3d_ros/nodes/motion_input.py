@@ -41,7 +41,7 @@ class MotionInput:
         topic, self._read_report = SOURCES[kind]
         self.topic = node.resolve_topic_name(topic.name)
         self._reports = deque[tuple[bytes, int]](maxlen=INBOX)
-        node.endpoints.subscribe(topic, self._queue, QUEUE_DEPTH, raw=True)
+        node.endpoints.subscribe(topic, self._queue, QUEUE_DEPTH)
         node.diagnostics.count(motion_refused=0, motion_restarts=0)
 
     def read_into(self, add: Callable[[MotionReport], str]) -> None:

@@ -6,7 +6,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.publisher import Publisher
+from rclpy.serialization import deserialize_message
 
 from srt3d_ros.datasets import SIMULATOR
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
@@ -79,7 +81,9 @@ class PlayerNode(ManagedNode):
         chain = None
         if names:
             chain = Chain(names, reports := Reports())
-            self.endpoints.subscribe(topics.DIAGNOSTICS, lambda message, info: reports.add(message), QUEUE_DEPTH)
+            self.endpoints.subscribe(topics.DIAGNOSTICS,
+                                     lambda raw, info: reports.add(deserialize_message(raw, DiagnosticArray)),
+                                     QUEUE_DEPTH)
         self._outputs[topics.SENSOR.name].publish(sensor_message.encode_cdr(self._source.sensor))
         self.worker.call(self._play, chain)
 

@@ -4,7 +4,6 @@ import time
 from functools import partial
 
 import numpy as np
-from std_msgs.msg import String
 
 from srt3d_ros import precompile
 from srt3d_ros.core.method.pile_up import SATURATED, saturated
@@ -17,7 +16,7 @@ from srt3d_ros.core.signs_of_life import FreeSpaceStream
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.errors import require
 from srt3d_ros.kernels.devices import kernels_for
-from srt3d_ros.messages import free_message, images_message, points_message, sketch_message
+from srt3d_ros.messages import images_message, points_message, sketch_message
 from srt3d_ros.nodes.common import topics
 from srt3d_ros.nodes.common.managed_node import ManagedNode, sensor_summary
 from srt3d_ros.nodes.common.parameters import Parameter, Values
@@ -135,8 +134,8 @@ class ReconstructorNode(ManagedNode):
                 self._built.clear()
         self._settings = settings
 
-    def _on_sensor(self, message: String) -> None:
-        sensor = self.check_size(self._queue.describe(message.data))
+    def _on_sensor(self, raw: bytes) -> None:
+        sensor = self.check_size(self._queue.describe(raw))
         self.diagnostics.problem, self.diagnostics.frame_id = "", sensor.frame_id
         self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins)
         self._hear_motion_of(sensor)
@@ -225,7 +224,7 @@ class ReconstructorNode(ManagedNode):
         try:
             free_m = self._free_range_m(seen, sketch)
             if free_m is not None:
-                ends = free_message.encode_cdr(free_m, sketch.sensor, cloud.stamp_ns, frame_id)
+                ends = points_message.encode_ends_cdr(free_m, sketch.sensor, cloud.stamp_ns, frame_id)
                 self.publish(self._ends, ends)
             self._publish_images(cloud, sketch.sensor, frame_id, free_m)
         except Exception as problem:    # not counted as a lost frame: its points have been published

@@ -11,14 +11,13 @@ from pathlib import Path
 import numpy as np
 from rclpy.qos import ReliabilityPolicy
 from rclpy.utilities import get_rmw_implementation_identifier
-from std_msgs.msg import String
 
 from srt3d_ros.core.motion.track import SensorMotion
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import require
 from srt3d_ros.files.new_files import free
-from srt3d_ros.messages import free_message, images_message, points_message, sensor_message, sketch_message
+from srt3d_ros.messages import images_message, points_message, sensor_message, sketch_message
 from srt3d_ros.nodes.common import topics
 from srt3d_ros.nodes.common.managed_node import ManagedNode
 from srt3d_ros.nodes.common.parameters import Parameter, Values
@@ -110,7 +109,7 @@ class RecorderNode(ManagedNode):
         for topic in topics.IMAGE_TOPICS:
             if f"/{topic.name}" in self._images:
                 self._record(topic, images_message.decode_cdr, partial(self._log_image, f"/{topic.name}"))
-        self._record(topics.FREE, free_message.decode_cdr, self._log_free)
+        self._record(topics.FREE, points_message.decode_ends_cdr, self._log_free)
         # Subscribe before `points`, so that a backlog of sketches is read first.
         self._record(topics.SKETCH, sketch_message.decode_counts_cdr, self._log_sketch)
         self._record(topics.POINTS, points_message.decode_cdr, self._log_points)
@@ -128,8 +127,8 @@ class RecorderNode(ManagedNode):
         self._writer = None
         writer.close()
 
-    def _on_sensor(self, message: String) -> None:
-        sensor, before = sensor_message.from_json(message.data), self._sensor
+    def _on_sensor(self, raw: bytes) -> None:
+        sensor, before = sensor_message.decode_cdr(raw), self._sensor
         if self._path is None:
             return
         if self._writer is not None and before and sensor.replace(mask=None).same_as(before.replace(mask=None)):

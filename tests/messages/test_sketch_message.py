@@ -64,7 +64,7 @@ def test_cycles_and_the_photons_before_a_gate_make_the_trip_where_they_are_known
 
 
 def test_a_description_is_named_by_the_digest_of_its_text():
-    text = sensor_message.encode(SENSOR).data
+    text = sensor_message.to_json(SENSOR)
     named = sensor_message.digest(text)
     assert re.fullmatch("[0-9a-f]{8}", named) and sensor_message.digest(SENSOR) == named
     assert sensor_message.digest(sensor_message.from_json(text)) == named

@@ -45,7 +45,7 @@ class Reconstructor:
         self.describe(sensor)
 
     def describe(self, sensor: SensorModel) -> None:
-        self._description.publish(sensor_message.encode(sensor))
+        self._description.publish(sensor_message.encode_cdr(sensor))
         self.graph.matched(self._sketches)
         self.graph.wait(lambda: [self.graph.report("reconstructor").get(key) for key in ("rows", "num_bins")]
                         == [str(sensor.rows), str(sensor.num_bins)], "the description")

@@ -24,7 +24,7 @@ def state(graph, name: str) -> str:
 def test_without_autostart_a_node_waits_for_its_manager_and_works_while_it_is_active(graph, sensor, events):
     node = graph.start("reconstructor", autostart=False).says("unconfigured, as autostart is false")
     sketch = sketch_photons(events, sensor, choose_frequencies("auto", sensor, 10))
-    graph.latched("sketch/sensor").publish(sensor_message.encode(sensor))
+    graph.latched("sketch/sensor").publish(sensor_message.encode_cdr(sensor))
     sketches, clouds = graph.publisher(PointCloud2, "sketch"), graph.collect(PointCloud2, "points")
     points = f"{graph.namespace}/points"
     assert state(graph, "reconstructor") == "unconfigured"
