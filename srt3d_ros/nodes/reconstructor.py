@@ -8,8 +8,7 @@ import numpy as np
 from srt3d_ros import precompile
 from srt3d_ros.core.method.pile_up import SATURATED, saturated
 from srt3d_ros.core.methods import METHODS, OPTIONS, SKETCH_METHODS, checked
-from srt3d_ros.core.motion.track import SensorMotion
-from srt3d_ros.core.motion.trajectory import Pose, Trajectory
+from srt3d_ros.core.motion.trajectory import Trajectory
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.signs_of_life import FreeSpaceStream
@@ -125,13 +124,8 @@ class ReconstructorNode(ManagedNode):
     def _apply(self) -> None:
         """Use the current parameters from the next frame on."""
         settings = self.parameters.as_dict()
-        before, after = options(self._settings), options(settings)
-        if changed := dict(after.items() - before.items()):
-            if list(changed) == ["false_alarm_rate"]:
-                for reconstructor in self._built.values():
-                    reconstructor.set_false_alarm_rate(**changed)
-            else:
-                self._built.clear()
+        if options(settings) != options(self._settings):
+            self._built.clear()
         self._settings = settings
 
     def _on_sensor(self, raw: bytes) -> None:
@@ -184,7 +178,7 @@ class ReconstructorNode(ManagedNode):
     def _hear_motion_of(self, sensor: SensorModel) -> None:
         """Subscribe to `odom` for windows of a sensor that moves, unless that is done."""
         if self._motion is None and self._settings["window_frames"] > 1 and sensor.extrinsics:
-            self._motion, self._mount = MotionInput(self, lambda: None), ""
+            self._motion = MotionInput(self, lambda: None)
 
     def _trajectory(self, sketch: PhaseSums) -> Trajectory | None:
         """The sensor's motion since the last sketch, for a window; empty if it is not known, None if it is at rest."""
@@ -192,10 +186,8 @@ class ReconstructorNode(ManagedNode):
         mount, (before_ns, self._before_ns) = sketch.sensor.extrinsics, (self._before_ns, sketch.stamp_ns)
         if self._motion is None or not mount or self._settings["window_frames"] == 1:
             return None
-        if mount != self._mount:
-            self._mount, self._track = mount, SensorMotion(Pose.from_text(mount))
-        self._motion.read_into(self._track.add)
-        trajectory, cause = self._track.over(min(before_ns or sketch.stamp_ns, sketch.stamp_ns), sketch.stamp_ns, True)
+        first_ns = min(before_ns or sketch.stamp_ns, sketch.stamp_ns)
+        trajectory, cause = self._motion.over(mount, first_ns, sketch.stamp_ns, late=True)
         self._motion.judge(cause and f"windows of one frame: {cause}", "windows follow the motion again")
         return trajectory or Trajectory()
 
