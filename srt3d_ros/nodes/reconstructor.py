@@ -47,19 +47,6 @@ PARAMETERS = (
 )
 
 
-def check(values: Values) -> None:
-    """Raise InvalidInput for values that contradict each other, or that this machine cannot use."""
-    checked(options(values))
-    kernels_for(values["device"])
-    nearest, farthest = values["min_range_m"], values["max_range_m"]
-    require(farthest == 0 or nearest < farthest, "min_range_m", nearest, f"less than max_range_m, {farthest:g} m")
-    require(values["free_brightness"] == 0 or values["method"] == "pooled", "free_brightness",
-            values["free_brightness"], f"0 with method {values['method']}: only pooled tells what is empty")
-    require(values["free_brightness"] == 0 or values["window_frames"] == 1, "free_brightness",
-            values["free_brightness"], f"0 with window_frames {values['window_frames']}: what appears is found later "
-            "in a window; run a second reconstructor with window_frames 1 for free, its points remapped")
-
-
 def options(values: Values) -> Values:
     """The parameters of the Reconstructor; the others concern what is published."""
     return {name: values[name] for name in OPTIONS}
@@ -90,12 +77,10 @@ class ReconstructorNode(ManagedNode):
         self._built: dict[tuple[str, tuple[int, ...]], Reconstructor] = {}      # the last used comes last
         self._free_of: tuple | None = None          # the sensor and the frequencies that `_free` is for
         self._settings = self.parameters.as_dict()      # the worker's copy, which changes only between frames
-        self.parameters.on_check = check
-        self.parameters.on_change = lambda: self.worker.call(self._apply)
 
     def configure(self) -> None:
         self._settings = self.parameters.as_dict()
-        check(self._settings)
+        self.check(self._settings)
         # On the CPU, since a GPU's kernels depend on the sensor.
         Reconstructor(precompile.ANY_SENSOR, (1, 2, 3), **options(self._settings | {"device": "cpu"})).warm_up()
         self._points = self.endpoints.advertise(topics.POINTS)
@@ -121,8 +106,20 @@ class ReconstructorNode(ManagedNode):
         self.endpoints.unsubscribe()            # the worker may have subscribed since `unsubscribe`
         self._motion = None
 
-    def _apply(self) -> None:
-        """Use the current parameters from the next frame on."""
+    def check(self, values: Values) -> None:
+        """Raise InvalidInput for values that contradict each other, or that this machine cannot use."""
+        checked(options(values))
+        kernels_for(values["device"])
+        nearest, farthest = values["min_range_m"], values["max_range_m"]
+        require(farthest == 0 or nearest < farthest, "min_range_m", nearest, f"less than max_range_m, {farthest:g} m")
+        brightness, method, window = (values[name] for name in ("free_brightness", "method", "window_frames"))
+        require(brightness == 0 or method == "pooled", "free_brightness", brightness,
+                f"0 with method {method}: only pooled tells what is empty")
+        require(brightness == 0 or window == 1, "free_brightness", brightness, f"0 with window_frames {window}: what "
+                "appears is found later in a window; run a second reconstructor with window_frames 1 for free, its "
+                "points remapped")
+
+    def apply_parameters(self) -> None:
         settings = self.parameters.as_dict()
         if options(settings) != options(self._settings):
             self._built.clear()

@@ -75,7 +75,6 @@ class RecorderNode(ManagedNode):
 
     def __init__(self):
         super().__init__(QUEUE)
-        self.parameters.on_check = self._check
         self._writer: RecordingWriter | None = None
         self._path: Path | None = None      # of the recording that is open or begins next
         self._unplaced: deque[tuple[RecordedFrame, np.ndarray, np.ndarray]] = deque()      # with xyz and intensity
@@ -86,7 +85,7 @@ class RecorderNode(ManagedNode):
         self._images = checked_images(self.parameters["images"])
         self._versions = versions() | {"rmw": get_rmw_implementation_identifier()}
 
-    def _check(self, values: Values) -> None:
+    def check(self, values: Values) -> None:
         require(self.state != "active", "path", problem="path can be set while the recorder is inactive: "
                 f"ros2 lifecycle set {self.get_fully_qualified_name()} deactivate")
         checked_path(values["path"])
@@ -200,7 +199,7 @@ class RecorderNode(ManagedNode):
         """Log the poses of clouds that odometry has reached by now; give up those that have waited for POSE_NS."""
         mount = self._sensor.extrinsics if self._sensor else None
         if mount is None:               # the sensor does not move
-            self._unplaced.clear()
+            return self._unplaced.clear()
         while self._unplaced:
             frame, xyz, intensity = self._unplaced[0]
             late = at_once or not 0 <= self._unplaced[-1][0].stamp_ns - frame.stamp_ns < POSE_NS

@@ -92,14 +92,12 @@ class SketcherNode(ManagedNode):
 
     def __init__(self):
         super().__init__()
-        self.parameters.on_check = self._check
-        self.parameters.on_change = lambda: self.worker.call(self._apply)
         self.create_timer(POLL_S, lambda: self.worker.call(self._poll))
 
     def configure(self) -> None:
         path = self.parameters["sensor_file"]
         self._file = self._sensor = self.check_size(open_sensor(path)) if path else None
-        self._check(self.parameters.as_dict())
+        self.check(self.parameters.as_dict())
         precompile.sketching()
         if self.parameters["motion"] != OFF:
             precompile.deskewing()
@@ -123,7 +121,7 @@ class SketcherNode(ManagedNode):
                                                 x_writer=f"{self.get_fully_qualified_name()} {self.now_ns()}")
             self._file_publisher.publish(message)
             self._own_description = cdr.read_text(message)
-            self.worker.call(self._apply)
+            self.worker.call(self.apply_parameters)
         if self.parameters["motion"] != OFF:
             self._motion = MotionInput(self, self._on_motion, self.parameters["motion"])
             self.diagnostics.count(frames_deskewed=0, frames_undeskewed=0)
@@ -141,6 +139,12 @@ class SketcherNode(ManagedNode):
             self._publish(self._stream, self._stream.flush())
 
     # ---- Sensor and parameters
+
+    def check(self, values: Values) -> None:
+        """Raise InvalidInput for parameters that do not suit the sensor; without one, that suit no sensor."""
+        cdr.check_frame_id("frame_id", values["frame_id"])
+        Pose.from_text(values["extrinsics"])
+        stream_options(values).check(self._sensor or precompile.ANY_SENSOR)
 
     def _on_sensor(self, raw: bytes) -> None:
         text = cdr.read_text(raw)
@@ -175,16 +179,16 @@ class SketcherNode(ManagedNode):
             self.drop_older_frames()
             self._watch = None
         self._sensor, self._refused = described, ""
-        self._apply()
+        self.apply_parameters()
 
     def _use_file(self, reason: str) -> None:
         """Use the file's sensor again if a description has contradicted it."""
         if self._refused:
             self._refused = ""
             self.get_logger().info(f"sensor_file {self._file_name} is used again: {reason}")
-            self._apply()
+            self.apply_parameters()
 
-    def _apply(self) -> None:
+    def apply_parameters(self) -> None:
         """Apply sensor and parameters; if they change the sketches, begin a new frame. InvalidInput if they clash."""
         sensor, stream = self._sensor, self._stream
         if sensor is None or self._refused or self.stop_cause:
@@ -216,15 +220,9 @@ class SketcherNode(ManagedNode):
         self._watch = self._watch or LightWatch(sensor)
         if self._watch.look(photons, self._now_s()):
             self.diagnostics.show(hot_pixels=int(self._watch.hot.sum()))
-            self._apply()
+            self.apply_parameters()
         if self._watch.warning:
             self.diagnostics.warn(self._watch.warning)
-
-    def _check(self, values: Values) -> None:
-        """Raise InvalidInput for parameters that do not suit the sensor; without one, that suit no sensor."""
-        cdr.check_frame_id("frame_id", values["frame_id"])
-        Pose.from_text(values["extrinsics"])
-        stream_options(values).check(self._sensor or precompile.ANY_SENSOR)
 
     # ---- Packets in, sketches out
 

@@ -12,7 +12,7 @@ from sensor_msgs.msg import PointCloud2
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.stream import SketchStream, StreamOptions
-from srt3d_ros.datasets.simulation.motion_profiles import Measured, walk
+from srt3d_ros.datasets.simulation.motion_profiles import walk
 from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.simulation.room import Room
 from srt3d_ros.datasets.simulation.simulator import Simulator
@@ -29,8 +29,7 @@ EXTRINSICS = "0.2 0 0.1 0.5 -0.5 0.5 -0.5"
 
 
 def odom(ms: float) -> Odometry:
-    pose = Pose(Pose.turned(TURN_RAD_S * ms / 1e3).rotation, SPEED_M_S * ms / 1e3)
-    message = sources.odometry(Measured(ms / 1e3, pose, SPEED_M_S, TURN_RAD_S))
+    message = sources.odometry(Pose(Pose.turned(TURN_RAD_S * ms / 1e3).rotation, SPEED_M_S * ms / 1e3))
     message.header.stamp = Time(nanoseconds=START_NS + round(ms * MS)).to_msg()
     return message
 
@@ -131,9 +130,7 @@ SIMULATOR = Simulator(VIEW, SENSOR, 0.5, 0.15 / HALVES, 0, HALVES / FRAME_S)
 
 
 def odom_of_walk(at_s: float, frame_id: str) -> Odometry:
-    pose, then = path(at_s), path(at_s + 0.01)
-    moved = pose.inverse() @ then
-    message = sources.odometry(Measured(at_s, pose, moved.translation * 100, moved.rotation_vector * 100))
+    message = sources.odometry(path(at_s))
     message.header.stamp, message.header.frame_id = Time(nanoseconds=START_NS + round(at_s * 1e9)).to_msg(), frame_id
     return message
 

@@ -14,7 +14,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.nodes.common.diagnostics import Diagnostics
 from srt3d_ros.nodes.common.endpoints import BEST_AVAILABLE, PUBLISH_DEPTH, Endpoints, SequenceLoss
-from srt3d_ros.nodes.common.parameters import Parameters
+from srt3d_ros.nodes.common.parameters import Parameters, Values
 from srt3d_ros.nodes.common.rclpy_patches import PatchedLifecycleNode
 from srt3d_ros.nodes.common.topics import NodeSpec, Topic
 from srt3d_ros.nodes.common.worker import CATCH_UP_S, NEWEST_ONLY, Dropped, Worker
@@ -54,11 +54,11 @@ class ManagedNode(PatchedLifecycleNode):
     def __init__(self, queue_limit: int = NEWEST_ONLY):
         super().__init__(self.spec.name, automatically_declare_parameters_from_overrides=True)
         try:
-            self.parameters = Parameters(self, self.spec.table)
+            self.parameters = Parameters(self, self.spec.table, self.check,
+                                         lambda: self.worker.call(self.apply_parameters), self.failed)
         except BaseException:
             self.destroy_node()     # a node must not outlive the context
             raise
-        self.parameters.on_failure = self.failed
         frames = [self.resolve_topic_name(topic.name) for topic in self.spec.outputs if not topic.latched]
         self.diagnostics = Diagnostics(self, frames[0] if frames else "",
                                        self.reliability == ReliabilityPolicy.BEST_EFFORT)
@@ -75,6 +75,12 @@ class ManagedNode(PatchedLifecycleNode):
         self._followed_ns = self._valid_from_ns = 0
 
     # ---- What a subclass overrides
+
+    def check(self, values: Values) -> None:
+        """Raise InvalidInput for parameters that cannot be used together, or now."""
+
+    def apply_parameters(self) -> None:
+        """Use the current parameters from the next frame on; the worker calls it after a change."""
 
     def configure(self) -> None:
         """Open files, compile kernels, create publishers."""
