@@ -139,10 +139,10 @@ def _report(played: Played, frames: int, rate_hz: float, out: Path, first_ns: in
     from srt3d_ros.review.recorded import Recorded
     from srt3d_ros.review.summary import align, rows, summarise
 
-    recorded, sensor = Recorded.read(out / RECORDING), played.sensor
+    recorded, sensor = Recorded(out / RECORDING), played.sensor
     step = math.ceil(frames / JUDGED_FRAMES)
     judged = set(recorded.index.frame_index[::step].tolist())
-    clouds = [cloud.placed(sensor) for cloud in recorded.reader.clouds(judged)]
+    clouds = [cloud.placed(sensor) for cloud in recorded.clouds(judged)]
     expected = [played.at((cloud.stamp_ns - first_ns) / NS_PER_S, rate_hz) for cloud in clouds]
     metrics = [evaluate(cloud, truth, played.tolerance_bins, sensor.num_bins)
                for cloud, (_, truth) in zip(clouds, expected)]

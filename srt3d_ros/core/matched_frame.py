@@ -79,6 +79,7 @@ class Matcher:
     """What turns sketches into MatchedFrames: all that depends on sensor and frequencies alone.
 
     Attributes:
+        omega: float64 [m], ω_l, radians per bin.
         equaliser: complex64 [1 or rows, 1 or cols, m]: `matched` is equaliser · sums.
         passed: the same shape: a background photon at bin x adds passed · exp(i ω_l x), whatever the pixel's delay.
         used: float32 [rows, cols], 1, or 0 in masked pixels.
@@ -92,7 +93,7 @@ class Matcher:
 
     def __init__(self, sensor: SensorModel, frequencies: Sequence[int]):
         self.sensor, self.frequencies = sensor, check_frequencies(frequencies, sensor.num_bins)
-        omega = angular_frequencies(self.frequencies, sensor.num_bins)
+        omega = self.omega = angular_frequencies(self.frequencies, sensor.num_bins)
         spectrum = np.atleast_2d(irf_spectrum(sensor, self.frequencies))               # [1 or pixels, m]
         energy = passed_energy(spectrum, self.frequencies)
         weakest = np.maximum(np.abs(spectrum)**2, energy * WEAKEST_PASSBAND**2)
@@ -112,7 +113,7 @@ class Matcher:
         cells = 16 * math.ceil(max(self.frequencies) / 4)
         turns = np.outer(np.arange(cells), self.frequencies) * (2 * np.pi / cells)
         self.constants = {
-            "exposure": maps.pad(sensor.exposure), "shape": (sensor.rows, sensor.cols), "energy": self.energy,
+            "exposure": maps.pad(sensor.exposure), "shape": sensor.shape, "energy": self.energy,
             "bin_frequencies": bin_frequencies, "filters": np.concatenate([np.cos(turns), np.sin(turns)], axis=1),
             "num_bins": sensor.num_bins, "moments": moments, "intensity_moments": intensity_moments,
             "max_response": max_response, "background_table": background_table,
@@ -123,7 +124,7 @@ class Matcher:
     def check(self, sketch: PhaseSums) -> None:
         """Raise InvalidInput unless it is a Sketch of this size, these frequencies, and sums that photons can give."""
         require(isinstance(sketch, PhaseSums), "seen", type(sketch).__name__, "a Sketch")
-        shape = (self.sensor.rows, self.sensor.cols)
+        shape = self.sensor.shape
         require(sketch.frequencies == self.frequencies, "sketch frequencies", list(sketch.frequencies),
                 f"{list(self.frequencies)}")
         require(sketch.photons.shape == shape, "sketch size", tuple(sketch.photons.shape), f"rows × cols = {shape}")
@@ -133,7 +134,7 @@ class Matcher:
 
     def _map(self, values: np.ndarray) -> np.ndarray:
         """complex [1 or pixels, m] → complex64 [1 or rows, 1 or cols, m]."""
-        size = (self.sensor.rows, self.sensor.cols) if len(values) > 1 else (1, 1)
+        size = self.sensor.shape if len(values) > 1 else (1, 1)
         return values.astype(np.complex64).reshape(*size, -1)
 
 
@@ -147,7 +148,7 @@ class SensorOnDevice:
 
     def __init__(self, matcher: Matcher, device: str, surfaces: int):
         sensor = self._sensor = matcher.sensor
-        kernels = self.kernels = kernels_for(device).for_shape(sensor.rows, sensor.cols, surfaces, matcher.frequencies)
+        kernels = self.kernels = kernels_for(device).for_shape(*sensor.shape, surfaces, matcher.frequencies)
         self._constants = {name: kernels.array(value) if isinstance(value, np.ndarray) else value
                            for name, value in matcher.constants.items()}
         self.passed, self._equaliser = kernels.array(matcher.passed), kernels.array(matcher.equaliser)
@@ -172,9 +173,10 @@ class SensorOnDevice:
         """The list of points, for `unpack`, of `kernels.collect`."""
         return self.kernels.collect(depth, intensity, std, self._rays, *self._scale)
 
-    def cloud(self, listed: Sequence[Array], background: Array, stamp_ns: int) -> PointCloud:
-        """The cloud of listed points and a background, off the device."""
-        return PointCloud.of_list(self._sensor, self.kernels.unpack(*listed), self.kernels.numpy(background), stamp_ns)
+    def cloud(self, listed: Sequence[Array], background: Array, sketch: PhaseSums) -> PointCloud:
+        """The cloud of a sketch's listed points and background, off the device, with the photons of one frame."""
+        background = self.kernels.numpy(background) / sketch.frames
+        return PointCloud.of_list(self._sensor, self.kernels.unpack(*listed), background, sketch.stamp_ns)
 
 
 def corrections(root: np.ndarray, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -116,7 +116,7 @@ def test_each_activation_and_each_sensor_begin_a_recording_of_their_own(speaker,
     stamps.append(speaker.record(3))
     assert speaker.graph.change("recorder", "deactivate")
     assert [frames_of(path) for path in paths] == stamps
-    recorded = [RecordingReader(path).properties()["sensor"]["description"] for path in paths]
+    recorded = [RecordingReader(path).properties["sensor"]["description"] for path in paths]
     assert [sensor_message.from_json(text).range_offset_m for text in recorded] == [0, 0, 1]
     assert speaker.graph.change("recorder", "activate")
 
@@ -127,7 +127,7 @@ def test_hot_pixels_that_are_left_out_begin_no_recording(speaker, sensor, tmp_pa
     speaker.graph.known_to("recorder")
     stamps += speaker.record(2)
     assert speaker.graph.change("recorder", "deactivate") and frames_of(tmp_path / "a.rrd") == stamps
-    text = RecordingReader(tmp_path / "a.rrd").properties()["sensor"]["description"]
+    text = RecordingReader(tmp_path / "a.rrd").properties["sensor"]["description"]
     assert np.array_equal(sensor_message.from_json(text).mask, mask)
     assert speaker.graph.change("recorder", "activate")
 
@@ -335,7 +335,7 @@ def test_a_recording_has_all_that_the_nodes_published(graph, photon_file, tmp_pa
         assert np.array_equal(cloud.more["depth_std"], columns["depth_std"])
     for name in ("/depth", "/intensity", "/background", "/photons"):
         assert len(list(reader.images(name))) == frames, name
-    series = reader.series()
+    series = reader.series
     parts = series.pop("latency_reconstruct_ms")        # of clouds that came after their sketch, as on an idle machine
     assert {name: len(one.values) for name, one in series.items()} == {
         "frame_rate_hz": frames - 1, "latency_ms": frames, "points": frames} | dict.fromkeys((
@@ -343,6 +343,6 @@ def test_a_recording_has_all_that_the_nodes_published(graph, photon_file, tmp_pa
     total, sketch = (one.values[np.isin(one.stamp_ns, parts.stamp_ns)] for one in (
         series["latency_ms"], series["latency_sketch_ms"]))
     assert len(parts.values) > 0 and np.allclose(total, sketch + parts.values) and (parts.values > 0).all()
-    properties = reader.properties()
+    properties = reader.properties
     assert properties["run"]["namespace"] == graph.namespace
     assert properties["versions"]["rerun"] == "0.41.0"

@@ -108,16 +108,16 @@ def whole(tmp_path_factory):
 
 
 def test_clouds_come_as_logged_series_sorted_by_stamp_and_without_a_frame_none(whole, tmp_path):
-    reader, index = RecordingReader(whole), RecordingReader(whole).cloud_index()
+    reader, index = RecordingReader(whole), RecordingReader(whole).index
     assert [cloud.frame_index for cloud in reader.clouds()] == [2, 0, 1]
     assert [cloud.frame_index for cloud in reader.clouds({1})] == [1]
     assert index.stamp_ns.tolist() == index.frame_index.tolist() == [0, 1, 2] and index.points.tolist() == [500] * 3
-    assert reader.series()["points"].stamp_ns.tolist() == [0, 1, 2]
-    assert reader.series()["points"].values.tolist() == [10, 11, 12]
+    assert reader.series["points"].stamp_ns.tolist() == [0, 1, 2]
+    assert reader.series["points"].values.tolist() == [10, 11, 12]
     RecordingWriter(tmp_path / "a.rrd", SENSOR).close()
     reader = RecordingReader(tmp_path / "a.rrd")
     assert list(reader.clouds()) == [] and list(reader.images("/depth")) == []
-    assert reader.series() == {}
+    assert reader.series == {}
 
 
 @pytest.mark.parametrize("damage, expected", [

@@ -226,7 +226,7 @@ def test_closing_twice_changes_nothing(tmp_path):
     writer.close()
     size = (tmp_path / "a.rrd").stat().st_size
     writer.close()
-    series = RecordingReader(tmp_path / "a.rrd").series()
+    series = RecordingReader(tmp_path / "a.rrd").series
     assert series["ppp"].values.tolist() == [1, 2] and series["ppp"].stamp_ns.tolist() == [3, 4]
     assert len(series["points"].values) == 1 and np.isnan(series["points"].values[0])
     assert (tmp_path / "a.rrd").stat().st_size == size
@@ -240,7 +240,7 @@ def test_properties_hold_what_is_given_last_and_none_without_facts(tmp_path):
         writer.set_properties("unset", {"unset": None, "none": [], "nothing": ()})
         writer.set_properties("parameters", {"sketcher.sketch_size": 5, "sketcher.layout": "float32"})
         writer.set_properties("parameters", {"sketcher.sketch_size": 6})
-    properties = RecordingReader(tmp_path / "a.rrd").properties()
+    properties = RecordingReader(tmp_path / "a.rrd").properties
     run = properties["run"]
     assert not {"empty", "unset"} & properties.keys()
     assert run["frequencies"].tolist() == [1, 2, 5] and run["path"] == str(tmp_path) and "nothing" not in run
@@ -260,7 +260,7 @@ def test_a_recording_is_one_whole_file_and_leaves_no_threads_behind(tmp_path, ba
     with RecordingWriter(tmp_path / "a.rrd", ball[1], {"run": {"namespace": "/"}}) as writer:
         writer.log_cloud(0, 0, *random_cloud(10))
     assert threads_of_streams() <= before
-    properties = RecordingReader(writer.path).properties()
+    properties = RecordingReader(writer.path).properties
     assert properties["run"]["namespace"] == "/" and '"rows":40' in properties["sensor"]["description"]
     assert len(RrdReader(writer.path).blueprints()) == 1
     static = {chunk.entity_path for chunk in RrdReader(writer.path).stream().filter(content="/**", is_static=True)}

@@ -104,4 +104,4 @@ def test_nothing_that_the_nodes_hold_grows(pipeline, rounds):
     pipeline.graph.wait(recorded, f"more than {rounds} clouds in the recording")
     pipeline.processes["recorder"].end(signal.SIGTERM)
     newest = max(pipeline.folder.glob("*.rrd"))         # after the kill: a_2.rrd
-    assert len(RecordingReader(newest).cloud_index()) > rounds
+    assert len(RecordingReader(newest).index) > rounds

@@ -57,7 +57,7 @@ class SMLE:
         """The point cloud of one frame's sketch."""
         self._matcher.check(sketch)
         background, *listed = self.run(sketch.photons.astype(np.float32), sketch.sums)
-        return self._on_device.cloud(listed, background, sketch.stamp_ns)
+        return self._on_device.cloud(listed, background, sketch)
 
     def _frame(self, photons: Array, sums: Array) -> tuple:
         """Background photons, and the list of points, all on the device."""

@@ -52,7 +52,7 @@ class Deskewer:
         self.sensor, self.lost = sensor, 0
         self.frequencies = check_frequencies(frequencies, sensor.num_bins)
         self._kernels = kernels_for("cpu")
-        rows, cols = self._shape = sensor.rows, sensor.cols
+        rows, cols = self._shape = sensor.shape
         self._bin_frequencies = (np.array(self.frequencies) / sensor.num_bins).astype(np.float32)
         apart = np.linalg.norm(np.diff(sensor.rays, axis=1), axis=-1)
         self._steepest = STEEPEST * float(np.median(apart)) if apart.size else 0.0

@@ -78,7 +78,7 @@ class PhaseSums:
         if photons.dtype != np.uint32:
             whole = ((photons >= 0) & (photons < 2**32) & (photons == np.floor(photons))).all()
             require(bool(whole), "photons", "negative or fractional in places", "whole numbers")
-        pixels = self.sensor.rows, self.sensor.cols
+        pixels = self.sensor.shape
         require(photons.shape == pixels, "photons shape", photons.shape, f"{pixels}, the sensor's pixels")
         require(sums.shape == (*pixels, len(frequencies)), "sums shape", sums.shape,
                 f"[rows, cols, {len(frequencies)}], rows and cols as of photons")
@@ -98,11 +98,15 @@ class PhaseSums:
         return (np.ascontiguousarray(self.sums).view(np.float32) * each).view(np.complex64)
 
     @property
+    def frames(self) -> np.ndarray:
+        """`exposure`, or 1 everywhere; float32 [rows, cols]."""
+        return np.ones(self.photons.shape, np.float32) if self.exposure is None else self.exposure
+
+    @property
     def armed_cycles(self) -> np.ndarray:
         """Cycles in which a pixel could still see a photon in the sketch's bins; float64 [rows, cols]."""
-        before = np.zeros(self.photons.shape) if self.before is None else self.before
-        cycles = self.cycles if self.exposure is None else self.cycles * self.exposure
-        return np.maximum(cycles - before, self.photons).astype(np.float64)
+        before = 0 if self.before is None else self.before
+        return np.maximum(np.float64(self.cycles) * self.frames - before, self.photons)
 
     def __add__(self, other: Self) -> Self:
         """The sketch of both sets of photons; InvalidInput unless frequencies and sensor are the same."""
@@ -144,6 +148,6 @@ def added_cycles(sketches: Sequence[PhaseSums]) -> tuple[int, np.ndarray | None]
 def noise_sketch(sensor: SensorModel, frequencies: tuple[int, ...]) -> PhaseSums:
     """A sketch of noise alone, for warming up."""
     rng = np.random.default_rng(0)
-    sums = rng.normal(size=(sensor.rows, sensor.cols, len(frequencies), 2)).astype(np.float32)
-    photons = np.full((sensor.rows, sensor.cols), 9, np.uint32)
+    sums = rng.normal(size=(*sensor.shape, len(frequencies), 2)).astype(np.float32)
+    photons = np.full(sensor.shape, 9, np.uint32)
     return PhaseSums(frequencies, sums.view(np.complex64)[..., 0], photons, sensor=sensor)

@@ -6,11 +6,11 @@ from typing import NamedTuple
 import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS, MAX_PIXELS
-from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, from_counts, from_photons
-from srt3d_ros.datasets.axes import SIZES
+from srt3d_ros.datasets import named_arrays
+from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole
+from srt3d_ros.datasets.named_arrays import Content
 from srt3d_ros.datasets.options import Options
-from srt3d_ros.datasets.readers import npz
-from srt3d_ros.datasets.reading import Reading, Said, in_gate
+from srt3d_ros.datasets.reading import in_gate
 from srt3d_ros.datasets.values import MAX_EVENTS, Note, outside_note
 from srt3d_ros.errors import finite, require
 from srt3d_ros.files import isolated
@@ -45,25 +45,25 @@ LAYOUTS = (
     Layout("spad", 80e-12, "bin"),                  # simulated, sparse: Lindell et al., SIGGRAPH 2018
 )
 WANTED = "; ".join(["one of " + ", ".join(f"{one.variable} ({'[T, rows·cols] counts' if one.reference else 'cells'})"
-                                         for one in LAYOUTS), npz.WANTED])
+                                         for one in LAYOUTS), named_arrays.WANTED])
 VARIABLES = (*(name for one in LAYOUTS for name in (one.variable, one.reference, *one.window) if name),
-             *npz.KNOWN)
+             *named_arrays.KNOWN)
 
 
-def read(path: Path, options: Options) -> Reading:
+def read(path: Path, options: Options) -> Content:
     """Photons of a .mat file. The bins are those of the file's window, or those that have photons."""
     arrays, listed = isolated.matlab_arrays(path, (*VARIABLES, *options.named))
     layout = next((one for one in LAYOUTS if one.fits(arrays)), None)
     if layout is None or options.named:
-        return npz.from_arrays(path, arrays, options, WANTED, listed)
+        return Content(arrays, options, (), listed, WANTED)
     with read_errors(path):
         for name in arrays.keys() & {*layout.window, layout.reference}:
             require(arrays[name].dtype.kind in "iuf", name, str(arrays[name].dtype), "numbers")
         note = Note(f"bin width taken to be {layout.bin_width_s * 1e12:g} ps: the file has none", "bin_width_s")
-        return (_of_counts if layout.reference else _of_cells)(path, layout, arrays, options, note)
+        return (_of_counts if layout.reference else _of_cells)(layout, arrays, options, note)
 
 
-def _of_counts(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options: Options, note: Note) -> Reading:
+def _of_counts(layout: Layout, arrays: dict[str, np.ndarray], options: Options, note: Note) -> Content:
     """Photons of counts [T, rows · cols] with reference depths. Sparse counts stay sparse."""
     name, photons = layout.variable, arrays[layout.variable]
     require(are_whole(np.atleast_2d(photons)), name, problem=f"{name} has negative or fractional counts.")
@@ -76,17 +76,17 @@ def _of_counts(path: Path, layout: Layout, arrays: dict[str, np.ndarray], option
     rows, cols = reference.shape
     if photons.ndim == 2:
         counts = photons.reshape(bins, cols, rows).transpose(2, 1, 0)
-        said = Said({"bin_width_s": layout.bin_width_s}, (note,), path.stem, reference[None])
-        return from_counts(counts, options, said)
+        return Content({"counts": counts, "rows": rows, "cols": cols, "bin_width_s": layout.bin_width_s,
+                        named_arrays.FIRST_REFERENCES[-1]: reference}, options, (note,))
     total, toa = photons.sum(dtype=np.float64), arrays[f"{name}.col"]
     require(total <= MAX_KEPT, f"{name} photons", total, f"at most {MAX_KEPT} in a sparse array: save full({name})")
     col, row = np.divmod(arrays[f"{name}.row"], rows)
     order = np.lexsort((toa, row * cols + col))
     pixel, toa = (values[order].repeat(photons[order].astype(np.int64)) for values in (row * cols + col, toa))
-    return _of_events(path, pixel, toa, reference.shape, (0, bins - 1), options, layout, note, reference[None])
+    return _of_events(pixel, toa, reference.shape, (0, bins - 1), options, layout, note, reference)
 
 
-def _of_cells(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options: Options, note: Note) -> Reading:
+def _of_cells(layout: Layout, arrays: dict[str, np.ndarray], options: Options, note: Note) -> Content:
     """Photons of ToA lists, one cell a pixel."""
     name, toa, lengths = layout.variable, arrays[layout.variable], arrays[f"{layout.variable}.lengths"]
     require(lengths.ndim == 2 and 0 < lengths.size <= MAX_PIXELS, f"{name} shape", lengths.shape,
@@ -107,11 +107,11 @@ def _of_cells(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options
         measured = int(np.floor(low + EDGE)), int(np.ceil(high - EDGE)) - 1
     else:
         measured = 0 if "num_bins" in options.known else int(bins.min(initial=2**32)), int(bins.max(initial=0))
-    return _of_events(path, pixel, bins, lengths.shape, measured, options, layout, note)
+    return _of_events(pixel, bins, lengths.shape, measured, options, layout, note)
 
 
-def _of_events(path: Path, pixel: np.ndarray, toa: np.ndarray, shape: tuple[int, int], measured: tuple[int, int],
-               options: Options, layout: Layout, note: Note, reference: np.ndarray | None = None) -> Reading:
+def _of_events(pixel: np.ndarray, toa: np.ndarray, shape: tuple[int, int], measured: tuple[int, int],
+               options: Options, layout: Layout, note: Note, reference: np.ndarray | None = None) -> Content:
     """Photons inside the gate, or else in the bins `measured` = (first, last), or num_bins from the first on."""
     first, last = options.gate or measured
     if options.gate is None and "num_bins" in options.known:
@@ -121,6 +121,7 @@ def _of_events(path: Path, pixel: np.ndarray, toa: np.ndarray, shape: tuple[int,
     options = options.knowing(num_bins=num_bins, toa_offset_bins=options.known.get("toa_offset_bins", 0) + first)
     inside = (toa >= first) & (toa <= last)
     outside = outside_note(len(toa) - np.count_nonzero(inside), len(toa), first, last)
-    said = Said({"bin_width_s": layout.bin_width_s} | dict(zip(SIZES, shape)), (note, *outside), path.stem,
-                in_gate(reference, first, last))
-    return from_photons((pixel[inside], toa[inside] - first), options.without("gate"), said)
+    arrays = {"pixel": pixel[inside], "toa": toa[inside] - first, "rows": shape[0], "cols": shape[1],
+              "bin_width_s": layout.bin_width_s}
+    arrays |= {} if reference is None else {named_arrays.FIRST_REFERENCES[-1]: in_gate(reference, first, last)}
+    return Content(arrays, options.without("gate"), (note, *outside))

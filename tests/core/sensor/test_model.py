@@ -10,7 +10,6 @@ from srt3d_ros.core.sensor.difference import first_difference
 from srt3d_ros.core.sensor.distortion import PlumbBob
 from srt3d_ros.core.sensor.model import MAX_BINS, GateWords, SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
-from srt3d_ros.core.sketching.design import histogram
 from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonHistograms
@@ -54,12 +53,6 @@ def test_what_cannot_be_used_is_refused_by_name_in_one_line(named):
         with pytest.raises(InvalidInput) as caught:
             make(**{named.split()[0]: value})
         assert caught.value.field == named and len(str(caught.value).splitlines()) == 1
-
-
-def test_gate_words_are_16_bits():
-    for name, value in (("first_word", -1), ("no_detection", 65_536)):
-        with pytest.raises(InvalidInput, match=f"gates.{name} is {value}"):
-            GateWords(**{name: value})
 
 
 @pytest.mark.parametrize("changes", [{"toa_offset_bins": -1e300}, {"range_offset_m": 2e12}])
@@ -174,11 +167,6 @@ def binned(bins):
     return make(num_bins=100, irf=[1, 2, 1], histograms=bins)
 
 
-def test_the_middles_of_bins():
-    assert HistogramBins(3).centers().tolist() == [0.5, 1.5, 2.5]
-    assert HistogramBins(3, first_bin=10, bin_width=4).centers().tolist() == [12, 16, 20]
-
-
 @pytest.mark.parametrize(("bins", "named"), [
     (HistogramBins(101), "histograms.num_bins is 101"),
     (HistogramBins(10, first_bin=-1), "histograms.first_bin is -1"),
@@ -192,15 +180,6 @@ def test_the_middles_of_bins():
 def test_bins_that_no_sensor_of_this_size_has_are_refused(bins, named):
     with pytest.raises(InvalidInput, match=named):
         binned(bins)
-
-
-def test_the_histogram_of_a_scene_is_on_the_axis():
-    """A wall in bin 60 before a background."""
-    bins = HistogramBins(30, 20.0, 2.0)
-    middles = np.broadcast_to(bins.centers(), (6, 30))
-    frame = PhotonHistograms(np.where(np.abs(middles - 60) < 1.1, 200, 10).astype(np.int32).reshape(*SHAPE, -1))
-    found = histogram(frame, binned(bins))
-    assert found.sum() == frame.photons and abs(int(found.argmax()) - 60) <= 1
 
 
 @pytest.mark.parametrize("dtype, gate", [(np.int32, None), (np.float32, (30, 69))])
