@@ -111,12 +111,13 @@ class Photons(Reading):
             kept, chosen = design_sketch(self.sensor, gate, frequencies, sketch_size, self.frame)
             sketcher = FrameSketcher(self.sensor, chosen, gate=kept)
             sketcher.add(self.frame)
-        outside = max(self.photons - sketcher.kept, 0)
+            sketch = sketcher.end_frame()
+        outside = max(self.photons - int(sketch.photons.sum(dtype=np.int64)), 0)
         notes = outside_note(outside, self.photons, kept.first, kept.last) if kept else ()
         numbers, mean = 2 * len(chosen), self.photons / self.sensor.pixels
         if sketch_size is not None and numbers > mean:
             notes += (f"the sketch is longer than its photons: {numbers} numbers a pixel for {mean:.3g} photons",)
-        return as_noun(Sketch, sketcher.end_frame(), notes=self.notes + notes)
+        return as_noun(Sketch, sketch, notes=self.notes + notes)
 
     @written_out(SketchOptions, MethodOptions)
     def reconstruct(self, *, sketch_size: int | None = None, frequencies: str | Sequence[int] | None = None,

@@ -4,6 +4,8 @@ import threading
 from collections import Counter, deque
 from dataclasses import dataclass
 
+import numpy as np
+
 from srt3d_ros.core.motion.moving_sketcher import MovingFrame, MovingSketcher
 from srt3d_ros.core.motion.track import MotionReport, SensorMotion
 from srt3d_ros.core.motion.trajectory import Pose
@@ -105,12 +107,13 @@ class SketchStream:
         packet.check(self.sensor)       # first: a bad packet's stamp must not end a frame
         self.counts.count(photons_in=packet.photons)
         self._came_s = now_s
-        placed = self._framing.place(packet.stamp_ns)
-        sketches = self._end_frame(placed.ended, now_s)
-        if placed.began_again:
+        closed, began_again, late = self._framing.place(packet.stamp_ns)
+        is_dropped = began_again and not self._framing.period_ns
+        sketches = [] if is_dropped else self._end_frame(closed, now_s)
+        if began_again:
             self.counts.count(stamp_leaps=1)
-            self._forget(placed.forgotten)
-        if placed.late:
+            self._forget(closed if is_dropped else None)
+        if late:
             self.counts.drop("late", photons=packet.photons)
         else:
             self._sketcher.add(packet)
@@ -176,10 +179,12 @@ class SketchStream:
         """The sketch of a frame that ended, if any; that of a moving sensor waits for reports."""
         if content is None:
             return []
-        self.packets_per_frame, sketcher = content.packets, self._sketcher
-        kept = content.photons if sketcher.gate is None else min(sketcher.kept, content.photons)
+        self.packets_per_frame, kept, frame = content.packets, content.photons, self._sketcher.end_frame()
+        if self._sketcher.gate is not None:
+            parts = [sketch for _, sketch in frame.parts] if isinstance(frame, MovingFrame) else [frame]
+            kept = min(sum(int(part.photons.sum(dtype=np.int64)) for part in parts), kept)
         self.counts.drop("gate", frames=0, photons=content.photons - kept)
-        content, frame = content._replace(photons=kept), sketcher.end_frame()
+        content = content._replace(photons=kept)
         if isinstance(frame, MovingFrame):
             self._waiting.append((frame, content, now_s))
             return []

@@ -17,6 +17,7 @@ from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.core.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets import open_sensor
 from srt3d_ros.errors import InvalidInput
+from srt3d_ros.kernels.devices import compile_kernels
 from srt3d_ros.messages import cdr, sensor_message, sketch_message
 from srt3d_ros.messages.photon_frames import CODECS, Codec
 from srt3d_ros.nodes.common import topics
@@ -98,9 +99,9 @@ class SketcherNode(ManagedNode):
         path = self.parameters["sensor_file"]
         self._file = self._sensor = self.check_size(open_sensor(path)) if path else None
         self.check(self.parameters.as_dict())
-        precompile.sketching()
+        compile_kernels("phase_sums")
         if self.parameters["motion"] != OFF:
-            precompile.deskewing()
+            compile_kernels("move_sketch")
         if self._file is not None:
             self._file_publisher = self.endpoints.advertise(topics.SENSOR)
         self._sketches, self._descriptions = map(self.endpoints.advertise, (topics.SKETCH, topics.SKETCH_SENSOR))

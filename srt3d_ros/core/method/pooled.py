@@ -21,11 +21,12 @@ from srt3d_ros.core.method.frame import Frames
 from srt3d_ros.core.method.irf_check import misplaced_share
 from srt3d_ros.core.method.pile_up import PileUp
 from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, Scores
-from srt3d_ros.core.motion.trajectory import Pose, Trajectory
+from srt3d_ros.core.motion.trajectory import Trajectory
 from srt3d_ros.core.motion.window import MovingWindow
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sums import PhaseSums, noise_sketch
+from srt3d_ros.kernels.devices import compile_kernels
 
 PASSES = 8              # over a first frame, at most
 
@@ -146,17 +147,9 @@ class Pooled:
             sketch = replace(sketch, exposure=np.ones(sketch.photons.shape, np.float32))
         uneven = RemovedBackground(sketch.photons.astype(np.float32), np.zeros(len(sketch.frequencies), np.complex64),
                                    np.ones(sensor.num_bins, np.float32))
-        cloud, _ = frames(self._scores, sketch, ())
+        frames(self._scores, sketch, ())
         if not self._background.is_even:
             for each, removed in ((frames, uneven), (frames.with_one_surface, ()), (frames.with_one_surface, uneven)):
                 each(self._scores, sketch, removed)
         if self._window is not None:
-            _move(sketch, cloud)
-
-
-def _move(sketch: PhaseSums, cloud: PointCloud) -> None:
-    """Compile the kernels of a window that moves."""
-    window, still = MovingWindow(sketch.sensor, sketch.frequencies, 2), Trajectory()
-    for stamp_ns in range(2):
-        still.add(stamp_ns, Pose())
-        window(replace(sketch, stamp_ns=stamp_ns), still, cloud)
+            compile_kernels("move_sketch", "seen_ranges")

@@ -60,20 +60,13 @@ class MovingSketcher:
         """Forget all photons, and when they came."""
         self._open.reset()
         self._parts: list[tuple[list[int], PhaseSums]] = []        # packets' stamps and sketch
-        self._stamps: list[int] = []                # of the packets of the open part
         self._previous_ns: int | None = None        # the last stamp of the frame before
-
-    @property
-    def kept(self) -> int:
-        """Photons of the open frame inside the gate."""
-        return self._open.kept + sum(int(sketch.photons.sum()) for _, sketch in self._parts)
 
     def add(self, frame: PhotonFrame) -> None:
         """Add the photons of a packet that its `check` accepts."""
-        if self._stamps and len(self._parts) < PARTS - 1 and self._ends_part(frame.stamp_ns):
+        if self._open.stamps_ns and len(self._parts) < PARTS - 1 and self._ends_part(frame.stamp_ns):
             self._end_part()
         self._open.add(frame)
-        self._stamps.append(frame.stamp_ns)
 
     def end_frame(self) -> MovingFrame:
         """End the open frame, which needs a packet."""
@@ -100,14 +93,13 @@ class MovingSketcher:
 
     def _ends_part(self, stamp_ns: int) -> bool:
         """Whether a packet with this stamp begins another part."""
-        first_ns = self._parts[0][0][0] if self._parts else self._stamps[0]
-        length_ns = max(self._part_ns, 1)
-        return (stamp_ns - first_ns) // length_ns != (self._stamps[0] - first_ns) // length_ns
+        part_ns, length_ns = self._open.stamps_ns[0], max(self._part_ns, 1)
+        first_ns = self._parts[0][0][0] if self._parts else part_ns
+        return (stamp_ns - first_ns) // length_ns != (part_ns - first_ns) // length_ns
 
     def _end_part(self) -> None:
         """Sketch the open part, which has a packet at least, and begin the next."""
-        self._parts.append((self._stamps, self._open.end_frame()))
-        self._stamps = []
+        self._parts.append((self._open.stamps_ns, self._open.end_frame()))
 
     def _packet_ns(self, stamps: list[int]) -> int:
         """How long a packet lasts: the median step between stamps, from the last one of the frame before.

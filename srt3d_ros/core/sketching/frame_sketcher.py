@@ -43,7 +43,7 @@ class FrameSketcher:
     def reset(self) -> None:
         """Forget the photons of the open frame."""
         self._sums[:] = 0
-        self._stamps_ns: list[int] = []         # of its packets
+        self.stamps_ns: list[int] = []          # of its packets
         self._cycles = 0                        # its laser cycles, 0 if not known
 
     def add(self, frame: PhotonFrame) -> None:
@@ -54,18 +54,13 @@ class FrameSketcher:
             self._add_gates(frame)
         elif len(frame.toa) > 0:
             self._add_events(frame)
-        self._stamps_ns.append(frame.stamp_ns)
+        self.stamps_ns.append(frame.stamp_ns)
         self._cycles += len(frame.words) if isinstance(frame, PhotonGates) else self.sensor.cycles or 0
-
-    @property
-    def kept(self) -> int:
-        """Photons of the open frame inside the gate: more than came if counts outside are negative."""
-        return round(int(self._sums[:, 2 * len(self.frequencies)].sum()) / self._kernels.UNIT)
 
     def end_frame(self) -> PhaseSums:
         """End the open frame; its sketch."""
         (rows, cols), m = (self.sensor.rows, self.sensor.cols), len(self.frequencies)
-        before, cycles, stamp_ns = None, self._cycles, min(self._stamps_ns, default=0)
+        before, cycles, stamp_ns = None, self._cycles, min(self.stamps_ns, default=0)
         if cycles and self.gate is not None:
             units = self._sums[:, 2 * m + 1] * (self.sensor.dead_time.periods + 1)
             before = np.rint(units / self._kernels.UNIT).astype(np.uint32).reshape(rows, cols)
