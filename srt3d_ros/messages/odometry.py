@@ -7,7 +7,7 @@ import numpy as np
 from srt3d_ros.core.motion.track import MotionReport
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.errors import require
-from srt3d_ros.messages.cdr import Reader
+from srt3d_ros.messages.cdr import Header, Reader
 
 MAX_M = 1e9                 # largest coordinate: far outside of any map, and its square is finite
 MAX_RAD_S = 35.0            # 2000 degrees a second, the range of common gyroscopes
@@ -22,7 +22,7 @@ def decode_odometry(raw: bytes) -> MotionReport:
         InvalidInput: the message is cut off, or its pose is impossible.
     """
     reader = Reader(raw)
-    header = reader.header()
+    header = reader.members(Header, "header.")
     reader.text("child_frame_id")
     x, y, z, *quaternion = reader.numbers("pose", 7)
     require(all(abs(value) <= MAX_M for value in (x, y, z)), "position", [x, y, z], "finite metres")      # NaN fails
@@ -39,7 +39,7 @@ def decode_imu(raw: bytes) -> MotionReport:
         InvalidInput: the message is cut off, or its rate is not measured or impossible.
     """
     reader = Reader(raw)
-    header = reader.header()
+    header = reader.members(Header, "header.")
     reader.numbers("orientation", 4 + ROTATION_COVARIANCE)
     rate = reader.numbers("angular_velocity", 3)
     variance, *_ = reader.numbers("angular_velocity_covariance", ROTATION_COVARIANCE)

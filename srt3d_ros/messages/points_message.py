@@ -44,7 +44,7 @@ def decode_cdr(raw: bytes) -> tuple[cdr.Header, dict[str, np.ndarray]]:
     Raises:
         InvalidInput: the message breaks the schema.
     """
-    cloud, layouts = cdr.read_cloud(raw), cloud_layouts("points")
+    cloud, layouts = cdr.CloudMessage.read(raw), cloud_layouts("points")
     present = {field.name for field in cloud.fields}
     layout = layouts["full" if present.issuperset(fields_of(layouts["full"])) else "xyzi"]
     points = unpack_cloud(cloud, [layout]).reshape(-1)
@@ -80,7 +80,7 @@ def encode_ends_cdr(free_m: np.ndarray, sensor: SensorModel, stamp_ns: int, fram
 
 def decode_ends_cdr(raw: bytes) -> tuple[cdr.Header, np.ndarray]:
     """The header and the ends, float32 [N, 3], metres; InvalidInput if the message breaks the schema."""
-    cloud = cdr.read_cloud(raw)
+    cloud = cdr.CloudMessage.read(raw)
     return cloud.header, _xyz(unpack_cloud(cloud, [cloud_layouts("free")["xyz"]]).reshape(-1))
 
 

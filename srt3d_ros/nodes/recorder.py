@@ -12,6 +12,7 @@ import numpy as np
 from rclpy.qos import ReliabilityPolicy
 from rclpy.utilities import get_rmw_implementation_identifier
 
+from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import require
 from srt3d_ros.files.new_files import free
@@ -125,6 +126,7 @@ class RecorderNode(ManagedNode):
 
     def _on_sensor(self, raw: bytes) -> None:
         sensor, before = sensor_message.decode_cdr(raw), self._sensor
+        Pose.from_text(sensor.extrinsics or "")     # refuses the description, in place of each of its clouds
         if self._path is None:
             return
         if self._writer is not None and before and sensor.replace(mask=None).same_as(before.replace(mask=None)):

@@ -46,7 +46,7 @@ class SketchQueue:
 
     def add(self, raw: bytes, now_s: float) -> None:
         """Queue a serialised sketch; InvalidInput if it names no description."""
-        message = cdr.read_cloud(raw)
+        message = cdr.CloudMessage.read(raw)
         self._waiting.append(QueuedSketch(sketch_message.description_of(message), message, now_s))
 
     def take(self, now_s: float) -> tuple[list[tuple[SensorModel, QueuedSketch]], list[QueuedSketch]]:

@@ -17,7 +17,7 @@ from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.simulation.room import Room
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.messages import odometry, photon_frames, points_message, sensor_message, sketch_message
-from srt3d_ros.messages.cdr import read_cloud
+from srt3d_ros.messages.cdr import CloudMessage
 from srt3d_ros.nodes import sources
 from srt3d_ros.reconstruction import Reconstructor
 
@@ -65,7 +65,7 @@ def test_frames_wait_for_the_odometry_that_covers_them_and_bad_reports_cost_none
         for one in expected:
             raw = serialize_message(sketches.pop(0))
             _, sketch = sketch_message.decode_cdr(raw, mounted)
-            assert sketch_message.description_of(read_cloud(raw)) == sensor_message.digest(mounted)
+            assert sketch_message.description_of(CloudMessage.read(raw)) == sensor_message.digest(mounted)
             assert sketch.stamp_ns == one.stamp_ns
             np.testing.assert_array_equal(sketch.photons, one.photons)
             np.testing.assert_allclose(sketch.z, one.z, atol=2e-4)

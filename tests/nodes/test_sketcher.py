@@ -39,7 +39,7 @@ def test_sketches_are_the_cores_in_all_forms_and_follow_the_parameters(graph, se
         graph.wait(lambda: sketches, "a sketch")
         raw = serialize_message(sketches[0])
         sensors = {sensor_message.digest(one.data): sensor_message.from_json(one.data) for one in described}
-        return sketch_message.decode_cdr(raw, sensors[sketch_message.description_of(cdr.read_cloud(raw))])
+        return sketch_message.decode_cdr(raw, sensors[sketch_message.description_of(cdr.CloudMessage.read(raw))])
 
     assert graph.set("sketcher", gate="30-69") == ""
     graph.reports("sketcher", "gate", "30-69, 0.4497 to 1.034 m")
@@ -282,7 +282,7 @@ def test_no_frame_is_lost_while_gate_and_frequencies_change_and_each_names_its_d
     sensors = {sensor_message.digest(one.data): sensor_message.from_json(one.data) for one in described}
     depths = []
     for raw in map(serialize_message, sketches):
-        _, sketch = sketch_message.decode_cdr(raw, sensors[sketch_message.description_of(cdr.read_cloud(raw))])
+        _, sketch = sketch_message.decode_cdr(raw, sensors[sketch_message.description_of(cdr.CloudMessage.read(raw))])
         mean = sketch.sums[..., 0].sum()                # of frequency 1
         depths.append(np.angle(mean) / (2 * np.pi) * sketch.sensor.num_bins % sketch.sensor.num_bins
                       + sketch.sensor.toa_offset_bins)
