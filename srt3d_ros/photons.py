@@ -13,7 +13,7 @@ from srt3d_ros.core.keys import written_out
 from srt3d_ros.core.methods import DEFAULT_METHOD, MethodOptions, find
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import SketchOptions, design_sketch
-from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.gate import OFF
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonHistograms
 from srt3d_ros.datasets import arrays, photon_file
@@ -107,11 +107,8 @@ class Photons(Reading):
         require(sketch_size is None or isinstance(sketch_size, int | np.integer), "sketch_size", quoted(sketch_size),
                 "an integer")
         with compiling():
-            self.frame.check(self.sensor)
             kept, chosen = design_sketch(self.sensor, gate, frequencies, sketch_size, self.frame)
-            sketcher = FrameSketcher(self.sensor, chosen, gate=kept)
-            sketcher.add(self.frame)
-            sketch = sketcher.end_frame()
+            sketch = sketch_photons(self.frame, self.sensor, chosen, kept)
         outside = max(self.photons - int(sketch.photons.sum(dtype=np.int64)), 0)
         notes = outside_note(outside, self.photons, kept.first, kept.last) if kept else ()
         numbers, mean = 2 * len(chosen), self.photons / self.sensor.pixels

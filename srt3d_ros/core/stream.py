@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.motion.moving_sketcher import MovingFrame, MovingSketcher
+from srt3d_ros.core.motion.moving_sketcher import PARTS, MovingFrame, MovingSketcher
 from srt3d_ros.core.motion.track import MotionReport, SensorMotion
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import SketchDesign, design_sketch
-from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.core.sketching.framing import Framing, OpenFrame
 from srt3d_ros.core.sketching.gate import OFF, in_ranges
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
@@ -86,8 +85,7 @@ class SketchStream:
         self.warning = ""
         self._framing = Framing(options.packets_per_frame, options.frame_period_ns)
         gate, frequencies = options.check(sensor)
-        self._sketcher = MovingSketcher(sensor, frequencies, gate) if options.moving else FrameSketcher(
-            sensor, frequencies, gate)
+        self._sketcher = MovingSketcher(sensor, frequencies, gate, PARTS if options.moving else 1)
         self._motion = SensorMotion(Pose.from_text(sensor.extrinsics or ""))
         self._waiting: deque[tuple[MovingFrame, OpenFrame, float]] = deque()       # and when they ended
         self._came_s = -float("inf")
@@ -180,21 +178,21 @@ class SketchStream:
         if content is None:
             return []
         self.packets_per_frame, kept, frame = content.packets, content.photons, self._sketcher.end_frame()
+        sketches = [sketch for _, sketch in frame.parts]
         if self._sketcher.gate is not None:
-            parts = [sketch for _, sketch in frame.parts] if isinstance(frame, MovingFrame) else [frame]
-            kept = min(sum(int(part.photons.sum(dtype=np.int64)) for part in parts), kept)
+            kept = min(sum(int(sketch.photons.sum(dtype=np.int64)) for sketch in sketches), kept)
         self.counts.drop("gate", frames=0, photons=content.photons - kept)
         content = content._replace(photons=kept)
-        if isinstance(frame, MovingFrame):
+        if self.options.moving:
             self._waiting.append((frame, content, now_s))
             return []
         self.counts.count(**content._asdict())
-        return [frame]
+        return sketches
 
     def _deskewed(self, now_s: float = 0.0, at_once: bool = False) -> list[PhaseSums]:
         """The sketches of the frames that need not wait longer for reports of motion, in order."""
         sketches = []
-        while self._waiting and isinstance(self._sketcher, MovingSketcher):
+        while self._waiting:
             frame, content, since_s = self._waiting[0]
             nbytes = sum(sketch.sums.nbytes for waiting, *_ in self._waiting for _, sketch in waiting.parts)
             exceeds_memory = len(self._waiting) > MOST_FRAMES and nbytes > MOST_BYTES

@@ -166,7 +166,7 @@ class ReconstructorNode(ManagedNode):
         """Report the pixels with a photon in nearly every laser cycle, whose pile-up cannot be corrected well."""
         pixels = 0
         if sketch.cycles:
-            pixels = int(saturated(sketch, sketch.sensor).sum())
+            pixels = int(saturated(sketch).sum())
             self.diagnostics.show(cycles=sketch.cycles, saturated_pixels=pixels)
         warning = f"saturated pixels: {pixels} (a photon in over {SATURATED:.0%} of the cycles)"
         if pixels or self._motion is None:

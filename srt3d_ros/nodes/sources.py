@@ -5,11 +5,9 @@ from itertools import chain
 from math import ceil
 from typing import NamedTuple
 
-from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 
 from srt3d_ros import datasets
-from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import SIMULATOR
@@ -23,6 +21,7 @@ from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import photon_frames
 from srt3d_ros.messages.cdr import NS_PER_S
+from srt3d_ros.messages.odometry import BODY_FRAME, encode_odometry
 from srt3d_ros.nodes.common.topics import ODOM, PHOTONS, SENSOR
 
 LATE_S = 0.5            # frames that are later are skipped, so that the player catches up after a stall
@@ -139,7 +138,6 @@ class Drawn:
 
 REPORT_NS = NS_PER_S // 100         # between odometry
 BEFORE_S, AFTER_NS = 0.5, NS_PER_S // 5     # odometry begins before the photons, and ends after them
-FIXED, BODY = "odom", "base_link"
 
 
 class Moving(Drawn):
@@ -154,7 +152,7 @@ class Moving(Drawn):
         sensor = moving_sensor().replace(cycles=cycles or None)
         simulator = Simulator(MovingView(Room(), self._path, sensor, self.exposure_s), sensor, parameters["sbr"],
                               parameters["ppp"] / PACKETS, parameters["seed"], rate_hz)
-        note = (f"each frame has {PACKETS} packets and odom gives the pose of {BODY}: start the sketcher with "
+        note = (f"each frame has {PACKETS} packets and odom gives the pose of {BODY_FRAME}: start the sketcher with "
                 f"motion:=odom packets_per_frame:={PACKETS} extrinsics:='{extrinsics()}'")
         super().__init__(sensor, lambda k: simulator.frame(k)[0], rate_hz, PACKETS * parameters["frames"],
                          max(round(LAP_S * parameters["rate_hz"]), 1) * PACKETS, PACKETS, (note,))
@@ -168,7 +166,7 @@ class Moving(Drawn):
             while report_ns <= last_ns:
                 at_s = report_ns / NS_PER_S - BEFORE_S
                 pose = self._path(at_s % lap_s if at_s > 0 else at_s)
-                yield Item(ODOM.name, serialize_message(odometry(pose)), report_ns, report_ns)
+                yield Item(ODOM.name, serialize_message(encode_odometry(pose)), report_ns, report_ns)
                 report_ns += REPORT_NS
             if packet:
                 yield packet
@@ -177,13 +175,3 @@ class Moving(Drawn):
 def extrinsics() -> str:
     """The pose of the sensor on the body, as text for the sketcher's parameter."""
     return "0 0 0 " + " ".join(f"{number:g}" for number in OPTICAL.quaternion)
-
-
-def odometry(pose: Pose) -> Odometry:
-    """The message of the body's pose, without a stamp."""
-    message = Odometry(child_frame_id=BODY)
-    message.header.frame_id = FIXED
-    at, turn = message.pose.pose.position, message.pose.pose.orientation
-    at.x, at.y, at.z = pose.translation.tolist()
-    turn.x, turn.y, turn.z, turn.w = pose.quaternion
-    return message

@@ -16,7 +16,7 @@ from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation.cases import of_files, simulated, tolerance_bins
 from srt3d_ros.evaluation.drawings import draw_row
-from srt3d_ros.evaluation.run import jobs_for, judge, run
+from srt3d_ros.evaluation.run import judge, run_all, runs_of
 from srt3d_ros.evaluation.scenes import net_sensor
 from srt3d_ros.evaluation.scores import HEADINGS, RESULT_COLUMNS, is_table, markdown, table_of_rows
 
@@ -25,18 +25,17 @@ POOLED = METHODS["pooled"]
 
 def outcomes(cases, methods=(POOLED,), sizes=(10,)):
     """What comes of the methods on the cases, and the notes."""
-    jobs, notes = jobs_for(cases, methods, sizes), []
-    with tqdm(total=len(jobs), disable=True) as bar:
-        return list(run(jobs, notes, bar)), notes
+    notes = []
+    with tqdm(disable=True) as bar:
+        return list(run_all(cases, runs_of(methods, sizes), notes, bar)), notes
 
 
 def test_methods_run_once_or_for_each_size_and_what_they_refuse_is_a_note():
     on_photons = Method("all", "", "photons", object)
-    jobs = jobs_for(simulated("net", [10], [3]), [POOLED, on_photons], (5, 10))
-    assert [(job.method.name, job.sketch_size) for job in jobs] == [("pooled", 5), ("pooled", 10), ("all", None)]
+    assert runs_of([POOLED, on_photons], (5, 10)) == [(POOLED, 5), (POOLED, 10), (on_photons, None)]
     found, notes = outcomes(simulated("net", [10], [3]), sizes=(1000, 10))
     assert len(notes) == 1 and notes[0].startswith("net, SBR 10, 3 ppp: pooled, m = 1000: sketch_size is 1000")
-    assert [outcome.job.sketch_size for outcome in found] == [10]
+    assert [outcome.run.sketch_size for outcome in found] == [10]
     (outcome,), _ = outcomes(simulated("net", [10], [30]), [METHODS["smle"]], (5,))
     assert tuple(outcome.row["frequencies"]) == (1, 2, 3, 4, 5)
 

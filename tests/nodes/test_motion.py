@@ -29,7 +29,7 @@ EXTRINSICS = "0.2 0 0.1 0.5 -0.5 0.5 -0.5"
 
 
 def odom(ms: float) -> Odometry:
-    message = sources.odometry(Pose(Pose.turned(TURN_RAD_S * ms / 1e3).rotation, SPEED_M_S * ms / 1e3))
+    message = odometry.encode_odometry(Pose(Pose.turned(TURN_RAD_S * ms / 1e3).rotation, SPEED_M_S * ms / 1e3))
     message.header.stamp = Time(nanoseconds=START_NS + round(ms * MS)).to_msg()
     return message
 
@@ -130,7 +130,7 @@ SIMULATOR = Simulator(VIEW, SENSOR, 0.5, 0.15 / HALVES, 0, HALVES / FRAME_S)
 
 
 def odom_of_walk(at_s: float, frame_id: str) -> Odometry:
-    message = sources.odometry(path(at_s))
+    message = odometry.encode_odometry(path(at_s))
     message.header.stamp, message.header.frame_id = Time(nanoseconds=START_NS + round(at_s * 1e9)).to_msg(), frame_id
     return message
 

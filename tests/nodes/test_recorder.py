@@ -14,9 +14,9 @@ from std_msgs.msg import String
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import images_message, points_message, sensor_message
+from srt3d_ros.messages.odometry import encode_odometry
 from srt3d_ros.messages.packing import encode_cloud
 from srt3d_ros.nodes.recorder import checked_images, checked_path
-from srt3d_ros.nodes.sources import odometry
 from srt3d_ros.recording.reader import RecordingReader
 
 
@@ -237,7 +237,7 @@ def test_with_odometry_each_cloud_has_the_sensors_pose_and_without_it_the_record
 
     def report(stamp_ns: int, frame_id: str = "odom", x_m: float = 0.0) -> None:
         pose = body(stamp_ns)
-        message = odometry(Pose(pose.rotation, pose.translation + (x_m, 0, 0)))
+        message = encode_odometry(Pose(pose.rotation, pose.translation + (x_m, 0, 0)))
         message.header.stamp, message.header.frame_id = Time(nanoseconds=stamp_ns).to_msg(), frame_id
         reports.publish(message)
 

@@ -138,7 +138,7 @@ def _covariances(sensor: SensorModel, frequencies: tuple[int, ...]) -> np.ndarra
     waves = np.exp(1j * np.outer(sensor.irf_bins, angular_frequencies(frequencies, sensor.num_bins)))
     spectrum = irf @ waves
     seen = np.conj(spectrum) * waves
-    parts = np.concatenate([seen.real, seen.imag], axis=1)          # of a signal photon in each bin
+    parts = np.concatenate([np.real(seen), np.imag(seen)], axis=1)       # of a signal photon in each bin
     amplitude, mean = np.tile(np.abs(spectrum), 2), irf @ parts
     share = np.linspace(0, 1, SHARES)[:, None, None]
     covariance = (share * (parts.T * irf @ parts) + (1 - share) * np.diag(amplitude**2) / 2

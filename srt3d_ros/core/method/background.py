@@ -86,7 +86,7 @@ class Unexplained(NamedTuple):
         """From the kernels' float32 [4m + 4]: real and imaginary parts of `left`, those of `seen`, the four numbers."""
         left_real, left_imaginary, seen_real, seen_imaginary = sums[:-4].reshape(4, -1)
         return cls(photons, left_real + 1j * left_imaginary, seen_real + 1j * seen_imaginary,
-                   *sums[-4:].astype(np.float64))
+                   *np.maximum(sums[-4:].astype(np.float64), EPSILON))
 
 
 class Background:
@@ -143,7 +143,7 @@ class Background:
 
     def learned(self, before: BackgroundEstimate, frame: Unexplained) -> BackgroundEstimate:
         """The background of the next frame, from the one removed from a frame and what the frame's points leave."""
-        own, taken, noise = (np.maximum(number, EPSILON) for number in (frame.own, frame.taken, frame.noise))
+        own, taken, noise = frame.own, frame.taken, frame.noise
         mean = np.zeros(len(frame.left)) if before.mean is None else before.mean
         uneven = frame.left / np.maximum(self._matcher.energy, EPSILON) + taken * mean
         chi2 = (np.abs(uneven)**2 / (noise + np.abs(WRONG_IRF * frame.seen)**2)).mean()

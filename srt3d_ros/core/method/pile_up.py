@@ -18,7 +18,6 @@ import numpy as np
 from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.method.live_time import LiveTime, recorded_pulses
 from srt3d_ros.core.point_cloud import PointCloud
-from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.kernels.constants import EPSILON, LOCAL_SIGMA
 from srt3d_ros.kernels.devices import kernels_for
@@ -29,9 +28,9 @@ POOLED = 4 * np.pi * LOCAL_SIGMA**2     # pixels that count in a local mean
 FLUXES = np.concatenate([[0], np.geomspace(0.01, 8, 49)])       # λ of the tables of shifts
 
 
-def saturated(sketch: PhaseSums, sensor: SensorModel) -> np.ndarray:
+def saturated(sketch: PhaseSums) -> np.ndarray:
     """Whether a pixel saw a photon in nearly every cycle, bool [rows, cols]; False if masked or not known."""
-    return (_cost(sensor) * sketch.photons > SATURATED * sketch.armed_cycles) & (sketch.cycles > 0) & sensor.used
+    return (_cost(sketch) > SATURATED * sketch.armed_cycles) & (sketch.cycles > 0) & sketch.sensor.used
 
 
 def contradiction(sketch: PhaseSums) -> str:
@@ -39,7 +38,7 @@ def contradiction(sketch: PhaseSums) -> str:
     sensor = sketch.sensor
     if not sketch.cycles:
         return "dead_time_s not used, pile-up not corrected: give cycles" if sensor.dead_time_s else ""
-    more = (_cost(sensor) * sketch.photons > sketch.cycles)[sensor.used]
+    more = (_cost(sketch) > sketch.cycles)[sensor.used]
     if not more.any():
         return ""
     rule = f"dead_time_s {sensor.dead_time_s:g}" if sensor.dead_time.periods else "one photon a cycle"
@@ -47,9 +46,9 @@ def contradiction(sketch: PhaseSums) -> str:
             f"{sketch.cycles} cycles with {rule} allow")
 
 
-def _cost(sensor: SensorModel) -> float:
-    """Laser cycles that a photon costs, 1 at least."""
-    return max(sensor.dead_time.cycles, 1)
+def _cost(sketch: PhaseSums) -> np.ndarray:
+    """Laser cycles that a pixel's photons cost, 1 each at least; [rows, cols]."""
+    return max(sketch.sensor.dead_time.cycles, 1) * sketch.photons
 
 
 class Seen(NamedTuple):
@@ -112,7 +111,7 @@ class PileUp:
         pulse, step = (np.interp(signal, FLUXES, shifts) for shifts in (self._shifts, self._step_shifts))
         shift = pulse + background * (step - pulse)
         error = error * np.interp(signal, FLUXES, np.abs(np.gradient(self._shifts, FLUXES)))
-        error = np.where(saturated(sketch, sensor)[at], np.hypot(error, shift), error)
+        error = np.where(saturated(sketch)[at], np.hypot(error, shift), error)
         first, moved = cloud.surface == 0, np.zeros_like(seen.shift)
         moved[cloud.row[first], cloud.col[first]] = shift[first]
         there = (moved != 0).astype(np.float32)

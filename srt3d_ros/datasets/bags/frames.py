@@ -142,7 +142,7 @@ def _decoded(kind: str, raw: bytes, descriptions: dict[str, bytes], options: Opt
 
 def _with_given_sensor(kind: str, raw: bytes, options: Options, name: str, notes: tuple[str, ...]) -> Reading:
     """The photons or sketch in a message of this kind, of the sensor that the options describe."""
-    sensor, _ = sensor_of(options)
+    sensor, *_ = sensor_of(options)
     if kind == "sketch":
         require("irf" in options.known, "irf", problem="Give irf, or sensor: sketches do not show it.")
         return Reading(sensor, sketch_message.decode_cdr(raw, sensor)[1], None, name, notes)
