@@ -8,7 +8,7 @@ import numpy as np
 from srt3d_ros.core.motion.track import MotionReport
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.errors import require
-from srt3d_ros.messages.cdr import Reader
+from srt3d_ros.messages.cdr import Header, Reader
 
 if TYPE_CHECKING:
     from nav_msgs.msg import Odometry
@@ -20,19 +20,15 @@ COVARIANCE, ROTATION_COVARIANCE = 36, 9
 UNKNOWN = -1.0              # first number of the covariance of a quantity that is not measured (sensor_msgs/Imu)
 
 
-def encode_odometry(pose: Pose, velocity_m_s: np.ndarray, rate_rad_s: np.ndarray) -> "Odometry":
-    """The message, without a stamp, of the pose of BODY_FRAME in FIXED_FRAME, and of its velocity and rate of turn [3]
-    in its own frame."""
+def encode_odometry(pose: Pose) -> "Odometry":
+    """The message, without a stamp, of the pose of BODY_FRAME in FIXED_FRAME; its twist is 0."""
     from nav_msgs.msg import Odometry
 
     message = Odometry(child_frame_id=BODY_FRAME)
     message.header.frame_id = FIXED_FRAME
     at, turn = message.pose.pose.position, message.pose.pose.orientation
-    speed, rate = message.twist.twist.linear, message.twist.twist.angular
     at.x, at.y, at.z = pose.translation.tolist()
     turn.x, turn.y, turn.z, turn.w = pose.quaternion
-    speed.x, speed.y, speed.z = velocity_m_s.tolist()
-    rate.x, rate.y, rate.z = rate_rad_s.tolist()
     return message
 
 
@@ -43,7 +39,7 @@ def decode_odometry(raw: bytes) -> MotionReport:
         InvalidInput: the message is cut off, or its pose is impossible.
     """
     reader = Reader(raw)
-    header = reader.header()
+    header = reader.members(Header, "header.")
     reader.text("child_frame_id")
     x, y, z, *quaternion = reader.numbers("pose", 7)
     require(all(abs(value) <= MAX_M for value in (x, y, z)), "position", [x, y, z], "finite metres")      # NaN fails
@@ -60,7 +56,7 @@ def decode_imu(raw: bytes) -> MotionReport:
         InvalidInput: the message is cut off, or its rate is not measured or impossible.
     """
     reader = Reader(raw)
-    header = reader.header()
+    header = reader.members(Header, "header.")
     reader.numbers("orientation", 4 + ROTATION_COVARIANCE)
     rate = reader.numbers("angular_velocity", 3)
     variance, *_ = reader.numbers("angular_velocity_covariance", ROTATION_COVARIANCE)

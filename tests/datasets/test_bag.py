@@ -226,7 +226,7 @@ MESSAGES = {
     "photons": (CLOUD, photons_of(0)), "gates": (IMAGE, gates_of(0)), "sensor": (TEXT, described(SENSOR)),
     "histograms": (IMAGE, histograms.encode_cdr(as_histograms(frame(0), SENSOR), SENSOR, "spad")),
     "sketch": (CLOUD, SKETCH), "map": (TEXT, cdr.write_text('{"name": "map"}')),
-    "picture": (IMAGE, cdr.write_image(cdr.Image(cdr.Header(0, "eye"), 2, 3, "8UC3", False, 9, memoryview(bytes(18))))),
+    "picture": (IMAGE, cdr.Image(cdr.Header(0, "eye"), 2, 3, "8UC3", False, 9, memoryview(bytes(18))).write()),
     "points": (CLOUD, b"\0\1\0\0")}
 
 
