@@ -101,7 +101,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
     chosen = {name: draw for name, draw in sets(args.data).items() if fits(name, args.only)}
-    variants = [parsed(text) for text in args.set] or list(halved_doubled_off(args.constants))
+    variants = [{name: ast.literal_eval(value) for name, value in (pair.split("=") for pair in text.split(";"))}
+                for text in args.set] or list(halved_doubled_off(args.constants))
     with TemporaryDirectory() as folder, ThreadPoolExecutor(args.jobs) as pool:
         for name, draw in tqdm(chosen.items(), "drawing photons", unit="set"):
             Path(folder, f"{name}.pickle").write_bytes(pickle.dumps([draw(seed) for seed in range(args.draws)]))
@@ -115,11 +116,6 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
 
 def fits(name: str, patterns: str) -> bool:
     return any(fnmatch(name, pattern) for pattern in patterns.split(","))
-
-
-def parsed(text: str) -> dict:
-    """The constants of a variant from its text on the command line."""
-    return {name: ast.literal_eval(value) for name, value in (pair.split("=") for pair in text.split(";"))}
 
 
 def numbers() -> dict[str, tuple[str, ast.expr]]:

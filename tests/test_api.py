@@ -169,9 +169,6 @@ def test_a_reconstructor_follows_a_stream_of_sketches_until_it_forgets():
     assert reconstructor(plain).photons == FRAME.photons
     reconstructor.forget()
     same(reconstructor(plain), sketch.reconstruct(device="cpu"))
-    reconstructor.forget()
-    reconstructor.set_false_alarm_rate(0.3)
-    same(reconstructor(plain), sketch.reconstruct(device="cpu", false_alarm_rate=0.3))
     by_photons = srt3d_ros.Reconstructor(SENSOR, method="xcorr")
     same(by_photons(FRAME), PHOTONS.reconstruct(method="xcorr"))
     by_photons.forget()

@@ -135,15 +135,6 @@ class SketchStream:
         """Whether ended frames wait for reports of motion."""
         return bool(self._waiting)
 
-    @property
-    def wait_s(self) -> float | None:
-        """Seconds until the next `poll` is due if nothing is pushed; None while nothing waits."""
-        if self._waiting:
-            return MOTION_S
-        if self._framing.open.packets and self.options.frame_period_ns:
-            return self._framing.silence_ns * 1e-9
-        return None
-
     def reset(self) -> list[PhaseSums]:
         """Drop the open frame as `incomplete` and begin a new window; returns the sketches of ended frames."""
         sketches = self._deskewed(at_once=True)

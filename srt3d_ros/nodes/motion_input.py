@@ -3,7 +3,8 @@
 from collections import deque
 from collections.abc import Callable
 
-from srt3d_ros.core.motion.track import MotionReport
+from srt3d_ros.core.motion.track import MotionReport, SensorMotion
+from srt3d_ros.core.motion.trajectory import Pose, Trajectory
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import odometry
 from srt3d_ros.nodes.common import topics
@@ -34,14 +35,16 @@ class MotionInput:
 
     Attributes:
         topic: the resolved name.
+        track: of the sensor, by `over`.
     """
 
     def __init__(self, node: ManagedNode, on_report: Callable[[], None], kind: str = topics.ODOM.name):
         self._node, self._on_report = node, on_report
         topic, self._read_report = SOURCES[kind]
         self.topic = node.resolve_topic_name(topic.name)
+        self.track, self._mount = SensorMotion(), ""
         self._reports = deque[tuple[bytes, int]](maxlen=INBOX)
-        node.endpoints.subscribe(topic, self._queue, QUEUE_DEPTH, raw=True)
+        node.endpoints.subscribe(topic, self._queue, QUEUE_DEPTH)
         node.diagnostics.count(motion_refused=0, motion_restarts=0)
 
     def read_into(self, add: Callable[[MotionReport], str]) -> None:
@@ -55,6 +58,13 @@ class MotionInput:
                 self._node.diagnostics.show(motion_latency_ms=f"{(received_ns - report.stamp_ns) / 1e6:.0f}")
             except InvalidInput as problem:
                 self._report_problem("motion_refused", str(problem))
+
+    def over(self, mount: str, first_ns: int, last_ns: int, late: bool) -> tuple[Trajectory | None, str]:
+        """`SensorMotion.over`, with the reports so far, of a sensor at the pose `mount` on the body."""
+        if mount != self._mount:
+            self._mount, self.track = mount, SensorMotion(Pose.from_text(mount))
+        self.read_into(self.track.add)
+        return self.track.over(first_ns, last_ns, late)
 
     def judge(self, problem: str, solved: str) -> None:
         """Warn in /diagnostics while motion has a `problem`; log when that begins, and `solved` when it ends."""

@@ -84,8 +84,6 @@ def test_two_frames_compile_each_step_once_as_one_graph_that_needs_nothing_of_th
         "pooled": {"_search_flat", "_pool_down", "_search_across", "_take_planes", "_round", "_step", "finalise",
                    "collect"},
         "srt3d": {"match", "pixelwise", "_joined", "_projected", "_moved"}}[method]
-    if method == "pooled":
-        reconstructor.set_false_alarm_rate(1e-2)
     assert len(reconstructor(SKETCHES[1])) != len(first)
     assert {name: len(each) for name, each in graphs.items()} == compiled
     for graph in sum(graphs.values(), []):

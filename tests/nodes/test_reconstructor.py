@@ -45,7 +45,7 @@ class Reconstructor:
         self.describe(sensor)
 
     def describe(self, sensor: SensorModel) -> None:
-        self._description.publish(sensor_message.encode(sensor))
+        self._description.publish(sensor_message.encode_cdr(sensor))
         self.graph.matched(self._sketches)
         self.graph.wait(lambda: [self.graph.report("reconstructor").get(key) for key in ("rows", "num_bins")]
                         == [str(sensor.rows), str(sensor.num_bins)], "the description")
@@ -98,9 +98,9 @@ def lies_at(points: dict, sensor: SensorModel, depth: float) -> bool:
 def test_a_cloud_keeps_stamp_and_frame_and_bad_sketches_are_survived(reconstructor, sensor, sketch):
     reconstructor.begin(sensor, sketch)
     raw = sketch_message.encode_cdr(sketch, "spad")
-    whole = cdr.read_cloud(raw)
+    whole = cdr.CloudMessage.read(raw)
     small = dataclasses.replace(whole, height=8, data=whole.data[:8 * whole.row_step])
-    reconstructor.send(raw[:200], cdr.write_cloud(small))
+    reconstructor.send(raw[:200], small.write())
     (header, points), = reconstructor(sketch)
     assert (header.stamp_ns, header.frame_id) == (STAMP_NS, "spad")
     assert len(points["xyz"]) > 0.9 * sensor.pixels and lies_at(points, sensor, 50)
@@ -162,7 +162,7 @@ def test_points_and_images_agree_on_what_is_within_the_limits(reconstructor, sen
     reconstructor.totals(points_out_of_range=before + int(seen.sum()) - len(near["xyz"]))
     assert reconstructor.graph.set("reconstructor", organised=True) == ""
     organised, _ = reconstructor.frame(sketch)
-    message = cdr.read_cloud(reconstructor.clouds[-1])
+    message = cdr.CloudMessage.read(reconstructor.clouds[-1])
     assert (message.height, message.width, message.is_dense) == (16, 12, False)
     assert organised.keys() == near.keys() and all(np.array_equal(organised[name], near[name]) for name in near)
 

@@ -12,12 +12,11 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
 from srt3d_ros.core.motion.trajectory import Pose
-from srt3d_ros.datasets.simulation.motion_profiles import Measured
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import free_message, images_message, points_message, sensor_message
+from srt3d_ros.messages import images_message, points_message, sensor_message
+from srt3d_ros.messages.odometry import encode_odometry
 from srt3d_ros.messages.packing import encode_cloud
 from srt3d_ros.nodes.recorder import checked_images, checked_path
-from srt3d_ros.nodes.sources import odometry
 from srt3d_ros.recording.reader import RecordingReader
 
 
@@ -49,7 +48,7 @@ class Speaker:
         self.recorder = graph.start("recorder", code=code, path=path).ready()
 
     def describe(self, sensor) -> None:
-        self.say(sensor_message.encode(sensor).data)
+        self.say(sensor_message.to_json(sensor))
 
     def say(self, description: str) -> None:
         self._described.publish(String(data=description))
@@ -138,7 +137,7 @@ def test_empty_rays_are_recorded_in_the_frames_of_their_clouds(speaker, sensor, 
     free = graph.matched(graph.publisher(PointCloud2, "free"))
     far[:2] = 7
     stamps = speaker.record(2)
-    free.publish(free_message.encode_cdr(far, sensor, stamps[1], "spad"))
+    free.publish(points_message.encode_ends_cdr(far, sensor, stamps[1], "spad"))
     graph.reports("recorder", "frames_out", graph.total("recorder", "frames_out") + 1)
     assert graph.change("recorder", "deactivate")
     (stamp_ns, frame, ends), = RecordingReader(tmp_path / "a.rrd").empty_rays()
@@ -238,7 +237,7 @@ def test_with_odometry_each_cloud_has_the_sensors_pose_and_without_it_the_record
 
     def report(stamp_ns: int, frame_id: str = "odom", x_m: float = 0.0) -> None:
         pose = body(stamp_ns)
-        message = odometry(Measured(0, Pose(pose.rotation, pose.translation + (x_m, 0, 0)), np.ones(3), np.ones(3)))
+        message = encode_odometry(Pose(pose.rotation, pose.translation + (x_m, 0, 0)))
         message.header.stamp, message.header.frame_id = Time(nanoseconds=stamp_ns).to_msg(), frame_id
         reports.publish(message)
 

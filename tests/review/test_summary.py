@@ -13,6 +13,7 @@ from srt3d_ros.errors import InvalidInput
 from srt3d_ros.recording.writer import RecordingWriter
 from srt3d_ros.review import gallery
 from srt3d_ros.review.from_above import draw_way
+from srt3d_ros.review.plots import extremes
 from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.report import write_report
 from srt3d_ros.review.summary import format_summary, summarise
@@ -51,6 +52,14 @@ def test_of_many_gaps_the_longest_is_named(tmp_path, ball):
     summary = summarise(recorded)
     assert summary["gaps"] == 30 and summary["missing_frames"] == len(missing) and recorded.gaps[1] < 60
     assert "the longest 0.4 s, at 8.9 s, after frame " in format_summary(summary)
+
+
+def test_long_lines_keep_their_extremes_and_leave_out_what_is_not_finite():
+    values = np.zeros(10_000)
+    values[[77, 5000]] = np.nan, 9
+    shown = extremes(values)
+    assert 5000 in shown and 77 not in shown and len(shown) <= 1200 and (np.diff(shown) >= 0).all()
+    assert extremes(values[70:80]).tolist() == [0, 1, 2, 3, 4, 5, 6, 8, 9]
 
 
 def test_a_recording_without_a_sensor_or_clouds_is_one_line(tmp_path, ball):

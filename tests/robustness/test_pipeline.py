@@ -30,7 +30,7 @@ class Pipeline:
             self.start(name)
         self._description, self._photons = graph.latched("sensor"), graph.publisher(PointCloud2, "photons")
         self._clouds = graph.collect(PointCloud2, "points", raw=True)
-        self._description.publish(sensor_message.encode(sensor))
+        self._description.publish(sensor_message.encode_cdr(sensor))
 
     def start(self, name: str) -> None:
         parameters = {"path": self.folder / "a.rrd"} if name == "recorder" else {}

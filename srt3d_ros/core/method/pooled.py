@@ -52,7 +52,7 @@ class Pooled:
         self._matcher = Matcher(sensor, frequencies)
         self._background = Background(self._matcher, background)
         self._frames = Frames(self._matcher, device, surfaces)
-        self.set_false_alarm_rate(false_alarm_rate)
+        self._scores = Scores.of(false_alarm_rate, max(self._matcher.frequencies), self._matcher.used.size)
         self.forget()
 
     def forget(self) -> None:
@@ -62,10 +62,6 @@ class Pooled:
         self._plain: tuple[PhaseSums, PointCloud] | None = None
         if self._window is not None:
             self._window.forget()
-
-    def set_false_alarm_rate(self, false_alarm_rate: float) -> None:
-        """Use this false alarm rate from the next frame on."""
-        self._scores = Scores.of(false_alarm_rate, max(self._matcher.frequencies), self._matcher.used.size)
 
     @property
     def misplaced_share(self) -> float:

@@ -98,7 +98,7 @@ class Framing:
 
     @property
     def silence_ns(self) -> int:
-        """After so long without a packet the open frame is complete; may be called from any thread."""
+        """After so long without a packet the open frame is complete."""
         usual_ns = self._usual_step_ns()
         return max(SILENCE_NS, self.period_ns if usual_ns is None else USUAL_STEPS * usual_ns)
 
@@ -144,5 +144,5 @@ class Framing:
 
     def _usual_step_ns(self) -> int | None:
         """The second longest of the newest steps; None while there are not two."""
-        longest = nlargest(2, tuple(self._steps_ns))
+        longest = nlargest(2, self._steps_ns)
         return longest[1] if len(longest) == 2 else None

@@ -125,7 +125,7 @@ def _decoded(kind: str, raw: bytes, descriptions: dict[str, bytes], options: Opt
     if not descriptions:
         return _with_given_sensor(kind, raw, options, name, notes)
     if kind == "sketch":
-        digest = sketch_message.description_of(cdr.read_cloud(raw))
+        digest = sketch_message.description_of(cdr.CloudMessage.read(raw))
         require(digest in descriptions, "sketch/sensor",
                 problem=f"Frame {name.rpartition('_')[2]} needs the description sensor_{digest}, which is missing.")
         sums = sketch_message.decode_cdr(raw, sensor_message.decode_cdr(descriptions[digest]))[1]
@@ -142,7 +142,7 @@ def _decoded(kind: str, raw: bytes, descriptions: dict[str, bytes], options: Opt
 
 def _with_given_sensor(kind: str, raw: bytes, options: Options, name: str, notes: tuple[str, ...]) -> Reading:
     """The photons or sketch in a message of this kind, of the sensor that the options describe."""
-    sensor, _ = sensor_of(options)
+    sensor, *_ = sensor_of(options)
     if kind == "sketch":
         require("irf" in options.known, "irf", problem="Give irf, or sensor: sketches do not show it.")
         return Reading(sensor, sketch_message.decode_cdr(raw, sensor)[1], None, name, notes)
@@ -156,12 +156,12 @@ def _content(bag: Bag, topic: BagTopic) -> str:
     raw = next((raw for _, raw in bag.messages((topic,))), b"")    # the stated number of messages may be wrong
     with suppress(InvalidInput):
         if topic.type == CLOUD_TYPE:
-            cloud = cdr.read_cloud(raw)
+            cloud = cdr.CloudMessage.read(raw)
             if PHOTON_FIELDS <= {field.name for field in cloud.fields}:
                 return "photons"
             return "sketch" if sketch_message.is_sketch(cloud) else ""
         if topic.type == IMAGE_TYPE:
-            encoding = cdr.read_image(raw).encoding
+            encoding = cdr.Image.read(raw).encoding
             if encoding == GATES_ENCODING:
                 return "gates"
             bins = HISTOGRAMS_ENCODING.fullmatch(encoding)

@@ -59,12 +59,6 @@ class Worker:
         """Run function(*args) after the jobs in the queue."""
         self._put(_Job(function, args, frames=0))
 
-    def call_after(self, delay_s: float, function: Callable) -> None:
-        """Run function() after a delay."""
-        timer = threading.Timer(delay_s, self.call, (function,))
-        timer.daemon = True
-        timer.start()
-
     def offer(self, function: Callable, *args: object) -> None:
         """Run function(*args) for a frame, unless the frame is dropped first."""
         self._put(_Job(function, args, frames=1))
