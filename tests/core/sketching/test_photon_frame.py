@@ -45,7 +45,7 @@ def gates(word: int, shape=(1, 3, 4)) -> PhotonGates:
     (lambda: PhotonGates(np.ones((1, 2, 3), np.uint16)).to_events(SensorModel(
         2, 3, 65_535, 1e-10, [1.0], gates=GateWords(3, 0))), "gates word is 1: expected 3 to 65535, or 0 for no"),
     (lambda: histograms(np.zeros((3, 4, 99))), r"histograms shape is \(3, 4, 99\): expected .*\(3, 4, 100\)"),
-    *((lambda count=count, dtype=dtype: histograms(np.full((3, 4, 100), count), dtype), f"histograms count is {count}: ")
+    *((lambda count=count, dtype=dtype: histograms(np.full((3, 4, 100), count), dtype), f"histograms count is {count}")
       for count, dtype in ((np.nan, np.float32), (1e9, np.float32), (-10**9, np.int32), (2**31 - 1, np.int32))),
     *((lambda count=count: histograms(np.full((3, 4, 100), count), np.float32).to_events(SENSOR), ".*negative or frac")
       for count in (-1, 0.5))])
