@@ -41,8 +41,8 @@ def main(library: str, path: str, most: str, *names: str) -> None:
         error = "MemoryError", ""
     except Exception as raised:
         error = type(raised).__name__, str(raised)
-    np.savez(sys.stdout.buffer, said=(*error, listing(listed[:MOST_LISTED])),
-             **{ARRAY + name: array for name, array in arrays.items()})
+    saved: dict[str, Any] = {ARRAY + name: array for name, array in arrays.items()}
+    np.savez(sys.stdout.buffer, said=(*error, listing(listed[:MOST_LISTED])), **saved)
 
 
 def listing(entries: list[tuple[str, tuple, str]]) -> str:
@@ -96,7 +96,7 @@ def hdf5(path: str, names: tuple[str, ...]) -> Found:
     import h5py
 
     with suppress(ImportError):
-        import hdf5plugin  # noqa: F401     registers filters
+        importlib.import_module("hdf5plugin")       # registers filters
     with h5py.File(path) as file:
         nodes, arrays, listed, numeric = {}, {}, [], {}
 
