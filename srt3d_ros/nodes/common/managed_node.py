@@ -269,7 +269,7 @@ class ManagedNode(PatchedLifecycleNode):
 
     def unsubscribe(self) -> None:
         """Destroy the subscriptions, and expect no more frames."""
-        self.diagnostics.expect_nothing()
+        self.diagnostics.topics = ()
         self.endpoints.unsubscribe()
 
     def close(self) -> None:
