@@ -9,7 +9,7 @@ from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
 from srt3d_ros.kernels.devices import kernels_for
 
 ANY_SENSOR = SensorModel(rows=1, cols=2, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0])
-LONGEST = ("search._search", "birth_death._round", "pooled_step._pooled_step",
+LONGEST = ("search._search_row", "birth_death._decide", "pooled_step._step",
            "move_sketch._find_targets")    # begun first, they end with the rest
 PROCESS_BYTES = 2**29       # memory of a process that compiles
 
