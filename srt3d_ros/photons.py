@@ -15,7 +15,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import SketchOptions, design_sketch
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.gate import OFF
-from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonHistograms
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
 from srt3d_ros.datasets import arrays, photon_file
 from srt3d_ros.datasets.options import SensorOptions, gathered
 from srt3d_ros.datasets.reading import IN_MEMORY, Reading, Said
@@ -79,13 +79,6 @@ class Photons(Reading):
         """
         said = Said(stamp_ns=stamp_ns)
         return cls._in_memory(arrays.from_counts(counts, gathered(options, sensor), said, in_file=False))
-
-    @classmethod
-    @written_out()
-    def from_frame(cls, frame: PhotonFrame, *, sensor: SensorModel | None = None, **options: Unpack[SensorOptions]
-                   ) -> Self:
-        """Photons from a frame of srt3d_ros.core.sketching.photon_frame; sensor and options as for `from_events`."""
-        return cls._in_memory(arrays.from_frame(frame, gathered(options, sensor), Said()))
 
     @classmethod
     def _in_memory(cls, reading: Reading) -> Self:

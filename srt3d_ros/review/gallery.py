@@ -8,7 +8,7 @@ from PIL import Image
 
 from srt3d_ros.pictures.annotations import annotated
 from srt3d_ros.pictures.cloud_renderer import CloudStyle
-from srt3d_ros.pictures.colours import BACKGROUND, percentile_range
+from srt3d_ros.pictures.colours import percentile_range
 from srt3d_ros.pictures.figures import data_uri
 from srt3d_ros.pictures.quantities import PHOTONS, RANGE
 from srt3d_ros.pictures.units import length_text
@@ -93,8 +93,6 @@ def _images(recorded: Recorded, frame: int) -> Iterator[Picture]:
         near = recorded.images(path, range(frame - _NEAR, frame + _NEAR + 1))
         if image := min(near, key=lambda image: abs(image[1] - frame), default=None):
             values, quantity = image[2], RANGE if path == entities.DEPTH_PATH else PHOTONS
-            low, high = percentile_range(values) or (0.0, 1.0)
-            colours = quantity.table[quantity.levels(values, (low, high))]
-            colours[~np.isfinite(values)] = BACKGROUND
+            low, high = ends = percentile_range(values) or (0.0, 1.0)
             yield Picture(title, f"{quantity.text(low)} … {quantity.text(high)}",
-                          data_uri(Image.fromarray(colours), "png", optimize=True))
+                          data_uri(Image.fromarray(quantity.image(values, ends)), "png", optimize=True))

@@ -287,16 +287,3 @@ def test_a_bag_without_a_description_takes_the_given_sensor(tmp_path, kind):
     if kind == "photons":
         seen = read(bag, shape=(2, 3), num_bins=50, irf=[1, 2, 1], gate=(5, 49))
         assert seen.notes[:2] == (ASSUMED_WIDTH, ASSUMED_FOV) and seen.events.toa.tolist() == [2, 4]
-
-
-@pytest.mark.parametrize("left", [None, slice(0), slice(200, None)])
-def test_a_broken_bag_is_one_line(bag, left):
-    file = storage_file(bag)
-    content = file.read_bytes()
-    file.unlink()
-    if left:
-        file.write_bytes(content[left])
-    for path in (bag, bag.with_name("no such folder")):
-        with pytest.raises(InvalidInput) as error:
-            read(path, 2)
-        assert path.name in str(error.value) and "\n" not in str(error.value)

@@ -32,8 +32,8 @@ def filled(picture, columns):
 
 def test_near_is_yellow_and_far_is_blue_in_cloud_and_depth_map(drawn):
     picture = drawn("A ball", {"points": 19_871}, with_photons=False)
-    size = 470 / 48                                     # of a pixel in the depth map, whose middle is at (499, 1655)
-    ball_front, wall, hole = picture[499, int(1655 - 8 * size)], picture[499 - int(18 * size), 1655], picture[499, 1655]
+    size = 540 / 48                                     # of a pixel in the depth map, whose middle is at (499, 1690)
+    ball_front, wall, hole = picture[499, int(1690 - 8 * size)], picture[499 - int(18 * size), 1690], picture[499, 1690]
     assert min(ball_front[:2]) > ball_front[2] + 60     # yellow
     assert wall[2] > wall[0] + 30 and hole[2] > hole[0] + 30        # blue; the ball has a hole in its middle
     cloud = picture[200:700, 60:1360].reshape(-1, 3)        # it takes the photons' panel, too

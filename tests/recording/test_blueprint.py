@@ -14,6 +14,7 @@ from srt3d_ros.pictures.viewpoint import LEVEL, look_at
 from srt3d_ros.recording import entities
 from srt3d_ros.recording.reader import RecordingReader
 from srt3d_ros.recording.writer import RecordingWriter
+from tests.recording.conftest import logged
 
 
 def blueprint_columns(path):
@@ -29,14 +30,10 @@ def blueprint_columns(path):
     return found
 
 
-def record(path, cloud, sensor, images=(entities.DEPTH_PATH, *entities.PHOTON_IMAGES)):
-    with RecordingWriter(path, sensor, images=images) as writer:
-        for k in range(3):
-            writer.log_cloud(k * 10**8, k, cloud.xyz, cloud.intensity)
-
-
 def test_film_plays_cloud_images_and_plots_by_frames_at_the_speed_of_the_stamps(tmp_path, ball):
-    record(tmp_path / "a.rrd", *ball, images=(entities.DEPTH_PATH, entities.BACKGROUND_PATH))
+    with RecordingWriter(tmp_path / "a.rrd", ball[1], images=(entities.DEPTH_PATH, entities.BACKGROUND_PATH)) as writer:
+        for k in range(3):
+            writer.log_cloud(k * 10**8, k, ball[0].xyz, ball[0].intensity)
     columns = blueprint_columns(tmp_path / "a.rrd")
     origins = {origin for (origin,) in columns["ViewBlueprint:space_origin"]}
     assert origins == {"/", "/depth", "/background", "/metrics"}         # views of the recorded images only
@@ -52,8 +49,7 @@ def test_empty_rays_start_at_the_sensor_are_few_and_are_hidden_at_first(tmp_path
         writer.log_cloud(0, 0, ball[0].xyz, ball[0].intensity)
         writer.log_free(0, 0, ends)
         writer.log_free(10**8, 1, ends[:0])
-    strips = [value for chunk in RrdReader(tmp_path / "a.rrd").stream() if chunk.entity_path == entities.FREE_PATH
-              for value in chunk.to_record_batch().column("LineStrips3D:strips").to_pylist()]
+    strips = logged(tmp_path / "a.rrd", entities.FREE_PATH, "LineStrips3D:strips")
     assert [len(each) for each in strips] == [286, 0]
     assert np.allclose(strips[0][1], [np.zeros(3), ends[14]])
     assert [False] in blueprint_columns(tmp_path / "a.rrd")["EntityBehavior:visible"]
@@ -82,9 +78,10 @@ def test_the_frustum_begins_at_the_sensor_and_reaches_to_the_cloud(tmp_path, bal
     cloud, sensor = ball
     if scanner:
         sensor = sensor.replace(projection=AngularScan(0.4, -0.02, 0.4, -0.02))
-    record(tmp_path / "a.rrd", cloud, sensor)
-    (batch,) = (chunk.to_record_batch() for chunk in RrdReader(tmp_path / "a.rrd").stream().filter(content="/sensor"))
-    border, *corners = (np.array(strip) for strip in batch.column("LineStrips3D:strips")[0].as_py())
+    with RecordingWriter(tmp_path / "a.rrd", sensor) as writer:
+        writer.log_cloud(0, 0, cloud.xyz, cloud.intensity)
+    (strips,) = logged(tmp_path / "a.rrd", "/sensor", "LineStrips3D:strips")
+    border, *corners = map(np.array, strips)
     assert all((begin == 0).all() for begin, _ in corners)
     reach_m = np.linalg.norm([*border, *(end for _, end in corners)], axis=1)
     assert np.allclose(reach_m, np.percentile(np.linalg.norm(cloud.xyz, axis=1), 99), rtol=1e-5)

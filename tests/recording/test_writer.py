@@ -15,6 +15,7 @@ from srt3d_ros.recording import entities
 from srt3d_ros.recording import writer as writer_module
 from srt3d_ros.recording.reader import RecordingReader
 from srt3d_ros.recording.writer import STAMPS_KEPT, FrameIndex, RecordingFailed, RecordingWriter
+from tests.recording.conftest import logged
 from tools.processes import DEADLINE_S
 
 SENSOR = SensorModel(2, 3, 50, 1e-10, np.ones(3))
@@ -82,20 +83,14 @@ def test_poses_are_kept_and_the_room_stands_where_the_sensor_saw_it(tmp_path, ba
             writer.log_pose(10**8 * (k + 1), k + 1, pose)
             writer.log_room(10**8 * (k + 1), k + 1, pose, cloud.xyz, cloud.intensity)
     reader = RecordingReader(tmp_path / "a.rrd")
-    read = reader.poses()
-    assert list(read) == [1, 2, 3]
-    for pose, kept in zip(poses, read.values()):
-        np.testing.assert_allclose(kept.translation, pose.translation, atol=1e-6)
-        np.testing.assert_allclose(kept.rotation, pose.rotation, atol=1e-6)
+    for pose, (frame, kept) in zip(poses, reader.poses().items(), strict=True):
+        assert poses[frame - 1] is pose
+        wanted = [*pose.translation, *pose.quaternion]
+        np.testing.assert_allclose([*kept.translation, *kept.quaternion], wanted, atol=1e-6)
     assert all(np.array_equal(one.xyz, cloud.xyz) for one in reader.clouds())       # in the sensor's frame
-    batches = [chunk.to_record_batch() for chunk in RrdReader(tmp_path / "a.rrd").stream().filter(content="/room")]
-    rooms = [xyz.as_py() for batch in batches for xyz in batch.column("Points3D:positions")]
-    for pose, room in zip(poses, rooms, strict=True):
+    for pose, room in zip(poses, logged(tmp_path / "a.rrd", "/room", "Points3D:positions"), strict=True):
         np.testing.assert_allclose(room, pose(cloud.xyz), atol=1e-5)
-    batches = [chunk.to_record_batch() for chunk in RrdReader(tmp_path / "a.rrd").stream().filter(content="/points")]
-    frames = [batch.column("CoordinateFrame:frame")[0].as_py() for batch in batches
-              if "CoordinateFrame:frame" in batch.schema.names]
-    assert frames == [["tf#/pose"]]
+    assert logged(tmp_path / "a.rrd", "/points", "CoordinateFrame:frame") == [["tf#/pose"]]
 
 
 def test_images_come_five_times_a_second_of_stamps_at_most():

@@ -12,7 +12,8 @@ from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.recording.writer import RecordingWriter
 from srt3d_ros.review import gallery
-from srt3d_ros.review.from_above import draw_way
+from srt3d_ros.review.from_above import draw_fan, draw_way
+from srt3d_ros.review.plots import extremes
 from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.report import write_report
 from srt3d_ros.review.summary import format_summary, summarise
@@ -51,6 +52,14 @@ def test_of_many_gaps_the_longest_is_named(tmp_path, ball):
     summary = summarise(recorded)
     assert summary["gaps"] == 30 and summary["missing_frames"] == len(missing) and recorded.gaps[1] < 60
     assert "the longest 0.4 s, at 8.9 s, after frame " in format_summary(summary)
+
+
+def test_long_lines_keep_their_extremes_and_leave_out_what_is_not_finite():
+    values = np.zeros(10_000)
+    values[[77, 5000]] = np.nan, 9
+    shown = extremes(values)
+    assert 5000 in shown and 77 not in shown and len(shown) <= 1200 and (np.diff(shown) >= 0).all()
+    assert extremes(values[70:80]).tolist() == [0, 1, 2, 3, 4, 5, 6, 8, 9]
 
 
 def test_a_recording_without_a_sensor_or_clouds_is_one_line(tmp_path, ball):
@@ -106,24 +115,18 @@ def test_the_way_is_drawn_among_the_points_and_a_ceiling_is_not(tmp_path):
     assert below.max() < 60
 
 
-def bluish(recorded, cloud, ends) -> int:
-    """Pixels in which rays are seen."""
-    style = gallery.CloudStyle.of(cloud, recorded.sensor)
-    picture = np.asarray(gallery.draw_fan(recorded, cloud, ends, style, 300, 175)).astype(int)
-    return int(((picture[..., 2] > picture[..., 0] + 12) & (picture[..., 2] < 230)).sum())
-
-
 def test_rays_are_drawn_in_a_picture_of_their_own(tmp_path, ball, recorded, monkeypatch):
     monkeypatch.setattr(gallery, "_LARGE_PX", (300, 175))
     cloud, sensor = ball
     ends = (1.5 * np.abs(cloud.xyz).max() * sensor.rays[::4, ::4].reshape(-1, 3)).astype(np.float32)
     with RecordingWriter(tmp_path / "a.rrd", sensor) as writer:
-        for k in range(3):
-            writer.log_cloud(k * 10**8, k, cloud.xyz, cloud.intensity)
-            writer.log_free(k * 10**8, k, ends)
+        writer.log_cloud(0, 0, cloud.xyz, cloud.intensity)
+        writer.log_free(0, 0, ends)
     fanned = Recorded(tmp_path / "a.rrd")
     for each, expected in ((fanned, True), (recorded, False)):
         write_report(each, summarise(each), tmp_path / "a.html")
         assert ("What is empty" in (tmp_path / "a.html").read_text()) == expected
-    one = next(fanned.clouds())
-    assert bluish(fanned, one, ends) > bluish(fanned, one, 0 * ends) + 2000
+    style, (one,) = gallery.CloudStyle.of(cloud, sensor), fanned.clouds()
+    rays, none = (np.asarray(draw_fan(fanned, one, to, style, 300, 175)).astype(int) for to in (ends, 0 * ends))
+    bluish = [(picture[..., 2] > picture[..., 0] + 12) & (picture[..., 2] < 230) for picture in (rays, none)]
+    assert bluish[0].sum() > bluish[1].sum() + 2000

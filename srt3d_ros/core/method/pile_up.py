@@ -64,10 +64,15 @@ class Seen(NamedTuple):
 
 
 class PileUp:
-    """Corrects pile-up in one sensor's sketches and estimates; keeps nothing from frame to frame."""
+    """Corrects pile-up in one sensor's sketches and estimates; keeps nothing from frame to frame.
+
+    Attributes:
+        first: before the first cloud, all light may be background.
+    """
 
     def __init__(self, matcher: Matcher):
         self._sensor, self._used, self._kernels = matcher.sensor, matcher.used > 0, kernels_for("cpu")
+        self.first = Seen(1.0, np.zeros(matcher.sensor.shape, np.float32))
         dead, omega = matcher.sensor.dead_time, matcher.omega
         self._omega, step = omega, 1 / matcher.sensor.num_bins / (1j * omega)
         self._live = LiveTime(matcher.sensor, FLUXES) if dead.periods else None
@@ -75,11 +80,6 @@ class PileUp:
             step = step * (1 - np.exp(1j * omega * dead.rest))          # the background is back
         pulses = self._live.pulses if self._live else recorded_pulses(FLUXES, matcher.sensor.mean_irf)
         self._shifts, self._step_shifts = (_shifts(matcher, pulses, 1 + height * step) for height in (0, 1))
-
-    @property
-    def nothing_seen(self) -> Seen:
-        """Before the first cloud: all light may be background."""
-        return Seen(1.0, np.zeros(self._sensor.shape, np.float32))
 
     def without_decay(self, sketch: PhaseSums, seen: Seen) -> PhaseSums:
         """The sketch without the decay of its background: minus n_b β̂(b), with each pixel's own b; and turned.

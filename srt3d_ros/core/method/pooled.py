@@ -88,7 +88,7 @@ class Pooled:
 
     def _cloud(self, sketch: PhaseSums) -> PointCloud:
         """The cloud of a frame; the next one starts from its background and its pile-up."""
-        piled_up = self._piled_up or self._pile_up.nothing_seen if sketch.cycles else None
+        piled_up = self._piled_up or self._pile_up.first if sketch.cycles else None
         plain = sketch if piled_up is None else self._pile_up.without_decay(sketch, piled_up)
         cloud, self._learned = (self._first(self._frames, plain) if self._last is None
                                 else self._next(self._frames, plain, self._learned))

@@ -35,10 +35,6 @@ class GateWords:
     def __post_init__(self) -> None:
         numbers(self, "gates.")
 
-    def last_word(self, num_bins: int) -> int:
-        """The word of the last of `num_bins` bins; words end at 65535."""
-        return min(self.first_word + num_bins, 65_536) - 1
-
 
 @documented
 @dataclass(frozen=True, eq=False, repr=False)

@@ -83,7 +83,8 @@ class PhotonGates:
         """Raise InvalidInput unless the gates have the sensor's pixels, and words that are bins or `no_detection`."""
         require(self.words.shape[1:] == sensor.shape, "gates shape", self.words.shape,
                 f"[cycles, rows, cols] with {sensor.shape}")
-        form, last = sensor.gate_words, sensor.gate_words.last_word(sensor.num_bins)
+        form = sensor.gate_words
+        last = min(form.first_word + sensor.num_bins, 65_536) - 1
         outside = (self.words < form.first_word) | (self.words > last)
         stray = self.words[outside & (self.words != form.no_detection)]
         require(len(stray) == 0, "gates word", int(stray.max(initial=0)),
@@ -152,11 +153,11 @@ class PhotonHistograms:
 
     def on_axis(self, sensor: SensorModel) -> np.ndarray:
         """The counts in the sensor's T bins, each in the bin that holds its middle; [rows, cols, T]."""
-        bins, pixels = sensor.histograms, sensor.pixels
+        bins = sensor.histograms
         if bins is None:
             return self.counts
         counts = self._of_the_scene(sensor)
-        out = np.zeros((pixels, sensor.num_bins), np.float32)
+        out = np.zeros((sensor.pixels, sensor.num_bins), np.float32)
         np.add.at(out.T, np.minimum(bins.centers().astype(np.int64), sensor.num_bins - 1), counts.T)
         return out.reshape(*sensor.shape, -1)
 
