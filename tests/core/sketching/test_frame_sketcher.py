@@ -168,13 +168,6 @@ def test_what_cannot_be_used_is_refused(call, said):
         call()
 
 
-@pytest.mark.parametrize(("num_bins", "most"), [(2, 1), (100, 49), (101, 50)])
-def test_the_highest_frequency_has_more_than_two_bins_a_turn(num_bins, most):
-    assert check_frequencies([most], num_bins) == (most,)
-    with pytest.raises(InvalidInput, match=f"from 1 to {most} "):
-        check_frequencies([most + 1], num_bins)
-
-
 def test_z_is_the_mean_and_sketches_add_with_their_cycles_and_the_earliest_stamp():
     sketch = PhaseSums((1, 2), np.array([[[4, 2j], [1, 1j], [0, 0]]], np.complex64), np.array([[4, 1, 0]], np.uint32),
                     sensor=small(1, 3))
