@@ -114,8 +114,9 @@ def _of_words(content: Content) -> Content:
         require(sum(map(len, toas)) <= MAX_EVENTS, "photons", f"more than {MAX_EVENTS}", "fewer: leave frames out")
     pixel, toa = np.concatenate(pixels), np.concatenate(toas)
     by_pixel, share = np.argsort(pixel, kind="stable"), len(toa) / words.size       # sketched several times faster
-    notes = (f"{share:.0%} of the words are photons: if a frame is one laser cycle, give cycles={frames} (--cycles) to "
-             "correct pile-up",) * (share > MUCH_PILE_UP and not options.known.get("cycles"))
+    note = (f"{share:.0%} of the words are photons: if a frame is one laser cycle, give cycles={frames} (--cycles) to "
+            "correct pile-up")
+    notes = (note,) if share > MUCH_PILE_UP and not options.known.get("cycles") else ()
     arrays = arrays | {"pixel": pixel[by_pixel], "toa": toa[by_pixel], "rows": rows, "cols": cols}
     return content._replace(arrays=arrays, notes=notes, options=options.without("axes", "no_detection", "first_word"))
 

@@ -102,13 +102,13 @@ def _frames(source: str | Path, numbers: Sequence[int], options: Options, photon
 
 def _of_file(path: Path, frame: int, options: Options) -> Reading:
     """Frame `frame` of a file; InvalidInput if it has fewer."""
-    gate = options.gate if options.reversed else None       # it counts after the reversal
-    whole = options.without("reversed", "gate") if gate else options.without("reversed")
+    later = options.without("reversed", "gate") if options.reversed else options      # a gate counts after that
     with file_errors("photon file", path, "read"):
-        reading = reading_of(path, FILE_READERS[path.suffix.lower()](path, replace(whole, frame=frame)))
+        reading = reading_of(path, FILE_READERS[path.suffix.lower()](path, replace(later, frame=frame, reversed=None)))
     require(frame < reading.frames, "frame", frame, f"0, the only frame of {path.name}")
-    reading = reading.reversed() if options.reversed else reading
-    reading = reading.gated(*gate) if gate else reading
+    if options.reversed:
+        reading = reading.reversed()
+        reading = reading.gated(*options.gate) if options.gate else reading
     return replace(reading, notes=(*reading.notes, *tail_note(reading.sensor)))
 
 
