@@ -267,7 +267,8 @@ class Diagnostics(Counts):
             sent, gone = new["messages_in"] + new["message_lost"], new_drops.total() + new["message_lost"]
             why = f"dropped: {_losses_text(new, new_drops)}, of {sent}{waiting and f'; {waiting}'}"
             return ERROR if gone > MOST_DROPPED * sent else WARN, why
-        warning = waiting or "; ".join(self._degraded.values()) or self._warning or self._latencies.untimely(new["frames_out"])
+        degraded, untimely = "; ".join(self._degraded.values()), self._latencies.untimely(new["frames_out"])
+        warning = waiting or degraded or self._warning or untimely
         return (WARN, warning) if warning else (OK, "")
 
 
