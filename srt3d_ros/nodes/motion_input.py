@@ -19,10 +19,10 @@ INBOX = 10_000              # reports queued for a busy worker: 10 s of a fast I
 def motion_parameters(about: str) -> tuple[Parameter, Parameter]:
     """`motion` and `extrinsics`; `about` says what a node does with the motion."""
     return (
-        Parameter("motion", "off", f"Source of the sensor's motion. {about}", choices=("off", *SOURCES), loose=True),
+        Parameter("motion", "off", f"Source of the sensor's motion. {about}", choices=("off", *SOURCES)),
         Parameter("extrinsics", "", "Pose of the sensor in an Odometry's child_frame_id or an Imu's frame, with "
                   "motion. If empty, the sensor is assumed to coincide with that frame.",
-                  form="x y z qx qy qz qw in metres, or nothing", loose=True),
+                  form="x y z qx qy qz qw in metres, or nothing"),
     )
 
 

@@ -45,7 +45,7 @@ PARAMETERS = (
     Parameter("seed", 0, "Simulator: the same seed gives the same photons.", low=0, high=10**9),
     Parameter("motion", "off", "Simulator: walk moves the sensor through a furnished room as a walking person would. "
               f"A frame then has {PACKETS} packets, and `odom` gives the pose of the body.",
-              choices=("off", *MOTIONS), loose=True),
+              choices=("off", *MOTIONS)),
     Parameter("wait_for", "", "Nodes in the order in which frames pass them, such as sketcher reconstructor recorder: "
               f"begin when all are ready, within {READY_S:.0f} s; after `frames`, wait until they have finished; if "
               f"frames were lost, log how many and exit with {FRAMES_LOST}. If empty: begin when `photons` has a "

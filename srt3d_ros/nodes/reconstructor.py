@@ -232,16 +232,16 @@ class ReconstructorNode(ManagedNode):
 
     def _publish_images(self, cloud: PointCloud, sensor: SensorModel, frame_id: str, free_m: np.ndarray | None
                         ) -> None:
-        def depth() -> np.ndarray:
-            image = cloud.depth_image()
-            if free_m is not None:
-                image[free_m >= self._free.end_m(self._settings["max_range_m"])] = np.inf
-            return image
-        draw = {"depth": depth, "intensity": partial(cloud.image, "intensity"),
-                "background": lambda: cloud.background}
         for name, publisher in self._images.items():
-            if publisher.get_subscription_count():
-                self.publish(publisher, images_message.encode_cdr(draw[name](), cloud.stamp_ns, frame_id))
+            if not publisher.get_subscription_count():
+                continue
+            if name == "depth":
+                image = cloud.depth_image()
+                if free_m is not None:
+                    image[free_m >= self._free.end_m(self._settings["max_range_m"])] = np.inf
+            else:
+                image = cloud.image(name) if name == "intensity" else cloud.background
+            self.publish(publisher, images_message.encode_cdr(image, cloud.stamp_ns, frame_id))
         if self._camera_info.get_subscription_count():
             info = images_message.camera_info(sensor, cloud.stamp_ns, frame_id)
             if info is not None:        # None for a scanner, which is no camera

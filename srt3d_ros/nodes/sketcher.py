@@ -36,15 +36,15 @@ PARAMETERS = (
               "and an error in the log and in /diagnostics names the first key that differs.",
               form="a path"),
     Parameter.of(OPTIONS["sketch_size"]),
-    Parameter.of(OPTIONS["frequencies"], loose=True),
+    Parameter.of(OPTIONS["frequencies"]),
     Parameter("gate", OFF, "First and last depth bin to keep. Photons in other bins are dropped "
               "(`photons_dropped.gate`), and T becomes the gate's length: less background and finer depths at a low "
               "SBR. `srt3d info FILE` proposes one. The spread of the pixels' delays widens it.",
-              form="off, or first and last bin such as 100-400", live=True, loose=True),
+              form="off, or first and last bin such as 100-400", live=True),
     Parameter("mask", "auto", "auto: leave out hot pixels, as the first second of photons shows them, unless the "
               "description has a mask. /diagnostics counts them (`hot_pixels`). A lamp of up to 2 × 2 pixels "
               "looks the same: look again by `deactivate` and `activate`, or measure a mask.",
-              choices=("auto", OFF), live=True, loose=True),
+              choices=("auto", OFF), live=True),
     Parameter("packets_per_frame", 1, "Messages per frame. With frame_period_s, 1 means any number.",
               low=1, high=100_000, live=True),
     Parameter("frame_period_s", 0.0, "Define frames by stamp: a frame contains the stamps of one period. It ends "

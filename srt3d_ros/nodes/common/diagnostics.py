@@ -60,6 +60,7 @@ class Diagnostics(Counts):
         degraded: what the node does not do as asked: a warning until it is set to "".
         frame_id: of the sensor, once it is known.
         waiting_for: what the node waits for, if not for a frame.
+        topics: on which the node receives frames.
     """
 
     def __init__(self, node: Node, output: str = "", best_effort: bool = False):
@@ -69,7 +70,7 @@ class Diagnostics(Counts):
         self._node, self._log, self.output, self._best_effort = node, node.get_logger(), output, best_effort
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
-        self._topics: tuple[str, ...] = ()  # on which the node receives frames
+        self.topics: tuple[str, ...] = ()
         self.waiting_for = self._waiting_on = ""       # something else than a frame, and its topic
         self._waiting_since = self._frame_since = self._level_since = time.monotonic()
         self._clock_since: float | None = None          # when the node began to wait for /clock
@@ -90,12 +91,8 @@ class Diagnostics(Counts):
 
     def expect(self, topic: str) -> None:
         """Expect frames on this topic."""
-        self._topics = (*self._topics, topic)
+        self.topics = (*self.topics, topic)
         self._frame_since = time.monotonic()
-
-    def expect_nothing(self) -> None:
-        """Expect no more frames."""
-        self._topics = ()
 
     def wait_for(self, what: str, topic: str = "") -> None:
         """Report that the node waits for `what`, on this topic if one is given; an empty text: for nothing."""
@@ -207,7 +204,7 @@ class Diagnostics(Counts):
             self._node.get_fully_qualified_name().lstrip("/"), level,
             why or f"{rate_in_hz:.1f} messages/s in, {rate_out_hz:.1f} out", now - self._level_since, self.state,
             self._is_ready(), waiting_for, self.readers(),
-            peers.names(peers.publishers(self._node, self._topics)), counts, facts, "/".join(hardware))
+            peers.names(peers.publishers(self._node, self.topics)), counts, facts, "/".join(hardware))
 
     def _latency(self) -> dict[str, str]:
         """Percentiles of the latency of the newest frames; empty before the first."""
@@ -238,7 +235,7 @@ class Diagnostics(Counts):
         if what := self.waiting_for:
             on = self._waiting_on
             return f"{what} on {peers.in_words(self._node, [on])}" if on else what, self._waiting_since
-        expected = self._topics         # the worker may replace it at any time
+        expected = self.topics         # the worker may replace it at any time
         if expected and now - self._frame_since > PATIENCE_S:
             return f"a frame on {peers.in_words(self._node, expected)}", self._frame_since
         return "", now
@@ -248,7 +245,7 @@ class Diagnostics(Counts):
 
         A best-effort reader misses frames until it has discovered the publisher; a reliable one gets them later.
         """
-        connected = not self._best_effort or all(map(self._node.count_publishers, self._topics))
+        connected = not self._best_effort or all(map(self._node.count_publishers, self.topics))
         return self.state == "active" and connected and not (self.waiting_for or self.problem)
 
     def readers(self) -> tuple[str, ...]:

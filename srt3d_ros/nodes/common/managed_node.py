@@ -17,7 +17,7 @@ from srt3d_ros.nodes.common.endpoints import BEST_AVAILABLE, PUBLISH_DEPTH, Endp
 from srt3d_ros.nodes.common.parameters import Parameters, Values
 from srt3d_ros.nodes.common.rclpy_patches import PatchedLifecycleNode
 from srt3d_ros.nodes.common.topics import NodeSpec, Topic
-from srt3d_ros.nodes.common.worker import CATCH_UP_S, NEWEST_ONLY, Dropped, Worker
+from srt3d_ros.nodes.common.worker import NEWEST_ONLY, Dropped, Worker
 from srt3d_ros.processes import children
 
 SUBSCRIBE_DEPTH = PUBLISH_DEPTH
@@ -67,7 +67,7 @@ class ManagedNode(PatchedLifecycleNode):
         self.exit_code = 0
         self.stop_cause = "inactive"
         self.received_ns = 0
-        self.worker = Worker(queue_limit, self.failed, self.diagnostics.drop, CATCH_UP_S)
+        self.worker = Worker(queue_limit, self.failed, self.diagnostics.drop)
         self._publishing = threading.Lock()
         self._problem: Exception | None = None  # why the last transition failed
         self._starting = False                  # True in `start`, and after it has failed
@@ -269,7 +269,7 @@ class ManagedNode(PatchedLifecycleNode):
 
     def unsubscribe(self) -> None:
         """Destroy the subscriptions, and expect no more frames."""
-        self.diagnostics.expect_nothing()
+        self.diagnostics.topics = ()
         self.endpoints.unsubscribe()
 
     def close(self) -> None:

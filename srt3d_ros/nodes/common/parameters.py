@@ -31,7 +31,6 @@ class Parameter:
         form: description of an allowed text.
         live: may be changed while the node runs.
         inactive: may be changed while the node is not active; the node checks it.
-        loose: a text that YAML may read as false (for off) or as a list (for numbers with commas); both are accepted.
     """
 
     name: str
@@ -44,7 +43,6 @@ class Parameter:
     form: str = ""
     live: bool = False
     inactive: bool = False
-    loose: bool = False
 
     @classmethod
     def of(cls, key: Key, **changes: Any) -> "Parameter":
@@ -72,14 +70,15 @@ class Parameter:
         return "live" * self.live or "inactive" * self.inactive
 
     def check(self, value: Any) -> Any:
-        """The value in the parameter's type, or InvalidInput. Numbers are accepted for texts.
+        """The value in the parameter's type, or InvalidInput.
 
-        For a number, an integer or a text is accepted: `ros2 param set` sends 5 as an integer and 1e-4 as a text.
+        YAML reads the text off as false, texts of numbers as numbers or lists of them; all are accepted for texts. For
+        a number, an integer or a text is accepted: `ros2 param set` sends 5 as an integer and 1e-4 as a text.
         """
         kind = type(self.default)
-        if self.loose and value is False:
+        if kind is str and value is False:
             value = "off"
-        elif self.loose and isinstance(value, (array, list, tuple)):
+        elif kind is str and isinstance(value, (array, list, tuple)):
             value = ",".join(map(str, value))
         if (kind is float and type(value) in (int, str)) or (kind is str and type(value) in (int, float)):
             with suppress(ValueError):

@@ -43,7 +43,7 @@ class Worker:
     """
 
     def __init__(self, limit: int, failed: Callable[[Exception, int], None],
-                 dropped: Callable[[str, int], None], catch_up_s: float = 0.0):
+                 dropped: Callable[[str, int], None], catch_up_s: float = CATCH_UP_S):
         self.limit, self._failed, self._dropped, self._catch_up_s = limit, failed, dropped, catch_up_s
         self.messages_per_frame = 1
         self._recovered_from_s = 0.0

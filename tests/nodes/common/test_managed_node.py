@@ -79,7 +79,7 @@ TABLE = (
     Parameter("layout", "float32", "Which type.", choices=("float32", "int16"), live=True),
     Parameter("list", "auto", "Which ones.", form="auto or integers such as 1,2"),
     Parameter("loop", True, "Again and again."),
-    Parameter("range", "off", "From where to where.", form="off or two numbers", live=True, loose=True),
+    Parameter("range", "off", "From where to where.", form="off or two numbers", live=True),
 )
 names = (f"parameters_{k}" for k in itertools.count())
 
@@ -107,7 +107,7 @@ def test_defaults_and_overrides_of_other_types(declare):
 
 
 @pytest.mark.parametrize("value, text", [(False, "off"), ([3, 40], "3,40"), (7, "7")])
-def test_a_loose_text_may_be_what_yaml_makes_of_it_also_live(declare, value, text):
+def test_a_text_may_be_what_yaml_makes_of_it_also_live(declare, value, text):
     assert declare(range=value)[1]["range"] == text
     node, parameters = declare()
     assert node.set_parameters([RosParameter("range", value=value)])[0].successful and parameters["range"] == text
