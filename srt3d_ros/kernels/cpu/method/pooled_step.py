@@ -35,7 +35,22 @@ from srt3d_ros.kernels.cpu.compiling import each, floats1d, floats4d, inline, li
 from srt3d_ros.kernels.cpu.method.frame import Frame, Point, point_at
 from srt3d_ros.kernels.cpu.method.likelihood import evidence
 from srt3d_ros.kernels.cpu.vectors import floats, floor, fma, full, lanes_of, sqrt, where
-from srt3d_ros.kernels.maps import COUNTS, CURVATURE, DEPTH, EXPOSURE, GRADIENT, INTENSITY, SCORE, SQUARES, TERMS, VALUE
+from srt3d_ros.kernels.maps import (
+    COUNTS,
+    CURVATURE,
+    DEPTH,
+    EXPOSURE,
+    GRADIENT,
+    INTENSITY,
+    RESIDUAL,
+    SCORE,
+    SLOPE_COL,
+    SLOPE_ROW,
+    SQUARES,
+    STD,
+    TERMS,
+    VALUE,
+)
 
 EVEN = np.ones(CELL // 2 + 1, np.float32)       # weights in a cell
 TOLERANCE, PRECISION = range(2)                 # of `known`: max_chi2 · std², and 1 / std² (0: no point)
@@ -203,9 +218,11 @@ def _coarsen(i, j, frame: Frame, cell: Window, radius: int64, fine: int64, known
         tolerance, sums, rows = _begin(point, cell.max_chi2)
         sums, rows = _add_grid(sums, rows, point, tolerance, i, j, Grid(CELL // 2, -1, 1), cell, frame.period, state,
                                known, terms)
-        for term, value in enumerate((sums.value, sums.gradient, rows.curvature, sums.squares, sums.photons,
-                                      sums.exposure)):
-            cells[i, k, term, j] = where(point.intensity > 0, value, 0)
+        there = point.intensity > 0
+        cells[i, k, VALUE, j], cells[i, k, GRADIENT, j] = where(there, sums.value, 0), where(there, sums.gradient, 0)
+        cells[i, k, CURVATURE, j] = where(there, rows.curvature, 0)
+        cells[i, k, SQUARES, j], cells[i, k, COUNTS, j] = where(there, sums.squares, 0), where(there, sums.photons, 0)
+        cells[i, k, EXPOSURE, j] = where(there, sums.exposure, 0)
 
 
 def _step(i, j, frame: Frame, window: Window, radius: int64, fine: int64, state: floats4d, known: floats4d,
@@ -220,8 +237,10 @@ def _step(i, j, frame: Frame, window: Window, radius: int64, fine: int64, state:
         sums, rows = _add_grid(sums, rows, point, tolerance, i, j, near, window, frame.period, state, known, terms)
         if radius > fine:
             sums, rows = _add_grid(sums, rows, point, tolerance, i, j, far, window, frame.period, state, known, cells)
-        for field, value in enumerate(_stepped(point, sums, rows, frame)):
-            out[i, k, field, j] = value
+        after = _stepped(point, sums, rows, frame)
+        out[i, k, DEPTH, j], out[i, k, INTENSITY, j] = after.depth, after.intensity
+        out[i, k, SLOPE_COL, j], out[i, k, SLOPE_ROW, j] = after.slope_col, after.slope_row
+        out[i, k, STD, j], out[i, k, SCORE, j], out[i, k, RESIDUAL, j] = after.std, after.score, after.residual
 
 
 _pooled_step = each(_weigh, _coarsen, _step)
