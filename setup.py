@@ -10,11 +10,6 @@ NAME = "srt3d_ros"
 VERSION = re.search(r'__version__ = "(.+)"', (Path(__file__).parent / NAME / "__init__.py").read_text())[1]
 
 
-def under(folder):
-    """(destination in share/, files) of a top-level folder."""
-    return f"share/{NAME}/{folder}", sorted(path for path in glob(f"{folder}/*") if Path(path).is_file())
-
-
 setup(
     version=VERSION,
     license="Apache-2.0",
@@ -25,11 +20,8 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        under("msg_schemas"),
-        under("launch"),
-        under("config"),
-        under("config/sensors"),
-        under("examples"),
+        *((f"share/{NAME}/{folder}", sorted(path for path in glob(f"{folder}/*") if Path(path).is_file()))
+          for folder in ("msg_schemas", "launch", "config", "config/sensors", "examples")),
         # `ros2 run` looks here. Console scripts would be on PATH under names like `player`.
         (f"lib/{NAME}", sorted(glob("scripts/nodes/*"))),
     ],

@@ -4,7 +4,6 @@ Each measurement is printed as a line of JSON that also names the machine. --out
 """
 
 import argparse
-import ast
 import json
 import os
 import platform
@@ -26,15 +25,9 @@ def machine() -> dict:
             "cpus": len(os.sched_getaffinity(0)), "load_1min": round(os.getloadavg()[0], 2)} | versions()
 
 
-def purpose(name: str) -> str:
-    """The first line of a benchmark's docstring; the benchmark is not imported, for it may need torch."""
-    source = Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
-    return ast.get_docstring(ast.parse(source)).splitlines()[0]
-
-
 def main() -> None:
     if sys.argv[1:2] in ([], ["-h"], ["--help"]):
-        print(__doc__, *(f"    {name:<14}{purpose(name)}" for name in NAMES), sep="\n")
+        print(f"{__doc__}\nNAME: {', '.join(NAMES)}")
         return
     name, *rest = sys.argv[1:]
     if name not in NAMES:

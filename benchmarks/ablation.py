@@ -1,6 +1,6 @@
 """Accuracy of `pooled` with each of its constants halved, doubled and off.
 
-    python -m benchmarks ablation                               # everything: an hour on two cores
+    python -m benchmarks ablation                               # everything: two hours on two cores
     python -m benchmarks ablation --constants VOTE,SPREAD --only "head*,room*" --draws 4
 
 Each set of photons is drawn several times: a simulated scene with other seeds, a photon file by keeping each photon
@@ -15,18 +15,17 @@ import ast
 import json
 import os
 import pickle
-import re
-import shutil
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from fnmatch import fnmatch
+from functools import cache, partial
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -45,6 +44,9 @@ from srt3d_ros.evaluation.cases import SCENES as EVALUATED
 from srt3d_ros.evaluation.cases import simulated
 from srt3d_ros.kernels import constants
 
+if TYPE_CHECKING:
+    from benchmarks.motion import Walk
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 SKETCH_SIZE = 10
 # Probability of keeping a photon, and τ in bins. The file of the head has 419 photons per pixel.
@@ -55,10 +57,9 @@ FILES = {"art_real_unif_ppp5_sbr0.1": (0.8, 10), "art_real_unif_ppp5_sbr1": (0.8
 # Scene of `srt3d evaluate`, SBR, photons per pixel, whether there is fog.
 SCENES = {"bust, SBR 1, 1 ppp": ("bust", 1, 1, False), "bust, SBR 0.1, 10 ppp": ("bust", 0.1, 10, False),
           "bust in fog, SBR 1, 10 ppp": ("bust", 1, 10, True), "net, SBR 1, 10 ppp": ("net", 1, 10, False)}
-MOTION, STEEP = "room from a moving sensor, 3 ppp", "steep wall, SBR 0.1, 20 ppp"
 DIM = {"dim disc, SBR 10": 0.2, "dim rods, SBR 10": 1.0}      # signal photons of a pixel with a surface
 WIDE, RETRO = "wall, IRF 10 % too wide, two surfaces", "retro-reflector before a wall, two surfaces"
-MODULES = ("core.matched_frame", "core.method.background", "core.method.thresholds", "core.method.pooled",
+MODULES = ("core.method.matched_frame", "core.method.background", "core.method.thresholds", "core.method.pooled",
            "core.method.pile_up")
 # Not varied, by reason.
 FIXED = {"limits of inputs": ("MAX_SKETCH_SIZE", "MAX_PIXEL_PHOTONS", "MAX_SURFACES", "*_FALSE_ALARM_RATE"),
@@ -100,11 +101,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
-    names = [name for name in (*FILES, *SCENES, MOTION, STEEP, *DIM, WIDE, RETRO) if fits(name, args.only)]
-    variants = [parsed(text) for text in args.set] or list(halved_doubled_off(args.constants))
+    chosen = {name: draw for name, draw in sets(args.data).items() if fits(name, args.only)}
+    variants = [{name: ast.literal_eval(value) for name, value in (pair.split("=") for pair in text.split(";"))}
+                for text in args.set] or list(halved_doubled_off(args.constants))
     with TemporaryDirectory() as folder, ThreadPoolExecutor(args.jobs) as pool:
-        for name in tqdm(names, "drawing photons", unit="set"):
-            (Path(folder) / f"{name}.pickle").write_bytes(pickle.dumps(list(draws(name, args.draws, args.data))))
+        for name, draw in tqdm(chosen.items(), "drawing photons", unit="set"):
+            Path(folder, f"{name}.pickle").write_bytes(pickle.dumps([draw(seed) for seed in range(args.draws)]))
         measured = pool.map(lambda variant: measure_apart(variant, folder), [{}, *variants])
         default = next(measured)
         yield {"variant": "default", **listed(), "sets": {name: np.nanmean(rows, 0).round(3).tolist()
@@ -115,11 +117,6 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
 
 def fits(name: str, patterns: str) -> bool:
     return any(fnmatch(name, pattern) for pattern in patterns.split(","))
-
-
-def parsed(text: str) -> dict:
-    """The constants of a variant from its text on the command line."""
-    return {name: ast.literal_eval(value) for name, value in (pair.split("=") for pair in text.split(";"))}
 
 
 def numbers() -> dict[str, tuple[str, ast.expr]]:
@@ -163,32 +160,49 @@ def half(number):
     return max(1, round(number / 2)) if isinstance(number, int) else number / 2
 
 
-def draws(name: str, number: int, data: Path) -> Iterator[Draw]:
-    """Draw the photons of a set `number` times."""
-    if name in FILES:
-        photons = datasets.read(data / f"{name.partition(',')[0]}.npz")
-        share, tolerance = FILES[name]
-        for seed in range(number):
-            frame = photons.events.part(np.random.default_rng(seed).random(photons.events.photons) < share)
-            yield drawn(photons.sensor, frame, photons.reference_depth_bins, tolerance, False)
-    elif name in SCENES:
-        scene, sbr, ppp, fog = SCENES[name]
-        case, = simulated(scene, [sbr], [ppp])
-        sensor = case.sensor
-        seen = sensor.replace(background_shape=np.exp(-np.arange(sensor.num_bins) / 60) + 0.02) if fog else sensor
-        for seed in range(number):
-            frame, depth = Simulator(EVALUATED[scene][0](sensor), seen, sbr, ppp, seed).frame(0)
-            yield drawn(sensor, frame, depth, case.tolerance_bins)
-    elif name == STEEP:         # by four σ of the IRF per column and by two per row
-        sensor = SensorModel(40, 40, 1000, 1e-10, np.exp(-np.arange(-16, 17)**2 / 32))
-        row, col = np.mgrid[:40, :40]
-        for seed in range(100, 100 + number):
-            scene = StaticScene(sensor.range_m(370.0 + 14.3 * col - 8.2 * row))
-            yield drawn(sensor, *Simulator(scene, sensor, 0.1, 20, seed).frame(0), 12)
-    elif name == MOTION:
-        yield from moving(number)
-    else:
-        yield from (lit(name, seed) for seed in range(number))
+def sets(data: Path) -> dict[str, Callable[[int], Draw]]:
+    """What draws the photons of each set, by seed."""
+    return {**{name: partial(kept, data / f"{name.partition(',')[0]}.npz", *how) for name, how in FILES.items()},
+            **{name: partial(seen, *how) for name, how in SCENES.items()},
+            "room from a moving sensor, 3 ppp": moving, "steep wall, SBR 0.1, 20 ppp": steep,
+            **{name: partial(lit, name) for name in (*DIM, WIDE, RETRO)}}
+
+
+def kept(path: Path, share: float, tolerance: float, seed: int) -> Draw:
+    """A share of the photons of a file."""
+    photons = datasets.read(path)
+    frame = photons.events.part(np.random.default_rng(seed).random(photons.events.photons) < share)
+    return drawn(photons.sensor, frame, photons.reference_depth_bins, tolerance, False)
+
+
+def seen(scene: str, sbr: float, ppp: float, fog: bool, seed: int) -> Draw:
+    """A simulated scene of `srt3d evaluate`."""
+    case, = simulated(scene, [sbr], [ppp])
+    fogged = case.sensor.replace(background_shape=np.exp(-np.arange(case.sensor.num_bins) / 60) + 0.02)
+    simulator = Simulator(EVALUATED[scene][0](case.sensor), fogged if fog else case.sensor, sbr, ppp, seed)
+    return drawn(case.sensor, *simulator.frame(0), case.tolerance_bins)
+
+
+def steep(seed: int) -> Draw:
+    """A wall that rises by four σ of the IRF per column and by two per row."""
+    sensor, (row, col) = SensorModel(40, 40, 1000, 1e-10, np.exp(-np.arange(-16, 17)**2 / 32)), np.mgrid[:40, :40]
+    scene = StaticScene(sensor.range_m(370.0 + 14.3 * col - 8.2 * row))
+    return drawn(sensor, *Simulator(scene, sensor, 0.1, 20, 100 + seed).frame(0), 12)
+
+
+@cache
+def walked() -> "Walk":
+    from benchmarks.motion import Walk  # which imports what must not be imported before constants are set
+
+    return Walk(range(1))
+
+
+def moving(seed: int) -> Draw:
+    """One frame of a walk through the room, deskewed."""
+    walk = walked()
+    sketch = MovingSketcher(walk.sensor, walk.frequencies).finish(
+        walk.frame(0, walk.moving(3, seed=seed)), walk.trajectory)
+    return Draw(sketch, walk.sensor, walk.at_rest(3).expected(0)[0], 10, True)
 
 
 def lit(name: str, seed: int) -> Draw:
@@ -224,46 +238,17 @@ def drawn(sensor: SensorModel, frame: PhotonEvents, depth: np.ndarray, tolerance
     return Draw(sketch, sensor, depth, tolerance, complete)
 
 
-def moving(number: int) -> Iterator[Draw]:
-    """Draws of one frame of a walk through the room, deskewed."""
-    from benchmarks.motion import Walk
-
-    walk = Walk(range(1))
-    sketcher, depth = MovingSketcher(walk.sensor, walk.frequencies), walk.at_rest(3).expected(0)[0]
-    for seed in range(number):
-        sketch = sketcher.finish(walk.frame(0, walk.moving(3, seed=seed)), walk.trajectory)
-        yield Draw(sketch, walk.sensor, depth, 10, True)
-
-
 def measure_apart(variant: dict, folder: str) -> dict[str, np.ndarray]:
     """TD and FD (%) and DAE (bins) of each set, [draws, 3], measured in a process that compiles this variant.
 
     It takes the default's kernels, from where this user keeps them, if no constant of theirs is varied.
     """
-    from srt3d_ros.kernels.cpu.compiling import FOLDER
-
-    names = set(variant)
-    while further := following(names) - names:
-        names |= further
-    with TemporaryDirectory() as cache:
-        shutil.copytree(FOLDER, Path(cache, FOLDER.name))
-        for module in using(names):
-            for file in Path(cache).rglob(f"{module}.*"):
-                file.unlink()
-        environment = {"NUMBA_CACHE_DIR": cache, "NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    with TemporaryDirectory() as empty:
+        compiled = {} if all(name not in vars(constants) for name in variant) else {"NUMBA_CACHE_DIR": empty}
         done = subprocess.run([sys.executable, "-m", "benchmarks.ablation", repr(variant), folder], cwd=REPOSITORY,
-                              env=os.environ | environment, stdout=subprocess.PIPE, check=True)
+                              env=os.environ | compiled | {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+                              stdout=subprocess.PIPE, check=True)
     return {name: np.array(rows) for name, rows in json.loads(done.stdout).items()}
-
-
-def using(names: Iterable[str]) -> set[str]:
-    """The modules of the CPU's kernels that use one of the constants, or what a module that does defines."""
-    texts = {file.stem: file.read_text() for file in Path(constants.__file__).parent.joinpath("cpu").rglob("*.py")}
-    found = {module for module, text in texts.items() if any(re.search(rf"\b{name}\b", text) for name in names)}
-    while further := {module for module, text in texts.items() if module not in found and any(
-            f".{one} import" in text for one in found)}:
-        found |= further
-    return found
 
 
 def measure(variant: dict, folder: str) -> dict[str, list]:

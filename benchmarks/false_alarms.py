@@ -39,26 +39,23 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
+    pixels = args.side**2
     for num_bins, ppp, surfaces, rate in tqdm(list(product(args.periods, args.ppp, args.surfaces, args.rates))):
-        yield measured(num_bins, ppp, surfaces, rate, args.side, args.frames)
-
-
-def measured(num_bins: int, ppp: float, surfaces: int, rate: float, side: int, most: int) -> dict:
-    width_s = PERIODS[num_bins]
-    sensor = SensorModel(side, side, num_bins, width_s, irf.spad(width_s, fwhm_s=300e-12, tail_s=100e-12))
-    frequencies = choose_frequencies("auto", sensor, SKETCH_SIZE)
-    pooled = Pooled(sensor, frequencies, surfaces, rate, background="flat")
-    rng, points, patches, blobs, frames = np.random.default_rng(0), 0, 0, 0, 0
-    while patches < PATCHES and frames < most:
-        pixel = np.repeat(np.arange(side**2, dtype=np.uint32), rng.poisson(ppp, side**2))
-        toa = rng.integers(0, num_bins, len(pixel)).astype(np.uint16)
-        cloud = pooled(sketch_photons(PhotonEvents(pixel, toa), sensor, frequencies))
-        shown = np.isfinite(cloud.image("depth_bins"))
-        patch, number = label(shown, np.ones((3, 3)))
-        sizes = np.bincount(patch.ravel())[1:]
-        points, patches, frames = points + int(shown.sum()), patches + number, frames + 1
-        blobs += int((sizes > BLOB).any())
-    share = points / (frames * side**2)
-    return {"num_bins": num_bins, "ppp": ppp, "surfaces": surfaces, "side": side, "false_alarm_rate": rate,
-            "frames": frames, "patches": patches, "blobs_percent": round(100 * blobs / frames, 2),
-            "share": float(f"{share:.3g}"), "over_rate": round(share / rate, 2)}
+        width_s = PERIODS[num_bins]
+        response = irf.spad(width_s, fwhm_s=300e-12, tail_s=100e-12)
+        sensor = SensorModel(args.side, args.side, num_bins, width_s, response)
+        frequencies = choose_frequencies("auto", sensor, SKETCH_SIZE)
+        pooled = Pooled(sensor, frequencies, surfaces, rate, background="flat")
+        rng, points, patches, blobs, frames = np.random.default_rng(0), 0, 0, 0, 0
+        while patches < PATCHES and frames < args.frames:
+            pixel = np.repeat(np.arange(pixels, dtype=np.uint32), rng.poisson(ppp, pixels))
+            toa = rng.integers(0, num_bins, len(pixel)).astype(np.uint16)
+            cloud = pooled(sketch_photons(PhotonEvents(pixel, toa), sensor, frequencies))
+            shown = np.isfinite(cloud.image("depth_bins"))
+            patch, number = label(shown, np.ones((3, 3)))
+            points, patches, frames = points + int(shown.sum()), patches + number, frames + 1
+            blobs += int((np.bincount(patch.ravel())[1:] > BLOB).any())
+        share = points / (frames * pixels)
+        yield {"num_bins": num_bins, "ppp": ppp, "surfaces": surfaces, "side": args.side, "false_alarm_rate": rate,
+               "frames": frames, "patches": patches, "blobs_percent": round(100 * blobs / frames, 2),
+               "share": float(f"{share:.3g}"), "over_rate": round(share / rate, 2)}

@@ -28,8 +28,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
     """Lines for each SBR and flux: as recorded, corrected, and without pile-up."""
+    row, col = np.mgrid[:SIDE, :SIDE] // 8
+    bright_and_dark = 0.4 + 1.2 * ((row + col) % 2)         # relative light, signal and background
     for sbr, flux, tiles in CASES:
-        cycles, ideal = round(PPP / flux), SENSOR.replace(gain=light(tiles))
+        cycles, ideal = round(PPP / flux), SENSOR.replace(gain=bright_and_dark if tiles else None)
         real = ideal.replace(cycles=cycles)
         ways = {"not corrected": (real, None), "corrected": (real, cycles), "no pile-up": (ideal, None)}
         for way, (seen, known) in ways.items():
@@ -48,12 +50,6 @@ def depth_bins() -> np.ndarray:
     from_middle = (row - 32)**2 + (col - 32)**2
     walls = np.where(col < SIDE // 2, 250.3 + 2 * row, 620.7 + 1.5 * row)
     return np.where(from_middle < 18**2, 430.2 + 0.05 * from_middle, walls)
-
-
-def light(tiles: bool) -> np.ndarray:
-    """Relative light of every pixel, signal and background, [rows, cols]: even, or tiles of 0.4 and 1.6."""
-    row, col = np.mgrid[:SIDE, :SIDE] // 8
-    return 0.4 + 1.2 * ((row + col) % 2) if tiles else np.ones((SIDE, SIDE))
 
 
 def judged(cloud: srt3d_ros.Cloud, signal: np.ndarray) -> dict:

@@ -10,7 +10,7 @@ import argparse
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 
 import numpy as np
 import psutil
@@ -64,22 +64,14 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
 
 def _time_of(nodes: dict[str, Process], arrivals: Callable[[], list], rate_hz: float) -> dict[str, float]:
     """Processor time of the nodes, ms per frame sent, from the first cloud to the player's end."""
-    samples = []
-    while nodes["player"].running:
-        if arrivals():
-            samples.append((time.monotonic(), {name: _cpu_s(node) for name, node in nodes.items()}))
-        time.sleep(SAMPLE_S)
+    samples, processes = [], {name: psutil.Process(node.pid) for name, node in nodes.items()}
+    with suppress(psutil.Error):        # the player has just ended
+        while nodes["player"].running:
+            if arrivals():
+                samples.append((time.monotonic(), {name: sum(one.cpu_times()[:2]) for name, one in processes.items()}))
+            time.sleep(SAMPLE_S)
     if len(samples) < 3:
         return {}
     (begin_s, before), (end_s, after) = samples[0], samples[-2]       # the last one may be of a player that ends
     frames = rate_hz * (end_s - begin_s)
     return {name: round(1e3 * (after[name] - before[name]) / frames, 1) for name in before}
-
-
-def _cpu_s(node: Process) -> float:
-    """User and system time of a process so far."""
-    try:
-        times = psutil.Process(node.pid).cpu_times()
-    except psutil.Error:        # it has just ended
-        return 0.0
-    return times.user + times.system

@@ -116,12 +116,11 @@ def draw(path: Path, lines: Sequence[dict]) -> None:
 
     figure, axes = pyplot.subplots(figsize=(8, 5), layout="constrained")
     for name in (*METHODS, "sketching", "fft"):
-        if of_method := [line for line in lines if line["method"] == name]:
-            axes.loglog([line["ppp"] for line in of_method], [line["median_ms"] for line in of_method], "o-",
-                        label=name, linewidth=3 if name == "pooled" else 1.5)
+        if points := [(line["ppp"], line["median_ms"]) for line in lines if line["method"] == name]:
+            axes.loglog(*zip(*points), "o-", label=name, linewidth=3 if name == "pooled" else 1.5)
     axes.set(xlabel="photons per pixel, with background", ylabel="time of a frame, ms")
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter("{x:g}")
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_major_formatter("{x:g}")
     axes.grid(alpha=0.3)
     figure.legend(loc="outside right center", frameon=False)
     figure.savefig(path, dpi=200)

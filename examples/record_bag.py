@@ -24,37 +24,21 @@ WAITING = 1000      # messages that may wait for the disk
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 
 
-class BagRecorder(Node):
-    """Subscribes to topics as their publishers offer them, and writes what they send."""
+def record(node: Node, writer: Writer, topic: str, publisher: TopicEndpointInfo, messages: dict[str, int]) -> None:
+    """Subscribe to a topic as its publisher offers it, write what it sends, and count that in `messages`."""
+    qos, never = publisher.qos_profile, interfaces.QosTime(0, 0)
+    offered = interfaces.Qos(interfaces.QosHistory.KEEP_LAST, WAITING, interfaces.QosReliability(qos.reliability),
+                             interfaces.QosDurability(qos.durability), never, never,
+                             interfaces.QosLiveliness.AUTOMATIC, never, False)
+    connection = writer.add_connection(topic, publisher.topic_type, typestore=TYPES, offered_qos_profiles=[offered])
 
-    def __init__(self, writer: Writer, topics: list[str]):
-        super().__init__("record_bag", enable_rosout=False)
-        self.writer, self.messages, self.wanted = writer, dict.fromkeys(topics, 0), set(topics)
-        self.last_begun_s = None        # when the last of the topics had its first message
+    def write(message: bytes) -> None:
+        messages[topic] += 1
+        writer.write(connection, time.time_ns(), message)
 
-    def find_publishers(self) -> None:
-        for topic in sorted(self.wanted):
-            for publisher in self.get_publishers_info_by_topic(topic)[:1]:
-                self.wanted.remove(topic)
-                self.record(topic, publisher)
-
-    def record(self, topic: str, publisher: TopicEndpointInfo) -> None:
-        qos, never = publisher.qos_profile, interfaces.QosTime(0, 0)
-        offered = interfaces.Qos(interfaces.QosHistory.KEEP_LAST, WAITING, interfaces.QosReliability(qos.reliability),
-                                 interfaces.QosDurability(qos.durability), never, never,
-                                 interfaces.QosLiveliness.AUTOMATIC, never, False)
-        connection = self.writer.add_connection(topic, publisher.topic_type, typestore=TYPES,
-                                                offered_qos_profiles=[offered])
-
-        def write(message: bytes) -> None:
-            self.messages[topic] += 1
-            self.writer.write(connection, time.time_ns(), message)
-            if self.last_begun_s is None and all(self.messages.values()):
-                self.last_begun_s = time.monotonic()
-
-        package, _, name = publisher.topic_type.split("/")
-        wanted = QoSProfile(depth=WAITING, reliability=qos.reliability, durability=qos.durability)
-        self.create_subscription(getattr(import_module(f"{package}.msg"), name), topic, write, wanted, raw=True)
+    package, _, name = publisher.topic_type.split("/")
+    wanted = QoSProfile(depth=WAITING, reliability=qos.reliability, durability=qos.durability)
+    node.create_subscription(getattr(import_module(f"{package}.msg"), name), topic, write, wanted, raw=True)
 
 
 def main() -> None:
@@ -66,18 +50,24 @@ def main() -> None:
     if os.path.lexists(args.bag):
         parser.error(f"{args.bag} exists: give a new folder")
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node, messages = rclpy.create_node("record_bag", enable_rosout=False), dict.fromkeys(args.topics, 0)
+    wanted, end_s = set(args.topics), float("inf")
     with Writer(args.bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        recorder = BagRecorder(writer, args.topics)
         print(f"waiting for {' '.join(args.topics)}; Ctrl-C ends the bag", flush=True)
         try:
-            while recorder.last_begun_s is None or time.monotonic() < recorder.last_begun_s + args.seconds:
-                recorder.find_publishers()
-                rclpy.spin_once(recorder, timeout_sec=LOOK_S)
+            while time.monotonic() < end_s:
+                for topic in sorted(wanted):
+                    for publisher in node.get_publishers_info_by_topic(topic)[:1]:
+                        wanted.remove(topic)
+                        record(node, writer, topic, publisher, messages)
+                rclpy.spin_once(node, timeout_sec=LOOK_S)
+                if end_s == float("inf") and all(messages.values()):
+                    end_s = time.monotonic() + args.seconds
         except KeyboardInterrupt:
             before = None
-            while before != (before := dict(recorder.messages)):       # write the messages that wait
-                rclpy.spin_once(recorder, timeout_sec=0)
-    print("\n".join(f"{topic}: {number:,} messages" for topic, number in recorder.messages.items()))
+            while before != (before := dict(messages)):       # write the messages that wait
+                rclpy.spin_once(node, timeout_sec=0)
+    print("\n".join(f"{topic}: {number:,} messages" for topic, number in messages.items()))
 
 
 if __name__ == "__main__":

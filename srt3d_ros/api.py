@@ -15,11 +15,11 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.signs_of_life import FreeSpaceStream
 from srt3d_ros.core.sketching.design import SketchOptions
 from srt3d_ros.core.sketching.gate import OFF
-from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
+from srt3d_ros.core.sketching.photon_frame import PhotonFrame
 from srt3d_ros.core.sketching.sums import PhaseSums
-from srt3d_ros.datasets.arrays import with_options
+from srt3d_ros.datasets.arrays import from_frame, with_options
 from srt3d_ros.datasets.options import SensorOptions, gathered
-from srt3d_ros.datasets.reading import IN_MEMORY, Reading
+from srt3d_ros.datasets.reading import IN_MEMORY, Reading, Said
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.photons import Photons
 from srt3d_ros.reconstruction import Reconstructor
@@ -63,8 +63,8 @@ def read(source: Any, frame: int = 0, *, photons_topic: str = "", sensor: Sensor
         source = Reading(source.sensor, source, None, IN_MEMORY, getattr(source, "notes", ()))
     if isinstance(source, Reading):
         return noun_of(with_options(source, gathered(options, sensor)))
-    if isinstance(source, PhotonEvents | PhotonGates | PhotonHistograms):
-        return Photons.from_frame(source, sensor=sensor, **options)
+    if isinstance(source, PhotonFrame):
+        return noun_of(from_frame(source, gathered(options, sensor), Said()))
     paths = isinstance(source, list | tuple) and all(isinstance(one, str | Path) for one in source)
     require((hasattr(source, "__array__") or isinstance(source, list)) and not paths, "source",
             f"{type(source).__name__} of {len(source)} paths" if paths else type(source).__name__,

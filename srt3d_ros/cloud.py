@@ -47,7 +47,7 @@ class Cloud(PointCloud):
         return f'{text}<img alt="" src="{uri}">'
 
     def save(self, path: str | Path) -> None:
-        """Write the cloud by the suffix: .npz (everything), .ply, .pcd, .las, .csv, .tif (the depth image), .html (to
+        """Write the cloud by the suffix: .npz (everything), .ply, .pcd, .csv, .tif (the depth image), .html (to
         turn in any browser); or draw it: .png, .jpg.
 
         Raises:

@@ -13,9 +13,9 @@ from srt3d_ros.core.keys import written_out
 from srt3d_ros.core.methods import DEFAULT_METHOD, MethodOptions, find
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import SketchOptions, design_sketch
-from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
+from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.gate import OFF
-from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonHistograms
+from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonHistograms
 from srt3d_ros.datasets import arrays, photon_file
 from srt3d_ros.datasets.options import SensorOptions, gathered
 from srt3d_ros.datasets.reading import IN_MEMORY, Reading, Said
@@ -81,13 +81,6 @@ class Photons(Reading):
         return cls._in_memory(arrays.from_counts(counts, gathered(options, sensor), said, in_file=False))
 
     @classmethod
-    @written_out()
-    def from_frame(cls, frame: PhotonFrame, *, sensor: SensorModel | None = None, **options: Unpack[SensorOptions]
-                   ) -> Self:
-        """Photons from a frame of srt3d_ros.core.sketching.photon_frame; sensor and options as for `from_events`."""
-        return cls._in_memory(arrays.from_frame(frame, gathered(options, sensor), Said()))
-
-    @classmethod
     def _in_memory(cls, reading: Reading) -> Self:
         return cls(reading.sensor, reading.frame, None, IN_MEMORY, reading.notes)
 
@@ -107,16 +100,14 @@ class Photons(Reading):
         require(sketch_size is None or isinstance(sketch_size, int | np.integer), "sketch_size", quoted(sketch_size),
                 "an integer")
         with compiling():
-            self.frame.check(self.sensor)
             kept, chosen = design_sketch(self.sensor, gate, frequencies, sketch_size, self.frame)
-            sketcher = FrameSketcher(self.sensor, chosen, gate=kept)
-            sketcher.add(self.frame)
-        outside = max(self.photons - sketcher.kept, 0)
+            sketch = sketch_photons(self.frame, self.sensor, chosen, kept)
+        outside = max(self.photons - int(sketch.photons.sum(dtype=np.int64)), 0)
         notes = outside_note(outside, self.photons, kept.first, kept.last) if kept else ()
         numbers, mean = 2 * len(chosen), self.photons / self.sensor.pixels
         if sketch_size is not None and numbers > mean:
             notes += (f"the sketch is longer than its photons: {numbers} numbers a pixel for {mean:.3g} photons",)
-        return as_noun(Sketch, sketcher.end_frame(), notes=self.notes + notes)
+        return as_noun(Sketch, sketch, notes=self.notes + notes)
 
     @written_out(SketchOptions, MethodOptions)
     def reconstruct(self, *, sketch_size: int | None = None, frequencies: str | Sequence[int] | None = None,

@@ -5,17 +5,11 @@ import signal
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 
-import numpy as np
-
-from srt3d_ros.core.motion.moving_sketcher import MovingSketcher
-from srt3d_ros.core.motion.trajectory import Pose, Trajectory
-from srt3d_ros.core.sensor.model import MAX_BINS, GateWords, SensorModel
-from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
-from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates
+from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
 from srt3d_ros.kernels.devices import kernels_for
 
-ANY_SENSOR = SensorModel(rows=1, cols=2, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0], gates=GateWords())
-LONGEST = ("search._search", "birth_death._round", "pooled_step._pooled_step",
+ANY_SENSOR = SensorModel(rows=1, cols=2, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0])
+LONGEST = ("search._search_row", "birth_death._decide", "pooled_step._step",
            "move_sketch._find_targets")    # begun first, they end with the rest
 PROCESS_BYTES = 2**29       # memory of a process that compiles
 
@@ -41,19 +35,3 @@ def everything() -> None:
 
 def _compile(name: str) -> None:
     kernels_for("cpu").KERNELS[name].compile()
-
-
-def sketching() -> None:
-    """Warm up sketching: gates, and events in whole bins."""
-    sketcher = FrameSketcher(ANY_SENSOR, (1,))
-    sketcher.add(PhotonGates(np.zeros((1, 1, 2), np.uint16)))
-    sketcher.add(PhotonEvents(np.array([0, 1], np.uint32), np.zeros(2, np.uint16)))
-    sketcher.end_frame()
-
-
-def deskewing() -> None:
-    """Warm up deskewing: move a frame."""
-    sketcher, trajectory = MovingSketcher(ANY_SENSOR, (1,)), Trajectory()
-    trajectory.add(0, Pose())
-    sketcher.add(PhotonEvents(np.array([0, 1], np.uint32), np.zeros(2, np.uint16)))
-    sketcher.finish(sketcher.end_frame(), trajectory)

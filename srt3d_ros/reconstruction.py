@@ -12,7 +12,7 @@ from srt3d_ros.cloud import Cloud, as_noun
 from srt3d_ros.core.cover_glass import hidden_scene
 from srt3d_ros.core.keys import written_out
 from srt3d_ros.core.method.pile_up import contradiction
-from srt3d_ros.core.methods import DEFAULT_METHOD, OPTIONS, ReconstructorOptions, checked
+from srt3d_ros.core.methods import DEFAULT_METHOD, ReconstructorOptions, find
 from srt3d_ros.core.motion.trajectory import Trajectory
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
@@ -51,7 +51,7 @@ class Reconstructor:
         given: dict[str, Any] = {"method": DEFAULT_METHOD, "surfaces": 1, "device": "auto", **options}
         method, device = given["method"], given["device"]
         self._frequencies = tuple(as_array("frequencies", frequencies, 1, "iuf").tolist())
-        chosen = checked(given)
+        chosen = find(method)
         self._on_photons = chosen.needs == "photons"
         require(bool(self._frequencies) or self._on_photons, "frequencies",
                 problem=f"{method} reads sketches: give their frequencies, sketch.frequencies.")
@@ -118,11 +118,6 @@ class Reconstructor:
     def uneven_background(self) -> float:
         """How uneven the background of the next frame is taken to be (pooled); 0 if flat."""
         return getattr(self._method, "uneven_background", 0.0)
-
-    def set_false_alarm_rate(self, false_alarm_rate: float) -> None:
-        """Use this false alarm rate from the next frame on (pooled)."""
-        self._build.keywords["false_alarm_rate"] = OPTIONS["false_alarm_rate"].check(false_alarm_rate)
-        self._method.set_false_alarm_rate(false_alarm_rate)
 
     def forget(self) -> None:
         """Begin the next frame as if it were the first."""

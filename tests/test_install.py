@@ -129,9 +129,9 @@ def test_the_launch_system_runs_the_pipeline(ros2, tmp_path):
     assert (tmp_path / "run.rrd").stat().st_size > 0
 
 
-def test_a_node_that_fails_ends_what_was_launched(ros2):
-    code, said = ros2("launch", "srt3d_ros", "srt3d.launch.py", "input:=no such file.npz")
-    assert code == 1 and "has failed with exit code 2" in said, said
+def test_a_player_that_ends_ends_what_was_launched(ros2):
+    _, said = ros2("launch", "srt3d_ros", "srt3d.launch.py", "input:=no such file.npz")
+    assert "exit code 2," in said, said
     others = said.count("process has finished cleanly") + said.count("exit code -2,")    # -2: asked while it started
     assert "no such file.npz" in said and others == 2, said
 
@@ -139,9 +139,9 @@ def test_a_node_that_fails_ends_what_was_launched(ros2):
 def test_a_parameter_or_a_file_that_does_not_exist_is_refused(ros2):
     _, said = ros2("launch", "srt3d_ros", "srt3d.launch.py", "config:=nothing")
     assert 'config "nothing": no such parameter file' in said and "process started" not in said, said
-    _, said = ros2("launch", "srt3d_ros", "srt3d.launch.py", "fotons:=/x", "sketcher.sketchsize:=5")
+    _, said = ros2("launch", "srt3d_ros", "srt3d.launch.py", "sketcher.sketchsize:=5")
     assert "sketcher has no parameter sketchsize: did you mean sketch_size?" in said, said
-    assert "no argument fotons: did you mean photons?" in said and "process started" not in said, said
+    assert "process started" not in said, said
 
 
 def test_versions_agree(repository):

@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -35,12 +36,7 @@ WAIT_S = 180.0                              # generous: nodes compile, and the m
 class Link:
     """A context manager, inside which both machines and the cable exist.
 
-    Args:
-        rate_mbit: rate of the cable in each direction, Mbit/s, counted like `wire_bytes`.
-
-    Raises:
-        RuntimeError: `ip` or `tc` failed; the message has its output.
-        OSError: the folder for shared memory cannot be made.
+    `rate_mbit` is the cable's in each direction, Mbit/s, counted like `wire_bytes`. RuntimeError: `ip` or `tc` failed.
     """
 
     def __init__(self, rate_mbit: float = 100):
@@ -49,11 +45,10 @@ class Link:
         self.shared_memory = SHARED_MEMORY / f"{PREFIX}{os.getpid()}"
 
     def __enter__(self) -> "Link":
-        try:
+        with ExitStack() as undo:
+            undo.callback(self.__exit__)
             self._make()
-        except BaseException:
-            self.__exit__()
-            raise
+            undo.pop_all()
         return self
 
     def __exit__(self, *exc) -> None:
@@ -140,10 +135,9 @@ class Machines(dict[str, Process]):
         return self
 
     def __exit__(self, *exc) -> None:
-        for process in self.values():
-            process.send(signal.SIGINT)
-        for process in self.values():
-            process.stop(signal.SIGINT)
+        for end in (Process.send, Process.stop):
+            for process in self.values():
+                end(process, signal.SIGINT)
 
     def start_on(self, machine: str, name: str, profile: str | None = None, **parameters) -> Process:
         """Start a node on a machine, with this Fast DDS profile or the one that it chooses itself."""
@@ -171,14 +165,13 @@ class Machines(dict[str, Process]):
 
 
 class Arrival(NamedTuple):
-    """A message that has arrived: when it was stamped and received."""
+    """When a message was stamped and received."""
 
     stamp_ns: int
     received_ns: int
 
     @property
     def latency_ms(self) -> float:
-        """Time from the stamp of the photons to the arrival."""
         return (self.received_ns - self.stamp_ns) * 1e-6
 
 

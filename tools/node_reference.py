@@ -3,6 +3,8 @@
 import textwrap
 from collections.abc import Iterable
 
+import yaml
+
 from srt3d_ros.nodes.common.parameters import Parameter, Value
 from srt3d_ros.nodes.common.topics import DIAGNOSTICS, FRAMES, MOTION, NodeSpec, Topic
 from tools.schema_tables import table
@@ -59,9 +61,4 @@ def as_yaml(tables: dict[str, Iterable[Parameter]]) -> str:
 
 
 def _yaml_value(value: Value) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        return f'"{value}"'
-    text = repr(value)
-    return text.replace("e", ".0e") if "e" in text and "." not in text else text     # a float in YAML needs a dot
+    return yaml.safe_dump(value, default_style='"' if isinstance(value, str) else None, width=1000).splitlines()[0]

@@ -47,13 +47,8 @@ def nodes_of(pid: int) -> dict[str, psutil.Process]:
 class Process:
     """A running program in a process group of its own: Ctrl-C in the terminal does not reach it.
 
-    Args:
-        command: program and arguments. Python imports srt3d_ros from this source tree.
-        say: called in a thread with each line that the program prints; `lines` then only keeps the last one.
-
-    Attributes:
-        lines: lines of stdout and stderr so far.
-        killed: whether `kill` has ended the program.
+    Python imports srt3d_ros from this source tree. `lines` are those of stdout and stderr so far, or only the last one
+    if `say` is called with each, in a thread; `killed` says whether `kill` has ended the program.
     """
 
     def __init__(self, command: list[str], say: Callable[[str], None] | None = None):

@@ -66,16 +66,11 @@ def _below(room: str, uses: dict[str, set[str]]) -> set[str]:
 
 def _used(room: str) -> Iterator[str]:
     """The rooms that a room imports directly. Imports inside functions count for the commands only."""
-    files = (PACKAGE / room).rglob("*.py") if room != NOUNS else _modules()
-    for file in files:
+    nouns = [file for file in PACKAGE.glob("*.py") if file.stem not in ("__init__", "compat", "errors", "progress")]
+    of_module = dict.fromkeys([file.stem for file in nouns], NOUNS)
+    for file in nouns if room == NOUNS else (PACKAGE / room).rglob("*.py"):
         tree = ast.parse(file.read_text(encoding="utf-8"))
         for node in ast.walk(tree) if room == "cli" else tree.body:
             if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == PACKAGE.name:
                 inside = node.module.split(".")[1:2] or [name.name for name in node.names]
-                nouns = {file.stem for file in _modules()}
-                yield from {NOUNS if name in nouns else name for name in inside} & (ROOMS.keys() - {room})
-
-
-def _modules() -> list[Path]:
-    """The modules of the room NOUNS."""
-    return [file for file in PACKAGE.glob("*.py") if file.stem not in ("__init__", "compat", "errors", "progress")]
+                yield from {of_module.get(name, name) for name in inside} & (ROOMS.keys() - {room})

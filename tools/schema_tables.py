@@ -20,10 +20,8 @@ def tables(name: str) -> str:
     schema = json.loads((SCHEMAS / f"{name}.json").read_text(encoding="utf-8"))
     layout = schema.get("x-layout", {})
     version = schema["x-version"] if layout else schema["properties"]["schema_version"]["const"]
-    if "layouts" in layout:
-        made = cloud_tables(layout)
-    else:
-        made = image_tables(name, layout) if layout else json_tables(schema)
+    made = (cloud_tables(layout) if "layouts" in layout else image_tables(name, layout) if layout
+            else json_tables(schema))
     return f"{schema['description']}\n`{schema['x-type']}`, schema version {version}; {made}"
 
 

@@ -26,6 +26,7 @@ ARRAY = {
         "base64": {"type": "string"}},
     "additionalProperties": False, "required": ["dtype", "shape", "base64"]}
 DTYPES = {"float32": "float", "bool": "bool"}
+ONLY_IN_FILES = "period_s", "frame_id", "extrinsics", "histograms", "gates"     # told in a line
 WIDTH = 118         # of a line of JSON
 
 
@@ -86,7 +87,7 @@ def photon_file_table(_: str) -> str:
     return table(["option", "array in .npz", "command line", "meaning"], [
         [f"`{name}`", _array(name, of_sensor[name]) if name in of_sensor else "",
          f"`--{name.replace('_', '-')}`" if name in options and key.option else "", key.meaning]
-        for name, key in (options | of_sensor | options).items()])
+        for name, key in (options | of_sensor | options).items() if name not in ONLY_IN_FILES])
 
 
 def _array(name: str, key: Key) -> str:

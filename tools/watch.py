@@ -31,7 +31,7 @@ def main() -> None:
 
 
 def _on_message(raw: bytes) -> None:
-    _print(received_ns=time.time_ns(), stamp_ns=cdr.read_cloud(raw).header.stamp_ns)
+    _print(received_ns=time.time_ns(), stamp_ns=cdr.CloudMessage.read(raw).header.stamp_ns)
 
 
 def _on_diagnostics(message: DiagnosticArray) -> None:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 EXTRAS = {"rclpy": "ros", "std_msgs": "ros", "diagnostic_msgs": "ros", "sensor_msgs": "ros", "nav_msgs": "ros",
           "rerun": "record", "pyarrow": "record", "matplotlib": "pictures", "PIL": "pictures",
           "jinja2": "review", "rosbags": "bags", "mcap": "bags", "torch": "gpu", "ptufile": "lab", "sdtfile": "lab",
-          "h5py": "lab", "phconvert": "tttr", "laspy": "lab"}
+          "h5py": "lab", "phconvert": "tttr"}
 DRAWING = ("demo", "review")        # commands that need all of `review`, which includes `record`
 FAILED = 1
 

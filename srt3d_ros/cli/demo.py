@@ -5,15 +5,16 @@ import importlib
 import json
 import math
 import os
+import re
 import shutil
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.cli import health
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
@@ -24,7 +25,7 @@ from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import require
 from srt3d_ros.messages.cdr import NS_PER_S
 from srt3d_ros.processes import children
-from srt3d_ros.processes.node_command import FRAMES_LOST, PLAYER, command
+from srt3d_ros.processes.node_command import FRAMES_LOST, command
 from srt3d_ros.processes.private_network import join_private_network
 
 RATE_HZ = 3.0                           # a third of what two idle cores can stream and record
@@ -33,6 +34,7 @@ SCENE = {"ppp": 15.0, "sbr": 1.0, "seed": 1}
 SIMULATED_TOLERANCE_M, MOVING_TOLERANCE_M = 0.04, 0.1
 JUDGED_FRAMES = 40                      # compared with the truth: more would take longer than the streaming
 RESULTS = RECORDING, PICTURE, SUMMARY, LOG_NAME = "recording.rrd", "cloud.png", "summary.json", "nodes.log"
+FIRST_STAMP = re.compile(r"\[player\]: first stamp: (\d+) ns\n")
 POLL_NODES_S = 0.1
 
 
@@ -115,21 +117,20 @@ def _play(played: Played, frames: int, rate_hz: float, out: Path) -> tuple[int, 
     up = command("up", "--record", str(out / RECORDING), "--input", "simulator",
                  *(f"-p{name}:={json.dumps(value)}" for name, value in settings.items()))
     _say("starting the nodes")
-    listener, first_ns = health.Listener(), 0
-    with (out / LOG_NAME).open("w") as log:
-        nodes = children.start(up, stdout=log, stderr=log)
-        try:
-            while nodes.poll() is None:
-                listener.spin_once(POLL_NODES_S)
-                if not first_ns and PLAYER in listener.reports and (
-                        first_ns := listener.reports[PLAYER].counts.get("first_stamp_ns", 0)):
-                    _say(f"streaming the {played.title} at {rate_hz:g} Hz for {frames / rate_hz:.3g} s")
-        finally:
-            children.stop(nodes)
-    if nodes.returncode in (0, FRAMES_LOST):
-        return nodes.returncode, "" if first_ns else "no status of the player has arrived", first_ns
-    errors = [line for line in (out / LOG_NAME).read_text().splitlines() if line.startswith("srt3d")]
-    return 1, errors[-1] if errors else children.ending(nodes), first_ns
+    log, first = out / LOG_NAME, None
+    with log.open("w") as file:
+        nodes = children.start(up, stdout=file, stderr=file)
+    try:
+        while nodes.poll() is None:
+            time.sleep(POLL_NODES_S)
+            if first is None and (first := FIRST_STAMP.search(log.read_text())):
+                _say(f"streaming the {played.title} at {rate_hz:g} Hz for {frames / rate_hz:.3g} s")
+    finally:
+        children.stop(nodes)
+    if first and nodes.returncode in (0, FRAMES_LOST):
+        return nodes.returncode, "", int(first[1])
+    errors = [line for line in log.read_text().splitlines() if line.startswith("srt3d")]
+    return 1, errors[-1] if errors else children.ending(nodes), 0
 
 
 def _report(played: Played, frames: int, rate_hz: float, out: Path, first_ns: int) -> None:
@@ -138,10 +139,10 @@ def _report(played: Played, frames: int, rate_hz: float, out: Path, first_ns: in
     from srt3d_ros.review.recorded import Recorded
     from srt3d_ros.review.summary import align, rows, summarise
 
-    recorded, sensor = Recorded.read(out / RECORDING), played.sensor
+    recorded, sensor = Recorded(out / RECORDING), played.sensor
     step = math.ceil(frames / JUDGED_FRAMES)
     judged = set(recorded.index.frame_index[::step].tolist())
-    clouds = [cloud.placed(sensor) for cloud in recorded.reader.clouds(judged)]
+    clouds = [cloud.placed(sensor) for cloud in recorded.clouds(judged)]
     expected = [played.at((cloud.stamp_ns - first_ns) / NS_PER_S, rate_hz) for cloud in clouds]
     metrics = [evaluate(cloud, truth, played.tolerance_bins, sensor.num_bins)
                for cloud, (_, truth) in zip(clouds, expected)]

@@ -56,25 +56,24 @@ def run(args: argparse.Namespace) -> int:
 
     from srt3d_ros.evaluation import scores
     from srt3d_ros.evaluation.drawings import draw
-    from srt3d_ros.evaluation.run import jobs_for
-    from srt3d_ros.evaluation.run import run as outcomes_of
+    from srt3d_ros.evaluation.run import run_all, runs_of
 
     cases = _cases(args)
     methods = [find(name) for name in dict.fromkeys(args.methods)]
     sizes = sorted(set(args.sketch_size))
     require(min(sizes) >= 1, "--sketch-size", min(sizes), "integers of 1 or more")
-    jobs = jobs_for(cases, methods, sizes)
+    runs = runs_of(methods, sizes)
     folder = _results_folder(args.out)
     cases_to_draw = _cases_to_draw(cases)
     size_to_draw = min(sizes, key=lambda size: abs(size - DEFAULT_SKETCH_SIZE))
     notes = [note for case in cases for note in case.notes]
     rows, drawn = [], []
-    with (tqdm(total=len(jobs), unit="cloud", mininterval=0.1 if sys.stderr.isatty() else 5.0) as bar,
+    with (tqdm(total=len(cases) * len(runs), unit="cloud", mininterval=0.1 if sys.stderr.isatty() else 5.0) as bar,
           scores.table_of_rows(folder / "results.csv") as write):
-        for outcome in outcomes_of(jobs, notes, bar):
+        for outcome in run_all(cases, runs, notes, bar):
             rows.append(outcome.row)
             write(outcome.row)
-            if outcome.job.case in cases_to_draw and outcome.job.sketch_size in (None, size_to_draw):
+            if outcome.case in cases_to_draw and outcome.run.sketch_size in (None, size_to_draw):
                 drawn.append(outcome)
         bar.set_description("drawing")
         draw(folder, drawn)

@@ -5,11 +5,16 @@ import json
 import os
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 from srt3d_ros.processes import transport
 from srt3d_ros.processes.node_command import NODES
+
+if TYPE_CHECKING:
+    from srt3d_ros.nodes.common.reports import Reports
+    from srt3d_ros.nodes.common.status import NodeStatus
 
 HEAR_S = 10.0           # timeout for the first report
 ROUND_S = 2.5           # to hear all nodes, which report once a second
@@ -30,8 +35,17 @@ def add_parser(subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    listener = Listener()
-    while statuses := listener.hear():
+    import rclpy  # only here, as it is slow
+    from diagnostic_msgs.msg import DiagnosticArray
+    from rclpy.signals import SignalHandlerOptions
+
+    from srt3d_ros.nodes.common.reports import Reports
+
+    transport.reserve_stale_ports()
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node, reports = rclpy.create_node(f"srt3d_health_{os.getpid()}", enable_rosout=False), Reports()
+    node.create_subscription(DiagnosticArray, "/diagnostics", reports.add, 100)
+    while statuses := hear(reports, lambda: rclpy.spin_once(node, timeout_sec=POLL_S)):
         shown = json.dumps([asdict(one) for one in statuses], ensure_ascii=False) if args.json else table(statuses)
         print(shown, end="\n\n" if args.watch and not args.json else "\n", flush=True)
         if not args.watch:
@@ -41,35 +55,18 @@ def run(args: argparse.Namespace) -> int:
     return 1
 
 
-class Listener:
-    """Subscribes to /diagnostics and keeps the newest reports in `reports`."""
-
-    def __init__(self):
-        import rclpy  # only here, as it is slow
-        from diagnostic_msgs.msg import DiagnosticArray
-        from rclpy.signals import SignalHandlerOptions
-
-        from srt3d_ros.nodes.common.reports import Reports
-
-        transport.reserve_stale_ports()
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        node = rclpy.create_node(f"srt3d_health_{os.getpid()}", enable_rosout=False)
-        self.reports = Reports()
-        node.create_subscription(DiagnosticArray, "/diagnostics", self.reports.add, 100)
-        self.spin_once = lambda timeout_s: rclpy.spin_once(node, timeout_sec=timeout_s)
-
-    def hear(self) -> list:
-        """Listen for a first report, then for those of the other nodes; the statuses, [] if no node reports."""
-        end_s = time.monotonic() + HEAR_S
-        while not (first := self.reports.current()) and (left_s := end_s - time.monotonic()) > 0:
-            self.spin_once(left_s)
-        end_s = time.monotonic() + ROUND_S
-        while first and (time.monotonic() < end_s or not self.reports.complete):
-            self.spin_once(POLL_S)
-        return self.reports.current() or first      # all may have ended meanwhile
+def hear(reports: "Reports", listen: Callable[[], None]) -> list["NodeStatus"]:
+    """Listen for a first report, then for those of the other nodes; the statuses, [] if no node reports."""
+    end_s = time.monotonic() + HEAR_S
+    while not (first := reports.current()) and time.monotonic() < end_s:
+        listen()
+    end_s = time.monotonic() + ROUND_S
+    while first and (time.monotonic() < end_s or not reports.complete):
+        listen()
+    return reports.current() or first       # all may have ended meanwhile
 
 
-def table(statuses: Iterable) -> str:
+def table(statuses: Iterable["NodeStatus"]) -> str:
     """The table: a line for each node, in the order in which frames pass them."""
     order = {name: number for number, name in enumerate(NODES)}
     lines = [("node", *COLUMNS)]

@@ -1,12 +1,20 @@
 """`srt3d info`: print the content of photon files in figures, or draw one."""
 
 import argparse
+import math
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from srt3d_ros.cli import common
 from srt3d_ros.errors import BAD_INPUT, InvalidInput, require
 
+if TYPE_CHECKING:
+    from srt3d_ros.core.sketching.gate import Gate
+    from srt3d_ros.core.sketching.plausibility import Light
+    from srt3d_ros.datasets.reading import Reading
+
+WORD_BYTES = 4              # of each real number and of the count in a sketch
 INFO_LINES = """\
 {rows} × {cols} pixels, T = {num_bins} bins of {bin_ps:.4g} ps: ranges from {nearest:.4g} to {farthest:.4g} m
 {photons:,} photons, {photons_per_pixel:.4g} a pixel, at most {most_photons_in_a_pixel:,}; {empty_pixels:,} pixels empty
@@ -52,15 +60,16 @@ def run(args: argparse.Namespace) -> int:
 def _print(args: argparse.Namespace, path: str) -> None:
     """Print the figures of one file, or raise InvalidInput."""
     from srt3d_ros.core.sketching.gate import in_ranges
-    from srt3d_ros.datasets.description import describe
+    from srt3d_ros.core.sketching.plausibility import light_of
 
     photons = common.read_photons(args, path, guess_irf=True)
-    found = describe(photons)
-    facts, gate = {"input": path} | found.facts, found.gate
+    light = light_of(photons.frame, photons.sensor)
+    facts, gate = _facts(photons, light)
+    facts = {"input": path} | facts
     if args.output is not None:
         from srt3d_ros.pictures.figures import draw_histogram
 
-        draw_histogram(args.output, found.histogram, found.counts, photons.sensor, gate, Path(path).name)
+        draw_histogram(args.output, light.of_bins, light.of_pixels, photons.sensor, gate, Path(path).name)
         facts["output"] = str(args.output)
     if facts["sbr"] is None:
         sbr = "infinite"
@@ -72,3 +81,23 @@ def _print(args: argparse.Namespace, path: str) -> None:
     if not args.json:
         common.print_notes(facts["notes"])
     common.print_facts(args, facts, INFO_LINES.format(**facts, **words))
+
+
+def _facts(photons: "Reading", light: "Light") -> "tuple[dict, Gate | None]":
+    """Figures of photons by name, None if unknown or infinite; and the gate that suits them."""
+    from srt3d_ros.core.sensor.pulse import full_width_at_half_maximum
+    from srt3d_ros.core.sketching.design import design_sketch, histogram, signal_to_background
+    from srt3d_ros.core.sketching.gate import AUTO
+
+    frame, sensor = photons.frame, photons.sensor
+    gate, frequencies = design_sketch(sensor, AUTO, frame=frame)
+    sbr = signal_to_background(histogram(frame, sensor), sensor)
+    used, irf_width_bins = light.of_pixels[sensor.used], full_width_at_half_maximum(sensor)
+    return {"rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins, "bin_width_s": sensor.bin_width_s,
+            "range_m": sensor.range_m([0, sensor.num_bins]).tolist(), "photons": round(light.of_pixels.sum()),
+            "photons_per_pixel": float(used.mean()) if used.size else 0.0,
+            "most_photons_in_a_pixel": round(used.max(initial=0)),
+            "empty_pixels": int((used <= 0).sum()), "sbr": sbr if math.isfinite(sbr) else None,
+            "irf_width_bins": irf_width_bins, "irf_width_s": irf_width_bins * sensor.bin_width_s,
+            "gate": None if gate is None else [gate.first, gate.last], "frequencies": list(frequencies),
+            "sketch_bytes": sensor.pixels * WORD_BYTES * (2 * len(frequencies) + 1), "notes": [*photons.notes]}, gate

@@ -23,7 +23,7 @@ def add_parser(subparsers) -> None:
         epilog="Methods. " + " ".join(f"{method.name}: {method.about}." for method in METHODS.values())
                + " Details: docs/algorithm.md.")
     parser.add_argument("-o", "--output", "--out", metavar="OUT", required=True,
-                        help="cloud file: .npz (everything), .ply, .pcd, .las, .csv, .tif (depths), .html (turns in "
+                        help="cloud file: .npz (everything), .ply, .pcd, .csv, .tif (depths), .html (turns in "
                              "a browser); or a picture: .png, .jpg; with --frames, a folder")
     common.add_options(parser, OPTIONS)
     parser.set_defaults(gate=OFF)

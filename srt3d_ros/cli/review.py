@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> int:
     report = args.output or (None if args.json else args.recording.with_suffix(".html"))
     if report:
         check_not_input(check_output(report, suffix=".html"), args.recording)
-    recorded = Recorded.read(args.recording)
+    recorded = Recorded(args.recording)
     summary = summarise(recorded)
     if not args.json:
         print(format_summary(summary), flush=True)

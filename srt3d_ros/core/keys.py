@@ -115,13 +115,9 @@ def keys(kind: type) -> dict[str, Key]:
 
 def numbers(part: Any, prefix: str = "") -> dict[str, float]:
     """The checked numbers of a sensor or of a part of one, by field, without those that are None."""
-    found = {}
-    for name, key in keys(type(part)).items():
-        value = getattr(part, name)
-        optional = key.default is None and not key.required
-        if key.kinds in ((int,), (float,)) and not (value is None and optional):
-            found[name] = key.number(value, prefix)
-    return found
+    given = ((key, getattr(part, name)) for name, key in keys(type(part)).items() if key.kinds in ((int,), (float,)))
+    return {key.name: key.number(value, prefix) for key, value in given
+            if value is not None or key.default is not None or key.required}
 
 
 def about(kind: type) -> str:

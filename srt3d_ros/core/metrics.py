@@ -115,9 +115,7 @@ def _mean(values: np.ndarray) -> float:
 
 
 def _as_surfaces(field: str, values: np.ndarray, cloud: PointCloud) -> np.ndarray:
-    values = np.asarray(values, dtype=np.float64)
-    if values.ndim == 2:
-        values = values[None]
+    values = np.array(values, np.float64, ndmin=3)
     require(values.shape[1:] == cloud.background.shape, field, values.shape,
             f"[rows, cols] = {cloud.background.shape}")
     return values

@@ -4,12 +4,13 @@ import threading
 from collections import Counter, deque
 from dataclasses import dataclass
 
-from srt3d_ros.core.motion.moving_sketcher import MovingFrame, MovingSketcher
+import numpy as np
+
+from srt3d_ros.core.motion.moving_sketcher import PARTS, MovingFrame, MovingSketcher
 from srt3d_ros.core.motion.track import MotionReport, SensorMotion
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import SketchDesign, design_sketch
-from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.core.sketching.framing import Framing, OpenFrame
 from srt3d_ros.core.sketching.gate import OFF, in_ranges
 from srt3d_ros.core.sketching.photon_frame import PhotonFrame
@@ -84,8 +85,7 @@ class SketchStream:
         self.warning = ""
         self._framing = Framing(options.packets_per_frame, options.frame_period_ns)
         gate, frequencies = options.check(sensor)
-        self._sketcher = MovingSketcher(sensor, frequencies, gate) if options.moving else FrameSketcher(
-            sensor, frequencies, gate)
+        self._sketcher = MovingSketcher(sensor, frequencies, gate, PARTS if options.moving else 1)
         self._motion = SensorMotion(Pose.from_text(sensor.extrinsics or ""))
         self._waiting: deque[tuple[MovingFrame, OpenFrame, float]] = deque()       # and when they ended
         self._came_s = -float("inf")
@@ -105,12 +105,13 @@ class SketchStream:
         packet.check(self.sensor)       # first: a bad packet's stamp must not end a frame
         self.counts.count(photons_in=packet.photons)
         self._came_s = now_s
-        placed = self._framing.place(packet.stamp_ns)
-        sketches = self._end_frame(placed.ended, now_s)
-        if placed.began_again:
+        closed, began_again, late = self._framing.place(packet.stamp_ns)
+        is_dropped = began_again and not self._framing.period_ns
+        sketches = [] if is_dropped else self._end_frame(closed, now_s)
+        if began_again:
             self.counts.count(stamp_leaps=1)
-            self._forget(placed.forgotten)
-        if placed.late:
+            self._forget(closed if is_dropped else None)
+        if late:
             self.counts.drop("late", photons=packet.photons)
         else:
             self._sketcher.add(packet)
@@ -133,15 +134,6 @@ class SketchStream:
     def waits_for_motion(self) -> bool:
         """Whether ended frames wait for reports of motion."""
         return bool(self._waiting)
-
-    @property
-    def wait_s(self) -> float | None:
-        """Seconds until the next `poll` is due if nothing is pushed; None while nothing waits."""
-        if self._waiting:
-            return MOTION_S
-        if self._framing.open.packets and self.options.frame_period_ns:
-            return self._framing.silence_ns * 1e-9
-        return None
 
     def reset(self) -> list[PhaseSums]:
         """Drop the open frame as `incomplete` and begin a new window; returns the sketches of ended frames."""
@@ -185,20 +177,22 @@ class SketchStream:
         """The sketch of a frame that ended, if any; that of a moving sensor waits for reports."""
         if content is None:
             return []
-        self.packets_per_frame, sketcher = content.packets, self._sketcher
-        kept = content.photons if sketcher.gate is None else min(sketcher.kept, content.photons)
+        self.packets_per_frame, kept, frame = content.packets, content.photons, self._sketcher.end_frame()
+        sketches = [sketch for _, sketch in frame.parts]
+        if self._sketcher.gate is not None:
+            kept = min(sum(int(sketch.photons.sum(dtype=np.int64)) for sketch in sketches), kept)
         self.counts.drop("gate", frames=0, photons=content.photons - kept)
-        content, frame = content._replace(photons=kept), sketcher.end_frame()
-        if isinstance(frame, MovingFrame):
+        content = content._replace(photons=kept)
+        if self.options.moving:
             self._waiting.append((frame, content, now_s))
             return []
         self.counts.count(**content._asdict())
-        return [frame]
+        return sketches
 
     def _deskewed(self, now_s: float = 0.0, at_once: bool = False) -> list[PhaseSums]:
         """The sketches of the frames that need not wait longer for reports of motion, in order."""
         sketches = []
-        while self._waiting and isinstance(self._sketcher, MovingSketcher):
+        while self._waiting:
             frame, content, since_s = self._waiting[0]
             nbytes = sum(sketch.sums.nbytes for waiting, *_ in self._waiting for _, sketch in waiting.parts)
             exceeds_memory = len(self._waiting) > MOST_FRAMES and nbytes > MOST_BYTES

@@ -30,14 +30,12 @@ def from_photons(columns: tuple[Any, ...], options: Options, said: Said) -> Read
             f"{', '.join(names[:-1])} and toa shapes", ", ".join(str(one.shape) for one in (*places, toa)),
             "one entry a photon in each")
     require(isinstance(said.stamp_ns, int | np.integer), "stamp_ns", quoted(said.stamp_ns), "nanoseconds, an integer")
-    options, notes = options.over(said.sensor, said.notes)
-    sensor, assumed = sensor_of(options)
+    sensor, options, notes = sensor_of(options, said.sensor, said.notes)
     sides = (sensor.rows, sensor.cols) if len(places) == 2 else (sensor.pixels,)
     row, *col = (_indices(place, values, side) for place, values, side in zip(names, places, sides))
     pixel = row * np.uint32(sensor.cols) + col[0] if col else row
     pixel, toa, stray = without_strays(pixel, toa, sensor.num_bins)
-    frame = PhotonEvents(pixel, _times(toa, sensor), said.stamp_ns)
-    return _reading(frame, sensor, options, replace(said, notes=notes + assumed + stray))
+    return _reading(PhotonEvents(pixel, _times(toa, sensor), said.stamp_ns), sensor, options, said, notes + stray)
 
 
 def without_strays(pixel: np.ndarray, toa: np.ndarray, num_bins: int
@@ -64,22 +62,22 @@ def from_counts(counts: Any, options: Options, said: Said, dims: tuple[str, ...]
         counts: of three or four axes; options, sizes that the file has said, or `dims`, names of its axes, order them.
         in_file: few whole counts then become events, and there may be several frames.
     """
-    dims, counts = dims or getattr(counts, "dims", ()), array("counts", counts)
-    given, dims = f"{counts.dtype} {counts.shape}", tuple(map(str, dims)) if isinstance(dims, tuple) else ()
-    counts, options, order, frames = axes.in_order(counts, options, said.sensor, dims)
-    require(counts.ndim == 3 and counts.size > 0 and (in_file or frames == 1), "counts", given,
-            "numbers [rows, cols, bins] of one frame")
+    given, dims = array("counts", counts), dims or getattr(counts, "dims", ())
+    dims = tuple(map(str, dims)) if isinstance(dims, tuple) else ()
+    counts, options, order, frames = axes.in_order(given, options, said.sensor, dims)
+    require(counts.ndim == 3 and counts.size > 0 and (in_file or frames == 1), "counts",
+            f"{given.dtype} {given.shape}", "numbers [rows, cols, bins] of one frame")
     options, notes = options.over(said.sensor | dict(zip(SIZES[:2], counts.shape)), (*said.notes, *order))
-    first, last = 0, counts.shape[2] - 1
+    bins = counts.shape[2]
+    first, last = 0, bins - 1
     if options.known.get("histograms") is None:
-        period = int(finite("num_bins", options.known.get("num_bins", last + 1), "a number of bins"))
-        require(last < MAX_BINS or options.gate is not None, "counts bins", last + 1,
-                f"at most {MAX_BINS}; or give a gate")
+        period = int(finite("num_bins", options.known.get("num_bins", bins), "a number of bins"))
+        require(bins <= MAX_BINS or options.gate, "counts bins", bins, f"at most {MAX_BINS}; or give a gate")
         first, last = options.gate or (0, period - 1)
         require(1 <= last - first < MAX_BINS, "num_bins", last - first + 1,
                 f"2 to {MAX_BINS}: give num_bins, gate or bin_width_s")
         options = options.knowing(num_bins=last - first + 1).without("gate")
-    sensor, assumed = sensor_of(options)
+    sensor, options, assumed = sensor_of(options)
     photons = counts.sum(dtype=np.float64)
     require(np.isfinite(photons), "counts", problem="counts holds infinite numbers or NaN.")
     kept = sendable(counts[..., first:last + 1])
@@ -95,11 +93,11 @@ def from_counts(counts: Any, options: Options, said: Said, dims: tuple[str, ...]
     frame.check(sensor)
     if in_file and sensor.histograms is None and inside <= MAX_KEPT and are_whole(kept):
         frame = replace(sampled(kept), stamp_ns=said.stamp_ns)
-    depth = in_gate(said.reference_depth_bins, first, last)
-    reading = _reading(frame, sensor, options, replace(said, notes=notes + assumed, reference_depth_bins=depth))
-    outside = outside_note(round(photons - inside), round(photons), first, last)
+    said = replace(said, reference_depth_bins=in_gate(said.reference_depth_bins, first, last))
+    reading = _reading(frame, sensor, options, said, notes + assumed)
+    notes = reading.notes + outside_note(round(photons - inside), round(photons), first, last)
     sensor = reading.sensor.replace(toa_offset_bins=reading.sensor.toa_offset_bins + first)
-    return replace(reading, sensor=sensor, notes=reading.notes + outside, frames=frames)
+    return replace(reading, sensor=sensor, frames=frames, notes=notes)
 
 
 def scaled_note(counts: np.ndarray) -> tuple[str, ...]:
@@ -115,15 +113,14 @@ def scaled_note(counts: np.ndarray) -> tuple[str, ...]:
 
 def from_frame(frame: PhotonFrame, options: Options, said: Said) -> Reading:
     """A frame of photons with its own stamp; gates become events."""
-    options, notes = options.over(said.sensor, said.notes)
-    sensor, assumed = sensor_of(options)
+    sensor, options, notes = sensor_of(options, said.sensor, said.notes)
     if isinstance(frame, PhotonEvents):
         pixel, toa, stray = without_strays(frame.pixel, frame.toa, sensor.num_bins)
-        frame, assumed = replace(frame, pixel=pixel, toa=toa) if stray else frame, assumed + stray
+        frame, notes = replace(frame, pixel=pixel, toa=toa), notes + stray
     frame.check(sensor)
     if isinstance(frame, PhotonGates):
         sensor, frame = frame.counted(sensor), frame.to_events(sensor)
-    return _reading(frame, sensor, options, replace(said, notes=notes + assumed))
+    return _reading(frame, sensor, options, said, notes)
 
 
 def with_options(reading: Reading, options: Options) -> Reading:
@@ -140,19 +137,19 @@ def with_options(reading: Reading, options: Options) -> Reading:
     if not isinstance(reading.frame, PhaseSums):
         return from_frame(reading.frame, options, Said(own, reading.notes, reading.name, reading.reference_depth_bins))
     require(options.gate is None, "gate", problem="A sketch cannot be gated: gate the photons.")
-    options, notes = options.over(own, reading.notes, SIZES)
-    sensor, assumed = sensor_of(options)
+    sensor, _, notes = sensor_of(options, own, reading.notes, SIZES)
     sums = replace(reading.frame, sensor=sensor, cycles=reading.frame.cycles or sensor.cycles or 0)
-    return replace(reading, sensor=sensor, frame=sums, notes=notes + assumed)
+    return replace(reading, sensor=sensor, frame=sums, notes=notes)
 
 
-def _reading(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, options: Options, said: Said) -> Reading:
+def _reading(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, options: Options, said: Said,
+             notes: tuple[str, ...]) -> Reading:
     """A frame that fits its sensor, without hot pixels, gated, the IRF estimated if the options have none; all notes.
 
     Raises:
         InvalidInput: the IRF cannot be estimated.
     """
-    known, notes, depth = options.known, said.notes, said.reference_depth_bins
+    known, depth = options.known, said.reference_depth_bins
     require(depth is None or depth.shape[1:] == (sensor.rows, sensor.cols), "ref_depth_bins shape",
             np.shape(depth), f"[rows, cols] = {(sensor.rows, sensor.cols)}")
     if isinstance(frame, PhotonHistograms) and sensor.cycles and frame.has_negative:

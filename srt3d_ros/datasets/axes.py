@@ -1,4 +1,4 @@
-"""Which array of a file has the counts, and which of its axes are rows, columns and bins: by names, or by sizes."""
+"""Which axes of an array of counts are rows, columns and bins: by names, or by sizes."""
 
 from itertools import permutations
 from typing import Any, NamedTuple
@@ -7,7 +7,6 @@ import numpy as np
 
 from srt3d_ros.datasets.options import AXES, FRAMES, Options
 from srt3d_ros.errors import finite, require
-from srt3d_ros.files.isolated_child import may_be_counts
 
 SIZES = ("rows", "cols", "num_bins")
 # Names of dimensions, as xarray gives them, and of columns.
@@ -23,22 +22,6 @@ class Ordered(NamedTuple):
     options: Options
     notes: tuple[str, ...] = ()
     frames: int = 1
-
-
-def choose(arrays: dict[str, np.ndarray], options: Options, wanted: str, listed: str) -> tuple[str, Options]:
-    """The name of the array of counts: `options.array`, `counts`, or the only one that may hold some.
-
-    Raises:
-        InvalidInput: saying what is `wanted`, and what the file has: `listed`.
-    """
-    if options.array is not None:
-        require(options.array in arrays, "array", problem=f"The file has no {options.array}. It has {listed}.")
-        return options.array, options.without("array")
-    cubes = [name for name, values in arrays.items()
-             if values.dtype.kind in "iufb" and may_be_counts(values.shape, str(values.dtype))]
-    cubes = ["counts"] if "counts" in cubes else cubes
-    require(len(cubes) == 1, "counts", problem=f"The file needs {wanted}, or array (--array NAME). It has {listed}.")
-    return cubes[0], options
 
 
 def in_order(counts: np.ndarray, options: Options, stated: dict[str, Any], dims: tuple[str, ...] = ()) -> Ordered:

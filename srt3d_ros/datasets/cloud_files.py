@@ -17,7 +17,6 @@ from srt3d_ros.files.array_files import read_errors
 from srt3d_ros.files.new_files import atomic_write, check_output, file_errors
 
 _JPEG_QUALITY = 90
-_LAS_STEP_M = 1e-5
 _TYPES = dict(zip(POINT_FIELDS, (np.uint16, np.uint16, *[np.float32] * 4, np.uint8))) | {"background": np.float32}
 _FACTS = {"stamp_ns": "stamp_ns", "method": "method", "surfaces": "surfaces", "device": "device",
           "photons": "photons_in_all", "frequencies": "frequencies"}       # fields of PointCloud: names in the file
@@ -49,8 +48,6 @@ def save(cloud: PointCloud, path: str | Path, notes: tuple[str, ...] = ()) -> No
     .ply: binary, x y z intensity, and the range's colour as red green blue.
     .pcd, .csv: `records`, binary for PCL, and as text with a line of names.
     .tif: the depth image, float32 in metres, NaN = no point (needs Pillow).
-    .las: version 1.4, x, y, z in metres to 10 µm or 2⁻³¹ of the extent; `intensity` to 65,535 at most, and in photons
-    as `photons`; the pixel's points as returns (needs laspy).
     .html: a page in which the cloud can be turned, for any browser.
     .png, .jpg: a picture (needs matplotlib).
     A .ply also has the other fields of `records`, as scalar_depth_std, …: CloudCompare's scalar fields.
@@ -146,25 +143,6 @@ def _save_depth(cloud: PointCloud, path: Path, _: tuple[str, ...]) -> None:
     Image.fromarray(cloud.depth_image()).save(path, "TIFF")
 
 
-def _save_las(cloud: PointCloud, path: Path, _: tuple[str, ...]) -> None:
-    import laspy
-
-    points, header = records(cloud), laspy.LasHeader(point_format=6, version="1.4")
-    if len(cloud):
-        header.offsets = cloud.xyz.min(axis=0)
-        header.scales = np.full(3, max(_LAS_STEP_M, float(np.ptp(cloud.xyz, axis=0).max()) / 2**31))
-    of_records = [("photons", "intensity"), *((name, name) for name in ("depth_std", "background", "row", "col"))]
-    header.add_extra_dims([laspy.ExtraBytesParams(name, points.dtype[own]) for name, own in of_records])
-    las = laspy.LasData(header)
-    las.x, las.y, las.z = cloud.xyz.T.astype(np.float64)
-    las.intensity = np.rint(cloud.intensity * (65535 / max(float(cloud.intensity.max(initial=0)), 1e-30)))
-    _, pixel, returns = np.unique(cloud.row.astype(np.int64) << 16 | cloud.col, return_inverse=True, return_counts=True)
-    las.return_number, las.number_of_returns = cloud.surface + 1, returns[pixel]
-    for name, own in of_records:
-        las[name] = points[own]
-    las.write(str(path))
-
-
 def _save_page(cloud: PointCloud, path: Path, notes: tuple[str, ...]) -> None:
     from srt3d_ros.pictures.cloud_page import write_page
 
@@ -180,7 +158,7 @@ def _save_picture(cloud: PointCloud, path: Path, _: tuple[str, ...]) -> None:
 # By suffix: what writes it, and the package and extra that this needs.
 _FORMATS: dict[str, tuple[Callable[[PointCloud, Path, tuple[str, ...]], None], str, str]] = {
     ".npz": (_save_npz, "", ""), ".ply": (_save_ply, "", ""), ".pcd": (_save_pcd, "", ""), ".csv": (_save_csv, "", ""),
-    ".las": (_save_las, "laspy", "lab"), ".html": (_save_page, "", ""),
+    ".html": (_save_page, "", ""),
     **dict.fromkeys((".tif", ".tiff"), (_save_depth, "PIL", "pictures")),
     **dict.fromkeys((".png", ".jpg", ".jpeg"), (_save_picture, "matplotlib", "pictures"))}
 SUFFIXES = (*_FORMATS,)

@@ -31,43 +31,43 @@ MAT_VECTOR = re.compile(r"(\w+) \((?!1×1 )(?:1×\d+|\d+×1) (?:double|single|u?
 class Steps(NamedTuple):
     """The time steps of an IRF's file."""
 
-    name: str                       # of the file
-    text: str                       # a step as the file has it
-    widths_s: tuple[float, ...]     # seconds that it may be; none if it is taken to be a bin
+    name: str = ""                  # of the file
+    text: str = ""                  # a step as the file has it
+    widths_s: tuple[float, ...] = ()        # seconds that it may be; none if it is taken to be a bin
     notes: tuple[str, ...] = ()
 
 
-def read(source: str | Path | np.ndarray | list) -> tuple[np.ndarray, Steps | None]:
-    """The IRF, float64 [L] or [pixels, L], and the steps of its file if they may be no bins.
+def read(source: str | Path | np.ndarray | list) -> tuple[np.ndarray, Steps]:
+    """The IRF, float64 [L] or [pixels, L], and the steps of its file.
 
     Files are .npy, .npz with `irf`, .mat with `irf` or a single vector, text with one number a line, or time and IRF,
     below lines of text, and .sdt, .phu and .ptu, whose brightest data set is taken, all pixels added up.
     """
-    values, steps = _read_file(Path(source)) if isinstance(source, (str, Path)) else (source, None)
+    values, steps = _read_file(Path(source)) if isinstance(source, (str, Path)) else (source, Steps())
     irf = array("irf", values).astype(np.float64)
     irf = irf.squeeze() if irf.ndim == 2 and 1 in irf.shape else irf
-    require(irf.ndim in (1, 2) and 0 < irf.shape[-1] <= (MAX_STEPS if steps else MAX_BINS), "irf shape", irf.shape,
+    require(irf.ndim in (1, 2) and 0 < irf.shape[-1] <= (MAX_STEPS if steps.name else MAX_BINS), "irf shape", irf.shape,
             f"[L] or [pixels, L], L from 1 to {MAX_BINS}; irf_sigma_bins makes a Gaussian")
-    for width_s in steps.widths_s if steps else ():
+    for width_s in steps.widths_s:
         require(LEAST_STEP_S <= width_s <= MOST_STEP_S, "irf",
                 problem=f"{steps.name}: a time step of {steps.text} is not possible.")
     return irf, steps
 
 
-def fitted(irf: np.ndarray, ref: int | None, steps: Steps | None, sensor: SensorModel, width_known: bool
+def fitted(irf: np.ndarray, ref: int | None, steps: Steps, sensor: SensorModel, width_known: bool
            ) -> tuple[np.ndarray, int | None, tuple[str, ...]]:
     """An IRF and its irf_ref in the sensor's bins, no longer than its period, and notes on what was changed.
 
     Raises:
         InvalidInput: the bin width is needed and not known, or a period holds too little of the IRF.
     """
-    notes = steps.notes if steps else ()
+    notes = steps.notes
     require(irf.ndim in (1, 2) and irf.size > 0, "irf shape", irf.shape, "[L] or [pixels, L]")
-    if irf.ndim == 2 or (steps is None and len(irf) <= sensor.num_bins):
+    if irf.ndim == 2:
         return irf, ref, notes
     ref = int(np.argmax(irf)) if ref is None else ref
     require(0 <= ref < len(irf), "irf_ref", ref, f"an index into the IRF, 0 … {len(irf) - 1}")
-    if steps is not None and steps.widths_s:
+    if steps.widths_s:
         width_s = min(steps.widths_s, key=lambda one: abs(math.log(one / sensor.bin_width_s)))
         if not math.isclose(width_s, sensor.bin_width_s, rel_tol=WIDTH_TOLERANCE):
             require(width_known, "bin_width_s", problem=f"{steps.name} has an entry every {steps.text}: give "
@@ -105,31 +105,33 @@ def resampled(irf: np.ndarray, ref: int, ratio: float, steps: Steps) -> tuple[np
     return np.diff(below), before
 
 
-def _read_file(path: Path) -> tuple[np.ndarray, Steps | None]:
+def _read_file(path: Path) -> tuple[np.ndarray, Steps]:
     suffix = path.suffix.lower()
     require(suffix in SUFFIXES, "irf", str(path), f"a file that ends in {', '.join(SUFFIXES)}")
     require_file(path, "irf")
+    if suffix == ".npy":
+        return map_npy(path, f"irf file {path.name}"), Steps()
+    if suffix == ".mat":
+        return _read_mat(path), Steps()
+    if suffix in TEXT_SUFFIXES:
+        size = path.stat().st_size
+        require(size <= MAX_TEXT_BYTES, f"irf file {path.name}", f"{size} bytes",
+                f"at most {MAX_TEXT_BYTES} bytes of text")
+        with read_errors(path, "numbers, in one column, or two: time and IRF"):
+            return _read_text(path)
     if suffix == ".npz":
         arrays, _ = read_npz_arrays(path, ("irf", "bin_width_s"), "irf")
         require("irf" in arrays, "irf", problem=f"{path.name} has no array irf.")
+        irf, notes = arrays["irf"], ()
         widths = [finite(f"{path.name} bin_width_s", one) for one in arrays.get("bin_width_s", np.zeros(0)).flat]
-        return arrays["irf"], Steps(path.name, f"{widths[0] * 1e12:.6g} ps", tuple(widths)) if widths else None
-    if suffix == ".npy":
-        return map_npy(path, f"irf file {path.name}"), None
-    if suffix == ".mat":
-        return _read_mat(path), None
-    if suffix in tcspc_files.READERS:
+    else:
         sets = tcspc_files.READERS[suffix](path)
         chosen, _ = channel_of(tcspc_files.photons(sets), None)
         counts, width_s, _ = sets[chosen]
-        curve = counts.reshape(-1, counts.shape[-1]).sum(axis=0, dtype=np.float64)
-        several = len(sets) > 1 or len(curve) < counts.size
-        notes = (Note(f"IRF: data set {chosen} of {len(sets)} in {path.name}, all pixels added up", "irf"),)
-        return curve, Steps(path.name, f"{width_s * 1e12:.6g} ps", (width_s,) * (width_s > 0), notes * several)
-    require(path.stat().st_size <= MAX_TEXT_BYTES, f"irf file {path.name}", f"{path.stat().st_size} bytes",
-            f"at most {MAX_TEXT_BYTES} bytes of text")
-    with read_errors(path, "numbers, in one column, or two: time and IRF"):
-        return _read_text(path)
+        irf, widths = counts.reshape(-1, counts.shape[-1]).sum(axis=0, dtype=np.float64), [width_s] * (width_s > 0)
+        note = Note(f"IRF: data set {chosen} of {len(sets)} in {path.name}, all pixels added up", "irf")
+        notes = (note,) if len(sets) > 1 or irf.size < counts.size else ()
+    return irf, Steps(path.name, f"{widths[0] * 1e12:.6g} ps" if widths else "", (*widths,), notes)
 
 
 def _read_mat(path: Path) -> np.ndarray:
@@ -143,7 +145,7 @@ def _read_mat(path: Path) -> np.ndarray:
     return isolated.matlab_arrays(path, tuple(vectors))[0][vectors[0]]
 
 
-def _read_text(path: Path) -> tuple[np.ndarray, Steps | None]:
+def _read_text(path: Path) -> tuple[np.ndarray, Steps]:
     """The numbers of the longest run of lines with numbers, and the time step, of a first column or of the header."""
     lines = [line for line in path.read_text(encoding="utf-8-sig", errors="replace").splitlines() if line.strip()]
     rows = [_numbers(line) for line in lines]
@@ -158,13 +160,13 @@ def _read_text(path: Path) -> tuple[np.ndarray, Steps | None]:
         return values[:, values.sum(axis=0).argmax()], Steps(
             path.name, f"{stated[2]} {stated[1]}", (float(stated[2]) * UNITS_S[stated[1]],))
     if values.shape[1] < 2 or len(values) < 2:
-        return values.reshape(-1) if 1 in values.shape else values, None
+        return values.reshape(-1) if 1 in values.shape else values, Steps()
     time = values[:, 0]
     step = (time[-1] - time[0]) / (len(time) - 1)
     even = step > 0 and np.abs(time - time[0] - step * np.arange(len(time))) <= step / 2       # they may be rounded
     if not np.all(even):
         require(values.shape[1] > 2, "irf", problem="The first of two columns must be an even time axis.")
-        return values, None
+        return values, Steps()
     names = re.split(r"[;\t,]", header[-1].lower()) if header else [""]
     named = next((column for column, name in enumerate(names[:values.shape[1]]) if "irf" in name), 0)
     irf = values[:, named or 1 + values[:, 1:].sum(axis=0).argmax()]
@@ -172,7 +174,7 @@ def _read_text(path: Path) -> tuple[np.ndarray, Steps | None]:
     if unit is None and math.isclose(step, 1):
         note = Note(f"{path.name}: the first column, in steps of 1, taken to count bins: if these are times, write "
                     "their unit above", "irf")
-        return irf, None if re.search("bin|ch|index", names[0]) else Steps(path.name, "1", (), (note,))
+        return irf, Steps() if re.search("bin|ch|index", names[0]) else Steps(path.name, "1", (), (note,))
     likely = [step * unit_s for unit_s in LIKELY_UNITS_S if LEAST_STEP_S <= step * unit_s <= MOST_STEP_S] or [step]
     return irf, Steps(path.name, f"{step:g} {unit[1] if unit else ''}".rstrip(),
                       (step * UNITS_S[unit[1]],) if unit else tuple(likely))

@@ -214,13 +214,16 @@ def backwards(sensor: SensorModel) -> SensorModel:
                           background_shape=None if shape is None else shape[::-1])
 
 
-def sensor_of(options: Options) -> tuple[SensorModel, tuple[str, ...]]:
-    """The sensor that the options describe, with an IRF of one bin if they have none; and notes on it.
+def sensor_of(options: Options, own: Known | None = None, notes: tuple[str, ...] = (),
+              fixed: tuple[str, ...] = ("rows", "cols")) -> tuple[SensorModel, Options, tuple[str, ...]]:
+    """The sensor that the options describe on top of a file's `own` values (Options.over), its IRF of one bin if
+    nobody has one; the options with these values; and all notes.
 
     Raises:
         InvalidInput: a value is missing or cannot be used, or nobody has followed an option on how to read a file.
     """
-    known, notes = options.known, ()
+    options, notes = options.over(own or {}, notes, fixed)
+    known = options.known
     for name, problem in FILE_OPTIONS.items():
         require(getattr(options, name) is None, name, problem=problem)
     require({"rows", "cols"} <= known.keys(), "shape", problem="Give shape=(rows, cols), or sensor.")
@@ -228,11 +231,10 @@ def sensor_of(options: Options) -> tuple[SensorModel, tuple[str, ...]]:
     require("irf" in known or "irf_ref" not in known, "irf_ref", problem="irf_ref needs irf.")
     fields = {name: known[name] for name in FIELDS if name in known and name not in ("irf", "irf_ref")}
     sensor = SensorModel(**{"bin_width_s": BIN_OF_ONE_METRE_S, "irf": np.ones(1)} | fields)
-    if "bin_width_s" not in known:
-        notes += ASSUMED_WIDTH,
+    notes += () if "bin_width_s" in known else (ASSUMED_WIDTH,)
     if "irf" in known:          # it is brought into the bins of the other values
-        irf, ref, of_file = irf_files.fitted(known["irf"], known.get("irf_ref"), known.get("irf_steps"), sensor,
-                                             sensor.bin_width_s != BIN_OF_ONE_METRE_S)
+        steps, width_known = known.get("irf_steps", irf_files.Steps()), sensor.bin_width_s != BIN_OF_ONE_METRE_S
+        irf, ref, of_file = irf_files.fitted(known["irf"], known.get("irf_ref"), steps, sensor, width_known)
         irf, checked = irfs.checked(irf, known.get("irf_ref"))
         sensor, notes = sensor.replace(irf=irf, irf_ref=ref), notes + of_file + checked
     require(known.get("mask") is None or bool(sensor.used.any()), "mask",
@@ -240,7 +242,7 @@ def sensor_of(options: Options) -> tuple[SensorModel, tuple[str, ...]]:
     period_m = sensor.num_bins * sensor.bin_width_m
     require(period_m <= MAX_PERIOD_M, "bin_width_s", problem=f"{sensor.num_bins} bins of {sensor.bin_width_s:g} s "
             f"reach {period_m:.3g} m: give bin_width_s in seconds, 1e-10 for 100 ps.")
-    return sensor, notes
+    return sensor, options, notes
 
 
 def replaced_note(own: Known, now: Known) -> tuple[str, ...]:

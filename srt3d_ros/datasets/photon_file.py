@@ -1,4 +1,4 @@
-"""Write one frame with its sensor as .npz: photons (docs/photon-file.md) and, if known, true depths; or a sketch."""
+"""One frame with its sensor as .npz: photons (docs/photon-file.md) and, if known, true depths; or a sketch."""
 
 from pathlib import Path
 
@@ -7,9 +7,12 @@ import numpy as np
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonHistograms
 from srt3d_ros.core.sketching.sums import PhaseSums
-from srt3d_ros.datasets.sensor_arrays import sensor_arrays
+from srt3d_ros.datasets.arrays import with_options
+from srt3d_ros.datasets.options import Options
+from srt3d_ros.datasets.reading import Reading
+from srt3d_ros.datasets.sensor_arrays import read_saved, sensor_arrays
 from srt3d_ros.errors import require
-from srt3d_ros.files.array_files import MAX_ARRAY_BYTES
+from srt3d_ros.files.array_files import MAX_ARRAY_BYTES, read_errors
 from srt3d_ros.files.new_files import atomic_write, check_output, file_errors
 
 FIRST_REFERENCES = ("ref_depth_ml_bins", "ref_depth_bins")      # the better one first
@@ -66,3 +69,17 @@ def save_sketch(path: str | Path, sketch: PhaseSums, notes: tuple[str, ...] = ()
         np.savez(file, kind="sketch", frequencies=sketch.frequencies, sums=sketch.sums, photons=sketch.photons,
                  before=before, stamp_ns=sketch.stamp_ns, sketch_cycles=sketch.cycles,
                  **sensor_arrays(sketch.sensor, notes))
+
+
+def read_sketch(path: Path, options: Options) -> Reading:
+    """A sketch that `save_sketch` wrote; options replace values of its sensor."""
+    facts = ("stamp_ns", "sketch_cycles")
+    sensor, values = read_saved(path, ("frequencies", "sums", "photons", "before", *facts))
+    with read_errors(path):
+        before, stamp_ns, cycles = values["before"], *(int(values[name]) for name in facts)
+        fits = before.shape in ((0, 0), (sensor.rows, sensor.cols)) and before.dtype == np.uint32
+        require(fits, "before", f"{before.dtype} {before.shape}", "uint32 of the sensor's pixels, or none")
+        require(cycles >= 0, "sketch_cycles", cycles, "0 or more")
+        sums = PhaseSums(values["frequencies"], values["sums"], values["photons"], stamp_ns, cycles,
+                         before if before.size else None, sensor=sensor)
+    return with_options(Reading(sensor, sums, None, path.stem, values["notes"]), options)

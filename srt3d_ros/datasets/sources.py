@@ -15,6 +15,7 @@ from srt3d_ros.datasets.arrays import with_options
 from srt3d_ros.datasets.bags import frames as bag_frames
 from srt3d_ros.datasets.bags.bag import Bag, is_bag
 from srt3d_ros.datasets.irf import tail_note
+from srt3d_ros.datasets.named_arrays import reading_of
 from srt3d_ros.datasets.options import Options, SensorOptions, gathered
 from srt3d_ros.datasets.readers import csv_lists, hdf5, histograms, mat, npz, ptu, tmf8829, tttr
 from srt3d_ros.datasets.reading import Reading
@@ -26,8 +27,8 @@ from srt3d_ros.files.new_files import file_errors
 from srt3d_ros.messages import sensor_message
 
 SIMULATOR = "simulator"     # in place of a path
-# Functions by suffix, of path and options (options.gathered). They raise InvalidInput, naming the file and what in it
-# cannot be used. Those of LOGS yield a function for each frame that reads it.
+# Functions by suffix, of path and options (options.gathered), that give the named arrays of a file. They raise
+# InvalidInput, naming the file and what in it cannot be used. Those of LOGS yield a function for each frame.
 FILE_READERS = {".npz": npz.read, ".npy": npz.read_npy, ".mat": mat.read, ".csv": csv_lists.read, ".ptu": ptu.read,
                 ".sdt": histograms.read, ".phu": histograms.read,
                 **dict.fromkeys((".spc", ".pt3", ".ht3"), tttr.read),
@@ -101,13 +102,13 @@ def _frames(source: str | Path, numbers: Sequence[int], options: Options, photon
 
 def _of_file(path: Path, frame: int, options: Options) -> Reading:
     """Frame `frame` of a file; InvalidInput if it has fewer."""
-    gate = options.gate if options.reversed else None       # it counts after the reversal
-    whole = options.without("reversed", "gate") if gate else options.without("reversed")
+    later = options.without("reversed", "gate") if options.reversed else options      # a gate counts after that
     with file_errors("photon file", path, "read"):
-        reading = FILE_READERS[path.suffix.lower()](path, replace(whole, frame=frame))
+        reading = reading_of(path, FILE_READERS[path.suffix.lower()](path, replace(later, frame=frame, reversed=None)))
     require(frame < reading.frames, "frame", frame, f"0, the only frame of {path.name}")
-    reading = reading.reversed() if options.reversed else reading
-    reading = reading.gated(*gate) if gate else reading
+    if options.reversed:
+        reading = reading.reversed()
+        reading = reading.gated(*options.gate) if options.gate else reading
     return replace(reading, notes=(*reading.notes, *tail_note(reading.sensor)))
 
 

@@ -41,7 +41,7 @@ class Observation:
         depth = np.swapaxes(self.depth_bins, 0, 1)
         intensity = 1.0 if self.intensity is None else np.swapaxes(self.intensity, 0, 1)
         return PointCloud.from_layers(sensor, depth, np.where(np.isfinite(depth), intensity, 0),
-                                 np.zeros((sensor.rows, sensor.cols)), 0)
+                                 np.zeros(sensor.shape), 0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,8 +20,8 @@ _CLOUD_PX = 480                 # side of a drawn cloud; matplotlib shrinks it, 
 def draw(folder: Path, shown: Sequence[Outcome]) -> None:
     """Write a picture of clouds for each scene and one for all files: a row for each case, its truth first if known."""
     of_picture: dict[str, dict[Case, list[Outcome]]] = {}
-    for outcome in sorted(shown, key=lambda outcome: -(outcome.job.case.sbr or 0)):
-        case = outcome.job.case
+    for outcome in sorted(shown, key=lambda outcome: -(outcome.case.sbr or 0)):
+        case = outcome.case
         of_picture.setdefault("files" if case.sbr is None else case.source, {}).setdefault(case, []).append(outcome)
     for source, outcomes in of_picture.items():
         rows = [(case, of_case, _panels(case, of_case)) for case, of_case in list(outcomes.items())[:_MOST_ROWS]]
@@ -54,7 +54,7 @@ def _panels(case: Case, outcomes: Sequence[Outcome]) -> list[tuple[str, PointClo
     """Heading, cloud and caption of the truth and of each outcome."""
     truth = case.observe().true_cloud(case.sensor)
     panels = [] if truth is None else [("truth" if case.sbr else "reference", truth, f"{len(truth):,} points")]
-    return panels + [(job.label, cloud, _caption(row)) for job, cloud, row in outcomes]
+    return panels + [(run.label, cloud, _caption(row)) for _, run, cloud, row in outcomes]
 
 
 def _caption(row: dict) -> str:

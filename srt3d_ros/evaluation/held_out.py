@@ -51,6 +51,6 @@ def gain(cloud: PointCloud, sensor: SensorModel, seen: PhotonEvents, held_out: P
 def _around(photons: np.ndarray, sensor: SensorModel) -> np.ndarray:
     """Photons over exposure in the window around each pixel, at least SMALLEST_BACKGROUND; float64 [pixels]."""
     photons, exposure = (
-        uniform_filter(np.reshape(values, (sensor.rows, sensor.cols)).astype(float), NEIGHBOURHOOD, mode="nearest")
+        uniform_filter(np.reshape(values, sensor.shape).astype(float), NEIGHBOURHOOD, mode="nearest")
         for values in (photons, sensor.exposure))
     return np.maximum(photons / np.maximum(exposure, 1e-9), SMALLEST_BACKGROUND).reshape(-1)

@@ -1,8 +1,6 @@
 """Run methods on cases, and compare their clouds with the truth."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from itertools import groupby
 from typing import NamedTuple
 
 from tqdm import tqdm
@@ -17,61 +15,55 @@ from srt3d_ros.evaluation.cases import Case, Observation
 from srt3d_ros.photons import Photons
 
 
-@dataclass(frozen=True, eq=False)
-class Job:
-    """One method on one case."""
+class Run(NamedTuple):
+    """A method, and its sketch size m; None for a method on photons."""
 
-    case: Case
     method: Method
-    sketch_size: int | None         # m; None for a method on photons
+    sketch_size: int | None
 
     @property
     def label(self) -> str:
         """Method and sketch size."""
         return self.method.name if self.sketch_size is None else f"{self.method.name}, m = {self.sketch_size}"
 
-    @property
-    def title(self) -> str:
-        """Case, method and sketch size."""
-        return f"{self.case.title}: {self.label}"
-
 
 class Outcome(NamedTuple):
-    """The cloud of a job, and its row of results.csv."""
+    """The cloud of a run on a case, and its row of results.csv."""
 
-    job: Job
+    case: Case
+    run: Run
     cloud: PointCloud
     row: dict
 
 
-def jobs_for(cases: Iterable[Case], methods: Iterable[Method], sketch_sizes: Iterable[int]) -> list[Job]:
-    """Every method on every case; methods on sketches once for each size."""
-    return [Job(case, method, size) for case in cases for method in methods
+def runs_of(methods: Iterable[Method], sketch_sizes: Iterable[int]) -> list[Run]:
+    """Every method; those on sketches once for each size."""
+    return [Run(method, size) for method in methods
             for size in (sketch_sizes if method.needs == "sketch" else (None,))]
 
 
-def run(jobs: Sequence[Job], notes: list[str], bar: tqdm) -> Iterator[Outcome]:
-    """Yield the outcome of each job; one that fails with InvalidInput adds a line to `notes` instead."""
-    for case, of_case in groupby(jobs, key=lambda job: job.case):
+def run_all(cases: Iterable[Case], runs: Sequence[Run], notes: list[str], bar: tqdm) -> Iterator[Outcome]:
+    """Yield the outcome of each run on each case; one that fails with InvalidInput adds a line to `notes` instead."""
+    for case in cases:
         bar.set_description(f"{case.title}: photons")
         observation = case.observe()
-        for job in of_case:
-            bar.set_description(job.title)
+        for run in runs:
+            title = f"{case.title}: {run.label}"
+            bar.set_description(title)
             try:
-                yield outcome(job, observation)
+                yield outcome(case, run, observation)
             except InvalidInput as error:
-                notes.append(f"{job.title}: {error}")
+                notes.append(f"{title}: {error}")
             bar.update()
         del observation         # frees its memory before the next one
 
 
-def outcome(job: Job, observation: Observation) -> Outcome:
-    """Run a job, and compare its cloud with the known truth."""
-    case, sensor, frame = job.case, job.case.sensor, observation.frame
-    cloud = Photons(sensor, frame).reconstruct(method=job.method.name, sketch_size=job.sketch_size,
-                                               surfaces=case.surfaces)
-    row = {"source": case.source, "sbr": case.sbr, "ppp": case.ppp, "method": job.method.name,
-           "sketch_size": job.sketch_size, "surfaces": case.surfaces, "rows": sensor.rows, "cols": sensor.cols,
+def outcome(case: Case, run: Run, observation: Observation) -> Outcome:
+    """Run a method on a case, and compare its cloud with the known truth."""
+    (method, sketch_size), sensor, frame = run, case.sensor, observation.frame
+    cloud = Photons(sensor, frame).reconstruct(method=method.name, sketch_size=sketch_size, surfaces=case.surfaces)
+    row = {"source": case.source, "sbr": case.sbr, "ppp": case.ppp, "method": method.name,
+           "sketch_size": sketch_size, "surfaces": case.surfaces, "rows": sensor.rows, "cols": sensor.cols,
            "tolerance_bins": float(case.tolerance_bins), "held_out": case.held_out,
            "frequencies": cloud.frequencies or None, "num_bins": sensor.num_bins,
            "bin_width_mm": sensor.bin_width_m * 1e3, "photons_per_pixel": frame.photons / sensor.pixels,
@@ -81,7 +73,7 @@ def outcome(job: Job, observation: Observation) -> Outcome:
         row |= held_out.gain(cloud, sensor, frame, observation.held_out, case.held_out)
     if observation.depth_bins is not None:
         row |= judge(cloud, case, observation)
-    return Outcome(job, cloud, row)
+    return Outcome(case, run, cloud, row)
 
 
 def judge(cloud: PointCloud, case: Case, observation: Observation) -> dict:

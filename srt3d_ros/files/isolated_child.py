@@ -41,8 +41,8 @@ def main(library: str, path: str, most: str, *names: str) -> None:
         error = "MemoryError", ""
     except Exception as raised:
         error = type(raised).__name__, str(raised)
-    np.savez(sys.stdout.buffer, said=(*error, listing(listed[:MOST_LISTED])),
-             **{ARRAY + name: array for name, array in arrays.items()})
+    saved: dict[str, Any] = {ARRAY + name: array for name, array in arrays.items()}
+    np.savez(sys.stdout.buffer, said=(*error, listing(listed[:MOST_LISTED])), **saved)
 
 
 def listing(entries: list[tuple[str, tuple, str]]) -> str:
@@ -96,32 +96,30 @@ def hdf5(path: str, names: tuple[str, ...]) -> Found:
     import h5py
 
     with suppress(ImportError):
-        import hdf5plugin  # noqa: F401     registers filters
+        importlib.import_module("hdf5plugin")       # registers filters
     with h5py.File(path) as file:
-        nodes, arrays = {}, {}
+        nodes, arrays, listed, numeric = {}, {}, [], {}
 
         def visit(name: str, node: Any) -> None:
             if not name.startswith("#") and "_i_" not in name and getattr(node, "shape", None) is not None:
                 nodes[name] = node
 
         file.visititems(visit)
-        shapes = {name: node.shape[::-1] if CLASS in node.attrs else node.shape for name, node in nodes.items()}
-        numeric = {name: node for name, node in nodes.items() if node.dtype.kind in "iufb" and EMPTY not in node.attrs
-                   and node.attrs.get(CLASS) != b"char"}
-        cubes = [name for name, node in numeric.items() if may_be_counts(shapes[name], str(node.dtype))]
-        for name, node in numeric.items():
+        for group, node in nodes.items():
+            matlab = node.attrs.get(CLASS, b"").decode()
+            for column in node.dtype.names or ("",):
+                name, dtype = (f"{group}/{column}", node.dtype[column]) if column else (group, node.dtype)
+                listed.append((name, node.shape[::-1] if matlab else node.shape, matlab or str(dtype)))
+                if dtype.kind in "iufb" and EMPTY not in node.attrs and matlab != "char":
+                    numeric[name] = node, column
+        cubes = [name for name, shape, kind in listed if name in numeric and may_be_counts(shape, kind)]
+        for name, (node, column) in numeric.items():
             if cubes == [name] or name in names:
-                content = _content(name, node, ())
+                content = _content(name, node, column or ())
                 arrays[name] = content.T if CLASS in node.attrs else content
                 dims = [Path(dim[0].name).name if len(dim) else dim.label for dim in node.dims]
                 arrays |= {f"{name}.dims": np.array(dims)} if any(dims) else {}
-        columns = {f"{name}/{column}": (node, column) for name, node in nodes.items()
-                   for column in node.dtype.names or ()}
-        arrays |= {name: _content(name, *column) for name, column in columns.items() if name in names}
-        kinds = {name: node.attrs.get(CLASS, b"").decode() or str(node.dtype) for name, node in nodes.items()}
-        listed = [(name, node.shape, str(node.dtype[column])) for name, (node, column) in columns.items()]
-        return arrays, listed + [(name, shape, kinds[name]) for name, shape in shapes.items()
-                                 if not nodes[name].dtype.names]
+        return arrays, listed
 
 
 def _content(name: str, node: Any, part: str | tuple) -> np.ndarray:

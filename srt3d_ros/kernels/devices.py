@@ -24,6 +24,13 @@ def kernels_for(device: str) -> Any:
     return import_module("srt3d_ros.kernels.torch").on("cuda")
 
 
+def compile_kernels(*modules: str) -> None:
+    """Compile the CPU's kernels in these modules, or read them from the disk, unless that has been done."""
+    for name, kernel in kernels_for("cpu").KERNELS.items():
+        if name.partition(".")[0] in modules:
+            kernel.compile()
+
+
 def missing_for_cuda() -> str:
     """What is missing to compute on a GPU; "" if nothing is."""
     _wait_briefly()

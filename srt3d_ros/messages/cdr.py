@@ -7,6 +7,8 @@ length is compared with the available bytes before it is used. Numbers are align
 
 import struct
 from dataclasses import dataclass
+from functools import partial
+from typing import Any, NewType, Self, TypeVar
 
 from srt3d_ros.errors import InvalidInput, require
 
@@ -15,6 +17,26 @@ MAX_FIELDS = 256                # per point: more than any real cloud has, and s
 MAX_FRAME_ID = 255              # characters; every message repeats them
 MAX_TRAILING_BYTES = 3          # some middleware pads messages to a multiple of 4
 NS_PER_S = 1_000_000_000
+T = TypeVar("T")
+# Types of members beside int (uint32), bool, str and memoryview (uint8[]).
+Byte = NewType("Byte", int)
+Stamp = NewType("Stamp", int)   # builtin_interfaces/Time in nanoseconds
+
+
+class Message:
+    """A message: a dataclass whose members have the types and the order of its definition in ROS."""
+
+    @classmethod
+    def read(cls, raw: bytes) -> Self:
+        """Read a serialised message; InvalidInput names the first member that is cut off or impossible."""
+        reader = Reader(raw)
+        message = reader.members(cls)
+        reader.end()
+        return message
+
+    def write(self) -> bytes:
+        """Serialise the message, ready to publish."""
+        return _serialised(type(self), self)
 
 
 @dataclass(frozen=True)
@@ -26,7 +48,7 @@ class Header:
         frame_id: the tf frame of the content.
     """
 
-    stamp_ns: int
+    stamp_ns: Stamp
     frame_id: str
 
     def __post_init__(self):
@@ -56,12 +78,12 @@ class Field:
 
     name: str
     offset: int
-    datatype: int
+    datatype: Byte
     count: int
 
 
 @dataclass(frozen=True, slots=True)
-class CloudMessage:
+class CloudMessage(Message):
     """sensor_msgs/PointCloud2."""
 
     header: Header
@@ -76,7 +98,7 @@ class CloudMessage:
 
 
 @dataclass(frozen=True, slots=True)
-class Image:
+class Image(Message):
     """sensor_msgs/Image."""
 
     header: Header
@@ -86,35 +108,6 @@ class Image:
     is_bigendian: bool
     step: int
     data: memoryview
-
-
-def read_cloud(raw: bytes) -> CloudMessage:
-    """Read a serialised PointCloud2; InvalidInput names the first field that is cut off or impossible."""
-    reader = Reader(raw)
-    header, height, width = reader.header(), reader.number("height"), reader.number("width")
-    count = reader.number("fields")
-    require(count <= MAX_FIELDS, "fields", f"a sequence of {count}", f"at most {MAX_FIELDS} fields")
-    fields = tuple(Field(reader.text("fields.name"), reader.number("fields.offset"),
-                         reader.number("fields.datatype", "B"), reader.number("fields.count")) for _ in range(count))
-    cloud = CloudMessage(header, height, width, fields, reader.flag("is_bigendian"), reader.number("point_step"),
-                  reader.number("row_step"), reader.sequence("data"), reader.flag("is_dense"))
-    reader.end()
-    return cloud
-
-
-def write_cloud(cloud: CloudMessage) -> bytes:
-    """Serialise a PointCloud2, ready to publish."""
-    writer = _Writer()
-    writer.header(cloud.header)
-    writer.numbers("I", cloud.height, cloud.width, len(cloud.fields))
-    for field in cloud.fields:
-        writer.text(field.name)
-        writer.numbers("I", field.offset)
-        writer.numbers("B", field.datatype)
-        writer.numbers("I", field.count)
-    writer.numbers("B", cloud.is_bigendian)
-    writer.numbers("I", cloud.point_step, cloud.row_step)
-    return writer.finish(cloud.data, bytes([cloud.is_dense]))
 
 
 def read_text(raw: bytes) -> str:
@@ -127,9 +120,7 @@ def read_text(raw: bytes) -> str:
 
 def write_text(text: str) -> bytes:
     """Serialise a std_msgs/String, ready to publish."""
-    writer = _Writer()
-    writer.text(text)
-    return bytes(writer.raw)
+    return _serialised(str, text)
 
 
 def restamp(raw: bytes, stamp_ns: int) -> bytes:
@@ -143,34 +134,22 @@ def _stamp(stamp_ns: int) -> bytes:
     return struct.pack("<iI", *divmod(stamp_ns, NS_PER_S))
 
 
-def read_image(raw: bytes) -> Image:
-    """Read a serialised Image; InvalidInput names the first field that is cut off or impossible."""
-    reader = Reader(raw)
-    image = Image(reader.header(), reader.number("height"), reader.number("width"), reader.text("encoding"),
-                  reader.flag("is_bigendian"), reader.number("step"), reader.sequence("data"))
-    reader.end()
-    return image
-
-
-def write_image(image: Image) -> bytes:
-    """Serialise an Image, ready to publish."""
-    writer = _Writer()
-    writer.header(image.header)
-    writer.numbers("I", image.height, image.width)
-    writer.text(image.encoding)
-    writer.numbers("B", image.is_bigendian)
-    writer.numbers("I", image.step)
-    return writer.finish(image.data)
-
-
 class Reader:
-    """Reads the fields of a serialised message in order; InvalidInput names the field that is cut off or impossible."""
+    """Reads a serialised message from its beginning on; InvalidInput names what is cut off or impossible."""
 
     def __init__(self, raw: bytes):
         self.raw = memoryview(raw)
         require(self.raw[:2] == CDR_HEADER and len(self.raw) >= CDR_HEADER_BYTES, "CDR header",
                 bytes(self.raw[:4]).hex(" "), "00 01 (little-endian), then 2 bytes")
         self.at = CDR_HEADER_BYTES
+
+    def members(self, kind: type[T], prefix: str = "") -> T:
+        """An object of a dataclass; `prefix` stands in front of the names of its members in errors."""
+        values = []
+        for name, member in kind.__annotations__.items():
+            read = READ.get(member)
+            values.append(read(self, prefix + name) if read else self.members(member, f"{prefix}{name}."))
+        return kind(*values)
 
     def take(self, field: str, count: int) -> memoryview:
         """The next `count` bytes."""
@@ -207,34 +186,54 @@ class Reader:
         except UnicodeDecodeError:
             raise InvalidInput(field, raw, "a string in UTF-8") from None
 
-    def header(self) -> Header:
-        sec, nanosec = self.number("header.stamp.sec", "i"), self.number("header.stamp.nanosec")
-        require(nanosec < NS_PER_S, "header.stamp.nanosec", nanosec, f"0 to {NS_PER_S - 1}")
-        return Header(sec * NS_PER_S + nanosec, self.text("header.frame_id"))
+    def stamp(self, field: str) -> int:
+        sec, nanosec = self.number(f"{field}.sec", "i"), self.number(f"{field}.nanosec")
+        require(nanosec < NS_PER_S, f"{field}.nanosec", nanosec, f"0 to {NS_PER_S - 1}")
+        return sec * NS_PER_S + nanosec
+
+    def fields(self, field: str) -> tuple[Field, ...]:
+        count = self.number(field)
+        require(count <= MAX_FIELDS, field, f"a sequence of {count}", f"at most {MAX_FIELDS} fields")
+        return tuple(self.members(Field, f"{field}.") for _ in range(count))
 
     def end(self) -> None:
         left = len(self.raw) - self.at
         require(left <= MAX_TRAILING_BYTES, "message", f"{left} bytes too long", f"{self.at} bytes")
 
 
-class _Writer:
-    def __init__(self):
-        self.raw = bytearray(b"\x00\x01\x00\x00")
+READ = {int: Reader.number, Byte: partial(Reader.number, code="B"), bool: Reader.flag, str: Reader.text,
+        memoryview: Reader.sequence, Stamp: lambda reader, name: reader.stamp("header.stamp"),
+        tuple[Field, ...]: Reader.fields}
 
-    def header(self, header: Header) -> None:
-        self.raw += _stamp(header.stamp_ns)
-        self.text(header.frame_id)
 
-    def numbers(self, code: str, *values: int) -> None:
-        """Append integers of the `struct` type `code`."""
-        self.raw += bytes(-(len(self.raw) - CDR_HEADER_BYTES) % struct.calcsize(code))
-        self.raw += struct.pack(f"<{len(values)}{code}", *values)
+def _serialised(kind: Any, value: Any) -> bytes:
+    """The bytes of a value of the type `kind`."""
+    parts: list[bytes | memoryview] = [CDR_HEADER + bytes(2)]
+    size = 0
 
-    def text(self, value: str) -> None:
-        encoded = value.encode() + b"\0"
-        self.numbers("I", len(encoded))
-        self.raw += encoded
+    def append(raw: bytes | memoryview) -> None:
+        nonlocal size
+        parts.append(raw)
+        size += len(raw)
 
-    def finish(self, data: memoryview, tail: bytes = b"") -> bytes:
-        self.numbers("I", len(data))
-        return b"".join((self.raw, data, tail))
+    def append_value(kind: Any, value: Any) -> None:
+        if kind is int:
+            append(bytes(-size % 4) + struct.pack("<I", value))
+        elif kind in (Byte, bool):
+            append(bytes([value]))
+        elif kind in (str, memoryview):
+            raw = value.encode() + b"\0" if kind is str else value
+            append_value(int, len(raw))
+            append(raw)
+        elif kind is Stamp:         # comes first
+            append(_stamp(value))
+        elif kind == tuple[Field, ...]:
+            append_value(int, len(value))
+            for one in value:
+                append_value(Field, one)
+        else:
+            for name, member in kind.__annotations__.items():
+                append_value(member, getattr(value, name))
+
+    append_value(kind, value)
+    return b"".join(parts)

@@ -22,7 +22,7 @@ def encode_cdr(image: np.ndarray, stamp_ns: int, frame_id: str) -> bytes:
 
 def decode_cdr(raw: bytes) -> tuple[cdr.Header, np.ndarray]:
     """The header and the image of a message, float32 [rows, cols], a copy; InvalidInput if it breaks the schema."""
-    image = cdr.read_image(raw)
+    image = cdr.Image.read(raw)
     return image.header, np.array(unpack_image(image, "images")[:, :, 0], dtype=np.float32, order="C")
 
 

@@ -1,18 +1,35 @@
-"""`odom` and `imu` → MotionReport: the few fields needed of serialised nav_msgs/Odometry and sensor_msgs/Imu."""
+"""`odom` and `imu`: nav_msgs/Odometry of a pose, and MotionReports of serialised Odometry and sensor_msgs/Imu."""
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from srt3d_ros.core.motion.track import MotionReport
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.errors import require
-from srt3d_ros.messages.cdr import Reader
+from srt3d_ros.messages.cdr import Header, Reader
 
+if TYPE_CHECKING:
+    from nav_msgs.msg import Odometry
+
+FIXED_FRAME, BODY_FRAME = "odom", "base_link"       # of what is simulated (REP-105)
 MAX_M = 1e9                 # largest coordinate: far outside of any map, and its square is finite
 MAX_RAD_S = 35.0            # 2000 degrees a second, the range of common gyroscopes
 COVARIANCE, ROTATION_COVARIANCE = 36, 9
 UNKNOWN = -1.0              # first number of the covariance of a quantity that is not measured (sensor_msgs/Imu)
+
+
+def encode_odometry(pose: Pose) -> "Odometry":
+    """The message, without a stamp, of the pose of BODY_FRAME in FIXED_FRAME; its twist is 0."""
+    from nav_msgs.msg import Odometry
+
+    message = Odometry(child_frame_id=BODY_FRAME)
+    message.header.frame_id = FIXED_FRAME
+    at, turn = message.pose.pose.position, message.pose.pose.orientation
+    at.x, at.y, at.z = pose.translation.tolist()
+    turn.x, turn.y, turn.z, turn.w = pose.quaternion
+    return message
 
 
 def decode_odometry(raw: bytes) -> MotionReport:
@@ -22,7 +39,7 @@ def decode_odometry(raw: bytes) -> MotionReport:
         InvalidInput: the message is cut off, or its pose is impossible.
     """
     reader = Reader(raw)
-    header = reader.header()
+    header = reader.members(Header, "header.")
     reader.text("child_frame_id")
     x, y, z, *quaternion = reader.numbers("pose", 7)
     require(all(abs(value) <= MAX_M for value in (x, y, z)), "position", [x, y, z], "finite metres")      # NaN fails
@@ -39,7 +56,7 @@ def decode_imu(raw: bytes) -> MotionReport:
         InvalidInput: the message is cut off, or its rate is not measured or impossible.
     """
     reader = Reader(raw)
-    header = reader.header()
+    header = reader.members(Header, "header.")
     reader.numbers("orientation", 4 + ROTATION_COVARIANCE)
     rate = reader.numbers("angular_velocity", 3)
     variance, *_ = reader.numbers("angular_velocity_covariance", ROTATION_COVARIANCE)

@@ -5,12 +5,11 @@ from collections.abc import Collection, Iterable
 import numpy as np
 
 from srt3d_ros.errors import require
-from srt3d_ros.messages import cdr
-from srt3d_ros.messages.cdr import CloudMessage, Field, Header, Image
+from srt3d_ros.messages.cdr import Byte, CloudMessage, Field, Header, Image, Stamp
 from srt3d_ros.messages.schema_files import DATATYPES, encodings, fields_of
 
 NAMES, STORED = dict(enumerate(DATATYPES, 1)), dict(enumerate(DATATYPES.values(), 1))      # by code in messages
-CODES = {stored: code for code, stored in STORED.items()}
+CODES = {stored: Byte(code) for code, stored in STORED.items()}
 MAX_POINT_STEP = 65_535         # bytes; the largest sketch needs 516
 
 
@@ -20,8 +19,8 @@ def encode_cloud(points: np.ndarray, stamp_ns: int, frame_id: str, is_dense: boo
     height, width = points.shape if points.ndim == 2 else (1, len(points))
     fields = tuple(Field(name, offset, *_wire_type(kind)) for name, (kind, offset) in fields_of(points.dtype).items())
     step = points.dtype.itemsize
-    return cdr.write_cloud(CloudMessage(Header(stamp_ns, frame_id), height, width, (*fields, *further), False, step,
-                                        width * step, _bytes(points), is_dense))
+    return CloudMessage(Header(Stamp(stamp_ns), frame_id), height, width, (*fields, *further), False, step,
+                        width * step, _bytes(points), is_dense).write()
 
 
 def unpack_cloud(cloud: CloudMessage, layouts: Collection[np.dtype]) -> np.ndarray:
@@ -52,18 +51,13 @@ def unpack_cloud(cloud: CloudMessage, layouts: Collection[np.dtype]) -> np.ndarr
     return np.ndarray((cloud.height, cloud.width), point, cloud.data, strides=(cloud.row_step, cloud.point_step))
 
 
-def xyz_of(points: np.ndarray) -> np.ndarray:
-    """The fields x, y and z, float32 [..., 3], a copy."""
-    return np.stack([points[axis] for axis in "xyz"], axis=-1, dtype=np.float32)
-
-
 def encode_image(pixels: np.ndarray, name: str, stamp_ns: int, frame_id: str) -> bytes:
     """The serialised image of an array [height, width, channels], as the schema `name` encodes its dtype."""
     height, width, channels = pixels.shape
     stored = pixels.dtype.newbyteorder("<")
     encoding, = (encoding for encoding, kind in encodings(name, channels).items() if kind == stored)
-    return cdr.write_image(Image(Header(stamp_ns, frame_id), height, width, encoding, False,
-                                 width * channels * stored.itemsize, _bytes(pixels.astype(stored, copy=False))))
+    return Image(Header(Stamp(stamp_ns), frame_id), height, width, encoding, False,
+                 width * channels * stored.itemsize, _bytes(pixels.astype(stored, copy=False))).write()
 
 
 def unpack_image(image: Image, name: str, channels: int = 1) -> np.ndarray:
@@ -108,7 +102,7 @@ def _stored(field: Field) -> np.dtype:
     return np.dtype((STORED[field.datatype], (field.count,) if field.count > 1 else ()))
 
 
-def _wire_type(kind: np.dtype) -> tuple[int, int]:
+def _wire_type(kind: np.dtype) -> tuple[Byte, int]:
     """The datatype code and the count of a PointField for a dtype."""
     return CODES[kind.base], int(np.prod(kind.shape))
 

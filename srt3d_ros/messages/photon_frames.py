@@ -39,7 +39,7 @@ def _encode_events(events: PhotonEvents, sensor: SensorModel, frame_id: str) -> 
 
 def _decode_events(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, PhotonEvents]:
     """The photons, in the order and with the type of ToA of the message, whose cloud may be organised and padded."""
-    cloud = cdr.read_cloud(raw)
+    cloud = cdr.CloudMessage.read(raw)
     points = unpack_cloud(cloud, list(cloud_layouts("photons").values())).reshape(-1)
     row, col = points["row"].astype(np.uint32), points["col"].astype(np.uint32)
     for name, index, count in (("row", row, sensor.rows), ("col", col, sensor.cols)):
@@ -58,7 +58,7 @@ def _encode_gates(gates: PhotonGates, sensor: SensorModel, frame_id: str) -> byt
 
 def _decode_gates(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, PhotonGates]:
     """The words: a read-only view, or a copy of padded rows; InvalidInput also if the sensor has no `gates`."""
-    image = cdr.read_image(raw)
+    image = cdr.Image.read(raw)
     form = sensor.gate_words
     require(image.width == sensor.cols, "width", image.width, f"the sensor's {sensor.cols} columns")
     require(image.height % sensor.rows == 0, "height", image.height, f"a multiple of the sensor's {sensor.rows} rows")
@@ -76,7 +76,7 @@ def _encode_histograms(histograms: PhotonHistograms, sensor: SensorModel, frame_
 
 def _decode_histograms(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, PhotonHistograms]:
     """The counts: a read-only view, or a copy of padded rows."""
-    image = cdr.read_image(raw)
+    image = cdr.Image.read(raw)
     require(image.height == sensor.rows, "height", image.height, f"the sensor's {sensor.rows} rows")
     require(image.width == sensor.cols, "width", image.width, f"the sensor's {sensor.cols} columns")
     counts = unpack_image(image, "histograms", sensor.histogram_size)

@@ -1,10 +1,11 @@
-"""`points`: Cloud ⇄ PointCloud2 (msg_schemas/points.json)."""
+"""`points` and `free`: Cloud, and ends of empty rays ⇄ PointCloud2 (msg_schemas/points.json, free.json)."""
 
 import numpy as np
 
 from srt3d_ros.core.point_cloud import PointCloud
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.messages import cdr
-from srt3d_ros.messages.packing import encode_cloud, unpack_cloud, xyz_of
+from srt3d_ros.messages.packing import encode_cloud, unpack_cloud
 from srt3d_ros.messages.schema_files import cloud_layouts, fields_of
 
 
@@ -43,11 +44,11 @@ def decode_cdr(raw: bytes) -> tuple[cdr.Header, dict[str, np.ndarray]]:
     Raises:
         InvalidInput: the message breaks the schema.
     """
-    cloud, layouts = cdr.read_cloud(raw), cloud_layouts("points")
+    cloud, layouts = cdr.CloudMessage.read(raw), cloud_layouts("points")
     present = {field.name for field in cloud.fields}
     layout = layouts["full" if present.issuperset(fields_of(layouts["full"])) else "xyzi"]
     points = unpack_cloud(cloud, [layout]).reshape(-1)
-    columns = {"xyz": xyz_of(points)}
+    columns = {"xyz": _xyz(points)}
     for name in list(fields_of(layout))[3:]:
         columns[name] = points[name].astype(layout[name])
     placed = np.isfinite(columns["xyz"]).all(axis=1)
@@ -67,3 +68,22 @@ def _image(points: np.ndarray, cloud: PointCloud) -> np.ndarray:
     first = cloud.surface == 0
     image[cloud.row[first], cloud.col[first]] = points[first]
     return image
+
+
+def encode_ends_cdr(free_m: np.ndarray, sensor: SensorModel, stamp_ns: int, frame_id: str) -> bytes:
+    """The serialised message of ranges up to which pixels are empty: float32 [rows, cols], metres, NaN = unknown."""
+    known = np.isfinite(free_m)
+    points = np.empty(int(known.sum()), cloud_layouts("free")["xyz"])
+    points["x"], points["y"], points["z"] = (sensor.rays[known] * free_m[known, None]).T
+    return encode_cloud(points, stamp_ns, frame_id)
+
+
+def decode_ends_cdr(raw: bytes) -> tuple[cdr.Header, np.ndarray]:
+    """The header and the ends, float32 [N, 3], metres; InvalidInput if the message breaks the schema."""
+    cloud = cdr.CloudMessage.read(raw)
+    return cloud.header, _xyz(unpack_cloud(cloud, [cloud_layouts("free")["xyz"]]).reshape(-1))
+
+
+def _xyz(points: np.ndarray) -> np.ndarray:
+    """The fields x, y and z, float32 [N, 3], a copy."""
+    return np.stack([points[axis] for axis in "xyz"], axis=-1, dtype=np.float32)

@@ -3,7 +3,7 @@
 import hashlib
 from dataclasses import is_dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,22 +14,12 @@ from srt3d_ros.files import json_text
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages.cdr import MAX_FRAME_ID, check_frame_id
 
-if TYPE_CHECKING:
-    from std_msgs.msg import String
-
 VERSION = 1         # of the schema
 
 
-def encode(sensor: SensorModel, **own: str) -> "String":
-    """The message of a sensor; `own` adds keys, whose names must begin with `x_`."""
-    from std_msgs.msg import String
-
-    return String(data=json_text.dump(to_object(sensor) | own))
-
-
-def encode_cdr(sensor: SensorModel) -> bytes:
-    """`encode`, serialised."""
-    return cdr.write_text(to_json(sensor))
+def encode_cdr(sensor: SensorModel, **own: str) -> bytes:
+    """The serialised message of a sensor; `own` adds keys, whose names must begin with `x_`."""
+    return cdr.write_text(json_text.dump(to_object(sensor) | own))
 
 
 def decode_cdr(raw: bytes) -> SensorModel:
@@ -57,7 +47,7 @@ def digest(sensor: SensorModel | str) -> str:
     """The first 8 hexadecimal digits of SHA-256 of a description's JSON text, by which sketches name the description.
 
     Args:
-        sensor: the text of a received description; or a sensor, for the text that `encode` sends.
+        sensor: the text of a received description; or a sensor, for the text that `encode_cdr` sends.
     """
     text = sensor if isinstance(sensor, str) else to_json(sensor)
     return hashlib.sha256(text.encode()).hexdigest()[:8]

@@ -54,7 +54,7 @@ def description_of(cloud: cdr.CloudMessage) -> str:
 
 def decode_cdr(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, PhaseSums]:
     """The header and the sketch of a serialised message; `decode` says how."""
-    cloud = cdr.read_cloud(raw)
+    cloud = cdr.CloudMessage.read(raw)
     return cloud.header, decode(cloud, sensor)
 
 
@@ -62,7 +62,7 @@ def decode(cloud: cdr.CloudMessage, sensor: SensorModel) -> PhaseSums:
     """The sketch of a message in any layout.
 
     Args:
-        cloud: the message, from `cdr.read_cloud`.
+        cloud: the message, from `CloudMessage.read`.
         sensor: of the description that it names (`description_of`).
 
     Raises:
@@ -94,7 +94,7 @@ def decode_counts_cdr(raw: bytes) -> tuple[cdr.Header, tuple[int, ...], np.ndarr
     Raises:
         InvalidInput: the message has no photon counts.
     """
-    cloud = cdr.read_cloud(raw)
+    cloud = cdr.CloudMessage.read(raw)
     return cloud.header, _frequencies(cloud), unpack_cloud(cloud, [COUNTS])["photons"]
 
 

@@ -6,7 +6,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.publisher import Publisher
+from rclpy.serialization import deserialize_message
 
 from srt3d_ros.datasets import SIMULATOR
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
@@ -43,10 +45,10 @@ PARAMETERS = (
     Parameter("seed", 0, "Simulator: the same seed gives the same photons.", low=0, high=10**9),
     Parameter("motion", "off", "Simulator: walk moves the sensor through a furnished room as a walking person would. "
               f"A frame then has {PACKETS} packets, and `odom` gives the pose of the body.",
-              choices=("off", *MOTIONS), loose=True),
+              choices=("off", *MOTIONS)),
     Parameter("wait_for", "", "Nodes in the order in which frames pass them, such as sketcher reconstructor recorder: "
               f"begin when all are ready, within {READY_S:.0f} s; after `frames`, wait until they have finished; if "
-              f"frames were lost, log where and exit with {FRAMES_LOST}. If empty: begin when `photons` has a "
+              f"frames were lost, log how many and exit with {FRAMES_LOST}. If empty: begin when `photons` has a "
               "subscriber.", form="names of nodes"),
 )
 
@@ -79,7 +81,9 @@ class PlayerNode(ManagedNode):
         chain = None
         if names:
             chain = Chain(names, reports := Reports())
-            self.endpoints.subscribe(topics.DIAGNOSTICS, lambda message, info: reports.add(message), QUEUE_DEPTH)
+            self.endpoints.subscribe(topics.DIAGNOSTICS,
+                                     lambda raw, info: reports.add(deserialize_message(raw, DiagnosticArray)),
+                                     QUEUE_DEPTH)
         self._outputs[topics.SENSOR.name].publish(sensor_message.encode_cdr(self._source.sensor))
         self.worker.call(self._play, chain)
 
@@ -125,24 +129,22 @@ class PlayerNode(ManagedNode):
             chain.begin()
 
     def _follow_last(self, chain: Chain, sent: int) -> None:
-        """Wait until every frame has become a cloud, or none has for SETTLE_S, and log what was lost."""
+        """Wait until every frame has become a cloud, or none has for SETTLE_S, and log how many were lost."""
         outcome, since_s = chain.outcome(sent), time.monotonic()
 
         def unsettled() -> str:
             nonlocal outcome, since_s
             if (now := chain.outcome(sent)) != outcome:
                 outcome, since_s = now, time.monotonic()
-            return "the last frames" if outcome.under_way and time.monotonic() - since_s <= SETTLE_S else ""
+            return "the last frames" if outcome.under_way > 0 and time.monotonic() - since_s <= SETTLE_S else ""
 
         self._wait(unsettled)
-        lost = outcome.lost
-        reached = ", ".join(f"{name} {count}" for name, count in outcome.arrived.items())
-        if not lost:
-            self.get_logger().info(f"sent {sent}, none lost: {reached}")
-            return
-        self.exit_code = FRAMES_LOST
-        places = ", ".join(f"{count} {place}" for place, count in lost.items())
-        self.get_logger().error(f"sent {sent} ({reached}), of which {sum(lost.values())} were lost: {places}")
+        if outcome.missing > 0:
+            self.exit_code = FRAMES_LOST
+            self.get_logger().error(f"sent {sent}, of which {outcome.missing} were lost: {outcome.clouds} clouds; "
+                                    "/diagnostics has the drops of each node by cause")
+        else:
+            self.get_logger().info(f"sent {sent}, none lost: {outcome.clouds} clouds")
 
     def _send_all(self) -> int:
         """Publish the source's messages when they are due; returns the number of frames."""
@@ -164,7 +166,7 @@ class PlayerNode(ManagedNode):
                 publisher.publish(data)
                 continue
             if not sent:
-                self.diagnostics.show(first_stamp_ns=first_ns + item.stamp_ns)
+                self.get_logger().info(f"first stamp: {first_ns + item.stamp_ns} ns")
             self.diagnostics.count(messages_in=1)
             self.publish_frame(publisher, data, first_ns + item.due_ns)
             sent += 1

@@ -4,27 +4,25 @@ import time
 from functools import partial
 
 import numpy as np
-from std_msgs.msg import String
 
 from srt3d_ros import precompile
 from srt3d_ros.core.method.pile_up import SATURATED, saturated
 from srt3d_ros.core.methods import METHODS, OPTIONS, SKETCH_METHODS, checked
-from srt3d_ros.core.motion.track import SensorMotion
-from srt3d_ros.core.motion.trajectory import Pose, Trajectory
+from srt3d_ros.core.motion.trajectory import Trajectory
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.signs_of_life import FreeSpaceStream
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.errors import require
 from srt3d_ros.kernels.devices import kernels_for
-from srt3d_ros.messages import free_message, images_message, points_message, sketch_message
+from srt3d_ros.messages import images_message, points_message, sketch_message
 from srt3d_ros.nodes.common import topics
 from srt3d_ros.nodes.common.managed_node import ManagedNode, sensor_summary
 from srt3d_ros.nodes.common.parameters import Parameter, Values
 from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.common.worker import Dropped
-from srt3d_ros.nodes.motion_input import MotionInput
+from srt3d_ros.nodes.motion_input import MOTION, MotionInput
 from srt3d_ros.nodes.sketch_queue import QueuedSketch, SketchQueue
 from srt3d_ros.reconstruction import Reconstructor
 
@@ -47,19 +45,6 @@ PARAMETERS = (
               "(docs/robot-stack.md says how to measure it); 0 = nothing is claimed. Only with method pooled and "
               "`window_frames` of 1.", "photons", low=0.0, live=True),
 )
-
-
-def check(values: Values) -> None:
-    """Raise InvalidInput for values that contradict each other, or that this machine cannot use."""
-    checked(options(values))
-    kernels_for(values["device"])
-    nearest, farthest = values["min_range_m"], values["max_range_m"]
-    require(farthest == 0 or nearest < farthest, "min_range_m", nearest, f"less than max_range_m, {farthest:g} m")
-    require(values["free_brightness"] == 0 or values["method"] == "pooled", "free_brightness",
-            values["free_brightness"], f"0 with method {values['method']}: only pooled tells what is empty")
-    require(values["free_brightness"] == 0 or values["window_frames"] == 1, "free_brightness",
-            values["free_brightness"], f"0 with window_frames {values['window_frames']}: what appears is found later "
-            "in a window; run a second reconstructor with window_frames 1 for free, its points remapped")
 
 
 def options(values: Values) -> Values:
@@ -92,12 +77,10 @@ class ReconstructorNode(ManagedNode):
         self._built: dict[tuple[str, tuple[int, ...]], Reconstructor] = {}      # the last used comes last
         self._free_of: tuple | None = None          # the sensor and the frequencies that `_free` is for
         self._settings = self.parameters.as_dict()      # the worker's copy, which changes only between frames
-        self.parameters.on_check = check
-        self.parameters.on_change = lambda: self.worker.call(self._apply)
 
     def configure(self) -> None:
         self._settings = self.parameters.as_dict()
-        check(self._settings)
+        self.check(self._settings)
         # On the CPU, since a GPU's kernels depend on the sensor.
         Reconstructor(precompile.ANY_SENSOR, (1, 2, 3), **options(self._settings | {"device": "cpu"})).warm_up()
         self._points = self.endpoints.advertise(topics.POINTS)
@@ -123,20 +106,27 @@ class ReconstructorNode(ManagedNode):
         self.endpoints.unsubscribe()            # the worker may have subscribed since `unsubscribe`
         self._motion = None
 
-    def _apply(self) -> None:
-        """Use the current parameters from the next frame on."""
+    def check(self, values: Values) -> None:
+        """Raise InvalidInput for values that contradict each other, or that this machine cannot use."""
+        checked(options(values))
+        kernels_for(values["device"])
+        nearest, farthest = values["min_range_m"], values["max_range_m"]
+        require(farthest == 0 or nearest < farthest, "min_range_m", nearest, f"less than max_range_m, {farthest:g} m")
+        brightness, method, window = (values[name] for name in ("free_brightness", "method", "window_frames"))
+        require(brightness == 0 or method == "pooled", "free_brightness", brightness,
+                f"0 with method {method}: only pooled tells what is empty")
+        require(brightness == 0 or window == 1, "free_brightness", brightness, f"0 with window_frames {window}: what "
+                "appears is found later in a window; run a second reconstructor with window_frames 1 for free, its "
+                "points remapped")
+
+    def apply_parameters(self) -> None:
         settings = self.parameters.as_dict()
-        before, after = options(self._settings), options(settings)
-        if changed := dict(after.items() - before.items()):
-            if list(changed) == ["false_alarm_rate"]:
-                for reconstructor in self._built.values():
-                    reconstructor.set_false_alarm_rate(**changed)
-            else:
-                self._built.clear()
+        if options(settings) != options(self._settings):
+            self._built.clear()
         self._settings = settings
 
-    def _on_sensor(self, message: String) -> None:
-        sensor = self.check_size(self._queue.describe(message.data))
+    def _on_sensor(self, raw: bytes) -> None:
+        sensor = self.check_size(self._queue.describe(raw))
         self.diagnostics.problem, self.diagnostics.frame_id = "", sensor.frame_id
         self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins)
         self._hear_motion_of(sensor)
@@ -176,27 +166,25 @@ class ReconstructorNode(ManagedNode):
         """Report the pixels with a photon in nearly every laser cycle, whose pile-up cannot be corrected well."""
         pixels = 0
         if sketch.cycles:
-            pixels = int(saturated(sketch, sketch.sensor).sum())
+            pixels = int(saturated(sketch).sum())
             self.diagnostics.show(cycles=sketch.cycles, saturated_pixels=pixels)
         warning = f"saturated pixels: {pixels} (a photon in over {SATURATED:.0%} of the cycles)"
-        if pixels or self._motion is None:
-            self.diagnostics.degraded = warning if pixels else ""
+        self.diagnostics.degrade("saturation", warning if pixels else "")
 
     def _hear_motion_of(self, sensor: SensorModel) -> None:
         """Subscribe to `odom` for windows of a sensor that moves, unless that is done."""
         if self._motion is None and self._settings["window_frames"] > 1 and sensor.extrinsics:
-            self._motion, self._mount = MotionInput(self, lambda: None), ""
+            self._motion = MotionInput(self, lambda: None)
 
     def _trajectory(self, sketch: PhaseSums) -> Trajectory | None:
         """The sensor's motion since the last sketch, for a window; empty if it is not known, None if it is at rest."""
         self._hear_motion_of(sketch.sensor)
         mount, (before_ns, self._before_ns) = sketch.sensor.extrinsics, (self._before_ns, sketch.stamp_ns)
         if self._motion is None or not mount or self._settings["window_frames"] == 1:
+            self.diagnostics.degrade(MOTION, "")
             return None
-        if mount != self._mount:
-            self._mount, self._track = mount, SensorMotion(Pose.from_text(mount))
-        self._motion.read_into(self._track.add)
-        trajectory, cause = self._track.over(min(before_ns or sketch.stamp_ns, sketch.stamp_ns), sketch.stamp_ns, True)
+        first_ns = min(before_ns or sketch.stamp_ns, sketch.stamp_ns)
+        trajectory, cause = self._motion.over(mount, first_ns, sketch.stamp_ns, late=True)
         self._motion.judge(cause and f"windows of one frame: {cause}", "windows follow the motion again")
         return trajectory or Trajectory()
 
@@ -225,7 +213,7 @@ class ReconstructorNode(ManagedNode):
         try:
             free_m = self._free_range_m(seen, sketch)
             if free_m is not None:
-                ends = free_message.encode_cdr(free_m, sketch.sensor, cloud.stamp_ns, frame_id)
+                ends = points_message.encode_ends_cdr(free_m, sketch.sensor, cloud.stamp_ns, frame_id)
                 self.publish(self._ends, ends)
             self._publish_images(cloud, sketch.sensor, frame_id, free_m)
         except Exception as problem:    # not counted as a lost frame: its points have been published
@@ -244,16 +232,16 @@ class ReconstructorNode(ManagedNode):
 
     def _publish_images(self, cloud: PointCloud, sensor: SensorModel, frame_id: str, free_m: np.ndarray | None
                         ) -> None:
-        def depth() -> np.ndarray:
-            image = cloud.depth_image()
-            if free_m is not None:
-                image[free_m >= self._free.end_m(self._settings["max_range_m"])] = np.inf
-            return image
-        draw = {"depth": depth, "intensity": partial(cloud.image, "intensity"),
-                "background": lambda: cloud.background}
         for name, publisher in self._images.items():
-            if publisher.get_subscription_count():
-                self.publish(publisher, images_message.encode_cdr(draw[name](), cloud.stamp_ns, frame_id))
+            if not publisher.get_subscription_count():
+                continue
+            if name == "depth":
+                image = cloud.depth_image()
+                if free_m is not None:
+                    image[free_m >= self._free.end_m(self._settings["max_range_m"])] = np.inf
+            else:
+                image = cloud.image(name) if name == "intensity" else cloud.background
+            self.publish(publisher, images_message.encode_cdr(image, cloud.stamp_ns, frame_id))
         if self._camera_info.get_subscription_count():
             info = images_message.camera_info(sensor, cloud.stamp_ns, frame_id)
             if info is not None:        # None for a scanner, which is no camera

@@ -11,21 +11,19 @@ from pathlib import Path
 import numpy as np
 from rclpy.qos import ReliabilityPolicy
 from rclpy.utilities import get_rmw_implementation_identifier
-from std_msgs.msg import String
 
-from srt3d_ros.core.motion.track import SensorMotion
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import require
 from srt3d_ros.files.new_files import free
-from srt3d_ros.messages import free_message, images_message, points_message, sensor_message, sketch_message
+from srt3d_ros.messages import images_message, points_message, sensor_message, sketch_message
 from srt3d_ros.nodes.common import topics
 from srt3d_ros.nodes.common.managed_node import ManagedNode
 from srt3d_ros.nodes.common.parameters import Parameter, Values
 from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.common.worker import Dropped
-from srt3d_ros.nodes.motion_input import MotionInput
+from srt3d_ros.nodes.motion_input import MOTION, MotionInput
 from srt3d_ros.processes.versions import versions
 from srt3d_ros.recording import entities
 from srt3d_ros.recording.writer import IMAGES_HZ, FrameIndex, RecordedFrame, RecordingFailed, RecordingWriter
@@ -78,10 +76,8 @@ class RecorderNode(ManagedNode):
 
     def __init__(self):
         super().__init__(QUEUE)
-        self.parameters.on_check = self._check
         self._writer: RecordingWriter | None = None
         self._path: Path | None = None      # of the recording that is open or begins next
-        self._track: SensorMotion | None = None     # of a sensor with extrinsics
         self._unplaced: deque[tuple[RecordedFrame, np.ndarray, np.ndarray]] = deque()      # with xyz and intensity
 
     def configure(self) -> None:
@@ -90,7 +86,7 @@ class RecorderNode(ManagedNode):
         self._images = checked_images(self.parameters["images"])
         self._versions = versions() | {"rmw": get_rmw_implementation_identifier()}
 
-    def _check(self, values: Values) -> None:
+    def check(self, values: Values) -> None:
         require(self.state != "active", "path", problem="path can be set while the recorder is inactive: "
                 f"ros2 lifecycle set {self.get_fully_qualified_name()} deactivate")
         checked_path(values["path"])
@@ -110,7 +106,7 @@ class RecorderNode(ManagedNode):
         for topic in topics.IMAGE_TOPICS:
             if f"/{topic.name}" in self._images:
                 self._record(topic, images_message.decode_cdr, partial(self._log_image, f"/{topic.name}"))
-        self._record(topics.FREE, free_message.decode_cdr, self._log_free)
+        self._record(topics.FREE, points_message.decode_ends_cdr, self._log_free)
         # Subscribe before `points`, so that a backlog of sketches is read first.
         self._record(topics.SKETCH, sketch_message.decode_counts_cdr, self._log_sketch)
         self._record(topics.POINTS, points_message.decode_cdr, self._log_points)
@@ -128,8 +124,9 @@ class RecorderNode(ManagedNode):
         self._writer = None
         writer.close()
 
-    def _on_sensor(self, message: String) -> None:
-        sensor, before = sensor_message.from_json(message.data), self._sensor
+    def _on_sensor(self, raw: bytes) -> None:
+        sensor, before = sensor_message.decode_cdr(raw), self._sensor
+        Pose.from_text(sensor.extrinsics or "")     # refuses the description, in place of each of its clouds
         if self._path is None:
             return
         if self._writer is not None and before and sensor.replace(mask=None).same_as(before.replace(mask=None)):
@@ -137,14 +134,14 @@ class RecorderNode(ManagedNode):
                 self._sensor = sensor
                 self._writer.describe(sensor)
             return
-        track = None if sensor.extrinsics is None else SensorMotion(Pose.from_text(sensor.extrinsics))
         if self._writer is not None:        # another sensor needs another recording
             self._end_recording(self._writer)
             if self.stopping.is_set():      # a node that stops begins no recording; the remaining frames are dropped
                 self._path = None
                 return
             self._path = free(self._asked)
-        self._track, self._sensor, self._frequencies, self.diagnostics.frame_id = track, sensor, (), sensor.frame_id
+        self._sensor, self._frequencies, self.diagnostics.frame_id = sensor, (), sensor.frame_id
+        self.diagnostics.degrade(MOTION, "")        # of another sensor
         self.get_logger().info(f"recording to {self._path}")
         about_run = {"namespace": self.get_namespace(), "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
                      "machine": platform.node(), "cpus": os.cpu_count()}
@@ -193,9 +190,8 @@ class RecorderNode(ManagedNode):
         recorded = {name: columns[name] for name in ("xyz", "intensity", *entities.OF_FULL_CLOUDS) if name in columns}
         writer.log_cloud(frame.stamp_ns, frame.number, **recorded)
         self.diagnostics.count(clouds=1, points=number_of_points)
-        if self._track is not None:
-            self._unplaced.append((frame, columns["xyz"], columns["intensity"]))
-            self._place(writer)
+        self._unplaced.append((frame, columns["xyz"], columns["intensity"]))
+        self._place(writer)
 
     def _on_motion(self) -> None:
         """Have the worker place clouds if some wait; called in the executor's thread."""
@@ -204,24 +200,23 @@ class RecorderNode(ManagedNode):
 
     def _place(self, writer: RecordingWriter, at_once: bool = False) -> None:
         """Log the poses of clouds that odometry has reached by now; give up those that have waited for POSE_NS."""
-        if self._track is None:
-            return
-        self._motion.read_into(self._track.add)
-        newest_ns, problem = self._unplaced[-1][0].stamp_ns if self._unplaced else 0, ""
+        mount = self._sensor.extrinsics if self._sensor else None
+        if mount is None:               # the sensor does not move
+            return self._unplaced.clear()
         while self._unplaced:
             frame, xyz, intensity = self._unplaced[0]
-            late = at_once or not 0 <= newest_ns - frame.stamp_ns < POSE_NS
-            trajectory, reason = self._track.over(frame.stamp_ns, frame.stamp_ns, late)
+            late = at_once or not 0 <= self._unplaced[-1][0].stamp_ns - frame.stamp_ns < POSE_NS
+            trajectory, reason = self._motion.over(mount, frame.stamp_ns, frame.stamp_ns, late)
             if trajectory is None and not reason:
                 return
             self._unplaced.popleft()
-            if trajectory is None and self._track.trajectory.newest_ns is None:
+            if trajectory is None and self._motion.track.trajectory.newest_ns is None:
                 continue                # the robot has no odometry
+            problem = reason and f"clouds are recorded without a pose: {reason}"
             if trajectory is None:
-                problem = f"clouds are recorded without a pose: {reason}"
                 self.diagnostics.count(clouds_unplaced=1)
             else:
-                problem, pose = "", trajectory.at(frame.stamp_ns)
+                pose = trajectory.at(frame.stamp_ns)
                 writer.log_pose(frame.stamp_ns, frame.number, pose)
                 if frame.has_images:
                     writer.log_room(frame.stamp_ns, frame.number, pose, xyz, intensity)

@@ -34,8 +34,9 @@ class SketchQueue:
         """The digest of the description that the oldest sketch waits for; empty if none waits."""
         return self._waiting[0].digest if self._waiting else ""
 
-    def describe(self, text: str) -> SensorModel:
-        """Keep a description and return its sensor; InvalidInput if it cannot be used."""
+    def describe(self, raw: bytes) -> SensorModel:
+        """Keep a serialised description and return its sensor; InvalidInput if it cannot be used."""
+        text = cdr.read_text(raw)
         sensor, digest = sensor_message.from_json(text), sensor_message.digest(text)
         self._sensors.pop(digest, None)
         self._sensors[digest] = sensor
@@ -45,7 +46,7 @@ class SketchQueue:
 
     def add(self, raw: bytes, now_s: float) -> None:
         """Queue a serialised sketch; InvalidInput if it names no description."""
-        message = cdr.read_cloud(raw)
+        message = cdr.CloudMessage.read(raw)
         self._waiting.append(QueuedSketch(sketch_message.description_of(message), message, now_s))
 
     def take(self, now_s: float) -> tuple[list[tuple[SensorModel, QueuedSketch]], list[QueuedSketch]]:

@@ -4,8 +4,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from std_msgs.msg import String
-
 from srt3d_ros import precompile
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.difference import first_difference
@@ -19,8 +17,8 @@ from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.core.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets import open_sensor
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import sensor_message, sketch_message
-from srt3d_ros.messages.cdr import check_frame_id
+from srt3d_ros.kernels.devices import compile_kernels
+from srt3d_ros.messages import cdr, sensor_message, sketch_message
 from srt3d_ros.messages.photon_frames import CODECS, Codec
 from srt3d_ros.nodes.common import topics
 from srt3d_ros.nodes.common.managed_node import ManagedNode, sensor_summary
@@ -30,6 +28,7 @@ from srt3d_ros.nodes.common.worker import Dropped
 from srt3d_ros.nodes.motion_input import MotionInput, motion_parameters
 
 AT_ORIGIN = "0 0 0 0 0 0 1"
+POLL_S = 0.1                # a frame ends by silence after 0.5 s or more, and waits for motion for 1 s
 LIKELY_PACKETS = 8          # assumed per frame_period_s until the first period has ended
 PARAMETERS = (
     Parameter("sensor_file", "", "Description of the sensor, for a driver that publishes none: JSON as on `sensor`, "
@@ -37,15 +36,15 @@ PARAMETERS = (
               "and an error in the log and in /diagnostics names the first key that differs.",
               form="a path"),
     Parameter.of(OPTIONS["sketch_size"]),
-    Parameter.of(OPTIONS["frequencies"], loose=True),
+    Parameter.of(OPTIONS["frequencies"]),
     Parameter("gate", OFF, "First and last depth bin to keep. Photons in other bins are dropped "
               "(`photons_dropped.gate`), and T becomes the gate's length: less background and finer depths at a low "
               "SBR. `srt3d info FILE` proposes one. The spread of the pixels' delays widens it.",
-              form="off, or first and last bin such as 100-400", live=True, loose=True),
+              form="off, or first and last bin such as 100-400", live=True),
     Parameter("mask", "auto", "auto: leave out hot pixels, as the first second of photons shows them, unless the "
               "description has a mask. /diagnostics counts them (`hot_pixels`). A lamp of up to 2 × 2 pixels "
               "looks the same: look again by `deactivate` and `activate`, or measure a mask.",
-              choices=("auto", OFF), live=True, loose=True),
+              choices=("auto", OFF), live=True),
     Parameter("packets_per_frame", 1, "Messages per frame. With frame_period_s, 1 means any number.",
               low=1, high=100_000, live=True),
     Parameter("frame_period_s", 0.0, "Define frames by stamp: a frame contains the stamps of one period. It ends "
@@ -94,16 +93,15 @@ class SketcherNode(ManagedNode):
 
     def __init__(self):
         super().__init__()
-        self.parameters.on_check = self._check
-        self.parameters.on_change = lambda: self.worker.call(self._apply)
+        self.create_timer(POLL_S, lambda: self.worker.call(self._poll))
 
     def configure(self) -> None:
         path = self.parameters["sensor_file"]
         self._file = self._sensor = self.check_size(open_sensor(path)) if path else None
-        self._check(self.parameters.as_dict())
-        precompile.sketching()
+        self.check(self.parameters.as_dict())
+        compile_kernels("phase_sums")
         if self.parameters["motion"] != OFF:
-            precompile.deskewing()
+            compile_kernels("move_sketch")
         if self._file is not None:
             self._file_publisher = self.endpoints.advertise(topics.SENSOR)
         self._sketches, self._descriptions = map(self.endpoints.advertise, (topics.SKETCH, topics.SKETCH_SENSOR))
@@ -112,7 +110,6 @@ class SketcherNode(ManagedNode):
         self.worker.messages_per_frame = max(self.parameters["packets_per_frame"],
                                              LIKELY_PACKETS if self.parameters["frame_period_s"] else 1)
         self._frame_id, self._described, self._own_description = "", None, ""
-        self._wake_s = float("inf")             # when `_wake` will be called, by the node's clock
         self._sensor, self._refused = self._file, ""
         self._topic, self._file_name = self.resolve_topic_name("sensor"), Path(self.parameters["sensor_file"]).name
         if self._file is None:
@@ -120,10 +117,12 @@ class SketcherNode(ManagedNode):
         else:
             self.get_logger().info(f"sensor_file {self._file_name}: {sensor_summary(self._file)}; a description on "
                                    f"{self._topic} must agree")
-            message = sensor_message.encode(self._file, x_writer=f"{self.get_fully_qualified_name()} {self.now_ns()}")
+            # The writer tells it from an equal one.
+            message = sensor_message.encode_cdr(self._file,
+                                                x_writer=f"{self.get_fully_qualified_name()} {self.now_ns()}")
             self._file_publisher.publish(message)
-            self._own_description = message.data        # its writer tells it from an equal one
-            self.worker.call(self._apply)
+            self._own_description = cdr.read_text(message)
+            self.worker.call(self.apply_parameters)
         if self.parameters["motion"] != OFF:
             self._motion = MotionInput(self, self._on_motion, self.parameters["motion"])
             self.diagnostics.count(frames_deskewed=0, frames_undeskewed=0)
@@ -142,11 +141,18 @@ class SketcherNode(ManagedNode):
 
     # ---- Sensor and parameters
 
-    def _on_sensor(self, message: String) -> None:
-        if message.data == self._own_description:
+    def check(self, values: Values) -> None:
+        """Raise InvalidInput for parameters that do not suit the sensor; without one, that suit no sensor."""
+        cdr.check_frame_id("frame_id", values["frame_id"])
+        Pose.from_text(values["extrinsics"])
+        stream_options(values).check(self._sensor or precompile.ANY_SENSOR)
+
+    def _on_sensor(self, raw: bytes) -> None:
+        text = cdr.read_text(raw)
+        if text == self._own_description:
             return
         try:
-            described = self.check_size(sensor_message.from_json(message.data))
+            described = self.check_size(sensor_message.from_json(text))
             if self._file is not None and (difference := first_difference(self._file, described)):
                 key, ours, theirs = difference
                 raise InvalidInput(f"{key} on {self._topic}", theirs, f"{ours} as in sensor_file {self._file_name}; "
@@ -174,16 +180,16 @@ class SketcherNode(ManagedNode):
             self.drop_older_frames()
             self._watch = None
         self._sensor, self._refused = described, ""
-        self._apply()
+        self.apply_parameters()
 
     def _use_file(self, reason: str) -> None:
         """Use the file's sensor again if a description has contradicted it."""
         if self._refused:
             self._refused = ""
             self.get_logger().info(f"sensor_file {self._file_name} is used again: {reason}")
-            self._apply()
+            self.apply_parameters()
 
-    def _apply(self) -> None:
+    def apply_parameters(self) -> None:
         """Apply sensor and parameters; if they change the sketches, begin a new frame. InvalidInput if they clash."""
         sensor, stream = self._sensor, self._stream
         if sensor is None or self._refused or self.stop_cause:
@@ -215,15 +221,9 @@ class SketcherNode(ManagedNode):
         self._watch = self._watch or LightWatch(sensor)
         if self._watch.look(photons, self._now_s()):
             self.diagnostics.show(hot_pixels=int(self._watch.hot.sum()))
-            self._apply()
+            self.apply_parameters()
         if self._watch.warning:
             self.diagnostics.warn(self._watch.warning)
-
-    def _check(self, values: Values) -> None:
-        """Raise InvalidInput for parameters that do not suit the sensor; without one, that suit no sensor."""
-        check_frame_id("frame_id", values["frame_id"])
-        Pose.from_text(values["extrinsics"])
-        stream_options(values).check(self._sensor or precompile.ANY_SENSOR)
 
     # ---- Packets in, sketches out
 
@@ -237,11 +237,8 @@ class SketcherNode(ManagedNode):
         self._frame_id = header.frame_id or stream.sensor.frame_id
         if self._motion is not None:
             self._motion.read_into(stream.add_motion)
-        try:
-            self._publish(stream, stream.push(photons, self._now_s()))
-            self._look_at(photons, stream.sensor)
-        finally:
-            self._wake_later(stream)
+        self._publish(stream, stream.push(photons, self._now_s()))
+        self._look_at(photons, stream.sensor)
 
     def _on_motion(self) -> None:
         """Have the worker poll if frames wait for motion; called in the executor's thread."""
@@ -250,23 +247,12 @@ class SketcherNode(ManagedNode):
             self.worker.call(self._poll)
 
     def _poll(self) -> None:
+        """Publish the frames that have ended, or need not wait longer, without another packet."""
         stream = self._stream
         if stream is not None:
             if self._motion is not None:
                 self._motion.read_into(stream.add_motion)
             self._publish(stream, stream.poll(self._now_s()))
-            self._wake_later(stream)
-
-    def _wake_later(self, stream: SketchStream) -> None:
-        """Schedule a poll for when a frame may end or be published without another packet."""
-        wait_s = stream.wait_s
-        if wait_s is not None and self._now_s() + wait_s < self._wake_s:
-            self._wake_s = self._now_s() + wait_s
-            self.worker.call_after(wait_s, self._wake)
-
-    def _wake(self) -> None:
-        self._wake_s = float("inf")
-        self._poll()
 
     def _now_s(self) -> float:
         return self.now_ns() * 1e-9
@@ -291,7 +277,7 @@ class SketcherNode(ManagedNode):
         """Publish a description on `sketch/sensor`, unless it is the last one published."""
         if self._described is None or not sensor.same_as(self._described):
             self._described = sensor
-            self.publish(self._descriptions, sensor_message.encode(sensor))
+            self.publish(self._descriptions, sensor_message.encode_cdr(sensor))
             self.get_logger().info("sketches of {}: gate {gate}, frequencies {frequencies}".format(
                 sensor_summary(sensor), **stream.facts))
 

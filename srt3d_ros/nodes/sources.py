@@ -1,22 +1,19 @@
 """The sources of the player: a photon file or the simulator, as messages and when each is due."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping
-from heapq import merge
-from itertools import takewhile
+from itertools import chain
 from math import ceil
 from typing import NamedTuple
 
-from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 
 from srt3d_ros import datasets
-from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.datasets import SIMULATOR
 from srt3d_ros.datasets.bags.bag import is_bag
 from srt3d_ros.datasets.simulation import bust
-from srt3d_ros.datasets.simulation.motion_profiles import LAP_S, MOTIONS, OPTICAL, Measured, measured
+from srt3d_ros.datasets.simulation.motion_profiles import LAP_S, MOTIONS, OPTICAL
 from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.simulation.room import Room
 from srt3d_ros.datasets.simulation.scene import default_sensor
@@ -24,6 +21,7 @@ from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import photon_frames
 from srt3d_ros.messages.cdr import NS_PER_S
+from srt3d_ros.messages.odometry import BODY_FRAME, encode_odometry
 from srt3d_ros.nodes.common.topics import ODOM, PHOTONS, SENSOR
 
 LATE_S = 0.5            # frames that are later are skipped, so that the player catches up after a stall
@@ -56,23 +54,7 @@ class Item(NamedTuple):
     skipped: int = 0
 
 
-def until_end(messages: Iterator[Item], others: Iterator[Item], after_s: float) -> Iterator[Item]:
-    """Yield both in the order in which they are due, `others` until `after_s` after the last of `messages`."""
-    end_ns = float("inf")
-
-    def first() -> Iterator[Item]:
-        nonlocal end_ns
-        last_ns = 0
-        for item in messages:
-            last_ns = item.due_ns
-            yield item
-        end_ns = last_ns + after_s * NS_PER_S
-
-    both = merge(first(), others, key=lambda item: item.due_ns)
-    return takewhile(lambda item: item.due_ns <= end_ns, both)
-
-
-def open_source(parameters: Mapping, changed: Collection[str] = ()) -> "Drawn":
+def open_source(parameters: Mapping, changed: Collection[str] = ()) -> "Source":
     """The source for the player's parameters.
 
     Raises:
@@ -88,15 +70,15 @@ def open_source(parameters: Mapping, changed: Collection[str] = ()) -> "Drawn":
     rate_hz, frames = parameters["rate_hz"], parameters["frames"]
     if kind == FILE:
         photons = datasets.read_photons(path, sensor=datasets.open_sensor(sensor_file) if sensor_file else None)
-        return Drawn(photons.sensor, lambda k: photons.events, rate_hz, frames, notes=photons.notes)
+        return Source(photons.sensor, lambda k: photons.events, rate_hz, frames, notes=photons.notes)
     if motion != "off":
-        return Moving(parameters)
+        return MovingSource(parameters)
     simulator = Simulator(sensor=default_sensor().replace(cycles=parameters["cycles"] or None), ppp=parameters["ppp"],
                           sbr=parameters["sbr"], seed=parameters["seed"], frame_rate_hz=SCENE_HZ)
-    return Drawn(simulator.sensor, lambda k: simulator.frame(k)[0], rate_hz, frames, round(bust.PERIOD_S * SCENE_HZ))
+    return Source(simulator.sensor, lambda k: simulator.frame(k)[0], rate_hz, frames, round(bust.PERIOD_S * SCENE_HZ))
 
 
-class Drawn:
+class Source:
     """A source whose packets are drawn before the first is sent, so that the player computes nothing while it plays.
 
     Packet k is due k / rate_hz after the first. After a lap, the same packets are sent again.
@@ -154,15 +136,14 @@ class Drawn:
         return k / self._rate_hz + self.before_s + self.exposure_s
 
 
-ODOM_HZ = 100.0
-BEFORE_S, AFTER_S = 0.5, 0.2        # odometry begins BEFORE_S before the photons and ends AFTER_S after them
-FIXED, BODY = "odom", "base_link"
+REPORT_NS = NS_PER_S // 100         # between odometry
+BEFORE_S, AFTER_NS = 0.5, NS_PER_S // 5     # odometry begins before the photons, and ends after them
 
 
-class Moving(Drawn):
+class MovingSource(Source):
     """The simulator's room seen by a moving sensor: packets, sent once they are acquired, and odometry."""
 
-    topics, before_s = (ODOM, *Drawn.topics), BEFORE_S
+    topics, before_s = (ODOM, *Source.topics), BEFORE_S
 
     def __init__(self, parameters: Mapping):
         self._path, cycles = MOTIONS[parameters["motion"]], ceil(parameters["cycles"] / PACKETS)
@@ -171,37 +152,26 @@ class Moving(Drawn):
         sensor = moving_sensor().replace(cycles=cycles or None)
         simulator = Simulator(MovingView(Room(), self._path, sensor, self.exposure_s), sensor, parameters["sbr"],
                               parameters["ppp"] / PACKETS, parameters["seed"], rate_hz)
-        note = (f"each frame has {PACKETS} packets and odom gives the pose of {BODY}: start the sketcher with "
+        note = (f"each frame has {PACKETS} packets and odom gives the pose of {BODY_FRAME}: start the sketcher with "
                 f"motion:=odom packets_per_frame:={PACKETS} extrinsics:='{extrinsics()}'")
         super().__init__(sensor, lambda k: simulator.frame(k)[0], rate_hz, PACKETS * parameters["frames"],
                          max(round(LAP_S * parameters["rate_hz"]), 1) * PACKETS, PACKETS, (note,))
 
     def items(self, elapsed_ns: Clock) -> Iterator[Item]:
+        """Yield each packet after the odometry up to it, and then the last odometry."""
         lap_s = self._lap / self._rate_hz if self._lap != self._packets else float("inf")
-
-        def path(at_s: float) -> Pose:
-            return self._path(at_s % lap_s if at_s > 0 else at_s)
-
-        def reported(report: Measured) -> Item:
-            stamp_ns = round((report.at_s + BEFORE_S) * NS_PER_S)
-            return Item(ODOM.name, serialize_message(odometry(report)), stamp_ns, stamp_ns)
-
-        return until_end(super().items(elapsed_ns), map(reported, measured(path, ODOM_HZ, -BEFORE_S)), AFTER_S)
+        report_ns = last_ns = 0
+        for packet in chain(super().items(elapsed_ns), [None]):
+            last_ns = packet.due_ns if packet else last_ns + AFTER_NS
+            while report_ns <= last_ns:
+                at_s = report_ns / NS_PER_S - BEFORE_S
+                pose = self._path(at_s % lap_s if at_s > 0 else at_s)
+                yield Item(ODOM.name, serialize_message(encode_odometry(pose)), report_ns, report_ns)
+                report_ns += REPORT_NS
+            if packet:
+                yield packet
 
 
 def extrinsics() -> str:
     """The pose of the sensor on the body, as text for the sketcher's parameter."""
     return "0 0 0 " + " ".join(f"{number:g}" for number in OPTICAL.quaternion)
-
-
-def odometry(report: Measured) -> Odometry:
-    """The message of a report, without a stamp."""
-    message = Odometry(child_frame_id=BODY)
-    message.header.frame_id = FIXED
-    at, turn = message.pose.pose.position, message.pose.pose.orientation
-    speed, rate = message.twist.twist.linear, message.twist.twist.angular
-    at.x, at.y, at.z = report.pose.translation.tolist()
-    turn.x, turn.y, turn.z, turn.w = report.pose.quaternion
-    speed.x, speed.y, speed.z = report.velocity_m_s.tolist()
-    rate.x, rate.y, rate.z = report.rate_rad_s.tolist()
-    return message

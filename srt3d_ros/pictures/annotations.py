@@ -1,6 +1,6 @@
 """Draw texts, scale bars and colour bars on dark pictures of clouds."""
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -31,11 +31,12 @@ def dark_figure(width_px: int, height_px: int) -> Figure:
     return Figure((width_px / DPI, height_px / DPI), dpi=DPI, facecolor=BEHIND)
 
 
-def image_axes(figure: Figure, box: tuple[float, float, float, float], image: np.ndarray) -> Axes:
-    """Axes at (left, bottom, width, height) of the figure, filled with an image."""
-    axes = figure.add_axes(box)
+def image_axes(figure: Figure, box: tuple[float, float, float, float], image: np.ndarray,
+               aspect: Literal["auto", "equal"] = "auto") -> Axes:
+    """Axes at (left, bottom, width, height) of the figure, which an image fills; if `equal`, as far as it fits."""
+    axes = figure.add_axes(box, anchor="W")
     axes.set_axis_off()
-    axes.imshow(image, interpolation="nearest", aspect="auto")
+    axes.imshow(image, interpolation="nearest", aspect=aspect)
     return axes
 
 
@@ -65,12 +66,15 @@ def scale_bar(axes: Axes, eye: Viewpoint, size: float = 13) -> None:
     axes.text(end, line - 0.015 * height, length_text(length_m), size=size, ha="right", **_TEXT)
 
 
-def range_bar(axes: Axes, style: CloudStyle, size: float = 13) -> None:
-    """Draw the colours with the values at their ends, at the lower left; their name above unless it is the range."""
+def range_bar(axes: Axes, style: CloudStyle, size: float = 13, finer: int = 1) -> None:
+    """Draw the colours with the values at their ends, at the lower left; their name above unless it is the range.
+
+    `finer` are the pixels of the image in one of the figure.
+    """
     (share, height), quantity = _RANGE_BAR, style.quantity
     ends = [quantity.text(end) for end in style.ends]
     letters = max(_RANGE_BAR_PX_PER_PT, _LETTER_PX_PER_PT * sum(map(len, ends)))
-    share = max(share, letters * size / axes.images[0].get_size()[1])
+    share = max(share, letters * size * finer / axes.images[0].get_size()[1])
     bar = axes.inset_axes((0.02, 0.03, share, height))
     bar.set_axis_off()
     bar.imshow(quantity.table[None], aspect="auto")

@@ -2,10 +2,10 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 
 from srt3d_ros.core.point_cloud import PointCloud
@@ -15,7 +15,7 @@ from srt3d_ros.files.new_files import file_errors
 from srt3d_ros.pictures import annotations
 from srt3d_ros.pictures.annotations import DIM_COLOUR, TEXT_COLOUR
 from srt3d_ros.pictures.cloud_renderer import CloudStyle, draw_fog
-from srt3d_ros.pictures.colours import BACKGROUND, RANGE_TABLE
+from srt3d_ros.pictures.colours import BACKGROUND
 from srt3d_ros.pictures.figures import DPI, as_image
 from srt3d_ros.pictures.units import number_text
 from srt3d_ros.pictures.viewpoint import Viewpoint, look_at, pixel_pitch_rad, sensor_axes
@@ -58,7 +58,9 @@ def draw_overview(path: Path, cloud: PointCloud, photons: PhotonEvents | None, t
         axes.text(0.5, 0.5, "no points", color=DIM_COLOUR, size=20, ha="center", transform=axes.transAxes)
     else:
         annotations.scale_bar(axes, eye)
-    _depth_map(figure, 0.71, 0.235, cloud.range_image(), style)
+        annotations.range_bar(axes, style, finer=_FINER)
+    _panel(figure, 0.71, 0.27, style.quantity.image(cloud.range_image(), style.ends), "depth map",
+           f"{sensor.rows} × {sensor.cols} pixels, in the same colours", aspect="equal")
     with file_errors("picture", path):
         as_image(figure).save(path, "png")
 
@@ -89,24 +91,7 @@ def _view(xyz: np.ndarray, sensor: SensorModel, width: float) -> tuple[Viewpoint
     return look_at(xyz, sensor.projection, aspect=across / down), (round(across), round(down))
 
 
-def _panel(figure: Figure, left: float, width: float, image: np.ndarray, heading: str, note: str) -> Axes:
-    _heading(figure, left, heading, note)
-    return annotations.image_axes(figure, (left, _BOTTOM, width, _TOP - _BOTTOM), image)
-
-
-def _depth_map(figure: Figure, left: float, width: float, range_m: np.ndarray, style: CloudStyle) -> None:
-    rows, cols = range_m.shape
-    _heading(figure, left, "depth map", f"{rows} × {cols} pixels, range in metres")
-    axes = figure.add_axes((left, _BOTTOM, width, _TOP - _BOTTOM), anchor="W")      # as large as fits
-    axes.set_axis_off()
-    colours = ListedColormap(RANGE_TABLE / 255).with_extremes(bad=annotations.BEHIND)
-    image = axes.imshow(range_m, colours, Normalize(*style.ends), interpolation="nearest")
-    bar = figure.colorbar(image, cax=axes.inset_axes((1.034, 0, 0.03, 1)))
-    bar.outline.set_visible(False)
-    bar.ax.invert_yaxis()
-    bar.ax.tick_params(colors=DIM_COLOUR, labelsize=13, length=0)
-
-
-def _heading(figure: Figure, left: float, heading: str, note: str) -> None:
+def _panel(figure: Figure, left: float, width: float, image: np.ndarray, heading: str, note: str, **style: Any) -> Axes:
     figure.text(left, _TOP + 0.055, heading, color=TEXT_COLOUR, size=17, va="bottom")
     figure.text(left, _TOP + 0.02, note, color=DIM_COLOUR, size=13, va="bottom")
+    return annotations.image_axes(figure, (left, _BOTTOM, width, _TOP - _BOTTOM), image, **style)

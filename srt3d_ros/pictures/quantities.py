@@ -8,7 +8,7 @@ import numpy as np
 
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.pulse import equivalent_width
-from srt3d_ros.pictures.colours import PHOTON_TABLE, RANGE_TABLE, levels
+from srt3d_ros.pictures.colours import BACKGROUND, PHOTON_TABLE, RANGE_TABLE, levels
 from srt3d_ros.pictures.units import number_text
 
 
@@ -41,6 +41,12 @@ class Quantity:
     def levels(self, values: np.ndarray, ends: tuple[float, float] | None = None) -> np.ndarray:
         """Indices of values into `table`, uint8; `ends` as for `colours.levels`."""
         return levels(values, ends, self.root)
+
+    def image(self, values: np.ndarray, ends: tuple[float, float]) -> np.ndarray:
+        """Colours of an image [rows, cols], uint8 [rows, cols, 3]; BACKGROUND where it has no value."""
+        colours = self.table[self.levels(values, ends)]
+        colours[~np.isfinite(values)] = BACKGROUND
+        return colours
 
     def text(self, value: float) -> str:
         return f"{number_text(value)} {self.unit}".rstrip()

@@ -20,17 +20,13 @@ END = "stopping all nodes"
 
 
 class Restarts:
-    """Decides what follows the end of a node, for `srt3d up` and the launch file.
+    """Decides what follows the end of a node.
 
     Args:
         names: all nodes.
-
-    Attributes:
-        gave_up: the recorder was given up.
     """
 
     def __init__(self, names: list[str]):
-        self.gave_up = False
         self._with_player = PLAYER in names
         self._restarted_s: dict[str, list[float]] = {}      # the last restarts of each node
 
@@ -44,10 +40,7 @@ class Restarts:
             self._restarted_s[name] = [*restarted_s, now_s]
             return RESTART
         # A player waits for the recorder; with bad input it never comes.
-        if name == RECORDER and not (hopeless and self._with_player):
-            self.gave_up = True
-            return GIVE_UP
-        return END
+        return GIVE_UP if name == RECORDER and not (hopeless and self._with_player) else END
 
 
 def supervise(names: list[str], ros_args: list[str]) -> int:

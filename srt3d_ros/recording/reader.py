@@ -4,6 +4,7 @@ import os
 from collections import defaultdict
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -77,7 +78,8 @@ class RecordingReader:
         require(len(entries) > 0, "recording", problem=f"{path} holds no recording.")
         self._store = entries[0]        # rerun warns if it chooses by itself
 
-    def cloud_index(self) -> CloudIndex:
+    @cached_property
+    def index(self) -> CloudIndex:
         """Stamp, frame index and number of points of every cloud; shows a progress bar after 2 s."""
         rows = self._rows(entities.POINTS_PATH, entities.STAMP, entities.FRAME_INDEX, "Points3D:positions")
         return CloudIndex(*_by_stamp([(np.empty(0, np.int64),) * 3, *(
@@ -112,6 +114,7 @@ class RecordingReader:
         return {frame: Pose.from_quaternion(_array(turn), _array(at))
                 for _, frame, at, turn in self._selected(entities.POSE_PATH, None, columns)}
 
+    @cached_property
     def series(self) -> dict[str, Series]:
         """All time series by name."""
         parts = defaultdict(list)
@@ -120,6 +123,7 @@ class RecordingReader:
                 (stamps, values.flatten().to_numpy()))
         return {name: Series(*_by_stamp(of_name)) for name, of_name in parts.items()}
 
+    @cached_property
     def properties(self) -> dict[str, dict]:
         """The newest facts of each property: {"run": {…}, "sensor": {…}}; lists as arrays."""
         rows = [(row.pop(_ROW_ID), chunk.entity_path.removeprefix(f"{entities.PROPERTIES}/"), row)

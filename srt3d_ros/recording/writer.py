@@ -95,9 +95,9 @@ class FrameIndex:
 class RecordingFailed(Exception):
     """The file cannot be written any more, or the disk is nearly full; `why` says so without the path."""
 
-    def __init__(self, path: Path, why: str):
-        super().__init__(f"recording {path}: {why}")
-        self.why = why
+    def __init__(self, path: Path, error: Exception):
+        self.why = " ".join(str(getattr(error, "strerror", None) or error or type(error).__name__).split())
+        super().__init__(f"recording {path}: {self.why}")
 
 
 class RecordingWriter(AbstractContextManager):
@@ -130,7 +130,7 @@ class RecordingWriter(AbstractContextManager):
             self._check_disk()
             compat.create_rerun_file(self.path)
         except OSError as error:
-            raise self._failure(error) from None
+            raise RecordingFailed(self.path, error) from None
         self._stream = rr.RecordingStream(entities.APPLICATION_ID, recording_id=str(uuid.uuid4()),
                                           batcher_config=BATCHING)
         self._stream.save(self.path)
@@ -211,7 +211,7 @@ class RecordingWriter(AbstractContextManager):
             self._check_disk()
         except (OSError, RuntimeError, ValueError) as error:        # from the disk or rerun
             self._finish()
-            raise self._failure(error) from None
+            raise RecordingFailed(self.path, error) from None
         self._flushed_s = time.monotonic()
 
     def close(self) -> None:
@@ -271,10 +271,6 @@ class RecordingWriter(AbstractContextManager):
         left = shutil.disk_usage(self.path.parent).free
         if left < LEAST_FREE_BYTES:
             raise OSError(f"stopped, as the disk has only {left / 1e6:.0f} MB left")
-
-    def _failure(self, error: Exception) -> RecordingFailed:
-        why = " ".join(str(getattr(error, "strerror", None) or error or type(error).__name__).split())
-        return RecordingFailed(self.path, why)
 
     def _finish(self) -> None:
         """Make rerun write the footer and end its threads."""

@@ -8,7 +8,7 @@ from PIL import Image
 
 from srt3d_ros.pictures.annotations import annotated
 from srt3d_ros.pictures.cloud_renderer import CloudStyle
-from srt3d_ros.pictures.colours import BACKGROUND, percentile_range
+from srt3d_ros.pictures.colours import percentile_range
 from srt3d_ros.pictures.figures import data_uri
 from srt3d_ros.pictures.quantities import PHOTONS, RANGE
 from srt3d_ros.pictures.units import length_text
@@ -43,7 +43,7 @@ def make_gallery(recorded: Recorded) -> dict:
     """
     frames, typical = recorded.index.frame_index.tolist(), notable_frames(recorded)[0]
     strip = np.unique(np.linspace(0, len(frames) - 1, min(_STRIP, len(frames))).round().astype(int)).tolist()
-    clouds = {cloud.frame_index: cloud for cloud in recorded.reader.clouds({frames[k] for k in (typical, *strip)})}
+    clouds = {cloud.frame_index: cloud for cloud in recorded.clouds({frames[k] for k in (typical, *strip)})}
     framed = clouds[frames[typical]]
     style = CloudStyle.of(framed, recorded.sensor)
     near, far = (look_at(framed.xyz, recorded.sensor.projection, aspect=width / height)
@@ -68,7 +68,7 @@ def _way(recorded: Recorded) -> Picture | None:
 
 
 def _fan(recorded: Recorded, cloud: RecordedCloud, style: CloudStyle) -> Picture | None:
-    for _, _, ends in recorded.reader.empty_rays([cloud.frame_index]):
+    for _, _, ends in recorded.empty_rays([cloud.frame_index]):
         return _jpeg("What is empty", "Each ray ends where it stops being empty for certain. Pixels without ray or "
                      "point are unknown.", draw_fan(recorded, cloud, ends, style, *_LARGE_PX))
 
@@ -90,11 +90,9 @@ def _thumbnail(recorded: Recorded, position: int, image: np.ndarray) -> Picture:
 
 def _images(recorded: Recorded, frame: int) -> Iterator[Picture]:
     for path, title in entities.IMAGE_TITLES.items():
-        near = recorded.reader.images(path, range(frame - _NEAR, frame + _NEAR + 1))
+        near = recorded.images(path, range(frame - _NEAR, frame + _NEAR + 1))
         if image := min(near, key=lambda image: abs(image[1] - frame), default=None):
             values, quantity = image[2], RANGE if path == entities.DEPTH_PATH else PHOTONS
-            low, high = percentile_range(values) or (0.0, 1.0)
-            colours = quantity.table[quantity.levels(values, (low, high))]
-            colours[~np.isfinite(values)] = BACKGROUND
+            low, high = ends = percentile_range(values) or (0.0, 1.0)
             yield Picture(title, f"{quantity.text(low)} … {quantity.text(high)}",
-                          data_uri(Image.fromarray(colours), "png", optimize=True))
+                          data_uri(Image.fromarray(quantity.image(values, ends)), "png", optimize=True))

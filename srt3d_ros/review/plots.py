@@ -28,12 +28,12 @@ _SHADED_GAPS = 10                   # the longest
 
 def draw_plots(recorded: Recorded) -> list[tuple[str, str]]:
     """(title, <svg> element) of each plot with values; gaps are shaded."""
-    named = {name: {name: recorded.series[name]} for name in ("photons", "frame_rate_hz") if name in recorded.series}
     plots = [("Latency", "latency, ms", {stage.replace("total", "end to end"): series
                                          for stage, series in recorded.latencies().items()}),
-             ("Points a frame", "points", {"points": Series(recorded.index.stamp_ns, recorded.index.points)}),
-             ("Photons a frame", "photons", named.get("photons")),
-             ("Frame rate", "frames a second", named.get("frame_rate_hz"))]
+             ("Points a frame", "points", {"points": Series(recorded.index.stamp_ns, recorded.index.points)})]
+    plots += [(title, label, {name: recorded.series[name]})
+              for name, title, label in (("photons", "Photons a frame", "photons"),
+                                         ("frame_rate_hz", "Frame rate", "frames a second")) if name in recorded.series]
     return [(title, _svg(recorded, lines, label)) for title, label, lines in plots if lines]
 
 
@@ -47,7 +47,7 @@ def _svg(recorded: Recorded, lines: dict[str, Series], label: str) -> str:
         for gap in recorded.gaps[:_SHADED_GAPS]:
             axes.axvspan(*recorded.seconds[[gap, gap + 1]], color=_GAP_COLOUR, alpha=0.3, linewidth=1)
         for (name, series), colour in zip(lines.items(), _LINE_COLOURS):
-            shown = _extremes(series.values)
+            shown = extremes(series.values)
             axes.plot(recorded.since_first(series.stamp_ns[shown]), series.values[shown], color=colour, label=name,
                       linewidth=1.3, marker="o" if len(shown) < 3 else "")
         if len(lines) > 1:
@@ -68,7 +68,7 @@ def _svg(recorded: Recorded, lines: dict[str, Series], label: str) -> str:
     return svg[svg.index("<svg"):].replace(_PAGE_COLOUR, "currentColor")
 
 
-def _extremes(values: np.ndarray) -> np.ndarray:
+def extremes(values: np.ndarray) -> np.ndarray:
     """Positions of the finite values; of many, those of the least and the greatest in each of _MOST_PARTS parts."""
     finite = np.flatnonzero(np.isfinite(values))
     if len(finite) <= 2 * _MOST_PARTS:

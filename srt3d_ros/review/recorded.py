@@ -1,41 +1,27 @@
-"""A recording in memory without its clouds and images: index, time series and properties."""
+"""A recording to review: its clouds have times, gaps and latencies."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import require
 from srt3d_ros.messages import sensor_message
 from srt3d_ros.recording import entities
-from srt3d_ros.recording.reader import CloudIndex, RecordingReader, Series
+from srt3d_ros.recording.reader import RecordingReader, Series
 
 GAP_PERIODS = 1.5           # clouds farther apart have a gap between them
 _LATENCIES = {"total": "latency_ms", "reconstruct": "latency_reconstruct_ms", "sketch": "latency_sketch_ms"}
 
 
-@dataclass(frozen=True, eq=False)
-class Recorded:
-    """Contents of a recording; `reader` reads its clouds and images on demand."""
+class Recorded(RecordingReader):
+    """A recording with clouds and a `sensor`, all of whose pixels have the same IRF; InvalidInput if it has none."""
 
-    path: Path
-    sensor: SensorModel         # all pixels with the same IRF
-    reader: RecordingReader
-    index: CloudIndex
-    series: dict[str, Series]
-    properties: dict[str, dict]
-
-    @classmethod
-    def read(cls, path: Path) -> "Recorded":
-        """Read a recording; InvalidInput if the file is no recording or has no clouds or no sensor."""
-        reader = RecordingReader(path)
-        index = reader.cloud_index()
-        require(len(index) > 0, "recording", problem=f"{path} has no clouds at /points.")
-        properties = reader.properties()
-        described = properties.get(entities.SENSOR_PROPERTY, {})
+    def __init__(self, path: Path):
+        super().__init__(path)
+        require(len(self.index) > 0, "recording", problem=f"{path} has no clouds at /points.")
+        described = self.properties.get(entities.SENSOR_PROPERTY, {})
         require("description" in described, "recording", problem=f"{path} has no description of its sensor.")
-        return cls(path, sensor_message.from_json(described["description"]), reader, index, reader.series(), properties)
+        self.sensor = sensor_message.from_json(described["description"])
 
     @property
     def seconds(self) -> np.ndarray:

@@ -13,8 +13,6 @@ from srt3d_ros.review.plots import draw_plots
 from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.summary import rows
 
-_LONGEST_LIST = 24          # longer lists (an IRF) are shown as their length
-
 
 def write_report(recorded: Recorded, summary: dict, path: Path) -> None:
     """Write the report of a recording and its `summarise` figures as an .html file, or raise InvalidInput."""
@@ -41,8 +39,6 @@ def _tables(summary: dict) -> list[tuple[str, list[tuple[str, str]]]]:
 
 
 def _text(value: object) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
     if isinstance(value, list):
-        return f"{len(value)} values" if len(value) > _LONGEST_LIST else ", ".join(_text(one) for one in value)
-    return number_text(value, 6) if isinstance(value, int | float) else str(value)
+        return ", ".join(map(_text, value))
+    return number_text(value, 6) if isinstance(value, int | float) and not isinstance(value, bool) else str(value)

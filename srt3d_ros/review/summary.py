@@ -45,15 +45,12 @@ def summarise(recorded: Recorded) -> dict:
 
 
 def notable_frames(recorded: Recorded) -> tuple[int, int, int]:
-    """Positions in the index of a typical cloud, and of those with the fewest and the most points.
+    """Positions in the index of the clouds with the median number of points, the fewest and the most.
 
-    The typical cloud is nearest to the median number of points; among equals, nearest to the middle of the recording.
+    Among equal numbers, the order is that of time.
     """
-    points = recorded.index.points
-    off_middle = np.abs(np.arange(len(points)) - (len(points) - 1) / 2) / len(points)
-    off_median = np.abs(points - np.median(points)) / max(np.median(points), 1)
-    return (int(np.argmin(np.round(off_median, 3) + 1e-3 * off_middle)), int(np.argmin(points)),
-            int(np.argmax(points)))
+    order = np.argsort(recorded.index.points, kind="stable").tolist()
+    return order[len(order) // 2], order[0], order[-1]
 
 
 def _percentiles(values: np.ndarray, **wanted: float) -> dict[str, float] | None:
@@ -91,9 +88,11 @@ def rows(summary: dict) -> list[tuple[str, str]]:
         if s[name]:
             median, least, most = (number_text(s[name][key]) for key in ("median", "min", "max"))
             found.append((title, f"median {median}, {least} … {most}"))
-    return [*found, *_origin(s), (
-        "frames to look at", f"typical {s['typical_frame']}, fewest points {s['fewest_points_frame']}, "
-        f"most points {s['most_points_frame']}")]
+    sensor = s["sensor"]
+    return [*found, ("sensor", f"{sensor['rows']} × {sensor['cols']} pixels, {sensor['num_bins']:,} bins of "
+                               f"{sensor['bin_width_s'] * 1e12:.4g} ps, {sensor['kind']}"),
+            ("frames to look at", f"typical {s['typical_frame']}, fewest points {s['fewest_points_frame']}, "
+                                  f"most points {s['most_points_frame']}")]
 
 
 def _rounded(value: float) -> float:
@@ -114,19 +113,6 @@ def _plain(value: Any) -> Any:
         return [_plain(one) for one in value]
     finite = not isinstance(value, float) or np.isfinite(value)
     return value if isinstance(value, str | int | float | bool | None) and finite else str(value)
-
-
-def _origin(summary: dict) -> list[tuple[str, str]]:
-    """Sensor, frequencies and version, if recorded."""
-    sensor, run, versions = (summary.get(name, {}) for name in ("sensor", "run", "versions"))
-    found = [("sensor", f"{sensor['rows']} × {sensor['cols']} pixels, {sensor['num_bins']:,} bins of "
-                        f"{sensor['bin_width_s'] * 1e12:.4g} ps, {sensor['kind']}")]
-    if "frequencies" in run:
-        frequencies = np.atleast_1d(run["frequencies"]).tolist()
-        found.append(("frequencies", f"{len(frequencies)}: {' '.join(str(k) for k in frequencies)}"))
-    if "srt3d_ros" in versions:
-        found.append(("srt3d_ros", versions["srt3d_ros"]))
-    return found
 
 
 def _gap_text(summary: dict) -> str:

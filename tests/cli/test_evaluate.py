@@ -92,10 +92,10 @@ def test_every_method_has_the_published_figures_on_the_simulated_head(run, repos
 
 
 def test_an_interrupted_evaluation_leaves_its_rows_and_the_next_one_starts_anew(run, monkeypatch):
-    def stopped(job, observation):
-        if job.case.ppp == 30:
+    def stopped(case, run, observation):
+        if case.ppp == 30:
             raise KeyboardInterrupt
-        return outcome(job, observation)
+        return outcome(case, run, observation)
 
     command = ("--scene", "net", "--sbr", "10", "--ppp", "3", "30", "--methods", "pooled")
     with monkeypatch.context() as patch:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from srt3d_ros import read
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan
@@ -89,10 +90,10 @@ def test_hot_pixels_are_masked_counted_and_left_out_of_the_estimated_irf():
     by_hand = Photons.from_counts(cube, bin_width_s=1e-10, mask=found.sensor.used)
     for other in (off, by_hand):
         np.testing.assert_array_equal(found.sensor.irf, other.sensor.irf)
-    assert Photons.from_frame(off.frame, sensor=off.sensor).sensor.used.all()       # a given sensor keeps its mask
+    assert read(off.frame, sensor=off.sensor).sensor.used.all()       # a given sensor keeps its mask
     of_bag = arrays.from_frame(off.frame, Options(), Said(fields_of(off.sensor)))
     assert "2 hot pixels" in of_bag.notes[0] and of_bag.sensor.used.all()
-    again = Photons.from_frame(off.frame, sensor=off.sensor, mask="auto").sensor
+    again = read(off.frame, sensor=off.sensor, mask="auto").sensor
     np.testing.assert_array_equal(again.used, found.sensor.used)
 
 

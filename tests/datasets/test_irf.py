@@ -183,18 +183,6 @@ def test_laboratory_files_are_irfs_of_their_brightest_data_set(tmp_path, name):
     assert ("data set 1 of 2 in" in notes) == (name != "a.ptu")
 
 
-@pytest.mark.parametrize(("name", "content"), [
-    ("a.npy", b""), ("a.npz", b"not a zip"), ("a.csv", b"one,two\n"), ("a.txt", b"\xff\xfe\x80"), ("a.doc", b"1\n"),
-    ("a.npy", b"\x93NUMPY\x01\0\x02\0{("), ("a.txt", b"# nothing\n"), ("a.mat", b"MATLAB"), ("a.csv", b"1\n2,3\n"),
-])
-@pytest.mark.filterwarnings("error")
-def test_broken_files_are_one_line(tmp_path, name, content):
-    (tmp_path / name).write_bytes(content)
-    with pytest.raises(InvalidInput) as caught:
-        irf_files.read(tmp_path / name)
-    assert "\n" not in str(caught.value)
-
-
 def test_a_file_without_an_irf_is_refused(tmp_path):
     np.savez(tmp_path / "many.npz", first=np.ones(2), second=np.ones(3))
     with pytest.raises(InvalidInput, match="^many.npz has no array irf"):

@@ -70,21 +70,6 @@ def test_counts_have_column_major_pixels_and_depths_numbered_from_1(tmp_path):
     np.testing.assert_array_equal(gated.reference_depth_bins[0], [[np.nan, np.nan, 0], [1, 2, np.nan]])
 
 
-def test_sparse_counts_are_read_with_their_depths(tmp_path):
-    counts = np.zeros((6, 40))
-    counts[1, 7], counts[4, 9], counts[4, 39] = 2, 1, 1         # pixels 1 and 4, column-major: (1, 0) and (0, 2)
-    depth = np.array([[1, 2, 3], [4, 5, 0]])
-    photons = read(write(tmp_path, spad=csc_matrix(counts), bin=depth), irf=IRF)
-    assert list(zip(photons.frame.pixel.tolist(), photons.frame.toa.tolist())) == [(2, 9), (2, 39), (3, 7), (3, 7)]
-    assert photons.sensor.num_bins == 40 and photons.sensor.bin_width_s == 80e-12
-    np.testing.assert_array_equal(photons.reference_depth_bins[0], [[0, 1, 2], [3, 4, np.nan]])
-
-
-def test_one_of_several_cubes_is_not_guessed(tmp_path):
-    with pytest.raises(InvalidInput, match="The file needs one of .*; one numeric array .* It has a .*, b "):
-        read(write(tmp_path, a=np.ones((2, 3, 40)), b=np.ones((2, 3, 40))), irf=IRF)
-
-
 def test_what_was_assumed_is_said(tmp_path):
     random = np.random.default_rng(0)
     lists = [[random.normal(300 + 30 * row, 4, 30).astype(int) for _ in range(20)] for row in range(20)]

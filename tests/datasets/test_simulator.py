@@ -169,15 +169,6 @@ def rays_to(points, origin) -> tuple[np.ndarray, np.ndarray]:
     return np.ascontiguousarray((way / distance[:, None]).T, dtype=np.float32), distance
 
 
-def test_walls_are_where_geometry_has_them():
-    origin = np.array([0.3, -0.2, 1.9])
-    points = [(3.5, 0.1, 2.6), (0.1, 3.0, 2.5), (0.2, -3.0, 2.7), (1.5, 0.9, 0), (-1, 1, 2.8), (0.3, -0.2, 2.8)]
-    rays, distance = rays_to(points, origin)
-    range_m, reflectivity = Room().cast(origin, rays)
-    np.testing.assert_allclose(range_m, distance, rtol=2e-6)
-    assert (reflectivity > 0.05).all()
-
-
 def test_a_static_world_stays_where_it_is_while_the_sensor_moves():
     view = MovingView(Room(), walk, SENSOR)
     for t_s in (0.0, 0.7, 5.3):

@@ -24,7 +24,7 @@ def words(first_word=0, no_detection=255) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("kind", [".npy", ".npz", ".mat", ".h5"])
 @pytest.mark.parametrize(("first_word", "no_detection"), [(0, 255), (1, 0), (7, -1), (100, 65_535)])
 def test_the_photons_of_all_frames_are_added_up(tmp_path, monkeypatch, kind, first_word, no_detection):
-    monkeypatch.setattr("srt3d_ros.datasets.readers.words.AT_ONCE", 300)
+    monkeypatch.setattr("srt3d_ros.datasets.named_arrays.WORDS_AT_ONCE", 300)
     raw, counts = words(first_word, no_detection)
     name = "scan/words" if kind == ".h5" else "words"
     path = write(tmp_path / f"a{kind}", {name: raw.astype(float) if kind == ".mat" else raw} | (

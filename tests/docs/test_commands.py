@@ -106,13 +106,13 @@ def test_the_camera_from_the_description_to_the_measured_irf(graph, here):
     up.says("recording to")
     before = len(clouds)
     graph.wait(lambda: len(clouds) > before + 3, "clouds")
-    assert up.end(signal.SIGINT) == 0 and len(RecordingReader(Path("run.rrd")).cloud_index()), up.text
+    assert up.end(signal.SIGINT) == 0 and len(RecordingReader(Path("run.rrd")).index), up.text
     assert driver.end(signal.SIGINT) == 0 and not any("Traceback" in one.text for one in (up, driver)), driver.text
     (command,) = [line for line in inline(section(QUICKSTART, "4.")) if "spad_driver" in line]
     graph.processes.append(Process(command.split()))
     graph.processes.append(recorder := terminal("4.", "record_bag"))
     assert recorder.code() == 0, recorder.text
-    range_named, bin_named = numbers(r"wall is ([\d.]+) m away, which\s+is bin (\d+)")
+    range_named, bin_named = numbers(r"wall is ([\d.]+) m away, which\s+is\s+bin (\d+)")
     range_m = np.linalg.norm(points_message.decode_cdr(serialize_message(clouds[-1]))[1]["xyz"], axis=1)
     off_m, is_wall = range_m - range_named, range_m > 2.7
     assert len(off_m) > 0.9 * 32 * 32 and abs(np.median(off_m[is_wall])) < 0.01 and np.abs(off_m[is_wall]).mean() < 0.02

@@ -16,8 +16,8 @@ from srt3d_ros.datasets.simulation.scene import default_sensor
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation.cases import of_files, simulated, tolerance_bins
 from srt3d_ros.evaluation.drawings import draw_row
-from srt3d_ros.evaluation.run import jobs_for, judge, run
-from srt3d_ros.evaluation.scenes import NetScene, net_sensor
+from srt3d_ros.evaluation.run import judge, run_all, runs_of
+from srt3d_ros.evaluation.scenes import net_sensor
 from srt3d_ros.evaluation.scores import HEADINGS, RESULT_COLUMNS, is_table, markdown, table_of_rows
 
 POOLED = METHODS["pooled"]
@@ -25,18 +25,17 @@ POOLED = METHODS["pooled"]
 
 def outcomes(cases, methods=(POOLED,), sizes=(10,)):
     """What comes of the methods on the cases, and the notes."""
-    jobs, notes = jobs_for(cases, methods, sizes), []
-    with tqdm(total=len(jobs), disable=True) as bar:
-        return list(run(jobs, notes, bar)), notes
+    notes = []
+    with tqdm(disable=True) as bar:
+        return list(run_all(cases, runs_of(methods, sizes), notes, bar)), notes
 
 
 def test_methods_run_once_or_for_each_size_and_what_they_refuse_is_a_note():
     on_photons = Method("all", "", "photons", object)
-    jobs = jobs_for(simulated("net", [10], [3]), [POOLED, on_photons], (5, 10))
-    assert [(job.method.name, job.sketch_size) for job in jobs] == [("pooled", 5), ("pooled", 10), ("all", None)]
+    assert runs_of([POOLED, on_photons], (5, 10)) == [(POOLED, 5), (POOLED, 10), (on_photons, None)]
     found, notes = outcomes(simulated("net", [10], [3]), sizes=(1000, 10))
     assert len(notes) == 1 and notes[0].startswith("net, SBR 10, 3 ppp: pooled, m = 1000: sketch_size is 1000")
-    assert [outcome.job.sketch_size for outcome in found] == [10]
+    assert [outcome.run.sketch_size for outcome in found] == [10]
     (outcome,), _ = outcomes(simulated("net", [10], [30]), [METHODS["smle"]], (5,))
     assert tuple(outcome.row["frequencies"]) == (1, 2, 3, 4, 5)
 
@@ -83,7 +82,6 @@ def test_a_row_is_on_the_disk_at_once_and_a_table_is_known_by_its_columns(tmp_pa
             row, = csv.DictReader(file)
     wanted = {"dae_mm": "0.333333", "points": "19881", "iae": "", "frequencies": "1;2;5", "held_out": "", "sbr": "0.1"}
     assert tuple(row) == RESULT_COLUMNS and {name: row[name] for name in wanted} == wanted
-    path = tmp_path / "results.csv"
     for content in (b"", b"a,b\n1,2\n", b"\xff\xfe\x00"):
         path.write_bytes(content)
         assert not is_table(path)
@@ -104,43 +102,22 @@ def test_the_table_has_a_dash_for_what_others_have():
     assert cells[3][:6] == ["tower", "–", "9.9", "pooled", "–", "–"]
 
 
-@pytest.fixture
-def images():
-    """Draw a row of clouds; its images, float [rows, cols, 3] from 0 to 255."""
-    def call(*clouds):
-        figure = Figure().subfigures(1, 1)
-        draw_row(figure, 3, [("a$b_{", cloud, "caption") for cloud in clouds])
-        return [axes.images[0].get_array().astype(float) for axes in figure.axes if axes.images]
-    return call
+def images(*clouds) -> list[np.ndarray]:
+    """Those of a row of clouds, float [rows, cols, 3] from 0 to 255."""
+    figure = Figure().subfigures(1, 1)
+    draw_row(figure, 3, [("a$b_{", cloud, "caption") for cloud in clouds])
+    return [axes.images[0].get_array().astype(float) for axes in figure.axes if axes.images]
 
 
-def test_clouds_stand_beside_the_truth_in_the_same_colours_and_an_empty_one_is_dark(ball, images):
+def test_clouds_stand_beside_the_truth_in_the_same_colours_and_an_empty_one_is_dark(ball):
     truth, _ = ball
     part = replace(truth, **{name: getattr(truth, name)[truth.col < 24] for name in POINT_FIELDS})
     whole, half = images(truth, part)
     points = half.max(axis=2) > 60
     assert 0.1 < points.mean() < 0.8 * (whole.max(axis=2) > 60).mean()
     assert (np.abs(half - whole).max(axis=2)[points] < 60).mean() > 0.7
-    empty, = images(ball[0].within(max_m=0))
+    empty, = images(truth.within(max_m=0))
     assert (empty.max(axis=2) < 60).all()
-
-
-def test_every_setting_is_a_case_of_the_photons_it_says():
-    cases = simulated("net", [10, 0.5], [3, 30])
-    assert [(case.sbr, case.ppp) for case in cases] == [(sbr, ppp) for sbr in (10, 0.5) for ppp in (3, 30)]
-    for case in cases:
-        seen = case.observe()
-        assert seen.frame.photons / case.sensor.pixels == pytest.approx(case.ppp, rel=0.2)
-        assert seen.intensity.sum(axis=0).mean() == pytest.approx(case.ppp / (1 + 1 / case.sbr), rel=1e-3)
-        assert seen.depth_bins.shape == (2, 32, 32) and case.source == "net" and case.surfaces == 2
-    assert np.array_equal(cases[0].observe().frame.toa, cases[0].observe().frame.toa)
-
-
-def test_the_net_waves_before_the_plane():
-    (net, plane), (later, same) = (NetScene(net_sensor()).frame(t_s)[0] for t_s in (0.0, 1.0))
-    both = np.isfinite(net) & np.isfinite(plane)
-    assert 0.5 < both.mean() < 1 and (plane[both] - net[both]).min() > 0.8
-    assert np.nanmax(np.abs(later - net)) > 0.05 and np.array_equal(same, plane, equal_nan=True)
 
 
 def test_a_file_has_as_many_surfaces_as_references_and_a_name_of_its_own(layers):
@@ -162,20 +139,7 @@ def test_held_out_photons_are_no_longer_in_the_frame(layers):
     assert np.array_equal(seen.depth_bins, photons.reference_depth_bins)
 
 
-def test_what_is_to_be_known_about_a_file_is_passed_on(layers, tmp_path):
-    with np.load(layers) as file:
-        np.savez(tmp_path / "bare.npz", **{name: file[name] for name in file.files if name != "bin_width_s"})
-    case, = of_files([str(tmp_path / "bare.npz")])
-    assert len(case.notes) == 1 and case.notes[0].startswith("bare: bin width taken as 2")
-
-
 def test_a_tolerance_is_in_bins_or_millimetres_of_range():
     assert tolerance_bins("2.5", default_sensor()) == 2.5
     assert tolerance_bins("30mm", default_sensor()) == pytest.approx(100)
     assert tolerance_bins("75mm", net_sensor()) == pytest.approx(2, rel=0.01)           # bins of 250 ps
-
-
-@pytest.mark.parametrize("text", ["", "near", "10,20", "-3", "nan", "inf", "0mm"])
-def test_what_is_no_tolerance_is_refused_in_one_line(text):
-    with pytest.raises(InvalidInput, match=r"^--tolerance is .*: expected "):
-        tolerance_bins(text, default_sensor())

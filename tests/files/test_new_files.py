@@ -1,23 +1,10 @@
 """New files appear whole or not at all, and those that must not replace others get a name of their own."""
 
-from contextlib import nullcontext
 
 import pytest
 
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.files.new_files import atomic_write, check_not_input, free
-
-
-@pytest.mark.parametrize("fails", [False, True])
-def test_a_file_takes_its_place_at_the_end_or_not_at_all(tmp_path, fails):
-    path = tmp_path / "cloud.ply"
-    path.write_text("old")
-    with pytest.raises(OSError, match="full") if fails else nullcontext(), atomic_write(path) as part:
-        part.write_text("new")
-        assert part.suffix == ".ply" and path.read_text() == "old"
-        if fails:
-            raise OSError("full")
-    assert path.read_text() == ("old" if fails else "new") and list(tmp_path.iterdir()) == [path]
 
 
 def test_a_file_is_written_beside_no_matter_what_links_lie_in_wait(tmp_path, monkeypatch):

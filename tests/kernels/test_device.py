@@ -25,7 +25,7 @@ QUICK = "expand", "log_likelihood_ratio", "finalise"       # to compile: seconds
 def built(monkeypatch, kernels, method: str, surfaces: int, **options):
     """A reconstruction that computes with these kernels as if they were a GPU's."""
     monkeypatch.setattr("srt3d_ros.core.baselines.plug_and_play.ITERATIONS", 2)     # the others do the same again
-    monkeypatch.setattr("srt3d_ros.core.matched_frame.kernels_for", lambda device: kernels)
+    monkeypatch.setattr("srt3d_ros.core.method.matched_frame.kernels_for", lambda device: kernels)
     return METHODS[method].build(SENSOR, SKETCHES[0].frequencies, surfaces=surfaces, device="cuda", **options)
 
 
@@ -84,8 +84,6 @@ def test_two_frames_compile_each_step_once_as_one_graph_that_needs_nothing_of_th
         "pooled": {"_search_flat", "_pool_down", "_search_across", "_take_planes", "_round", "_step", "finalise",
                    "collect"},
         "srt3d": {"match", "pixelwise", "_joined", "_projected", "_moved"}}[method]
-    if method == "pooled":
-        reconstructor.set_false_alarm_rate(1e-2)
     assert len(reconstructor(SKETCHES[1])) != len(first)
     assert {name: len(each) for name, each in graphs.items()} == compiled
     for graph in sum(graphs.values(), []):

@@ -5,7 +5,7 @@ import pytest
 
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher, phase_table
+from srt3d_ros.core.sketching.frame_sketcher import FrameSketcher
 from srt3d_ros.kernels import cpu
 from srt3d_ros.kernels.cpu.sketching import phase_sums
 from srt3d_ros.kernels.maps import MAX_ROWS
@@ -16,7 +16,8 @@ EACH = 2e-7         # how far a sum may be off for each photon: rows are rounded
 
 def sketch(function, *arguments, frequencies, pixels=PIXELS):
     """Sums, numbers of photons and what lies in memory, after a kernel has added photons."""
-    fixed = cpu.fixed_rows(phase_table(histogram_sensor(), frequencies, None))
+    table = FrameSketcher(histogram_sensor(), frequencies).phase_table(np.arange(T) + 0.5)
+    fixed = cpu.fixed_rows(table)
     sums = cpu.new_sums(pixels, fixed)
     arrays = [each for each in arguments if isinstance(each, np.ndarray)]
     rest = [each for each in arguments if not isinstance(each, np.ndarray)]

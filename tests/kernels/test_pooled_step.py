@@ -9,7 +9,7 @@ from srt3d_ros.kernels.constants import DEAD_LIMIT, LIKENESS
 from srt3d_ros.kernels.cpu.arithmetic import exp, log
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import llr as kernel
-from srt3d_ros.kernels.cpu.vectors import full, load, store, total
+from srt3d_ros.kernels.cpu.vectors import full, span, total
 
 from .frames import (
     CPU,
@@ -125,8 +125,8 @@ def of_numbers(response, photons, expected, frame):
 @njit
 def log_and_exp(values, out):
     for first in range(0, len(values), maps.LANES):
-        store(out, 0, first, log(load(values, first)))
-        store(out, 1, first, exp(-load(values, first)))
+        at = span(first)
+        out[0, at], out[1, at] = log(values[at]), exp(-values[at])
 
 
 def llr(response: float, photons: float, expected: float) -> float:

@@ -12,11 +12,10 @@ from srt3d_ros.kernels.cpu.vectors import (
     full,
     lane_numbers,
     lanes_of,
-    load,
-    loading,
     rint,
+    span,
+    spanning,
     sqrt,
-    store,
     to_cell,
     to_floats,
     to_longs,
@@ -47,8 +46,8 @@ def floats_of(x, y, z, i, table, number):
         x + 2, 2 - x, x * 0.1, 0.1 * x, 1 / x, x / 3, x - number, number * x,
         max(x, y), min(x, y), max(x, y, z), min(x, y, z, 1), max(x, 0), max(0, x), min(number, x),
         rint(x), floor(x), sqrt(x), where(x > y, x, z), where(x == y, 1, x), where(~(x >= 0) | (y < z), 2.5, 0),
-        full(number), full(total(x)), full(total(load(table, 0, 7))),
-        to_floats(i), bits_of(bits_of(x)), load(table, 1, at), load(table, min(at, 1), at + 3),
+        full(number), full(total(x)), full(total(table[0, span(7)])),
+        to_floats(i), bits_of(bits_of(x)), table[1, at], table[min(at, 1), at + 3],
         full(rint(number)), full(floor(number)), full(sqrt(number)))
 
 
@@ -97,7 +96,7 @@ IN_NUMPY = dict(
     full=lambda number: np.full(LANES, number),
     bits_of=lambda values: values.view(np.int32 if values.dtype == np.float32 else np.float32),
     lane_numbers=lambda: np.arange(LANES, dtype=np.int32),
-    load=lambda array, row, at: array[row, at + np.arange(LANES) * np.isscalar(at)])
+    span=lambda first: slice(first, first + LANES))
 
 
 def in_numpy(function):
@@ -108,14 +107,15 @@ def in_numpy(function):
 def fill(x, y, z, i, j, table, number, floats, ints, masks, fused, lanes):
     """Write what the functions above make of each vector into the rows of `floats`, `ints`, `masks`."""
     for at in range(0, x.size, LANES):
-        u, v, w, k, n = load(x, at), load(y, at), load(z, at), load(i, at), load(j, at)
+        columns = span(at + 1) - 1
+        u, v, w, k, n = x[columns], y[columns], z[columns], i[columns], j[columns]
         for row, found in enumerate(of_floats(u, v, w, k, table, number)):
-            store(floats, row, at, found)
+            floats[row, columns] = found
         for row, found in enumerate(of_ints(u, k, n, number)):
-            store(ints, row, at, found)
+            ints[row, columns] = found
         for row, found in enumerate(of_masks(u, v, k, n)):
-            store(masks, row, at, where(found, 1, 0))
-        store(fused, at, fma(u, v, w))
+            masks[row, columns] = where(found, 1, 0)
+        fused[columns] = fma(u, v, w)
         lanes[at // LANES] = lanes_of(u > v)
 
 
@@ -152,12 +152,12 @@ def test_each_function_is_numpys_on_this_processor():
     compare()
 
 
-load_eight = loading(8)
+eight = spanning(8)
 
 
 @njit
 def add_longs(values, sums):
-    store(sums, 0, load_eight(sums, 0) + to_longs(load_eight(values, 0)))
+    sums[eight(0)] += to_longs(values[eight(0)])
 
 
 def test_integers_of_32_bits_add_to_64_in_vectors_of_another_width():

@@ -15,7 +15,6 @@ from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sketching.sums import PhaseSums
-from srt3d_ros.messages import free_message as free
 from srt3d_ros.messages import images_message as images
 from srt3d_ros.messages import photon_frames
 from srt3d_ros.messages import points_message as points
@@ -102,7 +101,8 @@ CODECS = {
     "sketch_int16": _codec(sketch, PointCloud2, SKETCH, ("lidar", "int16"), (SENSOR,)),
     "points_xyzi": _codec(points, PointCloud2, CLOUD, ("lidar",), ()),
     "points_full": _codec(points, PointCloud2, CLOUD, ("lidar", "full"), ()),
-    "free_xyz": _codec(free, PointCloud2, FREE, (SENSOR, STAMP_NS, "lidar"), ()),
+    "free_xyz": Codec(PointCloud2, FREE, partial(points.encode_ends_cdr, FREE, SENSOR, STAMP_NS, "lidar"),
+                      points.decode_ends_cdr),
     "image_32FC1": _codec(images, Image, IMAGE, (STAMP_NS, "lidar"), ()),
 }
 

@@ -18,7 +18,7 @@ from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr, photon_frames
 from srt3d_ros.messages import points_message as points
-from srt3d_ros.messages.cdr import Header, read_cloud
+from srt3d_ros.messages.cdr import CloudMessage, Header
 from srt3d_ros.messages.images_message import camera_info
 from srt3d_ros.messages.packing import unpack_cloud
 from srt3d_ros.messages.photon_frames import GATES as gates
@@ -51,13 +51,13 @@ def test_any_photons_make_the_trip(case):
 @pytest.mark.parametrize("name, order", [("gates", ">"), ("histograms_8UC5", "|"), ("histograms_16UC5", ">"),
                                          ("histograms_32FC5", ">")])
 def test_images_are_copied_only_where_their_bytes_lie_otherwise(name, order):
-    image, whole = cdr.read_image(CODECS[name].encode_cdr()), vars(CODECS[name].content)
+    image, whole = cdr.Image.read(CODECS[name].encode_cdr()), vars(CODECS[name].content)
     numbers = whole.get("words", whole.get("counts"))
     rows = numbers.reshape(image.height, -1)
     padded = np.pad(rows, ((0, 0), (0, 3)))
     for lies, copied in ((rows, False), (rows.astype(rows.dtype.newbyteorder(order)), order == ">"), (padded, True)):
-        raw = cdr.write_image(replace(image, is_bigendian=lies.dtype.byteorder == ">", step=lies.strides[0],
-                                      data=memoryview(lies.tobytes())))
+        raw = replace(image, is_bigendian=lies.dtype.byteorder == ">", step=lies.strides[0],
+                      data=memoryview(lies.tobytes())).write()
         found = vars(CODECS[name].decode_cdr(raw)[1])
         read = found.get("words", found.get("counts"))
         assert (read == numbers).all() and read.flags.aligned and read.flags.c_contiguous and read.dtype.isnative
@@ -97,12 +97,12 @@ def test_an_empty_cloud_is_valid_and_is_dense_says_whether_points_are_finite():
     cloud = CODECS["points_xyzi"].content
     for x, dense in ((1.0, True), (np.nan, False), (np.inf, False)):
         moved = replace(cloud, xyz=np.array([[1, 2, 3], [x, 5, 6]], np.float32))
-        assert read_cloud(points.encode_cdr(moved, "lidar")).is_dense is dense
+        assert CloudMessage.read(points.encode_cdr(moved, "lidar")).is_dense is dense
     cloud = CODECS["points_xyzi"].content
     cloud = replace(cloud, **{name: getattr(cloud, name)[:0] for name in POINT_FIELDS})
     for layout in ("xyzi", "full"):
         raw = points.encode_cdr(cloud, "lidar", layout)
-        message = read_cloud(raw)
+        message = CloudMessage.read(raw)
         assert (message.height, message.width, message.is_dense) == (1, 0, True)
         assert points.decode_cdr(raw)[1]["xyz"].shape == (0, 3)
 
@@ -111,7 +111,7 @@ def test_an_empty_cloud_is_valid_and_is_dense_says_whether_points_are_finite():
 def test_an_organised_cloud_has_the_first_point_of_each_pixel_and_nan_elsewhere(layout):
     cloud = CODECS["points_xyzi"].content       # (0, 1): a first point; (2, 3): a second one
     raw = points.encode_cdr(cloud, "lidar", layout, organised=True)
-    message = read_cloud(raw)
+    message = CloudMessage.read(raw)
     assert (message.height, message.width, message.is_dense) == (3, 4, False)
     image = unpack_cloud(message, [cloud_layouts("points")[layout]])
     for name in set(image.dtype.names) - {"row", "col", "surface", "background"}:

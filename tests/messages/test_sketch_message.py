@@ -15,7 +15,7 @@ from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import sensor_message
 from srt3d_ros.messages import sketch_message as sketch
-from srt3d_ros.messages.cdr import read_cloud
+from srt3d_ros.messages.cdr import CloudMessage
 from tests.messages.conftest import CODECS, SENSOR
 
 LAYOUTS = ["float32", "int16"]
@@ -43,7 +43,7 @@ def test_any_sketch_makes_the_trip(seed, rows, cols, m, layout):
     header, back = sketch.decode_cdr(raw, sensor)
     assert (header.stamp_ns, header.frame_id, back.stamp_ns) == (seed, "spad", seed)
     assert back.frequencies == content.frequencies and (back.photons == content.photons).all()
-    assert back.sensor is sensor and sketch.description_of(read_cloud(raw)) == sensor_message.digest(sensor)
+    assert back.sensor is sensor and sketch.description_of(CloudMessage.read(raw)) == sensor_message.digest(sensor)
     error = np.abs((back.sums - content.sums).view(np.float32)).reshape(rows, cols, -1)
     assert (error <= rounding[..., None]).all()
     assert (back.sums[content.photons == 0] == 0).all()
@@ -64,12 +64,12 @@ def test_cycles_and_the_photons_before_a_gate_make_the_trip_where_they_are_known
 
 
 def test_a_description_is_named_by_the_digest_of_its_text():
-    text = sensor_message.encode(SENSOR).data
+    text = sensor_message.to_json(SENSOR)
     named = sensor_message.digest(text)
     assert re.fullmatch("[0-9a-f]{8}", named) and sensor_message.digest(SENSOR) == named
     assert sensor_message.digest(sensor_message.from_json(text)) == named
     assert sensor_message.digest(SENSOR.replace(range_offset_m=0.1)) != named
-    assert sketch.description_of(read_cloud(CODECS["sketch_int16"].encode_cdr())) == named
+    assert sketch.description_of(CloudMessage.read(CODECS["sketch_int16"].encode_cdr())) == named
 
 
 def test_fields_in_any_order_and_with_gaps_are_read():
@@ -117,4 +117,4 @@ def test_a_message_that_names_no_description_is_refused(change, said):
     message = CODECS["sketch_float32"].message()
     change(message)
     with pytest.raises(InvalidInput, match=f"^field sensor_DIGEST is {said}"):
-        sketch.description_of(read_cloud(serialize_message(message)))
+        sketch.description_of(CloudMessage.read(serialize_message(message)))

@@ -136,7 +136,7 @@ class Graph:
     def introduce(self, sensor: SensorModel) -> None:
         """Publish `sensor`, as a driver does when it starts, and wait until the sketcher uses it, wherever it sits."""
         described = self.collect_latched(String, "sketch/sensor")
-        self.latched("sensor").publish(sensor_message.encode(sensor))
+        self.latched("sensor").publish(sensor_message.encode_cdr(sensor))
         self.wait(lambda: any(sensor_message.from_json(one.data).replace(extrinsics=sensor.extrinsics).same_as(sensor)
                               for one in described), "sketch/sensor")
 

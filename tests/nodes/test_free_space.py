@@ -8,7 +8,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
-from srt3d_ros.messages import free_message, images_message, sensor_message, sketch_message
+from srt3d_ros.messages import images_message, points_message, sensor_message, sketch_message
 
 SIDE, PERIOD_M = 40, 15.0
 SENSOR = SensorModel(SIDE, SIDE, 1000, 1e-10, np.exp(-np.arange(-16, 17)**2 / 32), frame_id="spad")
@@ -26,7 +26,7 @@ class Sensor:
         graph.start("reconstructor", "-p", f"free_brightness:={BRIGHTNESS}").ready()
         description, self._sketches = graph.latched("sketch/sensor"), graph.publisher(PointCloud2, "sketch")
         self.points = graph.collect(PointCloud2, "points", raw=True)
-        description.publish(sensor_message.encode(SENSOR))
+        description.publish(sensor_message.encode_cdr(SENSOR))
         graph.matched(self._sketches)
 
     def watch(self) -> None:
@@ -54,7 +54,7 @@ class Sensor:
         before = len(self.free)
         self.frame(*args)
         self.graph.wait(lambda: len(self.free) > before, "free")
-        header, ends = free_message.decode_cdr(self.free[-1])
+        header, ends = points_message.decode_ends_cdr(self.free[-1])
         assert (header.stamp_ns, header.frame_id) == (self._frames * 100_000_000, "spad")
         range_m = np.linalg.norm(ends, axis=1)
         lens, image = SENSOR.projection, np.full((SIDE, SIDE), np.nan)
@@ -101,7 +101,7 @@ def test_depth_says_where_it_is_empty_and_nothing_is_claimed_without_a_brightnes
     assert spad.graph.set("reconstructor", max_range_m=4.0) == ""
     near = image(2)
     assert np.isinf(near[:, 12:]).mean() > 0.95 and np.isnan(near[:, :7]).mean() > 0.95
-    assert np.linalg.norm(free_message.decode_cdr(spad.free[-1])[1], axis=1).max() <= 4.0001
+    assert np.linalg.norm(points_message.decode_ends_cdr(spad.free[-1])[1], axis=1).max() <= 4.0001
     assert spad.graph.set("reconstructor", free_brightness=0.0) == ""
     spad.graph.wait(lambda: image(1) is not None and not np.isinf(image(1)).any(), "an image that claims nothing")
     seen = len(spad.free)

@@ -12,12 +12,12 @@ from sensor_msgs.msg import PointCloud2
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.stream import SketchStream, StreamOptions
-from srt3d_ros.datasets.simulation.motion_profiles import Measured, walk
+from srt3d_ros.datasets.simulation.motion_profiles import walk
 from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.simulation.room import Room
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.messages import odometry, photon_frames, points_message, sensor_message, sketch_message
-from srt3d_ros.messages.cdr import read_cloud
+from srt3d_ros.messages.cdr import CloudMessage
 from srt3d_ros.nodes import sources
 from srt3d_ros.reconstruction import Reconstructor
 
@@ -29,8 +29,7 @@ EXTRINSICS = "0.2 0 0.1 0.5 -0.5 0.5 -0.5"
 
 
 def odom(ms: float) -> Odometry:
-    pose = Pose(Pose.turned(TURN_RAD_S * ms / 1e3).rotation, SPEED_M_S * ms / 1e3)
-    message = sources.odometry(Measured(ms / 1e3, pose, SPEED_M_S, TURN_RAD_S))
+    message = odometry.encode_odometry(Pose(Pose.turned(TURN_RAD_S * ms / 1e3).rotation, SPEED_M_S * ms / 1e3))
     message.header.stamp = Time(nanoseconds=START_NS + round(ms * MS)).to_msg()
     return message
 
@@ -66,7 +65,7 @@ def test_frames_wait_for_the_odometry_that_covers_them_and_bad_reports_cost_none
         for one in expected:
             raw = serialize_message(sketches.pop(0))
             _, sketch = sketch_message.decode_cdr(raw, mounted)
-            assert sketch_message.description_of(read_cloud(raw)) == sensor_message.digest(mounted)
+            assert sketch_message.description_of(CloudMessage.read(raw)) == sensor_message.digest(mounted)
             assert sketch.stamp_ns == one.stamp_ns
             np.testing.assert_array_equal(sketch.photons, one.photons)
             np.testing.assert_allclose(sketch.z, one.z, atol=2e-4)
@@ -131,9 +130,7 @@ SIMULATOR = Simulator(VIEW, SENSOR, 0.5, 0.15 / HALVES, 0, HALVES / FRAME_S)
 
 
 def odom_of_walk(at_s: float, frame_id: str) -> Odometry:
-    pose, then = path(at_s), path(at_s + 0.01)
-    moved = pose.inverse() @ then
-    message = sources.odometry(Measured(at_s, pose, moved.translation * 100, moved.rotation_vector * 100))
+    message = odometry.encode_odometry(path(at_s))
     message.header.stamp, message.header.frame_id = Time(nanoseconds=START_NS + round(at_s * 1e9)).to_msg(), frame_id
     return message
 

@@ -15,7 +15,7 @@ from tools.processes import Process
 def test_photons_and_the_latched_description_are_in_the_bag(graph, repository, sensor, events, photons_at, tmp_path):
     topics = [f"{graph.namespace}/{name}" for name in ("photons", "sensor")]
     described, photons = graph.latched("sensor"), graph.publisher(PointCloud2, "photons")
-    described.publish(sensor_message.encode(sensor))        # before anybody listens
+    described.publish(sensor_message.encode_cdr(sensor))        # before anybody listens
     command = [sys.executable, str(repository / "examples" / "record_bag.py"), str(tmp_path / "bag"), *topics]
     graph.processes.append(recorder := Process(command))
     recorder.says("waiting for")

@@ -10,8 +10,8 @@ from srt3d_ros.messages import sensor_message, sketch_message
 from srt3d_ros.nodes.sketch_queue import MOST_WAITING, SENSORS_KEPT, WAIT_S, SketchQueue
 
 SENSORS = [SensorModel(2, 3, 50 + k, 1e-10, np.ones(3)) for k in range(SENSORS_KEPT + 1)]
-TEXTS = [sensor_message.to_json(sensor) for sensor in SENSORS]
-DIGESTS = [sensor_message.digest(text) for text in TEXTS]
+DESCRIPTIONS = [sensor_message.encode_cdr(sensor) for sensor in SENSORS]
+DIGESTS = [sensor_message.digest(sensor) for sensor in SENSORS]
 
 
 def sketch(k: int) -> bytes:
@@ -36,15 +36,15 @@ def test_descriptions_and_sketches_come_in_any_order_and_the_last_descriptions_a
     for k in (0, 1, 0):
         sketches.add(sketch(k), 0.0)
     assert taken(sketches) == ([], []) and (len(sketches), sketches.missing) == (3, DIGESTS[0])
-    assert sketches.describe(TEXTS[1]).same_as(SENSORS[1])
+    assert sketches.describe(DESCRIPTIONS[1]).same_as(SENSORS[1])
     sketches.add(sketch(1), 0.1)
     assert taken(sketches, 0.1) == ([1, 1], []) and len(sketches) == 2
-    sketches.describe(TEXTS[0])
+    sketches.describe(DESCRIPTIONS[0])
     assert taken(sketches, 0.2) == ([0, 0], []) and (len(sketches), sketches.missing) == (0, "")
     sketches.add(sketch(1), 0.3)
     assert taken(sketches, 0.3) == ([1], [])
-    for text in [*TEXTS[:2], TEXTS[0], *TEXTS[2:]]:
-        sketches.describe(text)
+    for raw in [*DESCRIPTIONS[:2], DESCRIPTIONS[0], *DESCRIPTIONS[2:]]:
+        sketches.describe(raw)
     for k in (0, 1, 2):
         sketches.add(sketch(k), 0.0)
     assert taken(sketches)[0] == [0, 2] and sketches.missing == DIGESTS[1]
@@ -59,8 +59,8 @@ def test_only_some_sketches_wait_and_for_a_while(sketches):
 
 
 def test_what_cannot_be_used_is_refused_and_changes_nothing(sketches):
-    with pytest.raises(InvalidInput, match="^rows is absent"):
-        sketches.describe(TEXTS[0].replace('"rows"', '"x_rows"'))
+    with pytest.raises(InvalidInput, match="^unknown key is"):
+        sketches.describe(DESCRIPTIONS[0].replace(b'"rows"', b'"raws"'))
     with pytest.raises(InvalidInput, match="^field sensor_DIGEST is absent"):
         sketches.add(sketch(0).replace(b"sensor_", b"sensors"), 0.0)
     assert len(sketches) == 0

@@ -39,7 +39,7 @@ def test_sketches_are_the_cores_in_all_forms_and_follow_the_parameters(graph, se
         graph.wait(lambda: sketches, "a sketch")
         raw = serialize_message(sketches[0])
         sensors = {sensor_message.digest(one.data): sensor_message.from_json(one.data) for one in described}
-        return sketch_message.decode_cdr(raw, sensors[sketch_message.description_of(cdr.read_cloud(raw))])
+        return sketch_message.decode_cdr(raw, sensors[sketch_message.description_of(cdr.CloudMessage.read(raw))])
 
     assert graph.set("sketcher", gate="30-69") == ""
     graph.reports("sketcher", "gate", "30-69, 0.4497 to 1.034 m")
@@ -101,7 +101,7 @@ def test_hot_pixels_are_left_out_after_a_second_and_a_leak_is_warned_of(graph, s
 def test_a_parameter_that_does_not_suit_the_sensor_is_an_error_until_it_is_corrected(graph, sensor, photons_at):
     """The gate lies outside; the nodes behind it, and a player, wait until the sketcher is ready."""
     sketches, described = graph.collect(PointCloud2, "sketch"), graph.latched("sensor")
-    described.publish(sensor_message.encode(sensor))
+    described.publish(sensor_message.encode_cdr(sensor))
     node = graph.start("sketcher", gate="500-600").ready()
     photons = graph.matched(graph.publisher(PointCloud2, "photons"))
     node.says(problem := "gate is 500-600: expected ")
@@ -115,7 +115,7 @@ def test_a_parameter_that_does_not_suit_the_sensor_is_an_error_until_it_is_corre
     assert graph.set("sketcher", frequencies="consecutive") == ""     # which does not make the description a good one
     graph.known_to("sketcher")
     assert graph.report("sketcher")["ready"] == "False"
-    described.publish(sensor_message.encode(sensor))
+    described.publish(sensor_message.encode_cdr(sensor))
     graph.reports("sketcher", "ready", True)
     photons.publish(photons_at(STAMP_NS + 1))
     graph.wait(lambda: sketches, "a sketch")
@@ -127,7 +127,7 @@ def test_photons_sent_before_the_description_in_force_are_dropped_and_counted(gr
     photons, sketches = graph.publisher(PointCloud2, "photons"), graph.collect(PointCloud2, "sketch")
 
     def describe(described: SensorModel, wait: bool = True) -> None:
-        descriptions.publish(sensor_message.encode(described))
+        descriptions.publish(sensor_message.encode_cdr(described))
         if wait:
             graph.reports("sketcher", "num_bins", described.num_bins)
 
@@ -159,8 +159,8 @@ def test_a_driver_that_contradicts_the_file_is_an_error_as_long_as_it_does(graph
     published = graph.collect_latched(String, "sensor")
     sketches, described = graph.collect(PointCloud2, "sketch"), graph.latched("sensor")
     topic, other, path = f"{graph.namespace}/sensor", sensor.replace(rows=10, cols=8), tmp_path / "spad.json"
-    described.publish(sensor_message.encode(other))
-    path.write_text(sensor_message.encode(sensor).data)
+    described.publish(sensor_message.encode_cdr(other))
+    path.write_text(sensor_message.to_json(sensor))
     process = graph.start("sketcher", sensor_file=path).ready()
     graph.wait(lambda: any(sensor_message.from_json(one.data).same_as(sensor) and "x_writer" in one.data
                            for one in published), "the sensor of the file")
@@ -176,13 +176,13 @@ def test_a_driver_that_contradicts_the_file_is_an_error_as_long_as_it_does(graph
     report = graph.report("sketcher")
     assert (report["rows"], report["frames_out"], len(sketches)) == ("16", "0", 0)
 
-    described.publish(sensor_message.encode(sensor))        # the driver is right now
+    described.publish(sensor_message.encode_cdr(sensor))        # the driver is right now
     process.says(f"sensor_file spad.json is used again: {topic} agrees again")
     photons.publish(photons_at(0))
     graph.wait(lambda: sketches, "a sketch")
     assert (sketches[0].height, sketches[0].width) == (16, 12) and process.text.count("[ERROR]") == 1
 
-    described.publish(sensor_message.encode(sensor.replace(toa_offset_bins=3.5)))
+    described.publish(sensor_message.encode_cdr(sensor.replace(toa_offset_bins=3.5)))
     graph.wait(lambda: "is 3.5: expected 0.0 as in sensor_file spad.json" in graph.report("sketcher")["message"],
                "another contradiction")
     graph.node.destroy_publisher(described)
@@ -194,8 +194,8 @@ def test_a_driver_that_contradicts_the_file_is_an_error_as_long_as_it_does(graph
 
 
 def test_a_sensor_of_more_than_max_pixels_is_refused_by_sketcher_and_reconstructor(graph, sensor):
-    graph.latched("sensor").publish(sensor_message.encode(sensor.replace(rows=1024, cols=1024)))
-    graph.latched("sketch/sensor").publish(sensor_message.encode(sensor))
+    graph.latched("sensor").publish(sensor_message.encode_cdr(sensor.replace(rows=1024, cols=1024)))
+    graph.latched("sketch/sensor").publish(sensor_message.encode_cdr(sensor))
     for name, most in (("sketcher", 2**19), ("reconstructor", 100)):
         graph.start(name, **({"max_pixels": most} if most == 100 else {})).says(
             f"exceeds max_pixels of {name}, {most}: set a larger one")
@@ -217,7 +217,7 @@ def test_every_photon_is_sketched_or_dropped_for_a_cause_and_a_bad_description_i
 
     send(0)                                                     # waits for the description
     described = graph.latched("sensor")
-    described.publish(sensor_message.encode(sensor))
+    described.publish(sensor_message.encode_cdr(sensor))
     send(50, 100, 20, 200)                                      # one is late
     photons.publish(photons_at(S)[:-1000])                      # fewer bytes than it says
     graph.reports("sketcher", "dropped.malformed", 1)
@@ -226,7 +226,7 @@ def test_every_photon_is_sketched_or_dropped_for_a_cause_and_a_bad_description_i
     send(400)                                                   # its frame is open when another sensor is described
     graph.reports("sketcher", "messages_in", 8)
     for text, problem in (('{"rows": 0}', "schema_version is absent: expected 1"),
-                          (sensor_message.encode(sensor.replace(num_bins=20, irf=np.ones(3), irf_ref=1)).data,
+                          (sensor_message.to_json(sensor.replace(num_bins=20, irf=np.ones(3), irf_ref=1)),
                            "sketch_size is 20: expected 1 to 9 for T = 20 bins")):
         described.publish(String(data=text))
         graph.wait(lambda problem=problem: graph.report("sketcher")["message"].startswith(problem), problem)
@@ -234,7 +234,7 @@ def test_every_photon_is_sketched_or_dropped_for_a_cause_and_a_bad_description_i
         report = graph.next_reports("sketcher", 3)[-1]
         assert (report["level"], report["message"][:len(problem)]) == (DiagnosticStatus.ERROR, problem)
     graph.reports("sketcher", "dropped.no_sensor", 4)
-    described.publish(sensor_message.encode(sensor))
+    described.publish(sensor_message.encode_cdr(sensor))
     graph.wait(lambda: graph.report("sketcher")["level"] != DiagnosticStatus.ERROR, "the end of the error")
     send(1_500)
     graph.reports("sketcher", "packets", 6)
@@ -246,7 +246,7 @@ def test_every_photon_is_sketched_or_dropped_for_a_cause_and_a_bad_description_i
 
 def test_a_driver_of_best_effort_is_read_whenever_it_comes_and_not_in_spite_of_the_user(graph, sensor, photons_at):
     sketches, described = graph.collect(PointCloud2, "sketch"), graph.latched("sensor")
-    described.publish(sensor_message.encode(sensor))
+    described.publish(sensor_message.encode_cdr(sensor))
     first = graph.start("sketcher").ready()
 
     def drive():
@@ -282,7 +282,7 @@ def test_no_frame_is_lost_while_gate_and_frequencies_change_and_each_names_its_d
     sensors = {sensor_message.digest(one.data): sensor_message.from_json(one.data) for one in described}
     depths = []
     for raw in map(serialize_message, sketches):
-        _, sketch = sketch_message.decode_cdr(raw, sensors[sketch_message.description_of(cdr.read_cloud(raw))])
+        _, sketch = sketch_message.decode_cdr(raw, sensors[sketch_message.description_of(cdr.CloudMessage.read(raw))])
         mean = sketch.sums[..., 0].sum()                # of frequency 1
         depths.append(np.angle(mean) / (2 * np.pi) * sketch.sensor.num_bins % sketch.sensor.num_bins
                       + sketch.sensor.toa_offset_bins)

@@ -36,7 +36,7 @@ def play(machines, watch, frames: int) -> int:
 
 def test_every_sketch_passes_over_a_bad_link_once_and_to_a_robot_that_comes_back(machines, tmp_path):
     """The sensor is known, and its frequencies stay, before the first frame: none has to wait for a description."""
-    (tmp_path / "sensor.json").write_text(sensor_message.encode(Simulator().sensor).data)
+    (tmp_path / "sensor.json").write_text(sensor_message.to_json(Simulator().sensor))
     watch = machines.watch("points")
     sketcher = machines.start_on(SENSOR, "sketcher", NETWORK_PROFILE, layout="int16", sketch_size=5,
                                  frequencies="consecutive", sensor_file=str(tmp_path / "sensor.json"))

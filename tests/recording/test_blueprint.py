@@ -14,6 +14,7 @@ from srt3d_ros.pictures.viewpoint import LEVEL, look_at
 from srt3d_ros.recording import entities
 from srt3d_ros.recording.reader import RecordingReader
 from srt3d_ros.recording.writer import RecordingWriter
+from tests.recording.conftest import logged
 
 
 def blueprint_columns(path):
@@ -29,18 +30,10 @@ def blueprint_columns(path):
     return found
 
 
-def record(path, cloud, sensor, images=(entities.DEPTH_PATH, *entities.PHOTON_IMAGES)):
-    with RecordingWriter(path, sensor, images=images) as writer:
-        for k in range(3):
-            writer.log_cloud(k * 10**8, k, cloud.xyz, cloud.intensity)
-            writer.log_image(entities.DEPTH_PATH, k * 10**8, k, cloud.range_image())
-            for path in entities.PHOTON_IMAGES:
-                writer.log_image(path, k * 10**8, k, cloud.image("intensity"))
-            writer.log_scalars(k * 10**8, {"latency_ms": 30 + k, "points": len(cloud), "ppp": 9}, k)
-
-
 def test_film_plays_cloud_images_and_plots_by_frames_at_the_speed_of_the_stamps(tmp_path, ball):
-    record(tmp_path / "a.rrd", *ball, images=(entities.DEPTH_PATH, entities.BACKGROUND_PATH))
+    with RecordingWriter(tmp_path / "a.rrd", ball[1], images=(entities.DEPTH_PATH, entities.BACKGROUND_PATH)) as writer:
+        for k in range(3):
+            writer.log_cloud(k * 10**8, k, ball[0].xyz, ball[0].intensity)
     columns = blueprint_columns(tmp_path / "a.rrd")
     origins = {origin for (origin,) in columns["ViewBlueprint:space_origin"]}
     assert origins == {"/", "/depth", "/background", "/metrics"}         # views of the recorded images only
@@ -56,8 +49,7 @@ def test_empty_rays_start_at_the_sensor_are_few_and_are_hidden_at_first(tmp_path
         writer.log_cloud(0, 0, ball[0].xyz, ball[0].intensity)
         writer.log_free(0, 0, ends)
         writer.log_free(10**8, 1, ends[:0])
-    strips = [value for chunk in RrdReader(tmp_path / "a.rrd").stream() if chunk.entity_path == entities.FREE_PATH
-              for value in chunk.to_record_batch().column("LineStrips3D:strips").to_pylist()]
+    strips = logged(tmp_path / "a.rrd", entities.FREE_PATH, "LineStrips3D:strips")
     assert [len(each) for each in strips] == [286, 0]
     assert np.allclose(strips[0][1], [np.zeros(3), ends[14]])
     assert [False] in blueprint_columns(tmp_path / "a.rrd")["EntityBehavior:visible"]
@@ -86,38 +78,32 @@ def test_the_frustum_begins_at_the_sensor_and_reaches_to_the_cloud(tmp_path, bal
     cloud, sensor = ball
     if scanner:
         sensor = sensor.replace(projection=AngularScan(0.4, -0.02, 0.4, -0.02))
-    record(tmp_path / "a.rrd", cloud, sensor)
-    (batch,) = (chunk.to_record_batch() for chunk in RrdReader(tmp_path / "a.rrd").stream().filter(content="/sensor"))
-    border, *corners = (np.array(strip) for strip in batch.column("LineStrips3D:strips")[0].as_py())
+    with RecordingWriter(tmp_path / "a.rrd", sensor) as writer:
+        writer.log_cloud(0, 0, cloud.xyz, cloud.intensity)
+    (strips,) = logged(tmp_path / "a.rrd", "/sensor", "LineStrips3D:strips")
+    border, *corners = map(np.array, strips)
     assert all((begin == 0).all() for begin, _ in corners)
     reach_m = np.linalg.norm([*border, *(end for _, end in corners)], axis=1)
     assert np.allclose(reach_m, np.percentile(np.linalg.norm(cloud.xyz, axis=1), 99), rtol=1e-5)
 
 
-SENSOR = SensorModel(2, 3, 50, 1e-10, np.ones(3))
-
-
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     path = tmp_path_factory.mktemp("whole") / "a.rrd"
-    with RecordingWriter(path, SENSOR) as writer:
+    with RecordingWriter(path, SensorModel(2, 3, 50, 1e-10, np.ones(3))) as writer:
         for k in (2, 0, 1):
             writer.log_cloud(k, k, np.full((500, 3), k), np.full(500, k))
             writer.log_scalars(k, {"points": 10 + k}, k)
     return path
 
 
-def test_clouds_come_as_logged_series_sorted_by_stamp_and_without_a_frame_none(whole, tmp_path):
-    reader, index = RecordingReader(whole), RecordingReader(whole).cloud_index()
+def test_clouds_come_as_logged_series_sorted_by_stamp_and_what_was_not_logged_is_empty(whole):
+    reader = RecordingReader(whole)
     assert [cloud.frame_index for cloud in reader.clouds()] == [2, 0, 1]
-    assert [cloud.frame_index for cloud in reader.clouds({1})] == [1]
+    assert [cloud.frame_index for cloud in reader.clouds({1})] == [1] and list(reader.images("/depth")) == []
+    index, points = reader.index, reader.series["points"]
     assert index.stamp_ns.tolist() == index.frame_index.tolist() == [0, 1, 2] and index.points.tolist() == [500] * 3
-    assert reader.series()["points"].stamp_ns.tolist() == [0, 1, 2]
-    assert reader.series()["points"].values.tolist() == [10, 11, 12]
-    RecordingWriter(tmp_path / "a.rrd", SENSOR).close()
-    reader = RecordingReader(tmp_path / "a.rrd")
-    assert list(reader.clouds()) == [] and list(reader.images("/depth")) == []
-    assert reader.series() == {}
+    assert points.stamp_ns.tolist() == [0, 1, 2] and points.values.tolist() == [10, 11, 12] and reader.poses() == {}
 
 
 @pytest.mark.parametrize("damage, expected", [

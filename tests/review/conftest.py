@@ -45,7 +45,7 @@ def ball_recording(tmp_path_factory, ball):
 @pytest.fixture(scope="session")
 def recorded(ball_recording):
     """The recording, read."""
-    return Recorded.read(ball_recording)
+    return Recorded(ball_recording)
 
 
 def write_ball(path, cloud, sensor, frames=FRAMES, missing=MISSING, more=lambda stream: None):

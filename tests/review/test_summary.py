@@ -12,7 +12,8 @@ from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.recording.writer import RecordingWriter
 from srt3d_ros.review import gallery
-from srt3d_ros.review.from_above import draw_way
+from srt3d_ros.review.from_above import draw_fan, draw_way
+from srt3d_ros.review.plots import extremes
 from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.report import write_report
 from srt3d_ros.review.summary import format_summary, summarise
@@ -39,7 +40,7 @@ def test_durations_gaps_latencies_points_photons_and_the_text_are_those_of_the_r
     assert summary["typical_frame"] not in (FEWEST, MOST)
     text = format_summary(summary)
     for expected in ("28, 9.31 Hz", "1, about 2 frames; the longest 0.3 s, at 0.9 s, after frame 9", "median 43.5 ms",
-                     "40 × 48 pixels, 600 bins of 20 ps", "0.1.0"):
+                     "40 × 48 pixels, 600 bins of 20 ps"):
         assert expected in text
     assert "5 min 0 s" in format_summary(summary | {"duration_s": 299.96})
 
@@ -47,10 +48,18 @@ def test_durations_gaps_latencies_points_photons_and_the_text_are_those_of_the_r
 def test_of_many_gaps_the_longest_is_named(tmp_path, ball):
     missing = {*range(2, 120, 4), 71, 91, 92}       # 30 gaps; that after 89 has three frames
     write_ball(tmp_path / "a.rrd", *ball, frames=120, missing=missing)
-    recorded = Recorded.read(tmp_path / "a.rrd")
+    recorded = Recorded(tmp_path / "a.rrd")
     summary = summarise(recorded)
     assert summary["gaps"] == 30 and summary["missing_frames"] == len(missing) and recorded.gaps[1] < 60
     assert "the longest 0.4 s, at 8.9 s, after frame " in format_summary(summary)
+
+
+def test_long_lines_keep_their_extremes_and_leave_out_what_is_not_finite():
+    values = np.zeros(10_000)
+    values[[77, 5000]] = np.nan, 9
+    shown = extremes(values)
+    assert 5000 in shown and 77 not in shown and len(shown) <= 1200 and (np.diff(shown) >= 0).all()
+    assert extremes(values[70:80]).tolist() == [0, 1, 2, 3, 4, 5, 6, 8, 9]
 
 
 def test_a_recording_without_a_sensor_or_clouds_is_one_line(tmp_path, ball):
@@ -61,11 +70,11 @@ def test_a_recording_without_a_sensor_or_clouds_is_one_line(tmp_path, ball):
     stream.log("/points", rr.Points3D(np.ones((4, 3))))
     stream.disconnect()
     with pytest.raises(InvalidInput, match="a.rrd has no description of its sensor"):
-        Recorded.read(tmp_path / "a.rrd")
+        Recorded(tmp_path / "a.rrd")
     with RecordingWriter(tmp_path / "b.rrd", ball[1]) as writer:
         writer.log_scalars(0, {"points": 1}, 0)
     with pytest.raises(InvalidInput, match="b.rrd has no clouds at /points"):
-        Recorded.read(tmp_path / "b.rrd")
+        Recorded(tmp_path / "b.rrd")
 
 
 def test_the_sensor_is_found_again(recorded, ball, tmp_path):
@@ -74,7 +83,7 @@ def test_the_sensor_is_found_again(recorded, ball, tmp_path):
     for k, irf in enumerate((other.irf, np.tile(other.irf, (40 * 48, 1)))):         # the second: one for each pixel
         with RecordingWriter(tmp_path / f"{k}.rrd", other.replace(irf=irf)) as writer:
             writer.log_cloud(5, 0, ball[0].xyz, ball[0].intensity)
-        found = Recorded.read(tmp_path / f"{k}.rrd").sensor
+        found = Recorded(tmp_path / f"{k}.rrd").sensor
         assert found.replace(irf=other.irf).same_as(other) and np.allclose(found.irf, other.irf, rtol=1e-4)
 
 
@@ -94,7 +103,7 @@ def test_the_way_is_drawn_among_the_points_and_a_ceiling_is_not(tmp_path):
             pose = Pose(translation=np.array([x, y, 0.0])) @ OPTICAL
             writer.log_cloud(k * 10**8, k, pose.inverse()(room).astype(np.float32), np.ones(len(room), np.float32))
             writer.log_pose(k * 10**8, k, pose)
-    picture, length_m = draw_way(Recorded.read(tmp_path / "a.rrd"), WIDTH, HEIGHT)
+    picture, length_m = draw_way(Recorded(tmp_path / "a.rrd"), WIDTH, HEIGHT)
     assert np.isclose(length_m, 6)
     pixels = np.asarray(picture).astype(int)
     rows, cols = np.nonzero(pixels[..., 0] - pixels[..., 2] > 100)      # orange
@@ -106,24 +115,18 @@ def test_the_way_is_drawn_among_the_points_and_a_ceiling_is_not(tmp_path):
     assert below.max() < 60
 
 
-def bluish(recorded, cloud, ends) -> int:
-    """Pixels in which rays are seen."""
-    style = gallery.CloudStyle.of(cloud, recorded.sensor)
-    picture = np.asarray(gallery.draw_fan(recorded, cloud, ends, style, 300, 175)).astype(int)
-    return int(((picture[..., 2] > picture[..., 0] + 12) & (picture[..., 2] < 230)).sum())
-
-
 def test_rays_are_drawn_in_a_picture_of_their_own(tmp_path, ball, recorded, monkeypatch):
     monkeypatch.setattr(gallery, "_LARGE_PX", (300, 175))
     cloud, sensor = ball
     ends = (1.5 * np.abs(cloud.xyz).max() * sensor.rays[::4, ::4].reshape(-1, 3)).astype(np.float32)
     with RecordingWriter(tmp_path / "a.rrd", sensor) as writer:
-        for k in range(3):
-            writer.log_cloud(k * 10**8, k, cloud.xyz, cloud.intensity)
-            writer.log_free(k * 10**8, k, ends)
-    fanned = Recorded.read(tmp_path / "a.rrd")
+        writer.log_cloud(0, 0, cloud.xyz, cloud.intensity)
+        writer.log_free(0, 0, ends)
+    fanned = Recorded(tmp_path / "a.rrd")
     for each, expected in ((fanned, True), (recorded, False)):
         write_report(each, summarise(each), tmp_path / "a.html")
         assert ("What is empty" in (tmp_path / "a.html").read_text()) == expected
-    one = next(fanned.reader.clouds())
-    assert bluish(fanned, one, ends) > bluish(fanned, one, 0 * ends) + 2000
+    style, (one,) = gallery.CloudStyle.of(cloud, sensor), fanned.clouds()
+    rays, none = (np.asarray(draw_fan(fanned, one, to, style, 300, 175)).astype(int) for to in (ends, 0 * ends))
+    bluish = [(picture[..., 2] > picture[..., 0] + 12) & (picture[..., 2] < 230) for picture in (rays, none)]
+    assert bluish[0].sum() > bluish[1].sum() + 2000

@@ -30,7 +30,7 @@ class Pipeline:
             self.start(name)
         self._description, self._photons = graph.latched("sensor"), graph.publisher(PointCloud2, "photons")
         self._clouds = graph.collect(PointCloud2, "points", raw=True)
-        self._description.publish(sensor_message.encode(sensor))
+        self._description.publish(sensor_message.encode_cdr(sensor))
 
     def start(self, name: str) -> None:
         parameters = {"path": self.folder / "a.rrd"} if name == "recorder" else {}
@@ -104,4 +104,4 @@ def test_nothing_that_the_nodes_hold_grows(pipeline, rounds):
     pipeline.graph.wait(recorded, f"more than {rounds} clouds in the recording")
     pipeline.processes["recorder"].end(signal.SIGTERM)
     newest = max(pipeline.folder.glob("*.rrd"))         # after the kill: a_2.rrd
-    assert len(RecordingReader(newest).cloud_index()) > rounds
+    assert len(RecordingReader(newest).index) > rounds

@@ -21,7 +21,7 @@ from srt3d_ros.core.baselines.plug_and_play import (
     plug_and_play,
     points_needed,
 )
-from srt3d_ros.core.matched_frame import MatchedFrame, Matcher, SensorOnDevice
+from srt3d_ros.core.method.matched_frame import MatchedFrame, Matcher, SensorOnDevice
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum, mean_energy
@@ -57,7 +57,7 @@ class SMLE:
         """The point cloud of one frame's sketch."""
         self._matcher.check(sketch)
         background, *listed = self.run(sketch.photons.astype(np.float32), sketch.sums)
-        return self._on_device.cloud(listed, background, sketch.stamp_ns)
+        return self._on_device.cloud(listed, background, sketch)
 
     def _frame(self, photons: Array, sums: Array) -> tuple:
         """Background photons, and the list of points, all on the device."""
@@ -138,7 +138,7 @@ def _covariances(sensor: SensorModel, frequencies: tuple[int, ...]) -> np.ndarra
     waves = np.exp(1j * np.outer(sensor.irf_bins, angular_frequencies(frequencies, sensor.num_bins)))
     spectrum = irf @ waves
     seen = np.conj(spectrum) * waves
-    parts = np.concatenate([seen.real, seen.imag], axis=1)          # of a signal photon in each bin
+    parts = np.concatenate([np.real(seen), np.imag(seen)], axis=1)       # of a signal photon in each bin
     amplitude, mean = np.tile(np.abs(spectrum), 2), irf @ parts
     share = np.linspace(0, 1, SHARES)[:, None, None]
     covariance = (share * (parts.T * irf @ parts) + (1 - share) * np.diag(amplitude**2) / 2

@@ -48,17 +48,14 @@ class XCORR:
             Depths, bins in [0, T) without the pixels' delays, and signal photons, 0 = no peak, float32
             [rows, K, cols]; background photons per bin, float32 [rows, cols]. Photon numbers are for a gain of 1.
         """
-        sensor, (rows, cols) = self.sensor, self.sensor.exposure.shape
+        sensor, seen = self.sensor, np.maximum(self.sensor.exposure, 1e-6)
         several = max(CELLS // sensor.num_bins, 1)
         parts = [self._peaks_of(photons, first, min(first + several, sensor.pixels))
                  for first in progress(range(0, sensor.pixels, several), "correlating")]
-        depth, signal = (np.concatenate([part[n] for part in parts], axis=1) for n in range(2))     # [K, pixels]
-        background = np.concatenate([part[2] for part in parts])
-        depth = depth - sensor.late.ravel()
-        seen = np.maximum(sensor.exposure.ravel(), 1e-6)
-        depth, signal = (np.ascontiguousarray(values.reshape(-1, rows, cols).swapaxes(0, 1), np.float32)
-                         for values in (depth % sensor.num_bins, signal / seen))
-        return depth, signal, (background / seen).reshape(rows, cols).astype(np.float32)
+        depth, signal, background = (np.concatenate(part, axis=-1).reshape(-1, *sensor.shape) for part in zip(*parts))
+        depth, signal = (np.ascontiguousarray(values.swapaxes(0, 1), np.float32)
+                         for values in ((depth - sensor.late) % sensor.num_bins, signal / seen))
+        return depth, signal, (background[0] / seen).astype(np.float32)
 
     def warm_up(self) -> None:
         """Does nothing: there is nothing to compile."""

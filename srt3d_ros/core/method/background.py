@@ -11,8 +11,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from srt3d_ros.core.matched_frame import Matcher
-from srt3d_ros.core.sketching.frequencies import angular_frequencies
+from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.kernels.constants import EPSILON
 
@@ -87,7 +86,7 @@ class Unexplained(NamedTuple):
         """From the kernels' float32 [4m + 4]: real and imaginary parts of `left`, those of `seen`, the four numbers."""
         left_real, left_imaginary, seen_real, seen_imaginary = sums[:-4].reshape(4, -1)
         return cls(photons, left_real + 1j * left_imaginary, seen_real + 1j * seen_imaginary,
-                   *sums[-4:].astype(np.float64))
+                   *np.maximum(sums[-4:].astype(np.float64), EPSILON))
 
 
 class Background:
@@ -104,8 +103,7 @@ class Background:
 
     def __init__(self, matcher: Matcher, kind: str = "auto"):
         sensor = self._sensor = matcher.sensor
-        self._matcher, self._omega = matcher, angular_frequencies(matcher.frequencies, sensor.num_bins)
-        self._learns = kind == "auto"
+        self._matcher, self._learns = matcher, kind == "auto"
         self.first = BackgroundEstimate()
         if kind != "flat" and sensor.background_shape is not None:
             self._known = np.conj(np.fft.rfft(sensor.background_shape))
@@ -118,15 +116,11 @@ class Background:
 
     def removed(self, background: BackgroundEstimate, sketch: PhaseSums) -> RemovedBackground | tuple[()]:
         """What removes a background from a frame; () if it is even."""
-        mean, photons = background.mean, background.photons
+        mean = background.mean
         if mean is None:
             return ()
-        if photons is None:
-            photons = sketch.photons
-        elif sketch.exposure is not None:
-            photons = photons * sketch.exposure
-        photons = photons.astype(np.float32)
-        return RemovedBackground(photons, mean.astype(np.complex64), self._clutter(mean))
+        photons = sketch.photons if background.photons is None else background.photons * sketch.frames
+        return RemovedBackground(photons.astype(np.float32), mean.astype(np.complex64), self._clutter(mean))
 
     def candidates(self, sketch: PhaseSums, learned: BackgroundEstimate) -> list[BackgroundEstimate]:
         """Uneven backgrounds to try on a frame: what the last cloud left, and the mean of all photons.
@@ -149,7 +143,7 @@ class Background:
 
     def learned(self, before: BackgroundEstimate, frame: Unexplained) -> BackgroundEstimate:
         """The background of the next frame, from the one removed from a frame and what the frame's points leave."""
-        own, taken, noise = (np.maximum(number, EPSILON) for number in (frame.own, frame.taken, frame.noise))
+        own, taken, noise = frame.own, frame.taken, frame.noise
         mean = np.zeros(len(frame.left)) if before.mean is None else before.mean
         uneven = frame.left / np.maximum(self._matcher.energy, EPSILON) + taken * mean
         chi2 = (np.abs(uneven)**2 / (noise + np.abs(WRONG_IRF * frame.seen)**2)).mean()
@@ -178,8 +172,8 @@ class Background:
     @cached_property
     def _responses(self) -> tuple[np.ndarray, np.ndarray, float]:
         """Spectra over distance of a photon's response to the matched filter and of its square; variance if even."""
-        spectrum = self._matcher.spectrum
-        response = (np.exp(1j * np.outer(np.arange(self._sensor.num_bins), self._omega)) @ np.conj(spectrum)).real
+        spectrum, bins = self._matcher.spectrum, np.arange(self._sensor.num_bins)
+        response = (np.exp(1j * np.outer(bins, self._matcher.omega)) @ np.conj(spectrum)).real
         response, square = (np.conj(np.fft.rfft(values)) for values in (response, response**2))
         return response, square, np.square(np.abs(spectrum)).sum() / 2
 

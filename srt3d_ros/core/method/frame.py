@@ -4,15 +4,13 @@ Nothing is kept from frame to frame. `frame` gets and gives arrays on the device
 so that a GPU can record it.
 """
 
-from dataclasses import replace
 from functools import cached_property, partial
 from math import ceil
-from typing import NamedTuple
 
 import numpy as np
 
-from srt3d_ros.core.matched_frame import MatchedFrame, Matcher, SensorOnDevice
 from srt3d_ros.core.method.background import RemovedBackground, Unexplained
+from srt3d_ros.core.method.matched_frame import MatchedFrame, Matcher, SensorOnDevice
 from srt3d_ros.core.method.thresholds import Scores
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sketching.sums import PhaseSums
@@ -94,13 +92,6 @@ def iterate(kernels: Kernels, data: MatchedFrame, points: Array, window: Window)
     return points
 
 
-class Found(NamedTuple):
-    """What a frame shows, and what it leaves unexplained."""
-
-    cloud: PointCloud
-    unexplained: Unexplained
-
-
 class Frames:
     """Runs `frame` on a device for sketches of one sensor.
 
@@ -114,21 +105,14 @@ class Frames:
         self.kernels = self._sensor.kernels
         self.run = self.kernels.as_frame(partial(frame, self._sensor, surfaces))
 
-    def __call__(self, scores: Scores, sketch: PhaseSums, removed: RemovedBackground | tuple[()]) -> Found:
-        """What a sketch shows; `removed` is () for an even background."""
+    def __call__(self, scores: Scores, sketch: PhaseSums, removed: RemovedBackground | tuple[()]
+                 ) -> tuple[PointCloud, Unexplained]:
+        """What a sketch shows, and what that leaves unexplained; `removed` is () for an even background."""
+        exposure = None if sketch.exposure is None else maps.pad(self.matcher.sensor.exposure * sketch.exposure)
         left, rest, background, *listed = self.run(
-            sketch.photons.astype(np.float32), sketch.sums, self._exposure(sketch), np.array(scores, np.float32),
-            *removed)
-        unexplained = Unexplained.unpacked(self.kernels.numpy(rest), self.kernels.numpy(left))
-        cloud = self._sensor.cloud(listed, background, sketch.stamp_ns)
-        if sketch.exposure is not None:
-            cloud = replace(cloud, background=cloud.background / sketch.exposure)
-            unexplained = unexplained._replace(photons=unexplained.photons / sketch.exposure)
-        return Found(cloud, unexplained)
-
-    def _exposure(self, sketch: PhaseSums) -> np.ndarray | None:
-        """Exposures of `MatchedFrame`, if they are the sketch's own."""
-        return None if sketch.exposure is None else maps.pad(self.matcher.sensor.exposure * sketch.exposure)
+            sketch.photons.astype(np.float32), sketch.sums, exposure, np.array(scores, np.float32), *removed)
+        unexplained = Unexplained.unpacked(self.kernels.numpy(rest) / sketch.frames, self.kernels.numpy(left))
+        return self._sensor.cloud(listed, background, sketch), unexplained
 
     @cached_property
     def with_one_surface(self) -> "Frames":

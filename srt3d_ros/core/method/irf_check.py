@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from srt3d_ros.core.matched_frame import CORRECTED, Matcher, uncorrected
+from srt3d_ros.core.method.matched_frame import CORRECTED, Matcher, uncorrected
 from srt3d_ros.core.point_cloud import PointCloud
-from srt3d_ros.core.sketching.frequencies import angular_frequencies
 from srt3d_ros.core.sketching.sums import PhaseSums
 
 MOST_PIXELS = 1024      # looked at
@@ -29,7 +28,7 @@ def misplaced_share(matcher: Matcher, sketch: PhaseSums, cloud: PointCloud) -> f
     some, free = some[::len(some) // MOST_PIXELS + 1], m - min(max(m // 2, 2), CORRECTED) / 2
     if len(some) == 0 or free < 1:
         return 0.0
-    row, col, omega = cloud.row[some], cloud.col[some], angular_frequencies(matcher.frequencies, sensor.num_bins)
+    row, col, omega = cloud.row[some], cloud.col[some], matcher.omega
     equaliser = np.broadcast_to(matcher.equaliser, sketch.sums.shape)[row, col]
     turn, noise = np.outer(cloud.depth_bins[some], omega).astype(np.float32), float(sketch.photons[row, col].sum())
     shown = (equaliser * sketch.sums[row, col] * (np.cos(turn) - 1j * np.sin(turn))).sum(axis=0)
@@ -38,6 +37,6 @@ def misplaced_share(matcher: Matcher, sketch: PhaseSums, cloud: PointCloud) -> f
     least = LEFT**2 * float(np.square(np.abs(shown / root)).sum())
     if left < SURE * noise * free or left - noise * free < least:
         return 0.0
-    exposure = sensor.exposure if sketch.exposure is None else sensor.exposure * sketch.exposure
-    explained, lowest = (cloud.intensity[some] * exposure[row, col]).sum(), np.argmin(omega)
+    exposure, lowest = (sensor.exposure * sketch.frames)[row, col], np.argmin(omega)
+    explained = (cloud.intensity[some] * exposure).sum()
     return max(1 - float(explained * energy[lowest] / np.abs(shown[lowest])), 0.0)      # where a tail is in phase

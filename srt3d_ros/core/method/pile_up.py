@@ -15,11 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.method.live_time import LiveTime, recorded_pulses
+from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.point_cloud import PointCloud
-from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sketching.frequencies import angular_frequencies
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.kernels.constants import EPSILON, LOCAL_SIGMA
 from srt3d_ros.kernels.devices import kernels_for
@@ -30,9 +28,9 @@ POOLED = 4 * np.pi * LOCAL_SIGMA**2     # pixels that count in a local mean
 FLUXES = np.concatenate([[0], np.geomspace(0.01, 8, 49)])       # λ of the tables of shifts
 
 
-def saturated(sketch: PhaseSums, sensor: SensorModel) -> np.ndarray:
+def saturated(sketch: PhaseSums) -> np.ndarray:
     """Whether a pixel saw a photon in nearly every cycle, bool [rows, cols]; False if masked or not known."""
-    return (_cost(sensor) * sketch.photons > SATURATED * sketch.armed_cycles) & (sketch.cycles > 0) & sensor.used
+    return (_cost(sketch) > SATURATED * sketch.armed_cycles) & (sketch.cycles > 0) & sketch.sensor.used
 
 
 def contradiction(sketch: PhaseSums) -> str:
@@ -40,7 +38,7 @@ def contradiction(sketch: PhaseSums) -> str:
     sensor = sketch.sensor
     if not sketch.cycles:
         return "dead_time_s not used, pile-up not corrected: give cycles" if sensor.dead_time_s else ""
-    more = (_cost(sensor) * sketch.photons > sketch.cycles)[sensor.used]
+    more = (_cost(sketch) > sketch.cycles)[sensor.used]
     if not more.any():
         return ""
     rule = f"dead_time_s {sensor.dead_time_s:g}" if sensor.dead_time.periods else "one photon a cycle"
@@ -48,9 +46,9 @@ def contradiction(sketch: PhaseSums) -> str:
             f"{sketch.cycles} cycles with {rule} allow")
 
 
-def _cost(sensor: SensorModel) -> float:
-    """Laser cycles that a photon costs, 1 at least."""
-    return max(sensor.dead_time.cycles, 1)
+def _cost(sketch: PhaseSums) -> np.ndarray:
+    """Laser cycles that a pixel's photons cost, 1 each at least; [rows, cols]."""
+    return max(sketch.sensor.dead_time.cycles, 1) * sketch.photons
 
 
 class Seen(NamedTuple):
@@ -66,22 +64,22 @@ class Seen(NamedTuple):
 
 
 class PileUp:
-    """Corrects pile-up in one sensor's sketches and estimates; keeps nothing from frame to frame."""
+    """Corrects pile-up in one sensor's sketches and estimates; keeps nothing from frame to frame.
+
+    Attributes:
+        first: before the first cloud, all light may be background.
+    """
 
     def __init__(self, matcher: Matcher):
         self._sensor, self._used, self._kernels = matcher.sensor, matcher.used > 0, kernels_for("cpu")
-        omega = self._omega = angular_frequencies(matcher.frequencies, matcher.sensor.num_bins)
-        dead, step = matcher.sensor.dead_time, 1 / matcher.sensor.num_bins / (1j * omega)
+        self.first = Seen(1.0, np.zeros(matcher.sensor.shape, np.float32))
+        dead, omega = matcher.sensor.dead_time, matcher.omega
+        self._omega, step = omega, 1 / matcher.sensor.num_bins / (1j * omega)
         self._live = LiveTime(matcher.sensor, FLUXES) if dead.periods else None
         if self._live and dead.rest < dead.num_bins:
             step = step * (1 - np.exp(1j * omega * dead.rest))          # the background is back
         pulses = self._live.pulses if self._live else recorded_pulses(FLUXES, matcher.sensor.mean_irf)
-        self._shifts, self._step_shifts = (_shifts(matcher, omega, pulses, 1 + height * step) for height in (0, 1))
-
-    @property
-    def nothing_seen(self) -> Seen:
-        """Before the first cloud: all light may be background."""
-        return Seen(1.0, np.zeros((self._sensor.rows, self._sensor.cols), np.float32))
+        self._shifts, self._step_shifts = (_shifts(matcher, pulses, 1 + height * step) for height in (0, 1))
 
     def without_decay(self, sketch: PhaseSums, seen: Seen) -> PhaseSums:
         """The sketch without the decay of its background: minus n_b β̂(b), with each pixel's own b; and turned.
@@ -113,7 +111,7 @@ class PileUp:
         pulse, step = (np.interp(signal, FLUXES, shifts) for shifts in (self._shifts, self._step_shifts))
         shift = pulse + background * (step - pulse)
         error = error * np.interp(signal, FLUXES, np.abs(np.gradient(self._shifts, FLUXES)))
-        error = np.where(saturated(sketch, sensor)[at], np.hypot(error, shift), error)
+        error = np.where(saturated(sketch)[at], np.hypot(error, shift), error)
         first, moved = cloud.surface == 0, np.zeros_like(seen.shift)
         moved[cloud.row[first], cloud.col[first]] = shift[first]
         there = (moved != 0).astype(np.float32)
@@ -140,8 +138,7 @@ class PileUp:
         shape = place[0].max(initial=-1) + 1, cloud.surface.max(initial=0) + 1          # pixels with points, K
         since, recorded, total, most = np.zeros(shape), np.zeros(shape), np.zeros((shape[0], 1)), np.ones((shape[0], 1))
         since[place] = (cloud.depth_bins + sensor.late[at]) % sensor.num_bins / sensor.num_bins    # t / T
-        exposed = 1 if sketch.exposure is None else sketch.exposure[at]
-        recorded[place] = cloud.intensity * sensor.exposure[at] * exposed / cycles      # r / N
+        recorded[place] = cloud.intensity * sensor.exposure[at] * sketch.frames[at] / cycles      # r / N
         if self._live:
             total[place[0], 0], most[place[0], 0] = sketch.photons[at] / cycles, cycles
             signal, background, std = self._live(since * sensor.num_bins, recorded, total, most)
@@ -160,12 +157,13 @@ class PileUp:
         return signal[place], background[place[0], 0], std
 
 
-def _shifts(matcher: Matcher, omega: np.ndarray, pulses: np.ndarray, step: np.ndarray) -> np.ndarray:
+def _shifts(matcher: Matcher, pulses: np.ndarray, step: np.ndarray) -> np.ndarray:
     """How far the matched filter's peak lies from t, bins, for each λ of FLUXES.
 
     The spectrum of a pulse λ h exp(−λ H) and the step of the background behind it, −(b / T) (1 − exp(−λ H)), is that
     of the pulse times `step`, 1 + b / (i ω_l T).
     """
+    omega = matcher.omega
     phases = np.exp(1j * np.outer(matcher.sensor.irf_bins, omega))
     matched = np.conj(matcher.spectrum) * (pulses @ phases) * step
     depths = np.linspace(-3, 3, 6001) / np.sqrt((omega**2 * matcher.energy).sum() / matcher.energy.sum())

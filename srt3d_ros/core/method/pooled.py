@@ -15,17 +15,18 @@ from functools import cached_property
 
 import numpy as np
 
-from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.method.background import Background, BackgroundEstimate, RemovedBackground
-from srt3d_ros.core.method.frame import Found, Frames
+from srt3d_ros.core.method.frame import Frames
 from srt3d_ros.core.method.irf_check import misplaced_share
+from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.method.pile_up import PileUp
 from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, Scores
-from srt3d_ros.core.motion.trajectory import Pose, Trajectory
+from srt3d_ros.core.motion.trajectory import Trajectory
 from srt3d_ros.core.motion.window import MovingWindow
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sums import PhaseSums, noise_sketch
+from srt3d_ros.kernels.devices import compile_kernels
 
 PASSES = 8              # over a first frame, at most
 
@@ -51,20 +52,16 @@ class Pooled:
         self._matcher = Matcher(sensor, frequencies)
         self._background = Background(self._matcher, background)
         self._frames = Frames(self._matcher, device, surfaces)
-        self.set_false_alarm_rate(false_alarm_rate)
+        self._scores = Scores.of(false_alarm_rate, max(self._matcher.frequencies), self._matcher.used.size)
         self.forget()
 
     def forget(self) -> None:
         """Begin the next frame as if it were the first."""
-        self._is_first, self._learned, self._piled_up = True, self._background.first, None
-        self._last: PointCloud | None = None
+        self._last: PointCloud | None = None        # no frame yet
+        self._learned, self._piled_up = self._background.first, None
         self._plain: tuple[PhaseSums, PointCloud] | None = None
         if self._window is not None:
             self._window.forget()
-
-    def set_false_alarm_rate(self, false_alarm_rate: float) -> None:
-        """Use this false alarm rate from the next frame on."""
-        self._scores = Scores.of(false_alarm_rate, max(self._matcher.frequencies), self._matcher.used.size)
 
     @property
     def misplaced_share(self) -> float:
@@ -84,49 +81,47 @@ class Pooled:
         if self._window is not None:
             sketch = self._window(sketch, trajectory, self._last)
         cloud = self._cloud(sketch)
-        if self._is_first and sketch.cycles:        # again: the first cloud says how much of the light is background
+        if self._last is None and sketch.cycles:    # again: the first cloud says how much of the light is background
             cloud = self._cloud(sketch)
-        self._is_first, self._last = False, cloud
+        self._last = cloud
         return cloud
 
     def _cloud(self, sketch: PhaseSums) -> PointCloud:
         """The cloud of a frame; the next one starts from its background and its pile-up."""
-        piled_up = self._piled_up or self._pile_up.nothing_seen if sketch.cycles else None
+        piled_up = self._piled_up or self._pile_up.first if sketch.cycles else None
         plain = sketch if piled_up is None else self._pile_up.without_decay(sketch, piled_up)
-        found, self._learned = (self._first(self._frames, plain) if self._is_first
+        cloud, self._learned = (self._first(self._frames, plain) if self._last is None
                                 else self._next(self._frames, plain, self._learned))
-        cloud = replace(found.cloud, clutter=self._background.most_clutter(self._learned))
+        cloud = replace(cloud, clutter=self._background.most_clutter(self._learned))
         self._plain = (sketch, cloud) if piled_up is None and self._learned.mean is None else None
         if piled_up is not None:
             cloud, self._piled_up = self._pile_up.corrected(cloud, sketch, piled_up)
         return cloud
 
-    def _first(self, frames: Frames, sketch: PhaseSums) -> tuple[Found, BackgroundEstimate]:
-        """What a first frame shows once its background has converged, and the background of the next frame."""
-        found, learned = self._next(frames, sketch, self._background.first)
+    def _first(self, frames: Frames, sketch: PhaseSums) -> tuple[PointCloud, BackgroundEstimate]:
+        """The cloud of a first frame once its background has converged, and the background of the next frame."""
+        cloud, learned = self._next(frames, sketch, self._background.first)
         for _ in range(PASSES - 1):
             if learned.converged:
                 break
-            found, learned = self._next(frames, sketch, learned)
+            cloud, learned = self._next(frames, sketch, learned)
             if learned.mean is None:        # the candidates explain the frame no better
                 break
-        return found, learned
+        return cloud, learned
 
     def _next(self, frames: Frames, sketch: PhaseSums, learned: BackgroundEstimate
-              ) -> tuple[Found, BackgroundEstimate]:
-        """What a frame shows with the background learned from the one before, or a better one; and the next one's."""
+              ) -> tuple[PointCloud, BackgroundEstimate]:
+        """A frame's cloud with the background learned from the one before, or a better one; and the next one's."""
         background, candidates = self._background, self._background.candidates(sketch, learned)
-        if not candidates:
-            found = frames(self._scores, sketch, background.removed(learned, sketch))
-            return found, background.learned(learned, found.unexplained)
-        if frames.surfaces > 1:
+        if candidates and frames.surfaces > 1:
             # Further surfaces would be fitted to the background, so one a pixel tells which it is. But dim surfaces
             # that are dropped look uneven, too: the last frame's background is tried beside it.
             _, settled = self._first(frames.with_one_surface, sketch)
             candidates = [learned, candidates[0] if settled.mean is None else settled]
-        tried = [(frames(self._scores, sketch, background.removed(each, sketch)), each) for each in candidates]
-        found, removed = min(tried, key=lambda one: one[0].unexplained.misfit)
-        return found, background.learned(removed, found.unexplained)
+        tried = [(*frames(self._scores, sketch, background.removed(each, sketch)), each)
+                 for each in candidates or [learned]]
+        cloud, unexplained, removed = min(tried, key=lambda one: one[1].misfit)
+        return cloud, background.learned(removed, unexplained)
 
     @cached_property
     def _pile_up(self) -> PileUp:
@@ -144,24 +139,17 @@ class Pooled:
         A GPU records each kind, for its pixels; on a CPU, few pixels use all kernels.
         """
         sensor, frames = self._matcher.sensor, self._frames
-        several = [frames] if self._background.is_even else [frames, frames.with_one_surface]
         if frames.device == "cpu":
             sensor = sensor.cropped(slice(8), slice(8))
-            several = [Frames(Matcher(sensor, self._matcher.frequencies), "cpu", frames.surfaces)]
+            frames = Frames(Matcher(sensor, self._matcher.frequencies), "cpu", frames.surfaces)
         sketch = noise_sketch(sensor, self._matcher.frequencies)
         if self._window is not None:
             sketch = replace(sketch, exposure=np.ones(sketch.photons.shape, np.float32))
         uneven = RemovedBackground(sketch.photons.astype(np.float32), np.zeros(len(sketch.frequencies), np.complex64),
                                    np.ones(sensor.num_bins, np.float32))
-        kinds = ((),) if self._background.is_even else ((), uneven)
-        clouds = [each(self._scores, sketch, removed).cloud for each in dict.fromkeys(several) for removed in kinds]
+        frames(self._scores, sketch, ())
+        if not self._background.is_even:
+            for each, removed in ((frames, uneven), (frames.with_one_surface, ()), (frames.with_one_surface, uneven)):
+                each(self._scores, sketch, removed)
         if self._window is not None:
-            _move(sketch, clouds[0])
-
-
-def _move(sketch: PhaseSums, cloud: PointCloud) -> None:
-    """Compile the kernels of a window that moves."""
-    window, still = MovingWindow(sketch.sensor, sketch.frequencies, 2), Trajectory()
-    for stamp_ns in range(2):
-        still.add(stamp_ns, Pose())
-        window(replace(sketch, stamp_ns=stamp_ns), still, cloud)
+            compile_kernels("move_sketch", "seen_ranges")

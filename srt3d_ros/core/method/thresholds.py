@@ -20,7 +20,8 @@ class Scores(NamedTuple):
         find: a first surface, in the widest window.
         further: a further surface there.
         drop: points below it are removed after the first window.
-        keep: a point whose depth is known, by its neighbours.
+        keep: a point whose depth is known, by its neighbours: Q(keep) = √(P / STAYING). No search multiplies chance,
+            and the prior that a surface continues is worth half of the evidence.
         whole: the best point of a surface at the end; in its outline and depth, it has grown with chance.
     """
 
@@ -36,8 +37,8 @@ class Scores(NamedTuple):
         started = false_alarm_rate / STAYING
         find = score_threshold(started, highest, WIDE_SCALE)
         start = score_threshold(min(started, BLOB_STARTS / pixels), highest, WIDE_SCALE)
-        return cls(find, max(find, START_SCORE), score_threshold(started, highest), continuation_threshold(started),
-                   start + WHOLE_SCORE)
+        keep = -NormalDist().inv_cdf(math.sqrt(started))
+        return cls(find, max(find, START_SCORE), score_threshold(started, highest), keep, start + WHOLE_SCORE)
 
 
 def score_threshold(false_alarm_rate: float, highest: int, sigma: float = 0.0) -> float:
@@ -54,12 +55,3 @@ def score_threshold(false_alarm_rate: float, highest: int, sigma: float = 0.0) -
     cell = cell_size(sigma)**2
     share = cell / max(4 * math.pi * sigma**2, cell)
     return -NormalDist().inv_cdf(false_alarm_rate / (2 * highest) * share)
-
-
-def continuation_threshold(false_alarm_rate: float) -> float:
-    """The score z that suffices next to pixels with a surface: Q(z) = √P.
-
-    The depth is known there, so no search multiplies chance; and the prior that a surface continues is worth half of
-    the evidence.
-    """
-    return -NormalDist().inv_cdf(math.sqrt(false_alarm_rate))

@@ -21,7 +21,7 @@ from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.pulse import equivalent_width
 from srt3d_ros.core.sketching.frequencies import irf_spectrum
-from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS, PhaseSums, added_cycles, check_frequencies
+from srt3d_ros.core.sketching.sums import MAX_PIXEL_PHOTONS, PhaseSums, added_cycles
 from srt3d_ros.kernels.devices import kernels_for
 
 LEAST_PHOTONS = 1e-9    # avoids division by 0
@@ -50,9 +50,9 @@ class Deskewer:
 
     def __init__(self, sensor: SensorModel, frequencies: Sequence[int]):
         self.sensor, self.lost = sensor, 0
-        self.frequencies = check_frequencies(frequencies, sensor.num_bins)
+        self.frequencies = tuple(frequencies)
         self._kernels = kernels_for("cpu")
-        rows, cols = self._shape = sensor.rows, sensor.cols
+        rows, cols = self._shape = sensor.shape
         self._bin_frequencies = (np.array(self.frequencies) / sensor.num_bins).astype(np.float32)
         apart = np.linalg.norm(np.diff(sensor.rays, axis=1), axis=-1)
         self._steepest = STEEPEST * float(np.median(apart)) if apart.size else 0.0
@@ -127,6 +127,5 @@ class Deskewer:
         pulse = equivalent_width(sensor)
         # A Gaussian mean divides the noise between neighbours by √(8π) σ².
         sigma = min(np.sqrt(noise / (np.sqrt(8 * np.pi) * RANGE_NOISE * pulse)), max(self._shape))
-        mean = gaussian_filter(z.real, sigma) + 1j * gaussian_filter(z.imag, sigma)
-        depth = np.mod(np.angle(mean), 2 * np.pi) * bins_a_radian
+        depth = np.mod(np.angle(gaussian_filter(z, sigma)), 2 * np.pi) * bins_a_radian
         return np.maximum(sensor.range_m(depth), NEAREST_M).astype(np.float32)

@@ -1,8 +1,8 @@
-"""MovingSketcher: sketches a moving sensor's frames in parts, and moves these to one instant."""
+"""MovingSketcher: sketches frames in parts, which a moving sensor sees from different places, and moves them to one."""
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import reduce
+from functools import cached_property, reduce
 from operator import add
 from statistics import mean, median_low
 from typing import NamedTuple
@@ -38,21 +38,21 @@ class MovingFrame(NamedTuple):
 class MovingSketcher:
     """Sketches the parts of a frame one by one; `finish` moves them to the middle of the frame and adds them up.
 
-    A part has the packets of one stamp; in frames of more than PARTS packets, those of 1 / PARTS of the last frame's
-    length. A packet lasts until the next one, so its photons count as in the middle.
+    A part has the packets of one stamp; in frames of more packets than `parts`, those of 1 / `parts` of the last
+    frame's length. A packet lasts until the next one, so its photons count as in the middle.
 
     Args:
         sensor, frequencies, gate: as of `FrameSketcher`.
+        parts: of a frame, at most; 1 for a sensor at rest.
 
     Attributes:
         lost: photons of the last finished frame that left the array.
     """
 
-    def __init__(self, sensor: SensorModel, frequencies: Sequence[int], gate: Gate | None = None):
+    def __init__(self, sensor: SensorModel, frequencies: Sequence[int], gate: Gate | None = None, parts: int = PARTS):
         self._open = FrameSketcher(sensor, frequencies, gate=gate)         # of the open part
         self.gate, self.frequencies, self.sketch_sensor = gate, self._open.frequencies, self._open.sketch_sensor
-        self.lost = 0
-        self._deskewer = Deskewer(self.sketch_sensor, self.frequencies)
+        self.lost, self._most = 0, parts
         self._part_ns = 0                           # length of a part; 0: one part a stamp
         self.reset()
 
@@ -60,20 +60,13 @@ class MovingSketcher:
         """Forget all photons, and when they came."""
         self._open.reset()
         self._parts: list[tuple[list[int], PhaseSums]] = []        # packets' stamps and sketch
-        self._stamps: list[int] = []                # of the packets of the open part
         self._previous_ns: int | None = None        # the last stamp of the frame before
-
-    @property
-    def kept(self) -> int:
-        """Photons of the open frame inside the gate."""
-        return self._open.kept + sum(int(sketch.photons.sum()) for _, sketch in self._parts)
 
     def add(self, frame: PhotonFrame) -> None:
         """Add the photons of a packet that its `check` accepts."""
-        if self._stamps and len(self._parts) < PARTS - 1 and self._ends_part(frame.stamp_ns):
+        if self._open.stamps_ns and len(self._parts) < self._most - 1 and self._ends_part(frame.stamp_ns):
             self._end_part()
         self._open.add(frame)
-        self._stamps.append(frame.stamp_ns)
 
     def end_frame(self) -> MovingFrame:
         """End the open frame, which needs a packet."""
@@ -85,7 +78,7 @@ class MovingSketcher:
         parts = sorted(((round(mean(of_part)) + packet_ns // 2, sketch) for of_part, sketch in self._parts),
                        key=lambda part: part[0])
         instants = [to_ns, *(instant_ns for instant_ns, _ in parts)]
-        self._part_ns = (length_ns + PARTS - 1) // PARTS if len(stamps) > PARTS else 0
+        self._part_ns = (length_ns + self._most - 1) // self._most if len(stamps) > self._most else 0
         self._parts, self._previous_ns = [], stamps[-1]
         return MovingFrame(parts, min(instants), max(instants), to_ns)
 
@@ -98,16 +91,19 @@ class MovingSketcher:
         self.lost = self._deskewer.lost
         return sketch
 
+    @cached_property
+    def _deskewer(self) -> Deskewer:
+        return Deskewer(self.sketch_sensor, self.frequencies)
+
     def _ends_part(self, stamp_ns: int) -> bool:
         """Whether a packet with this stamp begins another part."""
-        first_ns = self._parts[0][0][0] if self._parts else self._stamps[0]
-        length_ns = max(self._part_ns, 1)
-        return (stamp_ns - first_ns) // length_ns != (self._stamps[0] - first_ns) // length_ns
+        part_ns, length_ns = self._open.stamps_ns[0], max(self._part_ns, 1)
+        first_ns = self._parts[0][0][0] if self._parts else part_ns
+        return (stamp_ns - first_ns) // length_ns != (part_ns - first_ns) // length_ns
 
     def _end_part(self) -> None:
         """Sketch the open part, which has a packet at least, and begin the next."""
-        self._parts.append((self._stamps, self._open.end_frame()))
-        self._stamps = []
+        self._parts.append((self._open.stamps_ns, self._open.end_frame()))
 
     def _packet_ns(self, stamps: list[int]) -> int:
         """How long a packet lasts: the median step between stamps, from the last one of the frame before.

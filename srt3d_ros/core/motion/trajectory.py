@@ -120,33 +120,18 @@ class Trajectory:
         stamps = self._stamps_ns
         require(self.covers(stamp_ns, stamp_ns), "stamp", stamp_ns,
                 f"within the trajectory, {stamps[0]} to {stamps[-1]} ns" if stamps else "none: there is no pose yet")
-        if fitted := self._fitted(stamp_ns):
-            return fitted
         after = bisect_left(stamps, stamp_ns)
-        if stamps[after] == stamp_ns:
-            return self._poses[after]
-        before, then = self._poses[after - 1], self._poses[after]
-        share = (stamp_ns - stamps[after - 1]) / (stamps[after] - stamps[after - 1])
-        turn = Pose.turned(share * Pose(before.rotation.T @ then.rotation).rotation_vector)
-        return Pose(before.rotation @ turn.rotation,
-                    (1 - share) * before.translation + share * then.translation)
-
-    def _fitted(self, stamp_ns: int) -> Pose | None:
-        """The pose on a parabola fitted to the poses around; None if these are too few, or in a gap."""
-        after = bisect_left(self._stamps_ns, stamp_ns)
-        gap_ns = self._stamps_ns[after] - self._stamps_ns[max(after - 1, 0)]
-        first = bisect_left(self._stamps_ns, stamp_ns - SMOOTH_NS)
-        end = bisect_right(self._stamps_ns, stamp_ns + SMOOTH_NS)
-        if end - first < FEWEST or 3 * gap_ns > SMOOTH_NS:
-            return None
-        away = (np.array(self._stamps_ns[first:end]) - stamp_ns) / SMOOTH_NS
-        near = self._poses[first:end]
-        powers = away ** np.arange(3)[:, None]
+        before = max(after - 1, 0)
+        around = slice(bisect_left(stamps, stamp_ns - SMOOTH_NS), bisect_right(stamps, stamp_ns + SMOOTH_NS))
+        if around.stop - around.start < FEWEST or 3 * (stamps[after] - stamps[before]) > SMOOTH_NS:
+            around = slice(before, after + 1)           # too few, or in a gap: a straight line
+        away, poses = (np.array(stamps[around]) - stamp_ns) / SMOOTH_NS, self._poses[around]
+        powers = away ** np.arange(min(len(poses), 3))[:, None]
         weighted = powers * (1 - away**2 + 1e-9)
         share = np.linalg.solve(weighted @ powers.T, weighted)[0]        # weight of each pose at the instant
-        middle = near[int(np.abs(away).argmin())].rotation
-        turn = share @ _rotations().from_matrix(middle.T @ np.stack([pose.rotation for pose in near])).as_rotvec()
-        return Pose(middle @ Pose.turned(turn).rotation, share @ np.stack([pose.translation for pose in near]))
+        middle = poses[int(np.abs(away).argmin())].rotation
+        turn = share @ _rotations().from_matrix(middle.T @ np.stack([pose.rotation for pose in poses])).as_rotvec()
+        return Pose(middle @ Pose.turned(turn).rotation, share @ np.stack([pose.translation for pose in poses]))
 
 
 def _rotations():

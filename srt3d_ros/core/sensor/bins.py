@@ -30,7 +30,7 @@ class HistogramBins:
         more="they are subtracted, and bins far above their mean are left out of sketches; default: none",
         dtype="float32", shape="[n] for all pixels, or [rows · cols, n]", array="histogram_template")] = None
 
-    def check(self, rows: int, cols: int, num_bins: int) -> None:
+    def check(self, pixels: int, num_bins: int) -> None:
         """Raise InvalidInput unless the bins lie on the axis of a sensor of this size."""
         n = self.num_bins
         require(type(n) is int and 1 <= n <= num_bins, "histograms.num_bins", n, f"an integer from 1 to {num_bins}, T")
@@ -39,8 +39,8 @@ class HistogramBins:
         require(end <= num_bins + HALF_BIN, "histograms", f"{n} bins that end at {end:g}", f"at most T = {num_bins}")
         if self.template is not None:
             value = np.asarray(self.template)
-            require(value.shape in ((n,), (rows * cols, n)), "histograms.template shape", value.shape,
-                    f"({n},), or ({rows * cols}, {n}) for one of each pixel")
+            require(value.shape in ((n,), (pixels, n)), "histograms.template shape", value.shape,
+                    f"({n},), or ({pixels}, {n}) for one of each pixel")
             require(bool((np.isfinite(value) & (value >= 0)).all()), "histograms.template",
                     "negative or not finite in places", "photons, 0 or more")
 

@@ -35,10 +35,6 @@ class GateWords:
     def __post_init__(self) -> None:
         numbers(self, "gates.")
 
-    def last_word(self, num_bins: int) -> int:
-        """The word of the last of `num_bins` bins; words end at 65535."""
-        return min(self.first_word + num_bins, 65_536) - 1
-
 
 @documented
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,7 +82,8 @@ class SensorModel:
         "bins of the `histograms` topic", more="default: the sensor's num_bins bins, from bin 0 on",
         array="histogram_bins")] = None
     cycles: Annotated[int | None, Key(
-        "laser cycles of a frame, to correct pile-up in a detector that records only the first photon of each cycle",
+        "laser cycles of a message or of a file's frame, to correct pile-up in a detector that records only the first "
+        "photon of each cycle",
         "cycle", (1, 10**9), "those of `gates` messages are counted; default: unknown, no correction",
         option=True)] = None
     dead_time_s: Annotated[float | None, Key(
@@ -109,7 +106,7 @@ class SensorModel:
         require(farthest <= MAX_RANGE_M, "range", f"{farthest:g} m", f"at most {MAX_RANGE_M:g} m, by toa_offset_bins, "
                 "bin_width_s and range_offset_m")
         self._check_irf()
-        self._check_maps()
+        self._check_arrays()
         require(self.dead_time.period >= self.num_bins, "period_s", self.period_s, f"{self.num_bins} bins or more")
         for name in ("projection", "gates", "histograms"):
             value, kinds = getattr(self, name), keys(SensorModel)[name].kinds
@@ -118,11 +115,11 @@ class SensorModel:
         require(isinstance(self.frame_id, str), "frame_id", self.frame_id, "text")
         require(isinstance(self.extrinsics, str | None), "extrinsics", self.extrinsics, "text")
         if self.histograms is not None:
-            self.histograms.check(self.rows, self.cols, self.num_bins)
+            self.histograms.check(self.pixels, self.num_bins)
         if self.projection is None:
-            self._set("projection", Pinhole.from_fov(self.rows, self.cols))
+            self._set("projection", Pinhole.from_fov(*self.shape))
         if isinstance(self.projection, Pinhole):
-            self.projection.check(self.rows, self.cols)
+            self.projection.check(*self.shape)
 
     def __repr__(self) -> str:
         return (f"Sensor of {self.rows} × {self.cols} pixels, {self.num_bins} bins of {self.bin_width_s * 1e12:.4g} ps "
@@ -142,21 +139,25 @@ class SensorModel:
         require(0 <= ref < irf.shape[-1], "irf_ref", ref, f"an index into the IRF, 0 … {irf.shape[-1] - 1}")
         self._set("irf_ref", ref)
 
-    def _check_maps(self) -> None:
-        shape = self.rows, self.cols
-        for name in PIXEL_MAPS:
+    def _check_arrays(self) -> None:
+        for name, shape in {**dict.fromkeys(PIXEL_MAPS, self.shape), "background_shape": (self.num_bins,)}.items():
             key, given = keys(SensorModel)[name], getattr(self, name)
-            if given is not None:
-                value, (low, high) = _array(name, given, key.dtype), key.bounds or (-np.inf, np.inf)
-                require(value.shape == shape, f"{name} shape", value.shape, f"[rows, cols] = {shape}")
-                require(bool(((value >= low) & (value <= high)).all()), name,
-                        "has values that are not finite or are outside", f"{key.expected} (use mask for bad pixels)")
-                self._set(name, value)
-        if self.background_shape is not None:
-            shape = _array("background_shape", self.background_shape, np.float64)
-            require(shape.shape == (self.num_bins,), "background_shape shape", shape.shape,
-                    f"({self.num_bins},), num_bins")
-            self._set("background_shape", _normalised("background_shape", shape, "finite float32 values of 0 or more"))
+            if given is None:
+                continue
+            value = _array(name, given, key.dtype if key.bounds else np.float64)
+            require(value.shape == shape, f"{name} shape", value.shape, f"{key.shape} = {shape}")
+            if key.bounds:
+                inside = (value >= key.bounds[0]) & (value <= key.bounds[1])
+                require(bool(inside.all()), name, "has values that are not finite or are outside",
+                        f"{key.expected} (use mask for bad pixels)")
+            else:
+                value = _normalised(name, value, "finite float32 values of 0 or more")
+            self._set(name, value)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """rows, cols."""
+        return self.rows, self.cols
 
     @property
     def pixels(self) -> int:
@@ -166,17 +167,17 @@ class SensorModel:
     @cached_property
     def rays(self) -> np.ndarray:
         """Unit rays in the sensor's frame, float32 [rows, cols, 3]."""
-        return self.projection.rays(self.rows, self.cols)
+        return self.projection.rays(*self.shape)
 
     @cached_property
     def late(self) -> np.ndarray:
         """Bins by which the ToA of each pixel come late: `delay_bins`, or 0. float32 [rows, cols]."""
-        return np.zeros((self.rows, self.cols), np.float32) if self.delay_bins is None else self.delay_bins
+        return np.zeros(self.shape, np.float32) if self.delay_bins is None else self.delay_bins
 
     @cached_property
     def used(self) -> np.ndarray:
         """Where a pixel may be used: `mask`, or everywhere. bool [rows, cols]."""
-        return np.ones((self.rows, self.cols), bool) if self.mask is None else self.mask
+        return np.ones(self.shape, bool) if self.mask is None else self.mask
 
     @property
     def irf_bins(self) -> np.ndarray:
@@ -191,7 +192,7 @@ class SensorModel:
     @cached_property
     def exposure(self) -> np.ndarray:
         """Photons of each pixel relative to one of gain 1: its gain, or 0 if masked. float32 [rows, cols]."""
-        gain = np.ones((self.rows, self.cols), np.float32) if self.gain is None else self.gain
+        gain = np.ones(self.shape, np.float32) if self.gain is None else self.gain
         return gain * self.used
 
     @cached_property
@@ -243,7 +244,7 @@ class SensorModel:
 
     def xyz(self, row: np.ndarray, col: np.ndarray, depth_bins: np.ndarray) -> np.ndarray:
         """Points in the sensor's frame, metres, float32 [N, 3]."""
-        pixel = np.ravel_multi_index((row, col), (self.rows, self.cols))
+        pixel = np.ravel_multi_index((row, col), self.shape)
         rays = self.rays.reshape(-1, 3).take(pixel, axis=0)         # several times faster than [row, col]
         return (rays * self.range_m(depth_bins)[:, None]).astype(np.float32)
 
@@ -257,14 +258,13 @@ class SensorModel:
         Raises:
             InvalidInput: the window is empty or has a step.
         """
-        shape = self.rows, self.cols
         (first_row, row_count), (first_col, col_count) = _span("rows", rows, self.rows), _span("cols", cols, self.cols)
         maps = {name: getattr(self, name) for name in PIXEL_MAPS}
         of_pixels = {name: values[rows, cols] for name, values in maps.items() if values is not None}
         if self.irf.ndim == 2:
-            of_pixels["irf"] = self.irf.reshape(*shape, -1)[rows, cols].reshape(-1, self.irf.shape[1])
+            of_pixels["irf"] = self.irf.reshape(*self.shape, -1)[rows, cols].reshape(-1, self.irf.shape[1])
         return self.replace(rows=row_count, cols=col_count, **of_pixels,
-                            histograms=self.histograms and self.histograms.cropped(rows, cols, shape),
+                            histograms=self.histograms and self.histograms.cropped(rows, cols, self.shape),
                             projection=self.projection.cropped(first_row, first_col))
 
     def same_as(self, other: "SensorModel | None") -> bool:

@@ -10,7 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
-from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
+from srt3d_ros.core.sensor.bins import MAX_BINS, HistogramBins
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sketching.sums import PhaseSums, check_frequencies
@@ -35,7 +36,7 @@ class FrameSketcher:
         self.sketch_sensor = sensor if gate is None else gate.sensor        # of the sketches
         self.frequencies = check_frequencies(frequencies, self.sketch_sensor.num_bins)
         self._kernels = kernels_for("cpu")
-        self._rows = self._kernels.fixed_rows(phase_table(sensor, self.frequencies, gate))
+        self._rows = self._kernels.fixed_rows(self.phase_table(np.arange(sensor.num_bins) + 0.5))
         self._sums = self._kernels.new_sums(sensor.pixels, self._rows)      # of the open frame
         self._subtracted = False            # counts may have been negative
         self.reset()
@@ -43,41 +44,61 @@ class FrameSketcher:
     def reset(self) -> None:
         """Forget the photons of the open frame."""
         self._sums[:] = 0
-        self._stamps_ns: list[int] = []         # of its packets
+        self.stamps_ns: list[int] = []          # of its packets
         self._cycles = 0                        # its laser cycles, 0 if not known
 
     def add(self, frame: PhotonFrame) -> None:
         """Add the photons of a frame or packet that its `check` accepts: others would be written outside the sums."""
         if isinstance(frame, PhotonHistograms):
-            self._add_histograms(frame)
+            counts, (table, of_template) = frame.counts, self.histogram_tables
+            self._kernels.sketch_histograms(counts.reshape(-1, counts.shape[2]), table, of_template, self._sums)
+            self._subtracted |= of_template is not None or frame.has_negative
         elif isinstance(frame, PhotonGates):
-            self._add_gates(frame)
+            form, words = self.sensor.gate_words, self._kernels.array(frame.words)
+            self._kernels.sketch_gates(words.reshape(len(words), self.sensor.pixels), self._rows, form.first_word,
+                                       form.no_detection, self._sums)
         elif len(frame.toa) > 0:
             self._add_events(frame)
-        self._stamps_ns.append(frame.stamp_ns)
+        self.stamps_ns.append(frame.stamp_ns)
         self._cycles += len(frame.words) if isinstance(frame, PhotonGates) else self.sensor.cycles or 0
-
-    @property
-    def kept(self) -> int:
-        """Photons of the open frame inside the gate: more than came if counts outside are negative."""
-        return round(int(self._sums[:, 2 * len(self.frequencies)].sum()) / self._kernels.UNIT)
 
     def end_frame(self) -> PhaseSums:
         """End the open frame; its sketch."""
-        (rows, cols), m = (self.sensor.rows, self.sensor.cols), len(self.frequencies)
-        before, cycles, stamp_ns = None, self._cycles, min(self._stamps_ns, default=0)
+        shape, m = self.sensor.shape, len(self.frequencies)
+        before, cycles, stamp_ns = None, self._cycles, min(self.stamps_ns, default=0)
         if cycles and self.gate is not None:
             units = self._sums[:, 2 * m + 1] * (self.sensor.dead_time.periods + 1)
-            before = np.rint(units / self._kernels.UNIT).astype(np.uint32).reshape(rows, cols)
+            before = np.rint(units / self._kernels.UNIT).astype(np.uint32).reshape(shape)
         sums, photons = self._kernels.read_sums(self._sums, m)
         self.reset()
         if self._subtracted:        # subtraction can leave n < |sum|; raise n so that |z| ≤ 1
             longest = np.abs(sums).max(axis=1) * (1 - ROUNDING)
             photons, cycles = np.maximum(photons, np.ceil(longest).astype(np.uint32)), 0
-        return PhaseSums(self.frequencies, sums.reshape(rows, cols, m), photons.reshape(rows, cols), stamp_ns, cycles,
+        return PhaseSums(self.frequencies, sums.reshape(*shape, m), photons.reshape(shape), stamp_ns, cycles,
                          before, sensor=self.sketch_sensor)
 
-    # ---- Forms of photons
+    def phase_table(self, middles: np.ndarray) -> np.ndarray:
+        """exp(i ω_l x) for bins of the sensor: real and imaginary parts in turn, then a column of 1 to count photons.
+
+        All are 0 outside the gate. The last column is 1 before the gate: it counts laser cycles that ended there. After
+        a dead time of q ≥ 1 periods, it has all photons outside the gate, and the cycles that each costs, over q + 1.
+
+        Args:
+            middles: of n bins, counted in bins of the sensor; of its own 0.5, 1.5, …
+
+        Returns:
+            float32 [n, 2m + 2].
+        """
+        start, num_bins = 0 if self.gate is None else self.gate.start, self.sketch_sensor.num_bins
+        from_start = (middles - start) % self.sensor.num_bins
+        # Count in half bins: k·x is then a whole number for the sensor's own bins, and the phase exact for large k·x.
+        half_bins, period = 2 * from_start - 1, 2 * num_bins
+        turns = np.outer(half_bins, (*self.frequencies, 0)) % period / period
+        inside, dead = from_start < num_bins, self.sketch_sensor.dead_time
+        phases = np.exp(2j * np.pi * turns) * inside[:, None]
+        cost = dead.blinded((middles - start) % dead.period) / (dead.periods + 1) if dead.periods else middles < start
+        phases[:, -1] += 1j * ~inside * cost
+        return phases.astype(np.complex64).view(np.float32)
 
     def _add_events(self, events: PhotonEvents) -> None:
         toa, rows = events.toa, self._rows
@@ -95,18 +116,7 @@ class FrameSketcher:
         """
         steps = max(min(STEPS, (MAX_BINS - 1) // self.sensor.num_bins), 1)
         at = np.arange(steps * self.sensor.num_bins + 1) / steps
-        table = phase_table(self.sensor, self.frequencies, self.gate, at + 0.5)
-        return np.float32(steps), self._kernels.fixed_rows(table)
-
-    def _add_gates(self, gates: PhotonGates) -> None:
-        form = self.sensor.gate_words
-        words = self._kernels.array(gates.words).reshape(len(gates.words), self.sensor.pixels)
-        self._kernels.sketch_gates(words, self._rows, form.first_word, form.no_detection, self._sums)
-
-    def _add_histograms(self, histograms: PhotonHistograms) -> None:
-        counts, (table, of_template) = histograms.counts, self.histogram_tables
-        self._kernels.sketch_histograms(counts.reshape(-1, counts.shape[2]), table, of_template, self._sums)
-        self._subtracted |= of_template is not None or histograms.has_negative
+        return np.float32(steps), self._kernels.fixed_rows(self.phase_table(at + 0.5))
 
     @cached_property
     def histogram_tables(self) -> tuple[np.ndarray, np.ndarray | None]:
@@ -116,9 +126,9 @@ class FrameSketcher:
         which the template is far above its mean counts as the mean of the other bins inside the gate: a uniform
         background still adds nothing.
         """
-        bins = self.sensor.histograms
-        table = phase_table(self.sensor, self.frequencies, self.gate, None if bins is None else bins.centers())
-        if bins is None or bins.template is None:
+        bins = self.sensor.histograms or HistogramBins(self.sensor.num_bins)
+        table = self.phase_table(bins.centers())
+        if bins.template is None:
             return table, None
         of_pixel = bins.template.reshape(-1, bins.num_bins).mean(axis=0)
         left_out = (of_pixel > max(FAR * of_pixel.mean(), 1))[:, None]
@@ -135,30 +145,3 @@ def sketch_photons(frame: PhotonFrame, sensor: SensorModel, frequencies: Sequenc
     sketcher = FrameSketcher(sensor, frequencies, gate=gate)
     sketcher.add(frame)
     return sketcher.end_frame()
-
-
-def phase_table(sensor: SensorModel, frequencies: Sequence[int], gate: Gate | None,
-                middles: np.ndarray | None = None) -> np.ndarray:
-    """exp(i ω_l x) for bins of a sensor: real and imaginary parts in turn, then a column of 1 that counts photons.
-
-    All are 0 outside the gate. The last column is 1 before the gate: it counts laser cycles that ended there. After a
-    dead time of q ≥ 1 periods, it has all photons outside the gate, and the cycles that each costs, over q + 1.
-
-    Args:
-        middles: of n bins, counted in bins of the sensor; its own, 0.5, 1.5, …, unless given.
-
-    Returns:
-        float32 [n, 2m + 2].
-    """
-    middles = np.arange(sensor.num_bins) + 0.5 if middles is None else middles
-    start, num_bins = (0, sensor.num_bins) if gate is None else (gate.start, gate.num_bins)
-    from_start = (middles - start) % sensor.num_bins
-    # Count in half bins: k·x is then a whole number for the sensor's own bins, and the phase exact for large k·x.
-    half_bins, period = 2 * from_start - 1, 2 * num_bins
-    turns = np.outer(half_bins, (*frequencies, 0)) % period / period
-    inside = from_start < num_bins
-    phases = np.exp(2j * np.pi * turns) * inside[:, None]
-    dead = sensor.dead_time if gate is None else gate.sensor.dead_time
-    cost = dead.blinded((middles - start) % dead.period) / (dead.periods + 1) if dead.periods else middles < start
-    phases[:, -1] += 1j * ~inside * cost
-    return phases.astype(np.complex64).view(np.float32)

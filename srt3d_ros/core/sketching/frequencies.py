@@ -99,11 +99,10 @@ def choose_frequencies(spec: str | Sequence[int], sensor: SensorModel, sketch_si
         require(1 <= m <= most, "sketch_size", m, f"1 to {most} for T = {sensor.num_bins} bins")
         return check_frequencies(RULES[spec](sensor, m), sensor.num_bins)
     if isinstance(spec, str):
-        parts = [part.strip() for part in spec.split(",")]
-        require(all(part.isdecimal() for part in parts), "frequencies", spec, FREQUENCIES_FORM)
-        listed = [int(part) for part in parts]
-    else:
-        listed = as_array("frequencies", spec, 1, "iuf").tolist()
+        parts = spec.split(",")
+        require(all(part.strip().isdecimal() for part in parts), "frequencies", spec, FREQUENCIES_FORM)
+        spec = [int(part) for part in parts]
+    listed = as_array("frequencies", spec, 1, "iuf").tolist()
     require(sketch_size in (None, len(listed)), "sketch_size", sketch_size,
             f"{len(listed)}, the number of frequencies listed (or leave it out)")
     return check_frequencies(listed, sensor.num_bins)

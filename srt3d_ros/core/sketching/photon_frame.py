@@ -81,9 +81,10 @@ class PhotonGates:
 
     def check(self, sensor: SensorModel) -> None:
         """Raise InvalidInput unless the gates have the sensor's pixels, and words that are bins or `no_detection`."""
-        shape = sensor.rows, sensor.cols
-        require(self.words.shape[1:] == shape, "gates shape", self.words.shape, f"[cycles, rows, cols] with {shape}")
-        form, last = sensor.gate_words, sensor.gate_words.last_word(sensor.num_bins)
+        require(self.words.shape[1:] == sensor.shape, "gates shape", self.words.shape,
+                f"[cycles, rows, cols] with {sensor.shape}")
+        form = sensor.gate_words
+        last = min(form.first_word + sensor.num_bins, 65_536) - 1
         outside = (self.words < form.first_word) | (self.words > last)
         stray = self.words[outside & (self.words != form.no_detection)]
         require(len(stray) == 0, "gates word", int(stray.max(initial=0)),
@@ -141,7 +142,7 @@ class PhotonHistograms:
 
     def check(self, sensor: SensorModel) -> None:
         """Raise InvalidInput unless the histograms have the sensor's pixels and bins, and finite counts in range."""
-        wanted = sensor.rows, sensor.cols, sensor.histogram_size
+        wanted = *sensor.shape, sensor.histogram_size
         require(self.counts.shape == wanted, "histograms shape", self.counts.shape, f"[rows, cols, bins] = {wanted}")
         if self.counts.dtype.kind != "u":
             low, high, most = self.lowest, self.counts.max().item(), MAX_OF_PIXEL // wanted[2]
@@ -152,13 +153,13 @@ class PhotonHistograms:
 
     def on_axis(self, sensor: SensorModel) -> np.ndarray:
         """The counts in the sensor's T bins, each in the bin that holds its middle; [rows, cols, T]."""
-        bins, pixels = sensor.histograms, sensor.pixels
+        bins = sensor.histograms
         if bins is None:
             return self.counts
         counts = self._of_the_scene(sensor)
-        out = np.zeros((pixels, sensor.num_bins), np.float32)
+        out = np.zeros((sensor.pixels, sensor.num_bins), np.float32)
         np.add.at(out.T, np.minimum(bins.centers().astype(np.int64), sensor.num_bins - 1), counts.T)
-        return out.reshape(sensor.rows, sensor.cols, -1)
+        return out.reshape(*sensor.shape, -1)
 
     def _of_the_scene(self, sensor: SensorModel) -> np.ndarray:
         """The counts minus the sensor's template, [rows · cols, n]."""

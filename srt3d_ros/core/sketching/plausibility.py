@@ -39,7 +39,7 @@ def light_of(frame: PhotonFrame, sensor: SensorModel) -> Light:
     of_bins = np.bincount(toa, minlength=sensor.num_bins).astype(np.float64)
     quarter = emptiest_quarter(of_bins)
     inside = frame.pixel[(toa >= quarter.start) & (toa < quarter.stop)]
-    dark, of_pixels = (np.bincount(pixel, minlength=sensor.pixels).reshape(sensor.rows, sensor.cols).astype(np.float64)
+    dark, of_pixels = (np.bincount(pixel, minlength=sensor.pixels).reshape(sensor.shape).astype(np.float64)
                        for pixel in (inside, frame.pixel))
     return Light(of_bins, dark, of_pixels)
 
@@ -109,7 +109,7 @@ class LightWatch:
     """
 
     def __init__(self, sensor: SensorModel):
-        self.hot, self.warning = np.zeros((sensor.rows, sensor.cols), bool), ""
+        self.hot, self.warning = np.zeros(sensor.shape, bool), ""
         self._sensor, self._since_s, self._first_second = sensor, -np.inf, True
         self._light: Light | None = None
         self._floor = "" if floor_of(sensor.irf) is None else (

@@ -11,6 +11,8 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.kernels.constants import MAX_PIXEL_PHOTONS, MAX_SKETCH_SIZE
 
+MAPS = "before", "exposure"         # of pixels, where they are known
+
 
 def as_array(name: str, values: Any, sides: int, kinds: str) -> np.ndarray:
     """Values as an array of so many dimensions, its dtype of one of these kinds; InvalidInput for others."""
@@ -78,10 +80,13 @@ class PhaseSums:
         if photons.dtype != np.uint32:
             whole = ((photons >= 0) & (photons < 2**32) & (photons == np.floor(photons))).all()
             require(bool(whole), "photons", "negative or fractional in places", "whole numbers")
-        pixels = self.sensor.rows, self.sensor.cols
+        pixels = self.sensor.shape
         require(photons.shape == pixels, "photons shape", photons.shape, f"{pixels}, the sensor's pixels")
         require(sums.shape == (*pixels, len(frequencies)), "sums shape", sums.shape,
                 f"[rows, cols, {len(frequencies)}], rows and cols as of photons")
+        for name in MAPS:
+            if (value := getattr(self, name)) is not None:
+                require(np.shape(value) == pixels, f"{name} shape", np.shape(value), f"{pixels}, the sensor's pixels")
         for name, value in (("frequencies", frequencies), ("sums", sums.astype(np.complex64, copy=False)),
                             ("photons", photons.astype(np.uint32, copy=False))):
             object.__setattr__(self, name, value)
@@ -98,11 +103,15 @@ class PhaseSums:
         return (np.ascontiguousarray(self.sums).view(np.float32) * each).view(np.complex64)
 
     @property
+    def frames(self) -> np.ndarray:
+        """`exposure`, or 1 everywhere; float32 [rows, cols]."""
+        return np.ones(self.photons.shape, np.float32) if self.exposure is None else self.exposure
+
+    @property
     def armed_cycles(self) -> np.ndarray:
         """Cycles in which a pixel could still see a photon in the sketch's bins; float64 [rows, cols]."""
-        before = np.zeros(self.photons.shape) if self.before is None else self.before
-        cycles = self.cycles if self.exposure is None else self.cycles * self.exposure
-        return np.maximum(cycles - before, self.photons).astype(np.float64)
+        before = 0 if self.before is None else self.before
+        return np.maximum(np.float64(self.cycles) * self.frames - before, self.photons)
 
     def __add__(self, other: Self) -> Self:
         """The sketch of both sets of photons; InvalidInput unless frequencies and sensor are the same."""
@@ -129,9 +138,9 @@ class PhaseSums:
     def __getitem__(self, pixels: slice | tuple[slice, slice]) -> Self:
         """The sketch of a window of pixels; InvalidInput if none is in it."""
         rows, cols = pixels if isinstance(pixels, tuple) and len(pixels) == 2 else (pixels, slice(None))
+        maps = {name: value[rows, cols] for name in MAPS if (value := getattr(self, name)) is not None}
         return replace(self, sums=self.sums[rows, cols], photons=self.photons[rows, cols],
-                       before=None if self.before is None else self.before[rows, cols],
-                       sensor=self.sensor.cropped(rows, cols))
+                       sensor=self.sensor.cropped(rows, cols), **maps)
 
 
 def added_cycles(sketches: Sequence[PhaseSums]) -> tuple[int, np.ndarray | None]:
@@ -144,6 +153,6 @@ def added_cycles(sketches: Sequence[PhaseSums]) -> tuple[int, np.ndarray | None]
 def noise_sketch(sensor: SensorModel, frequencies: tuple[int, ...]) -> PhaseSums:
     """A sketch of noise alone, for warming up."""
     rng = np.random.default_rng(0)
-    sums = rng.normal(size=(sensor.rows, sensor.cols, len(frequencies), 2)).astype(np.float32)
-    photons = np.full((sensor.rows, sensor.cols), 9, np.uint32)
+    sums = rng.normal(size=(*sensor.shape, len(frequencies), 2)).astype(np.float32)
+    photons = np.full(sensor.shape, 9, np.uint32)
     return PhaseSums(frequencies, sums.view(np.complex64)[..., 0], photons, sensor=sensor)

@@ -42,28 +42,20 @@ def find_photons(bag: Bag, photons_topic: str = "") -> PhotonTopics:
     Raises InvalidInput, which lists the bag's topics, unless exactly one fits.
     """
     contents = {topic: _content(bag, topic) for topic in bag.topics if topic.messages > 0}
-    candidates = _of_frames({topic: content for topic, content in contents.items()
-                               if photons_topic in ("", topic.name)})
-    require(candidates or not photons_topic, "photons_topic", photons_topic,
+    readable = [topic for topic, content in contents.items()
+                if content in (*CODECS, "sketch") and photons_topic in ("", topic.name)]
+    require(readable or not photons_topic, "photons_topic", photons_topic,
             f"a topic of photons or sketches; {bag.path.name} has {bag.content()}")
-    photons = _the_only(candidates, "photons", bag)
-    is_sketch = contents[photons] == "sketch"
-    described = [topic for topic, content in contents.items() if content == "sensor"]
-    of_sketches = [topic for topic in described if topic.name.endswith("sketch/sensor")]
-    if is_sketch:
-        sensors, namespace = of_sketches or described, photons.name
-    else:
-        sensors, namespace = [topic for topic in described if topic not in of_sketches], photons.name.rsplit("/", 1)[0]
+    candidates = [topic for topic in readable if contents[topic] != "sketch"] or readable
+    named = [topic for topic in candidates if topic.name.rsplit("/", 1)[-1] == contents[topic]]
+    photons = _the_only(named or candidates, "photons", bag)
+    is_sketch, described = contents[photons] == "sketch", [one for one in contents if contents[one] == "sensor"]
+    sensors = [topic for topic in described if topic.name.endswith("sketch/sensor") == is_sketch]
+    sensors = sensors or (described if is_sketch else [])
+    namespace = photons.name if is_sketch else photons.name.rsplit("/", 1)[0]
     beside = [topic for topic in sensors if topic.name == f"{namespace}/sensor"]
     sensor = _the_only(beside or sensors, "sensor", bag) if sensors else None
     return PhotonTopics(contents[photons], photons, sensor)
-
-
-def _of_frames(contents: dict[BagTopic, str]) -> list[BagTopic]:
-    """The topics of photons, or else of sketches; of several, those whose name is their kind if there are such."""
-    readable = [topic for topic, content in contents.items() if content in (*CODECS, "sketch")]
-    frames = [topic for topic in readable if contents[topic] != "sketch"] or readable
-    return [topic for topic in frames if topic.name.rsplit("/", 1)[-1] == contents[topic]] or frames
 
 
 def frames(path: str | Path, numbers: Sequence[int], options: Options, photons_topic: str = ""
@@ -121,32 +113,31 @@ def _descriptions(bag: Bag, sensors: tuple[BagTopic, ...], kind: str) -> dict[st
 
 def _decoded(kind: str, raw: bytes, descriptions: dict[str, bytes], options: Options, name: str, notes: tuple[str, ...]
              ) -> Reading:
-    """The photons or sketch in a message: a sketch of the sensor that it names, photons of that before them."""
-    if not descriptions:
-        return _with_given_sensor(kind, raw, options, name, notes)
-    if kind == "sketch":
-        digest = sketch_message.description_of(cdr.read_cloud(raw))
+    """The photons or sketch in a message: a sketch of the sensor that it names, photons of that before them.
+
+    If the bag describes none: of the sensor that the options describe.
+    """
+    if descriptions:
+        digest = sketch_message.description_of(cdr.CloudMessage.read(raw)) if kind == "sketch" else ""
         require(digest in descriptions, "sketch/sensor",
                 problem=f"Frame {name.rpartition('_')[2]} needs the description sensor_{digest}, which is missing.")
-        sums = sketch_message.decode_cdr(raw, sensor_message.decode_cdr(descriptions[digest]))[1]
-        return arrays.with_options(Reading(sums.sensor, sums, None, name, notes), options)
-    sensor = sensor_message.decode_cdr(descriptions[""])
-    photons = CODECS[kind].decode_cdr(raw, sensor)[1]
-    if isinstance(photons, PhotonGates):
-        sensor, photons = photons.counted(sensor), photons.to_events(sensor)
-        options = options.knowing(cycles=options.known.get("cycles") or sensor.cycles)      # a given sensor has none
-    said = json_text.parse(cdr.read_text(descriptions[""]), "sensor")
-    own = {key: value for key, value in fields_of(sensor).items() if key in said or key not in NOTED}
-    return arrays.from_frame(photons, options, Said(own, notes, name))
-
-
-def _with_given_sensor(kind: str, raw: bytes, options: Options, name: str, notes: tuple[str, ...]) -> Reading:
-    """The photons or sketch in a message of this kind, of the sensor that the options describe."""
-    sensor, _ = sensor_of(options)
+        sensor = sensor_message.decode_cdr(descriptions[digest])
+    else:
+        require(kind != "sketch" or "irf" in options.known, "irf",
+                problem="Give irf, or sensor: sketches do not show it.")
+        sensor, own = sensor_of(options)[0], {}
     if kind == "sketch":
-        require("irf" in options.known, "irf", problem="Give irf, or sensor: sketches do not show it.")
-        return Reading(sensor, sketch_message.decode_cdr(raw, sensor)[1], None, name, notes)
-    return arrays.from_frame(CODECS[kind].decode_cdr(raw, sensor)[1], options, Said(notes=notes, name=name))
+        sums = sketch_message.decode_cdr(raw, sensor)[1]
+        return arrays.with_options(Reading(sums.sensor, sums, None, name, notes), options)
+    photons = CODECS[kind].decode_cdr(raw, sensor)[1]
+    if descriptions:
+        if isinstance(photons, PhotonGates):
+            sensor, photons = photons.counted(sensor), photons.to_events(sensor)
+            cycles = options.known.get("cycles") or sensor.cycles       # a given sensor has none
+            options = options.knowing(cycles=cycles)
+        said = json_text.parse(cdr.read_text(descriptions[digest]), "sensor")
+        own = {key: value for key, value in fields_of(sensor).items() if key in said or key not in NOTED}
+    return arrays.from_frame(photons, options, Said(own, notes, name))
 
 
 def _content(bag: Bag, topic: BagTopic) -> str:
@@ -156,12 +147,12 @@ def _content(bag: Bag, topic: BagTopic) -> str:
     raw = next((raw for _, raw in bag.messages((topic,))), b"")    # the stated number of messages may be wrong
     with suppress(InvalidInput):
         if topic.type == CLOUD_TYPE:
-            cloud = cdr.read_cloud(raw)
+            cloud = cdr.CloudMessage.read(raw)
             if PHOTON_FIELDS <= {field.name for field in cloud.fields}:
                 return "photons"
             return "sketch" if sketch_message.is_sketch(cloud) else ""
         if topic.type == IMAGE_TYPE:
-            encoding = cdr.read_image(raw).encoding
+            encoding = cdr.Image.read(raw).encoding
             if encoding == GATES_ENCODING:
                 return "gates"
             bins = HISTOGRAMS_ENCODING.fullmatch(encoding)

@@ -9,9 +9,8 @@ import numpy as np
 
 from srt3d_ros.datasets.axes import DIMENSIONS
 from srt3d_ros.datasets.irf_files import UNIT, UNITS_S
+from srt3d_ros.datasets.named_arrays import COLUMNS, PHOTONS, Content
 from srt3d_ros.datasets.options import AXES, Options
-from srt3d_ros.datasets.readers import npz
-from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.errors import finite, require
 from srt3d_ros.files.array_files import MAX_ARRAY_BYTES, read_errors
 
@@ -20,7 +19,7 @@ MAX_HEADER = 2**16                          # characters
 NEAR = 1e-3         # of a bin: times of a clock, as rounded in the file
 
 
-def read(path: Path, options: Options) -> Reading:
+def read(path: Path, options: Options) -> Content:
     """Photons of a .csv file, separated by commas, semicolons or tabs.
 
     ToA with a unit in the header become bins of bin_width_s.
@@ -36,7 +35,7 @@ def read(path: Path, options: Options) -> Reading:
             columns = options.columns or _columns(names)
             for name in columns:
                 require(name in names, name, problem=f"The file has no column {name}. Its first line must name "
-                        f"{npz.PHOTONS}. It has {', '.join(names)}. (An IRF is given by --irf.)")
+                        f"{PHOTONS}. It has {', '.join(names)}. (An IRF is given by --irf.)")
             warnings.simplefilter("ignore")         # of a file without photons
             lines = (line.replace(",", ".") for line in file) if separator != "," else file
             table = np.loadtxt(lines, delimiter=separator, quotechar='"', ndmin=2,
@@ -48,13 +47,12 @@ def read(path: Path, options: Options) -> Reading:
                     "(--bin-width-s).")
             toa = table[:, -1] * (UNITS_S[unit[1]] / width_s)
             table[:, -1] = np.rint(toa) if np.abs(toa - np.rint(toa)).max() < NEAR else toa
-    arrays = dict(zip(columns, table.T))
-    return npz.from_arrays(path, arrays, replace(options, columns=columns), npz.PHOTONS, ", ".join(names))
+    return Content(dict(zip(columns, table.T)), replace(options, columns=columns), (), ", ".join(names), PHOTONS)
 
 
 def _columns(names: list[str]) -> tuple[str, ...]:
     """The columns of row, column and ToA, or of pixel and ToA, by the first words of their names, as in `t_ns`."""
     words = {re.split(r"[\W_]", name.lower())[0]: name for name in names}
     row, col, toa = (next((words[word] for word in words if word in DIMENSIONS[axis]), usual)
-                     for axis, usual in zip(AXES, npz.COLUMNS))
+                     for axis, usual in zip(AXES, COLUMNS))
     return (words["pixel"], toa) if "pixel" in words else (row, col, toa)

@@ -1,21 +1,22 @@
 """Read published .mat files of single-photon lidar as they are, and other .mat files with an array of counts."""
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS, MAX_PIXELS
-from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole, from_counts, from_photons
-from srt3d_ros.datasets.axes import SIZES
+from srt3d_ros.datasets import named_arrays
+from srt3d_ros.datasets.arrays import MAX_KEPT, are_whole
+from srt3d_ros.datasets.named_arrays import Content
 from srt3d_ros.datasets.options import Options
-from srt3d_ros.datasets.readers import npz
-from srt3d_ros.datasets.reading import Reading, Said, in_gate
+from srt3d_ros.datasets.reading import in_gate
 from srt3d_ros.datasets.values import MAX_EVENTS, Note, outside_note
 from srt3d_ros.errors import finite, require
 from srt3d_ros.files import isolated
 from srt3d_ros.files.array_files import read_errors
 
+REFERENCE = named_arrays.FIRST_REFERENCES[-1]
 EDGE = 1e-6     # of a bin; added to a time before it is rounded down, so that an edge belongs to the bin it begins
 
 
@@ -45,25 +46,26 @@ LAYOUTS = (
     Layout("spad", 80e-12, "bin"),                  # simulated, sparse: Lindell et al., SIGGRAPH 2018
 )
 WANTED = "; ".join(["one of " + ", ".join(f"{one.variable} ({'[T, rows·cols] counts' if one.reference else 'cells'})"
-                                         for one in LAYOUTS), npz.WANTED])
+                                         for one in LAYOUTS), named_arrays.WANTED])
 VARIABLES = (*(name for one in LAYOUTS for name in (one.variable, one.reference, *one.window) if name),
-             *npz.KNOWN)
+             *named_arrays.KNOWN)
 
 
-def read(path: Path, options: Options) -> Reading:
+def read(path: Path, options: Options) -> Content:
     """Photons of a .mat file. The bins are those of the file's window, or those that have photons."""
     arrays, listed = isolated.matlab_arrays(path, (*VARIABLES, *options.named))
     layout = next((one for one in LAYOUTS if one.fits(arrays)), None)
     if layout is None or options.named:
-        return npz.from_arrays(path, arrays, options, WANTED, listed)
+        return Content(arrays, options, (), listed, WANTED)
     with read_errors(path):
         for name in arrays.keys() & {*layout.window, layout.reference}:
             require(arrays[name].dtype.kind in "iuf", name, str(arrays[name].dtype), "numbers")
+        found = (_of_counts if layout.reference else _of_cells)(layout, arrays, options)
         note = Note(f"bin width taken to be {layout.bin_width_s * 1e12:g} ps: the file has none", "bin_width_s")
-        return (_of_counts if layout.reference else _of_cells)(path, layout, arrays, options, note)
+        return found._replace(arrays=found.arrays | {"bin_width_s": layout.bin_width_s}, notes=(note, *found.notes))
 
 
-def _of_counts(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options: Options, note: Note) -> Reading:
+def _of_counts(layout: Layout, arrays: dict[str, np.ndarray], options: Options) -> Content:
     """Photons of counts [T, rows · cols] with reference depths. Sparse counts stay sparse."""
     name, photons = layout.variable, arrays[layout.variable]
     require(are_whole(np.atleast_2d(photons)), name, problem=f"{name} has negative or fractional counts.")
@@ -76,17 +78,16 @@ def _of_counts(path: Path, layout: Layout, arrays: dict[str, np.ndarray], option
     rows, cols = reference.shape
     if photons.ndim == 2:
         counts = photons.reshape(bins, cols, rows).transpose(2, 1, 0)
-        said = Said({"bin_width_s": layout.bin_width_s}, (note,), path.stem, reference[None])
-        return from_counts(counts, options, said)
+        return Content({"counts": counts, "rows": rows, "cols": cols, REFERENCE: reference}, options)
     total, toa = photons.sum(dtype=np.float64), arrays[f"{name}.col"]
     require(total <= MAX_KEPT, f"{name} photons", total, f"at most {MAX_KEPT} in a sparse array: save full({name})")
     col, row = np.divmod(arrays[f"{name}.row"], rows)
     order = np.lexsort((toa, row * cols + col))
     pixel, toa = (values[order].repeat(photons[order].astype(np.int64)) for values in (row * cols + col, toa))
-    return _of_events(path, pixel, toa, reference.shape, (0, bins - 1), options, layout, note, reference[None])
+    return _of_events(pixel, toa, (0, bins - 1), options, {"rows": rows, "cols": cols, REFERENCE: reference})
 
 
-def _of_cells(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options: Options, note: Note) -> Reading:
+def _of_cells(layout: Layout, arrays: dict[str, np.ndarray], options: Options) -> Content:
     """Photons of ToA lists, one cell a pixel."""
     name, toa, lengths = layout.variable, arrays[layout.variable], arrays[f"{layout.variable}.lengths"]
     require(lengths.ndim == 2 and 0 < lengths.size <= MAX_PIXELS, f"{name} shape", lengths.shape,
@@ -101,17 +102,17 @@ def _of_cells(path: Path, layout: Layout, arrays: dict[str, np.ndarray], options
     require(bool(((toa >= 0) & (toa * unit < 2**32)).all()), f"{name} ToA",
             problem=f"{name} has times of arrival below 0 or beyond 2³² bins.")
     bins = np.floor(toa * unit + EDGE).astype(np.int64)
-    pixel = np.arange(lengths.size).repeat(lengths.ravel())
     if layout.window and arrays.keys() >= {*layout.window}:
         low, high = (finite(name, arrays[name].squeeze().tolist(), "one ToA") * unit for name in layout.window)
         measured = int(np.floor(low + EDGE)), int(np.ceil(high - EDGE)) - 1
     else:
         measured = 0 if "num_bins" in options.known else int(bins.min(initial=2**32)), int(bins.max(initial=0))
-    return _of_events(path, pixel, bins, lengths.shape, measured, options, layout, note)
+    pixel, (rows, cols) = np.arange(lengths.size).repeat(lengths.ravel()), lengths.shape
+    return _of_events(pixel, bins, measured, options, {"rows": rows, "cols": cols})
 
 
-def _of_events(path: Path, pixel: np.ndarray, toa: np.ndarray, shape: tuple[int, int], measured: tuple[int, int],
-               options: Options, layout: Layout, note: Note, reference: np.ndarray | None = None) -> Reading:
+def _of_events(pixel: np.ndarray, toa: np.ndarray, measured: tuple[int, int], options: Options,
+               arrays: dict[str, Any]) -> Content:
     """Photons inside the gate, or else in the bins `measured` = (first, last), or num_bins from the first on."""
     first, last = options.gate or measured
     if options.gate is None and "num_bins" in options.known:
@@ -120,7 +121,7 @@ def _of_events(path: Path, pixel: np.ndarray, toa: np.ndarray, shape: tuple[int,
     require(num_bins <= MAX_BINS, "num_bins", num_bins, f"at most {MAX_BINS}: give a gate or bin_width_s")
     options = options.knowing(num_bins=num_bins, toa_offset_bins=options.known.get("toa_offset_bins", 0) + first)
     inside = (toa >= first) & (toa <= last)
-    outside = outside_note(len(toa) - np.count_nonzero(inside), len(toa), first, last)
-    said = Said({"bin_width_s": layout.bin_width_s} | dict(zip(SIZES, shape)), (note, *outside), path.stem,
-                in_gate(reference, first, last))
-    return from_photons((pixel[inside], toa[inside] - first), options.without("gate"), said)
+    if REFERENCE in arrays:
+        arrays[REFERENCE] = in_gate(arrays[REFERENCE], first, last)
+    return Content(arrays | {"pixel": pixel[inside], "toa": toa[inside] - first}, options.without("gate"),
+                   outside_note(len(toa) - np.count_nonzero(inside), len(toa), first, last))

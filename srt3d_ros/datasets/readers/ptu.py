@@ -1,29 +1,26 @@
 """Read PicoQuant's photons (.ptu, T3) with ptufile."""
 
-import shutil
-import tempfile
 from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.datasets.arrays import from_counts
+from srt3d_ros.datasets.named_arrays import Content
 from srt3d_ros.datasets.options import Options
 from srt3d_ros.datasets.readers import ptu_t2
-from srt3d_ros.datasets.reading import Reading, Said
 from srt3d_ros.datasets.values import channel_of
 from srt3d_ros.errors import require
+from srt3d_ros.files.array_files import MAX_ARRAY_BYTES
 from srt3d_ros.files.tcspc_files import open_ptu, ptu_bins
 
 COUNT_DTYPE = np.dtype(np.uint32)
-IN_MEMORY_BYTES, MAX_COUNT_BYTES = 2**28, 2**34       # larger counts go to a temporary file
 SUMMED = slice(None, None, -1)          # ptufile adds up the photons along an axis with this index
 
 
-def read(path: Path, options: Options) -> Reading:
+def read(path: Path, options: Options) -> Content:
     """Photons of a .ptu file, all frames added up, of `channel` or the channel with the most. Needs ptufile."""
     with open_ptu(path) as ptu:
         if not ptu.is_t3:
-            return ptu_t2.read(path, ptu, options)
+            return ptu_t2.read(ptu, options)
         for mark in ptu_t2.MARKS & {*ptu.tags}:
             require(1 <= ptu.tags[mark] <= 8, mark, ptu.tags[mark], "a marker from 1 to 8")
         num_bins, bin_width_s = ptu_bins(ptu)
@@ -41,10 +38,8 @@ def read(path: Path, options: Options) -> Reading:
         if records < ptu.number_records:
             notes += (f"cut off: {records} of {ptu.number_records} records are there",)
         size = rows * cols * num_bins * COUNT_DTYPE.itemsize
-        free = shutil.disk_usage(tempfile.gettempdir()).free
-        require(size <= max(IN_MEMORY_BYTES, min(free, MAX_COUNT_BYTES)), "size", f"{size} bytes of counts",
-                f"at most {MAX_COUNT_BYTES}, and as much room in {tempfile.gettempdir()}")
+        require(size <= MAX_ARRAY_BYTES, "size", f"{size} bytes of counts", f"at most {MAX_ARRAY_BYTES}")
         counts = ptu.decode_image(frame=-1, channel=channel - ptu.active_channels[0], dtime=num_bins, dtype=COUNT_DTYPE,
-                                  keepdims=False, out=None if size <= IN_MEMORY_BYTES else "memmap")
+                                  keepdims=False)
         counts = counts.reshape(rows, cols, num_bins).view(np.int32)       # int32 is sketched without a copy
-        return from_counts(counts, options.without("channel"), Said({"bin_width_s": bin_width_s}, notes, path.stem))
+        return Content({"counts": counts, "bin_width_s": bin_width_s}, options.without("channel"), notes)

@@ -1,15 +1,13 @@
 """Read PicoQuant .ptu files in T2 mode: every event has a time, also the laser's pulses on the sync channel."""
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS
-from srt3d_ros.datasets.arrays import from_counts
+from srt3d_ros.datasets.named_arrays import Content
 from srt3d_ros.datasets.options import Options
-from srt3d_ros.datasets.reading import Reading, Said
 from srt3d_ros.datasets.values import channel_of
 from srt3d_ros.errors import finite, require
 
@@ -19,7 +17,7 @@ HIGHEST_BIT = 31
 MARKS = {"ImgHdr_LineStart", "ImgHdr_LineStop", "ImgHdr_Frame"}
 
 
-def read(path: Path, ptu: Any, options: Options) -> Reading:
+def read(ptu: Any, options: Options) -> Content:
     """Photons of an open T2 file, of `channel` or the channel with the most, since the newest pulse; one pixel."""
     tick_s = ptu.global_resolution
     require(0 < tick_s < 1, "MeasDesc_GlobalResolution", tick_s, "seconds of a tick")
@@ -43,8 +41,9 @@ def read(path: Path, ptu: Any, options: Options) -> Reading:
     notes += (f"T2: ToA since the pulses on the sync channel, {period * tick_s * 1e9:.6g} ns apart, all in one pixel",)
     if not MARKS.isdisjoint(ptu.tags):
         notes += ("the markers of its scan are not read: record T3",)
-    stated = {"bin_width_s": width_s, "num_bins": bins, "toa_offset_bins": 0.0}       # rounded, not truncated
-    return from_counts(counts[None, chosen, None], options.without("channel"), Said(stated, notes, path.stem))
+    arrays = {"counts": counts[None, chosen, None], "bin_width_s": width_s, "num_bins": bins,
+              "toa_offset_bins": 0.0}       # rounded, not truncated
+    return Content(arrays, options.without("channel"), notes)
 
 
 def _period(ptu: Any) -> float:

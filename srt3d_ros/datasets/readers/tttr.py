@@ -2,13 +2,12 @@
 
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from srt3d_ros.datasets.named_arrays import Content
 from srt3d_ros.datasets.options import Options
 from srt3d_ros.datasets.readers import hdf5
-from srt3d_ros.datasets.reading import Reading
 from srt3d_ros.errors import require
 from srt3d_ros.files.array_files import read_errors
 
@@ -18,20 +17,21 @@ NO_SETUP = bytes(64) + b"\n*IDENTIFICATION\nID : none\n*END\n*SETUP\n*END\n"
 USUAL_CARD = "SPC-1XX"      # phconvert's name of the records of SPC-130 to 180 and 830
 NO_SCAN = "the markers of a scan in the file are not read: save it as .ptu or .sdt"
 PICOQUANT = {".pt3": ("load_pt3", 15, 4096), ".ht3": ("load_ht3", 64, 2**15)}     # first special channel, bins
+Found = tuple[dict[str, np.ndarray], tuple[str, ...]]       # arrays of Photon-HDF5, and notes
 
 
-def read(path: Path, options: Options) -> Reading:
-    """Photons as of Photon-HDF5 with one spot: one pixel, or the detectors of rows × cols. Needs phconvert."""
+def read(path: Path, options: Options) -> Content:
+    """Photons as of Photon-HDF5 with one spot: one pixel. Needs phconvert."""
     suffix = path.suffix.lower()
     expected = f"a complete {suffix} file of a version that phconvert reads; the software that wrote it, or tttrlib, " \
                "converts others"
     with read_errors(path, expected):
-        content = _spc(path) if suffix == ".spc" else _picoquant(path, *PICOQUANT[suffix])
-        require(content["nanotimes"].size > 0, "photons", problem="The file has no photons.")
-    return hdf5.photons(path, content, "photons", options)
+        arrays, notes = _spc(path) if suffix == ".spc" else _picoquant(path, *PICOQUANT[suffix])
+        require(arrays[hdf5.TOA].size > 0, "photons", problem="The file has no photons.")
+    return hdf5.photons(path, Content(arrays, options, notes, "photons", hdf5.WANTED))
 
 
-def _spc(path: Path) -> dict[str, Any]:
+def _spc(path: Path) -> Found:
     """The arrays of an .spc file, with the bin width by its .set file if there is one."""
     from phconvert import bhreader
 
@@ -46,21 +46,16 @@ def _spc(path: Path) -> dict[str, Any]:
     range_s = known.get("SP_TAC_R", 0.0) / known.get("SP_TAC_G", 1)
     notes = [] if beside else [f"no {path.stem}.set beside it, which names the card: taken to be an {USUAL_CARD}"]
     notes += [] if photons.all() else [NO_SCAN]
-    return {"nanotimes": data["nanotimes"][photons], "detectors": data["detectors"][photons],
-            hdf5.UNIT: np.array(range_s / ADC_BINS), hdf5.NUM_BINS: np.array(ADC_BINS),
-            **_notes(notes)}
+    return {hdf5.TOA: data["nanotimes"][photons], hdf5.DETECTORS: data["detectors"][photons],
+            hdf5.UNIT: np.array(range_s / ADC_BINS), hdf5.NUM_BINS: np.array(ADC_BINS)}, (*notes,)
 
 
-def _picoquant(path: Path, loader: str, special: int, bins: int) -> dict[str, Any]:
+def _picoquant(path: Path, loader: str, special: int, bins: int) -> Found:
     """The arrays of a .pt3 or .ht3 file, without markers and overflows."""
     from phconvert import pqreader
 
     _, detectors, nanotimes, meta, _ = getattr(pqreader, loader)(str(path))
     photons = detectors < special
-    return {"nanotimes": nanotimes[photons], "detectors": detectors[photons], hdf5.NUM_BINS: np.array(bins),
-            hdf5.UNIT: np.array(meta["nanotimes_unit"]), hdf5.LASER: np.array(meta["laser_repetition_rate"]),
-            **_notes([NO_SCAN] if len(meta["imghdr"]) else [])}
-
-
-def _notes(notes: list[str]) -> dict[str, np.ndarray]:
-    return {"notes": np.array(notes)} if notes else {}
+    arrays = {hdf5.TOA: nanotimes[photons], hdf5.DETECTORS: detectors[photons], hdf5.NUM_BINS: np.array(bins),
+              hdf5.UNIT: np.array(meta["nanotimes_unit"]), hdf5.LASER: np.array(meta["laser_repetition_rate"])}
+    return arrays, (NO_SCAN,) if len(meta["imghdr"]) else ()

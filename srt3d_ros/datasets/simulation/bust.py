@@ -1,7 +1,5 @@
 """The demo's scene: a head and shoulders of ellipsoids in front of a wall, turning, nodding and swaying."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
@@ -22,49 +20,37 @@ TEXTURE_BLEND_M = 0.0015                # width of the transition of reflectivit
 CM = 0.01
 
 
-@dataclass(frozen=True)
-class Part:
-    """One ellipsoid of a figure, in the figure's own frame: x right, y down, z away from the viewer."""
-
-    centre_cm: tuple[float, float, float]               # with x ≠ 0, the part has a mirror image at −x
-    radii_cm: tuple[float, float, float]
-    reflectivity: float = 0.0                           # in [0, 1]
-    seam_cm: float = 1.0                                # width of the rounded seam to the parts before it
-    carve: bool = False                                 # from the parts before it, instead of adding
-    tilt_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)      # rotation about x, then y, then z
-
-
-SKIN, LIP, HAIR, BROW, EYE, IRIS, JERSEY = 0.62, 0.4, 0.17, 0.22, 0.66, 0.1, 0.5
-
-HEAD = (
-    Part((0, -3.2, 1.4), (7.7, 8.6, 9.6), SKIN),                                    # cranium
-    Part((0, 2.2, -2.2), (6.6, 9.0, 6.7), SKIN, 3.0),                               # face
-    Part((3.2, 6.2, -1.6), (2.6, 3.4, 4.6), SKIN, 3.0, tilt_deg=(0, 0, 12)),        # jaw
-    Part((0, 9.9, -6.3), (2.1, 1.5, 1.7), SKIN, 2.5),                               # chin
-    Part((4.4, 2.0, -5.4), (2.0, 1.3, 1.9), SKIN, 3.0, tilt_deg=(0, -30, -15)),     # cheekbones
-    Part((2.6, -2.9, -7.7), (2.8, 0.9, 1.0), SKIN, 2.0, tilt_deg=(0, -20, -2)),     # brow ridges
-    Part((3.1, -0.6, -9.4), (2.0, 1.3, 2.0), seam_cm=1.6, carve=True),              # eye sockets
-    Part((3.1, -0.6, -6.75), (1.35, 0.85, 1.15), EYE, 0.2),                         # eyes
-    Part((3.1, -0.6, -7.6), (0.62, 0.62, 0.42), IRIS, 0.05),                        # irises
-    Part((2.8, -2.85, -8.2), (1.9, 0.4, 0.6), BROW, 0.2, tilt_deg=(0, -22, -3)),  # eyebrows
-    Part((0, 1.4, -9.0), (0.95, 4.0, 1.5), SKIN, 1.4, tilt_deg=(-22, 0, 0)),        # bridge of the nose
-    Part((0, 3.9, -10.7), (1.25, 1.0, 1.3), SKIN, 1.0),                             # tip of the nose
-    Part((1.35, 4.3, -9.5), (0.8, 0.75, 1.1), SKIN, 0.8),                           # wings of the nose
-    Part((0, 6.9, -7.6), (2.9, 1.9, 1.5), SKIN, 2.0),                               # mouth
-    Part((0, 6.55, -8.75), (2.3, 0.5, 0.7), LIP, 0.4),                              # upper lip
-    Part((0, 7.55, -8.65), (2.0, 0.6, 0.75), LIP, 0.15),                            # lower lip
-    Part((8.1, 0.6, 1.6), (0.9, 3.4, 2.2), SKIN, 0.8, tilt_deg=(-12, -35, 12)),     # ears
-    Part((9.3, 0.2, 0.2), (0.75, 1.8, 1.0), seam_cm=0.6, carve=True, tilt_deg=(-12, -35, 12)),  # their hollows
-    Part((0, 12.0, 3.2), (5.3, 13.0, 5.6), SKIN, 1.5),                              # neck, which turns with the head
-    Part((0, -5.2, 3.0), (8.8, 8.7, 10.4), HAIR, 0.4),                              # hair
-)
-
-TORSO = (
-    Part((0, 21.0, 4.5), (13.0, 6.0, 6.5), JERSEY),                                 # from the neck to the shoulders
-    Part((15.5, 25.5, 5.0), (7.0, 7.5, 7.0), JERSEY, 5.0),                          # shoulders
-    Part((0, 32.0, 2.0), (17.0, 16.0, 10.0), JERSEY, 4.0),                          # chest
-    Part((0, 16.2, 2.2), (6.9, 1.5, 6.9), JERSEY, 1.0, tilt_deg=(14, 0, 0)),        # collar
-)
+# Parts of a figure, in its own frame: x right, y down, z away from the viewer. With x ≠ 0, a part has a mirror image at
+# −x. Reflectivity is in [0, 1], 0 of what is carved from the parts before it. A seam to these is rounded in its width.
+HEAD = """
+# centre, cm        radii, cm         reflect. seam, cm   tilt about x, y, z, degrees
+    0  -3.2   1.4     7.7   8.6   9.6     0.62      1      0    0    0    # cranium
+    0   2.2  -2.2     6.6     9   6.7     0.62      3      0    0    0    # face
+  3.2   6.2  -1.6     2.6   3.4   4.6     0.62      3      0    0   12    # jaw
+    0   9.9  -6.3     2.1   1.5   1.7     0.62    2.5      0    0    0    # chin
+  4.4     2  -5.4       2   1.3   1.9     0.62      3      0  -30  -15    # cheekbones
+  2.6  -2.9  -7.7     2.8   0.9     1     0.62      2      0  -20   -2    # brow ridges
+  3.1  -0.6  -9.4       2   1.3     2        0    1.6      0    0    0    # eye sockets
+  3.1  -0.6 -6.75    1.35  0.85  1.15     0.66    0.2      0    0    0    # eyes
+  3.1  -0.6  -7.6    0.62  0.62  0.42      0.1   0.05      0    0    0    # irises
+  2.8 -2.85  -8.2     1.9   0.4   0.6     0.22    0.2      0  -22   -3    # eyebrows
+    0   1.4    -9    0.95     4   1.5     0.62    1.4    -22    0    0    # bridge of the nose
+    0   3.9 -10.7    1.25     1   1.3     0.62      1      0    0    0    # tip of the nose
+ 1.35   4.3  -9.5     0.8  0.75   1.1     0.62    0.8      0    0    0    # wings of the nose
+    0   6.9  -7.6     2.9   1.9   1.5     0.62      2      0    0    0    # mouth
+    0  6.55 -8.75     2.3   0.5   0.7      0.4    0.4      0    0    0    # upper lip
+    0  7.55 -8.65       2   0.6  0.75      0.4   0.15      0    0    0    # lower lip
+  8.1   0.6   1.6     0.9   3.4   2.2     0.62    0.8    -12  -35   12    # ears
+  9.3   0.2   0.2    0.75   1.8     1        0    0.6    -12  -35   12    # their hollows
+    0    12   3.2     5.3    13   5.6     0.62    1.5      0    0    0    # neck, which turns with the head
+    0  -5.2     3     8.8   8.7  10.4     0.17    0.4      0    0    0    # hair
+"""
+TORSO = """
+    0    21   4.5      13     6   6.5      0.5      1      0    0    0    # from the neck to the shoulders
+ 15.5  25.5     5       7   7.5     7      0.5      5      0    0    0    # shoulders
+    0    32     2      17    16    10      0.5      4      0    0    0    # chest
+    0  16.2   2.2     6.9   1.5   6.9      0.5      1     14    0    0    # collar
+"""
 
 
 class Bust:
@@ -135,20 +121,18 @@ def _slope(points: np.ndarray, axis: int) -> np.ndarray:
 
 
 class Figure:
-    """The surface of parts that are added or carved in turn; symmetric about x = 0."""
+    """The surface of parts, lines such as those of HEAD, that are added or carved in turn; symmetric about x = 0."""
 
-    def __init__(self, parts: tuple[Part, ...]):
-        self._parts = parts
-        radii = np.array([part.radii_cm for part in parts]) * CM
-        centres = np.array([part.centre_cm for part in parts]) * CM
-        turns = np.stack([rotation(*part.tilt_deg) for part in parts])
+    def __init__(self, parts: str):
+        table = np.loadtxt(parts.splitlines())
+        centres, radii, turns = table[:, :3] * CM, table[:, 3:6] * CM, np.stack([rotation(*row[8:]) for row in table])
         to_unit = turns.transpose(0, 2, 1) / radii[..., None]
         shift = -np.einsum("pij,pj->pi", to_unit, centres)
         affine = np.concatenate([to_unit, shift[..., None]], axis=-1)               # point → unit sphere, [P, 3, 4]
         self._affine = np.ascontiguousarray(affine.transpose(1, 0, 2).reshape(-1, 4), dtype=np.float32)
         self._inverse_radii2 = (1 / radii**2).T.astype(np.float32)
-        self._solid = np.array([not part.carve for part in parts])
-        self._reflectivity = np.array([part.reflectivity for part in parts], dtype=np.float32)[self._solid]
+        self._solid, self._seams_m = table[:, 6] > 0, table[:, 7] * CM
+        self._reflectivity = table[self._solid, 6].astype(np.float32)
         reach = np.sqrt(np.einsum("pij,pj->pi", turns**2, radii**2))                # half sides of the boxes
         self._low = (centres - reach).min(axis=0).astype(np.float32)
         self._high = (centres + reach).max(axis=0).astype(np.float32)
@@ -181,11 +165,8 @@ class Figure:
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Signed distance to the surface in metres, negative inside, close to exact near it; points float32 [3, N]."""
         first, *others = self._distances(points)
-        for part, other in zip(self._parts[1:], others):
-            if part.carve:
-                first = -_rounded_min(-first, other, part.seam_cm * CM)
-            else:
-                first = _rounded_min(first, other, part.seam_cm * CM)
+        for other, solid, seam_m in zip(others, self._solid[1:], self._seams_m[1:]):
+            first = _rounded_min(first, other, seam_m) if solid else -_rounded_min(-first, other, seam_m)
         return first
 
     def reflectivity(self, points: np.ndarray) -> np.ndarray:
@@ -200,7 +181,7 @@ class Figure:
         np.abs(points[0], out=homogeneous[0])
         homogeneous[1:3] = points[1:]
         # einsum instead of @: threaded BLAS is many times slower while other processes use the cores.
-        squares = np.einsum("ij,jn->in", self._affine, homogeneous).reshape(3, len(self._parts), -1)
+        squares = np.einsum("ij,jn->in", self._affine, homogeneous).reshape(3, len(self._solid), -1)
         squares *= squares
         u = np.sqrt(squares.sum(axis=0))
         slope = np.sqrt(np.einsum("apn,ap->pn", squares, self._inverse_radii2))

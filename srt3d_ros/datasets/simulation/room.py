@@ -13,33 +13,34 @@ SLOPE_M = 1e-3                  # step over which the normal of a figure is meas
 Hits = tuple[np.ndarray, np.ndarray]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Box:
     """A box on level ground: middle and size in metres, turned to the left by yaw."""
 
-    middle: tuple[float, float, float]
-    size: tuple[float, float, float]
-    yaw_deg: float = 0.0
-    reflectivity: float = 0.5
-    check_m: float = 0.2        # side of the texture's squares
+    middle: np.ndarray          # [3]
+    size: np.ndarray            # [3]
+    yaw_deg: float
+    reflectivity: float
+    check_m: float              # side of the texture's squares
 
 
-WALLS = Box((0, 0, 1.4), (7.0, 6.0, 2.8), reflectivity=0.45, check_m=0.5)       # seen from within
-FURNITURE = (
-    Box((3.15, -1.0, 0.45), (0.7, 1.4, 0.9), reflectivity=0.6),                 # chest of drawers
-    Box((3.3, 1.2, 1.1), (0.4, 0.9, 2.2), reflectivity=0.35, check_m=0.3),      # shelf
-    Box((2.7, 2.4, 1.4), (0.35, 0.35, 2.8), 30, 0.7),                           # pillar
-    Box((0.9, 2.72, 0.4), (1.6, 0.55, 0.8), reflectivity=0.55),                 # bench
-    Box((-1.1, 2.85, 1.6), (1.1, 0.3, 1.0), reflectivity=0.25),                 # cupboard on the wall
-    Box((-2.9, 2.2, 0.5), (0.8, 0.8, 1.0), 20, 0.6),                            # crate
-    Box((-3.2, 0.3, 0.37), (0.6, 1.8, 0.74), reflectivity=0.4),                 # sideboard
-    Box((-3.35, -1.6, 1.25), (0.3, 0.8, 2.5), reflectivity=0.65, check_m=0.25),     # cabinet
-    Box((-2.2, -2.6, 0.3), (0.9, 0.6, 0.6), -15, 0.5),                          # box
-    Box((2.3, -2.55, 0.9), (0.6, 0.6, 1.8), 40, 0.45),                          # locker
-    Box((0.0, -2.75, 0.55), (0.4, 0.4, 1.1), reflectivity=0.5),                 # pedestals of the busts
-    Box((-3.2, 0.3, 0.92), (0.4, 0.4, 0.36), reflectivity=0.7),
-    Box((0, 0, 0.35), (0.6, 0.6, 0.7), 45, 0.55),                               # table in the middle
-)
+WALLS = Box(np.array([0, 0, 1.4]), np.array([7.0, 6.0, 2.8]), 0, 0.45, 0.5)      # seen from within
+FURNITURE = [Box(row[:3], row[3:6], *row[6:].tolist()) for row in np.loadtxt("""
+# middle, m         size, m           yaw, degrees; reflectivity; check, m
+ 3.15    -1  0.45     0.7   1.4   0.9      0   0.6   0.2    # chest of drawers
+  3.3   1.2   1.1     0.4   0.9   2.2      0  0.35   0.3    # shelf
+  2.7   2.4   1.4    0.35  0.35   2.8     30   0.7   0.2    # pillar
+  0.9  2.72   0.4     1.6  0.55   0.8      0  0.55   0.2    # bench
+ -1.1  2.85   1.6     1.1   0.3     1      0  0.25   0.2    # cupboard on the wall
+ -2.9   2.2   0.5     0.8   0.8     1     20   0.6   0.2    # crate
+ -3.2   0.3  0.37     0.6   1.8  0.74      0   0.4   0.2    # sideboard
+-3.35  -1.6  1.25     0.3   0.8   2.5      0  0.65  0.25    # cabinet
+ -2.2  -2.6   0.3     0.9   0.6   0.6    -15   0.5   0.2    # box
+  2.3 -2.55   0.9     0.6   0.6   1.8     40  0.45   0.2    # locker
+    0 -2.75  0.55     0.4   0.4   1.1      0   0.5   0.2    # pedestal of a bust
+ -3.2   0.3  0.92     0.4   0.4  0.36      0   0.7   0.2    # pedestal of a bust
+    0     0  0.35     0.6   0.6   0.7     45  0.55   0.2    # table in the middle
+""".splitlines())]
 BUSTS = ((0.0, -2.7, 1.5, 80.0), (-3.2, 0.3, 1.5, -15.0))                       # x, y, z of the head; yaw of its gaze
 
 
@@ -84,7 +85,7 @@ def _near(way: np.ndarray, radius_m: float, rays: np.ndarray) -> np.ndarray:
 
 def _cast_box(box: Box, origin: np.ndarray, rays: np.ndarray, within: bool = False) -> Hits:
     """Where rays enter a box, +inf if they miss it; with `within`, where they leave it."""
-    half = (np.array(box.size) / 2).astype(np.float32)[:, None]
+    half = (box.size / 2).astype(np.float32)[:, None]
     turn = Pose.turned([0, 0, np.radians(box.yaw_deg)]).rotation
     start = ((origin - box.middle) @ turn).astype(np.float32)[:, None]
     rays = rays if not box.yaw_deg else np.einsum("ji,jn->in", turn.astype(np.float32), rays)

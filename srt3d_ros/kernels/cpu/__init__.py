@@ -13,8 +13,9 @@ from srt3d_ros.kernels.cpu.baselines.gradients import blur, median_depth, pixelw
 from srt3d_ros.kernels.cpu.compiling import KERNELS
 from srt3d_ros.kernels.cpu.device import array, as_frame, numpy, unpack
 from srt3d_ros.kernels.cpu.method.birth_death import birth_death
+from srt3d_ros.kernels.cpu.method.collect import collect
 from srt3d_ros.kernels.cpu.method.drops import drop_blobs, drop_ghosts, trim
-from srt3d_ros.kernels.cpu.method.finalise import background, collect, drop_weak, finalise, local_mean
+from srt3d_ros.kernels.cpu.method.finalise import background, drop_weak, finalise, local_mean
 from srt3d_ros.kernels.cpu.method.likelihood import log_likelihood_ratio
 from srt3d_ros.kernels.cpu.method.match import match
 from srt3d_ros.kernels.cpu.method.planes import turn_planes

@@ -7,7 +7,7 @@ from srt3d_ros.kernels.cpu.compiling import inline
 from srt3d_ros.kernels.cpu.vectors import bits_of, fma, rint, to_cell, to_floats
 
 F32 = np.float32
-HALF, ONE, TWO, ZERO = F32(0.5), F32(1), F32(2), F32(0)
+HALF, ONE, ZERO = F32(0.5), F32(1), F32(0)       # for numbers beside numbers; vectors take any
 TINY, EPSILON = F32(constants.TINY), F32(constants.EPSILON)
 
 # sin(2πx) / x and cos(2πx) as polynomials in x² on |x| ≤ 1/2, largest error 7e-7 (Chebyshev interpolation). They run in
@@ -53,7 +53,7 @@ def exp(value):
     """Exponential function of a vector of numbers ≤ 0; at least 2⁻¹²⁶."""
     turns = max(value * (ONE / LN_2), LOWEST)
     whole = rint(turns)
-    return polynomial(turns - whole, _EXP) * bits_of(to_cell(whole + BIAS, TWO * BIAS) << MANTISSA)
+    return polynomial(turns - whole, _EXP) * bits_of(to_cell(whole + BIAS, 2 * BIAS) << MANTISSA)
 
 
 @inline

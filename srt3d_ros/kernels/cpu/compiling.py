@@ -16,6 +16,7 @@ from numba import __version__, config, float32, njit, prange, types
 from numba.core import event
 from numba.core.caching import FunctionCache
 
+from srt3d_ros.kernels.cpu.vectors import columns
 from srt3d_ros.kernels.maps import MARGIN
 
 # With OpenMP several threads of a process may call kernels at once; numba's own work queue would abort. A choice in the
@@ -180,16 +181,29 @@ os.register_at_fork(after_in_child=_on_fork)
 # Without fastmath, which is 5 % faster: with it, the last bit differs between a kernel just compiled and the same
 # kernel from the cache.
 parallel = partial(Kernel, parallel={"fusion": False})     # a loop may read what the one before has written
-line = njit(error_model="numpy")                        # called once for a line of pixels or cells
-inline = njit(forceinline=True, error_model="numpy")    # by LLVM: numba's own inlining takes a fifth longer to compile
+# Without reference counts, which would cost more than many a body: these functions make no arrays.
+line = njit(error_model="numpy", _nrt=False)            # called once for a line of pixels or cells
+inline = njit(error_model="numpy", _nrt=False, forceinline=True)    # by LLVM: numba's own takes longer to compile
 
 
-def each_row(body: Callable) -> Kernel:
-    """A kernel that calls `body` in parallel with each row inside the margins of its last argument, a padded map."""
-    names = list(body.__annotations__)
-    given, scope = ", ".join(names), {"row": line(body), "prange": prange, "MARGIN": MARGIN}
-    source = f"def {body.__name__}({given}):\n for i in prange(MARGIN, len({names[-1]}) - MARGIN):\n  row(i, {given})"
+def each(*bodies: Callable) -> Kernel:
+    """A kernel that calls one body after the other, each in parallel for the rows of its last argument, a padded map.
+
+    A body(i, …) is called once for the row i, a body(i, j, …) for each vector of its columns j; margins are left out.
+    The kernel takes the arguments of all bodies, by name, and is named like the last one.
+    """
+    scope, rows, loops = {"prange": prange, "columns": columns, "line": line, "MARGIN": MARGIN}, "", ""
+    for n, body in enumerate(bodies):
+        *_, last = given = list(body.__annotations__)
+        takes, is_row = ", ".join(given), body.__code__.co_varnames[1] in given
+        scope[f"body{n}"] = line(body) if is_row else inline(body)
+        rows += "" if is_row else (f"@line\ndef row{n}(i, {takes}):\n for j in columns({last}):\n"
+                                   f"  body{n}(i, j, {takes})\n")
+        loops += (f" for i in prange(MARGIN, len({last}) - MARGIN):\n"
+                  f"  {'body' if is_row else 'row'}{n}(i, {takes})\n")
+    types = {name: of for body in bodies for name, of in body.__annotations__.items()}
+    source = f"{rows}def {body.__name__}({', '.join(types)}):\n{loops}"
     exec(compile(source, body.__code__.co_filename, "exec"), scope)     # noqa: S102, since numba takes no *arguments
     function = scope[body.__name__]
-    function.__module__, function.__annotations__ = body.__module__, body.__annotations__
+    function.__module__, function.__annotations__ = body.__module__, types
     return parallel(function)

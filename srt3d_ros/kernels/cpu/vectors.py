@@ -1,8 +1,9 @@
 """Vectors for compiled code: LANES numbers in registers, with the operators of numbers.
 
-    depth = load(state, row, k, DEPTH, col)             # of the pixels in the columns col … col + LANES − 1
-    e = load(state, row, k, DEPTH, col + 1) - depth
-    store(out, row, k, DEPTH, col, where(e > 0, depth + e / 2, 0))
+    for j in columns(state):                            # j: the LANES columns of a vector
+        depth = state[i, k, DEPTH, j]
+        e = state[i, k, DEPTH, j + 1] - depth           # to the pixels on the right
+        out[i, k, DEPTH, j] = where(e > 0, depth + e / 2, 0)
 
 Kinds are `floats` (float32), `ints` (int32) and `mask`. A number beside a vector counts in each lane, as its type.
 Sums of integers have vectors of other widths, too, and of int64.
@@ -15,13 +16,14 @@ import operator
 from functools import partial, reduce
 
 from llvmlite import ir
-from numba import boolean, float32, int32, int64, types
+from numba import boolean, float32, int32, int64, njit, types
 from numba.core import cgutils
-from numba.core.imputils import lower_builtin, lower_cast
+from numba.core.imputils import lower_builtin, lower_cast, lower_constant
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
-from numba.extending import intrinsic, models, register_model
+from numba.extending import intrinsic, models, register_model, typeof_impl
+from numba.np.arrayobj import getitem_array_tuple
 
-from srt3d_ros.kernels.maps import LANES
+from srt3d_ros.kernels.maps import LANES, MARGIN
 
 I32, I64 = ir.IntType(32), ir.IntType(64)
 BITS = {float32: ir.FloatType(), int32: I32, int64: I64, boolean: ir.IntType(1)}
@@ -227,15 +229,83 @@ def bits_of(context, vector):
 
 # ---- Memory
 
-def _indexed(result, array, indices, *vector):
-    """The signature of a function of an array, any number of indices, which numba passes as one tuple, and a vector."""
-    indices = [index if index == ints else types.intp for index in indices]
-    return result(array, types.StarArgTuple.from_types([*indices, *vector]))
+class Span(types.Type):
+    """Index of `lanes` columns side by side; in LLVM, the first one. Numbers move it."""
+
+    def __init__(self, lanes=LANES):
+        self.lanes, self.registers = lanes, I64
+        super().__init__(f"columns x{lanes}")
 
 
-def _pointers(context, builder, sig, args, indices):
-    """The pointer to array[indices], or of each lane if `ints` are among the indices; none counts from the end."""
+register_model(Span)(_Registers)
+
+
+def spanning(lanes):
+    """A function that makes the index of so many columns from a first one on."""
+    @intrinsic
+    def span(context, first):
+        return _emitted(Span(lanes)(types.intp), lambda builder, first: first)
+    return span
+
+
+span = spanning(LANES)
+
+
+class _All:
+    """Index of the columns of an array with no more than LANES."""
+
+
+ALL = _All()
+typeof_impl.register(_All)(lambda value, context: Span())
+lower_constant(Span)(lambda context, builder, kind, value: I64(0))
+
+
+@intrinsic
+def first_of(context, columns):
+    """The first column of an index."""
+    return _emitted(types.intp(columns), lambda builder, first: first)
+
+
+@njit(_nrt=False)
+def columns(padded):
+    """The indices of the vectors of a row of a padded map."""
+    for first in range(MARGIN, padded.shape[-1] - MARGIN, LANES):
+        yield span(first)
+
+
+def _moving(key, emit):
+    def generic(self, args, kws):
+        is_moved = len(args) == 2 and isinstance(args[0], Span) and isinstance(args[1], types.Integer)
+        return signature(args[0], args[0], types.intp) if is_moved else None
+
+    infer_global(key)(type("Moved", (AbstractTemplate,), {"key": key, "generic": generic}))
+    lower_builtin(key, Span, types.intp)(lambda context, builder, sig, args: emit(builder, *args))
+
+
+_moving(operator.add, _make.add)
+_moving(operator.sub, _make.sub)
+
+
+def _indexing(key, result):
+    """Define array[index], with a Span or `ints` among the indices, by its result and what it takes: result(vector)."""
+    def generic(self, args, kws):
+        array, index, *value = args
+        indices = list(index) if isinstance(index, types.BaseTuple) else [index]
+        lanes = [each.lanes for each in indices if isinstance(each, Span | Vector)]
+        if isinstance(array, types.Array) and len(indices) == array.ndim and lanes:
+            kinds = [each if isinstance(each, Span | Vector) else types.intp for each in indices]
+            kind = Vector(array.dtype, lanes[0])
+            index = types.BaseTuple.from_types(kinds) if isinstance(index, types.BaseTuple) else index
+            return signature(result or kind, array, index, *[kind] * len(value))
+        return None
+
+    infer_global(key)(type("Indexed", (AbstractTemplate,), {"key": key, "generic": generic}))
+
+
+def _pointers(context, builder, sig, args):
+    """The pointer to array[index], or of each lane if `ints` are among the indices; none counts from the end."""
     array = context.make_array(sig.args[0])(context, builder, args[0])
+    indices = cgutils.unpack_tuple(builder, args[1]) if isinstance(sig.args[1], types.BaseTuple) else [args[1]]
 
     def in_lane(index, x):
         return builder.sext(builder.extract_element(index, I32(x)), I64) if index.type == ints.registers else index
@@ -245,40 +315,31 @@ def _pointers(context, builder, sig, args, indices):
                                      wraparound=False) for x in range(lanes)]
 
 
-def loading(lanes):
-    """A function that reads vectors of so many lanes."""
-    @intrinsic
-    def load(context, array, *indices):
-        """array[indices] and the numbers after it, along the last axis; with `ints` among the indices one a lane."""
-        kind = Vector(array.dtype, lanes)
-
-        def generate(context, builder, sig, args):
-            pointers = _pointers(context, builder, sig, args, cgutils.unpack_tuple(builder, args[1]))
-            if len(pointers) == 1:
-                return builder.load(builder.bitcast(pointers[0], kind.registers.as_pointer()), align=4)
-            values = ir.Constant(kind.registers, ir.Undefined)
-            for x, pointer in enumerate(pointers):
-                values = builder.insert_element(values, builder.load(pointer, align=4), I32(x))
-            return values
-        return _indexed(kind, array, indices), generate
-    return load
+def _load(context, builder, sig, args):
+    kind = sig.return_type
+    if not isinstance(kind, Vector):
+        return getitem_array_tuple(context, builder, sig, args)
+    pointers = _pointers(context, builder, sig, args)
+    if len(pointers) == 1:
+        return builder.load(builder.bitcast(pointers[0], kind.registers.as_pointer()), align=4)
+    values = ir.Constant(kind.registers, ir.Undefined)
+    for x, pointer in enumerate(pointers):
+        values = builder.insert_element(values, builder.load(pointer, align=4), I32(x))
+    return values
 
 
-load = loading(LANES)
+def _store(context, builder, sig, args):
+    """Of lanes with one place, the last one stays."""
+    pointers, vector = _pointers(context, builder, sig, args), args[2]
+    if len(pointers) == 1:
+        builder.store(vector, builder.bitcast(pointers[0], vector.type.as_pointer()), align=4)
+    else:
+        for x, pointer in enumerate(pointers):
+            builder.store(builder.extract_element(vector, I32(x)), pointer, align=4)
 
 
-@intrinsic
-def store(context, array, *indices_and_vector):
-    """Write a vector, or a number in LANES places, where `load` reads; of lanes with one place the last one stays."""
-    def generate(context, builder, sig, args):
-        *indices, vector = cgutils.unpack_tuple(builder, args[1])
-        pointers = _pointers(context, builder, sig, args, indices)
-        if len(pointers) == 1:
-            builder.store(vector, builder.bitcast(pointers[0], vector.type.as_pointer()), align=4)
-        else:
-            for x, pointer in enumerate(pointers):
-                builder.store(builder.extract_element(vector, I32(x)), pointer, align=4)
-        return context.get_dummy_value()
-    *indices, values = indices_and_vector
-    kind = Vector(array.dtype, values.lanes if isinstance(values, Vector) else LANES)
-    return _indexed(types.void, array, indices, kind), generate
+_indexing(operator.getitem, None)
+_indexing(operator.setitem, types.none)
+for _index in (types.BaseTuple, Span, Vector):
+    lower_builtin(operator.getitem, types.Array, _index)(_load)
+    lower_builtin(operator.setitem, types.Array, _index, Vector)(_store)

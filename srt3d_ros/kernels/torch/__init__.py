@@ -33,6 +33,7 @@ from srt3d_ros.kernels.torch.baselines.apss import apss
 from srt3d_ros.kernels.torch.baselines.gradients import median_depth, pixelwise, usual_intensity
 from srt3d_ros.kernels.torch.device import Kernels
 from srt3d_ros.kernels.torch.method.birth_death import birth_death
+from srt3d_ros.kernels.torch.method.drops import drop_blobs, drop_ghosts, trim
 from srt3d_ros.kernels.torch.method.finalise import (
     background,
     collect,
@@ -41,9 +42,7 @@ from srt3d_ros.kernels.torch.method.finalise import (
     local_mean,
     unexplained,
 )
-from srt3d_ros.kernels.torch.method.ghosts import drop_ghosts
-from srt3d_ros.kernels.torch.method.growth import drop_blobs
-from srt3d_ros.kernels.torch.method.likelihood import expand, log_likelihood_ratio, solve_pairs, trim
+from srt3d_ros.kernels.torch.method.likelihood import expand, log_likelihood_ratio, solve_pairs
 from srt3d_ros.kernels.torch.method.planes import turn_planes
 from srt3d_ros.kernels.torch.method.pooled_step import pooled_step
 from srt3d_ros.kernels.torch.method.search import match, no_surfaces, prepare, residual, search

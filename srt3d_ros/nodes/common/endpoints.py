@@ -32,9 +32,9 @@ class Endpoints:
         self._publishers.append(made)
         return made
 
-    def subscribe(self, topic: Topic, callback: Callable[[Any, dict], None], depth: int, raw: bool = False,
+    def subscribe(self, topic: Topic, callback: Callable[[bytes, dict], None], depth: int,
                   reliability: ReliabilityPolicy = BEST_AVAILABLE) -> None:
-        """Call `callback` with each message and its info until `unsubscribe`.
+        """Call `callback` with the bytes of each message and its info until `unsubscribe`.
 
         BEST_AVAILABLE adopts the reliability of the present publishers. When a best-effort publisher appears later,
         the subscription is created again, unless the user's `qos_overrides` prevent it.
@@ -51,12 +51,12 @@ class Endpoints:
             elif made in self._subscriptions:
                 self._subscriptions.remove(made)
                 self._node.destroy_subscription(made)
-                self.subscribe(topic, callback, depth, raw, reliability)
+                self.subscribe(topic, callback, depth, reliability)
 
         # A queue of one would lose latched messages of several publishers.
         qos = QoSProfile(depth=depth, durability=topic.durability, reliability=reliability)
         events = SubscriptionEventCallbacks(incompatible_qos=on_incompatible)
-        made = self._make(self._node.create_subscription, topic, callback, qos, raw=raw, event_callbacks=events)
+        made = self._make(self._node.create_subscription, topic, callback, qos, raw=True, event_callbacks=events)
         self._subscriptions.append(made)
 
     def unsubscribe(self) -> None:

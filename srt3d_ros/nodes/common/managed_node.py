@@ -4,7 +4,7 @@ import atexit
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.publisher import Publisher
@@ -14,10 +14,10 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.nodes.common.diagnostics import Diagnostics
 from srt3d_ros.nodes.common.endpoints import BEST_AVAILABLE, PUBLISH_DEPTH, Endpoints, SequenceLoss
-from srt3d_ros.nodes.common.parameters import Parameters
+from srt3d_ros.nodes.common.parameters import Parameters, Values
 from srt3d_ros.nodes.common.rclpy_patches import PatchedLifecycleNode
 from srt3d_ros.nodes.common.topics import NodeSpec, Topic
-from srt3d_ros.nodes.common.worker import CATCH_UP_S, NEWEST_ONLY, Dropped, Worker
+from srt3d_ros.nodes.common.worker import NEWEST_ONLY, Dropped, Worker
 from srt3d_ros.processes import children
 
 SUBSCRIBE_DEPTH = PUBLISH_DEPTH
@@ -54,11 +54,11 @@ class ManagedNode(PatchedLifecycleNode):
     def __init__(self, queue_limit: int = NEWEST_ONLY):
         super().__init__(self.spec.name, automatically_declare_parameters_from_overrides=True)
         try:
-            self.parameters = Parameters(self, self.spec.table)
+            self.parameters = Parameters(self, self.spec.table, self.check,
+                                         lambda: self.worker.call(self.apply_parameters), self.failed)
         except BaseException:
             self.destroy_node()     # a node must not outlive the context
             raise
-        self.parameters.on_failure = self.failed
         frames = [self.resolve_topic_name(topic.name) for topic in self.spec.outputs if not topic.latched]
         self.diagnostics = Diagnostics(self, frames[0] if frames else "",
                                        self.reliability == ReliabilityPolicy.BEST_EFFORT)
@@ -67,7 +67,7 @@ class ManagedNode(PatchedLifecycleNode):
         self.exit_code = 0
         self.stop_cause = "inactive"
         self.received_ns = 0
-        self.worker = Worker(queue_limit, self.failed, self.diagnostics.drop, CATCH_UP_S)
+        self.worker = Worker(queue_limit, self.failed, self.diagnostics.drop)
         self._publishing = threading.Lock()
         self._problem: Exception | None = None  # why the last transition failed
         self._starting = False                  # True in `start`, and after it has failed
@@ -75,6 +75,12 @@ class ManagedNode(PatchedLifecycleNode):
         self._followed_ns = self._valid_from_ns = 0
 
     # ---- What a subclass overrides
+
+    def check(self, values: Values) -> None:
+        """Raise InvalidInput for parameters that cannot be used together, or now."""
+
+    def apply_parameters(self) -> None:
+        """Use the current parameters from the next frame on; the worker calls it after a change."""
 
     def configure(self) -> None:
         """Open files, compile kernels, create publishers."""
@@ -127,8 +133,7 @@ class ManagedNode(PatchedLifecycleNode):
                 "activation: activate the node again.")
         self.stopping.clear()
         self.stop_cause = ""
-        self.diagnostics.degraded = ""
-        self.diagnostics.clear()
+        self.diagnostics.begin()
         self.activate()
 
     def _deactivate(self) -> None:
@@ -174,7 +179,7 @@ class ManagedNode(PatchedLifecycleNode):
         sequence = SequenceLoss(lambda: self.count_publishers(name))
         newest_only = self.worker.limit == NEWEST_ONLY
         depth = SUBSCRIBE_DEPTH * self.worker.messages_per_frame if newest_only else RECORDED_DEPTH
-        self.endpoints.subscribe(topic, received, min(depth, QUEUE_DEPTH), True, self.reliability)
+        self.endpoints.subscribe(topic, received, min(depth, QUEUE_DEPTH), self.reliability)
         self.diagnostics.expect(name)
 
     def check_size(self, sensor: SensorModel) -> SensorModel:
@@ -184,21 +189,21 @@ class ManagedNode(PatchedLifecycleNode):
                 f"max_pixels of {self.get_name()}, {most}: set a larger one.")
         return sensor
 
-    def follow(self, topic: Topic, handle: Callable[[Any], None]) -> None:
-        """Call `handle` in the worker with every message on an input of descriptions.
+    def follow(self, topic: Topic, handle: Callable[[bytes], None]) -> None:
+        """Call `handle` in the worker with the bytes of every message on an input of descriptions.
 
         If `handle` raises InvalidInput while the node waits for a description, that is its problem until one comes.
         """
-        def work(message: object, sent_ns: int) -> None:
+        def work(raw: bytes, sent_ns: int) -> None:
             self._followed_ns = sent_ns
             try:
-                handle(message)
+                handle(raw)
             except InvalidInput as problem:
                 if self.diagnostics.waiting_for:
                     self.diagnostics.problem = str(problem)
                 raise
 
-        self.endpoints.subscribe(topic, lambda message, info: self.worker.call(work, message, info["source_timestamp"]),
+        self.endpoints.subscribe(topic, lambda raw, info: self.worker.call(work, raw, info["source_timestamp"]),
                                  QUEUE_DEPTH)
 
     def drop_older_frames(self) -> None:
@@ -227,7 +232,7 @@ class ManagedNode(PatchedLifecycleNode):
         self.sent(stamp_ns)
 
     def publish(self, publisher: Publisher, message: object) -> None:
-        """Publish a message; Dropped if the node has stopped since the worker began with the frame."""
+        """Publish a message or its bytes; Dropped if the node has stopped since the worker began with the frame."""
         with self._publishing:
             if self.stop_cause:
                 raise Dropped(self.stop_cause, "the node stopped before the frame was ready")
@@ -263,7 +268,7 @@ class ManagedNode(PatchedLifecycleNode):
 
     def unsubscribe(self) -> None:
         """Destroy the subscriptions, and expect no more frames."""
-        self.diagnostics.expect_nothing()
+        self.diagnostics.topics = ()
         self.endpoints.unsubscribe()
 
     def close(self) -> None:

@@ -31,7 +31,6 @@ class Parameter:
         form: description of an allowed text.
         live: may be changed while the node runs.
         inactive: may be changed while the node is not active; the node checks it.
-        loose: a text that YAML may read as false (for off) or as a list (for numbers with commas); both are accepted.
     """
 
     name: str
@@ -44,7 +43,6 @@ class Parameter:
     form: str = ""
     live: bool = False
     inactive: bool = False
-    loose: bool = False
 
     @classmethod
     def of(cls, key: Key, **changes: Any) -> "Parameter":
@@ -72,14 +70,15 @@ class Parameter:
         return "live" * self.live or "inactive" * self.inactive
 
     def check(self, value: Any) -> Any:
-        """The value in the parameter's type, or InvalidInput. Numbers are accepted for texts.
+        """The value in the parameter's type, or InvalidInput.
 
-        For a number, an integer or a text is accepted: `ros2 param set` sends 5 as an integer and 1e-4 as a text.
+        YAML reads the text off as false, texts of numbers as numbers or lists of them; all are accepted for texts. For
+        a number, an integer or a text is accepted: `ros2 param set` sends 5 as an integer and 1e-4 as a text.
         """
         kind = type(self.default)
-        if self.loose and value is False:
+        if kind is str and value is False:
             value = "off"
-        elif self.loose and isinstance(value, (array, list, tuple)):
+        elif kind is str and isinstance(value, (array, list, tuple)):
             value = ",".join(map(str, value))
         if (kind is float and type(value) in (int, str)) or (kind is str and type(value) in (int, float)):
             with suppress(ValueError):
@@ -107,24 +106,24 @@ class Parameter:
 class Parameters:
     """The parameters of a running node; `parameters["name"]` is the current, checked value.
 
-    Before a change, `on_check` is called with the new values; if it raises, `ros2 param set` shows the reason. After
-    the change, `on_change` is called. Both run in the executor's thread. `on_failure` is called with any exception of
-    `on_check` but InvalidInput.
+    All functions are called in the executor's thread.
 
     Args:
         node: made with `automatically_declare_parameters_from_overrides=True`, which reveals unknown parameters.
         table: all parameters.
+        check: called with the new values before a change; if it raises, `ros2 param set` shows the reason.
+        changed: called after the change.
+        failed: called with any exception of `check` but InvalidInput.
 
     Raises:
         InvalidInput: a value given at the start cannot be used.
     """
 
-    def __init__(self, node: Node, table: Iterable[Parameter]):
+    def __init__(self, node: Node, table: Iterable[Parameter], check: Callable[[Values], None],
+                 changed: Callable[[], None], failed: Callable[[Exception], None]):
         self._table = {parameter.name: parameter for parameter in table}
         self._values: Values = {}
-        self.on_check: Callable[[Values], None] = lambda values: None
-        self.on_change: Callable[[], None] = lambda: None
-        self.on_failure: Callable[[Exception], None] = lambda error: None
+        self._check_all, self._changed, self._failed = check, changed, failed
         self._warn_of_unknown(node, list(self._table))
         for name, parameter in self._table.items():
             value = parameter.default
@@ -158,11 +157,11 @@ class Parameters:
     def _check(self, changes: list[RosParameter]) -> SetParametersResult:
         try:
             if known := self._known(changes):
-                self.on_check(self._values | known)
+                self._check_all(self._values | known)
         except InvalidInput as error:
             return SetParametersResult(successful=False, reason=str(error))
         except Exception as error:      # a bug of the node: still answer the request
-            self.on_failure(error)
+            self._failed(error)
             return SetParametersResult(successful=False, reason=f"internal failure, see the node's log: {error!r}")
         return SetParametersResult(successful=True)
 
@@ -174,7 +173,7 @@ class Parameters:
     def _apply(self, changes: list[RosParameter]) -> None:
         if known := self._known(changes):
             self._values = self._values | known
-            self.on_change()
+            self._changed()
 
 
 def _plain(number: float) -> str:

@@ -51,14 +51,14 @@ class Delivery(NamedTuple):
     """What became of the messages that a player sent.
 
     Args:
-        under_way: messages that may still arrive or become clouds.
-        lost: messages lost if nothing more arrives, by place and cause.
-        arrived: messages that arrived, by node.
+        clouds: that the last node has published or recorded.
+        missing: messages that are in no cloud.
+        under_way: those of them that were not dropped: they may still become clouds.
     """
 
+    clouds: int
+    missing: int
     under_way: int
-    lost: dict[str, int]
-    arrived: dict[str, int]
 
 
 class Chain:
@@ -97,22 +97,13 @@ class Chain:
 
     def outcome(self, sent: int) -> Delivery:
         """What became of `sent` messages since `begin`."""
-        under_way, lost, arrived = 0, {}, {}
+        clouds, missing, dropped = sent, 0, 0
         for name in self._names:
-            new = self._new(name)
-            arrived[name] = new["clouds" if "clouds" in new else "messages_in"]
-            if (missing := sent - arrived[name]) > 0:
-                lost[f"on the way to {name}"] = missing
-                under_way += missing
-            if "clouds" not in new:     # in a recorder's counters, clouds are mixed with images and sketches
-                lost |= {f"{key.removeprefix('dropped.')} in {name}": count for key, count in new.items()
-                         if count and key.startswith("dropped.")}
-                if (unfinished := arrived[name] - new.get("packets", new["frames_out"]) - new["dropped"]) > 0:
-                    under_way += unfinished
-                    lost[f"unfinished in {name}"] = unfinished
-            sent = new["frames_out"]
-        return Delivery(under_way, lost, arrived)
-
-    def _new(self, name: str) -> dict[str, int]:
-        """A node's counts since `begin`."""
-        return {key: count - self._before[name].get(key, 0) for key, count in self._reports[name].counts.items()}
+            counts, before = self._reports[name].counts, self._before[name]
+            new = {key: count - before.get(key, 0) for key, count in counts.items()}
+            if "clouds" in new:         # of a recorder, whose other counts are of images and sketches, too
+                missing, clouds = missing + clouds - new["clouds"], new["clouds"]
+            else:                       # a sketcher's frames are of several packets
+                missing, clouds = missing + clouds - new.get("packets", new["frames_out"]), new["frames_out"]
+                dropped += new["dropped"]
+        return Delivery(clouds, missing, missing - dropped)

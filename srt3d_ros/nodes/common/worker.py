@@ -43,7 +43,7 @@ class Worker:
     """
 
     def __init__(self, limit: int, failed: Callable[[Exception, int], None],
-                 dropped: Callable[[str, int], None], catch_up_s: float = 0.0):
+                 dropped: Callable[[str, int], None], catch_up_s: float = CATCH_UP_S):
         self.limit, self._failed, self._dropped, self._catch_up_s = limit, failed, dropped, catch_up_s
         self.messages_per_frame = 1
         self._recovered_from_s = 0.0
@@ -59,19 +59,14 @@ class Worker:
         """Run function(*args) after the jobs in the queue."""
         self._put(_Job(function, args, frames=0))
 
-    def call_after(self, delay_s: float, function: Callable) -> None:
-        """Run function() after a delay."""
-        timer = threading.Timer(delay_s, self.call, (function,))
-        timer.daemon = True
-        timer.start()
-
     def offer(self, function: Callable, *args: object) -> None:
         """Run function(*args) for a frame, unless the frame is dropped first."""
         self._put(_Job(function, args, frames=1))
 
     def hold_frames(self, cause: str) -> None:
         """Keep frames in the queue until `release_frames`, and run other jobs; frames are dropped for `cause`."""
-        self._waiting_cause = cause
+        with self._changed:
+            self._waiting_cause = cause
 
     def release_frames(self) -> None:
         """Process frames again."""
@@ -155,4 +150,5 @@ class Worker:
                     self._failed(error, job.frames)
                 except Exception:
                     traceback.print_exc()
-            self._current = None
+            with self._changed:
+                self._current = None

@@ -125,9 +125,9 @@ def test_a_pixel_with_a_photon_in_nearly_every_cycle_is_saturated_and_unsure(bri
     rate[:8, :8] *= 6
     counts = recorded(rate)
     sketch = srt3d_ros.from_counts(counts, bin_width_s=1e-10, irf=IRF, cycles=CYCLES).sketch()
-    crowded = saturated(sketch, sketch.sensor)
+    crowded = saturated(sketch)
     assert crowded[:8, :8].all() and not crowded[8:].any()
-    assert not saturated(dataclasses.replace(sketch, cycles=0), sketch.sensor).any()
+    assert not saturated(dataclasses.replace(sketch, cycles=0)).any()
     std = sketch.reconstruct().image("depth_std_bins")
     assert np.nanmedian(std[:8, :8]) > 3 * np.nanmedian(std[8:])
 

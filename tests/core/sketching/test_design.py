@@ -64,10 +64,8 @@ def test_auto_finds_the_scene_has_room_and_is_no_gate_where_nothing_can_be_gaine
 
 
 @pytest.mark.parametrize(("settings", "line"), [
-    (("open",), "gate is open: expected off, FIRST-LAST (100-400), or auto (files only)"),
     (("auto",), "gate is auto: expected off, FIRST-LAST (100-400), or auto (files only)"),
     (("-3:50",), "gate is -3:50: expected a first bin of 0 or more and below the last"),
-    (("300:300",), "gate is 300:300: expected a first bin of 0 or more and below the last"),
     (("300:302",), "gate is 300-302: expected 5 bins or more, as many as the IRF has"),
     (("300:309", "auto", 10), "sketch_size is 10: expected 1 to 4 for T = 10 bins"),
     (("300:399", "1,60"), "frequencies is 60: expected integers from 1 to 49 (T = 100 bins; higher ones repeat these)"),

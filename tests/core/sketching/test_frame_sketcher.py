@@ -84,13 +84,6 @@ def test_packets_in_any_split_order_and_form_give_the_same_sketch_to_the_bit(see
     assert sketch.stamp_ns == 100
 
 
-def test_photons_that_do_not_fit_the_sensor_are_named():
-    with pytest.raises(InvalidInput, match="^pixel is 24: expected an index below 4 × 6 = 24"):
-        sketch_photons(PhotonEvents(np.array([24], np.uint32), np.zeros(1, np.uint16)), SENSOR, FREQUENCIES)
-    with pytest.raises(InvalidInput, match="^sensor.gates is missing"):
-        sketch_photons(PhotonGates(np.full((1, 4, 6), 3, np.uint16)), SENSOR.replace(gates=None), FREQUENCIES)
-
-
 def test_bins_of_crosstalk_are_left_out_as_its_noise_would_be_a_surface():
     """400 photons of it a pixel beside 20 of a plane and as many of background; a uniform background adds nothing."""
     irf, num_bins = np.exp(-0.5 * ((np.arange(9) - 4) / 1.5) ** 2), 128
@@ -169,20 +162,12 @@ def make(rows=2, cols=3, frequencies=(1, 4), seed=0, stamp_ns=0, **changes) -> P
         ({"frequencies": (1, 5)}, r"frequencies is \(1, 5\): expected the same as \(1, 4\)"),
         ({"rows": 1}, r"Cannot add sketches of different sensors \(rows 2 and 1\)\."),
         ({"bin_width_s": 1e-9}, r"Cannot add sketches of different sensors \(bin_width_s 1e-10 and 1e-09\)\."))),
-    *((lambda sums=sums, photons=photons: PhaseSums((1, 4), np.zeros(sums, np.complex64), np.zeros(photons, np.uint32),
-                                                    sensor=small(2, 3)), said) for sums, photons, said in (
-        ((2, 3, 3), (2, 3), "sums shape"), ((6, 2), (2, 3), "sums is"), ((2, 3, 2), (3, 2), "photons shape"),
-        ((3, 2, 2), (2, 3), "sums shape")))])
+    (lambda: replace(make(), frequencies=(1, 2, 3)), "sums shape"),
+    (lambda: replace(make(), before=np.ones((3, 2), np.uint32)), "before shape"),
+    (lambda: replace(make(), exposure=np.ones(6, np.float32)), "exposure shape")])
 def test_what_cannot_be_used_is_refused(call, said):
     with pytest.raises(InvalidInput, match=f"^{said}"):
         call()
-
-
-@pytest.mark.parametrize(("num_bins", "most"), [(2, 1), (100, 49), (101, 50)])
-def test_the_highest_frequency_has_more_than_two_bins_a_turn(num_bins, most):
-    assert check_frequencies([most], num_bins) == (most,)
-    with pytest.raises(InvalidInput, match=f"from 1 to {most} "):
-        check_frequencies([most + 1], num_bins)
 
 
 def test_z_is_the_mean_and_sketches_add_with_their_cycles_and_the_earliest_stamp():
@@ -201,6 +186,12 @@ def test_z_is_the_mean_and_sketches_add_with_their_cycles_and_the_earliest_stamp
     assert (known + gated).cycles == 150 and (gated + gated).before.tolist() == [[2] * 3] * 2
     assert (known + one).cycles == (one + known).cycles == 0
     assert (gated.armed_cycles == 49).all()
+
+
+def test_a_part_has_the_maps_of_its_pixels():
+    maps = np.arange(6, dtype=np.uint32).reshape(2, 3)
+    part = replace(make(), before=maps, exposure=maps.astype(np.float32))[1:, 1:]
+    assert part.before.tolist() == part.exposure.tolist() == [[4, 5]] and part.sensor.shape == (1, 2)
 
 
 def test_sums_of_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean():

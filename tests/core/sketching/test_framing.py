@@ -15,12 +15,11 @@ def frames_of(framing: Framing, stamps) -> tuple[list[list[int]], dict[str, list
     frames, open_frame, dropped = [], [], {}
     for stamp in stamps:
         placed = framing.place(stamp)
-        assert not (placed.ended and placed.forgotten)
-        for ended, into in ((placed.ended, frames), (placed.forgotten, dropped.setdefault("incomplete", []))):
-            if ended:
-                assert ended == (len(open_frame), sum(open_frame))
-                into.append(open_frame)
-                open_frame = []
+        if placed.closed:
+            assert placed.closed == (len(open_frame), sum(open_frame))
+            ends = framing.period_ns or not placed.began_again
+            (frames if ends else dropped.setdefault("incomplete", [])).append(open_frame)
+            open_frame = []
         if placed.late:
             dropped.setdefault("late", []).append(stamp)
             continue

@@ -34,25 +34,21 @@ def gates(word: int, shape=(1, 3, 4)) -> PhotonGates:
     (lambda: PhotonGates(np.zeros((2, 12), np.uint16)), "gates shape is"),
     (lambda: histograms(np.zeros((3, 4, 100)), np.int64), "histograms dtype is"),
     (lambda: histograms(np.zeros((3, 400))), "histograms shape is"),
-    (lambda: events([0, 12], [0, 0]), "pixel is 12: expected an index below 3 × 4 = 12$"),
-    (lambda: events([2**32 - 1, 0, 3], [0] * 3), "pixel is 4294967295: expected an index below 3 × 4 = 12$"),
+    *((lambda last=last: events([0, last, 3], [0] * 3), f"pixel is {last}: expected an index below 3 × 4 = 12$")
+      for last in (12, 2**32 - 1)),
     (lambda: events([0, 1], [0, 100]), r"toa is 100: expected bins in \[0, 100\)$"),
-    (lambda: events([0, 1], [0, 100], np.float32), "toa is 100.0: "),
-    (lambda: events([0, 1], [-0.25, 5], np.float32), "toa is -0.25: "),
-    (lambda: events([0, 1], [3, np.nan], np.float32), "toa is nan: "),
-    (lambda: events([0, 1], [-np.inf, 3], np.float32), "toa is -inf: "),
+    *((lambda toa=toa: events([0, 1], [3, toa], np.float32), f"toa is {toa}: ")
+      for toa in (100.0, -0.25, np.nan, -np.inf)),
     (lambda: gates(110), "gates word is 110: expected 10 to 109, or 5 for no detection$"),
     (lambda: gates(9), "gates word is 9: "), (lambda: gates(10, (1, 4, 3)), r"gates shape is \(1, 4, 3\)"),
     # A word below the first is not wrapped.
     (lambda: PhotonGates(np.ones((1, 2, 3), np.uint16)).to_events(SensorModel(
         2, 3, 65_535, 1e-10, [1.0], gates=GateWords(3, 0))), "gates word is 1: expected 3 to 65535, or 0 for no"),
     (lambda: histograms(np.zeros((3, 4, 99))), r"histograms shape is \(3, 4, 99\): expected .*\(3, 4, 100\)"),
-    (lambda: histograms(np.full((3, 4, 100), np.nan), np.float32), "histograms count is nan: expected"),
-    (lambda: histograms(np.full((3, 4, 100), 1e9), np.float32), "histograms count is 1000000000.0: expected finite"),
-    (lambda: histograms(np.full((3, 4, 100), -1e9), np.int32), "histograms count is -1000000000: expected"),
-    (lambda: histograms(np.full((3, 4, 100), 2**31 - 1), np.int32), ".*at most 4294967296 photons in a pixel"),
-    (lambda: histograms(np.full((3, 4, 100), -1), np.int32).to_events(SENSOR), ".*negative or fractional"),
-    (lambda: histograms(np.full((3, 4, 100), 0.5), np.float32).to_events(SENSOR), ".*negative or fractional")])
+    *((lambda count=count, dtype=dtype: histograms(np.full((3, 4, 100), count), dtype), f"histograms count is {count}")
+      for count, dtype in ((np.nan, np.float32), (1e9, np.float32), (-10**9, np.int32), (2**31 - 1, np.int32))),
+    *((lambda count=count: histograms(np.full((3, 4, 100), count), np.float32).to_events(SENSOR), ".*negative or frac")
+      for count in (-1, 0.5))])
 def test_what_cannot_be_used_is_named(make, said):
     with pytest.raises(InvalidInput, match=f"^{said}"):
         make().check(SENSOR)

@@ -24,7 +24,7 @@ def state(graph, name: str) -> str:
 def test_without_autostart_a_node_waits_for_its_manager_and_works_while_it_is_active(graph, sensor, events):
     node = graph.start("reconstructor", autostart=False).says("unconfigured, as autostart is false")
     sketch = sketch_photons(events, sensor, choose_frequencies("auto", sensor, 10))
-    graph.latched("sketch/sensor").publish(sensor_message.encode(sensor))
+    graph.latched("sketch/sensor").publish(sensor_message.encode_cdr(sensor))
     sketches, clouds = graph.publisher(PointCloud2, "sketch"), graph.collect(PointCloud2, "points")
     points = f"{graph.namespace}/points"
     assert state(graph, "reconstructor") == "unconfigured"
@@ -79,7 +79,7 @@ TABLE = (
     Parameter("layout", "float32", "Which type.", choices=("float32", "int16"), live=True),
     Parameter("list", "auto", "Which ones.", form="auto or integers such as 1,2"),
     Parameter("loop", True, "Again and again."),
-    Parameter("range", "off", "From where to where.", form="off or two numbers", live=True, loose=True),
+    Parameter("range", "off", "From where to where.", form="off or two numbers", live=True),
 )
 names = (f"parameters_{k}" for k in itertools.count())
 
@@ -89,10 +89,10 @@ def declare(ros):
     """Declares TABLE on a new node that was given these overrides; returns (node, parameters)."""
     nodes = []
 
-    def declare(**overrides):
+    def declare(check=lambda values: None, failed=None, **overrides):
         given = [RosParameter(name, value=value) for name, value in overrides.items()]
         nodes.append(Node(next(names), parameter_overrides=given, automatically_declare_parameters_from_overrides=True))
-        return nodes[-1], Parameters(nodes[-1], TABLE)
+        return nodes[-1], Parameters(nodes[-1], TABLE, check, lambda: None, failed)
 
     yield declare
     for node in nodes:
@@ -107,7 +107,7 @@ def test_defaults_and_overrides_of_other_types(declare):
 
 
 @pytest.mark.parametrize("value, text", [(False, "off"), ([3, 40], "3,40"), (7, "7")])
-def test_a_loose_text_may_be_what_yaml_makes_of_it_also_live(declare, value, text):
+def test_a_text_may_be_what_yaml_makes_of_it_also_live(declare, value, text):
     assert declare(range=value)[1]["range"] == text
     node, parameters = declare()
     assert node.set_parameters([RosParameter("range", value=value)])[0].successful and parameters["range"] == text
@@ -137,7 +137,6 @@ def test_a_bad_value_is_one_line_that_names_it(declare, name, value, line):
 
 
 def test_a_check_that_fails_by_a_mistake_of_ours_refuses_the_value_and_is_reported(declare):
-    node, parameters = declare()
-    parameters.on_check, parameters.on_failure = lambda values: 1 / 0, (failures := []).append
+    node, _ = declare(check=lambda values: 1 / 0, failed=(failures := []).append)
     result, = node.set_parameters([RosParameter("rate_hz", value=1.0)])
     assert not result.successful and "ZeroDivisionError" in result.reason and len(failures) == 1

@@ -6,12 +6,12 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import PointCloud2
 
-from srt3d_ros.messages.cdr import CloudMessage, Header, write_cloud
+from srt3d_ros.messages.cdr import CloudMessage, Header
 
 PROBE = """
 import sys, time
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages.cdr import read_cloud
+from srt3d_ros.messages.cdr import CloudMessage
 from srt3d_ros.nodes.common.managed_node import ManagedNode
 from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.topics import NodeSpec, Topic
@@ -31,7 +31,7 @@ class ProbeNode(ManagedNode):
     def activate(self):
         self.subscribe(IN, self.on_message)
     def on_message(self, raw):
-        cloud = read_cloud(raw)
+        cloud = CloudMessage.read(raw)
         if cloud.width == RESUBSCRIBE:
             sys.setswitchinterval(1e-5)     # to meet the race often
             for _ in range(500):
@@ -51,7 +51,7 @@ sys.exit(run(ProbeNode))
 
 
 def message(width: int) -> bytes:
-    return write_cloud(CloudMessage(Header(10**18, "x"), 1, width, (), False, 0, 0, memoryview(b""), True))
+    return CloudMessage(Header(10**18, "x"), 1, width, (), False, 0, 0, memoryview(b""), True).write()
 
 
 @pytest.fixture

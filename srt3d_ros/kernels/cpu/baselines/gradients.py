@@ -9,11 +9,11 @@ import numpy as np
 from numba import float32, int64, prange
 
 from srt3d_ros.kernels import constants, maps
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO
-from srt3d_ros.kernels.cpu.compiling import each_row, floats1d, floats2d, floats3d, inline, line, parallel
-from srt3d_ros.kernels.cpu.method.frame import Frame, columns
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO
+from srt3d_ros.kernels.cpu.compiling import each, floats1d, floats2d, floats3d, inline, line, parallel
+from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.sketches import others_removed
-from srt3d_ros.kernels.cpu.vectors import floor, full, lanes_of, load, store, to_cell, where
+from srt3d_ros.kernels.cpu.vectors import floor, full, lanes_of, to_cell, where
 from srt3d_ros.kernels.maps import MARGIN
 
 RATE = F32(constants.INTENSITY_RATE)
@@ -22,15 +22,15 @@ RATE = F32(constants.INTENSITY_RATE)
 @inline
 def _step_at(table, level, row, l):
     """a of a row of the table, at each pixel's level."""
-    return load(table, level, row, l) if len(table) > 1 else full(table[0, row, l])
+    return table[level, row, l] if len(table) > 1 else full(table[0, row, l])
 
 
 @line
 def _errors(i, k, j, frame, table, depth, intensity):
     """Δ_rt and Δ_r."""
-    gives, last = load(frame.exposure, i, j) * load(intensity, i, k, j), len(table) - 1
-    level = to_cell(min(gives / max(load(frame.counts, i, j), ONE), ONE) * last + HALF, last)
-    shift = change = full(ZERO)
+    gives, last = frame.exposure[i, j] * intensity[i, k, j], len(table) - 1
+    level = to_cell(min(gives / max(frame.counts[i, j], 1), 1) * last + 0.5, last)
+    shift = change = full(0.0)
     for l in range(len(frame.energy)):
         re, im = others_removed(i, k, j, l, frame, depth, intensity)
         re -= gives * frame.energy[l]
@@ -39,25 +39,23 @@ def _errors(i, k, j, frame, table, depth, intensity):
     return shift, change
 
 
-@each_row
-def _pixelwise(i, frame: Frame, table: floats3d, rate: float32, usual: float32, faintest: float32, depth: floats3d,
+@each
+def _pixelwise(i, j, frame: Frame, table: floats3d, rate: float32, usual: float32, faintest: float32, depth: floats3d,
                intensity: floats3d, new_depth: floats3d, new_intensity: floats3d):
-    for j in columns(depth):
-        for k in range(depth.shape[1]):
-            t, r = load(depth, i, k, j), load(intensity, i, k, j)
-            there = r > ZERO
-            if lanes_of(there):
-                shift, change = _errors(i, k, j, frame, table, depth, intensity)
-                seen = max(load(frame.exposure, i, j), TINY)
-                grown = r + RATE * change / seen
-                signal = max(r, grown) * seen
-                least = max(signal, usual * seen)
-                move = rate * shift * signal / (least * least + TINY)
-                moved = t + min(max(move, -frame.resolution), frame.resolution)
-                t = where(there, moved - frame.period * floor(moved / frame.period), t)
-                r = where(there, max(grown, ZERO), r)
-            store(new_depth, i, k, j, t)
-            store(new_intensity, i, k, j, where(r >= faintest, r, ZERO))
+    for k in range(depth.shape[1]):
+        t, r = depth[i, k, j], intensity[i, k, j]
+        there = r > 0
+        if lanes_of(there):
+            shift, change = _errors(i, k, j, frame, table, depth, intensity)
+            seen = max(frame.exposure[i, j], TINY)
+            grown = r + RATE * change / seen
+            signal = max(r, grown) * seen
+            least = max(signal, usual * seen)
+            move = rate * shift * signal / (least * least + TINY)
+            moved = t + min(max(move, -frame.resolution), frame.resolution)
+            t = where(there, moved - frame.period * floor(moved / frame.period), t)
+            r = where(there, max(grown, 0), r)
+        new_depth[i, k, j], new_intensity[i, k, j] = t, where(r >= faintest, r, 0)
 
 
 def pixelwise(frame, table, rate, usual, depth, intensity, faintest=0.0):

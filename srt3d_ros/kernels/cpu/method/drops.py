@@ -17,264 +17,216 @@ Blobs: points go unless one with score / c(t) of `enough` is within the reach of
 from math import ceil
 
 import numpy as np
-from numba import boolean, float32, prange
+from numba import boolean, float32
 
-from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.constants import HOLE, NEW_RADIUS, REACH, RIM, TRIMMED, VOTE_RADIUS, WINDOWS
-from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, ONE, ZERO
-from srt3d_ros.kernels.cpu.compiling import each_row, floats2d, floats3d, floats4d, inline, line, parallel
-from srt3d_ros.kernels.cpu.method.frame import Frame, columns, is_surface, point_at, terms_at
-from srt3d_ros.kernels.cpu.method.likelihood import LIKENESS, by_bin, llr, noise_at, score_of
-from srt3d_ros.kernels.cpu.vectors import full, lanes_of, load, store, where
-from srt3d_ros.kernels.maps import DEPTH, FIELDS, INTENSITY, LANES, MARGIN, TERMS
+from srt3d_ros.kernels.constants import (
+    EPSILON,
+    HOLE,
+    HOLE_SIDES,
+    LIKENESS,
+    NEW_RADIUS,
+    REACH,
+    RIM,
+    TRIMMED,
+    VOTE_RADIUS,
+    WINDOWS,
+    WRONG_SHAPE,
+)
+from srt3d_ros.kernels.cpu.arithmetic import F32
+from srt3d_ros.kernels.cpu.compiling import each, floats2d, floats3d, floats4d, inline
+from srt3d_ros.kernels.cpu.method.frame import Frame, is_surface, point_at
+from srt3d_ros.kernels.cpu.method.likelihood import by_bin, llr, noise_at, score_of
+from srt3d_ros.kernels.cpu.vectors import full, lanes_of, where
+from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, FIELDS, INTENSITY, TERMS, VALUE
 
-HOLE_SIDES = F32(constants.HOLE_SIDES)
-WRONG_SHAPE = F32(constants.WRONG_SHAPE)
 BLOB_RADIUS = ceil(REACH * WINDOWS[-1].sigma)
+
+
+@inline
+def _write_shown(which, i, j, state, terms, out):
+    """Write v, n and g r of the points of those pixels (i, j) that `which` selects, 0 elsewhere."""
+    response, photons, expected = full(0.0), full(0.0), full(0.0)
+    for k in range(state.shape[1] if lanes_of(which) else 0):
+        intensity = state[i, k, INTENSITY, j]
+        there = which & (intensity > 0)
+        response += where(there, terms[i, k, VALUE, j], 0)
+        photons += where(there, terms[i, k, COUNTS, j], 0)
+        expected += where(there, terms[i, k, EXPOSURE, j] * intensity, 0)
+    out[i, 0, j], out[i, 1, j], out[i, 2, j] = response, photons, expected
 
 
 @inline
 def _around(values, i, c, j, radius):
     """The sums over the squares around pixels."""
-    value = full(ZERO)
+    value = full(0.0)
     for a in range(i - radius, i + radius + 1):
-        for b in range(j - radius, j + radius + 1):
-            value += load(values, a, c, b)
+        for b in range(-radius, radius + 1):
+            value += values[a, c, j + b]
     return value
 
 
 @inline
-def _write_shown(which, i, j, state, terms, out):
-    """Write v, n and g r of the points of those pixels (i, j …) that `which` selects, 0 elsewhere."""
-    response, photons, expected = full(ZERO), full(ZERO), full(ZERO)
-    if lanes_of(which):
-        for k in range(state.shape[1]):
-            intensity, term = load(state, i, k, INTENSITY, j), terms_at(terms, i, k, j)
-            there = which & (intensity > ZERO)
-            response += where(there, term.value, ZERO)
-            photons += where(there, term.counts, ZERO)
-            expected += where(there, term.exposure * intensity, ZERO)
-    store(out, i, 0, j, response)
-    store(out, i, 1, j, photons)
-    store(out, i, 2, j, expected)
-
-
-@line
 def _refused(i, j, radius, likeness, frame, shown):
     """Pixels whose photons, summed over a square, speak against a surface; and response and number of these photons."""
     response, photons = _around(shown, i, 0, j, radius), _around(shown, i, 1, j, radius)
     expected = _around(shown, i, 2, j, radius)
-    return llr(response, photons, expected, likeness, frame) < ZERO, response, photons
+    return llr(response, photons, expected, likeness, frame) < 0, response, photons
 
 
 # ---- Growth
 
-@line
-def _find_new(i, state, terms, had, new, stays):
-    """Write v, n and g r of the new pixels of a row, and 1 where there are points; whether any are new."""
-    found = False
-    for j in columns(state):
-        there = full(False)
-        for k in range(state.shape[1]):
-            there |= load(state, i, k, INTENSITY, j) > ZERO
-        is_new = there & (load(had, i, j) == ZERO)
-        _write_shown(is_new, i, j, state, terms, new)
-        store(stays, i, 0, j, where(there, ONE, ZERO))
-        found |= lanes_of(is_new) > 0
-    return found
+def _find_new(i, j, terms: floats4d, had: floats2d, new: floats3d, stays: floats2d, state: floats4d):
+    """Write v, n and g r of new pixels, and 1 where there are points."""
+    there = full(False)
+    for k in range(state.shape[1]):
+        there |= state[i, k, INTENSITY, j] > 0
+    _write_shown(there & (had[i, j] == 0), i, j, state, terms, new)
+    stays[i, j] = where(there, 1, 0)
 
 
-@line
-def _judge_new(i, frame, new, stays):
-    """Write 0 where nothing shows a new pixel of the row."""
-    for j in columns(new):
-        goes = load(new, i, 2, j) > ZERO
+def _judge_new(i, j, frame: Frame, new: floats3d, stays: floats2d):
+    """Write 0 where nothing shows a new pixel."""
+    goes = new[i, 2, j] > 0
+    if lanes_of(goes):
+        goes &= _refused(i, j, 0, LIKENESS, frame, new)[0]
         if lanes_of(goes):
-            goes &= _refused(i, j, 0, LIKENESS, frame, new)[0]
-            if lanes_of(goes):
-                goes &= _refused(i, j, NEW_RADIUS, LIKENESS, frame, new)[0]
-                store(stays, i, 0, j, where(goes, ZERO, load(stays, i, 0, j)))
+            goes &= _refused(i, j, NEW_RADIUS, LIKENESS, frame, new)[0]
+            stays[i, j] = where(goes, 0, stays[i, j])
 
 
-@line
-def _remove_new(i, new, stays, state, terms):
+def _remove_new(i, j, terms: floats4d, new: floats3d, stays: floats2d, state: floats4d):
     """Remove the points of new pixels that nothing shows and that are no holes."""
-    for j in columns(state):
-        goes = (load(new, i, 2, j) > ZERO) & (load(stays, i, 0, j) == ZERO)
-        if lanes_of(goes):
-            sides = full(ZERO)
-            for down, right in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-                side = full(ZERO)
-                for distance in range(1, HOLE + 1):
-                    side = max(side, load(stays, i + distance * down, 0, j + distance * right))
-                sides += side
-            goes &= sides < HOLE_SIDES
-            for k in range(state.shape[1]):
-                store(state, i, k, INTENSITY, j, where(goes, ZERO, load(state, i, k, INTENSITY, j)))
-                for f in range(TERMS):
-                    store(terms, i, k, f, j, where(goes, ZERO, load(terms, i, k, f, j)))
+    goes = (new[i, 2, j] > 0) & (stays[i, j] == 0)
+    if lanes_of(goes):
+        sides = full(0.0)
+        for down, right in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+            side = full(0.0)
+            for distance in range(1, HOLE + 1):
+                side = max(side, stays[i + distance * down, j + distance * right])
+            sides += side
+        goes &= sides < HOLE_SIDES
+        for k in range(state.shape[1]):
+            state[i, k, INTENSITY, j] = where(goes, 0, state[i, k, INTENSITY, j])
+            for term in range(TERMS):
+                terms[i, k, term, j] = where(goes, 0, terms[i, k, term, j])
 
 
-@parallel
-def _refuse(frame: Frame, state: floats4d, terms: floats4d, had: floats2d, new: floats3d, stays: floats3d,
-            found: boolean[::1]):
-    for i in prange(MARGIN, len(state) - MARGIN):
-        found[i] = _find_new(i, state, terms, had, new, stays)
-    for i in prange(MARGIN, len(state) - MARGIN):
-        if found[i]:
-            _judge_new(i, frame, new, stays)
-    for i in prange(MARGIN, len(state) - MARGIN):
-        if found[i]:
-            _remove_new(i, new, stays, state, terms)
+_refuse_growth = each(_find_new, _judge_new, _remove_new)
 
 
-def refuse_growth(work, frame, state, terms):
-    """Remove the points that the change since `work.had`, and their terms, should not have made, in place."""
-    _refuse(frame, state, terms, work.had, work.rim, work.blank, np.zeros(len(state), np.bool_))
+def refuse_growth(work, frame, state, terms, had):
+    """Remove the points of pixels that `had` none, and their terms, that nothing shows, in place."""
+    _refuse_growth(terms, had, work.map("new", 3), work.map("stays"), state, frame)
 
 
 # ---- Ghosts
 
-@line
-def _judge_surfaces(i, frame, state, kept, stale):
-    """Write the intensities of a row's points, 0 for ghosts, and which vectors have any."""
-    for j in columns(state):
-        further = full(False)
-        for k in range(1, state.shape[1]):
-            further |= load(state, i, k, INTENSITY, j) > ZERO
-        stale[i, j // LANES] = False
-        if lanes_of(further) == 0:
-            continue
-        light = load(frame.counts, i, j) / max(load(frame.exposure, i, j), EPSILON)
-        for k in range(state.shape[1]):
-            own, depth = load(state, i, k, INTENSITY, j), load(state, i, k, DEPTH, j)
-            stronger, shown = full(ZERO), own
-            for o in range(state.shape[1]):
-                if o != k:
-                    other = load(state, i, o, INTENSITY, j)
-                    is_stronger = (other > own) | ((other == own) & (o < k))
-                    is_stronger &= other > ZERO
-                    stronger += where(is_stronger, other, ZERO)
-                    shown *= where(is_stronger, by_bin(frame.unlike, depth - load(state, i, o, DEPTH, j)), ONE)
-            ghost = (own > ZERO) & (shown < WRONG_SHAPE * min(stronger, light))
-            stale[i, j // LANES] |= lanes_of(ghost) > 0
-            store(kept, i, k, j, where(ghost, ZERO, own))
+def _find_ghosts(i, j, frame: Frame, kept: floats3d, stale: floats2d, state: floats4d):
+    """Write the intensities of points, 0 for ghosts, and 1 where a pixel has any."""
+    further, has_ghost = full(False), full(False)
+    for k in range(1, state.shape[1]):
+        further |= state[i, k, INTENSITY, j] > 0
+    for k in range(state.shape[1] if lanes_of(further) else 0):
+        own, depth = state[i, k, INTENSITY, j], state[i, k, DEPTH, j]
+        stronger, shown = full(0.0), own
+        for o in range(state.shape[1]):
+            if o != k:
+                other = state[i, o, INTENSITY, j]
+                is_stronger = ((other > own) | ((other == own) & (o < k))) & (other > 0)
+                stronger += where(is_stronger, other, 0)
+                shown *= where(is_stronger, by_bin(frame.unlike, depth - state[i, o, DEPTH, j]), 1)
+        light = frame.counts[i, j] / max(frame.exposure[i, j], EPSILON)
+        ghost = (own > 0) & (shown < WRONG_SHAPE * min(stronger, light))
+        has_ghost |= ghost
+        kept[i, k, j] = where(ghost, 0, own)
+    stale[i, j] = where(has_ghost, 1, 0)
 
 
-@line
-def _move_up(i, kept, stale, state):
+def _move_up(i, j, kept: floats3d, stale: floats2d, state: floats4d):
     """Take the intensities that are kept, and move surfaces down into gaps."""
-    for j in columns(state):
-        if not stale[i, j // LANES]:
-            continue
+    if lanes_of(stale[i, j] > 0):
         for k in range(state.shape[1]):
-            store(state, i, k, INTENSITY, j, load(kept, i, k, j))
+            state[i, k, INTENSITY, j] = kept[i, k, j]
         for last in range(state.shape[1] - 1, 0, -1):
             for k in range(last):
-                gap = (load(state, i, k, INTENSITY, j) <= ZERO) & (load(state, i, k + 1, INTENSITY, j) > ZERO)
-                if lanes_of(gap) != 0:
-                    for f in range(FIELDS):
-                        low, high = load(state, i, k, f, j), load(state, i, k + 1, f, j)
-                        store(state, i, k, f, j, where(gap, high, low))
-                        store(state, i, k + 1, f, j, where(gap, low, high))
+                gap = (state[i, k, INTENSITY, j] <= 0) & (state[i, k + 1, INTENSITY, j] > 0)
+                for f in range(FIELDS if lanes_of(gap) else 0):
+                    low, high = state[i, k, f, j], state[i, k + 1, f, j]
+                    state[i, k, f, j], state[i, k + 1, f, j] = where(gap, high, low), where(gap, low, high)
 
 
-@each_row
-def _drop_ghosts(i, frame: Frame, kept: floats3d, stale: boolean[:, ::1], state: floats4d):
-    _judge_surfaces(i, frame, state, kept, stale)
-    _move_up(i, kept, stale, state)
+_drop_ghosts = each(_find_ghosts, _move_up)
 
 
 def drop_ghosts(work, frame, state):
-    """`work.stale` says which vectors of pixels have lost some."""
+    """Afterwards, the map "stale" has 1 where a pixel has lost some."""
     if state.shape[1] > 1:
-        _drop_ghosts(frame, work.ratios, work.stale, state)
+        _drop_ghosts(frame, work.map("kept", work.surfaces), work.map("stale"), state)
 
 
 # ---- Outlines
 
-@line
-def _find_blank(i, frame, state, blank):
+def _find_blank(i, j, frame: Frame, blank: floats3d, state: floats4d):
     """Write 1 where a used pixel has no surface, else 0."""
-    for j in columns(state):
-        is_blank = load(frame.exposure, i, j) > ZERO
+    is_blank = frame.exposure[i, j] > 0
+    for k in range(state.shape[1]):
+        is_blank &= ~is_surface(point_at(state, i, k, j), frame)
+    blank[i, 0, j] = where(is_blank, 1, 0)
+
+
+def _find_rim(i, j, blank: floats3d, terms: floats4d, rim: floats3d, state: floats4d):
+    _write_shown((blank[i, 0, j] == 0) & (_around(blank, i, 0, j, 1) >= RIM), i, j, state, terms, rim)
+
+
+def _drop_rim(i, j, frame: Frame, rim: floats3d, enough: float32, dropped: boolean[::1], state: floats4d):
+    """Remove the points that the rim does not show; `dropped` are the rows that lose some."""
+    at_rim = rim[i, 2, j] > 0
+    if lanes_of(at_rim):
+        refused, response, photons = _refused(i, j, VOTE_RADIUS, 1, frame, rim)
+        score = score_of(response, photons, frame)
         for k in range(state.shape[1]):
-            is_blank &= ~is_surface(point_at(state, i, k, j), frame)
-        store(blank, i, 0, j, where(is_blank, ONE, ZERO))
+            point = point_at(state, i, k, j)
+            goes = at_rim & refused & (point.intensity > 0) & (score <= enough * noise_at(frame, point.depth))
+            state[i, k, INTENSITY, j] = where(goes, 0, point.intensity)
+            if lanes_of(goes):
+                dropped[i] = True
 
 
-@line
-def _drop_rim(i, rim, frame, enough, state):
-    """Remove the points that the rim does not show; whether there are any."""
-    dropped = False
-    for j in columns(state):
-        at_rim = load(rim, i, 2, j) > ZERO
-        if lanes_of(at_rim):
-            refused, response, photons = _refused(i, j, VOTE_RADIUS, ONE, frame, rim)
-            score = score_of(response, photons, frame)
-            for k in range(state.shape[1]):
-                point = point_at(state, i, k, j)
-                goes = at_rim & refused & (point.intensity > ZERO) & (score <= enough * noise_at(frame, point.depth))
-                store(state, i, k, INTENSITY, j, where(goes, ZERO, point.intensity))
-                dropped |= lanes_of(goes) > 0
-    return dropped
-
-
-@parallel
-def _trim(frame: Frame, enough: float32, state: floats4d, terms: floats4d, blank: floats3d, rim: floats3d,
-          dropped: boolean[::1]):
-    """Remove the points of rims once; `dropped` are the rows that lose some."""
-    for i in prange(MARGIN, len(state) - MARGIN):
-        _find_blank(i, frame, state, blank)
-    for i in prange(MARGIN, len(state) - MARGIN):
-        for j in columns(state):
-            at_rim = (load(blank, i, 0, j) == ZERO) & (_around(blank, i, 0, j, 1) >= RIM)
-            _write_shown(at_rim, i, j, state, terms, rim)
-    for i in prange(MARGIN, len(state) - MARGIN):
-        dropped[i] = _drop_rim(i, rim, frame, enough, state)
+_trim = each(_find_blank, _find_rim, _drop_rim)
 
 
 def trim(work, frame, state, terms, enough):
-    dropped = np.zeros(len(state), np.bool_)
+    dropped = np.ones(work.height, np.bool_)
     for _ in range(TRIMMED):
-        _trim(frame, F32(enough), state, terms, work.blank, work.rim, dropped)
-        if not dropped.any():
-            break
+        if dropped.any():
+            dropped[:] = False
+            _trim(frame, work.map("blank", 1), state, terms, work.map("rim", 3), F32(enough), dropped)
 
 
 # ---- Blobs
 
-@line
-def _find_sure(i, frame, state, enough, sure):
+def _find_sure(i, j, frame: Frame, enough: float32, sure: floats2d, state: floats4d):
     """Write 1 where a pixel has a point with a score of `enough`, else 0."""
-    for j in columns(state):
-        is_sure = full(False)
-        for k in range(state.shape[1]):
-            point = point_at(state, i, k, j)
-            is_sure |= (point.intensity > ZERO) & (point.score / noise_at(frame, point.depth) >= enough)
-        store(sure, i, j, where(is_sure, ONE, ZERO))
+    is_sure = full(False)
+    for k in range(state.shape[1]):
+        point = point_at(state, i, k, j)
+        is_sure |= (point.intensity > 0) & (point.score / noise_at(frame, point.depth) >= enough)
+    sure[i, j] = where(is_sure, 1, 0)
 
 
-@line
-def _keep_near(i, sure, state):
+def _keep_near(i, j, sure: floats2d, state: floats4d):
     """Remove points without a sure one around."""
-    for j in columns(state):
-        near, a = load(sure, i, j), i - BLOB_RADIUS
-        while a <= i + BLOB_RADIUS and lanes_of(near == ZERO):
-            for b in range(j - BLOB_RADIUS, j + BLOB_RADIUS + 1):
-                near = max(near, load(sure, a, b))
-            a += 1
-        for k in range(state.shape[1]):
-            store(state, i, k, INTENSITY, j, near * load(state, i, k, INTENSITY, j))
+    near, a = sure[i, j], i - BLOB_RADIUS
+    while a <= i + BLOB_RADIUS and lanes_of(near == 0):
+        for b in range(-BLOB_RADIUS, BLOB_RADIUS + 1):
+            near = max(near, sure[a, j + b])
+        a += 1
+    for k in range(state.shape[1]):
+        state[i, k, INTENSITY, j] = near * state[i, k, INTENSITY, j]
 
 
-@parallel
-def _drop_blobs(frame: Frame, state: floats4d, enough: float32, sure: floats2d):
-    for i in prange(MARGIN, len(state) - MARGIN):
-        _find_sure(i, frame, state, enough, sure)
-    for i in prange(MARGIN, len(state) - MARGIN):
-        _keep_near(i, sure, state)
+_drop_blobs = each(_find_sure, _keep_near)
 
 
 def drop_blobs(work, frame, state, enough):
-    _drop_blobs(frame, state, F32(enough), work.had)
+    _drop_blobs(frame, F32(enough), work.map("sure"), state)

@@ -9,31 +9,20 @@ points. The photons that the points leave are n − g Σ_k r_k; g times their lo
 """
 
 import numpy as np
-from numba import float32, float64, get_num_threads, get_thread_id, int64, prange, uint8, uint16
+from numba import float32
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import LOCAL_SIGMA, RELIEF_SCORE, SAME_SURFACE, WIDE_SCALE
-from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, ONE, TINY, ZERO, wrap
-from srt3d_ros.kernels.cpu.compiling import (
-    each_row,
-    floats1d,
-    floats2d,
-    floats3d,
-    floats4d,
-    inline,
-    line,
-    parallel,
-    read_only,
-)
-from srt3d_ros.kernels.cpu.method.frame import Frame, columns, point_at
+from srt3d_ros.kernels.constants import EPSILON, LOCAL_SIGMA, RELIEF_SCORE, SAME_SURFACE, TINY, WIDE_SCALE
+from srt3d_ros.kernels.cpu.arithmetic import F32, wrap
+from srt3d_ros.kernels.cpu.compiling import each, floats1d, floats2d, floats3d, floats4d, inline
+from srt3d_ros.kernels.cpu.method.frame import Frame, point_at
 from srt3d_ros.kernels.cpu.method.likelihood import noise_at
-from srt3d_ros.kernels.cpu.method.windows import blur_row
-from srt3d_ros.kernels.cpu.vectors import full, load, sqrt, store, where
+from srt3d_ros.kernels.cpu.method.windows import across, sum_down
+from srt3d_ros.kernels.cpu.vectors import ALL, columns, full, sqrt, where
+from srt3d_ros.kernels.cpu.workspace import Workspace
 from srt3d_ros.kernels.maps import DEPTH, GRADIENT, INTENSITY, LANES, MARGIN, SCORE, STD, VALUE
 
-# Of windows; √2, because Σ w² is half Σ w of a Gaussian
-RELIEF_SCORE = F32(RELIEF_SCORE / 2**0.5)
-SAME = F32(SAME_SURFACE**2)
+SHOWN = RELIEF_SCORE / 2**0.5       # RELIEF_SCORE of windows: Σ w² is half Σ w of a Gaussian
 
 
 def drop_weak(state, enough):
@@ -43,36 +32,33 @@ def drop_weak(state, enough):
 @inline
 def _excess(i, k, j, frame, intensity, terms):
     """own − r, and E g."""
-    gain = frame.total_energy * max(load(frame.exposure, i, j), EPSILON)
-    return load(terms, i, k, VALUE, j) / gain - intensity, gain
+    gain = frame.total_energy * max(frame.exposure[i, j], EPSILON)
+    return terms[i, k, VALUE, j] / gain - intensity, gain
 
 
-@line
-def _compare_row(i, frame, state, terms, compared):
+@each
+def _compare(i, j, frame: Frame, terms: floats4d, values: floats3d, state: floats4d):
     """Write (own − r)² and v of each surface, of which s² and the mean of v are made; 0 without a surface."""
     of_signal, of_background = frame.intensity_moments[0], frame.intensity_moments[1]
-    for j in columns(state):
-        for k in range(state.shape[1]):
-            intensity = load(state, i, k, INTENSITY, j)
-            excess, gain = _excess(i, k, j, frame, intensity, terms)
-            signal, there = intensity * max(load(frame.exposure, i, j), EPSILON), intensity > ZERO
-            variance = signal * of_signal + max(load(frame.counts, i, j) - signal, ZERO) * of_background
-            store(compared, i, 2 * k, j, where(there, excess * excess, ZERO))
-            store(compared, i, 2 * k + 1, j, where(there, variance / (gain * gain), ZERO))
+    for k in range(state.shape[1]):
+        intensity = state[i, k, INTENSITY, j]
+        excess, gain = _excess(i, k, j, frame, intensity, terms)
+        signal, there = intensity * max(frame.exposure[i, j], EPSILON), intensity > 0
+        variance = signal * of_signal + max(frame.counts[i, j] - signal, 0) * of_background
+        values[i, 2 * k, j] = where(there, excess * excess, 0)
+        values[i, 2 * k + 1, j] = where(there, variance / (gain * gain), 0)
 
 
 @inline
 def _off(state, i, k, j, point, most, frame):
     """Mean distance of the points beside, above and below from a point's plane, bins, of squares below `most`."""
-    total, number = full(ZERO), full(ZERO)
-    for dy in range(-1, 2):
-        for dx in range(-1, 2):
-            if abs(dx) + abs(dy) == 1:
-                plane = point.depth + F32(dx) * point.slope_col + F32(dy) * point.slope_row
-                e = wrap(load(state, i + dy, k, DEPTH, j + dx) - plane, frame.period)
-                near = (load(state, i + dy, k, INTENSITY, j + dx) > ZERO) & (e * e < most)
-                total, number = total + where(near, e, ZERO), number + where(near, ONE, ZERO)
-    return total / max(number, ONE)
+    total, number = full(0.0), full(0.0)
+    for dy, dx in ((-1, 0), (0, -1), (0, 1), (1, 0)):
+        plane = point.depth + dx * point.slope_col + dy * point.slope_row
+        e = wrap(state[i + dy, k, DEPTH, j + dx] - plane, frame.period)
+        near = (state[i + dy, k, INTENSITY, j + dx] > 0) & (e * e < most)
+        total, number = total + where(near, e, 0), number + where(near, 1, 0)
+    return total / max(number, 1)
 
 
 @inline
@@ -88,165 +74,91 @@ def _alone(signal, counts, frame):
     return _noise(signal, max(counts, signal), frame) / max(signal * signal, TINY)
 
 
-@line
-def _decide_row(i, frame, state, terms, enough, means, points, left, rest, relief):
+@each
+def _decide(i, j, frame: Frame, terms: floats4d, enough: float32, window: floats1d, summed: floats3d,
+            relief: floats3d, left: floats3d, points: floats4d, rest: floats2d, state: floats4d):
     """Write the points but for their std, d, (g r)², d², and the photons left; `rest` has all photons before."""
-    for j in columns(state):
-        light, unexplained = load(frame.exposure, i, j), load(rest, i, j)
-        for k in range(state.shape[1]):
-            point = point_at(state, i, k, j)
-            pooled, (excess, _) = point.intensity, _excess(i, k, j, frame, point.intensity, terms)
-            differ = ONE - min(load(means, 2 * k + 1, j) / max(load(means, 2 * k, j), TINY), ONE)
-            stays = (pooled > ZERO) & (point.score / noise_at(frame, point.depth) > enough)
-            intensity = where(stays, max(pooled + excess * differ, EPSILON * pooled), ZERO)
-            signal, counts, shared = intensity * light, load(frame.counts, i, j), intensity * light * point.std
-            most = min(SAME * _alone(signal, counts, frame), frame.resolution * frame.resolution)
-            own = load(terms, i, k, GRADIENT, j) / frame.curvature - signal * _off(state, i, k, j, point, most, frame)
-            noise = max(_noise(signal, counts, frame) - shared * shared, ZERO)
-            differs = where(stays, own * own - noise, ZERO)
-            unexplained -= signal
-            store(points, i, k, DEPTH, j, point.depth)
-            store(points, i, k, INTENSITY, j, intensity)
-            store(relief, i, 3 * k, j, differs)
-            store(relief, i, 3 * k + 1, j, signal * signal)
-            store(relief, i, 3 * k + 2, j, differs * differs)
-        store(rest, i, j, max(unexplained, ZERO))
-        store(left, i, 0, j, where(light > ZERO, unexplained, ZERO))
-        store(left, i, 1, j, light + EPSILON)
+    light, counts, unexplained = frame.exposure[i, j], frame.counts[i, j], rest[i, j]
+    for k in range(state.shape[1]):
+        point = point_at(state, i, k, j)
+        pooled, (excess, _) = point.intensity, _excess(i, k, j, frame, point.intensity, terms)
+        around, noise = across(summed, i, 2 * k, j, window), across(summed, i, 2 * k + 1, j, window)
+        differ = 1 - min(noise / max(around, TINY), 1)
+        stays = (pooled > 0) & (point.score / noise_at(frame, point.depth) > enough)
+        intensity = where(stays, max(pooled + excess * differ, EPSILON * pooled), 0)
+        signal, shared = intensity * light, intensity * light * point.std
+        most = min(SAME_SURFACE**2 * _alone(signal, counts, frame), frame.resolution * frame.resolution)
+        own = terms[i, k, GRADIENT, j] / frame.curvature - signal * _off(state, i, k, j, point, most, frame)
+        noise = max(_noise(signal, counts, frame) - shared * shared, 0)
+        differs = where(stays, own * own - noise, 0)
+        unexplained -= signal
+        points[i, k, DEPTH, j], points[i, k, INTENSITY, j] = point.depth, intensity
+        for part, value in enumerate((differs, signal * signal, differs * differs)):
+            relief[i, 3 * k + part, j] = value
+    rest[i, j] = max(unexplained, 0)
+    left[i, 0, j], left[i, 1, j] = where(light > 0, unexplained, 0), light + EPSILON
 
 
-@line
-def _relief_row(i, relief, means, tau2, rest):
-    """Write τ² of the windows around points, and sums over the others, of LANES columns each."""
-    differs, gives, squares = full(ZERO), full(ZERO), full(ZERO)
-    for k in range(relief.shape[1] // 3):
+@each
+def _find_relief(i, relief: floats3d, wide: floats1d, summed: floats3d, tau2: floats3d, sums: floats3d):
+    """Write τ² of the windows around points, and sums over the others of a row, of LANES columns each."""
+    differs, gives, squares = full(0.0), full(0.0), full(0.0)
+    for k in range(tau2.shape[1]):
         for j in columns(relief):
-            around = load(means, 3 * k, j)
-            shown = around > RELIEF_SCORE * sqrt(load(means, 3 * k + 2, j))
-            store(tau2, i, k, j, where(shown, around / max(load(means, 3 * k + 1, j), TINY), ZERO))
-            differs += where(shown, ZERO, load(relief, i, 3 * k, j))
-            gives += where(shown, ZERO, load(relief, i, 3 * k + 1, j))
-            squares += where(shown, ZERO, load(relief, i, 3 * k + 2, j))
-    store(rest, i, 0, 0, differs)
-    store(rest, i, 1, 0, gives)
-    store(rest, i, 2, 0, squares)
+            around = across(summed, i, 3 * k, j, wide)
+            shown = around > SHOWN * sqrt(across(summed, i, 3 * k + 2, j, wide))
+            tau2[i, k, j] = where(shown, around / max(across(summed, i, 3 * k + 1, j, wide), TINY), 0)
+            differs += where(shown, 0, relief[i, 3 * k, j])
+            gives += where(shown, 0, relief[i, 3 * k + 1, j])
+            squares += where(shown, 0, relief[i, 3 * k + 2, j])
+    sums[i, 0, ALL], sums[i, 1, ALL], sums[i, 2, ALL] = differs, gives, squares
 
 
-@line
-def _whole(rest):
-    """τ² of all points whose windows show none."""
-    differs, gives, squares = ZERO, ZERO, ZERO
-    for i in range(MARGIN, len(rest) - MARGIN):
-        for lane in range(LANES):
-            differs += rest[i, 0, lane]
-            gives += rest[i, 1, lane]
-            squares += rest[i, 2, lane]
-    return max(differs - squares / max(differs, TINY), ZERO) / max(gives, TINY)
+@each
+def _widen(i, j, frame: Frame, state: floats4d, tau2: floats3d, whole: float32, points: floats4d):
+    """Write √(std² + max(residual², min(τ², V / (g r C)²))); `whole` is τ² of all points whose windows show none."""
+    for k in range(state.shape[1]):
+        point, around = point_at(state, i, k, j), tau2[i, k, j]
+        signal = points[i, k, INTENSITY, j] * frame.exposure[i, j]
+        relief = min(where(around > 0, around, whole), _alone(signal, frame.counts[i, j], frame))
+        std = sqrt(point.std * point.std + max(point.residual * point.residual, relief))
+        points[i, k, STD, j] = min(max(std, EPSILON), frame.period)
 
 
-@line
-def _std_row(i, frame, state, tau2, whole, points):
-    """Write √(std² + max(residual², min(τ², V / (g r C)²)))."""
-    for j in columns(state):
-        light, counts = load(frame.exposure, i, j), load(frame.counts, i, j)
-        for k in range(state.shape[1]):
-            point, around = point_at(state, i, k, j), load(tau2, i, k, j)
-            signal = load(points, i, k, INTENSITY, j) * light
-            relief = min(where(around > ZERO, around, whole), _alone(signal, counts, frame))
-            std = sqrt(point.std * point.std + max(point.residual * point.residual, relief))
-            store(points, i, k, STD, j, min(max(std, EPSILON), frame.period))
-
-
-@parallel
-def _finalise(frame: Frame, state: floats4d, terms: floats4d, enough: float32, weights: floats1d, wide: floats1d,
-              compared: floats3d, means: floats3d, left: floats3d, points: floats4d, rest: floats2d, relief: floats3d,
-              smooth: floats3d):
-    for i in prange(MARGIN, len(state) - MARGIN):
-        _compare_row(i, frame, state, terms, compared)
-    for i in prange(MARGIN, len(state) - MARGIN):
-        own = means[get_thread_id()]
-        blur_row(compared, i, weights, own[-1], own[-2], own)
-        _decide_row(i, frame, state, terms, enough, own, points, left, rest, relief)
-    for i in prange(MARGIN, len(state) - MARGIN):
-        own = means[get_thread_id()]
-        blur_row(relief, i, wide, own[-1], own[-2], own)
-        _relief_row(i, relief, own, compared, smooth)
-    whole = _whole(smooth)
-    for i in prange(MARGIN, len(state) - MARGIN):
-        _std_row(i, frame, state, compared, whole, points)
-
-
-@each_row
-def _background(i, exposure: floats2d, weights: floats1d, left: floats3d, means: floats3d, background: floats2d):
-    """Write g times the mean of the photons left over that of g; masked pixels keep what they have."""
-    own = means[get_thread_id()]
-    blur_row(left, i, weights, own[-1], own[-2], own)
-    for j in columns(exposure):
-        light = load(exposure, i, j)
-        rate = max(load(own, 0, j) / load(own, 1, j), ZERO)
-        store(background, i, j, where(light > ZERO, rate * light, load(background, i, j)))
+@each
+def _spread(i, j, exposure: floats2d, window: floats1d, summed: floats3d, rest: floats2d, out: floats2d):
+    """Write g times the mean of the photons left over that of g; `rest` in masked pixels."""
+    light = exposure[i, j]
+    rate = max(across(summed, i, 0, j, window) / across(summed, i, 1, j, window), 0)
+    out[i, j] = where(light > 0, rate * light, rest[i, j])
 
 
 def finalise(work, frame, photons, state, terms, enough):
-    points, rest, background = work.other_state(state), work.rest, work.background
-    inner, weights, wide = maps.crop(rest, *frame.shape), *map(maps.window_weights, (LOCAL_SIGMA, WIDE_SCALE))
-    inner[:] = photons
-    _finalise(frame, state, terms, F32(enough), weights, wide, work.compared, work.means, work.left, points, rest,
-              work.relief, work.smooth)
-    background[:] = rest
-    _background(frame.exposure, weights, work.left, work.means, background)
-    return points, inner.copy(), maps.crop(background, *frame.shape).copy()
+    window, wide = map(maps.window_weights, (LOCAL_SIGMA, WIDE_SCALE))
+    points, rest, left = work.other_state(state), work.map("rest"), work.map("left", 2)
+    relief, tau2, sums = work.map("relief", 3 * work.surfaces), work.map("τ²", work.surfaces), work.array(
+        "sums", work.height, 3, LANES)
+    maps.crop(rest, *work.shape)[:] = photons
+    compared = work.map("compared", 2 * work.surfaces)
+    _compare(frame, terms, compared, state)
+    _decide(frame, terms, F32(enough), window, sum_down(work, compared, window), relief, left, points, rest, state)
+    _find_relief(relief, wide, sum_down(work, relief, wide), tau2, sums)
+    differs, gives, squares = sums[MARGIN:-MARGIN].swapaxes(0, 1).reshape(3, -1).cumsum(axis=1)[:, -1]
+    whole = max(differs - squares / max(differs, TINY), 0) / max(gives, TINY)
+    _widen(frame, state, tau2, F32(whole), points)
+    return points, maps.crop(rest, *work.shape).copy(), _background(work, frame.exposure, left, rest)
+
+
+def _background(work, exposure, left, rest):
+    window, out = maps.window_weights(LOCAL_SIGMA), work.map("background")
+    _spread(exposure, window, sum_down(work, left, window), rest, out)
+    return maps.crop(out, *work.shape).copy()
 
 
 def background(left, exposure):
-    padded = maps.pad(left.clip(min=0))
-    means = np.zeros((get_num_threads(), 4, padded.shape[1]), np.float32)
-    seen = np.stack([left * (exposure > 0), exposure + EPSILON], axis=2)
-    _background(maps.pad(exposure), maps.window_weights(LOCAL_SIGMA), maps.pad(seen), means, padded)
-    return maps.crop(padded, *left.shape).copy()
+    seen = maps.pad(np.stack([left * (exposure > 0), exposure + EPSILON], axis=2))
+    return _background(Workspace(*left.shape, 1, ()), maps.pad(exposure), seen, maps.pad(left.clip(min=0)))
 
 
 def local_mean(values, used):
     return background(values * used, used)
-
-
-MAP, RAYS = read_only(float32[:, :, :]), read_only(floats3d)
-
-
-@line
-def _rank(intensity, i, k, j):
-    """How many surfaces of the pixel come before surface k: the stronger ones, of equals those with a lower index."""
-    rank = 0
-    for other in range(intensity.shape[1]):
-        more = intensity[i, other, j] - intensity[i, k, j]
-        rank += more > ZERO or (more == ZERO and other < k)
-    return rank
-
-
-@parallel
-def _collect(depth: MAP, intensity: MAP, std: MAP, rays: RAYS, first: int64[::1], scale: float64[::1], row: uint16[::1],
-             col: uint16[::1], rank: uint8[::1], values: floats2d, xyz: floats2d):
-    """Write the points of each row of pixels from place `first` on; `scale` is metres_per_bin, metres, num_bins."""
-    for i in prange(len(intensity)):
-        place = first[i]
-        for j in range(intensity.shape[2]):
-            number = 0
-            for k in range(intensity.shape[1]):
-                if intensity[i, k, j] > ZERO:
-                    at, number = place + _rank(intensity, i, k, j), number + 1
-                    t = depth[i, k, j] if depth[i, k, j] < scale[2] else ZERO       # rounded up to T
-                    row[at], col[at], rank[at] = i, j, at - place
-                    values[0, at], values[1, at], values[2, at] = t, intensity[i, k, j], std[i, k, j]
-                    for axis in range(3):
-                        xyz[at, axis] = rays[i, j, axis] * (t * scale[0] + scale[1])
-            place += number
-
-
-def collect(depth, intensity, std, rays, metres_per_bin, metres, num_bins):
-    of_rows = np.count_nonzero(intensity > 0, axis=(1, 2))
-    ends = np.cumsum(of_rows)
-    row, col, rank = (np.empty(ends[-1], kind) for kind in (np.uint16, np.uint16, np.uint8))
-    values, xyz = np.empty((3, ends[-1]), np.float32), np.empty((ends[-1], 3), np.float32)
-    _collect(depth, intensity, std, rays, ends - of_rows, np.array([metres_per_bin, metres, num_bins], float), row, col,
-             rank, values, xyz)
-    return row, col, rank, values, xyz

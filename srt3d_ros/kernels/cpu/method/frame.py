@@ -1,14 +1,14 @@
-"""What the kernels of a frame read and write: a `MatchedFrame` as compiled code takes it, points and their terms."""
+"""What the kernels of a frame read and write: a `MatchedFrame` as compiled code takes it, and points."""
 
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 from numba import float32
 
-from srt3d_ros.kernels.cpu.arithmetic import F32, ZERO, sincos
+from srt3d_ros.kernels.cpu.arithmetic import F32, sincos
 from srt3d_ros.kernels.cpu.compiling import floats1d, floats2d, floats3d, inline
-from srt3d_ros.kernels.cpu.vectors import floats, full, load, store
-from srt3d_ros.kernels.maps import LANES, MARGIN, MAX_STD
+from srt3d_ros.kernels.cpu.vectors import floats, full
+from srt3d_ros.kernels.maps import MAX_STD
 
 AROUND = tuple((dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dx or dy)      # a pixel's eight neighbours
 
@@ -62,52 +62,17 @@ class Point(NamedTuple):
     residual: floats
 
 
-class Terms(NamedTuple):
-    """Data terms of LANES points, by the terms of `maps`."""
-
-    value: floats
-    gradient: floats
-    curvature: floats
-    squares: floats
-    counts: floats
-    exposure: floats
-
-
-@inline
-def columns(padded):
-    """Where the vectors of a row of a padded map begin."""
-    return range(MARGIN, padded.shape[-1] - MARGIN, LANES)
-
-
 @inline
 def point_at(state, i, k, j):
-    """The points k of the pixels (i, j …); fields that the caller does not use are not read."""
-    return Point(load(state, i, k, 0, j), load(state, i, k, 1, j), load(state, i, k, 2, j), load(state, i, k, 3, j),
-                 load(state, i, k, 4, j), load(state, i, k, 5, j), load(state, i, k, 6, j))
-
-
-@inline
-def terms_at(terms, i, k, j):
-    """The terms k of the pixels (i, j …); those that the caller does not use are not read."""
-    return Terms(load(terms, i, k, 0, j), load(terms, i, k, 1, j), load(terms, i, k, 2, j), load(terms, i, k, 3, j),
-                 load(terms, i, k, 4, j), load(terms, i, k, 5, j))
-
-
-@inline
-def put(terms, i, k, j, values):
-    """Write Terms."""
-    store(terms, i, k, 0, j, values.value)
-    store(terms, i, k, 1, j, values.gradient)
-    store(terms, i, k, 2, j, values.curvature)
-    store(terms, i, k, 3, j, values.squares)
-    store(terms, i, k, 4, j, values.counts)
-    store(terms, i, k, 5, j, values.exposure)
+    """The points k of the pixels (i, j); fields that the caller does not use are not read."""
+    return Point(state[i, k, 0, j], state[i, k, 1, j], state[i, k, 2, j], state[i, k, 3, j],
+                 state[i, k, 4, j], state[i, k, 5, j], state[i, k, 6, j])
 
 
 @inline
 def is_surface(point, frame):
     """Whether there is a surface whose depth is known."""
-    return (point.intensity > ZERO) & (point.std < frame.max_std)
+    return (point.intensity > 0) & (point.std < frame.max_std)
 
 
 @inline
@@ -121,8 +86,8 @@ def without(re, im, l, signal, depth, frame):
 @inline
 def response_at(z, at, depth, frame):
     """R(z, depth) of sketches [2m, …] in the columns `at`."""
-    response, m = full(ZERO), len(frame.bin_frequencies)
+    response, m = full(0.0), len(frame.bin_frequencies)
     for l in range(m):
         sine, cosine = sincos(frame.bin_frequencies[l] * depth)
-        response += load(z, l, at) * cosine + load(z, m + l, at) * sine
+        response += z[l, at] * cosine + z[m + l, at] * sine
     return response

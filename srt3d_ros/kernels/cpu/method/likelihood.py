@@ -7,22 +7,21 @@ within a factor LIKENESS of the expected g r, or its square where the pixel has 
 is at least −DEAD_LIMIT.
 """
 
-from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, ZERO, log
-from srt3d_ros.kernels.cpu.compiling import each_row, floats3d, floats4d, inline
-from srt3d_ros.kernels.cpu.method.frame import Frame, columns
-from srt3d_ros.kernels.cpu.vectors import floor, full, load, rint, sqrt, store, to_cell, to_floats, where
+from srt3d_ros.kernels.constants import DEAD_LIMIT, EPSILON, LIKENESS
+from srt3d_ros.kernels.cpu.arithmetic import F32, log
+from srt3d_ros.kernels.cpu.compiling import each, floats3d, floats4d, inline
+from srt3d_ros.kernels.cpu.method.frame import Frame
+from srt3d_ros.kernels.cpu.vectors import floor, full, rint, sqrt, to_cell, to_floats, where
 from srt3d_ros.kernels.maps import INTENSITY, VALUE
 
-DEAD_LIMIT, LIKENESS = F32(constants.DEAD_LIMIT), F32(constants.LIKENESS)
-SHARED_LIKENESS = LIKENESS * LIKENESS
+SHARED_LIKENESS = LIKENESS**2
 
 
 @inline
 def by_bin(table, depth):
     """The entries [T] of a table at the bins nearest to depths, or to distances, around the circle."""
     bins, bin = F32(len(table)), rint(depth)
-    return load(table, to_cell(bin - bins * floor(bin / bins), bins - ONE))
+    return table[to_cell(bin - bins * floor(bin / bins), bins - 1)]
 
 
 @inline
@@ -35,52 +34,51 @@ def noise_at(frame, depth):
 def evidence(response, photons, squares, frame):
     """The score p / √N · ρ(V₊ / p) of a response V, of p = Σ w n photons with N = Σ w² n, standard deviations."""
     table, last, photons = frame.background_table, F32(len(frame.background_table) - 1), max(photons, EPSILON)
-    at = min(max(response / (photons * frame.max_response), ZERO), ONE) * last
-    low = to_cell(at, last - ONE)
-    before, after = load(table, low), load(table, low + 1)
+    at = min(max(response / (photons * frame.max_response), 0), 1) * last
+    low = to_cell(at, last - 1)
+    before, after = table[low], table[low + 1]
     return photons / sqrt(max(squares, EPSILON)) * (before + (at - to_floats(low)) * (after - before))
 
 
 @inline
 def score_of(response, photons, frame):
     """The score of a pixel's response, as of at least half a photon."""
-    photons = max(photons, HALF)
-    return evidence(max(response, ZERO), photons, photons, frame)
+    photons = max(photons, 0.5)
+    return evidence(max(response, 0), photons, photons, frame)
 
 
 @inline
 def left(photons, explained):
     """The photons of a pixel less those that are explained, at least 1/2; 0 if the pixel has none."""
-    return where(photons > ZERO, max(photons - explained, HALF), ZERO)
+    return where(photons > 0, max(photons - explained, 0.5), 0)
 
 
 @inline
 def llr(response, photons, expected, likeness, frame):
     """ℓ of a response of so many photons, nats, where a surface should give the `expected` ones."""
-    score, seen = score_of(response, photons, frame), max(response, ZERO) / frame.total_energy
+    score, seen = score_of(response, photons, frame), max(response, 0) / frame.total_energy
     likely = min(max(seen, expected / likeness), expected * likeness)
-    deviance = likely - seen + where(seen > ZERO, seen * log(seen / likely), ZERO)
+    deviance = likely - seen + where(seen > 0, seen * log(seen / likely), 0)
     signal = likely * frame.intensity_moments[0]
-    background = max(max(photons, HALF) - likely, ZERO) * frame.intensity_moments[1]
-    ratio = HALF * score * score - deviance * signal / (signal + background)
-    return where(photons > ZERO, ratio, max(ratio, -DEAD_LIMIT))
+    background = max(max(photons, 0.5) - likely, 0) * frame.intensity_moments[1]
+    ratio = 0.5 * score * score - deviance * signal / (signal + background)
+    return where(photons > 0, ratio, max(ratio, -DEAD_LIMIT))
 
 
-@each_row
-def _log_likelihood_ratio(i, frame: Frame, state: floats4d, terms: floats4d, out: floats3d):
-    surfaces = state.shape[1]
-    for j in columns(state):
-        counts, exposure, given = load(frame.counts, i, j), load(frame.exposure, i, j), full(ZERO)
-        for k in range(surfaces):
-            given += load(state, i, k, INTENSITY, j) * exposure
-        for k in range(surfaces):
-            expected = load(state, i, k, INTENSITY, j) * exposure
-            others = given - expected if surfaces > 1 else full(ZERO)
-            likeness = where(others > ZERO, SHARED_LIKENESS, LIKENESS)
-            ratio = llr(load(terms, i, k, VALUE, j), left(counts, others), expected, likeness, frame)
-            store(out, i, k, j, where(expected > ZERO, ratio, ZERO))
+@each
+def _log_likelihood_ratio(i, j, frame: Frame, state: floats4d, terms: floats4d, out: floats3d):
+    counts, exposure, given = frame.counts[i, j], frame.exposure[i, j], full(0.0)
+    for k in range(state.shape[1]):
+        given += state[i, k, INTENSITY, j] * exposure
+    for k in range(state.shape[1]):
+        expected = state[i, k, INTENSITY, j] * exposure
+        others = given - expected if state.shape[1] > 1 else full(0.0)
+        likeness = where(others > 0, SHARED_LIKENESS, LIKENESS)
+        ratio = llr(terms[i, k, VALUE, j], left(counts, others), expected, likeness, frame)
+        out[i, k, j] = where(expected > 0, ratio, 0)
 
 
 def log_likelihood_ratio(work, frame, state, terms):
-    _log_likelihood_ratio(frame, state, terms, work.ratios)
-    return work.ratios
+    ratios = work.map("ratios", work.surfaces)
+    _log_likelihood_ratio(frame, state, terms, ratios)
+    return ratios

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import get_num_threads, get_thread_id, int64
 
-from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO
-from srt3d_ros.kernels.cpu.compiling import each_row, floats3d, inline, line
-from srt3d_ros.kernels.cpu.method.frame import Frame, columns, without
-from srt3d_ros.kernels.cpu.vectors import fma, full, lane_numbers, load, store, to_cell, where
+from srt3d_ros.kernels.constants import EPSILON
+from srt3d_ros.kernels.cpu.compiling import each, floats3d, inline, line
+from srt3d_ros.kernels.cpu.method.frame import Frame, without
+from srt3d_ros.kernels.cpu.vectors import ALL, fma, full, lane_numbers, to_cell, where
 from srt3d_ros.kernels.maps import LANES
 
 
@@ -42,9 +42,9 @@ def steering(frequencies: tuple) -> Steering:
 def _sums(z, waves, pair, first, end):
     """Σ Re z_l cos ω_l t and Σ Im z_l sin ω_l t at both cells of a pair; of one cell at a time it takes longer."""
     m = waves.shape[1]
-    cos, sin, next_cos, next_sin = full(ZERO), full(ZERO), full(ZERO), full(ZERO)
+    cos, sin, next_cos, next_sin = full(0.0), full(0.0), full(0.0), full(0.0)
     for n in range(first, end):
-        re, im = load(z, n, 0), load(z, m + n, 0)
+        re, im = z[n, ALL], z[m + n, ALL]
         cos, next_cos = fma(re, waves[pair, n, 0], cos), fma(re, waves[pair, n, 1], next_cos)
         sin, next_sin = fma(im, waves[pair, n, 2], sin), fma(im, waves[pair, n, 3], next_sin)
     return cos, sin, next_cos, next_sin
@@ -57,10 +57,10 @@ def _store_images(response, cell, half, even, odd):
     There cos ω_l t and sin ω_l t keep their size and change their signs by whether k_l is even or odd.
     """
     (cos, sin), (odd_cos, odd_sin) = even, odd
-    store(response, cell, 0, cos + sin + odd_cos + odd_sin)
-    store(response, half - cell, 0, cos - sin - odd_cos + odd_sin)
-    store(response, half + cell, 0, cos + sin - odd_cos - odd_sin)
-    store(response, 2 * half - cell, 0, cos - sin + odd_cos - odd_sin)
+    response[cell, ALL] = cos + sin + odd_cos + odd_sin
+    response[half - cell, ALL] = cos - sin - odd_cos + odd_sin
+    response[half + cell, ALL] = cos + sin - odd_cos - odd_sin
+    response[2 * half - cell, ALL] = cos - sin + odd_cos - odd_sin
 
 
 @line
@@ -69,40 +69,35 @@ def peaks(z, steering, period, response):
 
     `response` [cells + 1, LANES] is scratch; its last cell is the first one again.
     """
-    waves, cells = steering.waves, F32(steering.cells)
+    waves, cells = steering.waves, np.float32(steering.cells)
     for pair in range(len(waves)):
         a, b, c, d = _sums(z, waves, pair, 0, steering.even)
         e, f, g, h = _sums(z, waves, pair, steering.even, waves.shape[1])
         _store_images(response, 2 * pair, steering.cells // 2, (a, b), (e, f))
         _store_images(response, 2 * pair + 1, steering.cells // 2, (c, d), (g, h))
-    height, top = load(response, 0, 0), full(ZERO)
+    height, top = response[0, ALL], full(0.0)
     for cell in range(1, steering.cells):
-        here = load(response, cell, 0)
-        top, height = where(here > height, F32(cell), top), max(here, height)
-    before = load(response, to_cell(where(top > ZERO, top, cells) - ONE, cells), lane_numbers())
-    after = load(response, to_cell(top + ONE, cells), lane_numbers())
-    bend = before - TWO * height + after
-    shift = where(bend < ZERO, HALF * (before - after) / bend, ZERO)
-    return (top + shift) * (period / cells), height - F32(0.25) * (before - after) * shift
+        here = response[cell, ALL]
+        top, height = where(here > height, cell, top), max(here, height)
+    before = response[to_cell(where(top > 0, top, cells) - 1, cells), lane_numbers()]
+    after = response[to_cell(top + 1, cells), lane_numbers()]
+    bend = before - 2 * height + after
+    shift = where(bend < 0, 0.5 * (before - after) / bend, 0)
+    return (top + shift) * (period / cells), height - 0.25 * (before - after) * shift
 
 
-@each_row
-def _match(i, frame: Frame, steering: Steering, scratch: floats3d, depth: floats3d, intensity: floats3d):
+@each
+def _match(i, j, frame: Frame, steering: Steering, scratch: floats3d, depth: floats3d, intensity: floats3d):
     m, own = len(steering.order), scratch[get_thread_id()]
     z, response = own[:2 * m], own[2 * m:]
-    for col in columns(depth):
+    for n in range(m):
+        z[n, ALL], z[m + n, ALL] = frame.matched[i, steering.order[n], j], frame.matched[i, m + steering.order[n], j]
+    for k in range(depth.shape[1]):
+        place, height = peaks(z, steering, frame.period, response)
+        signal = height / frame.total_energy
+        depth[i, k, j], intensity[i, k, j] = place, signal
         for n in range(m):
-            store(z, n, 0, load(frame.matched, i, steering.order[n], col))
-            store(z, m + n, 0, load(frame.matched, i, m + steering.order[n], col))
-        for k in range(depth.shape[1]):
-            place, height = peaks(z, steering, frame.period, response)
-            signal = height / frame.total_energy
-            store(depth, i, k, col, place)
-            store(intensity, i, k, col, signal)
-            for n in range(m):
-                re, im = without(load(z, n, 0), load(z, m + n, 0), steering.order[n], signal, place, frame)
-                store(z, n, 0, re)
-                store(z, m + n, 0, im)
+            z[n, ALL], z[m + n, ALL] = without(z[n, ALL], z[m + n, ALL], steering.order[n], signal, place, frame)
 
 
 def match(frame, surfaces):

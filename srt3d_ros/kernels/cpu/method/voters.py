@@ -9,21 +9,27 @@ from typing import NamedTuple
 
 import numpy as np
 
-from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.constants import NEAR_SIGMA, VOTE_RADIUS
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, agreement, wrap
+from srt3d_ros.kernels.constants import (
+    EMPTY_VOTES,
+    FEWER_COST,
+    MAX_VOTES,
+    NEAR_SIGMA,
+    TINY,
+    VOTE,
+    VOTE_RADIUS,
+)
+from srt3d_ros.kernels.cpu.arithmetic import agreement, wrap
 from srt3d_ros.kernels.cpu.compiling import inline, line
-from srt3d_ros.kernels.cpu.method.frame import AROUND, columns, is_surface, point_at
-from srt3d_ros.kernels.cpu.vectors import floats, full, lanes_of, load, store, where
+from srt3d_ros.kernels.cpu.method.frame import AROUND, is_surface, point_at
+from srt3d_ros.kernels.cpu.vectors import ALL, columns, first_of, floats, full, lanes_of, where
 from srt3d_ros.kernels.maps import LANES, MARGIN
 
-VOTE, BIRTH_COST, FEWER_COST = F32(constants.VOTE), F32(constants.BIRTH_COST), F32(constants.FEWER_COST)
-MAX_VOTE, EMPTY_VOTE = F32(constants.MAX_VOTES * constants.VOTE), F32(constants.EMPTY_VOTES * constants.VOTE)
+MAX_VOTE, EMPTY_VOTE = MAX_VOTES * VOTE, EMPTY_VOTES * VOTE
 SIDE = 2 * VOTE_RADIUS + 1
 PLACES, MIDDLE = SIDE * SIDE, VOTE_RADIUS * (SIDE + 1)      # of the neighbourhood, row by row; the pixel itself
 ROW, COL = np.indices((SIDE, SIDE)).reshape(2, -1) - VOTE_RADIUS
 NEARNESS = np.exp(-(ROW**2 + COL**2) / (2 * NEAR_SIGMA**2)).astype(np.float32)      # w of each place
-VOTING = np.where(np.arange(PLACES) == MIDDLE, ZERO, NEARNESS)                      # w of its votes: the pixel has none
+VOTING = np.where(np.arange(PLACES) == MIDDLE, 0, NEARNESS)                         # w of its votes: the pixel has none
 
 
 class Voter(NamedTuple):
@@ -43,21 +49,12 @@ class Voter(NamedTuple):
 WEIGHT, SAYS, COUNT = range(6, 9)       # of a voter's fields
 
 
-class Support(NamedTuple):
-    """What the voters say of a candidate: Σ of votes, depth and intensity, and which own surface it is (or −1)."""
-
-    votes: floats
-    depth: floats
-    intensity: floats
-    own: floats
-
-
 @inline
 def voter_at(voters, q):
     """Voter q of the pixels; fields that the caller does not use are not read."""
-    return Voter(load(voters, q, 0, 0), load(voters, q, 1, 0), load(voters, q, 2, 0), load(voters, q, 3, 0),
-                 load(voters, q, 4, 0), load(voters, q, 5, 0), load(voters, q, 6, 0), load(voters, q, 7, 0),
-                 load(voters, q, 8, 0))
+    return Voter(voters[q, 0, ALL], voters[q, 1, ALL], voters[q, 2, ALL], voters[q, 3, ALL],
+                 voters[q, 4, ALL], voters[q, 5, ALL], voters[q, 6, ALL], voters[q, 7, ALL],
+                 voters[q, 8, ALL])
 
 
 @inline
@@ -69,7 +66,7 @@ def _tolerance(point, state, place, max_chi2, frame):
             other = point_at(state, row, o, col)
             there = is_surface(other, frame)
             if lanes_of(there) != 0:
-                half = HALF * wrap(other.depth - point.depth, frame.period)
+                half = wrap(other.depth - point.depth, frame.period) / 2
                 room = where(there, min(room, half * half), room)
     return max_chi2 * point.std * point.std + room
 
@@ -80,31 +77,29 @@ def gather_voters(rows, cols, frame, state, own, max_chi2, voters):
 
     `needed` is for neighbours with photons but no surface; `dark` for those without photons.
     """
-    needed, dark, surfaces, nothing = full(ZERO), full(ZERO), state.shape[1], full(ZERO)
+    needed, dark, surfaces, nothing = full(0.0), full(0.0), state.shape[1], full(0.0)
     for place in range(PLACES):
         dy, dx = place // SIDE - VOTE_RADIUS, place % SIDE - VOTE_RADIUS
-        row, col, count = rows + dy, cols + dx, full(ZERO)
+        row, col, count = rows + dy, cols + dx, full(0.0)
         for k in range(surfaces):
             q, point = place * surfaces + k, point_at(state, row, k, col)
             there = is_surface(point, frame)
             count += where(there, 1, 0)
-            weight = where(there, NEARNESS[place], 0)
-            store(voters, q, WEIGHT, 0, weight)
+            weight = voters[q, WEIGHT, ALL] = where(there, NEARNESS[place], 0)
             if lanes_of(there):
-                depth = point.depth - (point.slope_col * F32(dx) + point.slope_row * F32(dy))
+                depth = point.depth - (point.slope_col * dx + point.slope_row * dy)
                 tolerance = _tolerance(point, state, (row, k, col), max_chi2, frame)
-                says = VOTING[place] * min(max(VOTE + load(own, row, k, col), ZERO), MAX_VOTE)
+                says = VOTING[place] * min(max(VOTE + own[row, k, col], 0), MAX_VOTE)
                 voter = Voter(depth, tolerance, point.intensity, point.slope_col, point.slope_row, point.std, weight,
                               says, nothing)
-                voter = where(there, voter, 0)          # elsewhere no field is valid but the weight
-                for field in range(len(voter)):
-                    store(voters, q, field, 0, voter[field])
-        store(voters, place * surfaces, COUNT, 0, count)
+                for field, value in enumerate(where(there, voter, 0)):      # elsewhere no field is valid but the weight
+                    voters[q, field, ALL] = value
+        voters[place * surfaces, COUNT, ALL] = count
         if lanes_of(count == 0):
             gap = where(count == 0, EMPTY_VOTE * VOTING[place], 0)
-            has_photons = load(frame.counts, row, col) > 0
+            has_photons = frame.counts[row, col] > 0
             needed += where(has_photons, gap, 0)
-            dark += where(~has_photons & (load(frame.exposure, row, col) > 0), gap, 0)
+            dark += where(~has_photons & (frame.exposure[row, col] > 0), gap, 0)
     return needed, dark
 
 
@@ -123,9 +118,9 @@ def agrees(voter, other, period):
 
 @inline
 def support(c, voters, surfaces, period):
-    """What the voters say of candidate c."""
+    """What the voters say of candidate c: Σ of votes, its depth and intensity, and which own surface it is (or −1)."""
     candidate = voter_at(voters, c)
-    votes, weights, shift, intensity = full(ZERO), full(ZERO), full(ZERO), full(ZERO)
+    votes, weights, shift, intensity = full(0.0), full(0.0), full(0.0), full(0.0)
     for q in range(len(voters)):
         voter = voter_at(voters, q)
         if lanes_of(voter.weight > 0):
@@ -137,33 +132,33 @@ def support(c, voters, surfaces, period):
             shift += weight * e
             intensity += weight * voter.intensity
     weights = max(weights, TINY)
-    depth, intensity, own = candidate.depth + shift / weights, intensity / weights, full(-ONE)
+    depth, intensity, own = candidate.depth + shift / weights, intensity / weights, full(-1.0)
     for k in range(surfaces):
         voter = voter_at(voters, MIDDLE * surfaces + k)
         is_own = agrees(voter, candidate, period) & (voter.weight > 0)
-        own, depth = where(is_own, F32(k), own), where(is_own, voter.depth, depth)
+        own, depth = where(is_own, k, own), where(is_own, voter.depth, depth)
         intensity = where(is_own, voter.intensity, intensity)
-    return Support(votes, depth, intensity, own)
+    return votes, depth, intensity, own
 
 
 @line
 def speak_against(k, voters, surfaces):
     """Σ of what neighbours with surfaces, but no more than k, cost a further one; they then vote for what they show."""
-    against = full(ZERO)
+    against = full(0.0)
     for place in range(PLACES):
-        count, cost = load(voters, place * surfaces, COUNT, 0), FEWER_COST * VOTING[place]
-        fewer = count <= F32(k)
+        count, cost = voters[place * surfaces, COUNT, ALL], FEWER_COST * VOTING[place]
+        fewer = count <= k
         against += where(fewer & (count > 0), cost, 0)
         for q in range(place * surfaces, (place + 1) * surfaces):
             voter = voter_at(voters, q)
-            store(voters, q, SAYS, 0, where(fewer, where(voter.weight > 0, cost, 0), voter.says))
+            voters[q, SAYS, ALL] = where(fewer, where(voter.weight > 0, cost, 0), voter.says)
     return against
 
 
 @line
 def mean_of(candidate, voters, period):
     """Means of slopes and std of the voters that agree with the candidates, weighted by w a."""
-    weights, slope_col, slope_row, std = full(TINY), full(ZERO), full(ZERO), full(ZERO)
+    weights, slope_col, slope_row, std = full(TINY), full(0.0), full(0.0), full(0.0)
     for q in range(len(voters)):
         voter = voter_at(voters, q)
         e, tolerance = _apart(voter, candidate, period)
@@ -180,7 +175,7 @@ def _is_unknown(state, row, q, col, offset, max_chi2, frame):
     """Whether the neighbours' surfaces q agree with none of the pixels' own; and whether there are any."""
     (dy, dx), other = offset, point_at(state, row + offset[0], q, col + offset[1])
     there = unknown = is_surface(other, frame)
-    depth = other.depth - (other.slope_col * F32(dx) + other.slope_row * F32(dy))
+    depth = other.depth - (other.slope_col * dx + other.slope_row * dy)
     tolerance = _tolerance(other, state, (row + dy, q, col + dx), max_chi2, frame)
     for k in range(state.shape[1]):
         own = point_at(state, row, k, col)
@@ -190,51 +185,37 @@ def _is_unknown(state, row, q, col, offset, max_chi2, frame):
 
 
 @line
-def _undecided(state, row, col, max_chi2, frame, grows):
-    """In which of the pixels from (row, col) on there is something to decide, as bits."""
-    surfaces, had = state.shape[1], full(ZERO)
+def undecided(i, j, state, max_chi2, frame, grows):
+    """In which used pixels there is something to decide; if surfaces grow (`grows`), with fewer than K surfaces."""
+    surfaces, had, something = state.shape[1], full(0.0), full(False)
     for k in range(surfaces):
-        had += where(is_surface(point_at(state, row, k, col), frame), 1, 0)
-    undecided, may_grow = full(False), had < F32(surfaces)
-    if grows and lanes_of(may_grow) == 0:
-        return 0
-    for offset in AROUND:
-        around = full(ZERO)
-        for q in range(surfaces):
-            unknown, there = _is_unknown(state, row, q, col, offset, max_chi2, frame)
-            around += where(there, 1, 0)
-            undecided |= unknown
-        undecided |= (around > 0) & (around < had)
-    undecided &= load(frame.exposure, row, col) > 0
-    return lanes_of(undecided & may_grow if grows else undecided)
+        had += where(is_surface(point_at(state, i, k, j), frame), 1, 0)
+    used = frame.exposure[i, j] > 0
+    if grows:
+        used &= had < surfaces
+    if lanes_of(used):
+        for offset in AROUND:
+            around = full(0.0)
+            for q in range(surfaces):
+                unknown, there = _is_unknown(state, i, q, j, offset, max_chi2, frame)
+                around += where(there, 1, 0)
+                something |= unknown
+            something |= (around > 0) & (around < had)
+    return something & used
 
 
 @line
-def list_row(row, frame, state, max_chi2, near, grows, cols):
-    """Write the columns of a row's used pixels that have something to decide; returns how many they are.
-
-    Only pixels near a change, where `near` is 1; if surfaces grow (`grows`), with fewer than K surfaces.
-    """
+def list_pixels(chosen, listed):
+    """List rows and columns of the pixels with 1; the last one fills a vector. Returns how many vectors there are."""
     found = 0
-    for first in columns(state):
-        close = lanes_of(load(near, row, first) > 0)
-        if close != 0:
-            close &= _undecided(state, row, first, max_chi2, frame, grows)
-            for x in range(LANES):
-                if close >> x & 1:
-                    cols[found] = first + x
+    for i in range(MARGIN, len(chosen) - MARGIN):
+        for j in columns(chosen):
+            lanes = lanes_of(chosen[i, j] > 0)
+            for x in range(LANES if lanes else 0):
+                if lanes >> x & 1:
+                    listed[0, found], listed[1, found] = i, first_of(j) + x
                     found += 1
-    return found
-
-
-@line
-def join_rows(cols, number, pixels):
-    """Join the lists of the rows; repeat the last pixel up to whole vectors. Returns how many there are."""
-    found = 0
-    for i in range(MARGIN, len(cols) - MARGIN):
-        for n in range(number[i]):
-            pixels[0, found], pixels[1, found] = i, cols[i, n]
-            found += 1
-    for n in range(found, found + -found % LANES):
-        pixels[0, n], pixels[1, n] = pixels[0, found - 1], pixels[1, found - 1]
-    return found
+    vectors = -(-found // LANES)
+    for n in range(found, vectors * LANES):
+        listed[0, n], listed[1, n] = listed[0, found - 1], listed[1, found - 1]
+    return vectors

@@ -1,4 +1,4 @@
-"""Sums over cells of pixels, and Gaussian sums Σ_ab w_a w_b · values[i + a, c, j + b]: over rows, then columns.
+"""Sums over cells of pixels, and Gaussian sums Σ_ab w_a w_b · values[i + a, c, j + b]: `down` the rows, then `across`.
 
 Maps are padded (`kernels.maps`), so that windows need no bounds checks.
 
@@ -11,13 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from srt3d_ros.kernels.cpu.arithmetic import F32, ZERO
-from srt3d_ros.kernels.cpu.compiling import floats3d, inline, line
-from srt3d_ros.kernels.cpu.method.frame import columns
-from srt3d_ros.kernels.cpu.vectors import fma, full, lane_numbers, lanes_of, load, sqrt, store
+from srt3d_ros.kernels.cpu.compiling import each, floats1d, floats3d, inline, line
+from srt3d_ros.kernels.cpu.vectors import columns, first_of, fma, full, lane_numbers, lanes_of, span, sqrt
 from srt3d_ros.kernels.maps import LANES, MARGIN
 
-NEVER = F32(np.inf)         # a score that no cell reaches
+NEVER = np.inf        # a score that no cell reaches
 SLANTS = 3                  # falling, flat and rising
 DOWN, RIGHT = (1, 0), (0, 1)
 
@@ -35,13 +33,13 @@ class Cells(NamedTuple):
 def _sums(values, wanted, c, row, first, right, step, total):
     """The sums over the wanted pixels of LANES cells, from (row, first) on: of rows, then of columns."""
     for part in range(step):
-        j, value = first + part * LANES, full(ZERO)
+        j, value = first + part * LANES, full(0.0)
         for i in range(row, row + step if j < right else row):      # nothing is beyond the image
-            value = fma(load(values, i, c, j), load(wanted, i, 0, j), value)
-        store(total, part * LANES, value)
-    value = full(ZERO)
+            value = fma(values[i, c, span(j)], wanted[i, 0, span(j)], value)
+        total[span(part * LANES)] = value
+    value = full(0.0)
     for b in range(step):
-        value += load(total, lane_numbers() * step + b)
+        value += total[lane_numbers() * step + b]
     return value
 
 
@@ -53,43 +51,68 @@ def bin_row(row, step, pixels, cells, total):
     """
     first_row, right = (row - MARGIN) * step + MARGIN, pixels.wanted.shape[2] - MARGIN
     for col in columns(cells.wanted):
-        first, number = (col - MARGIN) * step + MARGIN, load(cells.wanted, row, 0, col)
+        first, number = (first_of(col) - MARGIN) * step + MARGIN, cells.wanted[row, 0, col]
         for i in range(first_row, first_row + step):
             for j in range(first, min(first + step * LANES, right), LANES):
-                number += load(pixels.wanted, i, 0, j)
-        if lanes_of(number > ZERO) == 0:
+                number += pixels.wanted[i, 0, span(j)]
+        if lanes_of(number > 0) == 0:
             continue
         for values, out in zip(pixels, cells):
             for c in range(values.shape[1]):        # known steps make fast code
                 value = (_sums(values, pixels.wanted, c, first_row, first, right, 1, total) if step == 1 else
                          _sums(values, pixels.wanted, c, first_row, first, right, 2, total) if step == 2 else
                          _sums(values, pixels.wanted, c, first_row, first, right, step, total))
-                store(out, row, c, col, value)
+                out[row, c, col] = value
+
+
+@inline
+def down(values, i, c, j, weights):
+    """Σ_a w_a · values[i + a, c, j]."""
+    value, first = full(0.0), i - len(weights) // 2
+    for tap in range(len(weights)):
+        value = fma(values[first + tap, c, j], weights[tap], value)
+    return value
+
+
+@inline
+def across(values, i, c, j, weights):
+    """Σ_b w_b · values[i, c, j + b]."""
+    value, first = full(0.0), j - len(weights) // 2
+    for tap in range(len(weights)):
+        value = fma(values[i, c, first + tap], weights[tap], value)
+    return value
+
+
+@each
+def _sum_down(i, values: floats3d, window: floats1d, summed: floats3d):
+    for c in range(values.shape[1]):        # one by one: their rows stay in the cache
+        for j in columns(values):
+            summed[i, c, j] = down(values, i, c, j, window)
+
+
+def sum_down(work, values, window):
+    """The sums over rows of all channels, for `across`; valid until the next ones of as many channels."""
+    summed = work.map("summed", values.shape[1])
+    _sum_down(values, window, summed)
+    return summed
 
 
 @inline
 def is_asked(least, col, beside):
     """Whether a score is asked for in some of LANES columns, or in those `beside` them."""
-    return lanes_of(min(load(least, col - beside), load(least, col), load(least, col + beside)) < NEVER) != 0
+    return lanes_of(min(least[col - beside], least[col], least[col + beside]) < NEVER) != 0
 
 
 @line
 def blur_row(values, row, weights, least, total, out):
-    """Write the windows around a row, where a score is asked for: out [C, cols']. `total` has margins of 0."""
-    radius = len(weights) // 2
+    """Write the windows [C, cols'] around a row, where a score is asked for. `total` [1, 1, cols'] has margins of 0."""
     for c in range(values.shape[1]):
         for col in columns(values):
             if is_asked(least, col, LANES):
-                value = full(ZERO)
-                for tap in range(len(weights)):
-                    value = fma(load(values, row + tap - radius, c, col), weights[tap], value)
-                store(total, col, value)
+                total[0, 0, col] = down(values, row, c, col, weights)
         for col in columns(values):
             if is_asked(least, col, 0):
-                value = full(ZERO)
-                for tap in range(len(weights)):
-                    value = fma(load(total, col + tap - radius), weights[tap], value)
-                store(out, c, col, value)
+                out[c, col] = across(total, 0, 0, col, weights)
 
 
 def turns_of(weights, turns):
@@ -112,11 +135,11 @@ def size(re, im):
 @inline
 def _along(values, row, channel, col, way, turns, l):
     """z + Σ w cos φ (z₊ + z₋), Σ w sin φ (z₊ − z₋) and z + Σ w (z₊ + z₋)."""
-    (down, right), middle = way, load(values, row, channel, col)
-    even, odd, flat = middle, full(ZERO), middle
+    (down, right), middle = way, values[row, channel, col]
+    even, odd, flat = middle, full(0.0), middle
     for d in range(1, turns.shape[1] + 1):
-        before = load(values, row - d * down, channel, col - d * right)
-        after = load(values, row + d * down, channel, col + d * right)
+        before = values[row - d * down, channel, col - d * right]
+        after = values[row + d * down, channel, col + d * right]
         both = after + before
         flat = fma(both, turns[l, d - 1, 0], flat)
         even = fma(both, turns[l, d - 1, 1], even)
@@ -144,17 +167,17 @@ def pool_along(way, values, row, turns, least, out):
             for l in range(m):
                 falling, flat, rising = _windows(values, row, l, col, way, turns)
                 for part in range(2):
-                    store(out, 0, part * m + l, col, falling[part])
-                    store(out, 1, part * m + l, col, flat[part])
-                    store(out, 2, part * m + l, col, rising[part])
+                    out[0, part * m + l, col] = falling[part]
+                    out[1, part * m + l, col] = flat[part]
+                    out[2, part * m + l, col] = rising[part]
 
 
 @line
 def bound_across(lines, col, turns):
     """The largest Σ_l |z̄_l| of the slanted windows around each of LANES cells."""
-    largest = full(ZERO)
+    largest = full(0.0)
     for down in range(SLANTS):
-        falls, stays, rises = full(ZERO), full(ZERO), full(ZERO)
+        falls, stays, rises = full(0.0), full(0.0), full(0.0)
         for l in range(len(turns)):
             falling, flat, rising = _windows(lines, down, l, col, RIGHT, turns)
             falls, stays, rises = falls + size(*falling), stays + size(*flat), rises + size(*rising)

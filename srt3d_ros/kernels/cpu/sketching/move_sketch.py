@@ -17,7 +17,7 @@ they come from; each pixel turns by its ρ'_i. So sums do not depend on the numb
 from typing import NamedTuple
 
 import numpy as np
-from numba import boolean, float32, int32, int64, prange, types
+from numba import boolean, float32, int32, int64, njit, prange, types
 
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import floats1d, floats2d, inline, line, parallel
@@ -122,7 +122,7 @@ def _share(row, col, nearest, shape, scene, pixels, weights):
     return ONE / total
 
 
-@line
+@njit(error_model="numpy")
 def _find_row(i, photons, scene, lens, motion, targets):
     """Write the targets of one row of pixels."""
     (rows, cols), rotation, offset = photons.shape, motion.rotation, motion.offset

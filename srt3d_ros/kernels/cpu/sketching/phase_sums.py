@@ -19,10 +19,10 @@ from srt3d_ros.kernels.constants import MAX_PIXEL_PHOTONS
 from srt3d_ros.kernels.cpu.arithmetic import F32
 from srt3d_ros.kernels.cpu.compiling import floats2d, inline, parallel, read_only
 from srt3d_ros.kernels.cpu.device import zeros
-from srt3d_ros.kernels.cpu.vectors import load, loading, store, to_longs
+from srt3d_ros.kernels.cpu.vectors import span, spanning, to_longs
 from srt3d_ros.kernels.maps import LANES, MAX_ROWS, ROW_LANES, UNIT
 
-load_rest = loading(ROW_LANES - LANES)
+rest_span = spanning(ROW_LANES - LANES)
 
 
 def fixed_rows(table: np.ndarray) -> np.ndarray:
@@ -50,18 +50,18 @@ def add_run(rows, toa, pixel, first, last, sums, to):
 
 @inline
 def _add_part(rows, part, toa, pixel, first, last, sums, to):
-    begin, rest = load(rows, part, toa[first], 0), load_rest(rows, part, toa[first], LANES)
+    row, row_rest, at = span(0), rest_span(LANES), part * ROW_LANES
+    begin, rest = rows[part, toa[first], row], rows[part, toa[first], row_rest]
     p, end = np.uint64(first + 1), np.uint64(last)      # unsigned: none counts from the end, which numba would look at
     while p < end:
         if pixel is not None and pixel[p] != to:
             end = p
         else:
-            begin += load(rows, part, toa[p], 0)
-            rest += load_rest(rows, part, toa[p], LANES)
+            begin += rows[part, toa[p], row]
+            rest += rows[part, toa[p], row_rest]
             p += np.uint64(1)
-    at = part * ROW_LANES
-    store(sums, to, at, load(sums, to, at) + to_longs(begin))
-    store(sums, to, at + LANES, load_rest(sums, to, at + LANES) + to_longs(rest))
+    sums[to, row + at] += to_longs(begin)
+    sums[to, row_rest + at] += to_longs(rest)
     return np.int64(end)
 
 

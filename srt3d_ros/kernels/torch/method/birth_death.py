@@ -13,8 +13,7 @@ from srt3d_ros.kernels.constants import BIRTH_COST, FEWER_COST, SPREAD, TINY, VO
 from srt3d_ros.kernels.maps import DEPTH, FIELDS, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD
 from srt3d_ros.kernels.torch.arithmetic import agreement, explained, has_depth, waves, wrap
 from srt3d_ros.kernels.torch.fusing import fused
-from srt3d_ros.kernels.torch.method.ghosts import drop_ghosts
-from srt3d_ros.kernels.torch.method.growth import refuse_growth
+from srt3d_ros.kernels.torch.method.drops import drop_ghosts, refuse_growth
 from srt3d_ros.kernels.torch.method.likelihood import expand, llr, log_likelihood_ratio
 from srt3d_ros.kernels.torch.method.windows import box, images, inner, neighbours, offsets, pad_images
 

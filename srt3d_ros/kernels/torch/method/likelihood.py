@@ -1,14 +1,13 @@
-"""Evidence of a pixel's own photons for its surfaces: `expand`, `log_likelihood_ratio` and `trim`."""
+"""Evidence of a pixel's own photons for its surfaces: `expand` and `log_likelihood_ratio`."""
 
 import math
 
 import torch
 
-from srt3d_ros.kernels.constants import DEAD_LIMIT, EPSILON, LIKENESS, RIM, TRIMMED, VOTE_RADIUS
-from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, GRADIENT, INTENSITY, VALUE
-from srt3d_ros.kernels.torch.arithmetic import by_bin, explained, has_depth, noise_ratio, turned, waves
+from srt3d_ros.kernels.constants import DEAD_LIMIT, EPSILON, LIKENESS
+from srt3d_ros.kernels.maps import DEPTH, GRADIENT, INTENSITY, VALUE
+from srt3d_ros.kernels.torch.arithmetic import by_bin, explained, turned, waves
 from srt3d_ros.kernels.torch.fusing import fused
-from srt3d_ros.kernels.torch.method.windows import box, images, inner
 
 
 @fused
@@ -114,33 +113,3 @@ def log_likelihood_ratio(frame, state, terms):
     photons = torch.where(counts > 0, (counts - others).clamp(min=0.5), 0)
     ratio = llr(terms[:, :, VALUE], photons, gives, likeness, frame)
     return ratio.masked_fill(gives <= 0, 0)
-
-
-def trim(frame, state, terms, enough):
-    """Remove edge points not supported by the photons near the edge: r = 0, in place.
-
-    A pixel with a surface is at the rim if RIM of the 8 around are used (g > 0) and have none. What the pixels of
-    the rim within VOTE_RADIUS (a square) show is pooled: V = Σ v, p = Σ n, μ = Σ g r, over their points. A point of
-    the pixel goes if these photons do not show a surface of any intensity, √p ρ(V₊ / p) / c(t) ≤ `enough`, and are
-    less likely with a surface as bright as the pools of `pooled_step` make it than with none: for this V, p and μ the
-    ratio of `log_likelihood_ratio` is below 0. The pixels behind are the next rim, TRIMMED times. `terms` are `expand`
-    of the state.
-    """
-    for _ in range(TRIMMED):
-        _trim_once(frame, state, terms, enough)
-
-
-@fused
-def _trim_once(frame, state, terms, enough) -> None:
-    point, terms, used = images(frame, state), images(frame, terms), inner(frame, frame.exposure) > 0
-    intensity = point[:, INTENSITY]
-    there = has_depth(point.movedim(1, 0), frame.num_bins).any(0)
-    rim = there & (box((used & ~there).to(state.dtype), 1) > RIM - 0.5)
-    counted = rim & (intensity > 0)
-    response, photons, expected = (box((values * counted).sum(0), VOTE_RADIUS) for values in (
-        terms[:, VALUE], terms[:, COUNTS], terms[:, EXPOSURE] * intensity))
-    some = photons.clamp(min=0.5)
-    score = evidence(response, some, some, frame)
-    unpaid = rim & (llr(response, photons, expected, 1, frame) < 0)
-    weak = score <= enough * noise_ratio(frame, point[:, DEPTH])
-    intensity.masked_fill_(unpaid & weak, 0)

@@ -82,6 +82,7 @@ class Matcher:
     """What turns sketches into MatchedFrames: all that depends on sensor and frequencies alone.
 
     Attributes:
+        omega: float64 [m], ω_l, radians per bin.
         equaliser: complex64 [1 or rows, 1 or cols, m]: `matched` is equaliser · sums.
         passed: the same shape: a background photon at bin x adds passed · exp(i ω_l x), whatever the pixel's delay.
         used: float32 [rows, cols], 1, or 0 in masked pixels.
@@ -95,7 +96,7 @@ class Matcher:
 
     def __init__(self, sensor: SensorModel, frequencies: Sequence[int]):
         self.sensor, self.frequencies = sensor, check_frequencies(frequencies, sensor.num_bins)
-        omega = angular_frequencies(self.frequencies, sensor.num_bins)
+        omega = self.omega = angular_frequencies(self.frequencies, sensor.num_bins)
         spectrum = np.atleast_2d(irf_spectrum(sensor, self.frequencies))               # [1 or pixels, m]
         energy = passed_energy(spectrum, self.frequencies)
         weakest = np.maximum(np.abs(spectrum)**2, energy * WEAKEST_PASSBAND**2)
@@ -107,27 +108,25 @@ class Matcher:
             equaliser = equaliser * sensor.mask.reshape(-1, 1)
         self.equaliser, self.used = self._map(equaliser), sensor.used.astype(np.float32)
         self.spectrum, self.energy = spectrum.mean(axis=0), energy.astype(np.float32)
-        root = np.sqrt(self.energy, dtype=float)
-        self.corrections = corrections(root, omega)
+        self.corrections = self._corrections()
         bin_frequencies = (omega / (2 * np.pi)).astype(np.float32)
-        moments, intensity_moments = _score_moments(sensor, omega, np.conj(self.spectrum), self.energy)
-        max_response, background_table = _background_table(self.spectrum, self.frequencies)
+        moments, intensity_moments = self._score_moments()
+        max_response, background_table = self._background_table()
         cells = 16 * math.ceil(max(self.frequencies) / 4)
         turns = np.outer(np.arange(cells), self.frequencies) * (2 * np.pi / cells)
         self.constants = {
-            "exposure": maps.pad(sensor.exposure), "shape": (sensor.rows, sensor.cols), "energy": self.energy,
+            "exposure": maps.pad(sensor.exposure), "shape": sensor.shape, "energy": self.energy,
             "bin_frequencies": bin_frequencies, "filters": np.concatenate([np.cos(turns), np.sin(turns)], axis=1),
             "num_bins": sensor.num_bins, "moments": moments, "intensity_moments": intensity_moments,
             "max_response": max_response, "background_table": background_table,
             "total_energy": float(self.energy.sum()),
-            "overlap": _overlap(energy, omega, sensor.num_bins),
-            "unlike": _unlike(root, self.corrections, omega, sensor.num_bins),
+            "overlap": self._overlap(), "unlike": self._unlike(),
             "curvature": float((self.energy * (2 * np.pi * bin_frequencies)**2).sum())}
 
     def check(self, sketch: PhaseSums) -> None:
         """Raise InvalidInput unless it is a Sketch of this size, these frequencies, and sums that photons can give."""
         require(isinstance(sketch, PhaseSums), "seen", type(sketch).__name__, "a Sketch")
-        shape = (self.sensor.rows, self.sensor.cols)
+        shape = self.sensor.shape
         require(sketch.frequencies == self.frequencies, "sketch frequencies", list(sketch.frequencies),
                 f"{list(self.frequencies)}")
         require(sketch.photons.shape == shape, "sketch size", tuple(sketch.photons.shape), f"rows × cols = {shape}")
@@ -137,8 +136,75 @@ class Matcher:
 
     def _map(self, values: np.ndarray) -> np.ndarray:
         """complex [1 or pixels, m] → complex64 [1 or rows, 1 or cols, m]."""
-        size = (self.sensor.rows, self.sensor.cols) if len(values) > 1 else (1, 1)
+        size = self.sensor.shape if len(values) > 1 else (1, 1)
         return values.astype(np.complex64).reshape(*size, -1)
+
+    def _corrections(self) -> tuple[np.ndarray, np.ndarray]:
+        """Orthonormal bases [m, n] of what corrections of a surface change, in the real and in the imaginary parts.
+
+        They are |ĥ_l| times 1, i ω_l, ω_l² and i ω_l³, of intensity, depth, width and skew (see `drop_ghosts`).
+        """
+        root, relative = np.sqrt(self.energy, dtype=float), self.omega / self.omega.max()
+        powers = min(max(len(relative) // 2, 2), CORRECTED)
+        real, imaginary = (np.linalg.qr(np.stack([root * relative**power for power in range(first, powers, 2)],
+                                                 axis=1))[0] for first in (0, 1))
+        return real, imaginary
+
+    def _overlap(self) -> np.ndarray:
+        """`MatchedFrame.overlap`: OVERLAP times c, p and q at Δ = 0 … T − 1."""
+        waves = np.exp(1j * np.outer(np.arange(self.sensor.num_bins), self.omega))
+        total, slope, curvature = (self.energy * self.omega**power for power in range(3))
+        cross = waves.imag @ slope / np.sqrt(total.sum() * curvature.sum())
+        rows = waves.real @ total / total.sum(), waves.real @ curvature / curvature.sum(), cross
+        return OVERLAP * np.stack(rows).astype(np.float32)
+
+    def _unlike(self) -> np.ndarray:
+        """`MatchedFrame.unlike`: ‖u‖ / ‖ĥ‖ for Δ = 0 … T − 1, u what is left `uncorrected` of |ĥ_l| exp(i ω_l Δ)."""
+        root = np.sqrt(self.energy, dtype=float)
+        left = uncorrected(root * np.exp(1j * np.outer(np.arange(self.sensor.num_bins), self.omega)), self.corrections)
+        return (np.linalg.norm(left, axis=1) / np.linalg.norm(root)).astype(np.float32)
+
+    def _score_moments(self) -> tuple[np.ndarray, np.ndarray]:
+        """`MatchedFrame.moments` and `intensity_moments`: variances that each expected photon adds to the scores.
+
+        The scores are Σ_l ω_l Im and Σ_l Re of conj(ĥ_l) exp(i ω_l b) for a photon b bins from its surface: the
+        gradients of the data term in t and r. For Poisson numbers of photons, each expected one adds the mean square of
+        its score, over the IRF or over all bins. The sandwich formula turns that into the variances of the estimates,
+        for any distribution of the photons over the bins.
+
+        Between bins the (mean) IRF counts as linear, so pulses narrower than a bin look wider there; means over BETWEEN
+        depths tell how much.
+        """
+        irf, omega, energy = self.sensor.mean_irf, self.omega, self.energy
+        bins, depths = np.arange(len(irf) + 1) + self.sensor.irf_bins[0], np.arange(BETWEEN) / BETWEEN
+        response = np.exp(1j * (bins - depths[:, None])[..., None] * omega) * np.conj(self.spectrum)
+        of_depth, of_intensity = np.imag(response * omega).sum(axis=2), np.real(response[0]).sum(axis=1)
+        shown = np.outer(1 - depths, np.append(irf, 0)) + np.outer(depths, np.append(0, irf))
+        mean, square = (shown * of_depth).sum(axis=1), (shown * of_depth**2).sum(axis=1)
+        curvature = (omega**2 * energy).sum()
+        return (np.array([square[0], curvature / 2, max((square - mean**2).mean() - square[0], 0),
+                          (mean**2).mean() / curvature**2], np.float32),
+                np.array([irf @ of_intensity[:-1]**2, energy.sum() / 2], np.float32))
+
+    def _background_table(self) -> tuple[float, np.ndarray]:
+        """`MatchedFrame.max_response` and `background_table`: √(2 I(u)) for u from 0 to the greatest response.
+
+        The mean response of n background photons reaches u with probability exp(−n I(u)) at most,
+        I(u) = max_λ λu − K(λ), where K(λ) is the logarithm of the mean of exp(λ · response) over all bins (Chernoff's
+        bound). That is u / √(Σ|ĥ_l|² / 2) for small u, as for a normal distribution, and far less for large u, because
+        a few photons often agree by chance.
+        """
+        cells = 16 * max(self.frequencies)
+        coefficients = np.zeros(cells // 2 + 1, complex)
+        coefficients[list(self.frequencies)] = np.conj(self.spectrum) / 2
+        response = np.fft.irfft(coefficients, cells) * cells        # Re Σ conj(ĥ_l) exp(i ω_l b) over all bins
+        greatest = response.max()
+        known, table = [0.0], [0.0]
+        for tilt in np.geomspace(1e-3, 100, 200) / greatest:        # one by one, to bound memory
+            weights = np.exp(tilt * (response - greatest))
+            known.append(weights @ response / weights.sum())
+            table.append(math.sqrt(2 * (tilt * (known[-1] - greatest) - math.log(weights.mean()))))
+        return float(greatest), np.interp(np.linspace(0, greatest, TABLE_STEPS + 1), known, table).astype(np.float32)
 
 
 class SensorOnDevice:
@@ -151,7 +217,7 @@ class SensorOnDevice:
 
     def __init__(self, matcher: Matcher, device: str, surfaces: int):
         sensor = self._sensor = matcher.sensor
-        kernels = self.kernels = kernels_for(device).for_shape(sensor.rows, sensor.cols, surfaces, matcher.frequencies)
+        kernels = self.kernels = kernels_for(device).for_shape(*sensor.shape, surfaces, matcher.frequencies)
         self._constants = {name: kernels.array(value) if isinstance(value, np.ndarray) else value
                            for name, value in matcher.constants.items()}
         self.passed, self._equaliser = kernels.array(matcher.passed), kernels.array(matcher.equaliser)
@@ -176,82 +242,13 @@ class SensorOnDevice:
         """The list of points, for `unpack`, of `kernels.collect`."""
         return self.kernels.collect(depth, intensity, std, self._rays, *self._scale)
 
-    def cloud(self, listed: Sequence[Array], background: Array, stamp_ns: int) -> PointCloud:
-        """The cloud of listed points and a background, off the device."""
-        return PointCloud.of_list(self._sensor, self.kernels.unpack(*listed), self.kernels.numpy(background), stamp_ns)
-
-
-def corrections(root: np.ndarray, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Orthonormal bases [m, n] of what corrections of a surface change, in the real and in the imaginary parts.
-
-    They are `root` = |ĥ_l| times 1, i ω_l, ω_l² and i ω_l³, of intensity, depth, width and skew (see `drop_ghosts`).
-    """
-    relative, powers = omega / omega.max(), min(max(len(omega) // 2, 2), CORRECTED)
-    real, imaginary = (np.linalg.qr(np.stack([root * relative**power for power in range(first, powers, 2)], axis=1))[0]
-                       for first in (0, 1))
-    return real, imaginary
+    def cloud(self, listed: Sequence[Array], background: Array, sketch: PhaseSums) -> PointCloud:
+        """The cloud of a sketch's listed points and background, off the device, with the photons of one frame."""
+        background = self.kernels.numpy(background) / sketch.frames
+        return PointCloud.of_list(self._sensor, self.kernels.unpack(*listed), background, sketch.stamp_ns)
 
 
 def uncorrected(values: np.ndarray, bases: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """What is left of values over |ĥ_l|, complex [..., m], once a surface is corrected by least squares."""
     real, imaginary = (part - part @ basis @ basis.T for part, basis in zip((np.real(values), np.imag(values)), bases))
     return real + 1j * imaginary
-
-
-def _overlap(energy: np.ndarray, omega: np.ndarray, bins: int) -> np.ndarray:
-    """`MatchedFrame.overlap`: OVERLAP times c, p and q at Δ = 0 … T − 1."""
-    steep, total = energy * omega**2, energy.sum()
-    waves = np.exp(1j * np.outer(omega, np.arange(bins)))
-    cross = (energy * omega) @ waves.imag / np.sqrt(total * steep.sum())
-    return OVERLAP * np.stack([energy @ waves.real / total, steep @ waves.real / steep.sum(), cross]).astype(np.float32)
-
-
-def _unlike(root: np.ndarray, bases: tuple[np.ndarray, np.ndarray], omega: np.ndarray, bins: int) -> np.ndarray:
-    """`MatchedFrame.unlike`: ‖u‖ / ‖ĥ‖ for Δ = 0 … T − 1, u what is left `uncorrected` of |ĥ_l| exp(i ω_l Δ)."""
-    left = uncorrected(root * np.exp(1j * np.outer(np.arange(bins), omega)), bases)
-    return (np.linalg.norm(left, axis=1) / np.linalg.norm(root)).astype(np.float32)
-
-
-def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
-                   energy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`MatchedFrame.moments` and `intensity_moments`: variances that each expected photon adds to the scores.
-
-    The scores are Σ_l ω_l Im and Σ_l Re of f_l exp(i ω_l b) for a photon b bins from its surface, with filters f_l
-    (matched: conj(ĥ_l)): the gradients of the data term in t and r. For Poisson numbers of photons, each expected one
-    adds the mean square of its score, over the IRF or over all bins. The sandwich formula turns that into the variances
-    of the estimates, for any distribution of the photons over the bins.
-
-    Between bins the (mean) IRF counts as linear, so pulses narrower than a bin look wider there; means over BETWEEN
-    depths tell how much.
-    """
-    irf = sensor.mean_irf
-    bins, depths = np.arange(len(irf) + 1) + sensor.irf_bins[0], np.arange(BETWEEN) / BETWEEN
-    response = np.exp(1j * (bins - depths[:, None])[..., None] * omega) * filters
-    of_depth, of_intensity = np.imag(response * omega).sum(axis=2), np.real(response[0]).sum(axis=1)
-    shown = np.outer(1 - depths, np.append(irf, 0)) + np.outer(depths, np.append(0, irf))
-    mean, square = (shown * of_depth).sum(axis=1), (shown * of_depth**2).sum(axis=1)
-    curvature = (omega**2 * energy).sum()
-    return (np.array([square[0], curvature / 2, max((square - mean**2).mean() - square[0], 0),
-                      (mean**2).mean() / curvature**2], np.float32),
-            np.array([irf @ of_intensity[:-1]**2, energy.sum() / 2], np.float32))
-
-
-def _background_table(spectrum: np.ndarray, frequencies: tuple[int, ...]) -> tuple[float, np.ndarray]:
-    """`MatchedFrame.max_response` and `background_table`: √(2 I(u)) for u from 0 to the greatest response.
-
-    The mean response of n background photons reaches u with probability exp(−n I(u)) at most, I(u) = max_λ λu − K(λ),
-    where K(λ) is the logarithm of the mean of exp(λ · response) over all bins (Chernoff's bound). That is
-    u / √(Σ|ĥ_l|² / 2) for small u, as for a normal distribution, and far less for large u, because a few photons often
-    agree by chance.
-    """
-    cells = 16 * max(frequencies)
-    coefficients = np.zeros(cells // 2 + 1, complex)
-    coefficients[list(frequencies)] = np.conj(spectrum) / 2
-    response = np.fft.irfft(coefficients, cells) * cells        # Re Σ conj(ĥ_l) exp(i ω_l b) over all bins
-    greatest = response.max()
-    known, table = [0.0], [0.0]
-    for tilt in np.geomspace(1e-3, 100, 200) / greatest:        # one by one, to bound memory
-        weights = np.exp(tilt * (response - greatest))
-        known.append(weights @ response / weights.sum())
-        table.append(math.sqrt(2 * (tilt * (known[-1] - greatest) - math.log(weights.mean()))))
-    return float(greatest), np.interp(np.linspace(0, greatest, TABLE_STEPS + 1), known, table).astype(np.float32)
